@@ -1,32 +1,32 @@
-# The commands of a day; `just` lists them. Each works without `just`, too.
+# Everyday commands; `just` lists them. Each of them also works without `just`.
 
 _default:
     @just --list
 
-# Format, lints, unit tests with checked arithmetic, architecture, tidy: before every commit
+# Checks before every commit: format, lints, unit tests with checked arithmetic, architecture, tidy
 quick:
     .ci/quick
 
-# All that a change must pass
+# Checks that every change must pass
 run:
     .ci/run
 
-# The figures of the README, in parts of an hour at most that can be named: `just long missions faults`
+# Measures the figures of the documentation, all or by part: `just long missions faults`
 long *PARTS:
     .ci/long {{PARTS}}
 
-# Does this build do what the golden file has? `just hash full OLD NEW` compares two builds in all they do
+# Compares this build with the golden file; `just hash full OLD NEW` compares two builds thoroughly
 hash *ARGS='quick':
     scripts/hash {{ARGS}}
 
-# Lengths of functions, arguments, circles: `just measure 97c3ae0 .` for two trees side by side
+# Measures lengths of functions, arguments, circles; `just measure 97c3ae0 .` compares two trees
 measure *TREES='.':
     scripts/measure {{TREES}}
 
-# The documentation of all items, private ones too, with its links checked
+# Builds the documentation of all items, private ones included, and checks its links
 doc:
     RUSTDOCFLAGS="-D warnings" cargo doc --no-deps --workspace --document-private-items
 
-# One whole mission, in the browser
+# Runs a whole mission, shown in the browser
 mission *ARGS:
     cargo run --release -- run scenarios/solve.toml --ui web {{ARGS}}

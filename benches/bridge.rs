@@ -1,14 +1,15 @@
-//! The exchange with fifteen serial axis controllers and two force sensors: the round trip of a period, and what it
-//! leaves of 2 ms.
+//! Time of the exchange with fifteen serial axis controllers and two force sensors, and the rest of
+//! the 2 ms period.
 //!
-//! Pseudo-terminals instead of lines: what is measured is the bridge and the kernel, without the 0.22 ms that 18 bytes
-//! take at 921600 baud. The emulator answers from a thread of its own. `-- --json` ends with one line for programs.
+//! Pseudo-terminals replace the serial lines. The bench therefore measures the bridge and the
+//! kernel, without the 0.22 ms that 18 bytes take at 921600 baud. The emulator answers from a
+//! thread of its own. With `-- --json` the last line is for programs.
 
 use rubik_robot::arms::builtin;
 use rubik_robot::cell::{Arm, ForceSensor, Gripper};
 use rubik_robot::hw::driver::{Clock, Histogram, PERIOD_NANOS, RealTime};
 use rubik_robot::hw::emulator::{EmulatedArm, Emulator, EmulatorOptions};
-use rubik_robot::hw::note::{What, notes};
+use rubik_robot::hw::note::{NoteKind, notes};
 use rubik_robot::hw::port::{Port, PortFault};
 use rubik_robot::hw::serial::axis::Rules;
 use rubik_robot::motion::JointPositions;
@@ -21,7 +22,7 @@ const PERIODS: u64 = 5000;
 /// Time that 10 bytes out and 8 in take on a line of 921600 baud with 11 bits a byte (us).
 const ON_THE_LINE: f64 = 18.0 * 11.0 / 0.9216;
 
-/// Arms that stand still.
+/// Plant whose arms do not move.
 struct Still;
 
 impl Port for Still {
@@ -36,6 +37,7 @@ impl Port for Still {
     }
 }
 
+/// Returns an arm with a built-in model; the other values do not matter here.
 fn arm(name: &str) -> Arm {
     Arm {
         name: name.to_owned(),
@@ -76,6 +78,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let axes = devices.effector.iter().flat_map(|e| &e.axes).filter(|a| !a.is_empty()).count();
     let stop = Arc::new(AtomicBool::new(false));
     let ends = Arc::clone(&stop);
+    // A lower priority than that of the bridge, whose time is measured.
     let server = std::thread::spawn(move || {
         let _rights = RealTime::acquire(70, None);
         emulator.run(&ends, |_, _| {})
@@ -101,10 +104,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         times.record(Clock.now() - begun);
         next = (next + PERIOD_NANOS).max(Clock.now());
         let before = missed;
+        // Several answers may be missed in one exchange, which counts once as cut short.
         while let Ok(note) = noted.pop() {
             missed += match note.what {
-                What::Missed { .. } => 1,
-                What::MissedTogether => 7 + u64::from(arms[note.effector].model.has_track),
+                NoteKind::Missed { .. } => 1,
+                NoteKind::MissedTogether => 7 + u64::from(arms[note.effector].model.has_track),
                 _ => 0,
             };
         }
@@ -117,7 +121,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (p50, p99, p999) = (us(0.5), us(0.99), us(0.999));
     let margin = 2000.0 - p99 - ON_THE_LINE;
     println!(
-        "{PERIODS} exchanges with {axes} axes: p50 {p50:.0}, p99 {p99:.0}, p99.9 {p999:.0}, max {:.0} us",
+        "{PERIODS} exchanges with {axes} axes: p50 {p50:.0}, p99 {p99:.0}, p99.9 {p999:.0}, \
+         max {:.0} us",
         times.max() as f64 * 1e-3
     );
     println!("exchanges that were cut short, since an answer had not come: {cut} of {PERIODS}");
@@ -129,7 +134,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("left of 2 ms at p99, with {ON_THE_LINE:.0} us on a real line: {margin:.0} us");
     if std::env::args().any(|a| a == "--json") {
         println!(
-            "{{\"axes\":{axes},\"p50_us\":{p50:.1},\"p99_us\":{p99:.1},\"p999_us\":{p999:.1},\"max_us\":{:.1},\"missed_answers\":{missed},\"margin_us\":{margin:.1}}}",
+            "{{\"axes\":{axes},\"p50_us\":{p50:.1},\"p99_us\":{p99:.1},\"p999_us\":{p999:.1},\
+             \"max_us\":{:.1},\"missed_answers\":{missed},\"margin_us\":{margin:.1}}}",
             times.max() as f64 * 1e-3
         );
     }

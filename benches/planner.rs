@@ -1,8 +1,9 @@
-//! The plans of two arms over seeded cubes, by rule: `cargo bench --bench planner -- --cubes 1000`.
+//! Plans of two arms for seeded cubes, by rule: `cargo bench --bench planner -- --cubes 1000`.
 //!
-//! Each plan is for the built-in cell's own reach and speeds, begins as the mission's does after its looks, and was
-//! replayed on a cube of stickers with two hands before it counts. The baseline is the original's rule on the shortest
-//! solution that the same search finds.
+//! Each plan is for the reach and speeds of the built-in cell. It begins as the mission's plan
+//! does, after the looks at the cube, and counts only after a replay on a cube of stickers with two
+//! hands. The baseline is the rule of the original robot, with the shortest solution that the same
+//! search finds.
 
 use rubik_robot::cube::Cube;
 use rubik_robot::solver::{Budget, Tables, candidates, solve};
@@ -73,12 +74,13 @@ fn main() {
     }
 }
 
+/// Plans one of some solutions, from the state after the looks.
 fn of(planner: &Planner, list: &[Vec<rubik_robot::cube::Turn>]) -> Option<Plan> {
     let (_, start) = planner.looks(taken()).ok()?;
     planner.of(list, start).ok()
 }
 
-/// Plans all cubes and prints the means; returns that of the grasps.
+/// Plans all cubes and prints the means. Returns the mean number of grasps.
 fn row(name: &str, cubes: u64, plan: impl Fn(&Cube) -> Option<Plan>) -> f64 {
     let (mut turns, mut grasps, mut most, mut seconds) = (0.0, 0.0, 0, 0.0);
     let (mut whole, mut longest, mut missing) = (0.0, 0.0_f64, 0);

@@ -1,4 +1,5 @@
-//! What a period of the whole simulated cell costs: arms at rest, and both hands on the cube while one turns it.
+//! Time of a period of the whole simulated cell: with both arms at rest, and with both hands on the
+//! cube while one of them turns a layer.
 
 use hdrhistogram::Histogram;
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
@@ -21,7 +22,7 @@ mod rig;
 const EDGE: f64 = 0.057;
 
 fn main() {
-    if !rig::is_meant("plant") {
+    if !rig::is_selected("plant") {
         return;
     }
     let rest = best(|| {
@@ -56,14 +57,14 @@ fn main() {
     }
 }
 
-/// The run with the least median: what others do on the machine only adds.
+/// Returns the run with the least median, because other work on the machine only adds time.
 fn best(mut run: impl FnMut() -> Histogram<u64>) -> Histogram<u64> {
     let mut runs: Vec<_> = (0..3).map(|_| run()).collect();
     runs.sort_by_key(|times| times.value_at_quantile(0.5));
     runs.swap_remove(0)
 }
 
-/// The plant, with a watch on it.
+/// Port that measures the time of each exchange with the plant.
 struct Timed {
     plant: Plant,
     times: Histogram<u64>,
@@ -83,7 +84,7 @@ impl Port for Timed {
     }
 }
 
-/// Both arms under their servos, in front of each other.
+/// Both arms with their servos, opposite each other.
 struct Rig {
     core: Core,
     links: Vec<ServoLink>,
@@ -107,12 +108,14 @@ impl Rig {
         Self { core, links, timed, period: 0 }
     }
 
-    /// Arm 0 holds a cube, arm 1 closes on its outer layer and turns it while arm 0 yields.
+    /// Makes a rig in which arm 0 holds the cube and yields, while arm 1 turns the outer layer that
+    /// it has grasped.
     fn holding() -> Self {
         let tool = world_from_tool(&cell().arms[0]);
         let ahead = Translation3::new(0.0, 0.0, EDGE / 3.0);
         let tool_from_cube = Pose::from_parts(ahead, tool.rotation.inverse());
         let mut rig = Self::new(Start::Held { arm: 0, tool_from_cube });
+        // The forces settle before they are zeroed, and the jaws close before anything turns.
         rig.jaw(0, 1);
         rig.run(200);
         for link in &mut rig.links {
@@ -158,6 +161,8 @@ impl Rig {
     }
 }
 
+/// Makes a cell whose arms meet at the cube: arm 1 is turned by half a turn and moved so that its
+/// tool is two thirds of an edge in front of that of arm 0.
 fn cell() -> Cell {
     let q = FRAC_PI_2;
     let starts = [[0.5, 0.0, -q, 0.0, q, q, -q], [0.0, 0.0, -q, 0.0, q, q, 0.0]];
@@ -199,6 +204,7 @@ fn cell() -> Cell {
     }
 }
 
+/// Returns the pose of the tool at the start of an arm.
 fn world_from_tool(arm: &Arm) -> Pose {
     arm.world_from_base * arm.model.base_from_flange(&arm.start) * arm.flange_from_tool
 }

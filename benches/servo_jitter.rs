@@ -1,12 +1,16 @@
-//! How punctual the servo's thread is on this machine: the real thread with both arms in position-force control.
+//! Lateness of the servo's thread on this machine, with both arms in position-force control.
 //!
-//! Rounds of one second: sleeping only, as `cyclictest` does, and with the final spin; on the machine as it is and
-//! under a load that the bench makes itself; `cyclictest` in between where rt-tests is installed. Rounds take
-//! turns, so that what passes hits all alike, and ratios are medians over the rounds. It needs no rights, says
-//! which it did not get, and cannot fail: on a virtual machine the tails come from below.
+//! The bench runs rounds of one second: the thread that only sleeps, as `cyclictest` does; the
+//! thread that spins before each period; and `cyclictest` itself, if rt-tests is installed. Each of
+//! these runs on the machine as it is, and under a load that the bench generates. The kinds of
+//! round alternate, so that a passing disturbance affects all of them, and ratios are medians over
+//! the rounds.
+//!
+//! The bench needs no rights; it prints those that it does not get. It has no limits that could
+//! fail, because on a virtual machine the host causes the tails.
 //!
 //! - `-- --json`: one line for a program
-//! - `-- --rounds=N`: how many rounds (5)
+//! - `-- --rounds=N`: number of rounds (5)
 
 use hdrhistogram::Histogram;
 use rubik_robot::hw::driver::{
@@ -31,16 +35,18 @@ struct Kind {
     what: What,
     late: Histogram<u64>,
     jitter: Histogram<u64>,
-    /// From a period's begin to its end: reading, computing, handing over to the bridge and waking it.
+    /// Time from the begin of a period to its end: to read, to compute, to hand over to the bridge
+    /// and to wake it (ns).
     work: Histogram<u64>,
-    /// 99 % of each round (us).
+    /// 99th percentile of the lateness in each round (us).
     p99: Vec<f64>,
     missed: u64,
 }
 
+/// Program whose lateness a round measures.
 #[derive(Clone, Copy, PartialEq)]
 enum What {
-    /// Our thread, spinning the last so many nanoseconds.
+    /// The servo's thread, with the time that it spins before each period (ns).
     Servo(u64),
     Cyclictest,
 }
@@ -73,7 +79,7 @@ impl Kind {
 }
 
 fn main() {
-    if !rig::is_meant("servo_jitter") {
+    if !rig::is_selected("servo_jitter") {
         return;
     }
     let rounds = std::env::args()
@@ -139,7 +145,8 @@ fn main() {
         }
     }
     println!(
-        "work of a period of two arms, with the hand-over to the bridge: p50 {:.1}, p99 {:.1}, p99.9 {:.1} us",
+        "work of a period of two arms, with the hand-over to the bridge: p50 {:.1}, p99 {:.1}, \
+         p99.9 {:.1} us",
         rig::us(&quiet.work, 0.5),
         rig::us(&quiet.work, 0.99),
         rig::us(&quiet.work, 0.999)
@@ -156,6 +163,7 @@ fn main() {
     if theirs.late.is_empty() {
         println!("not compared: cyclictest is not installed (package rt-tests) or lacks rights");
     }
+    // A thread of its own: this one shall keep its ordinary priority.
     let rights =
         std::thread::spawn(|| RealTime::acquire(WallOptions::default().priority, None).warnings);
     for warning in rights.join().unwrap_or_default() {
@@ -170,7 +178,7 @@ fn name(kind: &Kind) -> String {
     format!("{}{}", kind.name, if kind.loaded { ", loaded" } else { "" })
 }
 
-/// Median over the rounds of our 99 % over theirs.
+/// Returns the median over the rounds of the ratio of the 99th percentiles.
 fn ratio(ours: &Kind, theirs: &Kind) -> Option<f64> {
     let mut ratios: Vec<f64> =
         ours.p99.iter().zip(&theirs.p99).map(|(a, b)| a / b.max(1.0)).collect();
@@ -178,7 +186,8 @@ fn ratio(ours: &Kind, theirs: &Kind) -> Option<f64> {
     ratios.get(ratios.len() / 2).copied()
 }
 
-/// The wall driver as a run starts it; adds to the histograms and returns the missed periods.
+/// Runs the wall driver for a round, as a run starts it. Adds its times to the histograms and
+/// returns the number of missed periods.
 fn servo(spin: u64, [late, jitter, work]: [&mut Histogram<u64>; 3]) -> u64 {
     let (mut links, ends): (Vec<_>, Vec<_>) = (0..2).map(|_| link()).unzip();
     let mut port = rig::Still::new();
@@ -201,7 +210,8 @@ fn servo(spin: u64, [late, jitter, work]: [&mut Histogram<u64>; 3]) -> u64 {
     timing.missed
 }
 
-/// The same period and priority; it holds `/dev/cpu_dma_latency` at 0 as we do.
+/// Runs `cyclictest` for a round, with the period and priority of the servo. It holds
+/// `/dev/cpu_dma_latency` at 0, as the servo does.
 fn cyclictest(late: &mut Histogram<u64>) {
     let loops = SECOND.as_nanos() as u64 / PERIOD_NANOS;
     let done = Command::new("cyclictest")
@@ -217,7 +227,7 @@ fn cyclictest(late: &mut Histogram<u64>) {
     }
 }
 
-/// Ordinary threads, one a core, that compute, sweep memory and call the system.
+/// Load of one ordinary thread per core, which computes, sweeps memory and calls the system.
 struct Load {
     stop: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,
@@ -254,6 +264,7 @@ impl Drop for Load {
     }
 }
 
+/// Prints a histogram as bars, with a class for each half decade.
 fn draw(late: &Histogram<u64>) {
     let mut from = 0;
     for edge in [100, 300, 1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000, u64::MAX] {
@@ -268,6 +279,7 @@ fn draw(late: &Histogram<u64>) {
     }
 }
 
+/// Returns the facts about the machine that explain its lateness.
 fn kernel() -> Vec<String> {
     let read = |path: &str| fs::read_to_string(path).unwrap_or_default().trim().to_owned();
     let real_time = read("/sys/kernel/realtime") == "1";

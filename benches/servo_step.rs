@@ -1,8 +1,9 @@
-//! What a servo period costs: both arms warm and with caches swept, allocations, and the parts beside a public
-//! library's inverse kinematics.
+//! Time and allocations of a servo period of both arms, with warm and with swept caches, and the
+//! times of its parts beside the inverse kinematics of a public library.
 //!
-//! A period is [`Core::compute`], the function that both drivers call: flags, commands, both arms in
-//! position-force control, states out by triple buffers, records into a ring.
+//! A period is [`Core::compute`], the function that both drivers call. It reads flags and commands,
+//! controls both arms in position and force, and writes states to triple buffers and records to a
+//! ring.
 
 use criterion::{BatchSize, Criterion};
 use nalgebra::{Translation3, UnitQuaternion};
@@ -26,19 +27,19 @@ use rig::{COMPLIANT, START, Still};
 
 static ALLOCATIONS: AtomicU64 = AtomicU64::new(0);
 
-/// The system's allocator, counting.
+/// The system's allocator with a counter of allocations.
 struct Counting;
 
 #[allow(unsafe_code, reason = "an allocator")]
-// SAFETY: everything is handed on to the system's allocator.
+// SAFETY: all calls are passed on to the system's allocator.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: as promised by the caller.
+        // SAFETY: the caller keeps the contract, which is the same.
         unsafe { System.alloc(layout) }
     }
     unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
-        // SAFETY: as promised by the caller.
+        // SAFETY: the caller keeps the contract, which is the same.
         unsafe { System.dealloc(at, layout) }
     }
 }
@@ -47,10 +48,11 @@ unsafe impl GlobalAlloc for Counting {
 static ALLOCATOR: Counting = Counting;
 
 fn main() {
-    if !["servo_step", "servo_period", "servo_parts"].iter().any(|name| rig::is_meant(name)) {
+    if !["servo_step", "servo_period", "servo_parts"].iter().any(|name| rig::is_selected(name)) {
         return;
     }
     let warm = Measured::of(50_000, || {});
+    // In a run other programs use the caches between two periods: the sweep imitates them.
     let mut sweep = vec![0u8; 16 << 20];
     let cold = Measured::of(500, || {
         for line in sweep.iter_mut().step_by(64) {
@@ -95,7 +97,7 @@ struct Measured {
 }
 
 impl Measured {
-    /// `between` runs untimed before each period.
+    /// Measures `periods` periods, with `between` before each, which does not count.
     fn of(periods: u64, mut between: impl FnMut()) -> Self {
         let mut pair = Pair::new();
         let mut times = rig::histogram();
@@ -113,7 +115,7 @@ impl Measured {
     }
 }
 
-/// Both arms in position-force control that never ends, on motors that stand still.
+/// Both arms in position-force control without an end, on motors that do not move.
 struct Pair {
     core: Core,
     links: Vec<ServoLink>,
@@ -136,7 +138,7 @@ impl Pair {
         Self { core, links, records, port, period: 0 }
     }
 
-    /// One period; returns how long it took (ns).
+    /// Runs one period and returns its time (ns).
     fn step(&mut self) -> u64 {
         self.period += 1;
         let begun = Instant::now();
@@ -154,6 +156,7 @@ impl Pair {
     }
 }
 
+/// Measures the parts of a period one by one.
 fn parts(c: &mut Criterion) {
     let model = rig::model("irp6_track");
     let mut group = c.benchmark_group("servo_parts");
@@ -167,7 +170,7 @@ fn parts(c: &mut Criterion) {
     group.bench_function("inverse", |b| {
         b.iter(|| model.inverse(black_box(&flange), black_box(&near)));
     });
-    // A spherical wrist like ours, of the size of an IRp-6.
+    // Parameters of a robot with a spherical wrist and the size of an IRp-6, for comparison.
     let robot = OPWKinematics::new(Parameters {
         a1: 0.0,
         a2: 0.0,

@@ -1,9 +1,15 @@
-//! The solver beside its peers: `cargo bench --bench solver`, `-- --cubes FILE` for a list of one's own (54 letters
-//! URFDLB a line).
+//! Times and lengths of the solver beside those of two public solvers:
+//! `cargo bench --bench solver`.
 //!
-//! Every solver gets the same cubes in the same run, one thread each; times are CPU time of that thread, which a
-//! loaded machine lengthens less than it lengthens a clock's. The large tables take part when they are in the cache
-//! folder (`rubik-robot tables build`), with those of `--optimal` when that is asked for, too.
+//! All solvers get the same cubes in one run, with one thread each. Times are CPU time of that
+//! thread, which depends less on the load of the machine than the time of a clock.
+//!
+//! - `-- --cubes FILE`: a list of cubes, 54 letters URFDLB a line
+//! - `-- --optimal`: shortest solutions as well, with the tables for them that are in the cache
+//!   folder
+//!
+//! The bench also uses the large tables of the two-phase search if they are in the cache folder
+//! (`rubik-robot tables build`).
 
 #![allow(
     clippy::unwrap_used,
@@ -23,7 +29,7 @@ use rubik_robot::tasks::cube::plan::{Everywhere, Rule, Terms, plan};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Cubes where no list is given.
+/// Number of cubes without a list.
 const CUBES: u64 = 100;
 
 fn main() {
@@ -32,7 +38,7 @@ fn main() {
         let at = arguments.iter().position(|a| a == name)?;
         arguments.get(at + 1)
     };
-    // `cargo test --benches` runs this, too: one cube shows that it works.
+    // `cargo test --benches` also runs this bench: one cube shows that it works.
     let test = arguments.iter().any(|a| a == "--test");
     let cubes: Vec<Cube> = match after("--cubes") {
         Some(file) => read(file),
@@ -42,7 +48,7 @@ fn main() {
         "{} cubes; CPU time of one thread [ms]; turns of faces, half turns count one\n",
         cubes.len()
     );
-    let store = Store::of_user().with(Residence::Copied);
+    let store = Store::for_user().with(Residence::Copied);
     let all = Threads::all();
     let before = Instant::now();
     let default = Tables::build_with(&all);
@@ -83,6 +89,7 @@ fn main() {
     planner(&default);
 }
 
+/// Reads a list of cubes.
 fn read(file: &str) -> Vec<Cube> {
     let text = std::fs::read_to_string(file).expect("a list of cubes");
     let facelets =
@@ -97,7 +104,7 @@ fn header() {
     );
 }
 
-/// Prints a row; the mean.
+/// Prints a row and returns the mean time (ms).
 fn row(name: &str, mut times: Vec<f64>, turns: usize, theirs: Option<f64>) -> f64 {
     let count = times.len();
     times.sort_by(f64::total_cmp);
@@ -114,6 +121,7 @@ fn row(name: &str, mut times: Vec<f64>, turns: usize, theirs: Option<f64>) -> f6
     mean
 }
 
+/// Measures this solver with both sets of tables.
 fn ours(
     cubes: &[Cube],
     what: &str,
@@ -125,6 +133,7 @@ fn ours(
     for (name, tables) in [("default", Some(default)), ("large", large)] {
         let Some(tables) = tables else { continue };
         let stop = AtomicBool::new(false);
+        // A search for a length without a limit of nodes can skip longer solutions from the start.
         let longest = (budget.nodes == u64::MAX).then_some(budget.max_length);
         let watch = Watch { workers: &InTurn, stop: &stop, improved: &|_| (), longest };
         let (mut times, mut turns) = (Vec::new(), 0);
@@ -139,8 +148,9 @@ fn ours(
     }
 }
 
+/// Measures a solver that takes and returns text.
 fn peer(cubes: &[Cube], name: &str, solve: impl Fn(String) -> String) -> f64 {
-    // Its tables are built at the first call.
+    // The first call builds its tables, which must not count.
     solve(Facelets::from(&Cube::scrambled(1)).to_string());
     let (mut times, mut turns) = (Vec::new(), 0);
     for cube in cubes {
@@ -153,6 +163,7 @@ fn peer(cubes: &[Cube], name: &str, solve: impl Fn(String) -> String) -> f64 {
     row(name, times, turns, None)
 }
 
+/// Measures `kewb`, whose tables are an argument.
 fn peer_kewb(cubes: &[Cube]) -> f64 {
     let table = kewb::DataTable::default();
     let (mut times, mut turns) = (Vec::new(), 0);
@@ -169,7 +180,7 @@ fn peer_kewb(cubes: &[Cube]) -> f64 {
     row(&format!("kewb 0.4.3, <= 23 ({} cubes)", cubes.len()), times, turns, None)
 }
 
-/// Mean length of the best that is found in so much time by the clock.
+/// Prints the mean length of the best solutions that a search finds in `time` by the clock.
 fn best_in(cubes: &[Cube], time: Duration, threads: usize, tables: &Tables) {
     let mut turns = 0;
     for cube in cubes {
@@ -195,7 +206,7 @@ fn best_in(cubes: &[Cube], time: Duration, threads: usize, tables: &Tables) {
     );
 }
 
-/// Shortest solutions with whichever table is there.
+/// Prints the mean times for shortest solutions, with each table that the store has.
 fn proven(cubes: &[Cube], store: &Store, tables: &Tables) {
     let all = Threads::all();
     for spec in &optimal::TABLES {
@@ -222,6 +233,7 @@ fn proven(cubes: &[Cube], store: &Store, tables: &Tables) {
     }
 }
 
+/// Prints the time to plan for two arms, by rule.
 fn planner(tables: &Tables) {
     let budget = Budget { nodes: 100_000, max_length: 20 };
     let list = candidates(&Cube::scrambled(1), tables, &budget, 24);
@@ -240,11 +252,11 @@ fn planner(tables: &Tables) {
     }
 }
 
-/// CPU time of this thread (s).
+/// Returns the CPU time of this thread (s).
 #[allow(unsafe_code, reason = "the standard library has no clock of a thread's CPU time")]
 fn cpu() -> f64 {
     let mut now = libc::timespec { tv_sec: 0, tv_nsec: 0 };
-    // SAFETY: the clock exists on every Linux, and `now` is ours.
+    // SAFETY: the clock exists on all Linux systems, and `now` is a local variable.
     unsafe { libc::clock_gettime(libc::CLOCK_THREAD_CPUTIME_ID, &raw mut now) };
     now.tv_sec as f64 + now.tv_nsec as f64 * 1e-9
 }

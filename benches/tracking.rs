@@ -1,8 +1,13 @@
-//! Time of localising and tracking the cube: `cargo bench --bench tracking`, and on photographs:
-//! `RUBIK_PHOTOGRAPHS=DIR cargo bench --bench tracking`, where DIR holds PNG and JPEG files.
+//! Time to locate and to track the cube.
 //!
-//! Frames come from the plant's renderer, at 640x480 and at 1280x960, the cube 105 px wide. Photographs are scaled to
-//! these sizes by repeating or leaving out pixels; those in which a face is found take part.
+//!     cargo bench --bench tracking
+//!     RUBIK_PHOTOGRAPHS=DIR cargo bench --bench tracking
+//!
+//! The folder has photographs as PNG and JPEG files.
+//!
+//! Rendered frames come from the plant's renderer, at 640x480 and at 1280x960; the cube is 105 px
+//! wide. The bench scales photographs to these sizes by repeating or omitting pixels, and uses
+//! those in which it detects a face.
 
 #![allow(missing_docs, clippy::unwrap_used, reason = "a bench that cannot go on should stop")]
 
@@ -22,7 +27,7 @@ use std::path::Path;
 
 const EDGE: f64 = 0.057;
 
-/// A frame, its camera, `world_from_camera` and `world_from_cube`.
+/// Renders a frame, and returns it with its camera, `world_from_camera` and `world_from_cube`.
 fn frame(width: u32, height: u32, shift: f64) -> (RgbImage, Intrinsics, Pose, Pose) {
     let world_from_camera =
         pose_from_axes(Vector3::x(), -Vector3::z(), Vector3::y(), Point3::new(0.0, 0.0, 1.1));
@@ -69,7 +74,7 @@ fn benches(c: &mut Criterion) {
         group.bench_function("tracking: lattices in the predicted window", |b| {
             b.iter(|| detect(black_box(&image), window, &settings));
         });
-        // The cube moves by 2 mm a frame, there and back.
+        // The cube moves by 2 mm in each frame, forth and back.
         let moved = frame(width, height, 0.002).0;
         let mut watcher = CubeWatcher::new(world_from_camera, intrinsics, EDGE, settings);
         let mut time = 0.0_f64;
@@ -85,14 +90,17 @@ fn benches(c: &mut Criterion) {
     }
 }
 
-/// A photograph in which a face was found, where to look for it, and where the cube is.
+/// Photograph in which the bench has detected a face.
 struct Photograph {
     image: RgbImage,
+    /// Window around the face.
     window: Option<Rect>,
+    /// Pose of the cube, if it was found.
     camera_from_cube: Option<Pose>,
 }
 
-/// Scaled to a width, in its own proportions, not higher than `height`.
+/// Reads the photographs of a folder, scaled to `width` in their own proportions, or to a smaller
+/// width if they would be higher than `height`.
 fn photographs(folder: &Path, width: u32, height: u32, lens: &Lens) -> Vec<Photograph> {
     let entries = std::fs::read_dir(folder).into_iter().flatten();
     let mut files: Vec<_> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
@@ -120,7 +128,7 @@ fn photographs(folder: &Path, width: u32, height: u32, lens: &Lens) -> Vec<Photo
         .collect()
 }
 
-/// Windowed tracking of what was found before, one photograph after another.
+/// Measures tracking in photographs, from the window and pose that a detection has found before.
 fn on_photographs(c: &mut Criterion) {
     let Some(folder) = std::env::var_os("RUBIK_PHOTOGRAPHS") else { return };
     for (width, height) in [(640, 480), (1280, 960)] {

@@ -1,4 +1,4 @@
-//! What a period costs on the virtual driver without the plant: the driver alone, and with both arms.
+//! Time of a period on the virtual driver without the plant: the driver alone, and with both arms.
 
 use rubik_robot::hw::driver::{Core, NoRecords, Switches, link, run_virtual};
 use rubik_robot::hw::port::{Port, PortFault};
@@ -13,7 +13,7 @@ mod rig;
 const PERIODS: u64 = 100_000;
 
 fn main() {
-    if !rig::is_meant("virtual") {
+    if !rig::is_selected("virtual") {
         return;
     }
     let alone = best(|| periods(Vec::new(), Nothing));
@@ -27,7 +27,7 @@ fn main() {
     println!("  with two arms in force control   {both:6.3}");
 }
 
-/// A port without arms.
+/// Port without arms.
 struct Nothing;
 
 impl Port for Nothing {
@@ -36,12 +36,12 @@ impl Port for Nothing {
     }
 }
 
-/// The best of five: what others do on the machine only adds.
+/// Returns the least of five times, because other work on the machine only adds time.
 fn best(mut run: impl FnMut() -> f64) -> f64 {
     (0..5).map(|_| run()).fold(f64::INFINITY, f64::min)
 }
 
-/// Microseconds a period.
+/// Returns the time of a period (us).
 fn periods(configs: Vec<ServoConfig>, mut port: impl Port) -> f64 {
     let (mut links, ends): (Vec<_>, Vec<_>) = configs.iter().map(|_| link()).unzip();
     let switches = Arc::new(Switches::default());

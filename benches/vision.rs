@@ -1,9 +1,13 @@
-//! Vision on one core: `cargo bench --bench vision`, and on photographs:
-//! `RUBIK_PHOTOGRAPHS=DIR RUBIK_CUBES=DIR cargo bench --bench vision`, where the one folder holds PNG and JPEG files, and
-//! the other JSON files of 54 squares measured in photographs, as `vision colours` reads them.
+//! Time of vision on one core: the detection of faces, and the decision of their colours.
 //!
-//! Rendered frames are the plant's, at 640x480 and 1280x960. Photographs are scaled to these sizes by repeating or
-//! leaving out pixels, so that the figures compare.
+//!     cargo bench --bench vision
+//!     RUBIK_PHOTOGRAPHS=DIR RUBIK_CUBES=DIR cargo bench --bench vision
+//!
+//! The first folder has photographs as PNG and JPEG files. The second one has JSON files of 54
+//! squares measured in photographs, as `vision colours` reads them.
+//!
+//! Rendered frames come from the plant's renderer, at 640x480 and 1280x960. The bench scales
+//! photographs to these sizes by repeating or omitting pixels, so that the figures are comparable.
 
 #![allow(missing_docs, reason = "criterion's macros make undocumented items")]
 
@@ -20,7 +24,7 @@ use rubik_robot::vision::{DetectorSettings, FaceSighting, Method, detect};
 use std::hint::black_box;
 use std::path::Path;
 
-/// Stickers in ordinary light, sRGB.
+/// Colours of stickers in ordinary light, sRGB.
 const STICKERS: [[f64; 3]; 6] = [
     [222.0, 224.0, 219.0],
     [171.0, 30.0, 41.0],
@@ -32,7 +36,7 @@ const STICKERS: [[f64; 3]; 6] = [
 
 const SIZES: [(u32, u32); 2] = [(640, 480), (1280, 960)];
 
-/// Frames of a cube at 100 px to 200 px, each in another light, at other poses.
+/// Renders frames of a cube of 100 px to 200 px, each in another light and at another pose.
 fn rendered(width: u32, height: u32) -> Vec<RgbImage> {
     let scale = f64::from(width) / 640.0;
     let camera = Camera {
@@ -65,6 +69,7 @@ fn rendered(width: u32, height: u32) -> Vec<RgbImage> {
         .collect()
 }
 
+/// Reads the photographs of a folder and scales them.
 fn photographs(folder: &Path, width: u32, height: u32) -> Vec<RgbImage> {
     let mut files: Vec<_> = std::fs::read_dir(folder)
         .into_iter()
@@ -111,13 +116,13 @@ fn whole_frame(c: &mut Criterion) {
     }
 }
 
-/// The faces that are found in pictures.
+/// Detects the faces in pictures.
 fn faces(images: &[RgbImage]) -> Vec<FaceSighting> {
     let found = |image| detect(image, None, &DetectorSettings::default()).ok();
     images.iter().filter_map(found).flatten().collect()
 }
 
-/// Cubes that were measured in photographs.
+/// Reads the cubes that were measured in photographs.
 fn measured(folder: &Path) -> Vec<[[f64; 3]; 54]> {
     let mut files: Vec<_> = std::fs::read_dir(folder)
         .into_iter()
@@ -129,7 +134,8 @@ fn measured(folder: &Path) -> Vec<[[f64; 3]; 54]> {
     texts.filter_map(|text| measured_squares(&text).ok()).collect()
 }
 
-/// Cubes with colours of their own, from the tiles of a rendered face and their shading.
+/// Makes cubes of the colours in [`STICKERS`], with a shade for each face and a deviation for each
+/// tile.
 fn made_up() -> Vec<[[f64; 3]; 54]> {
     let cube = |seed: u64| {
         let facelets = *Facelets::from(&Cube::scrambled(seed)).colours();

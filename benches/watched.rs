@@ -1,9 +1,12 @@
-//! Whether a page and a recorder at a real-time run change how punctual the servo is: the program itself, both arms at
-//! 500 Hz while the stand-alone camera looks for the cube 25 times a second, alone and with each of them.
+//! Effect of an operator's page and of a recorder on the lateness of the servo in a real-time run.
 //!
-//! Rounds take turns, so that what passes on the machine hits all kinds alike; a round begins with another kind than the one
-//! before. Figures are medians over the rounds of what the servo's own histograms tell. The page is a client that reads
-//! every snapshot, as a browser does that runs elsewhere; a browser on the same cores is a load of its own.
+//! The bench runs the program itself, with both arms at 500 Hz while the stand-alone camera
+//! searches for the cube 25 times a second: alone, with a page, with a recorder, and with both.
+//!
+//! The kinds of run alternate, so that a passing disturbance of the machine affects all of them,
+//! and each round begins with another kind. Figures are medians over the rounds of the values in
+//! the servo's own histograms. The page is a client that reads each snapshot, as a browser on
+//! another machine does; a browser on the same cores is a load of its own.
 //!
 //! - `-- --rounds=N` (8), `-- --seconds=S` (4), `-- --json`: one line for a program
 //! - `-- --scenario=FILE` (`scenarios/acquire.toml`); `scenarios/endless.toml` has no cameras
@@ -18,17 +21,18 @@ use tokio_tungstenite::tungstenite::Message;
 
 mod rig;
 
-/// What is attached to a run, and what its rounds came to.
+/// Kind of run, with the results of its rounds.
 struct Kind {
     name: &'static str,
     page: bool,
     recorder: bool,
-    /// In their order; `None` where one failed.
+    /// Results in the order of the rounds; `None` if one failed.
     rounds: Vec<Option<Round>>,
 }
 
 impl Kind {
-    fn told(&self) -> impl Iterator<Item = &Round> {
+    /// Returns the results of the rounds that did not fail.
+    fn completed(&self) -> impl Iterator<Item = &Round> {
         self.rounds.iter().flatten()
     }
 }
@@ -40,7 +44,7 @@ struct Round {
     jitter: Quantiles,
     work: Quantiles,
     missed: f64,
-    /// Snapshots that the page got, a second.
+    /// Rate of the snapshots that the page got (1/s).
     snapshots: f64,
 }
 
@@ -58,7 +62,7 @@ fn option(name: &str, otherwise: f64) -> f64 {
 }
 
 fn main() {
-    if !rig::is_meant("watched") {
+    if !rig::is_selected("watched") {
         return;
     }
     let (rounds, seconds) = (option("rounds", 8.0) as usize, option("seconds", 4.0));
@@ -74,25 +78,26 @@ fn main() {
     for round in 0..rounds {
         for i in 0..kinds.len() {
             let kind = &mut kinds[(round + i) % 4];
-            let told = run(kind, seconds, &file);
-            if let Err(why) = &told {
+            let result = run(kind, seconds, &file);
+            if let Err(why) = &result {
                 eprintln!("{}: a round is left out: {why}", kind.name);
             }
-            kind.rounds.push(told.ok());
+            kind.rounds.push(result.ok());
         }
     }
-    // It was a file of this bench alone; perhaps no round made it.
+    // The file belongs to this bench alone; it is absent if all rounds with a recorder failed.
     let _ = std::fs::remove_file(&file);
     report(&kinds, seconds);
 }
 
-/// The scenario of all rounds.
+/// Returns the scenario of all rounds.
 fn scenario() -> String {
     let named = std::env::args().find_map(|arg| Some(arg.strip_prefix("--scenario=")?.to_owned()));
     named.unwrap_or_else(|| "scenarios/acquire.toml".to_owned())
 }
 
-/// One run, interrupted after so many seconds, and what its servo told of itself.
+/// Runs the program, interrupts it after `seconds`, and returns the figures that its servo has
+/// printed.
 fn run(kind: &Kind, seconds: f64, file: &std::path::Path) -> Result<Round, String> {
     let mut command = Command::new(env!("CARGO_BIN_EXE_rubik-robot"));
     command.args(["run", &scenario(), "--json", "--pace", "real-time"]);
@@ -104,14 +109,14 @@ fn run(kind: &Kind, seconds: f64, file: &std::path::Path) -> Result<Round, Strin
     if kind.recorder {
         command.arg("--record").arg(file);
     }
-    let told = |e: std::io::Error| e.to_string();
+    let message = |e: std::io::Error| e.to_string();
     let mut child = command
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .stdin(Stdio::null())
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
         .spawn()
-        .map_err(told)?;
+        .map_err(message)?;
     let pid = Pid::from_child(&child);
     let mut lines = BufReader::new(child.stderr.take().ok_or("no stderr")?).lines();
     let mut round = Round::default();
@@ -121,13 +126,13 @@ fn run(kind: &Kind, seconds: f64, file: &std::path::Path) -> Result<Round, Strin
             let address = url.replace("http://", "ws://") + "ws";
             watched = Some(std::thread::spawn(move || watch(&address)));
         }
-        // The first phase begins with the servo: "     0.00 s  acquire".
+        // The servo starts with the first phase, which prints "     0.00 s  acquire".
         let is_phase = line.trim_start().starts_with(|c: char| c.is_ascii_digit());
         if !begun && is_phase && line.contains(" s  ") {
             begun = true;
             std::thread::spawn(move || {
                 std::thread::sleep(Duration::from_secs_f64(seconds));
-                // A run that has ended by itself hears nothing.
+                // The call fails if the run has ended by itself, which is no error.
                 let _ = kill_process(pid, Signal::INT);
             });
         }
@@ -140,14 +145,14 @@ fn run(kind: &Kind, seconds: f64, file: &std::path::Path) -> Result<Round, Strin
             _ => {}
         }
     }
-    child.wait().map_err(told)?;
+    child.wait().map_err(message)?;
     if let Some(watched) = watched {
         round.snapshots = watched.join().map_err(|_| "the page's thread died")?? / seconds;
     }
     if round.wake_up.p99 > 0.0 { Ok(round) } else { Err("the servo told nothing".to_owned()) }
 }
 
-/// Reads all that a page gets until the run ends; how many snapshots came.
+/// Reads all messages to a page until the run ends. Returns the number of snapshots.
 fn watch(address: &str) -> Result<f64, String> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     runtime.map_err(|e| e.to_string())?.block_on(async {
@@ -155,7 +160,7 @@ fn watch(address: &str) -> Result<f64, String> {
         let mut count = 0.0;
         while let Some(Ok(message)) = page.next().await {
             let Message::Text(text) = message else { continue };
-            // A browser parses them.
+            // Parsed as in a browser: a client that only reads would be faster.
             let value: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
             count += f64::from(value["snapshot"]["time"].as_f64().is_some_and(|time| time > 0.0));
             if value["snapshot"]["control"] == "ended" {
@@ -166,7 +171,7 @@ fn watch(address: &str) -> Result<f64, String> {
     })
 }
 
-/// `p50 1.0 us, p99 2.0 us, ..., max 9.0 us, 500 periods`.
+/// Parses a line as `p50 1.0 us, p99 2.0 us, ..., max 9.0 us, 500 periods`.
 fn quantiles(text: &str) -> Quantiles {
     let of = |name: &str| {
         let found = text.split(", ").find_map(|part| part.strip_prefix(name));
@@ -185,7 +190,8 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
-/// Median over the rounds of one value against that of the run alone in the same round.
+/// Returns the median over the rounds of the ratio of a value to that of the run alone in the same
+/// round.
 fn ratio(kind: &Kind, alone: &Kind, of: impl Fn(&Round) -> f64) -> f64 {
     let pairs = kind.rounds.iter().zip(&alone.rounds);
     median(pairs.filter_map(|(with, without)| Some(of(with.as_ref()?) / of(without.as_ref()?))))
@@ -198,12 +204,12 @@ fn report(kinds: &[Kind; 4], seconds: f64) {
             .iter()
             .flat_map(|kind| {
                 let name = kind.name.replace(' ', "_");
-                let of = |f: fn(&Round) -> f64| Some(median(kind.told().map(f)));
+                let of = |f: fn(&Round) -> f64| Some(median(kind.completed().map(f)));
                 [
                     (format!("{name}_wake_up_p99_us"), of(|r| r.wake_up.p99)),
                     (format!("{name}_jitter_p99_us"), of(|r| r.jitter.p99)),
                     (format!("{name}_work_p99_us"), of(|r| r.work.p99)),
-                    (format!("{name}_missed"), Some(kind.told().map(|r| r.missed).sum())),
+                    (format!("{name}_missed"), Some(kind.completed().map(|r| r.missed).sum())),
                     (
                         format!("{name}_wake_up_p99_ratio"),
                         Some(ratio(kind, alone, |r| r.wake_up.p99)),
@@ -217,9 +223,10 @@ fn report(kinds: &[Kind; 4], seconds: f64) {
         return;
     }
     println!(
-        "watched: {}, both arms at 500 Hz, {} rounds of {seconds} s each, medians over the rounds, us",
+        "watched: {}, both arms at 500 Hz, {} rounds of {seconds} s each, medians over the rounds, \
+         us",
         scenario(),
-        alone.told().count()
+        alone.completed().count()
     );
     println!(
         "{:18} {:>9} {:>9} {:>10} {:>11} {:>9} {:>9} {:>7} {:>9} {:>9}",
@@ -235,7 +242,7 @@ fn report(kinds: &[Kind; 4], seconds: f64) {
         "snap./s"
     );
     for kind in kinds {
-        let of = |f: fn(&Round) -> f64| median(kind.told().map(f));
+        let of = |f: fn(&Round) -> f64| median(kind.completed().map(f));
         println!(
             "{:18} {:9.1} {:9.1} {:10.1} {:11.1} {:9.1} {:9.1} {:7.0} {:9.2} {:9.1}",
             kind.name,
@@ -245,7 +252,7 @@ fn report(kinds: &[Kind; 4], seconds: f64) {
             of(|r| r.jitter.p99),
             of(|r| r.work.p50),
             of(|r| r.work.p99),
-            kind.told().map(|r| r.missed).sum::<f64>(),
+            kind.completed().map(|r| r.missed).sum::<f64>(),
             ratio(kind, alone, |r| r.wake_up.p99),
             of(|r| r.snapshots),
         );

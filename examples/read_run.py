@@ -10,7 +10,9 @@ from mcap_ros2.reader import read_ros2_messages
 
 grip = {}
 cube = "not known"
-for message in read_ros2_messages(sys.argv[1], topics=["/phase", "/rosout", "/cube", "/track/servo"]):
+for message in read_ros2_messages(
+    sys.argv[1], topics=["/phase", "/rosout", "/cube", "/track/servo"]
+):
     seconds, ros = message.log_time_ns * 1e-9, message.ros_msg
     match message.channel.topic:
         case "/phase":
@@ -20,9 +22,12 @@ for message in read_ros2_messages(sys.argv[1], topics=["/phase", "/rosout", "/cu
         case "/cube":
             cube = ros.truth or ros.believed
         case "/track/servo":
-            # Every servo period: counters, currents, raw forces, orders, pulse widths, set and measured joints.
+            # One message for each servo period, with counters, currents, forces, commands, pulse
+            # widths, and set and measured joints. Here only the force is used.
             force = sum(f * f for f in ros.wrench_in_tool[:3]) ** 0.5
-            grip["force at the track's tool, N"] = max(force, grip.get("force at the track's tool, N", 0.0))
+            grip["force at the track's tool, N"] = max(
+                force, grip.get("force at the track's tool, N", 0.0)
+            )
 for what, most in grip.items():
     print(f"largest {what}: {most:.2f}")
 print("the cube at the end:", cube)

@@ -1,9 +1,9 @@
-//! Solves a cube that is given as turns from the solved one, or as its 54 stickers, and checks the
-//! solution.
+//! Solves a cube and checks the solutions. The cube is given as turns from the solved cube, or as
+//! its 54 stickers.
 //!
 //!     cargo run --release -p rubik-robot-solver --example solve_cube -- "R U2 F' L D"
 //!
-//! Without an argument the program solves a cube that is drawn from all 4.3e19 states.
+//! Without an argument the program solves a random one of all 4.3e19 states.
 
 use rubik_robot_solver::cube::{Cube, Facelets, format_turns, parse_turns};
 use rubik_robot_solver::{Budget, Tables, solve};
@@ -16,10 +16,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     println!("cube:  {}", Facelets::from(&cube));
 
-    // A program that solves many cubes builds the tables once: that takes about half a second.
+    // A program that solves many cubes builds the tables once, which takes about half a second.
     let tables = Tables::build();
 
-    // The first solution comes within a millisecond; more states find a shorter one.
+    // The first solution takes about a millisecond; a larger budget finds a shorter one.
     for nodes in [0, 100_000, 10_000_000] {
         let solution = solve(&cube, &tables, &Budget { nodes, max_length: 0 });
         let turns = format_turns(&solution.turns);
@@ -30,7 +30,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Reads a cube: 54 letters in the order URFDLB, or turns that lead to it.
+/// Parses a cube: 54 letters in the order URFDLB, or turns that lead to it.
 fn parse(text: &str) -> Result<Cube, Box<dyn Error>> {
     if text.len() == 54 {
         return Ok(Cube::try_from(text.parse::<Facelets>()?)?);

@@ -1,7 +1,7 @@
-//! Arms whose numbers are built into the program, so that it runs anywhere.
+//! Profiles of arms that are built into the program, so that it runs without their files.
 //!
-//! - in: the name of a profile, a file of `scenarios/arms` without `.toml`
-//! - out: its text, or the [`ArmModel`] that it describes
+//! - in: the name of a profile, which is a file of `scenarios/arms` without `.toml`
+//! - out: the text of the profile, or the [`ArmModel`] that it describes
 
 use crate::kinematics::ArmModel;
 
@@ -16,14 +16,14 @@ const PROFILES: [(&str, &str); 4] = [
 /// Names of the built-in profiles, without `.toml`.
 pub const BUILTIN: [&str; 4] = [PROFILES[0].0, PROFILES[1].0, PROFILES[2].0, PROFILES[3].0];
 
-/// Returns the text of the built-in profile `name`; `None` when there is none of that name.
+/// Returns the text of the built-in profile `name`; `None` if no profile has that name.
 #[must_use]
 pub fn builtin_text(name: &str) -> Option<&'static str> {
     PROFILES.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
 }
 
-/// Returns the built-in profile `name`, one of [`BUILTIN`]; `None` when there is none of that
-/// name.
+/// Returns the model of the built-in profile `name`, one of [`BUILTIN`]; `None` if no profile has
+/// that name.
 #[must_use]
 pub fn builtin(name: &str) -> Option<ArmModel> {
     // The texts are part of the program; the tests below parse each of them.

@@ -1,6 +1,6 @@
-//! The operator's desk: the channels at which the operator's UIs and a run meet.
+//! The operator's desk: the channels between the operator's UIs and a run.
 //!
-//! - a UI (page, terminal, keys) has a [`UiEnd`]: the latest snapshot and pictures, and a way for
+//! - a UI (page, terminal, keys) has a [`UiEnd`]: the latest snapshot and pictures, and a queue for
 //!   inputs
 //! - a run (its UI actor, a replay) has a [`RunEnd`]: each value that it publishes replaces the one
 //!   before, so a run never waits for a slow UI
@@ -13,22 +13,22 @@ use std::sync::{Arc, Mutex, PoisonError};
 use tokio::sync::mpsc::error::TryRecvError;
 use tokio::sync::{mpsc, watch};
 
-/// Inputs that may wait: a person gives one at a time.
+/// Capacity of the queue of inputs: a person gives one at a time.
 const INPUTS: usize = 32;
 
-/// Pixels of a camera.
+/// A picture of a camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Picture {
-    /// [`CameraView::frame`](crate::operator::CameraView::frame).
+    /// Number of the picture: [`CameraView::frame`](crate::operator::CameraView::frame).
     pub frame: u64,
-    /// The pixels.
+    /// Pixels of the picture.
     pub pixels: Pixels,
 }
 
-/// Raw, or as a file.
+/// The pixels of a picture, raw or as a file.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Pixels {
-    /// 8 bits a channel.
+    /// Raw pixels, 8 bits a channel.
     Raw(RgbImage),
     /// A JPEG or PNG file.
     File(Vec<u8>),
@@ -46,6 +46,7 @@ pub struct Desk {
 
 impl Default for Desk {
     fn default() -> Self {
+        // The desk keeps the right to release the stop: a run gets handles only.
         let stop = EmergencyStop::default();
         let (to_run, inputs) = mpsc::channel(INPUTS);
         let run_end = RunEnd {
@@ -62,19 +63,19 @@ impl Default for Desk {
 }
 
 impl Desk {
-    /// Returns the end for one more UI.
+    /// Returns an endpoint of the desk for another UI.
     #[must_use]
     pub fn ui_end(&self) -> UiEnd {
         self.run_end.ui_end()
     }
 
-    /// Returns the end for a run. One run at a time takes the inputs.
+    /// Returns the desk's endpoint for a run. One run at a time takes the inputs.
     #[must_use]
     pub fn run_end(&self) -> RunEnd {
         self.run_end.clone()
     }
 
-    /// Returns one end of each kind.
+    /// Returns one endpoint for a UI and the one for a run.
     #[must_use]
     pub fn ends(&self) -> (UiEnd, RunEnd) {
         (self.ui_end(), self.run_end())
@@ -86,20 +87,21 @@ impl Desk {
     /// A first run needs no call: a stop that is pressed before it begins must count.
     pub fn prepare_next_run(&self) {
         self.stop.release();
+        // Inputs to the last run, as a terminate, must not act on the next one.
         if let Some(mut inputs) = self.run_end.take_inputs() {
             while inputs.try_recv().is_ok() {}
         }
     }
 }
 
-/// The end of a UI. Clones are further UIs.
+/// Endpoint of the desk for a UI. Clones serve further UIs.
 #[derive(Debug, Clone)]
 pub struct UiEnd {
-    /// The stage of the run, which does not change; the default before a run has begun.
+    /// Stage of the run; the default before a run has begun.
     pub stage: watch::Receiver<Arc<Stage>>,
-    /// The latest snapshot.
+    /// Latest snapshot.
     pub snapshots: watch::Receiver<Arc<Snapshot>>,
-    /// The latest pictures.
+    /// Latest pictures.
     pub pictures: watch::Receiver<Pictures>,
     to_run: mpsc::Sender<Input>,
     button: StopButton,
@@ -110,17 +112,18 @@ impl UiEnd {
     #[must_use]
     pub fn send(&self, input: Input) -> bool {
         if input == Input::EmergencyStop {
-            // Past all queues: the servo reads the flag in its next period.
+            // The press bypasses all queues: the servo reads the flag in its next period. The input
+            // itself only informs the run.
             self.button.press();
         }
         self.to_run.try_send(input).is_ok()
     }
 }
 
-/// The end of a run.
+/// Endpoint of the desk for a run.
 #[derive(Debug, Clone)]
 pub struct RunEnd {
-    /// The stage of the run, which does not change in it.
+    /// Stage of the run, which changes only when a calibration corrects the cameras.
     pub stage: Arc<watch::Sender<Arc<Stage>>>,
     /// Snapshots.
     pub snapshots: Arc<watch::Sender<Arc<Snapshot>>>,
@@ -133,7 +136,7 @@ pub struct RunEnd {
 }
 
 impl RunEnd {
-    /// Returns the end for one more UI.
+    /// Returns an endpoint of the desk for another UI.
     #[must_use]
     pub fn ui_end(&self) -> UiEnd {
         UiEnd {
@@ -160,22 +163,24 @@ impl RunEnd {
     /// Takes the inputs until the returned value is dropped; `None` while they are taken elsewhere.
     #[must_use]
     pub fn take_inputs(&self) -> Option<Inputs> {
+        // No code under this lock can panic, so even a poisoned lock holds a sound value.
         let receiver = self.inputs.lock().unwrap_or_else(PoisonError::into_inner).take();
         let from = Arc::clone(&self.inputs);
         receiver.map(|receiver| Inputs { receiver: Some(receiver), from })
     }
 }
 
-/// The inputs of the operator, for one taker at a time: dropping it lets the next one take them.
+/// The inputs of the operator, for one taker at a time. A drop of this value returns them for the
+/// next taker.
 #[derive(Debug)]
 pub struct Inputs {
-    /// `None` only while it is dropped.
+    /// Receiver of the inputs; `None` only while this value is dropped.
     receiver: Option<mpsc::Receiver<Input>>,
     from: Arc<Mutex<Option<mpsc::Receiver<Input>>>>,
 }
 
 impl Inputs {
-    /// Waits for the next input. Never returns `None` while a [`Desk`] or [`RunEnd`] exists.
+    /// Waits for the next input. It never returns `None` while a [`Desk`] or [`RunEnd`] exists.
     pub async fn recv(&mut self) -> Option<Input> {
         self.receiver.as_mut()?.recv().await
     }
@@ -191,6 +196,7 @@ impl Inputs {
 
 impl Drop for Inputs {
     fn drop(&mut self) {
+        // The next taker also gets the inputs that are still in the queue.
         *self.from.lock().unwrap_or_else(PoisonError::into_inner) = self.receiver.take();
     }
 }
@@ -220,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn inputs_have_one_taker_at_a_time() {
+    fn inputs_can_be_taken_only_once_until_returned() {
         let (ui, run) = Desk::default().ends();
         assert!(ui.send(Input::Pause));
 
@@ -232,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn next_run_gets_no_input_of_the_last() {
+    fn next_run_gets_no_input_of_previous_run() {
         let desk = Desk::default();
         let (ui, run) = desk.ends();
         assert!(ui.send(Input::Terminate) && ui.send(Input::EmergencyStop));

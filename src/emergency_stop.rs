@@ -1,27 +1,30 @@
-//! The emergency stop: who may stop the arms, and what reads it.
+//! The emergency stop: its handles, which press, read or release it, and their holders.
 //!
 //! A press trips all arms in the next servo period. It is a software stop, hence no safety
 //! function. It is a flag that the servo reads first in each period, never a message in a queue, so
-//! it needs no actor to be alive. The flag stands until its owner releases it, and the arms stay
-//! stopped until each is reset as well.
+//! it works even if all actors are dead. The flag stays set until its owner releases it, and the
+//! arms stay stopped until each is reset as well.
 //!
-//! A stop is made in two places: [`Desk::default`](crate::desk::Desk) makes that of the operator,
-//! and a run under virtual time makes one more behind its gate (`run/operator.rs`), because there the
+//! A stop is made in two places. [`Desk::default`](crate::desk::Desk) makes that of the operator. A
+//! run under virtual time makes another one behind its gate (`run/operator.rs`), because there the
 //! operator's press counts from the beginning of a period. Under the wall clock both are the same.
 //!
 //! | handle | may | holders |
 //! |---|---|---|
-//! | [`EmergencyStop`] | release, make handles | the desk, between two runs; the gate, which never releases |
-//! | [`StopButton`] | press | the operator's UIs (page, terminal, keys: [`UiEnd`](crate::desk::UiEnd)) |
+//! | [`EmergencyStop`] | release, make handles | the desk, between two runs |
+//! | | | the gate, which never releases |
+//! | [`StopButton`] | press | the operator's UIs: page, terminal, keys |
 //! | | | the second signal to the process (`run/interrupt.rs`) |
 //! | | | the injected fault `emergency_stop` (`run/disturbance.rs`) |
-//! | | | the guard of places and speeds (`actors/lookout.rs`) |
+//! | | | the lookout over places and speeds (`actors/lookout.rs`) |
 //! | | | the watchdog outside the runtime, when an actor blocks all others (`run/staff.rs`) |
-//! | | | the gate: it passes on what was pressed at the desk |
-//! | [`StopSignal`] | read | the servo ([`Switches`](crate::hw::driver::Switches)); the gate; the recorder |
+//! | | | the gate, which forwards a press at the desk |
+//! | [`StopSignal`] | read | the servo ([`Switches`](crate::hw::driver::Switches)) |
+//! | | | the gate |
+//! | | | the recorder |
 //!
-//! The module stands in a layer of its own below `hw`: the servo's driver, the desk and the actors
-//! all use it, and shared mutable state is no business of the pure layers.
+//! The module has a layer of its own below `hw`: the servo's driver, the desk and the actors all
+//! use it, and the pure layers must not share mutable state.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -54,7 +57,7 @@ impl EmergencyStop {
 pub struct StopButton(Arc<AtomicBool>);
 
 impl StopButton {
-    /// Stops all arms in the next servo period. Never waits.
+    /// Stops all arms in the next servo period. It never waits.
     pub fn press(&self) {
         self.0.store(true, Ordering::Release);
     }
@@ -65,7 +68,7 @@ impl StopButton {
 pub struct StopSignal(Arc<AtomicBool>);
 
 impl StopSignal {
-    /// Returns whether the stop is pressed. Never waits.
+    /// Returns whether the stop is pressed. It never waits.
     #[must_use]
     pub fn is_pressed(&self) -> bool {
         self.0.load(Ordering::Acquire)

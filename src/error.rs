@@ -4,50 +4,50 @@
 //! - fatal: malfunction of an effector
 //! - system: trouble with messages, or an actor that could not be created
 //!
-//! A failed step of the task (the cube slipped, a face could not be read) is an outcome, not an error.
-//! Every error carries its class as its type, the actor that detected it and the place.
+//! A failed step of the task (the cube slipped, a face could not be read) is an outcome, not an
+//! error. Every error carries its class as its type, the actor that detected it and the place.
 
 use crate::motion::{ArmFault, ArmState, MoveRefused};
 
 /// An error that crosses a mailbox.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Error {
-    /// The asker may go on.
+    /// A failure after which the actor that asked may continue.
     #[error("non-fatal, {actor}, {place}: {cause}")]
     NonFatal {
         /// Name of the actor whose shell detected it.
         actor: String,
-        /// What it was doing.
+        /// Activity of that actor.
         place: &'static str,
-        /// Why.
+        /// Cause.
         cause: NonFatal,
     },
-    /// An effector must not move.
+    /// A malfunction of an effector, which must not move.
     #[error("fatal, {actor}, {place}{when}: {cause}", when = when(last.as_deref()))]
     Fatal {
         /// Name of the actor whose shell detected it.
         actor: String,
-        /// What it was doing.
+        /// Activity of that actor.
         place: &'static str,
-        /// Why.
+        /// Cause.
         cause: Fatal,
-        /// What the servo last told of the effector, where there is one.
+        /// Last state of the effector that its servo published, if the error is about one.
         last: Option<Box<ArmState>>,
     },
-    /// The system of actors is damaged.
+    /// Damage of the system of actors.
     #[error("system, {actor}, {place}: {cause}")]
     System {
         /// Name of the actor whose shell detected it.
         actor: String,
-        /// What it was doing.
+        /// Activity of that actor.
         place: &'static str,
-        /// Why.
+        /// Cause.
         cause: System,
     },
 }
 
 impl Error {
-    /// How grave its class is: 0 non-fatal, 1 fatal, 2 system.
+    /// Returns the severity of its class: 0 non-fatal, 1 fatal, 2 system.
     #[must_use]
     pub fn gravity(&self) -> u8 {
         match self {
@@ -58,7 +58,7 @@ impl Error {
     }
 }
 
-/// When a state was: for the text of an error that carries one.
+/// Returns the period of a state as a part of an error's text; empty without a state.
 fn when(last: Option<&ArmState>) -> String {
     last.map_or_else(String::new, |state| format!(", period {}", state.period))
 }
@@ -66,60 +66,67 @@ fn when(last: Option<&ArmState>) -> String {
 /// Causes that leave the system usable.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NonFatal {
-    /// A command was not carried out.
+    /// A refusal of a command by the servo.
     #[error(transparent)]
     Refused(#[from] MoveRefused),
-    /// The operator ended it.
+    /// A terminate by the operator before the arms were ready.
     #[error("the run was terminated before the arms were ready")]
     Terminated,
-    /// A signal ended it.
+    /// A signal to the process before the arms were ready.
     #[error("the run was interrupted before the arms were ready")]
     Interrupted,
-    /// An arm of a mission that was broken off does not know any more where it is, and may hold the cube.
+    /// The loss of an arm's synchronisation in a mission that is resumed: its jaws may hold the
+    /// cube.
     #[error(
-        "{effector} does not know where it is, and its jaws may hold the cube: nothing moves. Take the cube out, \
-         synchronise the arm by hand (this scenario with --set task=idle and a face), then resume, or start a new run"
+        "{effector} does not know where it is, and its jaws may hold the cube: nothing moves. \
+         Take the cube out, synchronise the arm by hand (this scenario with --set task=idle and \
+         a face), then resume, or start a new run"
     )]
     Lost {
         /// Name of the effector.
         effector: String,
     },
-    /// A sensor has nothing to say.
+    /// A sensor without a reading, with the reason.
     #[error("no reading: {0}")]
     NoReading(String),
-    /// A force sensor's new zero is far from the one before: what it said since then was wrong by so much.
-    #[error("force sensor of {effector}: zero has moved by {by:.1} {unit}", unit = along(*direction))]
+    /// A new zero of a force sensor that is far from the one before. The readings since then may
+    /// have been wrong by the difference.
+    #[error(
+        "force sensor of {effector}: zero has moved by {by:.1} {unit}",
+        unit = along(*direction)
+    )]
     ZeroMoved {
         /// Name of the effector.
         effector: String,
-        /// By how much (N, Nm).
+        /// Difference of the two zeros in that direction (N, Nm).
         by: f64,
-        /// Along x, y, z of the tool, or about them.
+        /// Direction: 0..=2 along x, y, z of the tool, 3..=5 about them.
         direction: usize,
     },
-    /// Arguments that make no sense.
+    /// Invalid arguments of a command.
     #[error("{0}")]
     Arguments(String),
 }
 
-/// Unit and direction of a component of a wrench.
+/// Returns unit and direction of a component of a wrench.
 fn along(direction: usize) -> &'static str {
+    // The remainder keeps any index within the table: the text of an error must not panic.
     ["N along x", "N along y", "N along z", "Nm about x", "Nm about y", "Nm about z"][direction % 6]
 }
 
 /// Causes that stop an effector.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Fatal {
-    /// The effector's own report.
+    /// A fault that the arm's servo reports.
     #[error(transparent)]
     Arm(#[from] ArmFault),
-    /// The bridge lost the effector.
+    /// A loss of the effector by its bridge.
     #[error("bridge: {0}")]
     Bridge(String),
-    /// The task's kernel waits for something that it never asked for.
+    /// A defect of the task's kernel: it waits for an event that it has not asked for.
     #[error("kernel: {0}")]
     Kernel(String),
-    /// An arm came too near to something, or was too fast there.
+    /// An arm too near an obstacle, or too fast near the operator's hand.
     #[error("{0}: all arms are stopped")]
     TooNear(String),
 }
@@ -127,29 +134,29 @@ pub enum Fatal {
 /// Causes that break the system of actors.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum System {
-    /// The far end of a mailbox is gone.
+    /// A mailbox whose actor is gone.
     #[error("the mailbox of {0} is closed")]
     Closed(String),
-    /// No answer in time.
+    /// An answer that did not come in time.
     #[error("no answer from {who} in {seconds:.1} s")]
     Silent {
-        /// Who should have answered.
+        /// Name of the actor or thread that should have answered.
         who: String,
-        /// How long it was waited for.
+        /// Time of the wait (s).
         seconds: f64,
     },
-    /// An actor panicked.
+    /// A panic of an actor.
     #[error("{who} panicked: {why}")]
     Panicked {
-        /// Which.
+        /// Name of the actor.
         who: String,
-        /// What it said.
+        /// Text of the panic.
         why: String,
     },
-    /// An actor could not be created.
+    /// An actor that could not be created.
     #[error("{who} could not be created: {why}")]
     NotCreated {
-        /// Which.
+        /// Name of the actor.
         who: String,
         /// Reason.
         why: String,

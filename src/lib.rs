@@ -1,22 +1,30 @@
-//! A two-handed robot that takes, reads, solves and returns a Rubik's cube.
+//! A robot with two arms that takes, reads, solves and returns a Rubik's cube: its controller, and
+//! a simulated plant.
 //!
-//! The map, from the top down; arrows of `use` point down only (`tests/architecture.rs` enforces it):
+//! The layers from the top down. A module uses only those below it (`tests/architecture.rs` checks
+//! that):
 //!
-//! | layer | modules | what they own |
+//! | layer | modules | content |
 //! |---|---|---|
 //! | edge | [`cli`] | words and units of the workshop (mm, degrees, ms), exit codes |
-//! | many runs | [`campaign`] | success with its interval, what is drawn for each run, processes, reports |
+//! | many runs | [`campaign`] | success rate with its interval, variations, processes, reports |
 //! | one run | [`run`] | composition from a scenario: world, servos, actors; verdict and summary |
 //! | shells | [`actors`] | mailboxes, lifecycles, clocks, errors |
 //! | UIs | [`web`], [`tui`] | the operator's page and terminal |
-//! | configuration, results | [`scenario`], [`record`], [`tables`], [`desk`] | files in, data to the actors; hash and summary out; the solver's tables kept; snapshots up, inputs down |
+//! | configuration | [`scenario`] | files in, data to the actors |
+//! | results | [`record`] | hash, summary, recordings, journal |
+//! | files | [`tables`] | tables of the solver, kept in files |
+//! | channels | [`desk`] | snapshots up, inputs down |
 //! | hardware | [`hw`] | ports, the servo's drivers of time, cameras, the simulated plant |
-//! | stop | [`emergency_stop`] | who may stop the arms |
+//! | stop | [`emergency_stop`] | handles that press, read or release the emergency stop |
 //! | task kernels | [`tasks`] | event -> next action; the regrasp plan |
-//! | pure | [`generators`], [`vision`], [`solver`], [`reach`], [`servo`] | step(inputs) -> output |
-//! | vocabulary | [`cell`], [`kinematics`], [`arms`], [`motion`], [`cube`], [`spatial`], [`operator`], [`error`] | types of the field |
+//! | pure | [`generators`], [`vision`], [`solver`] | step(inputs) -> output |
+//! | | [`reach`], [`servo`] | |
+//! | vocabulary | [`cell`], [`kinematics`], [`arms`], [`motion`] | types of the field |
+//! | | [`cube`], [`spatial`], [`operator`], [`error`] | |
 //!
-//! Nothing below `hw` knows a thread, a clock, a file or a log: time, randomness and configuration are arguments.
+//! No module below `hw` uses a thread, a clock, a file or a log: time, randomness and configuration
+//! are arguments. The emergency stop is the one exception: a flag that threads share.
 
 pub use rubik_robot_solver as solver;
 pub use rubik_robot_vision as vision;

@@ -1,4 +1,4 @@
-//! `rubik-robot`: see `rubik-robot --help`.
+//! The program `rubik-robot`; `rubik-robot --help` describes its commands.
 
 use std::process::ExitCode;
 

@@ -1,8 +1,9 @@
-//! Reads `src/` and fails on any arrow of `use` that points up, on cycles of modules, and on what pure code
-//! must not know. The layers are those of the table in `src/lib.rs`. The member crates stand in `src/`
-//! as well and are read as modules of one crate.
+//! Tests of the layers in `src/`: no `use` depends on a higher layer, no modules or files form a
+//! circle, and pure code names nothing impure.
 //!
-//! Comments, strings and `#[cfg(test)]` items are left out: tests may look at everything.
+//! The layers are those of the table in `src/lib.rs`. The member crates are folders of `src/` and
+//! are read as modules of one crate. The checks leave out comments, strings and `#[cfg(test)]`
+//! items, because tests may use everything.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
@@ -15,9 +16,10 @@ use source::{File, as_one_crate, expand, tokens, without_comments_and_strings, w
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-/// Modules from the top down; a module may use those of lower layers, and of its own without a cycle.
+/// Modules from the top down. A module may use those of lower layers, and those of its own layer
+/// without a cycle.
 ///
-/// `scenario` stands below `run` and `actors`, which take their configuration from it as data.
+/// `scenario` is below `run` and `actors`, which take their configuration from it as data.
 const LAYERS: &[&[&str]] = &[
     &["cli"],
     &["campaign"],
@@ -31,10 +33,10 @@ const LAYERS: &[&[&str]] = &[
     &["cell", "kinematics", "arms", "motion", "cube", "spatial", "operator", "error"],
 ];
 
-/// The first pure layer: no threads, clocks, files, logs from here down.
+/// Module of the first pure layer: from it down there are no threads, clocks, files or logs.
 const LINE: &str = "tasks";
 
-/// What pure code must not name.
+/// Paths that pure code must not name.
 const IMPURE: &[&str] = &[
     "tokio",
     "tracing",
@@ -45,16 +47,16 @@ const IMPURE: &[&str] = &[
     "std::net",
     "std::process",
     "std::env",
-    // Randomness is an argument: a generator with a seed, never the system's.
+    // Randomness is an argument: a generator with a seed, never that of the system.
     "rand::rng",
     "rand::random",
     "rand::thread_rng",
 ];
 
-/// The only file of the shells that may hand the plant's half of a scenario on.
+/// The only file of the shells that may pass on the plant's half of a scenario.
 const MAY_NAME_THE_PLANT: &[&str] = &["run/simulation.rs"];
 
-/// The only files above `hw` that may use the plant itself: whoever makes it, judges by it, or draws it.
+/// The only files above `hw` that may use the plant: they make it, judge by it, or draw it.
 const MAY_USE_THE_PLANT: &[&str] = &[
     "run/simulation.rs",
     "run/options.rs",
@@ -65,12 +67,13 @@ const MAY_USE_THE_PLANT: &[&str] = &[
     "run/emulate.rs",
     "run/world_file.rs",
     "run/world.rs",
+    "cli/film.rs",
     "cli/picture.rs",
     "cli/frames.rs",
 ];
 
 #[test]
-fn arrows_point_down_and_pure_code_is_pure() {
+fn dependencies_point_down_and_pure_code_is_pure() {
     let files = as_one_crate(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"));
     assert!(files.len() > 20, "only {} files were found", files.len());
 
@@ -79,10 +82,10 @@ fn arrows_point_down_and_pure_code_is_pure() {
     assert!(found.is_empty(), "\n{}\n", found.join("\n"));
 }
 
-/// Files that lead to each other cannot be read one after the other. `CIRCLES_OF=FOLDER` counts the
-/// circles of another tree and checks nothing.
+/// A reader cannot read the files of a circle one after the other. `CIRCLES_OF=FOLDER` counts the
+/// circles of another source tree and checks nothing.
 #[test]
-fn no_file_joins_a_circle() {
+fn dependency_circles_do_not_grow() {
     let other = std::env::var_os("CIRCLES_OF");
     let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     let files = as_one_crate(other.as_ref().map_or(&here, Path::new));
@@ -90,7 +93,7 @@ fn no_file_joins_a_circle() {
     let circles = circles::circles(&files);
 
     for circle in &circles {
-        println!("{} files lead to each other: {}", circle.len(), circle.join(", "));
+        println!("{} files depend on each other: {}", circle.len(), circle.join(", "));
     }
     let count = circles.iter().map(Vec::len).sum();
     println!("circles: {}, files in them: {count}", circles.len());
@@ -103,7 +106,7 @@ fn layer(module: &str) -> Option<usize> {
     LAYERS.iter().position(|l| l.contains(&module))
 }
 
-/// Everything that is against the rules, as `file: reason`.
+/// Returns all violations of the rules, as `file: reason`.
 fn violations(files: &[File]) -> Vec<String> {
     let mut found = Vec::new();
     let mut arrows: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
@@ -114,7 +117,7 @@ fn violations(files: &[File]) -> Vec<String> {
         let code = without_tests(&without_comments_and_strings(text));
         let module = file.split(['/', '.']).next().unwrap();
         let Some(from) = layer(module) else {
-            found.push(format!("{file}: module `{module}` stands in no layer"));
+            found.push(format!("{file}: module `{module}` is in no layer"));
             continue;
         };
         for path in paths(&code, file) {
@@ -140,15 +143,15 @@ fn violations(files: &[File]) -> Vec<String> {
     found
 }
 
-/// A controller that looks at the plant.
+/// Checks a dependency on the plant; returns the reason if the file must not use the plant.
 fn plant_arrow(file: &str, module: &str, path: &[String]) -> Option<String> {
     let plant = path.iter().skip(1).take(2).eq(["hw", "plant"]);
     let allowed = matches!(module, "hw" | "scenario") || MAY_USE_THE_PLANT.contains(&file);
     (plant && !allowed)
-        .then(|| format!("`{}`: only who makes or judges the plant", path.join("::")))
+        .then(|| format!("`{}`: only for code that makes or judges the plant", path.join("::")))
 }
 
-/// An arrow within the crate: remembered, and told when it must not be.
+/// Adds a dependency within the crate to `arrows`; returns the reason if a rule forbids it.
 fn crate_arrow(
     module: &str,
     from: usize,
@@ -170,7 +173,9 @@ fn crate_arrow(
     if matches!(module, "tasks" | "generators") {
         let item = path.get(2).map_or("", String::as_str);
         if matches!(target.as_str(), "kinematics" | "arms" | "cell") {
-            return Some(format!("`{shown}`: `{module}` gets geometry as data, not from there"));
+            return Some(format!(
+                "`{shown}`: `{module}` takes geometry as data, not from `{target}`"
+            ));
         }
         if target == "reach" && !item.starts_with(char::is_uppercase) {
             return Some(format!(
@@ -181,18 +186,19 @@ fn crate_arrow(
     None
 }
 
-/// What the standard library or another crate gives.
+/// Checks a dependency on the standard library or on another crate; returns the reason if a rule
+/// forbids it.
 fn foreign(module: &str, from: usize, path: &[String]) -> Option<String> {
     let shown = path.join("::");
     if path[0] == "anyhow" && module != "cli" {
-        return Some(format!("`{shown}`: anyhow lives in main and cli"));
+        return Some(format!("`{shown}`: anyhow is for main and cli"));
     }
     let pure = from >= layer(LINE).unwrap();
     let impure = IMPURE.iter().any(|i| shown == **i || shown.starts_with(&format!("{i}::")));
     (pure && impure).then(|| format!("`{shown}` below the line"))
 }
 
-/// Whether `word` stands in the code as a whole.
+/// Returns whether the code has `word`, not as the beginning of a longer name or as a call.
 fn names(code: &str, word: &str) -> bool {
     code.match_indices(word).any(|(at, _)| {
         let after = code[at + word.len()..].chars().next();
@@ -200,7 +206,7 @@ fn names(code: &str, word: &str) -> bool {
     })
 }
 
-/// Cycles between modules, each told once.
+/// Returns the cycles between modules, each of them once.
 fn cycles(arrows: &BTreeMap<String, BTreeSet<String>>) -> Vec<String> {
     fn walk(
         at: &str,
@@ -229,7 +235,8 @@ fn cycles(arrows: &BTreeMap<String, BTreeSet<String>>) -> Vec<String> {
     found.into_iter().collect()
 }
 
-/// Every path that begins at the crate, at `super` beyond the module, or at a foreign crate.
+/// Returns all paths that begin at the crate, at a `super` that leaves the module, or at a foreign
+/// crate.
 fn paths(code: &str, file: &str) -> Vec<Vec<String>> {
     let tokens = tokens(code);
     let depth = file.trim_end_matches("/mod.rs").split('/').count();
@@ -270,7 +277,7 @@ fn paths(code: &str, file: &str) -> Vec<Vec<String>> {
 }
 
 #[cfg(test)]
-mod the_checker_catches {
+mod checker_tests {
     use super::*;
 
     fn one(file: &str, text: &str) -> String {
@@ -278,7 +285,7 @@ mod the_checker_catches {
     }
 
     #[test]
-    fn an_arrow_that_points_up() {
+    fn upward_dependency_is_reported() {
         assert!(one("servo/mod.rs", "use crate::hw::port::Port;").contains("points up"));
         assert!(one("hw/port.rs", "fn f() { crate::actors::run() }").contains("points up"));
         assert!(one("cube/mod.rs", "use crate::{spatial::Pose, cli};").contains("`crate::cli`"));
@@ -287,7 +294,7 @@ mod the_checker_catches {
     }
 
     #[test]
-    fn nothing_where_all_is_well() {
+    fn clean_code_is_accepted() {
         let text = "use crate::{spatial::{Pose, Wrench}, motion};\nuse super::io;\n\
                     // use crate::cli;\nconst A: &str = \"crate::hw\"; const B: char = '{';\n\
                     fn f<'a>(x: &'a str) {}\n#[cfg(test)]\nmod tests { use crate::cli; }\n";
@@ -297,7 +304,7 @@ mod the_checker_catches {
     }
 
     #[test]
-    fn an_arrow_of_a_member_crate_that_points_up() {
+    fn upward_dependency_of_member_crate_is_reported() {
         let member = |file, text| source::from_root((String::from(file), String::from(text)));
         let judged = |(file, text): (String, String)| one(&file, &text);
         let up = member("vocabulary/cube/mod.rs", "use rubik_robot_solver::Tables;");
@@ -310,7 +317,7 @@ mod the_checker_catches {
     }
 
     #[test]
-    fn a_cycle_within_a_layer() {
+    fn cycle_within_a_layer_is_reported() {
         let files = [
             ("vision/mod.rs".to_owned(), "use crate::solver::A;".to_owned()),
             ("solver/mod.rs".to_owned(), "use crate::vision::B;".to_owned()),
@@ -319,7 +326,7 @@ mod the_checker_catches {
     }
 
     #[test]
-    fn threads_clocks_files_and_logs_below_the_line() {
+    fn impure_code_in_a_pure_module_is_reported() {
         for text in [
             "use tokio::sync::mpsc;",
             "use std::{fmt, thread};",
@@ -339,7 +346,7 @@ mod the_checker_catches {
     }
 
     #[test]
-    fn tasks_and_generators_that_reach_for_geometry() {
+    fn geometry_in_tasks_and_generators_is_reported() {
         for module in ["tasks/a/mod.rs", "generators/turn.rs"] {
             for text in [
                 "use crate::hw::camera::Frame;",
@@ -354,7 +361,7 @@ mod the_checker_catches {
     }
 
     #[test]
-    fn a_controller_that_reads_the_plant() {
+    fn plant_in_the_controller_is_reported() {
         let text = "fn f(s: &Scenario) -> f64 { s.plant.keys.grasp_error }";
         assert!(one("actors/mp/mod.rs", text).contains("only the plant may read"));
         assert!(
@@ -367,7 +374,7 @@ mod the_checker_catches {
     }
 
     #[test]
-    fn anyhow_outside_the_edge_and_a_module_without_a_layer() {
+    fn stray_anyhow_and_unlayered_modules_are_reported() {
         assert!(one("hw/port.rs", "fn f() -> anyhow::Result<()> {}").contains("anyhow"));
         assert!(one("misc/mod.rs", "").contains("no layer"));
     }

@@ -1,7 +1,7 @@
-//! The bridge over real file descriptors: serial lines as pseudo-terminals, with motors behind the emulator.
+//! Tests of the bridge over pseudo-terminals as serial lines, with motors behind the emulator.
 //!
-//! These tests share the processor with whatever else runs: an axis may miss 40 answers in a row where the test is not
-//! about missing them.
+//! Other processes share the processor with these tests. An axis may therefore miss 40 answers in a
+//! row, except in the tests of missed answers.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
 mod servo_rig;
@@ -13,7 +13,7 @@ use rubik_robot::hw::driver::{self, Core, NoRecords, Switches, WallOptions};
 use rubik_robot::hw::emulator::{
     At, Course, EmulatedArm, Emulator, EmulatorOptions, LineFaults, SensorKind,
 };
-use rubik_robot::hw::note::{Note, Notes, What, notes};
+use rubik_robot::hw::note::{Note, NoteKind, Notes, notes};
 use rubik_robot::hw::port::{Port, PortFault};
 use rubik_robot::hw::serial::SerialPort;
 use rubik_robot::hw::serial::axis::Rules;
@@ -27,14 +27,15 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// What the world behind the lines was told last, and a push on its sensors.
+/// Last drives of the world behind the lines, and a push on its force sensors.
 #[derive(Default)]
 struct Seen {
     drives: Vec<ArmDrive>,
+    /// Force along z of each sensor (N).
     push: f64,
 }
 
-/// Motors that let a test look at their drives and push their sensors.
+/// Motors whose drives a test can read, and whose sensors it can push.
 struct World {
     motors: Motors,
     seen: Arc<Mutex<Seen>>,
@@ -72,7 +73,7 @@ impl Rig {
         Self::late(arms, options, Some(Duration::ZERO))
     }
 
-    /// One that begins to listen after a while, or never.
+    /// Starts an emulator that begins to listen after the time `by`, or never.
     fn late(arms: usize, options: EmulatorOptions, by: Option<Duration>) -> Self {
         let seen = Arc::new(Mutex::new(Seen::default()));
         let world = World { motors: Motors::new(arms), seen: Arc::clone(&seen) };
@@ -129,7 +130,8 @@ fn on(pwm: i16) -> ArmDrive {
     ArmDrive { enabled: true, pwm: [pwm; AXES], jaw_pwm: -pwm, stops: Depth::Two, ..ArmDrive::OFF }
 }
 
-/// Exchanges at the servo's pace until `until` is true of the readings, or a fault ends it.
+/// Exchanges drives and readings every 2 ms; returns the period in which `until` accepts the
+/// readings, or the period and the fault of the port.
 fn exchange(
     port: &mut SerialPort,
     drives: &[ArmDrive],
@@ -151,8 +153,10 @@ fn exchange(
     unreachable!()
 }
 
+/// A robot that answers late must not look like one whose counters are at zero. A robot that never
+/// answers is a fault that names its lines.
 #[test]
-fn a_robot_that_answers_late_is_not_taken_for_one_that_stands_at_zero() {
+fn bridge_waits_for_first_answer_of_robot() {
     let first = |rig: &Rig| {
         let mut port = rig.bridge(3, Notes::none());
         let mut readings = [ArmReading::default(); 2];
@@ -183,13 +187,13 @@ fn a_robot_that_answers_late_is_not_taken_for_one_that_stands_at_zero() {
 
 #[test]
 #[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
-fn drives_and_readings_of_fifteen_axes_cross_the_lines() {
+fn lines_carry_drives_and_readings_of_all_axes() {
     let rig = Rig::start(2, EmulatorOptions::default());
     rig.seen.lock().unwrap().push = -7.5;
     let mut port = rig.bridge(40, Notes::none());
     let first = config().model.motors(&START).0[3];
 
-    // Off until the first drives, then both arms move.
+    // The drives are off at first; then both arms move.
     let mut start = [0; 2];
     exchange(&mut port, &[ArmDrive::OFF; 2], 0, |period, readings| {
         start = [readings[0].counts[3], readings[1].counts[3]];
@@ -215,7 +219,7 @@ fn drives_and_readings_of_fifteen_axes_cross_the_lines() {
 
 #[test]
 #[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
-fn a_move_over_the_wire_ends_where_it_should() {
+fn move_over_serial_lines_reaches_its_goal() {
     let rig = Rig::start(
         1,
         EmulatorOptions { sensors: SensorKind::Controller, ..EmulatorOptions::default() },
@@ -227,7 +231,8 @@ fn a_move_over_the_wire_ends_where_it_should() {
         Core::new(vec![config()], vec![end], switches, Box::new(NoRecords), &mut port).unwrap();
     let wall = driver::spawn_wall(core, port, |_, _| {}, WallOptions::default()).unwrap();
     let mut goal = START.0;
-    // Slow enough that a world which stands still for some periods does not look like a frozen encoder.
+    // The motion is slow, so that a world which pauses for some periods does not look like a frozen
+    // encoder.
     goal[1] += 0.05;
     goal[6] -= 0.03;
     let motion = Motion::Joints(JointPositions(goal));
@@ -253,18 +258,19 @@ fn a_move_over_the_wire_ends_where_it_should() {
     let off = state.joints.0.iter().zip(goal).map(|(is, wanted)| (is - wanted).abs());
     assert!(off.fold(0.0, f64::max) < 2e-3, "{:?} instead of {goal:?}", state.joints);
     assert!(wall.stop().fault.is_none());
-    // The bridge's end puts the controllers into manual mode.
+    // The bridge puts the controllers into manual mode when it ends.
     std::thread::sleep(Duration::from_millis(50));
     assert!(!rig.seen.lock().unwrap().drives[0].enabled);
 }
 
-/// Runs two arms into a fault; returns it, its period and the notes.
+/// Runs two arms until a fault of their lines; returns the period, the fault, the notes and the
+/// rig.
 fn into_a_fault(faults: LineFaults) -> (u64, PortFault, Vec<Note>, Rig) {
     let rig = Rig::start(2, EmulatorOptions { faults, ..EmulatorOptions::default() });
     let (to, mut from) = notes();
     let mut port = rig.bridge(40, to);
     let (period, fault) = exchange(&mut port, &[on(20), on(20)], 0, |_, _| false).unwrap_err();
-    // Once given up, the bridge stays so.
+    // After a fault the bridge answers each exchange with the same fault.
     let again = port.exchange(period + 1, &[on(20); 2], &mut [ArmReading::default(); 2]);
     assert_eq!(again, Err(fault.clone()));
     let mut told = Vec::new();
@@ -276,7 +282,7 @@ fn into_a_fault(faults: LineFaults) -> (u64, PortFault, Vec<Note>, Rig) {
 
 #[test]
 #[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
-fn a_line_pulled_out_is_named_and_both_arms_brake() {
+fn unplugged_line_is_reported_and_arms_brake() {
     let faults = LineFaults {
         unplugged: vec![At { effector: 1, axis: 3, time: 0.2 }],
         ..LineFaults::default()
@@ -289,7 +295,7 @@ fn a_line_pulled_out_is_named_and_both_arms_brake() {
     for wanted in ["postument, axis 3", path, "no answer for 40 periods"] {
         assert!(fault.reason.contains(wanted), "{}", fault.reason);
     }
-    let missed = told.iter().filter(|n| n.effector == 1 && n.what == What::Missed { axis: 3 });
+    let missed = told.iter().filter(|n| n.effector == 1 && n.what == NoteKind::Missed { axis: 3 });
     assert!(missed.count() >= 39);
     std::thread::sleep(Duration::from_millis(50));
     assert!(rig.seen.lock().unwrap().drives.iter().all(|drive| !drive.enabled));
@@ -297,7 +303,7 @@ fn a_line_pulled_out_is_named_and_both_arms_brake() {
 
 #[test]
 #[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
-fn a_controller_that_is_reset_is_found_out_and_both_arms_brake() {
+fn controller_reset_is_detected_and_arms_brake() {
     let faults = LineFaults {
         resets: vec![At { effector: 0, axis: 5, time: 0.2 }],
         ..LineFaults::default()
@@ -311,9 +317,11 @@ fn a_controller_that_is_reset_is_found_out_and_both_arms_brake() {
     assert!(rig.seen.lock().unwrap().drives.iter().all(|drive| !drive.enabled));
 }
 
+/// The bridge works on with answers that are missed or corrupt, and with datagrams that are lost or
+/// reordered.
 #[test]
 #[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
-fn missed_and_spoilt_answers_and_disordered_datagrams_are_lived_with() {
+fn bridge_tolerates_bad_answers_and_datagrams() {
     let faults = LineFaults {
         missed: 0.05,
         corrupt: 0.02,
@@ -337,10 +345,10 @@ fn missed_and_spoilt_answers_and_disordered_datagrams_are_lived_with() {
     let mut kinds = [0; 4];
     while let Ok(note) = from.pop() {
         match note.what {
-            What::Missed { .. } => kinds[0] += 1,
-            What::Impossible { .. } => kinds[1] += 1,
-            What::Lost { .. } => kinds[2] += 1,
-            What::Reordered => kinds[3] += 1,
+            NoteKind::Missed { .. } => kinds[0] += 1,
+            NoteKind::Impossible { .. } => kinds[1] += 1,
+            NoteKind::Lost { .. } => kinds[2] += 1,
+            NoteKind::Reordered => kinds[3] += 1,
             _ => {}
         }
     }
@@ -349,7 +357,7 @@ fn missed_and_spoilt_answers_and_disordered_datagrams_are_lived_with() {
 
 #[test]
 #[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
-fn a_sensor_that_falls_silent_reads_as_no_number_and_says_so() {
+fn silent_force_sensor_reads_nan_and_is_reported() {
     let faults = LineFaults {
         silenced: vec![At { effector: 1, axis: 0, time: 0.3 }],
         ..LineFaults::default()
@@ -367,17 +375,17 @@ fn a_sensor_that_falls_silent_reads_as_no_number_and_says_so() {
     .unwrap();
 
     let told = std::iter::from_fn(|| from.pop().ok());
-    assert!(told.into_iter().any(|n| n.effector == 1 && n.what == What::ForceSilent));
+    assert!(told.into_iter().any(|n| n.effector == 1 && n.what == NoteKind::ForceSilent));
 }
 
 #[test]
 #[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
-fn a_killed_emulator_ends_the_bridge_at_once_and_nothing_hangs() {
+fn bridge_ends_soon_after_killed_emulator() {
     let mut rig = Rig::start(2, EmulatorOptions::default());
     let mut port = rig.bridge(3, Notes::none());
     let mut readings = [ArmReading::default(); 2];
     for period in 0..20 {
-        // A loaded machine may miss answers here already: the rest is the same.
+        // A busy machine may miss three answers already here; the checks below are the same then.
         if port.exchange(period, &[on(20); 2], &mut readings).is_err() {
             break;
         }

@@ -1,6 +1,6 @@
-//! The framework by itself: actors around a plant, with a task of a few lines instead of the cube's.
+//! Tests of the framework without the cube: actors around a plant, with a task of a few lines.
 //!
-//! That such a task needs nothing of the project but its own kernel is what the first test shows.
+//! The first test shows that a new task needs no code of the project except its own kernel.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
@@ -36,7 +36,8 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 
-/// A new task: moves the joints of the first effector by so much, at half of the full speed.
+/// Task that moves the joints of the first effector by these distances (m, rad), at half of the
+/// full speed.
 struct Shift(JointPositions);
 
 impl Task for Shift {
@@ -66,7 +67,7 @@ impl Task for Shift {
     }
 }
 
-/// One effector without sensors, its actors and its plant.
+/// One effector without sensors, with its actors and its plant.
 struct Rig {
     mp: Mp,
     edp: EdpHandle,
@@ -80,11 +81,11 @@ struct Rig {
 const ONE_ARM: &str = "task = \"idle\"\ncamera = []\nvsp = []\n[[effector]]\nname = \"track\"\n";
 
 fn rig(coordination: Coordination) -> Rig {
-    rig_that_notes(coordination, |_| None)
+    rig_with_journal(coordination, |_| None)
 }
 
-/// The same with a journal, whose keeper may look at the plant.
-fn rig_that_notes(
+/// Makes a rig with a journal. `journal` gets the scene, so that its disk can observe the plant.
+fn rig_with_journal(
     coordination: Coordination,
     journal: impl FnOnce(&Arc<Mutex<Scene>>) -> Option<Journal>,
 ) -> Rig {
@@ -134,11 +135,11 @@ fn rig_that_notes(
     }
 }
 
-/// Waist and wrist, about a second of motion.
-const WAY: JointPositions = JointPositions([0.05, 0.2, 0.0, 0.0, 0.0, 0.1, -0.3]);
+/// Distances of the task: column and wrist, about a second of motion (rad; m on the track).
+const SHIFT: JointPositions = JointPositions([0.05, 0.2, 0.0, 0.0, 0.0, 0.1, -0.3]);
 
 impl Rig {
-    /// Where the plant has the tool.
+    /// Returns the pose of the tool in the plant.
     fn world_from_tool(&self) -> Pose {
         self.scene.lock().unwrap().arms[0].world_from_tool
     }
@@ -156,53 +157,55 @@ fn furthest(a: &JointPositions, b: &JointPositions) -> f64 {
     a.0.iter().zip(b.0).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
-/// An ending without error, and the arm's last state.
+/// Runs the task to its end; returns the ending and the set joints before and after.
 async fn whole_run(coordination: Coordination) -> (Ending, JointPositions, JointPositions) {
     let rig = rig(coordination);
     let from = rig.edp.state().await.unwrap().desired_joints;
-    let ending = rig.mp.run(&mut Shift(WAY)).await;
-    // The answer came two periods early.
+    let ending = rig.mp.run(&mut Shift(SHIFT)).await;
+    // The EDP answers two periods before the end of the motion.
     seconds(0.01).await;
     let to = rig.edp.state().await.unwrap();
     assert!(furthest(&to.joints, &to.desired_joints) < 0.02, "the arm follows its set values");
     (ending, from, to.desired_joints)
 }
 
+/// One effector without sensors runs a task that is not the cube's, under both schemes of
+/// coordination.
 #[tokio::test(start_paused = true)]
-async fn one_effector_without_sensors_carries_out_a_task_of_its_own_under_both_schemes() {
+async fn one_arm_runs_a_task_under_both_schemes() {
     for coordination in [Coordination::Sporadic, Coordination::Continuous] {
         let (ending, from, to) = whole_run(coordination).await;
 
         assert_eq!(ending.error, None);
         assert!(ending.finish.unwrap().achieved);
-        let wanted = JointPositions(std::array::from_fn(|i| from.0[i] + WAY.0[i]));
+        let wanted = JointPositions(std::array::from_fn(|i| from.0[i] + SHIFT.0[i]));
         assert!(furthest(&to, &wanted) < 1e-9, "{to:?} {wanted:?} {from:?}");
     }
 }
 
 #[tokio::test(start_paused = true)]
-async fn the_actors_end_when_nobody_needs_them() {
+async fn actors_end_with_their_last_handle() {
     let rig = rig(Coordination::Sporadic);
     let mut states = rig.edp.watch();
-    rig.mp.run(&mut Shift(WAY)).await;
+    rig.mp.run(&mut Shift(SHIFT)).await;
 
     drop(rig.edp);
 
-    // The EDP's end closes its watch; before, it may still publish.
+    // The EDP closes its watch when it ends; until then it may still publish.
     tokio::time::timeout(Duration::from_secs(1), async { while states.changed().await.is_ok() {} })
         .await
-        .expect("the EDP lives on");
+        .expect("the EDP does not end");
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_pause_brings_the_arm_to_rest_and_a_resume_takes_it_where_it_was_to_go() {
+async fn pause_stops_arm_and_resume_finishes_motion() {
     let (_, _, wanted) = whole_run(Coordination::Sporadic).await;
     let Rig { mp, edp, control, .. } = rig(Coordination::Sporadic);
-    let mission = tokio::spawn(async move { mp.run(&mut Shift(WAY)).await });
+    let mission = tokio::spawn(async move { mp.run(&mut Shift(SHIFT)).await });
     seconds(0.6).await;
 
     control.send_replace(Control::Paused);
-    // Not dead, which would trip a power stage, but within 0.6 s and a macrostep.
+    // The arm decelerates within 0.6 s and a macrostep: a sudden stop would trip a power stage.
     seconds(0.6 + 2.0 * 0.016).await;
     let stopped = edp.state().await.unwrap().desired_joints;
     seconds(2.0).await;
@@ -221,10 +224,10 @@ async fn a_pause_brings_the_arm_to_rest_and_a_resume_takes_it_where_it_was_to_go
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_terminate_in_mid_motion_ends_the_run_without_a_finish_and_without_an_error() {
+async fn terminate_ends_run_without_finish_or_error() {
     for coordination in [Coordination::Sporadic, Coordination::Continuous] {
         let Rig { mp, edp, control, mut notices, .. } = rig(coordination);
-        let mission = tokio::spawn(async move { mp.run(&mut Shift(WAY)).await });
+        let mission = tokio::spawn(async move { mp.run(&mut Shift(SHIFT)).await });
         seconds(0.6).await;
 
         control.send_replace(Control::Terminated);
@@ -235,12 +238,14 @@ async fn a_terminate_in_mid_motion_ends_the_run_without_a_finish_and_without_an_
         let stopped = edp.state().await.unwrap().desired_joints;
         seconds(1.0).await;
         assert_eq!(edp.state().await.unwrap().desired_joints, stopped);
-        assert!(notices.try_recv().is_err(), "it is the operator's will, not an error");
+        assert!(notices.try_recv().is_err(), "a terminate is not an error");
     }
 }
 
+/// The report of a refused command has its class, actor and place. The task decides how it
+/// continues.
 #[tokio::test(start_paused = true)]
-async fn a_refused_command_reaches_the_operator_with_class_actor_and_place_and_the_task_goes_on() {
+async fn operator_sees_refused_command_and_task_continues() {
     let mut rig = rig(Coordination::Sporadic);
     let beyond = JointPositions([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 20.0]);
 
@@ -260,16 +265,17 @@ async fn a_refused_command_reaches_the_operator_with_class_actor_and_place_and_t
         )
     };
     assert!(limit(&cause), "{cause}");
-    // The kernel was told and had the last word.
+    // The kernel received the trouble and finished the run itself.
     let finish = ending.finish.unwrap();
     assert!(!finish.achieved && finish.reason.contains("edp track"), "{}", finish.reason);
     assert_eq!(ending.error, None);
 }
 
+/// The operator gets the fatal error of the ending as a notice.
 #[tokio::test(start_paused = true)]
-async fn an_effector_that_fails_ends_the_run_with_a_fatal_error_that_the_operator_sees() {
+async fn failed_effector_ends_run_with_fatal_error() {
     let Rig { mp, edp, stop, mut notices, control: _control, .. } = rig(Coordination::Sporadic);
-    let mission = tokio::spawn(async move { mp.run(&mut Shift(WAY)).await });
+    let mission = tokio::spawn(async move { mp.run(&mut Shift(SHIFT)).await });
     seconds(0.6).await;
 
     stop.press();
@@ -282,15 +288,17 @@ async fn an_effector_that_fails_ends_the_run_with_a_fatal_error_that_the_operato
     assert_eq!((actor.as_str(), cause), ("edp track", &Fatal::Arm(ArmFault::EmergencyStop)));
     assert!(last.period > 0 && last.fault == Some(ArmFault::EmergencyStop));
     assert_eq!(ending.finish, None);
-    assert!(
-        matches!(notices.recv().await, Some(Notice::Error(_, told)) if Some(&told) == ending.error.as_ref())
-    );
+    assert!(matches!(
+        notices.recv().await,
+        Some(Notice::Error(_, told)) if Some(&told) == ending.error.as_ref()
+    ));
     let told = edp.state().await.unwrap_err().to_string();
     assert!(told.starts_with("fatal, edp track, state, period "), "{told}");
     assert!(told.ends_with(": emergency stop"), "{told}");
 }
 
-/// Moves with a velocity in one direction of a frame for one second and says how the plant's tool has moved.
+/// Moves with a velocity in one direction of a frame for one second; returns the pose of the tool
+/// in the plant before and after.
 async fn moved(rig: &Rig, frame: Frame, direction: usize, velocity: f64) -> (Pose, Pose) {
     let before = rig.world_from_tool();
     let mut directions = [Direction::HOLD; 6];
@@ -302,8 +310,10 @@ async fn moved(rig: &Rig, frame: Frame, direction: usize, velocity: f64) -> (Pos
     (before, rig.world_from_tool())
 }
 
+/// A velocity in the frame of the base moves the tool along the base, one in the frame of the tool
+/// along the tool.
 #[tokio::test(start_paused = true)]
-async fn the_absolute_mode_moves_along_the_base_and_the_relative_mode_along_the_tool() {
+async fn velocity_follows_the_axes_of_its_frame() {
     let rig = rig(Coordination::Sporadic);
     rig.hold(100).await;
     for direction in 0..3 {
@@ -317,13 +327,13 @@ async fn the_absolute_mode_moves_along_the_base_and_the_relative_mode_along_the_
         let way = after.translation.vector - before.translation.vector;
         assert!((way + before * unit * 0.01).norm() < 2e-4, "tool {direction}: {way}");
     }
-    // The two modes are not the same thing at this pose.
+    // The two frames differ at this pose; otherwise the test would prove little.
     let z = nalgebra::Vector3::z();
     assert!((rig.world_from_tool() * z - rig.world_from_base * z).norm() > 0.5);
 }
 
 #[tokio::test(start_paused = true)]
-async fn another_tool_frame_moves_no_arm_and_counts_from_then_on() {
+async fn tool_change_affects_only_later_motions() {
     let rig = rig(Coordination::Sporadic);
     let state = rig.hold(200).await;
     let before = rig.world_from_tool();
@@ -346,19 +356,20 @@ async fn another_tool_frame_moves_no_arm_and_counts_from_then_on() {
     assert!((point(after) - point(before)).norm() < 5e-4);
 }
 
-/// Nobody asks the arm for anything in a pause, and yet its stop is told at once, and outranks a later end.
+/// During a pause no request to the arm is open. The emergency stop nevertheless ends the run, and
+/// the operator gets one notice of it.
 #[tokio::test(start_paused = true)]
-async fn an_emergency_stop_in_a_pause_is_told_and_outranks_the_operators_end() {
+async fn emergency_stop_in_pause_ends_run_at_once() {
     for coordination in [Coordination::Sporadic, Coordination::Continuous] {
         let Rig { mp, control, stop, mut notices, .. } = rig(coordination);
-        let mission = tokio::spawn(async move { mp.run(&mut Shift(WAY)).await });
+        let mission = tokio::spawn(async move { mp.run(&mut Shift(SHIFT)).await });
         tokio::time::sleep(Duration::from_millis(500)).await;
         control.send_replace(Control::Paused);
         tokio::time::sleep(Duration::from_secs(2)).await;
         stop.press();
         tokio::time::sleep(Duration::from_millis(200)).await;
 
-        assert!(mission.is_finished(), "the stop is not noticed before the pause ends");
+        assert!(mission.is_finished(), "the stop is not detected before the pause ends");
         let ending = mission.await.unwrap();
         assert!(matches!(ending.error, Some(Error::Fatal { .. })), "{ending:?}");
         let told = std::iter::from_fn(|| notices.try_recv().ok());
@@ -366,10 +377,10 @@ async fn an_emergency_stop_in_a_pause_is_told_and_outranks_the_operators_end() {
     }
 }
 
-/// A task that is noted before each of its actions.
-struct Noted<T>(T);
+/// Task with an entry in the journal before each of its actions.
+struct Journaled<T>(T);
 
-impl<T: Task> Task for Noted<T> {
+impl<T: Task> Task for Journaled<T> {
     type Thought = T::Thought;
     type Conclusion = T::Conclusion;
 
@@ -386,14 +397,14 @@ impl<T: Task> Task for Noted<T> {
     }
 }
 
-/// A disk that notes where the tool is when something is kept.
+/// Disk that records the pose of the tool at each write.
 #[derive(Debug)]
-struct Looks {
+struct SceneProbe {
     scene: Arc<Mutex<Scene>>,
     seen: Arc<Mutex<Vec<Pose>>>,
 }
 
-impl Durable for Looks {
+impl Durable for SceneProbe {
     fn append(&mut self, _: &[u8]) -> io::Result<()> {
         let tool = self.scene.lock().unwrap().arms[0].world_from_tool;
         self.seen.lock().unwrap().push(tool);
@@ -402,20 +413,20 @@ impl Durable for Looks {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_is_noted_is_kept_before_the_motion_that_it_announces() {
+async fn journal_is_written_before_motion_begins() {
     for coordination in [Coordination::Sporadic, Coordination::Continuous] {
         let seen = Arc::new(Mutex::new(Vec::new()));
-        let rig = rig_that_notes(coordination, |scene| {
-            let looks = Looks { scene: Arc::clone(scene), seen: Arc::clone(&seen) };
+        let rig = rig_with_journal(coordination, |scene| {
+            let looks = SceneProbe { scene: Arc::clone(scene), seen: Arc::clone(&seen) };
             Some(Journal::kept_by(Path::new("journal"), Box::new(looks)))
         });
         let scene = Arc::clone(&rig.scene);
         let place = || scene.lock().unwrap().arms[0].world_from_tool.translation.vector;
-        // It sags as the servo begins.
+        // The arm sags when the servo begins.
         seconds(0.2).await;
         let before = place();
 
-        let ending = rig.mp.run(&mut Noted(Shift(WAY))).await;
+        let ending = rig.mp.run(&mut Journaled(Shift(SHIFT))).await;
 
         assert!(ending.finish.unwrap().achieved);
         let after = place();
@@ -429,7 +440,7 @@ async fn what_is_noted_is_kept_before_the_motion_that_it_announces() {
     }
 }
 
-/// A disk that takes its time, and may be full then.
+/// Disk whose writes take a while, and fail at the end if it is full.
 #[derive(Debug)]
 struct Slow {
     takes: Duration,
@@ -443,7 +454,7 @@ impl Durable for Slow {
     }
 }
 
-/// Goes through a phase, and has finished.
+/// Task with one phase and no motion.
 struct Phase;
 
 impl Task for Phase {
@@ -462,8 +473,10 @@ impl Task for Phase {
     }
 }
 
+/// Only the phase that the entry announces waits for a slow disk; the other actors continue. A full
+/// disk stops no actor: the operator gets one warning.
 #[tokio::test]
-async fn a_slow_disk_stops_nobody_but_who_waits_for_it_and_a_full_one_nobody_at_all() {
+async fn slow_or_full_disk_stops_no_other_actor() {
     let takes = Duration::from_secs(1);
     for full in [false, true] {
         let (control, will) = watch::channel(Control::Running);
@@ -496,16 +509,16 @@ async fn a_slow_disk_stops_nobody_but_who_waits_for_it_and_a_full_one_nobody_at_
             told
         });
 
-        let ending = mp.run(&mut Noted(Phase)).await;
+        let ending = mp.run(&mut Journaled(Phase)).await;
 
         beats.abort();
         drop(control);
         assert!(ending.finish.unwrap().achieved);
         let longest = *longest.lock().unwrap();
-        assert!(longest < takes / 2, "the heart stood still for {longest:?}");
+        assert!(longest < takes / 2, "no heartbeat for {longest:?}");
         let told = told.await.unwrap();
         let phase = told.iter().find(|(_, text)| text.contains("begins")).unwrap();
-        assert!(phase.0 >= takes, "it began before it was noted: {told:?}");
+        assert!(phase.0 >= takes, "the phase began before its journal entry: {told:?}");
         let warned: Vec<_> = told
             .iter()
             .filter(|(_, text)| text.contains("the journal cannot be written"))

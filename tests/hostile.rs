@@ -1,11 +1,13 @@
-//! Hostile input: what comes from outside may be anything, and nothing of it panics, hangs or takes unbounded memory.
+//! Tests of all readers of outside data with hostile input: none panics, hangs or takes unbounded
+//! memory.
 //!
-//! Each kind has a corpus of hard cases in `tests/corpus/KIND`, and a property over random bytes, over its own corpus
-//! spoilt in places, and over text of its own alphabet. Every input is limited in memory (counted by the allocator)
-//! and in time (a watchdog names the input that hangs).
+//! Each kind of input has hard cases in `tests/corpus/KIND` and a property. The property draws
+//! random bytes, files of the corpus with corruptions, and text from an alphabet of the kind. The
+//! allocator counts the memory of each input, and a watchdog names an input that hangs.
 //!
-//! `HOSTILE_CASES=100000 PROPTEST_RNG_SEED=$RANDOM cargo test --release --test hostile` looks longer, and so does
-//! `HOSTILE_SECONDS=60`, for so long in each kind and with ever other seeds. What is found is written into the corpus.
+//! `HOSTILE_CASES=100000 PROPTEST_RNG_SEED=$RANDOM cargo test --release --test hostile` searches
+//! longer. `HOSTILE_SECONDS=60` searches each kind for 60 s, with new seeds all the time. The
+//! search writes an input that fails into the corpus.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
@@ -13,7 +15,7 @@ use proptest::prelude::*;
 use rubik_robot::campaign::page;
 use rubik_robot::campaign::state::State;
 use rubik_robot::campaign::tally::Tally;
-use rubik_robot::campaign::vary::Vary;
+use rubik_robot::campaign::vary::Variations;
 use rubik_robot::cli::cubes::measured_squares;
 use rubik_robot::cli::evaluate::evaluate;
 use rubik_robot::cube::{Cube, Facelets, after_moves, parse_moves, parse_turns};
@@ -35,7 +37,7 @@ use rubik_robot::record::reading::{Piece, Reading};
 use rubik_robot::record::{recover_file, report};
 use rubik_robot::scenario::{self, Override};
 use rubik_robot::servo::io::{ArmDrive, ArmReading};
-use rubik_robot::tasks::panel::{Bench, Panel};
+use rubik_robot::tasks::panel::{ArmLimits, Panel};
 use rubik_robot::tasks::{Action, Event, Forces, Readings, Task as _, Until};
 use rubik_robot::vision::colours::decide_cube;
 use rubik_robot::web;
@@ -47,20 +49,20 @@ use std::time::Duration;
 mod memory;
 mod search;
 
-/// Memory that an input may take beside itself [bytes].
+/// Memory that a reader may take beside its input (bytes).
 const MEMORY: usize = 256 << 20;
-/// Time that an input may take.
+/// Time that a reader may take.
 const TIME: Duration = Duration::from_secs(10);
 
-/// Gives an input of a file to a reader under all limits.
+/// Gives an input from a file to a reader, with limits of memory and time.
 fn give(name: &str, input: &[u8], read: &dyn Fn(&[u8])) {
-    limited(Input::named(name), name, input, read);
+    limited(Input::by_name(name), name, input, read);
 }
 
-/// Gives an input that was made up to a reader under all limits.
+/// Gives a generated input to a reader, with limits of memory and time.
 fn give_found(kind: &'static str, input: &[u8], read: &dyn Fn(&[u8])) {
     let bytes = input.to_vec();
-    limited(Input::found(kind, move || bytes.clone()), kind, input, read);
+    limited(Input::generated(kind, move || bytes.clone()), kind, input, read);
 }
 
 fn limited(told: Input, name: &str, input: &[u8], read: &dyn Fn(&[u8])) {
@@ -77,19 +79,19 @@ fn corpus(kind: &str) -> Vec<(String, Vec<u8>)> {
     files.into_iter().map(|p| (p.display().to_string(), std::fs::read(&p).unwrap())).collect()
 }
 
-/// What a corpus's file becomes when it is spoilt.
+/// Corruption of a file: places are taken modulo its length.
 #[derive(Debug, Clone)]
-enum Spoil {
+enum Corruption {
     Cut(usize),
     Flip(usize, u8),
     Insert(usize, Vec<u8>),
     Remove(usize, usize),
     Double(usize, usize),
-    /// One of the text's numbers becomes another.
+    /// Replaces one of the text's numbers by another.
     Number(usize, &'static str),
 }
 
-/// Numbers that somebody did not think of.
+/// Numbers at the ends of their types, and words in place of numbers.
 const NUMBERS: [&str; 20] = [
     "0",
     "-0.0",
@@ -113,7 +115,7 @@ const NUMBERS: [&str; 20] = [
     "null",
 ];
 
-/// Where the numbers of a text begin and end.
+/// Returns the ranges of the numbers in a text.
 fn numbers(bytes: &[u8]) -> Vec<std::ops::Range<usize>> {
     let mut found = Vec::new();
     let mut at = 0;
@@ -129,48 +131,48 @@ fn numbers(bytes: &[u8]) -> Vec<std::ops::Range<usize>> {
     found
 }
 
-fn spoils() -> impl Strategy<Value = Vec<Spoil>> {
+fn corruptions() -> impl Strategy<Value = Vec<Corruption>> {
     let at = 0..100_000usize;
     let one = prop_oneof![
-        at.clone().prop_map(Spoil::Cut),
-        (at.clone(), any::<u8>()).prop_map(|(at, bit)| Spoil::Flip(at, bit)),
+        at.clone().prop_map(Corruption::Cut),
+        (at.clone(), any::<u8>()).prop_map(|(at, bit)| Corruption::Flip(at, bit)),
         (at.clone(), proptest::collection::vec(any::<u8>(), 1..20))
-            .prop_map(|(at, bytes)| Spoil::Insert(at, bytes)),
-        (at.clone(), 1..50usize).prop_map(|(at, n)| Spoil::Remove(at, n)),
-        (at.clone(), 1..200usize).prop_map(|(at, n)| Spoil::Double(at, n)),
-        (at, proptest::sample::select(&NUMBERS[..])).prop_map(|(at, n)| Spoil::Number(at, n)),
+            .prop_map(|(at, bytes)| Corruption::Insert(at, bytes)),
+        (at.clone(), 1..50usize).prop_map(|(at, n)| Corruption::Remove(at, n)),
+        (at.clone(), 1..200usize).prop_map(|(at, n)| Corruption::Double(at, n)),
+        (at, proptest::sample::select(&NUMBERS[..])).prop_map(|(at, n)| Corruption::Number(at, n)),
     ];
     proptest::collection::vec(one, 1..4)
 }
 
-fn spoilt(bytes: &[u8], spoils: &[Spoil]) -> Vec<u8> {
+fn corrupted(bytes: &[u8], corruptions: &[Corruption]) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
-    for spoil in spoils {
+    for corruption in corruptions {
         let place = |at: usize| at % (bytes.len() + 1);
-        match spoil {
-            Spoil::Cut(at) => bytes.truncate(place(*at)),
-            Spoil::Flip(at, bits) => {
+        match corruption {
+            Corruption::Cut(at) => bytes.truncate(place(*at)),
+            Corruption::Flip(at, bits) => {
                 let at = place(*at);
                 if let Some(byte) = bytes.get_mut(at) {
                     *byte ^= bits;
                 }
             }
-            Spoil::Insert(at, more) => {
+            Corruption::Insert(at, more) => {
                 let at = place(*at);
                 bytes.splice(at..at, more.iter().copied());
             }
-            Spoil::Remove(at, n) => {
+            Corruption::Remove(at, n) => {
                 let at = place(*at);
                 let end = (at + n).min(bytes.len());
                 bytes.drain(at..end);
             }
-            Spoil::Double(at, n) => {
+            Corruption::Double(at, n) => {
                 let at = place(*at);
                 let end = (at + n).min(bytes.len());
                 let again = bytes[at..end].to_vec();
                 bytes.splice(at..at, again);
             }
-            Spoil::Number(at, number) => {
+            Corruption::Number(at, number) => {
                 let all = numbers(&bytes);
                 if !all.is_empty() {
                     bytes.splice(all[at % all.len()].clone(), number.bytes());
@@ -181,12 +183,13 @@ fn spoilt(bytes: &[u8], spoils: &[Spoil]) -> Vec<u8> {
     bytes
 }
 
-/// The corpus, then random bytes, spoilt files and text of an alphabet.
+/// Gives a reader the corpus, then random bytes, corrupted files and text of an alphabet.
 fn hostile(kind: &'static str, alphabet: &str, cases: u32, read: &dyn Fn(&[u8])) {
     hostile_to(kind, alphabet, cases, Vec::new(), |bytes| bytes, read);
 }
 
-/// With more files that are spoilt; half of what is spoilt is mended then, so that it gets past the checksums.
+/// Gives a reader the inputs of [`hostile`], with further files in the corpus. `mend` restores the
+/// checksums of half of the corrupted files, so that they reach the code behind the check.
 fn hostile_to(
     kind: &'static str,
     alphabet: &str,
@@ -205,8 +208,8 @@ fn hostile_to(
         .prop_map(|letters| letters.into_iter().collect::<String>().into_bytes());
     let random = proptest::collection::vec(any::<u8>(), 0..400);
     let of_corpus =
-        (0..files.len(), spoils(), any::<bool>()).prop_map(move |(at, spoils, mends)| {
-            let bytes = spoilt(&files[at].1, &spoils);
+        (0..files.len(), corruptions(), any::<bool>()).prop_map(move |(at, corruptions, mends)| {
+            let bytes = corrupted(&files[at].1, &corruptions);
             if mends { mend(bytes) } else { bytes }
         });
     let inputs = prop_oneof![1 => words, 1 => random, 3 => of_corpus];
@@ -218,14 +221,14 @@ fn text(bytes: &[u8]) -> String {
 }
 
 #[test]
-fn scenario_files() {
+fn malformed_scenario_files_do_not_panic() {
     let letters = "[]{}=\"'.,#\n abcetxy0123456789-_+einf";
     hostile("scenario", letters, 300, &|bytes| {
         let text = text(bytes);
         if let Err(faults) = scenario::read(Path::new("hostile.toml"), &text, &[]) {
             assert!(!faults.to_string().is_empty());
         }
-        // The same bytes as an option of the command line.
+        // An option of the command line may have the same text.
         if let Ok(over) = Override::parse(&text) {
             let _ = scenario::read(Path::new("t.toml"), "", &[over]);
         }
@@ -233,10 +236,10 @@ fn scenario_files() {
 }
 
 #[test]
-fn files_of_what_is_drawn() {
+fn malformed_variation_files_do_not_panic() {
     let letters = "[]{}=\"., \nuniformwhleabc0123456789-_e";
     hostile("vary", letters, 1000, &|bytes| {
-        if let Ok(vary) = Vary::read(Path::new("hostile.toml"), &text(bytes)) {
+        if let Ok(vary) = Variations::read(Path::new("hostile.toml"), &text(bytes)) {
             for seed in [0, 1, u64::MAX] {
                 let drawn = vary.draw(seed);
                 assert_eq!(drawn, vary.draw(seed));
@@ -247,10 +250,10 @@ fn files_of_what_is_drawn() {
 }
 
 #[test]
-fn facelets() {
+fn malformed_facelets_do_not_panic() {
     hostile("facelets", "URFDLBurfdlb x", 3000, &|bytes| {
         if let Ok(facelets) = text(bytes).parse::<Facelets>() {
-            // Whatever can be read is either a cube or is refused with a reason.
+            // Facelets that can be read are a cube, or a refusal names the reason.
             if let Err(why) = Cube::try_from(facelets) {
                 assert!(!why.to_string().is_empty() && why.places().len() <= 54);
             }
@@ -259,7 +262,7 @@ fn facelets() {
 }
 
 #[test]
-fn scrambles() {
+fn malformed_scrambles_do_not_panic() {
     hostile("scramble", "URFDLBMESxyzw23'\u{2019} ", 2000, &|bytes| {
         let text = text(bytes);
         let _ = parse_turns(&text);
@@ -269,7 +272,8 @@ fn scrambles() {
     });
 }
 
-/// A recording whose checksums are 0, which is none: what was spoilt would end at the first of them.
+/// Sets all checksums of a recording to 0, which means none. Otherwise the reader would stop at the
+/// first checksum after a corruption.
 fn without_checksums(mut bytes: Vec<u8>) -> Vec<u8> {
     let mut at = 8;
     while let Some(head) = bytes.get(at..at + 9) {
@@ -279,7 +283,8 @@ fn without_checksums(mut bytes: Vec<u8>) -> Vec<u8> {
         let Some(end) = usize::try_from(length).ok().and_then(|n| begin.checked_add(n)) else {
             break;
         };
-        // Of a chunk, the end of the data, the footer; of an attachment at its end.
+        // Checksums of a chunk, of the end of the data, of the footer, and at the end of an
+        // attachment.
         let sum = match kind {
             0x06 => begin + 24,
             0x0F => begin,
@@ -295,7 +300,7 @@ fn without_checksums(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
-/// The beginning of a recording, its chunks as they are before compression.
+/// Returns the first 400 pieces of a recording, in chunks without compression.
 fn plain(recording: &[u8]) -> Vec<u8> {
     let options = mcap::WriteOptions::new().compression(None).chunk_size(Some(4000));
     let mut writer = options.create(std::io::Cursor::new(Vec::new())).unwrap();
@@ -334,7 +339,7 @@ fn plain(recording: &[u8]) -> Vec<u8> {
 }
 
 #[test]
-fn recordings() {
+fn malformed_recordings_do_not_panic() {
     let idle =
         [env!("CARGO_MANIFEST_DIR"), "tests/corpus/mcap/idle.mcap"].iter().collect::<PathBuf>();
     let whole = std::fs::read(idle).unwrap();
@@ -345,12 +350,12 @@ fn recordings() {
     assert_eq!(
         Reading::new(without_checksums(plain.clone()).as_slice()).count(),
         Reading::new(plain.as_slice()).count(),
-        "what is mended is read whole"
+        "a repaired file is read whole"
     );
     let alphabet = "\u{89}MCAP0\r\n\u{1}\u{2}\u{6}";
     hostile_to("mcap", alphabet, 400, vec![plain], without_checksums, &|bytes| {
         let mut reading = Reading::new(bytes);
-        // A piece costs at least a byte.
+        // Each piece takes at least a byte, so the reader ends.
         assert!(reading.by_ref().take(bytes.len() + 10).count() < bytes.len() + 10);
         assert!(reading.end().is_some());
         if let Ok(story) = report::gather(bytes) {
@@ -361,7 +366,7 @@ fn recordings() {
 }
 
 #[test]
-fn a_long_schema_of_many_channels_is_kept_once() {
+fn long_schema_of_many_channels_is_kept_once() {
     let text = |bytes: &[u8]| [&(bytes.len() as u32).to_le_bytes(), bytes].concat();
     let record = |opcode: u8, parts: &[&[u8]]| {
         let body = parts.concat();
@@ -383,35 +388,35 @@ fn a_long_schema_of_many_channels_is_kept_once() {
 }
 
 #[test]
-fn state_files_of_campaigns() {
+fn malformed_campaign_states_do_not_panic() {
     hostile("state", "{}[]\":,\n seedvrictphaonu0123456789.", 1500, &|bytes| {
         if let Ok(state) = State::read(bytes) {
             assert!(state.whole as usize <= bytes.len());
             assert!(state.results.keys().all(|seed| state.header.holds(*seed)));
-            // What was read whole is read again the same.
+            // The part without faults gives the same results by itself.
             let again = State::read(&bytes[..state.whole as usize]).unwrap();
             assert_eq!(again.results.len(), state.results.len());
-            // What `merge` tells of it.
+            // The command `merge` makes these reports of it.
             let (mut whole, shards) = (state.clone(), [state.header.shard]);
-            let lacking = whole.whole_of(&shards);
+            let missing = whole.missing_shards(&shards);
             for tally in [Tally::of(&state), Tally::of(&whole)] {
                 assert!(tally.is_complete() || tally.runs() < tally.asked);
                 assert!(tally.json().is_object() && !tally.table().is_empty());
                 assert!(!page::page(&tally, Some(0.9)).contains("<script"));
             }
-            assert!(lacking.to_string().len() < 2000);
+            assert!(missing.to_string().len() < 2000);
         }
     });
 }
 
 #[test]
-fn journals() {
+fn malformed_journals_do_not_panic() {
     let path = std::env::temp_dir().join(format!("rubik-hostile-{}", std::process::id()));
     hostile("journal", "{}[]\":,\n doinghelOT0123456789.", 500, &|bytes| {
         std::fs::write(&path, bytes).unwrap();
         if let Ok(Some(entry)) = Journal::last(&path) {
-            // Whatever was noted last is noted last again behind what a crash left, or stays so where it grows too long with
-            // what it leaves out.
+            // The last entry can be written behind the remains of a crash, and is the last one
+            // again. An entry that would become too long is refused and stays the last.
             match Journal::open(&path, true).unwrap().write(&entry) {
                 Ok(()) => {}
                 Err(why) => assert_eq!(why.kind(), std::io::ErrorKind::InvalidInput),
@@ -423,7 +428,7 @@ fn journals() {
 }
 
 #[test]
-fn frames_on_serial_lines() {
+fn malformed_serial_frames_do_not_panic() {
     let drive = AxisDrive {
         enabled: true,
         width: 30,
@@ -461,7 +466,7 @@ fn frames_on_serial_lines() {
 }
 
 #[test]
-fn datagrams() {
+fn malformed_datagrams_do_not_panic() {
     hostile("udp", "\0\u{1}\u{7f}", 3000, &|bytes| {
         let _ = start_request(bytes);
         let mut sequence = Sequence::default();
@@ -476,30 +481,31 @@ fn datagrams() {
 }
 
 #[test]
-fn messages_of_pages() {
+fn malformed_page_messages_do_not_panic() {
     let page = "{}[]\":,commandseatxirsuwgphy0123456789.-e";
     let (ui, run) = Desk::default().ends();
     let inputs = RefCell::new(run.take_inputs().unwrap());
     let panel = RefCell::new(panel());
     hostile("websocket", page, 3000, &|bytes| {
-        // A socket obeys a text of a page that commands.
+        // The socket passes a command of the page on to the desk.
         let text = text(bytes);
         let refused = web::obey(&text, &ui);
         assert!(refused.as_ref().is_none_or(|why| why.len() < 200));
-        // The queue is emptied, so that the next text finds room. The run takes what the text said.
+        // The run receives the input that the text describes. Emptying the queue makes room for the
+        // next text.
         let mut said = input_of(&text);
         while let Ok(input) = inputs.borrow_mut().try_recv() {
             assert_eq!(said.take().as_ref(), Some(&input), "{text}");
             ordered(&mut panel.borrow_mut(), &input);
         }
-        // A text with two commands is none.
+        // A text with two commands counts as no command.
         let lost = said.is_some() && refused.is_none() && text.matches("command").count() == 1;
         assert!(!lost, "the run has not received it: {text}");
     });
 }
 
-/// Returns the input that a page's text says, read without the socket's own types: the arguments
-/// beside the name become those below the name, as in a recording.
+/// Returns the input that a page's text describes, read without the types of the socket. The
+/// arguments beside the name move below the name, as in a recording.
 fn input_of(text: &str) -> Option<operator::Input> {
     let mut message: serde_json::Map<String, serde_json::Value> =
         serde_json::from_str(text).ok()?;
@@ -508,15 +514,15 @@ fn input_of(text: &str) -> Option<operator::Input> {
     serde_json::from_value(with_arguments).or_else(|_| serde_json::from_value(name.into())).ok()
 }
 
-/// Returns a panel that waits for an order, for two arms: one with an axis 0, one without.
+/// Returns a panel that waits for an order to one of two arms: one with an axis 0, one without.
 fn panel() -> Panel {
-    let bench = |has_track| Bench {
+    let limits = |has_track| ArmLimits {
         has_track,
         poses: vec![("front".to_owned(), JointPositions([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6]))],
         opening: (0.04, 0.09),
         grip: 40.0,
     };
-    let mut panel = Panel::new(vec![bench(true), bench(false)]);
+    let mut panel = Panel::new(vec![limits(true), limits(false)]);
     assert!(matches!(answered(&mut panel, Event::Start), Action::Phase(_)));
     assert_eq!(answered(&mut panel, Event::Done), Action::Await);
     panel
@@ -528,8 +534,9 @@ fn answered(panel: &mut Panel, event: Event<()>) -> Action<()> {
     panel.next(event, &Readings { arms: &arms, forces: Forces::default() })
 }
 
-/// Checks what a waiting panel makes of an order: only existing arms move, to existing places, no
-/// farther than one order goes, and a refusal has its reason. The panel waits again afterwards.
+/// Checks the action of a waiting panel for an order: only existing arms move, to existing places,
+/// at most by the limit of one order, and a refusal has its reason. Afterwards the panel waits
+/// again.
 fn ordered(panel: &mut Panel, input: &operator::Input) {
     assert!(!input.describe().is_empty());
     let operator::Input::Manual { effector, order } = input else { return };
@@ -567,7 +574,7 @@ fn ordered(panel: &mut Panel, input: &operator::Input) {
 }
 
 #[test]
-fn orders_to_the_arms() {
+fn malformed_manual_orders_do_not_panic() {
     let number = || prop_oneof![-1.0..1.0, -100.0..100.0, proptest::num::f64::ANY];
     let index = || prop_oneof![4 => 0..8usize, 1 => any::<usize>()];
     let step = move || (index(), number()).prop_map(|(axis, by)| Step { axis, by });
@@ -585,7 +592,8 @@ fn orders_to_the_arms() {
     let choice = index().prop_map(|option| Answer::Choice { option });
     let answer = (any::<u64>(), prop_oneof![choice, Just(Answer::Declined)]);
     let inputs = prop_oneof![
-        6 => (effector, order).prop_map(|(effector, order)| operator::Input::Manual { effector, order }),
+        6 => (effector, order)
+            .prop_map(|(effector, order)| operator::Input::Manual { effector, order }),
         1 => number().prop_map(|factor| operator::Input::Speed { factor }),
         1 => number().prop_map(|time| operator::Input::Seek { time }),
         1 => answer.prop_map(|(question, answer)| operator::Input::Answer { question, answer }),
@@ -593,7 +601,7 @@ fn orders_to_the_arms() {
     let (ui, run) = Desk::default().ends();
     let taken = RefCell::new(run.take_inputs().unwrap());
     let panel = RefCell::new(panel());
-    // A number that is none cannot be written: what is found is kept as near as can be.
+    // JSON has no NaN: the corpus keeps an input with NaN as one with `null`.
     search::search("websocket", 3000, &inputs, page_message, |input| {
         give_found("websocket", &page_message(&input), &|bytes| {
             ordered(&mut panel.borrow_mut(), &input);
@@ -614,7 +622,7 @@ fn page_message(input: &operator::Input) -> Vec<u8> {
     serde_json::to_vec(&message).unwrap()
 }
 
-/// A folder of its own, which is removed.
+/// Temporary folder of one test, removed at its end.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -633,12 +641,12 @@ impl Drop for Folder {
 }
 
 #[test]
-fn states_of_plants() {
+fn malformed_plant_states_do_not_panic() {
     let folder = [env!("CARGO_MANIFEST_DIR"), "scenarios/solve.toml"].iter().collect::<PathBuf>();
     let cell = scenario::load(&folder, &[]).unwrap().controller.cell;
     let plant = Plant::new(PlantConfig::new(cell.clone()), 1).unwrap();
     let own = serde_json::to_value(plant.saved()).unwrap();
-    // The corpus has states of other plants: each becomes one of this.
+    // The corpus has states of other plants. A new identity makes each a state of this plant.
     let identity = own["identity"].clone();
     let read = |bytes: &[u8]| {
         let owned = serde_json::from_slice::<serde_json::Value>(bytes).ok().map(|mut state| {
@@ -657,7 +665,7 @@ fn states_of_plants() {
             }
             let _ = (plant.scene(), plant.verdict());
         }
-        // Whatever became of it can be kept, and taken up again or refused.
+        // The state after these periods can be saved; reading it may succeed or be refused.
         let _ = Saved::parse(&serde_json::to_vec(&plant.saved()).unwrap());
     };
     let own = own.to_string().into_bytes();
@@ -667,14 +675,14 @@ fn states_of_plants() {
 }
 
 #[test]
-fn files_of_devices() {
+fn malformed_device_files_do_not_panic() {
     let folder = Folder::new("devices");
     let path = folder.0.join("devices.toml");
     hostile("devices", "[]{}=\"., \neffectornamsdvi0123456789-_", 1000, &|bytes| {
         std::fs::write(&path, bytes).unwrap();
         match Devices::load(&path) {
             Ok(devices) => {
-                // What is read can be written down, and is the same then.
+                // A file that can be read is unchanged after it is written and read again.
                 let text = devices.text().unwrap();
                 std::fs::write(&path, &text).unwrap();
                 assert_eq!(Devices::load(&path).unwrap().text().unwrap(), text);
@@ -690,7 +698,7 @@ fn files_of_devices() {
 }
 
 #[test]
-fn servo_profiles() {
+fn malformed_servo_profiles_do_not_panic() {
     let folder = Folder::new("servo");
     let text = "task = \"idle\"\n[[effector]]\nname = \"track\"\nservo_profile = \"own.toml\"\n";
     hostile("servo", "[]{}=\"., \naxisgnjwmtrp_0123456789-einf", 500, &|bytes| {
@@ -702,7 +710,7 @@ fn servo_profiles() {
 }
 
 #[test]
-fn measured_colours() {
+fn malformed_measured_colours_do_not_panic() {
     hostile("colours", "{}[]\":, 0123456789.-e", 1000, &|bytes| {
         if let Ok(squares) = measured_squares(&text(bytes))
             && let Ok(decision) = decide_cube(&squares)
@@ -714,7 +722,7 @@ fn measured_colours() {
 }
 
 #[test]
-fn manifests_of_pictures() {
+fn malformed_picture_manifests_do_not_panic() {
     let folder = Folder::new("manifest");
     let grey = image::RgbImage::from_pixel(24, 24, image::Rgb([90, 90, 90]));
     grey.save(folder.0.join("grey.png")).unwrap();

@@ -1,8 +1,10 @@
-//! What the servo's thread does once it runs: no allocation, no wait for a lock, and no system call but the sleep and the
-//! wake-up of the bridge. Each proof has a positive control: the same thread with a sink that does the forbidden thing.
+//! Test of the servo's thread in real time: no allocation, no wait for a lock, and no system call
+//! except the sleep and the wake-up of the bridge.
 //!
-//! The thread is watched from within, by the record sink that it calls in each period: the allocator counts for
-//! threads that are marked, and a seccomp filter turns each system call that is not on its list into a signal.
+//! The record sink runs on this thread in each period and reads two counters. The allocator counts
+//! the calls of marked threads. A seccomp filter turns each system call that is not on its list
+//! into a signal. A positive control for each check runs the same thread with a sink that breaks
+//! the rule.
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test")]
 #![allow(unsafe_code, reason = "an allocator, a signal handler and a system call filter")]
 
@@ -29,10 +31,10 @@ thread_local! {
 }
 static ALLOCATIONS: AtomicU64 = AtomicU64::new(0);
 static CALLS: AtomicU64 = AtomicU64::new(0);
-/// A lock that somebody else holds half of the time.
+/// Lock that another thread holds half of the time.
 static LOCK: Mutex<()> = Mutex::new(());
 
-/// The system's allocator, counting what marked threads ask of it.
+/// The system's allocator with a count of the calls of marked threads.
 struct Counting;
 
 fn count() {
@@ -41,7 +43,7 @@ fn count() {
     }
 }
 
-// SAFETY: everything is handed on to the system's allocator.
+// SAFETY: each call goes to the system's allocator.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         count();
@@ -63,18 +65,20 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// What the sink does in the servo's thread beside looking.
+/// Forbidden action of the sink on the servo's thread, as a positive control.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Sin {
+enum Violation {
     None,
     Allocates,
     AsksTheSystem,
     WaitsForALock,
 }
 
-/// Marks the thread in the first period, and notes in each what it has asked for since.
+/// Sink that marks its thread in the first period, and in each period publishes the counts since
+/// then.
 struct Watch {
-    sin: Sin,
+    violation: Violation,
+    /// Allocations, system calls, records.
     seen: Arc<[AtomicU64; 3]>,
     armed: bool,
 }
@@ -87,12 +91,12 @@ impl RecordSink for Watch {
             filter_system_calls();
         }
         if record.period.is_multiple_of(10) {
-            match self.sin {
-                Sin::None => {}
-                Sin::Allocates => drop(std::hint::black_box(Box::new(record.period))),
-                // SAFETY: it only answers.
-                Sin::AsksTheSystem => drop(unsafe { libc::getppid() }),
-                Sin::WaitsForALock => drop(LOCK.lock()),
+            match self.violation {
+                Violation::None => {}
+                Violation::Allocates => drop(std::hint::black_box(Box::new(record.period))),
+                // SAFETY: the call has no arguments and changes nothing.
+                Violation::AsksTheSystem => drop(unsafe { libc::getppid() }),
+                Violation::WaitsForALock => drop(LOCK.lock()),
             }
         }
         self.seen[0].store(ALLOCATIONS.load(Ordering::Relaxed), Ordering::Relaxed);
@@ -105,8 +109,8 @@ extern "C" fn forbidden(_: libc::c_int) {
     CALLS.fetch_add(1, Ordering::Relaxed);
 }
 
-/// From now on the calling thread gets SIGSYS for every system call that a period has no need of. What ends a
-/// thread stays allowed: the filter cannot be taken off again.
+/// Installs a filter on the calling thread: each system call that a period does not need raises
+/// SIGSYS. The calls that end a thread stay allowed, because a filter cannot be removed.
 fn filter_system_calls() {
     let allowed = [
         libc::SYS_clock_nanosleep,
@@ -124,7 +128,7 @@ fn filter_system_calls() {
     ];
     let statement =
         |code: u32, jt: u8, jf: u8, k: u32| libc::sock_filter { code: code as u16, jt, jf, k };
-    // A futex may wake another thread, never wait for one: that is what a contended lock does.
+    // A futex may wake another thread but never wait for one, as a contended lock does.
     let load = libc::BPF_LD | libc::BPF_W | libc::BPF_ABS;
     let equal = libc::BPF_JMP | libc::BPF_JEQ | libc::BPF_K;
     let end = libc::BPF_RET | libc::BPF_K;
@@ -145,7 +149,7 @@ fn filter_system_calls() {
     program.push(statement(end, 0, 0, libc::SECCOMP_RET_ALLOW));
     let program =
         libc::sock_fprog { len: program.len() as u16, filter: program.leak().as_mut_ptr() };
-    // SAFETY: the program outlives the calls; the handler only adds to a number.
+    // SAFETY: the program outlives the calls; the handler only increments an atomic counter.
     unsafe {
         let handler = forbidden as extern "C" fn(libc::c_int);
         libc::signal(libc::SIGSYS, handler as libc::sighandler_t);
@@ -161,10 +165,11 @@ fn filter_system_calls() {
     CALLS.store(0, Ordering::Relaxed);
 }
 
-/// The step at which the emergency stop is pressed.
+/// Number of the command before which the emergency stop is pressed.
 const STOPPED: usize = 12;
 
-/// All that an EDP may order: each kind of motion, jaws, what is refused, a stop and a new beginning.
+/// Returns commands of all kinds that an EDP sends: motions, jaws, a refused motion, settings, and
+/// a reset after the stop.
 fn commands() -> Vec<ServoCommand> {
     let go = |motion| ServoCommand::Move {
         command: MoveCommand { motion, periods: 35, jaw: None },
@@ -200,10 +205,11 @@ fn commands() -> Vec<ServoCommand> {
     ]
 }
 
-/// Runs the real thread on motors in position-force control; returns allocations, system calls and records.
-fn run(sin: Sin) -> [u64; 3] {
+/// Runs the servo's thread with all commands; returns the numbers of allocations, system calls and
+/// records.
+fn run(violation: Violation) -> [u64; 3] {
     let seen: Arc<[AtomicU64; 3]> = Arc::default();
-    let watch = Watch { sin, seen: Arc::clone(&seen), armed: false };
+    let watch = Watch { violation, seen: Arc::clone(&seen), armed: false };
     let stop = EmergencyStop::default();
     let (button, switches) = (stop.button(), Arc::new(Switches::new(stop.signal())));
     let (mut links, ends): (Vec<ServoLink>, Vec<_>) = (0..2).map(|_| link()).unzip();
@@ -219,7 +225,7 @@ fn run(sin: Sin) -> [u64; 3] {
     let options = WallOptions { missed_limit: u64::MAX, ..WallOptions::default() };
     let wall = spawn_wall(core, port, |_, _| {}, options).unwrap();
 
-    let holds = Arc::new(AtomicBool::new(sin == Sin::WaitsForALock));
+    let holds = Arc::new(AtomicBool::new(violation == Violation::WaitsForALock));
     let on = Arc::clone(&holds);
     let holder = std::thread::spawn(move || {
         while on.load(Ordering::Acquire) {
@@ -230,7 +236,7 @@ fn run(sin: Sin) -> [u64; 3] {
         }
     });
     for (step, command) in commands().into_iter().enumerate() {
-        // A stop amid a motion, and both arms take up work again.
+        // The stop interrupts a motion; later commands reset both arms and move them again.
         if step == STOPPED {
             button.press();
         } else {
@@ -246,28 +252,28 @@ fn run(sin: Sin) -> [u64; 3] {
     holder.join().unwrap();
     let state = *links[1].state();
     assert!(state.fault.is_none(), "{:?}", state.fault);
-    assert_ne!(state.desired_joints, START, "it has been moved");
+    assert_ne!(state.desired_joints, START, "the arm has moved");
     let _ = wall.stop();
     seen.each_ref().map(|n| n.load(Ordering::Relaxed))
 }
 
-/// One test, since the counters belong to the process.
+/// This file has a single test because its counters belong to the process.
 #[test]
-fn a_period_allocates_nothing_and_calls_the_system_only_to_sleep() {
-    let [allocations, calls, records] = run(Sin::None);
+fn period_needs_no_allocation_lock_or_other_syscall() {
+    let [allocations, calls, records] = run(Violation::None);
     assert!(records > 300, "{records} records");
     assert_eq!(allocations, 0);
     assert_eq!(calls, 0);
 
-    let [allocations, calls, _] = run(Sin::Allocates);
+    let [allocations, calls, _] = run(Violation::Allocates);
     assert!(allocations >= 4, "the allocator counts: {allocations}");
     assert_eq!(calls, 0);
 
-    let [allocations, calls, _] = run(Sin::AsksTheSystem);
+    let [allocations, calls, _] = run(Violation::AsksTheSystem);
     assert_eq!(allocations, 0);
-    assert!(calls >= 20, "the filter bites: {calls}");
+    assert!(calls >= 20, "the filter counts: {calls}");
 
-    let [allocations, calls, _] = run(Sin::WaitsForALock);
+    let [allocations, calls, _] = run(Violation::WaitsForALock);
     assert_eq!(allocations, 0);
-    assert!(calls >= 2, "a lock that is held is no wake-up: {calls}");
+    assert!(calls >= 2, "a wait for a lock counts: {calls}");
 }

@@ -1,11 +1,11 @@
-//! Counts what the English rules of the project forbid (CONTRIBUTING.md); each count may only fall,
-//! see `ratchet/counts.txt`.
+//! Counts of the violations of the English and size rules (CONTRIBUTING.md). Each count may only
+//! fall, see `ratchet/counts.txt`.
 //!
-//! - sentences in comments that begin with a word that names no subject: Who, Whoever, What,
-//!   Whatever, Nobody, Somebody, Of
-//! - lines of more than 100 columns, comments too: `rustfmt` breaks neither comments nor strings
-//! - names of tests of more than eight words: the story of a test stands in its doc comment
-//! - functions in `src/` of more than 70 lines or 5 arguments (`self` is one), tests left out
+//! - sentences in comments that begin with a word of [`HEADLESS`] and so name no subject
+//! - lines of more than 100 columns, also in comments: `rustfmt` breaks neither comments nor
+//!   strings
+//! - names of tests of more than eight words: the story of a test belongs into its doc comment
+//! - functions in `src/` of more than 70 lines or 5 arguments (`self` is one), without tests
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
@@ -15,6 +15,7 @@ mod source;
 use source::{File, collect, tokens, without_comments_and_strings, without_tests};
 use std::path::Path;
 
+/// First words of a sentence that names no subject.
 const HEADLESS: &[&str] = &["Who", "Whoever", "What", "Whatever", "Nobody", "Somebody", "Of"];
 const COLUMNS: usize = 100;
 const WORDS: usize = 8;
@@ -30,7 +31,7 @@ fn files(folders: &[&str]) -> Vec<File> {
     files
 }
 
-/// Prints each place that breaks a rule, and checks their number.
+/// Prints each place that breaks a rule, and checks the number of places.
 fn count(rule: &str, of_file: impl Fn(&str) -> Vec<(usize, String)>) {
     count_in(&["src", "tests", "benches", "examples"], rule, of_file);
 }
@@ -49,7 +50,7 @@ fn count_in(folders: &[&str], rule: &str, of_file: impl Fn(&str) -> Vec<(usize, 
 }
 
 #[test]
-fn comments_name_their_subject() {
+fn comment_sentences_name_their_subject() {
     count("headless sentences in comments", headless);
 }
 
@@ -59,7 +60,7 @@ fn lines_end_at_100_columns() {
 }
 
 #[test]
-fn test_names_have_eight_words() {
+fn test_names_have_at_most_eight_words() {
     count("test names of more than eight words", long_test_names);
 }
 
@@ -124,12 +125,12 @@ fn size(text: &str) -> Option<(usize, usize)> {
 fn headless(text: &str) -> Vec<(usize, String)> {
     let mut found = Vec::new();
     let mut block = String::new();
-    // One more line, so that the last block ends, too.
+    // One more line ends the last block.
     for (number, line) in text.lines().chain([""]).enumerate() {
         let comment = line.trim_start().strip_prefix("//");
         let more = comment.map(|c| c.trim_start_matches(['/', '!']).trim());
         if let Some(more) = more.filter(|c| !c.is_empty()) {
-            // An item of a list and a heading begin a sentence of their own.
+            // An item of a list, or a heading, begins a new sentence.
             let apart = if more.starts_with(['-', '#', '|']) { ". " } else { " " };
             block.push_str(apart);
             block.push_str(more.trim_start_matches(['-', '#', '|', ' ']));
@@ -145,7 +146,7 @@ fn headless(text: &str) -> Vec<(usize, String)> {
     found
 }
 
-/// Cuts a text behind each full stop, question or exclamation mark with a blank behind it.
+/// Splits a text after each full stop, question or exclamation mark before a blank.
 fn sentences(text: &str) -> Vec<&str> {
     let ends = text.match_indices(['.', '?', '!']).map(|(at, _)| at + 1);
     let ends = ends.filter(|&at| text[at..].starts_with(' ')).chain([text.len()]);
@@ -182,25 +183,33 @@ fn long_test_names(text: &str) -> Vec<(usize, String)> {
 }
 
 #[cfg(test)]
-mod the_counter_counts {
+mod counter_tests {
     use super::*;
 
     #[test]
-    fn sentences_that_name_no_subject() {
-        let text = "/// Returns it. What is left\n/// stays. Of two, one. Often so.\nfn f() {}\n\
-                    //! - Whoever asks\n//! - the asker: what it asks\n// So: Nobody? Who knows\n";
-        let found: Vec<String> = headless(text).into_iter().map(|(_, s)| s).collect();
+    fn headless_finds_sentences_without_subject() {
+        // Each line by itself: a line of this file that begins with slashes would count.
+        let text = [
+            "/// Returns it. What is left",
+            "/// stays. Of two, one. Often so.",
+            "fn f() {}",
+            "//! - Whoever asks",
+            "//! - the asker: what it asks",
+            "// So: Nobody? Who knows",
+            "",
+        ];
+        let found: Vec<String> = headless(&text.join("\n")).into_iter().map(|(_, s)| s).collect();
         assert_eq!(found, ["What is left stays.", "Of two, one.", "Whoever asks.", "Who knows"]);
     }
 
     #[test]
-    fn lines_by_their_characters() {
+    fn long_lines_counts_characters() {
         let text = format!("{}\n{}\n", "\u{e4}".repeat(100), "b".repeat(101));
         assert_eq!(long_lines(&text), [(1, "b".repeat(101))]);
     }
 
     #[test]
-    fn functions_by_lines_and_arguments() {
+    fn large_functions_counts_lines_and_arguments() {
         let six =
             "fn six<F: Fn(u8) -> u8>(&self, a: [u8; 2], b: (u8, u8), c: M<u8, u8>, d: F, e: u8,)";
         let long = "x;\n".repeat(69);
@@ -215,7 +224,7 @@ mod the_counter_counts {
     }
 
     #[test]
-    fn names_of_tests_alone() {
+    fn long_test_names_ignores_other_functions() {
         let text = "#[test]\nfn a_b_c_d_e_f_g_h() {}\nfn a_b_c_d_e_f_g_h_i() {}\n\
                     #[test]\n#[ignore]\nfn a_b_c_d_e_f_g_h_j() {}\n";
         assert_eq!(long_test_names(text), [(5, "a_b_c_d_e_f_g_h_j".to_owned())]);

@@ -1,8 +1,12 @@
-//! Hostile pictures: bytes that are no picture, or a spoilt one, and pictures made to be hard. Nothing of it panics,
-//! hangs or takes unbounded memory, from the decoder to the pose.
+//! Tests of the decoder and of vision with hostile pictures: none panics, hangs or takes unbounded
+//! memory.
 //!
-//! `HOSTILE_CASES=20000 PROPTEST_RNG_SEED=$RANDOM cargo test --release --test vision_hostile` looks longer, and so does
-//! `HOSTILE_SECONDS=60`; what is found is written into the corpus.
+//! - in: bytes that are no picture, pictures with corruptions, pictures that are hard for vision
+//! - out: checks of the limits, and of the ranges of results
+//!
+//! `HOSTILE_CASES=20000 PROPTEST_RNG_SEED=$RANDOM cargo test --release --test vision_hostile`
+//! searches longer, and so does `HOSTILE_SECONDS=60`. The search writes an input that fails into
+//! the corpus.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
@@ -20,18 +24,20 @@ use std::time::Duration;
 mod memory;
 mod search;
 
-/// Memory that bytes may take which promise a small picture, or none [bytes].
+/// Memory for an input whose header announces a small picture, or none (bytes).
 const SMALL: usize = 64 << 20;
-/// The same for any promise: fifty million pixels of eight bytes, and their conversion to three.
+/// Memory for any input (bytes): fifty million pixels of eight bytes, and their conversion to
+/// three.
 const LARGE: usize = 700 << 20;
 /// Time that a picture of less than a million pixels may take, on a machine with other work.
 const TIME: Duration = Duration::from_secs(5);
-/// Time after which one has no end: what is slow only is made smaller first, and told then.
+/// Time after which the watchdog ends the process. It is longer than [`TIME`], so that the search
+/// can shrink an input that is only slow before it reports it.
 const HANGS: Duration = Duration::from_secs(60);
 
-/// Runs a reader under its limits.
+/// Runs a reader with limits of memory and time.
 fn limited(what: &str, memory: usize, read: impl FnOnce()) {
-    limited_to(Input::named(what), what, memory, read);
+    limited_to(Input::by_name(what), what, memory, read);
 }
 
 fn limited_to(told: Input, what: &str, memory: usize, read: impl FnOnce()) {
@@ -40,7 +46,7 @@ fn limited_to(told: Input, what: &str, memory: usize, read: impl FnOnce()) {
     assert!(time < TIME, "{what}: {time:?}");
 }
 
-/// Everything that vision does with a picture.
+/// Runs all stages of vision on a picture and checks the ranges of their results.
 fn look(image: &RgbImage) {
     let (width, height) = image.dimensions();
     let lens = Lens {
@@ -70,9 +76,9 @@ fn look(image: &RgbImage) {
     let _ = stages.square();
 }
 
-/// Bytes to the decoder, and on when they are a picture.
+/// Gives bytes to the decoder, and the picture to vision if they are one.
 fn give(what: &str, bytes: &[u8], memory: usize) {
-    give_to(Input::named(what), what, bytes, memory);
+    give_to(Input::by_name(what), what, bytes, memory);
 }
 
 fn give_to(told: Input, what: &str, bytes: &[u8], memory: usize) {
@@ -92,7 +98,7 @@ fn file(picture: &DynamicImage, format: ImageFormat) -> Vec<u8> {
     out.into_inner()
 }
 
-/// A face of nine tiles before a ground, as small as it can be.
+/// Returns a picture, as small as possible, of a face with nine tiles in front of a background.
 fn face() -> RgbImage {
     const COLOURS: [[u8; 3]; 6] =
         [[230; 3], [180, 20, 40], [10, 150, 70], [240, 205, 20], [245, 100, 20], [15, 70, 165]];
@@ -106,7 +112,7 @@ fn face() -> RgbImage {
     })
 }
 
-/// Pictures of all forms that are taken.
+/// Returns pictures in all formats that the decoder accepts.
 fn pictures() -> Vec<Vec<u8>> {
     let face = DynamicImage::from(face());
     let mut all = vec![
@@ -121,7 +127,7 @@ fn pictures() -> Vec<Vec<u8>> {
         file(&DynamicImage::new_rgb8(1, 1), ImageFormat::Png),
         file(&DynamicImage::new_rgb8(1, 1), ImageFormat::Jpeg),
     ];
-    // A palette of two: one bit a pixel, one row.
+    // One row of pixels of one bit, with a palette of two colours.
     let mut palette = b"\x89PNG\r\n\x1a\n".to_vec();
     for (name, data) in [
         (b"IHDR", &[0, 0, 0, 8, 0, 0, 0, 1, 1, 3, 0, 0, 0][..]),
@@ -139,7 +145,8 @@ fn pictures() -> Vec<Vec<u8>> {
     all
 }
 
-/// A PNG file whose checksums are right again: otherwise what was spoilt ends at the first of them.
+/// Corrects the checksums of a PNG file. Otherwise the decoder would stop at the first checksum
+/// after a corruption.
 fn mended(mut bytes: Vec<u8>) -> Vec<u8> {
     let mut at = 8;
     while let Some(head) = bytes.get(at..at + 4) {
@@ -155,7 +162,7 @@ fn mended(mut bytes: Vec<u8>) -> Vec<u8> {
 }
 
 #[test]
-fn the_pictures_that_are_spoilt_are_pictures() {
+fn pictures_decode_before_they_are_corrupted() {
     for (i, picture) in pictures().iter().enumerate() {
         assert!(decode(picture).is_ok(), "{i}: {:?}", decode(picture));
         give("whole", picture, SMALL);
@@ -164,7 +171,7 @@ fn the_pictures_that_are_spoilt_are_pictures() {
 }
 
 #[test]
-fn no_promise_in_a_header_takes_more_than_it_may() {
+fn size_in_header_takes_no_excess_memory() {
     let small = file(&face().into(), ImageFormat::Png);
     for (width, height) in
         [(0, 0), (0, 5), (1, u32::MAX), (u32::MAX, u32::MAX), (20_000, 20_000), (50_000, 1000)]
@@ -182,7 +189,7 @@ fn no_promise_in_a_header_takes_more_than_it_may() {
             });
         }
     }
-    // A JPEG's size is in its frame header.
+    // A JPEG file has its size in the frame header.
     let mut jpeg = file(&face().into(), ImageFormat::Jpeg);
     let frame = jpeg.windows(2).position(|w| w == [0xFF, 0xC0]).unwrap();
     jpeg[frame + 5..frame + 9].fill(0xFF);
@@ -190,7 +197,7 @@ fn no_promise_in_a_header_takes_more_than_it_may() {
 }
 
 #[test]
-fn no_picture_that_is_cut_short_panics() {
+fn truncated_picture_does_not_panic() {
     for picture in pictures() {
         for end in (0..picture.len()).step_by(1 + picture.len() / 60) {
             give("cut", &picture[..end], SMALL);
@@ -199,7 +206,7 @@ fn no_picture_that_is_cut_short_panics() {
 }
 
 #[derive(Debug, Clone)]
-enum Spoil {
+enum Corruption {
     Cut(usize),
     Set(usize, u8),
     Flip(usize, u8),
@@ -207,37 +214,37 @@ enum Spoil {
     Remove(usize, usize),
 }
 
-fn spoils() -> impl Strategy<Value = Vec<Spoil>> {
+fn corruptions() -> impl Strategy<Value = Vec<Corruption>> {
     let at = 0..100_000usize;
     let one = prop_oneof![
-        1 => at.clone().prop_map(Spoil::Cut),
-        3 => (at.clone(), any::<u8>()).prop_map(|(at, byte)| Spoil::Set(at, byte)),
-        3 => (at.clone(), 0..8u8).prop_map(|(at, bit)| Spoil::Flip(at, 1 << bit)),
+        1 => at.clone().prop_map(Corruption::Cut),
+        3 => (at.clone(), any::<u8>()).prop_map(|(at, byte)| Corruption::Set(at, byte)),
+        3 => (at.clone(), 0..8u8).prop_map(|(at, bit)| Corruption::Flip(at, 1 << bit)),
         1 => (at.clone(), proptest::collection::vec(any::<u8>(), 1..20))
-            .prop_map(|(at, bytes)| Spoil::Insert(at, bytes)),
-        1 => (at, 1..50usize).prop_map(|(at, n)| Spoil::Remove(at, n)),
+            .prop_map(|(at, bytes)| Corruption::Insert(at, bytes)),
+        1 => (at, 1..50usize).prop_map(|(at, n)| Corruption::Remove(at, n)),
     ];
     proptest::collection::vec(one, 1..6)
 }
 
-fn spoilt(mut bytes: Vec<u8>, spoils: &[Spoil]) -> Vec<u8> {
-    for spoil in spoils {
+fn corrupted(mut bytes: Vec<u8>, corruptions: &[Corruption]) -> Vec<u8> {
+    for corruption in corruptions {
         let place = |at: usize| at % (bytes.len() + 1);
-        match spoil {
-            Spoil::Cut(at) => bytes.truncate(place(*at)),
-            Spoil::Set(at, byte) => {
+        match corruption {
+            Corruption::Cut(at) => bytes.truncate(place(*at)),
+            Corruption::Set(at, byte) => {
                 let at = place(*at);
                 bytes.splice(at..(at + 1).min(bytes.len()), [*byte]);
             }
-            Spoil::Flip(at, bits) => {
+            Corruption::Flip(at, bits) => {
                 let at = place(*at);
                 bytes.iter_mut().skip(at).take(1).for_each(|b| *b ^= bits);
             }
-            Spoil::Insert(at, more) => {
+            Corruption::Insert(at, more) => {
                 let at = place(*at);
                 bytes.splice(at..at, more.iter().copied());
             }
-            Spoil::Remove(at, n) => {
+            Corruption::Remove(at, n) => {
                 let at = place(*at);
                 bytes.drain(at..(at + n).min(bytes.len()));
             }
@@ -246,7 +253,7 @@ fn spoilt(mut bytes: Vec<u8>, spoils: &[Spoil]) -> Vec<u8> {
     bytes
 }
 
-/// Pictures that were hard, and others that are spoilt as these are.
+/// Returns the files of the corpus: pictures that failed once, and similar ones.
 fn corpus() -> Vec<Vec<u8>> {
     let folder = [env!("CARGO_MANIFEST_DIR"), "tests/corpus/image"].iter().collect::<PathBuf>();
     let mut files: Vec<PathBuf> =
@@ -257,26 +264,27 @@ fn corpus() -> Vec<Vec<u8>> {
 }
 
 #[test]
-fn no_bytes_panic() {
+fn corrupted_bytes_do_not_panic() {
     let mut all = corpus();
     for bytes in &all {
         give("corpus", bytes, LARGE);
     }
     all.extend(pictures());
     let random = proptest::collection::vec(any::<u8>(), 0..400);
-    let of_picture = (0..all.len(), spoils(), any::<bool>()).prop_map(move |(i, spoils, mend)| {
-        let bytes = spoilt(all[i].clone(), &spoils);
-        if mend && bytes.starts_with(b"\x89PNG") { mended(bytes) } else { bytes }
-    });
+    let of_picture =
+        (0..all.len(), corruptions(), any::<bool>()).prop_map(move |(i, corruptions, mend)| {
+            let bytes = corrupted(all[i].clone(), &corruptions);
+            if mend && bytes.starts_with(b"\x89PNG") { mended(bytes) } else { bytes }
+        });
     let inputs = prop_oneof![1 => random, 9 => of_picture];
     search::search("image", 400, &inputs, Clone::clone, |bytes| {
         let own = bytes.clone();
-        give_to(Input::found("image", move || own.clone()), "spoilt", &bytes, LARGE);
+        give_to(Input::generated("image", move || own.clone()), "spoilt", &bytes, LARGE);
     });
 }
 
-/// A picture with as much in it that looks like tiles as there is room for: lattices in any perspective, also beyond
-/// the horizon, over one another.
+/// Picture that is full of areas which look like tiles: lattices on top of each other, in any
+/// perspective, also beyond the horizon.
 #[derive(Debug, Clone)]
 struct Hard {
     size: (u32, u32),
@@ -311,7 +319,7 @@ impl Hard {
 }
 
 #[test]
-fn no_picture_panics_or_hangs() {
+fn drawn_lattices_do_not_panic_or_hang() {
     let lattice = (
         (2.0..60.0f64, -20.0..20.0f64, -50.0..300.0f64),
         (-20.0..20.0f64, 2.0..60.0f64, -50.0..300.0f64),
@@ -324,11 +332,11 @@ fn no_picture_panics_or_hangs() {
         });
     let hard = ((1u32..240, 1u32..240), proptest::collection::vec(lattice, 1..4))
         .prop_map(|(size, lattices)| Hard { size, lattices });
-    // What is found is kept as a picture.
+    // The corpus keeps an input that fails as a picture.
     let written = |hard: &Hard| file(&hard.draw().into(), ImageFormat::Png);
     search::search("image", 150, &hard, written, |hard| {
         let own = hard.clone();
-        let told = Input::found("image", move || file(&own.draw().into(), ImageFormat::Png));
+        let told = Input::generated("image", move || file(&own.draw().into(), ImageFormat::Png));
         limited_to(told, &format!("{hard:?}"), SMALL, || look(&hard.draw()));
     });
 }
@@ -350,9 +358,9 @@ fn chessboards_and_noise_end_in_time() {
 }
 
 #[test]
-fn the_papers_stages_of_a_large_picture_are_bounded() {
-    // Before the picture: one of this size at a time.
-    let _alone = memory::alone();
+fn paper_stages_of_large_picture_bound_memory() {
+    // The lock comes before the picture, because the memory allows one of this size at a time.
+    let _alone = memory::lock_process();
     let (width, height) = (8000usize, 6000usize);
     let mut state = 1u64;
     let noise: Vec<u8> = (0..3 * width * height)

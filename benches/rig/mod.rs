@@ -1,4 +1,4 @@
-//! What the benches of the servo share: arms that do not move, ways to print.
+//! Common parts of the benches of the servo: arms that do not move, histograms, output.
 #![allow(dead_code, unreachable_pub, reason = "not every bench needs all of it")]
 
 #[path = "../../tests/servo_rig/mod.rs"]
@@ -15,26 +15,26 @@ use rubik_robot::servo::io::{ArmDrive, ArmReading};
 use rubik_robot::servo::{ServoCommand, ServoConfig};
 use std::f64::consts::TAU;
 
-/// A direction that yields.
+/// Direction that yields to a force.
 pub const COMPLIANT: Direction =
     Direction::Guarded { velocity: 0.0, admittance: 0.001, inertia: 20.0 };
 
-/// The profiles are part of the program and parsed by its tests.
+/// Returns the model of a built-in profile.
 pub fn model(name: &str) -> ArmModel {
     builtin(name).unwrap_or_else(|| unreachable!("a built-in profile"))
 }
 
-/// The two arms of the cell.
+/// Returns the configurations of the two arms of the cell.
 pub fn configs() -> Vec<ServoConfig> {
     ["irp6_track", "irp6_postument"].map(config).into()
 }
 
-/// The arm of the servo's tests with another geometry.
+/// Returns the arm of the servo's tests with the geometry of a built-in profile.
 fn config(name: &str) -> ServoConfig {
     ServoConfig { model: model(name), ..servo_rig::config() }
 }
 
-/// Position-force control that never ends: five directions yield, one holds.
+/// Returns a command for position-force control without an end: five directions yield, one holds.
 pub fn yielding() -> ServoCommand {
     let mut directions = [COMPLIANT; 6];
     directions[4] = Direction::HOLD;
@@ -42,11 +42,12 @@ pub fn yielding() -> ServoCommand {
     ServoCommand::Move { command: MoveCommand { motion, periods: u32::MAX, jaw: None }, start: 0 }
 }
 
-/// A port of arms that stand still, under a force that swings: the law has something to do and moves the set
-/// value by less than a tenth of a millimetre.
+/// Port of arms that do not move, under an alternating force. The force law therefore has work to
+/// do, and moves the set value by less than a tenth of a millimetre.
 pub struct Still(Vec<ArmReading>);
 
 impl Still {
+    /// Makes readings of the arms at [`START`].
     pub fn new() -> Self {
         let readings = configs().into_iter().map(|config| {
             let motors = config.model.motors(&START);
@@ -68,6 +69,7 @@ impl Port for Still {
         _: &[ArmDrive],
         readings: &mut [ArmReading],
     ) -> Result<(), PortFault> {
+        // Alternating, because a constant force would move the set value further in each period.
         let swing = if period % 64 < 32 { 2.0 } else { -2.0 };
         for (reading, still) in readings.iter_mut().zip(&self.0) {
             *reading = *still;
@@ -78,29 +80,30 @@ impl Port for Still {
     }
 }
 
-/// Words of the command line that are no options: which bench is meant, as in `cargo bench -- plant`.
-pub fn is_meant(name: &str) -> bool {
+/// Returns whether the command line selects this bench, as in `cargo bench -- plant`: a word that
+/// is no option occurs in its name, or there is no such word.
+pub fn is_selected(name: &str) -> bool {
     let filters: Vec<String> =
         std::env::args().skip(1).filter(|arg| !arg.starts_with('-')).collect();
     filters.is_empty() || filters.iter().any(|f| name.contains(f.as_str()))
 }
 
-/// Whether one line of JSON is wanted.
+/// Returns whether the output is one line of JSON.
 pub fn json() -> bool {
     std::env::args().any(|arg| arg == "--json")
 }
 
-/// Nanoseconds, a thousandth exact, up to a second.
+/// Makes a histogram of times up to a second, with an error of at most a thousandth (ns).
 pub fn histogram() -> Histogram<u64> {
     Histogram::new_with_bounds(1, 1_000_000_000, 3).unwrap_or_else(|_| unreachable!("fixed bounds"))
 }
 
-/// A share of all times, in microseconds.
+/// Returns a quantile of the times (us).
 pub fn us(times: &Histogram<u64>, share: f64) -> f64 {
     times.value_at_quantile(share) as f64 / 1000.0
 }
 
-/// One object of JSON.
+/// Formats an object of JSON, values rounded to three decimals.
 pub fn object(fields: &[(&str, Option<f64>)]) -> String {
     let mut map = serde_json::Map::new();
     for (name, value) in fields {

@@ -1,6 +1,9 @@
-//! Servo periods and the runtime's time: period `p` begins at `origin + p * 2 ms`, and later by what the servo missed:
-//! it numbers its periods without gaps. On hardware the origin is when its thread began: controllers that boot late are waited
-//! for before, and a clock ahead of the servo would make every picture seem fresher than it is.
+//! The clock of a run: maps servo periods to the runtime's time and back.
+//!
+//! Period `p` begins at `origin + p * 2 ms`, plus the time of all periods that the servo has
+//! missed, since the servo numbers its periods without gaps. On hardware the origin is the
+//! beginning of the servo's thread, which first waits for controllers that boot late. A clock ahead
+//! of the servo would make every picture seem fresher than it is.
 
 use crate::hw::driver::Switches;
 use crate::motion::PERIOD;
@@ -13,52 +16,56 @@ use tokio::time::Instant;
 #[derive(Debug, Clone)]
 pub struct Clock {
     origin: Instant,
-    /// By so much later the servo began (ns).
+    /// Time from the origin to the beginning of the servo (ns).
     late: Arc<AtomicU64>,
+    /// Flags of the servo, which count the periods that it has missed.
     switches: Arc<Switches>,
 }
 
 impl Clock {
-    /// Period 0 begins at `origin`; the servo tells by its switches what it missed.
+    /// Returns a clock whose period 0 begins at `origin`. The servo reports the periods that it has
+    /// missed in its `switches`.
     #[must_use]
     pub fn new(origin: Instant, switches: Arc<Switches>) -> Self {
         Self { origin, late: Arc::default(), switches }
     }
 
-    /// Period 0 begins now, for everybody who has this clock.
+    /// Sets the beginning of period 0 to now, in all clones of this clock.
     pub fn begins(&self) {
         let late = u64::try_from(self.origin.elapsed().as_nanos()).unwrap_or(u64::MAX);
         self.late.store(late, Ordering::Release);
     }
 
-    /// When a period begins, as far as is known now.
+    /// Returns the beginning of a period. It moves when the servo misses more periods.
     #[must_use]
     pub fn instant(&self, period: u64) -> Instant {
+        // `Duration` multiplies by `u32`: 2^32 periods are 99 days.
         let periods = u32::try_from(period).unwrap_or(u32::MAX);
         self.origin + self.behind() + Duration::from_secs_f64(PERIOD).saturating_mul(periods)
     }
 
-    /// The period that it is now.
+    /// Returns the number of the present period.
     #[must_use]
     pub fn period(&self) -> u64 {
+        // In whole microseconds: a quotient of floating-point seconds may fall short of a period.
         let served = self.origin.elapsed().saturating_sub(self.behind());
         (served.as_micros() / Duration::from_secs_f64(PERIOD).as_micros()) as u64
     }
 
     /// Sleeps until a period begins.
     pub async fn until(&self, period: u64) {
-        // More may be missed meanwhile.
+        // The servo may miss more periods during the sleep, which moves the beginning.
         while Instant::now() < self.instant(period) {
             tokio::time::sleep_until(self.instant(period)).await;
         }
     }
 
-    /// Tells all servos to bring their arms to a stand and to hold, or that they need not any more.
+    /// Orders all servos to stop their arms and to hold them, or releases them from that.
     pub(crate) fn hold(&self, holds: bool) {
         self.switches.hold.store(holds, Ordering::Release);
     }
 
-    /// By how much later than from the origin the periods lie.
+    /// Returns the delay of the periods against the origin.
     fn behind(&self) -> Duration {
         let late = self.late.load(Ordering::Acquire);
         Duration::from_nanos(late.saturating_add(self.switches.punctual.missed_nanos()))
@@ -70,7 +77,7 @@ mod tests {
     use super::*;
 
     #[tokio::test(start_paused = true)]
-    async fn a_servo_that_begins_late_begins_with_its_first_period() {
+    async fn late_servo_begins_with_period_zero() {
         let clock = Clock::new(Instant::now(), Arc::default());
         let another = clock.clone();
         tokio::time::sleep(Duration::from_millis(300)).await;
@@ -81,7 +88,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn what_the_servo_missed_is_no_period() {
+    async fn missed_periods_are_not_counted() {
         let switches = Arc::new(Switches::default());
         let clock = Clock::new(Instant::now(), Arc::clone(&switches));
         clock.until(100).await;

@@ -1,5 +1,5 @@
-//! The operator's control of a run: start, pause, resume, terminate, as one `watch` of which the
-//! latest value wins; and the speed of simulated time.
+//! The operator's control of a run: start, pause, resume and terminate, as one `watch` whose latest
+//! value counts; and the speed of simulated time.
 
 use crate::operator::Input;
 use std::sync::Arc;
@@ -10,13 +10,13 @@ use tokio::sync::watch;
 /// The state in which the operator wants the run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Control {
-    /// Not started yet.
+    /// The run waits for its start.
     Waiting,
-    /// Go on.
+    /// The run proceeds.
     Running,
-    /// Hold where it is.
+    /// The arms hold where they are.
     Paused,
-    /// End.
+    /// The run ends.
     Terminated,
 }
 
@@ -37,10 +37,10 @@ impl Control {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Terminated;
 
-/// Waits while the run is paused; at once otherwise.
+/// Waits while the run is paused; returns at once otherwise.
 ///
 /// # Errors
-/// [`Terminated`].
+/// [`Terminated`] when the operator terminates the run, or when no sender is left.
 pub async fn permission(control: &mut watch::Receiver<Control>) -> Result<(), Terminated> {
     loop {
         match *control.borrow_and_update() {
@@ -48,95 +48,102 @@ pub async fn permission(control: &mut watch::Receiver<Control>) -> Result<(), Te
             Control::Terminated => return Err(Terminated),
             Control::Waiting | Control::Paused => {}
         }
+        // No sender can resume the run any more.
         if control.changed().await.is_err() {
             return Err(Terminated);
         }
     }
 }
 
-/// How often whoever waits for permission looks at its arms: a stop or a fault must not wait for the operator.
+/// Time between two checks of the arms by an actor that waits for the operator: a stop or a fault
+/// must not wait for a person.
 pub(crate) const LOOK: Duration = Duration::from_millis(20);
 
-/// Waits as [`permission`] does, but not for long: `None` when it is time to look at the arms.
+/// Waits as [`permission`] does, for 20 ms at most; `None` when it is time to check the arms.
 pub async fn permission_soon(
     control: &mut watch::Receiver<Control>,
 ) -> Option<Result<(), Terminated>> {
     tokio::time::timeout(LOOK, permission(control)).await.ok()
 }
 
-/// Why time goes as it does for people.
+/// Reason for which simulated time passes in real time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Attended {
-    /// It does not.
+    /// There is none.
     #[default]
     No,
-    /// The operator moves an arm by hand: as fast as he wants to see it, if he has said so.
+    /// The operator moves an arm by hand. A speed that the operator has set counts instead.
     ByHand,
-    /// The operator is asked something, and has so many seconds.
+    /// The operator answers a question within its seconds.
     Asked,
 }
 
-/// The slowest that simulated time may go (times of real time).
+/// Lowest speed of simulated time, as a multiple of real time. A lower one would sleep for hours.
 pub const SLOWEST: f64 = 0.01;
 
-/// Whether simulated time may go so fast: 0 for as fast as it computes.
+/// Returns whether `factor` is a valid speed of simulated time; 0 is as fast as it computes.
 #[must_use]
 pub fn is_speed(factor: f64) -> bool {
     factor == 0.0 || factor.is_finite() && factor >= SLOWEST
 }
 
-/// How fast simulated time may go. A spectator can slow it down; the events in it stay the same.
+/// The limit of the speed of simulated time. A spectator can slow it down; the events in it stay
+/// the same.
 #[derive(Debug, Clone, Default)]
 pub struct Tempo(Arc<TempoState>);
 
+/// State that all clones of a [`Tempo`] share.
 #[derive(Debug, Default)]
 struct TempoState {
-    /// Bits of the limit, in times of real time; 0 for none.
+    /// Bits of the limit, as a multiple of real time; 0 for none.
     limit: AtomicU64,
-    /// The operator is being waited for; [`Attended`] as a number.
+    /// [`Attended`] as a number.
     attended: AtomicU8,
-    /// For so long the run was held back on purpose (ns).
+    /// Time for which the run was held back on purpose (ns).
     held_back: AtomicU64,
 }
 
 impl Tempo {
-    /// Limits it, in times of real time; 0 for as fast as it computes, and not below [`SLOWEST`].
+    /// Sets the limit, as a multiple of real time: 0 for none, at least [`SLOWEST`] otherwise.
     pub fn set(&self, factor: f64) {
         let factor = if factor.is_finite() && factor > 0.0 { factor.max(SLOWEST) } else { 0.0 };
         self.0.limit.store(factor.to_bits(), Ordering::Relaxed);
     }
 
-    /// The limit; 0 for none.
+    /// Returns the limit, as a multiple of real time; 0 for none.
     #[must_use]
     pub fn limit(&self) -> f64 {
         f64::from_bits(self.0.limit.load(Ordering::Relaxed))
     }
 
-    /// The run has waited for somebody for so long.
+    /// Adds a time for which the run waited for a person or was slowed down.
     pub fn held_back(&self, waited: Duration) {
+        // `as_nanos` is 128 bits wide; 64 bits are 584 years.
         let nanos = u64::try_from(waited.as_nanos()).unwrap_or(u64::MAX);
         self.0.held_back.fetch_add(nanos, Ordering::Relaxed);
     }
 
-    /// Now, by a clock that stood still while the run waited for its start or time was held back.
+    /// Returns the present time of a clock that stops while the run waits for its start or is
+    /// slowed down.
     #[must_use]
-    pub fn worked(&self) -> Instant {
+    pub fn working_time(&self) -> Instant {
         let (now, waited) = (Instant::now(), self.0.held_back.load(Ordering::Relaxed));
+        // An instant cannot lie before the beginning of its clock, which may be the boot.
         now.checked_sub(Duration::from_nanos(waited)).unwrap_or(now)
     }
 
-    /// MP's word for it: the operator is being waited for, and meanwhile time goes as it does for people.
+    /// Sets the reason for which time passes in real time, while MP waits for the operator.
     pub fn attend(&self, attended: Attended) {
         self.0.attended.store(attended as u8, Ordering::Relaxed);
     }
 }
 
-/// Holds simulated time back.
+/// A limiter that slows simulated time down to the speed limit of a [`Tempo`].
 #[derive(Debug)]
 pub struct Pacer {
     tempo: Tempo,
     control: watch::Receiver<Control>,
-    /// Limit, and since when and which time it has been so.
+    /// Present limit, with the moment and the simulated time (s) since which it counts.
     since: Option<(f64, Instant, f64)>,
 }
 
@@ -144,18 +151,21 @@ impl Pacer {
     /// Time by which a run must be ahead before it sleeps (s): a shorter sleep is not worth it.
     const AHEAD: f64 = 0.002;
 
-    /// Listens to the operator.
+    /// Returns a pacer that keeps the limit of `tempo`. While the operator pauses the run, the
+    /// limit is real time.
     #[must_use]
     pub fn new(tempo: Tempo, control: watch::Receiver<Control>) -> Self {
         Self { tempo, control, since: None }
     }
 
-    /// Called when simulated time has come to `time` (s): sleeps when that is too early.
+    /// Sleeps if simulated time reaches `time` (s) earlier than the limit allows.
     pub fn hold(&mut self, time: f64) {
         let attended = self.tempo.0.attended.load(Ordering::Relaxed);
         let asked = attended == Attended::Asked as u8;
         let limit = match self.tempo.limit() {
+            // A person answers a question or ends a pause, and periods go on meanwhile.
             _ if asked || *self.control.borrow() == Control::Paused => 1.0,
+            // An arm that is moved by hand is watched, unless a speed was asked for.
             0.0 if attended == Attended::ByHand as u8 => 1.0,
             limit => limit,
         };
@@ -163,6 +173,7 @@ impl Pacer {
             self.since = None;
             return;
         }
+        // Another limit counts from now: the time before passed under the old one.
         let (_, begun, from) = match self.since {
             Some(since) if since.0 == limit => since,
             _ => *self.since.insert((limit, Instant::now(), time)),
@@ -173,7 +184,7 @@ impl Pacer {
             std::thread::sleep(Duration::from_secs_f64(ahead));
             self.tempo.held_back(sleeps.elapsed());
         } else if ahead < -0.2 {
-            // It does not keep up: what was lost is not made up for.
+            // The run computes slower than the limit. It must not race afterwards to catch up.
             self.since = None;
         }
     }
@@ -184,7 +195,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn time_is_held_back_to_the_limit_and_not_without_one() {
+    fn pacer_keeps_simulated_time_at_speed_limit() {
         let (_control, will) = watch::channel(Control::Running);
         let tempo = Tempo::default();
         let mut pacer = Pacer::new(tempo.clone(), will);
@@ -198,11 +209,11 @@ mod tests {
 
         assert!(run(&mut pacer, 0.0, 100.0) < 1.0);
         tempo.set(10.0);
-        let worked = tempo.worked();
+        let worked = tempo.working_time();
         let took = run(&mut pacer, 100.0, 1.0);
         assert!((0.09..0.5).contains(&took), "{took}");
-        let worked = (tempo.worked() - worked).as_secs_f64();
-        assert!(worked < took - 0.08, "{worked} of {took}: what it slept is no work");
+        let worked = (tempo.working_time() - worked).as_secs_f64();
+        assert!(worked < took - 0.08, "{worked} of {took}: sleep does not count as work");
         tempo.set(0.0);
         for (attended, from) in [(Attended::Asked, 101.0), (Attended::ByHand, 101.1)] {
             tempo.attend(attended);
@@ -210,7 +221,7 @@ mod tests {
             assert!((0.09..0.5).contains(&took), "{took}");
         }
         tempo.set(100.0);
-        assert!(run(&mut pacer, 101.2, 0.1) < 0.09, "by hand as fast as the operator wants");
+        assert!(run(&mut pacer, 101.2, 0.1) < 0.09, "motion by hand follows the set speed");
         tempo.attend(Attended::Asked);
         assert!(run(&mut pacer, 101.3, 0.1) > 0.09, "a question leaves time to answer");
     }

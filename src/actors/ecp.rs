@@ -1,7 +1,11 @@
-//! ECP: the task's share of one effector.
+//! ECP (effector control process): the actor that carries out MP's orders with one effector.
 //!
-//! Under continuous coordination it transmits what MP computes; under sporadic coordination it runs the generators
-//! of the behaviours that MP invokes, with the readings of the VSPs that belong to it.
+//! Under continuous coordination it transmits the commands that MP computes. Under sporadic
+//! coordination it runs the generators of the behaviours that MP invokes, with the readings of the
+//! VSPs that belong to it (Zieliński et al. 2007, p. 374).
+//!
+//! - in: commands, behaviours and other requests of MP; states of its EDP; readings of its VSPs
+//! - out: commands to the EDP; the outcome or the answer of each request
 
 use super::control::permission_soon;
 use super::edp::EdpHandle;
@@ -24,8 +28,10 @@ use tracing::Instrument as _;
 /// Capacity of the mailbox: one request under way and one end from above.
 const MAILBOX: usize = 4;
 
+/// Channel of an answer.
 type Reply<T> = oneshot::Sender<Result<T, Error>>;
 
+/// A request of MP to its ECP.
 #[derive(Debug)]
 enum Request {
     Transmit { command: MoveCommand, reply: Reply<ArmState> },
@@ -38,13 +44,15 @@ enum Request {
     Look { view: View, reply: Reply<FaceReading> },
 }
 
-/// The far end of an ECP's mailbox. Dropping the last clone ends the ECP, and with it its EDP.
+/// The sending end of an ECP's mailbox. The ECP ends when the last clone is dropped, and so does
+/// its EDP if nothing else holds it.
 #[derive(Debug, Clone)]
 pub struct EcpHandle {
     name: String,
     mailbox: mpsc::Sender<Request>,
-    /// Counted up by the ECP while it lives.
+    /// Signs of life of the ECP, one for each request and each macrostep.
     alive: Arc<AtomicU64>,
+    /// Longest time between two signs of life.
     patience: Duration,
 }
 
@@ -52,7 +60,7 @@ impl EcpHandle {
     /// Passes a command on to the EDP (continuous coordination).
     ///
     /// # Errors
-    /// Those of the EDP.
+    /// The errors of the EDP.
     pub async fn transmit(&self, command: MoveCommand) -> Result<ArmState, Error> {
         self.ask("transmit", |reply| Request::Transmit { command, reply }).await
     }
@@ -60,7 +68,7 @@ impl EcpHandle {
     /// Carries out a behaviour to its end (sporadic coordination).
     ///
     /// # Errors
-    /// Those of the EDP.
+    /// The errors of the EDP.
     pub async fn behave(&self, behaviour: Behaviour) -> Result<(Outcome, ArmState), Error> {
         self.ask("behave", |reply| Request::Behave { behaviour, reply }).await
     }
@@ -73,31 +81,31 @@ impl EcpHandle {
         self.mailbox.send(Request::End).await.map_err(|_| self.closed("end"))
     }
 
-    /// Sets the force sensor to zero.
+    /// Requests that the EDP sets the force sensor to zero.
     ///
     /// # Errors
-    /// Those of the EDP.
+    /// The errors of the EDP.
     pub async fn bias(&self) -> Result<ArmState, Error> {
         self.ask("bias", |reply| Request::Bias { reply }).await
     }
 
-    /// Has the EDP find the synchronisation position.
+    /// Requests that the EDP finds the synchronisation position.
     ///
     /// # Errors
-    /// Those of the EDP.
+    /// The errors of the EDP.
     pub async fn synchronise(&self) -> Result<ArmState, Error> {
         self.ask("synchronise", |reply| Request::Synchronise { reply }).await
     }
 
-    /// The effector's state.
+    /// Returns the effector's state.
     ///
     /// # Errors
-    /// Those of the EDP.
+    /// The errors of the EDP.
     pub async fn state(&self) -> Result<ArmState, Error> {
         self.ask("state", |reply| Request::State { reply }).await
     }
 
-    /// Switches the effector's own stand-alone sensor.
+    /// Switches the tracking of the stand-alone camera that belongs to this ECP, if one does.
     ///
     /// # Errors
     /// System when the ECP is gone.
@@ -108,15 +116,17 @@ impl EcpHandle {
     /// Reads a face with the camera in the effector's hand.
     ///
     /// # Errors
-    /// Non-fatal when there is no such camera or the face was not found.
+    /// Non-fatal when no hand camera belongs to this ECP or the camera finds no face.
     pub async fn look(&self, view: View) -> Result<FaceReading, Error> {
         self.ask("look", |reply| Request::Look { view, reply }).await
     }
 
+    /// Makes the error of an ECP that is gone.
     fn closed(&self, place: &'static str) -> Error {
         Error::System { actor: self.name.clone(), place, cause: System::Closed(self.name.clone()) }
     }
 
+    /// Sends a request and waits for its answer while the ECP gives signs of life.
     async fn ask<T>(
         &self,
         place: &'static str,
@@ -127,12 +137,14 @@ impl EcpHandle {
         let mut last = self.alive.load(Ordering::Relaxed);
         let mut silent = 0;
         loop {
-            // However long it takes, it must be seen to go on. Silent twice, since a clock that jumps makes nobody so.
+            // A behaviour may last long, so its time has no limit: its signs of life have one. Two
+            // silent halves are required, since a jump of the clock ends one of them at once.
             if let Ok(answer) = tokio::time::timeout(self.patience / 2, &mut answer).await {
                 return answer.map_err(|_| self.closed(place))?;
             }
             let now = self.alive.load(Ordering::Relaxed);
             silent = if now == last { silent + 1 } else { 0 };
+            // A homing and a look give no signs of life: the EDP and the VSP watch over them.
             if silent >= 2 && !matches!(place, "synchronise" | "look") {
                 let seconds = self.patience.as_secs_f64();
                 let cause = System::Silent { who: self.name.clone(), seconds };
@@ -143,20 +155,21 @@ impl EcpHandle {
     }
 }
 
-/// What an ECP is made of.
+/// The parts of an ECP.
 pub struct Parts {
-    /// Its effector's driver.
+    /// Driver of its effector.
     pub edp: EdpHandle,
-    /// The stand-alone camera's sensor, if it belongs to this ECP.
+    /// VSP of the stand-alone camera, if it belongs to this ECP.
     pub tracker: Option<VspHandle>,
-    /// The sensor of the camera in the hand, if it belongs to this ECP.
+    /// VSP of the camera in the hand, if it belongs to this ECP.
     pub hand_camera: Option<VspHandle>,
-    /// How its generators behave.
+    /// Parameters of its generators.
     pub manner: Manner,
     /// The services of the run.
     pub services: Services,
 }
 
+/// The actor.
 struct Ecp {
     name: String,
     parts: Parts,
@@ -166,14 +179,15 @@ struct Ecp {
     heartbeat: Heartbeat,
 }
 
-/// Creates an ECP.
+/// Creates an ECP over its effector's EDP.
 #[must_use]
 pub fn spawn(name: &str, parts: Parts) -> EcpHandle {
     let (mailbox, requests) = mpsc::channel(MAILBOX);
     let name = format!("ecp {name}");
     let Supervision { watchdog, fault, patience } = parts.services.supervision.clone();
     let alive = Arc::default();
-    // Between two signs of life lies a macrostep, and whatever the EDP may take for it.
+    // Between two signs of life the EDP answers a command, at the latest after two macrosteps and
+    // its patience. The second patience lets the EDP's own limit report first.
     let macrostep = f64::from(parts.manner.compliance.macrostep) * PERIOD;
     let patience = Duration::from_secs_f64(2.0 * macrostep) + 2 * patience;
     let ecp = Ecp {
@@ -190,10 +204,12 @@ pub fn spawn(name: &str, parts: Parts) -> EcpHandle {
 }
 
 impl Ecp {
+    /// Serves the requests of MP until the last handle is dropped.
     async fn run(mut self) {
         while let Some(request) = self.mailbox.recv().await {
             self.heartbeat.works();
             self.fault.before_message().await;
+            // An injected loss waits for a request with an answer, whose sender detects it.
             let answers = !matches!(request, Request::End | Request::Watch { .. });
             if answers && self.fault.is_lost() {
                 self.heartbeat.waits();
@@ -201,11 +217,14 @@ impl Ecp {
             }
             self.alive.fetch_add(1, Ordering::Relaxed);
             match request {
+                // Continuous coordination: MP has computed the command.
                 Request::Transmit { command, reply } => {
                     self.parts.services.trace.message("mp", &self.name, &command);
                     let answer = self.heartbeat.away(self.parts.edp.execute(command)).await;
                     let _ = reply.send(answer);
                 }
+                // Sporadic coordination: returns at the end of the behaviour. Meanwhile `behave`
+                // reads the mailbox for an end from above.
                 Request::Behave { behaviour, reply } => {
                     self.parts.services.trace.message("mp", &self.name, &behaviour);
                     tracing::debug!(?behaviour, "begins");
@@ -214,7 +233,7 @@ impl Ecp {
                     self.parts.services.trace.message(&self.name, "mp", &answer);
                     let _ = reply.send(answer);
                 }
-                // Nothing under way: it has ended by itself in the meantime.
+                // The behaviour has ended by itself before the request arrived.
                 Request::End => {}
                 Request::Bias { reply } => {
                     self.parts.services.trace.message("mp", &self.name, &"bias");
@@ -230,6 +249,7 @@ impl Ecp {
                     let answer = self.heartbeat.away(self.parts.edp.state()).await;
                     let _ = reply.send(answer);
                 }
+                // MP asks every ECP. One without the stand-alone camera ignores it.
                 Request::Watch { on } => {
                     self.parts.services.trace.message("mp", &self.name, &("watch", on));
                     if let Some(tracker) = &self.parts.tracker {
@@ -247,10 +267,13 @@ impl Ecp {
         }
     }
 
+    /// Runs the generator of a behaviour to its end, one command a macrostep.
     async fn behave(&mut self, behaviour: &Behaviour) -> Result<(Outcome, ArmState), Error> {
         let mut motion = MoveInstruction::begin(behaviour, &self.parts.manner);
         let mut state = self.heartbeat.away(self.parts.edp.state()).await?;
         loop {
+            // A pause has brought the motion to rest. The EDP is still asked for the state, since
+            // a fault must not wait for the operator.
             while motion.rests() {
                 self.alive.fetch_add(1, Ordering::Relaxed);
                 match self.heartbeat.away(permission_soon(&mut self.parts.services.control)).await {
@@ -261,7 +284,8 @@ impl Ecp {
             }
             self.fault.occur().await;
             self.alive.fetch_add(1, Ordering::Relaxed);
-            motion.heed(*self.parts.services.control.borrow());
+            motion.set_pace(*self.parts.services.control.borrow());
+            // MP sends no other request while a behaviour is under way: it would be dropped here.
             let is_over = matches!(self.mailbox.try_recv(), Ok(Request::End)) && motion.end();
             if is_over || motion.has_ended() {
                 return Ok((Outcome::Ended, state));
@@ -280,7 +304,8 @@ impl Ecp {
                         tracker.configure(sensing);
                     }
                     state = match self.heartbeat.away(self.parts.edp.execute(command)).await {
-                        Err(error) if motion.bears(&error) => {
+                        // The generator reads the refusal in the state and continues.
+                        Err(error) if motion.tolerates(&error) => {
                             self.heartbeat.away(self.parts.edp.state()).await?
                         }
                         executed => executed?,
@@ -291,6 +316,7 @@ impl Ecp {
         }
     }
 
+    /// Reads a face with the camera in the hand.
     async fn look(&self, view: View) -> Result<FaceReading, Error> {
         match &self.parts.hand_camera {
             Some(camera) => camera.look(view).await,

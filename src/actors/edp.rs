@@ -1,8 +1,18 @@
-//! EDP: drives one effector. This actor is the paper's EDPM (communication with the ECP, interpretation of its
-//! commands); EDPT and EDPS are parts of the servo period ([`crate::servo`]), and the force readings (EDPF) come
-//! with the bridge's exchange.
+//! EDP (effector driver process): the actor that sends the commands of an ECP to the servo of one
+//! arm and answers each with the arm's state.
 //!
-//! An answer goes out two servo periods before the macrostep ends, so that the next one follows without a gap.
+//! It is the EDPM of the paper (Zieliński et al. 2007), which talks to the ECP and interprets its
+//! commands. The paper's EDPT and EDPS are parts of the servo period ([`crate::servo`]). The force
+//! readings (EDPF) arrive with the bridge's exchange.
+//!
+//! The answer to a macrostep leaves two servo periods before its end, so that the next macrostep
+//! follows without a gap.
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | the servo is gone | `SILENCE` | it answers within one period if it runs |
+//! | the arm is at rest | `STILL`, `ROLL_STILL` | a tool in motion puts its inertia into the zero |
+//! | a zero is suspect | `ZERO_MOVED` | without faults it moves by 1.7 N and 0.13 Nm at most |
 
 use super::clock::Clock;
 use super::fault::ActorFault;
@@ -10,7 +20,7 @@ use super::services::Services;
 use super::trace::Trace;
 use super::watchdog::{Heartbeat, Supervision, answer_of};
 use crate::error::{Error, Fatal, NonFatal, System};
-use crate::hw::driver::{HEART, ServoLink};
+use crate::hw::driver::{HEARTBEAT_TIMEOUT, ServoLink};
 use crate::motion::{
     ArmFault, ArmState, JointPositions, MoveCommand, MoveRefused, PERIOD, ROLL, Synchronisation,
 };
@@ -21,36 +31,38 @@ use std::time::Duration;
 use tokio::sync::{mpsc, oneshot, watch};
 use tracing::Instrument as _;
 
-/// How many periods before its end a macrostep is answered.
+/// Periods between the answer to a macrostep and its end.
 const EARLY: u64 = 2;
-/// Periods that taking a bias lasts: ten samples and the filters before them.
+/// Periods that zeroing a force sensor lasts: ten samples and the filters before them.
 const BIAS_PERIODS: u64 = 16;
-/// An arm stands if no joint moves by more (m, rad) in so many periods: a tool of 1.1 kg that comes
-/// to rest so feels less than 0.1 N of its inertia. The roll settles last, and its axis goes
-/// through the tool's centre of mass.
-const RESTS: f64 = 2.5e-4;
-const ROLL_RESTS: f64 = 2.5e-3;
+/// Largest motion of a joint in [`REST_PERIODS`] of an arm that is at rest (m, rad). A tool of
+/// 1.1 kg that slows down like this adds less than 0.1 N of inertia to the reading.
+const STILL: f64 = 2.5e-4;
+/// Largest motion of the roll of an arm at rest (rad). The roll settles last, and its axis passes
+/// through the tool's centre of mass, so its motion adds no force.
+const ROLL_STILL: f64 = 2.5e-3;
+/// Periods between two samples of an arm that comes to rest.
 const REST_PERIODS: u64 = 12;
-/// How often that is looked at, before the sensor of an arm that is never still is zeroed anyhow.
+/// Most samples of an arm that comes to rest. Afterwards its sensor is zeroed in any case.
 const REST_TRIES: u32 = 10;
-/// A zero that has moved by more is told (N, Nm). In missions without faults it moves by 1.7 N and
-/// 0.13 Nm at most, by drift, by what the believed weights are wrong, and by a cube that is turned
-/// over; an operator who pulls meanwhile adds 6 N.
+/// Largest change of a sensor's zero that is not reported (N, Nm). In missions without faults the
+/// zero moves by 1.7 N and 0.13 Nm at most. The causes are drift, errors of the believed weights
+/// and a cube that is turned over. An operator who pulls during the zeroing adds 6 N.
 const ZERO_MOVED: [f64; 2] = [8.0, 1.0];
-/// Periods between two looks at an arm that is being synchronised.
+/// Periods between two checks of an arm that is being synchronised.
 const PROGRESS: u64 = 25;
-/// How often the servo is asked again whether it is done.
+/// Time between two checks whether the servo has finished a command.
 const POLL: Duration = Duration::from_millis(1);
 /// Time without an answer after which the servo counts as gone (s).
 const SILENCE: f64 = 0.5;
-/// How long what is no motion takes at most.
+/// Longest time of a request that moves nothing.
 const SERVICE: Duration = Duration::from_millis(100);
-/// How much longer the zero of a sensor may take, whose arm comes to rest.
+/// Additional time of a zeroing, in which the arm comes to rest.
 const REST: Duration = Duration::from_millis(300);
 /// Capacity of the mailbox: an ECP has at most one request under way.
 const MAILBOX: usize = 4;
 
-/// What an ECP asks of its EDP; each request carries the way back.
+/// A request of an ECP to its EDP, with the channel of its answer.
 #[derive(Debug)]
 enum Request {
     Execute { command: MoveCommand, reply: oneshot::Sender<Result<ArmState, Error>> },
@@ -60,7 +72,7 @@ enum Request {
     Synchronise { reply: oneshot::Sender<Result<ArmState, Error>> },
 }
 
-/// The far end of an EDP's mailbox. Dropping the last clone ends the EDP.
+/// The sending end of an EDP's mailbox. The EDP ends when the last clone is dropped.
 #[derive(Debug, Clone)]
 pub struct EdpHandle {
     name: String,
@@ -75,7 +87,7 @@ impl EdpHandle {
     /// # Errors
     /// Non-fatal when the command is refused, fatal when the arm has stopped.
     pub async fn execute(&self, command: MoveCommand) -> Result<ArmState, Error> {
-        // It may wait for the end of the command before.
+        // Twice its duration: the command before it may still be under way.
         let lasts = Duration::from_secs_f64(2.0 * f64::from(command.periods) * PERIOD);
         self.ask("execute", Some(lasts), |reply| Request::Execute { command, reply }).await
     }
@@ -89,24 +101,27 @@ impl EdpHandle {
             .await
     }
 
-    /// Sets the force sensor to zero as it is loaded now.
+    /// Sets the force sensor to zero under its present load, once the arm is at rest.
     ///
     /// # Errors
-    /// Fatal when the arm has stopped; non-fatal when the sensor is silent, or when it is zeroed, but far from the zero before.
+    /// Fatal when the arm has stopped. Non-fatal when the sensor is silent, or when its new zero is
+    /// far from the one before; the sensor has been zeroed in that case.
     pub async fn bias(&self) -> Result<ArmState, Error> {
         self.ask("bias", Some(SERVICE + REST), |reply| Request::Bias { reply }).await
     }
 
-    /// Finds the synchronisation position, axis by axis; at once when the arm knows it. Until then the arm takes
-    /// no other motion than relative ones of its motors.
+    /// Finds the synchronisation position, axis by axis. Returns at once if the arm knows it.
+    /// Before that the arm accepts only relative motions of its motors.
     ///
     /// # Errors
-    /// Fatal when a switch or an encoder's zero does not come, or another fault stops the arm.
+    /// Fatal when the arm does not find a switch or an encoder's zero, or another fault stops it.
     pub async fn synchronise(&self) -> Result<ArmState, Error> {
+        // No limit of time: the axes may be far from their switches. The servo ends a search that
+        // leads nowhere, and the EDP detects a servo that is gone.
         self.ask("synchronise", None, |reply| Request::Synchronise { reply }).await
     }
 
-    /// The present state.
+    /// Returns the present state.
     ///
     /// # Errors
     /// Fatal when the arm has stopped.
@@ -114,7 +129,7 @@ impl EdpHandle {
         self.ask("state", Some(SERVICE), |reply| Request::State { reply }).await
     }
 
-    /// States as they are published at each macrostep.
+    /// Returns a receiver of the states that the EDP publishes at each macrostep.
     #[must_use]
     pub fn watch(&self) -> watch::Receiver<ArmState> {
         self.state.clone()
@@ -138,7 +153,7 @@ impl EdpHandle {
     }
 }
 
-/// The actor.
+/// The actor with its memory.
 struct Edp {
     name: String,
     link: ServoLink,
@@ -150,9 +165,10 @@ struct Edp {
     free: u64,
     fault: Arc<ActorFault>,
     heartbeat: Heartbeat,
-    /// Commands that came twice, as far as they were told.
+    /// Commands that reached the servo twice and have been logged.
     doubles: u64,
-    /// The force sensor has been zeroed before: the first time nobody knows where its zero is.
+    /// Whether the force sensor has been zeroed before. The zero before the first time is unknown,
+    /// so a comparison with it says nothing.
     zeroed: bool,
 }
 
@@ -182,8 +198,9 @@ pub fn spawn(name: &str, mut link: ServoLink, services: &Services) -> EdpHandle 
 }
 
 impl Edp {
+    /// Answers requests until the last handle is dropped.
     async fn run(mut self) {
-        // Nothing is known before the servo's first period.
+        // Before the servo's first period the state is a default that no reading backs.
         while self.link.state().period == 0 {
             self.clock.until(self.clock.period() + 1).await;
         }
@@ -191,29 +208,32 @@ impl Edp {
             self.heartbeat.works();
             self.fault.before_message().await;
             if self.fault.is_lost() {
+                // The reply is dropped with the request, so the ECP sees a closed channel.
                 self.heartbeat.waits();
                 continue;
             }
             let (answer, reply) = match request {
                 Request::Execute { command, reply } => (self.execute(command).await, reply),
                 Request::SetTool { flange_from_tool, reply } => {
+                    // One period takes the command, the next one publishes a state with the tool.
                     let sent = self.send("set tool", ServoCommand::SetTool(flange_from_tool));
                     (self.after(sent, 2).await, reply)
                 }
                 Request::Bias { reply } => (self.bias().await, reply),
                 Request::Synchronise { reply } => (self.synchronise().await, reply),
                 Request::State { reply } => {
-                    // One that died without a word would be seen as it was last.
-                    let told = self.check("state");
+                    // A servo that ended without a fault leaves its last state behind, which looks
+                    // like that of an arm in order. A fault that it published comes first.
+                    let last = self.check("state");
                     let is_gone = self.link.is_closed();
                     (
-                        told.and_then(|s| if is_gone { Err(self.silent("state")) } else { Ok(s) }),
+                        last.and_then(|s| if is_gone { Err(self.silent("state")) } else { Ok(s) }),
                         reply,
                     )
                 }
             };
             self.trace.message(&self.name, "ecp", &answer);
-            // The asker may have gone; that is its affair.
+            // The ECP may have given up waiting; then nothing needs the answer.
             let _ = reply.send(answer);
             self.heartbeat.waits();
         }
@@ -227,63 +247,76 @@ impl Edp {
         self.link.send(command).map_err(|_| self.silent(place))
     }
 
+    /// Makes the error of a servo that does not answer.
     fn silent(&self, place: &'static str) -> Error {
         let cause = System::Silent { who: "the servo".into(), seconds: SILENCE };
         Error::System { actor: self.name.clone(), place, cause }
     }
 
+    /// Sends a move to the servo, right after the move before it, and waits for the time of its
+    /// answer.
     async fn execute(&mut self, command: MoveCommand) -> Result<ArmState, Error> {
         if command.periods == 0 {
             let cause = NonFatal::Arguments("a move command must last at least one period".into());
             return Err(Error::NonFatal { actor: self.name.clone(), place: "execute", cause });
         }
+        // The move before still has two periods to go when its answer is out.
         let start = self.free.max(self.link.state().period + 1);
         tracing::trace!(start, periods = command.periods, motion = ?command.motion, "execute");
         let ticket = self.send("execute", ServoCommand::Move { command, start })?;
         self.free = start + u64::from(command.periods);
+        // A command shorter than the lead is answered when it begins, not before.
         self.done("execute", ticket, self.free.saturating_sub(self.link.early()).max(start))
             .await?;
         let doubles = self.link.doubles();
         if doubles > self.doubles {
             self.doubles = doubles;
-            tracing::warn!(actor = %self.name, period = self.clock.period(), "a command came twice: obeyed once");
+            tracing::warn!(
+                actor = %self.name,
+                period = self.clock.period(),
+                "a command came twice: executed once"
+            );
         }
         self.check("execute")
     }
 
+    /// Sends a command without a motion, and waits until it has acted for some periods.
     async fn after(&mut self, sent: Result<u64, Error>, periods: u64) -> Result<ArmState, Error> {
         let ticket = sent?;
         self.done("service", ticket, self.free.max(self.clock.period()) + periods).await?;
         self.check("service")
     }
 
-    /// Waits until an arm stands that has come from a way: the zero of a sensor in motion would
-    /// hold the inertia of the tool.
+    /// Waits until the arm is at rest after a motion, or for [`REST_TRIES`] samples. A sensor that
+    /// is zeroed in motion takes the inertia of its tool for weight.
     async fn come_to_rest(&mut self) {
         let mut before = self.link.state().joints;
         for _ in 0..REST_TRIES {
             let soon = self.clock.until(self.clock.period() + REST_PERIODS);
             self.heartbeat.away(soon).await;
             let now = self.link.state().joints;
-            if stood(&before, &now) {
+            // Measured joints: the set ones stop a few periods before the arm does.
+            if is_still(&before, &now) {
                 return;
             }
             before = now;
         }
     }
 
-    /// A zero of a sensor that says nothing would be the old one.
+    /// Zeroes the force sensor once the arm is at rest. Fails if the sensor is silent, since its
+    /// zero would stay the old one, or if the zero moved by more than [`ZERO_MOVED`].
     async fn bias(&mut self) -> Result<ArmState, Error> {
         self.come_to_rest().await;
         let before = self.link.state().wrench_in_tool;
         let sent = self.send("bias", ServoCommand::Bias);
         let state = self.after(sent, BIAS_PERIODS).await?;
         let cause = if state.wrench_in_tool.is_finite() {
-            // What weighs or pulls is the same before and after, so that the difference is the zero's.
+            // The load is the same before and after, so the difference of the two readings is the
+            // motion of the zero.
             let zeroed = std::mem::replace(&mut self.zeroed, true);
             let by = (before - state.wrench_in_tool).directions();
             tracing::debug!(zeroed, ?by, "the zero moves");
-            match far_off(&by).filter(|_| zeroed) {
+            match moved_most(&by).filter(|_| zeroed) {
                 None => return Ok(state),
                 Some((direction, by)) => {
                     let effector = self.name.trim_start_matches("edp ").to_owned();
@@ -296,26 +329,28 @@ impl Edp {
         Err(Error::NonFatal { actor: self.name.clone(), place: "bias", cause })
     }
 
-    /// The state in between is published at each period of [`PROGRESS`].
+    /// Homes the arm, and publishes its state each [`PROGRESS`] periods meanwhile.
     async fn synchronise(&mut self) -> Result<ArmState, Error> {
         if self.check("synchronise")?.synchronisation == Synchronisation::Yes {
             return self.check("synchronise");
         }
         let ticket = self.send("synchronise", ServoCommand::Synchronise)?;
         self.done("synchronise", ticket, self.clock.period() + 2).await?;
-        let (mut last, mut stood) = (0, 0);
+        let (mut last, mut unchanged) = (0, 0);
         loop {
             let state = self.check("synchronise")?;
-            stood = if state.period == last { stood + PROGRESS } else { 0 };
+            // A homing has no expected end, so the servo is watched by the periods it publishes.
+            unchanged = if state.period == last { unchanged + PROGRESS } else { 0 };
             last = state.period;
-            if stood as f64 * PERIOD > SILENCE {
+            if unchanged as f64 * PERIOD > SILENCE {
                 return Err(self.silent("synchronise"));
             }
             match state.synchronisation {
                 Synchronisation::Yes => return Ok(state),
                 Synchronisation::Under { .. } => {}
+                // The homing was broken off, by a pause for one; a fault has returned above.
                 Synchronisation::No => {
-                    let why = state.refused.unwrap_or(MoveRefused::BrokenOff);
+                    let why = state.refused.unwrap_or(MoveRefused::Aborted);
                     let (actor, cause) = (self.name.clone(), NonFatal::Refused(why));
                     return Err(Error::NonFatal { actor, place: "synchronise", cause });
                 }
@@ -327,8 +362,8 @@ impl Edp {
         }
     }
 
-    /// Waits until a period has come and the servo has dealt with a command. Under the wall clock the servo's
-    /// periods and the runtime's time differ by a little, hence the polling.
+    /// Waits until a period has begun and the servo has finished with a command. Under the wall
+    /// clock the servo's periods and the runtime's time differ a little, so it polls the servo.
     async fn done(&mut self, place: &'static str, ticket: u64, period: u64) -> Result<(), Error> {
         self.heartbeat.away(self.clock.until(period)).await;
         let patience = (SILENCE / POLL.as_secs_f64()) as u64;
@@ -344,18 +379,23 @@ impl Edp {
         Err(self.silent(place))
     }
 
+    /// Returns the servo's latest state, or the error that it reports, and publishes the state in
+    /// either case.
     fn check(&mut self, place: &'static str) -> Result<ArmState, Error> {
         let state = *self.link.state();
+        // The lookout and the UI need the state of an arm with a fault as well.
         self.state.send_replace(state);
         let actor = self.name.clone();
         let silent = |seconds| {
-            let cause = System::Silent { who: "the actors' heart".into(), seconds };
+            let cause = System::Silent { who: "the actors' heartbeat".into(), seconds };
             Err(Error::System { actor: actor.clone(), place, cause })
         };
-        if let Some(ArmFault::HeartBeat { seconds }) = state.fault {
+        // The arm stopped because the actors were silent: that is a failure of the system of
+        // actors, not of this effector.
+        if let Some(ArmFault::Heartbeat { seconds }) = state.fault {
             return silent(seconds);
         }
-        // A stop of all arms is on its way: its cause is told now, they stand in a moment.
+        // The arms are braking and trip 0.2 s later. The cause of the trip is known already.
         let stopping = match state.refused {
             Some(MoveRefused::Stopping { periods }) => Some(ArmFault::Missed { periods }),
             _ => None,
@@ -365,8 +405,11 @@ impl Edp {
             return Err(Error::Fatal { actor, place, cause: Fatal::Arm(fault), last });
         }
         match state.refused {
-            // Brought to a stand because nobody's heart beat was felt: not a matter of this command.
-            Some(MoveRefused::BrokenOff) if place == "execute" => silent(HEART.as_secs_f64()),
+            // The servo braked because the actors' heartbeat was missing: no fault of this command.
+            Some(MoveRefused::Aborted) if place == "execute" => {
+                silent(HEARTBEAT_TIMEOUT.as_secs_f64())
+            }
+            // The refusal belongs to the last move. For any other request it is old news.
             Some(refused) if place == "execute" => {
                 Err(Error::NonFatal { actor, place, cause: NonFatal::Refused(refused) })
             }
@@ -375,15 +418,16 @@ impl Edp {
     }
 }
 
-/// Whether an arm stood that went so far in [`REST_PERIODS`].
-fn stood(before: &JointPositions, now: &JointPositions) -> bool {
+/// Returns whether the arm was at rest, from its measured joints [`REST_PERIODS`] apart.
+fn is_still(before: &JointPositions, now: &JointPositions) -> bool {
     let moved = |axis: usize| (now.0[axis] - before.0[axis]).abs();
-    moved(ROLL) < ROLL_RESTS && (0..ROLL).all(|axis| moved(axis) < RESTS)
+    moved(ROLL) < ROLL_STILL && (0..ROLL).all(|axis| moved(axis) < STILL)
 }
 
-/// The direction in which a zero has moved farthest, beyond [`ZERO_MOVED`], and by how much (N,
-/// Nm). A force comes first: it has a torque of its own about the tool's point.
-fn far_off(by: &[f64; 6]) -> Option<(usize, f64)> {
+/// Returns the direction whose sensor zero has changed most, with the change (N, Nm); `None` if no
+/// change exceeds [`ZERO_MOVED`]. A force comes before a torque, since a force on the tool also
+/// causes a torque about the tool point.
+fn moved_most(by: &[f64; 6]) -> Option<(usize, f64)> {
     let farthest = |first: usize| {
         let moved = (first..first + 3).map(|i| (i, by[i].abs()));
         let beyond = moved.filter(|(_, by)| *by > ZERO_MOVED[first / 3]);
@@ -401,7 +445,7 @@ mod tests {
     use tokio::time::Instant;
 
     #[tokio::test(start_paused = true)]
-    async fn a_servo_that_is_gone_is_told_by_whoever_only_asks_for_the_state() {
+    async fn state_request_reports_a_dead_servo() {
         let (link, mut end) = driver::link();
         end.publish(&ArmState { period: 1, ..ArmState::default() });
         let clock = Clock::new(Instant::now(), Arc::default());
@@ -412,16 +456,16 @@ mod tests {
 
         drop(end);
 
-        let told = edp.state().await.unwrap_err().to_string();
-        assert_eq!(told, "system, edp track, state: no answer from the servo in 0.5 s");
+        let error = edp.state().await.unwrap_err().to_string();
+        assert_eq!(error, "system, edp track, state: no answer from the servo in 0.5 s");
     }
 
     #[test]
-    fn arm_stands_whose_roll_alone_still_settles() {
+    fn arm_is_still_while_only_its_roll_settles() {
         let moved = |axis: usize, by: f64| {
             let mut now = JointPositions([0.5; 7]);
             now.0[axis] += by;
-            stood(&JointPositions([0.5; 7]), &now)
+            is_still(&JointPositions([0.5; 7]), &now)
         };
         for axis in 0..7 {
             assert!(moved(axis, 1e-4) && moved(axis, -1e-4), "{axis}");
@@ -430,16 +474,17 @@ mod tests {
         }
     }
 
+    /// A zero that has moved far is reported with its direction; drift alone is not reported.
     #[test]
-    fn a_zero_that_has_moved_far_is_told_in_its_direction_and_drift_is_not() {
-        assert_eq!(far_off(&[3.7, -2.0, 3.0, 0.3, -0.2, 0.1]), None);
-        assert_eq!(far_off(&[f64::NAN; 6]), None);
+    fn zero_beyond_the_drift_is_reported_with_direction() {
+        assert_eq!(moved_most(&[3.7, -2.0, 3.0, 0.3, -0.2, 0.1]), None);
+        assert_eq!(moved_most(&[f64::NAN; 6]), None);
 
-        let (direction, by) = far_off(&[0.2, -9.0, -15.0, 0.1, 1.1, 0.0]).unwrap();
+        let (direction, by) = moved_most(&[0.2, -9.0, -15.0, 0.1, 1.1, 0.0]).unwrap();
         let effector = "track".to_owned();
-        let told = NonFatal::ZeroMoved { effector, by, direction }.to_string();
-        assert_eq!(told, "force sensor of track: zero has moved by 15.0 N along z");
-        assert_eq!(far_off(&[8.5, 0.0, 0.0, 0.0, -2.5, 0.0]), Some((0, 8.5)));
-        assert_eq!(far_off(&[1.0, 0.0, 0.0, -2.0, 1.5, 0.0]), Some((3, 2.0)));
+        let text = NonFatal::ZeroMoved { effector, by, direction }.to_string();
+        assert_eq!(text, "force sensor of track: zero has moved by 15.0 N along z");
+        assert_eq!(moved_most(&[8.5, 0.0, 0.0, 0.0, -2.5, 0.0]), Some((0, 8.5)));
+        assert_eq!(moved_most(&[1.0, 0.0, 0.0, -2.0, 1.5, 0.0]), Some((3, 2.0)));
     }
 }

@@ -1,34 +1,49 @@
-//! A fault that is injected into one actor. No kernel sees it: the actor's loop asks for it at the
-//! points at which it may occur.
+//! A fault that is injected into one actor. No kernel sees it: the loop of the actor checks for it
+//! at the points at which it may occur.
+//!
+//! | fault | effect | detected by |
+//! |---|---|---|
+//! | panic | the actor's task ends | the watchdog, at once |
+//! | hang | the actor stays at its work item | the watchdog, within 0.1 s |
+//! | spin | the actor blocks the whole runtime | the watch from outside the runtime |
+//! | late message | the answer comes late | the time limit of the actor that asked |
+//! | lost message | the channel of the answer closes | the actor that asked |
+//! | doubled message | a command reaches the servo twice | the command's number |
 
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 
 /// The faults that are injected into one actor.
 #[derive(Debug, Default)]
 pub(crate) struct ActorFault {
+    /// Whether the actor panics.
     pub(crate) panics: AtomicBool,
+    /// Whether the actor waits forever.
     pub(crate) hangs: AtomicBool,
+    /// Whether the actor blocks the thread of the runtime.
     pub(crate) spins: AtomicBool,
-    /// (ms)
+    /// Delay of the next message (ms).
     pub(crate) late: AtomicU64,
+    /// Whether the next message is lost.
     pub(crate) lost: AtomicBool,
+    /// Whether the next message to the servo comes twice: 1 if it does.
     pub(crate) twice: AtomicU32,
 }
 
 impl ActorFault {
-    /// Panics, hangs or waits before an actor handles the message that has come.
+    /// Lets the fault occur, or delays the message, before an actor handles it.
     ///
     /// # Panics
     /// If a panic is injected.
     pub(crate) async fn before_message(&self) {
         self.occur().await;
+        // Taken out, as all faults of a message are: each counts for one message.
         let late = self.late.swap(0, Ordering::AcqRel);
         if late > 0 {
             tokio::time::sleep(std::time::Duration::from_millis(late)).await;
         }
     }
 
-    /// Panics, hangs or spins amid the work of an actor.
+    /// Lets the fault occur within the work of an actor: a panic, a hang or a spin.
     ///
     /// # Panics
     /// If a panic is injected.
@@ -37,17 +52,18 @@ impl ActorFault {
         if self.hangs.load(Ordering::Acquire) {
             std::future::pending::<()>().await;
         }
+        // A sleep of the thread, not of the task: no other actor of the runtime can run meanwhile.
         while self.spins.load(Ordering::Acquire) {
             std::thread::sleep(std::time::Duration::from_millis(10));
         }
     }
 
-    /// Returns whether the message that has come is lost.
+    /// Returns whether the message is lost, and clears that fault.
     pub(crate) fn is_lost(&self) -> bool {
         self.lost.swap(false, Ordering::AcqRel)
     }
 
-    /// Returns whether the next message to the servo is to come twice.
+    /// Returns whether the next message to the servo comes twice, and clears that fault.
     pub(crate) fn is_doubled(&self) -> bool {
         self.twice.swap(0, Ordering::AcqRel) > 0
     }

@@ -1,6 +1,9 @@
-//! Synchronising an arm as the operator wills: a pause and a terminate bring it to a stand. The servo takes no other order
-//! while it homes, so it is told as it is of an actor that is gone: to hold, and then begins no homing. Asked again, it
-//! goes on with the axes that are not synchronised yet.
+//! Homing under the operator's control: a pause or a terminate stops an arm that is being
+//! synchronised.
+//!
+//! The servo accepts no other command while it homes. So it is stopped as after the loss of an
+//! actor: by the order to hold, under which it also begins no homing. The next request continues
+//! with the axes that are not synchronised yet.
 
 use super::clock::Clock;
 use super::control::Control;
@@ -9,17 +12,18 @@ use crate::motion::{ArmState, MoveRefused};
 use std::pin::pin;
 use tokio::sync::watch;
 
-/// Periods of 2 ms in which an arm comes to a stand.
+/// Time in which an arm stops (periods of 2 ms). Braking takes about 0.1 s.
 const BRAKES: u64 = 75;
 
-/// What the operator is told of an arm that was brought to a stand.
-pub(crate) const STANDS: &str = "the arm stands and is not synchronised yet";
+/// Message to the operator about an arm that was stopped.
+pub(crate) const STOPPED_MESSAGE: &str = "the arm is stopped and not synchronised";
 
-/// Waits for an arm that synchronises; `false` when the operator's will brought it to a stand before it was done.
+/// Waits for an arm that is being synchronised. Returns `false` if the operator's control stopped
+/// it before it was done.
 ///
 /// # Errors
-/// What the arm's driver says.
-pub(crate) async fn homed(
+/// The errors of the arm's driver.
+pub(crate) async fn wait_for_homing(
     synchronises: impl Future<Output = Result<ArmState, Error>>,
     control: &mut watch::Receiver<Control>,
     clock: &Clock,
@@ -28,18 +32,21 @@ pub(crate) async fn homed(
     tokio::select! {
         biased;
         done = &mut synchronises => return done.map(|_| true),
-        // Whoever can change it no more wants nothing else.
+        // Only a change of the control stops the arm. If its sender is gone, none can come.
         Ok(_) = control.wait_for(|will| *will != Control::Running) => {}
     }
     let end = clock.period() + BRAKES;
     clock.hold(true);
+    // The EDP answers once the homing is broken off, which may be before the arm is at rest.
     let done = synchronises.await;
     clock.until(end).await;
     clock.hold(false);
     match done {
+        // The last axis was done in the same moment.
         Ok(_) => Ok(true),
+        // The refusal is the stop that was asked for.
         Err(Error::NonFatal {
-            cause: NonFatal::Refused(MoveRefused::BrokenOff | MoveRefused::HeldBack),
+            cause: NonFatal::Refused(MoveRefused::Aborted | MoveRefused::PartnerStopped),
             ..
         }) => Ok(false),
         Err(error) => Err(error),

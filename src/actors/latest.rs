@@ -1,5 +1,5 @@
-//! The latest values of every actor and arm, for the UI. A writer replaces the value before and never
-//! waits for a reader; the real-time thread does not write here, its records come by the ring.
+//! The latest values of every actor and arm, for the UI. A writer replaces the value before and
+//! never waits for a reader. The real-time thread does not write here: its records come by a ring.
 
 use crate::cell::Cell;
 use crate::generators::Behaviour;
@@ -19,34 +19,34 @@ pub struct LatestValues(Arc<Mutex<Latest>>);
 /// The values.
 #[derive(Debug, Default)]
 pub struct Latest {
-    /// Every effector's latest state, and what it came to between two looks.
+    /// Latest state of every effector, with its peaks between two snapshots.
     pub arms: Vec<ArmLatest>,
-    /// What MP is doing.
+    /// Activity of MP, in words.
     pub mp: &'static str,
-    /// What each effector was ordered.
+    /// Behaviour of each effector in words; `None` without an order.
     pub orders: [Option<&'static str>; 2],
     /// The kernel's belief.
     pub picture: Option<Picture>,
     /// The open question.
     pub question: Option<Question>,
-    /// It is a replay: nobody knows what the effectors were ordered.
+    /// Whether this is a replay; a recording does not hold the orders of the effectors.
     pub replayed: bool,
-    /// Arms may be moved by hand now.
+    /// Whether the operator may move arms by hand now.
     pub manual: bool,
-    /// What each camera's VSP saw last.
+    /// Latest picture of each camera's VSP.
     pub sights: Vec<Option<Sight>>,
-    /// The cell as a calibration found it, until the UI has taken it.
+    /// Cell as a calibration found it, until the UI has taken it.
     pub calibrated: Option<Box<Cell>>,
-    /// How punctual the servo of a real-time run is, and the length of its period (s).
+    /// Punctuality of the servo of a real-time run, and the length of its period (s).
     pub punctual: Option<(Arc<Switches>, f64)>,
 }
 
-/// An effector.
+/// Latest values of an effector.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ArmLatest {
-    /// Its state.
+    /// Latest state.
     pub state: ArmState,
-    /// What it came to since the last look.
+    /// Peaks since the last snapshot.
     pub peaks: Peaks,
 }
 
@@ -57,13 +57,14 @@ pub struct Peaks {
     pub force: f64,
     /// Norm of the torque at the tool (Nm).
     pub torque: f64,
-    /// Distance of the tool from its set place (m).
+    /// Distance of the tool from its set position (m).
     pub following: f64,
 }
 
 impl Peaks {
-    /// Takes a period in.
+    /// Adds the state of one period.
     pub fn take(&mut self, state: &ArmState) {
+        // `f64::max` ignores NaN, so a silent force sensor leaves the peaks as they are.
         let (set, is) = (&state.desired_base_from_tool, &state.base_from_tool);
         self.merge(&Self {
             force: state.wrench_in_tool.force.norm(),
@@ -72,7 +73,7 @@ impl Peaks {
         });
     }
 
-    /// Takes other periods' in.
+    /// Adds the peaks of other periods.
     pub fn merge(&mut self, other: &Self) {
         self.force = self.force.max(other.force);
         self.torque = self.torque.max(other.torque);
@@ -80,55 +81,59 @@ impl Peaks {
     }
 }
 
-/// What a camera's VSP saw.
+/// A picture of a camera's VSP with the result of vision.
 #[derive(Debug, Clone)]
 pub struct Sight {
     /// Servo period of the exposure.
     pub period: u64,
-    /// The pixels, until the UI has taken them.
+    /// Pixels, until the UI has taken them.
     pub image: Option<RgbImage>,
-    /// What was found, or why nothing was.
+    /// Result of vision.
     pub found: Found,
 }
 
-/// What vision found.
+/// Result of vision in one picture.
 #[derive(Debug, Clone)]
 pub enum Found {
     /// The cube: `world_from_cube`, speed of its centre (m/s).
     Cube(Pose, f64),
     /// A face.
     Face(Box<FaceReading>),
-    /// Nothing, and why.
+    /// No cube and no face, with the reason.
     Nothing(String),
 }
 
 impl LatestValues {
     /// Locks the values for reading or writing; hold the lock for moments only.
     pub fn lock(&self) -> MutexGuard<'_, Latest> {
+        // A writer that panicked leaves values that are still good enough to be shown.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What an effector came to beside the states that are shown.
+    /// Adds peaks of an effector that lie between the states that are shown.
     pub fn peaked(&self, arm: usize, peaks: &Peaks) {
+        // An arm whose first state has not come is not shown, and neither are its peaks.
         if let Some(arm) = self.lock().arms.get_mut(arm) {
             arm.peaks.merge(peaks);
         }
     }
 
-    /// A camera's VSP has looked.
+    /// Replaces the latest picture of a camera's VSP.
     pub fn saw(&self, camera: usize, sight: Sight) {
         let mut latest = self.lock();
+        // The number of cameras is unknown here, so the list grows with the first picture of each.
         if latest.sights.len() <= camera {
             latest.sights.resize(camera + 1, None);
         }
         latest.sights[camera] = Some(sight);
     }
 
-    /// What the effectors were ordered.
+    /// Replaces the orders of both effectors.
     pub fn ordered(&self, orders: &[Option<Behaviour>; 2]) {
         self.lock().orders = [0, 1].map(|i| orders[i].as_ref().map(words));
     }
 
+    /// Replaces the state of an arm and adds it to its peaks.
     fn arm(&self, record: &ServoRecord) {
         let (index, state) = (usize::from(record.arm), &record.state);
         let mut latest = self.lock();
@@ -136,6 +141,7 @@ impl LatestValues {
             latest.arms.resize(index + 1, ArmLatest::default());
         }
         let arm = &mut latest.arms[index];
+        // A snapshot shows a single state: the peaks cover those since the snapshot before.
         arm.peaks.take(state);
         arm.state = *state;
     }
@@ -144,9 +150,9 @@ impl LatestValues {
 /// A sink of servo records that copies them to the latest values, if there is a UI, and passes them
 /// on.
 pub struct Seen<S> {
-    /// Where they go.
+    /// Sink that gets the records next.
     pub to: S,
-    /// Who looks.
+    /// Latest values; `None` without a UI.
     pub latest: Option<LatestValues>,
 }
 
@@ -159,13 +165,14 @@ impl<S: RecordSink> RecordSink for Seen<S> {
     }
 }
 
+/// Returns a behaviour in words.
 fn words(behaviour: &Behaviour) -> &'static str {
     match behaviour {
         Behaviour::Joints { .. } | Behaviour::Legs { .. } => "joint motion",
         Behaviour::Line { .. } => "straight line",
         Behaviour::Jaw { .. } => "moves the jaws",
         Behaviour::Approach { .. } => "approaches",
-        Behaviour::Withdraw { .. } => "draws back",
+        Behaviour::Withdraw { .. } => "retracts",
         Behaviour::Grasp { .. } => "grasps",
         Behaviour::Secure { .. } => "seats the cube",
         Behaviour::Turn { .. } => "turns",

@@ -1,7 +1,9 @@
-//! Looks after the arms while they move: that they come too near to nothing, nor too fast to the operator's hand.
+//! The lookout: stops all arms when one comes too near an obstacle, or too fast near the operator's
+//! hand. It covers motions whose path no check knows before, as that of the visual servo.
 //!
-//! - in: the states that the EDPs publish; MP's word for whether the hands are not to meet now
+//! - in: the states that the EDPs publish; from MP, whether the hands are to keep apart
 //! - out: an emergency stop, with its reason on every UI and as the error that ends the run
+//! - thresholds: those of [`crate::reach::guard`], for places and speeds of the believed cell
 
 use super::notice::Notice;
 use super::services::Services;
@@ -14,22 +16,24 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tokio::sync::watch;
 
-/// The arms are looked at at this interval.
+/// Time between two checks of the arms.
 const INTERVAL: Duration = Duration::from_millis(20);
 
-/// MP's word for it: what is commanded keeps the hands apart, so that fingers and cubes are not to meet.
+/// A flag of MP for the lookout: the commanded motions keep the hands apart, so that fingers and
+/// cubes count as obstacles.
 #[derive(Debug, Clone, Default)]
 pub struct Apart(Arc<AtomicBool>);
 
 impl Apart {
-    /// Tells.
-    pub fn tell(&self, apart: bool) {
+    /// Sets the flag.
+    pub fn set(&self, apart: bool) {
         self.0.store(apart, Ordering::Release);
     }
 }
 
-/// Stops all arms where one comes too near to something, or too fast to the operator's hand, whatever brings it there.
-pub(crate) async fn watch_over(
+/// Stops all arms when one comes too near an obstacle or too fast near the operator's hand,
+/// whichever command moves it there.
+pub(crate) async fn run_lookout(
     mut guard: Guard,
     states: Vec<watch::Receiver<ArmState>>,
     stop: StopButton,
@@ -38,37 +42,42 @@ pub(crate) async fn watch_over(
 ) {
     let present = || states.iter().map(|state| *state.borrow()).collect::<Vec<ArmState>>();
     let known = |arms: &[ArmState], i: usize| {
-        // An EDP that has heard nothing yet publishes a state of no period.
+        // Without synchronisation the counters say nothing about the place of an arm. An EDP whose
+        // servo has not begun publishes the default state, of period 0.
         let is_known =
             |arm: &ArmState| arm.synchronisation == Synchronisation::Yes && arm.period > 0;
         arms.get(i).is_some_and(is_known)
     };
-    let room = |guard: &Guard, arms: &[ArmState]| {
-        guard.room([0, 1].map(|i| known(arms, i).then(|| &arms[i].desired_joints)))
+    let distances = |guard: &Guard, arms: &[ArmState]| {
+        guard.distances([0, 1].map(|i| known(arms, i).then(|| &arms[i].desired_joints)))
     };
     let mut last = present();
-    let mut least = room(&guard, &last);
+    let mut least = distances(&guard, &last);
     loop {
         let arms = present();
+        // The speed comes from the set values and the servo's own periods: this task may be late.
         let slow = |i: usize| {
             let (from, to) = (&last[i], &arms[i]);
             let seconds = to.period.saturating_sub(from.period) as f64 * PERIOD;
-            guard.pace(i, &from.desired_joints, &to.desired_joints, seconds)
+            guard.check_speed(i, &from.desired_joints, &to.desired_joints, seconds)
         };
+        // An arm that has just become known has not moved from where it was believed before.
         let mut both = (0..arms.len()).filter(|&i| known(&last, i) && known(&arms, i));
         let slow = both.try_for_each(slow);
+        // A hand counts with a cube if its jaws are as wide as one.
         let openings = [0, 1].map(|i| known(&arms, i).then(|| arms[i].jaw_opening));
         guard.holding(openings);
-        let mut now = room(&guard, &arms);
+        let mut now = distances(&guard, &arms);
         if !apart.0.load(Ordering::Acquire) {
-            // What they keep from each other afterwards begins with how they part.
+            // The hands are to meet, so their distance does not count. The distance to keep later
+            // begins with the one at which they part.
             (now, least) = (now.meeting(), least.meeting());
         }
-        if let Err(near) = guard.may(&least, &now).and(slow) {
+        if let Err(near) = guard.check_motion(&least, &now).and(slow) {
             let now = services.clock.period() as f64 * PERIOD;
             services.trace.tell(Notice::Warning(now, format!("{near}: all arms are stopped")));
             stop.press();
-            // Else the arms would be the first to say that they were stopped, and not why.
+            // Raised here, before the EDPs report an emergency stop without its reason.
             let cause = Fatal::TooNear(near.to_string());
             services.supervision.watchdog.raise(Error::Fatal {
                 actor: "guard".into(),
@@ -78,7 +87,7 @@ pub(crate) async fn watch_over(
             });
             return;
         }
-        // Who is put too near at the beginning may be led out of there, and stays out.
+        // An arm that begins too near may leave; each distance that it has gained is kept.
         (last, least) = (arms, now.or_more(&least));
         tokio::time::sleep(INTERVAL).await;
     }
@@ -96,25 +105,26 @@ mod tests {
     use crate::reach::{MeetingTable, ReachSettings, example_cell};
     use crate::record::run_hash::RunHash;
 
-    /// Whether both arms are stopped, and what is told, when they go from one place to another in a tenth of a second.
+    /// Returns the warning if both arms are stopped when they move from one place to another in
+    /// 0.1 s.
     async fn stopped(from: [JointPositions; 2], to: [JointPositions; 2]) -> Option<String> {
         stopped_when(false, from, to).await
     }
 
-    /// The same when the hands are not to meet.
+    /// Returns the warning as [`stopped`] does, with a flag whether the hands are to keep apart.
     async fn stopped_when(
         keeps_apart: bool,
         from: [JointPositions; 2],
         to: [JointPositions; 2],
     ) -> Option<String> {
         let states = [from.map(|at| standing(at, 100)), to.map(|at| standing(at, 150))];
-        let (number, near, told) = watched(keeps_apart, &states).await?;
-        assert_eq!(number, 1, "nothing is wrong before: {told}");
+        let (number, near, warning) = watched(keeps_apart, &states).await?;
+        assert_eq!(number, 1, "too early: {warning}");
         assert!(near.contains("arm"), "{near}");
-        Some(told)
+        Some(warning)
     }
 
-    /// At which of these states both arms are stopped, when they are in one after the other.
+    /// Returns the index of the state at which both arms are stopped as they pass all `states`.
     async fn stopped_at(keeps_apart: bool, states: &[[ArmState; 2]]) -> Option<usize> {
         watched(keeps_apart, states).await.map(|(number, ..)| number)
     }
@@ -124,7 +134,7 @@ mod tests {
         ArmState { desired_joints: joints, synchronisation, period, ..ArmState::default() }
     }
 
-    /// The same with what came too near, and what is told.
+    /// Returns the index of the state at which both arms are stopped, the cause and the warning.
     async fn watched(
         keeps_apart: bool,
         states: &[[ArmState; 2]],
@@ -138,9 +148,9 @@ mod tests {
         let clock = Clock::new(tokio::time::Instant::now(), switches);
         let services = Services::bare(clock, watch::channel(Control::Running).1, trace);
         let apart = Apart::default();
-        apart.tell(keeps_apart);
+        apart.set(keeps_apart);
         let listens = services.supervision.watchdog.listen();
-        let watching = tokio::spawn(watch_over(guard, listening, stop.button(), apart, services));
+        let watching = tokio::spawn(run_lookout(guard, listening, stop.button(), apart, services));
         let mut stopped = None;
         for (number, arms) in states.iter().enumerate() {
             for ((sender, _), state) in channels.iter().zip(arms) {
@@ -153,18 +163,19 @@ mod tests {
             }
         }
         watching.abort();
-        let told = notices.try_recv().ok().map(|notice| format!("{notice:?}"));
+        let warning = notices.try_recv().ok().map(|notice| format!("{notice:?}"));
         let ends = listens.borrow().as_ref().map(ToString::to_string);
-        assert_eq!((told.is_some(), ends.is_some()), (stopped.is_some(), stopped.is_some()));
-        let (number, told, ends) = (stopped?, told?, ends?);
-        // The run ends with what came too near, not with the stop that followed.
+        assert_eq!((warning.is_some(), ends.is_some()), (stopped.is_some(), stopped.is_some()));
+        let (number, warning, ends) = (stopped?, warning?, ends?);
+        // The error of the run is the cause of the stop, not the stop itself.
         let near = ends.strip_prefix("fatal, guard, watch: ").unwrap();
-        assert!(told.contains(near), "{ends} {told}");
-        Some((number, near.to_owned(), told))
+        assert!(warning.contains(near), "{ends} {warning}");
+        Some((number, near.to_owned(), warning))
     }
 
+    /// An arm that begins too near an obstacle may leave, and must not return.
     #[tokio::test(start_paused = true)]
-    async fn an_arm_that_was_led_out_of_where_it_was_too_near_stays_out() {
+    async fn arm_that_left_an_obstacle_stays_away() {
         let table = MeetingTable::compute(&example_cell(), &ReachSettings::default());
         let meeting = table.grasps.iter().flatten().next().unwrap();
         let mut low = meeting.postument;
@@ -177,8 +188,10 @@ mod tests {
         assert_eq!(stopped_at(false, &back).await, Some(2));
     }
 
+    /// The first known place of an arm is no motion: the place before it is unknown, so it has no
+    /// speed.
     #[tokio::test(start_paused = true)]
-    async fn where_an_arm_is_known_for_the_first_time_it_has_not_come_from_anywhere() {
+    async fn first_known_place_implies_no_speed() {
         let table = MeetingTable::compute(&example_cell(), &ReachSettings::default());
         let postument = table.grasps.iter().flatten().next().unwrap().postument;
         // Past the operator's hand, where 0.2 m in a fifth of a second are too fast.
@@ -187,7 +200,7 @@ mod tests {
         let before = [standing(past(0.2), 1), standing(postument, 1)];
         assert_eq!(stopped_at(false, &[before, there(101)]).await, Some(1));
 
-        // What an EDP publishes before it has heard anything, and what an arm counts that does not know its place.
+        // The state before the servo's first period, and that of an arm without synchronisation.
         let unheard = before.map(|arm| ArmState { period: 0, ..arm });
         let lost = before.map(|arm| ArmState { synchronisation: Synchronisation::No, ..arm });
         for unknown in [unheard, lost] {
@@ -195,8 +208,9 @@ mod tests {
         }
     }
 
+    /// Hands that are to keep apart keep more distance if their jaws hold cubes.
     #[tokio::test(start_paused = true)]
-    async fn hands_that_are_not_to_meet_keep_their_cubes_apart_where_their_jaws_hold_some() {
+    async fn hands_with_cubes_keep_more_distance() {
         let cell = example_cell();
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
         let edge = cell.cube.edge;
@@ -211,8 +225,8 @@ mod tests {
             let fits = |opening: f64, track: &JointPositions| {
                 let mut guard = Guard::of(&cell, 0.25);
                 guard.holding([Some(opening); 2]);
-                let room = |track| guard.room([Some(track), Some(&meeting.postument)]);
-                guard.may(&room(&far), &room(track)).is_ok()
+                let distances = |track| guard.distances([Some(track), Some(&meeting.postument)]);
+                guard.check_motion(&distances(&far), &distances(track)).is_ok()
             };
             let beside = (1..200).map(|i| along(-0.4 + 0.002 * f64::from(i)));
             let Some(beside) = beside.into_iter().find(|at| fits(0.0, at) && !fits(edge, at))
@@ -227,17 +241,17 @@ mod tests {
                 [track, meeting.postument]
                     .map(|at| ArmState { jaw_opening, ..standing(at, period) })
             };
-            // So slowly that nobody minds.
+            // Slow enough for the limit near the operator's hand.
             let come = |opening| [arms(far, 100, opening), arms(beside, 10_000, opening)];
             assert_eq!(stopped_at(true, &come(0.0)).await, None);
             assert_eq!(stopped_at(true, &come(edge)).await, Some(1));
-            assert_eq!(stopped_at(false, &come(edge)).await, None, "they are to meet");
+            assert_eq!(stopped_at(false, &come(edge)).await, None, "the hands must meet");
         }
         assert!(tried >= 2, "{tried}");
     }
 
     #[tokio::test(start_paused = true)]
-    async fn what_comes_too_near_or_too_fast_stops_both_arms_and_nothing_else_does() {
+    async fn near_or_fast_arm_stops_both() {
         let cell = example_cell();
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
         let meeting = table.grasps.iter().flatten().next().unwrap();
@@ -246,22 +260,22 @@ mod tests {
         assert_eq!(stopped([track, postument], [meeting.track_back, postument]).await, None);
         let mut low = postument;
         low.0[2] += 0.9;
-        let told = stopped([track, postument], [track, low]).await.unwrap();
-        // Who is there from the beginning may be led out, and no farther in.
+        let warning = stopped([track, postument], [track, low]).await.unwrap();
+        // An arm that begins there may leave, but not come nearer.
         assert_eq!(stopped([track, low], [track, low]).await, None);
         assert_eq!(stopped([track, low], [track, postument]).await, None);
         let mut lower = low;
         lower.0[2] += 0.02;
         assert!(stopped([track, low], [track, lower]).await.is_some());
-        assert!(told.contains("of the postument arm comes within"), "{told}");
-        assert!(told.contains("all arms are stopped"), "{told}");
+        assert!(warning.contains("of the postument arm comes within"), "{warning}");
+        assert!(warning.contains("all arms are stopped"), "{warning}");
 
-        // Half a metre of track in a tenth of a second, past the operator's hand.
+        // 0.2 m of track in 0.1 s, past the operator's hand.
         let before = JointPositions([0.0, 0.0, -1.57, 0.0, 1.56, 1.57, -1.57]);
         let past = |d0: f64| {
             JointPositions(std::array::from_fn(|i| if i == 0 { d0 } else { before.0[i] }))
         };
-        let told = stopped([past(0.2), postument], [past(0.4), postument]).await.unwrap();
-        assert!(told.contains("track arm goes at 2000 mm/s"), "{told}");
+        let warning = stopped([past(0.2), postument], [past(0.4), postument]).await.unwrap();
+        assert!(warning.contains("track arm moves at 2000 mm/s"), "{warning}");
     }
 }

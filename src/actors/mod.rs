@@ -1,7 +1,15 @@
-//! The shells: UI, MP, an ECP and an EDP per effector, VSPs. `run` creates them.
+//! The actors of a run: UI, MP, an ECP and an EDP per effector, and VSPs. `run` creates them.
 //!
-//! Actors are tokio tasks with bounded mailboxes. Requests go down a tree (MP, ECP, EDP), answers come back by
-//! `oneshot`, states go up by `watch`; so there is no cycle of waiting.
+//! An actor is a tokio task with a bounded mailbox. Requests travel down a tree (MP, ECP, EDP),
+//! answers return by `oneshot`, and states travel up by `watch`. So no cycle of actors can wait.
+//!
+//! - actors: `ui`, `mp`, `ecp`, `edp`, `vsp`
+//! - parts of actors: `move_instruction` runs a generator, `homing` synchronises an arm, `present`
+//!   makes the UI's snapshots
+//! - services of all actors: `services` with `clock`, `control`, `work`, `trace`, `latest`,
+//!   `notice`
+//! - supervision: `watchdog` detects actors that fail, `lookout` arms that come too near an
+//!   obstacle; `fault` injects failures
 
 pub mod clock;
 pub mod control;

@@ -1,8 +1,20 @@
-//! The move instruction: fetches a generator's inputs and dispatches its outputs (Zieliński et al. 2007, p. 370).
+//! The move instruction: fetches a generator's inputs and dispatches its outputs, once a macrostep
+//! (Zieliński et al. 2007, p. 370).
 //!
-//! [`MoveInstruction`] is one effector's instruction under way; an ECP runs one, MP runs one for each effector in the same
-//! macrostep. When the operator pauses, the motion comes to rest by itself and goes on from there: set values that
-//! stop dead trip the power stages.
+//! [`MoveInstruction`] is the instruction of one effector. An ECP runs one; MP under continuous
+//! coordination runs one for each effector in the same macrostep. A pause brings the motion to rest
+//! along its path, and a resume continues it from there: set values that stop at once trip the
+//! power stages.
+//!
+//! - in: the state of the arm, the latest pose of the cube, the operator's control
+//! - out: the next command and the sensor's configuration, or the [`Outcome`] of the behaviour
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | motion meets an obstacle | `force_limit` on the change | a constant offset is no contact |
+//! | motion near the operator | [`NearHand::force`] | a person's hand may be the obstacle |
+//! | pause or resume | `REST` | a faster one is a following error of axis 6 |
+//! | end from above | `ENDS` | the next order waits, but a fast motor must not stop at once |
 
 use super::control::Control;
 use crate::error::{Error, NonFatal};
@@ -14,43 +26,45 @@ use crate::motion::{ArmState, MoveCommand, PERIOD};
 use crate::spatial::{Pose, Wrench};
 use nalgebra::{Point3, Vector3};
 
-/// A generator with the state that its next call needs.
+/// A generator under way, with the state that its next call needs.
 #[derive(Debug)]
 pub struct MoveInstruction {
     generator: Generator,
-    /// Macrosteps from full pace to rest, and how many of them the motion is away from rest.
+    /// Macrosteps from full pace to rest.
     ramp: u32,
+    /// Macrosteps from the present pace to rest, 0..=`ramp`.
     pace: u32,
-    /// Whether it has been ended from above, and comes to rest.
+    /// Whether it has been ended from above and slows down.
     ending: bool,
-    /// What is heeded near the operator's hand; nothing by what gives way there, or lets go.
+    /// Limit of the force near the operator's hand; `None` for behaviours that yield there or let
+    /// the cube go.
     hand: Option<NearHand>,
-    /// Largest change of the force on a way through free space (N); `None` for other motions.
-    free: Option<f64>,
-    /// Where it leads, and the force at first.
+    /// Largest change of the force on a motion through free space (N); `None` for other motions.
+    free_limit: Option<f64>,
+    /// The behaviour, and the force at its beginning once a reading is finite (N).
     begun: (Behaviour, Option<Vector3<f64>>),
 }
 
-/// Time in which a pause brings a motion to rest, and a resume to its full pace (s). From the full
-/// speed of axis 6 the regulators lag by 4 rad of the motor in 0.4 s, which is a following error.
+/// Time in which a pause brings a motion to rest and a resume to its full pace (s). In 0.4 s from
+/// the full speed of axis 6 its regulator lags by 4 rad of the motor, which is a following error.
 const REST: f64 = 0.6;
 
-/// Time in which a motion comes to rest that is ended from above (s): stopped dead, a fast motor
-/// trips.
+/// Time in which a motion that is ended from above comes to rest (s). A fast motor that is stopped
+/// at once trips its power stage.
 const ENDS: f64 = 0.12;
 
-/// How the generators of an effector behave.
+/// Parameters of all generators of an effector.
 #[derive(Debug, Clone, Copy)]
 pub struct Manner {
     /// Compliance and macrostep.
     pub compliance: Compliance,
     /// Full speeds.
     pub speeds: Speeds,
-    /// Where an operator's hand may be.
+    /// Zone of the operator's hand; `None` for an arm that has none.
     pub hand: Option<NearHand>,
 }
 
-/// For tests and examples; scenarios own the real numbers.
+/// Returns a manner for tests and examples; scenarios own the real numbers.
 #[doc(hidden)]
 #[must_use]
 pub fn example_manner() -> Manner {
@@ -80,24 +94,25 @@ pub fn example_manner() -> Manner {
     }
 }
 
-/// Where an operator's hand may be, as one arm sees it.
+/// Zone in which the operator's hand may be, as one arm sees it, and the limit of the force there.
 #[derive(Debug, Clone, Copy)]
 pub struct NearHand {
-    /// `base_from_zone`, and half the size of the box there (m).
+    /// `base_from_zone`, and half of the edges of the box there (m).
     pub zone: (Pose, Vector3<f64>),
-    /// Force at which any motion is broken off there (N).
+    /// Force above which a motion near the zone is broken off (N).
     pub force: f64,
 }
 
 impl NearHand {
-    /// So near is a tool whose fingers, cube or palm may touch a hand in the zone, and the speed of
-    /// a braking arm (m).
+    /// Distance from the zone within which fingers, cube or palm of a tool may touch a hand there,
+    /// with the braking distance of an arm (m).
     const NEAR: f64 = 0.15;
 
-    /// Whether an arm that is there feels more force than it may (N).
+    /// Returns the outcome of a tool that is near the zone and reads more force than allowed there.
     fn excess(&self, arm: &ArmState, force: &Vector3<f64>) -> Option<Outcome> {
         let (base_from_zone, half) = &self.zone;
         let tool = Point3::from(arm.desired_base_from_tool.translation.vector);
+        // Distance from a box: the positive parts of the distances from its faces.
         let beyond = (base_from_zone.inverse() * tool).coords.abs() - half;
         (beyond.map(|x| x.max(0.0)).norm() < Self::NEAR && force.norm() > self.force)
             .then(|| Outcome::OverForce(force.iamax(), force.norm()))
@@ -105,10 +120,11 @@ impl NearHand {
 }
 
 impl Manner {
-    /// How long a motion along a known way takes (s); 0 of what is no such motion.
+    /// Returns the duration of a motion along a known path (s); 0 for any other behaviour.
     #[must_use]
     pub fn seconds(&self, order: &Behaviour, arm: &ArmState) -> f64 {
         match *order {
+            // An order may ask for more time than its speeds need, never for less.
             Behaviour::Joints { target, speed, seconds } => {
                 self.speeds.joints_seconds(&arm.desired_joints, &target, speed).max(seconds)
             }
@@ -116,69 +132,77 @@ impl Manner {
                 self.speeds.legs_seconds(&arm.desired_joints, &legs).max(seconds)
             }
             Behaviour::Line { target, speed } => {
-                let (way, turn) = off(arm, &target);
-                self.speeds.line_seconds(way, turn, speed)
+                let (distance, turn) = tool_distance(arm, &target);
+                self.speeds.line_seconds(distance, turn, speed)
             }
+            // Contacts, forces and the cube's motion decide how long the others take.
             _ => 0.0,
         }
     }
 
-    /// Gives such a motion so much time (s).
-    pub fn last(&self, order: &mut Behaviour, arm: &ArmState, lasts: f64) {
+    /// Sets the duration of a motion along a known path to `lasts` (s); leaves any other behaviour
+    /// as it is.
+    pub fn set_duration(&self, order: &mut Behaviour, arm: &ArmState, lasts: f64) {
         match order {
             Behaviour::Joints { seconds, .. } | Behaviour::Legs { seconds, .. } => *seconds = lasts,
+            // A line has no duration of its own, so the time becomes a share of its full speed.
             Behaviour::Line { target, speed } => {
-                let (way, turn) = off(arm, target);
-                *speed = self.speeds.line_fraction(way, turn, lasts);
+                let (distance, turn) = tool_distance(arm, target);
+                *speed = self.speeds.line_fraction(distance, turn, lasts);
             }
             _ => {}
         }
     }
 }
 
-/// Whether an arm that stands so is only to stay there, whatever pushes.
+/// Returns whether an order keeps an arm where its set values are.
 fn stays(order: &Behaviour, arm: &ArmState) -> bool {
     let Behaviour::Joints { target, .. } = order else { return false };
     target.0.iter().zip(arm.desired_joints.0).all(|(to, from)| (to - from).abs() < 1e-4)
 }
 
-/// Distance (m) and angle (rad) from an arm's tool to `base_from_tool`.
-fn off(arm: &ArmState, target: &Pose) -> (f64, f64) {
+/// Returns distance (m) and angle (rad) from an arm's tool to `target`, a `base_from_tool`.
+fn tool_distance(arm: &ArmState, target: &Pose) -> (f64, f64) {
     let from = &arm.desired_base_from_tool;
-    let way = (target.translation.vector - from.translation.vector).norm();
-    (way, from.rotation.angle_to(&target.rotation))
+    let distance = (target.translation.vector - from.translation.vector).norm();
+    (distance, from.rotation.angle_to(&target.rotation))
 }
 
 impl MoveInstruction {
-    /// Begins a behaviour.
+    /// Begins a behaviour, at full pace.
     #[must_use]
     pub fn begin(behaviour: &Behaviour, manner: &Manner) -> Self {
         let macrostep = f64::from(manner.compliance.macrostep) * PERIOD;
         let ramp = (REST / macrostep).ceil().max(1.0) as u32;
         let generator = behaviour.generator(&manner.compliance, &manner.speeds);
+        // These yield to a push by themselves or move the jaws only: breaking them off would not
+        // lower the force on the operator's hand.
         let yields = matches!(
             behaviour,
             Behaviour::Comply { .. } | Behaviour::Present { .. } | Behaviour::Jaw { .. }
         );
         let hand = manner.hand.filter(|_| !yields);
-        // What is there from the beginning is a sensor that lies, or a strain that the motion is to relieve.
-        let free = matches!(
+        // The change of the force counts, not the force: one that is there at the beginning is an
+        // offset of the sensor, or a strain that the motion is to relieve.
+        let free_limit = matches!(
             behaviour,
             Behaviour::Joints { .. } | Behaviour::Legs { .. } | Behaviour::Line { .. }
         )
         .then_some(manner.compliance.force_limit);
         let begun = (*behaviour, None);
-        Self { generator, ramp, pace: ramp, ending: false, hand, free, begun }
+        Self { generator, ramp, pace: ramp, ending: false, hand, free_limit, begun }
     }
 
-    /// Whether it stands still because of [`MoveInstruction::heed`].
+    /// Returns whether [`MoveInstruction::set_pace`] has brought it to rest.
     #[must_use]
     pub fn rests(&self) -> bool {
         self.pace == 0
     }
 
-    /// Ends it; `true` if it is over at once, since it does not move by itself.
+    /// Ends it at the request of the superior actor. Returns `true` if it is over at once, `false`
+    /// if it first slows down.
     pub fn end(&mut self) -> bool {
+        // The others are slow or yield to forces. The servo smooths what is left of their speed.
         self.ending = matches!(
             self.begun.0,
             Behaviour::Turn { .. }
@@ -190,14 +214,15 @@ impl MoveInstruction {
         !self.ending || self.pace == 0
     }
 
-    /// Whether it has been ended and has come to rest.
+    /// Returns whether it has been ended and has come to rest.
     #[must_use]
     pub fn has_ended(&self) -> bool {
         self.ending && self.pace == 0
     }
 
-    /// One macrostep nearer to full pace, or to rest.
-    pub fn heed(&mut self, control: Control) {
+    /// Changes the pace by one macrostep towards full pace or towards rest, as the operator wants.
+    pub fn set_pace(&mut self, control: Control) {
+        // A resume does not revive a motion that has been ended.
         if self.ending {
             self.pace = self.pace.saturating_sub((REST / ENDS).ceil() as u32);
             return;
@@ -208,34 +233,36 @@ impl MoveInstruction {
         };
     }
 
-    /// Inputs in; out come the next command and the sensor's new configuration, if there is one.
+    /// Returns the next command, and the sensor's new configuration if the generator has one.
     ///
     /// # Errors
-    /// The [`Outcome`] with which the motion has come to its end.
+    /// The [`Outcome`] of a motion that has ended.
     pub fn step(
         &mut self,
         arm: &ArmState,
         target: Option<&Target>,
     ) -> Result<(MoveCommand, Option<Sensing>), Outcome> {
         let Wrench { force, .. } = arm.wrench_in_tool;
+        // An arm that only keeps its place has no path to an obstacle: a push does not end it.
         if self.begun.1.is_none() && stays(&self.begun.0, arm) {
-            self.free = None;
+            self.free_limit = None;
         }
-        // What the servo stops an arm for is no force to begin from: nothing would be beyond it any more.
+        // The first finite force is the reference: against NaN every change would compare as
+        // small, and the limit would never act.
         if self.begun.1.is_none() && force.iter().all(|newtons| newtons.is_finite()) {
             self.begun.1 = Some(force);
         }
         let change = force - self.begun.1.unwrap_or(force);
-        // What seeks a contact begins without one.
-        let felt = if self.free.is_some() { &change } else { &force };
-        if let Some(excess) = self.hand.and_then(|hand| hand.excess(arm, felt)) {
+        // A behaviour that seeks a contact begins without one, so its whole force counts.
+        let judged = if self.free_limit.is_some() { &change } else { &force };
+        if let Some(excess) = self.hand.and_then(|hand| hand.excess(arm, judged)) {
             return Err(excess);
         }
-        if self.free.is_some_and(|limit| change.norm() > limit) {
+        if self.free_limit.is_some_and(|limit| change.norm() > limit) {
             return Err(Outcome::OverForce(change.iamax(), change.norm()));
         }
         let share = f64::from(self.pace) / f64::from(self.ramp);
-        // Without a jump of the acceleration at either end.
+        // A smoothstep, 3 s^2 - 2 s^3: a linear pace would make the acceleration jump at both ends.
         let pace = share * share * (3.0 - 2.0 * share);
         let inputs = Inputs { arm, target, period: arm.period, pace };
         match self.generator.next(&inputs) {
@@ -244,11 +271,12 @@ impl MoveInstruction {
         }
     }
 
-    /// Whether this is a refusal of its last command that its generator can go on from.
+    /// Returns whether the error is a refusal of its last command after which its generator
+    /// continues.
     #[must_use]
-    pub fn bears(&self, error: &Error) -> bool {
+    pub fn tolerates(&self, error: &Error) -> bool {
         match error {
-            Error::NonFatal { cause: NonFatal::Refused(why), .. } => self.generator.bears(why),
+            Error::NonFatal { cause: NonFatal::Refused(why), .. } => self.generator.tolerates(why),
             _ => false,
         }
     }
@@ -274,7 +302,7 @@ mod tests {
         Manner { speeds, hand, ..example_manner() }
     }
 
-    /// The outcome of the last step of a behaviour that felt these forces (N), at x (m).
+    /// Returns the outcome of the last step of a behaviour under these forces (N), at x (m).
     fn ends<const N: usize>(behaviour: &Behaviour, x: f64, forces: [f64; N]) -> Option<Outcome> {
         let mut motion = MoveInstruction::begin(behaviour, &manner());
         let mut ended = None;
@@ -292,8 +320,10 @@ mod tests {
         ended
     }
 
+    /// A change of the force ends a motion through free space. A constant offset of the sensor does
+    /// not, nor does a push against an arm that only keeps its place.
     #[test]
-    fn a_way_through_free_space_ends_where_something_is_met_and_a_sensor_that_lies_stops_nothing() {
+    fn change_of_force_ends_a_free_motion() {
         let target = JointPositions([0.5; AXES]);
         let joints = Behaviour::Joints { target, speed: 1.0, seconds: 5.0 };
         let line = Behaviour::Line { target: Pose::translation(0.3, 0.2, 1.0), speed: 1.0 };
@@ -301,20 +331,25 @@ mod tests {
         for behaviour in [joints, line] {
             assert_eq!(ends(&behaviour, 0.3, [0.0, 19.0]), None);
             assert_eq!(ends(&behaviour, 0.3, [0.0, 21.0]), Some(Outcome::OverForce(1, 21.0)));
-            assert_eq!(ends(&behaviour, 0.3, [30.0, 30.0]), None, "nothing has changed");
+            assert_eq!(ends(&behaviour, 0.3, [30.0, 30.0]), None, "the force is constant");
             assert_eq!(ends(&behaviour, 0.3, [30.0, 5.0]), Some(Outcome::OverForce(1, 25.0)));
-            // A sample that is missing at first blinds nothing that comes later.
+            // A missing first sample does not disable the limit for the later ones.
             assert_eq!(ends(&behaviour, 0.3, [f64::NAN, 0.0, 19.0]), None);
             let after = ends(&behaviour, 0.3, [f64::NAN, 0.0, 21.0]);
             assert_eq!(after, Some(Outcome::OverForce(1, 21.0)));
         }
         let target = JointPositions::default();
         let stays = Behaviour::Joints { target, speed: 1.0, seconds: 5.0 };
-        assert_eq!(ends(&stays, 0.3, [0.0, 50.0]), None, "what only holds its place does");
+        assert_eq!(
+            ends(&stays, 0.3, [0.0, 50.0]),
+            None,
+            "a behaviour that only holds its place has no limit"
+        );
     }
 
+    /// Near the operator a lower limit ends a motion, except one that yields or opens the jaws.
     #[test]
-    fn near_the_operator_less_is_borne_but_by_what_gives_way_or_lets_go() {
+    fn lower_force_ends_motions_near_the_operator() {
         let target = JointPositions([0.5; AXES]);
         let joints = Behaviour::Joints { target, speed: 1.0, seconds: 5.0 };
         let present = Behaviour::Present { pull: 50.0, selector: [true; 6], seconds: 5.0 };
@@ -329,7 +364,7 @@ mod tests {
             assert_eq!(ends(&present, x, [0.0, 11.0]), None);
             assert_eq!(ends(&opens, x, [0.0, 11.0]), None);
         }
-        // What a free motion feels from its beginning is a sensor that lies; what seeks a contact begins without one.
+        // A force at the beginning is an offset in a free motion, but a contact in an approach.
         let seeks =
             Behaviour::Approach { speed: 0.02, distance: 0.05, force: 30.0, selector: [false; 6] };
         assert_eq!(ends(&joints, 0.8, [11.0, 11.0]), None);
@@ -343,14 +378,14 @@ mod tests {
         let mut motion = MoveInstruction::begin(&joints, &manner());
         let mut arm = ArmState::default();
         let mut step = |motion: &mut MoveInstruction| {
-            motion.heed(Control::Running);
+            motion.set_pace(Control::Running);
             let Ok((MoveCommand { motion: Motion::Joints(to), .. }, _)) = motion.step(&arm, None)
             else {
                 panic!()
             };
-            let way = to.0[1] - arm.desired_joints.0[1];
+            let step = to.0[1] - arm.desired_joints.0[1];
             arm.desired_joints = to;
-            way
+            step
         };
         for _ in 0..40 {
             step(&mut motion);
@@ -367,6 +402,6 @@ mod tests {
         assert!(ways.len() as f64 * 0.016 < ENDS + 0.03, "{ways:?}");
         let mut yields =
             MoveInstruction::begin(&Behaviour::Comply { selector: [true; 6] }, &manner());
-        assert!(yields.end(), "what does not move by itself is over at once");
+        assert!(yields.end(), "a compliant behaviour is at rest at once");
     }
 }

@@ -22,13 +22,15 @@ pub enum Notice {
 
 /// Writes a notice into the recording.
 pub(super) fn record(recorder: &Recorder, notice: &Notice) {
+    // A recording counts in periods of 2 ms; a notice has the time of the run.
     let at = |seconds: f64| (seconds / PERIOD).round() as u64;
     let log = |seconds: f64, class: Class, who: &str, text: &str| {
-        recorder.note(at(seconds), || Entry::Log(class, who.to_owned(), text.to_owned()));
+        recorder.record(at(seconds), || Entry::Log(class, who.to_owned(), text.to_owned()));
     };
     match notice {
+        // Twice: as an entry of its own for the timeline, and as a line of the log.
         Notice::Phase(time, name) => {
-            recorder.note(at(*time), || Entry::Phase(name.clone(), String::new()));
+            recorder.record(at(*time), || Entry::Phase(name.clone(), String::new()));
             log(*time, Class::Info, "mp", &format!("phase: {name}"));
         }
         Notice::Note(time, text) => log(*time, Class::Info, "mp", text),
@@ -37,6 +39,7 @@ pub(super) fn record(recorder: &Recorder, notice: &Notice) {
             let (class, actor) = class(error);
             log(*time, class, actor, &error.to_string());
         }
+        // The run writes its end itself, as the phase "end".
         Notice::Over(_) => {}
     }
 }

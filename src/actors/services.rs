@@ -1,4 +1,4 @@
-//! Services that every actor of a run is given: time, the operator's will, the trace, and
+//! Services that every actor of a run gets: time, the operator's control, the trace, and
 //! supervision.
 
 use super::clock::Clock;
@@ -12,22 +12,22 @@ use crate::scenario::keys::Pace;
 use std::sync::Arc;
 use tokio::sync::watch;
 
-/// The services of a run; a clone is the same ones.
+/// The services of a run. A clone shares them.
 #[derive(Clone)]
 pub struct Services {
-    /// Servo periods and time.
+    /// Clock of servo periods.
     pub clock: Clock,
-    /// The door for long work.
+    /// Door for long work.
     pub work: Work,
-    /// The operator's will.
+    /// The operator's control of the run.
     pub control: watch::Receiver<Control>,
-    /// How fast simulated time may go; MP says when it waits for the operator.
+    /// Limit of the speed of simulated time; MP reports when it waits for the operator.
     pub tempo: Tempo,
-    /// Where messages, notices and pictures are written.
+    /// Trace of messages, notices and pictures.
     pub trace: Trace,
-    /// The recording that is verified, which delivers in place of cameras.
+    /// Recording under verification, which delivers in place of cameras.
     pub playback: Option<Playback>,
-    /// Reports panics and silence of actors, and injects faults into them.
+    /// Watchdog of the actors, and faults that are injected into them.
     pub(crate) supervision: Supervision,
 }
 

@@ -1,11 +1,11 @@
-//! The trace of an actor's work: one door to the hash of the run, the recording, the latest
-//! values and the operator's notices.
+//! The trace of the actors' work: one door to the hash of the run, the recording, the latest
+//! values and the operator's notices. An actor writes once and awaits no sink; each sink takes its
+//! part.
 //!
 //! - in: messages, notices, pictures, beliefs, each with its period or time
-//! - out: the hash covers messages alone; the recording and the UI get what people look at. An
-//!   actor writes once and never waits; each sink takes what concerns it
+//! - out: the hash, which covers messages alone; the recording and the latest values, for people
 //!
-//! The journal is none of these sinks: MP alone writes it, and waits until it is durable.
+//! The journal is none of these sinks: MP alone writes it, and waits until an entry is durable.
 
 use super::latest::{Found, LatestValues, Sight};
 use super::notice::{Notice, record};
@@ -19,10 +19,11 @@ use crate::tasks::Picture;
 use std::fmt::Debug;
 use tokio::sync::mpsc;
 
-/// Notices that may wait; more would mean that the terminal hangs, and then they are dropped.
+/// Capacity of the mailbox of notices. A full one means that the terminal hangs; further notices
+/// are dropped.
 const MAILBOX: usize = 1024;
 
-/// The traces of a run; a clone writes to the same ones.
+/// The trace of a run. A clone writes to the same sinks.
 #[derive(Debug, Clone)]
 pub struct Trace {
     hash: RunHash,
@@ -44,7 +45,7 @@ pub(crate) struct Look<'a> {
 }
 
 impl Trace {
-    /// Creates the traces of a run, and the end at which its notices arrive.
+    /// Creates the trace of a run, and the receiver of its notices.
     #[must_use]
     pub fn new(
         hash: RunHash,
@@ -55,7 +56,7 @@ impl Trace {
         (Self { hash, recorder, latest, notices }, arrive)
     }
 
-    /// Creates traces without recording and faces; notices arrive at the receiver.
+    /// Creates a trace without recording and UI, and the receiver of its notices.
     #[must_use]
     pub fn bare(hash: RunHash) -> (Self, mpsc::Receiver<Notice>) {
         Self::new(hash, Recorder::default(), None)
@@ -69,19 +70,20 @@ impl Trace {
     /// Sends a notice to the operator, and to the recording.
     pub fn tell(&self, notice: Notice) {
         record(&self.recorder, &notice);
+        // Not awaited: a terminal that takes nothing must not stop an actor.
         if self.notices.try_send(notice).is_err() {
             tracing::warn!("the operator's terminal does not keep up: a notice was dropped");
         }
     }
 
-    /// Sends the last notice of a run. With a full mailbox the terminal hangs, and the end comes with
-    /// the last clone of this.
+    /// Sends the last notice of a run. It waits for room in the mailbox, unless the UI is gone.
     pub(super) fn tell_last(self, notice: Notice) {
         record(&self.recorder, &notice);
+        // The outcome must not be dropped. The run is over, so waiting delays no actor.
         let _ = self.notices.blocking_send(notice);
     }
 
-    /// Writes what MP is doing, and what its kernel believes.
+    /// Writes the activity of MP and the belief of its kernel.
     pub(crate) fn believes(
         &self,
         period: u64,
@@ -89,15 +91,17 @@ impl Trace {
         picture: impl Fn() -> Option<Picture>,
     ) {
         if let Some(latest) = &self.latest {
+            // Made before the lock, which is held for moments only.
             let picture = picture();
             let mut latest = latest.lock();
             (latest.picture, latest.mp) = (picture, doing);
         }
+        // Made again only if there is a recording.
         self.recorder
-            .note_some(period, || picture().map(|picture| Entry::Belief(Box::new(picture))));
+            .record_some(period, || picture().map(|picture| Entry::Belief(Box::new(picture))));
     }
 
-    /// Writes what the effectors are ordered.
+    /// Writes the orders of both effectors.
     pub(crate) fn ordered(&self, orders: &[Option<Behaviour>; 2]) {
         if let Some(latest) = &self.latest {
             latest.ordered(orders);
@@ -111,22 +115,23 @@ impl Trace {
         }
     }
 
-    /// Writes that arms may be moved by hand now.
+    /// Writes that the operator may move arms by hand from now on.
     pub(crate) fn takes_orders(&self) {
         if let Some(latest) = &self.latest {
             latest.lock().manual = true;
         }
     }
 
-    /// Writes the time that it took to read a face (s): for the report alone, since in a run it
-    /// takes as long as the scenario declares.
+    /// Writes the measured time of reading a face (s). Only the report uses it: in a virtual run
+    /// the time that the scenario declares counts.
     pub(crate) fn face_took(&self, period: u64, seconds: f64) {
-        self.recorder.note(period, || Entry::FaceTook(seconds));
+        self.recorder.record(period, || Entry::FaceTook(seconds));
     }
 
-    /// Writes what a look came to, at period `now`.
+    /// Writes the result of a look, which is delivered at period `now`.
     pub(crate) fn sensed(&self, now: u64, look: &Look<'_>, found: &dyn Fn() -> Found) {
-        self.recorder.note(now, || {
+        // Request and period are kept beside the result: a verification compares them.
+        self.recorder.record(now, || {
             let found = match found() {
                 Found::Cube(world_from_cube, speed) => {
                     let exposed = look.exposed;
@@ -140,11 +145,12 @@ impl Trace {
         });
     }
 
-    /// Writes the picture of a look: to the recording if `keeps`, and to the UI with what was
-    /// found in it.
+    /// Writes the picture of a look: to the recording if `keeps`, and to the UI with the result of
+    /// vision.
     pub(crate) fn saw(&self, camera: usize, frame: Frame, keeps: bool, found: &dyn Fn() -> Found) {
+        // The recording gets a copy, the UI the pixels themselves.
         if keeps {
-            self.recorder.note(frame.period, || Entry::Picture(camera, frame.image.clone()));
+            self.recorder.record(frame.period, || Entry::Picture(camera, frame.image.clone()));
         }
         if let Some(latest) = &self.latest {
             let Frame { period, image } = frame;
@@ -157,12 +163,12 @@ impl Trace {
         self.recorder.is_on()
     }
 
-    /// Returns the hash.
+    /// Returns the hash over all messages and servo records of the run.
     pub(crate) fn hash(&self) -> &RunHash {
         &self.hash
     }
 
-    /// Returns the recording.
+    /// Returns the recorder of the run.
     pub(crate) fn recorder(&self) -> &Recorder {
         &self.recorder
     }

@@ -1,11 +1,14 @@
-//! UI: presents the run and obeys the operator.
+//! UI: the actor that presents the run to the operator and applies the operator's inputs.
 //!
-//! It owns the snapshot that each UI shows, and obeys their inputs: page, terminal and the keys on
-//! stdin are at the same [`Desk`]. Notices come by a bounded mailbox, quick values by the
-//! [`LatestValues`]; no other actor waits for it. It lives on a thread of its own, in wall-clock
-//! time: a virtual run neither sees it nor slows down for it. The emergency stop passes all actors
-//! on its way to the servos ([`crate::emergency_stop`]). Lines go to stderr; stdout stays for
-//! machines.
+//! It owns the snapshot that each UI shows, and applies their inputs: page, terminal and the keys
+//! on stdin share one [`Desk`]. Notices arrive by a bounded mailbox, quick values by the
+//! [`LatestValues`]. No other actor waits for it. It lives on a thread of its own, in wall-clock
+//! time: a virtual run neither sees it nor slows down for it. The emergency stop bypasses all
+//! actors on its path to the servos ([`crate::emergency_stop`]). The UI writes lines to stderr;
+//! stdout stays for machines.
+//!
+//! - in: inputs of the operator, notices of the other actors, the latest values
+//! - out: snapshots, pictures and the stage; the operator's control; answers and orders to MP
 
 use super::control::{Control, Tempo, is_speed};
 use super::latest::LatestValues;
@@ -29,42 +32,42 @@ const REFRESH: Duration = Duration::from_millis(50);
 /// The parts of a run on which the operator's inputs act.
 #[derive(Debug, Clone)]
 pub struct OperatorControls {
-    /// Start, pause, resume, terminate.
+    /// Start, pause, resume and terminate.
     pub control: Arc<watch::Sender<Control>>,
     /// Answers and orders to MP.
     pub to_task: mpsc::Sender<Input>,
-    /// How fast simulated time may go.
+    /// Limit of the speed of simulated time.
     pub tempo: Tempo,
 }
 
-/// How the UI is created.
+/// The parts of the UI.
 pub struct Parts {
-    /// Writes nothing to stderr.
+    /// Whether it writes nothing to stderr.
     pub quiet: bool,
-    /// Listens to keys on stdin.
+    /// Whether it reads keys from stdin.
     pub keys: bool,
-    /// The parts of the run on which inputs act.
+    /// Parts of the run on which inputs act.
     pub controls: OperatorControls,
-    /// The run's end of the desk; `None` when no UI is at one.
+    /// The run's end of the desk; `None` without a UI.
     pub desk: Option<RunEnd>,
-    /// Makes the snapshots, when there are UIs.
+    /// Maker of the snapshots; `None` without a UI.
     pub presenter: Option<Presenter>,
-    /// The latest values, when there are UIs.
+    /// Latest values; `None` without a UI.
     pub latest: Option<LatestValues>,
-    /// The recording of the run.
+    /// Recording of the run.
     pub recorder: Recorder,
-    /// The hash of the run, which covers inputs that were obeyed.
+    /// Hash of the run, which covers the inputs that were applied.
     pub hash: RunHash,
 }
 
 /// The running UI.
 #[derive(Debug)]
 pub struct Ui {
-    /// For the other actors.
+    /// Trace for the other actors.
     pub trace: Trace,
-    /// Presses the emergency stop at the operator's desk.
+    /// Handle that presses the emergency stop at the operator's desk.
     pub stop_button: StopButton,
-    /// Reads the emergency stop at the operator's desk.
+    /// Handle that reads the emergency stop at the operator's desk.
     pub stop_signal: StopSignal,
     thread: std::thread::JoinHandle<()>,
 }
@@ -73,14 +76,16 @@ impl Ui {
     /// Creates the UI on a thread of its own.
     ///
     /// # Errors
-    /// The operating system's, if it refuses another thread.
+    /// The error of the operating system, if it refuses another thread.
     pub fn spawn(parts: Parts) -> std::io::Result<Self> {
         let (trace, notices) = Trace::new(parts.hash.clone(), parts.recorder, parts.latest);
         let desk = parts.desk.unwrap_or_else(|| Desk::default().run_end());
         if parts.keys {
+            // Without a presenter there is no page or terminal UI either.
             listen_to_stdin(desk.ui_end(), parts.presenter.is_none());
         }
         let (stop_button, stop_signal) = (desk.stop_button(), desk.stop_signal());
+        // A runtime of its own: that of the run may have a paused clock.
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
         let Parts { quiet, controls, presenter, hash, .. } = parts;
         let shell = Shell { quiet, controls, desk, presenter, hash };
@@ -92,12 +97,12 @@ impl Ui {
     /// Shows the outcome of the run and ends the UI.
     pub fn over(self, outcome: OutcomeView) {
         self.trace.tell_last(Notice::Over(outcome));
-        // A panic has reported itself.
+        // The panic of that thread has been printed already.
         let _ = self.thread.join();
     }
 }
 
-/// The UI's shell: its loop, with all that the loop uses.
+/// The state of the UI's loop.
 struct Shell {
     quiet: bool,
     controls: OperatorControls,
@@ -111,12 +116,15 @@ impl Shell {
     async fn run(mut self, mut notices: mpsc::Receiver<Notice>) {
         let mut inputs = self.desk.take_inputs();
         let mut refresh = tokio::time::interval(REFRESH);
+        // Snapshots that are missed are out of date: none is made up for.
         refresh.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
             tokio::select! {
+                // Inputs come first: a flood of notices must not delay a pause.
                 biased;
                 Some(input) = next(&mut inputs) => self.obey(&input),
                 notice = notices.recv() => {
+                    // The last clone of the trace is gone: the run ended without an outcome.
                     let Some(notice) = notice else { break };
                     self.present(&notice);
                     if matches!(notice, Notice::Over(_)) {
@@ -126,12 +134,15 @@ impl Shell {
                 _ = refresh.tick(), if self.presenter.is_some() => self.publish(),
             }
         }
+        // The UIs show the outcome, which came after the last regular snapshot.
         self.publish();
     }
 
+    /// Applies an input and shows the result to the operator.
     fn obey(&mut self, input: &Input) {
         let done = apply(input, &self.controls);
         if done == Ok(true) {
+            // An input without an effect must not change the hash of the run.
             self.hash.message("operator", "ui", input);
         }
         if let Some(presenter) = &mut self.presenter {
@@ -139,6 +150,7 @@ impl Shell {
         }
     }
 
+    /// Prints a notice and takes it into the next snapshot.
     fn present(&mut self, notice: &Notice) {
         if !self.quiet {
             print(notice);
@@ -148,6 +160,7 @@ impl Shell {
         }
     }
 
+    /// Publishes a snapshot if there is a presenter.
     fn publish(&mut self) {
         let Some(presenter) = &mut self.presenter else { return };
         let control = *self.controls.control.borrow();
@@ -155,15 +168,18 @@ impl Shell {
     }
 }
 
+/// Waits for the next input; forever if another taker has the inputs.
 async fn next(inputs: &mut Option<Inputs>) -> Option<Input> {
     match inputs {
         Some(inputs) => inputs.recv().await,
+        // `None` would end the loop of the UI at once.
         None => std::future::pending().await,
     }
 }
 
+/// Writes a notice to the log and to stderr.
 fn print(notice: &Notice) {
-    // A reader of the log sees the notice in its place; stderr has it as well.
+    // In the log the notice appears among the lines of its time.
     match notice {
         Notice::Phase(_, name) => tracing::info!(phase = %name, "phase"),
         Notice::Note(_, text) | Notice::Warning(_, text) => tracing::info!("{text}"),
@@ -171,7 +187,7 @@ fn print(notice: &Notice) {
         Notice::Over(_) => return,
     }
     let mut err = std::io::stderr().lock();
-    // A closed stderr has no reader.
+    // A failure to write is ignored: a closed stderr has no reader.
     let _ = match notice {
         Notice::Phase(t, name) => writeln!(err, "{t:9.2} s  {name}"),
         Notice::Note(_, text) | Notice::Warning(_, text) => {
@@ -184,10 +200,10 @@ fn print(notice: &Notice) {
 
 /// Applies an input to the run. Returns whether it changed anything, or the reason for a refusal.
 ///
-/// A start of a run that is on changes nothing and is not recorded: the end of stdin gives one at
-/// any time.
+/// A start of a running run changes nothing and is not recorded, since the end of stdin gives one
+/// at any time.
 fn apply(input: &Input, controls: &OperatorControls) -> Result<bool, &'static str> {
-    let turn = |to| {
+    let set = |to| {
         controls.control.send_if_modified(|control| {
             let changes = *control != to;
             *control = to;
@@ -200,39 +216,39 @@ fn apply(input: &Input, controls: &OperatorControls) -> Result<bool, &'static st
     };
     let now = *controls.control.borrow();
     match (input, now) {
-        // A start moves no arm that was paused.
+        // A start, which a bare Enter gives, must not move an arm that was paused.
         (Input::Start, Control::Paused) => Err("the run has begun: resume it"),
+        // A terminate is final.
         (Input::Start | Input::Resume | Input::Pause, Control::Terminated) => {
-            Err("the run is over")
+            Err("the run is terminated")
         }
-        (Input::Start | Input::Resume, _) => Ok(turn(Control::Running)),
+        (Input::Start | Input::Resume, _) => Ok(set(Control::Running)),
         (Input::Pause | Input::Manual { .. }, Control::Waiting) => Err("the run has not begun"),
-        (Input::Pause, _) => Ok(turn(Control::Paused)),
-        (Input::Terminate, _) => Ok(turn(Control::Terminated)),
-        // The button was pressed on the way here. A run that waits for its start begins stopped, so
-        // that its arms report the stop.
+        (Input::Pause, _) => Ok(set(Control::Paused)),
+        (Input::Terminate, _) => Ok(set(Control::Terminated)),
+        // The desk has pressed the button before it sent this input. A run that waits for its start
+        // begins stopped, so that its arms report the stop.
         (Input::EmergencyStop, Control::Waiting) => {
-            turn(Control::Running);
+            set(Control::Running);
             Ok(true)
         }
         (Input::EmergencyStop, _) => Ok(true),
-        (Input::Answer { .. }, _) => to_task("nobody waits for an answer"),
-        // An order that waited would be carried out at once when the run goes on, unexpectedly.
+        (Input::Answer { .. }, _) => to_task("no question waits for an answer"),
+        // A queued order would move an arm unexpectedly, as soon as the run is resumed.
         (Input::Manual { .. }, Control::Paused) => Err("the run is paused: resume it first"),
         (Input::Manual { .. }, _) => to_task("the arms are busy"),
         (Input::Speed { factor }, _) if is_speed(*factor) => {
             controls.tempo.set(*factor);
             Ok(true)
         }
-        (Input::Speed { .. }, _) => {
-            Err("0.01 times real time is the slowest, 0 is as fast as it computes")
-        }
-        (Input::Quit | Input::Seek { .. }, _) => Err("not while a run is on"),
+        (Input::Speed { .. }, _) => Err("the least speed is 0.01 times real time; 0 is unlimited"),
+        // These are inputs of a replay.
+        (Input::Quit | Input::Seek { .. }, _) => Err("not during a run"),
     }
 }
 
-/// Listens to keys on stdin, on a thread of its own that ends with the process: stdin cannot be
-/// awaited.
+/// Starts a thread that reads keys from stdin. It ends with the process, since a read from stdin
+/// cannot be cancelled.
 fn listen_to_stdin(desk: UiEnd, alone: bool) {
     let mut err = std::io::stderr().lock();
     let _ = writeln!(
@@ -242,7 +258,7 @@ fn listen_to_stdin(desk: UiEnd, alone: bool) {
     std::thread::spawn(move || listen(std::io::stdin().lock(), &desk, alone));
 }
 
-/// Sends an input for each line until the lines end; `alone`: there is no other UI.
+/// Sends an input for each line until the lines end. `alone` means that there is no other UI.
 fn listen(lines: impl BufRead, desk: &UiEnd, alone: bool) {
     for line in lines.lines().map_while(Result::ok) {
         let input = match line.trim() {
@@ -258,7 +274,7 @@ fn listen(lines: impl BufRead, desk: &UiEnd, alone: bool) {
         };
         let _ = desk.send(input);
     }
-    // The end of stdin starts a run that no other UI could start.
+    // Without keys and without another UI the run would wait forever for its start.
     if alone {
         let _ = desk.send(Input::Resume);
     }
@@ -274,7 +290,8 @@ mod tests {
         (OperatorControls { control, to_task, tempo: Tempo::default() }, task)
     }
 
-    /// Returns what lines on stdin make of a run that waits, and whether the stop is pressed.
+    /// Returns the control of a waiting run after these lines on stdin, and whether the emergency
+    /// stop is pressed.
     fn after(lines: &str, alone: bool) -> (Control, bool) {
         let (controls, _task) = controls(Control::Waiting);
         let (ui, run) = Desk::default().ends();
@@ -310,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn end_of_stdin_starts_a_lonely_run() {
+    fn end_of_stdin_starts_run_without_other_operator() {
         assert_eq!(after("", true), (Control::Running, false));
         assert_eq!(after("s\np\n", true), (Control::Running, false));
         assert_eq!(after("what\n", true), (Control::Running, false));
@@ -338,7 +355,7 @@ mod tests {
             assert!(apply(&jog, &controls).unwrap_err().contains(why));
         }
         controls.control.send_replace(Control::Running);
-        assert!(task.try_recv().is_err(), "no order waited");
+        assert!(task.try_recv().is_err(), "no refused order waits");
         apply(&jog, &controls).unwrap();
         assert!(task.try_recv().is_ok());
     }

@@ -1,9 +1,20 @@
-//! VSP: aggregates a hardware sensor's readings into what the task needs.
+//! VSP (virtual sensor process): the actor that turns the readings of a hardware sensor into the
+//! quantity that the task needs.
 //!
-//! Three kinds, after figure 3 of the paper: the stand-alone camera (tracks the cube at 25 Hz), a camera in a
-//! hand (reads faces on request), and the aggregate of the wrist forces. The figure names `VSP_MPC` and `VSP_MPF`
-//! (of MP) and `VSP_GS1`, `VSP_GS2` (of the ECPs) and the text explains the cameras only: that MPF aggregates the
+//! There are three kinds, after figure 3 of the paper (Zieliński et al. 2007): the stand-alone
+//! camera, which tracks the cube at 25 Hz; a camera in a hand, which reads faces on request; and
+//! the aggregate of the wrist forces. The figure names `VSP_MPC` and `VSP_MPF` (of MP) and
+//! `VSP_GS1`, `VSP_GS2` (of the ECPs). The text explains the cameras only. That MPF aggregates the
 //! forces and that GS are the gripper's cameras is our reading.
+//!
+//! - in: frames of a camera, or the states of the arms; requests and configurations
+//! - out: the latest [`Target`], a [`FaceReading`] per request, the latest [`Forces`]
+//!
+//! | fault of a camera | threshold | reason |
+//! |---|---|---|
+//! | stale picture | `STALE` | the arm would follow the cube to where it was |
+//! | black picture | `BLACK` | no light reached the sensor |
+//! | repeated picture | period of the last one | the filter would count one measurement twice |
 
 use super::fault::ActorFault;
 use super::latest::Found;
@@ -28,27 +39,29 @@ use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, oneshot, watch};
 use tracing::Instrument as _;
 
-/// While tracking, a picture is kept each 0.2 s.
+/// Servo periods between two recorded pictures of a tracking camera (0.2 s).
 const KEPT_PERIODS: u64 = 100;
 
-/// A picture older than this is not what the camera sees now (s).
+/// Largest age of a picture that shows the scene as it is now (s).
 const STALE: f64 = 0.1;
-/// Mean of a picture below which nothing was exposed, of 255.
+/// Mean level at or below which a picture is black, of 255.
 const BLACK: f64 = 6.0;
-/// Every so many bytes of a picture count for that.
+/// Bytes between two samples of that mean. It is prime, so the samples cover all channels and
+/// columns.
 const SAMPLES: usize = 211;
-/// How long a face may take.
+/// Longest time of reading a face.
 const PATIENCE: Duration = Duration::from_secs(3);
-/// Requests that may wait: one face at a time is asked for.
+/// Capacity of the mailbox: the owner asks for one face at a time.
 const MAILBOX: usize = 2;
 
+/// A request to read a face, with the channel of its answer.
 #[derive(Debug)]
 struct Look {
     view: View,
     reply: oneshot::Sender<Result<FaceReading, Error>>,
 }
 
-/// The far end of a VSP.
+/// The sending end of a camera's VSP. The VSP ends when the last clone is dropped.
 #[derive(Debug, Clone)]
 pub struct VspHandle {
     name: String,
@@ -64,21 +77,21 @@ impl VspHandle {
         self.tracking.send_replace(on);
     }
 
-    /// Looks as a generator wants it from the next frame on.
+    /// Sets how the VSP looks for the cube from the next frame on.
     pub fn configure(&self, sensing: Sensing) {
         self.sensing.send_replace(sensing);
     }
 
-    /// The latest pose of the cube.
+    /// Returns the latest pose of the cube; `None` before one was found.
     #[must_use]
     pub fn target(&self) -> Option<Target> {
         *self.target.borrow()
     }
 
-    /// Reads a face.
+    /// Reads a face with the camera.
     ///
     /// # Errors
-    /// Non-fatal with the reason when the face is not found.
+    /// Non-fatal with the reason when the camera finds no face.
     pub async fn look(&self, view: View) -> Result<FaceReading, Error> {
         let closed = || Error::System {
             actor: self.name.clone(),
@@ -91,17 +104,17 @@ impl VspHandle {
     }
 }
 
-/// What a camera's VSP is made of.
+/// The parts of a camera's VSP.
 pub struct Parts {
-    /// Where frames come from.
+    /// Source of the frames.
     pub source: Box<dyn FrameSource>,
     /// Believed optics.
     pub intrinsics: Intrinsics,
-    /// Believed place of a stand-alone camera; `None` for a camera in a hand.
+    /// Believed pose of a stand-alone camera; `None` for a camera in a hand.
     pub world_from_camera: Option<Pose>,
     /// Edge of the cube (m).
     pub edge: f64,
-    /// How the cube is found by the stand-alone camera.
+    /// Method by which a stand-alone camera finds the cube.
     pub method: Method,
     /// Declared time of one localisation, for the virtual clock.
     pub localisation: Effort,
@@ -115,8 +128,10 @@ pub struct Parts {
     pub services: Services,
 }
 
+/// The actor with its memory.
 struct Vsp {
     name: String,
+    /// Source of the frames; `None` while a worker has it, and after that worker panicked.
     source: Option<Box<dyn FrameSource>>,
     intrinsics: Intrinsics,
     edge: f64,
@@ -127,13 +142,15 @@ struct Vsp {
     services: Services,
     fault: Arc<ActorFault>,
     heartbeat: Heartbeat,
-    /// Period of the last picture that was good, and whether its absence was told.
+    /// Period of the last usable picture.
     seen: u64,
-    told: bool,
-    /// Period of the last picture that was kept.
+    /// Whether the absence of usable pictures has been reported.
+    reported: bool,
+    /// Period of the last recorded picture.
     kept: Option<u64>,
     /// Period of the newest picture in which the cube was sought.
     taken: Option<u64>,
+    /// Tracker of the cube; `None` in a camera in a hand, which tracks nothing.
     watcher: Option<CubeWatcher>,
     mailbox: mpsc::Receiver<Look>,
     tracking: watch::Receiver<bool>,
@@ -146,6 +163,7 @@ struct Vsp {
 pub(crate) fn spawn(name: &str, parts: Parts) -> VspHandle {
     let Supervision { watchdog, fault, .. } = parts.services.supervision.clone();
     let (mailbox, looks) = mpsc::channel(MAILBOX);
+    // The camera rests until its owner orders the tracking or a look.
     let (tracking, tracked) = watch::channel(false);
     let (sensing, configured) = watch::channel(Sensing::SEEK);
     let (target, targets) = watch::channel(None);
@@ -167,7 +185,7 @@ pub(crate) fn spawn(name: &str, parts: Parts) -> VspHandle {
         fault,
         heartbeat: watchdog.heartbeat(&name),
         seen: 0,
-        told: false,
+        reported: false,
         kept: None,
         taken: None,
         watcher,
@@ -188,11 +206,13 @@ pub(crate) fn spawn(name: &str, parts: Parts) -> VspHandle {
 }
 
 impl Vsp {
+    /// Answers looks and, while tracking, takes a frame at each point of its grid.
     async fn run(mut self) {
         let mut next_frame = 0;
         loop {
             let tracking = *self.tracking.borrow_and_update();
             tokio::select! {
+                // In a fixed order: a random one would make virtual runs differ.
                 biased;
                 look = self.mailbox.recv() => match look {
                     Some(look) => {
@@ -206,15 +226,17 @@ impl Vsp {
                     if changed.is_err() {
                         return;
                     }
+                    // A pose from before is no pose of the cube that is tracked from now on.
                     self.target.send_replace(None);
                     next_frame = self.services.clock.period() + 1;
-                    (self.seen, self.told, self.taken) = (next_frame, false, None);
+                    (self.seen, self.reported, self.taken) = (next_frame, false, None);
                 },
                 () = self.services.clock.until(next_frame), if tracking => {
                     self.heartbeat.works();
                     self.fault.occur().await;
                     self.localise(next_frame).await;
-                    // On the grid of frames; a frame that was missed is not made up for.
+                    // The next point of the grid: frames that were missed are not made up for,
+                    // or a slow localisation would fall behind for good.
                     while next_frame <= self.services.clock.period() {
                         next_frame += self.frame_periods;
                     }
@@ -224,7 +246,7 @@ impl Vsp {
         }
     }
 
-    /// Looks for the cube in the picture of a period, and publishes where it is.
+    /// Looks for the cube in the picture of a period and publishes its pose.
     async fn localise(&mut self, period: u64) {
         let (Some(mut source), Some(mut watcher)) = (self.source.take(), self.watcher.take())
         else {
@@ -237,20 +259,25 @@ impl Vsp {
             Window::Around { centre, reach } => Some((centre, reach)),
         };
         let elsewhere = sensing.mode == Mode::Seek;
+        // The text identifies the request in a recording, so that a replay detects a different one.
         let asked = format!("{sensing:?}");
         let played = self.services.playback.as_ref().map(|p| p.sensed(&self.name, period, &asked));
-        let unheard = matches!(played, Some(Played::Nothing));
+        let unrecorded = matches!(played, Some(Played::Nothing));
         let taken = self.taken;
         let work = self.services.work.run(move || {
             let (found, frame) = match source.grab(period, sensing.exposure) {
-                _ if played.is_some() => (played.map_or_else(unheard_of, of_cube), None),
-                Ok(frame) if again(&frame, taken).is_some() => {
-                    (Err(again(&frame, taken).unwrap_or_default()), None)
+                // Under verification the recorded answer replaces that of the camera.
+                _ if played.is_some() => (played.map_or_else(not_recorded, recorded_cube), None),
+                // A repeated picture is neither searched nor shown again.
+                Ok(frame) if repeated(&frame, taken).is_some() => {
+                    (Err(repeated(&frame, taken).unwrap_or_default()), None)
                 }
-                Ok(frame) if unfit(&frame, period).is_some() => {
-                    (Err(unfit(&frame, period).unwrap_or_default()), Some(frame))
+                // A stale or black one is shown, so that the operator sees the reason.
+                Ok(frame) if unusable(&frame, period).is_some() => {
+                    (Err(unusable(&frame, period).unwrap_or_default()), Some(frame))
                 }
                 Ok(frame) => {
+                    // The tracker's time is that of the exposure: a late picture is an old one.
                     let seconds = frame.period as f64 * PERIOD;
                     let found = watcher
                         .observe(&frame.image, seconds, near, elsewhere)
@@ -264,21 +291,22 @@ impl Vsp {
         });
         let result = self.heartbeat.away(work).await;
         let Some((source, watcher, found, frame)) = result else {
-            // The camera's frames and the track went with the worker: without an error the generator
-            // would wait for a cube that nobody looks for.
+            // The worker took the camera and the track with it. Without an error the generator
+            // would wait for a cube that no camera looks for.
             self.services.supervision.watchdog.raise(self.worker_died("localise"));
             return;
         };
         self.source = Some(source);
         self.watcher = Some(watcher);
-        self.heard(unheard, period, &asked);
+        self.report_unrecorded(unrecorded, period, &asked);
+        // A playback has no pictures, so their absence is no fault.
         if self.services.playback.is_none() {
-            self.judge(period, frame.as_ref(), found.as_ref().err());
+            self.report_absence(period, frame.as_ref(), found.as_ref().err());
         }
         self.taken = self.taken.max(frame.as_ref().map(|frame| frame.period));
-        // What is seen is as old as the light of the picture, not as the wish for it.
+        // The pose is as old as the light of the picture, not as the request for it.
         let exposed = found.as_ref().map_or(period, |(_, exposed)| *exposed);
-        self.shown((period, &asked, exposed), frame, KEPT_PERIODS, &|| match &found {
+        self.record_and_show((period, &asked, exposed), frame, KEPT_PERIODS, &|| match &found {
             Ok((seen, _)) => Found::Cube(seen.world_from_cube, seen.speed),
             Err(reason) => Found::Nothing(reason.clone()),
         });
@@ -288,7 +316,7 @@ impl Vsp {
         }
     }
 
-    /// Publishes where the cube was in the period of the exposure.
+    /// Publishes the pose of the cube in the period of the exposure.
     fn publish(&self, sensing: &Sensing, seen: &Watched, period: u64) {
         self.services.trace.message(&self.name, "look", sensing);
         let target = Target { world_from_cube: seen.world_from_cube, speed: seen.speed, period };
@@ -302,21 +330,25 @@ impl Vsp {
         Error::System { actor: self.name.clone(), place, cause }
     }
 
+    /// Reads a face and answers the request.
     async fn answer(&mut self, look: Look) {
+        // Without a camera the request is dropped, and its sender sees a closed channel.
         let Some(mut source) = self.source.take() else { return };
         let (intrinsics, edge, period) = (self.intrinsics, self.edge, self.services.clock.period());
         let (view, effort) = (look.view, self.face);
         let asked = format!("{view:?}");
         let played = self.services.playback.as_ref().map(|p| p.sensed(&self.name, period, &asked));
-        let unheard = matches!(played, Some(Played::Nothing));
+        let unrecorded = matches!(played, Some(Played::Nothing));
         let work = self.services.work.run(move || {
             let mut took = None;
             let (reading, frame) = match source.grab(period, view.exposure) {
-                _ if played.is_some() => (played.map_or_else(unheard_of, of_face), None),
-                Ok(frame) if unfit(&frame, period).is_some() => {
-                    (Err(unfit(&frame, period).unwrap_or_default()), Some(frame))
+                _ if played.is_some() => (played.map_or_else(not_recorded, recorded_face), None),
+                // A repeated picture is no fault here: a look has no filter that counts twice.
+                Ok(frame) if unusable(&frame, period).is_some() => {
+                    (Err(unusable(&frame, period).unwrap_or_default()), Some(frame))
                 }
                 Ok(frame) => {
+                    // Measured for the report alone: a virtual run takes the declared time.
                     let (place, begun) = (&view.camera_from_face, Instant::now());
                     let reading = sensor::read_face(&frame.image, &intrinsics, edge, place)
                         .map_err(|refusal| refusal.to_string());
@@ -332,13 +364,17 @@ impl Vsp {
             self.services.trace.face_took(period, *took);
         }
         if let Some((_, reading, ..)) = &result {
-            tracing::debug!(confidence = ?reading.as_ref().map(|r| r.confidence), "a face was looked at");
+            tracing::debug!(
+                confidence = ?reading.as_ref().map(|r| r.confidence),
+                "a face was looked at"
+            );
         }
         let answer = match result {
             Some((source, reading, frame, _)) => {
                 self.source = Some(source);
-                self.heard(unheard, period, &asked);
-                self.shown((period, &asked, period), frame, 0, &|| match &reading {
+                self.report_unrecorded(unrecorded, period, &asked);
+                // Each look is recorded, however soon after the one before.
+                self.record_and_show((period, &asked, period), frame, 0, &|| match &reading {
                     Ok(reading) => Found::Face(Box::new(reading.clone())),
                     Err(reason) => Found::Nothing(reason.clone()),
                 });
@@ -350,12 +386,14 @@ impl Vsp {
             }
             None => Err(self.worker_died("look")),
         };
+        // The owner may have given up waiting.
         let _ = look.reply.send(answer);
     }
 }
 
-/// Why a picture cannot be used, whatever is on it: when it was taken long before `period`, or nothing was exposed.
-fn unfit(frame: &Frame, period: u64) -> Option<String> {
+/// Returns the reason why a picture cannot be used: it was taken long before `period`, or it is
+/// black.
+fn unusable(frame: &Frame, period: u64) -> Option<String> {
     let age = period.saturating_sub(frame.period) as f64 * PERIOD;
     if age > STALE {
         return Some(format!("the picture is {age:.2} s old"));
@@ -366,18 +404,20 @@ fn unfit(frame: &Frame, period: u64) -> Option<String> {
 }
 
 impl Vsp {
-    /// Tells the operator once when the camera has delivered nothing to look at for too long, and when it does again.
-    fn judge(&mut self, period: u64, frame: Option<&Frame>, reason: Option<&String>) {
+    /// Reports to the operator, once each, that the camera has delivered no usable picture for
+    /// [`STALE`], and that it delivers again.
+    fn report_absence(&mut self, period: u64, frame: Option<&Frame>, reason: Option<&String>) {
         let seconds = period as f64 * PERIOD;
-        if frame.is_some_and(|frame| unfit(frame, period).is_none()) {
+        if frame.is_some_and(|frame| unusable(frame, period).is_none()) {
             self.seen = period;
-            if std::mem::take(&mut self.told) {
+            if std::mem::take(&mut self.reported) {
                 self.services
                     .trace
-                    .tell(Notice::Note(seconds, format!("{}: pictures come again", self.name)));
+                    .tell(Notice::Note(seconds, format!("{}: pictures arrive again", self.name)));
             }
-        } else if !self.told && period.saturating_sub(self.seen) as f64 * PERIOD > STALE {
-            self.told = true;
+        } else if !self.reported && period.saturating_sub(self.seen) as f64 * PERIOD > STALE {
+            // At 25 Hz up to two bad pictures in a row are no report.
+            self.reported = true;
             let reason = reason.cloned().unwrap_or_default();
             let cause = NonFatal::NoReading(format!("{reason}, period {period}"));
             let actor = self.name.clone();
@@ -387,16 +427,16 @@ impl Vsp {
         }
     }
 
-    /// A look that a recording should have delivered and did not.
-    fn heard(&self, unheard: bool, period: u64, asked: &str) {
-        if let (true, Some(playback)) = (unheard, &self.services.playback) {
-            playback.unheard(&self.name, period, asked);
+    /// Reports a look that the recording under verification does not hold.
+    fn report_unrecorded(&self, unrecorded: bool, period: u64, asked: &str) {
+        if let (true, Some(playback)) = (unrecorded, &self.services.playback) {
+            playback.report_unrecorded_look(&self.name, period, asked);
         }
     }
 
-    /// Records and shows a picture and what was found in it. A picture is recorded if the last one is
-    /// `apart` periods old.
-    fn shown(
+    /// Records and shows a picture and the result of vision. The picture is recorded if the last
+    /// recorded one is at least `apart` periods old.
+    fn record_and_show(
         &mut self,
         (period, asked, exposed): (u64, &str, u64),
         frame: Option<Frame>,
@@ -405,6 +445,7 @@ impl Vsp {
     ) {
         let Services { trace, clock, .. } = &self.services;
         let look = trace::Look { sensor: &self.name, period, asked, exposed };
+        // The result is recorded even without a picture: a verification plays it back.
         trace.sensed(clock.period(), &look, found);
         let Some(frame) = frame else { return };
         let keeps =
@@ -416,37 +457,39 @@ impl Vsp {
     }
 }
 
-/// Why a picture says nothing new: one of its period, or of a later one, was taken before.
-fn again(frame: &Frame, taken: Option<u64>) -> Option<String> {
+/// Returns the reason why a picture is no news: one of its period or of a later one came before.
+fn repeated(frame: &Frame, taken: Option<u64>) -> Option<String> {
     let taken = taken.filter(|taken| frame.period <= *taken)?;
-    Some(format!("the picture of period {} came again after that of {taken}", frame.period))
+    Some(format!("the picture of period {} arrived again after that of {taken}", frame.period))
 }
 
-/// What a recording delivered of the cube, and the period of the light.
-fn of_cube(played: Played) -> Result<(Watched, u64), String> {
+/// Returns the cube as a recording delivers it, with the period of the light.
+fn recorded_cube(played: Played) -> Result<(Watched, u64), String> {
     match played {
         Played::Answer(Ok(kept::Found::Cube { world_from_cube, speed, exposed })) => {
             Ok((Watched { world_from_cube, speed }, exposed))
         }
         Played::Answer(Err(reason)) => Err(reason),
-        Played::Answer(Ok(kept::Found::Face(_))) | Played::Nothing => unheard_of(),
+        Played::Answer(Ok(kept::Found::Face(_))) | Played::Nothing => not_recorded(),
     }
 }
 
-/// What a recording delivered of a face.
-fn of_face(played: Played) -> Result<FaceReading, String> {
+/// Returns a face as a recording delivers it.
+fn recorded_face(played: Played) -> Result<FaceReading, String> {
     match played {
         Played::Answer(Ok(kept::Found::Face(reading))) => Ok(reading),
         Played::Answer(Err(reason)) => Err(reason),
-        Played::Answer(Ok(kept::Found::Cube { .. })) | Played::Nothing => unheard_of(),
+        Played::Answer(Ok(kept::Found::Cube { .. })) | Played::Nothing => not_recorded(),
     }
 }
 
-fn unheard_of<T>() -> Result<T, String> {
-    Err("the recording holds no such look".to_owned())
+/// Returns the refusal of a look that the recording does not hold.
+fn not_recorded<T>() -> Result<T, String> {
+    Err("the recording does not contain this look".to_owned())
 }
 
-/// Creates the VSP that aggregates the wrist forces.
+/// Creates the VSP that aggregates the wrist forces each `periods` servo periods: the norms now and
+/// their peaks since the start.
 #[must_use]
 pub(crate) fn spawn_forces(
     services: &Services,
@@ -458,6 +501,7 @@ pub(crate) fn spawn_forces(
     let aggregating = async move {
         let mut aggregate = Forces::default();
         let mut period = clock.period();
+        // The actor has no mailbox: it ends when no receiver of its forces is left.
         while !publish.is_closed() {
             period += periods.max(1);
             clock.until(period).await;
@@ -531,27 +575,27 @@ mod tests {
         camera.track(true);
         let error = tokio::time::timeout(Duration::from_secs(10), watchdog.raised()).await.unwrap();
 
-        let told = error.to_string();
-        assert_eq!(told, "system, vsp mpc, localise: the mailbox of the image worker is closed");
+        let text = error.to_string();
+        assert_eq!(text, "system, vsp mpc, localise: the mailbox of the image worker is closed");
     }
 
     #[test]
-    fn a_picture_that_comes_again_says_nothing_new() {
+    fn repeated_picture_is_refused() {
         let frame = |period| Frame { period, image: RgbImage::new(2, 2) };
 
-        assert_eq!(again(&frame(40), None), None);
-        assert_eq!(again(&frame(40), Some(20)), None);
+        assert_eq!(repeated(&frame(40), None), None);
+        assert_eq!(repeated(&frame(40), Some(20)), None);
         for taken in [40, 60] {
-            let reason = again(&frame(40), Some(taken)).unwrap();
+            let reason = repeated(&frame(40), Some(taken)).unwrap();
             assert!(reason.contains("period 40"), "{reason}");
         }
     }
 
     #[test]
-    fn what_a_recording_delivers_is_as_old_as_the_light_was() {
+    fn recorded_cube_keeps_the_period_of_exposure() {
         let found = kept::Found::Cube { world_from_cube: Pose::identity(), speed: 0.1, exposed: 7 };
 
-        let (seen, exposed) = of_cube(Played::Answer(Ok(found))).unwrap();
+        let (seen, exposed) = recorded_cube(Played::Answer(Ok(found))).unwrap();
 
         assert_eq!((seen.speed, exposed), (0.1, 7));
     }

@@ -1,8 +1,15 @@
 //! The watchdog of a run's actors: it detects a panic at once, and within 0.1 s an actor that stays
-//! at one work item, even an idle one that no other actor waits for.
+//! at one work item, even one that no other actor waits for.
 //!
 //! - in: actors' futures, and their heartbeats
-//! - out: the system error of the first one that panics or is silent
+//! - out: the system error of the first actor that panics or is silent
+//!
+//! | fault | threshold | reason |
+//! |---|---|---|
+//! | panic | - | the task of an actor returns the panic of its future |
+//! | busy with one work item | `SILENCE` in `SAMPLES` samples | detected within 0.1 s |
+//! | no answer to a request | `patience` of [`Supervision`] | the actor may wait for a servo |
+//! | all actors blocked | `patience` of the outside watch | no task of the runtime can detect it |
 
 use super::fault::ActorFault;
 use crate::error::{Error, System};
@@ -20,18 +27,18 @@ use tokio::sync::{oneshot, watch};
 /// The supervision under which an actor runs.
 #[derive(Debug, Clone)]
 pub(crate) struct Supervision {
-    /// Reports its panic.
+    /// Watchdog that reports the actor's panic and silence.
     pub(crate) watchdog: Watchdog,
-    /// The fault that is injected into it.
+    /// Fault that is injected into the actor.
     pub(crate) fault: Arc<ActorFault>,
-    /// How long an answer may take beyond what it waits for itself.
+    /// Longest time of an answer beyond the time that the request itself takes.
     pub(crate) patience: Duration,
 }
 
 impl Supervision {
-    /// Under the wall clock: the actor that is asked may itself wait half a second for a servo.
+    /// Patience under the wall clock: the asked actor may itself wait half a second for a servo.
     const PATIENCE: Duration = Duration::from_millis(600);
-    /// On the virtual clock, where no actor is late.
+    /// Patience under virtual time, where no actor is late.
     const VIRTUAL: Duration = Duration::from_millis(100);
 
     /// Returns the supervision of a new run, without faults.
@@ -47,10 +54,13 @@ impl Default for Supervision {
     }
 }
 
-/// The last part of each wait for an answer.
+/// Length of the last part of each wait for an answer.
 const LAST: Duration = Duration::from_millis(50);
 
-/// The answer, or silence: nothing within `limit`.
+/// Waits for the answer of an actor, at most for `limit`.
+///
+/// # Errors
+/// System when the actor is silent for longer or its mailbox is closed; otherwise the answer's own.
 pub(crate) async fn answer_of<T>(
     who: &str,
     place: &'static str,
@@ -61,7 +71,8 @@ pub(crate) async fn answer_of<T>(
     let answer = match limit {
         None => answer.await,
         Some(limit) => {
-            // A clock that jumps must not make anybody silent: the last part of the wait begins anew.
+            // A jump of the clock ends the first part at once although the actor is in order. The
+            // second part starts after the jump and gives it time to answer.
             let last = LAST.min(limit);
             match tokio::time::timeout(limit.saturating_sub(last), &mut answer).await {
                 Ok(answer) => answer,
@@ -74,24 +85,26 @@ pub(crate) async fn answer_of<T>(
     answer.map_err(|_| error(System::Closed(who.to_owned())))?
 }
 
-/// Whether an actor gets on: odd while it is at its own work, even while it waits for others, who have limits of their own.
+/// The heartbeat of an actor: a counter that rises with each work item. It is odd while the actor
+/// is busy and even while it waits for others, which have limits of their own.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Heartbeat(Arc<AtomicU64>);
 
 impl Heartbeat {
-    /// It begins a piece of its own work.
+    /// Records that the actor begins a work item.
     pub(crate) fn works(&self) {
+        // A second call within one item changes nothing: the item is still the same.
         self.0.fetch_or(1, Ordering::Relaxed);
     }
 
-    /// It waits for somebody.
+    /// Records that the actor waits for others.
     pub(crate) fn waits(&self) {
         if self.at_work().is_some() {
             self.0.fetch_add(1, Ordering::Relaxed);
         }
     }
 
-    /// Waits for somebody, and goes on.
+    /// Waits for a future of others, and begins the next work item afterwards.
     pub(crate) async fn away<T>(&self, other: impl Future<Output = T>) -> T {
         self.waits();
         let answer = other.await;
@@ -99,22 +112,25 @@ impl Heartbeat {
         answer
     }
 
-    /// The piece of its own work that it is at.
+    /// Returns the number of the work item under way; `None` while the actor waits.
     fn at_work(&self) -> Option<u64> {
         Some(self.0.load(Ordering::Relaxed)).filter(|beats| beats % 2 == 1)
     }
 }
 
-/// How long a piece of an actor's own work may take. Less than the 0.1 s within which a trouble is to be noticed: an actor that
-/// hangs is at no work until the next macrostep asks for some.
+/// Longest time of a work item. It is less than the 0.1 s within which a fault must be detected,
+/// since an actor that hangs while it waits becomes busy only at the next macrostep.
 const SILENCE: Duration = Duration::from_millis(80);
-/// Looks, not time: a machine that stands still makes nobody silent.
-const LOOKS: u32 = 8;
+/// Samples of the heartbeats within [`SILENCE`]. Samples count, not time: on a machine that is
+/// suspended no sample is taken, so no actor becomes silent.
+const SAMPLES: u32 = 8;
 
 /// A handle on the watchdog of a run.
 #[derive(Debug, Clone)]
 pub(crate) struct Watchdog {
+    /// First error that was raised.
     first: Arc<watch::Sender<Option<Error>>>,
+    /// Name and heartbeat of each actor.
     heartbeats: Arc<Mutex<Vec<(String, Heartbeat)>>>,
 }
 
@@ -124,7 +140,7 @@ impl Default for Watchdog {
     }
 }
 
-/// A watch from outside; it ends with this.
+/// A watch from a thread outside the runtime, which ends when this value is dropped.
 #[derive(Debug)]
 pub(crate) struct Outside(Arc<AtomicBool>);
 
@@ -134,14 +150,15 @@ impl Drop for Outside {
     }
 }
 
-/// The last sample of each heartbeat, and how often it was seen in a row.
+/// The last sample of each heartbeat, with the number of equal samples in a row.
 #[derive(Debug, Default)]
-struct Looks(Vec<(Option<u64>, u32)>);
+struct Samples(Vec<(Option<u64>, u32)>);
 
-impl Looks {
+impl Samples {
     /// Samples every heartbeat; returns the first actor seen busy with one work item `most` times
     /// in a row.
     fn silent(&mut self, heartbeats: &[(String, Heartbeat)], most: u32) -> Option<String> {
+        // Actors may have been created since the last sample.
         self.0.resize(heartbeats.len(), (None, 0));
         for ((name, heartbeat), (was, same)) in heartbeats.iter().zip(&mut self.0) {
             let is = heartbeat.at_work();
@@ -155,13 +172,14 @@ impl Looks {
     }
 }
 
+/// Makes the error of an actor that stays at one work item.
 fn silent(who: String, time: Duration) -> Error {
     let cause = System::Silent { who, seconds: time.as_secs_f64() };
     Error::System { actor: "supervisor".into(), place: "watch", cause }
 }
 
 impl Watchdog {
-    /// Runs an actor as a task.
+    /// Runs an actor as a task and reports its panic.
     pub(crate) fn spawn(&self, name: &str, actor: impl Future<Output = ()> + Send + 'static) {
         let (watchdog, name) = (self.clone(), name.to_owned());
         tokio::spawn(async move {
@@ -171,33 +189,35 @@ impl Watchdog {
         });
     }
 
-    /// A new actor's heartbeat.
+    /// Creates the heartbeat of a new actor and watches it from now on.
     pub(crate) fn heartbeat(&self, name: &str) -> Heartbeat {
         let heartbeat = Heartbeat::default();
         self.heartbeats().push((name.to_owned(), heartbeat.clone()));
         heartbeat
     }
 
+    /// Locks the heartbeats. A panic under the lock leaves the list intact, so it stays usable.
     fn heartbeats(&self) -> MutexGuard<'_, Vec<(String, Heartbeat)>> {
         self.heartbeats.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Until somebody panics, is silent, or has stopped the arms.
+    /// Waits until an actor panics, is silent or has stopped the arms, and returns that error.
     pub(crate) async fn raised(&self) -> Error {
         let mut listens = self.listen();
         tokio::select! {
+            // An error that was raised before comes first, in the same order in every virtual run.
             biased;
             error = raised(&mut listens) => error,
             error = self.silence() => error,
         }
     }
 
-    /// Until somebody has been at one piece of its own work for too long, while the others get on.
+    /// Waits until an actor has been at one work item for [`SILENCE`], and raises that error.
     async fn silence(&self) -> Error {
-        let mut looks = Looks::default();
+        let mut samples = Samples::default();
         loop {
-            tokio::time::sleep(SILENCE / LOOKS).await;
-            if let Some(who) = looks.silent(&self.heartbeats(), LOOKS) {
+            tokio::time::sleep(SILENCE / SAMPLES).await;
+            if let Some(who) = samples.silent(&self.heartbeats(), SAMPLES) {
                 let error = silent(who, SILENCE);
                 self.raise(error.clone());
                 return error;
@@ -205,30 +225,33 @@ impl Watchdog {
         }
     }
 
-    /// Looks after the actors from a thread of its own, as long as it is kept: one that goes round in circles lets none of
-    /// their runtime's watches look. Whoever has been at one piece of its own work for so long is told once.
+    /// Watches the actors from a thread of its own until the returned value is dropped. An actor
+    /// that loops without waiting blocks the runtime, and with it the watchdog's own task. Calls
+    /// `report` once, for the first actor that stays at one work item for `patience`.
     pub(crate) fn watched_from_outside(
         &self,
         patience: Duration,
-        told: impl FnOnce(Error) + Send + 'static,
+        report: impl FnOnce(Error) + Send + 'static,
     ) -> Outside {
         let (watchdog, ends) = (self.clone(), Arc::new(AtomicBool::new(false)));
         let over = Arc::clone(&ends);
-        let (pause, mut looks) = (SILENCE / LOOKS, Looks::default());
+        let (pause, mut samples) = (SILENCE / SAMPLES, Samples::default());
         let most = (patience.as_secs_f64() / pause.as_secs_f64()).ceil() as u32;
         std::thread::spawn(move || {
+            // Once an error has been raised, the run ends by itself.
             while !over.load(Ordering::Acquire) && watchdog.first.borrow().is_none() {
                 std::thread::sleep(pause);
-                let who = looks.silent(&watchdog.heartbeats(), most);
+                let who = samples.silent(&watchdog.heartbeats(), most);
+                // The run may have ended during the sleep.
                 if let Some(who) = who.filter(|_| !over.load(Ordering::Acquire)) {
-                    return told(silent(who, patience));
+                    return report(silent(who, patience));
                 }
             }
         });
         Outside(ends)
     }
 
-    /// The first error wins.
+    /// Raises an error. Only the first one counts: the later ones follow from it.
     pub(crate) fn raise(&self, error: Error) {
         self.first.send_if_modified(|first| {
             let is_first = first.is_none();
@@ -237,13 +260,13 @@ impl Watchdog {
         });
     }
 
-    /// For whoever waits.
+    /// Returns a receiver of the first error.
     pub(crate) fn listen(&self) -> watch::Receiver<Option<Error>> {
         self.first.subscribe()
     }
 }
 
-/// Waits for the watchdog; for ever when it cannot come any more.
+/// Waits for the first error of a watchdog; forever if the watchdog is gone.
 pub(crate) async fn raised(listens: &mut watch::Receiver<Option<Error>>) -> Error {
     if let Ok(error) = listens.wait_for(Option::is_some).await
         && let Some(error) = error.clone()
@@ -253,13 +276,14 @@ pub(crate) async fn raised(listens: &mut watch::Receiver<Option<Error>>) -> Erro
     std::future::pending().await
 }
 
-/// The error that a panic is.
+/// Returns the error of a panic, with the text of the panic.
 pub(crate) fn panicked(name: &str, why: &(dyn Any + Send)) -> Error {
+    // `panic!` carries a `&str` without arguments and a `String` with some.
     let text = why
         .downcast_ref::<&str>()
         .map(|s| (*s).to_owned())
         .or_else(|| why.downcast_ref::<String>().cloned())
-        .unwrap_or_else(|| "it did not say why".to_owned());
+        .unwrap_or_else(|| "no reason given".to_owned());
     let cause = System::Panicked { who: name.to_owned(), why: text };
     Error::System { actor: "supervisor".into(), place: "supervise", cause }
 }
@@ -271,7 +295,7 @@ impl<F: Future> Future for Caught<F> {
     type Output = Result<F::Output, Box<dyn Any + Send>>;
 
     fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Self::Output> {
-        // What panicked is not polled again, and what it left behind is dropped.
+        // The future may be inconsistent after a panic: it is dropped and never polled again.
         match catch_unwind(AssertUnwindSafe(|| self.0.as_mut().poll(context))) {
             Ok(poll) => poll.map(Ok),
             Err(why) => Poll::Ready(Err(why)),
@@ -284,7 +308,7 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn a_panic_is_told_with_name_and_reason_and_only_the_first() {
+    async fn first_panic_is_reported_with_its_reason() {
         let watchdog = Watchdog::default();
         let mut listens = watchdog.listen();
         watchdog.spawn("edp a", async {});
@@ -296,8 +320,10 @@ mod tests {
         assert_eq!(error, "system, supervisor, supervise: edp b panicked: on purpose 1");
     }
 
+    /// An actor that stays at one work item is silent. One that waits is not, nor is one that
+    /// finishes each item in time.
     #[tokio::test(start_paused = true)]
-    async fn who_is_at_one_piece_of_work_for_too_long_is_silent_and_who_waits_or_gets_on_is_not() {
+    async fn actor_busy_with_one_item_counts_as_silent() {
         let watchdog = Watchdog::default();
         let [waits, works, hangs] =
             ["edp a", "ecp b", "vsp c"].map(|name| watchdog.heartbeat(name));
@@ -312,7 +338,7 @@ mod tests {
                 }
             })
         });
-        assert!(quiet.await.is_err(), "nobody was silent");
+        assert!(quiet.await.is_err(), "no actor was silent");
 
         works.waits();
         hangs.works();
@@ -323,28 +349,28 @@ mod tests {
     }
 
     #[test]
-    fn who_lets_nobody_else_get_on_is_told_watched_from_outside() {
+    fn outside_watch_reports_an_actor_that_hangs() {
         let watchdog = Watchdog::default();
         let (waits, hangs) = (watchdog.heartbeat("edp a"), watchdog.heartbeat("mp"));
-        let (to, told) = std::sync::mpsc::channel();
-        let tell = |to: &std::sync::mpsc::Sender<Error>| {
+        let (to, reports) = std::sync::mpsc::channel();
+        let report = |to: &std::sync::mpsc::Sender<Error>| {
             let to = to.clone();
             move |error| to.send(error).unwrap()
         };
         waits.works();
         waits.waits();
-        let outside = watchdog.watched_from_outside(Duration::from_millis(300), tell(&to));
+        let outside = watchdog.watched_from_outside(Duration::from_millis(300), report(&to));
         for _ in 0..40 {
             hangs.works();
             std::thread::sleep(Duration::from_millis(15));
             hangs.waits();
         }
-        assert!(told.try_recv().is_err(), "it got on");
+        assert!(reports.try_recv().is_err(), "it made progress");
         drop(outside);
 
-        let _outside = watchdog.watched_from_outside(Duration::from_millis(300), tell(&to));
+        let _outside = watchdog.watched_from_outside(Duration::from_millis(300), report(&to));
         hangs.works();
-        let error = told.recv_timeout(Duration::from_secs(30)).unwrap().to_string();
+        let error = reports.recv_timeout(Duration::from_secs(30)).unwrap().to_string();
         assert_eq!(error, "system, supervisor, watch: no answer from mp in 0.3 s");
     }
 }

@@ -1,11 +1,11 @@
-//! The benchmark's trials and their scores.
+//! The trials of the benchmark and their scores.
 //!
 //! - in: a tier and seeds, or the tally of the trials
 //! - out: scrambles; accuracy and speed
 //! - source: B. Yang, P. Lancaster, S. Srinivasa, J. Smith, "Benchmarking robot manipulation with
 //!   the Rubik's cube", RA-L 2020 (arXiv 2202.07074): M consecutive trials of N moves, accuracy and
-//!   speed. The clearance, the thresholds and that the moves scramble the cube, which the robot
-//!   then undoes by its own plan, are this project's
+//!   speed. This project adds the clearance and the time limit. Its moves scramble the cube, and
+//!   the robot solves the cube by a plan of its own
 
 use super::result::{RunResult, Verdict};
 use super::statistics::Spread;
@@ -15,25 +15,25 @@ use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 use serde_json::{Value, json};
 
-/// What is measured.
+/// Kind of trial.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// Whole missions with cubes drawn from all that there are.
+    /// Whole missions with cubes drawn from all states.
     Mission {
-        /// Trials.
+        /// Number of trials.
         trials: u64,
     },
-    /// Cubes that are a few moves away from solved.
+    /// Missions with cubes that a given number of moves has scrambled.
     Tier {
-        /// Consecutive trials, M.
+        /// Number M of consecutive trials.
         trials: u64,
-        /// Moves of a trial, N.
+        /// Number N of moves in a trial.
         moves: u64,
     },
 }
 
 impl Kind {
-    /// Number of trials.
+    /// Returns the number of trials.
     #[must_use]
     pub fn trials(self) -> u64 {
         match self {
@@ -41,7 +41,7 @@ impl Kind {
         }
     }
 
-    /// For people: "Rubiks-5-20".
+    /// Returns the name for people: "Rubiks-5-20".
     #[must_use]
     pub fn name(self) -> String {
         match self {
@@ -51,32 +51,33 @@ impl Kind {
     }
 }
 
-/// The most trials or moves: more would be a slip of the pen.
+/// Largest number of trials; a larger one is taken for a typing error.
 const MOST: u64 = 1_000_000;
-/// The most moves of a trial.
+/// Largest number of moves in a trial.
 const MOST_MOVES: u64 = 1000;
 
-/// A tier as it is written: `5-20`.
+/// Parses a tier: `5-20`.
 ///
 /// # Errors
-/// A message when it is none.
+/// A message, if the text is not a tier.
 pub fn tier(text: &str) -> Result<Kind, String> {
     let numbers = text.split_once('-').and_then(|(m, n)| Some((m.parse().ok()?, n.parse().ok()?)));
     match numbers {
         Some((trials @ 1..=MOST, moves @ 1..=MOST_MOVES)) => Ok(Kind::Tier { trials, moves }),
-        _ => Err(format!("`{text}` is no tier: write TRIALS-MOVES, as in 5-20")),
+        _ => Err(format!("`{text}` is not a tier: write TRIALS-MOVES, as in 5-20")),
     }
 }
 
-/// Moves that scramble a cube: none undoes or repeats what the one before did to its face, or to
-/// the opposite one.
+/// Returns moves that scramble a cube. No two of them could be joined into one: a face does not
+/// turn twice in a row, nor with only a turn of the opposite face between.
 #[must_use]
 pub fn scramble(moves: u64, seed: u64) -> Vec<Turn> {
-    // Not the stream that cubes, hands and cells are drawn from.
+    // Cubes, hands and cells are drawn from the plain seed; the moves must not depend on them.
     let mut random = Pcg64::seed_from_u64(seed ^ 0x5ca4_b1e5_0000_0000);
     let mut turns: Vec<Turn> = Vec::new();
     while (turns.len() as u64) < moves {
         let turn = Turn::from_index(random.random_range(0..18));
+        // Opposite faces commute: U D U is U2 D, one move less than it seems.
         let redundant = match turns.as_slice() {
             [.., last] if last.face == turn.face => true,
             [.., before, last] => last.face.opposite() == turn.face && before.face == turn.face,
@@ -89,20 +90,20 @@ pub fn scramble(moves: u64, seed: u64) -> Vec<Turn> {
     turns
 }
 
-/// The cube after a scramble.
+/// Returns the cube after a scramble.
 #[must_use]
 pub fn scrambled(turns: &[Turn]) -> Facelets {
     turns.iter().fold(Facelets::solved(), |cube, turn| cube.turned(*turn))
 }
 
-/// Accuracy and speed.
+/// Accuracy and speed of a benchmark.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Score {
-    /// Trials that were solved within the time.
+    /// Number of trials that were solved within the time limit.
     pub passed: u64,
-    /// All of them.
+    /// Number of trials that were asked for.
     pub trials: u64,
-    /// The longest row of consecutive passed trials.
+    /// Number of trials in the longest row of consecutive passed trials.
     pub longest_row: u64,
     /// Simulated time of a trial that passed, from the start to the hand-back (s).
     pub trial_s: Spread,
@@ -110,7 +111,7 @@ pub struct Score {
     pub turn_s: Spread,
 }
 
-/// Scores trials; one that takes longer than `limit` (s) of simulated time has not passed.
+/// Scores trials. A trial passes if it is solved within `limit` of simulated time (s).
 #[must_use]
 pub fn score(tally: &Tally, limit: f64) -> Score {
     let passed = |run: &RunResult| {
@@ -118,7 +119,8 @@ pub fn score(tally: &Tally, limit: f64) -> Score {
             && run.figures.as_ref().is_some_and(|f| f.sim_time_s <= limit)
     };
     let (mut longest_row, mut row) = (0, 0);
-    // A trial that is missing ends a row as one that failed.
+    // Seeds are walked, not results: a missing trial ends a row as a failed one does. Otherwise
+    // results of the trials 5, 7 and 9 would count as three consecutive ones.
     let mut results = tally.results.iter().peekable();
     for seed in tally.header.seeds() {
         let run = results.next_if(|run| run.seed == seed);
@@ -131,25 +133,27 @@ pub fn score(tally: &Tally, limit: f64) -> Score {
         trials: tally.asked,
         longest_row,
         trial_s: Spread::of(good().map(|f| f.sim_time_s)),
+        // A cube that is solved at the start is a passed trial without a turn.
         turn_s: Spread::of(
             good().filter(|f| f.turns > 0).map(|f| f.sim_time_s / f64::from(f.turns)),
         ),
     }
 }
 
-/// Distance of the nearest tool from the cube when each trial began, in the plant, by seed (mm).
+/// Returns for each trial the seed and the true distance (mm) between the cube and the nearest tool
+/// at the start.
 pub fn clearances(tally: &Tally) -> impl Iterator<Item = (u64, f64)> {
     tally.results.iter().filter_map(|r| Some((r.seed, r.figures.as_ref()?.clearance_mm?)))
 }
 
 impl Score {
-    /// Whether every trial passed, one after the other.
+    /// Returns whether every trial passed.
     #[must_use]
     pub(crate) fn is_whole(&self) -> bool {
         self.trials > 0 && self.passed == self.trials
     }
 
-    /// As a part of the benchmark's object.
+    /// Returns the score as a part of the benchmark's JSON object.
     #[must_use]
     pub fn json(&self) -> Value {
         json!({
@@ -170,7 +174,7 @@ mod tests {
     use crate::cube::Cube;
 
     #[test]
-    fn a_scramble_has_its_moves_and_none_that_undoes_another() {
+    fn scramble_has_no_redundant_moves() {
         for seed in 0..200 {
             let turns = scramble(20, seed);
             assert_eq!(turns.len(), 20);
@@ -185,19 +189,19 @@ mod tests {
         }
         assert_eq!(scramble(20, 3), scramble(20, 3));
         assert_ne!(scramble(20, 3), scramble(20, 4));
-        // The shorter one begins the longer one.
+        // A short scramble is the beginning of a longer one.
         assert_eq!(scramble(5, 3), scramble(20, 3)[..5]);
     }
 
     #[test]
-    fn a_few_moves_are_undone_by_their_inverses() {
+    fn inverse_moves_undo_a_short_scramble() {
         let turns = scramble(5, 1);
         let back = turns.iter().rev().fold(scrambled(&turns), |c, t| c.turned(t.inverse()));
         assert_eq!(back, Facelets::solved());
     }
 
     #[test]
-    fn a_tier_is_read_as_it_is_written() {
+    fn tier_accepts_two_numbers_and_rejects_others() {
         assert_eq!(tier("5-20"), Ok(Kind::Tier { trials: 5, moves: 20 }));
         for wrong in ["", "5", "0-20", "5-0", "5-", "-5-20", "5-20-1", "5-1001", "99999999999-1"] {
             assert!(tier(wrong).is_err(), "{wrong}");
@@ -205,14 +209,14 @@ mod tests {
     }
 
     #[test]
-    fn one_failure_or_one_late_trial_spoils_a_tier_and_is_counted() {
+    fn failed_late_or_missing_trial_fails_the_tier() {
         let header = header(5, "1/1");
         let results = header.seeds().map(|s| (s, result(s, Verdict::Solved, s as f64))).collect();
         let mut state = State { header, results, whole: 0, torn: false };
         let all = score(&Tally::of(&state), 1000.0);
         assert!(all.is_whole() && all.longest_row == 5 && all.trial_s.max == 409.0);
 
-        // 400 + seed seconds: the last one of 5..=9 is late.
+        // A trial takes 400 s + its seed: the last one of 5..=9 is late.
         let late = score(&Tally::of(&state), 408.5);
         assert_eq!((late.is_whole(), late.passed, late.longest_row), (false, 4, 4));
         state.results.insert(6, result(6, Verdict::Failed, 6.0));
@@ -220,8 +224,8 @@ mod tests {
         assert_eq!((failed.passed, failed.longest_row), (4, 3));
         state.results.remove(&8);
         let missing = score(&Tally::of(&state), 1000.0);
-        assert!(!missing.is_whole(), "a trial that is missing");
-        // 5, 7 and 9 are left, none beside another one.
+        assert!(!missing.is_whole(), "a trial is missing");
+        // Seeds 5, 7 and 9 are left, and no two of them are consecutive.
         assert_eq!((missing.passed, missing.longest_row), (3, 1));
     }
 }

@@ -1,21 +1,23 @@
-//! Many runs as one measurement: how often a mission succeeds, and how sure that is.
+//! Campaigns: many runs as one measurement of how often a mission succeeds, and how certain that
+//! share is.
 //!
-//! - in: a scenario, a first seed, a number of runs, what is drawn for each
-//! - out: success with Wilson's interval, failures by phase with the commands that repeat them, how
-//!   forces, grasps, turns and times are spread; as JSON, as a table, as a page
+//! - in: a scenario, the first seed, the number of runs, the keys that are drawn for each run
+//! - out: the share of solved runs with Wilson's interval, the failures by phase with the commands
+//!   that repeat them, the distributions of forces, grasps, turns and times; as JSON, as a table,
+//!   as a page
 //!
-//! | part | what it owns |
+//! | module | contents |
 //! |---|---|
-//! | `statistics` | pure: interval, spread |
-//! | [`vary`] | pure: what is drawn for a run by its seed |
-//! | `result`, [`tally`] | pure: one run, and the sum of them |
-//! | [`state`] | the file that a campaign goes on from |
-//! | [`benchmark`], `protocol` | pure: scrambles and scoring; the protocol in Markdown |
-//! | [`page`] | pure: the report |
-//! | `runner`, `soak` | shells: a process for each run; missions back to back in this one |
+//! | `statistics` | pure: interval, distribution |
+//! | [`vary`] | pure: the values that a seed draws for its run |
+//! | `result`, [`tally`] | pure: one run, the sum of all runs |
+//! | [`state`] | the file from which a campaign continues |
+//! | [`benchmark`], `protocol` | pure: scrambles and scores, the protocol in Markdown |
+//! | [`page`] | pure: the report in HTML |
+//! | `runner`, `soak` | shells: a process for each run, missions in a row in this process |
 //!
-//! The verdict of a run is the plant's, out of the run's summary. A run that panics, is killed or
-//! does not end in its time is a failure with its seed, never the end of the campaign.
+//! The verdict on a run comes from the plant, by way of the run's summary. A run that panics, is
+//! killed or exceeds its time counts as a failure with its seed. It does not end the campaign.
 
 pub mod benchmark;
 pub mod page;

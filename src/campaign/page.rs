@@ -1,30 +1,30 @@
-//! A campaign's report: one page that needs nothing else, for a screen in light or dark and for
-//! paper; no scripts.
+//! The report of a campaign: one HTML page without scripts or other files, for a light or dark
+//! screen and for paper.
 //!
-//! - in: a [`Tally`], and what was drawn
+//! - in: a [`Tally`], whose header holds the text of the `--vary` file
 //! - out: HTML
 
 use super::result::{Figures, RunResult, Verdict};
 use super::statistics::Spread;
 use super::tally::{QUANTITIES, Tally, figure, phase};
-use super::vary::{Choice, Vary, Way};
+use super::vary::{Choice, Distribution, Variations};
 use crate::record::report::{HEAD, STYLE, escaped, number, step};
 use std::fmt::Write;
 
-/// The look beyond that of a run's report.
+/// Style of a campaign's report, in addition to that of a run's report.
 const MORE: &str = include_str!("style.css");
 /// Width of every picture (px).
 const WIDTH: f64 = 960.0;
-/// Room at both sides.
+/// Margin to the left and right of the interval and the strips (px).
 const SIDE: f64 = 40.0;
-/// Bars of a histogram at most.
+/// Largest number of bars in a histogram of whole numbers.
 const BARS: usize = 48;
-/// Failures that a page lists one by one.
+/// Number of failures that a page lists one by one.
 const LISTED: usize = 500;
-/// Dots of a strip at most.
+/// Number of runs above which a strip shows only a part of the solved ones.
 const DOTS: usize = 2000;
 
-/// Writes the page. `aim` is the share that was asked for.
+/// Writes the page. `aim` is the demanded share of solved runs (`--at-least`).
 #[must_use]
 pub fn page(tally: &Tally, aim: Option<f64>) -> String {
     let name = std::path::Path::new(&tally.header.scenario);
@@ -46,12 +46,13 @@ pub fn page(tally: &Tally, aim: Option<f64>) -> String {
     html
 }
 
+/// Formats a share in percent, with at most two decimals.
 fn percent(share: f64) -> String {
     let text = format!("{:.2}", 100.0 * share);
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// A number with a thin space behind each three digits from the right.
+/// Formats a number with a thin space between groups of three digits.
 fn grouped(value: u64) -> String {
     let digits = value.to_string();
     let mut text = String::new();
@@ -64,26 +65,30 @@ fn grouped(value: u64) -> String {
     text
 }
 
+/// Appends the verdict, the interval and the most important figures.
 fn head(html: &mut String, tally: &Tally, title: &str, aim: Option<f64>) {
     let failed = tally.runs() - tally.solved;
     let [low, high] = tally.interval;
+    // Without a demanded share any failure colours the verdict red.
     let reached = aim.map_or(failed == 0, |aim| tally.success() >= aim);
     let class = if reached && tally.runs() > 0 && tally.is_complete() { "good" } else { "bad" };
     let _ = write!(
         html,
-        "<header><p class=over>rubik-robot &middot; report of a campaign</p><h1>{}</h1>\n<p class=\"verdict {class}\"><b>{} %</b> {} of {} runs solved; the true share lies between {} and {} % (95 % interval, Wilson){}</p>",
+        "<header><p class=over>rubik-robot &middot; report of a campaign</p><h1>{}</h1>\n\
+         <p class=\"verdict {class}\"><b>{} %</b> {} of {} runs solved; the true share lies \
+         between {} and {} % (95 % interval, Wilson){}</p>",
         escaped(title),
         percent(tally.success()),
         grouped(tally.solved),
         grouped(tally.runs()),
         percent(low),
         percent(high),
-        aim.map_or_else(String::new, |aim| format!("; {} % were asked for", percent(aim))),
+        aim.map_or_else(String::new, |aim| format!("; at least {} % are required", percent(aim))),
     );
     if !tally.is_complete() {
         let _ = write!(
             html,
-            "<p class=warn>Not all runs have been performed: {} of {}.</p>",
+            "<p class=warn>Not all runs are done: {} of {}.</p>",
             grouped(tally.runs()),
             grouped(tally.asked)
         );
@@ -94,7 +99,8 @@ fn head(html: &mut String, tally: &Tally, title: &str, aim: Option<f64>) {
         let _ = write!(html, "<div><dt>{name}</dt><dd>{value}</dd></div>");
     };
     fact("failures", grouped(failed));
-    fact("without a verdict", grouped(tally.without_verdict()));
+    fact("runs without a verdict", grouped(tally.without_verdict()));
+    // Runs that all died have no figures, and runs of earlier builds have no contact.
     let most = tally.spread(|f| Some(f.peak_force_n));
     if !most.is_empty() {
         fact("largest force", format!("{} N", figure(most.max, 1)));
@@ -106,12 +112,13 @@ fn head(html: &mut String, tally: &Tally, title: &str, aim: Option<f64>) {
             fact("runs with an unnoticed drop", grouped(tally.unnoticed()));
         }
         if tally.contact_unknown() > 0 {
-            fact("contact not known", grouped(tally.contact_unknown()));
+            fact("runs with unknown contact", grouped(tally.contact_unknown()));
         }
         let turns: f64 = figures(tally).map(|(_, f)| f64::from(f.turns)).sum();
-        fact("face turns in all", grouped(turns as u64));
+        fact("face turns in total", grouped(turns as u64));
+        // A time that is not finite is stored as `f64::MAX` and would hide the others in the sum.
         let hours: f64 = figures(tally).map(|(_, f)| f.sim_time_s.min(1e9)).sum::<f64>() / 3600.0;
-        fact("simulated time in all", format!("{hours:.1} h"));
+        fact("simulated time in total", format!("{hours:.1} h"));
         fact("drops", grouped(u64::from(tally.mishaps.drops)));
         fact("hash of the plant", tally.plants().join(", "));
     }
@@ -119,24 +126,28 @@ fn head(html: &mut String, tally: &Tally, title: &str, aim: Option<f64>) {
     html.push_str("</dl></header>\n");
 }
 
+/// Returns the runs that have figures, each with its figures.
 fn figures(tally: &Tally) -> impl Iterator<Item = (&RunResult, &Figures)> {
     tally.results.iter().filter_map(|r| Some((r, r.figures.as_ref()?)))
 }
 
-/// The interval on a scale that shows it: from a little below it, or the aim, to 100 %.
+/// Draws the share of successful runs with its 95 % interval. The scale reaches from a little below
+/// the interval, or below `aim` (the share of `--at-least`), up to 100 %.
 fn interval(tally: &Tally, aim: Option<f64>) -> String {
     let [low, high] = tally.interval;
     let least = aim.map_or(low, |aim| low.min(aim));
-    // Round, and with room at the left.
+    // The scale begins at a round value, at least one step below the lowest mark.
     let by = step((1.0 - least).max(1e-4) * 100.0, 6.0);
     let from = ((100.0 * least / by).floor() - 1.0).max(0.0) * by;
     let x = |percent: f64| SIDE + (WIDTH - 2.0 * SIDE) * (percent - from) / (100.0 - from);
     let mut svg = open(74.0, "interval", "success and its interval");
     let mut tick = from;
+    // The steps add up with rounding errors; the last tick must not be lost by them.
     while tick <= 100.0 + 1e-9 {
         let _ = write!(
             svg,
-            "<line class=grid x1={0:.1} x2={0:.1} y1=14 y2=48 /><text class=tick x={0:.1} y=64 text-anchor=middle>{1} %</text>",
+            "<line class=grid x1={0:.1} x2={0:.1} y1=14 y2=48 />\
+             <text class=tick x={0:.1} y=64 text-anchor=middle>{1} %</text>",
             x(tick),
             number(tick)
         );
@@ -145,14 +156,16 @@ fn interval(tally: &Tally, aim: Option<f64>) -> String {
     let (a, b, at) = (x(100.0 * low), x(100.0 * high), x(100.0 * tally.success()));
     let _ = write!(
         svg,
-        "<rect class=span x={a:.1} y=22 width={:.1} height=18 rx=3 /><circle class=share cx={at:.1} cy=31 r=7 />",
+        "<rect class=span x={a:.1} y=22 width={:.1} height=18 rx=3 />\
+         <circle class=share cx={at:.1} cy=31 r=7 />",
         (b - a).max(1.0)
     );
     if let Some(aim) = aim {
         let at = x(100.0 * aim);
         let _ = write!(
             svg,
-            "<line class=limit x1={at:.1} x2={at:.1} y1=10 y2=52 /><text class=limitname x={:.1} y=10 text-anchor=end>asked for</text>",
+            "<line class=limit x1={at:.1} x2={at:.1} y1=10 y2=52 />\
+             <text class=limitname x={:.1} y=10 text-anchor=end>required</text>",
             at - 4.0
         );
     }
@@ -160,6 +173,7 @@ fn interval(tally: &Tally, aim: Option<f64>) -> String {
     svg
 }
 
+/// Appends the failures: a bar for each phase, then a table with their commands.
 fn failures(html: &mut String, tally: &Tally) {
     html.push_str("<section><h2>Failures</h2>");
     let phases = tally.by_phase();
@@ -167,14 +181,19 @@ fn failures(html: &mut String, tally: &Tally) {
         html.push_str("<p>None.</p></section>\n");
         return;
     }
-    html.push_str("<p class=lead>By the phase in which a run ended. The command repeats the run, to the bit where it was not ended by the clock.</p>");
+    html.push_str(
+        "<p class=lead>Grouped by the phase in which the run ended. The command repeats the run to \
+         the bit, unless the time limit ended it.</p>",
+    );
     let most = phases.values().map(Vec::len).max().unwrap_or(1) as f64;
     html.push_str("<div class=bars>");
     for (name, runs) in &phases {
         let _ = write!(
             html,
-            "<div><span class=name>{}</span><i style=\"width:{:.1}%\"></i><span class=n>{} ({} %)</span></div>",
+            "<div><span class=name>{}</span><i style=\"width:{:.1}%\"></i>\
+             <span class=n>{} ({} %)</span></div>",
             escaped(name),
+            // The longest bar leaves room for the name and the number beside it.
             60.0 * runs.len() as f64 / most,
             runs.len(),
             percent(runs.len() as f64 / tally.runs().max(1) as f64)
@@ -182,7 +201,8 @@ fn failures(html: &mut String, tally: &Tally) {
     }
     html.push_str("</div>");
     html.push_str(
-        "<table class=failures><thead><tr><th>seed<th>phase<th>how<th>why</tr></thead><tbody>",
+        "<table class=failures><thead><tr><th>seed<th>phase<th>verdict<th>reason</tr></thead>\
+         <tbody>",
     );
     for run in tally.failures().take(LISTED) {
         let _ = write!(
@@ -203,11 +223,16 @@ fn failures(html: &mut String, tally: &Tally) {
     html.push_str("</section>\n");
 }
 
+/// Appends a table of the distributions and a histogram of each quantity.
 fn spreads(html: &mut String, tally: &Tally) {
     if figures(tally).next().is_none() {
         return;
     }
-    html.push_str("<section><h2>How the figures are spread</h2><p class=lead>Of all runs that ended with a verdict, solved or not; those that were not solved are red.</p><table class=spread><thead><tr><th>");
+    html.push_str(
+        "<section><h2>Distribution of the figures</h2><p class=lead>All runs that ended with a \
+         verdict, solved or not. Runs that were not solved are red.</p><table class=spread><thead>\
+         <tr><th>",
+    );
     for name in Spread::COLUMNS {
         let _ = write!(html, "<th class=n>{name}");
     }
@@ -225,6 +250,8 @@ fn spreads(html: &mut String, tally: &Tally) {
     }
     html.push_str("</tbody></table><div class=pair>");
     for (_, words, of, decimals) in QUANTITIES {
+        // A value of 1e12 or more replaces an infinite one, and would leave all others in the
+        // first bar.
         let values: Vec<(f64, bool)> = figures(tally)
             .filter_map(|(run, f)| Some((of(f)?, run.verdict == Verdict::Solved)))
             .filter(|(value, _)| value.abs() < 1e12)
@@ -235,16 +262,17 @@ fn spreads(html: &mut String, tally: &Tally) {
     html.push_str("</div></section>\n");
 }
 
-/// Width of a histogram, and its margins to the left, right and top, and the height of its panel.
+/// Width of a histogram, its margins to the left, right and top, and the height of its panel (px).
 const WIDE: f64 = 470.0;
 const LEFT: f64 = 34.0;
 const RIGHT: f64 = 10.0;
 const TOP: f64 = 24.0;
 const PANEL: f64 = 130.0;
-/// The y of the axis.
+/// Vertical position of the axis (px).
 const BOTTOM: f64 = TOP + PANEL;
 
-/// Draws how many runs have which value; failed runs stand in red at the bars' feet.
+/// Draws the histogram of `values`, each with whether its run was solved. The failed runs are the
+/// red bottom of a bar. `whole` is for whole numbers.
 fn histogram(title: &str, values: &[(f64, bool)], whole: bool) -> String {
     let mut svg = format!(
         "<svg class=\"wide histogram\" viewBox=\"0 0 {WIDE} {:.0}\" role=img><title>{title}</title>\
@@ -267,31 +295,34 @@ fn histogram(title: &str, values: &[(f64, bool)], whole: bool) -> String {
     svg
 }
 
-/// The bars of a histogram.
+/// Bars of a histogram.
 struct Bars {
-    /// Value at the left end, and the width of a bar.
+    /// Value at the left end, and width of a bar, in units of the quantity.
     from: f64,
     by: f64,
-    /// Runs of each bar: solved, failed.
+    /// Number of solved and of failed runs of each bar.
     counts: Vec<(usize, usize)>,
-    /// Runs of the highest bar.
+    /// Number of runs of the highest bar.
     most: f64,
-    /// Width of a bar in the drawing.
+    /// Width of a bar in the drawing (px).
     width: f64,
 }
 
 impl Bars {
-    /// Counts values in bars as wide as a round step; whole numbers have a bar each where there is
-    /// room.
+    /// Counts values in bars as wide as a round step. Each whole number has its own bar where there
+    /// is room.
     fn of(values: &[(f64, bool)], whole: bool) -> Self {
         let low = values.iter().fold(f64::INFINITY, |m, v| m.min(v.0));
         let high = values.iter().fold(f64::NEG_INFINITY, |m, v| m.max(v.0));
         let by = if whole {
             step(high - low + 1.0, BARS as f64).max(1.0).ceil()
         } else {
+            // Equal values have no range; their bar still needs a width that survives rounding.
             step((high - low).max(1e-6 * high.abs()).max(1e-9), 30.0)
         };
         let from = (low / by).floor() * by;
+        // The step allows about 30 bars, or BARS of whole numbers; the cap bounds
+        // the page for any values that a state file may hold.
         let count = (((high - from) / by).floor() as usize + 1).min(4 * BARS);
         let mut counts = vec![(0_usize, 0_usize); count];
         for (value, solved) in values {
@@ -307,6 +338,7 @@ impl Bars {
         Self { from, by, counts, most, width }
     }
 
+    /// Draws the horizontal lines with their numbers of runs.
     fn draw_grid(&self, svg: &mut String) {
         let lines = step(self.most, 3.0).max(1.0);
         let mut line = 0.0;
@@ -325,13 +357,14 @@ impl Bars {
         }
     }
 
+    /// Draws the bars, each with its value and number as a tooltip.
     fn draw(&self, svg: &mut String) {
         let inner = (self.width - 1.0).clamp(0.6, 60.0);
         for (index, (solved, failed)) in
             self.counts.iter().enumerate().filter(|(_, b)| b.0 + b.1 > 0)
         {
             let x = LEFT + index as f64 * self.width + (self.width - inner) / 2.0;
-            // One failure among thousands stays visible.
+            // One failure among thousands would be thinner than a pixel.
             let least = if *failed > 0 { 3.0 } else { 0.0 };
             let bad = (PANEL * *failed as f64 / self.most).max(least);
             let good = (PANEL * *solved as f64 / self.most).min(PANEL - bad);
@@ -348,7 +381,7 @@ impl Bars {
         }
     }
 
-    /// Draws the values below the axis; a whole number stands below the middle of its bar.
+    /// Draws the values below the axis. A whole number is centred below its bar.
     fn draw_marks(&self, svg: &mut String, whole: bool) {
         let (from, by, count) = (self.from, self.by, self.counts.len() as f64);
         let marks = step(by * count, 6.0).max(if whole { 1.0 } else { 0.0 });
@@ -356,6 +389,7 @@ impl Bars {
         let mut mark = (from / marks).ceil() * marks;
         while mark <= from + by * count + 1e-9 {
             let x = LEFT + ((mark - from) / by + middle) * self.width;
+            // The centring may move the last mark beyond the panel.
             if x <= WIDE - RIGHT + 1.0 {
                 let _ = write!(
                     svg,
@@ -369,9 +403,13 @@ impl Bars {
     }
 }
 
+/// Appends the mishaps that the plant counted.
 fn mishaps(html: &mut String, tally: &Tally) {
-    let (with, mended) = tally.mended;
-    html.push_str("<section><h2>What went wrong on the way</h2><p class=lead>As the plant counted, which the controller does not see.</p><dl class=facts>");
+    let (with, solved) = tally.mishaps_and_solved;
+    html.push_str(
+        "<section><h2>Mishaps</h2><p class=lead>Counted by the plant; the controller does not see \
+         these numbers.</p><dl class=facts>",
+    );
     for (name, count) in tally.mishaps.named() {
         let _ = write!(html, "<div><dt>{name}</dt><dd>{}</dd></div>", grouped(u64::from(count)));
     }
@@ -379,43 +417,50 @@ fn mishaps(html: &mut String, tally: &Tally) {
     if with > 0 {
         let _ = write!(
             html,
-            "<p>{} runs had one or more of them; {} of these were solved all the same.</p>",
+            "<p>{} runs had one or more mishaps; {} of these were solved nevertheless.</p>",
             grouped(with),
-            grouped(mended)
+            grouped(solved)
         );
     }
     html.push_str("</section>\n");
 }
 
-/// The keys that were drawn, each with a strip: a dot for each run.
+/// Appends the drawn keys, each with a strip that has a dot for each run.
 fn drawn(html: &mut String, tally: &Tally) {
     if tally.header.vary.is_empty() {
         return;
     }
+    // The campaign read this text before it began. A state file may hold any other; then the
+    // section is left out.
     let path = std::path::Path::new("vary");
-    let Ok(vary) = Vary::read(path, &tally.header.vary) else { return };
-    html.push_str("<section><h2>What was drawn for each run</h2><p class=lead>A dot is a run, at the value that it had; those that were not solved are red, and stand above.</p>");
-    for (key, way) in vary.keys() {
+    let Ok(vary) = Variations::read(path, &tally.header.vary) else { return };
+    html.push_str(
+        "<section><h2>Values drawn for each run</h2><p class=lead>Each dot is a run at its drawn \
+         value. Runs that were not solved are red and drawn above the others.</p>",
+    );
+    for (key, distribution) in vary.keys() {
         let _ = write!(
             html,
             "<h3 class=key><code>{}</code> <span>{}</span></h3>",
             escaped(key),
-            escaped(&way.words())
+            escaped(&distribution.words())
         );
-        html.push_str(&strip(tally, key, way));
+        html.push_str(&strip(tally, key, distribution));
     }
     html.push_str("</section>\n");
 }
 
-/// The value of a key that was drawn for a run.
+/// Returns the value that was drawn for a key of a run.
 fn value<'a>(run: &'a RunResult, key: &str) -> Option<&'a str> {
     run.set.iter().find_map(|option| option.strip_prefix(key)?.strip_prefix('='))
 }
 
-fn strip(tally: &Tally, key: &str, way: &Way) -> String {
-    if let Way::OneOf(values) = way {
+/// Draws the runs over the value of a key. A key with listed values becomes a table instead.
+fn strip(tally: &Tally, key: &str, distribution: &Distribution) -> String {
+    if let Distribution::OneOf(values) = distribution {
         return table_of(tally, key, values);
     }
+    // A campaign may have ten million runs. Solved ones are sampled; failures are all shown.
     let every = tally.results.len().div_ceil(DOTS).max(1);
     let points: Vec<(f64, bool, u64)> = tally
         .results
@@ -432,7 +477,8 @@ fn strip(tally: &Tally, key: &str, way: &Way) -> String {
     if points.is_empty() {
         return String::new();
     }
-    // Steps that a number of this size can be counted in.
+    // A step that is lost in the rounding of a large value would make the loop over the ticks
+    // endless.
     let range = (high - low).max(1e-6 * high.abs().max(low.abs())).max(1e-9);
     let by = step(range, 10.0);
     let from = (low / by).floor() * by;
@@ -443,21 +489,25 @@ fn strip(tally: &Tally, key: &str, way: &Way) -> String {
     while tick <= to + 1e-9 * by {
         let _ = write!(
             svg,
-            "<line class=grid x1={0:.1} x2={0:.1} y1=4 y2=46 /><text class=tick x={0:.1} y=60 text-anchor=middle>{1}</text>",
+            "<line class=grid x1={0:.1} x2={0:.1} y1=4 y2=46 />\
+             <text class=tick x={0:.1} y=60 text-anchor=middle>{1}</text>",
             x(tick),
             number(tick)
         );
         tick += by;
     }
-    // Solved ones first, so that a failure is never hidden.
+    // Later elements cover earlier ones, so the failures come last.
     for wanted in [true, false] {
         for (value, _, seed) in points.iter().filter(|p| p.1 == wanted) {
-            // Spread over some height by the seed, so that equal values can be told apart.
+            // The height depends on the seed, so that solved runs of equal values do not cover each
+            // other. The factor is 2^64 over the golden ratio: it scatters consecutive seeds
+            // evenly.
             let jitter = (seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 56) as f64 / 256.0;
             let (y, class) = if wanted { (24.0 + 20.0 * jitter, "dot") } else { (12.0, "dot red") };
             let _ = write!(
                 svg,
-                "<circle class=\"{class}\" cx={:.1} cy={y:.1} r=3><title>seed {seed}: {value}</title></circle>",
+                "<circle class=\"{class}\" cx={:.1} cy={y:.1} r=3>\
+                 <title>seed {seed}: {value}</title></circle>",
                 x(*value)
             );
         }
@@ -466,12 +516,15 @@ fn strip(tally: &Tally, key: &str, way: &Way) -> String {
     svg
 }
 
+/// Returns the table of a key with listed values: share of solved runs for each value.
 fn table_of(tally: &Tally, key: &str, values: &[Choice]) -> String {
+    // A value that is listed twice is drawn twice as often; it has one row.
     let mut unique: Vec<&str> = values.iter().map(|v| v.text.as_str()).collect();
     unique.sort_unstable();
     unique.dedup();
     let mut html = String::from(
-        "<table><thead><tr><th>value<th class=n>runs<th class=n>solved<th class=n>95 % interval</tr></thead><tbody>",
+        "<table><thead><tr><th>value<th class=n>runs<th class=n>solved<th class=n>95 % interval\
+         </tr></thead><tbody>",
     );
     for wanted in unique {
         let runs: Vec<_> = tally.results.iter().filter(|r| value(r, key) == Some(wanted)).collect();
@@ -490,9 +543,10 @@ fn table_of(tally: &Tally, key: &str, values: &[Choice]) -> String {
     html
 }
 
+/// Appends the header of the campaign: program, scenario, options, seeds.
 fn origin(html: &mut String, tally: &Tally) {
     let header = &tally.header;
-    html.push_str("<section class=origin><h2>Where this comes from</h2><table><tbody>");
+    html.push_str("<section class=origin><h2>Origin</h2><table><tbody>");
     let mut row = |name: &str, value: &str| {
         if !value.is_empty() {
             let _ = write!(html, "<tr><th>{name}<td><code>{}</code></tr>", escaped(value));
@@ -500,29 +554,36 @@ fn origin(html: &mut String, tally: &Tally) {
     };
     row("program", &format!("rubik-robot {}, build {}", header.version, header.build));
     row("scenario", &format!("{} (sum {})", header.scenario, header.scenario_sum));
-    row("overruled by", &header.set.join("; "));
+    row("changed by --set", &header.set.join("; "));
     let last = header.seed.saturating_add(header.runs.saturating_sub(1));
     row("seeds", &format!("{} to {last}", header.seed));
     if header.shard.to_string() != "1/1" {
         row("shard", &header.shard.to_string());
     }
-    row("time that a run may take", &format!("{} s by the wall clock", header.limit_s));
+    row("time limit of a run", &format!("{} s by the wall clock", header.limit_s));
     let wall: f64 = tally.results.iter().map(|r| r.wall_time_s).sum();
     row("time of all processes", &format!("{wall:.0} s by the wall clock"));
-    html.push_str("</tbody></table><p class=note>The verdict of a run is the plant's: what the cube in the simulated cell is, whatever the controller believes. A run that panics, is killed or does not end in its time counts as a failure.</p>");
+    html.push_str(
+        "</tbody></table><p class=note>The verdict of a run depends on the cube in the simulated \
+         cell, not on the controller's belief. A run that panics, is killed or exceeds its time \
+         limit counts as a failure.</p>",
+    );
     if !header.vary.is_empty() {
-        let _ = write!(html, "<h3>What was drawn</h3><pre>{}</pre>", escaped(&header.vary));
+        let _ = write!(html, "<h3>File of --vary</h3><pre>{}</pre>", escaped(&header.vary));
     }
     html.push_str("</section>\n");
 }
 
+/// Returns the opening tags of a picture of the page's width.
 fn open(height: f64, class: &str, title: &str) -> String {
     format!(
-        "<svg class=\"wide {class}\" viewBox=\"0 0 {WIDTH:.0} {height:.0}\" role=img><title>{}</title>",
+        "<svg class=\"wide {class}\" viewBox=\"0 0 {WIDTH:.0} {height:.0}\" role=img>\
+         <title>{}</title>",
         escaped(title)
     )
 }
 
+/// Returns the text with a capital first letter.
 fn capital(text: &str) -> String {
     let mut letters = text.chars();
     letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
@@ -538,7 +599,7 @@ mod tests {
     fn tally(runs: u64, vary: &str) -> Tally {
         let mut header = header(runs, "1/1");
         header.vary = vary.into();
-        let drawn = Vary::read(std::path::Path::new("v"), vary).unwrap_or_default();
+        let drawn = Variations::read(std::path::Path::new("v"), vary).unwrap_or_default();
         let outcome = |seed: u64| {
             let verdict = if seed.is_multiple_of(7) { Verdict::Failed } else { Verdict::Solved };
             let mut run = result(seed, verdict, seed as f64);
@@ -550,7 +611,7 @@ mod tests {
     }
 
     #[test]
-    fn what_comes_from_outside_cannot_become_markup() {
+    fn foreign_text_cannot_become_markup() {
         let mut tally = tally(20, "");
         for run in &mut tally.results {
             run.verdict = Verdict::Failed;
@@ -565,7 +626,7 @@ mod tests {
     }
 
     #[test]
-    fn every_failure_stands_in_the_page_with_its_command() {
+    fn page_lists_every_failure_with_its_command() {
         let tally = tally(40, "a.b = { uniform = [1, 2] }\nc = { one_of = [\"x\", \"y\"] }");
         let html = page(&tally, None);
 
@@ -577,7 +638,7 @@ mod tests {
     }
 
     #[test]
-    fn no_runs_one_run_and_equal_values_make_a_page() {
+    fn page_renders_few_runs_and_equal_values() {
         for runs in [0, 1, 2] {
             let html = page(&tally(runs, ""), Some(0.9));
             assert!(html.ends_with("</html>\n") && !html.contains("NaN"), "{runs}");
@@ -587,11 +648,11 @@ mod tests {
             run.figures.as_mut().unwrap().sim_time_s = f64::MAX;
             run.figures.as_mut().unwrap().peak_force_n = 0.0;
         }
-        assert!(page(&equal, None).contains("no number"));
+        assert!(page(&equal, None).contains("not finite"));
     }
 
     #[test]
-    fn large_and_equal_draws_make_a_strip() {
+    fn strip_plot_renders_large_and_equal_values() {
         for vary in ["a = { uniform = [1e16, 1e16] }", "a = { uniform = [-1e300, 1e300] }"] {
             assert!(page(&tally(9, vary), None).contains("class=\"dot"));
         }

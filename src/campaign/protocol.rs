@@ -1,9 +1,9 @@
-//! The benchmark's protocol in Markdown.
+//! The protocol of the benchmark in Markdown.
 //!
-//! - in: what was measured, in which cell, and what came of it
+//! - in: the [`Setup`], the tally of the trials, their score
 //! - out: text with the fields of the YCB template for protocols: purpose, task, setup, robot,
-//!   procedure, constraints, scoring, results (B. Calli et al., "Benchmarking in manipulation
-//!   research", 2015)
+//!   procedure, constraints, scoring, results
+//! - source: B. Calli et al., "Benchmarking in manipulation research", 2015
 
 use super::benchmark::{Kind, Score, clearances};
 use super::statistics::Spread;
@@ -11,38 +11,38 @@ use super::tally::{QUANTITIES, Tally, figure};
 use crate::cube::{Facelets, Keeper};
 use std::fmt::Write;
 
-/// What a protocol tells of the setup.
+/// Setup of a benchmark, as a protocol describes it.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Setup {
-    /// What is measured.
+    /// Kind of trial.
     pub kind: Kind,
-    /// Effectors: name, kind, distance of the tool point at the start from the nearest place where
-    /// the cube's centre may be (m).
+    /// Effectors: name, kind, distance at the start from the tool point to the nearest place where
+    /// the centre of the cube may be (m).
     pub effectors: Vec<(String, String, f64)>,
-    /// The clearance that was demanded (m).
+    /// Smallest distance of that kind that the benchmark accepts (m).
     pub clearance: f64,
-    /// Cameras: name and where it is.
+    /// Cameras: name and place.
     pub cameras: Vec<(String, String)>,
-    /// Edge of the cube (m), its mass (kg).
+    /// Edge (m) and mass (kg) of the cube.
     pub cube: (f64, f64),
-    /// Who or what has the cube at the start, and gets it in the end.
+    /// Holder of the cube at the start and at the end.
     pub keeper: Keeper,
-    /// The middle of the place where that is, and its half extents (m).
+    /// Centre and half extents of the region where the cube starts (m).
     pub place: [[f64; 3]; 2],
     /// Height of the table (m).
     pub table: f64,
     /// Longest simulated time of a trial that passes (s).
     pub limit: f64,
-    /// The command that repeats it all.
+    /// Command that repeats the benchmark.
     pub command: String,
-    /// Scrambles by seed; none for missions.
+    /// Scrambles by seed; empty for missions.
     pub scrambles: Vec<(u64, String)>,
-    /// The cube of all missions; `None` where each draws its own.
+    /// Cube of all missions; `None` if each mission draws its own.
     pub state: Option<Facelets>,
 }
 
 impl Setup {
-    /// Where the cube is at the start.
+    /// Returns the place of the cube at the start, for people.
     #[must_use]
     pub(crate) fn start(&self) -> &'static str {
         match self.keeper {
@@ -70,13 +70,13 @@ pub(crate) fn protocol(setup: &Setup, tally: &Tally, score: &Score) -> String {
     t
 }
 
-/// Appends a line, or a paragraph that has lines of its own.
+/// Appends a line, or a paragraph of several lines.
 fn line(t: &mut String, text: &str) {
     t.push_str(text);
     t.push('\n');
 }
 
-/// Returns what the robot does with the cube at the end.
+/// Returns the verb for the hand-back of the cube.
 fn returns(setup: &Setup) -> &'static str {
     match setup.keeper {
         Keeper::Person => "hands it back",
@@ -92,18 +92,20 @@ fn title(t: &mut String, setup: &Setup, tally: &Tally, score: &Score) {
     line(t, "| | |\n|---|---|");
     line(t, &format!("| Reference | {} of `rubik-robot benchmark` |", setup.kind.name()));
     line(t, &format!("| Program | rubik-robot {}, build {} |", header.version, header.build));
+    // A path with this prefix is not a file: the scenario is built into the program.
     let own =
-        if header.scenario.starts_with("shipped:") { " (comes with the program)" } else { "" };
+        if header.scenario.starts_with("shipped:") { " (built into the program)" } else { "" };
     line(t, &format!("| Scenario | `{}`{own}, sum {} |", header.scenario, header.scenario_sum));
-    line(t, &format!("| Repeated by | `{}` |", setup.command));
+    line(t, &format!("| Command | `{}` |", setup.command));
 }
 
 fn purpose(t: &mut String) {
     line(t, "\n## Purpose\n");
+    // The paragraphs of the file have line breaks of their own, for readers of the plain text.
     line(
         t,
         "Precise and sequential two-handed manipulation: how often a robot brings a Rubik's cube \
-         to a wanted state\nwithout help, and how long that takes. Each turn needs a position \
+         to a given state\nwithout help, and how long it takes. Each turn needs a position \
          within about a millimetre and a compliant grip;\nerrors of the cube's place in the hands \
          add up over a trial.",
     );
@@ -115,8 +117,8 @@ fn task(t: &mut String, setup: &Setup) {
     let text = match setup.kind {
         Kind::Tier { trials, moves } => format!(
             "{trials} consecutive trials. In each the robot takes a cube that {moves} seeded moves \
-             have scrambled, reads its faces,\nundoes them and {returns}. It is not told the \
-             moves: it plans by itself, and may find a shorter way."
+             have scrambled, reads its faces,\nundoes them and {returns}. The robot does not know \
+             the moves: it makes its own plan, which may be shorter."
         ),
         Kind::Mission { trials } => {
             let cube = match setup.state {
@@ -134,17 +136,20 @@ fn task(t: &mut String, setup: &Setup) {
 
 fn objects(t: &mut String, setup: &Setup) {
     line(t, "\n## Setup\n");
+    // The protocol is in the units of a workshop; the program computes in SI units.
     let (edge, mass) = (1e3 * setup.cube.0, 1e3 * setup.cube.1);
     line(t, &format!("- Objects: one 3 x 3 x 3 Rubik's cube, edge {edge:.1} mm, {mass:.0} g."));
     let [[x, y, z], [w, d, _]] = setup.place.map(|p| p.map(|v| 1e3 * v));
     let (start, end) = match setup.keeper {
+        // The benchmark of the paper starts on a table, so a reader who compares figures must see
+        // this difference.
         Keeper::Person => (
             format!(
                 "- Pose at the start: **in a person's hand** that brings it to about ({x:.0}, \
                  {y:.0}, {z:.0}) mm, in a seeded\n  orientation, with sway and tremor. **This \
                  differs from Yang et al., whose cube lies on a table**: see\n  \
-                 `scenarios/table.toml`. What is compared here is manipulation after the grasp; \
-                 the first grasp is another one."
+                 `scenarios/table.toml`. Only the manipulation after the first grasp can be \
+                 compared; the first grasp differs."
             ),
             "- Pose at the end: solved, and back in the person's hand.",
         ),
@@ -152,11 +157,11 @@ fn objects(t: &mut String, setup: &Setup) {
             format!(
                 "- Pose at the start: on the table, its centre within {w:.0} mm along x and \
                  {d:.0} mm along y of\n  ({x:.0}, {y:.0}, {z:.0}) mm, on a seeded face, turned \
-                 about the vertical by a seeded angle (place and spread are\n  this project's). \
-                 Nobody is in the cell."
+                 about the vertical by a seeded angle (position and spread are\n  chosen by this \
+                 project). The cell has no person."
             ),
-            "- Pose at the end: solved, laid down on the table and let go. (That it is laid down \
-             is this project's rule.)",
+            "- Pose at the end: solved, laid down on the table and let go. (This project requires \
+             that the cube is laid down.)",
         ),
     };
     line(t, &start);
@@ -166,7 +171,7 @@ fn objects(t: &mut String, setup: &Setup) {
         t,
         &format!(
             "- Environment: simulated cell with a table {height:.0} mm high. Cell, start, light, \
-             calibration and noise are drawn anew for\n  each trial by its seed; a real robot \
+             calibration and noise are drawn for\n  each trial by its seed; a real robot \
              would keep its cell."
         ),
     );
@@ -179,8 +184,8 @@ fn robot(t: &mut String, setup: &Setup, tally: &Tally) {
         line(
             t,
             &format!(
-                "- {name}: {kind}; at the start its tool is {distance:.0} mm from where the cube \
-                 may be"
+                "- {name}: {kind}; at the start its tool is {distance:.0} mm from the nearest \
+                 place of the cube"
             ),
         );
     }
@@ -188,10 +193,11 @@ fn robot(t: &mut String, setup: &Setup, tally: &Tally) {
     line(
         t,
         &format!(
-            "- Clearance of the tools at the start: at least {clearance:.0} mm (this project's \
-             threshold)."
+            "- Clearance of the tools at the start: at least {clearance:.0} mm (a threshold of \
+             this project)."
         ),
     );
+    // The demanded clearance was compared with the cell as believed; these values are the plant's.
     let measured = Spread::of(clearances(tally).map(|(_, mm)| mm));
     if !measured.is_empty() {
         let (min, max) = (measured.min, measured.max);
@@ -208,8 +214,9 @@ fn robot(t: &mut String, setup: &Setup, tally: &Tally) {
     }
     line(
         t,
-        "- Told beforehand: the cell as a workshop would measure it, with seeded errors; the \
-         colours' arrangement of a solved\n  cube. Not told: the cube's state, its pose, the moves.",
+        "- Known beforehand: the cell as a workshop would measure it, with seeded errors; the \
+         arrangement of colours of a solved\n  cube. Not known: the cube's state, its pose, the \
+         moves.",
     );
 }
 
@@ -217,16 +224,15 @@ fn procedure(t: &mut String, setup: &Setup) {
     line(t, "\n## Procedure\n");
     let returns = returns(setup);
     let (begins, ends) = match setup.keeper {
-        Keeper::Person => {
-            ("The person's hand brings the cube", "the cube is with the person again")
-        }
+        Keeper::Person => ("The person's hand brings the cube", "the person has the cube again"),
         Keeper::Table => ("The cube lies on the table", "the hand has let go of the cube"),
     };
     line(
         t,
         &format!(
-            "1. The cell is set up by the trial's seed; arms at their start, jaws open.\n\
-             2. {begins}; time begins at the start of the run.\n\
+            "1. The cell is set up from the seed of the trial, with the arms in their start pose \
+             and the jaws open.\n\
+             2. {begins}; the time counts from the start of the run.\n\
              3. The robot takes the cube, looks at its faces, plans, turns, and {returns}.\n\
              4. The trial ends when {ends}, or the robot gives up.\n\
              5. The plant's cube, which the controller does not see, is compared with a solved one."
@@ -240,11 +246,11 @@ fn constraints(t: &mut String, setup: &Setup, tally: &Tally) {
     line(
         t,
         &format!(
-            "- No intervention: nobody answers a question, nobody puts a cube back.\n\
-             - A trial that takes longer than {simulated:.0} s of simulated time has not passed \
-             (this project's threshold).\n\
-             - A trial whose program panics or has no end within {wall} s by the wall clock has \
-             not passed."
+            "- No intervention: no question is answered, and no cube is put back.\n\
+             - A trial that takes longer than {simulated:.0} s of simulated time does not pass (a \
+             threshold of this project).\n\
+             - A trial whose program panics or does not end within {wall} s by the wall clock does \
+             not pass."
         ),
     );
 }
@@ -253,20 +259,22 @@ fn scoring(t: &mut String) {
     line(t, "\n## Scoring\n");
     line(
         t,
-        "- Accuracy: trials that passed, of all. A tier is passed when all of its consecutive \
-         trials are.\n\
-         - Speed: simulated time of the trials that passed, whole and for each face turn that was \
-         carried out; looking, planning,\n  taking and giving back are in it. (Yang et al. give \
-         accuracy and speed as well; thresholds of theirs were not at hand.)",
+        "- Accuracy: share of the trials that passed. A tier is passed if all of its consecutive \
+         trials passed.\n\
+         - Speed: simulated time of the trials that passed, per trial and per executed face turn; \
+         it includes looking, planning,\n  taking and giving back. (Yang et al. also give accuracy \
+         and speed; their thresholds were not available.)",
     );
 }
 
 fn results(t: &mut String, tally: &Tally, score: &Score) {
     let [low, high] = tally.interval.map(|x| 100.0 * x);
-    // Writing to a string cannot fail.
+    // A trial that takes longer than the limit is solved but has not passed. The interval is of the
+    // solved ones. Writing to a string cannot fail.
     let _ = writeln!(
         t,
-        "Accuracy: **{} of {}** trials passed ({:.1} %), {} in a row; solved at whatever time: {} (95 % interval {low:.1} .. {high:.1} %).\n",
+        "Accuracy: **{} of {}** trials passed ({:.1} %), {} in a row; solved in any time: {} (95 % \
+         interval {low:.1} .. {high:.1} %).\n",
         score.passed,
         score.trials,
         100.0 * score.passed as f64 / score.trials.max(1) as f64,
@@ -282,7 +290,7 @@ fn results(t: &mut String, tally: &Tally, score: &Score) {
         }
     };
     row("time of a passed trial [s]", score.trial_s, 1);
-    row("the same for each face turn [s]", score.turn_s, 1);
+    row("time per face turn of a passed trial [s]", score.turn_s, 1);
     for (_, words, of, decimals) in QUANTITIES {
         row(&format!("all trials: {words}"), tally.spread(of), decimals);
     }
@@ -292,10 +300,14 @@ fn results(t: &mut String, tally: &Tally, score: &Score) {
 }
 
 fn trials(t: &mut String, setup: &Setup, tally: &Tally) {
-    t.push_str("\n| seed | scramble | result | turns | grasps | time [s] | peak force [N] | peak contact [N] | clearance [mm] | why |\n|---|---|---|---|---|---|---|---|---|---|\n");
-    let otherwise = if setup.state.is_some() { "the cube of all" } else { "drawn from all" };
+    t.push_str(
+        "\n| seed | scramble | result | turns | grasps | time [s] | peak force [N] | \
+         peak contact [N] | clearance [mm] | reason |\n|---|---|---|---|---|---|---|---|---|---|\n",
+    );
+    let otherwise = if setup.state.is_some() { "the given cube" } else { "drawn from all states" };
     for run in &tally.results {
         let scramble = setup.scrambles.iter().find(|(seed, _)| *seed == run.seed);
+        // A run without figures, as one that died, keeps the number of columns.
         let figures = run.figures.as_ref().map_or_else(
             || "- | - | - | - | - | -".to_owned(),
             |f| {
@@ -307,6 +319,7 @@ fn trials(t: &mut String, setup: &Setup, tally: &Tally) {
                 format!("{} | {} | {time} | {force} | {contact} | {near}", f.turns, f.grasps)
             },
         );
+        // A bar in the reason would open another column.
         let _ = writeln!(
             t,
             "| {} | {} | {} | {figures} | {} |",
@@ -328,7 +341,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_protocol_has_the_templates_fields_and_says_where_the_cube_is_at_the_start() {
+    fn protocol_has_the_templates_fields_and_both_starts() {
         let header = header(2, "1/1");
         let results = header.seeds().map(|s| (s, result(s, Verdict::Solved, 3.0))).collect();
         let tally = Tally::of(&State { header, results, whole: 0, torn: false });
@@ -352,10 +365,10 @@ mod tests {
         let [drawn, given] =
             [missions, given].map(|setup| protocol(&setup, &tally, &score(&tally, setup.limit)));
         assert!(drawn.contains("takes a cube drawn from all 4.3e19 states, reads"), "{drawn}");
-        assert!(drawn.contains("| 5 | drawn from all |") && !given.contains("drawn from"));
+        assert!(drawn.contains("| 5 | drawn from all states |") && !given.contains("drawn from"));
         let cube = Facelets::solved();
         assert!(given.contains(&format!("takes the same cube, `{cube}`, reads")), "{given}");
-        assert!(given.contains("| 5 | the cube of all | solved"), "{given}");
+        assert!(given.contains("| 5 | the given cube | solved"), "{given}");
 
         let table = Setup { keeper: Keeper::Table, ..setup.clone() };
         let text = protocol(&setup, &tally, &score(&tally, setup.limit));
@@ -370,7 +383,10 @@ mod tests {
         assert!(
             on_table.contains("on the table, its centre within 60 mm along x and 100 mm along y")
         );
-        assert!(!on_table.contains("person") && on_table.contains("lays it down"), "{on_table}");
+        assert!(
+            !on_table.contains("person's hand") && on_table.contains("lays it down"),
+            "{on_table}"
+        );
         assert!(text.contains("in a person's hand") && text.contains("| 5 | R U2 | solved | 19 |"));
     }
 }

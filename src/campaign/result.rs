@@ -1,34 +1,34 @@
-//! What came of one run of a campaign, as a line of its state file.
+//! The result of one run of a campaign, as a line of its state file.
 //!
-//! - in: what a process printed and how it ended
-//! - out: a [`RunResult`]: the verdict is the plant's, out of the run's summary; a run without one
-//!   has failed
+//! - in: the output of a process and how it ended, or the summary of a run in this process
+//! - out: a [`RunResult`]. Its verdict comes from the plant, by way of the run's summary; a run
+//!   without a summary has failed
 
 use crate::cube::Facelets;
 use crate::record::summary::{EndedBy, Exertion, Outcome, Summary};
 use serde::{Deserialize, Serialize};
 
-/// The longest reason that is kept (characters).
+/// Longest reason that is kept (characters).
 const REASON: usize = 400;
 
-/// How a run came out.
+/// Verdict on a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// What the scenario asks for is so in the plant.
+    /// The plant is as the scenario demands.
     Solved,
-    /// The task ended without that.
+    /// The task ended, but the plant is not as demanded.
     Failed,
-    /// A fatal or system error, or a word of the operator, broke it off.
+    /// A fatal error, a system error or the operator ended the run.
     Aborted,
-    /// It had no end within its time by the wall clock.
+    /// The run exceeded its time by the wall clock.
     TimedOut,
-    /// Its process ended without a summary: a panic, a signal.
+    /// The process ended without a valid summary, as after a panic or a signal.
     Died,
 }
 
 impl Verdict {
-    /// For people.
+    /// Returns the verdict for people.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {
@@ -41,21 +41,21 @@ impl Verdict {
     }
 }
 
-/// One run.
+/// Result of one run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunResult {
-    /// Its seed.
+    /// Seed of the run.
     pub seed: u64,
-    /// How it came out.
+    /// Verdict on the run.
     pub verdict: Verdict,
-    /// The phase in which it ended; empty when it did not come to one.
+    /// Phase in which the run ended; empty if it reached none.
     pub phase: String,
-    /// Why, in a sentence.
+    /// Reason for the verdict, in a sentence.
     pub reason: String,
-    /// What was drawn for it, as behind `--set`.
+    /// Drawn values, in the form `KEY=VALUE` of `--set`.
     pub set: Vec<String>,
-    /// Its figures; `None` of a run without a summary, or that never began.
+    /// Figures of the run; `None` if it has no summary or never began.
     pub figures: Option<Figures>,
     /// Time by the wall clock (s).
     pub wall_time_s: f64,
@@ -65,78 +65,80 @@ pub struct RunResult {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Figures {
-    /// Largest force of the contact while both arms hold the cube (N).
+    /// Largest contact force at the tools while both arms hold the cube (N).
     pub peak_force_n: f64,
-    /// Largest torque of the same (Nm).
+    /// Largest torque of that contact (Nm).
     pub peak_torque_nm: f64,
-    /// Largest force of the contact at any tool over the whole run (N). State files of earlier
-    /// builds have neither this nor the three that follow.
+    /// Largest contact force at any tool over the whole run (N). State files of earlier builds lack
+    /// some or all of the optional fields.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub peak_contact_n: Option<f64>,
-    /// How much the arms exerted themselves.
+    /// Load of the motors and arms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exertion: Option<Exertion>,
     /// Force limit of the scenario, `control.force_limit_n` (N).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub force_limit_n: Option<f64>,
-    /// How often the controller told that the cube had fallen.
+    /// Number of times that the controller reported a fallen cube.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub drops_noticed: Option<u32>,
-    /// Distance of the nearest tool from the cube's centre in the plant when the run began (mm).
+    /// Distance in the plant from the centre of the cube to the nearest tool when the run began
+    /// (mm).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clearance_mm: Option<f64>,
-    /// Jaw closings.
+    /// Number of jaw closings on the cube.
     pub grasps: u32,
-    /// Face turns.
+    /// Number of face turns.
     pub turns: u32,
     /// Simulated time (s).
     pub sim_time_s: f64,
-    /// What went wrong in the plant, whether or not it was mended.
+    /// Mishaps in the plant, whether or not the mission recovered from them.
     pub mishaps: Mishaps,
-    /// Times that the mission began anew, by its own account.
+    /// Number of times that the mission read and planned again, by its own count.
     pub recoveries: u32,
-    /// Over every servo record and message, hexadecimal.
+    /// Hash over every servo record and message, hexadecimal.
     pub hash: String,
-    /// Over what bounds the plant's speed and force, hexadecimal.
+    /// Hash over the parameters that bound the speed and force of the plant, hexadecimal.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plant_hash: Option<String>,
 }
 
 impl Figures {
-    /// Whether something was touched with more force than the scenario allows; `None` when nobody
-    /// knows.
+    /// Returns whether a contact exceeded the force limit of the scenario; `None` if one of the two
+    /// is unknown.
     #[must_use]
     pub(crate) fn exceeds_limit(&self) -> Option<bool> {
         Some(self.peak_contact_n? > self.force_limit_n?)
     }
 
-    /// Whether the cube fell more often than the controller told; `None` when nobody knows.
+    /// Returns whether the cube fell more often than the controller reported; `None` if the reports
+    /// are unknown.
     #[must_use]
     pub(crate) fn has_unnoticed_drop(&self) -> Option<bool> {
         Some(self.mishaps.drops > self.drops_noticed?)
     }
 }
 
-/// What the plant counted.
+/// Mishaps that the plant counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Mishaps {
-    /// Turns that did not get on.
+    /// Number of turns whose layer did not move.
     pub jams: u32,
-    /// Grips that slipped.
+    /// Number of times that a grip slipped.
     pub slips: u32,
-    /// Times that the cube fell.
+    /// Number of times that the cube fell.
     pub drops: u32,
-    /// Times that it popped.
+    /// Number of times that the cube popped apart.
     pub pops: u32,
-    /// Times that it was squeezed too hard.
+    /// Number of times that the cube was squeezed too hard.
     pub crushed: u32,
-    /// Times that something touched what it should not.
+    /// Number of unwanted contacts.
     pub collisions: u32,
 }
 
 impl Mishaps {
-    /// All with their names.
+    /// Returns each kind with its name and number.
     #[must_use]
     pub fn named(&self) -> [(&'static str, u32); 6] {
         [
@@ -149,12 +151,13 @@ impl Mishaps {
         ]
     }
 
-    /// Their number.
+    /// Returns the number of all mishaps.
     #[must_use]
     pub fn count(&self) -> u64 {
         self.named().iter().map(|(_, n)| u64::from(*n)).sum()
     }
 
+    /// Adds the mishaps of another run.
     pub(super) fn add(&mut self, other: &Self) {
         for (sum, more) in [
             (&mut self.jams, other.jams),
@@ -164,27 +167,30 @@ impl Mishaps {
             (&mut self.crushed, other.crushed),
             (&mut self.collisions, other.collisions),
         ] {
+            // A state file may hold any numbers.
             *sum = sum.saturating_add(more);
         }
     }
 }
 
-/// How a process came to its end.
+/// End of a process.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Ended {
-    /// With this exit code.
+    /// Exit code of a process that ended by itself.
     Code(i32),
-    /// By this signal.
+    /// Signal that ended the process.
     Signal(i32),
-    /// It was killed after its time (s).
+    /// Time after which the process was killed (s).
     TimedOut(f64),
 }
 
 impl RunResult {
-    /// Of a run that was performed in this process.
+    /// Makes the result of a run from its summary.
     #[must_use]
     pub(crate) fn of_summary(summary: &Summary, set: Vec<String>) -> Self {
         let (verdict, reason) = judged(summary);
+        // JSON has no infinity and no NaN, and a peak that is not a number must not pass for a
+        // small one.
         let number = |value: Option<f64>| value.filter(|v| v.is_finite()).unwrap_or(f64::MAX);
         let contacts = summary.sensors.iter().map(|s| number(s.force_n));
         Self {
@@ -193,6 +199,8 @@ impl RunResult {
             phase: summary.phases.last().map(|p| p.name.clone()).unwrap_or_default(),
             reason: short(&reason),
             set,
+            // The zeros in the summary of a run that never began are not measurements, and must not
+            // reach the distributions.
             figures: summary.has_begun().then(|| Figures {
                 peak_force_n: number(summary.peak_force_n),
                 peak_torque_nm: number(summary.peak_torque_nm),
@@ -220,7 +228,7 @@ impl RunResult {
         }
     }
 
-    /// Of a process of its own, by what it printed and how it ended.
+    /// Makes the result of a run in a process of its own, from its output and its end.
     #[must_use]
     pub(crate) fn of_process(
         seed: u64,
@@ -229,6 +237,7 @@ impl RunResult {
         ended: Ended,
         wall_time_s: f64,
     ) -> Self {
+        // With `--json` the summary is the last line; anything may precede it.
         let last = stdout.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or_default();
         let without = |verdict, reason: &str| Self {
             seed,
@@ -257,42 +266,51 @@ impl RunResult {
                 &format!("no summary, exit code {code}{}", tail(stderr)),
             );
         };
+        // Where the seed or the exit code contradicts the summary, neither can be trusted.
         if summary.seed != seed || i32::from(summary.exit_code()) != code {
-            let reason = format!("exit code {code} and the summary of seed {}", summary.seed);
-            return without(Verdict::Died, &format!("{reason} do not belong together"));
+            let reason =
+                format!("exit code {code} contradicts the summary of seed {}", summary.seed);
+            return without(Verdict::Died, &reason);
         }
+        // The time of the process includes its start, and counts for the rate of a campaign.
         let mut result = Self::of_summary(&summary, set.to_vec());
         result.wall_time_s = wall_time_s;
         result
     }
 
-    /// Whether both tell of the same run: all but the wall clock's time.
+    /// Returns whether both results agree, apart from the time by the wall clock.
     #[must_use]
     pub(crate) fn agrees(&self, other: &Self) -> bool {
         Self { wall_time_s: other.wall_time_s, ..self.clone() } == *other
     }
 }
 
-/// The plant's verdict; what the summary says of the cube must agree with what it says of the
-/// outcome.
+/// Returns the verdict and its reason. A summary that claims a solved cube must also hold a solved
+/// cube of the plant.
 fn judged(summary: &Summary) -> (Verdict, String) {
     let solved = |letters: &str| letters.parse::<Facelets>().is_ok_and(|f| f.is_solved());
     match (summary.outcome, summary.ended_by) {
+        // A mission: the outcome must agree with the cube that the same summary holds.
         (Outcome::Solved, EndedBy::Task) if summary.task == "solve" => match &summary.cube_end {
             Some(end) if solved(end) => (Verdict::Solved, summary.reason.clone()),
-            Some(_) => (Verdict::Failed, "the summary says solved, the plant's cube is not".into()),
-            None => (Verdict::Failed, "nobody knows the cube at the end".into()),
+            Some(_) => (
+                Verdict::Failed,
+                "the summary reports a solved cube, but the plant's cube is not solved".into(),
+            ),
+            None => (Verdict::Failed, "the cube at the end is unknown".into()),
         },
+        // The other tasks do not solve the cube, so there is nothing to compare.
         (Outcome::Solved, EndedBy::Task) => (Verdict::Solved, summary.reason.clone()),
         (Outcome::Failed, EndedBy::Task) => (Verdict::Failed, summary.reason.clone()),
         _ => (Verdict::Aborted, summary.reason.clone()),
     }
 }
 
-/// The phase that a run told last: lines such as `  12.34 s  solve`.
+/// Finds the last phase in the log of a run. Its line reads `  12.34 s  solve`.
 fn phase(stderr: &str) -> &str {
     let named = |line: &&str| -> Option<usize> {
         let (time, name) = line.split_once(" s  ")?;
+        // Lines of errors have the same form but begin with `!`: `  13.00 s  ! non-fatal`.
         let is_time = time.trim().parse::<f64>().is_ok();
         (is_time && name.starts_with(char::is_alphabetic)).then_some(time.len() + 4)
     };
@@ -300,11 +318,12 @@ fn phase(stderr: &str) -> &str {
     found.map_or("", str::trim)
 }
 
-/// What a process said of its end: a panic's message, else its last words.
+/// Returns the message of a panic, or else the last line of the log that is not a phase.
 fn tail(stderr: &str) -> String {
     let mut lines = stderr.lines();
     let panicked = lines.by_ref().find(|line| line.contains("panicked at"));
-    let told = if let Some(place) = panicked {
+    let message = if let Some(place) = panicked {
+        // The line below the place holds the message.
         let place = place.split("panicked at").nth(1).unwrap_or_default();
         let place = place.trim().trim_end_matches(':');
         format!("panicked at {place}: {}", lines.next().unwrap_or_default().trim())
@@ -312,9 +331,10 @@ fn tail(stderr: &str) -> String {
         let says = |l: &&str| !l.trim().is_empty() && phase(l).is_empty();
         stderr.lines().rev().find(says).unwrap_or_default().to_owned()
     };
-    if told.trim().is_empty() { String::new() } else { format!("; {}", told.trim()) }
+    if message.trim().is_empty() { String::new() } else { format!("; {}", message.trim()) }
 }
 
+/// Returns the text in one line of at most [`REASON`] characters.
 fn short(text: &str) -> String {
     let line = text.replace(['\n', '\r'], " ");
     if line.chars().count() <= REASON {
@@ -335,7 +355,7 @@ pub(super) mod tests {
         s
     }
 
-    /// A result for tests of what is above.
+    /// Returns a result for the tests of this folder.
     pub(in crate::campaign) fn result(seed: u64, verdict: Verdict, force: f64) -> RunResult {
         let mut result = RunResult::of_summary(&summary(seed), vec![]);
         result.verdict = verdict;
@@ -355,19 +375,19 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_solved_run_is_solved_by_the_plants_cube() {
-        let mut told = summary(3);
-        let good = process(&format!("noise\n{}\n", told.json()), "", Ended::Code(0));
+    fn run_is_solved_if_the_plants_cube_is() {
+        let mut reported = summary(3);
+        let good = process(&format!("noise\n{}\n", reported.json()), "", Ended::Code(0));
         assert_eq!((good.verdict, good.wall_time_s), (Verdict::Solved, 1.5));
 
-        told.cube_end = Some(Facelets::from(&crate::cube::Cube::scrambled(3)).to_string());
-        let bad = process(&told.json(), "", Ended::Code(0));
+        reported.cube_end = Some(Facelets::from(&crate::cube::Cube::scrambled(3)).to_string());
+        let bad = process(&reported.json(), "", Ended::Code(0));
         assert_eq!(bad.verdict, Verdict::Failed);
         assert!(bad.reason.contains("the plant's cube is not"));
     }
 
     #[test]
-    fn a_panic_a_signal_and_a_hang_are_failures_with_phase_and_reason() {
+    fn panic_signal_and_hang_fail_with_a_reason() {
         let log = "     0.00 s  acquire\n    12.50 s  solve\n    13.00 s  ! non-fatal\n\
                    thread 'main' panicked at src/a.rs:1:2:\nindex out of bounds\nnote: run with\n";
 
@@ -384,26 +404,27 @@ pub(super) mod tests {
 
     #[test]
     fn a_run_that_never_began_has_no_figures() {
-        let told = Summary::not_started("solve", 3, Some("U"), "no camera", EndedBy::System);
+        let reported = Summary::not_started("solve", 3, Some("U"), "no camera", EndedBy::System);
 
-        let result = process(&told.json(), "", Ended::Code(4));
+        let result = process(&reported.json(), "", Ended::Code(4));
 
         assert_eq!((result.verdict, &result.figures), (Verdict::Aborted, &None));
         assert_eq!(result.reason, "no camera");
     }
 
     #[test]
-    fn a_summary_that_does_not_belong_to_the_run_is_none() {
-        for (told, code) in [(summary(4).json(), 0), (summary(3).json(), 1)] {
-            assert_eq!(process(&told, "", Ended::Code(code)).verdict, Verdict::Died);
+    fn summary_of_another_run_is_refused() {
+        for (reported, code) in [(summary(4).json(), 0), (summary(3).json(), 1)] {
+            assert_eq!(process(&reported, "", Ended::Code(code)).verdict, Verdict::Died);
         }
     }
 
     #[test]
-    fn the_largest_contact_of_any_tool_counts_and_a_drop_that_nobody_told() {
-        let mut told = summary(3);
-        (told.force_limit_n, told.drops, told.drops_noticed) = (Some(20.0), Some(2), Some(1));
-        told.sensors = [("track", 12.0), ("postument", f64::NAN)]
+    fn largest_contact_and_unnoticed_drop_are_found() {
+        let mut reported = summary(3);
+        (reported.force_limit_n, reported.drops, reported.drops_noticed) =
+            (Some(20.0), Some(2), Some(1));
+        reported.sensors = [("track", 12.0), ("postument", f64::NAN)]
             .map(|(name, force)| crate::record::summary::SensorPeak {
                 effector: name.into(),
                 force_n: Some(force),
@@ -412,20 +433,21 @@ pub(super) mod tests {
                 felt_torque_nm: 0.1,
             })
             .into();
-        let figures = |told: &Summary| process(&told.json(), "", Ended::Code(0)).figures.unwrap();
+        let figures =
+            |reported: &Summary| process(&reported.json(), "", Ended::Code(0)).figures.unwrap();
 
-        let bad = figures(&told);
+        let bad = figures(&reported);
         assert_eq!((bad.peak_contact_n, bad.exceeds_limit()), (Some(f64::MAX), Some(true)));
         assert_eq!(bad.has_unnoticed_drop(), Some(true));
-        told.sensors.pop();
-        told.drops_noticed = Some(2);
-        let good = figures(&told);
+        reported.sensors.pop();
+        reported.drops_noticed = Some(2);
+        let good = figures(&reported);
         assert_eq!((good.peak_contact_n, good.exceeds_limit()), (Some(12.0), Some(false)));
         assert_eq!(good.has_unnoticed_drop(), Some(false));
     }
 
     #[test]
-    fn a_line_of_an_earlier_build_is_read_and_what_it_lacks_is_not_known() {
+    fn missing_fields_of_earlier_builds_are_unknown() {
         let mut old = result(7, Verdict::Solved, 12.0);
         if let Some(f) = &mut old.figures {
             (f.peak_contact_n, f.force_limit_n, f.drops_noticed) = (None, None, None);
@@ -438,7 +460,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_result_comes_back_from_its_line() {
+    fn result_survives_json_round_trip() {
         let result = result(7, Verdict::Failed, 12.345_678_901_234_5);
         let line = serde_json::to_string(&result).unwrap();
 

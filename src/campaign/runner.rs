@@ -1,11 +1,11 @@
-//! Performs runs, each in a process of its own, several at a time.
+//! The runner of a campaign: it performs each run in a process of its own, several at a time.
 //!
 //! - in: the program, and for each run its seed and options
-//! - out: a [`RunResult`] for each that came to an end, in the order of their ends
+//! - out: a [`RunResult`] for each run that ended, in the order of the ends
 //!
-//! A process is what isolates a run: its panic, its abort, its memory and its hang end with it. One
-//! that takes longer than its time is killed; all are when the campaign is told to stop, and leave
-//! no result.
+//! The process isolates the run: a panic, an abort, a leak or a hang ends with it. The runner kills
+//! a process that exceeds its time. When the campaign is stopped it kills all processes, which
+//! leave no result.
 
 use super::result::{Ended, RunResult};
 use rustix::process::{Pid, Signal, kill_process_group};
@@ -19,48 +19,50 @@ use std::sync::mpsc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Time between two looks at a process.
-const LOOK: Duration = Duration::from_millis(10);
-/// Length of the end of a process's output that is kept (bytes).
-const KEPT: usize = 1 << 20;
+/// Time between two polls of a process.
+const POLL: Duration = Duration::from_millis(10);
+/// Length of the end of a stream that is kept (bytes).
+const KEPT_BYTES: usize = 1 << 20;
 
-/// A run to be performed.
+/// Run to be performed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Job {
-    /// Its seed.
+    /// Seed of the run.
     pub seed: u64,
-    /// What was drawn for it, as behind `--set`.
+    /// Drawn values, in the form `KEY=VALUE` of `--set`.
     pub set: Vec<String>,
 }
 
-/// How runs are performed.
+/// Program, scenario and limits of the runs.
 #[derive(Debug, Clone)]
 pub(crate) struct Runner {
-    /// This program.
+    /// Path of this program.
     pub program: PathBuf,
-    /// The scenario.
+    /// Path of the scenario.
     pub scenario: PathBuf,
-    /// What overrules it in all runs, as behind `--set`.
+    /// Overrides of all runs, in the form `KEY=VALUE` of `--set`.
     pub set: Vec<String>,
-    /// Processes at a time.
+    /// Largest number of processes at a time.
     pub jobs: usize,
     /// Time that a run may take by the wall clock.
     pub limit: Duration,
 }
 
 impl Runner {
-    /// Performs all; each result goes to `done` on this thread, which may fail and thereby stop the
-    /// rest. So may `still`, which says before and after each run whether what is run is what it
-    /// was: a run in whose time it changed leaves no result.
+    /// Performs all jobs and passes each result to `keep` on this thread. An error of `keep` stops
+    /// the rest. `unchanged` checks before and after each run that the scenario has not changed;
+    /// its error stops the rest as well, and a run during which the scenario changed leaves no
+    /// result.
     ///
     /// # Errors
-    /// What `done` or `still` returns, or what the operating system says to a new process.
+    /// An error of `keep` or `unchanged`, or of the operating system when it starts or waits for a
+    /// process.
     pub(crate) fn perform(
         &self,
         jobs: &[Job],
         stop: &AtomicBool,
-        still: &(dyn Fn() -> Result<()> + Sync),
-        mut done: impl FnMut(RunResult) -> Result<()>,
+        unchanged: &(dyn Fn() -> Result<()> + Sync),
+        mut keep: impl FnMut(RunResult) -> Result<()>,
     ) -> Result<()> {
         let (results, ended) = mpsc::channel();
         let next = AtomicUsize::new(0);
@@ -70,12 +72,13 @@ impl Runner {
                 let (results, next, failed) = (results.clone(), &next, &failed);
                 scope.spawn(move || {
                     let stopped = || stop.load(Ordering::SeqCst) || failed.load(Ordering::SeqCst);
+                    // Each thread takes the next job, so a slow run does not hold up the others.
                     while let Some(job) = jobs.get(next.fetch_add(1, Ordering::SeqCst)) {
                         if stopped() {
                             return;
                         }
-                        let one = still().and_then(|()| self.one(job, &stopped));
-                        match one.and_then(|one| still().map(|()| one)) {
+                        let one = unchanged().and_then(|()| self.perform_one(job, &stopped));
+                        match one.and_then(|one| unchanged().map(|()| one)) {
                             Ok(None) => return,
                             Ok(Some(result)) => {
                                 if results.send(Ok(result)).is_err() {
@@ -83,7 +86,7 @@ impl Runner {
                                 }
                             }
                             Err(error) => {
-                                // Whoever listens is told, if anybody is left.
+                                // Sending fails only if the receiving thread has panicked.
                                 let _ = results.send(Err(error));
                                 return;
                             }
@@ -92,10 +95,12 @@ impl Runner {
                 });
             }
             drop(results);
+            // After an error the loop still receives until all threads have ended, but keeps
+            // nothing: the first error is the one that the campaign reports.
             let mut outcome = Ok(());
             for result in ended {
                 if outcome.is_ok() {
-                    outcome = result.and_then(&mut done);
+                    outcome = result.and_then(&mut keep);
                     failed.store(outcome.is_err(), Ordering::SeqCst);
                 }
             }
@@ -103,33 +108,39 @@ impl Runner {
         })
     }
 
+    /// Returns the command of a run.
     fn command(&self, job: &Job) -> Command {
         let mut command = Command::new(&self.program);
-        // What a list of processes shows, whatever path leads to the program.
+        // The path of the running program may be a link in /proc, which would be the name in a list
+        // of processes.
         command.arg0("rubik-robot").arg("run").arg(&self.scenario);
         command
             .args(["--json", "--ui", "none", "--seed"])
             .arg(job.seed.to_string())
+            // The run ends with the campaign, even if the campaign is killed.
             .arg("--with-parent");
         for option in self.set.iter().chain(&job.set) {
             command.args([OsString::from("--set"), option.into()]);
         }
         command
+            // The last lines of the output become the reason of a failure; neither a log nor a
+            // backtrace belongs among them.
             .env_remove("RUST_LOG")
             .env("RUST_BACKTRACE", "0")
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
-            // Ctrl-C is for the campaign, which ends its runs itself.
+            // A terminal sends Ctrl-C to its whole group; the campaign ends its runs itself.
             .process_group(0);
         command
     }
 
-    /// `None` when it was stopped.
-    fn one(&self, job: &Job, stopped: &dyn Fn() -> bool) -> Result<Option<RunResult>> {
+    /// Performs one run. Returns `None` if it was stopped.
+    fn perform_one(&self, job: &Job, stopped: &dyn Fn() -> bool) -> Result<Option<RunResult>> {
         let begun = Instant::now();
         let mut child = self.command(job).spawn()?;
-        let streams = (child.stdout.take().map(last_of), child.stderr.take().map(last_of));
+        // Both streams are read all the time, since a full pipe would block the process.
+        let streams = (child.stdout.take().map(read_tail), child.stderr.take().map(read_tail));
         let ended = self.wait(&mut child, begun, stopped);
         let text = |stream: Option<JoinHandle<Vec<u8>>>| {
             let bytes = stream.and_then(|s| s.join().ok()).unwrap_or_default();
@@ -142,6 +153,8 @@ impl Runner {
         }))
     }
 
+    /// Waits for the end of a process and kills it after its time. Returns `None` if it was
+    /// stopped.
     fn wait(
         &self,
         child: &mut Child,
@@ -154,33 +167,35 @@ impl Runner {
                     (Some(code), _) => Ended::Code(code),
                     (None, signal) => Ended::Signal(signal.unwrap_or(0)),
                 };
+                // The cause of the stop may have ended this run as well, so its end is no result.
                 return Ok((!stopped()).then_some(ended));
             }
             let late = begun.elapsed() > self.limit;
             if late || stopped() {
-                // It may just have ended by itself. Whatever it started goes with it, and lets the
-                // streams end.
+                // An error means that it has just ended by itself. The whole group is killed,
+                // because a child of the run would keep the streams open.
                 let _ = kill_process_group(Pid::from_child(child), Signal::KILL);
                 child.wait()?;
                 return Ok(late.then_some(Ended::TimedOut(self.limit.as_secs_f64())));
             }
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL);
         }
     }
 }
 
-/// Reads a stream to its end and keeps the last of it.
-fn last_of(mut stream: impl Read + Send + 'static) -> JoinHandle<Vec<u8>> {
+/// Reads a stream to its end in a thread, which returns the last bytes.
+fn read_tail(mut stream: impl Read + Send + 'static) -> JoinHandle<Vec<u8>> {
     std::thread::spawn(move || {
         let (mut kept, mut bytes) = (Vec::new(), vec![0; 1 << 16]);
-        // A stream that fails has no more to say.
+        // A read error ends the stream as its end does.
         while let Ok(read) = stream.read(&mut bytes) {
             if read == 0 {
                 break;
             }
             kept.extend_from_slice(&bytes[..read]);
-            if kept.len() > 2 * KEPT {
-                kept.drain(..kept.len() - KEPT);
+            // Cut at twice the length, so that each byte is moved once at most.
+            if kept.len() > 2 * KEPT_BYTES {
+                kept.drain(..kept.len() - KEPT_BYTES);
             }
         }
         kept
@@ -193,7 +208,7 @@ mod tests {
     use super::*;
     use std::os::unix::fs::PermissionsExt as _;
 
-    /// A stand-in for the program that does as its seed says.
+    /// Returns a runner of a shell script that replaces the program.
     fn runner(name: &str, script: &str) -> Runner {
         let folder =
             std::env::temp_dir().join(format!("rubik-runner-{}-{name}", std::process::id()));
@@ -227,10 +242,11 @@ mod tests {
     }
 
     #[test]
-    fn neither_a_hang_nor_a_crash_nor_a_flood_ends_the_others() {
+    fn hanging_crashing_or_flooding_run_ends_no_other() {
         // $7 is the seed.
         let script = "case $7 in\n0) sleep 60;;\n1) kill -9 $$;;\n2) yes | head -c 9000000;;\n\
-                      *) echo \"thread 'main' panicked at a.rs:1:1:\" >&2; echo why >&2; exit 101;;\nesac";
+                      *) echo \"thread 'main' panicked at a.rs:1:1:\" >&2; echo why >&2; \
+                      exit 101;;\nesac";
         let runner = runner("isolates", script);
         let begun = Instant::now();
 
@@ -245,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_ends_the_runs_and_leaves_no_result_of_them() {
+    fn stopped_runs_leave_no_result() {
         let runner = Runner { limit: Duration::from_secs(60), ..runner("stops", "sleep 30") };
         let stop = AtomicBool::new(false);
         let begun = Instant::now();
@@ -261,34 +277,34 @@ mod tests {
     }
 
     #[test]
-    fn a_full_disk_ends_the_campaign_and_is_told() {
+    fn full_disk_ends_the_campaign_with_its_error() {
         let runner = runner("full", "exit 1");
 
-        let told = runner.perform(&jobs(0..50), &AtomicBool::new(false), &|| Ok(()), |_| {
+        let outcome = runner.perform(&jobs(0..50), &AtomicBool::new(false), &|| Ok(()), |_| {
             Err(std::io::ErrorKind::StorageFull.into())
         });
 
-        assert_eq!(told.unwrap_err().kind(), std::io::ErrorKind::StorageFull);
+        assert_eq!(outcome.unwrap_err().kind(), std::io::ErrorKind::StorageFull);
     }
 
     #[test]
-    fn what_changes_in_the_middle_ends_the_campaign_and_the_run_that_it_changed_in_leaves_no_result()
-     {
+    fn changed_scenario_ends_the_campaign() {
         let runner = Runner { jobs: 1, ..runner("changes", "exit 1") };
         let looks = AtomicUsize::new(0);
-        // Before and after each of two runs all is well, and before the third; no longer after it.
-        let still = || match looks.fetch_add(1, Ordering::SeqCst) {
+        // The scenario is unchanged before and after each of two runs and before the third, but not
+        // after it.
+        let unchanged = || match looks.fetch_add(1, Ordering::SeqCst) {
             0..5 => Ok(()),
             _ => Err(std::io::Error::other("it has changed")),
         };
         let mut seeds = Vec::new();
 
-        let told = runner.perform(&jobs(0..50), &AtomicBool::new(false), &still, |result| {
+        let outcome = runner.perform(&jobs(0..50), &AtomicBool::new(false), &unchanged, |result| {
             seeds.push(result.seed);
             Ok(())
         });
 
-        assert_eq!(told.unwrap_err().to_string(), "it has changed");
+        assert_eq!(outcome.unwrap_err().to_string(), "it has changed");
         assert_eq!(seeds, [0, 1]);
     }
 }

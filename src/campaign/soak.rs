@@ -1,10 +1,14 @@
-//! A soak: missions back to back in one process, and what becomes of its memory and of the
-//! missions' times.
+//! A soak: missions in a row in one process, to find growth of its memory and drift of the
+//! missions.
 //!
-//! - in: a scenario, seeds that are gone through again and again, hours of simulated time
-//! - out: at each tenth of the time the process's memory, its speed, and by how much a mission that
-//!   was there before has drifted; a repeated seed must take the same simulated time and have the
-//!   same hash
+//! - in: one scenario for each seed, which are repeated in turn; hours of simulated time
+//! - out: at each tenth of the time the memory and speed of the process, and the drift of repeated
+//!   missions
+//!
+//! | fault | threshold | reason |
+//! |---|---|---|
+//! | memory grows | [`GROWTH`] or [`GROWTH_MIB`] | counted from the second tenth on |
+//! | a repeated mission differs | none | a mission repeats to the bit |
 
 use super::result::{Figures, RunResult, Verdict};
 use crate::record::summary::EndedBy;
@@ -16,95 +20,100 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// Parts of a soak after which it tells how it is.
+/// Number of parts of a soak, each of which ends with a report.
 pub(crate) const PARTS: usize = 10;
-/// Memory may grow by this share after the second tenth, or by [`GROWTH_MIB`] where that is more.
+/// Share by which the memory may grow after the second tenth, or by [`GROWTH_MIB`] if that is more.
 const GROWTH: f64 = 0.05;
-/// See [`GROWTH`] (MiB).
+/// Growth of the memory that is allowed in any case (MiB).
 const GROWTH_MIB: f64 = 8.0;
 
-/// A tenth.
+/// Report at the end of a tenth.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(crate) struct Tenth {
-    /// Simulated time since the beginning (h).
+    /// Simulated time since the start (h).
     pub hours: f64,
-    /// Missions since the beginning.
+    /// Number of missions since the start.
     pub missions: u64,
-    /// Resident memory of the process (MiB); `None` where the system does not tell.
+    /// Resident memory of the process (MiB); `None` where the system does not report it.
     pub resident_mib: Option<f64>,
-    /// Simulated over wall-clock time in this tenth.
+    /// Simulated time over wall-clock time in this tenth.
     pub times_real_time: f64,
     /// Mean simulated time of a mission in this tenth (s).
     pub mission_s: f64,
-    /// The largest difference of a mission's simulated time from that of the same seed before, in
-    /// this tenth (s).
+    /// Largest difference in this tenth between the simulated times of a mission and of the first
+    /// mission with its seed (s).
     pub drift_s: f64,
 }
 
-/// What came of it.
+/// Result of a soak.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Soak {
-    /// At each tenth.
+    /// Report of each tenth.
     pub tenths: Vec<Tenth>,
-    /// All missions, in their order.
+    /// Results of all missions, in their order.
     pub results: Vec<RunResult>,
-    /// Missions that were repeated, and how many of them differed, or have no figures to compare.
+    /// Number of repeated missions, and number of these that differed or had no figures to compare.
     pub repeated: (u64, u64),
 }
 
 impl Soak {
-    /// By how much the memory grew between the second and the last tenth (MiB).
+    /// Returns the growth of the memory between the second and the last tenth (MiB).
     #[must_use]
     pub(crate) fn growth_mib(&self) -> Option<f64> {
         Some(self.tenths.last()?.resident_mib? - self.tenths.get(1)?.resident_mib?)
     }
 
-    /// Whether the memory stayed within its bounds; `None` before the end, or where the system does
-    /// not tell.
+    /// Returns whether the memory stayed within its bounds; `None` before the end, or where the
+    /// system does not report it.
     #[must_use]
     pub(crate) fn is_flat(&self) -> Option<bool> {
+        // The growth of the first two tenths includes the start of the process, so it does not
+        // count.
         let base = self.tenths.get(1)?.resident_mib?;
         (self.tenths.len() == PARTS).then_some(())?;
         Some(self.growth_mib()? <= (GROWTH * base).max(GROWTH_MIB))
     }
 
-    /// Missions that were solved.
+    /// Counts the solved missions.
     #[must_use]
     pub(crate) fn solved(&self) -> u64 {
         self.results.iter().filter(|r| r.verdict == Verdict::Solved).count() as u64
     }
 
-    /// Whether it is as it should be: ten tenths, memory flat, missions repeated and none different
-    /// from itself. Memory that is not known counts as not flat.
+    /// Returns whether the soak passed: ten tenths, flat memory, repeated missions, and none of
+    /// these different from its first run. Unknown memory counts as not flat.
     #[must_use]
     pub(crate) fn is_steady(&self) -> bool {
-        self.unsteady().is_none()
+        self.unsteady_reason().is_none()
     }
 
-    /// Why it is not steady.
+    /// Returns the reason why the soak is not steady, if it is not.
     #[must_use]
-    pub(crate) fn unsteady(&self) -> Option<String> {
+    pub(crate) fn unsteady_reason(&self) -> Option<String> {
         if self.tenths.len() < PARTS {
-            return Some("it did not come to its end".to_owned());
+            return Some("it ended before its tenth tenth".to_owned());
         }
+        // A soak that measured or compared too little must not pass.
         match (self.is_flat(), self.repeated) {
-            (None, _) => Some("nobody knows its memory, which may have grown".to_owned()),
-            (Some(false), _) => Some("its memory grew".to_owned()),
+            (None, _) => Some("its memory use could not be read".to_owned()),
+            (Some(false), _) => {
+                Some(format!("its memory grew by {:.1} MiB", self.growth_mib().unwrap_or_default()))
+            }
             (_, (_, differently @ 1..)) => {
-                Some(format!("{differently} missions differ from themselves"))
+                Some(format!("{differently} repeated missions differ from their first run"))
             }
             (_, (0, _)) => Some("no mission was repeated, so none was compared".to_owned()),
             _ => None,
         }
     }
 
-    /// Share of solved missions; 0 when there was none.
+    /// Returns the share of solved missions; 0 without missions.
     #[must_use]
     pub(crate) fn success(&self) -> f64 {
         self.solved() as f64 / self.results.len().max(1) as f64
     }
 
-    /// One object.
+    /// Returns the result as one JSON object.
     #[must_use]
     pub(crate) fn json(&self) -> Value {
         let failures = self.results.iter().filter(|r| r.verdict != Verdict::Solved);
@@ -121,11 +130,14 @@ impl Soak {
         })
     }
 
+    /// Adds a result and returns its drift (s). `firsts` holds the figures of the first mission
+    /// with each seed.
     fn take(&mut self, result: RunResult, firsts: &mut BTreeMap<u64, Option<Figures>>) -> f64 {
         let mut drift = 0.0;
         if let Some(first) = firsts.get(&result.seed) {
             let both = result.figures.as_ref().zip(first.as_ref());
             drift = both.map_or(0.0, |(again, first)| (again.sim_time_s - first.sim_time_s).abs());
+            // All figures are compared, with the hash: missions of equal time may still differ.
             self.repeated.0 += 1;
             self.repeated.1 += u64::from(both.is_none_or(|(again, first)| again != first));
         } else {
@@ -136,13 +148,13 @@ impl Soak {
     }
 }
 
-/// Performs it: scenarios one after the other, from the first again after the last, until `hours`
-/// of simulated time are over or `stop` is set. `told` hears of each tenth.
+/// Performs a soak: the scenarios in turn and over again, until `hours` of simulated time are over
+/// or `stop` is set. Calls `report` at the end of each tenth.
 pub(crate) fn soak(
     scenarios: &[Scenario],
     hours: f64,
     stop: &AtomicBool,
-    mut told: impl FnMut(&Tenth),
+    mut report: impl FnMut(&Tenth),
 ) -> Soak {
     let mut soak = Soak::default();
     let mut firsts = BTreeMap::new();
@@ -153,11 +165,13 @@ pub(crate) fn soak(
             break;
         }
         let Some(result) = perform(scenario) else { break };
-        // A mission that ends at once must not make the soak endless.
+        // A mission that ends at once, or dies, must not make the soak endless. A time that is not
+        // finite arrives as `f64::MAX`.
         time += result.figures.as_ref().map_or(60.0, |f| f.sim_time_s.clamp(1.0, 1e6));
         drift = drift.max(soak.take(result, &mut firsts));
         let part = ((PARTS as f64 * time / (hours * 3600.0)) as usize).min(PARTS);
         let missions = soak.results.len() as u64;
+        // A long mission may end several tenths at once; all of them report the same period.
         while soak.tenths.len() < part {
             let tenth = Tenth {
                 hours: time / 3600.0,
@@ -167,7 +181,7 @@ pub(crate) fn soak(
                 mission_s: (time - begun.0) / (missions - begun.1).max(1) as f64,
                 drift_s: drift,
             };
-            told(&tenth);
+            report(&tenth);
             soak.tenths.push(tenth);
             if soak.tenths.len() == part {
                 (begun, clock, drift) = ((time, missions), Instant::now(), 0.0);
@@ -180,14 +194,16 @@ pub(crate) fn soak(
     soak
 }
 
-/// One mission in this process; a panic is a failure of its own. `None` after an interrupt.
+/// Performs one mission in this process. A panic is a failed mission. Returns `None` after an
+/// interrupt.
 fn perform(scenario: &Scenario) -> Option<RunResult> {
     let options = RunOptions {
         automatic: true,
         quiet: true,
         interruptible: true,
+        // A thread cannot be killed, so a run that hangs ends the process.
         stuck: Some(|error| {
-            eprintln!("{error}; the soak ends with it");
+            eprintln!("{error}; the soak ends here");
             std::process::exit(4);
         }),
         ..RunOptions::default()
@@ -211,7 +227,7 @@ fn perform(scenario: &Scenario) -> Option<RunResult> {
     }
 }
 
-/// Resident memory of this process (MiB).
+/// Returns the resident memory of this process (MiB).
 fn resident_mib() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|l| l.strip_prefix("VmRSS:"))?;
@@ -236,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn memory_that_grows_after_the_second_tenth_is_not_flat() {
+    fn memory_growth_after_the_second_tenth_is_found() {
         let of = |last: f64| {
             let tenths = [50.0, 100.0].into_iter().chain([104.0; 7]).chain([last]).map(tenth);
             Soak { tenths: tenths.collect(), repeated: (1, 0), ..Soak::default() }
@@ -247,38 +263,38 @@ mod tests {
         assert_eq!(Soak::default().is_flat(), None);
         let mut short = of(107.0);
         short.tenths.pop();
-        assert!(short.unsteady().unwrap().contains("did not come to its end"));
+        assert!(short.unsteady_reason().unwrap().contains("ended before its tenth tenth"));
     }
 
     #[test]
-    fn memory_that_nobody_knows_is_not_steady() {
+    fn unknown_memory_is_not_steady() {
         let tenths = [50.0; PARTS].map(tenth).into();
         let mut soak = Soak { tenths, repeated: (1, 0), ..Soak::default() };
         assert!(soak.is_steady());
         soak.tenths[1].resident_mib = None;
         assert_eq!((soak.is_flat(), soak.is_steady()), (None, false));
-        assert!(soak.unsteady().unwrap().contains("nobody knows its memory"));
+        assert!(soak.unsteady_reason().unwrap().contains("could not be read"));
         assert_eq!(soak.json()["memory_flat"], Value::Null);
     }
 
     #[test]
-    fn a_mission_that_differs_from_itself_is_noticed() {
+    fn repeated_mission_that_differs_is_counted() {
         let mut soak = Soak::default();
         let mut firsts = BTreeMap::new();
         assert_eq!(soak.take(result(1, Verdict::Solved, 5.0), &mut firsts), 0.0);
         assert_eq!(soak.take(result(1, Verdict::Solved, 5.0), &mut firsts), 0.0);
         assert_eq!(soak.repeated, (1, 0));
-        // The time is 400 s and as many as the force has.
+        // The test's simulated time is 400 s plus the force.
         assert_eq!(soak.take(result(1, Verdict::Solved, 7.0), &mut firsts), 2.0);
         assert_eq!(soak.repeated, (2, 1));
-        // In the same time, but not the same to the bit.
+        // Equal in time, but not to the bit.
         let mut other = result(1, Verdict::Solved, 5.0);
         if let Some(figures) = &mut other.figures {
             figures.hash = "another".into();
         }
         assert_eq!(soak.take(other, &mut firsts), 0.0);
         assert_eq!(soak.repeated, (3, 2));
-        // It died: nobody knows whether it would have been the same.
+        // A mission that died cannot be compared, so it counts as different.
         let died = RunResult { figures: None, ..result(1, Verdict::Died, 0.0) };
         assert_eq!(soak.take(died.clone(), &mut firsts), 0.0);
         assert_eq!(soak.repeated, (4, 3));
@@ -292,16 +308,17 @@ mod tests {
     #[test]
     fn a_soak_that_compared_nothing_is_not_steady() {
         let mut soak = Soak { tenths: [50.0; PARTS].map(tenth).into(), ..Soak::default() };
-        assert!(soak.unsteady().unwrap().contains("none was compared"));
+        assert!(soak.unsteady_reason().unwrap().contains("none was compared"));
         soak.repeated = (1, 0);
-        assert_eq!(soak.unsteady(), None);
+        assert_eq!(soak.unsteady_reason(), None);
         soak.repeated = (1, 1);
-        assert!(soak.unsteady().unwrap().contains("1 missions differ"));
+        assert!(soak.unsteady_reason().unwrap().contains("1 repeated missions differ"));
     }
 
     #[test]
-    fn idle_missions_back_to_back_are_the_same_and_need_no_more_memory() {
-        let text = "task = \"idle\"\ncamera = []\nvsp = []\n[idle]\ntime_s = 2\n[[effector]]\nname = \"postument\"\n";
+    fn idle_missions_repeat_without_drift() {
+        let text = "task = \"idle\"\ncamera = []\nvsp = []\n[idle]\ntime_s = 2\n[[effector]]\n\
+                    name = \"postument\"\n";
         let scenario = crate::scenario::read(std::path::Path::new("t"), text, &[]).unwrap();
         let mut heard = 0;
 

@@ -1,53 +1,55 @@
-//! A campaign's state file: what it is, then one line of JSON for each run that has ended.
+//! The state file of a campaign: its header, then one line of JSON for each run that has ended.
 //!
-//! - in: a file as an earlier campaign left it, perhaps cut off in its last line
-//! - out: the [`Header`], the results by seed, and how much of the file is whole
+//! - in: the file of an earlier campaign, whose last line may be cut off
+//! - out: the [`Header`], the results by seed, the length of the valid part of the file
 //!
-//! A line is appended when its run has ended, so that a campaign that was killed goes on where it
-//! was. One that is to have more runs than before says what it is once more.
+//! The campaign appends a line when a run ends, so a campaign that was killed continues where it
+//! stopped. A campaign that is extended to more runs appends a second header.
 
 use super::result::RunResult;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::io::{BufRead, Read};
 
-/// The longest line (bytes): a header with a large scenario, a result with a thousand drawn keys.
+/// Longest line that is read (bytes): enough for a header with a long `--vary` file, or for a
+/// result with a thousand drawn keys.
 const LONGEST: u64 = 1 << 20;
-/// The most runs of a campaign, and the most shards: seeds are numbers, and a list of them is kept.
+/// Largest number of runs of a campaign, and of its shards: a campaign keeps a list of its runs.
 pub(crate) const MOST_RUNS: u64 = 10_000_000;
-/// The build of a campaign whose shards were performed by different builds of one version.
+/// Build of a campaign whose shards were performed by different builds of one version.
 pub(crate) const SEVERAL: &str = "several";
-/// Missing shards that are named.
+/// Number of missing shards that are named.
 const NAMED: usize = 20;
 
-/// What a campaign is; two files belong together when theirs agree but for the shard and the build.
+/// Identity of a campaign. Two files belong together if [`Header::differs`] finds no difference.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Header {
     /// Version of the program.
     pub version: String,
-    /// Sum over the program: two builds of one version may differ. `SEVERAL` of shards that had
-    /// not the same.
+    /// Checksum of the program, since two builds of one version may differ. It is "several" after
+    /// a merge of shards from different builds.
     pub build: String,
     /// Path of the scenario, as given.
     pub scenario: String,
-    /// Sum over its text, and over what came of it with the files that it names.
+    /// Checksum over the scenario's text, and over the scenario as read with the files that it
+    /// names.
     pub scenario_sum: String,
-    /// What overrules it in all runs, as behind `--set`.
+    /// Overrides of all runs, in the form `KEY=VALUE` of `--set`.
     pub set: Vec<String>,
-    /// Text of the file that says what is drawn; empty without one.
+    /// Text of the `--vary` file; empty without one.
     pub vary: String,
-    /// Seed of the first run; the others have those that follow.
+    /// Seed of the first run; the other runs have the seeds that follow.
     pub seed: u64,
     /// Number of runs of the whole campaign.
     pub runs: u64,
-    /// Which part of it: number, from 1, and of how many.
+    /// Part of the campaign that the file holds.
     pub shard: Shard,
     /// Time that a run may take by the wall clock (s).
     pub limit_s: u64,
 }
 
-/// A part of a campaign.
+/// A part of a campaign, K/N: each N-th run, beginning with run K (from 1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "(u64, u64)", into = "(u64, u64)")]
 pub struct Shard {
@@ -68,7 +70,7 @@ impl TryFrom<(u64, u64)> for Shard {
         if number >= 1 && number <= of {
             return Ok(Self { number, of });
         }
-        Err(format!("{number}/{of} is no shard: wanted K/N with K from 1 to N"))
+        Err(format!("{number}/{of} is not a shard: expected K/N with K from 1 to N"))
     }
 }
 
@@ -84,7 +86,7 @@ impl std::str::FromStr for Shard {
     fn from_str(text: &str) -> Result<Self, String> {
         let parts =
             text.split_once('/').and_then(|(k, n)| Some((k.parse().ok()?, n.parse().ok()?)));
-        parts.ok_or_else(|| format!("`{text}` is no shard: write K/N, as in 2/4"))?.try_into()
+        parts.ok_or_else(|| format!("`{text}` is not a shard: write K/N, as in 2/4"))?.try_into()
     }
 }
 
@@ -95,147 +97,154 @@ impl std::fmt::Display for Shard {
 }
 
 impl Header {
-    /// The seeds of this shard.
+    /// Returns the seeds of this shard.
     pub fn seeds(&self) -> impl Iterator<Item = u64> + use<> {
         let (first, step) = (self.shard.number - 1, self.shard.of);
         let (seed, runs) = (self.seed, self.runs);
+        // Checked, because the numbers of a state file may be anything up to 2^64 - 1.
         let index = move |k: u64| first.checked_add(k.checked_mul(step)?).filter(|i| *i < runs);
         (0..).map_while(index).map_while(move |i| seed.checked_add(i))
     }
 
-    /// How many seeds this shard has.
+    /// Returns the number of seeds of this shard.
     #[must_use]
     pub fn asked(&self) -> u64 {
         let (first, step) = (self.shard.number - 1, self.shard.of);
-        // Behind the last number there are no seeds.
+        // Computed, since counting the seeds of a state file with 2^64 runs would not end. Seeds
+        // end at 2^64 - 1.
         let runs = self.runs.min((u64::MAX - self.seed).saturating_add(1));
         runs.checked_sub(first + 1).map_or(0, |others| others / step + 1)
     }
 
-    /// Whether it is beyond what any campaign can be, and how.
+    /// Returns the limit that the campaign exceeds, if any.
     fn excess(&self) -> Option<String> {
         let most = |what: &str, count| {
-            (count > MOST_RUNS).then(|| format!("{count} {what} are more than {MOST_RUNS}"))
+            (count > MOST_RUNS).then(|| format!("{count} {what} exceed the limit of {MOST_RUNS}"))
         };
         most("runs", self.runs).or_else(|| most("shards", self.shard.of))
     }
 
-    /// Whether a seed is one of this shard's.
+    /// Returns whether a seed belongs to this shard.
     #[must_use]
     pub fn holds(&self, seed: u64) -> bool {
         seed.checked_sub(self.seed)
             .is_some_and(|i| i < self.runs && i % self.shard.of == self.shard.number - 1)
     }
 
-    /// Whether the other is the same campaign, or shard of it, with as many runs or more.
+    /// Returns whether the other header is of the same campaign and shard, with as many runs or
+    /// more.
     #[must_use]
-    pub fn begins(&self, other: &Self) -> bool {
+    pub fn is_extended_by(&self, other: &Self) -> bool {
         let same = Self { runs: other.runs, ..self.clone() };
         same.differs(other).is_none() && self.shard == other.shard && self.runs <= other.runs
     }
 
-    /// What hinders both from being parts of one campaign.
+    /// Finds the first difference that keeps two files from being parts of one campaign. The path
+    /// of the scenario, the build and the shard may differ.
     #[must_use]
     pub fn differs(&self, other: &Self) -> Option<String> {
-        let told = |what: &str, a: &dyn std::fmt::Display, b: &dyn std::fmt::Display| {
+        let difference = |what: &str, a: &dyn std::fmt::Display, b: &dyn std::fmt::Display| {
             Some(format!("{what}: {a} and {b}"))
         };
         if self.version != other.version {
-            return told("versions of the program", &self.version, &other.version);
+            return difference("versions of the program", &self.version, &other.version);
         }
-        // First, since it is part of what the scenario's sum is over.
+        // Before the checksum of the scenario, which covers `--set` as well: this reason says more.
         if self.set != other.set {
-            return told("--set", &self.set.join(" "), &other.set.join(" "));
+            return difference("--set", &self.set.join(" "), &other.set.join(" "));
         }
         if self.scenario_sum != other.scenario_sum {
-            return told("scenarios", &self.scenario, &other.scenario)
+            return difference("scenarios", &self.scenario, &other.scenario)
                 .map(|t| format!("{t}, whose contents differ"));
         }
         if self.vary != other.vary {
-            return Some("what is drawn (--vary)".to_owned());
+            return Some("varied keys (--vary)".to_owned());
         }
         if self.seed != other.seed {
-            return told("first seeds", &self.seed, &other.seed);
+            return difference("first seeds", &self.seed, &other.seed);
         }
         if self.runs != other.runs {
-            return told("numbers of runs", &self.runs, &other.runs);
+            return difference("numbers of runs", &self.runs, &other.runs);
         }
         if self.limit_s != other.limit_s {
-            return told("time limits", &self.limit_s, &other.limit_s);
+            return difference("time limits", &self.limit_s, &other.limit_s);
         }
         None
     }
 }
 
-/// The first line of a file.
+/// First line of a file.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct First {
     campaign: Header,
 }
 
-/// What a file holds.
+/// Contents of a state file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct State {
-    /// What the campaign is.
+    /// Header of the campaign.
     pub header: Header,
     /// Results by seed.
     pub results: BTreeMap<u64, RunResult>,
-    /// Bytes up to the end of the last whole line.
+    /// Length of the file up to the end of its last valid line (bytes).
     pub whole: u64,
-    /// Whether something follows them, which is not used.
+    /// Whether further bytes follow, which are not used.
     pub torn: bool,
 }
 
-/// Why a file cannot be used.
+/// Reason why a file cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum Unusable {
-    /// The file.
+    /// The file cannot be read.
     #[error("{0}")]
     File(#[from] std::io::Error),
-    /// It is empty, or its first line is cut off: nothing is lost by beginning anew.
+    /// The file is empty or its first line is cut off. It holds no result and may be overwritten.
     #[error("empty")]
     Empty,
-    /// A line is none of a campaign.
+    /// A line does not belong to a campaign.
     #[error("line {line}: {why}")]
     Line {
-        /// Which, from 1.
+        /// Number of the line, from 1.
         line: u64,
-        /// Why not.
+        /// Reason.
         why: String,
     },
 }
 
-/// The first line of a new file, with its end.
+/// Returns the first line of a new file, with its line break.
 #[must_use]
 pub(crate) fn first_line(header: &Header) -> String {
     let first = First { campaign: header.clone() };
     serde_json::to_string(&first).map_or_else(|_| String::new(), |line| line + "\n")
 }
 
-/// The line of a result, with its end.
+/// Returns the line of a result, with its line break.
 #[must_use]
 pub fn line(result: &RunResult) -> String {
     serde_json::to_string(result).map_or_else(|_| String::new(), |line| line + "\n")
 }
 
 impl State {
-    /// Reads a file. What stands in a last line that is cut off, or is no result, is left out.
+    /// Reads a file. A last line that is cut off or holds no result is left out.
     ///
     /// # Errors
-    /// [`Unusable`].
+    /// [`Unusable`], if the file cannot be read, has no header, or has an invalid line that is not
+    /// its last.
     pub fn read(mut from: impl BufRead) -> Result<Self, Unusable> {
         let mut bytes = Vec::new();
         let Some(first) = next(&mut from, &mut bytes, 1)? else { return Err(Unusable::Empty) };
         let wrong = |line, why: String| Unusable::Line { line, why };
         let header = match serde_json::from_slice::<First>(&bytes) {
             Ok(first) => first.campaign,
-            // A line without an end that begins as ours was cut off in its first moment.
+            // The campaign was killed while it wrote the header. Any other text is a file of
+            // another kind, which must not be overwritten.
             Err(_) if !first && b"{\"campaign\":".starts_with(&bytes[..bytes.len().min(12)]) => {
                 return Err(Unusable::Empty);
             }
-            Err(why) => return Err(wrong(1, format!("no campaign's state: {why}"))),
+            Err(why) => return Err(wrong(1, format!("not the state file of a campaign: {why}"))),
         };
+        // Only the line break is missing. The file holds no result, so it may be written again.
         if !first {
             return Err(Unusable::Empty);
         }
@@ -248,14 +257,15 @@ impl State {
         while let Some(ended) = next(&mut from, &mut bytes, number + 1)? {
             number += 1;
             let read = serde_json::from_slice::<RunResult>(&bytes);
+            // Without a line break the line may be cut off, even where it reads as a result.
             if !ended {
                 state.torn = true;
                 break;
             }
             match read {
                 Ok(result) => state.take(result).map_err(|why| wrong(number, why))?,
-                Err(_) if state.is_extended(&bytes) => {}
-                // A power cut may leave a last line of anything.
+                Err(_) if state.extend(&bytes) => {}
+                // A power cut may leave any bytes in the last line, but not in one before it.
                 Err(_) if from.fill_buf()?.is_empty() => {
                     state.torn = true;
                     break;
@@ -268,38 +278,40 @@ impl State {
         Ok(state)
     }
 
-    /// Takes up a line that says that the same campaign has more runs; whether it was one.
-    fn is_extended(&mut self, line: &[u8]) -> bool {
+    /// Extends the campaign if the line is a second header with more runs. Returns whether it is
+    /// one.
+    fn extend(&mut self, line: &[u8]) -> bool {
         let Ok(First { campaign: later }) = serde_json::from_slice(line) else { return false };
-        let is = self.header.begins(&later) && later.excess().is_none();
-        if is {
+        let extends = self.header.is_extended_by(&later) && later.excess().is_none();
+        if extends {
             self.header.runs = later.runs;
         }
-        is
+        extends
     }
 
-    /// Looks at the results as at those of the whole campaign. Returns what it lacks of these
-    /// shards' fellows: those that no result is of, and those that miss some; nothing where the
-    /// campaign was shared out in several ways.
+    /// Widens the state to the whole campaign. Returns the shards that have no result or miss some,
+    /// given the shards that were merged; nothing if these divide the campaign differently, since
+    /// 1/2 and 1/3 have no numbering in common.
     #[must_use]
-    pub fn whole_of(&mut self, shards: &[Shard]) -> Lacking {
+    pub fn missing_shards(&mut self, shards: &[Shard]) -> MissingShards {
         self.header.shard = Shard::default();
         let of = shards.first().map_or(1, |shard| shard.of);
         if shards.iter().any(|shard| shard.of != of) {
-            return Lacking::default();
+            return MissingShards::default();
         }
-        let mut there: BTreeMap<u64, u64> = BTreeMap::new();
+        // Shards take the seeds in turn, so the offset of a seed gives its shard.
+        let mut present: BTreeMap<u64, u64> = BTreeMap::new();
         for seed in self.results.keys() {
-            *there.entry((seed - self.header.seed) % of + 1).or_default() += 1;
+            *present.entry((seed - self.header.seed) % of + 1).or_default() += 1;
         }
         // The last shards of a small campaign have no runs.
-        let of_each =
+        let asked_of =
             |number| Header { shard: Shard { number, of }, ..self.header.clone() }.asked();
-        let some = there.iter().filter(|(number, some)| **some < of_each(**number)).count();
+        let some = present.iter().filter(|(number, some)| **some < asked_of(**number)).count();
         let all = of.min(self.header.runs);
         let lacks = |number: u64| {
-            let asked = of_each(number);
-            match there.get(&number) {
+            let asked = asked_of(number);
+            match present.get(&number) {
                 None => Some(format!("{number}/{of}")),
                 Some(some) if *some < asked => {
                     Some(format!("{number}/{of} ({some} of {asked} runs)"))
@@ -307,19 +319,22 @@ impl State {
                 Some(_) => None,
             }
         };
-        Lacking {
+        // A header may claim ten million shards: the first are named, the others only counted.
+        MissingShards {
             named: (1..=all).filter_map(lacks).take(NAMED).collect(),
-            count: all - there.len() as u64 + some as u64,
+            count: all - present.len() as u64 + some as u64,
         }
     }
 
+    /// Adds a result. Files that overlap have a seed twice, and must agree about it: a run repeats
+    /// to the bit.
     fn take(&mut self, result: RunResult) -> Result<(), String> {
         let seed = result.seed;
         if !self.header.holds(seed) {
-            return Err(format!("seed {seed} is none of this campaign's"));
+            return Err(format!("seed {seed} does not belong to this campaign"));
         }
         match self.results.get(&seed) {
-            Some(before) if !before.agrees(&result) => Err(told_twice(seed)),
+            Some(before) if !before.agrees(&result) => Err(contradiction(seed)),
             _ => {
                 self.results.entry(seed).or_insert(result);
                 Ok(())
@@ -327,15 +342,16 @@ impl State {
         }
     }
 
-    /// Takes another file's results in: of another shard of the same campaign, or of the same.
+    /// Adds the results of another file, of the same shard or of another shard of the campaign.
     ///
     /// # Errors
-    /// What hinders both from being one.
+    /// The difference, if the files are not of one campaign or disagree about a run.
     pub fn merge(&mut self, other: Self) -> Result<(), String> {
         if let Some(difference) = self.header.differs(&other.header) {
-            return Err(format!("not of one campaign: they differ in {difference}"));
+            return Err(format!("not of the same campaign: they differ in {difference}"));
         }
         self.header.shard = Shard::default();
+        // Different builds are no error here, but `--at-least` does not count them as a success.
         if self.header.build != other.header.build {
             SEVERAL.clone_into(&mut self.header.build);
         }
@@ -343,16 +359,16 @@ impl State {
     }
 }
 
-/// The shards that a campaign lacks.
+/// Missing and incomplete shards of a campaign.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Lacking {
-    /// The first of them, in words.
+pub struct MissingShards {
+    /// Names of the first of them: "2/3", "1/3 (2 of 4 runs)".
     pub named: Vec<String>,
-    /// How many there are.
+    /// Number of all of them.
     pub count: u64,
 }
 
-impl std::fmt::Display for Lacking {
+impl std::fmt::Display for MissingShards {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{}", self.named.join(", "))?;
         match self.count - self.named.len() as u64 {
@@ -362,12 +378,14 @@ impl std::fmt::Display for Lacking {
     }
 }
 
-fn told_twice(seed: u64) -> String {
-    format!("seed {seed} has come out in two ways; were the programs different?")
+fn contradiction(seed: u64) -> String {
+    format!("seed {seed} has two different results: were the programs different?")
 }
 
-/// The next line, and whether it has an end; `None` at the file's end.
+/// Reads the next line into `into`. Returns whether a line break ends it; `None` at the end of the
+/// file.
 fn next(from: &mut impl BufRead, into: &mut Vec<u8>, line: u64) -> Result<Option<bool>, Unusable> {
+    // A file without line breaks must not fill the memory.
     into.clear();
     let read = from.by_ref().take(LONGEST).read_until(b'\n', into)?;
     if read as u64 == LONGEST && into.last() != Some(&b'\n') {
@@ -383,7 +401,7 @@ pub(super) mod tests {
     use super::super::result::tests::result;
     use super::*;
 
-    /// A header for tests of what is above.
+    /// Returns a header for the tests of this folder.
     pub(in crate::campaign) fn header(runs: u64, shard: &str) -> Header {
         Header {
             version: "1".into(),
@@ -406,7 +424,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn shards_share_the_seeds_out() {
+    fn shards_divide_the_seeds() {
         let mut all: Vec<u64> =
             (1..=3).flat_map(|k| header(10, &format!("{k}/3")).seeds()).collect();
         all.sort_unstable();
@@ -431,7 +449,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_file_cut_anywhere_is_read_up_to_its_last_whole_line() {
+    fn read_stops_at_the_last_whole_line() {
         let text = file(&[5, 6, 7]);
         let ends: Vec<usize> = text.match_indices('\n').map(|(i, _)| i + 1).collect();
         for cut in 0..=text.len() {
@@ -449,12 +467,12 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_campaign_may_get_more_runs_but_not_become_another_one() {
+    fn second_header_extends_only_the_same_campaign() {
         let longer = first_line(&header(12, "1/1"));
         let text = file(&[5, 6]) + &longer + &line(&result(16, Verdict::Solved, 1.0));
         let state = State::read(text.as_bytes()).unwrap();
         assert_eq!((state.header.runs, state.results.len(), state.torn), (12, 3, false));
-        // Cut off in the middle of what says so, it has what it had.
+        // A second header that is cut off changes nothing.
         let cut = &text[..text.find(&longer).unwrap() + 30];
         let state = State::read(cut.as_bytes()).unwrap();
         assert_eq!((state.header.runs, state.results.len(), state.torn), (10, 2, true));
@@ -466,37 +484,38 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn the_shards_that_lack_are_named() {
+    fn missing_shards_are_named() {
         let shard = |k: &str, seeds: &[u64]| State {
             header: header(10, k),
             results: seeds.iter().map(|s| (*s, result(*s, Verdict::Solved, 1.0))).collect(),
             whole: 0,
             torn: false,
         };
-        let lacking = |mut state: State| {
+        let missing = |mut state: State| {
             let shards = [state.header.shard];
-            let lacking = state.whole_of(&shards);
-            assert_eq!(lacking.count, lacking.named.len() as u64);
-            lacking.named
+            let missing = state.missing_shards(&shards);
+            assert_eq!(missing.count, missing.named.len() as u64);
+            missing.named
         };
         // Seeds are 5 to 14; the first of three shards has four of them.
-        assert_eq!(lacking(shard("1/3", &[5, 8, 11, 14])), ["2/3", "3/3"]);
-        assert_eq!(lacking(shard("1/3", &[5, 8, 6, 9, 12])), ["1/3 (2 of 4 runs)", "3/3"]);
-        assert_eq!(lacking(shard("1/1", &(5..15).collect::<Vec<_>>())), [""; 0]);
-        // The shards behind the tenth of twenty have none.
-        assert_eq!(lacking(shard("1/20", &(5..14).collect::<Vec<_>>())), ["10/20"]);
+        assert_eq!(missing(shard("1/3", &[5, 8, 11, 14])), ["2/3", "3/3"]);
+        assert_eq!(missing(shard("1/3", &[5, 8, 6, 9, 12])), ["1/3 (2 of 4 runs)", "3/3"]);
+        assert_eq!(missing(shard("1/1", &(5..15).collect::<Vec<_>>())), [""; 0]);
+        // Shards 11 to 20 of ten runs have no runs, so they are not missing.
+        assert_eq!(missing(shard("1/20", &(5..14).collect::<Vec<_>>())), ["10/20"]);
         let several = ["1/2".parse().unwrap(), "1/3".parse().unwrap()];
-        assert_eq!(shard("1/2", &[5]).whole_of(&several), Lacking::default());
+        assert_eq!(shard("1/2", &[5]).missing_shards(&several), MissingShards::default());
     }
 
+    /// The largest campaign is evaluated without a list of its ten million shards.
     #[test]
-    fn a_campaign_of_more_runs_or_shards_than_there_can_be_is_refused_and_the_largest_is_looked_at_at_once()
-     {
-        for (runs, shard, told) in
-            [(MOST_RUNS + 1, "1/1", "runs are more"), (3, "1/10000001", "shards are more")]
-        {
+    fn read_refuses_too_many_runs_or_shards() {
+        for (runs, shard, reason) in [
+            (MOST_RUNS + 1, "1/1", "runs exceed the limit"),
+            (3, "1/10000001", "shards exceed the limit"),
+        ] {
             let why = State::read(first_line(&header(runs, shard)).as_bytes()).unwrap_err();
-            assert!(why.to_string().contains(told), "{why}");
+            assert!(why.to_string().contains(reason), "{why}");
         }
         let text = file(&[5]) + &first_line(&header(MOST_RUNS + 1, "1/1"));
         let kept = State::read(text.as_bytes()).unwrap();
@@ -506,40 +525,45 @@ pub(super) mod tests {
         let mut state = State::read(text.as_bytes()).unwrap();
         let shards = [state.header.shard];
         assert_eq!(state.header.asked(), 1);
-        let lacking = state.whole_of(&shards);
-        assert_eq!((lacking.count, lacking.named.len()), (MOST_RUNS, NAMED));
-        assert!(lacking.to_string().ends_with("20/10000000 and 9999980 more"), "{lacking}");
+        let missing = state.missing_shards(&shards);
+        assert_eq!((missing.count, missing.named.len()), (MOST_RUNS, NAMED));
+        assert!(missing.to_string().ends_with("20/10000000 and 9999980 more"), "{missing}");
     }
 
     #[test]
-    fn rubbish_is_dropped_at_the_end_and_told_in_the_middle() {
+    fn invalid_line_is_dropped_only_at_the_end() {
         let at_end = file(&[5]) + "\0\0\0\0\n";
         let state = State::read(at_end.as_bytes()).unwrap();
         assert!(state.torn && state.results.len() == 1);
 
         let middle = at_end + &line(&result(6, Verdict::Solved, 1.0));
-        let told = State::read(middle.as_bytes()).unwrap_err().to_string();
-        assert!(told.starts_with("line 3:"), "{told}");
+        let error = State::read(middle.as_bytes()).unwrap_err().to_string();
+        assert!(error.starts_with("line 3:"), "{error}");
     }
 
     #[test]
-    fn a_seed_counts_once_and_must_be_the_campaigns() {
+    fn seed_counts_once_and_belongs_to_the_campaign() {
         assert_eq!(State::read(file(&[5, 5, 6]).as_bytes()).unwrap().results.len(), 2);
-        let told = State::read(file(&[5, 99]).as_bytes()).unwrap_err().to_string();
-        assert!(told.contains("seed 99 is none"), "{told}");
+        let error = State::read(file(&[5, 99]).as_bytes()).unwrap_err().to_string();
+        assert!(error.contains("seed 99 does not belong"), "{error}");
         let twice = file(&[5]) + &line(&result(5, Verdict::Failed, 5.0));
-        assert!(State::read(twice.as_bytes()).unwrap_err().to_string().contains("two ways"));
+        assert!(
+            State::read(twice.as_bytes())
+                .unwrap_err()
+                .to_string()
+                .contains("two different results")
+        );
     }
 
     #[test]
-    fn what_is_no_state_file_is_told() {
+    fn read_refuses_other_files() {
         for text in ["hello\n", "{\"campaign\":3}\n", "[]", "\u{1}\n"] {
             assert!(matches!(State::read(text.as_bytes()), Err(Unusable::Line { line: 1, .. })));
         }
     }
 
     #[test]
-    fn a_line_without_end_is_refused_before_it_fills_the_memory() {
+    fn endless_line_is_refused_before_filling_memory() {
         let endless = std::io::BufReader::new(std::io::repeat(b'x'));
         assert!(State::read(endless).unwrap_err().to_string().contains("longer than"));
     }

@@ -1,17 +1,17 @@
-//! Figures of many runs: how sure a share is, and how a quantity is spread.
+//! Statistics of many runs: the confidence interval of a share, and the distribution of a quantity.
 //!
 //! - in: counts and values
 //! - out: the interval in which a share lies, [`Spread`]s
 //! - source: E. B. Wilson, "Probable inference, the law of succession, and statistical inference",
-//!   J. Am. Stat. Assoc. 22 (1927): it holds for few runs and for shares near 1, where the usual
-//!   interval has no width
+//!   J. Am. Stat. Assoc. 22 (1927). Its interval is valid for few runs and for shares near 1, where
+//!   the usual interval (share +- z sigma) has no width
 
 use serde::Serialize;
 
 /// Quantile of the normal distribution for an interval of 95 %.
 const Z95: f64 = 1.959_963_984_540_054;
 
-/// Wilson's interval of 95 % for the share of successes; all of 0..=1 when nothing ran.
+/// Returns Wilson's interval of 95 % for the share of successes; 0 to 1 without runs.
 #[must_use]
 pub(crate) fn wilson(successes: u64, runs: u64) -> [f64; 2] {
     if runs == 0 {
@@ -20,26 +20,29 @@ pub(crate) fn wilson(successes: u64, runs: u64) -> [f64; 2] {
     let n = runs as f64;
     let share = successes.min(runs) as f64 / n;
     let z2 = Z95 * Z95;
+    // (p + z^2 / 2n +- z sqrt(p (1 - p) / n + z^2 / 4n^2)) / (1 + z^2 / n)
     let centre = (share + z2 / (2.0 * n)) / (1.0 + z2 / n);
     let half = Z95 / (1.0 + z2 / n) * (share * (1.0 - share) / n + z2 / (4.0 * n * n)).sqrt();
-    // At the ends the sum is exact but for rounding.
+    // With no success or no failure both terms cancel, so only rounding keeps the end from being
+    // exactly 0 or 1.
     let low = if successes == 0 { 0.0 } else { (centre - half).max(0.0) };
     let high = if successes >= runs { 1.0 } else { (centre + half).min(1.0) };
     [low, high]
 }
 
-/// How values are spread. Written as JSON, a spread of nothing has `null` for each.
+/// Distribution of a quantity over runs. Without values each figure is NaN, which JSON writes as
+/// `null`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Spread {
-    /// Smallest.
+    /// Smallest value.
     pub min: f64,
-    /// Middle one; of an even number the mean of both in the middle.
+    /// Median; the mean of the two middle values if their number is even.
     pub median: f64,
-    /// The smallest that 95 % do not exceed.
+    /// Smallest value that 95 % of the values do not exceed.
     pub p95: f64,
-    /// The smallest that 99 % do not exceed.
+    /// Smallest value that 99 % of the values do not exceed.
     pub p99: f64,
-    /// Largest.
+    /// Largest value.
     pub max: f64,
 }
 
@@ -50,16 +53,16 @@ impl From<[f64; 5]> for Spread {
 }
 
 impl Spread {
-    /// Headings of its columns.
+    /// Headings of the columns in a table.
     pub const COLUMNS: [&str; 5] = ["min", "median", "95 %", "99 %", "max"];
 
-    /// Returns its values in the order of the columns.
+    /// Returns the figures in the order of [`Self::COLUMNS`].
     #[must_use]
     pub fn values(&self) -> [f64; 5] {
         [self.min, self.median, self.p95, self.p99, self.max]
     }
 
-    /// Of these values, in any order; NaN for each when there are none.
+    /// Computes the distribution of values in any order.
     #[must_use]
     pub fn of(values: impl IntoIterator<Item = f64>) -> Self {
         let mut sorted: Vec<f64> = values.into_iter().collect();
@@ -69,12 +72,13 @@ impl Spread {
         };
         let n = sorted.len();
         let median = f64::midpoint(sorted[(n - 1) / 2], sorted[n / 2]);
-        // In whole numbers: 0.95 * 20 is a little more than 19.
+        // The rank is computed in whole numbers, because 0.95 * 20 in floating point exceeds 19 and
+        // would round up to the wrong value.
         let share = |percent: usize| sorted[(percent * n).div_ceil(100) - 1];
         [min, median, share(95), share(99), max].into()
     }
 
-    /// Whether it is of nothing.
+    /// Returns whether the distribution has no values.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.min.is_nan()
@@ -92,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn wilsons_interval_has_its_known_values() {
+    fn wilson_interval_matches_published_values() {
         // R. G. Newcombe, Statistics in Medicine 17 (1998), table I, method 3: 81/263, 15/148,
         // 0/20, 1/29.
         near(wilson(81, 263), 0.2553, 0.3662);
@@ -102,14 +106,14 @@ mod tests {
     }
 
     #[test]
-    fn a_thousand_of_a_thousand_are_no_certainty() {
+    fn interval_of_only_successes_has_known_lower_bound() {
         // n / (n + z^2)
         near(wilson(1000, 1000), 1000.0 / 1003.841459, 1.0);
         assert_eq!(wilson(0, 0), [0.0, 1.0]);
     }
 
     #[test]
-    fn a_spread_is_made_of_values_that_came() {
+    fn spread_has_quantiles_of_its_values() {
         let s = Spread::of((1..=20).rev().map(f64::from));
         assert_eq!(s.values(), [1.0, 10.5, 19.0, 20.0, 20.0]);
         assert_eq!(Spread::of((1..=300).map(f64::from)).p99, 297.0);
@@ -117,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn a_spread_of_nothing_is_null_in_json() {
+    fn empty_spread_is_null_in_json() {
         let none = Spread::of([]);
         assert!(none.is_empty());
         assert_eq!(
@@ -128,7 +132,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn an_interval_holds_its_share(runs in 1u64..5000, part in 0.0..=1.0f64) {
+        fn interval_contains_observed_share(runs in 1u64..5000, part in 0.0..=1.0f64) {
             let successes = (runs as f64 * part) as u64;
             let [low, high] = wilson(successes, runs);
             let share = successes as f64 / runs as f64;
@@ -137,7 +141,7 @@ mod tests {
         }
 
         #[test]
-        fn a_spread_is_in_order(values in proptest::collection::vec(-1e6..1e6f64, 1..60)) {
+        fn spread_quantiles_are_sorted(values in proptest::collection::vec(-1e6..1e6f64, 1..60)) {
             let s = Spread::of(values.iter().copied());
 
             prop_assert!(s.values().is_sorted());

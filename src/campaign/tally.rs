@@ -1,8 +1,10 @@
-//! What a campaign comes to: success and its interval, failures by phase, how figures are spread.
+//! The sum of a campaign: share of solved runs with its interval, failures by phase, distributions
+//! of the runs' figures.
 //!
-//! - in: the header and the results that there are
-//! - out: one JSON object for machines, a table for people; neither depends on the order or the
-//!   place of the runs
+//! - in: the header and the results that exist
+//! - out: one JSON object for machines, a table for people. The object does not depend on the order
+//!   of the runs or on the machines that performed them; the table also has a rate by the wall
+//!   clock
 
 use super::result::{Figures, Mishaps, RunResult, Verdict};
 use super::state::{Header, SEVERAL, State};
@@ -14,57 +16,59 @@ use std::fmt::Write;
 /// The sum of a campaign.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tally {
-    /// What the campaign is.
+    /// Header of the campaign.
     pub header: Header,
     /// Results in the order of their seeds.
     pub results: Vec<RunResult>,
-    /// Runs that were asked for, of this shard or of the whole.
+    /// Number of runs that were asked for, of this shard or of the whole campaign.
     pub asked: u64,
-    /// Runs that the plant calls solved.
+    /// Number of runs that are solved by the plant's verdict.
     pub solved: u64,
-    /// Wilson's interval of 95 % for the share of them.
+    /// Wilson's interval of 95 % for the share of solved runs.
     pub interval: [f64; 2],
-    /// What the plant counted in all runs.
+    /// Mishaps that the plant counted, summed over all runs.
     pub mishaps: Mishaps,
-    /// Runs in which the plant counted something, and how many of these were solved all the same.
-    pub mended: (u64, u64),
-    /// Times that missions began anew, by their own account.
+    /// Number of runs with a mishap, and number of these that were solved nevertheless.
+    pub mishaps_and_solved: (u64, u64),
+    /// Number of times that a mission read and planned again, by its own count.
     pub recoveries: u64,
 }
 
-/// A quantity of a run: its name in JSON, words for people, how to read it where it is known,
-/// decimals.
+/// Quantity of a run: name in JSON, name for people, function that reads it where it is known,
+/// number of decimals.
 pub type Quantity = (&'static str, &'static str, fn(&Figures) -> Option<f64>, usize);
 
-/// What is told of every campaign. All runs with a summary count, solved or not.
+/// Quantities that every campaign reports. All runs with figures count, solved or not.
 pub(crate) const QUANTITIES: [Quantity; 10] = [
     ("peak_force_n", "peak force [N]", |f| Some(f.peak_force_n), 1),
     ("peak_contact_n", "peak contact [N]", |f| f.peak_contact_n, 1),
     ("grasps", "grasps", |f| Some(f64::from(f.grasps)), 0),
     ("turns", "turns", |f| Some(f64::from(f.turns)), 0),
     ("sim_time_s", "simulated time [s]", |f| Some(f.sim_time_s), 1),
-    ("current_share", "current, of the trip's", |f| Some(f.exertion?.current_share), 2),
-    ("heat_share", "heat, of the trip's", |f| Some(f.exertion?.heat_share), 2),
+    ("current_share", "current / trip current", |f| Some(f.exertion?.current_share), 2),
+    ("heat_share", "heat / trip heat", |f| Some(f.exertion?.heat_share), 2),
     ("motor_speed_rad_s", "motor speed [rad/s]", |f| Some(f.exertion?.motor_speed_rad_s), 0),
     ("near_person_mm_s", "speed near the person [mm/s]", |f| Some(f.exertion?.near_person_mm_s), 0),
-    ("arms_apart_mm", "distance of the arms [mm]", |f| f.exertion?.arms_apart_mm, 1),
+    ("arms_apart_mm", "distance between arms [mm]", |f| f.exertion?.arms_apart_mm, 1),
 ];
 
-/// Failures that are listed one by one in a table for people.
+/// Number of failures that the table lists one by one.
 const LISTED: usize = 20;
 
 impl Tally {
-    /// Of what a state holds.
+    /// Sums up the results of a state.
     #[must_use]
     pub fn of(state: &State) -> Self {
         let results: Vec<RunResult> = state.results.values().cloned().collect();
         let solved = results.iter().filter(|r| r.verdict == Verdict::Solved).count() as u64;
-        let (mut mishaps, mut mended, mut recoveries) = (Mishaps::default(), (0, 0), 0);
+        let (mut mishaps, mut mishaps_and_solved, mut recoveries) = (Mishaps::default(), (0, 0), 0);
         for (result, figures) in results.iter().filter_map(|r| Some((r, r.figures.as_ref()?))) {
             mishaps.add(&figures.mishaps);
+            // A mishap alone is no failure: a mission may recover from it. How many do is a figure
+            // of its own.
             if figures.mishaps.count() > 0 {
-                mended.0 += 1;
-                mended.1 += u64::from(result.verdict == Verdict::Solved);
+                mishaps_and_solved.0 += 1;
+                mishaps_and_solved.1 += u64::from(result.verdict == Verdict::Solved);
             }
             recoveries += u64::from(figures.recoveries);
         }
@@ -75,36 +79,36 @@ impl Tally {
             results,
             solved,
             mishaps,
-            mended,
+            mishaps_and_solved,
             recoveries,
         }
     }
 
-    /// Runs that have a result.
+    /// Returns the number of runs that have a result.
     #[must_use]
     pub fn runs(&self) -> u64 {
         self.results.len() as u64
     }
 
-    /// Whether every run that was asked for has a result.
+    /// Returns whether every run that was asked for has a result.
     #[must_use]
     pub fn is_complete(&self) -> bool {
         self.runs() == self.asked
     }
 
-    /// Whether one build of the program performed all runs.
+    /// Returns whether one build of the program performed all runs.
     #[must_use]
     pub(crate) fn is_of_one_build(&self) -> bool {
         self.header.build != SEVERAL
     }
 
-    /// Share of solved runs; 0 when nothing ran.
+    /// Returns the share of solved runs; 0 without runs.
     #[must_use]
     pub fn success(&self) -> f64 {
         self.solved as f64 / self.runs().max(1) as f64
     }
 
-    /// How a quantity is spread over the runs that know it.
+    /// Returns the distribution of a quantity over the runs that know it.
     #[must_use]
     pub fn spread(&self, of: fn(&Figures) -> Option<f64>) -> Spread {
         Spread::of(self.figures().filter_map(of))
@@ -114,20 +118,20 @@ impl Tally {
         self.results.iter().filter_map(|r| r.figures.as_ref())
     }
 
-    /// Runs in which something was touched with more force than the scenario allows.
+    /// Counts the runs in which a contact exceeded the force limit of the scenario.
     #[must_use]
     pub(crate) fn above_limit(&self) -> u64 {
         self.figures().filter(|f| f.exceeds_limit() == Some(true)).count() as u64
     }
 
-    /// Runs in which the cube fell more often than the controller told.
+    /// Counts the runs in which the cube fell more often than the controller reported.
     #[must_use]
     pub(crate) fn unnoticed(&self) -> u64 {
         self.figures().filter(|f| f.has_unnoticed_drop() == Some(true)).count() as u64
     }
 
-    /// Runs with a verdict that were performed by a build that did not tell contact, limit and
-    /// noticed drops.
+    /// Counts the runs with figures from an earlier build, which did not report the contact force,
+    /// its limit or the noticed drops.
     #[must_use]
     pub fn contact_unknown(&self) -> u64 {
         let unknown =
@@ -135,9 +139,10 @@ impl Tally {
         self.figures().filter(unknown).count() as u64
     }
 
-    /// The limits of the runs, for people: "20.0 N".
+    /// Returns the force limits of the runs, for people: "20.0 N".
     #[must_use]
     pub fn limit(&self) -> String {
+        // Runs may differ in their limit: `--vary` can draw it.
         let s = self.spread(|f| f.force_limit_n);
         match s.is_empty() {
             true => "an unknown force".to_owned(),
@@ -146,12 +151,12 @@ impl Tally {
         }
     }
 
-    /// The runs that were not solved.
+    /// Returns the runs that were not solved.
     pub fn failures(&self) -> impl Iterator<Item = &RunResult> {
         self.results.iter().filter(|r| r.verdict != Verdict::Solved)
     }
 
-    /// The runs that were not solved by the phase in which they ended.
+    /// Returns the runs that were not solved, grouped by the phase in which they ended.
     #[must_use]
     pub(crate) fn by_phase(&self) -> BTreeMap<&str, Vec<&RunResult>> {
         let mut phases: BTreeMap<&str, Vec<&RunResult>> = BTreeMap::new();
@@ -161,14 +166,14 @@ impl Tally {
         phases
     }
 
-    /// Runs that ended without a verdict of the plant: they never began, died, or were killed after
-    /// their time.
+    /// Counts the runs that ended without a verdict of the plant: they never began, died, or were
+    /// killed after their time.
     #[must_use]
     pub fn without_verdict(&self) -> u64 {
         self.results.iter().filter(|r| r.figures.is_none()).count() as u64
     }
 
-    /// The command that repeats a run.
+    /// Returns the command that repeats a run.
     #[must_use]
     pub fn command(&self, run: &RunResult) -> String {
         let mut words = vec![
@@ -176,14 +181,17 @@ impl Tally {
             quoted(&self.header.scenario),
             format!("--seed {}", run.seed),
         ];
+        // The order of `Runner::command`, so that the repeated run reads the same scenario.
         let set = self.header.set.iter().chain(&run.set);
         words.extend(set.map(|option| format!("--set {}", quoted(option))));
         words.join(" ")
     }
 
-    /// One object. Nothing of it depends on how long a run took by the wall clock.
+    /// Returns the tally as one JSON object, which does not depend on the wall clock.
     #[must_use]
     pub fn json(&self) -> Value {
+        // Merged shards must give exactly the object of the whole campaign. So it holds no
+        // wall-clock time, and its lists are in the order of seeds or of names.
         let failures: Vec<_> = self
             .failures()
             .map(|f| {
@@ -200,8 +208,8 @@ impl Tally {
             "asked": self.asked, "runs": self.runs(), "solved": self.solved,
             "success": self.success(), "interval": self.interval,
             "failures": failures, "phases": phases, "without_verdict": self.without_verdict(),
-            "mishaps": self.mishaps, "runs_with_mishaps": self.mended.0,
-            "solved_with_mishaps": self.mended.1, "recoveries": self.recoveries,
+            "mishaps": self.mishaps, "runs_with_mishaps": self.mishaps_and_solved.0,
+            "solved_with_mishaps": self.mishaps_and_solved.1, "recoveries": self.recoveries,
             "force_limit_n": self.spread(|f| f.force_limit_n),
             "runs_above_force_limit": self.above_limit(),
             "drops": self.mishaps.drops, "runs_with_unnoticed_drops": self.unnoticed(),
@@ -214,7 +222,7 @@ impl Tally {
         object
     }
 
-    /// Returns the table for people, with an end of line behind each row.
+    /// Returns the table for people; a line break ends each row.
     #[must_use]
     pub fn table(&self) -> String {
         let mut t = String::new();
@@ -231,6 +239,7 @@ impl Tally {
             whole if whole == "1/1" => String::new(),
             part => format!(", shard {part}"),
         };
+        // A state file may begin at any seed up to 2^64 - 1.
         let last = header.seed.saturating_add(header.runs.saturating_sub(1));
         let scenario = format!("{}, seeds {}..{last}{shard}", header.scenario, header.seed);
         row(t, "scenario", &scenario);
@@ -238,10 +247,11 @@ impl Tally {
         let ([low, high], share) = (self.interval.map(|x| 100.0 * x), 100.0 * self.success());
         let interval = format!("95 % interval {low:.2} .. {high:.2} %");
         row(t, "solved", &format!("{} ({share:.2} %), {interval}", self.solved));
+        // The times of parallel runs add up, so this is the rate of one process.
         let seconds: f64 = self.results.iter().map(|r| r.wall_time_s).sum();
         if seconds > 0.0 {
             let rate = 3600.0 * self.results.len() as f64 / seconds;
-            row(t, "runs an hour, each process", &format!("{rate:.0}"));
+            row(t, "runs per hour, process", &format!("{rate:.0}"));
         }
         let plants = self.plants();
         if !plants.is_empty() {
@@ -249,7 +259,8 @@ impl Tally {
         }
     }
 
-    /// Returns the checksums of the plants: one where drives, trips and pads were always the same.
+    /// Returns the checksums of the plants, each once. There is one if all runs had the same
+    /// drives, trips and pads.
     pub(crate) fn plants(&self) -> Vec<&str> {
         let figures = self.results.iter().filter_map(|r| r.figures.as_ref());
         let plants: BTreeSet<&str> = figures.filter_map(|f| f.plant_hash.as_deref()).collect();
@@ -259,6 +270,7 @@ impl Tally {
     fn add_spreads(&self, t: &mut String) {
         row(t, "", &Spread::COLUMNS.map(|name| format!("{name:>9}")).join(" "));
         for (_, words, of, decimals) in QUANTITIES {
+            // Earlier builds did not measure every quantity.
             let s = self.spread(of);
             if !s.is_empty() {
                 let text = s.values().map(|v| format!("{:>9}", figure(v, decimals)));
@@ -272,24 +284,26 @@ impl Tally {
         row(t, "jams, slips, drops", &format!("{}, {}, {}", m.jams, m.slips, m.drops));
         let others = format!("{}, {}, {}", m.pops, m.crushed, m.collisions);
         row(t, "pops, crushes, bumps", &others);
-        let (with, mended) = self.mended;
-        let any = format!("{with}, of which {mended} solved all the same");
-        row(t, "runs with any of them", &any);
+        let (with, solved) = self.mishaps_and_solved;
+        let any = format!("{with}, of which {solved} were solved");
+        row(t, "runs with a mishap", &any);
         row(t, "recoveries", &self.recoveries.to_string());
         let above = format!("{} runs above {}", self.above_limit(), self.limit());
         row(t, "contact", &above);
-        row(t, "drops unnoticed", &format!("in {} runs", self.unnoticed()));
+        row(t, "unnoticed drops", &format!("in {} runs", self.unnoticed()));
         if self.contact_unknown() > 0 {
             let unknown = format!("in {} runs of an earlier build", self.contact_unknown());
-            row(t, "neither is known", &unknown);
+            row(t, "unknown contact", &unknown);
         }
         row(t, "without a verdict", &format!("{} runs", self.without_verdict()));
     }
 
-    /// Adds the failed runs by phase, the first of them with the command that repeats each.
+    /// Appends the failed runs by phase, and for the first [`LISTED`] the command that repeats
+    /// each.
     fn add_failures(&self, t: &mut String) {
         let failed = self.runs() - self.solved;
         row(t, "failures", &if failed == 0 { "none".to_owned() } else { failed.to_string() });
+        // The limit is for the whole table; each phase keeps its total.
         let mut listed = 0;
         for (phase, runs) in self.by_phase() {
             let _ = writeln!(t, "  in {phase}: {}", runs.len());
@@ -305,27 +319,30 @@ impl Tally {
     }
 }
 
-/// The phase in which a run ended, for people.
+/// Returns the phase in which a run ended, for people.
 pub(super) fn phase(run: &RunResult) -> &str {
     if run.phase.is_empty() { "the start" } else { &run.phase }
 }
 
-/// A figure with so many decimals, and one where a median lies between two whole numbers; what
-/// stands for infinite is said so.
+/// Formats a value with `decimals` decimals, or with one if a median lies between two whole
+/// numbers.
 pub(super) fn figure(value: f64, decimals: usize) -> String {
+    // A result stores infinity and NaN as `f64::MAX`, which JSON can hold.
     if value.abs() >= 1e12 {
-        return "no number".to_owned();
+        return "not finite".to_owned();
     }
     let decimals = decimals.max(usize::from(value.fract() != 0.0));
     format!("{value:.decimals$}")
 }
 
-/// A word for a shell.
+/// Quotes a word for a shell, where it needs quotes.
 fn quoted(word: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=+,:@%".contains(c);
     if !word.is_empty() && word.chars().all(plain) {
         return word.to_owned();
     }
+    // Between single quotes only the quote itself is special: close, add an escaped one, open
+    // again.
     format!("'{}'", word.replace('\'', "'\\''"))
 }
 
@@ -352,13 +369,13 @@ mod tests {
     }
 
     #[test]
-    fn the_shards_together_are_the_whole() {
+    fn merged_shards_equal_the_whole() {
         let whole = Tally::of(&state(20, "1/1")).json().to_string();
         for order in [["1/3", "2/3", "3/3"], ["3/3", "1/3", "2/3"]] {
             let mut merged = state(20, order[0]);
             merged.merge(state(20, order[1])).unwrap();
             merged.merge(state(20, order[2])).unwrap();
-            // A shard that comes twice changes nothing.
+            // A shard that is merged twice changes nothing.
             merged.merge(state(20, order[1])).unwrap();
 
             assert_eq!(Tally::of(&merged).json().to_string(), whole);
@@ -366,14 +383,14 @@ mod tests {
     }
 
     #[test]
-    fn parts_of_different_campaigns_are_not_merged() {
+    fn merge_refuses_parts_of_different_campaigns() {
         let mut other = state(20, "2/3");
         other.header.set = vec!["control.grip_n=30".into()];
         let why = state(20, "1/3").merge(other).unwrap_err();
         assert!(why.contains("--set"), "{why}");
         let longer = state(20, "1/3").merge(state(21, "2/3")).unwrap_err();
         assert!(longer.contains("20 and 21"), "{longer}");
-        // What one has as a failure since its time was over another might have solved.
+        // A run that exceeds one time limit might be solved within another.
         let mut patient = state(20, "2/3");
         patient.header.limit_s += 1;
         let why = state(20, "1/3").merge(patient).unwrap_err();
@@ -381,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn shards_of_different_builds_are_told_as_such_in_any_order() {
+    fn merge_marks_different_builds_in_any_order() {
         let built = |k: &str, build: &str| {
             let mut shard = state(20, k);
             build.clone_into(&mut shard.header.build);
@@ -400,7 +417,7 @@ mod tests {
     }
 
     #[test]
-    fn the_object_has_what_was_promised() {
+    fn object_has_the_documented_fields() {
         let tally = Tally::of(&state(20, "1/1"));
         let object = tally.json();
 
@@ -410,7 +427,7 @@ mod tests {
         assert_eq!(object["failures"][0]["seed"], 9);
         assert_eq!(object["failures"][1]["phase"], "solve");
         assert_eq!(object["without_verdict"], 1);
-        // Contact is the force and 1 N; the limit is 20 N; seeds 20 to 24 are above it.
+        // The contact is the force plus 1 N and the limit is 20 N: seeds 20 to 24 exceed it.
         assert_eq!((&object["runs_above_force_limit"], &object["drops"]), (&json!(5), &json!(0)));
         assert_eq!(
             (&object["contact_unknown"], &object["runs_with_unnoticed_drops"]),
@@ -435,21 +452,21 @@ mod tests {
     }
 
     #[test]
-    fn mishaps_drops_and_what_is_not_known_are_counted_by_run() {
+    fn mishaps_drops_and_unknowns_are_counted_by_run() {
         let mut state = state(20, "1/1");
         let mut of = |seed: u64, change: &dyn Fn(&mut Figures)| {
             let figures = state.results.get_mut(&seed).and_then(|run| run.figures.as_mut());
             change(figures.unwrap());
         };
-        // One mishap alone makes a run one with mishaps; the ninth was not solved.
+        // One mishap is enough for a run with mishaps; the run of seed 9 was not solved.
         of(5, &|f| f.mishaps.jams = 1);
         of(6, &|f| f.mishaps.slips = 3);
         of(9, &|f| f.mishaps.pops = 1);
-        // Who tells of more drops than there were has missed none.
+        // A controller that reports more drops than there were has missed none.
         of(7, &|f| (f.mishaps.drops, f.drops_noticed) = (1, Some(2)));
         of(8, &|f| (f.mishaps.drops, f.drops_noticed) = (2, Some(1)));
         of(10, &|f| f.drops_noticed = Some(0));
-        // Whatever lacks one of both is not known, and not above any limit.
+        // A run that lacks one of the two values counts as unknown, and never as above the limit.
         of(12, &|f| (f.peak_contact_n, f.drops_noticed) = (None, Some(0)));
         of(13, &|f| (f.force_limit_n, f.drops_noticed) = (Some(20.0), None));
         for (seed, plant) in [(5, "b"), (6, "a"), (7, "b")] {
@@ -465,7 +482,7 @@ mod tests {
         );
         assert_eq!((&object["drops"], &object["mishaps"]["slips"]), (&json!(3), &json!(3)));
         assert_eq!(object["runs_with_unnoticed_drops"], 1);
-        // Seeds 20 to 24, and none of those of which nothing is known.
+        // Seeds 20 to 24, and no run that counts as unknown.
         assert_eq!(
             (&object["runs_above_force_limit"], &object["contact_unknown"]),
             (&json!(5), &json!(2))
@@ -473,7 +490,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failure_comes_with_the_command_that_repeats_it() {
+    fn failure_lists_the_command_that_repeats_it() {
         let mut state = state(5, "1/1");
         state.header.set = vec!["plant.cube_kind=\"dry\"".into()];
         if let Some(run) = state.results.get_mut(&9) {
@@ -483,7 +500,8 @@ mod tests {
 
         assert!(
             table.contains(
-                "rubik-robot run s.toml --seed 9 --set 'plant.cube_kind=\"dry\"' --set control.grip_n=26.5"
+                "rubik-robot run s.toml --seed 9 --set 'plant.cube_kind=\"dry\"' \
+                 --set control.grip_n=26.5"
             ),
             "{table}"
         );
@@ -491,7 +509,7 @@ mod tests {
     }
 
     #[test]
-    fn a_median_between_two_whole_numbers_keeps_its_half() {
+    fn median_shows_its_half_despite_rounding() {
         assert_eq!((figure(14.5, 0).as_str(), figure(14.0, 0).as_str()), ("14.5", "14"));
         assert_eq!((figure(2.0, 1).as_str(), figure(2.345, 2).as_str()), ("2.0", "2.35"));
     }

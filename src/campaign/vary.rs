@@ -1,7 +1,8 @@
-//! What differs from run to run: keys of a scenario, and how each is drawn by the run's seed.
+//! Variations of a campaign: keys of a scenario whose values are drawn by the seed of each run.
 //!
-//! - in: a TOML file in the form of a scenario, with a way of drawing in place of each value
-//! - out: for a seed, `KEY=VALUE` as for `run --set`; another key in the file changes no draw of the others
+//! - in: a TOML file in the form of a scenario, with a distribution in place of each value
+//! - out: for a seed, options `KEY=VALUE` as of `run --set`. The draws of a key do not depend on
+//!   the other keys of the file
 //!
 //! ```toml
 //! plant.errors.base_mm = { uniform = [0, 2] }
@@ -11,94 +12,95 @@
 //! fault = { one_of = [[], [{ kind = "jam", magnitude = 3, event = "turned", turned_deg = 30 }]] }
 //! ```
 //!
-//! A value of `one_of` may be a whole list, as that of the faults; an option takes it in one line, and in the place of the
-//! scenario's own.
+//! A value of `one_of` may be a whole list, as the list of faults. It is passed as an option in one
+//! line and replaces the list of the scenario.
 
 use crate::scenario::fault::{Faults, Source};
 use crate::scenario::tree::{self, Entry, Node, Value};
 use rand::{Rng, SeedableRng};
-use rand_distr::{Distribution, Normal};
+use rand_distr::{Distribution as _, Normal};
 use rand_pcg::Pcg64;
 use std::path::Path;
 use std::rc::Rc;
 
-/// The words that say how a key is drawn.
+/// Keywords of the distributions.
 const WORDS: [&str; 4] = ["uniform", "whole", "normal", "one_of"];
-/// Draws of a normal distribution that may miss its range; after them the nearest end is taken.
+/// Largest number of draws from a normal distribution that may miss its range. After them the value
+/// is the mean.
 const TRIES: usize = 1000;
-/// Keys that a file may vary.
+/// Largest number of keys that a file may vary.
 const MOST: usize = 1000;
-/// Longer lists of values are told by their number (characters).
+/// Longest list of values that is spelled out for people (characters).
 const LISTED: usize = 120;
 
-/// All that is drawn.
+/// Keys that a campaign draws.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Vary {
+pub struct Variations {
     keys: Vec<Key>,
 }
 
-/// A key that is drawn.
+/// Key that is drawn.
 #[derive(Debug, Clone, PartialEq)]
 struct Key {
     name: String,
-    way: Way,
-    /// `file:line:column` of the way.
+    distribution: Distribution,
+    /// Place of the distribution, `file:line:column`.
     place: String,
 }
 
-/// How a key is drawn.
+/// Distribution from which a key is drawn.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Way {
-    /// Evenly from a range.
+pub enum Distribution {
+    /// Uniform distribution over a range.
     Uniform(f64, f64),
-    /// Evenly from whole numbers, both ends among them.
+    /// Uniform distribution over whole numbers, both ends included.
     Whole(i64, i64),
-    /// From a normal distribution within a range.
+    /// Normal distribution within a range.
     Normal {
         /// Mean.
         mean: f64,
         /// Standard deviation.
         deviation: f64,
-        /// What lies outside is drawn anew.
+        /// Range; a value outside is drawn again.
         within: (f64, f64),
     },
-    /// One of some values.
+    /// List of values, each as probable as another.
     OneOf(Vec<Choice>),
 }
 
-/// One of the values that a key may have.
+/// Value that a key may have.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Choice {
-    /// As TOML writes it, in one line.
+    /// Value in the syntax of TOML, in one line.
     pub text: String,
-    /// `file:line:column`.
+    /// Place of the value, `file:line:column`.
     pub place: String,
 }
 
-/// A key and its value of one run.
+/// Key and its value of one run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Drawn {
     /// Dotted key.
     pub key: String,
-    /// Value as TOML writes it.
+    /// Value in the syntax of TOML.
     pub value: String,
-    /// Where it is from, for faults: `file:line:column`, or an option.
+    /// Place of the distribution or value, for messages: `file:line:column`.
     pub from: String,
 }
 
 impl Drawn {
-    /// As behind `--set`.
+    /// Returns the argument of `--set`.
     #[must_use]
     pub fn option(&self) -> String {
         format!("{}={}", self.key, self.value)
     }
 }
 
-impl Vary {
-    /// Reads a file's text; `path` names it in faults.
+impl Variations {
+    /// Reads the text of a file. `path` names it in messages.
     ///
     /// # Errors
-    /// All that is wrong with it. Whether the keys exist, a scenario must say.
+    /// All faults of the text. The scenario checks later whether the keys exist.
     pub fn read(path: &Path, text: &str) -> Result<Self, Faults> {
         let mut faults = Faults::default();
         let name = path.display().to_string();
@@ -113,20 +115,24 @@ impl Vary {
         } else if keys.is_empty() && faults.0.is_empty() {
             faults.add(None, format!("{}: no key is varied", path.display()));
         }
+        // The order of the file must not matter.
         keys.sort_by(|a: &Key, b| a.name.cmp(&b.name));
         if faults.0.is_empty() { Ok(Self { keys }) } else { Err(faults.sorted()) }
     }
 
-    /// The keys in their order, and how each is drawn.
-    pub fn keys(&self) -> impl Iterator<Item = (&str, &Way)> {
-        self.keys.iter().map(|key| (key.name.as_str(), &key.way))
+    /// Returns the keys in the order of their names, with their distributions.
+    pub fn keys(&self) -> impl Iterator<Item = (&str, &Distribution)> {
+        self.keys.iter().map(|key| (key.name.as_str(), &key.distribution))
     }
 
-    /// The values of the run with this seed.
+    /// Draws the values of the run with this seed.
     #[must_use]
     pub fn draw(&self, seed: u64) -> Vec<Drawn> {
+        // Each key has a random stream of its own, so that a key more or less changes no other
+        // draw.
         let of = |key: &Key| {
-            let (value, from) = key.way.draw(&mut Pcg64::seed_from_u64(mixed(&key.name, seed)));
+            let (value, from) =
+                key.distribution.draw(&mut Pcg64::seed_from_u64(mixed(&key.name, seed)));
             let from = from.unwrap_or(&key.place).to_owned();
             Drawn { key: key.name.clone(), value, from }
         };
@@ -134,14 +140,14 @@ impl Vary {
     }
 }
 
-/// A seed for a key of a run (FNV-1a over both).
+/// Hashes a key and the seed of a run into the seed of the key's random stream (FNV-1a).
 fn mixed(key: &str, seed: u64) -> u64 {
     let bytes = key.bytes().chain(seed.to_le_bytes());
     bytes.fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
 }
 
-impl Way {
-    /// A value, and its own place where it has one.
+impl Distribution {
+    /// Draws a value. Returns it with its place in the file, if it is one of a list.
     fn draw(&self, random: &mut Pcg64) -> (String, Option<&str>) {
         let value = match self {
             Self::Uniform(low, high) => number(random.random_range(*low..=*high), (*low, *high)),
@@ -151,6 +157,8 @@ impl Way {
                 let drawn = Normal::new(*mean, *deviation)
                     .ok()
                     .and_then(|n| n.sample_iter(random).take(TRIES).find(|x| range.contains(x)));
+                // The mean replaces a value after too many misses: the reader checks that it lies
+                // within the range.
                 number(drawn.unwrap_or(*mean).clamp(within.0, within.1), *within)
             }
             Self::OneOf(values) => {
@@ -161,11 +169,11 @@ impl Way {
         (value, None)
     }
 
-    /// For people.
+    /// Describes the distribution for people.
     #[must_use]
     pub fn words(&self) -> String {
         match self {
-            Self::Uniform(low, high) => format!("evenly from {low} to {high}"),
+            Self::Uniform(low, high) => format!("uniform from {low} to {high}"),
             Self::Whole(low, high) => format!("whole numbers from {low} to {high}"),
             Self::Normal { mean, deviation, within: (low, high) } => {
                 let range = if low.is_finite() && high.is_finite() {
@@ -187,95 +195,107 @@ impl Way {
     }
 }
 
-/// Six digits, so that the command that repeats a run can be read; not beyond the range's ends.
+/// Formats a value with six digits, so that people can read the command that repeats a run.
+/// Rounding does not leave the range.
 fn number(value: f64, (low, high): (f64, f64)) -> String {
     let short: f64 = format!("{value:.5e}").parse().unwrap_or(value);
     let text = format!("{}", short.clamp(low, high));
-    // TOML wants a point or an exponent in a number that is none of the whole ones.
+    // TOML reads a number without a point or an exponent as an integer.
     if text.contains(['.', 'e']) { text } else { format!("{text}.0") }
 }
 
+/// Collects the keys of a table and its subtables.
 fn gather(node: &Node, path: &str, keys: &mut Vec<Key>, faults: &mut Faults) {
     let Value::Table(entries) = &node.value else {
-        let reason = format!("`{path}` is {}, and nothing is drawn", node.describe());
-        let help = "write { uniform = [LOW, HIGH] }, { whole = [LOW, HIGH] }, { normal = [MEAN, DEVIATION] } or { one_of = [A, B] }; what is the same in all runs belongs into the scenario or behind --set";
+        let reason = format!("`{path}` is {}, not a distribution", node.describe());
+        let help = "write { uniform = [LOW, HIGH] }, { whole = [LOW, HIGH] }, \
+                    { normal = [MEAN, DEVIATION] } or { one_of = [A, B] }; a value that is the \
+                    same in all runs belongs in the scenario or in --set";
         faults.add_with_help(Some(&node.place), reason, help);
         return;
     };
+    // A table with a keyword is a distribution; any other one is a section of the scenario. A file
+    // whose top level has a keyword is not a distribution as a whole.
     if entries.iter().any(|e| WORDS.contains(&e.key.as_str())) && !path.is_empty() {
-        if let Some(way) = way(node, path, faults) {
-            keys.push(Key { name: path.to_owned(), way, place: node.place.label() });
+        if let Some(distribution) = distribution(node, path, faults) {
+            keys.push(Key { name: path.to_owned(), distribution, place: node.place.label() });
         }
         return;
     }
     for entry in entries {
         let at = if path.is_empty() { entry.key.clone() } else { format!("{path}.{}", entry.key) };
         if at == "seed" {
-            faults.add(Some(&entry.key_place), "`seed` is each run's own, and cannot be drawn");
+            faults
+                .add(Some(&entry.key_place), "`seed` differs from run to run and cannot be varied");
         } else {
             gather(&entry.node, &at, keys, faults);
         }
     }
 }
 
-fn way(node: &Node, path: &str, faults: &mut Faults) -> Option<Way> {
+/// Reads a distribution.
+fn distribution(node: &Node, path: &str, faults: &mut Faults) -> Option<Distribution> {
     let Value::Table(entries) = &node.value else { return None };
-    let (mut way, mut within) = (None, None);
+    let (mut distribution, mut within) = (None, None);
     for entry in entries {
+        // Faults are collected and the loop goes on: the author wants to see all of them at once.
         let mut wrong = |reason: &str| {
             faults.add(Some(&entry.node.place), format!("`{path}`: {reason}"));
         };
         let pair = pair(&entry.node);
+        // `within` is kept until the end, since it may precede `normal`.
         let drawn = match entry.key.as_str() {
             "within" => {
                 match pair.filter(|(low, high)| low < high) {
-                    None => wrong("`within` wants two numbers, the smaller first"),
+                    None => wrong("`within` needs two numbers, the smaller first"),
                     range => within = range,
                 }
                 continue;
             }
             "uniform" => pair.filter(|(a, b)| a <= b && (b - a).is_finite()).map_or_else(
-                || Err("`uniform` wants two numbers, the smaller first"),
-                |(a, b)| Ok(Way::Uniform(a, b)),
+                || Err("`uniform` needs two numbers, the smaller first"),
+                |(a, b)| Ok(Distribution::Uniform(a, b)),
             ),
             "whole" => whole_pair(&entry.node).map_or_else(
-                || Err("`whole` wants two whole numbers, the smaller first"),
-                |(a, b)| Ok(Way::Whole(a, b)),
+                || Err("`whole` needs two whole numbers, the smaller first"),
+                |(a, b)| Ok(Distribution::Whole(a, b)),
             ),
             "normal" => pair.filter(|(_, deviation)| *deviation >= 0.0).map_or_else(
-                || Err("`normal` wants a mean and a standard deviation that is not negative"),
+                || Err("`normal` needs a mean and a standard deviation that is not negative"),
                 |(mean, deviation)| {
                     let within = (f64::NEG_INFINITY, f64::INFINITY);
-                    Ok(Way::Normal { mean, deviation, within })
+                    Ok(Distribution::Normal { mean, deviation, within })
                 },
             ),
             "one_of" => match choices(&entry.node) {
-                Some(values) if !values.is_empty() => Ok(Way::OneOf(values)),
-                _ => Err("`one_of` wants a list of values, none of them a table"),
+                Some(values) if !values.is_empty() => Ok(Distribution::OneOf(values)),
+                _ => Err("`one_of` needs a list of values, none of them a table"),
             },
-            _ => Err("wanted one of uniform, whole, normal, one_of, and `within` beside normal"),
+            _ => Err("expected one of uniform, whole, normal, one_of, and `within` beside normal"),
         };
         match drawn {
             Err(reason) => wrong(reason),
-            Ok(_) if way.is_some() => wrong("is drawn in two ways"),
-            Ok(drawn) => way = Some(drawn),
+            Ok(_) if distribution.is_some() => wrong("more than one distribution"),
+            Ok(drawn) => distribution = Some(drawn),
         }
     }
-    match (&mut way, within) {
-        (Some(Way::Normal { within, mean, .. }), Some(range)) => {
+    match (&mut distribution, within) {
+        (Some(Distribution::Normal { within, mean, .. }), Some(range)) => {
             if *mean < range.0 || *mean > range.1 {
                 faults.add(Some(&node.place), format!("`{path}`: the mean lies outside `within`"));
             }
             *within = range;
         }
         (_, Some(_)) => {
-            faults.add(Some(&node.place), format!("`{path}`: `within` goes with normal only"));
+            faults
+                .add(Some(&node.place), format!("`{path}`: `within` is allowed with normal only"));
         }
         (_, None) => {}
     }
-    way
+    distribution
 }
 
+/// Reads a list of two finite numbers.
 fn pair(node: &Node) -> Option<(f64, f64)> {
     let Value::Array(items) = &node.value else { return None };
     let number = |node: &Node| match node.value {
@@ -289,6 +309,7 @@ fn pair(node: &Node) -> Option<(f64, f64)> {
     }
 }
 
+/// Reads a list of two whole numbers, the smaller first.
 fn whole_pair(node: &Node) -> Option<(i64, i64)> {
     let Value::Array(items) = &node.value else { return None };
     match items.iter().map(|i| &i.value).collect::<Vec<_>>()[..] {
@@ -297,7 +318,7 @@ fn whole_pair(node: &Node) -> Option<(i64, i64)> {
     }
 }
 
-/// The values of a list.
+/// Reads the values of a list; `None` if it is no list or a value is a table or a date.
 fn choices(node: &Node) -> Option<Vec<Choice>> {
     let Value::Array(items) = &node.value else { return None };
     let choice = |item: &Node| {
@@ -307,7 +328,7 @@ fn choices(node: &Node) -> Option<Vec<Choice>> {
     items.iter().map(choice).collect()
 }
 
-/// A value in one line: numbers and words as they are written in the file, lists and tables without their comments.
+/// Writes a value in one line: numbers and words as in the file, lists and tables without comments.
 fn in_a_line(node: &Node) -> Option<String> {
     let list = |texts: Option<Vec<String>>| texts.map(|texts| texts.join(","));
     match &node.value {
@@ -319,7 +340,7 @@ fn in_a_line(node: &Node) -> Option<String> {
         value => {
             let written = node.place.source.text.get(node.place.span.clone())?;
             match value {
-                // JSON's escapes are TOML's.
+                // A text of several lines is written again on one; TOML knows the escapes of JSON.
                 Value::Text(text) if written.contains('\n') => serde_json::to_string(text).ok(),
                 _ => Some(written.to_owned()),
             }
@@ -327,7 +348,7 @@ fn in_a_line(node: &Node) -> Option<String> {
     }
 }
 
-/// A key as TOML writes it.
+/// Writes a key in the syntax of TOML, with quotes where it needs them.
 fn key(name: &str) -> String {
     let bare = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
     let quoted = || serde_json::to_string(name).unwrap_or_default();
@@ -338,8 +359,8 @@ fn key(name: &str) -> String {
 mod tests {
     use super::*;
 
-    fn read(text: &str) -> Result<Vary, Faults> {
-        Vary::read(Path::new("v.toml"), text)
+    fn read(text: &str) -> Result<Variations, Faults> {
+        Variations::read(Path::new("v.toml"), text)
     }
 
     const FOUR: &str = "plant.errors.base_mm = { uniform = [0, 2] }\n\
@@ -347,12 +368,12 @@ mod tests {
                         [control]\ngrip_n = { normal = [26, 1.5], within = [25, 27] }\n\
                         [planner]\nnode_budget = { whole = [3, 5] }\n";
 
-    fn of(vary: &Vary, seed: u64, key: &str) -> String {
+    fn of(vary: &Variations, seed: u64, key: &str) -> String {
         vary.draw(seed).into_iter().find(|d| d.key == key).unwrap().value
     }
 
     #[test]
-    fn keys_that_are_drawn_in_one_way_are_drawn_one_apart_from_the_other() {
+    fn equal_distributions_are_drawn_independently() {
         let two =
             "cube.mass_g = { uniform = [0, 2] }\nplant.errors.base_mm = { uniform = [0, 2] }\n";
         let vary = read(two).unwrap();
@@ -363,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn each_key_is_drawn_in_its_way() {
+    fn keys_are_drawn_from_their_distributions() {
         let vary = read(FOUR).unwrap();
         let mut kinds = std::collections::BTreeSet::new();
         let mut base = Vec::new();
@@ -383,7 +404,7 @@ mod tests {
     }
 
     #[test]
-    fn a_seed_draws_the_same_whatever_else_is_drawn() {
+    fn other_keys_do_not_change_a_draw() {
         let vary = read(FOUR).unwrap();
         let fewer = read("plant.errors.base_mm = { uniform = [0, 2] }").unwrap();
 
@@ -393,9 +414,10 @@ mod tests {
     }
 
     #[test]
-    fn a_whole_list_of_faults_is_drawn_in_one_line_and_knows_its_place() {
-        let text = "fault = { one_of = [[],\n  [ # mended\n    { kind = \"jam\", magnitude = 3, event = \"turned\",\n      \
-                    turned_deg = 30 },\n  ],\n  [{ kind = \"slip\", arm = \"\"\"\ntrack\"\"\", magnitude = 0.1, at_s = 9 }],\n] }\n";
+    fn drawn_list_of_faults_fits_one_line() {
+        let text = "fault = { one_of = [[],\n  [ # mended\n    { kind = \"jam\", magnitude = 3, \
+                    event = \"turned\",\n      turned_deg = 30 },\n  ],\n  [{ kind = \"slip\", \
+                    arm = \"\"\"\ntrack\"\"\", magnitude = 0.1, at_s = 9 }],\n] }\n";
         let vary = read(text).unwrap();
         let mut kinds = std::collections::BTreeSet::new();
         for seed in 0..40 {
@@ -410,7 +432,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_drawn_can_be_read_by_a_scenario() {
+    fn scenario_reads_the_drawn_values() {
         let vary = read(FOUR.split("[planner]").next().unwrap()).unwrap();
         for seed in 0..20 {
             let overrides: Vec<_> = vary
@@ -423,10 +445,11 @@ mod tests {
     }
 
     #[test]
-    fn faults_are_told_all_at_once_with_their_places() {
+    fn read_reports_all_faults_with_their_places() {
         let wrong = read(
             "seed = { uniform = [1, 2] }\ncontrol.grip_n = 30\na.b = { uniform = [2, 1] }\n\
-             c = { normal = [1, -1] }\nd = { one_of = [] }\ne = { uniform = [0, 1], whole = [0, 1] }\n\
+             c = { normal = [1, -1] }\nd = { one_of = [] }\n\
+             e = { uniform = [0, 1], whole = [0, 1] }\n\
              f = { uniform = [0, 1], within = [0, 1] }\ng = { normal = [5, 1], within = [0, 1] }\n\
              h = { uniform = [0, inf] }\n",
         )
@@ -434,15 +457,15 @@ mod tests {
         .to_string();
 
         for part in [
-            "v.toml:1:1: `seed` is each run's own",
-            "v.toml:2:18: `control.grip_n` is `30`, and nothing is drawn",
-            "v.toml:3:19: `a.b`: `uniform` wants two numbers",
-            "`c`: `normal` wants a mean",
-            "`d`: `one_of` wants a list",
-            "`e`: is drawn in two ways",
-            "`f`: `within` goes with normal only",
+            "v.toml:1:1: `seed` differs from run to run",
+            "v.toml:2:18: `control.grip_n` is `30`, not a distribution",
+            "v.toml:3:19: `a.b`: `uniform` needs two numbers",
+            "`c`: `normal` needs a mean",
+            "`d`: `one_of` needs a list",
+            "`e`: more than one distribution",
+            "`f`: `within` is allowed with normal only",
             "`g`: the mean lies outside",
-            "`h`: `uniform` wants two numbers",
+            "`h`: `uniform` needs two numbers",
         ] {
             assert!(wrong.contains(part), "no `{part}` in\n{wrong}");
         }
@@ -450,7 +473,7 @@ mod tests {
     }
 
     #[test]
-    fn an_improbable_range_ends_at_its_nearer_end() {
+    fn drawn_value_stays_in_improbable_range() {
         let vary = read("a = { normal = [0, 1e-9], within = [0, 1] }").unwrap();
         for seed in 0..50 {
             let value: f64 = of(&vary, seed, "a").parse().unwrap();

@@ -4,20 +4,19 @@ use crate::scenario::{self, Override, Scenario};
 use clap::Args;
 use std::path::PathBuf;
 
-/// A scenario and what overrules it.
+/// A scenario and the overrides of its keys.
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Args)]
 pub(super) struct ScenarioArgs {
     /// Scenario file (TOML)
     pub(super) scenario: PathBuf,
-    /// Overrule a key, as in control.grip_n=30 or effector.track.tool_xyz_mm=[0,0,260]; repeatable
-    #[allow(rustdoc::broken_intra_doc_links, reason = "a list of a key is no link")]
+    /// Override of a key, as in control.grip_n=30; repeatable
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub(super) set: Vec<String>,
 }
 
 impl ScenarioArgs {
-    /// Returns those of `--set` that can be read.
+    /// Returns the overrides of `--set` that can be read.
     pub(super) fn overrides(&self) -> Vec<Override> {
         self.set.iter().filter_map(|text| Override::parse(text).ok()).collect()
     }
@@ -25,7 +24,7 @@ impl ScenarioArgs {
     /// Loads the scenario under `--set` and the overrides in `more`.
     ///
     /// # Errors
-    /// Every fault of the file and of the overrides, one a line.
+    /// All errors of the file and of the overrides, one a line.
     pub(super) fn load(&self, more: &[Override]) -> Result<Scenario, String> {
         let mut overrides = Vec::new();
         let mut wrong = Vec::new();
@@ -36,6 +35,7 @@ impl ScenarioArgs {
             }
         }
         overrides.extend_from_slice(more);
+        // The file is read even if an override is wrong, so that all errors are listed at once.
         let loaded = scenario::load(&self.scenario, &overrides).map_err(|f| f.to_string());
         match (loaded, wrong.is_empty()) {
             (Ok(scenario), true) => Ok(scenario),
@@ -47,19 +47,19 @@ impl ScenarioArgs {
     }
 }
 
-/// Parses the value of an option that is a size: a finite number from 0 on.
+/// Parses the value of an option that is a size: a finite number of 0 or more.
 pub(super) fn not_negative(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(number) if number.is_finite() && number >= 0.0 => Ok(number),
-        Ok(_) => Err("not a number from 0 on".to_owned()),
+        Ok(_) => Err("must be a number of 0 or more".to_owned()),
         Err(why) => Err(why.to_string()),
     }
 }
 
-/// A finite number above 0.
+/// Parses the value of an option that must be a finite number above 0.
 pub(super) fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(x) if x.is_finite() && x > 0.0 => Ok(x),
-        _ => Err("a number above 0 is wanted".to_owned()),
+        _ => Err("must be a number above 0".to_owned()),
     }
 }

@@ -1,4 +1,8 @@
-//! `rubik-robot benchmark`: accuracy and speed in trials, and their protocol.
+//! `rubik-robot benchmark`: measures accuracy and speed in trials, and writes their protocol.
+//!
+//! - in: a tier M-N (M cubes, N moves of scramble) or a number of missions; a seed
+//! - out: the protocol as Markdown, or one line of JSON
+//! - source: see [`crate::campaign::benchmark`]
 
 use super::arguments::{ScenarioArgs, not_negative};
 use super::campaign::{Campaign, LAST_SEED, Performed, Shape, seedless, writable};
@@ -20,51 +24,56 @@ use std::path::{Path, PathBuf};
 Examples:
   rubik-robot benchmark --tier 5-20 -o protocol.md
   rubik-robot benchmark --mission 20 --json | tail -1
-A tier M-N is M consecutive trials of cubes that N seeded moves have scrambled, in the manner of Yang, Lancaster,
-Srinivasa and Smith (RA-L 2020); it is passed when all of them are. The cube lies on the table at the start, and is laid
-down there, solved; nobody is in the cell. Missions are from a person's hand to a person's hand.
-Exit codes: 0 every trial passed, 1 not every one, 2 usage or scenario, 130 interrupted.")]
+
+A tier M-N is M consecutive trials with cubes that N seeded moves have scrambled, in the manner of
+Yang, Lancaster, Srinivasa and Smith (RA-L 2020). It is passed if all trials are. The cube lies on
+the table at the start and at the end, and no person is in the cell. A mission begins and ends in
+a person's hand.
+Exit codes: 0 every trial passed, 1 a trial failed, 2 usage or scenario, 130 interrupted.")]
 #[command(group(clap::ArgGroup::new("kind").required(true).args(["mission", "tier"])))]
 pub(super) struct BenchmarkArgs {
-    /// So many whole missions
+    /// Perform K whole missions
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     mission: Option<u64>,
-    /// So many consecutive trials of so many moves
+    /// Perform M consecutive trials with cubes scrambled by N moves
     #[arg(long, value_name = "M-N", value_parser = tier)]
     tier: Option<Kind>,
-    /// Scenario file (TOML), of the task "solve"; when not given shipped:table for a tier and
-    /// shipped:solve for missions, which come with the program
+    /// Scenario file (TOML) with the task "solve" [default: a built-in one]
+    ///
+    /// The built-in scenario is shipped:table with --tier and shipped:solve with --mission.
     #[arg(long, value_name = "FILE")]
     scenario: Option<PathBuf>,
-    /// Overrule a key in all trials; repeatable
+    /// Override of a key in all trials; repeatable
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Seed of the first trial; the others have those that follow
-    #[arg(long, value_name = "S", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..=LAST_SEED))]
+    /// Seed of the first trial; the next ones have the next seeds
+    #[arg(long, value_name = "S", default_value_t = 1,
+          value_parser = clap::value_parser!(u64).range(..=LAST_SEED))]
     seed: u64,
-    /// Processes at a time; as many as there are cores when not given
+    /// Number of processes at a time [default: the number of cores]
     #[arg(long, value_name = "J", value_parser = clap::value_parser!(u16).range(1..))]
     jobs: Option<u16>,
-    /// Distance that each tool must have at the start from wherever the cube may be (mm)
+    /// Least distance of a tool from the cube at the start (mm)
     #[arg(long, value_name = "MM", default_value_t = 80.0, value_parser = not_negative)]
     clearance_mm: f64,
-    /// Simulated time within which a trial must be done (s)
+    /// Longest simulated time of a successful trial (s)
     #[arg(long, value_name = "SECONDS", default_value_t = 1800.0, value_parser = not_negative)]
     within_s: f64,
-    /// Time that a trial may take by the wall clock (s)
+    /// Longest time of a trial by the wall clock (s)
     #[arg(long, value_name = "SECONDS", default_value_t = 900,
           value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     limit_s: u64,
-    /// Write the protocol (Markdown) to a file instead of stdout
+    /// Write the report to FILE (Markdown) instead of stdout
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// End stdout with one line of JSON; the protocol goes to -o only
+    /// End stdout with one line of JSON instead of the report
     #[arg(long)]
     json: bool,
 }
 
 /// Performs the trials and writes their protocol; returns the exit code.
 pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u8> {
+    // Trials take hours, so a file that cannot be written is refused before the first one.
     args.output.as_deref().map_or(Ok(()), writable).map_err(refuse)?;
     seedless(&args.set).map_err(refuse)?;
     let kind = kind(args)?;
@@ -72,17 +81,19 @@ pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u
     clash(&[("the scenario", Some(&from.scenario))], &[("-o", args.output.as_ref())])?;
     let scenario = from.load(&[]).map_err(refuse)?;
     if scenario.controller.task.word() != "solve" {
-        return Err(refuse("a benchmark wants a scenario of the task \"solve\""));
+        return Err(refuse("--scenario: a benchmark needs a scenario with the task \"solve\""));
     }
     let setup = setup(args, kind, &from, &scenario);
     check_clearance(args, &setup)?;
     let mut campaign = campaign(args, kind, &from)?;
     let performed = campaign.perform(&kind.name())?;
+    // A protocol of trials with two scenarios would describe neither.
     if performed == Performed::Changed {
         return Ok(WRONG);
     }
     let tally = Tally::of(&campaign.state);
     let score = score(&tally, args.within_s);
+    // The protocol is made even of an interrupted benchmark: it says how many trials are missing.
     let text = protocol(&setup, &tally, &score);
     if let Some(path) = &args.output {
         keep(path, &text, &tally)?;
@@ -92,20 +103,21 @@ pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u
     } else if args.output.is_none() {
         output.text(&text)?;
     }
+    // An interrupted benchmark is no failed one: it has an exit code of its own.
     let interrupted = performed == Performed::Interrupted;
     Ok(if interrupted { 130 } else { u8::from(!score.is_whole()) })
 }
 
-/// Returns what is measured.
+/// Returns the kind of trial that the options ask for.
 fn kind(args: &BenchmarkArgs) -> anyhow::Result<Kind> {
     match (args.mission, args.tier) {
         (Some(trials), None) => Ok(Kind::Mission { trials }),
         (None, Some(kind)) => Ok(kind),
-        _ => Err(refuse("one of --mission K and --tier M-N")),
+        _ => Err(refuse("give --mission K or --tier M-N")),
     }
 }
 
-/// Returns the scenario of all trials: the given one, or the usual one of its kind.
+/// Returns the scenario of all trials: the given one, or the default of the kind of trial.
 fn scenario_of(args: &BenchmarkArgs, kind: Kind) -> ScenarioArgs {
     let usual = match kind {
         Kind::Mission { .. } => "shipped:solve",
@@ -115,14 +127,16 @@ fn scenario_of(args: &BenchmarkArgs, kind: Kind) -> ScenarioArgs {
     ScenarioArgs { scenario, set: args.set.clone() }
 }
 
-/// Checks that no tool stands nearer to the cube's place at the start than is allowed.
+/// Checks that no tool is nearer to the cube at the start than `--clearance-mm`.
 fn check_clearance(args: &BenchmarkArgs, setup: &Setup) -> anyhow::Result<()> {
+    // A tool that holds the cube already, or nearly so, would make the trial easier.
     let Some((name, _, near)) = setup.effectors.iter().find(|e| e.2 < setup.clearance) else {
         return Ok(());
     };
     let (near, least) = (near * 1e3, args.clearance_mm);
     Err(refuse(format!(
-        "{name} stands {near:.0} mm from the cube's place at the start: less than {least} mm"
+        "the tool of {name} is {near:.0} mm from the cube at the start, less than {least} mm: move \
+         its start in the scenario, or change --clearance-mm"
     )))
 }
 
@@ -135,6 +149,7 @@ fn campaign(args: &BenchmarkArgs, kind: Kind, from: &ScenarioArgs) -> anyhow::Re
         limit_s: args.limit_s,
         jobs: args.jobs,
     };
+    // The cube of a tier comes from its seeded moves, that of a mission from the plant's seed.
     let draw = |seed| match kind {
         Kind::Mission { .. } => Vec::new(),
         Kind::Tier { moves, .. } => {
@@ -145,17 +160,18 @@ fn campaign(args: &BenchmarkArgs, kind: Kind, from: &ScenarioArgs) -> anyhow::Re
     Campaign::prepare(from, &shape, String::new(), draw).map_err(refuse)
 }
 
-/// Writes the protocol to a file, unless no trial was done.
+/// Writes the protocol to a file, unless no trial has a result.
 fn keep(path: &Path, text: &str, tally: &Tally) -> anyhow::Result<()> {
     if tally.runs() > 0 {
         save(path, text.as_bytes())?;
         complain(&format!("protocol: {}", path.display()));
     } else {
-        complain(&format!("no run was done: {} stays as it is", path.display()));
+        complain(&format!("no trial has a result: {} stays as it is", path.display()));
     }
     Ok(())
 }
 
+/// Returns the result as JSON.
 fn object(kind: Kind, setup: &Setup, tally: &Tally, score: &Score) -> Value {
     let clearances: Vec<_> = clearances(tally)
         .map(|(seed, clearance)| json!({ "seed": seed, "clearance_mm": clearance }))
@@ -167,6 +183,7 @@ fn object(kind: Kind, setup: &Setup, tally: &Tally, score: &Score) -> Value {
     })
 }
 
+/// Returns the conditions of the trials, which the protocol describes.
 fn setup(args: &BenchmarkArgs, kind: Kind, from: &ScenarioArgs, scenario: &Scenario) -> Setup {
     let cell = &scenario.controller.cell;
     let scrambles = match kind {
@@ -176,6 +193,7 @@ fn setup(args: &BenchmarkArgs, kind: Kind, from: &ScenarioArgs, scenario: &Scena
             .map(|seed| (seed, format_turns(&scramble(moves, seed))))
             .collect(),
     };
+    // The option that asked for these trials is part of the command that repeats them.
     let what = match kind {
         Kind::Mission { trials } => format!("--mission {trials}"),
         Kind::Tier { trials, moves } => format!("--tier {trials}-{moves}"),
@@ -192,8 +210,10 @@ fn setup(args: &BenchmarkArgs, kind: Kind, from: &ScenarioArgs, scenario: &Scena
             .map(Into::into),
         table: cell.table_height,
         limit: args.within_s,
+        // The protocol names the command that repeats it.
         command: format!(
-            "rubik-robot benchmark {what} --scenario {} --seed {} --clearance-mm {} --within-s {}{set}",
+            "rubik-robot benchmark {what} --scenario {} --seed {} --clearance-mm {} \
+             --within-s {}{set}",
             from.scenario.display(),
             args.seed,
             args.clearance_mm,
@@ -204,8 +224,8 @@ fn setup(args: &BenchmarkArgs, kind: Kind, from: &ScenarioArgs, scenario: &Scena
     }
 }
 
-/// Name, kind and distance of the tool at the start from the nearest place where the cube's centre
-/// may be (m).
+/// Returns name and kind of each arm, and the distance of its tool at the start from the nearest
+/// point where the centre of the cube may be (m).
 fn effectors(cell: &Cell) -> Vec<(String, String, f64)> {
     let zone = &cell.hand;
     let of = |arm: &crate::cell::Arm| {
@@ -217,6 +237,7 @@ fn effectors(cell: &Cell) -> Vec<(String, String, f64)> {
             least * 1e3,
             most * 1e3
         );
+        // The zone is a box around the cube: outside it the nearest point is on its surface.
         let at = zone.world_from_cube.inverse() * Point3::from(tool.translation.vector);
         let nearest = at.coords.zip_map(&zone.half_extent, |x, h| x.clamp(-h, h));
         (arm.name.clone(), kind, (at.coords - nearest).norm())
@@ -224,11 +245,12 @@ fn effectors(cell: &Cell) -> Vec<(String, String, f64)> {
     cell.arms.iter().map(of).collect()
 }
 
+/// Describes the place of a camera.
 fn mounted(cell: &Cell, mount: &Mount) -> String {
     match mount {
         Mount::World { world_from_camera } => {
             let [x, y, z] = [0, 1, 2].map(|i| 1e3 * world_from_camera.translation.vector[i]);
-            format!("stands at ({x:.0}, {y:.0}, {z:.0}) mm")
+            format!("fixed at ({x:.0}, {y:.0}, {z:.0}) mm")
         }
         Mount::Flange { arm, .. } => {
             let name = cell.arms.get(*arm).map_or("an arm", |arm| arm.name.as_str());

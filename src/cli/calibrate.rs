@@ -1,8 +1,8 @@
-//! `rubik-robot calibrate`: cameras are calibrated in the simulated cell and written as a part of a
-//! scenario.
+//! `rubik-robot calibrate`: calibrates cameras in the simulated cell and writes the result as part
+//! of a scenario.
 //!
-//! - in: a scenario, which camera, how many views
-//! - out: a table of what was found and of the error that it leaves; the camera section as TOML
+//! - in: a scenario, a camera or all, a number of views
+//! - out: a table of the values and of the errors that are left; the camera sections as TOML
 
 use super::arguments::ScenarioArgs;
 use super::output::{Output, clash, complain, refuse, save};
@@ -17,41 +17,47 @@ use std::path::PathBuf;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-The track arm shows the cube to a camera that stands; a camera in a hand is carried around the cube that the other
-arm holds. The arms are driven through the hardware port, the frames come from the camera, and one adjustment finds
-focal lengths, principal point, k1, k2, the camera's place, how the cube lies in the hand, and its edge. Places and
-their s.d. are relative to what the arm's encoders say: that is what a camera that stands must agree with. In the
-world as it is, its place is known worse, by what all of the arm's poses are off alike (sag, base); that is told
-beside it, and it is what [plant.errors] gets. The lines `off by` compare with the plant's truth: a check that only a simulation can print.
+The track arm shows the cube to a fixed camera. A camera in a hand is moved around the cube that
+the other arm holds. The arms are driven through the hardware port, and the frames come from the
+camera. One adjustment finds focal lengths, principal point, k1, k2, the camera's pose, the pose of
+the cube in the hand, and the length of its edge.
+
+Poses and their s.d. are relative to the encoders of the arm, with which a fixed camera must agree.
+The absolute pose is less certain, by the errors that all poses of the arm have in common (sag,
+base). Its s.d. is printed as well and written to [plant.errors]. The lines `off by` compare with
+the truth of the plant, which only a simulation can print.
+
 Examples:
   rubik-robot calibrate scenarios/solve.toml
   rubik-robot calibrate scenarios/solve.toml --camera standalone --views 40 --seed 3
-  rubik-robot calibrate scenarios/solve.toml -o cameras.toml      [[camera]] and [plant.errors], to be put into a scenario
-Exit code 1 when a camera could not be calibrated.")]
+  rubik-robot calibrate scenarios/solve.toml -o cameras.toml  # sections to copy into a scenario
+
+Exit codes: 0 every camera is calibrated, 1 a camera is not, 2 usage or scenario.")]
 pub(super) struct CalibrateArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
-    /// Only this camera of the scenario
+    /// Name of the only camera to calibrate [default: all cameras]
     #[arg(long)]
     camera: Option<String>,
-    /// Poses of the arm for each camera
+    /// Number of poses of the arm for each camera
     #[arg(long, default_value_t = 30, value_parser = clap::value_parser!(u32).range(6..=200))]
     views: u32,
-    /// Seed of the plant's truth and noise
+    /// Seed of the plant's truth and noise [default: the scenario's]
     #[arg(long)]
     seed: Option<u64>,
-    /// File to write the section to
-    #[arg(short, long)]
+    /// Write the calibrated camera sections with their errors to FILE (TOML)
+    #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// One object instead of a table
+    /// Print one object of JSON instead of a table
     #[arg(long)]
     json: bool,
 }
 
-/// Returns the exit code.
+/// Calibrates the cameras and prints the result; returns the exit code.
 pub(super) fn calibrate(args: &CalibrateArgs, output: &mut Output) -> anyhow::Result<u8> {
     clash(&[("the scenario", Some(&args.scenario.scenario))], &[("-o", args.output.as_ref())])?;
     let mut scenario = args.scenario.load(&[]).map_err(refuse)?;
+    // Another seed draws another truth around the numbers of the scenario.
     scenario.seed = args.seed.unwrap_or(scenario.seed);
     let cameras = &scenario.controller.cell.cameras;
     let wanted = match &args.camera {
@@ -59,11 +65,13 @@ pub(super) fn calibrate(args: &CalibrateArgs, output: &mut Output) -> anyhow::Re
         Some(name) => {
             let Some(index) = cameras.iter().position(|c| c.name == *name) else {
                 let names: Vec<&str> = cameras.iter().map(|c| c.name.as_str()).collect();
-                return Err(refuse(format!("--camera {name}: there are {}", names.join(", "))));
+                let names = names.join(", ");
+                return Err(refuse(format!("--camera {name}: the scenario has {names}")));
             };
             Some(index)
         }
     };
+    // Progress goes to stderr: a calibration of all cameras takes a while.
     let reports = calibrate::run(&scenario, wanted, args.views as usize, complain)
         .map_err(|error| anyhow::anyhow!("{error}"))?;
     if args.json {
@@ -76,6 +84,7 @@ pub(super) fn calibrate(args: &CalibrateArgs, output: &mut Output) -> anyhow::Re
         }
     }
     if let Some(path) = &args.output {
+        // A calibration of no camera must not replace the result of an earlier one.
         if reports.iter().any(|report| report.found.is_ok()) {
             save(path, section(&scenario.controller, &reports).as_bytes())?;
         } else {
@@ -85,16 +94,19 @@ pub(super) fn calibrate(args: &CalibrateArgs, output: &mut Output) -> anyhow::Re
     Ok(u8::from(reports.iter().any(|r| r.found.is_err())))
 }
 
+/// Returns the name of the camera of a report.
 fn name<'a>(cell: &'a Cell, report: &Report) -> &'a str {
     &cell.cameras[report.camera].name
 }
 
+/// Returns the errors of a camera as JSON.
 fn errors_object(errors: &Errors) -> Value {
     json!({ "focal_percent": errors.focal * 100.0, "centre_px": errors.centre,
         "place_mm": errors.place * 1e3, "tilt_deg": errors.tilt.to_degrees(),
         "lateral_mm": errors.lateral * 1e3, "depth_mm": errors.depth * 1e3 })
 }
 
+/// Returns a report as JSON.
 fn object(cell: &Cell, report: &Report) -> Value {
     let mut object = json!({ "camera": name(cell, report), "poses": report.views.0,
         "views": report.views.1, "sim_time_s": report.time,
@@ -114,18 +126,21 @@ fn object(cell: &Cell, report: &Report) -> Value {
             object["cube_edge_mm"] = json!(found.setup.edge * 1e3);
             object["residual_px"] = json!(found.residual_px);
             object["deviations"] = json!(found.deviations);
-            object["camera_deviations_in_truth"] = json!(found.in_truth);
+            object["camera_deviations_in_truth"] = json!(found.true_deviations);
         }
+        // A camera without a result has this key in the place of all values.
         Err(reason) => object["reason"] = json!(reason.to_string()),
     }
     object
 }
 
+/// Returns roll, pitch and yaw of the camera (deg).
 fn rpy(found: &Calibrated) -> [f64; 3] {
     let (roll, pitch, yaw) = found.setup.camera.rotation.euler_angles();
     [roll, pitch, yaw].map(f64::to_degrees)
 }
 
+/// Returns a report as text.
 fn words(cell: &Cell, report: &Report) -> String {
     let mut text = format!(
         "{}: {} of {} views, {:.0} s of simulated time\n",
@@ -152,6 +167,7 @@ fn found_words(found: &Calibrated) -> String {
     let (lens, d) = (&found.setup.lens, &found.deviations);
     let at = found.setup.camera.translation.vector * 1e3;
     let turn = rpy(found);
+    // `d` has the order of `Calibrated::deviations`: fx, fy, cx, cy, k1, k2, place, orientation ...
     let lens_words = format!(
         "  focal {:.1} {:.1} px (s.d. {:.1}), centre {:.1} {:.1} px (s.d. {:.1} {:.1}), \
          k1 {:.4} k2 {:.4} (s.d. {:.4} {:.4})\n",
@@ -168,8 +184,8 @@ fn found_words(found: &Calibrated) -> String {
         d[5],
     );
     let place_words = format!(
-        "  place {:.1} {:.1} {:.1} mm (s.d. {:.2} {:.2} {:.2}), roll pitch yaw {:.2} {:.2} {:.2} deg \
-         (s.d. {:.3}) relative to the encoders\n",
+        "  place {:.1} {:.1} {:.1} mm (s.d. {:.2} {:.2} {:.2}), \
+         roll pitch yaw {:.2} {:.2} {:.2} deg (s.d. {:.3}), relative to the encoders\n",
         at.x,
         at.y,
         at.z,
@@ -182,16 +198,17 @@ fn found_words(found: &Calibrated) -> String {
         d[9].max(d[10]).max(d[11]).to_degrees(),
     );
     let truth_words = format!(
-        "  in truth s.d. {:.1} {:.1} {:.1} mm, {:.2} deg, with what all of the arm's poses may be off \
-         alike\n",
-        found.in_truth[0] * 1e3,
-        found.in_truth[1] * 1e3,
-        found.in_truth[2] * 1e3,
-        found.in_truth[3..].iter().copied().fold(0.0, f64::max).to_degrees(),
+        "  absolute s.d. {:.1} {:.1} {:.1} mm, {:.2} deg, with the errors that all poses of the \
+         arm have in common\n",
+        found.true_deviations[0] * 1e3,
+        found.true_deviations[1] * 1e3,
+        found.true_deviations[2] * 1e3,
+        found.true_deviations[3..].iter().copied().fold(0.0, f64::max).to_degrees(),
     );
+    // The poses of the arm are part of the adjustment, so their error is known as well.
     let cube_words = format!(
-        "  cube's edge {:.2} mm (s.d. {:.2}); residual {:.2} px over {} grooves; the arm was off by \
-         {:.2} mm, {:.3} deg\n",
+        "  cube's edge {:.2} mm (s.d. {:.2}); residual {:.2} px over {} grooves; the arm was off \
+         by {:.2} mm, {:.3} deg\n",
         found.setup.edge * 1e3,
         d[18] * 1e3,
         found.residual_px,
@@ -202,11 +219,11 @@ fn found_words(found: &Calibrated) -> String {
     lens_words + &place_words + &truth_words + &cube_words
 }
 
-/// Returns by how much numbers of a camera are off from the truth.
+/// Returns the errors of a camera against the truth as a line of text.
 fn error_words(label: &str, e: &Errors) -> String {
     format!(
         "  {label:<16} off by: focal {:+.3} %, centre {:.2} px, place {:.2} mm, tilt {:.3} deg; at \
-         work {:.2} mm across, {:.2} mm along the sight\n",
+         the cube {:.2} mm across, {:.2} mm along the line of sight\n",
         e.focal * 100.0,
         e.centre,
         e.place * 1e3,
@@ -216,14 +233,14 @@ fn error_words(label: &str, e: &Errors) -> String {
     )
 }
 
-/// Returns how far the hand was from its encoders' place, and from where the camera sees it.
+/// Returns the distance of the hand from its pose by the encoders, and from that in the picture.
 fn hand_words(report: &Report) -> String {
     let [x, y, z] = report.sag.map(|s| s * 1e3);
-    let sag = format!("  the hand was {x:+.2} {y:+.2} {z:+.2} mm beside what its encoders say");
+    let sag = format!("  the hand was {x:+.2} {y:+.2} {z:+.2} mm from its pose by the encoders");
     let seen = match report.hand {
         ([a, b], Some([c, d])) if a + b > 0.0 => format!(
-            "; seen from the camera, encoders and camera together miss it by {:.2} mm across, {:.2} mm \
-             along the sight (before: {:.2}, {:.2})",
+            "; encoders and camera together miss it by {:.2} mm across, {:.2} mm along the line of \
+             sight (before: {:.2}, {:.2})",
             c * 1e3,
             d * 1e3,
             a * 1e3,
@@ -234,11 +251,12 @@ fn hand_words(report: &Report) -> String {
     sag + &seen + "\n"
 }
 
-/// All cameras of the scenario, the calibrated ones with their new values, and the errors that the
-/// plant is to draw around them from now on.
+/// Returns the sections of all cameras, the calibrated ones with their new values, and the errors
+/// that the plant should draw around them.
 fn section(config: &ControllerConfig, reports: &[Report]) -> String {
     let mut text = String::from(
-        "# Cameras as `rubik-robot calibrate` found them; a list replaces the built-in one.\n",
+        "# Cameras by `rubik-robot calibrate`. A scenario with a list of cameras replaces the \
+         built-in one.\n",
     );
     let cell = &config.cell;
     for (index, camera) in cell.cameras.iter().enumerate() {
@@ -247,26 +265,32 @@ fn section(config: &ControllerConfig, reports: &[Report]) -> String {
             CameraSource::Renderer => "renderer".to_owned(),
             CameraSource::Folder(folder) => folder.display().to_string(),
         };
+        // A list in a scenario replaces the built-in one, so all cameras are written.
         text += &camera_section(camera, &source, found, |arm| cell.arms[arm].name.clone());
     }
     let all: Vec<&Calibrated> = reports.iter().filter_map(|r| r.found.as_ref().ok()).collect();
     if !all.is_empty() {
+        // The scenario has one value of each error for all cameras: the root mean square.
         let rms = |of: &dyn Fn(&Calibrated) -> f64| {
             (all.iter().map(|c| of(c).powi(2)).sum::<f64>() / all.len() as f64).sqrt()
         };
+        // Errors of several axes become one value: the plant draws each axis with it.
         let mean = |d: &[f64]| (d.iter().map(|x| x * x).sum::<f64>() / d.len() as f64).sqrt();
         let _ = write!(
             text,
-            "\n# What calibration leaves, by its own standard deviations: in the world as it is, not by the encoders of an arm that\n# sags; the mean over the cameras.\n[plant.errors]\nfocal_percent = {:.4}\ncentre_px = {:.3}\ncamera_mm = {:.3}\ncamera_deg = {:.4}\n",
+            "\n# Errors that the calibration leaves: standard deviations of the absolute poses, \
+             since the arm\n# sags below its encoders; mean over the cameras.\n[plant.errors]\n\
+             focal_percent = {:.4}\ncentre_px = {:.3}\ncamera_mm = {:.3}\ncamera_deg = {:.4}\n",
             100.0 * rms(&|c| c.deviations[0] / c.setup.lens.focal.0),
             rms(&|c| mean(&c.deviations[2..4])),
-            1e3 * rms(&|c| mean(&c.in_truth[..3])),
-            rms(&|c| mean(&c.in_truth[3..])).to_degrees(),
+            1e3 * rms(&|c| mean(&c.true_deviations[..3])),
+            rms(&|c| mean(&c.true_deviations[3..])).to_degrees(),
         );
     }
     text
 }
 
+/// Returns the section of a camera, with the values of its calibration if it has one.
 fn camera_section(
     camera: &Camera,
     source: &str,
@@ -280,6 +304,7 @@ fn camera_section(
             (format!("mount = \"flange\"\neffector = {:?}\n", arm(index)), flange_from_camera)
         }
     };
+    // A camera that was not calibrated keeps the values of the scenario.
     let (pose, focal, centre, distortion) = match found {
         Some(c) => {
             let lens = &c.setup.lens;
@@ -290,7 +315,9 @@ fn camera_section(
     let at = pose.translation.vector * 1e3;
     let (roll, pitch, yaw) = pose.rotation.euler_angles();
     format!(
-        "\n[[camera]]\nname = {:?}\nsource = {source:?}\n{mount}width_px = {}\nheight_px = {}\nfocal_px = [{:.3}, {:.3}]\ncentre_px = [{:.3}, {:.3}]\ndistortion = [{:.6}, {:.6}]\nxyz_mm = [{:.3}, {:.3}, {:.3}]\nrpy_deg = [{:.5}, {:.5}, {:.5}]\n",
+        "\n[[camera]]\nname = {:?}\nsource = {source:?}\n{mount}width_px = {}\nheight_px = {}\n\
+         focal_px = [{:.3}, {:.3}]\ncentre_px = [{:.3}, {:.3}]\ndistortion = [{:.6}, {:.6}]\n\
+         xyz_mm = [{:.3}, {:.3}, {:.3}]\nrpy_deg = [{:.5}, {:.5}, {:.5}]\n",
         camera.name,
         optics.width,
         optics.height,
@@ -315,8 +342,10 @@ mod tests {
     use crate::scenario;
     use std::path::Path;
 
+    /// The reported s.d. of the fixed camera covers its true error, and the written section draws
+    /// errors of that size.
     #[test]
-    fn the_error_that_is_told_of_the_standing_camera_is_that_which_is_left() {
+    fn reported_errors_cover_the_true_errors() {
         for seed in [1, 2, 3] {
             let text = format!("seed = {seed}");
             let scenario = scenario::read(Path::new("test.toml"), &text, &[]).unwrap();
@@ -326,9 +355,15 @@ mod tests {
             let found = reports[0].found.as_ref().unwrap();
             let left = reports[0].errors.1.unwrap();
             let norm = |d: &[f64]| d.iter().map(|x| x * x).sum::<f64>().sqrt();
-            assert!(left.place < 3.0 * norm(&found.in_truth[..3]), "{seed}: {left:?} {found:?}");
-            assert!(left.tilt < 3.0 * norm(&found.in_truth[3..]), "{seed}: {left:?} {found:?}");
-            // The arm sags: by its encoders alone the camera is known better than it is.
+            assert!(
+                left.place < 3.0 * norm(&found.true_deviations[..3]),
+                "{seed}: {left:?} {found:?}"
+            );
+            assert!(
+                left.tilt < 3.0 * norm(&found.true_deviations[3..]),
+                "{seed}: {left:?} {found:?}"
+            );
+            // The arm sags, so the s.d. relative to its encoders is smaller than the true error.
             assert!(left.place > 2.0 * norm(&found.deviations[6..9]), "{seed}: {left:?}");
             let written = section(&scenario.controller, &reports);
             let spread = scenario::read(Path::new("again.toml"), &written, &[]).unwrap();
@@ -340,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn a_written_section_is_read_back_as_the_same_cameras() {
+    fn written_section_reads_back_as_equal_cameras() {
         let path = Path::new("test.toml");
         let built_in = scenario::read(path, "", &[]).unwrap();
 

@@ -1,4 +1,9 @@
-//! `rubik-robot campaign`: a scenario many times, each in a process of its own, and what they come to together.
+//! `rubik-robot campaign`: runs a scenario many times, each run in its own process, and reports on
+//! all results.
+//!
+//! - in: a scenario, seeds, values to draw; or state files of shards; or hours of a soak
+//! - out: a table or one line of JSON, a page, a state file from which a campaign continues
+//! - exit code: see the help below
 
 use super::arguments::ScenarioArgs;
 use super::output::{Output, WRONG, clash, complain, refuse, save};
@@ -10,7 +15,7 @@ use crate::campaign::runner::{Job, Runner};
 use crate::campaign::soak::{Soak, soak};
 use crate::campaign::state::{self, Header, MOST_RUNS, Shard, State, Unusable};
 use crate::campaign::tally::Tally;
-use crate::campaign::vary::{Drawn, Vary};
+use crate::campaign::vary::{Drawn, Variations};
 use crate::hw::text;
 use crate::record::journal;
 use crate::record::place::Place;
@@ -29,7 +34,9 @@ use std::time::{Duration, Instant};
 
 /// Exit code of an interrupted campaign.
 const INTERRUPTED: u8 = 130;
-/// The last seed that a first run may have: a scenario's seed is an integer of TOML, and so is that of the last run.
+/// Begin of the error of drawn values.
+const DRAWN: &str = "the values that seed";
+/// Largest seed of a first run. The seed of each run, also of the last, is an integer of TOML.
 pub(super) const LAST_SEED: u64 = i64::MAX as u64 - MOST_RUNS;
 
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
@@ -40,17 +47,19 @@ pub(super) const LAST_SEED: u64 = i64::MAX as u64 - MOST_RUNS;
     after_help = "\
 Examples:
   rubik-robot campaign scenarios/solve.toml --runs 100 -o report.html
-  rubik-robot campaign scenarios/solve.toml --runs 1000 --vary scenarios/vary/cell.toml --at-least 0.995
-  rubik-robot campaign scenarios/solve.toml --runs 1000 --state c.jsonl      the same again, or with more runs, goes on
+  rubik-robot campaign scenarios/solve.toml --runs 1000 --at-least 0.995
+  rubik-robot campaign scenarios/solve.toml --runs 1000 --vary scenarios/vary/cell.toml
+  rubik-robot campaign scenarios/solve.toml --runs 1000 --state c.jsonl  # again: it continues
   rubik-robot campaign scenarios/solve.toml --runs 1000 --shard 2/4 --state 2.jsonl
   rubik-robot campaign merge 1.jsonl 2.jsonl 3.jsonl 4.jsonl -o report.html
   rubik-robot campaign scenarios/solve.toml --runs 20 --json | tail -1
   rubik-robot campaign scenarios/solve.toml --soak 8
 
-Run i has the seed S + i: another cube, hand, light, cell and noise. The verdict is the plant's. A run that panics or
-takes longer than --limit-s is a failure, and is told with the command that repeats it.
-Exit codes: 0 the campaign was performed, whatever came of it; 1 fewer solved than --at-least, a soak that is not steady
-or has a mission that was not solved; 2 usage, scenario, state file; 4 system; 130 interrupted."
+Run i has the seed S + i: another cube, hand, light, cell and noise. The verdict is the plant's. A
+run that panics or exceeds --limit-s is a failure; the report gives the command that repeats it.
+Exit codes: 0 the campaign was performed, with any result; 1 the share of --at-least was not
+reached, or a soak was not steady or had a failed mission; 2 usage, scenario or state file;
+4 system; 130 interrupted."
 )]
 pub(super) struct CampaignArgs {
     #[command(subcommand)]
@@ -58,50 +67,56 @@ pub(super) struct CampaignArgs {
     /// Scenario file (TOML)
     #[arg(required = true)]
     scenario: Option<PathBuf>,
-    /// Overrule a key in all runs, as in control.grip_n=30; repeatable
+    /// Override of a key in all runs, as in control.grip_n=30; repeatable
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Number of runs, of all shards together
+    /// Number of runs, over all shards
     #[arg(long, value_name = "N", required_unless_present = "soak",
           value_parser = clap::value_parser!(u64).range(1..=MOST_RUNS))]
     runs: Option<u64>,
-    /// Seed of the first run; the others have those that follow
-    #[arg(long, value_name = "S", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..=LAST_SEED))]
+    /// Seed of the first run; the next runs have the next seeds
+    #[arg(long, value_name = "S", default_value_t = 1,
+          value_parser = clap::value_parser!(u64).range(..=LAST_SEED))]
     seed: u64,
-    /// Processes at a time; as many as there are cores when not given
+    /// Number of processes at a time [default: the number of cores]
     #[arg(long, value_name = "J", value_parser = clap::value_parser!(u16).range(1..))]
     jobs: Option<u16>,
-    /// What is drawn for each run, beside what its seed draws; see scenarios/vary/
+    /// Draw values of more keys at random for each run, as in scenarios/vary/cell.toml
     #[arg(long, value_name = "FILE")]
     vary: Option<PathBuf>,
-    /// Perform the K-th of N parts only; `merge` puts their state files together
+    /// Perform part K of N; campaign merge joins the parts
     #[arg(long, value_name = "K/N", default_value = "1/1")]
     shard: Shard,
-    /// Keep results in this file, and go on where it ends when it is there; --runs may have become more
+    /// Save results to FILE and continue from it if it exists
+    ///
+    /// --runs may be larger than before.
     #[arg(long, visible_alias = "resume", value_name = "FILE")]
     state: Option<PathBuf>,
-    /// Time that a run may take by the wall clock (s)
+    /// Longest time of a run by the wall clock (s)
     #[arg(long, value_name = "SECONDS", default_value_t = 900,
           value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     limit_s: u64,
     #[command(flatten)]
-    told: ToldArgs,
-    /// Instead: missions back to back in this process for so many hours of simulated time; tells memory and drift
-    #[arg(long, value_name = "HOURS", conflicts_with_all = ["runs", "jobs", "vary", "shard", "state", "output"])]
+    result: ResultArgs,
+    /// Run missions one after the other in one process for HOURS of simulated time
+    ///
+    /// The soak reports the growth of memory, and the drift between missions of one seed.
+    #[arg(long, value_name = "HOURS",
+          conflicts_with_all = ["runs", "jobs", "vary", "shard", "state", "output"])]
     soak: Option<f64>,
-    /// Different seeds of a soak: after so many missions the first comes again, and must be the same
+    /// Number of seeds of a soak, which are repeated in turn
     #[arg(long, value_name = "N", default_value_t = 4, requires = "soak",
           value_parser = clap::value_parser!(u64).range(1..=1000))]
     soak_seeds: u64,
 }
 
-/// How the result is told.
+/// Options of the report.
 #[derive(Debug, Args)]
-pub(super) struct ToldArgs {
-    /// Exit with 1 when a smaller share than this is solved, as in 0.995; of a soak all must be when not given
+pub(super) struct ResultArgs {
+    /// Exit with 1 if a smaller share is solved [default of a soak: 1]
     #[arg(long, value_name = "SHARE")]
     at_least: Option<f64>,
-    /// Write the report as a page
+    /// Write the report to FILE (HTML)
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// End stdout with one line of JSON
@@ -111,31 +126,41 @@ pub(super) struct ToldArgs {
 
 #[derive(Debug, Subcommand)]
 enum Part {
-    /// Put the state files of shards together and tell what they come to
+    /// Merge the state files of shards and report on the whole campaign
+    #[command(after_help = "\
+Examples:
+  rubik-robot campaign merge 1.jsonl 2.jsonl 3.jsonl 4.jsonl -o report.html
+  rubik-robot campaign merge 1.jsonl 2.jsonl --at-least 0.995 --json
+
+Exit codes: 0 the files were merged, 1 the share of --at-least was not reached, 2 a file cannot be
+used.")]
     Merge {
-        /// State files
+        /// State files, one of each shard
         #[arg(required = true)]
         files: Vec<PathBuf>,
         #[command(flatten)]
-        told: ToldArgs,
+        result: ResultArgs,
     },
 }
 
+/// Performs a campaign, merges shards, or performs a soak; returns the exit code.
 pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8> {
-    if let Some(Part::Merge { files, told }) = &args.part {
-        return merge(files, told, output);
+    if let Some(Part::Merge { files, result }) = &args.part {
+        return merge(files, result, output);
     }
     let scenario =
         ScenarioArgs { scenario: args.scenario.clone().unwrap_or_default(), set: args.set.clone() };
     seedless(&args.set).map_err(refuse)?;
+    // A soak runs in this process, so that the growth of its memory can be measured.
     if let Some(hours) = args.soak {
         return soaked(&scenario, args, hours, output);
     }
-    args.told.check().map_err(refuse)?;
+    args.result.check().map_err(refuse)?;
     let vary = args.vary.as_deref().map(read_vary).transpose().map_err(refuse)?;
     let inputs = [("the scenario", args.scenario.as_ref()), ("--vary", args.vary.as_ref())];
-    let outputs = [("--state", args.state.as_ref()), ("-o", args.told.output.as_ref())];
+    let outputs = [("--state", args.state.as_ref()), ("-o", args.result.output.as_ref())];
     clash(&inputs, &outputs)?;
+    // Without `--runs` there is a soak, which has returned above.
     let shape = Shape {
         seed: args.seed,
         runs: args.runs.unwrap_or(1),
@@ -144,9 +169,10 @@ pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8
         jobs: args.jobs,
     };
     let (text, vary) = vary.unzip();
-    let draw = |seed: u64| vary.as_ref().map_or_else(Vec::new, |vary: &Vary| vary.draw(seed));
+    let draw = |seed: u64| vary.as_ref().map_or_else(Vec::new, |vary: &Variations| vary.draw(seed));
+    // An error of a drawn value is one of the file of --vary.
     let refused = |faults: String| {
-        let drawn = args.vary.as_ref().filter(|_| faults.starts_with("what seed"));
+        let drawn = args.vary.as_ref().filter(|_| faults.starts_with(DRAWN));
         let from = drawn.map_or_else(String::new, |path| format!("--vary: {}: ", path.display()));
         refuse(format!("{from}{faults}"))
     };
@@ -158,10 +184,10 @@ pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8
     let performed = campaign.perform("campaign")?;
     let interrupted = performed == Performed::Interrupted;
     if interrupted && args.state.is_none() {
-        complain("interrupted; with --state FILE a campaign can go on where it was");
+        complain("interrupted: with --state FILE a campaign can be continued");
     }
-    let code = args.told.tell(&Tally::of(&campaign.state), output)?;
-    // What was done until then is told all the same.
+    // An early end loses no result: the report is of those that there are.
+    let code = args.result.report(&Tally::of(&campaign.state), output)?;
     Ok(match performed {
         Performed::Interrupted => INTERRUPTED,
         Performed::Changed => WRONG,
@@ -169,17 +195,20 @@ pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8
     })
 }
 
-fn read_vary(path: &Path) -> Result<(String, Vary), String> {
+/// Reads the file of `--vary`; returns its text as well, which the state file keeps.
+fn read_vary(path: &Path) -> Result<(String, Variations), String> {
     let text =
         text::read(path, text::SCENARIO).map_err(|e| format!("--vary: {}: {e}", path.display()))?;
-    let vary = Vary::read(path, &text).map_err(|faults| faults.to_string())?;
+    let vary = Variations::read(path, &text).map_err(|faults| faults.to_string())?;
     Ok((text, vary))
 }
 
-fn merge(files: &[PathBuf], how: &ToldArgs, output: &mut Output) -> anyhow::Result<u8> {
-    how.check().map_err(refuse)?;
-    let inputs: Vec<_> = files.iter().map(|path| ("a campaign's state", Some(path))).collect();
-    clash(&inputs, &[("-o", how.output.as_ref())])?;
+/// Merges state files and reports the result; returns the exit code.
+fn merge(files: &[PathBuf], result: &ResultArgs, output: &mut Output) -> anyhow::Result<u8> {
+    result.check().map_err(refuse)?;
+    let inputs: Vec<_> =
+        files.iter().map(|path| ("a state file of the campaign", Some(path))).collect();
+    clash(&inputs, &[("-o", result.output.as_ref())])?;
     let (mut whole, mut shards): (Option<State>, _) = (None, Vec::new());
     for path in files {
         let read =
@@ -187,64 +216,68 @@ fn merge(files: &[PathBuf], how: &ToldArgs, output: &mut Output) -> anyhow::Resu
         let unusable = |why: &dyn std::fmt::Display| refuse(format!("{}: {why}", path.display()));
         let state = read.map_err(|why| unusable(&why))?;
         if state.torn {
-            complain(&format!("{}: its last line is cut off, and left out", path.display()));
+            complain(&format!("{}: its last line was cut off and is left out", path.display()));
         }
         shards.push(state.header.shard);
+        // The first file gives the header with which all others must agree.
         match &mut whole {
             None => whole = Some(state),
             Some(whole) => whole.merge(state).map_err(|why| unusable(&why))?,
         }
     }
     let Some(mut whole) = whole else { return Ok(WRONG) };
-    let lacking = whole.whole_of(&shards);
-    if lacking.count > 0 {
-        complain(&format!("missing of the campaign: shards {lacking}"));
+    // A part of the shards is reported as well, with a warning.
+    let missing = whole.missing_shards(&shards);
+    if missing.count > 0 {
+        complain(&format!("the campaign is incomplete without the shards {missing}"));
     }
     let tally = Tally::of(&whole);
     if !tally.is_of_one_build() {
-        complain("the shards were performed by different builds of one version");
+        complain("the shards are of different builds: the results measure no single program");
     }
-    how.tell(&tally, output)
+    result.report(&tally, output)
 }
 
-impl ToldArgs {
+impl ResultArgs {
+    /// Checks the options before the runs, which may take hours.
     pub(super) fn check(&self) -> Result<(), String> {
         match self.at_least {
             Some(share) if !(0.0..=1.0).contains(&share) => {
-                Err(format!("--at-least: {share} is no share; write 0.995 for 99.5 %"))
+                Err(format!("--at-least: {share} is no share: write 0.995 for 99.5 %"))
             }
             _ => Ok(()),
         }?;
         self.output.as_deref().map_or(Ok(()), writable)
     }
 
-    /// Tells a tally in all the ways that are wanted; returns the exit code.
-    fn tell(&self, tally: &Tally, output: &mut Output) -> anyhow::Result<u8> {
+    /// Prints a tally, writes its page, and compares it with `--at-least`; returns the exit code.
+    fn report(&self, tally: &Tally, output: &mut Output) -> anyhow::Result<u8> {
         if !tally.is_complete() {
-            complain(&format!("{} of {} runs are there", tally.runs(), tally.asked));
+            complain(&format!("{} of {} runs have a result", tally.runs(), tally.asked));
         }
         if self.json {
             output.line(&tally.json().to_string())?;
         } else {
             output.text(&tally.table())?;
         }
-        // Last, since what can fail must not take the results with it.
+        // The page comes last: if it cannot be written, the results are printed already.
         if let Some(path) = &self.output {
             if tally.runs() > 0 {
                 save(path, page::page(tally, self.at_least).as_bytes())?;
                 complain(&format!("report: {}", path.display()));
             } else {
-                complain(&format!("no run was done: {} stays as it is", path.display()));
+                complain(&format!("no run has a result: {} stays as it is", path.display()));
             }
         }
         let Some(share) = self.at_least else { return Ok(0) };
         let (runs, solved) = (tally.runs(), tally.solved);
+        // A part of the runs, or runs of several programs, can be no measurement of the share.
         let reason = if !tally.is_complete() || runs == 0 {
-            format!("{runs} of {} runs are no campaign to judge by", tally.asked)
+            format!("{runs} of {} runs have a result", tally.asked)
         } else if !tally.is_of_one_build() {
-            "the runs of different builds are no measurement of one".to_owned()
+            "the runs of different builds are no measurement of one program".to_owned()
         } else if tally.success() < share {
-            format!("{solved} of {runs} solved")
+            format!("{solved} of {runs} runs are solved")
         } else {
             return Ok(0);
         };
@@ -253,74 +286,84 @@ impl ToldArgs {
     }
 }
 
-/// Whether a file can be written when the runs are over, which take hours.
+/// Checks that a file can be written, before the runs, which may take hours.
 pub(super) fn writable(path: &Path) -> Result<(), String> {
     let shown = path.display();
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     if let Some(missing) = folder.filter(|folder| !folder.is_dir()) {
-        return Err(format!("-o: there is no folder {}", missing.display()));
+        return Err(format!("-o: there is no folder {}: make it first", missing.display()));
     }
     if path.is_dir() {
-        return Err(format!("-o: {shown} is a folder; name a file in it"));
+        return Err(format!("-o: {shown} is a folder: name a file in it"));
     }
-    // A pipe or a terminal: to open it may mean to wait for somebody.
+    // Opening a pipe may wait for its reader, so a pipe or a terminal is not tried.
     if path.exists() && !path.is_file() {
         return Ok(());
     }
     if path.symlink_metadata().is_ok() && !path.exists() {
-        // A link to what is not there yet.
+        // A link to a file that does not exist yet: creating the target here would leave it.
         return Ok(());
     }
+    // Creating and removing the temporary file tries all rights that the report needs.
     let tried = Place::create(path).and_then(|(_, place)| place.discard());
     tried.map_err(|why| format!("-o: {shown}: {why}"))
 }
 
-/// Refuses a seed for all runs: each has its own.
+/// Checks that no override sets one seed for all runs.
 pub(super) fn seedless(set: &[String]) -> Result<(), String> {
     let is_seed = |text: &String| Override::parse(text).is_ok_and(|over| over.key == "seed");
     if set.iter().any(is_seed) {
-        return Err("--set seed: each run has a seed of its own, from --seed S on".to_owned());
+        return Err(
+            "--set seed: each run has a seed of its own: give the first one with --seed".to_owned()
+        );
     }
     Ok(())
 }
 
-/// How many runs, with which seeds, how.
+/// Size of a campaign.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shape {
+    /// Seed of the first run.
     pub seed: u64,
+    /// Number of runs, over all shards.
     pub runs: u64,
+    /// Part of the runs that is performed.
     pub shard: Shard,
+    /// Longest time of a run by the wall clock (s).
     pub limit_s: u64,
+    /// Number of processes at a time; `None` for the number of cores.
     pub jobs: Option<u16>,
 }
 
-/// How the performance of a campaign ended.
+/// End of a campaign.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Performed {
     /// All runs have a result.
     Whole,
     /// A signal ended it.
     Interrupted,
-    /// The scenario is no longer what it was, and that was told.
+    /// The scenario has changed meanwhile, which was reported.
     Changed,
 }
 
-/// What was to be performed is no longer what it was.
+/// Error of a scenario that has changed during the campaign.
 #[derive(Debug, thiserror::Error)]
 #[error(
-    "{0}, or a file that it names, has changed since the campaign began: runs of two scenarios are no measurement"
+    "{0}, or a file that it names, has changed since the campaign began: the campaign ends, since \
+     runs of two scenarios are no measurement"
 )]
 struct Changed(String);
 
-/// The scenario of all runs as it was when the campaign began. Each run reads it anew.
+/// The scenario at the begin of the campaign. Each run reads the file again.
 struct Given {
     from: ScenarioArgs,
     sum: String,
 }
 
 impl Given {
+    /// Checks that the scenario and the files that it names are unchanged.
     fn still(&self) -> std::io::Result<()> {
-        // What cannot be read any more has changed as well.
+        // A file that cannot be read any more has changed as well.
         let now = self.from.load(&[]).ok().and_then(|now| sum(&self.from.scenario, &now).ok());
         if now.as_ref() == Some(&self.sum) {
             return Ok(());
@@ -329,15 +372,19 @@ impl Given {
     }
 }
 
-/// Sum over a scenario's text, and over what came of it: with the files that it names, wherever it stands.
+/// Returns the checksum of a scenario: of its text, its values and the files that it names. It does
+/// not depend on the folder of the scenario.
 fn sum(path: &Path, read: &Scenario) -> std::io::Result<String> {
     let mut sum = crc32fast::Hasher::new();
     sum.update(scenario::text(path)?.as_bytes());
+    // Shards on several machines may have the scenario in different folders.
     let mut read = Scenario { path: PathBuf::new(), ..read.clone() };
     for camera in &mut read.controller.cameras {
+        // The pictures of a folder are part of the scenario: their names and contents count.
         let CameraSource::Folder(folder) = camera else { continue };
         let files: std::io::Result<Vec<_>> = folder.read_dir()?.map(|e| Ok(e?.path())).collect();
         let mut files: Vec<_> = files?.into_iter().filter(|path| path.is_file()).collect();
+        // The order of a folder's entries differs between file systems.
         files.sort();
         for file in files {
             sum.update(file.file_name().unwrap_or_default().as_encoded_bytes());
@@ -349,17 +396,20 @@ fn sum(path: &Path, read: &Scenario) -> std::io::Result<String> {
     Ok(format!("{:08x}", sum.finalize()))
 }
 
-/// A campaign that can be performed.
+/// A campaign whose scenarios are checked.
 pub(super) struct Campaign {
+    /// Results that are known.
     pub state: State,
     given: Given,
     runner: Runner,
     jobs: Vec<Job>,
+    /// State file.
     kept: Option<File>,
 }
 
 impl Campaign {
-    /// Checks the scenario of each run, before the first one begins. `draw` says what a seed's run has of its own.
+    /// Checks the scenario of each run before the first one starts. `draw` returns the values that
+    /// are drawn for a seed.
     pub(super) fn prepare(
         args: &ScenarioArgs,
         shape: &Shape,
@@ -369,7 +419,9 @@ impl Campaign {
         let scenario = args.load(&[])?;
         if scenario.bridge.kind.is_hardware() {
             return Err(
-                "a campaign needs the simulated plant: it alone knows the verdict".to_owned()
+                "a campaign needs the simulated plant, which knows the verdict: take a scenario \
+                 without hardware"
+                    .to_owned(),
             );
         }
         let path = &args.scenario;
@@ -389,11 +441,12 @@ impl Campaign {
             limit_s: shape.limit_s,
         };
         let mut jobs = Vec::new();
+        // A drawn value that the scenario refuses ends the campaign before its first run.
         for seed in header.seeds() {
             let drawn = draw(seed);
             if !drawn.is_empty() {
                 check(path, &text, &args.overrides(), &drawn)
-                    .map_err(|faults| format!("what seed {seed} draws is refused:\n{faults}"))?;
+                    .map_err(|faults| format!("{DRAWN} {seed} draws are refused:\n{faults}"))?;
             }
             jobs.push(Job { seed, set: drawn.iter().map(Drawn::option).collect() });
         }
@@ -410,7 +463,7 @@ impl Campaign {
         Ok(Self { state, given: Given { from, sum }, runner, jobs, kept: None })
     }
 
-    /// Takes up what a file holds already, and appends to it from here on.
+    /// Takes the results of a state file and appends new results to it.
     fn keep_in(&mut self, path: &Path) -> Result<(), String> {
         let mut file = File::options()
             .read(true)
@@ -419,10 +472,12 @@ impl Campaign {
             .truncate(false)
             .open(path)
             .map_err(|e| e.to_string())?;
+        // The lock of the file is released when its process ends, even if it is killed.
         if !journal::is_ours(&file, path) {
-            return Err("another campaign is writing it".to_owned());
+            return Err("another campaign is writing it: name another file".to_owned());
         }
         match State::read(BufReader::new(&file)) {
+            // A campaign that was killed while it wrote the first line leaves no complete line.
             Err(Unusable::Empty) => {
                 let first = state::first_line(&self.state.header);
                 let written = file
@@ -438,7 +493,7 @@ impl Campaign {
         Ok(())
     }
 
-    /// Takes up the results that were found in the file, if they are of this campaign.
+    /// Takes the results that a file has, if they are of this campaign.
     fn continue_from(
         &mut self,
         mut found: State,
@@ -446,31 +501,33 @@ impl Campaign {
         path: &Path,
     ) -> Result<(), String> {
         let own = &self.state.header;
-        let longer = found.header.begins(own) && found.header.runs < own.runs;
+        // A campaign may get more runs: the later of two first lines counts.
+        let longer = found.header.is_extended_by(own) && found.header.runs < own.runs;
         if longer {
             found.header.runs = own.runs;
         }
         is_same_campaign(&found.header, own)?;
-        let cut = if found.torn { "; its last line was cut off, and is left out" } else { "" };
+        let cut = if found.torn { "; its last line was cut off and is left out" } else { "" };
         complain(&format!(
-            "{}: going on behind {} of {} runs{cut}",
+            "{}: continuing after {} of {} runs{cut}",
             path.display(),
             found.results.len(),
             self.jobs.len()
         ));
-        // A cut line must not begin the next one.
+        // The next line must not begin with the rest of a cut one.
         file.set_len(found.whole)
             .and_then(|()| file.seek(SeekFrom::End(0)))
             .map_err(|e| e.to_string())?;
         if longer {
             file.write_all(state::first_line(own).as_bytes()).map_err(|e| e.to_string())?;
         }
+        // Only the seeds without a result are performed.
         self.jobs.retain(|job| !found.results.contains_key(&job.seed));
         self.state.results = found.results;
         Ok(())
     }
 
-    /// Performs what is not done yet.
+    /// Performs the runs that have no result yet.
     pub(super) fn perform(&mut self, title: &str) -> anyhow::Result<Performed> {
         let stop = stop_flag()?;
         let (bar, begun) = (Bar::new(title), Instant::now());
@@ -478,9 +535,10 @@ impl Campaign {
         let (mut done, mut failed) = (0, 0);
         let (state, kept) = (&mut self.state, &mut self.kept);
         let given = &self.given;
+        // Each result is saved at once: a campaign that is killed loses only the runs in progress.
         let performed = self.runner.perform(&self.jobs, &stop, &|| given.still(), |result| {
             if let Some(file) = kept.as_mut() {
-                // One write and one wait for the disk: a run takes seconds.
+                // Waiting for the disk costs little, since a run takes seconds.
                 file.write_all(state::line(&result).as_bytes())?;
                 file.sync_data()?;
             }
@@ -490,6 +548,7 @@ impl Campaign {
                 bar.say(&sentence(&result));
             }
             state.results.insert(result.seed, result);
+            // The mean time of the runs of this call predicts the rest.
             let left = begun.elapsed().as_secs_f64() / f64::from(done)
                 * (all - state.results.len()) as f64;
             let words = format!(
@@ -502,7 +561,7 @@ impl Campaign {
         });
         match performed {
             Err(why) if why.get_ref().and_then(|why| why.downcast_ref::<Changed>()).is_some() => {
-                bar.end(&format!("{done} runs, broken off,"));
+                bar.end(&format!("{done} runs, ended early,"));
                 complain(&why.to_string());
                 return Ok(Performed::Changed);
             }
@@ -514,33 +573,36 @@ impl Campaign {
     }
 }
 
-/// Checks that a file's header is that of this campaign; returns the difference.
+/// Checks that a file's header is that of this campaign; otherwise returns the difference.
 fn is_same_campaign(found: &Header, own: &Header) -> Result<(), String> {
-    if own.begins(found) && own.runs < found.runs {
+    if own.is_extended_by(found) && own.runs < found.runs {
         let runs = found.runs;
-        return Err(format!("it is of {runs} runs already; --runs {runs} or more"));
+        return Err(format!("it has {runs} runs already: give --runs {runs} or more"));
     }
     if let Some(difference) = found.differs(own) {
-        return Err(format!("of another campaign: they differ in {difference}"));
+        return Err(format!(
+            "it is of another campaign: name another file; they differ in {difference}"
+        ));
     }
     if found.shard != own.shard {
-        return Err(format!("of shard {}, not {}", found.shard, own.shard));
+        let (theirs, ours) = (found.shard, own.shard);
+        return Err(format!("it is of shard {theirs}, not {ours}: name another file"));
     }
     if found.build != own.build {
-        return Err(
-            "of another build of this program; results of two programs are no measurement: take \
-             another file"
-                .to_owned(),
-        );
+        return Err("it is of another build of this program, and results of two programs are no \
+             measurement: name another file"
+            .to_owned());
     }
     Ok(())
 }
 
+/// Returns the line about a run that failed.
 fn sentence(run: &RunResult) -> String {
     let phase = if run.phase.is_empty() { String::new() } else { format!(" in {}", run.phase) };
     format!("seed {} {}{phase}: {}", run.seed, run.verdict.word(), run.reason)
 }
 
+/// Formats a duration for people.
 fn duration(seconds: f64) -> String {
     match seconds {
         s if s < 90.0 => format!("{s:.0} s"),
@@ -549,10 +611,11 @@ fn duration(seconds: f64) -> String {
     }
 }
 
-/// A flag that a signal sets; the second one ends the process.
+/// Returns a flag that a signal sets. A second signal ends the process.
 fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in run::heard() {
+    for signal in run::ending_signals() {
+        // The conditional shutdown comes first, so that the first signal only sets the flag.
         let again = Arc::clone(&stop);
         signal_hook::flag::register_conditional_shutdown(signal, i32::from(INTERRUPTED), again)?;
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
@@ -560,6 +623,7 @@ fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
     Ok(stop)
 }
 
+/// Checks a scenario under overrides and drawn values.
 fn check(path: &Path, text: &str, set: &[Override], drawn: &[Drawn]) -> Result<Scenario, String> {
     let drawn = drawn.iter().map(|d| Override {
         option: d.from.clone(),
@@ -577,9 +641,9 @@ fn soaked(
     hours: f64,
     output: &mut Output,
 ) -> anyhow::Result<u8> {
-    args.told.check().map_err(refuse)?;
+    args.result.check().map_err(refuse)?;
     if !(hours.is_finite() && hours > 0.0) {
-        return Err(refuse("--soak: hours of simulated time, as in 8"));
+        return Err(refuse("--soak: must be a number of hours above 0, as in 8"));
     }
     let scenarios = soak_scenarios(scenario, args)?;
     let stop = stop_flag()?;
@@ -591,15 +655,16 @@ fn soaked(
             t.hours, t.missions, t.times_real_time, t.mission_s, t.drift_s
         ));
     });
-    if args.told.json {
+    if args.result.json {
         output.line(&soak.json().to_string())?;
     } else {
         output.text(&soak_text(&soak))?;
     }
+    // A soak that was stopped is not judged.
     if stop.load(Ordering::SeqCst) || soak.tenths.len() < 10 {
         return Ok(INTERRUPTED);
     }
-    let reasons = soak_failures(&soak, args.told.at_least.unwrap_or(1.0));
+    let reasons = soak_failures(&soak, args.result.at_least.unwrap_or(1.0));
     for reason in &reasons {
         complain(reason);
     }
@@ -613,14 +678,16 @@ fn soak_scenarios(scenario: &ScenarioArgs, args: &CampaignArgs) -> anyhow::Resul
         let seed = Override::option("--seed", "seed", &seed.to_string());
         let loaded = scenario.load(&[seed]).map_err(refuse)?;
         if loaded.bridge.kind.is_hardware() {
-            return Err(refuse("a soak needs the simulated plant"));
+            return Err(refuse(
+                "a soak needs the simulated plant: take a scenario without hardware",
+            ));
         }
         scenarios.push(loaded);
     }
     Ok(scenarios)
 }
 
-/// Returns the result of a soak in words.
+/// Returns the result of a soak as a table.
 fn soak_text(soak: &Soak) -> String {
     let (repeated, differently) = soak.repeated;
     let growth = match (soak.growth_mib(), soak.is_flat()) {
@@ -630,22 +697,23 @@ fn soak_text(soak: &Soak) -> String {
         }
         _ => "not known".to_owned(),
     };
+    // Only failed missions have a line of their own.
     let failed = soak.results.iter().filter(|r| r.verdict != Verdict::Solved);
     format!(
         "missions      {}, {} solved\nmemory        {growth}\n\
-         repeated      {repeated}, {differently} of them differently\n{}",
+         repeated      {repeated}, {differently} of them with a difference\n{}",
         soak.results.len(),
         soak.solved(),
         failed.map(|r| sentence(r) + "\n").collect::<String>()
     )
 }
 
-/// Returns why a soak has failed: too few missions solved, or memory or times that drift.
+/// Returns the reasons why a soak failed: too few missions were solved, or memory or times drift.
 fn soak_failures(soak: &Soak, least: f64) -> Vec<String> {
     let short = (soak.success() < least).then(|| {
         let (all, solved) = (soak.results.len() as u64, soak.solved());
         format!("{} of {all} missions were not solved; --at-least {least}", all - solved)
     });
-    let unsteady = soak.unsteady().map(|why| format!("not steady: {why}"));
+    let unsteady = soak.unsteady_reason().map(|why| format!("not steady: {why}"));
     short.into_iter().chain(unsteady).collect()
 }

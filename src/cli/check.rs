@@ -1,4 +1,4 @@
-//! `rubik-robot check`: everything that is wrong with a scenario, without running it.
+//! `rubik-robot check`: lists all errors of a scenario without running it.
 
 use super::arguments::ScenarioArgs;
 use super::output::{Output, refuse};
@@ -9,7 +9,7 @@ pub(super) fn run(args: &ScenarioArgs, output: &mut Output) -> anyhow::Result<u8
     let controller = &scenario.controller;
     let names: Vec<&str> = controller.cell.arms.iter().map(|a| a.name.as_str()).collect();
     output.line(&format!(
-        "{}: right: task {}, coordination {}, effectors {}, {} cameras, {} sensors, seed {}",
+        "{}: valid: task {}, coordination {}, effectors {}, {} cameras, {} sensors, seed {}",
         args.scenario.display(),
         controller.task.word(),
         controller.coordination.word(),

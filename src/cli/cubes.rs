@@ -1,5 +1,7 @@
-//! Whole cubes on the command line: `vision colours` and `vision scan`, and the line that all cubes
-//! get.
+//! `vision colours` and `vision scan`: reads whole cubes; and the line about a cube.
+//!
+//! - in: files of 54 measured colours, or pictures of the six faces
+//! - out: a line of text or of JSON for each cube
 //!
 //! Facelets are named by face and number in reading order: U1..U9, R1.., F, D, L, B.
 
@@ -13,10 +15,12 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Why a cube was not read: by its facelets, or already by its file or picture.
+/// Reason why a cube was not read.
 #[derive(Debug)]
 pub(super) enum Refused {
+    /// Colours that decide no cube.
     Colours(Undecided),
+    /// Unusable file or picture.
     Input(anyhow::Error),
 }
 
@@ -32,20 +36,25 @@ impl From<anyhow::Error> for Refused {
     }
 }
 
+/// Returns the name of a facelet: `U1`.
 fn facelet_name(facelet: usize) -> String {
     format!("{}{}", face_letter(facelet / 9), facelet % 9 + 1)
 }
 
+/// Returns the names of facelets.
 fn names(facelets: &[usize]) -> Vec<String> {
     facelets.iter().map(|&f| facelet_name(f)).collect()
 }
 
+/// Returns the 54 letters of a cube.
 pub(super) fn face_letters(facelets: &[u8; 54]) -> String {
     facelets.iter().map(|&f| face_letter(usize::from(f))).collect()
 }
 
-/// The name of an error's variant as one word for programs: `CornerTwisted` -> `corner-twisted`.
+/// Returns the name of an error's variant as one word for programs: `CornerTwisted` becomes
+/// `corner-twisted`.
 fn kind(reason: &impl std::fmt::Debug) -> String {
+    // The word follows from the name of the variant, so it needs no table that could lack one.
     let name = format!("{reason:?}");
     let mut word = String::new();
     for (i, c) in name.chars().take_while(|c| c.is_alphanumeric()).enumerate() {
@@ -57,12 +66,13 @@ fn kind(reason: &impl std::fmt::Debug) -> String {
     word
 }
 
-/// One line about one cube; the flag is false when it could not be read.
+/// Returns the line about a cube, and whether the cube was read.
 pub(super) fn report(
     name: &str,
     decided: std::result::Result<Decision, Refused>,
     json: bool,
 ) -> (String, bool) {
+    // Three decimals are more than the margins are worth.
     let round = |v: f64| (v * 1000.0).round() / 1000.0;
     let (line, read) = match decided {
         Ok(decision) => {
@@ -83,6 +93,7 @@ pub(super) fn report(
             };
             (line, true)
         }
+        // Rule 1: a file or picture without a cube has no facelets to print.
         Err(Refused::Input(reason)) => {
             let line = if json {
                 json!({ "file": name, "reason": format!("{reason:#}"), "refusal": "input" })
@@ -92,6 +103,7 @@ pub(super) fn report(
             };
             (line, false)
         }
+        // Rule 2: an impossible cube prints what was read, so that the wrong sticker can be found.
         Err(Refused::Colours(Undecided::Impossible { reason, facelets, doubtful })) => {
             let (read, doubtful) = (face_letters(&facelets), names(&doubtful));
             let line = if json {
@@ -100,12 +112,13 @@ pub(super) fn report(
                 .to_string()
             } else {
                 format!(
-                    "{name}: this cube cannot exist: {reason}; read {read}; look again at {}",
+                    "{name}: this cube cannot exist: {reason}; read {read}; check {}",
                     doubtful.join(" ")
                 )
             };
             (line, false)
         }
+        // Rule 3: any other refusal has only its reason.
         Err(Refused::Colours(reason)) => {
             let line = if json {
                 json!({ "file": name, "reason": reason.to_string(), "refusal": kind(&reason) })
@@ -119,33 +132,34 @@ pub(super) fn report(
     (line + "\n", read)
 }
 
-/// Where the first square of each face is in the files of measured squares: faces U, L, F, R, B, D
-/// there, URFDLB here.
+/// Number of the first square of each face, in the order URFDLB. A file of measured squares has the
+/// order U, L, F, R, B, D.
 const FIRST_SQUARE: [usize; 6] = [1, 28, 19, 46, 10, 37];
 
-/// The 54 triples of a file, in the order URFDLB.
+/// Parses the 54 colours of a file; returns them in the order URFDLB.
 ///
 /// # Errors
-/// What is missing.
+/// Missing or wrong square.
 pub fn measured_squares(text: &str) -> Result<[[f64; 3]; 54]> {
     let squares: BTreeMap<String, [f64; 3]> =
-        serde_json::from_str(text).context("expected {\"1\": [r, g, b], ... \"54\": [r, g, b]}")?;
+        serde_json::from_str(text).context("must be {\"1\": [r, g, b], ... \"54\": [r, g, b]}")?;
+    // A missing square would be found below, but not a surplus one.
     if squares.len() != 54 {
-        bail!("expected 54 squares, found {}", squares.len());
+        bail!("the file has {} squares instead of 54", squares.len());
     }
     let mut rgb = [[0.0; 3]; 54];
     for (i, value) in rgb.iter_mut().enumerate() {
         let key = (FIRST_SQUARE[i / 9] + i % 9).to_string();
-        *value = *squares.get(&key).ok_or_else(|| anyhow!("square {key} is missing"))?;
+        *value = *squares.get(&key).ok_or_else(|| anyhow!("colour of square {key} is missing"))?;
         if value.iter().any(|v| !(0.0..=255.0).contains(v)) {
-            bail!("square {key}: {value:?} is not within 0..=255");
+            bail!("colour of square {key}: {value:?} must be from 0 to 255");
         }
     }
     Ok(rgb)
 }
 
-/// `vision colours FILE...`: the facelets (URFDLB) of each file of 54 measured squares. The flag is
-/// false when a cube could not be decided.
+/// Returns a line about the cube of each file of 54 measured colours, and whether all cubes were
+/// read.
 #[must_use]
 pub fn colours(files: &[impl AsRef<Path>], json: bool) -> (String, bool) {
     let (mut text, mut all) = (String::new(), true);
@@ -161,22 +175,23 @@ pub fn colours(files: &[impl AsRef<Path>], json: bool) -> (String, bool) {
     (text, all)
 }
 
-/// The face that a picture is about: the widest of those that are nearly as certain as the best
-/// one.
+/// Returns the main face of a picture: the widest of those with at least 0.8 times the best
+/// confidence.
 fn dominant(mut faces: Vec<FaceSighting>) -> Option<FaceSighting> {
     let best = faces.first()?.confidence;
+    // A face in the background may be nearly as certain, but it is smaller.
     faces.retain(|f| f.confidence >= 0.8 * best);
     faces.into_iter().max_by(|a, b| a.width_px().total_cmp(&b.width_px()))
 }
 
-/// `vision scan IMAGE x6`: one cube from pictures of its faces U, R, F, D, L, B, each upright as in
-/// the usual net. The flag is false when it could not be read.
+/// Returns the line about a cube from pictures of its faces U, R, F, D, L, B, and whether the cube
+/// was read. Each face is upright, as in the usual net.
 #[must_use]
 pub(crate) fn scan(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
     let mut faults = String::new();
     let decided = || -> std::result::Result<Decision, Refused> {
         if images.len() != 6 {
-            return Err(anyhow!("expected six pictures, U R F D L B, got {}", images.len()).into());
+            return Err(anyhow!("{} pictures instead of six, U R F D L B", images.len()).into());
         }
         let mut rgb = [[0.0; 3]; 54];
         for (face, path) in images.iter().enumerate() {
@@ -184,12 +199,12 @@ pub(crate) fn scan(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
             let sighting = load(path).and_then(|image| {
                 let faces = detect(&image, None, &DetectorSettings::default());
                 let face = faces.map_err(|r| anyhow!("{}: {r}", path.display()))?;
-                dominant(face).ok_or_else(|| anyhow!("{}: no face", path.display()))
+                dominant(face).ok_or_else(|| anyhow!("{}: no face was found", path.display()))
             });
             match sighting {
                 Ok(sighting) => rgb[9 * face..9 * face + 9].copy_from_slice(&sighting.rgb),
-                // Every picture is looked at, so that all that must be taken again are named at
-                // once.
+                // All pictures are read, so that the error names each one that must be taken
+                // again.
                 Err(reason) => {
                     let between = if faults.is_empty() { "" } else { "; " };
                     let _ = write!(faults, "{between}face {}: {reason:#}", face_letter(face));
@@ -212,7 +227,7 @@ mod tests {
     use crate::cube::{Cube, Facelets};
     use serde_json::Value;
 
-    /// The file of a cube with these facelets in clean light.
+    /// Returns the file of a cube with these facelets, in even light.
     fn file(facelets: &[u8; 54]) -> String {
         const STICKERS: [[f64; 3]; 6] = [
             [235.0, 235.0, 235.0],
@@ -232,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn squares_are_taken_in_the_order_of_their_faces() {
+    fn measured_squares_follow_the_order_of_faces() {
         let text = serde_json::to_string(
             &(1..=54)
                 .map(|k| (k.to_string(), [f64::from(k), 0.0, 0.0]))
@@ -247,18 +262,19 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_square_is_named() {
+    fn error_names_the_missing_square() {
         let mut squares: BTreeMap<String, [f64; 3]> =
             (1..=53).map(|k| (k.to_string(), [0.0; 3])).collect();
         squares.insert("x".into(), [0.0; 3]);
 
         let error = measured_squares(&serde_json::to_string(&squares).unwrap()).unwrap_err();
 
-        assert_eq!(error.to_string(), "square 54 is missing");
+        assert_eq!(error.to_string(), "colour of square 54 is missing");
     }
 
+    /// A possible cube gives its facelets, an impossible one gives the reason as one word.
     #[test]
-    fn a_cube_in_a_file_is_read_or_refused_with_a_word_for_programs() {
+    fn report_names_facelets_or_the_refusal() {
         let truth = *Facelets::from(&Cube::scrambled(4)).colours();
         let mut flipped = truth;
         flipped.swap(5, 10);
@@ -279,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scan_names_every_picture_that_must_be_taken_again() {
+    fn scan_names_every_unreadable_picture() {
         let (text, ok) = scan(&["a.png", "b.png", "c.png", "d.png", "e.png", "f.png"], false);
 
         assert!(!ok);

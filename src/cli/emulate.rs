@@ -1,4 +1,8 @@
-//! `rubik-robot emulate`: the cell of a scenario behind serial lines and sockets, as a robot would stand there.
+//! `rubik-robot emulate`: emulates the robot of a scenario on serial lines, datagrams and sockets.
+//!
+//! - in: a scenario, faults of the lines
+//! - out: a file of devices for `rubik-robot run`; at the end the truth of the plant, as a table or
+//!   as one line of JSON
 
 use super::arguments::ScenarioArgs;
 use super::output::{Output, complain, refuse};
@@ -15,55 +19,63 @@ use std::path::PathBuf;
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Args)]
 #[command(after_help = "\
-In one terminal:   rubik-robot emulate scenarios/hardware.toml
-in another:        rubik-robot run scenarios/hardware.toml
+Start the emulator in one terminal and the run in another:
+  rubik-robot emulate scenarios/hardware.toml
+  rubik-robot run scenarios/hardware.toml
+
 Examples:
-  rubik-robot emulate scenarios/hardware.toml --set task=face_turn      (and the same for run)
-  rubik-robot emulate scenarios/hardware.toml --missed 0.001 --corrupt 0.0001 --lost 0.05 --reordered 0.05
-  rubik-robot emulate scenarios/hardware.toml --unplug track.3@20       pulls a line out after 20 s
-It ends 3 s after the controller's last word, or by Ctrl-C, and then prints what really happened.")]
+  rubik-robot emulate scenarios/hardware.toml --set task=face_turn  # and the same for run
+  rubik-robot emulate scenarios/hardware.toml --missed 0.001 --lost 0.05 --reordered 0.05
+  rubik-robot emulate scenarios/hardware.toml --unplug track.3@20   # disconnect a line at 20 s
+
+The emulator ends 3 s after the last command of the controller, or by Ctrl-C, and prints the truth
+of the plant. Times of faults count from the first command.
+Exit codes: 0 ended, 2 usage or scenario, 3 fatal (an effector), 4 system.")]
 pub(super) struct EmulateArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
-    /// Seed of everything random in the plant and on the lines
+    /// Seed of the plant and of the transmission faults [default: the scenario's]
     #[arg(long, value_name = "N")]
     seed: Option<String>,
-    /// The cube's state: 54 letters URFDLB, each face in reading order
+    /// State of the cube: 54 letters URFDLB, each face in reading order
     #[arg(long, value_name = "FACELETS")]
     cube: Option<String>,
-    /// File that tells `run` where everything is; default: the scenario's bridge.devices, or where `run` looks
-    /// without one
+    /// Write the file of devices to FILE [default: bridge.devices]
+    ///
+    /// `run` reads the file. Without the key bridge.devices both use its default path.
     #[arg(long, value_name = "FILE")]
     devices: Option<PathBuf>,
     /// Interface of the force sensors
     #[arg(long, value_enum, default_value_t = SensorWord::NetFt)]
     sensors: SensorWord,
-    /// Share of the axes' answers that never come
+    /// Share of axis answers that are not sent (0 to 1)
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     missed: f64,
-    /// Share of the axes' answers with a wrong bit
+    /// Share of axis answers with a wrong bit (0 to 1)
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     corrupt: f64,
-    /// Share of the force datagrams that are lost
+    /// Share of force datagrams that are lost (0 to 1)
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     lost: f64,
-    /// Share of the force datagrams that come after their successor
+    /// Share of force datagrams that are sent after the next datagram (0 to 1)
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     reordered: f64,
-    /// Reset an axis controller at a time since the first order, as in track.3@20; repeatable
+    /// Reset an axis controller after S s, as in track.3@20; repeatable
     #[arg(long, value_name = "EFFECTOR.AXIS@S")]
     reset: Vec<String>,
-    /// Pull a line out; repeatable
+    /// Disconnect a line after S s, as in track.3@20; repeatable
     #[arg(long, value_name = "EFFECTOR.AXIS@S")]
     unplug: Vec<String>,
-    /// Silence a force sensor; repeatable
+    /// Silence a force sensor after S s, as in track@20; repeatable
     #[arg(long, value_name = "EFFECTOR@S")]
     silence: Vec<String>,
-    /// Axis controllers that follow their last order for ever, instead of braking after 50 ms without one: what an arm
-    /// does after a controller was killed that no watchdog looks after
-    #[arg(long)]
+    /// Let axis controllers follow their last command for ever
+    ///
+    /// By default an axis brakes after 50 ms without a command. This option shows how an arm
+    /// without that watchdog moves on when its controller is killed.
+    #[arg(long, verbatim_doc_comment)]
     no_watchdog: bool,
-    /// Go on after the controller has left, until Ctrl-C
+    /// Continue after the controller has left, until Ctrl-C
     #[arg(long)]
     stay: bool,
     /// End stdout with one line of JSON
@@ -73,16 +85,16 @@ pub(super) struct EmulateArgs {
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum SensorWord {
-    /// ATI Net F/T: datagrams
+    /// ATI Net F/T, over UDP datagrams
     NetFt,
-    /// The stand-alone controller: a serial line
+    /// Stand-alone controller, over a serial line
     Controller,
 }
 
-/// Seconds after the last order until it ends.
+/// Time from the last command until the emulator ends (s).
 const LEAVES: f64 = 3.0;
 
-/// Returns the exit code.
+/// Emulates the cell until the controller has left, and prints the truth; returns the exit code.
 pub(super) fn run(args: &EmulateArgs, output: &mut Output) -> anyhow::Result<u8> {
     let mut more = Vec::new();
     if let Some(seed) = &args.seed {
@@ -93,22 +105,26 @@ pub(super) fn run(args: &EmulateArgs, output: &mut Output) -> anyhow::Result<u8>
     }
     let scenario = args.scenario.load(&more).map_err(refuse)?;
     let faults = faults(args, &scenario.controller.cell.arms).map_err(refuse)?;
+    // The faults of the lines are drawn from the seed of the scenario: they repeat with the plant.
     let options = options(args, faults, scenario.seed);
     let devices =
         args.devices.clone().unwrap_or_else(|| scenario.bridge.devices_at(&scenario.path));
+    // The devices exist when this is called, so that a run can start.
     let announce = |places: &crate::hw::devices::Devices, warnings: &[String]| {
         for warning in warnings {
-            complain(&format!("not real time: {warning}"));
+            complain(&format!("not real time: {warning}; see rubik-robot doctor"));
         }
+        // The fixed arm has no track: the path of that axis is empty.
         let lines: usize =
             places.effector.iter().map(|e| e.axes.iter().filter(|a| !a.is_empty()).count()).sum();
         complain(&format!(
-            "{lines} axes, {} force sensors and {} cameras are there: {}",
+            "{lines} axes, {} force sensors and {} cameras are ready: {}",
             places.effector.len(),
             places.camera.len(),
             devices.display()
         ));
-        complain(&format!("now, elsewhere: rubik-robot run {}", scenario.path.display()));
+        let path = scenario.path.display();
+        complain(&format!("start the run in another terminal: rubik-robot run {path}"));
     };
     match emulate(&scenario, options, &devices, announce) {
         Ok(done) => {
@@ -121,11 +137,13 @@ pub(super) fn run(args: &EmulateArgs, output: &mut Output) -> anyhow::Result<u8>
         }
         Err(error) => {
             complain(&error.to_string());
+            // As a run: an effector's error is fatal, any other is one of the system.
             Ok(if matches!(error, Error::Fatal { .. }) { 3 } else { 4 })
         }
     }
 }
 
+/// Returns the options of the emulator.
 fn options(args: &EmulateArgs, faults: LineFaults, seed: u64) -> EmulatorOptions {
     EmulatorOptions {
         sensors: match args.sensors {
@@ -134,12 +152,15 @@ fn options(args: &EmulateArgs, faults: LineFaults, seed: u64) -> EmulatorOptions
         },
         faults,
         seed,
-        leaves_after: (!args.stay).then_some(LEAVES),
+        // Without `--stay` the emulator ends by itself, as scripts and tests need.
+        ends_after: (!args.stay).then_some(LEAVES),
         no_watchdog: args.no_watchdog,
     }
 }
 
+/// Returns the faults of the lines, or the error of the option that gives one.
 fn faults(args: &EmulateArgs, arms: &[Arm]) -> Result<LineFaults, String> {
+    // The parser of clap checks numbers only; a share has a range of its own.
     for (option, share) in [
         ("missed", args.missed),
         ("corrupt", args.corrupt),
@@ -147,7 +168,7 @@ fn faults(args: &EmulateArgs, arms: &[Arm]) -> Result<LineFaults, String> {
         ("reordered", args.reordered),
     ] {
         if !(0.0..=1.0).contains(&share) {
-            return Err(format!("--{option} {share}: a share is 0..1"));
+            return Err(format!("--{option} {share}: must be a share from 0 to 1"));
         }
     }
     let all = |option: &str, texts: &[String], with_axis: bool| {
@@ -170,15 +191,16 @@ fn faults(args: &EmulateArgs, arms: &[Arm]) -> Result<LineFaults, String> {
     })
 }
 
-/// `track.3@20`, or without the axis.
+/// Parses place and time of a fault: `track.3@20`, or `track@20` without an axis.
 fn at(text: &str, arms: &[Arm], with_axis: bool) -> Result<At, String> {
     let example = if with_axis { "track.3@20" } else { "track@20" };
-    let wrong = || format!("wanted something like {example}");
+    let wrong = || format!("must be like {example}");
     let (place, time) = text.split_once('@').ok_or_else(wrong)?;
     let time: f64 = time.parse().map_err(|_| wrong())?;
     if !(0.0..f64::INFINITY).contains(&time) {
-        return Err("a time is a number of seconds, 0 or more".to_owned());
+        return Err("the time must be a number of seconds, 0 or more".to_owned());
     }
+    // A sensor is one of an effector, so its place has no axis.
     let (name, axis) = if with_axis {
         let (name, axis) = place.split_once('.').ok_or_else(wrong)?;
         (name, axis.parse().ok().filter(|axis| *axis <= AXES).ok_or_else(wrong)?)
@@ -188,10 +210,11 @@ fn at(text: &str, arms: &[Arm], with_axis: bool) -> Result<At, String> {
     let effector = arms
         .iter()
         .position(|arm| arm.name == name)
-        .ok_or_else(|| format!("there is no effector \"{name}\""))?;
+        .ok_or_else(|| format!("the scenario has no effector \"{name}\""))?;
     Ok(At { effector, axis, time })
 }
 
+/// Returns the result as JSON.
 fn json(done: &Emulated) -> serde_json::Value {
     let v = &done.verdict;
     serde_json::json!({
@@ -214,7 +237,7 @@ fn json(done: &Emulated) -> serde_json::Value {
         "crushed": v.counts.crushed,
         "collisions": v.counts.collisions,
         "saturations": v.counts.saturations,
-        "events": done.told.iter().map(|(time, _, words)| (time, words)).collect::<Vec<_>>(),
+        "events": done.events.iter().map(|(time, _, words)| (time, words)).collect::<Vec<_>>(),
         "time_s": done.time,
         "periods": done.course.periods,
         "stalled_periods": done.course.stalled,
@@ -222,15 +245,13 @@ fn json(done: &Emulated) -> serde_json::Value {
     })
 }
 
+/// Returns the result as a table.
 fn table(done: &Emulated) -> String {
     let v = &done.verdict;
     let c = &v.counts;
     let rows = [
-        ("time", format!("{:.1} s, {} orders", done.time, done.course.orders)),
-        (
-            "stood still",
-            format!("{} periods of 2 ms, for want of the processor", done.course.stalled),
-        ),
+        ("time", format!("{:.1} s, {} commands", done.time, done.course.orders)),
+        ("stalled", format!("{} periods of 2 ms without processor time", done.course.stalled)),
         ("peak while both hold", format!("{:.1} N, {:.2} Nm", v.peak_force, v.peak_torque)),
         ("stuck, slips, drops", format!("{}, {}, {}", c.stuck, c.slips, c.drops)),
         ("pops, crushes, bumps", format!("{}, {}, {}", c.pops, c.crushed, c.collisions)),
@@ -238,7 +259,7 @@ fn table(done: &Emulated) -> String {
         ("cube at start", done.start.to_string()),
         ("cube at end", done.end.to_string()),
         (
-            "in truth",
+            "verdict of the plant",
             format!(
                 "the cube is {}, {}",
                 if done.end.is_solved() { "solved" } else { "not solved" },
@@ -246,7 +267,8 @@ fn table(done: &Emulated) -> String {
             ),
         ),
     ];
-    let accidents = done.told.iter().filter(|(_, is_accident, _)| *is_accident);
+    // Accidents follow the table, each with its time.
+    let accidents = done.events.iter().filter(|(_, is_accident, _)| *is_accident);
     let accidents = accidents.map(|(time, _, words)| ("", format!("{time:8.1} s: {words}")));
     let rows = rows.into_iter().chain(accidents);
     let lines: Vec<String> = rows.map(|(name, value)| format!("{name:<22} {value}")).collect();
@@ -266,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_command_line_says_of_the_emulator_reaches_it() {
+    fn command_line_options_reach_the_emulator() {
         let options = |more: &[&str]| {
             let words = ["emulate", "cell.toml"].iter().chain(more);
             super::options(&Line::parse_from(words).args, LineFaults::default(), 7)
@@ -274,9 +296,9 @@ mod tests {
 
         let usual = options(&[]);
         assert!(!usual.no_watchdog && usual.sensors == SensorKind::NetFt && usual.seed == 7);
-        assert_eq!(usual.leaves_after, Some(LEAVES));
+        assert_eq!(usual.ends_after, Some(LEAVES));
         assert!(options(&["--no-watchdog"]).no_watchdog);
-        assert_eq!(options(&["--stay"]).leaves_after, None);
+        assert_eq!(options(&["--stay"]).ends_after, None);
         assert_eq!(options(&["--sensors", "controller"]).sensors, SensorKind::Controller);
     }
 
@@ -292,8 +314,8 @@ mod tests {
             assert!(at(wrong, &arms, true).is_err(), "{wrong}");
         }
         for time in ["-1", "NaN", "inf", "1e400"] {
-            let told = at(&format!("track.3@{time}"), &arms, true).unwrap_err();
-            assert!(told.contains("0 or more"), "{time}: {told}");
+            let why = at(&format!("track.3@{time}"), &arms, true).unwrap_err();
+            assert!(why.contains("0 or more"), "{time}: {why}");
         }
     }
 }

@@ -1,7 +1,17 @@
-//! The solver's modes as the command line offers them: a cube in, an answer out.
+//! Modes of the solver on the command line.
+//!
+//! - in: a cube, a mode, limits of the search, tables from a store
+//! - out: turns that solve the cube, with the number of states searched; or the reason why not
+//!
+//! | mode | search | shortest |
+//! |---|---|---|
+//! | first, two-phase | two phases (`solver`) | not proven |
+//! | korf | pattern databases of the paper (`solver::korf`) | proven |
+//! | optimal | one large table (`solver::optimal`) | proven |
+//! | robot | plans of many two-phase solutions (`PlanSearch`) | not asked |
 
 use super::output::complain;
-use super::progress::{Bar, tell};
+use super::progress::{Bar, print_news};
 use crate::cube::{Cube, Turn};
 use crate::solver::korf::{self, Korf};
 use crate::solver::optimal::{self, Optimal};
@@ -19,52 +29,58 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
-/// Ways to solve.
+/// Mode of the solver.
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum Mode {
-    /// The first solution that two-phase finds
+    /// First solution of the two-phase search
     First,
-    /// The shortest solution that two-phase finds within the budget
+    /// Shortest solution of the two-phase search within the budget
     TwoPhase,
-    /// A shortest solution by Korf's pattern databases, as in the paper: quick to 14 turns, slow
-    /// from 17 on
+    /// Proven shortest solution by Korf's pattern databases: slow from 17 turns on
     Korf,
-    /// A shortest solution, proven
+    /// Proven shortest solution
     Optimal,
-    /// The solution that two arms carry out in the least time, of many that two-phase finds
+    /// Solution that the two arms perform soonest, among many of the two-phase search
     Robot,
 }
 
-/// What ends a search.
+/// Limits of a search.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Limits {
+    /// Largest number of turns.
     pub(super) max_length: Option<u8>,
+    /// Longest time for a cube.
     pub(super) time: Option<Duration>,
+    /// Largest number of states to search.
     pub(super) nodes: Option<u64>,
 }
 
-/// Nodes where no limit is given: about 50 ms.
+/// Number of states without a limit: about 50 ms.
 pub(super) const USUAL_NODES: u64 = 500_000;
-/// Solutions among which `robot` chooses.
+/// Number of solutions among which `robot` chooses.
 const CANDIDATES: usize = 1000;
 
-/// What a search came to.
+/// Result of a search.
 #[derive(Debug)]
 pub(super) struct Answer {
+    /// Turns that solve the cube.
     pub(super) turns: Vec<Turn>,
+    /// Number of states searched.
     pub(super) nodes: u64,
+    /// Whether no shorter solution exists, proven.
     pub(super) optimal: bool,
+    /// Time of the search.
     pub(super) time: Duration,
 }
 
-/// Why there is no answer.
+/// Reason why there is no answer.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum Unsolved {
-    /// There is none so short.
-    #[error("there is no solution of {0} turns or fewer: proven")]
+    /// Proof that no solution has at most this number of turns.
+    #[error("there is no solution of {0} turns or fewer (proven)")]
     None(u8),
-    /// None was found, for this reason.
+    /// Reason why no solution was found.
     #[error("{0}")]
     NotFound(String),
 }
@@ -73,27 +89,28 @@ pub(super) enum Unsolved {
 pub(super) struct Engine {
     mode: Mode,
     limits: Limits,
-    /// For one cube.
+    /// Number of threads for one cube.
     threads: usize,
     tables: Tables,
     exact: Option<Exact>,
-    /// For `robot`.
+    /// Planner of the mode `robot`.
     planner: Option<Planner>,
-    /// What it works with, for people.
+    /// Tables of the engine, for people.
     pub(super) with: &'static str,
 }
 
-/// Who proves that nothing is shorter.
+/// Solver that proves that no solution is shorter.
 enum Exact {
     Korf(Korf<'static>),
     Optimal(Optimal<'static>),
 }
 
 impl Engine {
-    /// Gets the tables; says on stderr when that takes time.
+    /// Obtains the tables of a mode. Reports on stderr if one must be built.
     pub(super) fn new(mode: Mode, limits: Limits, threads: usize, store: &Store) -> Self {
         let workers = Threads::new(threads);
         let (tables, large) = two_phase_tables(store, workers);
+        // Only the exact modes need their large tables.
         let (exact, with) = match mode {
             Mode::Korf => (korf(store, workers), "Korf's tables"),
             Mode::Optimal => optimal_table(store, workers),
@@ -103,7 +120,7 @@ impl Engine {
         Self { mode, limits, threads, tables, exact, planner, with }
     }
 
-    /// Whether all threads search for one cube; else they are better used for a cube each.
+    /// Returns whether all threads search for one cube. Otherwise each takes a cube of its own.
     pub(super) fn shares_cubes(&self) -> bool {
         match self.mode {
             Mode::TwoPhase => self.limits.time.is_some(),
@@ -112,10 +129,14 @@ impl Engine {
         }
     }
 
-    /// Solves a cube, or says why there is no such solution.
+    /// Solves a cube.
+    ///
+    /// # Errors
+    /// Reason why there is no solution within the limits.
     pub(super) fn solve(&self, cube: &Cube) -> Result<Answer, Unsolved> {
         let begun = Instant::now();
         let found = match self.mode {
+            // Without a maximum length the first solution needs no limits of the search.
             Mode::First if self.limits.max_length.is_none() => {
                 solver::solve(cube, &self.tables, &Budget::FIRST)
             }
@@ -124,17 +145,21 @@ impl Engine {
             Mode::Robot => self.for_arms(cube)?,
         };
         let solver::Solution { turns, nodes, proven } = found;
+        // A search with a longest solution may end without any.
         if turns.is_empty() && !cube.is_solved() {
             let asked = self.limits.max_length.unwrap_or_default();
             return Err(Unsolved::NotFound(format!(
-                "two-phase found no solution of {asked} turns or fewer; `--mode optimal` proves whether there is one"
+                "two-phase found no solution of {asked} turns or fewer: --mode optimal proves \
+                 whether one exists"
             )));
         }
         Ok(Answer { turns, nodes, optimal: proven, time: begun.elapsed() })
     }
 
+    /// Searches by two-phase within the limits.
     fn two_phase(&self, cube: &Cube) -> solver::Solution {
         let Limits { max_length, time, nodes } = self.limits;
+        // A maximum length ends the search by itself, so it needs no limit of states.
         let usual = if time.is_none() && max_length.is_none() { USUAL_NODES } else { u64::MAX };
         let budget = Budget { nodes: nodes.unwrap_or(usual), max_length: max_length.unwrap_or(0) };
         let stop = AtomicBool::new(false);
@@ -144,14 +169,20 @@ impl Engine {
             workers,
             stop: &stop,
             improved: &|_| (),
-            // Without a budget, nothing longer is of use.
+            // With a budget a longer solution is better than none. Without one it is of no use.
             longest: max_length.filter(|_| time.is_none() && nodes.is_none()),
         };
         within(time, &stop, || solver::solve_watched(cube, &self.tables, &budget, &watch))
     }
 
+    /// Searches for a proven shortest solution.
     fn shortest(&self, cube: &Cube) -> Result<solver::Solution, Unsolved> {
-        let no_tables = || Unsolved::NotFound("the tables are not as they should be".to_owned());
+        let no_tables = || {
+            Unsolved::NotFound(
+                "the tables of this mode cannot be used: `rubik-robot tables verify` says why"
+                    .to_owned(),
+            )
+        };
         let exact = self.exact.as_ref().ok_or_else(no_tables)?;
         let stop = AtomicBool::new(false);
         let threads = Threads::new(self.threads);
@@ -164,6 +195,7 @@ impl Engine {
             Exact::Korf(korf) => {
                 let optimal::Answer { turns, at_least, nodes } =
                     korf.solve(cube, limits, &threads, &stop);
+                // Korf's search deepens turn by turn, so its first solution is a shortest one.
                 let at_least = turns.as_ref().map_or(at_least, |t| t.len() as u8);
                 Shortest { turns, at_least, nodes }
             }
@@ -172,57 +204,62 @@ impl Engine {
         let proven = found.is_proven();
         match found.turns {
             Some(turns) => Ok(solver::Solution { turns, nodes: found.nodes, proven }),
+            // The search has excluded all lengths up to the maximum, which is a proof.
             None if found.at_least > limits.max_length => Err(Unsolved::None(limits.max_length)),
             None => Err(Unsolved::NotFound(format!(
-                "no solution of {} turns or fewer was found in the budget; at least {} are needed",
+                "no solution of {} turns or fewer was found within the budget; at least {} turns \
+                 are needed",
                 limits.max_length, found.at_least
             ))),
         }
     }
 
-    /// The solution of the plan of least time for the built-in cell, begun as the mission begins
-    /// it.
+    /// Returns the solution whose plan takes the least time in the built-in cell. The plan begins
+    /// with the grasp in which a mission ends its looks at the faces.
     fn for_arms(&self, cube: &Cube) -> Result<solver::Solution, Unsolved> {
         if cube.is_solved() {
             return Ok(solver::Solution { turns: Vec::new(), nodes: 0, proven: true });
         }
-        let said = |reason: NoPlan| Unsolved::NotFound(reason.to_string());
-        let no_planner = || Unsolved::NotFound("there is no planner".to_owned());
+        let unsolved = |reason: NoPlan| Unsolved::NotFound(reason.to_string());
+        let no_planner = || Unsolved::NotFound("the built-in cell has no planner".to_owned());
         let planner = self.planner.as_ref().ok_or_else(no_planner)?;
         let nodes = self.limits.nodes.unwrap_or(USUAL_NODES);
+        // The states are spent on candidates, from which the planner chooses by time.
         let effort = Effort { nodes, candidates: CANDIDATES };
-        let (_, start) = planner.looks(taken()).map_err(said)?;
+        let (_, start) = planner.looks(taken()).map_err(unsolved)?;
         let search = PlanSearch { planner, tables: &self.tables, effort, time: self.limits.time };
-        let (plan, nodes) = search.best(cube, start).map_err(said)?;
+        let (plan, nodes) = search.best(cube, start).map_err(unsolved)?;
         Ok(solver::Solution { turns: plan.turns, nodes, proven: false })
     }
 }
 
-/// Least effort of a budget in time.
+/// First effort of a search with a time limit.
 const FIRST: Effort = Effort { nodes: 50_000, candidates: 25 };
 
-/// A search for the plan of least time.
+/// Search for the plan of the least time.
 pub(super) struct PlanSearch<'a> {
     pub(super) planner: &'a Planner,
     pub(super) tables: &'a Tables,
-    /// The effort of a search without a time.
+    /// Effort of a search without a time limit.
     pub(super) effort: Effort,
-    /// The time that a search may take, if one is given.
+    /// Time limit of the search.
     pub(super) time: Option<Duration>,
 }
 
 impl PlanSearch<'_> {
-    /// Returns the best plan, and the nodes of the last search: one with all the effort, or several
-    /// that double a small effort until the time would be over.
+    /// Returns the best plan, and the number of states of the last search. Without a time limit
+    /// there is one search with the whole effort. With one, each search has twice the effort of the
+    /// last, until the next would exceed the time.
     pub(super) fn best(&self, cube: &Cube, start: (Hand, Grip)) -> Result<(Plan, u64), NoPlan> {
         let begun = Instant::now();
         let mut effort = if self.time.is_some() { FIRST } else { self.effort };
         let mut plan = self.planner.best(cube, start, self.tables, effort)?;
         if let Some(time) = self.time {
-            // The next search takes about twice as long as all before it.
+            // With twice the effort, the next search takes about twice the time of all before it.
             while begun.elapsed() * 3 <= time {
                 effort = Effort { nodes: effort.nodes * 2, candidates: effort.candidates * 2 };
                 let better = self.planner.best(cube, start, self.tables, effort)?;
+                // A larger effort finds other candidates, which need not be better.
                 if better.cost < plan.cost {
                     plan = better;
                 }
@@ -232,31 +269,35 @@ impl PlanSearch<'_> {
     }
 }
 
-/// The planner of the built-in cell.
+/// Returns the planner of the built-in cell.
 fn planner() -> Option<Planner> {
     let scenario = scenario::read(Path::new("the built-in cell"), "", &[]).ok()?;
     run::planner(&scenario.controller).ok()
 }
 
-/// Does some work, and sets `stop` when this time is over before it is done.
+/// Calls `work`, and sets `stop` if the time is over before it returns.
 fn within<T>(time: Option<Duration>, stop: &AtomicBool, work: impl FnOnce() -> T) -> T {
     let Some(time) = time else { return work() };
     let (done, over) = channel::<()>();
+    // A thread keeps the time, so that the search need not read the clock.
     std::thread::scope(|scope| {
         scope.spawn(move || {
             if over.recv_timeout(time) == Err(RecvTimeoutError::Timeout) {
                 stop.store(true, Ordering::Relaxed);
             }
         });
+        // Dropping the sender ends the wait of the thread at once.
         let result = work();
         drop(done);
         result
     })
 }
 
-/// The large tables where they are there, else the default ones.
+/// Opens the large tables of two-phase if they are built, otherwise the default ones. Returns
+/// whether they are the large ones.
 pub(super) fn two_phase_tables(store: &Store, workers: Threads) -> (Tables, bool) {
     let open = |spec: &&TableSpec| sound(store, spec, workers);
+    // The large tables work only together.
     let large: Option<Vec<Bytes>> = Tables::LARGE.iter().map(open).collect();
     if let Some(large) = large {
         return (Tables::with(&large), true);
@@ -264,38 +305,40 @@ pub(super) fn two_phase_tables(store: &Store, workers: Threads) -> (Tables, bool
     (default_tables(store, workers), false)
 }
 
-/// The default tables, built where they are not kept.
+/// Opens the default tables, and builds those that are missing.
 pub(super) fn default_tables(store: &Store, workers: Threads) -> Tables {
     Tables::with(&Tables::DEFAULT.map(|spec| obtain(store, spec, workers)))
 }
 
-/// A table that is there; what is wrong with it otherwise is said, unless it was never built.
+/// Opens a table. Reports on stderr why it cannot be used, unless it was never built.
 fn sound(store: &Store, spec: &TableSpec, workers: Threads) -> Option<Bytes> {
     let opened = store.open(spec, &workers);
     if let Err(reason) = &opened
         && !matches!(reason, Unusable::Absent)
     {
         complain(&format!(
-            "table {} is of no use ({reason}): going on without it; `rubik-robot tables build {}` makes it anew",
+            "table {} cannot be used ({reason}): continuing without it; `rubik-robot tables build \
+             {}` builds it again",
             spec.name, spec.name
         ));
     }
     opened.ok()
 }
 
-/// A table from the store, with a bar if it has to be built.
+/// Obtains a table from the store, with a bar if it must be built.
 fn obtain(store: &Store, spec: &TableSpec, workers: Threads) -> Bytes {
     let bar = Bar::new(spec.name);
-    let listener = |spec: &TableSpec, news: crate::tables::News<'_>| tell(spec, &news);
+    let listener = |spec: &TableSpec, news: crate::tables::News<'_>| print_news(spec, &news);
     let observer = Observer { listener: &listener, progress: &|share| bar.show(share) };
     store.obtain(spec, &workers, observer)
 }
 
-/// The best table for shortest solutions: the largest that is there, else one that is built and
-/// leaves half of the memory free.
+/// Obtains the best table for shortest solutions: the largest that is built, otherwise the largest
+/// that leaves half of the memory free.
 fn optimal_table(store: &Store, workers: Threads) -> (Option<Exact>, &'static str) {
     let [small, standard] = &optimal::TABLES;
     let there = |spec: &'static TableSpec| Some((spec, sound(store, spec, workers)?));
+    // A larger table has better bounds, so it is taken wherever it is built.
     let (spec, bytes) = there(standard).or_else(|| there(small)).unwrap_or_else(|| {
         let spec = if memory() / 2 > standard.bytes { standard } else { small };
         (spec, obtain(store, spec, workers))
@@ -304,20 +347,23 @@ fn optimal_table(store: &Store, workers: Threads) -> (Option<Exact>, &'static st
     (exact, if spec.name == small.name { "the small table" } else { "the standard table" })
 }
 
+/// Obtains the tables of the mode `korf`.
 fn korf(store: &Store, workers: Threads) -> Option<Exact> {
     let tables = [0, 1, 2].map(|i| for_ever(obtain(store, &korf::TABLES[i], workers)));
     Korf::new(tables).ok().map(Exact::Korf)
 }
 
-/// Keeps a table until the process ends, which is when the engine does.
+/// Keeps a table until the process ends. The engine lives as long.
 fn for_ever(bytes: Bytes) -> &'static [u8] {
+    // The solver borrows its table for the life of the process, so a leak loses nothing.
     let bytes: &'static Bytes = Box::leak(Box::new(bytes));
     (**bytes).as_ref()
 }
 
-/// Memory that may be had (bytes); 0 where the system does not say.
+/// Returns the available memory (bytes); 0 if the system does not report it.
 fn memory() -> usize {
     let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
+    // The estimate of the kernel includes caches that it can free.
     let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:"));
     let kilobytes = line.and_then(|l| l.trim().trim_end_matches("kB").trim().parse::<usize>().ok());
     kilobytes.unwrap_or(0) * 1024

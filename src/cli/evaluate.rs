@@ -1,9 +1,17 @@
-//! `rubik-robot vision eval`: the detector against photographs with a known truth.
+//! `rubik-robot vision eval`: compares the detector with photographs of known truth.
 //!
-//! A manifest has one JSON object a line, a face each: `image` (path from the manifest's folder), `face` (nine
-//! letters in reading order), `all_centres` (nine pixels), and optionally `tier` and `source` to group by.
-//! A face is *found* when all nine reported centres lie within a quarter of its smallest tile pitch, in any of
-//! the four reading orders (a roll of 45 deg has no upright), and *read* when its nine colours are right too.
+//! - in: a manifest with a JSON object for each face: `image` (path from the manifest's folder),
+//!   `face` (nine letters in reading order), `all_centres` (nine pixels), and optionally `tier` and
+//!   `source` to group by
+//! - out: shares of faces and tiles that are found and read, and the time of a picture
+//!
+//! | result | condition | reason |
+//! |---|---|---|
+//! | found | each centre is within a quarter of the smallest tile pitch | it is on its tile |
+//! | read | found, and all nine colours are right | |
+//! | wrong report | no face of the manifest fits | confident from `CONFIDENT` on |
+//!
+//! The four reading orders of a face are equal: after a roll of 45 deg no order is the upright one.
 
 use super::faces::letters;
 use super::image_file::load;
@@ -18,7 +26,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Instant;
 
-/// Confidence from which a report that is wrong counts as a confident one.
+/// Least confidence of a wrong report that counts as confident.
 const CONFIDENT: f64 = 0.8;
 
 /// One face of a manifest.
@@ -37,17 +45,18 @@ struct Truth {
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 struct Tally {
     faces: usize,
-    /// All nine centres within a quarter of the tile pitch.
+    /// Faces with all nine centres within a quarter of the tile pitch.
     found: usize,
-    /// Found, and all nine colours right.
+    /// Faces that are found, with nine right colours.
     read: usize,
-    /// Tiles of all faces, found or not.
+    /// Tiles of all faces, also of those that are not found.
     tiles: usize,
     /// Tiles of found faces with the right colour.
     tiles_right: usize,
 }
 
 impl Tally {
+    /// Adds the counts of another group.
     fn add(&mut self, other: &Self) {
         self.faces += other.faces;
         self.found += other.found;
@@ -57,32 +66,33 @@ impl Tally {
     }
 }
 
-/// Everything that one run over a manifest counted.
+/// Counts of a whole manifest.
 #[derive(Debug, Default)]
 struct Evaluation {
-    /// By tier and source.
+    /// Counts by tier and source.
     groups: BTreeMap<(String, String), Tally>,
     images: usize,
     reports: usize,
-    /// Reports that are on no annotated face: wrong, or on a face that the manifest leaves out.
+    /// Reports that fit no face of the manifest. They are wrong, or the manifest lacks the face.
     wrong: usize,
-    /// Of these, those with [`CONFIDENT`] or more.
+    /// Wrong reports with a confidence of [`CONFIDENT`] or more.
     wrong_confident: usize,
-    /// Time of each picture without reading its file, sorted (ms).
+    /// Time of each picture, without reading the file (ms), sorted.
     times: Vec<f64>,
     misses: Vec<String>,
 }
 
-/// The table of a manifest as text, or one JSON object; `misses` names each face that was not read right.
+/// Evaluates a manifest; returns a table, or one JSON object. With `misses` the table is followed
+/// by each face that was not read right.
 ///
 /// # Errors
-/// A manifest or picture that cannot be read.
+/// Unreadable manifest or picture.
 pub fn evaluate(manifest: &Path, json: bool, misses: bool) -> Result<String> {
     let evaluation = Evaluation::run(manifest)?;
     Ok(if json { evaluation.json() } else { evaluation.text(misses) })
 }
 
-/// Faces by picture.
+/// Reads the faces of a manifest, by picture.
 fn truths(manifest: &Path) -> Result<BTreeMap<String, Vec<Truth>>> {
     let text =
         text::read(manifest, text::LIST).with_context(|| format!("{}", manifest.display()))?;
@@ -90,18 +100,19 @@ fn truths(manifest: &Path) -> Result<BTreeMap<String, Vec<Truth>>> {
     for (number, line) in text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty()) {
         let at = || format!("{}:{}", manifest.display(), number + 1);
         let truth: Truth = serde_json::from_str(line).with_context(at)?;
+        // A wrong manifest would count as an error of the detector.
         if truth.face.chars().count() != 9 {
-            bail!("{}: face {:?} has not nine letters", at(), truth.face);
+            bail!("{}: face {:?} does not have nine letters", at(), truth.face);
         }
         by_image.entry(truth.image.clone()).or_default().push(truth);
     }
     if by_image.is_empty() {
-        bail!("{}: it names no picture", manifest.display());
+        bail!("{}: the file names no picture", manifest.display());
     }
     Ok(by_image)
 }
 
-/// The sighting in the reading order in which it fits a face of the manifest.
+/// Returns the sighting in the reading order that fits a face of the manifest, if one does.
 fn fitting(sighting: &FaceSighting, truth: &Truth) -> Option<FaceSighting> {
     let reach = 0.25 * smallest_pitch(&truth.all_centres);
     let near = |s: &FaceSighting| {
@@ -111,13 +122,16 @@ fn fitting(sighting: &FaceSighting, truth: &Truth) -> Option<FaceSighting> {
 }
 
 impl Evaluation {
+    /// Detects the faces in all pictures of a manifest and counts them.
     fn run(manifest: &Path) -> Result<Self> {
         let folder = manifest.parent().unwrap_or(Path::new(""));
         let by_image = truths(manifest)?;
         let mut all = Self { images: by_image.len(), ..Self::default() };
         for (name, truths) in &by_image {
             let image = load(&folder.join(name))?;
+            // The time of reading the file depends on the disk, not on the detector.
             let start = Instant::now();
+            // A refusal of the detector is a picture without a report, and no error.
             let sightings = detect(&image, None, &DetectorSettings::default()).unwrap_or_default();
             all.times.push(start.elapsed().as_secs_f64() * 1e3);
             all.count(name, &sightings, truths);
@@ -126,15 +140,17 @@ impl Evaluation {
         Ok(all)
     }
 
+    /// Counts the reports of one picture.
     fn count(&mut self, name: &str, sightings: &[FaceSighting], truths: &[Truth]) {
         self.reports += sightings.len();
         for sighting in sightings {
+            // A report that fits any face of the manifest is right.
             if !truths.iter().any(|t| fitting(sighting, t).is_some()) {
                 self.wrong += 1;
                 self.wrong_confident += usize::from(sighting.confidence >= CONFIDENT);
                 let at = sighting.centres[4];
                 self.misses.push(format!(
-                    "{name}: {} at {:.0},{:.0} with confidence {:.2} is no annotated face",
+                    "{name}: {} at {:.0},{:.0} with confidence {:.2} is no face of the manifest",
                     letters(sighting),
                     at.0,
                     at.1,
@@ -144,11 +160,13 @@ impl Evaluation {
         }
         for truth in truths {
             let source = match truth.source.as_str() {
+                // A face without a source is counted under the first folder of its path.
                 "" => name.split('/').next().unwrap_or_default().to_owned(),
                 source => source.to_owned(),
             };
             let tally = self.groups.entry((truth.tier.clone(), source)).or_default();
             tally.faces += 1;
+            // The tiles of a missed face count as wrong ones.
             tally.tiles += 9;
             let Some(found) = sightings.iter().find_map(|s| fitting(s, truth)) else {
                 self.misses.push(format!("{name}: {} not found", truth.face));
@@ -166,6 +184,7 @@ impl Evaluation {
         }
     }
 
+    /// Returns the sum of all groups.
     fn total(&self) -> Tally {
         self.groups.values().fold(Tally::default(), |mut sum, t| {
             sum.add(t);
@@ -173,12 +192,14 @@ impl Evaluation {
         })
     }
 
-    /// Time below which the share `p` of the pictures lies (ms).
+    /// Returns the quantile `p` of the times (ms).
     fn time(&self, p: f64) -> f64 {
+        // The times are sorted, so a quantile is an element.
         let last = self.times.len().saturating_sub(1);
         self.times.get((last as f64 * p).round() as usize).copied().unwrap_or(0.0)
     }
 
+    /// Returns all counts as one JSON object.
     fn json(&self) -> String {
         let groups: Vec<_> = self
             .groups
@@ -194,10 +215,12 @@ impl Evaluation {
         format!("{all}\n")
     }
 
+    /// Returns all counts as a table.
     fn text(&self, misses: bool) -> String {
         let mut out = String::from(
             "tier source             faces  found right      faces read right tiles read right\n",
         );
+        // A group without a face has the share 0.
         let share =
             |n: usize, of: usize| format!("{n:5} ({:5.1} %)", 100.0 * n as f64 / of.max(1) as f64);
         let mut row = |tier: &str, source: &str, t: &Tally| {
@@ -217,12 +240,13 @@ impl Evaluation {
         row("all", "", &self.total());
         let _ = writeln!(
             out,
-            "{} faces reported, {} of them on no annotated face ({} with a confidence of {CONFIDENT} or more)",
+            "{} faces reported, {} of them no face of the manifest ({} with a confidence of \
+             {CONFIDENT} or more)",
             self.reports, self.wrong, self.wrong_confident
         );
         let _ = writeln!(
             out,
-            "{} pictures: median {:.2} ms, 95 % {:.2} ms, slowest {:.2} ms a picture",
+            "{} pictures: median {:.2} ms, 95 % {:.2} ms, slowest {:.2} ms",
             self.images,
             self.time(0.5),
             self.time(0.95),
@@ -278,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn a_face_off_by_three_tenths_of_a_pitch_is_a_wrong_report() {
+    fn face_off_by_0_3_pitches_is_wrong() {
         let mut all = Evaluation::default();
         let mut off = sighting();
         off.centres.iter_mut().for_each(|c| c.0 += 3.0);

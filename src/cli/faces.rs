@@ -1,4 +1,7 @@
-//! `rubik-robot vision face`: picture files in, faces as text or JSON lines out.
+//! `rubik-robot vision face`: finds the faces of cubes in pictures and reads their colours.
+//!
+//! - in: picture files
+//! - out: a line for each face, or a line of JSON for each picture
 
 use super::image_file::load;
 use crate::vision::colours::{LETTERS, is_colourless};
@@ -8,25 +11,28 @@ use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Two decimals are finer than any detector.
+/// Returns points as JSON with two decimals (px), which is finer than any detector.
 fn rounded(points: &[(f64, f64)]) -> Value {
     let two = |v: f64| (v * 100.0).round() / 100.0;
     points.iter().map(|p| json!([two(p.0), two(p.1)])).collect()
 }
 
-/// Nine letters in reading order.
+/// Returns the nine letters of a face in reading order.
 pub(super) fn letters(face: &FaceSighting) -> String {
     face.colours.iter().map(|&c| LETTERS[usize::from(c)]).collect()
 }
 
-/// Why the colours of faces that were found mean nothing, if so.
+/// Returns the reason why the colours of the faces have no meaning, if there is one.
 fn no_colour(faces: &[FaceSighting]) -> Option<&'static str> {
+    // A picture with one coloured face is no black and white one.
     let colourless = !faces.is_empty() && faces.iter().all(|face| is_colourless(&face.rgb));
-    colourless.then_some("no colour: the picture is in black and white")
+    colourless.then_some("no colour: the picture is black and white")
 }
 
+/// Returns a face as JSON.
 fn face_json(face: &FaceSighting) -> Value {
     let share = |v: f64| (v * 1000.0).round() / 1000.0;
+    // `corners` are the centres of the corner tiles, as in a manifest; `outline` is the whole face.
     let c = &face.centres;
     json!({
         "corners": rounded(&[c[0], c[2], c[8], c[6]]),
@@ -38,9 +44,9 @@ fn face_json(face: &FaceSighting) -> Value {
     })
 }
 
-/// `vision face IMAGE...`: the faces of each picture, or why there are none; one line a picture with `json`.
-/// A file that is no picture gets its line too; the flag is false when any picture showed no face. A picture in black and
-/// white has faces and a reason, why their colours mean nothing.
+/// Returns the faces of each picture, or the reason why there are none, and whether every picture
+/// shows a face. A file that is no picture gets a line as well. The faces of a black and white
+/// picture come with the reason why their colours have no meaning.
 #[must_use]
 pub(super) fn face(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
     let (mut text, mut all) = (String::new(), true);
@@ -49,6 +55,7 @@ pub(super) fn face(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
         let found = load(path.as_ref()).and_then(|image| {
             detect(&image, None, &DetectorSettings::default()).map_err(|refusal| anyhow!(refusal))
         });
+        // A picture without a face does not end the others.
         all &= found.is_ok();
         // Writing to a string cannot fail.
         let _ = match (&found, json) {
@@ -72,7 +79,8 @@ pub(super) fn face(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
                 let doubt = no_colour(faces).map(|reason| format!("; {reason}"));
                 writeln!(
                     text,
-                    "{name}: face {} of {}: {} / {} / {}  centre {:.0},{:.0} px, width {:.0} px, confidence {:.2}, least certain tile {weakest:.2}{}",
+                    "{name}: face {} of {}: {} / {} / {}  centre {:.0},{:.0} px, width {:.0} px, \
+                     confidence {:.2}, least certain tile {weakest:.2}{}",
                     i + 1,
                     faces.len(),
                     &c[0..3],
@@ -99,7 +107,7 @@ mod tests {
     use image::{DynamicImage, ImageFormat, Rgb, RgbImage};
 
     #[test]
-    fn a_file_that_is_no_picture_gets_a_line_with_the_reason() {
+    fn unreadable_file_gets_a_line_with_reason() {
         let (text, all) = face(&["Cargo.toml", "no/such.png"], true);
 
         let lines: Vec<Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
@@ -120,7 +128,7 @@ mod tests {
     #[test]
     fn face_of_a_grey_picture_reports_no_colour() {
         let tiles = include_bytes!("../../tests/corpus/image/nine-tiles.png");
-        // At its own size, without colours, the face would be too small for the work-space.
+        // At its original size the face without colours is too small to be detected.
         let tiles = DynamicImage::from(decode(tiles).unwrap());
         let coloured = tiles.resize_exact(160, 160, FilterType::Nearest);
         let grey = DynamicImage::from(coloured.to_luma8());
@@ -142,11 +150,12 @@ mod tests {
     proptest::proptest! {
         #![proptest_config(proptest::prelude::ProptestConfig::with_cases(48))]
         #[test]
-        fn no_bytes_make_it_panic(
+        fn corrupted_picture_does_not_panic(
             noise in proptest::collection::vec(proptest::prelude::any::<u8>(), 0..200),
             at in 0usize..400, keep in 0usize..800, jpeg in proptest::prelude::any::<bool>(),
         ) {
-            let picture = RgbImage::from_fn(24, 20, |x, y| Rgb([(x * 9) as u8, (y * 11) as u8, 90]));
+            let colour = |x: u32, y: u32| Rgb([(x * 9) as u8, (y * 11) as u8, 90]);
+            let picture = RgbImage::from_fn(24, 20, colour);
             let format = if jpeg { ImageFormat::Jpeg } else { ImageFormat::Png };
             let mut bytes = bytes(&picture.into(), format);
             let at = at.min(bytes.len());

@@ -1,4 +1,4 @@
-//! `rubik-robot film`: a moving picture of a recorded mission, for a page that one reads.
+//! `rubik-robot film`: makes an animated GIF of a recorded mission, for a README or a web page.
 //!
 //! - in: a recording; arms and cube are drawn as the controller believed them to be
 //! - out: an animated GIF of four scenes: the cube is taken, read, turned (seen close) and handed
@@ -33,27 +33,29 @@ Examples:
   rubik-robot run scenarios/solve.toml --record run.mcap
   rubik-robot film run.mcap -o mission.gif
   rubik-robot film run.mcap -o large.gif --width 800
-It takes about a minute of each core, and more for a larger film.")]
+
+A film takes about a minute on all cores, a larger one more. It shows four scenes: the cube is
+taken, read, turned and handed back.")]
 pub(super) struct FilmArgs {
-    /// The recording of a whole mission
+    /// Recording of a whole mission (MCAP)
     recording: PathBuf,
-    /// File to write (GIF)
+    /// Write the film to FILE (GIF)
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// Width of the film (px); it is 5/8 of that high
+    /// Width of the film (px); its height is 5/8 of it
     #[arg(long, default_value_t = 480, value_parser = clap::value_parser!(u32).range(64..=1280))]
     width: u32,
 }
 
-/// Pictures of a scene.
+/// Number of pictures of a scene.
 const PICTURES: usize = 30;
 /// Time between two pictures (1/100 s).
 const DELAY: u16 = 10;
 /// Time for which the last picture of a scene stays (1/100 s).
 const LAST_DELAY: u16 = 80;
-/// Simulated time that is shown before the cube is held, and before the end of the run (s).
+/// Simulated time before the cube is held, and before the end of the run, that is shown (s).
 const LEAD: f64 = 9.0;
-/// Simulated time between two looks at the belief, where a turn is searched for (s).
+/// Simulated time between two snapshots, where a turn is searched for (s).
 const STEP: f64 = 0.1;
 /// Simulated time that is shown before and after a turn (s).
 const AROUND_TURN: f64 = 1.2;
@@ -67,8 +69,9 @@ pub(super) fn run(args: &FilmArgs, output: &mut Output) -> anyhow::Result<u8> {
     clash(&[("the recording", Some(&args.recording))], &[("-o", Some(&args.output))])?;
     if !args.output.extension().is_some_and(|end| end.eq_ignore_ascii_case("gif")) {
         let path = args.output.display();
-        return Err(refuse(format!("-o {path}: the name of a film ends in .gif")));
+        return Err(refuse(format!("-o {path}: the film is a GIF: name a file that ends in .gif")));
     }
+    // The label of the recording has the scenario with the cell that is drawn.
     let (_, scenario) = replay::load(&args.recording).map_err(refuse)?;
     let unread =
         |why: &dyn std::fmt::Display| refuse(format!("{}: {why}", args.recording.display()));
@@ -102,6 +105,7 @@ impl Shot {
     /// Draws the pictures, on all cores: each costs half a second of one.
     fn drawn(&self, controller: &ControllerConfig, size: (u32, u32)) -> Vec<RgbImage> {
         let setting = Setting::of(&controller.cell);
+        // Each core draws a part of consecutive scenes, which keeps their order.
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let each = self.scenes.len().div_ceil(cores).max(1);
         let draw = |scene: &Scene| seen(scene, &setting, &self.view, size);
@@ -111,7 +115,7 @@ impl Shot {
                 .chunks(each)
                 .map(|part| scope.spawn(move || part.iter().map(draw).collect::<Vec<_>>()))
                 .collect();
-            // A panic of a part is one of the command.
+            // A panic of a thread becomes one of the command.
             let images = parts
                 .into_iter()
                 .map(|part| part.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
@@ -138,31 +142,34 @@ fn shots(
         Ok::<_, String>((last.phases[at].1, next))
     };
     let (taking, reading, solving) = (phase("acquire")?, phase("identify")?, phase("solve")?);
+    // At the start of the solution the controller has read all colours.
     let colours = show.snapshots(&[solving.0]).pop().map(|s| s.cube.facelets.clone());
     let colours = colours.unwrap_or_default();
     let turn = first_turn(show, solving).ok_or("the recording has no turn of a face")?;
+    // The end of taking, the whole reading, one turn, and the end of the run.
     let spans = [
         ((taking.1 - LEAD).max(taking.0), taking.1),
         reading,
         (turn.0 - AROUND_TURN, turn.1 + AROUND_TURN),
         (end - LEAD, end),
     ];
-    let setting = Setting::of(&controller.cell);
     let aspect = f64::from(size.0) / f64::from(size.1);
     let mut shots = Vec::new();
     for (at, (begin, end)) in spans.into_iter().enumerate() {
+        // The scenes take different times; each is shown with the same number of pictures.
         let step = (end - begin) / (PICTURES - 1) as f64;
         let times: Vec<f64> = (0..PICTURES).map(|k| begin + step * k as f64).collect();
-        let scenes: Vec<_> =
-            show.snapshots(&times).iter().filter_map(|s| scene(s, &colours, controller)).collect();
+        let mut cube = None;
+        let snapshots = show.snapshots(&times);
+        let scenes = snapshots.iter().filter_map(|s| scene(s, &colours, &mut cube, controller));
+        let scenes: Vec<_> = scenes.collect();
         let middle = scenes.get(scenes.len() / 2);
-        let middle = middle.ok_or(format!("nothing is known of the cube around {begin:.0} s"))?;
-        let view = if at == 2 {
-            View::of_cube(middle, CLOSE)
-        } else {
-            View::of_cell(&scenes, &setting, aspect)
-        };
-        shots.push(Shot { view, scenes });
+        let middle =
+            middle.ok_or(format!("the recording does not show the cube at {begin:.0} s"))?;
+        let view =
+            // The turn is small, so its view is close. The other scenes show both hands.
+            if at == 2 { View::of_cube(middle, CLOSE) } else { View::of_hands(&scenes, aspect) };
+        shots.push(Shot { scenes, view });
     }
     Ok(shots)
 }
@@ -170,25 +177,32 @@ fn shots(
 /// Returns when the first turn of a face begins and ends, within a span of time (s).
 fn first_turn(show: &Show, (begin, end): (f64, f64)) -> Option<(f64, f64)> {
     let times: Vec<f64> =
-        (0..).map(|k| begin + STEP * f64::from(k)).take_while(|time| *time < end).collect();
+        (0..((end - begin) / STEP) as u32).map(|k| begin + STEP * f64::from(k)).collect();
     let snapshots = show.snapshots(&times);
     let turns = |snapshot: &Arc<Snapshot>| snapshot.cube.turned.is_some();
+    // A turn takes several snapshots, during which the belief has a turned layer.
     let first = snapshots.iter().position(turns)?;
     let count = snapshots[first..].iter().take_while(|s| turns(s)).count();
     Some((times[first], times[first + count - 1]))
 }
 
-/// Returns the scene of a moment. `colours` are the cube's facelets at the start of the solution:
-/// they stand in while the controller has not read the cube. The person's hand is where no arm
-/// holds the cube.
-fn scene(snapshot: &Snapshot, colours: &str, controller: &ControllerConfig) -> Option<Scene> {
+/// Returns the scene of a moment. `colours` are the cube's facelets at the start of the solution,
+/// for the time before the controller has read them. `last` is the cube's last known pose, for the
+/// time when the person has it back. The person's hand is where no arm holds the cube.
+fn scene(
+    snapshot: &Snapshot,
+    colours: &str,
+    last: &mut Option<Pose>,
+    controller: &ControllerConfig,
+) -> Option<Scene> {
     let mut snapshot = snapshot.clone();
     let (cell, cube) = (&controller.cell, &mut snapshot.cube);
     if cube.facelets.is_empty() || cube.facelets.contains('-') {
         colours.clone_into(&mut cube.facelets);
     }
     let seen = snapshot.hand.map(|hand| hand.world_from_cube);
-    cube.world_from_cube = cube.world_from_cube.or(seen);
+    cube.world_from_cube = cube.world_from_cube.or(seen).or(*last);
+    *last = cube.world_from_cube;
     let mut scene = picture::during(&snapshot, controller)?;
     if snapshot.cube.held_by.is_empty() && cell.keeper == Keeper::Person {
         // Vision knows the turn of the cube only up to its symmetry: the hand's turn is that of the
@@ -210,7 +224,7 @@ fn encoded(shots: &[Vec<RgbImage>], (width, height): (u32, u32)) -> anyhow::Resu
         let mut shown: Option<Vec<u8>> = None;
         for (number, image) in shot.iter().enumerate() {
             let indices = palette.indices(image);
-            // What has not changed is transparent: long runs of one value, which pack well.
+            // Unchanged pixels are transparent: long runs of one value, which compress well.
             let written = match &shown {
                 None => indices.clone(),
                 Some(before) => {
@@ -251,12 +265,14 @@ impl Palette {
         let middle = shots.iter().filter_map(|shot| shot.get(shot.len() / 2));
         let pixels: Vec<u8> =
             middle.flat_map(|image| image.pixels()).flat_map(|p| [p[0], p[1], p[2], 255]).collect();
+        // The last index is left free for transparency.
         let quantiser = NeuQuant::new(3, COLOURS - 1, &pixels);
         let mut rgb = quantiser.color_map_rgb();
         rgb.resize(3 * COLOURS, 0);
         Self { quantiser, rgb }
     }
 
+    /// Returns the index of the nearest colour for each pixel.
     fn indices(&self, image: &RgbImage) -> Vec<u8> {
         let index = |p: &image::Rgb<u8>| self.quantiser.index_of(&[p[0], p[1], p[2], 255]) as u8;
         image.pixels().map(index).collect()

@@ -1,9 +1,8 @@
-//! `vision render`: frames of the plant's renderer with exact truth, for any tool to check its
-//! poses with.
+//! `vision render`: renders frames of a cube with the exact truth, to check any tool for poses.
 //!
-//! - in: a scenario (camera, cube), how many poses, their spread, a seed
-//! - out: a folder of PNG files, `frames.jsonl` (a line a frame: optics, pose, faces) and
-//!   `manifest.jsonl` (a line a face, in the form that `vision eval` reads)
+//! - in: a scenario (camera, cube), the number of poses, their spread, a seed
+//! - out: a folder of PNG files, `frames.jsonl` (a line for each frame: optics, pose, faces) and
+//!   `manifest.jsonl` (a line for each face, as `vision eval` reads it)
 
 use super::arguments::{ScenarioArgs, positive};
 use super::output::{WRONG, complain};
@@ -27,42 +26,47 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Writes NNNN.png, and the truth as JSON lines:
-  frames.jsonl     a frame: image, width, height, intrinsics (fx fy cx cy k1 k2 p1 p2 k3), cube_mm, camera_from_cube
-                   (three rows of four, m; OpenCV's camera axes; cube axes R = +x, B = +y, U = +z), and its visible
-                   faces: face (U R F D L B), camera_from_face (x along columns, y along rows, z into the cube),
-                   corners and centres [px], colours in reading order
-  manifest.jsonl   a visible face a line, as `vision eval` wants it
 Examples:
-  rubik-robot vision render scenarios/solve.toml --poses 200 --seed 1 -o frames \\
-      --set camera.standalone.focal_px=[600,600] --noise 6
+  rubik-robot vision render scenarios/solve.toml --poses 200 --seed 1 -o frames
+  rubik-robot vision render scenarios/solve.toml --poses 200 --noise 6 --look studio -o frames
   rubik-robot vision accuracy frames
-  rubik-robot vision eval frames/manifest.jsonl")]
+  rubik-robot vision eval frames/manifest.jsonl
+
+Files of the folder:
+  NNNN.png         a frame
+  frames.jsonl     a line for each frame: image, width, height, intrinsics (fx fy cx cy k1 k2 p1 p2
+                   k3), cube_mm, camera_from_cube, and its visible faces: face (U R F D L B),
+                   camera_from_face, corners and centres (px), colours in reading order
+  manifest.jsonl   a line for each visible face, as `vision eval` reads it
+
+Poses are three rows of four (m). Camera axes are those of OpenCV; cube axes are R = +x, B = +y,
+U = +z; face axes are x along its columns, y along its rows, z into the cube.
+Exit codes: 0 rendered, 2 usage or scenario.")]
 pub(super) struct RenderArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
-    /// How many frames
+    /// Number of frames
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     poses: u32,
     /// Seed of poses, colours, light and noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Folder to write; it is created
-    #[arg(short, long)]
+    /// Write the frames to FOLDER, which is created
+    #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,
-    /// Which camera of the scenario
+    /// Name of a camera of the scenario
     #[arg(long, default_value = "standalone")]
     camera: String,
-    /// Length of the dominant face's edge when seen frontally (px)
+    /// Width of the dominant face, if seen frontally (px)
     #[arg(long, default_value_t = 100.0, value_parser = positive)]
     width_px: f64,
-    /// Largest tilt of the dominant face off the sight (deg)
+    /// Largest tilt of the dominant face (deg)
     #[arg(long, default_value_t = 40.0)]
     tilt_deg: f64,
-    /// Standard deviation of the noise, of 255; the scenario's plant.noise.image when not given
+    /// Standard deviation of the image noise, in levels 0 to 255 [default: plant.noise.image]
     #[arg(long)]
     noise: Option<f64>,
-    /// How it looks
+    /// Look of the frames
     #[arg(long, value_enum, default_value_t = LookWord::Drawn)]
     look: LookWord,
 }
@@ -70,13 +74,13 @@ pub(super) struct RenderArgs {
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum LookWord {
-    /// Light, stickers and lens drawn for each frame; mosaic, blur, reflections
+    /// Random light, stickers and lens for each frame, with sensor mosaic, blur and reflections
     Drawn,
-    /// Even light, no blur, no mosaic: geometry and noise alone
+    /// Even light and noise, without sensor mosaic, blur and reflections
     Studio,
 }
 
-/// Optics as calibration tools name them.
+/// Optics with the names of calibration tools.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(super) struct Optics {
     fx: f64,
@@ -96,11 +100,13 @@ pub(super) struct Optics {
 }
 
 impl Optics {
+    /// Returns the optics of a camera of a scenario.
     fn of(camera: &Intrinsics) -> Self {
         let ((fx, fy), (cx, cy), (k1, k2)) = (camera.focal, camera.centre, camera.distortion);
         Self { fx, fy, cx, cy, k1, k2, p1: 0.0, p2: 0.0, k3: 0.0 }
     }
 
+    /// Returns the lens with these optics.
     pub(super) fn lens(&self) -> Lens {
         Lens {
             focal: (self.fx, self.fy),
@@ -111,14 +117,14 @@ impl Optics {
     }
 }
 
-/// The truth of all frames in a folder.
+/// Returns the path of the truth of all frames in a folder.
 fn frames_of(folder: &Path) -> PathBuf {
     folder.join("frames.jsonl")
 }
 
 type Rows = [[f64; 4]; 3];
 
-/// A pose as three rows of four.
+/// Returns a pose as three rows of four (m).
 pub(super) fn rows(pose: &Pose) -> Rows {
     let m = pose.to_homogeneous();
     std::array::from_fn(|i| std::array::from_fn(|j| m[(i, j)]))
@@ -134,7 +140,7 @@ struct FaceTruth {
     colours: String,
 }
 
-/// What is true of a frame.
+/// Truth of a frame.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct FrameTruth {
     pub(super) image: String,
@@ -148,10 +154,10 @@ pub(super) struct FrameTruth {
 }
 
 impl FrameTruth {
-    /// The truths of a folder.
+    /// Reads the truth of all frames in a folder.
     ///
     /// # Errors
-    /// A file that cannot be read, or a line that is none.
+    /// Unreadable file, or a wrong line.
     pub(super) fn read_all(folder: &Path) -> Result<Vec<Self>> {
         let path = frames_of(folder);
         let text = text::read(&path, text::LIST).with_context(|| path.display().to_string())?;
@@ -164,13 +170,14 @@ impl FrameTruth {
             .collect()
     }
 
-    /// `camera_from_cube`.
+    /// Returns `camera_from_cube`.
     ///
     /// # Errors
-    /// When the rows are no rotation.
+    /// Rows that are no rotation.
     pub(super) fn pose(&self) -> Result<Pose> {
         let r = &self.camera_from_cube;
         let matrix = Matrix3::from_fn(|i, j| r[i][j]);
+        // Numbers with six decimals pass; a reflection does not.
         if (matrix.transpose() * matrix - Matrix3::identity()).amax() > 1e-5
             || matrix.determinant() < 0.0
         {
@@ -183,7 +190,7 @@ impl FrameTruth {
     }
 }
 
-/// Writes the folder. Returns what to say and the exit code.
+/// Writes the folder. Returns the text for stdout and the exit code.
 pub(super) fn render(args: &RenderArgs) -> Result<(String, u8)> {
     let scenario = match args.scenario.load(&[]) {
         Ok(scenario) => scenario,
@@ -195,25 +202,30 @@ pub(super) fn render(args: &RenderArgs) -> Result<(String, u8)> {
     let cameras = &scenario.controller.cell.cameras;
     let Some(camera) = cameras.iter().find(|c| c.name == args.camera) else {
         let names: Vec<&str> = cameras.iter().map(|c| c.name.as_str()).collect();
-        complain(&format!("--camera {}: there are {}", args.camera, names.join(", ")));
+        complain(&format!("--camera {}: the scenario has {}", args.camera, names.join(", ")));
         return Ok((String::new(), WRONG));
     };
     let edge = scenario.controller.cell.cube.edge;
     let distance = edge * camera.intrinsics.focal.0 / args.width_px;
     if distance < 0.05 {
-        complain(&format!("--width-px {}: nearer than 50 mm to the camera", args.width_px));
+        complain(&format!(
+            "--width-px {}: the cube is nearer than 50 mm to the camera: give a smaller width",
+            args.width_px
+        ));
         return Ok((String::new(), WRONG));
     }
     std::fs::create_dir_all(&args.output).with_context(|| args.output.display().to_string())?;
     let mut random = Pcg64::seed_from_u64(args.seed);
     let (mut frames, mut manifest, mut visible) = (String::new(), String::new(), 0);
+    // One random sequence draws all poses: a seed and a number of poses repeat the folder.
     for number in 0..args.poses {
         let image = format!("{number:04}.png");
         let Some(camera_from_cube) = draw_pose(&mut random, camera, edge, distance, args.tilt_deg)
         else {
-            complain("the cube does not fit into the picture at this --width-px");
+            complain("--width-px: the cube does not fit into the picture: give a smaller width");
             return Ok((String::new(), WRONG));
         };
+        // Each sticker has a random colour, so most cubes are impossible: only poses are checked.
         let facelets: [u8; 54] = std::array::from_fn(|_| random.random_range(0..6));
         let shot = Shot { camera, camera_from_cube, edge, facelets };
         picture(args, &scenario, number, &shot)
@@ -230,17 +242,17 @@ pub(super) fn render(args: &RenderArgs) -> Result<(String, u8)> {
     {
         std::fs::write(&path, text).with_context(|| path.display().to_string())?;
     }
-    let told = format!(
+    let summary = format!(
         "{}: {} frames of camera {}, {visible} faces, truth in frames.jsonl and manifest.jsonl\n",
         args.output.display(),
         args.poses,
         args.camera
     );
-    Ok((told, 0))
+    Ok((summary, 0))
 }
 
-/// A cube wholly in the picture whose dominant face is at most `tilt` off the sight; `None` when
-/// there is no room.
+/// Returns a random pose of a cube that is completely in the picture, with its dominant face tilted
+/// by at most `tilt_deg` from the line of sight. Returns `None` if no pose fits.
 fn draw_pose(
     random: &mut Pcg64,
     camera: &Camera,
@@ -258,6 +270,8 @@ fn draw_pose(
         let named = random.random_range(0..24);
         let Some((x, y)) = lens.unproject(pixel) else { continue };
         let sight = Vector3::new(x, y, 1.0).normalize();
+        // The face first looks along the line of sight, then is tilted about a random axis across
+        // it and rolled about its normal.
         let towards = UnitQuaternion::rotation_between(&Vector3::z(), &sight)
             .unwrap_or_else(UnitQuaternion::identity);
         let lean = UnitQuaternion::from_scaled_axis(Vector3::new(way.cos(), way.sin(), 0.0) * tilt);
@@ -266,6 +280,7 @@ fn draw_pose(
         let centre = sight * distance + rotation * Vector3::z() * (edge / 2.0);
         let named = cube_rotations().nth(named).unwrap_or_else(UnitQuaternion::identity);
         let pose = Pose::from_parts(centre.into(), rotation * named);
+        // A margin of 3 px keeps the whole outline in the picture.
         let inside = (0..8).all(|i| {
             let half = |bit: usize| if i & bit == 0 { -edge / 2.0 } else { edge / 2.0 };
             let corner = pose * Point3::new(half(1), half(2), half(4));
@@ -279,7 +294,7 @@ fn draw_pose(
     None
 }
 
-/// A cube before a camera.
+/// A cube in front of a camera.
 struct Shot<'a> {
     camera: &'a Camera,
     camera_from_cube: Pose,
@@ -288,7 +303,7 @@ struct Shot<'a> {
     facelets: [u8; 54],
 }
 
-/// Renders a shot under the look of its number.
+/// Renders a shot with the look of its number.
 fn picture(
     args: &RenderArgs,
     scenario: &Scenario,
@@ -296,6 +311,7 @@ fn picture(
     shot: &Shot<'_>,
 ) -> image::RgbImage {
     let Shot { camera, camera_from_cube, edge, facelets } = shot;
+    // The constant spreads the seeds, so that two renderings with neighbouring seeds share no look.
     let seed = args.seed.wrapping_mul(0x9e37_79b9).wrapping_add(u64::from(number));
     let keys = &scenario.plant.keys;
     let mut look = match args.look {
@@ -303,12 +319,13 @@ fn picture(
         LookWord::Studio => Look::studio(),
     };
     look.sensor.read_noise = args.noise.unwrap_or(keys.noise.image);
+    // One kind of noise is left, so that `--noise` is its standard deviation.
     look.sensor.shot_noise = 0.0;
     look.light.ambient *= keys.light.level as f32;
     look.light.key *= keys.light.level as f32;
     let world_from_camera = match camera.mount {
         Mount::World { world_from_camera } => world_from_camera,
-        // A camera in a hand has no arm here: it stands where the stand-alone one would.
+        // A camera in a hand has no arm here, so it gets a fixed place.
         Mount::Flange { .. } => Pose::from_parts(
             Translation3::new(0.0, 0.0, 1.2),
             UnitQuaternion::from_axis_angle(&Vector3::x_axis(), -std::f64::consts::FRAC_PI_2),
@@ -345,6 +362,7 @@ impl Shot<'_> {
         let lens = optics.lens();
         let mut faces: Vec<(f64, FaceTruth)> =
             (0..FACES.len()).filter_map(|index| self.face(index, &lens)).collect();
+        // The dominant face is the one that looks most at the camera.
         faces.sort_by(|a, b| b.0.total_cmp(&a.0));
         FrameTruth {
             image,
@@ -365,6 +383,7 @@ impl Shot<'_> {
         let cube_from_face = crate::spatial::pose_from_axes(x, y, -normal, centre);
         let mut camera_from_face = self.camera_from_cube * cube_from_face;
         let sight = camera_from_face.translation.vector;
+        // The cosine between the line of sight and the normal into the cube.
         let facing = (camera_from_face.rotation * Vector3::z()).dot(&sight) / sight.norm();
         if facing < VISIBLE {
             return None;
@@ -373,7 +392,7 @@ impl Shot<'_> {
         let place = |pose: &Pose, (u, v): (f64, f64)| {
             lens.project(&(pose * Point3::new(u * self.edge / 3.0, v * self.edge / 3.0, 0.0)))
         };
-        // The face is read as it stands in the picture: with its columns to the right.
+        // The reading order is that of the picture: columns lead to the right.
         for _ in 0..4 {
             let (a, b) =
                 (place(&camera_from_face, (-1.0, 0.0)), place(&camera_from_face, (1.0, 0.0)));
@@ -401,13 +420,15 @@ impl Shot<'_> {
     }
 }
 
-/// A line for each visible face, in the form of a manifest of photographs.
+/// Returns a line for each visible face, in the form of a manifest of photographs.
 fn manifest_lines(truth: &FrameTruth) -> String {
     let mut lines = String::new();
     for (index, face) in truth.faces.iter().enumerate() {
         let pitch = smallest_pitch(&face.centres);
+        // The shorter diagonal says how much a face is foreshortened.
         let narrow = distance(face.corners[0], face.corners[2])
             .min(distance(face.corners[1], face.corners[3]));
+        // The corner tiles, clockwise from the upper left one.
         let corners = [0, 2, 8, 6].map(|i| face.centres[i]);
         let line = json!({
             "id": format!("{}#{index}", truth.image), "source": "rendered", "image": truth.image,
@@ -428,15 +449,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_faces_of_the_cube_are_right_handed_and_read_from_outside() {
+    fn faces_are_right_handed_seen_from_outside() {
         for (letter, normal, columns, rows) in FACES {
             let (x, y) = (Vector3::from(columns), Vector3::from(rows));
             assert_eq!(x.cross(&y), -Vector3::from(normal), "{letter}");
         }
     }
 
+    /// The dominant face has the distance that gives its width, and is inside the picture.
     #[test]
-    fn drawn_poses_keep_the_dominant_face_at_its_width_and_in_the_picture() {
+    fn drawn_poses_keep_width_and_picture() {
         let camera = Camera {
             name: "c".into(),
             mount: Mount::World { world_from_camera: Pose::identity() },

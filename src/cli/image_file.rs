@@ -1,4 +1,14 @@
-//! Picture files: reads one, within bounds of size and memory, as it is meant to be seen.
+//! Reading of picture files.
+//!
+//! - in: a file or its bytes, PNG or JPEG
+//! - out: an upright RGB picture; or the reason why there is none
+//!
+//! | fault | limit | reason |
+//! |---|---|---|
+//! | too many pixels | `MOST_PIXELS` | a header may promise more than the memory holds |
+//! | file too large | `MOST_BYTES` | the bytes are read before they are decoded |
+//! | palette ends within a colour | 3 bytes a colour | the decoder panics |
+//! | JPEG without an end | end marker | the decoder fills the rest with grey |
 
 use anyhow::{Context, Result, bail};
 use image::metadata::Orientation;
@@ -7,61 +17,71 @@ use std::fs::File;
 use std::io::{Cursor, Read};
 use std::path::Path;
 
-/// Largest picture that is taken (px): more than a still camera has, less than fills a small
-/// machine's memory.
+/// Largest number of pixels: more than a still camera has, and few enough for a small machine.
 const MOST_PIXELS: u64 = 50_000_000;
 
-/// Largest file that is read (bytes).
+/// Largest size of a file (bytes).
 const MOST_BYTES: u64 = 256 << 20;
 
-/// A picture file as RGB; the format is judged by its bytes, not by its name. Sixteen bits become eight, grey becomes
-/// three equal channels, what is transparent is shown on black, and a photograph is turned as its camera says it was
-/// held. Size and memory are bounded before decoding.
+/// Reads a picture file as RGB. The bytes decide the format, not the name. Sixteen bits become
+/// eight, grey becomes three equal channels, transparent pixels are shown on black, and a
+/// photograph is turned upright by its orientation tag. Size and memory are checked before the
+/// picture is decoded.
 ///
 /// # Errors
-/// What is wrong with the file.
+/// Reason why the file is no usable picture, with its path.
 pub fn load(path: &Path) -> Result<RgbImage> {
     let read = || -> Result<RgbImage> {
         let mut bytes = Vec::new();
+        // One byte more than the limit shows that the file is larger.
         File::open(path)?.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
         decode(&bytes)
     };
     read().with_context(|| path.display().to_string())
 }
 
-/// The same of a picture file's bytes.
+/// Decodes the bytes of a picture file as [`load`] does.
 ///
 /// # Errors
-/// What is wrong with them.
+/// Reason why the bytes are no usable picture.
 pub fn decode(bytes: &[u8]) -> Result<RgbImage> {
     if bytes.len() as u64 > MOST_BYTES {
-        bail!("a file of more than {} MB is no picture that is looked at", MOST_BYTES >> 20);
+        bail!("the file is larger than {} MiB", MOST_BYTES >> 20);
     }
     let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format()?;
     let Some(format) = reader.format().filter(ImageFormat::reading_enabled) else {
-        bail!("not a picture: neither PNG nor JPEG by its first bytes");
+        bail!("not a picture: the file begins neither as PNG nor as JPEG");
     };
     let mut limits = image::Limits::default();
+    // Eight bytes a pixel are RGBA of sixteen bits; the rest is for the decoder itself.
     limits.max_alloc = Some(8 * MOST_PIXELS + (64 << 20));
     reader.limits(limits);
     let damaged = "damaged picture";
+    // A palette with a part of a colour makes the decoder panic.
     if format == ImageFormat::Png && !has_whole_palette(bytes) {
         bail!("{damaged}: its palette ends within a colour");
     }
     let mut decoder = reader.into_decoder().context(damaged)?;
     let (width, height) = decoder.dimensions();
     if width == 0 || height == 0 {
-        bail!("a picture of {width} x {height} px is empty");
+        bail!("the picture of {width} x {height} px is empty");
     }
+    // The header is checked before the decoder takes memory for the pixels.
     if u64::from(width) * u64::from(height) > MOST_PIXELS {
-        bail!("{width} x {height} px is more than {} million", MOST_PIXELS / 1_000_000);
+        bail!(
+            "{width} x {height} px is more than {} million: scale the picture down",
+            MOST_PIXELS / 1_000_000
+        );
     }
+    // The decoder fills the missing part of a picture with grey.
     if format == ImageFormat::Jpeg && !jpeg_ends(bytes) {
-        bail!("{damaged}: the file ends before its picture does");
+        bail!("{damaged}: the file ends before its picture");
     }
+    // A picture without a readable tag is upright.
     let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
     let mut picture = DynamicImage::from_decoder(decoder).context(damaged)?;
     picture.apply_orientation(orientation);
+    // A picture without transparency is converted without a second copy.
     if !picture.color().has_alpha() {
         return Ok(picture.into_rgb8());
     }
@@ -73,9 +93,10 @@ pub fn decode(bytes: &[u8]) -> Result<RgbImage> {
     }))
 }
 
-/// Whether the palette of a PNG file, if it has one, is of whole colours, three bytes each: on another the decoder panics.
+/// Returns whether the palette of a PNG file, if it has one, consists of whole colours of three
+/// bytes. On any other palette the decoder panics.
 fn has_whole_palette(bytes: &[u8]) -> bool {
-    // Behind the signature: length, type, data, checksum of each chunk.
+    // After the signature each chunk has length, type, data and checksum.
     let mut rest = bytes.get(8..).unwrap_or_default();
     while let Some((length, behind)) = rest.split_first_chunk::<4>() {
         let length = u32::from_be_bytes(*length) as usize;
@@ -87,9 +108,9 @@ fn has_whole_palette(bytes: &[u8]) -> bool {
     true
 }
 
-/// Whether a JPEG stream comes to its end marker: decoders fill what is missing with grey.
+/// Returns whether a JPEG stream has its end marker.
 fn jpeg_ends(bytes: &[u8]) -> bool {
-    // Behind the marker of the start.
+    // The first marker is that of the start.
     let mut at = 2;
     while let Some(found) = bytes.get(at..).and_then(|rest| rest.iter().position(|&b| b == 0xFF)) {
         at += found + 1;
@@ -97,7 +118,8 @@ fn jpeg_ends(bytes: &[u8]) -> bool {
             Some(0xD9) => return true,
             // Fill bytes, stuffed zeros, restarts: no segment follows.
             Some(0xFF | 0x00 | 0x01 | 0xD0..=0xD8) | None => {}
-            // Any other marker has a length, and what it spans may hold a thumbnail with an end of its own.
+            // Any other segment has a length. It is skipped, since a thumbnail in it has an end
+            // marker of its own.
             Some(_) => {
                 let Some(length) = bytes.get(at + 1..at + 3) else { return false };
                 at += 1 + usize::from(u16::from_be_bytes([length[0], length[1]]));
@@ -112,7 +134,7 @@ pub(super) mod tests {
     use super::*;
 
     #[test]
-    fn a_palette_that_ends_within_a_colour_is_damage() {
+    fn palette_with_part_of_a_colour_is_damage() {
         let bytes = include_bytes!("../../tests/corpus/image/palette-of-four-bytes.png");
 
         let why = format!("{:#}", decode(bytes).unwrap_err());
@@ -120,7 +142,7 @@ pub(super) mod tests {
         assert_eq!(why, "damaged picture: its palette ends within a colour");
     }
 
-    /// A file that goes away with the test.
+    /// File that is removed at the end of the test.
     pub(in crate::cli) struct Written(pub(in crate::cli) std::path::PathBuf);
 
     impl Written {
@@ -137,6 +159,7 @@ pub(super) mod tests {
         }
     }
 
+    /// Encodes a picture.
     pub(in crate::cli) fn bytes(picture: &image::DynamicImage, format: ImageFormat) -> Vec<u8> {
         let mut out = std::io::Cursor::new(Vec::new());
         picture.write_to(&mut out, format).unwrap();
@@ -148,7 +171,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn what_is_wrong_with_a_file_is_said() {
+    fn errors_name_the_fault_of_the_file() {
         let good = bytes(&image::DynamicImage::new_rgb8(60, 40), ImageFormat::Png);
 
         assert!(reason("text.png", b"not a picture at all").contains("not a picture"));
@@ -157,7 +180,7 @@ pub(super) mod tests {
         assert!(reason("head.jpg", &[0xFF, 0xD8, 0xFF, 0xE0]).contains("damaged"));
         let jpeg = bytes(&image::DynamicImage::new_rgb8(60, 40), ImageFormat::Jpeg);
         assert!(reason("short.jpg", &jpeg[..jpeg.len() - 2]).contains("ends before its picture"));
-        // A header that promises more than any machine has; the checksum is not what is wrong.
+        // A header that promises more pixels than any memory holds.
         let mut vast = good.clone();
         vast[16..24].copy_from_slice(&[0, 0, 0x4E, 0x20, 0, 0, 0x4E, 0x20]);
         assert!(!reason("vast.png", &vast).is_empty());
@@ -167,8 +190,8 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_picture_of_400_million_pixels_is_refused_before_it_is_decoded() {
-        // A whole PNG of 20000 x 20000 px in one bit, which packs well.
+    fn decode_refuses_400_million_pixels() {
+        // A complete PNG of 20000 x 20000 px with one bit a pixel, which compresses well.
         let mut out = Vec::new();
         let mut chunk = |name: &[u8; 4], data: &[u8]| {
             out.extend((data.len() as u32).to_be_bytes());
@@ -190,17 +213,19 @@ pub(super) mod tests {
         let mut file = b"\x89PNG\r\n\x1a\n".to_vec();
         file.extend(out);
 
-        let said = reason("large.png", &file);
+        let why = reason("large.png", &file);
 
-        assert!(said.contains("20000 x 20000 px is more than 50 million"), "{said}");
+        assert!(why.contains("20000 x 20000 px is more than 50 million"), "{why}");
     }
 
     #[test]
-    fn a_photograph_is_turned_as_it_was_held() {
+    fn photograph_is_turned_upright() {
         let picture = RgbImage::from_fn(24, 8, |x, _| Rgb([if x < 12 { 250 } else { 5 }; 3]));
         let mut file = bytes(&picture.into(), ImageFormat::Jpeg);
-        // Exif with one entry: orientation 6, to be turned clockwise; and a thumbnail's end marker in a comment.
-        let exif = b"\xFF\xE1\x00\x22Exif\0\0MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0";
+        // Exif with one entry, orientation 6: turn clockwise. A comment has the end marker of a
+        // thumbnail.
+        let exif = b"\xFF\xE1\x00\x22Exif\0\0MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\
+            \0\0\0\0\0\0";
         let comment = b"\xFF\xFE\x00\x04\xFF\xD9";
         file.splice(2..2, exif.iter().chain(comment).copied());
 
@@ -211,7 +236,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn grey_sixteen_bits_and_alpha_are_taken() {
+    fn decode_accepts_grey_16_bits_and_alpha() {
         use image::DynamicImage as D;
         for (i, picture) in [
             D::new_luma8(9, 7),

@@ -1,4 +1,4 @@
-//! `rubik-robot keys`: the keys of scenarios with unit, default, range and meaning.
+//! `rubik-robot keys`: lists the keys of scenarios with unit, default, range and meaning.
 
 use super::output::{Output, refuse};
 use crate::scenario;
@@ -9,6 +9,7 @@ pub(super) fn run(word: Option<&str>, output: &mut Output) -> anyhow::Result<u8>
     let mut found = false;
     for key in keys.iter().filter(|k| word.is_none_or(|w| k.path.contains(w))) {
         found = true;
+        // A range without an upper end only says that the number is not negative.
         let range = key
             .range
             .as_ref()
@@ -18,7 +19,8 @@ pub(super) fn run(word: Option<&str>, output: &mut Output) -> anyhow::Result<u8>
         output.line(&format!("    {} ({}{range})", key.meaning, key.kind))?;
     }
     if !found {
-        return Err(refuse(format!("no key contains `{}`", word.unwrap_or_default())));
+        let word = word.unwrap_or_default();
+        return Err(refuse(format!("no key contains `{word}`: `rubik-robot keys` lists all keys")));
     }
     Ok(0)
 }

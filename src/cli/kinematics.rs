@@ -1,9 +1,9 @@
-//! `rubik-robot kinematics`: one row of numbers in, one line of JSON out.
+//! `rubik-robot kinematics`: answers rows of numbers with the kinematics of an arm.
 //!
-//! - in: CSV rows of rad and m; joints are q1..q6, before them d0 for an arm on a track
-//! - out: `fk` `base_from_flange` and `base_from_tool` as three rows of four; `ik` `joints`;
-//!   `motors` `motors`; each with `limits`, the list of what is exceeded; or `error` in place of
-//!   the answer
+//! - in: CSV rows of rad and m; joints are q1..q6, with d0 before them for an arm on a track
+//! - out: a line of JSON for each row. `fk`: `base_from_flange` and `base_from_tool` as three rows
+//!   of four; `ik`: `joints`; `motors`: `motors`; each with `limits`, the list of exceeded limits.
+//!   A wrong row gives `error` in the place of the answer
 
 use super::output::{Output, next_line, refuse};
 use crate::kinematics::ArmModel;
@@ -18,15 +18,15 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, Args)]
 pub(super) struct KinematicsArgs {
-    /// What is asked of each row
+    /// Question about each row
     question: Question,
-    /// Effector of the scenario: track or postument in the built-in cell
+    /// Name of an effector; the built-in cell has track and postument
     #[arg(long)]
     arm: String,
-    /// Take arms and tools from this scenario instead of the built-in cell
-    #[arg(long)]
+    /// Scenario with the arms and tools [default: the built-in cell]
+    #[arg(long, value_name = "FILE")]
     scenario: Option<PathBuf>,
-    /// Answers are lines of JSON anyway; the option is accepted for the sake of habit
+    /// No effect: answers are lines of JSON in any case
     #[arg(long)]
     json: bool,
 }
@@ -35,16 +35,17 @@ pub(super) struct KinematicsArgs {
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Question {
-    /// Joints -> base_from_flange, base_from_tool
+    /// Poses base_from_flange and base_from_tool for joint positions
     Fk,
-    /// base_from_tool and the current joints -> joints
+    /// Joint positions for a pose base_from_tool, near the current ones
     Ik,
-    /// Joints -> motors
+    /// Motor positions for joint positions
     Motors,
 }
 
 /// Answers the rows of stdin; returns the exit code.
 pub(super) fn run(args: &KinematicsArgs, output: &mut Output) -> anyhow::Result<u8> {
+    // The built-in cell is a scenario that sets no key.
     let loaded = match &args.scenario {
         Some(path) => scenario::load(path, &[]),
         None => scenario::read(Path::new("the built-in cell"), "", &[]),
@@ -53,14 +54,15 @@ pub(super) fn run(args: &KinematicsArgs, output: &mut Output) -> anyhow::Result<
     let arms = &scenario.controller.cell.arms;
     let Some(arm) = arms.iter().find(|a| a.name == args.arm) else {
         let names: Vec<&str> = arms.iter().map(|a| a.name.as_str()).collect();
-        return Err(refuse(format!("--arm {}: there are {}", args.arm, names.join(" and "))));
+        let names = names.join(" and ");
+        return Err(refuse(format!("--arm {}: the scenario has {names}", args.arm)));
     };
     let rows = std::io::stdin().lock();
     output.write(|to| stream(args.question, &arm.model, &arm.flange_from_tool, rows, to))?;
     Ok(0)
 }
 
-/// How far the rotation of a row may be from an orthonormal one: rows with six decimals pass.
+/// Largest deviation of a row's rotation from an orthonormal one: numbers with six decimals pass.
 const ORTHONORMAL: f64 = 1e-5;
 
 #[derive(Serialize)]
@@ -82,7 +84,7 @@ struct Motors<'a> {
     limits: Vec<String>,
 }
 
-/// No row of numbers is longer (bytes).
+/// Largest length of a row (bytes).
 const LONGEST: usize = 1 << 16;
 
 #[derive(Serialize)]
@@ -90,11 +92,11 @@ struct Refusal {
     error: String,
 }
 
-/// Answers all rows, one line of JSON each, in their order. Bytes that are no text make a bad row,
-/// not an end.
+/// Answers all rows in their order, each by one line of JSON. Bytes that are no text make a wrong
+/// row and do not end the stream.
 ///
 /// # Errors
-/// Those of reading and writing; a closed pipe is one of the latter.
+/// Errors of reading and writing. A closed pipe is an error of writing.
 pub(crate) fn stream(
     question: Question,
     model: &ArmModel,
@@ -104,6 +106,7 @@ pub(crate) fn stream(
 ) -> io::Result<()> {
     let mut row = Vec::new();
     while let Some(whole) = next_line(&mut rows, LONGEST, &mut row)? {
+        // Bytes that are no text become characters that are no number.
         let line = String::from_utf8_lossy(&row);
         let answer = if whole {
             answer(question, model, flange_from_tool, &line)
@@ -117,9 +120,9 @@ pub(crate) fn stream(
     answers.flush()
 }
 
-/// The line of JSON that answers a row, without its end of line; `None` for an empty line and for a
-/// comment (`#`), which are not rows. A header row is answered as any other row that holds no
-/// numbers: by its error.
+/// Returns the line of JSON that answers a row, without its end of line. Returns `None` for an
+/// empty line and for a comment (`#`), which are no rows. A header is answered by an error, as any
+/// row without numbers.
 #[must_use]
 pub(crate) fn answer(
     question: Question,
@@ -139,6 +142,7 @@ pub(crate) fn answer(
     Some(answered.unwrap_or_else(|error| json(&Refusal { error })))
 }
 
+/// Returns the poses of flange and tool of a row of joints.
 fn forward(model: &ArmModel, flange_from_tool: &Pose, line: &str) -> Result<String, String> {
     let joints = joints_of(model, &numbers(line, axes(model), "joints")?);
     let base_from_flange = model.base_from_flange(&joints);
@@ -149,9 +153,11 @@ fn forward(model: &ArmModel, flange_from_tool: &Pose, line: &str) -> Result<Stri
     }))
 }
 
+/// Returns the joints that reach the pose of a row.
 fn inverse(model: &ArmModel, flange_from_tool: &Pose, line: &str) -> Result<String, String> {
     let what = "numbers: base_from_tool by rows (12), then the current joints";
     let numbers = numbers(line, 12 + axes(model), what)?;
+    // The pose is that of the tool; the kinematics is that of the flange.
     let base_from_tool = pose_of(&numbers[..12])?;
     let near = joints_of(model, &numbers[12..]);
     let joints = model
@@ -160,17 +166,19 @@ fn inverse(model: &ArmModel, flange_from_tool: &Pose, line: &str) -> Result<Stri
     Ok(json(&Joints { joints: &joints.0[AXES - axes(model)..], limits: limits(model, &joints) }))
 }
 
+/// Returns the motor positions of a row of joints.
 fn motors(model: &ArmModel, line: &str) -> Result<String, String> {
     let joints = joints_of(model, &numbers(line, axes(model), "joints")?);
     let motors = model.motors(&joints);
     Ok(json(&Motors { motors: &motors.0[AXES - axes(model)..], limits: limits(model, &joints) }))
 }
 
-/// Numbers that stand for the joints of an arm.
+/// Returns the number of joints of an arm.
 fn axes(model: &ArmModel) -> usize {
     if model.has_track { AXES } else { AXES - 1 }
 }
 
+/// Parses a row of `count` finite numbers.
 fn numbers(line: &str, count: usize, what: &str) -> Result<Vec<f64>, String> {
     let numbers = line
         .split(',')
@@ -188,40 +196,46 @@ fn numbers(line: &str, count: usize, what: &str) -> Result<Vec<f64>, String> {
     }
 }
 
+/// Returns the joints of a row. An arm without a track has d0 = 0.
 fn joints_of(model: &ArmModel, numbers: &[f64]) -> JointPositions {
     let mut joints = JointPositions::default();
+    // The track is the first joint, so an arm without one begins at the second.
     joints.0[AXES - axes(model)..].copy_from_slice(numbers);
     joints
 }
 
+/// Returns the pose of three rows of four, if it is a rigid motion.
 fn pose_of(m: &[f64]) -> Result<Pose, String> {
     let matrix = Matrix3::new(m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]);
     let error = (matrix.transpose() * matrix - Matrix3::identity()).amax();
     if !(error < ORTHONORMAL && matrix.determinant() > 0.0) {
+        // A reflection is orthonormal as well: only its determinant differs.
         return Err(if error < ORTHONORMAL {
-            "columns 1-3, 5-7, 9-11 are a reflection, no rotation".to_owned()
+            "columns 1-3, 5-7, 9-11 are a reflection and no rotation".to_owned()
         } else {
-            format!("columns 1-3, 5-7, 9-11 are no rotation: off by {error:.2e}")
+            format!("columns 1-3, 5-7, 9-11 are no rotation: the error is {error:.2e}")
         });
     }
     let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix));
     Ok(Pose::from_parts(Translation3::new(m[3], m[7], m[11]), rotation))
 }
 
+/// Returns a pose as three rows of four.
 fn rows(pose: &Pose) -> [[f64; 4]; 3] {
     let m = pose.to_homogeneous();
     std::array::from_fn(|row| std::array::from_fn(|column| m[(row, column)]))
 }
 
+/// Returns the limits of joints and motors that are exceeded.
 fn limits(model: &ArmModel, joints: &JointPositions) -> Vec<String> {
     let motors = model.motors(joints);
     let excesses = model.joint_excesses(joints).chain(model.motor_excesses(&motors));
     excesses.map(|excess: MoveRefused| excess.to_string()).collect()
 }
 
+/// Returns an answer as a line of JSON.
 fn json(answer: &impl Serialize) -> String {
-    // Only finite numbers and strings come here, so this cannot fail; if it did, the row still gets
-    // a line.
+    // Finite numbers and strings cannot fail. If they did, the row would still get its line.
     serde_json::to_string(answer).unwrap_or_else(|error| format!("{{\"error\":\"{error}\"}}"))
 }
 
@@ -238,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn fk_gives_flange_and_tool_in_the_frame_on_the_floor() {
+    fn fk_gives_poses_in_the_base_frame() {
         let pose =
             ask(Question::Fk, "irp6_postument", "0,-1.5707963267948966,0,0,1.5707963267948966,0");
 
@@ -250,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn exceeded_limits_are_named_and_the_row_is_still_answered() {
+    fn row_beyond_limits_is_answered_with_their_names() {
         let pose = ask(Question::Fk, "irp6_track", "2.0,0.5,-1.2,0.3,0.4,1.0,-0.5");
 
         let limits: Vec<_> = pose["limits"].as_array().unwrap().iter().collect();
@@ -277,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bad_row_is_answered_by_its_error_in_its_place() {
+    fn bad_row_is_answered_by_its_error() {
         let error = |question, line| {
             ask(question, "irp6_postument", line)["error"].as_str().unwrap().to_owned()
         };
@@ -294,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stream_has_one_answer_for_each_row_in_order() {
+    fn stream_answers_each_row_in_order() {
         let model = builtin("irp6_postument").unwrap();
         let rows = b"# six joints\n0,-1.5,0,0,1,0\r\n\xff\xfe\n\n0.1,-1.5,0,0,1,0";
         let mut answers = Vec::new();

@@ -1,8 +1,13 @@
-//! `vision locate` and `vision accuracy`: where the cube is in a picture, and how well that is
-//! known.
+//! `vision locate` and `vision accuracy`: pose of the cube in a picture, and errors of that pose.
 //!
-//! - in: picture files with their optics; or a folder that `vision render` wrote, with its truth
-//! - out: one line of JSON or text a picture; or a table of errors
+//! - in: picture files with their optics; or a folder of `vision render`, with its truth
+//! - out: a line of JSON or text for each picture; or a table of errors
+//!
+//! | fault | threshold | reason |
+//! |---|---|---|
+//! | the face is another object | [`LEAST_CONFIDENCE`] | a wrong face gives a wrong pose |
+//! | the edges are not those of a cube | [`RESIDUAL`] | then the pose is wrong |
+//! | wrong report | [`ASTRAY`] | the pose is of another object, and not an error of a pose |
 
 use super::arguments::positive;
 use super::frames::{FrameTruth, Optics, rows};
@@ -21,21 +26,25 @@ use std::time::Instant;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Answers, one line a picture:
-  camera_from_cube   three rows of four [m]: takes cube coordinates to the camera's (x right, y down, z forward);
-                     origin in the cube's centre, axes along its edges (any of the 24 ways to name them)
-  camera_from_face   the dominant face: origin in its centre, x along its columns and y along its rows as the face
-                     is read in the picture, z into the cube
-  covariance         6x6 of a small error of camera_from_cube in the camera's axes: x, y, z [m], then the rotation
-                     about the cube's centre [rad]; of noise and model, not of the optics given
-  confidence         how certain it is that a cube was seen, 0 to 1
-  other              the second pose that fits, where one face alone leaves two
-  faces              those that were used, dominant one first
-  reason             in place of all these when there is no pose
 Examples:
   rubik-robot vision locate photo.png --fx 600 --fy 600 --cx 319.5 --cy 239.5
   rubik-robot vision locate frames/*.png --fx 1150 --k1 -0.08 --k2 0.02 --json
-Exit code 1 when a picture gives no pose.")]
+
+Keys of an answer with --json:
+  camera_from_cube   pose, three rows of four (m): takes coordinates of the cube to those of the
+                     camera (x right, y down, z forward); the origin is the centre of the cube, the
+                     axes are along its edges (any of the 24 ways to name them)
+  camera_from_face   pose of the dominant face: origin in its centre, x along its columns and y
+                     along its rows as read in the picture, z into the cube
+  covariance         6 x 6, of a small error of camera_from_cube in the camera's axes: x, y, z (m),
+                     then rotation about the centre of the cube (rad); it includes noise and model,
+                     but no errors of the given optics
+  confidence         certainty that the picture shows a cube, 0 to 1
+  other              second pose that fits, if one face alone leaves two
+  faces              faces that were used, the dominant one first
+  reason             reason why there is no pose, in the place of all other keys
+
+Exit codes: 0 every picture gives a pose, 1 a picture does not.")]
 pub(super) struct LocateArgs {
     /// Picture files (PNG, JPEG)
     #[arg(required = true)]
@@ -45,7 +54,7 @@ pub(super) struct LocateArgs {
     /// Length of the cube's edge (mm)
     #[arg(long, default_value_t = 57.0, value_parser = positive)]
     cube_mm: f64,
-    /// One line of JSON a picture
+    /// Print one line of JSON for each picture
     #[arg(long)]
     json: bool,
 }
@@ -56,34 +65,36 @@ struct OpticsArgs {
     /// Focal length along x (px)
     #[arg(long, value_parser = positive)]
     fx: f64,
-    /// Focal length along y (px); that along x when not given
+    /// Focal length along y (px) [default: that along x]
     #[arg(long, value_parser = positive)]
     fy: Option<f64>,
-    /// Principal point, x (px), the first pixel's centre is 0; the picture's middle when not given
+    /// Principal point, x (px, centre of pixel 0 is 0) [default: the middle]
     #[arg(long, allow_hyphen_values = true)]
     cx: Option<f64>,
-    /// Principal point, y (px)
+    /// Principal point, y (px) [default: the middle]
     #[arg(long, allow_hyphen_values = true)]
     cy: Option<f64>,
-    /// Radial distortion of r^2
+    /// Radial distortion, coefficient of r^2
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     k1: f64,
-    /// Radial distortion of r^4
+    /// Radial distortion, coefficient of r^4
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     k2: f64,
-    /// Tangential distortion
+    /// Tangential distortion, first coefficient
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     p1: f64,
-    /// Tangential distortion
+    /// Tangential distortion, second coefficient
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     p2: f64,
-    /// Radial distortion of r^6
+    /// Radial distortion, coefficient of r^6
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     k3: f64,
 }
 
 impl OpticsArgs {
+    /// Returns the lens for a picture of this size.
     fn lens(&self, width: u32, height: u32) -> Lens {
+        // Without a given point the optical axis meets the middle of the picture.
         let middle = |n: u32| 0.5 * (f64::from(n) - 1.0);
         Lens {
             focal: (self.fx, self.fy.unwrap_or(self.fx)),
@@ -94,31 +105,36 @@ impl OpticsArgs {
     }
 }
 
-/// A pose of a face that is less certain is none: its rows may be another thing's.
+/// Least confidence of a face that gives a pose: below it the rows may be of another object.
 const LEAST_CONFIDENCE: f64 = 0.45;
-/// Edges of a cube that are farther from their places than this on average are not its edges (px).
+/// Largest mean distance of the edges in the picture from those of the pose (px).
 const RESIDUAL: f64 = 2.0;
 
-/// The cube in one picture, or why not.
+/// Locates the cube in a picture.
+///
+/// # Errors
+/// Reason why there is no pose.
 fn find(image: &image::RgbImage, lens: &Lens, edge: f64) -> Result<CubeLocation> {
     let settings =
         DetectorSettings { least_confidence: LEAST_CONFIDENCE, ..DetectorSettings::default() };
     let faces = detect(image, None, &settings)?;
     let Some(location) = locate_in(image, &faces, lens, edge, None) else {
-        bail!("a face was found, but no pose of a cube fits it with these optics")
+        bail!("a face was found, but no pose of a cube fits it: check the optics")
     };
+    // Optics that are wrong, or another object, leave a large residual.
     if location.residual_px > RESIDUAL {
-        bail!("a face was found, but its edges are {:.1} px from a cube's", location.residual_px);
+        let off = location.residual_px;
+        bail!("a face was found, but its edges are {off:.1} px from a cube's: check the optics");
     }
     Ok(location)
 }
 
-/// How certain the surest of the faces used is that it is one, 0..=1.
+/// Returns the confidence of the surest face that was used, 0..=1.
 fn confidence(location: &CubeLocation) -> f64 {
     location.faces.iter().map(|f| f.confidence).fold(0.0, f64::max)
 }
 
-/// Answers for every picture, and whether all have a pose.
+/// Returns the answers for all pictures, and whether each has a pose.
 pub(super) fn locate(args: &LocateArgs) -> (String, bool) {
     let (mut text, mut all) = (String::new(), true);
     for path in &args.images {
@@ -141,6 +157,7 @@ pub(super) fn locate(args: &LocateArgs) -> (String, bool) {
     (text, all)
 }
 
+/// Returns a location as JSON.
 fn answer(name: &str, location: &CubeLocation) -> Value {
     let covariance: Vec<Vec<f64>> =
         (0..6).map(|i| (0..6).map(|j| location.covariance[(i, j)]).collect()).collect();
@@ -173,12 +190,15 @@ fn answer(name: &str, location: &CubeLocation) -> Value {
     })
 }
 
+/// Returns a location as text.
 fn words(location: &CubeLocation) -> String {
     let at = location.camera_from_cube.translation.vector * 1e3;
     let spread = |i: usize| location.covariance[(i, i)].max(0.0).sqrt();
+    // The largest deviation of the three axes.
     let turn = (3..6).map(spread).fold(0.0, f64::max).to_degrees();
     format!(
-        "cube at x {:.2}, y {:.2}, z {:.2} mm (s.d. {:.2}, {:.2}, {:.2} mm, {turn:.2} deg), {} face{}, confidence {:.2}, residual {:.2} px{}",
+        "cube at x {:.2}, y {:.2}, z {:.2} mm (s.d. {:.2}, {:.2}, {:.2} mm, {turn:.2} deg), \
+         {} face{}, confidence {:.2}, residual {:.2} px{}",
         at.x,
         at.y,
         at.z,
@@ -189,26 +209,29 @@ fn words(location: &CubeLocation) -> String {
         if location.used.len() == 1 { "" } else { "s" },
         confidence(location),
         location.residual_px,
-        if location.other.is_some() { ", another orientation fits, too" } else { "" },
+        if location.other.is_some() { ", another orientation fits as well" } else { "" },
     )
 }
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Localises the cube in every frame of a folder that `vision render` wrote and compares with the truth beside them.
-Lateral is across the sight to the point, depth along it. NEES: squared error over the covariance reported; 6 on
-average when the covariance is right (5.3 at the median, 12.6 at 95 %).
 Examples:
   rubik-robot vision accuracy frames
   rubik-robot vision accuracy frames --focal-error-percent 1
-Exit code 1 when a frame gives no pose, or a wrong one (more than 15 mm astray).")]
+
+The command locates the cube in each frame of a folder of `vision render` and compares the pose
+with the truth. Lateral errors are across the line of sight, depth errors along it. NEES is the
+squared error over the reported covariance: 6 on average if the covariance is right (5.3 at the
+median, 12.6 at 95 %).
+Exit codes: 0 all frames give a pose, 1 a frame gives none, or one that is wrong by more than
+15 mm, 2 the folder cannot be read.")]
 pub(super) struct AccuracyArgs {
-    /// Folder with frames.jsonl
+    /// Folder of `vision render`
     folder: PathBuf,
-    /// Localise with focal lengths that are wrong by so much
-    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
+    /// Error to add to the focal lengths of the camera before locating (%)
+    #[arg(long, value_name = "PERCENT", default_value_t = 0.0, allow_hyphen_values = true)]
     focal_error_percent: f64,
-    /// One object instead of a table
+    /// Print one object of JSON instead of a table
     #[arg(long)]
     json: bool,
 }
@@ -221,6 +244,7 @@ struct Errors {
 }
 
 impl Errors {
+    /// Adds the error of a point that was found.
     fn push(&mut self, found: Point3<f64>, truth: Point3<f64>) {
         let sight = truth.coords.normalize();
         let error = found - truth;
@@ -229,6 +253,7 @@ impl Errors {
         self.lateral.push((error - sight * depth).norm());
     }
 
+    /// Returns r.m.s. and 95 % quantile of the lateral errors, then of the depth errors (mm).
     fn figures(&self) -> [f64; 4] {
         let rms = |v: &[f64]| (v.iter().map(|x| x * x).sum::<f64>() / v.len() as f64).sqrt() * 1e3;
         let p95 = |v: &[f64]| quantile(v, 0.95) * 1e3;
@@ -241,6 +266,7 @@ impl Errors {
             "depth_rms_mm": c, "depth_p95_mm": d })
     }
 
+    /// Returns the line of the table.
     fn line(&self, name: &str) -> String {
         if self.depth.is_empty() {
             return format!("{name:<38} {:6}\n", 0);
@@ -250,6 +276,7 @@ impl Errors {
     }
 }
 
+/// Returns the quantile `share` of values in any order; NaN of none.
 fn quantile(values: &[f64], share: f64) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -257,13 +284,13 @@ fn quantile(values: &[f64], share: f64) -> f64 {
     sorted.get(at.min(values.len().saturating_sub(1))).copied().unwrap_or(f64::NAN)
 }
 
-/// A dominant face farther from the truth than this is a wrong report (m).
+/// Distance of the dominant face from the truth beyond which the report is wrong (m).
 const ASTRAY: f64 = 0.015;
 
-/// Measures all frames; returns the table, and whether every frame gave a pose.
+/// Measures all frames; returns the table, and whether every frame gave a right pose.
 ///
 /// # Errors
-/// A folder that cannot be read.
+/// Unreadable folder.
 pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(String, bool)> {
     let frames = FrameTruth::read_all(&args.folder)?;
     let mut measured = Measured::default();
@@ -272,6 +299,7 @@ pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(String, bool)> {
             measured.misses.push(format!("{}: {miss}", frame.image));
         }
     }
+    // An empty folder is no success.
     let all = measured.misses.is_empty() && !frames.is_empty();
     let text = if args.json {
         format!("{}\n", measured.json(frames.len(), args))
@@ -296,8 +324,8 @@ struct Measured {
 }
 
 impl Measured {
-    /// Localises the cube in a frame and adds its errors; returns why it gives no pose, or a wrong
-    /// one.
+    /// Locates the cube in a frame and adds its errors. The inner error is the reason why the frame
+    /// gives no pose, or a wrong one.
     fn add(
         &mut self,
         frame: &FrameTruth,
@@ -308,6 +336,7 @@ impl Measured {
         let edge = frame.cube_mm * 1e-3;
         let begun = Instant::now();
         let found = find(&image, &lens, edge);
+        // The time includes detection, but not reading the file.
         self.times.push(begun.elapsed().as_secs_f64() * 1e3);
         let location = match found {
             Ok(location) => location,
@@ -317,10 +346,12 @@ impl Measured {
         let centre = Point3::from(location.camera_from_face().translation.vector);
         let nearest = face_nearest(&truth, edge, &centre);
         let far = (centre - nearest).norm();
+        // Wrong focal lengths shift the depth in proportion, which is no wrong report.
         if far > ASTRAY + 0.02 * args.focal_error_percent.abs() * nearest.coords.norm() {
-            return Ok(Err(format!("{:.0} mm astray", far * 1e3)));
+            return Ok(Err(format!("wrong by {:.0} mm", far * 1e3)));
         }
         self.face.push(centre, nearest);
+        // One face leaves the depth of the cube less certain, so the two cases are counted apart.
         let cube = if location.used.len() > 1 { &mut self.several } else { &mut self.single };
         cube.push(
             location.camera_from_cube.translation.vector.into(),
@@ -332,6 +363,7 @@ impl Measured {
         Ok(Ok(()))
     }
 
+    /// Returns the mean of the normalised squared errors.
     fn mean_nees(&self) -> f64 {
         self.nees.iter().sum::<f64>() / self.nees.len().max(1) as f64
     }
@@ -353,7 +385,8 @@ impl Measured {
 
     fn table(&self, frames: usize) -> Result<String> {
         let mut out = String::from(
-            "point                                  frames   lateral mm: r.m.s., p95     depth mm: r.m.s., p95\n",
+            "point                                  frames   lateral mm: r.m.s., p95     \
+             depth mm: r.m.s., p95\n",
         );
         out += &self.face.line("centre of the dominant face");
         out += &self.several.line("centre of the cube, two or three faces");
@@ -377,16 +410,18 @@ impl Measured {
     }
 }
 
+/// Returns the lens with focal lengths that are scaled by a factor.
 fn scaled(optics: &Optics, factor: f64) -> Lens {
     let mut lens = optics.lens();
     lens.focal = (lens.focal.0 * factor, lens.focal.1 * factor);
     lens
 }
 
-/// The centre of the true face that is nearest to a point.
+/// Returns the centre of the true face that is nearest to a point.
 fn face_nearest(truth: &Pose, edge: f64, to: &Point3<f64>) -> Point3<f64> {
     let half = edge / 2.0;
     let mut best = (f64::INFINITY, *to);
+    // The reported face may have any of the 24 names, so the nearest true face counts.
     for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
         for sign in [-half, half] {
             let centre = truth * Point3::from(axis * sign);
@@ -398,7 +433,8 @@ fn face_nearest(truth: &Pose, edge: f64, to: &Point3<f64>) -> Point3<f64> {
     best.1
 }
 
-/// Small motion, in the camera's axes, from the truth to what was found, up to the cube's symmetry.
+/// Returns the small motion from the true pose to the pose that was found, in the camera's axes.
+/// The axes of the cube can be named in 24 ways; the nearest way counts.
 fn error_of(found: &Pose, truth: &Pose) -> Vector6<f64> {
     let relative = found.rotation.inverse() * truth.rotation;
     let named_alike = found.rotation * nearest_of_24(&relative);
@@ -407,6 +443,7 @@ fn error_of(found: &Pose, truth: &Pose) -> Vector6<f64> {
     Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
 }
 
+/// Returns the squared error over its covariance; `None` if the covariance is singular.
 fn nees_of(error: &Vector6<f64>, covariance: &Matrix6<f64>) -> Option<f64> {
     Some(error.dot(&covariance.cholesky()?.solve(error)))
 }

@@ -1,7 +1,9 @@
-//! The command line: words and units of the workshop in, text or lines of JSON out.
+//! Command line of the program: the one place with units of the workshop (mm, deg, ms).
 //!
-//! Exit codes: 0 done; 1 the task failed or was aborted; 2 usage or scenario; 3 fatal (effector);
-//! 4 system; 130 interrupted. Results go to stdout, everything else to stderr.
+//! - in: arguments, files, and rows or cubes on stdin
+//! - out: text or lines of JSON on stdout; warnings, errors and progress on stderr
+//! - exit codes: 0 done; 1 the task failed or was aborted; 2 usage or scenario; 3 fatal (effector);
+//!   4 system; 130 interrupted
 
 mod arguments;
 mod benchmark;
@@ -16,6 +18,7 @@ pub mod evaluate;
 mod faces;
 mod film;
 mod frames;
+mod help;
 pub mod image_file;
 mod keys;
 mod kinematics;
@@ -41,34 +44,36 @@ mod vision;
 mod weigh;
 
 use arguments::ScenarioArgs;
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches as _, Parser, Subcommand};
 use output::{Output, Refused, WRONG, complain};
 use std::io::IsTerminal as _;
 use std::process::ExitCode;
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::prelude::*;
 
+/// End of the program's help.
 const HELP: &str = "\
-Try these, in this order:
-  rubik-robot run scenarios/solve.toml                    the whole mission
-  rubik-robot run scenarios/solve.toml --seed 7           another cube, hand and cell
+Try these commands, in this order:
+  rubik-robot run scenarios/solve.toml                    # the whole mission
+  rubik-robot run scenarios/solve.toml --seed 7           # another cube, hand and cell
   rubik-robot run scenarios/face_turn.toml --set control.compliance=none
-                                                          the same turn without force control
-  rubik-robot run scenarios/solve.toml --json | tail -1   the summary for a program
-  rubik-robot campaign scenarios/solve.toml --runs 20     how often it succeeds
-  rubik-robot check my.toml                               what is wrong with a scenario
-  rubik-robot keys control                                every key, its unit, default and meaning
+                                                          # one turn without force control
+  rubik-robot run scenarios/solve.toml --json | tail -1   # the summary for a program
+  rubik-robot campaign scenarios/solve.toml --runs 20     # the share of missions that succeed
+  rubik-robot check scenarios/solve.toml                  # the errors of a scenario
+  rubik-robot keys control                                # keys with unit, default and meaning
   echo 0,-1.57,0,1.56,1.57,-1.57 | rubik-robot kinematics fk --arm postument
-  rubik-robot vision face photo.jpg                       the faces of a cube in a photograph
-  rubik-robot solve --scramble \"R U2 F' L\"               the fewest turns that solve a cube
-  rubik-robot tables build                                larger tables, for shorter solutions
-  rubik-robot picture scenarios/solve.toml                the cell as cell.png
-  rubik-robot doctor                                      whether this machine is fit for real time
+  rubik-robot vision face photo.jpg                       # the faces of a cube in a photograph
+  rubik-robot solve --scramble \"R U2 F' L\"                # turns that solve a cube
+  rubik-robot tables build                                # larger tables, for shorter solutions
+  rubik-robot picture scenarios/solve.toml                # the cell as cell.png
+  rubik-robot doctor                                      # is this machine fit for real time?
+  rubik-robot help run                                    # options and examples of a command
 
 Exit codes: 0 done, 1 the task failed or was aborted, 2 usage or scenario, 3 fatal (an effector),
-4 system, 130 interrupted. RUST_LOG=rubik_robot=debug shows what the actors do.";
+4 system, 130 interrupted. RUST_LOG=rubik_robot=debug logs the work of the actors to stderr.";
 
-/// A two-handed robot that takes, reads, solves and returns a Rubik's cube, in a simulated cell.
+/// A robot with two arms that takes, reads, solves and returns a Rubik's cube, in a simulated cell
 #[derive(Debug, Parser)]
 #[command(name = "rubik-robot", version, after_help = HELP)]
 struct Cli {
@@ -79,130 +84,143 @@ struct Cli {
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Perform a scenario and print what it came to
+    /// Run a scenario and print its summary
     Run(run::RunArgs),
-    /// Perform a scenario many times and say how often it succeeds, and how sure that is
+    /// Run a scenario with many seeds and report how often it succeeds
     Campaign(campaign::CampaignArgs),
-    /// Measure accuracy and speed in trials, and write the protocol
+    /// Measure accuracy and speed in a series of trials and write a report in Markdown
     Benchmark(benchmark::BenchmarkArgs),
-    /// Stand in for a robot: the cell of a scenario behind serial lines, datagrams and sockets
+    /// Emulate the robot of a scenario on serial lines, datagrams and sockets
     Emulate(emulate::EmulateArgs),
-    /// Find the weight of a tool, its centre and the force sensor's bias, from several orientations
+    /// Measure the weight of a tool, its centre of mass and the bias of the force sensor
     Weigh(weigh::WeighArgs),
-    /// Say everything that is wrong with a scenario, without running it
+    /// Check a scenario without running it and list all its errors
     #[command(after_help = "\
 Examples:
   rubik-robot check scenarios/solve.toml
   rubik-robot check scenarios/solve.toml --set control.grip_n=5
-Exit code 2 and file:line:column of every fault when something is wrong.")]
+  rubik-robot check scenarios/solve.toml --set 'effector.track.tool_xyz_mm=[0,0,260]'
+
+Each error is printed with file, line and column.
+Exit codes: 0 the scenario is valid, 2 it has an error.")]
     Check(ScenarioArgs),
-    /// List the keys of scenarios: unit, default, range, meaning
+    /// List the keys of scenarios with unit, default, range and meaning
     #[command(after_help = "\
 Examples:
-  rubik-robot keys                 all of them
-  rubik-robot keys plant.errors    those whose name begins so
-  rubik-robot keys grip            those whose name contains a word")]
+  rubik-robot keys                 # all keys
+  rubik-robot keys plant.errors    # the keys of a section
+  rubik-robot keys grip            # the keys with a word in their name")]
     Keys {
-        /// Part of a key's name
+        /// Part of a key's name [default: all keys]
         word: Option<String>,
     },
-    /// Answer rows of numbers with the kinematics of an arm
+    /// Compute the kinematics of an arm for rows of numbers on stdin
     #[command(after_help = "\
-Rows are CSV on stdin, in rad and m; for the track arm d0 comes first. One JSON line answers each row;
-a row that cannot be answered gives {\"error\": ...} in its place.
+Rows are CSV, in rad and m; for the track arm d0 comes first. Each row is answered by one line of
+JSON, a wrong row by {\"error\": ...}. A row of `ik` has 12 numbers of base_from_tool, row by row
+(3 x 4), then the current joints.
+
 Examples:
   echo 0,-1.57,0,1.56,1.57,-1.57 | rubik-robot kinematics fk --arm postument
   echo 0.2,0,-1.57,0,1.56,1.57,-1.57 | rubik-robot kinematics motors --arm track
-  rubik-robot kinematics ik --arm postument < rows.csv
-      each row: 12 numbers of base_from_tool by rows (3 x 4), then the current joints")]
+  rubik-robot kinematics ik --arm postument < rows.csv")]
     Kinematics(kinematics::KinematicsArgs),
-    /// Solve cubes: the fewest turns of faces
+    /// Solve cubes in few face turns, or in the fewest
     #[command(after_help = "\
-Answers come on stdout in the order of the cubes, what is refused says why. Exit code 2 if any cube was refused.
 Examples:
   rubik-robot solve --scramble \"R U2 M' y Fw\"
   rubik-robot solve DRLUUBFBRBLURRLRUBLRDDFDLFUFUFFDBRDUBRUFLLFDDBFLUBLRBD
   rubik-robot solve --mode first --json - < cubes.txt
   rubik-robot solve --max-length 20 --scramble \"R U R' U'\"
-  rubik-robot solve --budget-ms 1000 --threads 2 CUBE
-  rubik-robot scramble --count 5 --facelets | rubik-robot solve -")]
+  rubik-robot solve --budget-ms 1000 --threads 2 --scramble \"R U F2 D' L B\"
+  rubik-robot scramble --count 5 --facelets | rubik-robot solve -
+
+Answers are printed in the order of the cubes. A cube that is refused is answered by the reason.
+Exit codes: 0 all cubes are solved, 1 a cube has no such solution, 2 a cube was refused.")]
     Solve(solve::SolveArgs),
-    /// Plan what two arms do with a cube: who holds, who turns, and why a new grasp is needed
+    /// Plan the grasps and turns of both arms for a cube
     #[command(after_help = "\
 Examples:
-  rubik-robot plan --explain FACELETS
-      every step with its time and its reason, and the original's rule beside it
-  rubik-robot plan FACELETS --rule strict --json
+  rubik-robot plan --explain DRLUUBFBRBLURRLRUBLRDDFDLFUFUFFDBRDUBRUFLLFDDBFLUBLRBD
+  rubik-robot plan DRLUUBFBRBLURRLRUBLRDDFDLFUFUFFDBRDUBRUFLLFDDBFLUBLRBD --rule strict --json
   rubik-robot scramble --seed 7 --facelets | xargs rubik-robot plan --explain
-The plan is for the built-in cell, or for --scenario's: its reach, its speeds, its grippers.")]
+
+The plan is compared with one by the rule of the original robot of 2007. It is for the built-in
+cell, or for that of --scenario: its reach, speeds and grippers.
+Exit codes: 0 planned, 1 there is no plan, 2 the cube was refused.")]
     Plan(plan::PlanArgs),
-    /// Draw cubes uniformly from all there are, and say which turns make them
+    /// Draw random cubes, all equally likely, and print the turns that produce them
     #[command(after_help = "\
 Examples:
   rubik-robot scramble
   rubik-robot scramble --seed 7 --json
   rubik-robot scramble --count 1000 --seed 1 --facelets > cubes.txt")]
     Scramble(solve::ScrambleArgs),
-    /// Make, list, check and remove the solver's tables
+    /// Build, list, verify and remove the tables of the solver
     #[command(after_help = "\
-Without them `solve` builds what its mode needs when it needs it; the large ones for two-phase only here.
 Examples:
-  rubik-robot tables build            everything that any mode needs
+  rubik-robot tables build            # all tables
   rubik-robot tables list
   rubik-robot tables verify
   rubik-robot tables remove phase1-large
-  RUBIK_ROBOT_TABLES=/data/tables rubik-robot tables build")]
+  RUBIK_ROBOT_TABLES=/data/tables rubik-robot tables build
+
+The command solve builds the tables that its mode needs, except the large ones of two-phase:
+those are built by this command only.")]
     Tables(tables::TablesArgs),
-    /// Run the vision on pictures and on measured colours
+    /// Find cubes in pictures, read their colours, and measure the accuracy
     Vision(vision::VisionArgs),
-    /// Say what this machine can give a real-time servo, and what helps where it falls short
+    /// Check whether this machine can run a real-time servo, and print what to change
     Doctor(doctor::DoctorArgs),
     /// Calibrate the cameras of a scenario in the simulated cell
     Calibrate(calibrate::CalibrateArgs),
-    /// Show a recording again, or verify it: do its inputs make the same controller do the same?
+    /// Replay a recording, or verify that the controller reproduces it
     Replay(replay::ReplayArgs),
-    /// Make a page of a recording: verdict, figures, curves, pictures, plan
+    /// Write a report of a recorded run as an HTML page
     Report(report::ReportArgs),
-    /// Make a moving picture of a recorded mission
+    /// Make an animated GIF of a recorded mission
     Film(film::FilmArgs),
-    /// Make a whole recording of one that was cut off or damaged
+    /// Repair a recording that was cut off or damaged
     Recover(recover::RecoverArgs),
-    /// Write the cell, or one arm, as URDF
+    /// Print the cell, or one arm, as URDF
     Urdf(urdf::UrdfArgs),
-    /// Write the JSON schema of scenarios, for editors
+    /// Print the JSON schema of scenarios, for editors
     #[command(after_help = "\
-Example:
+Examples:
   rubik-robot schema > scenario.schema.json
-An editor with a TOML language server (taplo, Even Better TOML) checks and completes keys with
-  #:schema ./scenario.schema.json
-in a scenario's first line.")]
+  rubik-robot schema | less
+
+An editor with a TOML language server (taplo, Even Better TOML) checks and completes the keys of a
+scenario whose first line is
+  #:schema ./scenario.schema.json")]
     Schema,
-    /// Write the completions of a shell
+    /// Print the completions for a shell
     #[command(after_help = "\
 Examples:
   rubik-robot completions bash > ~/.local/share/bash-completion/completions/rubik-robot
   rubik-robot completions fish > ~/.config/fish/completions/rubik-robot.fish")]
     Completions {
-        /// Which shell
+        /// Name of the shell
         shell: clap_complete::Shell,
     },
-    /// Write the manual page
+    /// Print the manual page of the program, or of a command
     #[command(after_help = "\
 Examples:
   rubik-robot man > rubik-robot.1
   rubik-robot man run | man -l -")]
     Man {
-        /// Of a command; without one, of the program
+        /// Name of a command [default: the program]
         command: Option<String>,
     },
-    /// Draw the cell of a scenario, or what one of its cameras sees
+    /// Draw the cell of a scenario, or the view of one of its cameras
     Picture(picture::PictureArgs),
 }
 
-/// The program's entry.
+/// Runs the command of the arguments and returns its exit code.
 #[must_use]
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let matches = help::with_groups(Cli::command()).get_matches();
+    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     log_to_stderr(std::env::var("RUST_LOG").ok().as_deref());
     let mut output = Output::stdout();
     let done = match cli.command {
@@ -233,12 +251,14 @@ pub fn main() -> ExitCode {
         }
         Command::Man { command } => shell::manual(command.as_deref(), Cli::command(), &mut output),
     };
+    // A refused call has an exit code of its own; any other error is one of the system.
     let code = done.or_else(|error| {
         error.downcast::<Refused>().map(|why| {
             complain(&why.to_string());
             WRONG
         })
     });
+    // Results that cannot be written are an error, also of a command that succeeded.
     let code = code.and_then(|code| output.flush().map(|()| code));
     match code {
         Ok(code) => ExitCode::from(code),
@@ -249,8 +269,9 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Logs to stderr what `wanted`, the value of `RUST_LOG`, lets through.
+/// Logs to stderr as `wanted`, the value of `RUST_LOG`, asks for.
 fn log_to_stderr(wanted: Option<&str>) {
+    // stdout belongs to the results, which a program may read.
     let log = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal());
@@ -258,11 +279,10 @@ fn log_to_stderr(wanted: Option<&str>) {
 }
 
 /// Returns the filter of `RUST_LOG`: levels, and levels of targets, as in
-/// `warn,rubik_robot=debug`. Warnings and errors are logged where there is none or it cannot be
-/// read.
+/// `warn,rubik_robot=debug`. Without a readable value it passes warnings and errors.
 ///
-/// `Targets` is taken instead of `EnvFilter`, which also knows spans and fields: that one brings an
-/// engine for regular expressions, a tenth of what all packages cost in a fresh build.
+/// `Targets` is used instead of `EnvFilter`, which can also filter by spans and fields: that needs
+/// an engine for regular expressions, a tenth of the cost of all packages in a fresh build.
 fn log_filter(wanted: Option<&str>) -> Targets {
     let wanted = wanted.filter(|text| !text.trim().is_empty());
     let parsed = wanted.and_then(|text| text.parse().ok());
@@ -274,7 +294,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_command_line_is_consistent() {
+    fn command_line_is_consistent() {
         Cli::command().debug_assert();
     }
 

@@ -1,8 +1,8 @@
-//! The ends that results go to: stdout, and files.
+//! Output of a command: stdout, stderr and files.
 //!
-//! - a closed pipe is a success: `rubik-robot keys | head -1` ends quietly
-//! - a file is whole, or what it was before: the new one takes its place when it is written
-//! - no file that a command writes is one that it reads, nor another one that it writes
+//! - a closed pipe is a success: `rubik-robot keys | head -1` ends without an error
+//! - a file is written beside its final path and renamed when it is complete
+//! - a command never writes to a file that it reads, nor two outputs to one file
 
 use crate::record::place::Place;
 use anyhow::Context as _;
@@ -10,10 +10,10 @@ use std::fmt;
 use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-/// The exit code of a wrong call or scenario.
+/// Exit code of a wrong call or scenario.
 pub(super) const WRONG: u8 = 2;
 
-/// A call or a scenario that a command refuses: `main` prints the reason and exits with [`WRONG`].
+/// Error of a wrong call or scenario: `main` prints the reason and exits with [`WRONG`].
 #[derive(Debug)]
 pub(super) struct Refused(String);
 
@@ -30,24 +30,24 @@ pub(super) fn refuse(reason: impl fmt::Display) -> anyhow::Error {
     anyhow::Error::new(Refused(reason.to_string()))
 }
 
-/// Prints what is wrong on stderr. A stderr that is closed is ignored: no place is left to report
-/// it.
+/// Prints a line to stderr: an error, a warning or progress. A closed stderr is ignored, because
+/// there is no other place to report it.
 pub(super) fn complain(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-/// Writes a file in the place of what has its name, once it is whole.
+/// Writes a file. An existing file of that name is replaced only when the new one is complete.
 ///
 /// # Errors
-/// What the operating system says, with the file's name; what was there is there still.
+/// Error of the operating system, with the file's name. The existing file stays as it is.
 pub(crate) fn save(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     let write = || -> io::Result<()> {
         let (mut file, mut place) = Place::create(path)?;
-        let regular = place.waits();
+        let regular = place.is_temporary();
         let written =
             file.write_all(bytes).and_then(|()| if regular { file.sync_data() } else { Ok(()) });
-        if let Err(why) = written.and_then(|()| place.take()) {
-            // A part of it is of no use to anybody.
+        if let Err(why) = written.and_then(|()| place.rename_to_final()) {
+            // An incomplete file is of no use.
             let _ = place.discard();
             return Err(why);
         }
@@ -56,22 +56,22 @@ pub(crate) fn save(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     write().with_context(|| path.display().to_string())
 }
 
-/// A file of a command: what it is, and its name where it is given.
+/// File of a command: its role in words, and its path if one is given.
 pub(crate) type Named<'a> = (&'a str, Option<&'a PathBuf>);
 
-/// Refuses files of which the command would write one over another.
+/// Checks that no output of a command is one of its inputs or another output.
 ///
 /// # Errors
-/// [`Refused`] with the two that clash.
+/// [`Refused`] with the two files that clash.
 pub(super) fn clash(inputs: &[Named<'_>], outputs: &[Named<'_>]) -> anyhow::Result<()> {
     first_clash(inputs, outputs).map_or(Ok(()), |reason| Err(refuse(reason)))
 }
 
-/// Returns why the command would write one of these files over another.
+/// Returns an error text for the first output that is an input or another output.
 fn first_clash(inputs: &[Named<'_>], outputs: &[Named<'_>]) -> Option<String> {
     for (i, (what, path)) in outputs.iter().enumerate() {
         let Some(path) = path else { continue };
-        // It is written as a part beside it first.
+        // An output is written to a temporary path first, see `Place`.
         let part = Place::part_of(path);
         let same = |(_, other): &&Named<'_>| {
             other.is_some_and(|other| is_same(path, other) || is_same(&part, other))
@@ -79,24 +79,28 @@ fn first_clash(inputs: &[Named<'_>], outputs: &[Named<'_>]) -> Option<String> {
         if let Some((input, _)) = inputs.iter().find(same) {
             let path = path.display();
             return Some(format!(
-                "{what}: {path} is {input}, and would be overwritten: name another file"
+                "{what}: {path} is {input} and would be overwritten: name another file"
             ));
         }
         if let Some((other, _)) = outputs[..i].iter().find(same) {
             let path = path.display();
-            return Some(format!("{what}: {path} is {other}, too: each needs a file of its own"));
+            return Some(format!(
+                "{what}: {path} is {other} as well: name a file of its own for each"
+            ));
         }
     }
     None
 }
 
-/// Whether two names are of one file, whether it is there yet or not; devices and pipes are no
-/// files.
+/// Checks whether two paths lead to one file, which need not exist yet. A device or a pipe is no
+/// file: several outputs may go to it.
 fn is_same(one: &Path, other: &Path) -> bool {
     use std::os::unix::fs::MetadataExt as _;
+    // Hard links have different paths but one inode.
     if let (Ok(one), Ok(other)) = (std::fs::metadata(one), std::fs::metadata(other)) {
         return one.is_file() && (one.dev(), one.ino()) == (other.dev(), other.ino());
     }
+    // A file that does not exist yet has no canonical path, but its folder has one.
     let whole = |path: &Path| {
         path.canonicalize().ok().or_else(|| {
             let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
@@ -107,12 +111,12 @@ fn is_same(one: &Path, other: &Path) -> bool {
     whole(one).is_some_and(|one| whole(other) == Some(one))
 }
 
-/// The next line of a stream, without its end, into `line`; of a longer one than `most` bytes the
-/// beginning, the rest is passed over. Returns whether it is whole; `None` at the end of the
-/// stream.
+/// Reads the next line of a stream into `line`, without its end. Keeps the first `most` bytes of a
+/// longer line and skips the rest. Returns whether the line is complete, or `None` at the end of
+/// the stream.
 ///
 /// # Errors
-/// Those of reading.
+/// Error of reading.
 pub(crate) fn next_line(
     from: &mut impl io::BufRead,
     most: usize,
@@ -131,6 +135,7 @@ pub(crate) fn next_line(
         begun = true;
         let end = bytes.iter().position(|byte| *byte == b'\n');
         let part = &bytes[..end.unwrap_or(bytes.len())];
+        // The memory for a line is bounded, however long the line is.
         let room = most - line.len();
         whole &= part.len() <= room;
         line.extend_from_slice(&part[..part.len().min(room)]);
@@ -142,7 +147,7 @@ pub(crate) fn next_line(
     }
 }
 
-/// Lines of results.
+/// Writer of results.
 #[derive(Debug)]
 pub(crate) struct Output<W: Write = io::Stdout> {
     to: BufWriter<W>,
@@ -150,7 +155,7 @@ pub(crate) struct Output<W: Write = io::Stdout> {
 }
 
 impl Output {
-    /// The process's stdout.
+    /// Returns a writer to stdout.
     #[must_use]
     pub(crate) fn stdout() -> Self {
         Self::new(io::stdout())
@@ -158,7 +163,7 @@ impl Output {
 }
 
 impl<W: Write> Output<W> {
-    /// Writes to `to`.
+    /// Returns a writer to `to`.
     pub(crate) fn new(to: W) -> Self {
         Self { to: BufWriter::new(to), closed: false }
     }
@@ -166,7 +171,7 @@ impl<W: Write> Output<W> {
     /// Writes a line.
     ///
     /// # Errors
-    /// Whatever the device says, but not that nobody reads any more.
+    /// Error of the device, except a closed pipe.
     pub(crate) fn line(&mut self, text: &str) -> anyhow::Result<()> {
         let written = writeln!(self.to, "{text}");
         self.take(written)
@@ -181,7 +186,7 @@ impl<W: Write> Output<W> {
         self.take(written)
     }
 
-    /// Lets something write by itself.
+    /// Calls `writer` with the buffered stream.
     ///
     /// # Errors
     /// As [`Output::line`].
@@ -193,7 +198,7 @@ impl<W: Write> Output<W> {
         self.take(written)
     }
 
-    /// Hands over what is buffered.
+    /// Writes the buffered bytes.
     ///
     /// # Errors
     /// As [`Output::line`].
@@ -202,12 +207,13 @@ impl<W: Write> Output<W> {
         self.take(flushed)
     }
 
-    /// Whether nobody reads any more.
+    /// Returns whether the reader has closed the pipe.
     #[must_use]
     pub(crate) fn is_closed(&self) -> bool {
         self.closed
     }
 
+    /// Turns the error of a closed pipe into a success, and remembers it.
     fn take(&mut self, result: io::Result<()>) -> anyhow::Result<()> {
         match result {
             Err(error) if error.kind() == ErrorKind::BrokenPipe => {
@@ -234,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn a_closed_pipe_is_no_error() {
+    fn closed_pipe_is_no_error() {
         let mut output = Output::new(Broken);
 
         output.line("text").unwrap();
@@ -244,12 +250,12 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_cannot_be_written_is_what_it_was() {
+    fn failed_save_keeps_the_existing_file() {
         let folder = std::env::temp_dir().join(format!("rubik-robot-save-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let path = folder.join("report.html");
         save(&path, b"old").unwrap();
-        // Nothing can be put beside it: as on a full disk, it is told and nothing is lost.
+        // A folder in the place of the temporary file makes the write fail, as a full disk would.
         std::fs::create_dir(folder.join("report.html.part")).unwrap();
 
         assert!(format!("{:#}", save(&path, b"new").unwrap_err()).contains("report.html: "));
@@ -258,14 +264,15 @@ mod tests {
         std::fs::remove_dir(folder.join("report.html.part")).unwrap();
         save(&path, b"new").unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"new");
-        // A device that is full.
+        // A device without space.
         assert!(save(Path::new("/dev/full"), b"new").is_err());
         save(Path::new("/dev/null"), b"new").unwrap();
         std::fs::remove_dir_all(folder).unwrap();
     }
 
+    /// Checks paths, links, hard links and files that do not exist yet.
     #[test]
-    fn files_that_would_be_written_over_are_named_whatever_they_are_called() {
+    fn clash_check_recognises_file_under_other_name() {
         let folder = std::env::temp_dir().join(format!("rubik-robot-clash-{}", std::process::id()));
         std::fs::create_dir_all(folder.join("sub")).unwrap();
         let there = folder.join("s.toml");
@@ -274,17 +281,16 @@ mod tests {
         std::fs::hard_link(&there, folder.join("hard")).unwrap();
         let (whole, part) = (folder.join("z.mcap"), folder.join("z.mcap.part"));
         std::fs::write(&part, "").unwrap();
-        let told = first_clash(&[("the recording", Some(&part))], &[("-o", Some(&whole))]);
-        assert!(told.unwrap().contains("is the recording"));
+        let why = first_clash(&[("the recording", Some(&part))], &[("-o", Some(&whole))]);
+        assert!(why.unwrap().contains("is the recording"));
         for name in ["s.toml", "sub/../s.toml", "link", "hard"] {
             let path = folder.join(name);
-            let told = first_clash(&[("the scenario", Some(&there))], &[("-o", Some(&path))]);
-            assert!(told.unwrap().contains("is the scenario"), "{name}");
+            let why = first_clash(&[("the scenario", Some(&there))], &[("-o", Some(&path))]);
+            assert!(why.unwrap().contains("is the scenario"), "{name}");
         }
         let (new, again) = (folder.join("new"), folder.join("sub/../new"));
-        let told =
-            first_clash(&[], &[("--world", Some(&new)), ("--record", Some(&again))]).unwrap();
-        assert!(told.starts_with("--record: ") && told.contains("is --world, too"), "{told}");
+        let why = first_clash(&[], &[("--world", Some(&new)), ("--record", Some(&again))]).unwrap();
+        assert!(why.starts_with("--record: ") && why.contains("is --world as well"), "{why}");
         assert_eq!(first_clash(&[("s", Some(&there))], &[("-o", Some(&new)), ("-p", None)]), None);
         let null = PathBuf::from("/dev/null");
         assert_eq!(first_clash(&[], &[("--world", Some(&null)), ("--record", Some(&null))]), None);
@@ -292,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn of_a_line_that_is_too_long_the_rest_is_passed_over() {
+    fn next_line_skips_the_rest_of_long_lines() {
         let text = b"ab\n\nabcd\nabcde\nx";
         for buffer in [1, 3, 100] {
             let mut from = io::BufReader::with_capacity(buffer, text.as_slice());

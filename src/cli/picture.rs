@@ -1,4 +1,7 @@
-//! `rubik-robot picture`: draws the cell of a scenario, and of a moment of a run for `report`.
+//! `rubik-robot picture`: draws the cell of a scenario, or the view of a camera.
+//!
+//! - in: a scenario; or a snapshot of a recorded run, for `report` and `film`
+//! - out: a PNG or JPEG file; or the scene of the snapshot
 
 use super::arguments::ScenarioArgs;
 use super::output::{Output, clash, refuse, save};
@@ -15,31 +18,33 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  rubik-robot picture scenarios/solve.toml                          cell.png, from outside
-  rubik-robot picture scenarios/solve.toml --camera standalone --out view.png")]
+  rubik-robot picture scenarios/solve.toml  # cell.png: the cell from outside
+  rubik-robot picture scenarios/solve.toml --camera standalone --out view.png
+
+The picture shows the cell before a run: the arms at their start, and the cube in its place.")]
 pub(super) struct PictureArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
-    /// File to write (PNG or JPEG, by its ending)
-    #[arg(long, default_value = "cell.png")]
+    /// Write the picture to FILE, as PNG or JPEG by its ending
+    #[arg(long, value_name = "FILE", default_value = "cell.png")]
     out: PathBuf,
-    /// What this camera of the scenario sees, instead of the cell from outside
+    /// Draw the view of this camera instead of the cell from outside
     #[arg(long)]
     camera: Option<String>,
-    /// Width of the picture from outside
+    /// Width of the picture from outside (px)
     #[arg(long, default_value_t = 1280, value_parser = clap::value_parser!(u32).range(16..=4096))]
     width: u32,
-    /// Height of the picture from outside
+    /// Height of the picture from outside (px)
     #[arg(long, default_value_t = 800, value_parser = clap::value_parser!(u32).range(16..=4096))]
     height: u32,
 }
 
-/// Writes the cell as it stands before a run: arms at their start, the cube in the hand. Returns the exit code.
+/// Draws the cell before a run and writes the file; returns the exit code.
 pub(super) fn picture(args: &PictureArgs, output: &mut Output) -> anyhow::Result<u8> {
     let format = ImageFormat::from_path(&args.out).ok().filter(ImageFormat::writing_enabled);
     let Some(format) = format else {
         return Err(refuse(format!(
-            "--out {}: a picture's name ends in .png or .jpg",
+            "--out {}: name a file that ends in .png or .jpg",
             args.out.display()
         )));
     };
@@ -53,7 +58,8 @@ pub(super) fn picture(args: &PictureArgs, output: &mut Output) -> anyhow::Result
         Some(name) => {
             let Some(camera) = cell.cameras.iter().find(|c| c.name == *name) else {
                 let names: Vec<&str> = cell.cameras.iter().map(|c| c.name.as_str()).collect();
-                return Err(refuse(format!("--camera {name}: there are {}", names.join(", "))));
+                let names = names.join(", ");
+                return Err(refuse(format!("--camera {name}: the scenario has {names}")));
             };
             let look = Look { lens_cap: scenario.plant.keys.lens_cap, ..Look::default() };
             Renderer::new(camera.clone(), look, scenario.seed)
@@ -68,7 +74,7 @@ pub(super) fn picture(args: &PictureArgs, output: &mut Output) -> anyhow::Result
     Ok(0)
 }
 
-/// The cell from outside.
+/// Draws the cell from outside.
 pub(super) fn outside(
     scene: &Scene,
     controller: &ControllerConfig,
@@ -77,8 +83,8 @@ pub(super) fn outside(
     overview::cell(scene, &Setting::of(&controller.cell), width, height)
 }
 
-/// The scene of a moment, as the operator was shown it: by the controller's belief. `None` where that does not say where
-/// the cube is, or how it looks.
+/// Returns the scene of a snapshot, as the controller believed it to be. Returns `None` if the
+/// belief has no place of the cube, or no colours.
 pub(super) fn during(snapshot: &Snapshot, controller: &ControllerConfig) -> Option<Scene> {
     let cell = &controller.cell;
     let arm = |view: &ArmView| {
@@ -93,7 +99,7 @@ pub(super) fn during(snapshot: &Snapshot, controller: &ControllerConfig) -> Opti
     let arms: Vec<SceneArm> = snapshot.arms.iter().map(arm).collect::<Option<_>>()?;
     let (first, last) = (*arms.first()?, *arms.last()?);
     let facelets: Facelets = snapshot.cube.facelets.parse().ok()?;
-    // Clockwise seen from outside is against the axis on its positive side.
+    // A turn is clockwise seen from outside, which is a negative angle about a positive axis.
     let turned = snapshot.cube.turned.and_then(|turn| {
         let face = *Face::ALL.get(turn.face)?;
         let positive = face.axis().positive_face() == face;
@@ -115,7 +121,7 @@ pub(super) fn during(snapshot: &Snapshot, controller: &ControllerConfig) -> Opti
     })
 }
 
-/// The scene before a run, by the controller's belief.
+/// Returns the scene before a run, by the controller's belief.
 fn before(controller: &ControllerConfig, cube: &Facelets) -> Scene {
     let cell = &controller.cell;
     let arms: Vec<SceneArm> = cell
@@ -131,6 +137,7 @@ fn before(controller: &ControllerConfig, cube: &Facelets) -> Scene {
             }
         })
         .collect();
+    // A scene has two arms: a cell with one arm repeats it, and `arm_count` says so.
     let at = |i: usize| arms[i.min(arms.len() - 1)];
     Scene {
         period: 0,
@@ -153,7 +160,7 @@ mod tests {
     use crate::operator::{CubeView, LayerTurn, arm_frames};
 
     #[test]
-    fn a_moment_is_drawn_as_its_arms_and_its_cube_stood() {
+    fn scene_shows_arms_and_cube_of_snapshot() {
         let scenario = crate::scenario::read(std::path::Path::new("t.toml"), "", &[]).unwrap();
         let controller = &scenario.controller;
         let cube = Facelets::solved();
@@ -201,9 +208,9 @@ mod tests {
         assert_eq!(turned(Face::U).cube.turned, (Axis::Z, 0.0, -0.8));
         let scene = turned(Face::L);
         assert_eq!(scene.cube.turned, (Axis::X, 0.8, 0.0));
-        assert!(outside(&scene, controller, (48, 36)) != straight, "a turned layer is seen");
+        assert!(outside(&scene, controller, (48, 36)) != straight, "a turned layer is visible");
 
         snapshot.cube.facelets.replace_range(7..8, "-");
-        assert!(during(&snapshot, controller).is_none(), "nobody knows how it looks");
+        assert!(during(&snapshot, controller).is_none(), "one colour is unknown");
     }
 }

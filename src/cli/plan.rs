@@ -1,4 +1,7 @@
-//! `rubik-robot plan`: what two arms do with a cube, without moving them.
+//! `rubik-robot plan`: plans the grasps and turns of both arms for a cube, without moving them.
+//!
+//! - in: a cube, a cell, the rule of the grippers
+//! - out: the plan with its time, beside a plan by the rule of the original robot
 
 use super::engine::{PlanSearch, default_tables};
 use super::output::{Output, WRONG, complain, refuse};
@@ -18,22 +21,25 @@ use std::time::{Duration, Instant};
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Args)]
 pub(super) struct PlanArgs {
-    /// 54 letters URFDLB, the faces U R F D L B in reading order, each sticker named by its centre
+    /// State of the cube: 54 letters URFDLB, each face in reading order
     cube: String,
-    /// Which pairs of holds are allowed [default: what the cell's grippers allow]
+    /// Rule for which two grips may hold the cube at the same time
+    ///
+    /// The default is the rule of the cell's grippers.
     #[arg(long, value_enum)]
     rule: Option<RuleWord>,
-    /// Plan for so long at most; without it, the scenario's planner.node_budget and
-    /// planner.candidates
+    /// Time limit of the planner (ms) [default: its limits in the scenario]
+    ///
+    /// The limits in the scenario are planner.node_budget and planner.candidates.
     #[arg(long, value_name = "N")]
     budget_ms: Option<u64>,
-    /// Say for each step who holds what, how long it takes and why it is needed
+    /// Print each step with its hands, time and reason
     #[arg(long)]
     explain: bool,
-    /// Cell, grippers and speeds of this scenario instead of the built-in ones
+    /// Scenario with cell, grippers and speeds [default: the built-in cell]
     #[arg(long, value_name = "FILE")]
     scenario: Option<PathBuf>,
-    /// One line of JSON
+    /// Print one line of JSON
     #[arg(long)]
     json: bool,
 }
@@ -41,11 +47,11 @@ pub(super) struct PlanArgs {
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum RuleWord {
-    /// As in 2007: one turn for two grasps, four for the opposite face
+    /// Rule of 2007: two grasps for a turn, four for a turn of the opposite face
     Original,
     /// Palms touch the cube
     Strict,
-    /// Palms stand off: layers turn between hands at right angles, too
+    /// Palms keep a distance: layers turn also between hands at right angles
     Clearance,
 }
 
@@ -59,6 +65,7 @@ impl From<RuleWord> for Rule {
     }
 }
 
+/// Plans and prints; returns the exit code.
 pub(super) fn run(args: &PlanArgs, output: &mut Output) -> anyhow::Result<u8> {
     let scenario = match &args.scenario {
         Some(path) => scenario::load(path, &[]),
@@ -73,9 +80,10 @@ pub(super) fn run(args: &PlanArgs, output: &mut Output) -> anyhow::Result<u8> {
     let planner = args.rule.map_or(planner.clone(), |rule| planner.by_rule(rule.into()));
     let keys = &scenario.controller.planner;
     let effort = Effort { nodes: keys.node_budget, candidates: keys.candidates as usize };
-    // Those of a mission, whatever else is kept: its plan is to be shown.
-    let tables = default_tables(&Store::of_user(), Threads::all());
+    // A mission uses the default tables. With the large ones the plan could differ from its plan.
+    let tables = default_tables(&Store::for_user(), Threads::all());
     let begun = Instant::now();
+    // The time limit covers the planning, not the tables.
     let time = args.budget_ms.map(Duration::from_millis);
     let search = PlanSearch { planner: &planner, tables: &tables, effort, time };
     match work(&search, &cube) {
@@ -93,6 +101,7 @@ pub(super) fn run(args: &PlanArgs, output: &mut Output) -> anyhow::Result<u8> {
     }
 }
 
+/// Prints why a cube is refused; returns the exit code.
 fn print_refusal(refusal: &Refusal, args: &PlanArgs, output: &mut Output) -> anyhow::Result<u8> {
     if args.json {
         output.line(&refusal.json(&args.cube).to_string())?;
@@ -103,30 +112,33 @@ fn print_refusal(refusal: &Refusal, args: &PlanArgs, output: &mut Output) -> any
     Ok(WRONG)
 }
 
-/// A plan with what it is measured by.
+/// A plan, and the plan that it is compared with.
 struct Work {
     rule: Rule,
     plan: Plan,
-    /// Hand-overs of the looks before it.
+    /// Number of hand-overs during the looks before the plan.
     looks: usize,
+    /// Plan of the shortest solution by the rule of the original robot.
     baseline: Result<Plan, NoPlan>,
     time: Duration,
 }
 
-/// Plans, with all the effort at once, or doubling it until the time would be over.
+/// Plans the cube, and the same cube by the rule of the original robot.
 fn work(search: &PlanSearch<'_>, cube: &Cube) -> Result<Work, NoPlan> {
     let planner = search.planner;
     let begun = Instant::now();
     let (steps, start) = planner.looks(taken())?;
+    // The looks at the faces need hand-overs before any plan, so they are counted apart.
     let looks = steps.iter().filter(|s| matches!(s, Step::Grasp { .. })).count();
     let (plan, nodes) = search.best(cube, start)?;
+    // The original robot took the shortest solution, without regard to its grasps.
     let shortest = solver::solve(cube, search.tables, &Budget { nodes, max_length: 0 }).turns;
     let original = planner.by_rule(Rule::Original);
     let baseline = original.looks(taken()).and_then(|(_, start)| original.of(&[shortest], start));
     Ok(Work { rule: planner.rule(), plan, looks, baseline, time: begun.elapsed() })
 }
 
-/// Grasps that serve to hand the cube over, not to turn.
+/// Returns the number of grasps that are not followed by a turn.
 fn hand_overs(plan: &Plan) -> usize {
     let turns_next = |i: usize| matches!(plan.steps.get(i + 1), Some(Step::Turn { .. }));
     let grasps = plan.steps.iter().enumerate();
@@ -134,6 +146,7 @@ fn hand_overs(plan: &Plan) -> usize {
 }
 
 impl Work {
+    /// Returns the comparison as JSON.
     fn json(&self, cube: &str) -> Value {
         let brief = |plan: &Plan| {
             json!({
@@ -157,6 +170,7 @@ impl Work {
         all
     }
 
+    /// Returns the comparison as text.
     fn text(&self, explain: bool) -> String {
         let mut text = String::new();
         // Writing to a string cannot fail.
@@ -164,9 +178,11 @@ impl Work {
         text
     }
 
+    /// Writes the steps if `explain`, then the comparison and the turns.
     fn write(&self, text: &mut String, explain: bool) -> std::fmt::Result {
         let plan = &self.plan;
         if explain {
+            // Each step begins when the one before it ends.
             let mut at = 0.0;
             for (i, line) in plan.lines.iter().enumerate() {
                 writeln!(
@@ -188,11 +204,12 @@ impl Work {
         writeln!(text, "{}", row("this plan", plan))?;
         match &self.baseline {
             Ok(original) => {
-                writeln!(text, "{}", row("the original's rule", original))?;
+                writeln!(text, "{}", row("rule of the original robot", original))?;
+                // The comparison is by grasps, since a grasp costs more time than a turn.
                 let fewer = 1.0 - plan.grasps as f64 / original.grasps.max(1) as f64;
                 write!(text, "{:.0} % fewer grasps. ", 100.0 * fewer)?;
             }
-            Err(reason) => write!(text, "The original's rule: {reason}. ")?,
+            Err(reason) => write!(text, "Rule of the original robot: {reason}. ")?,
         }
         write!(
             text,

@@ -1,4 +1,4 @@
-//! How far long work has come: a bar on a terminal, a line every few seconds elsewhere. All on stderr.
+//! Progress of long work on stderr: a bar on a terminal, otherwise a line every 5 s.
 
 use super::output::complain;
 use crate::solver::table::TableSpec;
@@ -7,39 +7,43 @@ use std::io::{IsTerminal, Write};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+/// Width of the bar (characters).
 const WIDTH: usize = 30;
 
-/// The bar of one piece of work.
+/// Bar of one piece of work.
 pub(super) struct Bar {
     title: String,
     terminal: bool,
     begun: Instant,
-    /// When it was last drawn, and which share that showed.
+    /// Time and share of the last drawing.
     drawn: Mutex<(Instant, f64)>,
 }
 
 impl Bar {
+    /// Makes a bar that is not drawn yet.
     pub(super) fn new(title: &str) -> Self {
         let now = Instant::now();
         let terminal = std::io::stderr().is_terminal();
         Self { title: title.to_owned(), terminal, begun: now, drawn: Mutex::new((now, 0.0)) }
     }
 
-    /// Shows that this share is done, 0..=1, if it is worth showing.
+    /// Shows the share of the work that is done, 0..=1.
     pub(super) fn show(&self, share: f64) {
         self.show_with(share, "");
     }
 
-    /// The same with words behind it.
+    /// Shows the share of the work that is done, followed by words.
     pub(super) fn show_with(&self, share: f64, words: &str) {
         let mut drawn = self.drawn.lock().unwrap_or_else(PoisonError::into_inner);
         let mut stderr = std::io::stderr();
         if self.terminal {
+            // Ten drawings a second are enough. Threads report in any order: the bar never shrinks.
             if drawn.0.elapsed() < Duration::from_millis(100) || share < drawn.1 {
                 return;
             }
             let filled = (share * WIDTH as f64) as usize;
             let (done, rest) = ("#".repeat(filled), " ".repeat(WIDTH - filled.min(WIDTH)));
+            // `\r` and the escape sequence delete the last drawing.
             let _ = write!(
                 stderr,
                 "\r\x1b[K{} [{done}{rest}] {:3.0} %{words}",
@@ -49,18 +53,19 @@ impl Bar {
             let _ = stderr.flush();
             *drawn = (Instant::now(), share);
         } else if drawn.0.elapsed() > Duration::from_secs(5) && share < 1.0 {
+            // In a file each line stays, so there are few of them, and none at the end.
             let _ = writeln!(stderr, "{}: {:.0} %{words}", self.title, share * 100.0);
             *drawn = (Instant::now(), share);
         }
     }
 
-    /// Says something above it.
+    /// Prints a line above the bar.
     pub(super) fn say(&self, text: &str) {
         let clear = if self.terminal { "\r\x1b[K" } else { "" };
         let _ = writeln!(std::io::stderr(), "{clear}{text}");
     }
 
-    /// Ends it with what it came to.
+    /// Replaces the bar by a line with the result and the time.
     pub(super) fn end(&self, result: &str) {
         let clear = if self.terminal { "\r\x1b[K" } else { "" };
         let seconds = self.begun.elapsed().as_secs_f64();
@@ -68,19 +73,23 @@ impl Bar {
     }
 }
 
-/// Says what a store does, on stderr.
-pub(super) fn tell(spec: &TableSpec, news: &News<'_>) {
+/// Prints a report of a store to stderr.
+pub(super) fn print_news(spec: &TableSpec, news: &News<'_>) {
     let size = megabytes(spec.bytes);
     complain(&match news {
-        News::Building(reason) => format!("table {} ({size}): {reason}; building it", spec.name),
-        News::Waiting => format!("table {}: another process is building it; waiting", spec.name),
+        News::Building(reason) => format!("table {} ({size}): {reason}: building it", spec.name),
+        News::Waiting => format!("table {}: waiting for a process that builds it", spec.name),
         News::NotKept(error) => {
-            format!("table {}: cannot be kept ({error}); used from memory, this once", spec.name)
+            let name = spec.name;
+            format!(
+                "table {name}: cannot be kept ({error}): used from memory, built again next time; \
+                 name a folder that can be written with --tables or RUBIK_ROBOT_TABLES"
+            )
         }
     });
 }
 
-/// A size as people say it.
+/// Formats a size in megabytes.
 pub(super) fn megabytes(bytes: usize) -> String {
     format!("{:.1} MB", bytes as f64 / 1e6)
 }

@@ -1,9 +1,9 @@
-//! `run --record FILE`: what a recording says of itself, and what is said of it at the end.
+//! `run --record FILE`: starts a recording, and reports it at the end of the run.
 
 use crate::record::calibration;
 use crate::record::place::Place;
 use crate::record::recorder::{Patience, Recorder, Written};
-use crate::record::sheet::About;
+use crate::record::sheet::RunInfo;
 use crate::scenario::keys::Pace;
 use crate::scenario::{Override, Scenario};
 use crate::servo::period::Length;
@@ -12,22 +12,23 @@ use std::fs::File;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// How a run is begun of which a recording is made.
+/// Kind of a run that is recorded.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Begun {
-    /// An operator is there to be asked.
+    /// Whether an operator can be asked.
     pub(super) attended: bool,
-    /// It goes on where another was broken off.
+    /// Whether the run resumes an interrupted one.
     pub(super) resumed: bool,
 }
 
-/// Begins a recording in a file.
+/// Starts a recording in a file.
 pub(super) fn begin(
     (file, place): (File, Place),
     scenario: &Scenario,
     overrides: &[Override],
     begun: Begun,
 ) -> std::io::Result<Recorder> {
+    // On the virtual clock the run can wait for the disk. The wall clock waits for nothing.
     let patience = match scenario.pace {
         Pace::Virtual => Patience::Waits,
         Pace::RealTime => Patience::Never,
@@ -35,8 +36,8 @@ pub(super) fn begin(
     Recorder::begin_at(file, Some(place), about(scenario, overrides, begun)?, patience)
 }
 
-/// What a recording of this scenario says of itself.
-fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> std::io::Result<About> {
+/// Returns the description that a recording of this scenario begins with.
+fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> std::io::Result<RunInfo> {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     let config = &scenario.controller;
     let length = Length::of_seconds(scenario.real_time.period);
@@ -45,7 +46,9 @@ fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> std::io::
         Pace::Virtual => "virtual",
         Pace::RealTime => "real-time",
     };
+    // The truth of a cube on hardware is not known.
     let truth = (!scenario.bridge.kind.is_hardware()).then(|| scenario.cube().to_string());
+    // The metadata of MCAP is a map of texts.
     let facts = [
         ("version", env!("CARGO_PKG_VERSION").to_owned()),
         ("build", build()),
@@ -66,11 +69,12 @@ fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> std::io::
         ("force_limit_n", config.control.force_limit.to_string()),
         ("torque_limit_nm", config.control.torque_limit.to_string()),
     ];
+    // A recording of simulated time begins at 0, so that it is the same in each run.
     let start = match scenario.pace {
         Pace::Virtual => 0,
         Pace::RealTime => now.as_nanos() as u64,
     };
-    Ok(About {
+    Ok(RunInfo {
         cell: config.cell.clone(),
         scenario: crate::scenario::text(&scenario.path)?,
         options: overrides
@@ -86,19 +90,21 @@ fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> std::io::
     })
 }
 
-/// The sum of this very program: two builds of one version may differ.
+/// Returns the checksum of the running program: two builds of one version may differ.
 pub(super) fn build() -> String {
     let program = crate::record::running_program().and_then(std::fs::read);
     program
         .map_or_else(|_| "unknown".to_owned(), |bytes| format!("{:08x}", crc32fast::hash(&bytes)))
 }
 
-/// What became of it, in a line for the operator.
-pub(super) fn told(path: &Path, written: &Written) -> String {
+/// Returns the message about a recording at the end of its run.
+pub(super) fn result_message(path: &Path, written: &Written) -> String {
+    // A run that failed before its first period must not destroy an older recording.
     if let Some(aside) = &written.aside {
         let (path, aside) = (path.display(), aside.display());
         return format!(
-            "recorded {aside}: {written}; {path} is as it was: a recording without a period takes no other's place"
+            "recorded {aside}: {written}; {path} is as it was: a recording without a servo period \
+             does not replace another one"
         );
     }
     let size = std::fs::metadata(path).map_or(0, |m| m.len());

@@ -1,4 +1,8 @@
-//! `rubik-robot recover`: a whole recording of one that was cut off.
+//! `rubik-robot recover`: repairs a recording that was cut off or damaged.
+//!
+//! - in: a recording
+//! - out: a recording of everything up to the cut or to the first damage, with an index
+//! - exit code: 1 if no message can be read
 
 use super::output::{clash, complain, refuse};
 use crate::record::place::Place;
@@ -10,22 +14,28 @@ use std::path::PathBuf;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Example:
+Examples:
   rubik-robot recover cut.mcap -o whole.mcap
-Everything up to the cut, or to the first damage, is kept; an index is written, so that any tool opens the file.")]
+  rubik-robot report whole.mcap -o report.html
+
+The new file has everything up to the cut or to the first damage, and an index, so that any tool
+opens it.
+Exit codes: 0 repaired, 1 no message can be read, 2 usage.")]
 pub(super) struct RecoverArgs {
-    /// The recording
+    /// Recording (MCAP)
     recording: PathBuf,
-    /// Where the whole one goes
+    /// Write the repaired recording to FILE (MCAP)
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 }
 
+/// Writes the repaired recording; returns the exit code.
 pub(super) fn run(args: &RecoverArgs) -> anyhow::Result<u8> {
     clash(&[("the recording", Some(&args.recording))], &[("-o", Some(&args.output))])?;
     let file = File::open(&args.recording)
         .map_err(|error| refuse(format!("{}: {error}", args.recording.display())))?;
     let from = BufReader::new(file);
+    // The new file gets its name only when it is complete.
     let (to, mut place) = Place::create(&args.output)
         .map_err(|error| refuse(format!("{}: {error}", args.output.display())))?;
     let saved = match recover_file(from, BufWriter::new(to)) {
@@ -36,16 +46,17 @@ pub(super) fn run(args: &RecoverArgs) -> anyhow::Result<u8> {
         }
     };
     let end = match saved.end.flaw() {
-        None => "the recording was whole".to_owned(),
+        None => "the recording was complete".to_owned(),
         Some(flaw) => format!("it was {flaw}"),
     };
+    // An empty recording must not replace a file that exists.
     if saved.messages == 0 {
         place.discard()?;
         let path = args.recording.display();
-        complain(&format!("{path}: no message can be read, nothing is written; {end}"));
+        complain(&format!("{path}: no message can be read, so nothing is written; {end}"));
         return Ok(1);
     }
-    place.take()?;
+    place.rename_to_final()?;
     let (count, seconds) = (saved.messages, saved.span as f64 * 1e-9);
     complain(&format!("{}: {count} messages, {seconds:.2} s; {end}", args.output.display()));
     Ok(0)

@@ -1,4 +1,9 @@
-//! `rubik-robot replay`: a recording shown again; or its inputs to the same controller, and whether it does the same.
+//! `rubik-robot replay`: shows a recording, or verifies that the controller repeats it.
+//!
+//! - in: a recording
+//! - out: the run in the page, in the terminal or as lines; with `--verify` the result of the
+//!   comparison, as a line of text or of JSON
+//! - exit code: see the help below
 
 use super::output::{Output, complain, refuse};
 use super::record;
@@ -20,43 +25,50 @@ use std::sync::atomic::AtomicBool;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  rubik-robot replay run.mcap                  in the page, or --ui tui; pause, speed and seek are there
+  rubik-robot replay run.mcap             # in the page, with pause, speed and seek
+  rubik-robot replay run.mcap --ui tui    # in the terminal
   rubik-robot replay run.mcap --speed 10
   rubik-robot replay run.mcap --verify
---verify: on the virtual clock the whole controller runs again on the recorded readings of the port, answers of the sensors and
-words of the operator; each order and each drive of each servo period must come out the same, to the bit. Of a run under
-the wall clock the servos run again, on the recorded readings, orders, missed periods and stops: when an actor's order
-reached its servo depended on threads, so the orders themselves are inputs there.
-Exit code 0 when all that was compared is the same, and it says when that is not all (a recording that is cut off, is
-damaged or has gaps, or a fault of an actor or of the clock that was injected), 1 when something differs, 2 when the recording cannot be
-used (that of a resumed run cannot) or nothing was compared.")]
+
+--verify runs the whole controller again on the recorded readings of the port, answers of the
+sensors and inputs of the operator. Each command and each drive of each servo period must be equal,
+to the bit. Of a run on the wall clock only the servos run again, with the recorded commands, missed
+periods and stops as inputs: the time at which a command reached its servo depended on threads.
+
+Exit codes: 0 everything that was compared is equal (the command reports if a part could not be
+compared: a recording that is cut off, damaged or has gaps, or an injected fault of an actor or of
+the clock), 1 a value differs, 2 the recording cannot be used (for example that of a resumed run) or
+nothing was compared.")]
 pub(super) struct ReplayArgs {
-    /// The recording
+    /// Recording (MCAP)
     recording: PathBuf,
-    /// Compare what the controller does with what it did
+    /// Run the controller again and compare it with the recording
     #[arg(long)]
     verify: bool,
-    /// Verify the recording of another version, too
+    /// Verify a recording of another version as well
     #[arg(long)]
     force: bool,
-    /// Say it as one line of JSON
+    /// Print the result of --verify as one line of JSON
     #[arg(long)]
     json: bool,
-    /// How fast it is shown, in times of real time
+    /// Speed of the replay as a multiple of real time; 0: no limit
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     speed: f64,
     #[command(flatten)]
     ui: UiArgs,
 }
 
+/// Shows or verifies a recording; returns the exit code.
 pub(super) fn run(args: &ReplayArgs, output: &mut Output) -> anyhow::Result<u8> {
     let (label, scenario) = load(&args.recording).map_err(refuse)?;
     if !args.verify {
         return show(args, &scenario);
     }
+    // The start of a resumed run is in files that change later.
     if label.fact("resumed") == "true" {
         return Err(refuse(format!(
-            "{}: a resumed run cannot be verified: where it began stands in its journal and world, not in the recording",
+            "{}: a resumed run cannot be verified: its start is in its journal and world, not in \
+             the recording",
             args.recording.display()
         )));
     }
@@ -64,6 +76,7 @@ pub(super) fn run(args: &ReplayArgs, output: &mut Output) -> anyhow::Result<u8> 
     let attended = label.fact("attended") == "true";
     let verified = verify::verify(&args.recording, &scenario, attended)
         .map_err(|why| refuse(format!("{}: {why}", args.recording.display())))?;
+    // A part that could not be compared is reported, but it is no difference.
     let same = verified.divergence.is_none();
     if args.json {
         output.line(&json(&verified))?;
@@ -77,7 +90,7 @@ pub(super) fn run(args: &ReplayArgs, output: &mut Output) -> anyhow::Result<u8> 
 fn show(args: &ReplayArgs, scenario: &Scenario) -> anyhow::Result<u8> {
     if !is_speed(args.speed) {
         return Err(refuse(
-            "--speed: a factor of 0.01 or more such as 5, or 0 for as fast as it goes",
+            "--speed: must be a factor of 0.01 or more, or 0 for as fast as possible",
         ));
     }
     let file = BufReader::with_capacity(1 << 20, File::open(&args.recording)?);
@@ -89,8 +102,9 @@ fn show(args: &ReplayArgs, scenario: &Scenario) -> anyhow::Result<u8> {
         UiKind::None => Ui::None,
         kind => args.ui.open(kind, desk.ui_end()).map_err(|error| refuse(format!("{error:#}")))?,
     };
+    // Without a UI all messages are printed at once, as a log of the run.
     if matches!(ui, Ui::None) {
-        for (time, words) in show.told() {
+        for (time, words) in show.log_lines() {
             complain(&format!("{time:9.2} s  {words}"));
         }
         complain(&show.ending());
@@ -101,11 +115,12 @@ fn show(args: &ReplayArgs, scenario: &Scenario) -> anyhow::Result<u8> {
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
     show.run(&desk.run_end(), args.speed, true, &stop);
-    // Whoever ended the show, by a key, on the page or by a signal, is done with it.
+    // A key, the page or a signal has ended the replay, so the UI does not stay.
     ui.leave()?;
     Ok(0)
 }
 
+/// Returns the result of a verification as a line of JSON.
 fn json(verified: &Verified) -> String {
     let first = verified.divergence.as_ref().map(|d| {
         serde_json::json!({
@@ -119,7 +134,7 @@ fn json(verified: &Verified) -> String {
     serde_json::json!({
         "same": verified.divergence.is_none(),
         "compared": verified.compared,
-        "not_compared": verified.rest,
+        "not_compared": verified.not_compared,
         "whole_controller": verified.whole_controller,
         "first_difference": first,
         "ended": verified.ended,
@@ -128,13 +143,14 @@ fn json(verified: &Verified) -> String {
     .to_string()
 }
 
-/// A recording's label, and the scenario that it is of.
+/// Reads the label of a recording, and its scenario.
 pub(super) fn load(path: &Path) -> Result<(Label, Scenario), String> {
     let mut label = Label::default();
     let reading = open(path).map_err(|e| format!("{}: {e}", path.display()))?;
+    // The label is spread over the first pieces of the file.
     for piece in reading {
         label.take(&piece);
-        // All that is needed stands at the beginning.
+        // The label is complete before the first message: the rest need not be read.
         if !label.scenario.is_empty() && matches!(piece, Piece::Message(_)) {
             break;
         }
@@ -143,35 +159,36 @@ pub(super) fn load(path: &Path) -> Result<(Label, Scenario), String> {
     Ok((label, scenario))
 }
 
-/// The scenario that a recording with this label is of.
+/// Returns the scenario of a recording with this label.
 pub(super) fn scenario_of(label: &Label, path: &Path) -> Result<Scenario, String> {
     if label.fact("version").is_empty() || label.scenario.is_empty() {
         let path = path.display();
         return Err(format!(
-            "{path}: not a recording of this program, or cut off before its scenario"
+            "{path}: not a recording of rubik-robot, or cut off before its scenario"
         ));
     }
     let options = label.options().into_iter();
     let overrides: Vec<_> =
         options.map(|(option, key, value)| Override { option, key, value }).collect();
+    // The files that a scenario names are found from its original path.
     let origin = Path::new(label.fact("scenario"));
-    scenario::read(origin, &label.scenario, &overrides)
-        .map_err(|faults| format!("{}: its scenario is not right here:\n{faults}", path.display()))
+    scenario::read(origin, &label.scenario, &overrides).map_err(|faults| {
+        format!("{}: its scenario is not valid in this version:\n{faults}", path.display())
+    })
 }
 
-/// Whether this program can be held against such a recording.
+/// Checks that the recording is of this version, unless `force`. Warns of another build.
 fn fits(label: &Label, force: bool) -> Result<(), String> {
     let (theirs, ours) = (label.fact("version"), env!("CARGO_PKG_VERSION"));
+    // Another version may differ on purpose, another build of one version only by accident.
     if theirs != ours {
         let what = format!("the recording is of version {theirs}, this is {ours}");
         if !force {
-            return Err(format!("{what}: another controller need not do the same; --force tries"));
+            return Err(format!("{what}: the controllers may differ; --force verifies it anyway"));
         }
         complain(&what);
     } else if label.fact("build") != record::build() {
-        complain(
-            "the recording is of another build of this version: a difference may come from that",
-        );
+        complain("the recording is of another build of this version, which may cause differences");
     }
     Ok(())
 }

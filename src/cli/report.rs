@@ -1,4 +1,7 @@
-//! `rubik-robot report`: one page that tells a recorded run.
+//! `rubik-robot report`: writes a report of a recorded run as one HTML page.
+//!
+//! - in: a recording
+//! - out: a page with verdict, figures, curves, pictures and plan, without other files
 
 use super::output::{clash, complain, refuse, save};
 use super::{picture, replay};
@@ -15,55 +18,65 @@ use std::sync::Arc;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Example:
+Examples:
   rubik-robot run scenarios/solve.toml --record run.mcap
   rubik-robot report run.mcap -o report.html
-The page holds everything itself: it can be mailed, printed and kept.")]
+
+The page has verdict, figures, curves, pictures and plan. It needs no other files: it can be
+mailed, printed and archived.")]
 pub(super) struct ReportArgs {
-    /// The recording
+    /// Recording (MCAP)
     recording: PathBuf,
-    /// Where the page goes
+    /// Write the report to FILE (HTML)
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 }
 
+/// Writes the report; returns the exit code.
 pub(super) fn run(args: &ReportArgs) -> anyhow::Result<u8> {
     let unread =
         |why: &dyn std::fmt::Display| refuse(format!("{}: {why}", args.recording.display()));
     clash(&[("the recording", Some(&args.recording))], &[("-o", Some(&args.output))])?;
     let file = File::open(&args.recording).map_err(|why| unread(&why))?;
     let mut story = gather(BufReader::with_capacity(1 << 20, file)).map_err(|why| unread(&why))?;
+    // Drawings need a scenario that is valid in this version; a report can do without them.
     if !story.plans.is_empty() {
         story.drawn = drawn(&args.recording, &story.label).unwrap_or_else(|why| {
-            complain(&format!("no step of the plan is drawn: {why}"));
+            complain(&format!("the report has no drawings of the plan: {why}"));
             Vec::new()
         });
     }
+    // The page is written before the warnings: they say what it lacks.
     save(&args.output, page(&story).as_bytes()).map_err(|why| refuse(format!("{why:#}")))?;
     if let Some(flaw) = story.file_end.as_ref().and_then(End::flaw) {
         let path = args.recording.display();
-        complain(&format!("{path}: {flaw}; the page tells what is there"));
+        complain(&format!("{path}: {flaw}; the report covers the part that could be read"));
     }
-    complain(&format!("{}: {} messages told", args.output.display(), story.count));
+    complain(&format!("{}: report of {} messages", args.output.display(), story.count));
     Ok(0)
 }
 
-/// Steps of the plan that are drawn.
+/// Number of steps of the plan that are drawn.
 const DRAWINGS: usize = 9;
-/// Size of a drawing (px), and quality of its file, of 100.
+/// Size of a drawing (px).
 const SIZE: (u32, u32) = (480, 360);
+/// Quality of the file of a drawing, of 100.
 const QUALITY: u8 = 75;
 
-/// When a drawing is of, what it shows, and its file.
+/// Time of a drawing (s), its words, and its file.
 type Drawing = (f64, String, Vec<u8>);
 
-/// Drawings of the plan's steps, by a second reading of a recording with this label; or why there can be none.
+/// Draws steps of the plan. It reads the recording a second time; `label` is that of the first.
+///
+/// # Errors
+/// Reason why there are no drawings.
 fn drawn(recording: &Path, label: &Label) -> Result<Vec<Drawing>, String> {
-    let told = |why: &dyn std::fmt::Display| format!("{}: {why}", recording.display());
+    let unread = |why: &dyn std::fmt::Display| format!("{}: {why}", recording.display());
     let scenario = replay::scenario_of(label, recording)?;
-    let file = File::open(recording).map_err(|why| told(&why))?;
+    let file = File::open(recording).map_err(|why| unread(&why))?;
     let file = BufReader::with_capacity(1 << 20, file);
-    let show = Show::read(file, &scenario, "").map_err(|why| told(&why))?;
+    let show = Show::read(file, &scenario, "").map_err(|why| unread(&why))?;
+    // A step without a scene has no drawing: the belief may lack the cube.
     let drawing = |(time, words, snapshot): (f64, String, Arc<Snapshot>)| {
         let scene = picture::during(&snapshot, &scenario.controller)?;
         let image = picture::outside(&scene, &scenario.controller, SIZE);
@@ -80,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn why_nothing_is_drawn_is_told() {
+    fn error_says_why_nothing_is_drawn() {
         let nowhere = Path::new("/nowhere/run.mcap");
         let why = |scenario: &str| {
             let facts = [("version".to_owned(), "0".to_owned())].into();
@@ -91,7 +104,7 @@ mod tests {
 
         assert!(why("").contains("/nowhere/run.mcap: not a recording"), "{}", why(""));
         let broken = why("taks = 1");
-        assert!(broken.contains("its scenario is not right here") && broken.contains("taks"));
+        assert!(broken.contains("its scenario is not valid") && broken.contains("taks"));
         let gone = why("task = \"idle\"");
         assert!(gone.starts_with("/nowhere/run.mcap: No such file"), "{gone}");
     }

@@ -1,7 +1,9 @@
-//! `rubik-robot vision rig` and `vision learn`: whole cubes in a rig whose cameras never move.
+//! `rubik-robot vision rig` and `vision learn`: reads whole cubes in a rig with fixed cameras.
 //!
-//! A boxes file has one line a facelet (order URFDLB, reading order), each with one or more boxes
-//! `x y width height` (px) in which that facelet shows. Boxes of one facelet are pooled.
+//! - in: pictures; a file of boxes with a line for each facelet (faces URFDLB, each in reading
+//!   order): one or more boxes `x y width height` (px) that show the facelet
+//! - out: the facelets of each cube; or a table with the colours of the rig, learnt from cubes of
+//!   known state
 
 use super::cubes::{Refused, report};
 use super::image_file::load;
@@ -14,17 +16,17 @@ use image::RgbImage;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Where each facelet shows: boxes `[x, y, width, height]`.
+/// Places of each facelet in the picture: boxes `[x, y, width, height]`.
 pub(crate) type Boxes = [Vec<[u32; 4]>; 54];
 
-/// Reads a boxes file.
+/// Parses a file of boxes.
 ///
 /// # Errors
-/// The line that is wrong.
+/// Number and text of the wrong line.
 pub(crate) fn parse_boxes(text: &str) -> Result<Boxes> {
     let lines: Vec<&str> = text.lines().filter(|l| !l.trim().is_empty()).collect();
     if lines.len() != 54 {
-        bail!("expected 54 lines of boxes, one a facelet, found {}", lines.len());
+        bail!("the file has {} lines instead of 54, one for each facelet", lines.len());
     }
     let mut boxes: Boxes = std::array::from_fn(|_| Vec::new());
     for (i, line) in lines.iter().enumerate() {
@@ -33,33 +35,40 @@ pub(crate) fn parse_boxes(text: &str) -> Result<Boxes> {
             .map(str::parse)
             .collect::<std::result::Result<Vec<u32>, _>>()
             .with_context(|| format!("line {}: {line:?}", i + 1))?;
+        // A box without an area would give a facelet without pixels.
         let (chunks, rest) = numbers.as_chunks::<4>();
         if chunks.is_empty() || !rest.is_empty() || chunks.iter().any(|b| b[2] == 0 || b[3] == 0) {
-            bail!("line {}: expected boxes of x y width height: {line:?}", i + 1);
+            bail!(
+                "line {}: {line:?} is not a list of boxes: write x y width height of each",
+                i + 1
+            );
         }
         boxes[i] = chunks.to_vec();
     }
     Ok(boxes)
 }
 
-/// The colours of the pixels of each facelet's boxes.
+/// Returns the pixels in the boxes of each facelet.
 ///
 /// # Errors
-/// A box that is not inside the picture.
+/// A box outside the picture.
 pub(crate) fn measure(image: &RgbImage, boxes: &Boxes) -> Result<[Vec<[u8; 3]>; 54]> {
     let mut pixels: [Vec<[u8; 3]>; 54] = std::array::from_fn(|_| Vec::new());
     for (facelet, (pixels, boxes)) in pixels.iter_mut().zip(boxes).enumerate() {
         for &[x, y, width, height] in boxes {
+            // Numbers of a file may be so large that their sum overflows.
             let inside = |start: u32, length: u32, all: u32| {
                 start.checked_add(length).is_some_and(|end| end <= all)
             };
             if !inside(x, width, image.width()) || !inside(y, height, image.height()) {
                 bail!(
-                    "facelet {facelet}: box {x} {y} {width} {height} is not inside the picture of {} x {}",
+                    "facelet {facelet}: box {x} {y} {width} {height} is outside the picture of \
+                     {} x {} px",
                     image.width(),
                     image.height()
                 );
             }
+            // Boxes of one facelet are pooled: a sticker may show in several places of the picture.
             for row in y..y + height {
                 pixels.extend((x..x + width).map(|column| image.get_pixel(column, row).0));
             }
@@ -68,21 +77,25 @@ pub(crate) fn measure(image: &RgbImage, boxes: &Boxes) -> Result<[Vec<[u8; 3]>; 
     Ok(pixels)
 }
 
-/// Mean colour of the middle half of the pixels by brightness: neither glare nor a groove.
+/// Returns the mean colour of the pixels between the quartiles of brightness: without glare and
+/// grooves.
 fn trimmed(pixels: &mut [[u8; 3]]) -> [f64; 3] {
     pixels.sort_by_key(|p| p.iter().map(|&v| u32::from(v)).sum::<u32>());
+    // Glare makes the brightest pixels, grooves make the darkest.
     let middle = &pixels[pixels.len() / 4..(3 * pixels.len()).div_ceil(4)];
     std::array::from_fn(|c| {
         middle.iter().map(|p| f64::from(p[c])).sum::<f64>() / middle.len() as f64
     })
 }
 
+/// Returns the colours of the 54 facelets in a picture.
 fn facelet_colours(image: &Path, boxes: &Boxes) -> Result<[[f64; 3]; 54]> {
     let picture = load(image)?;
     let mut pixels = measure(&picture, boxes).with_context(|| format!("{}", image.display()))?;
     Ok(std::array::from_fn(|i| trimmed(&mut pixels[i])))
 }
 
+/// Reads a file of boxes.
 fn read_boxes(path: &Path) -> Result<Boxes> {
     let text = text::read(path, text::SCENARIO).with_context(|| format!("{}", path.display()))?;
     parse_boxes(&text).with_context(|| format!("{}", path.display()))
@@ -91,7 +104,7 @@ fn read_boxes(path: &Path) -> Result<Boxes> {
 /// Reads and checks a table that [`learn`] wrote.
 ///
 /// # Errors
-/// What is wrong with the file.
+/// Error of the file, with its path.
 fn read_table(path: &Path) -> Result<ColourTable> {
     let name = || format!("{}", path.display());
     let text = text::read(path, text::LIST).with_context(name)?;
@@ -100,11 +113,10 @@ fn read_table(path: &Path) -> Result<ColourTable> {
     Ok(table)
 }
 
-/// `vision rig IMAGE... --boxes FILE [--table FILE]`: the cube of each picture. The flag is false
-/// when one could not be read.
+/// Reads the cube of each picture; returns a line for each, and whether all cubes were read.
 ///
 /// # Errors
-/// A boxes file or a table that cannot be used.
+/// Unusable file of boxes, or table.
 pub(crate) fn rig(
     images: &[PathBuf],
     boxes: &Path,
@@ -115,6 +127,7 @@ pub(crate) fn rig(
     let table = table.map(read_table).transpose()?;
     let (mut text, mut all) = (String::new(), true);
     for image in images {
+        // A cube that cannot be read gets a line and does not end the others.
         let decided = || -> std::result::Result<Decision, Refused> {
             let rgb = facelet_colours(image, &boxes)?;
             Ok(match &table {
@@ -129,40 +142,41 @@ pub(crate) fn rig(
     Ok((text, all))
 }
 
-/// Lines of a picture's file name and its 54 facelets (URFDLB).
+/// Parses lines of a picture's file name and its 54 facelets (URFDLB).
 fn parse_states(text: &str) -> Result<BTreeMap<String, String>> {
     let mut states = BTreeMap::new();
     for (i, line) in text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty()) {
         let words: Vec<&str> = line.split_whitespace().collect();
         let [name, state] = words[..] else {
-            bail!("line {}: expected a picture's name and 54 facelets: {line:?}", i + 1);
+            bail!("line {}: {line:?} is not the name of a picture and 54 facelets", i + 1);
         };
         states.insert(name.to_owned(), state.to_owned());
     }
     Ok(states)
 }
 
-/// A cube's colours from 54 letters.
+/// Parses the colours of a cube from 54 letters.
 fn parse_state(text: &str) -> Result<[u8; 54]> {
     let mut facelets = [0u8; 54];
     if text.chars().count() != 54 {
-        bail!("{text:?}: expected 54 letters of URFDLB");
+        bail!("{text:?} is not 54 letters of URFDLB");
     }
     for (facelet, letter) in facelets.iter_mut().zip(text.chars()) {
         let face = (0..6).find(|&f| face_letter(f) == letter);
-        *facelet = face.ok_or_else(|| anyhow!("{text:?}: {letter:?} is none of URFDLB"))? as u8;
+        *facelet = face.ok_or_else(|| anyhow!("{text:?}: {letter:?} is not one of URFDLB"))? as u8;
     }
+    // A wrong state would teach wrong colours.
     if !Cube::is_possible(&facelets) {
-        bail!("{text:?}: no such cube can exist");
+        bail!("{text:?}: this cube cannot exist");
     }
     Ok(facelets)
 }
 
-/// `vision learn IMAGE... --boxes FILE [--states FILE]`: the colour table of a rig from cubes of
-/// known state, as JSON. Without a file of states, each picture's name is its state.
+/// Learns the colours of a rig from cubes of known state; returns the table as JSON. Without a file
+/// of states, the name of each picture is its state.
 ///
 /// # Errors
-/// A file that cannot be read, a state that is none.
+/// Unreadable file, or a state that no cube can have.
 pub(crate) fn learn(images: &[PathBuf], boxes: &Path, states: Option<&Path>) -> Result<String> {
     let boxes = read_boxes(boxes)?;
     let states = match states {
@@ -178,14 +192,14 @@ pub(crate) fn learn(images: &[PathBuf], boxes: &Path, states: Option<&Path>) -> 
         let part = |name: Option<&std::ffi::OsStr>| {
             name.map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()
         };
+        // Without a list, the name of a picture is its state.
         let state = match &states {
             None => part(image.file_stem()),
             Some(states) => {
                 let name = part(image.file_name());
-                states
-                    .get(&name)
-                    .cloned()
-                    .ok_or_else(|| anyhow!("{name}: its state is not given"))?
+                states.get(&name).cloned().ok_or_else(|| {
+                    anyhow!("{name}: the file of --states does not have its state")
+                })?
             }
         };
         let truth = parse_state(&state).with_context(|| format!("{}", image.display()))?;
@@ -200,7 +214,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn boxes_are_54_lines_of_four_numbers_or_more() {
+    fn boxes_need_54_lines_of_four_numbers() {
         let good = "1 2 3 4 5 6 7 8\n".repeat(54);
         assert_eq!(parse_boxes(&good).unwrap()[53], [[1, 2, 3, 4], [5, 6, 7, 8]]);
 
@@ -215,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_outside_the_picture_is_refused_however_large_its_numbers() {
+    fn measure_refuses_boxes_outside_the_picture() {
         let boxes = |line: &str| parse_boxes(&format!("{line}\n").repeat(54)).unwrap();
         let picture = RgbImage::new(20, 10);
 
@@ -226,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn a_state_must_be_a_cube() {
+    fn state_must_be_a_possible_cube() {
         assert!(parse_state("UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB").is_ok());
         for bad in [
             "",

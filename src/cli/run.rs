@@ -1,4 +1,8 @@
-//! `rubik-robot run`: perform a scenario, then say what it came to.
+//! `rubik-robot run`: runs a scenario and prints its summary.
+//!
+//! - in: a scenario and its overrides; files of an interrupted run
+//! - out: the summary, as a table or as one line of JSON; a recording; files for a later resume
+//! - exit code: that of the summary
 
 use super::arguments::ScenarioArgs;
 use super::output::{Output, clash, complain, refuse};
@@ -19,7 +23,7 @@ use clap::{Args, ValueEnum};
 use rustix::process::{Signal, set_parent_process_death_signal};
 use std::path::PathBuf;
 
-/// Exit code of a system's error.
+/// Exit code of an error of the system.
 const STUCK: i32 = 4;
 
 #[derive(Debug, Args)]
@@ -27,20 +31,22 @@ const STUCK: i32 = 4;
 Examples:
   rubik-robot run scenarios/solve.toml
   rubik-robot run scenarios/solve.toml --seed 7 --set coordination=continuous
-  rubik-robot run scenarios/solve.toml --cube UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB
+  rubik-robot run shipped:solve --cube UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB
   rubik-robot run scenarios/solve.toml --pace real-time
   rubik-robot run scenarios/idle.toml --pace real-time --require-rt
-  rubik-robot run scenarios/face_turn.toml --set control.force_sign=-1     a spoilt controller
-  rubik-robot run scenarios/solve.toml --ui web --wait --speed 5           watch it in a browser
-  rubik-robot run scenarios/idle.toml --ui web        move an arm by hand
-  rubik-robot run scenarios/solve.toml --json | tail -1
-  rubik-robot run scenarios/solve.toml --world cell.json      cut it off, then the same with --resume
-  rubik-robot run scenarios/solve.toml --record run.mcap      then: report run.mcap, replay run.mcap
+  rubik-robot run scenarios/face_turn.toml --set control.force_sign=-1  # a wrong controller
+  rubik-robot run scenarios/solve.toml --ui web --wait --speed 5        # watch it in a browser
+  rubik-robot run scenarios/idle.toml --ui web                          # jog an arm
+  rubik-robot run scenarios/solve.toml --json | tail -1                 # the summary for a program
+  rubik-robot run scenarios/solve.toml --world cell.json                # kill it at any moment,
+  rubik-robot run scenarios/solve.toml --world cell.json --resume       # then continue it
+  rubik-robot run scenarios/solve.toml --record run.mcap                # for report and replay
 
-Progress goes to stderr, the summary to stdout. With --json the last line of stdout is one object.
-At a terminal the operator's page is served at http://127.0.0.1:8780/, and stays up when the run is over;
---ui tui shows the run in the terminal instead, --ui none does neither.
-With a UI the idle task waits for orders by hand until its operator ends it, which is its good end (exit code 0).")]
+Progress is printed to stderr, the summary to stdout; with --json its last line is one object.
+At a terminal the operator's page is served at http://127.0.0.1:8780/ and stays after the run.
+--ui tui shows the run in the terminal instead, --ui none shows no UI.
+With a UI the task idle waits for commands of its operator until the operator ends it: exit code 0.
+Exit codes: 0 done, 1 failed or aborted, 2 usage or scenario, 3 fatal (an effector), 4 system.")]
 #[allow(
     clippy::struct_excessive_bools,
     reason = "switches of the command line, independent of each other"
@@ -48,36 +54,37 @@ With a UI the idle task waits for orders by hand until its operator ends it, whi
 pub(super) struct RunArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
-    /// Seed of everything random in the plant: cube, hand, errors, noise
+    /// Seed of the plant: cube, hand, errors and noise [default: the scenario's]
     #[arg(long, value_name = "N")]
     seed: Option<String>,
-    /// The cube's state: 54 letters URFDLB, each face in reading order
+    /// State of the cube: 54 letters URFDLB, each face in reading order
     #[arg(long, value_name = "FACELETS")]
     cube: Option<String>,
-    /// Which clock drives the run
+    /// Clock of the run
+    ///
+    /// The default is that of the scenario.
     #[arg(long, value_enum)]
     pace: Option<PaceWord>,
-    /// Refuse to run unless every real-time right is granted (with --pace real-time)
+    /// Refuse to run without every real-time right (with --pace real-time)
     #[arg(long)]
     require_rt: bool,
-    /// Keep the run in an MCAP file, which ROS 2 tools, rerun and `rubik-robot replay` read
+    /// Record the run to FILE (MCAP), for replay, report and ROS 2 tools
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     #[command(flatten)]
     keep: KeepArgs,
-    /// Wait for the operator's start (the page's button; s, Enter)
+    /// Wait for the operator's start: the page's button, or s and Enter
     #[arg(long)]
     wait: bool,
-    /// Under virtual time: how fast time may go, in times of real time; 0 for as fast as it
-    /// computes
+    /// Speed of simulated time as a multiple of real time; 0: no limit
     #[arg(long, value_name = "FACTOR", default_value_t = 0.0)]
     speed: f64,
     #[command(flatten)]
     ui: UiArgs,
-    /// Start by itself, ask nothing, and end stdout with one line of JSON
+    /// Start at once, ask no questions, and end stdout with one line of JSON
     #[arg(long)]
     json: bool,
-    /// End when whoever started this does, however that ends: for campaigns
+    /// End when the parent process ends (for campaigns)
     #[arg(long, hide = true)]
     with_parent: bool,
 }
@@ -85,41 +92,48 @@ pub(super) struct RunArgs {
 /// Files that outlive the run.
 #[derive(Debug, Args)]
 struct KeepArgs {
-    /// Note in this file what a run that goes on after a crash must know [with --world: beside
-    /// that]; refused without --resume while it tells of a run that was broken off
-    #[arg(long, value_name = "FILE")]
+    /// Save the journal that a resumed run needs to FILE
+    ///
+    /// With --world the default is WORLD.journal. The journal of an interrupted run is not
+    /// overwritten: resume the run, or remove the file.
+    #[arg(long, value_name = "FILE", verbatim_doc_comment)]
     journal: Option<PathBuf>,
-    /// The simulated plant keeps its state in this file, as a real cell stays where it is;
-    /// FILE.lock beside it, which stays, lets no other run do so meanwhile
-    #[arg(long, value_name = "FILE")]
+    /// Save the state of the simulated plant to FILE
+    ///
+    /// A real cell keeps its state by itself. FILE.lock beside it keeps other runs from using FILE
+    /// meanwhile, and is not removed.
+    #[arg(long, value_name = "FILE", verbatim_doc_comment)]
     world: Option<PathBuf>,
-    /// Go on where the run that left --journal (and --world) was broken off
+    /// Continue the interrupted run of --journal (and --world)
     #[arg(long)]
     resume: bool,
 }
 
+/// Clock of a run, as a word of the command line.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum PaceWord {
-    /// As fast as it computes, repeatable to the bit
+    /// Simulated time, as fast as the computer allows; repeatable bit for bit
     Virtual,
     /// The wall clock
     RealTime,
 }
 
-/// Performs the run and prints its summary; returns the exit code.
+/// Runs the scenario and prints its summary; returns the exit code.
 pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
+    // A campaign that is killed must not leave its runs behind.
     if args.with_parent {
         set_parent_process_death_signal(Some(Signal::TERM)).context("--with-parent")?;
     }
     let more = args.overrides();
     let scenario = args.scenario.load(&more).map_err(refuse)?;
     args.check(&scenario)?;
-    let keep = keep(&args.keep, scenario.bridge.kind, scenario.controller.task).map_err(refuse)?;
-    overwritten(args, &keep)?;
+    let keep =
+        saved_files(&args.keep, scenario.bridge.kind, scenario.controller.task).map_err(refuse)?;
+    check_outputs(args, &keep)?;
 
     let desk = Desk::default();
     let kind = args.ui.kind(args.json);
-    // A refusal from here on is printed when the UI is closed: in the terminal as it was.
+    // From here on a refusal is printed after the UI is closed, on the terminal as it was before.
     let ui = args.ui.open(kind, desk.ui_end()).map_err(|error| refuse(format!("{error:#}")))?;
     let has_ui = !matches!(ui, Ui::None);
     let recorder = args.recorder(&scenario, more, has_ui)?;
@@ -132,19 +146,21 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     let done = run::run_with(&scenario, args.options(&ui), context);
     let written = recorder.finish();
 
-    // A terminal is put back as it was before anything is printed on it.
+    // A UI in the terminal ends first, so that the lines below are not part of its screen.
     let (ui, shown) =
         if ui.has_terminal() { (Ui::None, ui.linger(&desk.run_end())) } else { (ui, Ok(())) };
     if let (Some(written), Some(path)) = (written, &args.record) {
-        complain(&record::told(path, &written));
+        complain(&record::result_message(path, &written));
     }
+    // The result is used up by the summary below.
     let leaves = is_interrupted(&done);
-    let code = told(done, &scenario, args, output)?;
+    let code = print_summary(done, &scenario, args, output)?;
     output.flush()?;
     if let Err(error) = shown {
         // A UI that failed changes neither the summary nor the exit code.
         complain(&format!("{error:#}"));
     }
+    // The page stays for the operator to read, unless Ctrl-C has ended the run.
     if !args.json && !leaves {
         ui.linger(&desk.run_end())?;
     }
@@ -152,7 +168,7 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
 }
 
 impl RunArgs {
-    /// Returns the overrides of the options that stand for a key.
+    /// Returns the overrides of the options that set a key.
     fn overrides(&self) -> Vec<Override> {
         let pace = self.pace.map(|pace| match pace {
             PaceWord::Virtual => "virtual",
@@ -170,24 +186,26 @@ impl RunArgs {
 
     /// Checks that the options agree with the scenario and with each other.
     fn check(&self, scenario: &Scenario) -> anyhow::Result<()> {
+        // Real-time rights have a meaning on the wall clock only.
         if self.require_rt && scenario.pace != Pace::RealTime {
-            return Err(refuse("--require-rt: the pace is virtual; add --pace real-time"));
+            return Err(refuse("--require-rt: the pace is virtual: add --pace real-time"));
         }
         if !is_speed(self.speed) {
-            let reason = "a factor of 0.01 or more such as 5, or 0 for as fast as it computes";
+            let reason = "must be a factor of 0.01 or more, or 0 for as fast as possible";
             return Err(refuse(format!("--speed: {reason}")));
         }
+        // The file may be the recording of the run that is resumed now.
         match self.record.as_ref().filter(|path| self.keep.resume && path.is_file()) {
             Some(path) => Err(refuse(format!(
-                "--record: {} is there already, perhaps of the run that was broken off, and is \
-                 kept: name another file",
+                "--record: {} exists and may be the recording of the interrupted run: name \
+                 another file",
                 path.display()
             ))),
             None => Ok(()),
         }
     }
 
-    /// Begins the recording, if one is wanted.
+    /// Starts the recording if `--record` is given.
     fn recorder(
         &self,
         scenario: &Scenario,
@@ -197,27 +215,30 @@ impl RunArgs {
         let Some(path) = &self.record else { return Ok(Recorder::default()) };
         let file = Place::create(path)
             .map_err(|error| refuse(format!("--record: {}: {error}", path.display())))?;
+        // A replay needs all overrides: those of --set and those of the options.
         let overrides: Vec<_> = self.scenario.overrides().into_iter().chain(more).collect();
         let begun = record::Begun { attended, resumed: self.keep.resume };
         record::begin(file, scenario, &overrides, begun).context("--record")
     }
 
+    /// Returns the options of the run for a UI.
     fn options(&self, ui: &Ui) -> RunOptions {
         let has_ui = !matches!(ui, Ui::None);
         RunOptions {
             require_real_time: self.require_rt,
-            // Words on stdin are read from a pipe, too; under --json no person is there to say any.
+            // Otherwise commands are read from stdin, also from a pipe. With --json no person gives
+            // any, and a terminal UI reads the keys itself.
             automatic: self.json || ui.has_terminal(),
             wait: self.wait && (has_ui || !self.json),
             quiet: ui.has_terminal(),
             interruptible: true,
             speed: self.speed,
-            stuck: Some(if ui.has_terminal() { ends_on_a_terminal } else { ends }),
+            stuck: Some(if ui.has_terminal() { end_stuck_on_terminal } else { end_stuck }),
         }
     }
 }
 
-/// Checks whether an interrupt ended the run: the operator wants to leave the program.
+/// Returns whether an interrupt ended the run: then the program ends as well.
 fn is_interrupted(done: &Result<Summary, Error>) -> bool {
     match done {
         Ok(summary) => summary.ended_by == EndedBy::Interrupt,
@@ -225,25 +246,31 @@ fn is_interrupted(done: &Result<Summary, Error>) -> bool {
     }
 }
 
-/// Ends the program when an actor lets no other one get on: nobody else can.
-#[allow(clippy::needless_pass_by_value, reason = "whoever tells has no use for it any more")]
-fn ends(error: Error) {
+/// Ends the program when an actor blocks all others. No other thread could end it then.
+#[allow(clippy::needless_pass_by_value, reason = "the signature is that of `RunOptions::stuck`")]
+fn end_stuck(error: Error) {
     complain(&format!(
-        "{error}; the drives were told to switch off, and the program is ended as it is"
+        "{error}: the drives were commanded to switch off, and the program ends at once"
     ));
     std::process::exit(STUCK);
 }
 
-fn ends_on_a_terminal(error: Error) {
-    tui::put_back();
-    ends(error);
+/// Restores the terminal, then ends the program as [`end_stuck`].
+fn end_stuck_on_terminal(error: Error) {
+    tui::restore_terminal();
+    end_stuck(error);
 }
 
-/// Returns the files that outlive the run, or why they cannot be.
-fn keep(args: &KeepArgs, bridge: BridgeKind, task: Task) -> Result<SavedFiles, &'static str> {
+/// Returns the files that outlive the run, or the error of the options that name them.
+fn saved_files(
+    args: &KeepArgs,
+    bridge: BridgeKind,
+    task: Task,
+) -> Result<SavedFiles, &'static str> {
+    // A file of the plant's state would contradict the real cell.
     if args.world.is_some() && bridge.is_hardware() {
         return Err(
-            "--world: hardware keeps its state itself; only a simulated plant needs a file",
+            "--world: hardware keeps its state itself: leave the option out, or simulate the plant",
         );
     }
     let beside = |world: &PathBuf| {
@@ -251,22 +278,25 @@ fn keep(args: &KeepArgs, bridge: BridgeKind, task: Task) -> Result<SavedFiles, &
         path.push(".journal");
         PathBuf::from(path)
     };
+    // World and journal belong to one cell, so they are side by side by default.
     let journal = args.journal.clone().or_else(|| args.world.as_ref().map(beside));
     if args.resume && journal.is_none() {
-        return Err("--resume: name the --journal of the run that was broken off");
+        return Err("--resume: name the file of the interrupted run with --journal");
     }
+    // Without the saved plant a simulated cell would begin with another cube than the journal's.
     if args.resume && args.world.is_none() && !bridge.is_hardware() {
-        return Err("--resume: name the --world of the run that was broken off, too");
+        return Err("--resume: name the saved plant of the interrupted run with --world");
     }
+    // Only this task writes a journal from which it can continue.
     if args.resume && task != Task::Solve {
-        return Err("--resume: only the task solve can go on");
+        return Err("--resume: only a run of the task solve can be resumed");
     }
     Ok(SavedFiles { world: args.world.clone(), journal, resume: args.resume })
 }
 
-/// Checks that the run would write over neither its scenario nor one of its own files, nor over the
-/// files beside these.
-fn overwritten(args: &RunArgs, keep: &SavedFiles) -> anyhow::Result<()> {
+/// Checks that each file that the run writes is neither its scenario nor another of its files. The
+/// temporary files and locks beside them count as well.
+fn check_outputs(args: &RunArgs, keep: &SavedFiles) -> anyhow::Result<()> {
     let beside = |path: &Option<PathBuf>, end: &str| {
         path.as_ref().map(|path| {
             let mut path = path.clone().into_os_string();
@@ -274,6 +304,7 @@ fn overwritten(args: &RunArgs, keep: &SavedFiles) -> anyhow::Result<()> {
             PathBuf::from(path)
         })
     };
+    // The files beside the world are written as well.
     let (lock, new) = (beside(&keep.world, ".lock"), beside(&keep.world, ".new"));
     let part = beside(&args.record, ".part");
     clash(
@@ -289,8 +320,8 @@ fn overwritten(args: &RunArgs, keep: &SavedFiles) -> anyhow::Result<()> {
     )
 }
 
-/// Says what a run came to; returns the exit code.
-fn told(
+/// Prints the summary of a run, or its error; returns the exit code.
+fn print_summary(
     done: Result<Summary, Error>,
     scenario: &Scenario,
     args: &RunArgs,
@@ -307,6 +338,7 @@ fn told(
         }
         Err(error) => {
             complain(&error.to_string());
+            // A program that reads JSON gets a summary even of a run that did not start.
             let summary = run::not_begun(scenario, &error);
             if args.json {
                 output.line(&summary.json())?;

@@ -1,25 +1,31 @@
-//! `rubik-robot schema`: the JSON schema of scenarios, from the keys that the program reads.
+//! `rubik-robot schema`: prints the JSON schema of scenarios.
 //!
-//! A key is declared once (`scenario::section`); the schema, `rubik-robot keys` and the reader follow from that.
+//! A key is declared once (`scenario::section`). The schema, `rubik-robot keys` and the reader of
+//! scenarios are derived from the declarations.
+//!
+//! - in: the keys, each with type, range, meaning and default in words
+//! - out: a JSON schema (draft 2020-12) for editors
 
 use super::output::Output;
 use crate::scenario::{self, section::Key};
 use serde_json::{Map, Value, json};
 
-/// Lists of tables: each element has the keys of any of the built-in ones.
+/// Sections that are lists of tables. The schema allows each element all keys of the built-in ones.
 const LISTS: [&str; 4] = ["effector", "camera", "vsp", "fault"];
 
+/// Prints the schema; returns the exit code.
 pub(super) fn run(output: &mut Output) -> anyhow::Result<u8> {
     output.line(&serde_json::to_string_pretty(&schema(&scenario::all_keys()))?)?;
     Ok(0)
 }
 
-/// The schema of a scenario with these keys.
+/// Returns the schema of a scenario with these keys.
 fn schema(keys: &[Key]) -> Value {
     let mut root = Map::new();
     for key in keys {
         let parts: Vec<&str> = key.path.split('.').collect();
         match parts.as_slice() {
+            // The second part of the path is the name of an element, which a scenario may choose.
             [list, _, within @ ..] if LISTS.contains(list) => {
                 let item =
                     root.entry(*list).or_insert_with(|| json!({"type": "array", "items": table()}));
@@ -43,10 +49,12 @@ fn schema(keys: &[Key]) -> Value {
     })
 }
 
+/// Returns the schema of a section without keys.
 fn table() -> Value {
     json!({"type": "object", "additionalProperties": false, "properties": {}})
 }
 
+/// Adds a key to the schema of a section, in the nested section that `path` leads to.
 fn insert(table_of: &mut Value, path: &[&str], key: &Key) {
     match path {
         [] => {}
@@ -61,11 +69,12 @@ fn insert(table_of: &mut Value, path: &[&str], key: &Key) {
     }
 }
 
-/// One key: its type from its description for people, its range, meaning and default.
+/// Returns the schema of a key. Its type is derived from the words that people read.
 fn value(key: &Key) -> Value {
     let mut schema = kind(&key.kind);
     if let (Some(range), Some(fields)) = (&key.range, schema.as_object_mut()) {
         let (low, high) = (json!(range.start()), json!(range.end()));
+        // The range of a list is that of its elements.
         let holder = match fields.get_mut("items").and_then(Value::as_object_mut) {
             Some(items) => items,
             None => fields,
@@ -82,15 +91,18 @@ fn value(key: &Key) -> Value {
     schema
 }
 
-/// A default as TOML writes it.
+/// Parses a default, which is written as in TOML. Returns `None` for words as "(not given)".
 fn default(text: &str) -> Option<Value> {
+    // A default in words, as "(not given)", is no TOML.
     let document: toml::Table = toml::from_str(&format!("v = {text}")).ok()?;
     serde_json::to_value(document.get("v")?).ok()
 }
 
+/// Returns the schema of a type that is described in words: `3 times number`, `"a" | "b"`.
 fn kind(words: &str) -> Value {
     let words = words.trim();
     if words.contains('"') {
+        // A type with quoted words is a choice of them.
         let options: Vec<_> = words.split('|').map(|w| w.trim().trim_matches('"')).collect();
         return json!({"enum": options});
     }
@@ -105,6 +117,7 @@ fn kind(words: &str) -> Value {
         "whole number" => json!({"type": "integer"}),
         "text" => json!({"type": "string"}),
         "true | false" => json!({"type": "boolean"}),
+        // Any other words describe a key of several types: every value passes the schema.
         _ => json!({}),
     }
 }
@@ -114,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_key_is_in_the_schema_with_a_type() {
+    fn schema_has_every_key_with_a_type() {
         let keys = scenario::all_keys();
         let schema = schema(&keys);
 
@@ -137,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn ranges_and_defaults_are_those_of_the_keys() {
+    fn schema_has_ranges_and_defaults() {
         let schema = schema(&scenario::all_keys());
 
         let grip = &schema["properties"]["control"]["properties"]["grip_n"];

@@ -1,4 +1,4 @@
-//! `rubik-robot completions` and `rubik-robot man`: what a shell and a reader of manuals want.
+//! `rubik-robot completions` and `rubik-robot man`: completions for a shell, and manual pages.
 
 use super::output::{Output, refuse};
 
@@ -20,14 +20,16 @@ pub(super) fn manual(
     mut program: clap::Command,
     output: &mut Output,
 ) -> anyhow::Result<u8> {
+    // Only a built command has its usage line and its options `--help` and `--version`.
     program.build();
+    // The page of a command has the name that `man` expects: rubik-robot-run.
     let title = command.map_or_else(|| "rubik-robot".to_owned(), |c| format!("rubik-robot-{c}"));
     let page = match command {
         None => program,
         Some(name) => {
             let Some(found) = program.find_subcommand(name) else {
                 return Err(refuse(format!(
-                    "there is no command `{name}`; see rubik-robot --help"
+                    "there is no command `{name}`: `rubik-robot --help` lists the commands"
                 )));
             };
             found.clone()

@@ -1,4 +1,8 @@
-//! `rubik-robot solve` and `rubik-robot scramble`: cubes in, turns out.
+//! `rubik-robot solve` and `rubik-robot scramble`: solves cubes, and draws them.
+//!
+//! - in: a cube or a scramble; or cubes on stdin, one a line; or a seed
+//! - out: turns, as text or as a line of JSON for each cube, in the order of the cubes
+//! - exit code of `solve`: 1 if a cube has no solution within the limits, 2 if a cube is refused
 
 use super::engine::{Answer, Engine, Limits, Mode, Unsolved, two_phase_tables};
 use super::output::{Output, WRONG, complain, next_line, refuse};
@@ -19,31 +23,41 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Args)]
 pub(super) struct SolveArgs {
-    /// 54 letters URFDLB, the faces U R F D L B in reading order, each sticker named by its centre; - reads one a line
+    /// Cube: 54 letters URFDLB, each face in reading order; - for stdin
+    ///
+    /// Stdin has one cube per line.
     #[arg(required_unless_present = "scramble", conflicts_with = "scramble")]
     cube: Option<String>,
-    /// Solve what these moves make of a solved cube: U R F D L B, wide as Rw or r, M E S, x y z, each with 2 or '
+    /// Scramble to solve: the moves that scramble a solved cube
+    ///
+    /// Moves are U R F D L B, wide ones as Rw or r, M E S, and x y z, each also with 2 or '.
     #[arg(long, value_name = "MOVES")]
     scramble: Option<String>,
-    /// How to search
+    /// Kind of search
     #[arg(long, value_enum, default_value_t = Mode::TwoPhase)]
     mode: Mode,
-    /// Be content with a solution of so many turns; without a budget, search until there is one or all are searched
+    /// Length of a solution that is short enough (turns): the search ends there
+    ///
+    /// Without a budget the search ends at a solution of that length, or at the shortest one.
     #[arg(long, value_name = "N")]
     max_length: Option<u8>,
-    /// Search for so long, and give the best
+    /// Time limit for a cube (ms): the best solution until then
     #[arg(long, value_name = "N", conflicts_with = "budget_nodes")]
     budget_ms: Option<u64>,
-    /// Look at so many states and give the best, the same every time
+    /// Number of states to search: the best solution in them is the same each time
     #[arg(long, value_name = "N")]
     budget_nodes: Option<u64>,
-    /// Threads [default: all of the machine]; with --budget-ms all search for one cube, else each has a cube
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    /// Number of threads [default: number of cores]
+    ///
+    /// With --budget-ms, and for a shortest solution, all threads search for one cube. Otherwise
+    /// each thread solves a cube of its own.
+    #[arg(long, value_name = "N", verbatim_doc_comment,
+          value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
-    /// End there instead of at the solved cube
+    /// Goal instead of the solved cube: 54 letters URFDLB
     #[arg(long, value_name = "FACELETS")]
     to: Option<String>,
-    /// One line of JSON for each cube
+    /// Print one line of JSON for each cube
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -53,44 +67,47 @@ pub(super) struct SolveArgs {
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Args)]
 pub(super) struct ScrambleArgs {
-    /// The same scramble every time [default: another each time]
+    /// Seed of the first cube [default: a random one]
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// How many, one a line
+    /// Number of cubes; each gets a line of output
     #[arg(long, value_name = "N", default_value_t = 1)]
     count: u64,
-    /// Print the cubes as facelets instead of moves that make them
+    /// Print the cubes as 54 letters instead of turns that make them
     #[arg(long)]
     facelets: bool,
-    /// One line of JSON for each: cube, scramble, length, seed
+    /// Print one line of JSON for each cube: cube, scramble, length, seed
     #[arg(long)]
     json: bool,
     #[command(flatten)]
     folder: Folder,
 }
 
-/// Exit code where a possible cube is not solved as it should be.
+/// Exit code if a possible cube has no solution within the limits.
 const UNSOLVED: u8 = 1;
 
-/// Why a cube is not solved.
+/// Reason why a cube is not solved.
 #[derive(Debug)]
 pub(super) enum Refusal {
     Facelets(ParseFacelets),
     Impossible(ImpossibleCube, Option<Repair>),
     Moves(ParseMoves),
     Unsolved(Unsolved),
-    /// A cube in another orientation, and how it is named by its centres.
+    /// A cube in another orientation, and its name by the colours of its centres.
     Turned(ImpossibleCube, Facelets),
 }
 
 impl Refusal {
+    /// Returns the reason for an impossible cube, with its repair.
     fn impossible(facelets: &Facelets, reason: ImpossibleCube) -> Self {
         match (reason, facelets.normalised()) {
+            // A cube in another orientation is possible: its letters need only be named otherwise.
             (ImpossibleCube::CentreElsewhere { .. }, Ok((named, _))) => Self::Turned(reason, named),
             _ => Self::Impossible(reason, Some(Repair::of(facelets))),
         }
     }
 
+    /// Returns the reason as one word for programs.
     fn kind(&self) -> &'static str {
         match self {
             Self::Facelets(ParseFacelets::Length(_)) => "length",
@@ -102,6 +119,7 @@ impl Refusal {
         }
     }
 
+    /// Returns the reason for people.
     pub(super) fn message(&self) -> String {
         match self {
             Self::Facelets(reason) => reason.to_string(),
@@ -109,11 +127,12 @@ impl Refusal {
             Self::Moves(reason) => reason.to_string(),
             Self::Unsolved(reason) => reason.to_string(),
             Self::Turned(reason, named) => {
-                format!("{reason}; by the colours of its centres it is {named}")
+                format!("{reason}: named by the colours of its centres it is {named}")
             }
         }
     }
 
+    /// Returns the pieces, stickers or moves that are wrong.
     fn places(&self) -> Vec<String> {
         match self {
             Self::Facelets(ParseFacelets::Letter { place, .. }) => vec![place.to_string()],
@@ -123,11 +142,13 @@ impl Refusal {
         }
     }
 
-    /// The exit code: a cube that cannot be, or one that is not solved so.
+    /// Returns the exit code: [`UNSOLVED`] if the search found no solution, [`WRONG`] if the input
+    /// is wrong.
     fn code(&self) -> u8 {
         if matches!(self, Self::Unsolved(_)) { UNSOLVED } else { WRONG }
     }
 
+    /// Returns the smallest repair of an impossible cube.
     pub(super) fn repair(&self) -> Option<&Repair> {
         match self {
             Self::Impossible(_, repair) => repair.as_ref(),
@@ -135,6 +156,7 @@ impl Refusal {
         }
     }
 
+    /// Returns the refusal of a cube as JSON.
     pub(super) fn json(&self, cube: &str) -> Value {
         let mut error =
             json!({"kind": self.kind(), "message": self.message(), "where": self.places()});
@@ -145,29 +167,30 @@ impl Refusal {
     }
 }
 
-/// A cube, and the stickers by which it is named in answers.
+/// Parses a cube. Returns its stickers as well, which name it in answers.
 pub(super) fn read(text: &str) -> Result<(Cube, Facelets), Refusal> {
     let facelets: Facelets = text.parse().map_err(Refusal::Facelets)?;
     let cube = Cube::try_from(facelets).map_err(|e| Refusal::impossible(&facelets, e))?;
     Ok((cube, facelets))
 }
 
-/// What moves make of a solved cube, held as it is after them.
+/// Returns the cube that moves make of a solved one, named as it is held after them.
 fn scrambled(text: &str) -> Result<(Cube, Facelets), Refusal> {
     let moves = parse_moves(text).map_err(Refusal::Moves)?;
+    // Rotations turn the centres as well, so the cube is named as it is held after the moves.
     let named = after_moves(&Facelets::solved(), &moves).named_by_position();
     let facelets = named.map_err(|e| Refusal::Impossible(e, None))?;
     let cube = Cube::try_from(facelets).map_err(|e| Refusal::impossible(&facelets, e))?;
     Ok((cube, facelets))
 }
 
-/// A line of an answer: text for stdout or, where it has an exit code, for stderr.
+/// Line of an answer. Its text goes to stdout, or to stderr if it has an exit code.
 struct Line {
     text: String,
     code: u8,
 }
 
-/// What answers are made with.
+/// Engine and options that answer cubes.
 struct Desk {
     engine: Engine,
     goal: Cube,
@@ -176,12 +199,12 @@ struct Desk {
 }
 
 impl Desk {
-    /// Answers one cube of a stream, or of the command line when it is alone.
+    /// Answers a cube: one of a stream, or the one of the command line if `alone`.
     fn answer(&self, given: &str, cube: Result<(Cube, Facelets), Refusal>, alone: bool) -> Line {
         let solved = cube.and_then(|(cube, facelets)| {
-            // From the cube to the goal are the turns that solve it as seen from the goal.
-            let way = self.goal.inverse().then(&cube);
-            self.engine.solve(&way).map(|a| (facelets, a)).map_err(Refusal::Unsolved)
+            // Turns that lead from the cube to the goal solve the cube as seen from the goal.
+            let seen = self.goal.inverse().then(&cube);
+            self.engine.solve(&seen).map(|a| (facelets, a)).map_err(Refusal::Unsolved)
         });
         match solved {
             Ok((facelets, answer)) => {
@@ -198,7 +221,7 @@ impl Desk {
                 let text = if self.json {
                     refusal.json(given).to_string()
                 } else {
-                    let repair = refusal.repair().map(|r| format!("; least repair: {r}"));
+                    let repair = refusal.repair().map(|r| format!("; smallest repair: {r}"));
                     format!("{}{}", refusal.message(), repair.unwrap_or_default())
                 };
                 Line { text, code: refusal.code() }
@@ -206,19 +229,21 @@ impl Desk {
         }
     }
 
+    /// Returns the turns with their number, the proof and the cost of the search.
     fn explained(&self, answer: &Answer) -> String {
         if answer.turns.is_empty() {
-            return "nothing to turn: the cube is already there".to_owned();
+            return "no turn is needed: the cube is at its goal".to_owned();
         }
         let count = answer.turns.len();
         let turns = if count == 1 { "1 turn".to_owned() } else { format!("{count} turns") };
         let proof = match (answer.optimal, self.mode) {
-            (true, _) => "the shortest there is, proven",
-            (false, Mode::Robot) => "chosen for two arms, not for its length",
+            (true, _) => "proven to be the shortest",
+            (false, Mode::Robot) => "the fastest for two arms, not the shortest",
             (false, _) => "not proven to be the shortest",
         };
         format!(
-            "{}\n{turns} of faces, half turns count one; {proof}\n{} states looked at in {:.3} s with {}",
+            "{}\n{turns} of faces, half turns count one; {proof}\n\
+             {} states searched in {:.3} s with {}",
             format_turns(&answer.turns),
             answer.nodes,
             answer.time.as_secs_f64(),
@@ -227,10 +252,12 @@ impl Desk {
     }
 }
 
+/// Returns an answer as a line of JSON.
 fn json_line(facelets: &Facelets, answer: &Answer) -> String {
-    // By hand, to keep the order of the fields.
+    // Written by hand, to keep the order of the fields.
     format!(
-        "{{\"cube\":\"{facelets}\",\"solution\":\"{}\",\"length\":{},\"optimal\":{},\"nodes\":{},\"time_s\":{:.6}}}",
+        "{{\"cube\":\"{facelets}\",\"solution\":\"{}\",\"length\":{},\"optimal\":{},\"nodes\":{},\
+         \"time_s\":{:.6}}}",
         format_turns(&answer.turns),
         answer.turns.len(),
         answer.optimal,
@@ -239,6 +266,7 @@ fn json_line(facelets: &Facelets, answer: &Answer) -> String {
     )
 }
 
+/// Solves the cube of the arguments, or those on stdin; returns the exit code.
 pub(super) fn run(args: &SolveArgs, output: &mut Output) -> anyhow::Result<u8> {
     let threads = args
         .threads
@@ -252,7 +280,7 @@ pub(super) fn run(args: &SolveArgs, output: &mut Output) -> anyhow::Result<u8> {
     let goal = goal.map_or(Cube::SOLVED, |(cube, _)| cube);
     if args.mode == Mode::Robot && args.max_length.is_some() {
         return Err(refuse(
-            "--max-length has no meaning for --mode robot, which goes by time, not by length",
+            "--max-length has no effect on --mode robot, which minimises time: leave it out",
         ));
     }
     let limits = Limits {
@@ -260,8 +288,9 @@ pub(super) fn run(args: &SolveArgs, output: &mut Output) -> anyhow::Result<u8> {
         time: args.budget_ms.map(Duration::from_millis),
         nodes: args.budget_nodes,
     };
+    // The name `-` means stdin, as in other programs.
     let stream = args.cube.as_deref() == Some("-");
-    // What is refused anyhow should not wait for tables.
+    // A cube that is refused should not wait for tables.
     let alone = if stream {
         None
     } else {
@@ -275,7 +304,7 @@ pub(super) fn run(args: &SolveArgs, output: &mut Output) -> anyhow::Result<u8> {
         }
         Some((given, cube))
     };
-    // A copy pays for whoever stays longer.
+    // A copy of the tables takes a second, and makes a long search a quarter faster.
     let long = stream
         || matches!(args.mode, Mode::Korf | Mode::Optimal)
         || args.budget_ms.is_some_and(|ms| ms > 2000);
@@ -283,6 +312,7 @@ pub(super) fn run(args: &SolveArgs, output: &mut Output) -> anyhow::Result<u8> {
     let engine = Engine::new(args.mode, limits, threads, &args.folder.store().with(residence));
     let desk = Desk { engine, goal, json: args.json, mode: args.mode };
     let Some((given, cube)) = alone else {
+        // A mode in which all threads search for one cube takes one cube at a time.
         let workers = if desk.engine.shares_cubes() { 1 } else { threads };
         return answer_stream(&Arc::new(desk), workers, output);
     };
@@ -295,6 +325,7 @@ pub(super) fn run(args: &SolveArgs, output: &mut Output) -> anyhow::Result<u8> {
     Ok(line.code)
 }
 
+/// Prints why a cube is refused; returns the exit code.
 fn print_refusal(
     given: &str,
     refusal: &Refusal,
@@ -306,40 +337,44 @@ fn print_refusal(
     } else {
         complain(&refusal.message());
         if let Some(repair) = refusal.repair() {
-            complain(&format!("least repair: {repair}"));
+            complain(&format!("smallest repair: {repair}"));
         }
     }
     Ok(WRONG)
 }
 
-/// Longest line with a cube (bytes): a scramble has hundreds.
+/// Largest length of a line with a cube (bytes). A scramble has hundreds.
 const LONGEST: usize = 1 << 16;
 
-/// Answers each line of stdin in its order, several at once.
+/// Answers the lines of stdin in their order, several at a time.
 ///
-/// The threads are not waited for: one of them may stand in a read of stdin when nobody wants the answers any more.
+/// It does not wait for the threads to end: one of them may block in a read of stdin when the
+/// reader of the answers has left.
 fn answer_stream(desk: &Arc<Desk>, workers: usize, output: &mut Output) -> anyhow::Result<u8> {
+    // Bounded channels keep a fast input from filling the memory.
     let (lines, todo) = sync_channel::<(usize, std::io::Result<String>)>(workers * 4);
     let (answers, done) = sync_channel::<(usize, std::io::Result<Line>)>(workers * 4);
     std::thread::spawn(move || {
-        // A line that is no text is refused as any other; those after it are not lost.
+        // A line that is no text is refused as any wrong line; the next lines are answered.
         let mut stdin = std::io::stdin().lock();
         let mut line = Vec::new();
         let cubes = std::iter::from_fn(|| {
             let read = next_line(&mut stdin, LONGEST, &mut line).transpose()?;
-            // What is longer is no cube, whatever it begins with.
+            // A longer line is no cube, even if it begins like one.
             let cube = || String::from_utf8_lossy(&line).into_owned();
             let long = || format!("a line of more than {LONGEST} bytes");
             Some(read.map(|whole| if whole { cube() } else { long() }))
         });
         let cubes = cubes.filter(|l| l.as_ref().is_ok_and(|l| !l.trim().is_empty()) || l.is_err());
         for numbered in cubes.enumerate() {
+            // An error of reading is passed on and ends the input.
             let ends = numbered.1.is_err();
             if lines.send(numbered).is_err() || ends {
                 return;
             }
         }
     });
+    // One receiver is shared: each worker takes the next line.
     let todo = Arc::new(Mutex::new(todo));
     for _ in 0..workers {
         let (desk, todo, answers) = (Arc::clone(desk), Arc::clone(&todo), answers.clone());
@@ -354,11 +389,12 @@ fn answer_stream(desk: &Arc<Desk>, workers: usize, output: &mut Output) -> anyho
             }
         });
     }
+    // The writer ends when the last worker has dropped its sender.
     drop(answers);
     write_in_order(&done, desk.json, output)
 }
 
-/// Writes answers in the order of their numbers, and each as soon as it can be.
+/// Writes answers in the order of their numbers, each as soon as all before it are written.
 fn write_in_order(
     done: &Receiver<(usize, std::io::Result<Line>)>,
     json: bool,
@@ -367,6 +403,7 @@ fn write_in_order(
     let (mut early, mut next, mut code) = (BTreeMap::new(), 0, 0);
     loop {
         let arrived = match done.try_recv() {
+            // Before a wait the answers are flushed, so that an interactive reader gets them.
             Err(TryRecvError::Empty) => {
                 output.flush()?;
                 done.recv().map_err(|RecvError| TryRecvError::Disconnected)
@@ -378,8 +415,10 @@ fn write_in_order(
         while let Some(line) = early.remove(&next) {
             next += 1;
             code = code.max(line.code);
+            // A refusal goes to stderr, where it does not mix with the answers.
             if line.code != 0 && !json {
                 complain(&format!("cube {next}: {}", line.text));
+                // An empty line keeps the numbers of lines equal to those of the cubes.
                 output.line("")?;
             } else {
                 output.line(&line.text)?;
@@ -392,10 +431,12 @@ fn write_in_order(
     Ok(code)
 }
 
+/// Draws cubes and prints them; returns the exit code.
 pub(super) fn scramble(args: &ScrambleArgs, output: &mut Output) -> anyhow::Result<u8> {
     let now = || SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    // A seed drawn from the clock is short enough to be typed again.
     let first = args.seed.unwrap_or_else(|| now().as_nanos() as u64 & 0xffff_ffff_ffff);
-    // Facelets alone need no solver.
+    // Printing facelets needs no solver.
     let needs_tables = args.json || !args.facelets;
     let tables = needs_tables.then(|| two_phase_tables(&args.folder.store(), Threads::all()).0);
     for seed in first..first.saturating_add(args.count) {
@@ -408,7 +449,8 @@ pub(super) fn scramble(args: &ScrambleArgs, output: &mut Output) -> anyhow::Resu
             }
             continue;
         };
-        // What solves the cube, backwards, makes it.
+        // The inverse of a solution makes the cube.
+        // A scramble need not be short: 20 turns are found fast.
         let solution = solve(&cube, tables, &Budget { nodes: 20_000, max_length: 20 });
         let turns: Vec<_> = solution.turns.iter().rev().map(|t| t.inverse()).collect();
         let text = format_turns(&turns);

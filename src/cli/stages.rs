@@ -1,9 +1,9 @@
-//! `rubik-robot vision stages`: the paper's figure 4 of any picture.
+//! `rubik-robot vision stages`: shows the stages of the paper's detector, as in its figure 4.
 //!
-//! One picture a stage of [`crate::vision::paper`], with the regions that it left in their colours
-//! on the dimmed picture, and one with the result: the paper's square, and the faces that the
-//! default detector reports. With the camera's optics, the pose that the paper takes of the
-//! square's four corner tiles.
+//! - in: pictures; optionally the optics of the camera
+//! - out: a picture of each stage of [`crate::vision::paper`], with the remaining regions in their
+//!   colours on the dimmed picture; a picture of the result, with the paper's square and the faces
+//!   of the default detector; with optics also the pose from the square's four corner tiles
 
 use super::arguments::positive;
 use super::image_file::load;
@@ -28,30 +28,31 @@ pub(super) struct StagesArgs {
     /// Picture files (PNG, JPEG)
     #[arg(required = true)]
     images: Vec<PathBuf>,
-    /// Folder for the pictures
-    #[arg(short, long)]
+    /// Write the pictures of the stages to FOLDER
+    #[arg(short, long, value_name = "FOLDER")]
     out: Option<PathBuf>,
-    /// Focal length along x (px): with it the pose of the square's four corner tiles is told
+    /// Focal length along x (px), to compute the pose of the square
     #[arg(long, value_parser = positive)]
     fx: Option<f64>,
-    /// Focal length along y (px); that along x when not given
+    /// Focal length along y (px) [default: that along x]
     #[arg(long, value_parser = positive, requires = "fx")]
     fy: Option<f64>,
-    /// Principal point, x (px), the first pixel's centre is 0; the picture's middle when not given
+    /// Principal point, x (px, centre of pixel 0 is 0) [default: the middle]
     #[arg(long, allow_hyphen_values = true, requires = "fx")]
     cx: Option<f64>,
-    /// Principal point, y (px)
+    /// Principal point, y (px) [default: the middle]
     #[arg(long, allow_hyphen_values = true, requires = "fx")]
     cy: Option<f64>,
     /// Length of the cube's edge (mm)
     #[arg(long, default_value_t = 57.0, value_parser = positive)]
     cube_mm: f64,
-    /// One line of JSON a picture
+    /// Print one line of JSON for each picture
     #[arg(long)]
     json: bool,
 }
 
 impl StagesArgs {
+    /// Returns the lens for a picture, without distortion; `None` without optics.
     fn lens(&self, image: &RgbImage) -> Option<Lens> {
         let middle = |n: u32| 0.5 * (f64::from(n) - 1.0);
         let fx = self.fx?;
@@ -67,8 +68,8 @@ impl StagesArgs {
     }
 }
 
-/// A picture's stages: files in a folder when there is one, one line of JSON or a short table. The
-/// flag is false when a picture could not be read.
+/// Computes the stages of each picture and writes them to the folder, if one is given. Returns a
+/// line of JSON or a table for each picture, and whether all pictures could be read.
 ///
 /// # Errors
 /// A folder or file that cannot be written.
@@ -81,6 +82,7 @@ pub(super) fn stages(args: &StagesArgs) -> Result<(String, bool)> {
     }
     for path in images {
         let name = path.display().to_string();
+        // A picture that cannot be read gets a line and does not end the others.
         let image = match load(path) {
             Ok(image) => image,
             Err(reason) => {
@@ -98,6 +100,7 @@ pub(super) fn stages(args: &StagesArgs) -> Result<(String, bool)> {
         let (width, height) = (image.width() as usize, image.height() as usize);
         let stages = Stages::run(image.as_raw(), width, height, &Filters::default());
         let square = stages.square();
+        // Without optics a square has no pose.
         let pose = square.as_ref().ok().zip(args.lens(&image)).and_then(|(square, lens)| {
             let pose = pose::locate(&square.face()?, lens, args.cube_mm * 1e-3);
             pose.residual_px.is_finite().then_some(pose)
@@ -112,7 +115,7 @@ pub(super) fn stages(args: &StagesArgs) -> Result<(String, bool)> {
     Ok((text, all))
 }
 
-/// What was found in one picture.
+/// Results of one picture.
 struct Found {
     stages: Stages,
     square: Result<Square, Refusal>,
@@ -121,13 +124,14 @@ struct Found {
     files: Vec<String>,
 }
 
-/// Three rows of four (m).
+/// Returns a pose as three rows of four (m).
 fn rows(pose: &Pose) -> Value {
     let matrix = pose.to_homogeneous();
     (0..3).map(|r| json!((0..4).map(|c| matrix[(r, c)]).collect::<Vec<f64>>())).collect()
 }
 
 impl Found {
+    /// Returns the results as a line of JSON.
     fn json(&self, name: &str) -> String {
         let counts: Vec<_> = self
             .stages
@@ -149,10 +153,12 @@ impl Found {
             Ok(faces) => json!(faces.len()),
             Err(reason) => json!(reason.to_string()),
         };
-        let line = json!({ "image": name, "stages": counts, "square": square, "detector": faces, "files": self.files });
+        let line = json!({ "image": name, "stages": counts, "square": square, "detector": faces,
+            "files": self.files });
         format!("{line}\n")
     }
 
+    /// Returns the results as a table.
     fn words(&self, name: &str) -> String {
         let mut text = format!("{name}\n");
         for stage in &self.stages.stages {
@@ -161,7 +167,7 @@ impl Found {
         let _ = match &self.square {
             Ok(square) => writeln!(
                 text,
-                "  biggest square  corner centroids {}",
+                "  largest square  corner centroids {}",
                 square.corners.map(|p| format!("{:.1},{:.1}", p.0, p.1)).join("  ")
             ),
             Err(reason) => writeln!(text, "  no square       {reason}"),
@@ -172,7 +178,8 @@ impl Found {
             let (tilt, other) = (tilt(&pose.camera_from_face), tilt(&pose.other.0));
             let _ = writeln!(
                 text,
-                "  four-point pose face's centre at {:.1}, {:.1}, {:.1} mm, tilt {:.1} deg, corners {:.2} px off; the other pose has {:.1} deg, {:.2} px",
+                "  four-point pose face's centre at {:.1}, {:.1}, {:.1} mm, tilt {:.1} deg, \
+                 corners {:.2} px off; the other pose has {:.1} deg, {:.2} px",
                 place.x,
                 place.y,
                 place.z,
@@ -205,17 +212,19 @@ impl Found {
         };
         let (mut dim, classes) = classes(&image);
         for pixel in dim.pixels_mut() {
+            // A quarter of the mean brightness: the coloured regions are brighter.
             let grey = pixel.0.iter().map(|&v| u32::from(v)).sum::<u32>() / 12;
             pixel.0 = [grey as u8; 3];
         }
         for (i, stage) in stages.stages.iter().enumerate() {
             let mut picture = dim.clone();
-            // The first picture shows specks, too, which the later stages only count.
+            // The first picture shows specks as well. Later stages have only regions.
             for (pixel, class) in picture.pixels_mut().zip(&classes).filter(|_| i == 0) {
                 if let Some(shade) = SHADES.get(usize::from(*class)) {
                     pixel.0 = *shade;
                 }
             }
+            // The other pictures show the regions that the stage has left.
             for &region in stage.left.iter().filter(|_| i > 0) {
                 let region = &stages.regions[region];
                 for &(row, start, end) in &region.runs {
@@ -235,7 +244,7 @@ impl Found {
         Ok(files)
     }
 
-    /// Draws the faces that the default detector finds, and the biggest square with its tiles.
+    /// Draws the faces of the default detector, and the largest square with its tiles.
     fn draw_result(&self, mut picture: RgbImage) -> RgbImage {
         for face in self.faces.as_ref().map_or(&[][..], Vec::as_slice) {
             outline(&mut picture, &face.corners, [255, 255, 0]);
@@ -247,6 +256,7 @@ impl Found {
         if let Ok(square) = &self.square {
             outline(&mut picture, &square.corners, [255, 0, 255]);
             for &tile in &square.tiles {
+                // The stages work on a picture that is smaller by `step`.
                 let whole = |v: f64| (v + 0.5) * self.stages.step as f64 - 0.5;
                 let centre = self.stages.regions[tile].centre;
                 blot(&mut picture, (whole(centre.0), whole(centre.1)), 1.5, [255, 0, 255]);
@@ -256,9 +266,11 @@ impl Found {
     }
 }
 
+/// Draws the outline of a quadrilateral.
 fn outline(picture: &mut RgbImage, corners: &[Point; 4], colour: [u8; 3]) {
     for i in 0..4 {
         let (a, b) = (corners[i], corners[(i + 1) % 4]);
+        // The limit keeps wrong corners far outside the picture from taking for ever.
         let steps = (2.0 * (b.0 - a.0).hypot(b.1 - a.1)).clamp(1.0, 20_000.0) as usize;
         for k in 0..=steps {
             let t = k as f64 / steps as f64;
@@ -267,12 +279,13 @@ fn outline(picture: &mut RgbImage, corners: &[Point; 4], colour: [u8; 3]) {
     }
 }
 
-/// A disc; what lies outside the picture is left out.
+/// Draws the part of a disc that is inside the picture.
 fn blot(picture: &mut RgbImage, at: Point, radius: f64, colour: [u8; 3]) {
     let reach = radius.ceil() as i64;
     let (x0, y0) = (at.0.round() as i64, at.1.round() as i64);
     for (dx, dy) in (-reach..=reach).flat_map(|x| (-reach..=reach).map(move |y| (x, y))) {
         let (x, y) = (x0.saturating_add(dx), y0.saturating_add(dy));
+        // Coordinates of a wrong square may be infinite or NaN: then no pixel is near.
         let near = (x as f64 - at.0).hypot(y as f64 - at.1) <= radius;
         let inside = (0..i64::from(picture.width())).contains(&x)
             && (0..i64::from(picture.height())).contains(&y);

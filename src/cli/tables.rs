@@ -1,71 +1,119 @@
-//! `rubik-robot tables`: the solver's tables in the user's cache folder.
+//! `rubik-robot tables`: builds, lists, verifies and removes the tables of the solver.
+//!
+//! - in: names of tables, the folder that keeps them
+//! - out: a line of text or of JSON for each table
+//! - exit code: 1 if a table could not be built, cannot be used, or could not be removed
 
 use super::output::{Output, refuse};
-use super::progress::{Bar, megabytes, tell};
+use super::progress::{Bar, megabytes, print_news};
 use crate::solver;
 use crate::solver::table::TableSpec;
 use crate::tables::{Observer, Store, Threads, Unusable};
-use clap::{Args, ValueEnum};
+use clap::{Args, Subcommand};
 use std::path::PathBuf;
 
-/// Where tables are.
+/// Folder of the tables.
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Args)]
 pub(super) struct Folder {
-    /// Folder of the tables [default: RUBIK_ROBOT_TABLES, else rubik-robot in the XDG cache folder]
-    #[arg(long, value_name = "DIR")]
+    /// Folder of the tables [default: RUBIK_ROBOT_TABLES, or the XDG cache]
+    #[arg(long, value_name = "DIR", global = true)]
     tables: Option<PathBuf>,
 }
 
 impl Folder {
+    /// Returns the store of the folder, or of the user's folder if none is given.
     pub(super) fn store(&self) -> Store {
-        self.tables.clone().map_or_else(Store::of_user, Store::new)
+        self.tables.clone().map_or_else(Store::for_user, Store::new)
     }
 }
 
-#[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Args)]
 pub(super) struct TablesArgs {
-    /// What to do with them
+    #[command(subcommand)]
     action: Action,
-    /// Which tables [default: all]
-    #[arg(value_name = "NAME")]
-    names: Vec<String>,
     #[command(flatten)]
     folder: Folder,
-    /// Threads to build and check with [default: all of the machine]
-    #[arg(long, value_name = "N")]
+    /// Number of threads [default: number of cores]
+    #[arg(long, value_name = "N", global = true)]
     threads: Option<usize>,
-    /// One line of JSON for each table
-    #[arg(long)]
+    /// Print one line of JSON for each table
+    #[arg(long, global = true)]
     json: bool,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Debug, Subcommand)]
 enum Action {
-    /// Make those that are missing or of no use
-    Build,
-    /// Say which there are, how large and what for
-    List,
-    /// Sum every file and count its entries by what they say: distances, or distances modulo 3
-    Verify,
-    /// Remove their files
-    Remove,
+    /// Build the tables that are missing or cannot be used
+    #[command(after_help = "\
+Examples:
+  rubik-robot tables build                           # all tables, more than 1 GB
+  rubik-robot tables build phase1-large phase2-large
+  rubik-robot tables build --threads 4
+
+Exit codes: 0 built, 1 a table cannot be written to the folder, 2 usage.")]
+    Build(Names),
+    /// List the tables with size, state and purpose
+    #[command(after_help = "\
+Examples:
+  rubik-robot tables list
+  rubik-robot tables list --json
+
+Exit codes: 0 listed, 1 a table cannot be used, 2 usage.")]
+    List(Names),
+    /// Verify the checksums of the tables and count their entries by value
+    #[command(after_help = "\
+Examples:
+  rubik-robot tables verify
+  rubik-robot tables verify phase2
+
+The values of entries are distances, or distances modulo 3.
+Exit codes: 0 all tables are sound, 1 a table is not, 2 usage.")]
+    Verify(Names),
+    /// Remove the files of the tables
+    #[command(after_help = "\
+Examples:
+  rubik-robot tables remove
+  rubik-robot tables remove phase1-large
+
+Exit codes: 0 removed, 1 a file cannot be removed, 2 usage.")]
+    Remove(Names),
 }
 
+/// Tables of a subcommand.
+#[derive(Debug, Args)]
+struct Names {
+    /// Names of tables [default: all]
+    #[arg(value_name = "NAME")]
+    names: Vec<String>,
+}
+
+impl Action {
+    /// Returns the names of the tables; an empty list means all tables.
+    fn names(&self) -> &[String] {
+        let (Self::Build(tables)
+        | Self::List(tables)
+        | Self::Verify(tables)
+        | Self::Remove(tables)) = self;
+        &tables.names
+    }
+}
+
+/// Performs the action on the tables; returns the exit code.
 pub(super) fn run(args: &TablesArgs, output: &mut Output) -> anyhow::Result<u8> {
     let all = solver::all_tables();
     let mut chosen: Vec<&TableSpec> = Vec::new();
-    for name in &args.names {
+    for name in args.action.names() {
         let Some(spec) = all.iter().find(|spec| spec.name == name) else {
             let names: Vec<&str> = all.iter().map(|spec| spec.name).collect();
             return Err(refuse(format!(
-                "there is no table `{name}`; there are {}",
+                "there is no table `{name}`: the tables are {}",
                 names.join(", ")
             )));
         };
         chosen.push(spec);
     }
+    // Without a name the action is for all tables.
     if chosen.is_empty() {
         chosen = all;
     }
@@ -73,19 +121,20 @@ pub(super) fn run(args: &TablesArgs, output: &mut Output) -> anyhow::Result<u8> 
     let workers = args.threads.map_or_else(Threads::all, Threads::new);
     let mut failed = false;
     for spec in chosen {
-        let state = match args.action {
-            Action::Build => build(&store, spec, workers),
-            Action::List => match store.open(spec, &workers) {
-                Ok(_) => Ok("there".to_owned()),
+        let state = match &args.action {
+            Action::Build(_) => build(&store, spec, workers),
+            Action::List(_) => match store.open(spec, &workers) {
+                Ok(_) => Ok("built".to_owned()),
                 Err(Unusable::Absent) => Ok("not built".to_owned()),
                 Err(reason) => Err(reason.to_string()),
             },
-            Action::Verify => verify(&store, spec, workers),
-            Action::Remove => store
+            Action::Verify(_) => verify(&store, spec, workers),
+            Action::Remove(_) => store
                 .remove(spec)
-                .map(|was| if was { "removed" } else { "was not there" }.to_owned())
+                .map(|was| if was { "removed" } else { "not built" }.to_owned())
                 .map_err(|e| e.to_string()),
         };
+        // One table that fails does not keep the others from being built or verified.
         failed |= state.is_err();
         let (ok, state) = match state {
             Ok(state) => (true, state),
@@ -93,25 +142,31 @@ pub(super) fn run(args: &TablesArgs, output: &mut Output) -> anyhow::Result<u8> 
         };
         if args.json {
             let path = store.path(spec);
-            output.line(&serde_json::json!({
-                "name": spec.name, "bytes": spec.bytes, "ok": ok, "state": state, "purpose": spec.purpose, "path": path,
-            }).to_string())?;
+            output.line(
+                &serde_json::json!({
+                    "name": spec.name, "bytes": spec.bytes, "ok": ok, "state": state,
+                    "purpose": spec.purpose, "path": path,
+                })
+                .to_string(),
+            )?;
         } else {
             let size = megabytes(spec.bytes);
             output.line(&format!("{:16} {size:>10}  {state}; {}", spec.name, spec.purpose))?;
         }
+        // A table may take minutes: its line appears when it is done.
         output.flush()?;
     }
-    if !args.json && args.action == Action::List {
-        output.line(&format!("in {}", store.folder().display()))?;
+    if !args.json && matches!(args.action, Action::List(_)) {
+        output.line(&format!("folder: {}", store.folder().display()))?;
     }
     Ok(u8::from(failed))
 }
 
+/// Builds a table unless it can be used; returns its state.
 fn build(store: &Store, spec: &TableSpec, workers: Threads) -> Result<String, String> {
-    let Err(reason) = store.open(spec, &workers) else { return Ok("there already".to_owned()) };
+    let Err(reason) = store.open(spec, &workers) else { return Ok("was built already".to_owned()) };
     let bar = Bar::new(spec.name);
-    let listener = |spec: &TableSpec, news: crate::tables::News<'_>| tell(spec, &news);
+    let listener = |spec: &TableSpec, news: crate::tables::News<'_>| print_news(spec, &news);
     let observer = Observer { listener: &listener, progress: &|share| bar.show(share) };
     match store.build(spec, &workers, &reason, observer) {
         Ok(_) => {
@@ -119,12 +174,14 @@ fn build(store: &Store, spec: &TableSpec, workers: Threads) -> Result<String, St
             Ok("built".to_owned())
         }
         Err((_, error)) => {
-            bar.end("not kept");
-            Err(format!("built, but cannot be kept in {}: {error}", store.folder().display()))
+            bar.end("built without a file");
+            let folder = store.folder().display();
+            Err(format!("cannot be kept in {folder}: {error}: name another folder with --tables"))
         }
     }
 }
 
+/// Verifies a table; returns its state.
 fn verify(store: &Store, spec: &TableSpec, workers: Threads) -> Result<String, String> {
     match store.verify(spec, &workers) {
         Ok(counts) => Ok(format!("sound; entries of each value {counts:?}")),

@@ -1,4 +1,7 @@
-//! The operator's UI: the page, the terminal, or none.
+//! The operator's UI of a run or a replay: the page, the terminal, or none.
+//!
+//! - in: `--ui`, `--listen`, the UI's end of a desk
+//! - out: an open UI, which the command closes or leaves to its operator at the end
 
 use super::output::complain;
 use crate::desk::{RunEnd, UiEnd};
@@ -14,36 +17,42 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// Where the page is, unless told otherwise.
+/// First port of the page without `--listen`.
 const PORT: u16 = 8780;
-/// How many ports are tried while the first ones are taken, by other runs perhaps.
+/// Number of ports that are tried. The first ones may be in use by other runs.
 const PORTS: u16 = 10;
 
-/// The options of each command that shows a run.
+/// Options of the commands that show a run.
 #[derive(Debug, Clone, Args)]
 pub(super) struct UiArgs {
-    /// The operator's UI; the page when a person sits at the terminal
+    /// Kind of the operator's UI
+    ///
+    /// The default is web at a terminal, and none otherwise.
     #[arg(long, value_enum, value_name = "UI")]
     pub(super) ui: Option<UiKind>,
-    /// Where the page listens: ADDRESS:PORT, an address, or a port; beyond 127.0.0.1 a token is needed
-    #[arg(long, value_name = "ADDR")]
+    /// Address of the page: ADDRESS:PORT, an address, or a port
+    ///
+    /// The default is 127.0.0.1 and a free port from 8780 on. Any other address needs the token
+    /// that is printed with it.
+    #[arg(long, value_name = "ADDR", verbatim_doc_comment)]
     pub(super) listen: Option<String>,
 }
 
-/// A kind of UI.
+/// Kind of UI.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum UiKind {
-    /// A page in the browser
+    /// Page in the browser
     Web,
-    /// This terminal, for ssh
+    /// In this terminal, also over ssh
     Tui,
     /// Lines on stderr
     None,
 }
 
 impl UiArgs {
-    /// Returns the kind that the options mean.
+    /// Returns the kind of UI that the options ask for.
     pub(super) fn kind(&self, json: bool) -> UiKind {
+        // Without a terminal no person watches: a script gets no page unless it asks for one.
         let person = std::io::stdin().is_terminal() && std::io::stdout().is_terminal();
         match self.ui {
             Some(word) => word,
@@ -52,8 +61,8 @@ impl UiArgs {
         }
     }
 
-    /// Opens a UI at a desk and reports where the page is. A page that no option asked for is left
-    /// out when no port is free.
+    /// Opens a UI at a desk and prints the address of the page. If no option asks for the page and
+    /// no port is free, there is none.
     pub(super) fn open(&self, kind: UiKind, desk: UiEnd) -> anyhow::Result<Ui> {
         match kind {
             UiKind::None => Ok(Ui::None),
@@ -61,8 +70,9 @@ impl UiArgs {
             UiKind::Web => {
                 let served = self.serve(&desk);
                 let server = match served {
+                    // A page that no option asks for may be missing; the run is more important.
                     Err(error) if self.ui.is_none() && self.listen.is_none() => {
-                        complain(&format!("no page: {error:#}"));
+                        complain(&format!("the run has no operator's page: {error:#}"));
                         return Ok(Ui::None);
                     }
                     other => other?,
@@ -73,29 +83,35 @@ impl UiArgs {
         }
     }
 
+    /// Starts the server of the page.
     fn serve(&self, desk: &UiEnd) -> anyhow::Result<Server> {
         if let Some(text) = &self.listen {
             let address = address(text).ok_or_else(|| {
-                anyhow!("--listen {text}: neither ADDRESS:PORT nor an address nor a port")
+                anyhow!("--listen {text}: must be ADDRESS:PORT, an address or a port")
             })?;
             return Server::start(desk.clone(), address)
                 .with_context(|| format!("the page cannot listen on {address}"));
         }
         let mut last = None;
+        // Each run of this machine has a page of its own.
         for port in PORT..PORT + PORTS {
             match Server::start(desk.clone(), SocketAddr::from((Ipv4Addr::LOCALHOST, port))) {
                 Ok(server) => return Ok(server),
                 Err(error) => last = Some(error),
             }
         }
-        Err(last.map_or_else(|| anyhow!("no port"), anyhow::Error::from))
-            .with_context(|| format!("ports {PORT} to {} are taken", PORT + PORTS - 1))
+        Err(last.map_or_else(|| anyhow!("no port"), anyhow::Error::from)).with_context(|| {
+            let last = PORT + PORTS - 1;
+            format!("ports {PORT} to {last} are in use: name another one with --listen")
+        })
     }
 }
 
+/// Parses the value of `--listen`. A port alone is of the loopback address.
 fn address(text: &str) -> Option<SocketAddr> {
     let port_of = |text: &str| text.trim_start_matches(':').parse::<u16>().ok();
     text.parse().ok().or_else(|| {
+        // An address alone has the default port.
         let ip = text.parse::<IpAddr>().ok().map(|ip| SocketAddr::from((ip, PORT)));
         ip.or_else(|| port_of(text).map(|port| SocketAddr::from((Ipv4Addr::LOCALHOST, port))))
     })
@@ -118,7 +134,7 @@ impl Ui {
         matches!(self, Self::Tui(_))
     }
 
-    /// Closes it at once.
+    /// Closes the UI at once.
     pub(super) fn leave(self) -> anyhow::Result<()> {
         match self {
             Self::None | Self::Web(_) => Ok(()),
@@ -129,7 +145,7 @@ impl Ui {
         }
     }
 
-    /// Keeps it up after a run until the operator leaves: by the page's button, by Ctrl-C, or by
+    /// Keeps the UI after a run until the operator leaves: by the page's button, by Ctrl-C, or by
     /// `q`.
     pub(super) fn linger(self, run_end: &RunEnd) -> anyhow::Result<()> {
         match self {
@@ -137,10 +153,10 @@ impl Ui {
             Self::Tui(terminal) => terminal.wait(),
             Self::Web(server) => {
                 let mut err = std::io::stderr().lock();
-                // A closed stderr has no reader.
+                // A closed stderr has no reader, which is no error.
                 let _ = writeln!(
                     err,
-                    "the page stays at {} until Ctrl-C, or until it is closed there",
+                    "the page stays at {} until Ctrl-C, or until its operator ends it",
                     server.url
                 );
                 drop(err);
@@ -150,8 +166,8 @@ impl Ui {
     }
 }
 
-/// The terminal's thread. It gives the terminal back when it leaves: by itself, when a signal ends the program, or when
-/// this is dropped.
+/// Thread of the UI in the terminal. It restores the terminal when it ends: by a key, by a signal
+/// that ends the program, or when this handle is dropped.
 #[derive(Debug)]
 pub(super) struct Terminal {
     leave: Arc<AtomicBool>,
@@ -159,9 +175,11 @@ pub(super) struct Terminal {
 }
 
 impl Terminal {
+    /// Takes control of the terminal and starts the thread.
     fn open(desk: UiEnd) -> std::io::Result<Self> {
         let screen = tui::Screen::open()?;
         let leave = Arc::new(AtomicBool::new(false));
+        // A signal must end the UI as well, or the terminal would stay in raw mode.
         for signal in SIGNALS {
             signal_hook::flag::register(signal, Arc::clone(&leave))?;
         }
@@ -169,8 +187,8 @@ impl Terminal {
         let thread = std::thread::Builder::new().name("tui".into()).spawn(move || {
             let shown = tui::show(screen, &desk, &leaves);
             if let Err(error) = &shown {
-                // The run is not shown any more. A replay is left; a run goes on until a signal.
-                complain(&format!("the terminal: {error}; a signal ends the run"));
+                // The run is not shown any more. A replay ends; a run continues until a signal.
+                complain(&format!("the terminal: {error}: stop the run with a signal"));
                 let _ = desk.send(Input::Quit);
             }
             shown
@@ -178,17 +196,17 @@ impl Terminal {
         Ok(Self { leave, thread: Some(thread) })
     }
 
-    /// Until it has left.
+    /// Waits until the thread has ended.
     fn wait(mut self) -> anyhow::Result<()> {
         match self.left() {
             Some(Ok(shown)) => Ok(shown.context("the terminal")?),
-            Some(Err(_)) => Err(anyhow!("the terminal's thread died")),
+            Some(Err(_)) => Err(anyhow!("the thread of the terminal panicked")),
             None => Ok(()),
         }
     }
 
-    /// Returns the result of its thread. A thread that is to leave and does not within a second is
-    /// given up: its terminal is gone and never answers.
+    /// Returns the result of the thread. A thread that should end and does not within a second is
+    /// abandoned: its terminal is gone and never answers.
     fn left(&mut self) -> Option<std::thread::Result<std::io::Result<()>>> {
         const LOOK: Duration = Duration::from_millis(20);
         let thread = self.thread.take()?;
@@ -204,11 +222,12 @@ impl Terminal {
 impl Drop for Terminal {
     fn drop(&mut self) {
         self.leave.store(true, Ordering::Release);
-        // A panic has told of itself.
+        // A panic was reported by its hook.
         let _ = self.left();
     }
 }
 
+/// Waits for a signal, or until the operator ends the page.
 fn wait(run_end: &RunEnd) -> anyhow::Result<()> {
     let signalled = Arc::new(AtomicBool::new(false));
     for signal in SIGNALS {
@@ -231,7 +250,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn addresses_are_taken_as_people_write_them() {
+    fn address_accepts_ports_and_addresses() {
         for (text, wanted) in [
             ("127.0.0.1:9000", Some("127.0.0.1:9000")),
             ("0.0.0.0", Some("0.0.0.0:8780")),

@@ -1,4 +1,7 @@
-//! `rubik-robot urdf`: the cell, or one arm, as URDF.
+//! `rubik-robot urdf`: prints the cell, or one arm, as URDF.
+//!
+//! - in: a scenario, or the built-in cell
+//! - out: URDF on stdout
 
 use super::output::{Output, refuse};
 use crate::record::urdf::{Model, xml};
@@ -9,19 +12,21 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  rubik-robot urdf > cell.urdf                    both arms, cameras, table
-  rubik-robot urdf --arm track > track.urdf       one arm on its own base
-  rubik-robot urdf --scenario my.toml
-Links, axes and limits are those that the controller computes with; shapes are boxes and cylinders.")]
+  rubik-robot urdf > cell.urdf                       # both arms, cameras, table
+  rubik-robot urdf --arm track > track.urdf          # one arm on its base
+  rubik-robot urdf --scenario scenarios/table.toml
+
+Links, axes and limits are those of the controller; shapes are boxes and cylinders.")]
 pub(super) struct UrdfArgs {
-    /// Effector: track or postument in the built-in cell
+    /// Name of one effector, to print it alone; the built-in cell has track and postument
     #[arg(long)]
     arm: Option<String>,
-    /// Take the cell from this scenario instead of the built-in one
-    #[arg(long)]
+    /// Scenario with the cell [default: the built-in cell]
+    #[arg(long, value_name = "FILE")]
     scenario: Option<PathBuf>,
 }
 
+/// Prints the model; returns the exit code.
 pub(super) fn run(args: &UrdfArgs, output: &mut Output) -> anyhow::Result<u8> {
     let loaded = match &args.scenario {
         Some(path) => scenario::load(path, &[]),
@@ -35,10 +40,8 @@ pub(super) fn run(args: &UrdfArgs, output: &mut Output) -> anyhow::Result<u8> {
             let index = cell.arms.iter().position(|arm| arm.name == *name);
             if index.is_none() {
                 let names: Vec<_> = cell.arms.iter().map(|arm| arm.name.as_str()).collect();
-                return Err(refuse(format!(
-                    "--arm: there is no `{name}`; there are {}",
-                    names.join(", ")
-                )));
+                let names = names.join(" and ");
+                return Err(refuse(format!("--arm {name}: the scenario has {names}")));
             }
             index
         }

@@ -1,4 +1,4 @@
-//! `rubik-robot vision`: dispatches its subcommands.
+//! `rubik-robot vision`: calls the subcommand.
 
 use super::output::{Output, WRONG, complain};
 use super::{cubes, evaluate, faces, frames, locate, rig, stages};
@@ -8,17 +8,15 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  rubik-robot vision face photo.jpg                        faces, corners, colours
-  rubik-robot vision face *.png --json                     one line of JSON a picture
+  rubik-robot vision face photo.jpg                   # faces, corners, colours
   rubik-robot vision scan u.jpg r.jpg f.jpg d.jpg l.jpg b.jpg
-                                                           six pictures -> the cube's facelets
-  rubik-robot vision colours measured.json                 54 RGB triples -> the cube's facelets
-  rubik-robot vision learn known/*.png --boxes rig.txt > rig.json
-  rubik-robot vision rig new.png --boxes rig.txt --table rig.json
-  rubik-robot vision locate photo.jpg --fx 600             where the cube is
-  rubik-robot vision eval photographs/manifest.jsonl       found right, read right, ms a picture
-  rubik-robot vision stages photo.jpg -o stages            the paper's figure 4 of a picture
-Exit code 1 when a picture shows no face, or colours make no cube.")]
+                                                      # the cube of six pictures
+  rubik-robot vision colours measured.json            # the cube of 54 RGB triples
+  rubik-robot vision locate photo.jpg --fx 600        # the pose of the cube
+  rubik-robot vision eval photographs/manifest.jsonl  # shares found and read, time of a picture
+  rubik-robot vision stages photo.jpg -o stages       # figure 4 of the paper for a picture
+
+Exit codes: 0 done, 1 a picture has no face or no pose, or colours make no cube, 2 usage.")]
 pub(super) struct VisionArgs {
     #[command(subcommand)]
     what: What,
@@ -28,95 +26,142 @@ pub(super) struct VisionArgs {
 #[derive(Debug, Subcommand)]
 enum What {
     /// Find the faces of a cube in pictures and read their colours
+    #[command(after_help = "\
+Examples:
+  rubik-robot vision face photo.jpg
+  rubik-robot vision face *.png --json
+
+Exit codes: 0 every picture shows a face, 1 a picture shows none.")]
     Face {
         /// Picture files (PNG, JPEG)
         #[arg(required = true)]
         images: Vec<PathBuf>,
-        /// One line of JSON a picture
+        /// Print one line of JSON for each picture
         #[arg(long)]
         json: bool,
     },
-    /// Read a cube from six pictures: U R F D L B, each upright as in the usual net (U over F, D under F)
+    /// Read a cube from pictures of its six faces
+    #[command(after_help = "\
+Examples:
+  rubik-robot vision scan u.jpg r.jpg f.jpg d.jpg l.jpg b.jpg
+  rubik-robot vision scan u.jpg r.jpg f.jpg d.jpg l.jpg b.jpg --json
+
+Each face is upright as in the usual net: U above F, D below F.
+Exit codes: 0 the cube is read, 1 a picture shows no face, or the colours make no cube.")]
     Scan {
         /// Picture files (PNG, JPEG) in this order
         #[arg(required = true, num_args = 6, value_names = ["U", "R", "F", "D", "L", "B"])]
         images: Vec<PathBuf>,
-        /// One line of JSON
+        /// Print one line of JSON
         #[arg(long)]
         json: bool,
     },
-    /// Decide whole cubes from 54 measured colours each: {"1": [r, g, b], ... "54": [r, g, b]}
-    ///
-    /// Squares are numbered face by face in reading order; the faces are U, L, F, R, B, D. The answer is in the
-    /// order U, R, F, D, L, B.
-    #[command(verbatim_doc_comment)]
+    /// Read cubes from 54 measured colours each
+    #[command(after_help = "\
+A file of measured colours is {\"1\": [r, g, b], ... \"54\": [r, g, b]}, with values from 0 to 255.
+Squares are numbered face by face in reading order; the faces are U, L, F, R, B, D. The answer has
+the order U, R, F, D, L, B.
+
+Examples:
+  rubik-robot vision colours measured.json
+  rubik-robot vision colours measured/*.json --json
+
+Exit codes: 0 all cubes are read, 1 the colours of a file make no cube.")]
     Colours {
         /// Files of measured colours (JSON)
         #[arg(required = true)]
         files: Vec<PathBuf>,
-        /// One line of JSON a file
+        /// Print one line of JSON for each file
         #[arg(long)]
         json: bool,
     },
-    /// Read cubes in a rig whose cameras never move, at known places of the picture
+    /// Read cubes in a rig with fixed cameras, at known places of the picture
+    #[command(after_help = "\
+A file of boxes has 54 lines in the order URFDLB, each with one or more boxes: x y width height.
+
+Examples:
+  rubik-robot vision rig new.png --boxes rig.txt
+  rubik-robot vision rig new.png --boxes rig.txt --table rig.json --json
+
+Exit codes: 0 all cubes are read, 1 a cube is not, 2 the boxes or the table cannot be used.")]
     Rig {
         /// Picture files (PNG, JPEG)
         #[arg(required = true)]
         images: Vec<PathBuf>,
-        /// 54 lines (URFDLB), each with one or more boxes: x y width height
-        #[arg(long)]
+        /// File with the boxes of pixels that belong to each facelet (px)
+        #[arg(long, value_name = "FILE")]
         boxes: PathBuf,
-        /// Colours of this rig, from `vision learn`
-        #[arg(long)]
+        /// Table of the rig's colours, written by `vision learn` [default: none]
+        #[arg(long, value_name = "FILE")]
         table: Option<PathBuf>,
-        /// One line of JSON a picture
+        /// Print one line of JSON for each picture
         #[arg(long)]
         json: bool,
     },
-    /// Learn the colours of a rig from pictures of cubes of known state; prints the table
+    /// Learn the colours of a rig from pictures of known cubes, and print the table
+    #[command(after_help = "\
+A file of boxes has 54 lines in the order URFDLB, each with one or more boxes: x y width height. A
+file of states has lines of a picture's file name and its 54 facelets.
+
+Examples:
+  rubik-robot vision learn known/*.png --boxes rig.txt > rig.json
+  rubik-robot vision learn a.png b.png --boxes rig.txt --states states.txt > rig.json
+
+Exit codes: 0 learnt, 2 a picture, the boxes or a state cannot be used.")]
     Learn {
         /// Picture files (PNG, JPEG)
         #[arg(required = true)]
         images: Vec<PathBuf>,
-        /// 54 lines (URFDLB), each with one or more boxes: x y width height
-        #[arg(long)]
+        /// File with the boxes of pixels that belong to each facelet (px)
+        #[arg(long, value_name = "FILE")]
         boxes: PathBuf,
-        /// Lines of a picture's file name and its 54 facelets; without it a picture's name is its state
-        #[arg(long)]
+        /// File with the state of each picture's cube [default: the picture's name is the state]
+        #[arg(long, value_name = "FILE")]
         states: Option<PathBuf>,
     },
-    /// Compare with the truth of a manifest: which share of the faces is found right and read right
-    ///
-    /// A manifest has a JSON object a line, a face each: image (path from the manifest's folder), face (nine letters
-    /// of WYROGB in reading order), all_centres (nine pixels), and optionally tier and source to group by. Found
-    /// right: all nine centres within a quarter of the tile pitch.
-    #[command(verbatim_doc_comment)]
+    /// Measure which share of known faces is found and read
+    #[command(after_help = "\
+A manifest has one JSON object a line for each face: image (path from the manifest's folder), face
+(nine letters of WYROGB in reading order), all_centres (nine pixels), and optionally tier and source
+to group by. A face is found if all nine centres are within a quarter of the tile pitch.
+
+Examples:
+  rubik-robot vision eval photographs/manifest.jsonl
+  rubik-robot vision eval photographs/manifest.jsonl --misses
+
+Exit codes: 0 measured, 2 the manifest or a picture cannot be used.")]
     Eval {
-        /// File of JSON lines
+        /// Manifest file (JSON lines)
         manifest: PathBuf,
-        /// One object instead of a table
+        /// Print one object of JSON instead of a table
         #[arg(long)]
         json: bool,
-        /// Name each face that was missed or misread, and each wrong report
+        /// Print each face that was missed or misread, and each report of a face where none is
         #[arg(long)]
         misses: bool,
     },
-    /// Say where the cube is, from pictures and their optics
+    /// Locate the cube in pictures of a camera with known optics
     Locate(locate::LocateArgs),
-    /// Compare poses with the truth of frames that `vision render` wrote
+    /// Measure the errors of poses in frames of `vision render`
     Accuracy(locate::AccuracyArgs),
-    /// Write frames of the plant's renderer with exact truth
+    /// Render frames of a cube with their exact ground truth
     Render(frames::RenderArgs),
-    /// Show what each stage of the paper's method leaves of a picture: its regions, and the square they make
-    ///
-    /// With -o, a picture of each stage (regions, area, boundary, circularity, quadrilaterals, once: of several colour
-    /// ranges, neighbours) and one of the result: the paper's square in magenta, the default detector's faces in yellow
-    /// with the colours read. With --fx, the pose of the face by its four corner tiles, as the paper takes it.
-    #[command(verbatim_doc_comment)]
+    /// Show the stages of the detector of the 2007 paper for pictures
+    #[command(after_help = "\
+With -o each stage becomes a picture: regions, area, boundary, circularity, quadrilaterals, once
+(one region at a place), neighbours. The picture of the result has the paper's square in magenta,
+and the faces of the default detector in yellow with the colours read. With --fx the pose of the
+face is computed from its four corner tiles, as in the paper.
+
+Examples:
+  rubik-robot vision stages photo.jpg
+  rubik-robot vision stages photo.jpg -o stages --fx 600
+
+Exit codes: 0 done, 1 a picture cannot be read, 2 the folder cannot be written.")]
     Stages(stages::StagesArgs),
 }
 
-/// Runs a subcommand of `vision` and returns the exit code.
+/// Calls the subcommand and prints its text; returns the exit code.
 pub(super) fn vision(args: &VisionArgs, output: &mut Output) -> anyhow::Result<u8> {
     let done = match &args.what {
         What::Face { images, json } => Ok(faces::face(images, *json)),
@@ -134,6 +179,7 @@ pub(super) fn vision(args: &VisionArgs, output: &mut Output) -> anyhow::Result<u
         What::Stages(args) => stages::stages(args),
         What::Locate(args) => Ok(locate::locate(args)),
         What::Accuracy(args) => locate::accuracy(args),
+        // Rendering has exit codes of its own: it reads a scenario.
         What::Render(args) => {
             let (text, code) = frames::render(args)?;
             output.text(&text)?;
@@ -143,6 +189,7 @@ pub(super) fn vision(args: &VisionArgs, output: &mut Output) -> anyhow::Result<u
     match done {
         Ok((text, all)) => {
             output.text(&text)?;
+            // The text has a line for each picture, also for those that failed.
             Ok(u8::from(!all))
         }
         Err(error) => {

@@ -1,4 +1,8 @@
-//! `rubik-robot weigh`: the tool's weight, its centre and the sensor's bias, from several orientations of the wrist.
+//! `rubik-robot weigh`: measures the weight of a tool, its centre of mass and the bias of the force
+//! sensor, in several orientations of the wrist.
+//!
+//! - in: a scenario, an arm whose hand is empty
+//! - out: weight, centre, bias and residuals; the lines for the scenario
 
 use super::arguments::ScenarioArgs;
 use super::output::{Output, complain, refuse};
@@ -9,33 +13,38 @@ use clap::Args;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Nothing may be in the gripper and nothing may touch it; the wrist moves by up to 150 deg where the arm stands.
+The gripper must be empty and free of contact. The wrist turns by up to 150 deg at the present place
+of the arm.
+
 Examples:
-  rubik-robot weigh scenarios/idle.toml --arm postument       on the simulated plant
-  rubik-robot weigh scenarios/hardware.toml --arm track       on hardware, or on `rubik-robot emulate`
-Exit code 1 when the readings do not tell the weight.")]
+  rubik-robot weigh scenarios/idle.toml --arm postument  # on the simulated plant
+  rubik-robot weigh scenarios/hardware.toml --arm track  # on hardware, or on `rubik-robot emulate`
+
+Exit codes: 0 measured, 1 the readings do not determine the weight, 2 usage or scenario, 3 fatal
+(an effector), 4 system.")]
 pub(super) struct WeighArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
-    /// Effector of the scenario
+    /// Name of an effector of the scenario
     #[arg(long)]
     arm: String,
-    /// One line of JSON
+    /// Print one line of JSON
     #[arg(long)]
     json: bool,
 }
 
-/// Returns the exit code.
+/// Measures the tool and prints the result; returns the exit code.
 pub(super) fn run(args: &WeighArgs, output: &mut Output) -> anyhow::Result<u8> {
     let scenario = args.scenario.load(&[]).map_err(refuse)?;
     let arms = &scenario.controller.cell.arms;
     let Some(arm) = arms.iter().position(|a| a.name == args.arm) else {
         let names: Vec<&str> = arms.iter().map(|a| a.name.as_str()).collect();
-        return Err(refuse(format!("--arm {}: there are {}", args.arm, names.join(" and "))));
+        let names = names.join(" and ");
+        return Err(refuse(format!("--arm {}: the scenario has {names}", args.arm)));
     };
-    let told =
+    let progress =
         |index: usize, count: usize| complain(&format!("orientation {} of {count}", index + 1));
-    match weigh_tool(&scenario, arm, told) {
+    match weigh_tool(&scenario, arm, progress) {
         Ok((weighed, orientations)) => {
             if args.json {
                 output.line(&json(&args.arm, &weighed, orientations).to_string())?;
@@ -46,6 +55,7 @@ pub(super) fn run(args: &WeighArgs, output: &mut Output) -> anyhow::Result<u8> {
         }
         Err(error) => {
             complain(&error.to_string());
+            // A refused measurement is a failure of the task; the other codes are those of a run.
             Ok(match error {
                 Error::NonFatal { .. } => 1,
                 Error::Fatal { .. } => 3,
@@ -55,6 +65,7 @@ pub(super) fn run(args: &WeighArgs, output: &mut Output) -> anyhow::Result<u8> {
     }
 }
 
+/// Returns the result as JSON.
 fn json(arm: &str, w: &Weighed, orientations: usize) -> serde_json::Value {
     serde_json::json!({
         "arm": arm,
@@ -69,6 +80,7 @@ fn json(arm: &str, w: &Weighed, orientations: usize) -> serde_json::Value {
     })
 }
 
+/// Returns the result as a table, with the lines for the scenario.
 fn table(arm: &str, w: &Weighed, orientations: usize) -> String {
     let c = w.centre_in_flange.coords * 1e3;
     let b = w.bias.directions();
@@ -76,7 +88,8 @@ fn table(arm: &str, w: &Weighed, orientations: usize) -> String {
         "weight                 {:.3} N\n\
          centre in the flange   {:.1} {:.1} {:.1} mm\n\
          bias of the sensor     {:.2} {:.2} {:.2} N, {:.3} {:.3} {:.3} Nm\n\
-         left unexplained       {:.3} N, {:.4} Nm rms; {:.3} N, {:.4} Nm at most, over {orientations} orientations\n\n\
+         residual               {:.3} N, {:.4} Nm r.m.s.; {:.3} N, {:.4} Nm at most, over \
+         {orientations} orientations\n\n\
          For the scenario, under [[effector]] name = \"{arm}\":\n\
          sensor.weight_n = {:.2}\n\
          sensor.centre_xyz_mm = [{:.1}, {:.1}, {:.1}]\n",

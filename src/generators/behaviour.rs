@@ -1,7 +1,7 @@
 //! Orders from above, and the generators that carry them out.
 //!
 //! - in: a [`Behaviour`]: plain data, complete in itself
-//! - out: a [`Generator`], which is asked for each macrostep
+//! - out: a [`Generator`], which is asked for the set values of each macrostep
 
 use super::compliance::{Compliance, Selector};
 use super::inputs::{Inputs, Sensing};
@@ -12,66 +12,66 @@ use crate::motion::{Depth, Direction, JawCommand, JointPositions, Motion, MoveRe
 use crate::spatial::{Pose, is_rigid};
 use serde::{Deserialize, Serialize};
 
-/// What an effector is asked to do: an order from MP, complete in itself.
+/// Order from MP to an effector, complete in itself.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Behaviour {
-    /// Goes to joint positions, all axes arriving together.
+    /// Motion to joint positions, at which all axes arrive together.
     Joints {
-        /// Where to.
+        /// Joint positions at the end.
         target: JointPositions,
         /// Fraction of the full speed, 0..=1.
         speed: f64,
-        /// Least duration (s): two arms that must keep pace get the same.
+        /// Least duration (s): two arms that must move evenly get the same.
         seconds: f64,
     },
-    /// Goes through joint positions, in legs that overlap.
+    /// Motion through joint positions, in legs that overlap.
     Legs {
         /// The legs.
         legs: Legs,
-        /// Least duration (s): two arms that must keep pace get the same.
+        /// Least duration (s): two arms that must move evenly get the same.
         seconds: f64,
     },
-    /// Goes to a pose of the tool along a straight line; d0 stays.
+    /// Motion of the tool to a pose along a straight line. The track does not move.
     Line {
         /// `base_from_tool` at the end.
         target: Pose,
         /// Fraction of the full speed, 0..=1.
         speed: f64,
     },
-    /// Moves the jaws; the arm keeps its place, or yields where selected.
+    /// Motion of the jaws. The arm keeps its place, or yields where selected.
     Jaw {
         /// Set values at the end.
         jaw: JawCommand,
-        /// Least duration (s); longer where the jaws' speed asks for it.
+        /// Least duration (s); longer if the speed of the jaws requires it.
         seconds: f64,
         /// Directions that yield meanwhile.
         selector: Selector,
-        /// Whether they go on under a wrench beyond the limits, since to open is what relieves it.
+        /// Whether the jaws move on under a wrench beyond the limits, because opening relieves it.
         strained: bool,
     },
-    /// Approaches along the tool's z until the palm's stops touch.
+    /// Approach along the tool's z until the palm's stops touch.
     Approach {
         /// Speed in free motion (m/s).
         speed: f64,
-        /// Give up after this way (m).
+        /// Distance after which the approach is given up (m).
         distance: f64,
         /// Contact force that ends the approach (N).
         force: f64,
         /// Directions that yield besides z.
         selector: Selector,
     },
-    /// Draws back along the tool's z, unless somebody holds on.
+    /// Retraction along the tool's z, which ends if another hand holds the cube.
     Withdraw {
         /// Speed in free motion (m/s).
         speed: f64,
-        /// How far (m).
+        /// Distance (m).
         distance: f64,
-        /// Force at which it gives up (N).
+        /// Force of a hand that holds the cube, which ends the retraction (N).
         force: f64,
         /// Directions that yield besides z.
         selector: Selector,
     },
-    /// Closes the jaws while the arm accommodates.
+    /// Grasp: the jaws close while the arm adapts its position.
     Grasp {
         /// Grip force (N).
         force: f64,
@@ -82,7 +82,7 @@ pub enum Behaviour {
         /// Position of the palm's stops.
         stops: Depth,
     },
-    /// Presses the cube against the stops of the palm, then clenches.
+    /// Pressing of the cube against the stops of the palm, then clenching.
     Secure {
         /// Pressing force (N).
         press: f64,
@@ -93,43 +93,43 @@ pub enum Behaviour {
         /// Position of the palm's stops.
         stops: Depth,
     },
-    /// Turns the grasped face about the tool's z.
+    /// Turn of the grasped face about the tool's z.
     Turn {
-        /// How far, about the tool's z (rad).
+        /// Angle about the tool's z (rad).
         angle: f64,
         /// Speed in free motion (rad/s).
         speed: f64,
         /// Acceleration at both ends (rad/s2).
         acceleration: f64,
-        /// Torque at which the turn stands still (Nm).
+        /// Torque at which the turn stops (Nm).
         torque: f64,
-        /// Least mean torque that a turning face must show (Nm).
+        /// Least mean torque that a turning face shows (Nm).
         least_torque: f64,
         /// Directions that yield besides the turn's own.
         selector: Selector,
-        /// Whether the rotation itself follows the velocity whatever the torque (no compliance at
-        /// all).
+        /// Whether the rotation follows the velocity at any torque, without compliance.
         stiff: bool,
     },
-    /// Yields in the selected directions until it is ended from above, or a force limit is passed.
+    /// Yielding in the selected directions until the behaviour is ended from above, or a force
+    /// limit is exceeded.
     Comply {
         /// Directions that yield.
         selector: Selector,
     },
-    /// Holds the cube out until the operator pulls at it.
+    /// Holding of the cube until the operator pulls at it.
     Present {
-        /// Force that counts as a pull (N).
+        /// Force of a pull (N).
         pull: f64,
         /// Directions that yield.
         selector: Selector,
-        /// Patience (s).
+        /// Longest time to wait (s).
         seconds: f64,
     },
-    /// Leads the gripper to the cube that the stand-alone camera sees.
+    /// Motion of the gripper to the cube that the stand-alone camera sees.
     VisualServo(visual_servo::Order),
 }
 
-/// The generator of a behaviour with its memory.
+/// Generator of a behaviour, with its memory.
 #[derive(Debug, Clone)]
 pub struct Generator {
     kind: Kind,
@@ -147,7 +147,7 @@ enum Kind {
 }
 
 impl Behaviour {
-    /// Makes the generator; `speeds` are the full speeds of position control.
+    /// Makes the generator. `speeds` are the full speeds of position control.
     #[must_use]
     pub fn generator(&self, compliance: &Compliance, speeds: &position::Speeds) -> Generator {
         let kind = match *self {
@@ -211,26 +211,29 @@ impl Behaviour {
 }
 
 impl Generator {
-    /// The next macrostep's set values, or the end; and how the visual sensor should look from now
-    /// on, from a generator that uses it.
+    /// Returns the set values of the next macrostep, or the end; and, for a generator that uses the
+    /// visual sensor, how it should look from now on.
     pub fn next(&mut self, inputs: &Inputs<'_>) -> (Next, Option<Sensing>) {
         debug_assert!(is_rigid(&inputs.arm.desired_base_from_tool), "{:?}", inputs.arm);
         debug_assert!((0.0..=1.0).contains(&inputs.pace), "pace: {}", inputs.pace);
+        // An oscillation ends any behaviour, before its own limits name another cause.
         if let Some(oscillates) = self.swing.note(inputs) {
             return (Next::Done(oscillates), None);
         }
         let next = match &mut self.kind {
-            // Its set values are a function of time, so its time goes slower.
+            // Its set values are a function of time, so it slows down its own time.
             Kind::Position(g) => g.next(inputs),
             Kind::Grasp(g) => slowed(g.next(inputs), inputs),
             Kind::Secure(g) => slowed(g.next(inputs), inputs),
             Kind::Turn(g) => slowed(g.next(inputs), inputs),
             Kind::Comply(g) => slowed(g.next(inputs), inputs),
+            // The only generator that orders the visual sensor.
             Kind::VisualServo(g) => {
                 let (next, sensing) = g.next(inputs);
                 return (slowed(next, inputs), Some(sensing));
             }
         };
+        // The last peak of an oscillation may exceed the limit before the oscillation is detected.
         if let Next::Done(Outcome::OverForce(direction, _)) = next
             && let Some(oscillates) = self.swing.swinging(direction)
         {
@@ -239,18 +242,20 @@ impl Generator {
         (next, None)
     }
 
-    /// Whether it can go on although its last command was refused for this reason;
-    /// `inputs.arm.refused` tells it.
+    /// Returns whether the generator can continue although its last command was refused for this
+    /// reason, which `inputs.arm.refused` shows.
     #[must_use]
-    pub fn bears(&self, why: &MoveRefused) -> bool {
-        matches!(self.kind, Kind::VisualServo(_)) && visual_servo::VisualServo::bears(why)
+    pub fn tolerates(&self, why: &MoveRefused) -> bool {
+        matches!(self.kind, Kind::VisualServo(_)) && visual_servo::VisualServo::tolerates(why)
     }
 }
 
-/// The same command at the pace of the inputs: velocities, and steps from the present set value.
+/// Returns the same command at the pace of the inputs, which scales velocities, and steps from the
+/// present set value.
 fn slowed(next: Next, inputs: &Inputs<'_>) -> Next {
     let Next::Go(mut command) = next else { return next };
     match &mut command.motion {
+        // A direction that only seeks a force is not slowed: the force must not depend on a pause.
         Motion::Task { directions, .. } => {
             for direction in directions {
                 if let Direction::Unguarded { velocity } | Direction::Guarded { velocity, .. } =
@@ -260,6 +265,7 @@ fn slowed(next: Next, inputs: &Inputs<'_>) -> Next {
                 }
             }
         }
+        // Less than the whole step, from the present set value.
         Motion::Pose(pose) if inputs.pace < 1.0 => {
             let from = inputs.arm.desired_base_from_tool;
             *pose = Pose::from_parts(
@@ -267,6 +273,7 @@ fn slowed(next: Next, inputs: &Inputs<'_>) -> Next {
                 from.rotation.slerp(&pose.rotation, inputs.pace),
             );
         }
+        // At full pace a pose stays to the bit. The other motions come from position control alone.
         Motion::Pose(_)
         | Motion::Hold
         | Motion::Motors(_)

@@ -1,27 +1,29 @@
-//! How compliant directions behave: one set of admittances and limits for all generators of an arm.
+//! Compliant directions: one set of admittances and limits for all generators of an arm.
+//!
+//! - in: the wanted force or velocity of a direction; the state of the arm
+//! - out: directions of a task motion; an [`Outcome`] if a force exceeds its limit
 
 use super::outcome::Outcome;
 use crate::motion::{ArmState, Direction, Frame, JawCommand, Motion, MoveCommand};
 use crate::spatial::Wrench;
 use serde::{Deserialize, Serialize};
 
-/// How compliant directions behave, the macrostep, jaws and limits: one set for all generators of
-/// an arm.
+/// Compliance, macrostep, jaws and limits of an arm, for all of its generators.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Compliance {
-    /// B of the linear directions (m/(s N)).
+    /// Admittance B of the linear directions (m/(s N)).
     pub linear_admittance: f64,
-    /// M of the linear directions (kg).
+    /// Virtual mass M of the linear directions (kg).
     pub linear_inertia: f64,
-    /// B of the angular directions (rad/(s Nm)).
+    /// Admittance B of the angular directions (rad/(s Nm)).
     pub angular_admittance: f64,
-    /// M of the angular directions (kg m2).
+    /// Virtual moment of inertia M of the angular directions (kg m2).
     pub angular_inertia: f64,
-    /// Periods of a macrostep.
+    /// Length of a macrostep (periods).
     pub macrostep: u32,
-    /// Speed of jaws that close on a cube, distance of the pads (m/s).
+    /// Speed of jaws that close near a cube: change of the distance of the pads (m/s).
     pub jaw_close_speed: f64,
-    /// Speed of closing jaws that are still well open (m/s).
+    /// Speed of closing jaws that are still wide open (m/s).
     pub jaw_reach_speed: f64,
     /// Largest speed of opening jaws (m/s).
     pub jaw_open_speed: f64,
@@ -31,29 +33,29 @@ pub struct Compliance {
     pub torque_limit: f64,
 }
 
-/// Jaws that hold the cube and are forced apart by more do not lie flat on it any more (m): a cube
-/// that turns between fingers of 12 mm about the palm's axis stands askew by 6 deg then.
+/// Largest distance by which jaws may be forced apart while they hold the cube flat (m). A cube
+/// that turns between fingers of 12 mm about the palm's axis is tilted by 6 deg then.
 pub const FORCED_APART: f64 = 0.001;
 
-/// Returns the admittance of a direction that goes at a speed (m/s) until it feels a force (N): in
-/// contact it would settle at speed over admittance, twice that force (m/(s N)).
+/// Returns the admittance of a direction that moves at a speed (m/s) until it meets a force (N). In
+/// contact it would settle at speed over admittance, which is twice that force (m/(s N)).
 #[must_use]
 pub fn guarded_admittance(speed: f64, force: f64) -> f64 {
     speed / (2.0 * force)
 }
 
-/// Which directions of the tool frame yield: x, y, z, then rotations about them.
+/// Directions of the tool frame that yield: x, y, z, then the rotations about them.
 pub type Selector = [bool; 6];
 
 impl Compliance {
-    /// The directions of a task in which the selected ones seek zero force and the others stand
-    /// still.
+    /// Returns the directions of a task in which the selected ones seek zero force and the others
+    /// hold.
     #[must_use]
     pub fn yielding(&self, selector: &Selector) -> [Direction; 6] {
         std::array::from_fn(|i| if selector[i] { self.contact(i, 0.0) } else { Direction::HOLD })
     }
 
-    /// A direction that seeks a force (N) or torque (Nm).
+    /// Returns a direction that seeks a force (N) or torque (Nm).
     #[must_use]
     pub fn contact(&self, direction: usize, wanted: f64) -> Direction {
         let (admittance, inertia) = if direction < 3 {
@@ -64,8 +66,8 @@ impl Compliance {
         Direction::Contact { wanted, admittance, inertia }
     }
 
-    /// Returns a linear direction that goes at a velocity (m/s) and stops at contact: see
-    /// [`guarded_admittance`].
+    /// Returns a linear direction that moves at a velocity (m/s) and stops at contact (see
+    /// [`guarded_admittance`]).
     #[must_use]
     pub fn guarded(&self, velocity: f64, force: f64) -> Direction {
         Direction::Guarded {
@@ -75,7 +77,7 @@ impl Compliance {
         }
     }
 
-    /// A task motion in the tool frame for one macrostep.
+    /// Returns a task motion in the tool frame for one macrostep.
     #[must_use]
     pub fn task(&self, directions: [Direction; 6], jaw: Option<JawCommand>) -> MoveCommand {
         MoveCommand {
@@ -85,9 +87,9 @@ impl Compliance {
         }
     }
 
-    /// Returns whether jaws that were no farther apart (m) since a turn began are forced apart by
-    /// the cube that they hold. A cube that stood askew between them when the turn began comes
-    /// upright before it forces them apart the other way.
+    /// Returns an outcome if the cube between the jaws has forced them apart since the turn began.
+    /// `jaws` keeps their least distance since then (m). A cube that was tilted when the turn began
+    /// lies flat first, before it forces the jaws apart the other way.
     pub(super) fn forced_apart(jaws: &mut Option<f64>, arm: &ArmState) -> Option<Outcome> {
         let least = jaws.map_or(arm.jaw_opening, |least| least.min(arm.jaw_opening));
         *jaws = Some(least);
@@ -95,19 +97,20 @@ impl Compliance {
         (apart > FORCED_APART).then_some(Outcome::ForcedApart(apart))
     }
 
-    /// The first direction in which the arm's wrench is beyond the limits.
+    /// Returns an over-force if the wrench exceeds a limit in any direction.
     #[must_use]
     pub fn excess(&self, arm: &ArmState) -> Option<Outcome> {
         self.unyielding(&[false; 6], arm)
     }
 
-    /// The first that is beyond the limits and does not yield: of the force, then of the torque,
-    /// the direction that has most of it, and all of it.
+    /// Returns an over-force if a limit is exceeded and the direction with the largest component
+    /// does not yield. The force is checked before the torque.
     #[must_use]
     pub fn unyielding(&self, selector: &Selector, arm: &ArmState) -> Option<Outcome> {
         let Wrench { force, torque } = arm.wrench_in_tool;
         [(0, force, self.force_limit), (3, torque, self.torque_limit)]
             .into_iter()
+            // The limit applies to the whole vector, and its largest component names the direction.
             .map(|(first, vector, limit)| (first + vector.iamax(), vector.norm(), limit))
             .find(|(direction, much, limit)| much > limit && !selector[*direction])
             .map(|(direction, much, _)| Outcome::OverForce(direction, much))

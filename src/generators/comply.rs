@@ -1,17 +1,26 @@
 //! Yielding: the partner of a turn or of a grasp, and the hand-back to the operator.
 //!
-//! - in: the wrench
-//! - out: directions that seek zero force, until ended from above or until the operator pulls
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | pull | above `pull` for `PULL_SECONDS` | a knock is no pull |
+//! | strain of an arm that waits | `STRAIN_SECONDS` | yielding relieves it; a pull is shorter |
+//! | strain of a partner | at once | it is driven by the other arm |
+//! | strain in a direction that does not yield | at once | nothing relieves it |
+//! | jaws of a partner that are forced apart | `FORCED_APART` | the cube turns in the hand |
+//!
+//! - in: the wrench, the distance of the jaws
+//! - out: directions that seek zero force, until the behaviour is ended from above or the operator
+//!   pulls
 
 use super::compliance::{Compliance, Selector};
 use super::inputs::Inputs;
 use super::outcome::{Next, Outcome};
 use crate::motion::PERIOD;
 
-/// Time that a pull must last (s).
+/// Shortest time of a pull (s).
 const PULL_SECONDS: f64 = 0.3;
-/// An arm that yields relieves what strains it: only a force beyond the limits for so long is one
-/// it cannot yield to (s). More than a pull lasts: a hard one is a pull, too.
+/// Longest time of a force beyond the limits that yielding may still relieve (s). It is longer than
+/// a pull lasts, because a pull may be that hard.
 const STRAIN_SECONDS: f64 = 0.5;
 
 /// Memory of a yielding arm.
@@ -23,18 +32,19 @@ pub struct Comply {
     steps: u32,
     pulled: u32,
     strained: u32,
-    /// How far apart the jaws were at least (m).
+    /// Least distance of the jaws since the behaviour began (m).
     jaws: Option<f64>,
 }
 
 impl Comply {
-    /// Until it is ended from above, or strained at all: its partner drives it.
+    /// Makes a hand that yields while the other arm drives it, until the superior actor ends it.
+    /// Any strain ends it as well.
     #[must_use]
     pub fn until_ended(selector: Selector, compliance: Compliance) -> Self {
         Self { pull: None, selector, compliance, steps: 0, pulled: 0, strained: 0, jaws: None }
     }
 
-    /// Until a force above `pull` (N) has lasted, at most `seconds`.
+    /// Makes an arm that yields until a force above `pull` (N) has lasted, at most for `seconds`.
     #[must_use]
     pub fn until_pulled(
         pull: f64,
@@ -46,24 +56,27 @@ impl Comply {
         Self { pull, ..Self::until_ended(selector, compliance) }
     }
 
-    /// See [`super::Generator::next`].
+    /// Returns the command of the next macrostep, or how the behaviour ended (see
+    /// [`super::Generator::next`]).
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Next {
         self.steps += 1;
         let step = f64::from(self.compliance.macrostep) * PERIOD;
         let excess = self.compliance.excess(inputs.arm);
         self.strained = if excess.is_some() { self.strained + 1 } else { 0 };
-        let borne = if self.pull.is_some() { STRAIN_SECONDS } else { 0.0 };
-        let too_long = f64::from(self.strained) * step > borne;
-        // What does not yield relieves nothing: behind the limit comes the end of the sensor's range.
-        let unborne = self.compliance.unyielding(&self.selector, inputs.arm);
-        if let Some(excess) = excess.filter(|_| too_long).or(unborne) {
+        let tolerated = if self.pull.is_some() { STRAIN_SECONDS } else { 0.0 };
+        let too_long = f64::from(self.strained) * step > tolerated;
+        // A direction that does not yield relieves no force, and beyond the limit lies the end of
+        // the sensor's range.
+        let unyielding = self.compliance.unyielding(&self.selector, inputs.arm);
+        if let Some(excess) = excess.filter(|_| too_long).or(unyielding) {
             return Next::Done(excess);
         }
-        // Only what a partner turns is not to turn in the hand.
+        // The operator may turn the cube in the hand, a partner may not.
         let apart = Compliance::forced_apart(&mut self.jaws, inputs.arm);
         if let Some(apart) = apart.filter(|_| self.pull.is_none()) {
             return Next::Done(apart);
         }
+        // A pull may have any direction.
         if let Some((pull, patience)) = self.pull {
             let force = inputs.arm.wrench_in_tool.force.norm();
             self.pulled = if force > pull { self.pulled + 1 } else { 0 };
@@ -85,8 +98,9 @@ mod tests {
     use crate::motion::ArmState;
     use crate::spatial::Wrench;
 
-    /// Feels the forces along z (N), each for so long (s), and tells when and how it ended.
-    fn felt(mut comply: Comply, forces: &[(f64, f64)]) -> Option<(f64, Outcome)> {
+    /// Applies forces along z (N), each for a time (s). Returns the time (s) and the outcome at the
+    /// end.
+    fn end(mut comply: Comply, forces: &[(f64, f64)]) -> Option<(f64, Outcome)> {
         let step = f64::from(compliance().macrostep) * PERIOD;
         let mut now = 0.0;
         for (force, seconds) in forces {
@@ -108,34 +122,37 @@ mod tests {
     }
 
     #[test]
-    fn a_pull_harder_than_the_limit_is_a_pull() {
-        let (at, outcome) = felt(presented(), &[(0.0, 0.5), (60.0, 1.0)]).unwrap();
+    fn force_beyond_limit_counts_as_pull() {
+        let (at, outcome) = end(presented(), &[(0.0, 0.5), (60.0, 1.0)]).unwrap();
 
         assert_eq!(outcome, Outcome::Pulled);
         assert!((0.78..0.84).contains(&at), "{at}");
     }
 
+    /// Two strains of 0.4 s are relieved, and one that stays ends the wait after 0.5 s.
     #[test]
-    fn who_waits_lives_with_a_strain_that_passes_and_ends_at_one_that_stays() {
+    fn wait_ends_at_a_lasting_strain() {
         let waits = || Comply::until_pulled(f64::INFINITY, [true; 6], 10.0, compliance());
 
-        assert_eq!(felt(waits(), &[(60.0, 0.4), (1.0, 0.1), (60.0, 0.4), (1.0, 5.0)]), None);
-        let (at, outcome) = felt(waits(), &[(60.0, 5.0)]).unwrap();
+        assert_eq!(end(waits(), &[(60.0, 0.4), (1.0, 0.1), (60.0, 0.4), (1.0, 5.0)]), None);
+        let (at, outcome) = end(waits(), &[(60.0, 5.0)]).unwrap();
         assert_eq!(outcome, Outcome::OverForce(2, 60.0));
         assert!((0.5..0.56).contains(&at), "{at}");
     }
 
+    /// The strain is either a force against which the hand cannot yield, or a torque that a force
+    /// causes by its lever.
     #[test]
-    fn what_strains_a_direction_that_does_not_yield_ends_it_at_once() {
+    fn strain_without_yielding_ends_the_wait() {
         let (mut selector, tff) = ([true; 6], [true, true, true, false, false, false]);
         let waits = |selector| Comply::until_pulled(5.0, selector, 10.0, compliance());
 
         selector[2] = false;
         assert_eq!(
-            felt(waits(selector), &[(60.0, 1.0)]),
+            end(waits(selector), &[(60.0, 1.0)]),
             Some((0.016, Outcome::OverForce(2, 60.0)))
         );
-        // A force that it yields to, at a lever that it does not.
+        // The force yields, but the torque by its lever does not.
         let force_and_torque = Wrench::from_directions([30.0, 0.0, 0.0, 0.0, 60.0, 0.0]);
         let arm = ArmState { wrench_in_tool: force_and_torque, ..ArmState::default() };
         let inputs = Inputs { arm: &arm, target: None, period: 0, pace: 1.0 };
@@ -143,8 +160,10 @@ mod tests {
         assert!(matches!(next, Next::Done(Outcome::OverForce(4, _))), "{next:?}");
     }
 
+    /// Compares jaws that are forced apart by 1.1 mm and by 0.9 mm, of a yielding partner and of an
+    /// arm that waits for a pull.
     #[test]
-    fn a_cube_that_turns_in_the_hand_ends_who_yields_to_a_partner_and_nobody_else() {
+    fn jaws_forced_apart_end_only_partners_wait() {
         let ends = |mut comply: Comply, apart: f64| {
             [0.0568, 0.0568 + apart].into_iter().find_map(|jaw_opening| {
                 let arm = ArmState { jaw_opening, ..ArmState::default() };
@@ -159,13 +178,13 @@ mod tests {
 
         assert!(matches!(ends(yields(), 0.0011), Some(Outcome::ForcedApart(_))));
         assert_eq!(ends(yields(), 0.0009), None);
-        // Who pulls at it may turn it.
+        // The operator who pulls at the cube may turn it.
         assert_eq!(ends(presented(), 0.0011), None);
     }
 
     #[test]
-    fn who_yields_to_a_partner_ends_at_once() {
-        let ended = felt(Comply::until_ended([true; 6], compliance()), &[(60.0, 1.0)]);
+    fn over_force_ends_partners_wait_at_once() {
+        let ended = end(Comply::until_ended([true; 6], compliance()), &[(60.0, 1.0)]);
 
         assert_eq!(ended, Some((0.016, Outcome::OverForce(2, 60.0))));
     }

@@ -1,7 +1,15 @@
-//! Grasping: the jaws close while the arm accommodates its position.
+//! Grasping: the jaws close while the arm adapts its position.
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | set value below the held width | `SQUEEZE` | the force limit then determines the grip |
+//! | set value below the least width | `BELOW` | the stroke of the jaws ends there |
+//! | slow closing | within `NEAR` of the least width | a cube met at full speed is pushed |
+//! | jaws at rest | `STAND` in `STILL` | they hold something, or have closed |
+//! | jaws that neither hold nor close | 15 s | each behaviour must end |
 //!
 //! - in: jaw opening and jaw force, wrench
-//! - out: jaw set values that close at two speeds, the slow one where the cube may be, and
+//! - out: set values that close the jaws at two speeds, the slow one where the cube may be, and
 //!   directions that seek zero force
 //! - source: Zieliński et al. (2007), p. 374; the 2008 sources close by 0.05 mm in 16 ms
 
@@ -10,24 +18,25 @@ use super::inputs::Inputs;
 use super::outcome::{Next, Outcome};
 use crate::motion::{ArmState, Depth, JawCommand, PERIOD};
 
-/// How far below the width that is held the jaw's set value goes, so that the grip rules (m).
+/// Distance of the jaw's set value below the width that is held, so that the force limit determines
+/// the grip (m).
 pub(super) const SQUEEZE: f64 = 0.002;
-/// How far below the least width it goes at the lowest: the jaws' stroke ends there (m).
+/// Largest distance of the set value below the least width, where the stroke of the jaws ends (m).
 const BELOW: f64 = 0.001;
-/// Jaws are near the cube when they are wider than the least width by less (m): 3 mm to the width
-/// of a cube, and 5 mm for one that stands off the middle. Met at full speed a cube is pushed with
-/// half of the speed over the admittance.
+/// Distance from the least width within which jaws close slowly (m): 3 mm to the width of a cube,
+/// and 5 mm for a cube off the middle. At full speed v the jaws would push a cube with half of v
+/// over the admittance, until the arm follows.
 const NEAR: f64 = 0.008;
-/// The jaws count as standing when they move less than this in [`STILL`] seconds (m).
+/// Largest motion of jaws at rest in [`STILL`] seconds (m).
 const STAND: f64 = 0.0001;
 const STILL: f64 = 0.15;
-/// Room for cubes that are narrower than their edge says, in [`NEAR`] (m).
+/// Part of [`NEAR`] for cubes that are narrower than their edge (m).
 const NARROWER: f64 = 0.003;
-/// The grip builds up in this time, as measured in the plant (s).
+/// Time in which the grip builds up, as measured in the plant (s).
 const BUILD_UP: f64 = 0.13;
 
-/// Returns how long jaws take to close on a cube that they are wider than by `stroke` (m), at their
-/// speeds near the cube and before (m/s): seconds.
+/// Returns the time that jaws take to close on a cube (s). They are wider than the cube by `stroke`
+/// (m); `slow` and `fast` are their speeds near the cube and before (m/s).
 #[must_use]
 pub fn closing_seconds(stroke: f64, slow: f64, fast: f64) -> f64 {
     let near = stroke.min(NEAR - NARROWER);
@@ -36,9 +45,9 @@ pub fn closing_seconds(stroke: f64, slow: f64, fast: f64) -> f64 {
 
 #[derive(Debug, Clone, Copy)]
 enum Mode {
-    /// Closes until something is held.
+    /// Closing until something is held.
     Close { force: f64, least_width: f64, stops: Depth },
-    /// Goes to a set opening.
+    /// Motion to a set opening.
     Open { jaw: JawCommand, seconds: f64, strained: bool },
 }
 
@@ -56,7 +65,7 @@ pub struct Grasp {
 }
 
 impl Grasp {
-    /// Closes on whatever is between the pads.
+    /// Makes a grasp that closes on any object between the pads.
     #[must_use]
     pub fn new(
         force: f64,
@@ -68,7 +77,8 @@ impl Grasp {
         Self::with(Mode::Close { force, least_width, stops }, selector, compliance)
     }
 
-    /// Goes to a set opening in a set time, or as long as the jaws need; where `strained`, under whatever wrench.
+    /// Makes a motion to a set opening in a set time, or longer if the jaws need it. A `strained`
+    /// one ignores the limits of the wrench.
     #[must_use]
     pub fn jaw_only(
         jaw: JawCommand,
@@ -93,18 +103,21 @@ impl Grasp {
         }
     }
 
-    /// See [`super::Generator::next`].
+    /// Returns the command of the next macrostep, or how the grasp ended (see
+    /// [`super::Generator::next`]).
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Next {
         let arm = inputs.arm;
         if self.steps == 0 {
-            // What they hold keeps jaws wider than they are told to be.
+            // Opening starts from the set value, because a held object keeps the jaws wider than
+            // it. Closing starts from the measured width.
             self.start = arm.desired_jaw_opening;
             self.set = arm.jaw_opening;
             self.still_at = arm.jaw_opening;
         }
         self.steps += 1;
-        let borne = matches!(self.mode, Mode::Open { strained: true, .. });
-        if let Some(excess) = self.compliance.excess(arm).filter(|_| !borne) {
+        // Opening under strain is what relieves it.
+        let tolerated = matches!(self.mode, Mode::Open { strained: true, .. });
+        if let Some(excess) = self.compliance.excess(arm).filter(|_| !tolerated) {
             return Next::Done(excess);
         }
         match self.mode {
@@ -120,8 +133,10 @@ impl Grasp {
     fn open(&mut self, jaw: JawCommand, seconds: f64) -> Next {
         let step = self.macrostep_seconds();
         let way = (jaw.opening - self.start).abs();
+        // Linear in time, no faster than the jaws can follow.
         let seconds = seconds.max(way / self.compliance.jaw_open_speed);
         let share = f64::from(self.steps) * step / seconds;
+        // One more macrostep, so that the jaws reach their set value before the behaviour ends.
         if share >= 1.0 + step / seconds {
             return Next::Done(Outcome::Reached);
         }
@@ -131,12 +146,13 @@ impl Grasp {
 
     fn close(&mut self, arm: &ArmState, force: f64, least_width: f64, stops: Depth) -> Next {
         let step = self.macrostep_seconds();
+        // Rest is measured from the last motion, so that slow creeping does not count as rest.
         if (arm.jaw_opening - self.still_at).abs() > STAND {
             self.still_at = arm.jaw_opening;
             self.still_since = self.steps;
         }
         let standing = f64::from(self.steps - self.still_since) * step > STILL;
-        // Jaws that meet nothing need not close to the end of their stroke to know it.
+        // Jaws that close on nothing do not have to reach the end of their stroke to detect it.
         let floor = least_width - BELOW;
         let squeezing = self.set <= floor.max(arm.jaw_opening - SQUEEZE) + 1e-9;
         if standing && squeezing {
@@ -149,12 +165,13 @@ impl Grasp {
         if f64::from(self.steps) * step > 15.0 {
             return Next::Done(Outcome::TimedOut(15.0));
         }
+        // The set value follows the measured width down, but no farther than needed to squeeze.
         let lowest = floor.max(arm.jaw_opening - SQUEEZE);
         let near = least_width + NEAR;
         let (slow, fast) = (self.compliance.jaw_close_speed, self.compliance.jaw_reach_speed);
-        // As far as a fast step leads, but near the cube no farther than a slow one.
+        // Down by a fast step, but near the cube by no more than a slow one.
         let next = (self.set - slow * step).min((self.set - fast * step).max(near));
-        // Never up again: what gives way would lead itself.
+        // Never up again: otherwise an object that pushes the jaws open would lead them.
         self.set = self.set.min(next.max(lowest));
         self.command(JawCommand { opening: self.set, force_limit: force, stops })
     }
@@ -172,8 +189,8 @@ mod tests {
 
     const LEAST: f64 = 0.055;
 
-    /// Closes jaws that follow their set value down to `stop` (m); the outcome and the lowest set
-    /// value.
+    /// Closes jaws that follow their set value down to `stop` (m). Returns the outcome and the
+    /// lowest set value.
     fn close(stop: f64) -> (Outcome, f64) {
         let mut grasp = Grasp::new(30.0, LEAST, [true; 6], Depth::One, compliance());
         let mut arm = ArmState { jaw_opening: 0.07, ..ArmState::default() };
@@ -192,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn jaws_that_meet_nothing_need_not_close_beyond_their_stroke() {
+    fn empty_jaws_stay_within_their_stroke() {
         let (outcome, lowest) = close(0.0);
 
         assert!(matches!(outcome, Outcome::Empty(_)), "{outcome:?}");
@@ -200,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn jaws_close_slowly_near_the_cube_alone() {
+    fn jaws_close_slowly_only_near_the_cube() {
         let (slow, fast) = (0.012, 0.04);
         let compliance = Compliance { jaw_reach_speed: fast, ..compliance() };
         let mut grasp = Grasp::new(30.0, LEAST, [true; 6], Depth::One, compliance);
@@ -223,8 +240,9 @@ mod tests {
         assert!((fastest - fast).abs() < 1e-9 && last < near - 1e-3, "{fastest}, {last}");
     }
 
+    /// The set value never rises while the jaws close.
     #[test]
-    fn jaws_that_are_pushed_open_are_not_told_to_open() {
+    fn pushed_jaws_are_not_ordered_to_open() {
         let mut grasp = Grasp::new(30.0, LEAST, [true; 6], Depth::One, compliance());
         let mut set = f64::INFINITY;
         for (step, pushed) in [0.0, 0.0, 0.0, 0.001, 0.002, 0.001].into_iter().enumerate() {
@@ -237,8 +255,9 @@ mod tests {
         }
     }
 
+    /// A force of 60 N ends a motion of the jaws, unless it is there to relieve this force.
     #[test]
-    fn jaws_that_are_to_relieve_a_strain_open_under_it_and_others_do_not() {
+    fn strained_opening_ignores_the_force_limit() {
         let wrench_in_tool =
             crate::spatial::Wrench::from_directions([0.0, 60.0, 0.0, 0.0, 0.0, 0.0]);
         let arm = ArmState {
@@ -268,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn jaws_that_meet_a_cube_squeeze_it() {
+    fn jaws_squeeze_the_cube() {
         let (outcome, lowest) = close(0.0568);
 
         assert_eq!(outcome, Outcome::Grasped(0.0568));

@@ -5,7 +5,7 @@ use crate::spatial::Pose;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-/// What a generator may look at.
+/// Inputs of a generator at a macrostep.
 #[derive(Debug, Clone, Copy)]
 pub struct Inputs<'a> {
     /// State of the arm two periods before the macrostep ends.
@@ -14,15 +14,15 @@ pub struct Inputs<'a> {
     pub target: Option<&'a Target>,
     /// Number of the present servo period.
     pub period: u64,
-    /// Share of its speed at which the generator may go on, 0..=1: below 1 while a pause brings the
-    /// arm to rest.
+    /// Share of its speed at which the generator may move on, 0..=1. It is below 1 while a pause
+    /// brings the arm to rest.
     pub pace: f64,
 }
 
-/// The cube as the visual sensor saw it.
+/// Pose of the cube as the visual sensor measured it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Target {
-    /// `world_from_cube`; its axes are along the edges, up to the cube's own symmetry.
+    /// `world_from_cube`. Its axes are along the edges, up to the symmetry of the cube.
     pub world_from_cube: Pose,
     /// Speed of the centre (m/s).
     pub speed: f64,
@@ -30,41 +30,42 @@ pub struct Target {
     pub period: u64,
 }
 
-/// How a visual sensor is to look: the configuration that a generator returns to its VSP.
+/// Configuration that a generator returns to its VSP: how the visual sensor is to look.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Sensing {
-    /// Which part of the picture is searched.
+    /// Part of the picture that is searched.
     pub window: Window,
-    /// What happens when nothing is found there.
+    /// Reaction to a window without a cube.
     pub mode: Mode,
-    /// Exposure, as a multiple of the camera's nominal one.
+    /// Exposure, as a multiple of the nominal one of the camera.
     pub exposure: f64,
 }
 
-/// Which part of the picture is searched first.
+/// Part of the picture that is searched first.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Window {
-    /// All of it.
+    /// The whole picture.
     Whole,
-    /// Where the sensor's own track expects the cube, or else around this place.
+    /// The place where the track of the sensor expects the cube, or without a track the
+    /// surroundings of this place.
     Around {
         /// Centre of the cube in the world (m).
         centre: Vector3<f64>,
-        /// How far from there it may be (m).
+        /// Largest distance of the cube from there (m).
         reach: f64,
     },
 }
 
-/// What happens when the window shows nothing.
+/// Reaction to a window without a cube.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Mode {
     /// The whole picture is searched as well.
     Seek,
-    /// Nothing: a false cube elsewhere would be worse than none.
+    /// The search ends: a false cube elsewhere would be worse than none.
     Track,
 }
 
 impl Sensing {
-    /// Everywhere, at the nominal exposure.
+    /// Search of the whole picture at the nominal exposure.
     pub const SEEK: Self = Self { window: Window::Whole, mode: Mode::Seek, exposure: 1.0 };
 }

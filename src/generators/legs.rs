@@ -1,37 +1,37 @@
-//! A motion of joints in legs, of which the next one begins before the last has ended.
+//! A motion of joints in legs, each of which begins before the last one has ended.
 //!
-//! - in: where the legs end, and their windows of the whole time
+//! - in: the ends of the legs, and their windows of the whole time
 //! - out: the joint positions after a share of that time
-//! - the joints are displaced by the sum of all legs, each by the share that [`Profile`] gives it
-//!   in its window. Windows and ramps are shares of the whole time: a motion that takes longer goes
-//!   the same way, and so do two arms with the same windows
-//! - the tool's roll, which brings no part of an arm nearer to anything, has the whole time for the
-//!   sum of its legs
+//! - The joints are displaced by the sum of all legs, each by the share that [`Profile`] gives it
+//!   in its window. Windows and ramps are shares of the whole time, so a slower motion follows the
+//!   same path, and so do two arms with the same windows.
+//! - The roll of the tool brings no part of an arm nearer to anything, so it takes the whole time
+//!   for the sum of its legs.
 
 use super::profile::Profile;
 use crate::motion::{AXES, JointPositions, ROLL};
 use serde::{Deserialize, Serialize};
 
-/// Legs of a motion.
+/// Number of legs of a motion.
 const LEGS: usize = 3;
 
 /// One leg.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Leg {
-    /// Where it ends.
+    /// Joint positions at its end.
     pub to: JointPositions,
-    /// The shares of the whole time at which it begins and ends, 0..=1.
+    /// Shares of the whole time at which it begins and ends, 0..=1.
     pub window: (f64, f64),
 }
 
-/// All legs.
+/// All legs of a motion.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Legs {
-    /// In turn.
+    /// Legs in the order in which they begin.
     pub legs: [Leg; LEGS],
-    /// How legs begin and end: the ramp is a share of the whole time.
+    /// Course of each leg. The ramp is a share of the whole time.
     pub profile: Profile,
-    /// How the tool's roll does.
+    /// Course of the tool's roll.
     pub roll: Profile,
 }
 
@@ -60,11 +60,13 @@ impl Legs {
         moves: &[[f64; AXES]; LEGS],
         part: f64,
     ) -> JointPositions {
+        // All legs are added up, so that overlapping ones blend.
         let mut at = *start;
         let roll = self.roll.share(part, 1.0);
         for (Leg { window: (begins, ends), .. }, by) in self.legs.iter().zip(moves) {
             let lasts = ends - begins;
             let own = if lasts > 0.0 { ((part - begins) / lasts).clamp(0.0, 1.0) } else { 1.0 };
+            // All axes of a leg move evenly, except the roll.
             let mut shares = [self.profile.share(own, lasts); AXES];
             shares[ROLL] = roll;
             for axis in 0..AXES {
@@ -74,7 +76,7 @@ impl Legs {
         at
     }
 
-    /// Returns where the motion ends.
+    /// Returns the joint positions at the end of the motion.
     #[must_use]
     pub fn end(&self) -> &JointPositions {
         &self.legs[LEGS - 1].to
@@ -93,9 +95,11 @@ impl Legs {
         let moves = self.moves(start);
         let at = |moment: u32| self.displaced(start, &moves, f64::from(moment) * step);
         let (mut before, mut now) = (*start, at(1));
-        // Limits divide one number an axis, the greatest of all moments.
+        // Each limit divides one number per axis, the greatest of all moments, because the search
+        // of paths computes this time for each candidate.
         let (mut fastest, mut steepest) = ([0.0_f64; AXES], [0.0_f64; AXES]);
         for moment in 2..=MOMENTS + 1 {
+            // The motion is at rest after its end, so the last moment is repeated.
             let next = at(moment.min(MOMENTS));
             for i in 0..AXES {
                 fastest[i] = fastest[i].max((now.0[i] - before.0[i]).abs());
@@ -105,6 +109,7 @@ impl Legs {
             (before, now) = (now, next);
         }
         (0..AXES).fold(0.0, |seconds: f64, i| {
+            // Speeds fall with the time of the motion, accelerations with its square.
             let by_speed = fastest[i] / step / speeds[i];
             let by_acceleration = steepest[i] / (step * step) / accelerations[i];
             seconds.max(by_speed).max(by_acceleration.sqrt())
@@ -112,7 +117,7 @@ impl Legs {
     }
 }
 
-/// Moments at which the speeds of a motion are looked at.
+/// Number of moments at which the speeds of a motion are computed.
 const MOMENTS: u32 = 80;
 
 #[cfg(test)]
@@ -138,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn legs_without_overlap_are_gone_in_turn() {
+    fn legs_without_overlap_run_in_sequence() {
         let (legs, start) = (legs(0.0), to(0.0, 0.0));
 
         assert_eq!(legs.at(&start, 0.0), start);
@@ -148,7 +153,7 @@ mod tests {
         assert_eq!(legs.at(&start, 1.0), *legs.end());
     }
 
-    /// Divides at each moment, joint by joint.
+    /// Computes the same time by dividing at each moment, joint by joint.
     fn plain_seconds(legs: &Legs, start: &JointPositions, limits: &[[f64; AXES]; 2]) -> f64 {
         let step = 1.0 / f64::from(MOMENTS);
         let at = |moment: u32| legs.at(start, f64::from(moment.min(MOMENTS)) * step).0;
@@ -168,7 +173,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn shortest_time_is_that_of_each_moment(
+        fn shortest_time_equals_plain_search_over_moments(
             overlap in 0.0..0.3f64,
             start in prop::array::uniform7(-1.0..1.0f64),
             limits in prop::array::uniform2(prop::array::uniform7(0.1..3.0f64)),
@@ -181,7 +186,7 @@ mod tests {
         }
 
         #[test]
-        fn shortest_time_needs_all_of_a_limit(overlap in 0.0..0.3f64, limit in 0.1..2.0f64) {
+        fn shortest_time_reaches_one_limit(overlap in 0.0..0.3f64, limit in 0.1..2.0f64) {
             let (legs, start) = (legs(overlap), to(0.0, 0.0));
             let (speeds, accelerations) = ([limit; AXES], [2.0 * limit; AXES]);
             let seconds = legs.seconds(&start, &speeds, &accelerations);
@@ -196,7 +201,7 @@ mod tests {
                     fullest = fullest.max(speed / speeds[i]).max(acceleration / accelerations[i]);
                 }
             }
-            // The moments that are looked at miss the very peaks.
+            // The peaks lie between the moments at which speeds are computed.
             prop_assert!((0.9..1.1).contains(&fullest), "{fullest}");
         }
     }

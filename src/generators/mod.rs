@@ -1,13 +1,15 @@
 //! Motion generators: transition functions from inputs and memory to the next set values.
 //!
-//! - in: the arm's state, the latest target of the visual sensor, the servo period's number ([`Inputs`])
-//! - out: the command of the next macrostep, or an [`Outcome`] ([`Next`]); and, from those that watch, how the
-//!   visual sensor should look from now on ([`Sensing`])
-//! - source: Zieliński et al. (2007), pp. 370-371 and 374: pure position control, grasping, securing, turning,
-//!   and the visual servo
+//! - in: the state of the arm, the latest target of the visual sensor, the number of the servo
+//!   period ([`Inputs`])
+//! - out: the command of the next macrostep, or an [`Outcome`] ([`Next`]); a generator that uses
+//!   the visual sensor also returns how it should look from now on ([`Sensing`])
+//! - source: Zieliński et al. (2007), pp. 370-371 and 374: pure position control, grasping,
+//!   securing, turning, and the visual servo
 //!
-//! An order from above is a [`Behaviour`], plain data; [`Behaviour::generator`] makes the generator. Who runs
-//! it is the coordination scheme's business: an ECP (sporadic) or MP itself (continuous).
+//! An order from above is a [`Behaviour`], plain data, from which [`Behaviour::generator`] makes
+//! the generator. The coordination decides where the generator runs: in an ECP (sporadic) or in MP
+//! (continuous).
 
 mod behaviour;
 mod compliance;

@@ -1,47 +1,48 @@
-//! A generator's answer: the next command, or how the behaviour ended.
+//! The answer of a generator: the next command, or how the behaviour ended.
 
 use crate::motion::{MoveCommand, MoveRefused};
 use serde::{Deserialize, Serialize};
 
-/// A generator's answer.
+/// Answer of a generator.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Next {
-    /// Execute this and ask again.
+    /// Command to execute before the generator is asked again.
     Go(MoveCommand),
-    /// The behaviour has come to its end.
+    /// End of the behaviour.
     Done(Outcome),
 }
 
-/// How a behaviour ended. A failed step of the task is an outcome, not an error.
+/// End of a behaviour. A failed step of the task is an outcome, not an error.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Outcome {
     /// The target is reached.
     Reached,
-    /// The palm's stops touch the cube, this far along the way (m).
+    /// The palm's stops touch the cube after this distance (m).
     Touched(f64),
-    /// Nothing was touched on the whole way.
+    /// The whole distance is done without a contact.
     NotTouched,
     /// The jaws hold something of this width (m).
     Grasped(f64),
-    /// The jaws closed on nothing.
+    /// The jaws have closed to this width without holding anything (m).
     Empty(f64),
-    /// The cube is seated and clenched.
+    /// The cube is seated in the palm and the jaws are clenched.
     Secured,
     /// The face has been turned by this angle (rad).
     Turned(f64),
-    /// The hand has turned by this angle (rad) against so little torque (Nm) that no face can have
-    /// followed: a grip slips.
+    /// The hand has turned by this angle (rad) against so small a torque (Nm) that the grip must
+    /// have slipped on the face.
     Slipped(f64, f64),
-    /// The wrench swings in this direction with this amplitude (N), (Nm) at this frequency (Hz).
+    /// The wrench oscillates in this direction, with this amplitude (N, Nm) and this frequency
+    /// (Hz).
     Oscillates(usize, f64, f64),
-    /// The turn stopped at this angle (rad) under this torque (Nm).
+    /// The turn has stopped at this angle (rad) under this torque (Nm).
     Stalled(f64, f64),
-    /// A force (N) or torque (Nm) beyond the set limit, in this direction.
+    /// A force (N) or torque (Nm) exceeds its limit, mostly in this direction.
     OverForce(usize, f64),
-    /// The object in the jaws has forced them apart by this since the behaviour began (m): it turns
-    /// between them.
+    /// The object in the jaws has forced them apart by this distance since the behaviour began (m):
+    /// it turns between them.
     ForcedApart(f64),
-    /// Ended from above.
+    /// The behaviour was ended from above.
     Ended,
     /// The operator pulls at the cube.
     Pulled,
@@ -49,9 +50,9 @@ pub enum Outcome {
     LostSight(f64),
     /// The cube stayed outside the place of hand-over for this long (s).
     OutOfZone(f64),
-    /// The arm cannot get to where the cube is held, for this reason.
+    /// The arm cannot reach the place where the cube is held, for this reason.
     OutOfReach(MoveRefused),
-    /// It took longer than allowed (s).
+    /// The behaviour took longer than allowed (s).
     TimedOut(f64),
 }
 
@@ -72,7 +73,8 @@ impl std::fmt::Display for Outcome {
             }
             Self::Slipped(angle, torque) => write!(
                 f,
-                "slip: the hand turned by {:.0} deg against {torque:.2} Nm only, so no face followed it",
+                "slip: the hand turned by {:.0} deg against {torque:.2} Nm only, \
+                 so no face followed it",
                 angle.to_degrees()
             ),
             Self::Oscillates(direction, size, hertz) => {
@@ -107,13 +109,13 @@ impl std::fmt::Display for Outcome {
 }
 
 impl Outcome {
-    /// Whether it ends the partner's behaviour too.
+    /// Returns whether it ends the behaviour of the partner as well.
     #[must_use]
     pub fn alarms(&self) -> bool {
         matches!(self, Self::OverForce(..) | Self::Oscillates(..) | Self::ForcedApart(_))
     }
 
-    /// A behaviour's end in words, for the operator.
+    /// Returns the end of a behaviour in words, for the operator.
     #[must_use]
     pub fn words(outcome: Option<Self>) -> String {
         outcome

@@ -1,9 +1,9 @@
 //! Pure position control: a motion to joint positions or along a straight line.
 //!
-//! - in: the set values where the arm stands when the motion begins
-//! - out: set values at the end of each macrostep; the servo interpolates linearly in between
-//! - the course over time is that of [`Profile`]; the duration is the shortest that keeps the full
-//!   speeds and accelerations
+//! - in: the set values of the arm at the beginning of the motion
+//! - out: set values at the end of each macrostep, between which the servo interpolates linearly
+//! - The course over time is that of [`Profile`]. The duration is the shortest that keeps the full
+//!   speeds and accelerations.
 
 use super::inputs::Inputs;
 use super::legs::Legs;
@@ -18,63 +18,64 @@ use serde::{Deserialize, Serialize};
 pub struct Speeds {
     /// Speed of each joint (m/s or rad/s).
     pub joint: [f64; AXES],
-    /// (m/s2 or rad/s2).
+    /// Acceleration of each joint (m/s2 or rad/s2).
     pub joint_acceleration: [f64; AXES],
     /// Speed of the tool point (m/s).
     pub linear: f64,
-    /// (m/s2).
+    /// Acceleration of the tool point (m/s2).
     pub linear_acceleration: f64,
     /// Angular speed of the tool (rad/s).
     pub angular: f64,
-    /// (rad/s2).
+    /// Angular acceleration of the tool (rad/s2).
     pub angular_acceleration: f64,
-    /// How motions begin and end.
+    /// Course of a motion over its time.
     pub profile: Profile,
 }
 
 impl Speeds {
-    /// Returns how long a motion between joint positions takes at a fraction of the full speeds
-    /// (s).
+    /// Returns the time of a motion between joint positions at a fraction of the full speeds (s).
     #[must_use]
     pub fn joints_seconds(&self, from: &JointPositions, to: &JointPositions, fraction: f64) -> f64 {
         let seconds = |i: usize| {
             let (speed, acceleration) = (self.joint[i], self.joint_acceleration[i]);
             self.profile.seconds(to.0[i] - from.0[i], speed * fraction, acceleration * fraction)
         };
+        // All joints take the time of the slowest one, so that they arrive together.
         (0..AXES).map(seconds).fold(0.0, f64::max)
     }
 
-    /// Returns how long a motion in legs takes at the full speeds (s).
+    /// Returns the time of a motion in legs at the full speeds (s).
     #[must_use]
     pub fn legs_seconds(&self, from: &JointPositions, legs: &Legs) -> f64 {
         legs.seconds(from, &self.joint, &self.joint_acceleration)
     }
 
-    /// Returns how long a straight way of the tool (m) with a rotation (rad) takes at a fraction of
-    /// the full speeds (s).
+    /// Returns the time of a straight motion of the tool by a distance (m) with a rotation (rad),
+    /// at a fraction of the full speeds (s).
     #[must_use]
-    pub fn line_seconds(&self, way: f64, turn: f64, fraction: f64) -> f64 {
-        let seconds = |(way, speed, acceleration): (f64, f64, f64)| {
-            self.profile.seconds(way, speed * fraction, acceleration * fraction)
+    pub fn line_seconds(&self, distance: f64, turn: f64, fraction: f64) -> f64 {
+        let seconds = |(distance, speed, acceleration): (f64, f64, f64)| {
+            self.profile.seconds(distance, speed * fraction, acceleration * fraction)
         };
-        let [linear, angular] = self.line(way, turn).map(seconds);
+        let [linear, angular] = self.line(distance, turn).map(seconds);
         linear.max(angular)
     }
 
-    /// Returns the fraction of the full speeds at which such a way takes this time (s), in 0..=1.
+    /// Returns the fraction of the full speeds, 0..=1, at which a straight motion takes this time
+    /// (s).
     #[must_use]
-    pub fn line_fraction(&self, way: f64, turn: f64, seconds: f64) -> f64 {
-        let fraction = |(way, speed, acceleration): (f64, f64, f64)| {
-            self.profile.fraction(way, speed, acceleration, seconds)
+    pub fn line_fraction(&self, distance: f64, turn: f64, seconds: f64) -> f64 {
+        let fraction = |(distance, speed, acceleration): (f64, f64, f64)| {
+            self.profile.fraction(distance, speed, acceleration, seconds)
         };
-        let [linear, angular] = self.line(way, turn).map(fraction);
+        let [linear, angular] = self.line(distance, turn).map(fraction);
         linear.max(angular).min(1.0)
     }
 
-    /// Returns both parts of a straight way, each with its full speed and acceleration.
-    fn line(&self, way: f64, turn: f64) -> [(f64, f64, f64); 2] {
+    /// Returns both parts of a straight motion, each with its full speed and acceleration.
+    fn line(&self, distance: f64, turn: f64) -> [(f64, f64, f64); 2] {
         [
-            (way, self.linear, self.linear_acceleration),
+            (distance, self.linear, self.linear_acceleration),
             (turn, self.angular, self.angular_acceleration),
         ]
     }
@@ -96,13 +97,15 @@ pub struct Position {
     /// Least duration (s).
     least: f64,
     macrostep: u32,
-    /// Macrosteps in all at full pace; known after the first call.
+    /// Number of macrosteps of the motion at full pace, 0 before the first call, and the number
+    /// that is done. Slowed motions do parts of macrosteps.
     steps: f64,
     done: f64,
 }
 
 impl Position {
-    /// To joint positions at a fraction of the full speeds, in `least` seconds at the shortest.
+    /// Makes a motion to joint positions at a fraction of the full speeds, in `least` seconds at
+    /// the shortest.
     #[must_use]
     pub fn joints(
         target: JointPositions,
@@ -114,21 +117,21 @@ impl Position {
         Self { goal, speeds: *speeds, fraction, least, macrostep, steps: 0.0, done: 0.0 }
     }
 
-    /// Through joint positions, in `least` seconds at the shortest.
+    /// Makes a motion through joint positions, in `least` seconds at the shortest.
     #[must_use]
     pub fn legs(legs: Legs, least: f64, speeds: &Speeds, macrostep: u32) -> Self {
         let goal = Goal::Legs { start: None, legs };
         Self { goal, speeds: *speeds, fraction: 1.0, least, macrostep, steps: 0.0, done: 0.0 }
     }
 
-    /// Along a straight line to `base_from_tool`.
+    /// Makes a motion along a straight line to `base_from_tool`.
     #[must_use]
     pub fn line(target: Pose, fraction: f64, speeds: &Speeds, macrostep: u32) -> Self {
         let goal = Goal::Line { start: None, target };
         Self { goal, speeds: *speeds, fraction, least: 0.0, macrostep, steps: 0.0, done: 0.0 }
     }
 
-    /// See [`super::Generator::next`].
+    /// Returns the command of the next macrostep, or the end (see [`super::Generator::next`]).
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Next {
         if self.steps == 0.0 {
             self.begin(inputs);
@@ -136,6 +139,7 @@ impl Position {
         if self.done >= self.steps {
             return Next::Done(Outcome::Reached);
         }
+        // A pause slows down the time of the motion, so its path stays the same.
         self.done = (self.done + inputs.pace).min(self.steps);
         let part = self.done / self.steps;
         let s = self.speeds.profile.share(part, self.steps * self.step());
@@ -147,6 +151,7 @@ impl Position {
                 start.translation.vector.lerp(&target.translation.vector, s).into(),
                 start.rotation.slerp(&target.rotation, s),
             )),
+            // Legs have profiles of their own, in their windows.
             Goal::Legs { start: Some(start), legs } => Motion::Joints(legs.at(&start, part)),
             Goal::Joints { .. } | Goal::Line { .. } | Goal::Legs { .. } => Motion::Hold,
         };
@@ -168,11 +173,12 @@ impl Position {
             Goal::Line { start, target } => {
                 let from = inputs.arm.desired_base_from_tool;
                 *start = Some(from);
-                let way = (target.translation.vector - from.translation.vector).norm();
+                let distance = (target.translation.vector - from.translation.vector).norm();
                 let turn = from.rotation.angle_to(&target.rotation);
-                self.speeds.line_seconds(way, turn, self.fraction)
+                self.speeds.line_seconds(distance, turn, self.fraction)
             }
         };
+        // Whole macrosteps: the last set value is exactly the target.
         self.steps = (seconds.max(self.least) / self.step()).ceil().max(1.0);
     }
 
@@ -231,19 +237,22 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_is_to_take_so_long_does() {
-        for (way, turn) in [(0.3, 0.0), (0.01, 0.0), (0.1, 1.5), (0.0, 0.2)] {
-            let least = speeds().line_seconds(way, turn, 1.0);
+    fn line_takes_the_time_of_its_fraction() {
+        for (distance, turn) in [(0.3, 0.0), (0.01, 0.0), (0.1, 1.5), (0.0, 0.2)] {
+            let least = speeds().line_seconds(distance, turn, 1.0);
             for longer in [1.0, 1.3, 7.0] {
-                let fraction = speeds().line_fraction(way, turn, longer * least);
-                let lasts = speeds().line_seconds(way, turn, fraction);
-                assert!((lasts - longer * least).abs() < 1e-9, "{way} {turn}: {lasts} {least}");
+                let fraction = speeds().line_fraction(distance, turn, longer * least);
+                let lasts = speeds().line_seconds(distance, turn, fraction);
+                assert!(
+                    (lasts - longer * least).abs() < 1e-9,
+                    "{distance} {turn}: {lasts} {least}"
+                );
             }
         }
     }
 
     #[test]
-    fn at_no_pace_the_set_values_stand_still_and_then_go_on() {
+    fn zero_pace_stops_the_set_values() {
         let mut target = JointPositions::default();
         target.0[1] = 1.0;
         let mut generator = Position::joints(target, (0.5, 0.0), &speeds(), 8);
@@ -273,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_stays_on_the_line() {
+    fn line_is_straight() {
         let target = Pose::translation(0.3, 0.0, 0.4);
         let mut generator = Position::line(target, 1.0, &speeds(), 8);
         let arm = ArmState::default();

@@ -1,28 +1,29 @@
-//! The course of a motion over its time: the share of its way that is done, with bounded jerk.
+//! The course of a motion over its time: the share of its distance that is done, with bounded jerk.
 //!
 //! A short motion is a minimum-jerk motion, `s(u) = 10u^3 - 15u^4 + 6u^5` (Flash and Hogan 1985). A
 //! long one rises to its full speed as the first half of a minimum-jerk motion does, keeps it, and
-//! falls as the second half does. The time of such a ramp is the same for all motions, so the shape
-//! depends on the duration alone: two arms, or all axes of one, that begin and end together have
-//! done the same share of their ways at each moment, whatever their ways are.
+//! falls as the second half does. These ramps take the same time in all motions, so the shape
+//! depends on the duration alone. Two arms, or all axes of one, that begin and end together have
+//! therefore done the same share of any distance at each moment.
 //!
-//! - in: the duration of a motion, or its way with greatest speed and acceleration
-//! - out: the share of the way that is done; the shortest duration
+//! - in: the duration of a motion, or its distance with the greatest speed and acceleration
+//! - out: the share of the distance that is done; the shortest duration
 //! - equations: with a duration T and ramps of r the greatest speed is `1 / (T - 14 r / 15)` of the
-//!   way, the greatest acceleration 1.54 times that over r; with r = T / 2 they are 1.875 / T and
-//!   5.774 / T^2
+//!   distance, the greatest acceleration 1.54 times that over r; with r = T / 2 they are 1.875 / T
+//!   and 5.774 / T^2
 
 use serde::{Deserialize, Serialize};
 
-/// Greatest speed and acceleration of a minimum-jerk motion, of the mean ones.
+/// Greatest speed and acceleration of a minimum-jerk motion, as multiples of its mean speed and of
+/// its distance over the square of its time.
 const PEAK_SPEED: f64 = 1.875;
 const PEAK_ACCELERATION: f64 = 5.774;
-/// Greatest acceleration of a ramp, of its mean.
+/// Greatest acceleration of a ramp, as a multiple of its mean.
 const STEEPEST: f64 = 0.5 * PEAK_ACCELERATION / PEAK_SPEED;
-/// Share of a ramp's time that its way is short of a motion at full speed.
+/// Time that a ramp loses against a motion at full speed, as a share of the ramp's time.
 const LOST: f64 = 7.0 / 15.0;
 
-/// The family of courses with one time of a ramp.
+/// Family of courses with the same time of a ramp.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Profile {
     /// Time of a ramp (s).
@@ -30,15 +31,15 @@ pub struct Profile {
 }
 
 impl Profile {
-    /// Returns the share of the way that is done after a part of the time, 0..=1, of a motion that
-    /// takes `duration` (s).
+    /// Returns the share of the distance that is done after a part of the time, 0..=1, in a motion
+    /// that takes `duration` (s).
     #[must_use]
     pub fn share(&self, part: f64, duration: f64) -> f64 {
         if duration <= 2.0 * self.ramp {
             return minimum_jerk(part);
         }
         let (time, speed) = (part * duration, 1.0 / (duration - 2.0 * LOST * self.ramp));
-        // The second half is the first one backwards.
+        // The second half is the first half backwards.
         let near = time.min(duration - time).max(0.0);
         let done = if near < self.ramp {
             // A minimum-jerk motion over two ramps does this share of `2 r / 1.875` at full speed.
@@ -49,28 +50,32 @@ impl Profile {
         if 2.0 * time > duration { 1.0 - speed * done } else { speed * done }
     }
 
-    /// Returns the shortest duration of a way (m, rad) that keeps both limits (s).
+    /// Returns the shortest duration of a distance (m, rad) that keeps both limits (s).
     #[must_use]
-    pub fn seconds(&self, way: f64, speed: f64, acceleration: f64) -> f64 {
-        let by_speed = PEAK_SPEED * way.abs() / speed;
-        let by_acceleration = (PEAK_ACCELERATION * way.abs() / acceleration).sqrt();
+    pub fn seconds(&self, distance: f64, speed: f64, acceleration: f64) -> f64 {
+        let by_speed = PEAK_SPEED * distance.abs() / speed;
+        let by_acceleration = (PEAK_ACCELERATION * distance.abs() / acceleration).sqrt();
         let short = by_speed.max(by_acceleration);
+        // A motion with two complete ramps takes at least their time.
         if short <= 2.0 * self.ramp {
             return short;
         }
         let ramp = self.ramp;
-        2.0 * LOST * ramp + (way.abs() / speed).max(STEEPEST * way.abs() / (acceleration * ramp))
+        2.0 * LOST * ramp
+            + (distance.abs() / speed).max(STEEPEST * distance.abs() / (acceleration * ramp))
     }
 
-    /// Returns the greatest share of either limit that a way needs in this duration.
+    /// Returns the share of the limits that a motion needs to cover `distance` (m, rad) in
+    /// `duration` (s): the larger one of the shares of `speed` and `acceleration`.
     #[must_use]
-    pub fn fraction(&self, way: f64, speed: f64, acceleration: f64, duration: f64) -> f64 {
+    pub fn fraction(&self, distance: f64, speed: f64, acceleration: f64, duration: f64) -> f64 {
         if duration <= 2.0 * self.ramp {
-            let by_speed = PEAK_SPEED * way.abs() / (speed * duration);
-            let by_acceleration = PEAK_ACCELERATION * way.abs();
+            let by_speed = PEAK_SPEED * distance.abs() / (speed * duration);
+            let by_acceleration = PEAK_ACCELERATION * distance.abs();
             return by_speed.max(by_acceleration / (acceleration * duration * duration));
         }
-        let fastest = way.abs() / (duration - 2.0 * LOST * self.ramp);
+        // The full speed covers the distance in the duration less the time that both ramps lose.
+        let fastest = distance.abs() / (duration - 2.0 * LOST * self.ramp);
         (fastest / speed).max(STEEPEST * fastest / (acceleration * self.ramp))
     }
 }
@@ -87,10 +92,10 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn short_motion_is_one_of_minimum_jerk() {
+    fn short_motion_follows_minimum_jerk_profile() {
         for part in [0.0, 0.1, 0.5, 0.9, 1.0] {
             assert_eq!(Profile { ramp: 0.35 }.share(part, 0.7), minimum_jerk(part));
-            // A hair longer is hardly another motion.
+            // A motion that is slightly longer has almost the same course.
             let longer = Profile { ramp: 0.35 }.share(part, 0.7001);
             assert!((longer - minimum_jerk(part)).abs() < 1e-3, "{part}: {longer}");
         }
@@ -98,7 +103,10 @@ mod tests {
 
     proptest! {
         #[test]
-        fn course_keeps_its_bounds(ramp in 0.05..1.0f64, duration in 0.02..20.0f64) {
+        fn profile_obeys_its_speed_limits(
+            ramp in 0.05..1.0f64,
+            duration in 0.02..20.0f64,
+        ) {
             let profile = Profile { ramp };
             let r = ramp.min(0.5 * duration);
             let peak = 1.0 / (duration - 2.0 * LOST * r);
@@ -124,17 +132,18 @@ mod tests {
         }
 
         #[test]
-        fn shortest_duration_needs_all_of_a_limit(
+        fn shortest_duration_reaches_one_limit(
             ramp in 0.05..5.0f64,
-            way in 1e-4..10.0f64,
+            distance in 1e-4..10.0f64,
             speed in 0.01..5.0f64,
             acceleration in 0.05..20.0f64,
         ) {
             let profile = Profile { ramp };
-            let duration = profile.seconds(way, speed, acceleration);
-            let fraction = profile.fraction(way, speed, acceleration, duration);
+            let duration = profile.seconds(distance, speed, acceleration);
+            let fraction = profile.fraction(distance, speed, acceleration, duration);
             prop_assert!((fraction - 1.0).abs() < 1e-9, "{}", fraction);
-            prop_assert!(profile.fraction(way, speed, acceleration, 1.1 * duration) < fraction);
+            let longer = profile.fraction(distance, speed, acceleration, 1.1 * duration);
+            prop_assert!(longer < fraction);
         }
     }
 }

@@ -1,9 +1,18 @@
 //! Contact along the tool's z: the last approach of a grasp, and securing the cube in the palm.
 //!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | contact | `CONFIRM` readings in a row | a single one may be noise |
+//! | force that has settled | within `NEAR` for `SETTLED` | three periods of the arms' 31 Hz |
+//! | force that never settles | `PRESS`, then `CLENCH` | a seat that cannot yield ends as well |
+//! | grip | `GRIP` | the jaws need this time |
+//!
 //! - in: the wrench along the tool's z
-//! - out: a guarded velocity along z until the palm's stops touch (approach), or a pressing force and then the
-//!   clenched jaws (secure); or the same backwards, to feel whether somebody else still holds the cube (withdraw)
-//! - source: Zieliński et al. (2007), p. 374: the cube is slightly forced into the palm, finally the jaws clench
+//! - out: a guarded velocity along z until the palm's stops touch (approach); the same backwards,
+//!   to detect whether another hand still holds the cube (withdraw); a pressing force and then the
+//!   clenched jaws (secure)
+//! - source: Zieliński et al. (2007), p. 374: the cube is slightly forced into the palm, and
+//!   finally the jaws clench
 
 use super::compliance::{Compliance, Selector};
 use super::inputs::Inputs;
@@ -11,17 +20,18 @@ use super::outcome::{Next, Outcome};
 use crate::motion::{Depth, Direction, JawCommand, PERIOD};
 use nalgebra::Vector3;
 
-/// Readings in a row that must show contact: a single noisy sample is none.
+/// Number of readings in a row that must show contact: a single one may be noise.
 const CONFIRM: u32 = 2;
-/// Longest time to press, and to clench (s).
+/// Longest times to press and to clench (s).
 const PRESS: f64 = 0.5;
 const CLENCH: f64 = 0.5;
-/// Both end earlier once the force has been where it is wanted for so long (s). The arms' own
-/// vibration has 31 Hz: three of its periods do not look like rest by chance.
+/// Time near the wanted force after which pressing or clenching ends early (s). The arms vibrate at
+/// 31 Hz, and three of these periods do not look like rest by chance.
 const SETTLED: f64 = 0.1;
-/// So near to the wanted force it has settled (N); the sensor's noise is 0.1 N.
+/// Largest distance from the wanted force that counts as settled (N). The noise of the sensor is
+/// 0.1 N.
 const NEAR: f64 = 1.0;
-/// The jaws need so long for their grip (s).
+/// Time that the jaws need for their grip (s).
 const GRIP: f64 = 0.15;
 
 #[derive(Debug, Clone, Copy)]
@@ -31,7 +41,7 @@ enum Mode {
     Press(Seat),
 }
 
-/// How a cube is seated in the palm.
+/// Forces that seat a cube in the palm.
 #[derive(Debug, Clone, Copy)]
 struct Seat {
     /// Pressing force (N).
@@ -51,14 +61,14 @@ pub struct Secure {
     opening: f64,
     steps: u32,
     confirmed: u32,
-    /// The step in which the jaws began to clench.
+    /// Step in which the jaws began to clench.
     clenching: Option<u32>,
-    /// For how many steps the force has been where it is wanted.
+    /// Number of steps in a row in which the force was near the wanted one.
     settled: u32,
 }
 
 impl Secure {
-    /// Approaches until `force` is felt or `distance` is covered.
+    /// Makes an approach until a contact of `force` (N), at most over `distance` (m).
     #[must_use]
     pub fn approach(
         speed: f64,
@@ -70,7 +80,8 @@ impl Secure {
         Self::with(Mode::Approach { speed, distance, force }, selector, compliance)
     }
 
-    /// Draws back along z until `distance` is covered, or until something holds on to it with `force`.
+    /// Makes a retraction along z over `distance` (m), until something holds the cube with `force`
+    /// (N).
     #[must_use]
     pub fn withdraw(
         speed: f64,
@@ -82,7 +93,7 @@ impl Secure {
         Self::with(Mode::Withdraw { speed, distance, force }, selector, compliance)
     }
 
-    /// Presses, then clenches.
+    /// Makes a contact that presses the cube into the palm, then clenches the jaws.
     #[must_use]
     pub fn press(
         press: f64,
@@ -108,7 +119,8 @@ impl Secure {
         }
     }
 
-    /// See [`super::Generator::next`].
+    /// Returns the command of the next macrostep, or how the contact ended (see
+    /// [`super::Generator::next`]).
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Next {
         let arm = inputs.arm;
         let start = *self.start.get_or_insert(arm.desired_base_from_tool.translation.vector);
@@ -124,17 +136,22 @@ impl Secure {
         match self.mode {
             Mode::Approach { speed, distance, force }
             | Mode::Withdraw { speed, distance, force } => {
+                // A retraction is an approach with the opposite sense: its force is a pull.
                 let sense = if matches!(self.mode, Mode::Approach { .. }) { 1.0 } else { -1.0 };
+                // Generators move on from set values, so the distance is one of set values.
                 let way = (arm.desired_base_from_tool.translation.vector - start).norm();
-                let felt = sense * arm.wrench_in_tool.force.z;
-                self.confirmed = if felt > force { self.confirmed + 1 } else { 0 };
+                let contact = sense * arm.wrench_in_tool.force.z;
+                self.confirmed = if contact > force { self.confirmed + 1 } else { 0 };
                 if self.confirmed >= CONFIRM {
                     return Next::Done(Outcome::Touched(way));
                 }
+                // An arm whose motion is resisted may never cover the distance, so the time is
+                // limited as well.
                 if way >= distance || seconds > 3.0 * distance / speed + 2.0 {
                     return Next::Done(Outcome::NotTouched);
                 }
-                // The hand stands until a second reading confirms the contact.
+                // The hand holds until a second reading confirms the contact: moving on for 16 ms
+                // would add 4 N at the palm.
                 directions[2] = if self.confirmed > 0 {
                     Direction::HOLD
                 } else {
@@ -146,13 +163,16 @@ impl Secure {
         }
     }
 
-    /// Presses the cube into the palm until the force has settled, then clenches until it has gone.
-    fn seat(&mut self, seat: &Seat, mut directions: [Direction; 6], felt: f64) -> Next {
+    /// Presses the cube into the palm until the force has settled, then clenches the jaws until it
+    /// has fallen to zero.
+    fn seat(&mut self, seat: &Seat, mut directions: [Direction; 6], contact: f64) -> Next {
         let step = f64::from(self.compliance.macrostep) * PERIOD;
         let wanted = if self.clenching.is_some() { 0.0 } else { seat.press };
-        let near = self.selector[2] && (felt - wanted).abs() < NEAR;
+        // A direction that does not yield cannot seek a force, so only the time ends it.
+        let near = self.selector[2] && (contact - wanted).abs() < NEAR;
         self.settled = if near { self.settled + 1 } else { 0 };
         let rests = f64::from(self.settled) * step >= SETTLED;
+        // Press, then clench. Each stage ends by the settled force or by its time.
         match self.clenching {
             None if rests || f64::from(self.steps) * step > PRESS => {
                 (self.clenching, self.settled) = (Some(self.steps), 0);
@@ -168,6 +188,8 @@ impl Secure {
         if self.selector[2] {
             directions[2] = self.compliance.contact(2, wanted);
         }
+        // The set value lies below the width of the cube, so that the force limit determines the
+        // grip.
         let jaw = self.clenching.map(|_| JawCommand {
             opening: self.opening - super::grasp::SQUEEZE,
             force_limit: seat.force,
@@ -183,8 +205,8 @@ mod tests {
     use super::*;
     use crate::motion::{ArmState, Motion};
 
-    /// Seats a cube whose palm feels, after so many seconds of a wanted force, that force. Returns
-    /// the outcome and how long it took (s).
+    /// Seats a cube whose palm measures a wanted force after a lag (s). Returns the outcome and how
+    /// long it took (s).
     fn seats(lag: f64, yields: bool) -> (Outcome, f64) {
         let mut secure = Secure::press(8.0, 40.0, [yields; 6], Depth::One, compliance());
         let step = 8.0 * PERIOD;
@@ -247,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn seat_that_cannot_yield_takes_its_time() {
+    fn securing_in_rigid_seat_lasts_full_time() {
         let (outcome, seconds) = seats(0.0, false);
 
         assert_eq!(outcome, Outcome::Secured);

@@ -1,33 +1,41 @@
-//! Names an oscillation: a wrench component that swings from one side to the other, again and again.
+//! Detection of an oscillation: a component of the wrench that changes its side again and again.
+//!
+//! A force loop that is late or has too much gain makes an oscillation grow. Its peaks may stay
+//! below the force limit for long, and the message of the limit would then name the wrong cause.
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | component that counts | `LEAST` | contact pushes to one side, seldom to both |
+//! | change of side | within `LONGEST_SWING` | a slower one is a load that comes and goes |
+//! | oscillation | `SWINGS` changes in a row | a knock that rings out has fewer |
 //!
 //! - in: the wrench of each macrostep
-//! - out: direction, amplitude and frequency once it has swung long enough
-//! - why: a force loop that is late or has too much gain grows a swing whose peaks may stay below the force limit
-//!   for long; the limit's own words would then name the wrong cause
+//! - out: direction, amplitude and frequency of an oscillation
 
 use super::inputs::Inputs;
 use super::outcome::Outcome;
 use crate::motion::PERIOD;
 
-/// A component counts beyond this (N), (Nm): contact makes steps to one side, seldom to both.
+/// Smallest excursion that counts, of a force (N) and of a torque (Nm).
 const LEAST: [f64; 2] = [5.0, 0.5];
-/// From one side to the other within this time (s); slower is a load that comes and goes.
+/// Longest time from one side to the other (s).
 const LONGEST_SWING: f64 = 0.6;
-/// So many changes of side in a row are an oscillation.
+/// Number of changes of side in a row that are an oscillation.
 const SWINGS: u32 = 5;
 
-/// Memory of one arm's wrench.
+/// Memory of one arm's wrench, for each direction.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Swing([Side; 6]);
 
+/// Recent excursions of one component.
 #[derive(Debug, Clone, Copy, Default)]
 struct Side {
-    /// -1, 1, or 0 before the first excursion.
+    /// Side of the last excursion: -1, 1, or 0 before the first one.
     sign: i8,
-    /// Largest excursion to either side since the swinging began.
+    /// Largest excursion to either side since the oscillation began (N, Nm).
     amplitude: f64,
     swings: u32,
-    /// Period of the last change of side, and of the first.
+    /// Periods of the last change of side, and of the first one.
     changed: u64,
     began: u64,
 }
@@ -35,13 +43,14 @@ struct Side {
 impl Side {
     fn outcome(&self, direction: usize) -> Outcome {
         let time = self.changed.saturating_sub(self.began) as f64 * PERIOD;
+        // Two changes of side make one period of the oscillation.
         let hertz = f64::from(self.swings) / (2.0 * time.max(PERIOD));
         Outcome::Oscillates(direction, self.amplitude, hertz)
     }
 }
 
 impl Swing {
-    /// Takes the wrench of a macrostep.
+    /// Adds the wrench of a macrostep. Returns an outcome if a component oscillates.
     pub fn note(&mut self, inputs: &Inputs<'_>) -> Option<Outcome> {
         let wrench = inputs.arm.wrench_in_tool.directions();
         for (direction, (side, value)) in self.0.iter_mut().zip(wrench).enumerate() {
@@ -51,6 +60,7 @@ impl Swing {
             let sign = if value > 0.0 { 1 } else { -1 };
             let since = inputs.period.saturating_sub(side.changed) as f64 * PERIOD;
             if sign != side.sign {
+                // A late change of side is the first one of a new oscillation.
                 let goes_on = side.sign != 0 && since < LONGEST_SWING;
                 let before =
                     if goes_on { *side } else { Side { began: inputs.period, ..Side::default() } };
@@ -61,7 +71,7 @@ impl Swing {
                     ..before
                 };
             } else if since > LONGEST_SWING {
-                // It stays on this side: whatever swung has come to rest.
+                // The component stays on this side, so the oscillation has come to rest.
                 (side.swings, side.amplitude) = (0, 0.0);
             }
             side.amplitude = side.amplitude.max(value.abs());
@@ -72,8 +82,8 @@ impl Swing {
         None
     }
 
-    /// What to call an over-force in a direction that has just come from the other side: a load that runs away does
-    /// so to one side.
+    /// Returns an oscillation if this direction has just changed its side, to replace an
+    /// over-force. A load that grows without end does so to one side.
     #[must_use]
     pub fn swinging(&self, direction: usize) -> Option<Outcome> {
         let side = self.0.get(direction)?;
@@ -100,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn a_swing_is_named_with_its_frequency() {
+    fn oscillation_is_reported_with_its_frequency() {
         let outcome = run(|t| 16.0 * (2.8 * std::f64::consts::TAU * t).sin());
 
         let Some(Outcome::Oscillates(2, amplitude, hertz)) = outcome else {
@@ -110,11 +120,11 @@ mod tests {
     }
 
     #[test]
-    fn contact_noise_and_slow_loads_are_none() {
+    fn contact_and_slow_loads_are_no_oscillation() {
         assert_eq!(run(|t| if t > 1.0 { 12.0 } else { 0.0 }), None);
         assert_eq!(run(|t| 4.5 * (3.0 * std::f64::consts::TAU * t).sin()), None);
         assert_eq!(run(|t| 15.0 * (0.5 * std::f64::consts::TAU * t).sin()), None);
-        // A knock that rings out.
+        // A knock that rings out is none either.
         assert_eq!(
             run(|t| 20.0 * (-6.0 * t).exp() * (3.0 * std::f64::consts::TAU * t).sin()),
             None

@@ -1,4 +1,4 @@
-//! For tests of generators.
+//! Values for the tests of generators.
 
 use super::compliance::Compliance;
 

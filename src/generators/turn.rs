@@ -1,66 +1,77 @@
 //! Turning a face about the tool's z.
 //!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | turn that stalls | `STALL_ANGLE` in `STALL_SECONDS` | the set torque only stops the layer |
+//! | torque beyond the grips | `MOST_TORQUE` for `TOO_LONG` | pads carry 1.1 to 1.8 Nm under 40 N |
+//! | jaws that are forced apart | `FORCED_APART` | the cube turns between them |
+//! | turn without torque | `least_torque` beyond `LEAST_SAID` | no face followed the hand |
+//! | torque at both ends of a turn | `ENDS` is ignored | backlash, acceleration, the next detent |
+//! | layer that lags behind the wrist | `TWIST_STIFFNESS`, `MOST_TWIST` | both grips twist |
+//! | layer that resists | `RESISTANCE`, `FOLLOWS` | friction alone must not slow a turn |
+//!
 //! - in: the roll of the last joint, the wrench
-//! - out: an angular velocity about z that yields to torque, so that a jammed face stands still at a set torque
-//!   instead of breaking; the other directions yield where selected
-//! - source: Zieliński et al. (2007), p. 374; the 2008 sources use a wanted torque of 5 Nm with B = 0.1 rad/(s Nm),
-//!   which is the same law with velocity = B * torque. They have no stall detection and do not slow down at the
-//!   end; both are added here.
+//! - out: an angular velocity about z that yields to torque, so that a jammed face stops at a set
+//!   torque instead of breaking; the other directions yield where selected
+//! - source: Zieliński et al. (2007), p. 374; the 2008 sources seek a torque of 5 Nm with B = 0.1
+//!   rad/(s Nm), which is the same law with velocity = B * torque. They neither detect a stall nor
+//!   slow down at the end.
 
 use super::compliance::{Compliance, Selector};
 use super::inputs::Inputs;
 use super::outcome::{Next, Outcome};
 use crate::motion::{ArmState, Direction, PERIOD};
 
-/// A stall: less than this (rad) in [`STALL_SECONDS`].
+/// Smallest progress (rad) in [`STALL_SECONDS`] of a turn that has not stalled.
 const STALL_ANGLE: f64 = 0.0175;
 const STALL_SECONDS: f64 = 3.0;
-/// The turn ends this close (rad).
+/// Largest remaining angle at which the turn is complete (rad).
 const TOLERANCE: f64 = 0.003;
-/// Slowing down: speed per remaining angle and acceleration (s).
+/// Time constant of slowing down: speed per remaining angle and acceleration (s).
 const SLOWING: f64 = 4.0;
 /// Slowest speed (rad/s).
 const CREEP: f64 = 0.02;
-/// The layer lags behind the wrist by the twist of both grips: rubber pads of 120 Nm/rad in series,
-/// the cube and the arms; the wrist goes on by what the measured torque says (Nm/rad), at most by
-/// [`MOST_TWIST`] (rad).
+/// Stiffness of both grips against twist, by which the layer lags behind the wrist (Nm/rad): rubber
+/// pads of 120 Nm/rad in series, the cube and the arms. The wrist turns farther by the twist that
+/// the measured torque shows, at most by [`MOST_TWIST`] (rad).
 const TWIST_STIFFNESS: f64 = 42.0;
 const MOST_TWIST: f64 = 0.035;
-/// Share of the turn, at its beginning and at its end, whose torque tells nothing of the face: backlash of the grips,
-/// speeding up, the neighbour's detent.
+/// Share of the turn at its beginning, and at its end, whose torque shows nothing about the face:
+/// backlash of the grips, acceleration, the detent of the next position.
 const ENDS: f64 = 0.2;
-/// A turn shorter than this says too little of the torque (rad).
+/// Smallest angle of a turn whose mean torque shows whether the face followed (rad).
 const LEAST_SAID: f64 = 0.5;
-/// A layer that wants more torque than this for so long stands still, before the grips give way: pads of rubber under
-/// 40 N carry 1.8 Nm about the palm's axis, 1.1 Nm about the jaws' (Nm, s).
+/// Torque of a layer (Nm), and time under it (s), after which the turn ends before the grips slip.
+/// Rubber pads under 40 N carry 1.8 Nm about the palm's axis and 1.1 Nm about the jaws'.
 const MOST_TORQUE: f64 = 1.25;
 const TOO_LONG: f64 = 0.2;
-/// How a turn that must not go on comes to rest: stopped dead, the roll's motor would trip
-/// (rad/s2).
+/// Deceleration of a turn that is broken off (rad/s2). After an abrupt stop the roll's motor would
+/// trip.
 const BRAKING: f64 = 4.0;
-/// Resistance of a layer that a turn makes up for, as a share of the torque at which it stands
-/// still: 0.4 Nm of 2.5 Nm. Made up for at once (s), a turn would not give way at all.
+/// Largest resistance of a layer that a turn compensates, as a share of the torque at which it
+/// stops: 0.4 Nm of 2.5 Nm. The compensation follows with a time constant (s). If it followed at
+/// once, the turn would not yield at all.
 const RESISTANCE: f64 = 0.16;
 const FOLLOWS: f64 = 0.1;
 /// Time to come to rest at the end (s).
 const SETTLE: f64 = 0.15;
 
-/// What is to be turned, and how.
+/// Order for a turn.
 #[derive(Debug, Clone, Copy)]
 pub struct Order {
-    /// How far, about the tool's z (rad).
+    /// Angle about the tool's z (rad).
     pub angle: f64,
     /// Speed in free motion (rad/s).
     pub speed: f64,
     /// Acceleration at both ends (rad/s2).
     pub acceleration: f64,
-    /// Torque at which the turn stands still (Nm).
+    /// Torque at which the turn stops (Nm).
     pub torque: f64,
-    /// Least mean torque that a turning face must show (Nm).
+    /// Least mean torque that a turning face shows (Nm).
     pub least_torque: f64,
     /// Directions that yield besides the turn's own.
     pub selector: Selector,
-    /// Whether the rotation itself follows the velocity whatever the torque.
+    /// Whether the rotation follows the velocity at any torque.
     pub stiff: bool,
 }
 
@@ -70,34 +81,34 @@ pub struct Turn {
     order: Order,
     compliance: Compliance,
     /// Sum and number of the torques in the middle of the turn (Nm).
-    felt: (f64, u32),
+    torques: (f64, u32),
     /// Roll of the last joint at the beginning (rad).
     start: Option<f64>,
-    /// How far apart the jaws were at least (m).
+    /// Least distance of the jaws since the turn began (m).
     jaws: Option<f64>,
     steps: u32,
-    /// The last step with progress, and the angle then (rad).
+    /// Step of the last progress, and the angle then (rad).
     progress_at: u32,
     progress: f64,
-    /// The step in which the angle was reached.
+    /// Step in which the angle was reached.
     arrived: Option<u32>,
-    /// Speed at which the wrist went last (rad/s).
+    /// Estimated speed of the wrist in the last step (rad/s).
     ordered: f64,
-    /// Mean resistance of the layer lately, as far as it is made up for (Nm).
+    /// Recent mean of the layer's resistance, up to the part that is compensated (Nm).
     resisted: f64,
-    /// For how many steps the torque has been too high.
+    /// Number of steps in a row in which the torque was too high.
     strained: u32,
-    /// When and at which speed the turn was broken off, and why.
+    /// Step in which the turn was broken off, its speed then (rad/s), and the reason.
     broken_off: Option<(u32, f64, Outcome)>,
 }
 
-/// How far a turn is in one step; angles in its own sense.
+/// Progress of a turn in one step. Angles are positive in the sense of the turn.
 struct Progress {
-    /// How far the wrist has turned (rad).
+    /// Angle by which the wrist has turned (rad).
     turned: f64,
-    /// How far the layer lags behind the wrist (rad).
+    /// Angle by which the layer lags behind the wrist (rad).
     twist: f64,
-    /// How far the wrist still has to turn (rad).
+    /// Angle by which the wrist still has to turn (rad).
     left: f64,
     /// Torque about the tool's z, in the tool's sense (Nm).
     torque: f64,
@@ -110,7 +121,7 @@ impl Turn {
         Self {
             order,
             compliance,
-            felt: (0.0, 0),
+            torques: (0.0, 0),
             start: None,
             jaws: None,
             steps: 0,
@@ -124,7 +135,8 @@ impl Turn {
         }
     }
 
-    /// See [`super::Generator::next`].
+    /// Returns the command of the next macrostep, or how the turn ended (see
+    /// [`super::Generator::next`]).
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Next {
         self.steps += 1;
         let progress = self.progress(inputs.arm);
@@ -136,16 +148,20 @@ impl Turn {
             }
             self.broken_off = Some((self.steps, self.ordered, why));
         }
+        // The outcome is returned once the hand is at rest.
         if let Some(broken_off) = self.broken_off {
             return self.brake(broken_off);
         }
-        self.note(&progress);
-        let felt = (progress.torque * self.order.angle.signum())
+        self.record(&progress);
+        // Only a torque against the turn is resistance, and its low-pass leaves sudden torques to
+        // the compliance.
+        let resistance = (progress.torque * self.order.angle.signum())
             .clamp(0.0, RESISTANCE * self.order.torque);
-        self.resisted += (felt - self.resisted) * (self.seconds() / FOLLOWS).min(1.0);
+        self.resisted += (resistance - self.resisted) * (self.seconds() / FOLLOWS).min(1.0);
         if let Some(arrived) = self.arrived {
             return self.settle(arrived, &progress);
         }
+        // A jammed layer stops at the set torque, which does not end the turn by itself.
         if f64::from(self.steps - self.progress_at) * self.seconds() > STALL_SECONDS {
             return Next::Done(self.stalled(&progress));
         }
@@ -153,14 +169,14 @@ impl Turn {
         self.go(velocity)
     }
 
-    /// Length of a macrostep (s).
+    /// Returns the length of a macrostep (s).
     fn seconds(&self) -> f64 {
         f64::from(self.compliance.macrostep) * PERIOD
     }
 
-    /// Returns how far the turn is, from joints and wrench.
+    /// Computes the progress of the turn from the joints and the wrench.
     fn progress(&mut self, arm: &ArmState) -> Progress {
-        // The last joint turns about the tool's z: its angle is the turn's, free of wrap-around.
+        // The last joint turns about the tool's z, and its angle has no wrap-around.
         let roll = arm.joints.0[6];
         let start = *self.start.get_or_insert(roll);
         let sense = self.order.angle.signum();
@@ -170,8 +186,8 @@ impl Turn {
         Progress { turned, twist, left: self.order.angle.abs() + twist - turned, torque }
     }
 
-    /// Returns why the turn must not go on: a force beyond the limits, jaws that are forced apart,
-    /// a torque that the grips do not carry.
+    /// Returns the reason why the turn must not continue: a force beyond its limit, jaws that are
+    /// forced apart, or a torque beyond the grips.
     fn reason_to_break_off(&mut self, arm: &ArmState, progress: &Progress) -> Option<Outcome> {
         self.strained = if progress.torque.abs() > MOST_TORQUE { self.strained + 1 } else { 0 };
         let too_long = f64::from(self.strained) * self.seconds() > TOO_LONG;
@@ -180,8 +196,8 @@ impl Turn {
         self.compliance.excess(arm).or(apart).or(strained)
     }
 
-    /// Notes progress, arrival, and the torque in the middle of the turn.
-    fn note(&mut self, progress: &Progress) {
+    /// Records progress, arrival, and the torque in the middle of the turn.
+    fn record(&mut self, progress: &Progress) {
         if progress.turned > self.progress + STALL_ANGLE {
             self.progress = progress.turned;
             self.progress_at = self.steps;
@@ -191,8 +207,8 @@ impl Turn {
         }
         let share = progress.turned / self.order.angle.abs();
         if (ENDS..=1.0 - ENDS).contains(&share) {
-            self.felt.0 += progress.torque * self.order.angle.signum();
-            self.felt.1 += 1;
+            self.torques.0 += progress.torque * self.order.angle.signum();
+            self.torques.1 += 1;
         }
     }
 
@@ -202,47 +218,52 @@ impl Turn {
         if left <= 0.0 {
             return Next::Done(why);
         }
+        // Without compliance, so that the deceleration is the same under any torque.
         self.go(Direction::Unguarded { velocity: left * self.order.angle.signum() })
     }
 
-    /// Comes to rest at the end; then says what the layer did.
+    /// Comes to rest at the end, then returns how far the layer was turned.
     fn settle(&self, arrived: u32, progress: &Progress) -> Next {
         if f64::from(self.steps - arrived) * self.seconds() < SETTLE {
             return self.go(Direction::HOLD);
         }
         let Order { angle, least_torque, .. } = self.order;
-        let felt = self.felt.0 / f64::from(self.felt.1.max(1));
-        if felt < least_torque && angle.abs() > LEAST_SAID {
-            return Next::Done(Outcome::Slipped(progress.turned * angle.signum(), felt));
+        let mean = self.torques.0 / f64::from(self.torques.1.max(1));
+        // A grip that slips on the face turns without the friction of the layer.
+        if mean < least_torque && angle.abs() > LEAST_SAID {
+            return Next::Done(Outcome::Slipped(progress.turned * angle.signum(), mean));
         }
-        // As far as wrist and torque show it.
+        // The layer lags behind the wrist by the twist.
         Next::Done(Outcome::Turned((progress.turned - progress.twist) * angle.signum()))
     }
 
-    /// Returns the motion about z: slow at both ends.
+    /// Returns the motion about z, slow at both ends.
     fn velocity(&mut self, progress: &Progress) -> Direction {
         let Order { angle, speed, acceleration, torque, stiff, .. } = self.order;
         let ramp = acceleration * f64::from(self.steps) * self.seconds();
         let left = progress.left;
+        // Proportional to the remaining angle near the end, and within the acceleration before.
         let slowing =
             (SLOWING * acceleration * left).min((2.0 * acceleration * left.max(0.0)).sqrt());
-        // A turn may be wanted slower than it creeps at its ends.
+        // The ordered speed of a turn may be lower than the creep speed at its ends.
         let speed = slowing.min(ramp).clamp(CREEP.min(speed), speed);
         let velocity = speed * angle.signum();
         if stiff {
             self.ordered = speed;
             Direction::Unguarded { velocity }
         } else {
-            // Stands still at the set torque whatever the speed.
+            // The admittance belongs to the highest order, so any speed stops at the set torque.
             let most = most_ordered(speed);
             let admittance = most / torque;
             let ordered = (speed + admittance * self.resisted).min(most);
+            // The speed at which the law moves the wrist under this torque, from which it may have
+            // to brake.
             self.ordered = (ordered - admittance * progress.torque.abs()).clamp(0.0, speed);
             Direction::Guarded { velocity: ordered * angle.signum(), admittance, inertia: 0.0 }
         }
     }
 
-    /// Returns the command with this motion about z; the selected directions yield.
+    /// Returns the command with this motion about z. The selected directions yield.
     fn go(&self, about_z: Direction) -> Next {
         let mut directions = self.compliance.yielding(&self.order.selector);
         directions[5] = about_z;
@@ -254,17 +275,18 @@ impl Turn {
     }
 }
 
-/// Returns how long a turn by an angle (rad) takes, with a speed (rad/s) and an acceleration
-/// (rad/s2): seconds, as measured in the plant.
+/// Returns the time of a turn by an angle (rad) with a speed (rad/s) and an acceleration (rad/s2),
+/// as measured in the plant (s).
 #[must_use]
 pub fn seconds(angle: f64, speed: f64, acceleration: f64) -> f64 {
-    /// Loss at both ends, at 1 rad/s2 (s).
+    /// Time lost at both ends, at 1 rad/s2 (s).
     const LOST: f64 = 0.4;
     angle / speed + LOST / acceleration.sqrt() + SETTLE
 }
 
-/// Returns the speed that a turn of this speed orders against the greatest resistance that it makes
-/// up for (rad/s).
+/// Returns the highest speed that a turn commands (rad/s) so that its layer moves at `speed`
+/// (rad/s): against a resisting torque the turn commands more. It compensates a resistance of at
+/// most 16 % of its torque limit.
 #[must_use]
 pub fn most_ordered(speed: f64) -> f64 {
     speed / (1.0 - RESISTANCE)
@@ -277,8 +299,8 @@ mod tests {
     use crate::motion::Motion;
     use std::f64::consts::FRAC_PI_2;
 
-    /// Turns a layer that follows without resistance; the outcome and the greatest speed ordered
-    /// (rad/s).
+    /// Turns a layer that follows without resistance. Returns the outcome and the greatest speed
+    /// ordered (rad/s).
     fn turned(angle: f64, speed: f64, stiff: bool) -> (Outcome, f64) {
         let selector = [true; 6];
         let acceleration = 1.0;
@@ -302,9 +324,10 @@ mod tests {
         panic!("it never ends")
     }
 
+    /// The speeds are the ends of `control.turn_speed_deg_s`, and the parts of them that a
+    /// calibration and a heavy layer use.
     #[test]
-    fn a_layer_is_turned_at_the_least_and_the_greatest_speed_that_may_be_wanted() {
-        // The ends of `control.turn_speed_deg_s`, and what a calibration and a heavy layer leave of them.
+    fn layer_turns_at_every_permitted_speed() {
         for degrees in [0.1_f64, 1.0, 1.2, 25.0, 180.0] {
             let speed = degrees.to_radians();
             for stiff in [false, true] {
@@ -312,7 +335,7 @@ mod tests {
                 let (outcome, fastest) = turned(angle, speed, stiff);
 
                 if degrees < 1.0 {
-                    // Slower than what counts as standing still.
+                    // Slower than a stall.
                     assert!(matches!(outcome, Outcome::Stalled(..)), "{outcome:?}");
                 } else {
                     assert!(
@@ -325,7 +348,8 @@ mod tests {
         }
     }
 
-    /// The greatest speed of a wrist that turns a layer against a torque (rad/s), and the outcome.
+    /// Returns the greatest speed of a wrist that turns a layer against a torque (rad/s), and the
+    /// outcome.
     fn against(torque: f64) -> (f64, Outcome) {
         let (speed, selector) = (0.7, [false; 6]);
         let order = Order {
@@ -358,7 +382,7 @@ mod tests {
     }
 
     #[test]
-    fn layer_that_resists_is_turned_no_slower() {
+    fn resisting_layer_turns_at_full_speed() {
         for torque in [0.0, 0.2, 0.4] {
             let (fastest, outcome) = against(torque);
             assert!(matches!(outcome, Outcome::Turned(_)), "{torque}: {outcome:?}");

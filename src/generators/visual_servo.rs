@@ -1,12 +1,26 @@
-//! The visual servo: leads the gripper to the cube that the operator holds.
+//! The visual servo: it leads the gripper to the cube that the operator holds.
 //!
-//! - in: the cube's pose in the world as the stand-alone camera's VSP delivers it (25 Hz), the set pose, the wrench
-//! - out: a bounded step towards the vicinity of the cube; then, when the cube is virtually at a stand-still, a
-//!   guarded approach along the tool's z until the palm's stops touch
-//! - close to the cube the gripper hides it, and the last pose is frozen; a cube that is seen beyond the fingers all the
-//!   same has been drawn out of them: the gripper goes straight back before it follows
-//! - source: Zieliński et al. (2007), pp. 371-373: position-based, end-effector open loop, stand-alone camera; the
-//!   stages (lead, follow, back off, approach, frozen close to the cube) after the 2008 sources
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | cube at rest | [`Order::still`], [`Order::still_seconds`] | a hand that sways rests briefly |
+//! | moved cube | [`Order::retreat`] | the approach no longer leads to it |
+//! | hidden cube | [`Order::frozen`] | the gripper covers it, the last pose is frozen |
+//! | hidden cube seen elsewhere | `GONE` pictures, `DRAWN` | it was drawn out of the fingers |
+//! | old target | [`Order::stale`] | the arm stops within `RUN_OUT` |
+//! | no target, outside the zone, refused | [`Order::patience`] | the behaviour ends |
+//! | cube that never rests | `RESTLESS` times the patience | the behaviour ends |
+//! | place to wait out of reach | `NEARER` up to `NEAREST` | an arm may not fold far enough |
+//! | dark or bright picture | `EXPOSURES`, each for `TRY` | the light of a workshop is unknown |
+//!
+//! - in: the pose of the cube in the world as the VSP of the stand-alone camera delivers it (25
+//!   Hz), the set pose, the wrench
+//! - out: a bounded step towards the vicinity of the cube; once the cube is at rest, a guarded
+//!   approach along the tool's z until the palm's stops touch
+//! - A cube that was drawn out of the fingers is followed only after the gripper has moved straight
+//!   back.
+//! - source: Zieliński et al. (2007), pp. 371-373: position-based, end-effector open loop,
+//!   stand-alone camera. The stages (lead, follow, back off, approach, frozen near the cube) are
+//!   from the 2008 sources.
 
 use super::compliance::Compliance;
 use super::inputs::{Inputs, Mode, Sensing, Target, Window};
@@ -19,26 +33,27 @@ use serde::{Deserialize, Serialize};
 /// Order for the visual servo.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Order {
-    /// `world_from_base` as the controller believes it.
+    /// `world_from_base` of the controller's belief.
     pub world_from_base: Pose,
-    /// Wanted direction of the tool's z in the world; the cube's nearest axis is taken.
+    /// Wanted direction of the tool's z in the world; the nearest axis of the cube is taken.
     pub approach: Vector3<f64>,
-    /// Wanted direction of the jaws in the world; the cube's nearest axis across the approach is taken.
+    /// Wanted direction of the jaws in the world; the nearest axis of the cube across the approach
+    /// is taken.
     pub jaws: Vector3<f64>,
-    /// From the cube's centre back to the tool point, along the tool's z, when the cube is seated
-    /// (m).
+    /// Distance from the cube's centre back to the tool point, along the tool's z, when the cube is
+    /// seated (m).
     pub seat: f64,
-    /// Distance short of the seat at which the gripper waits and follows (m).
+    /// Distance before the seat at which the gripper waits and follows (m).
     pub vicinity: f64,
-    /// Distance short of the seat below which the last pose is frozen: the gripper hides the cube
-    /// (m).
+    /// Distance before the seat below which the last pose is frozen, because the gripper hides the
+    /// cube (m).
     pub frozen: f64,
-    /// A cube that is seen within this distance of one place counts as standing (m) ...
+    /// Radius of the place in which a cube at rest is seen (m).
     pub still: f64,
-    /// ... for this long (s).
+    /// Time in this place after which the cube is at rest (s).
     pub still_seconds: f64,
-    /// A move of the cube that breaks off the approach (m); close to it, where it is hidden, 0.05 m
-    /// at least.
+    /// Motion of the cube that breaks off the approach (m); at least 0.05 m near the cube, where it
+    /// is hidden.
     pub retreat: f64,
     /// Largest speed of the tool (m/s) and of its rotation (rad/s).
     pub speed: (f64, f64),
@@ -50,30 +65,30 @@ pub struct Order {
     pub touch: f64,
     /// Virtual mass of the approach (kg).
     pub inertia: f64,
-    /// Way beyond the seat at which the approach is given up (m).
+    /// Distance beyond the seat at which the approach is given up (m).
     pub overrun: f64,
-    /// Age beyond which a target is not followed (s).
+    /// Age of a target that is no longer followed (s).
     pub stale: f64,
     /// Time without any target after which the servo gives up (s).
     pub patience: f64,
-    /// Where cubes are handed over: `world_from_zone` and the half extents of a box in its axes
-    /// (m). A cube outside is watched from the zone's edge, since the arm may not reach it.
+    /// Place of hand-over: `world_from_zone` and the half extents of a box in its axes (m). A cube
+    /// outside is watched from the edge of the zone, because the arm may not reach it.
     pub zone: (Pose, Vector3<f64>),
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Stage {
-    /// Goes to the vicinity of the cube and follows it.
+    /// Motion to the vicinity of the cube, which is followed.
     Follow,
-    /// Approaches; the goal was here when the approach began.
+    /// Approach, with the goal at its beginning.
     Approach { began_at: Vector3<f64> },
-    /// Goes straight back to where it is to wait, out of what may be between its fingers.
+    /// Motion straight back to the place to wait, away from anything between the fingers.
     BackOff { wait: Pose },
 }
 
-/// A cube that has not left a place: from where, in the world, and since which period.
+/// A cube at rest: its place in the world, and the period since which it was seen there.
 #[derive(Debug, Clone, Copy)]
-struct Standing {
+struct Rest {
     at: Vector3<f64>,
     since: u64,
 }
@@ -84,72 +99,77 @@ pub struct VisualServo {
     order: Order,
     compliance: Compliance,
     stage: Stage,
-    /// `base_from_tool` at the seat, filtered.
+    /// Filtered `base_from_tool` at the seat.
     goal: Option<Pose>,
     seen: u64,
     velocity: Vector3<f64>,
     spin: Vector3<f64>,
-    standing: Option<Standing>,
+    rest: Option<Rest>,
     confirmed: u32,
     first_period: Option<u64>,
-    /// Where the cube was seen last, in the world.
+    /// Last place of the cube in the world.
     cube: Option<Vector3<f64>>,
-    /// Last period in which it was seen inside the zone.
+    /// Last period in which the cube was seen inside the zone.
     inside: Option<u64>,
-    /// Where it waits short of the seat: [`Order::vicinity`], or as far as the arm folds (m).
+    /// Distance before the seat at which the gripper waits (m): [`Order::vicinity`], or less if the
+    /// arm does not fold that far.
     vicinity: f64,
-    /// Since when the arm has been refused its way, and never come to where it is to wait.
+    /// Period since which the arm has been refused its path and has not reached the place to wait.
     refused: Option<u64>,
-    /// Pictures in a row of a frozen approach in which the cube was seen somewhere else, and the latest one's period.
+    /// Number of pictures in a row of a frozen approach that show the cube elsewhere, and the
+    /// period of the latest one.
     gone: (u32, u64),
-    /// Exposure that was asked for last, and the one with which the cube was seen.
+    /// Exposure that was ordered last, and the one with which the cube was seen.
     asked: f64,
     exposure: f64,
 }
 
 /// Share of a new goal in the filtered one.
 const FILTER: f64 = 0.4;
-/// Follow: speed per distance (1/s).
+/// Speed per distance to the goal (1/s).
 const FOLLOW_GAIN: f64 = 2.5;
-/// The gripper is in the vicinity when it is this close to the waiting pose (m), (rad).
+/// Largest distance from the waiting pose of a gripper that has reached it (m), (rad).
 const THERE: (f64, f64) = (0.006, 0.03);
 
-/// An arm that does not fold far enough to wait in the vicinity waits nearer by this at each
-/// refusal (m), at most so near as this part of the vicinity: the fingers must not reach the cube
-/// yet.
+/// Step by which an arm that does not fold far enough waits nearer after each refusal (m), and the
+/// least part of the vicinity: the fingers must not reach the cube yet.
 const NEARER: f64 = 0.005;
 const NEAREST: f64 = 2.0 / 3.0;
 
-/// Deceleration where the cube is seen no more (m/s2, rad/s2). Set values change their speed once a
-/// macrostep, by 13 mm/s then, which the wrist feels as 3 N; from 120 mm/s it is 9 mm of way.
+/// Deceleration after the cube was lost (m/s2, rad/s2). Set values then change their speed by 13
+/// mm/s in each macrostep, which the wrist measures as 3 N; from 120 mm/s the arm stops within 9
+/// mm.
 const RUN_OUT: (f64, f64) = (0.8, 4.0);
-/// While nothing is seen, exposures are tried in turn, each for this long (s): a workshop's light
-/// is not the one that the nominal exposure was chosen for.
+/// Exposures that are tried in turn while no cube is seen, and the time of each (s). The nominal
+/// exposure was not chosen for the light of each workshop.
 const EXPOSURES: [f64; 4] = [1.0, 1.0, 1.8, 0.55];
 const TRY: f64 = 0.4;
-/// How far from its last place the cube is searched for (m): a hand at 0.25 m/s within a frame, and
-/// the filter's lag.
+/// Radius of the search around the last place of the cube (m): a hand at 0.25 m/s within a frame,
+/// and the lag of the filter.
 const REACH: f64 = 0.05;
-/// A cube that is seen and never stands still is followed for this many times the patience.
+/// Number of patiences for which a cube that never comes to rest is followed.
 const RESTLESS: f64 = 5.0;
-/// A cube that the gripper hides may be seen askew, but not in so many pictures in a row somewhere else altogether ...
+/// Number of pictures in a row that must show a hidden cube elsewhere. A single pose of a hidden
+/// cube may be wrong.
 const GONE: u32 = 3;
-/// ... at least so far off, or [`Order::retreat`] where that is more, and at most as far as somebody draws it back who holds
-/// it (m): what is seen farther off is another one.
+/// Least distance of a hidden cube that is seen elsewhere, unless [`Order::retreat`] is more, and
+/// the farthest that the operator draws it back (m). A cube that is farther off is another one.
 const DRAWN: (f64, f64) = (0.05, 0.3);
 
 impl VisualServo {
-    /// Carries out an order.
+    /// Makes a visual servo for an order.
     #[must_use]
     pub fn new(order: Order, compliance: Compliance) -> Self {
         Self {
             order,
+            // Its approach is faster than that of a grasp, and its virtual mass is checked by
+            // itself.
             compliance: Compliance { linear_inertia: order.inertia, ..compliance },
             stage: Stage::Follow,
             goal: None,
             seen: 0,
             velocity: Vector3::zeros(),
-            standing: None,
+            rest: None,
             confirmed: 0,
             first_period: None,
             cube: None,
@@ -163,9 +183,10 @@ impl VisualServo {
         }
     }
 
-    /// A limit of the arm on the way after a cube that somebody moves: it may come back into reach.
+    /// Returns whether a refusal is a limit of the arm on the path that follows a moving cube. The
+    /// cube may come back into reach.
     #[must_use]
-    pub fn bears(why: &MoveRefused) -> bool {
+    pub fn tolerates(why: &MoveRefused) -> bool {
         matches!(
             why,
             MoveRefused::OutOfReach(_)
@@ -175,13 +196,15 @@ impl VisualServo {
         )
     }
 
-    /// See [`super::Generator::next`].
+    /// Returns the command of the next macrostep, or the end, and how the visual sensor should look
+    /// (see [`super::Generator::next`]).
     pub fn next(&mut self, inputs: &Inputs<'_>) -> (Next, Sensing) {
         let next = self.step(inputs);
         (next, self.sensing(inputs))
     }
 
-    /// Everywhere and at other exposures while the cube is not seen, around its place while it is.
+    /// Returns how the sensor should look: everywhere and at other exposures while the cube is not
+    /// seen, around its place while it is.
     fn sensing(&mut self, inputs: &Inputs<'_>) -> Sensing {
         let last_seen =
             if self.goal.is_some() { self.seen } else { self.first_period.unwrap_or(0) };
@@ -192,6 +215,7 @@ impl VisualServo {
                 Sensing { window, mode: Mode::Track, exposure: self.exposure }
             }
             _ => {
+                // The first turn of each round is the exposure of the last success.
                 let turn = (age / TRY) as usize % EXPOSURES.len();
                 let exposure = if turn == 0 { self.exposure } else { EXPOSURES[turn] };
                 Sensing { exposure, ..Sensing::SEEK }
@@ -201,21 +225,26 @@ impl VisualServo {
         sensing
     }
 
+    /// Computes the step of a macrostep: first the limits, then what was seen, then the motion of
+    /// the stage.
     fn step(&mut self, inputs: &Inputs<'_>) -> Next {
         let first = *self.first_period.get_or_insert(inputs.period);
         if let Some(excess) = self.compliance.excess(inputs.arm) {
             return Next::Done(excess);
         }
         let pose = inputs.arm.desired_base_from_tool;
+        // Below this distance the gripper hides the cube.
         let close = matches!(self.stage, Stage::Approach { .. })
             && self.distance(&pose).is_some_and(|d| d < self.order.frozen);
         let gone = close && self.is_gone(inputs.target);
+        // The cube has left the fingers: the gripper backs off before it follows.
         if gone && let Some(goal) = self.goal {
             self.break_off(Stage::BackOff { wait: self.waiting(&goal) });
         }
         let frozen = close && !gone;
-        // What is not looked at any more must have stood there at last: a hand that sways stands only at its turns.
-        if frozen && !self.stands() {
+        // Before the pose is frozen, the cube must still be at rest: a hand that sways by 2 cm
+        // rests at its turns, and an approach that began there ended up to 5 cm beside it.
+        if frozen && !self.cube_rests() {
             self.break_off(Stage::Follow);
             return Next::Go(self.hold());
         }
@@ -223,8 +252,8 @@ impl VisualServo {
             self.look(inputs.target, &pose);
         }
         if let Stage::BackOff { wait } = self.stage {
-            // It needs no picture for that. An arm that folds no farther has gone far enough.
-            if is_at(&pose, &wait) || inputs.arm.refused.is_some_and(|why| Self::bears(&why)) {
+            // Backing off needs no picture. If the arm folds no farther, it has moved far enough.
+            if is_at(&pose, &wait) || inputs.arm.refused.is_some_and(|why| Self::tolerates(&why)) {
                 self.break_off(Stage::Follow);
                 return Next::Go(self.hold());
             }
@@ -232,23 +261,27 @@ impl VisualServo {
         }
         let last_seen = if self.goal.is_some() { self.seen } else { first };
         let age = inputs.period.saturating_sub(last_seen) as f64 * PERIOD;
+        // A frozen approach does not look, so missing pictures do not end it.
         if !frozen && age > self.order.patience {
             return Next::Done(Outcome::LostSight(age));
         }
+        // A cube outside the zone is watched, but not for ever.
         let outside = inputs.period.saturating_sub(self.inside.unwrap_or(first)) as f64 * PERIOD;
         if !frozen && self.goal.is_some() && outside > self.order.patience {
             return Next::Done(Outcome::OutOfZone(outside));
         }
+        // A cube that is seen well but never at rest is not followed for ever either.
         let total = inputs.period.saturating_sub(first) as f64 * PERIOD;
         if !frozen && total > RESTLESS * self.order.patience {
             return Next::Done(Outcome::TimedOut(total));
         }
-        if let Some(why) = inputs.arm.refused.filter(Self::bears) {
-            return self.give_way(inputs.period, why);
+        if let Some(why) = inputs.arm.refused.filter(Self::tolerates) {
+            return self.handle_refusal(inputs.period, why);
         }
         let Some(goal) = self.goal else { return Next::Go(self.hold()) };
+        // The cube may have moved since the last picture, so it must be seen at rest again.
         if !frozen && age > self.order.stale {
-            self.standing = None;
+            self.rest = None;
             return self.run_out(&pose);
         }
         if let Stage::Approach { began_at } = self.stage {
@@ -258,27 +291,32 @@ impl VisualServo {
         }
     }
 
-    /// After a refusal: the arm stands, and tries again from there, nearer to a cube that stands still. So close to the
-    /// cube as in an approach it would only come back to the same place.
-    fn give_way(&mut self, period: u64, why: MoveRefused) -> Next {
+    /// Reacts to a refusal: the arm stops and tries again from there, nearer to a cube at rest.
+    ///
+    /// An approach ends instead, because it would only come back to the same place.
+    fn handle_refusal(&mut self, period: u64, why: MoveRefused) -> Next {
         let since = *self.refused.get_or_insert(period);
         let long = period.saturating_sub(since) as f64 * PERIOD > self.order.patience;
         if long || matches!(self.stage, Stage::Approach { .. }) {
             return Next::Done(Outcome::OutOfReach(why));
         }
-        self.stand();
-        if self.stands() {
+        // The refused step was not made, so its speed is not continued.
+        self.stop();
+        if self.cube_rests() {
             self.vicinity = (self.vicinity - NEARER).max(NEAREST * self.order.vicinity);
         }
         Next::Go(self.hold())
     }
 
-    /// Whether the cube of a frozen approach is being seen elsewhere than where the gripper goes.
+    /// Returns whether several pictures in a row show that the cube has left the goal, which is
+    /// frozen during the last part of an approach.
     fn is_gone(&mut self, target: Option<&Target>) -> bool {
         let (Some(target), Some(goal)) = (target, self.goal) else { return false };
+        // The place of the cube by the frozen goal, which the gripper moves to.
         let hidden = self.order.world_from_base * goal * Point3::new(0.0, 0.0, self.order.seat);
         let (times, last) = self.gone;
         if target.period > last.max(self.seen) {
+            // Pictures that are far apart in time do not confirm each other.
             let in_a_row = (target.period - last) as f64 * PERIOD <= self.order.stale;
             let moved = (target.world_from_cube.translation.vector - hidden.coords).norm();
             let is_off = moved > self.order.retreat.max(DRAWN.0) && moved < DRAWN.1;
@@ -288,19 +326,19 @@ impl VisualServo {
         self.gone.0 >= GONE
     }
 
-    /// Ends the approach.
+    /// Leaves the present stage. The cube must be seen at rest again.
     fn break_off(&mut self, stage: Stage) {
         self.stage = stage;
-        self.stand();
-        (self.standing, self.gone) = (None, (0, 0));
+        self.stop();
+        (self.rest, self.gone) = (None, (0, 0));
     }
 
-    /// Where it waits for a cube with this goal.
+    /// Returns the pose in which the gripper waits for a cube with this goal.
     fn waiting(&self, goal: &Pose) -> Pose {
         goal * Pose::translation(0.0, 0.0, -self.vicinity)
     }
 
-    fn stand(&mut self) {
+    fn stop(&mut self) {
         (self.velocity, self.spin) = (Vector3::zeros(), Vector3::zeros());
     }
 
@@ -312,27 +350,30 @@ impl VisualServo {
         f64::from(self.compliance.macrostep) * PERIOD
     }
 
-    /// Way left along the tool's z.
+    /// Returns the remaining distance along the tool's z (m).
     fn distance(&self, pose: &Pose) -> Option<f64> {
         self.goal.map(|goal| (pose.inverse() * goal).translation.z)
     }
 
+    /// Takes a picture of the cube: filters the goal and updates whether the cube is at rest.
     fn look(&mut self, target: Option<&Target>, pose: &Pose) {
         let Some(target) = target else { return };
         if target.period == self.seen {
             return;
         }
         if (target.period.saturating_sub(self.seen)) as f64 * PERIOD > self.order.stale {
-            // Nobody knows where it was meanwhile.
-            self.standing = None;
+            // The cube may have moved and come back in the meantime.
+            self.rest = None;
         }
         self.seen = target.period;
+        // The sensor has found the cube with this exposure.
         self.exposure = self.asked;
         let base_from_world = self.order.world_from_base.inverse();
         let seen = target.world_from_cube.translation.vector;
         self.cube = Some(seen);
         let (world_from_zone, half) = self.order.zone;
         let local = world_from_zone.inverse_transform_point(&Point3::from(seen));
+        // The goal stays inside the zone, at the place nearest to the cube.
         let nearest = Point3::from(local.coords.zip_map(&half, |x, h| x.clamp(-h, h)));
         let is_inside = nearest == local;
         if is_inside {
@@ -348,6 +389,7 @@ impl VisualServo {
             (cube.translation.vector - rotation * Vector3::z() * self.order.seat).into(),
             rotation,
         );
+        // The noise of a pose is filtered. It takes the nearer of two orientations that look alike.
         let goal = match self.goal {
             Some(old) => Pose::from_parts(
                 old.translation.vector.lerp(&wanted.translation.vector, FILTER).into(),
@@ -359,22 +401,23 @@ impl VisualServo {
             ),
         };
         self.goal = Some(goal);
-        // By the way it goes, not by its speed: a pose that jitters by a millimetre seems to have one, the same for ever.
-        let stays = |s: &Standing| (seen - s.at).norm() <= self.order.still;
-        if !is_inside || !self.standing.as_ref().is_some_and(stays) {
-            self.standing = is_inside.then_some(Standing { at: seen, since: target.period });
+        // By the place and not by the speed: a pose that jitters by a millimetre seems to move for
+        // ever. A cube that was held still was once followed for 300 s and never approached.
+        let stays = |s: &Rest| (seen - s.at).norm() <= self.order.still;
+        if !is_inside || !self.rest.as_ref().is_some_and(stays) {
+            self.rest = is_inside.then_some(Rest { at: seen, since: target.period });
             self.vicinity = self.order.vicinity;
         }
     }
 
-    /// Whether the cube has been seen to stand for long enough.
-    fn stands(&self) -> bool {
-        let seconds = |s: Standing| self.seen.saturating_sub(s.since) as f64 * PERIOD;
-        self.standing.is_some_and(|s| seconds(s) > self.order.still_seconds)
+    /// Returns whether the cube has been seen at rest for long enough.
+    fn cube_rests(&self) -> bool {
+        let seconds = |s: Rest| self.seen.saturating_sub(s.since) as f64 * PERIOD;
+        self.rest.is_some_and(|s| seconds(s) > self.order.still_seconds)
     }
 
-    /// Goes to the pose where the gripper waits for a cube that stands, and begins the approach
-    /// from there.
+    /// Moves to the pose where the gripper waits for a cube at rest, and begins the approach from
+    /// there.
     fn follow(&mut self, inputs: &Inputs<'_>, goal: &Pose) -> Next {
         let pose = inputs.arm.desired_base_from_tool;
         let wait = self.waiting(goal);
@@ -382,29 +425,31 @@ impl VisualServo {
         if is_there {
             self.refused = None;
         }
-        if is_there && self.stands() {
+        if is_there && self.cube_rests() {
             self.stage = Stage::Approach { began_at: goal.translation.vector };
+            // Pictures from before the approach do not count.
             self.gone.0 = 0;
             return self.approach(inputs, goal, goal.translation.vector, false);
         }
         self.lead(&pose, &wait)
     }
 
-    /// A step on the way to a pose.
+    /// Moves by a step towards a pose.
     fn lead(&mut self, pose: &Pose, to: &Pose) -> Next {
         let step = self.step_seconds();
         let (way, turn) = way_and_turn(pose, to);
         let (linear, angular) = self.order.speed;
         let acceleration = self.order.acceleration;
         self.velocity = led(self.velocity, way, linear, acceleration, step);
-        // Its full speed is reached as soon as the linear one. A cube that turns past 45 deg is grasped by other sides,
-        // and then all of it is turned back: at once, axis 6 would be left behind.
+        // The angular speed is reached as soon as the linear one. If a cube turns past 45 deg,
+        // other sides are grasped and the tool turns all the way back. Without a limit axis 6 would
+        // not follow.
         self.spin = led(self.spin, turn, angular, acceleration * angular / linear, step);
         self.go_on(pose)
     }
 
-    /// Comes to a stand within some hundredths of a second: a dead stop is felt as a blow, and five
-    /// of them as an oscillation.
+    /// Stops within some hundredths of a second. The wrist measures an abrupt stop as a blow, and
+    /// five of them as an oscillation.
     fn run_out(&mut self, pose: &Pose) -> Next {
         let step = self.step_seconds();
         self.velocity = shortened(&self.velocity, RUN_OUT.0 * step);
@@ -415,7 +460,7 @@ impl VisualServo {
         self.go_on(pose)
     }
 
-    /// Goes on for a macrostep at the present speeds.
+    /// Returns the command that continues for a macrostep at the present speeds.
     fn go_on(&self, pose: &Pose) -> Next {
         let step = self.step_seconds();
         let next = Pose::from_parts(
@@ -429,7 +474,7 @@ impl VisualServo {
         })
     }
 
-    /// Moves compliantly towards the goal until the gripper touches the cube; breaks off if the
+    /// Moves compliantly towards the goal until the gripper touches the cube. Breaks off if the
     /// goal has left `began_at`.
     fn approach(
         &mut self,
@@ -446,6 +491,7 @@ impl VisualServo {
         self.confirmed =
             if inputs.arm.wrench_in_tool.force.z > order.touch { self.confirmed + 1 } else { 0 };
         let left = inputs.arm.desired_base_from_tool.inverse() * goal;
+        // Two readings in a row: a single one may be noise.
         if self.confirmed >= 2 {
             return Next::Done(Outcome::Touched(left.translation.z));
         }
@@ -454,6 +500,7 @@ impl VisualServo {
         }
         let limit = order.approach_speed;
         let c = &self.compliance;
+        // Sideways and in rotation the gripper follows the goal and yields to the cube.
         let linear = |error: f64| Direction::Guarded {
             velocity: (FOLLOW_GAIN * error).clamp(-limit, limit),
             admittance: c.linear_admittance,
@@ -471,7 +518,7 @@ impl VisualServo {
             linear(left.translation.x),
             linear(left.translation.y),
             if self.confirmed > 0 {
-                // The hand stands until a second reading confirms the contact.
+                // The hand holds until a second reading confirms the contact.
                 Direction::HOLD
             } else {
                 c.guarded(forward, order.touch)
@@ -484,7 +531,7 @@ impl VisualServo {
     }
 }
 
-/// Returns the way (m) and the turn (rad) that are left to a pose.
+/// Returns the distance vector (m) and the rotation vector (rad) that lead to a pose.
 fn way_and_turn(from: &Pose, to: &Pose) -> (Vector3<f64>, Vector3<f64>) {
     let way = to.translation.vector - from.translation.vector;
     (way, from.rotation.rotation_to(&to.rotation).scaled_axis())
@@ -495,14 +542,14 @@ fn is_at(pose: &Pose, wanted: &Pose) -> bool {
     way.norm() < THERE.0 && turn.norm() < THERE.1
 }
 
-/// Returns a vector made shorter by a length, at most to nothing.
+/// Returns a vector that is shorter by a length, at least zero.
 fn shortened(vector: &Vector3<f64>, by: f64) -> Vector3<f64> {
     let length = vector.norm();
     if length > by { vector * ((length - by) / length) } else { Vector3::zeros() }
 }
 
-/// A velocity after one more step on the way that is left: within a speed and an acceleration, and so that it can still
-/// brake on that way.
+/// Returns a velocity after one more step along the remaining distance vector. It keeps the limits
+/// of speed and acceleration, and can still stop in the remaining distance.
 fn led(
     velocity: Vector3<f64>,
     way: Vector3<f64>,
@@ -511,12 +558,14 @@ fn led(
     step: f64,
 ) -> Vector3<f64> {
     let left = way.norm();
+    // Proportional near the goal, within the speed, and slow enough to stop on the rest of the way.
     let speed = (FOLLOW_GAIN * left).min(most).min((2.0 * acceleration * left).sqrt());
     let wanted = if left > 1e-9 { way * (speed / left) } else { Vector3::zeros() };
     velocity + (wanted - velocity).cap_magnitude(acceleration * step)
 }
 
-/// Orientation of the tool whose z is the cube's axis nearest to `approach` and whose y the one nearest to `jaws`.
+/// Returns the orientation of the tool whose z is the axis of the cube nearest to `approach`, and
+/// whose y is the one nearest to `jaws`.
 #[must_use]
 pub fn grasp_rotation(
     cube: &UnitQuaternion<f64>,
@@ -524,6 +573,7 @@ pub fn grasp_rotation(
     jaws: &Vector3<f64>,
 ) -> UnitQuaternion<f64> {
     let axes = [Vector3::x(), Vector3::y(), Vector3::z()].map(|a| cube * a);
+    // Each axis counts in both senses, and the sense along the wanted direction is taken.
     let nearest = |wanted: &Vector3<f64>, not: Option<usize>| {
         let mut best = (0, 0.0_f64);
         for (i, axis) in axes.iter().enumerate() {
@@ -539,7 +589,8 @@ pub fn grasp_rotation(
     pose_from_axes(y.cross(&z), y, z, Point3::origin()).rotation
 }
 
-/// The orientation or its half roll about z, whichever is nearer: a gripper looks the same after half a roll.
+/// Returns the orientation or its half roll about z, the nearer one: a gripper looks the same after
+/// half a roll.
 fn half_turn_nearest(
     wanted: &UnitQuaternion<f64>,
     to: &UnitQuaternion<f64>,
@@ -577,8 +628,9 @@ mod tests {
         }
     }
 
+    /// The cube moves all the time, so the arm gives up in the end.
     #[test]
-    fn a_cube_that_never_stands_still_is_not_followed_for_ever() {
+    fn restless_cube_is_not_followed_for_ever() {
         let (_, outcome) = run(|period| {
             let y = 0.1 * (period as f64 * 0.002).sin();
             let world_from_cube = Pose::translation(1.0, y, 1.2);
@@ -588,12 +640,13 @@ mod tests {
         assert!(matches!(outcome, Outcome::TimedOut(seconds) if seconds > 24.0), "{outcome:?}");
     }
 
-    /// Runs the generator against an arm that follows perfectly; returns the final pose and outcome.
+    /// Runs the generator against an arm that follows perfectly. Returns the final pose and
+    /// outcome.
     fn run(cube: impl Fn(u64) -> Option<Target>) -> (Pose, Outcome) {
         run_watched(cube, |_, _| ())
     }
 
-    /// The same; `watch` is told each period and where the tool is.
+    /// Does the same as [`run`] and calls `watch` with each period and the place of the tool.
     fn run_watched(
         cube: impl Fn(u64) -> Option<Target>,
         watch: impl Fn(u64, Vector3<f64>),
@@ -637,7 +690,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sensor_is_told_where_to_look_and_how_bright() {
+    fn sensor_gets_window_and_exposure() {
         let arm = ArmState::default();
         let mut generator = VisualServo::new(order(), compliance());
         let mut ask = |period: u64, target: Option<&Target>| {
@@ -648,7 +701,7 @@ mod tests {
         assert!(tried.iter().all(|s| s.window == Window::Whole && s.mode == Mode::Seek));
         assert!(tried.iter().any(|s| s.exposure > 1.5) && tried.iter().any(|s| s.exposure < 0.6));
 
-        // Seen at last, in the bright try: it goes on with that exposure, and looks there only.
+        // The cube is seen with the bright exposure, which is then kept, at this place only.
         let bright = tried.iter().rposition(|s| s.exposure > 1.5).unwrap() as u64 * 8;
         let pose = Pose::translation(1.0, 0.1, 1.2);
         let target = Target { world_from_cube: pose, speed: 0.0, period: bright };
@@ -666,20 +719,21 @@ mod tests {
     }
 
     #[test]
-    fn a_cube_at_rest_is_reached_to_its_seat() {
+    fn cube_at_rest_is_reached() {
         let target = |period| {
             Some(Target { world_from_cube: Pose::translation(1.0, 0.0, 1.2), speed: 0.0, period })
         };
         let (pose, outcome) = run(target);
 
-        // Nothing pushes back here, so the approach overruns the seat and says so.
+        // No contact ends the approach here, so it overruns the seat and reports it.
         assert_eq!(outcome, Outcome::NotTouched);
         let tip = pose * Point3::new(0.0, 0.0, 0.019);
         assert!((tip.y, tip.z - 1.2) < (1e-3, 1e-3) && (tip.x - 1.015).abs() < 2e-3, "{tip}");
     }
 
+    /// The pose jitters by 1 mm, which looks like a speed of 50 mm/s.
     #[test]
-    fn a_cube_at_rest_whose_pose_jitters_is_approached_all_the_same() {
+    fn cube_with_jittering_pose_is_approached() {
         let (_, outcome) = run(|period| {
             let y = if period % 40 < 20 { 1e-3 } else { -1e-3 };
             let world_from_cube = Pose::translation(1.0, y, 1.2);
@@ -689,8 +743,9 @@ mod tests {
         assert_eq!(outcome, Outcome::NotTouched);
     }
 
+    /// The hand sways by 20 mm, so the cube almost rests at its turns.
     #[test]
-    fn a_cube_that_sways_is_not_gone_to_blindly_from_its_turn() {
+    fn swaying_cube_is_not_approached() {
         let (_, outcome) = run(|period| {
             let y = 0.02 * (std::f64::consts::FRAC_PI_2 * period as f64 * PERIOD).cos();
             let world_from_cube = Pose::translation(1.0, y, 1.2);
@@ -700,8 +755,9 @@ mod tests {
         assert!(matches!(outcome, Outcome::TimedOut(_)), "{outcome:?}");
     }
 
+    /// The gripper waits in the vicinity of the nearest place inside the zone.
     #[test]
-    fn a_cube_outside_the_zone_is_watched_from_its_edge_and_taken_when_it_comes() {
+    fn cube_outside_the_zone_is_watched() {
         let at = |x: f64, period| {
             Some(Target { world_from_cube: Pose::translation(x, 0.0, 1.2), speed: 0.0, period })
         };
@@ -716,7 +772,7 @@ mod tests {
     }
 
     #[test]
-    fn a_moving_cube_is_followed_but_not_approached() {
+    fn moving_cube_is_followed_but_not_approached() {
         let target = |period: u64| {
             let y = 0.1 * (period as f64 * 0.002).sin();
             let pose = Pose::translation(1.0, y, 1.2);
@@ -728,8 +784,8 @@ mod tests {
         assert!(pose.translation.x < 1.0 - 0.019 - 0.08, "kept its distance: {pose}");
     }
 
-    /// Runs the generator against an arm that goes nowhere nearer to its base than `least` nor farther than `most`, and
-    /// says so; returns the outcome and the place at the end.
+    /// Runs the generator against an arm that refuses places nearer to its base than `least` or
+    /// farther than `most` (m). Returns the outcome and the place at the end.
     fn run_within(
         (least, most): (f64, f64),
         cube: impl Fn(u64) -> Target,
@@ -765,7 +821,7 @@ mod tests {
     }
 
     #[test]
-    fn approach_stands_while_contact_is_confirmed() {
+    fn approach_holds_while_contact_is_confirmed() {
         let mut generator = VisualServo::new(order(), compliance());
         let (mut arm, goal) = (ArmState::default(), Pose::translation(0.0, 0.0, 0.05));
         let mut goes = |force: f64| {
@@ -782,15 +838,16 @@ mod tests {
         assert_eq!([0.0, 5.0, 0.0].map(&mut goes), [true, false, true]);
     }
 
+    /// The arm waits at its limit until the cube comes back, or until its patience ends.
     #[test]
-    fn an_arm_at_its_limit_waits_until_the_cube_comes_back_into_its_reach() {
+    fn arm_at_its_limit_waits_for_the_cube() {
         let at = |x: f64, period| {
             let world_from_cube = Pose::translation(x, 0.0, 1.2);
             Target { world_from_cube, speed: 0.0, period }
         };
         let span = (0.5, 1.02);
 
-        // Its waiting place would be at 1.06 m.
+        // The place to wait would be at 1.06 m.
         let (outcome, _) =
             run_within(span, |period| at(if period < 1500 { 1.18 } else { 1.0 }, period));
         assert_eq!(outcome, Outcome::NotTouched, "there, and nothing pushes back");
@@ -800,8 +857,9 @@ mod tests {
         assert!(place.x > 1.0, "as far as it goes: {place}");
     }
 
+    /// The arm waits nearer to a cube at rest, but not nearer than two thirds of the vicinity.
     #[test]
-    fn an_arm_that_does_not_fold_so_far_waits_nearer_to_a_cube_at_rest_but_never_at_it() {
+    fn arm_near_its_limit_waits_closer_to_cube() {
         let cube = |speed: f64| {
             move |period| Target {
                 world_from_cube: Pose::translation(
@@ -813,7 +871,7 @@ mod tests {
                 period,
             }
         };
-        // The usual place is at 0.731 m, and two thirds of the way at 0.764 m.
+        // The usual place to wait is at 0.731 m, the nearest one at 0.764 m.
         let from = |least: f64| run_within((least, 2.0), cube(0.0)).0;
 
         assert_eq!(from(0.755), Outcome::NotTouched);
@@ -824,7 +882,7 @@ mod tests {
     }
 
     #[test]
-    fn a_limit_met_in_the_approach_ends_it() {
+    fn reach_limit_ends_approach_at_once() {
         let last = std::cell::Cell::new(0);
         let cube = |period| {
             last.set(period);
@@ -834,13 +892,14 @@ mod tests {
         let (outcome, place) = run_within((0.5, 0.95), cube);
 
         assert!(matches!(outcome, Outcome::OutOfReach(_)), "{outcome:?}");
-        // It is there after 5 s, and would be patient for 5 s more.
+        // It is there after 5 s, and its patience would last for 5 s more.
         assert!(last.get() < 3500, "at once: {last:?}");
         assert!(place.x > 0.94 && place.x <= 0.95, "{place}");
     }
 
-    /// The lateral place at which an approach to a cube ends, and how far back the tool goes in front of one at 0 after 4.8 s: from
-    /// then on the gripper is too near to look, and would be at the seat at 9 s. Pictures come each 40 ms.
+    /// Returns the lateral place at which an approach to a cube ends (m), and how far back the tool
+    /// moves in front of a cube at 0 after 6 s (m). From 4.8 s on the gripper is too near to look,
+    /// and at 9 s it would be at the seat. Pictures come every 40 ms.
     fn reached(seen_at: impl Fn(u64) -> Option<f64>) -> (f64, f64) {
         let least = std::cell::Cell::new(f64::INFINITY);
         let (pose, outcome) = run_watched(
@@ -850,7 +909,7 @@ mod tests {
             },
             |period, place| {
                 if period > 3000 {
-                    // Once it has gone back it may go wherever it likes.
+                    // Once it has moved back, its place does not matter.
                     let beside = if place.y.abs() < 5e-3 { place.x } else { f64::INFINITY };
                     least.set(least.get().min(beside));
                 }
@@ -860,28 +919,30 @@ mod tests {
         (pose.translation.y, least.get())
     }
 
+    /// The person pulls the cube out from between the fingers. The hand first moves straight back.
+    /// Single pictures of the cube at another place do not count.
     #[test]
-    fn a_cube_that_is_drawn_out_of_blind_fingers_is_followed_after_the_hand_has_gone_straight_back()
-    {
-        // Whenever that is: as long as it looks, at the very end of that, and later.
+    fn arm_follows_cube_pulled_from_between_fingers() {
+        // While the servo looks, at the end of that time, and later.
         let from = [1500, 1900, 1940, 1980, 2020, 2060, 2100, 2140, 2180, 2220, 2400, 3000];
         for from in from {
             let (y, _) = reached(|period| Some(if period < from { 0.0 } else { 0.12 }));
             assert!((y - 0.12).abs() < 2e-3, "from {from}: {y}");
         }
         let (_, x) = reached(|period| Some(if period < 3000 { 0.0 } else { 0.12 }));
-        // From where it waits on it may go sideways, no sooner.
+        // It may move sideways only from the place where it waits.
         assert!(x < 1.0 - 0.019 - 0.1 + 2.0 * THERE.0, "{x}");
 
         let stays: [fn(u64) -> Option<f64>; 4] = [
-            // Two pictures of another place, and a third one long after, with good ones or nothing in between.
+            // Two pictures of another place and a third one long after, with good pictures or none
+            // in between.
             |p| Some(if (2400..2440).contains(&p) || p == 2700 { 0.12 } else { 0.0 }),
             |p| match p {
                 0..2400 => Some(0.0),
                 2400..2440 | 2700 => Some(0.12),
                 _ => None,
             },
-            // As far as a hidden cube may seem to be off, and farther than anybody draws it: another cube.
+            // As far off as a hidden cube may seem, and farther than the operator draws it.
             |p| Some(if p < 2400 { 0.0 } else { 0.04 }),
             |p| Some(if p < 2400 { 0.0 } else { 0.6 }),
         ];
@@ -891,8 +952,9 @@ mod tests {
         }
     }
 
+    /// The hand moves all the way back, although the pictures stop when it begins to move.
     #[test]
-    fn a_hand_that_goes_back_from_a_cube_that_is_gone_needs_no_pictures_for_it() {
+    fn hand_backs_off_without_pictures() {
         let (pose, outcome) = run(|period| {
             let world_from_cube =
                 Pose::translation(1.0, if period < 2400 { 0.0 } else { 0.12 }, 1.2);
@@ -904,8 +966,9 @@ mod tests {
         assert!(off.norm() < 2.0 * THERE.0, "{off}");
     }
 
+    /// An arm that cannot move back any farther follows the cube from there.
     #[test]
-    fn an_arm_that_is_refused_its_way_back_follows_from_there() {
+    fn refused_back_off_resumes_following() {
         let mut generator = VisualServo::new(order(), compliance());
         generator.stage = Stage::BackOff { wait: Pose::translation(0.5, 0.0, 1.2) };
         let mut arm = ArmState::default();
@@ -923,8 +986,10 @@ mod tests {
         assert_eq!(stage, Stage::Follow);
     }
 
+    /// A cube that turns past 45 deg is grasped by other sides, and the tool turns all the way
+    /// back.
     #[test]
-    fn the_tool_is_turned_back_no_faster_than_its_axes_can_follow() {
+    fn tool_turns_back_within_its_speed() {
         let rotation = grasp_rotation(&UnitQuaternion::identity(), &Vector3::x(), &Vector3::z());
         let mut arm = ArmState {
             desired_base_from_tool: Pose::from_parts(Vector3::new(0.85, 0.0, 1.2).into(), rotation),
@@ -934,10 +999,10 @@ mod tests {
         let (mut spin, mut fastest, mut turned_back) = (Vector3::zeros(), 0.0_f64, false);
         for step in 1..500_u64 {
             let period = step * 8;
-            // To and fro past 45 deg, where another of its sides is the nearest one.
+            // To and fro past 45 deg, where another side of the cube is the nearest one.
             let angle = 0.9 * (period as f64 * 0.002).sin();
             let turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), angle);
-            // It goes up and down, so nothing is approached.
+            // The cube moves up and down, so that it is not approached.
             let z = 1.2 + 0.01 * (period as f64 * 0.01).sin();
             let world_from_cube = Pose::from_parts(Vector3::new(1.0, 0.0, z).into(), turn);
             let target = Target { world_from_cube, speed: 0.1, period };
@@ -960,7 +1025,7 @@ mod tests {
     }
 
     #[test]
-    fn arm_that_sees_nothing_more_runs_out() {
+    fn arm_slows_down_without_pictures() {
         let mut arm = ArmState {
             desired_base_from_tool: Pose::from_parts(
                 Vector3::new(0.3, 0.0, 1.2).into(),
@@ -996,7 +1061,7 @@ mod tests {
     }
 
     #[test]
-    fn the_grasp_takes_the_nearest_axes_of_a_cube_in_any_orientation() {
+    fn grasp_uses_nearest_axes_of_cube() {
         for k in 0..24 {
             let quarter = std::f64::consts::FRAC_PI_2;
             let cube = UnitQuaternion::from_euler_angles(

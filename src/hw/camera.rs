@@ -1,4 +1,4 @@
-//! Cameras: where frames come from.
+//! Cameras: the trait of the sources of frames.
 
 use image::RgbImage;
 
@@ -11,21 +11,21 @@ pub struct Frame {
     pub image: RgbImage,
 }
 
-/// A source of frames: the renderer, a folder of files, later a real camera.
+/// A source of frames: the renderer, a folder of files, or a camera behind a socket.
 pub trait FrameSource: Send {
-    /// The frame at servo period `period`; `exposure` scales the nominal exposure time.
+    /// Returns the frame at servo period `period`; `exposure` scales the nominal exposure time.
     ///
     /// # Errors
     /// [`NoFrame`] with the reason.
     fn grab(&mut self, period: u64, exposure: f64) -> Result<Frame, NoFrame>;
 }
 
-/// There is no frame.
+/// Error of a camera that has no frame.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("camera {camera}: {reason}")]
 pub struct NoFrame {
-    /// Which camera.
+    /// Name of the camera.
     pub camera: String,
-    /// Why.
+    /// Reason.
     pub reason: String,
 }

@@ -1,6 +1,12 @@
-//! Where the hardware is: the devices behind the effectors and cameras of a cell, as a file tells them.
+//! The file of devices: which serial lines, cards, sensors and sockets belong to the effectors and
+//! cameras of a cell.
 //!
-//! The file belongs to a machine, not to a scenario: `rubik-robot emulate` writes one, a workshop writes its own.
+//! The file belongs to a machine, not to a scenario: `rubik-robot emulate` writes one, a workshop
+//! writes its own.
+//!
+//! - in: the file (TOML)
+//! - out: the open bridge, [`SerialPort`] or [`IsaArm`]s behind a port, with its force sensors; the
+//!   addresses of the cameras
 
 use super::force::{ForceSource, FtController, NetFt, NoSensor, Words};
 use super::isa::IsaArm;
@@ -19,36 +25,37 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
 
-/// Where an emulator writes its file and a bridge looks for one, unless they are told another place: the user's own
-/// folder for what lives as long as a session, or the one for temporary files.
+/// Returns the default path of the file, for the emulator that writes it and the bridge that reads
+/// it. It lies in the user's folder for files of a session, else in the one for temporary files.
 #[must_use]
-pub fn usual_place() -> PathBuf {
+pub fn default_path() -> PathBuf {
     place(std::env::var_os("XDG_RUNTIME_DIR"), std::env::temp_dir())
 }
 
 fn place(own: Option<OsString>, temporary: PathBuf) -> PathBuf {
+    // The specification of XDG_RUNTIME_DIR ignores relative paths.
     let own = own.map(PathBuf::from).filter(|own| own.is_absolute() && own.is_dir());
     own.unwrap_or(temporary).join("rubik-robot-devices.toml")
 }
 
-/// What helps where a file of devices cannot be used.
+/// Advice for a user whose file of devices cannot be used.
 pub const NAME_DEVICES: &str = "start `rubik-robot emulate`, or name your devices there";
 
-/// No file of devices is larger (bytes).
+/// Greatest size of a file of devices (bytes).
 const LARGEST: u64 = 1 << 20;
 
-/// All devices.
+/// All devices of a machine.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Devices {
-    /// An emulator stands behind them, for as long as it holds a lock on the file: the names of its lines are others'
-    /// after its end.
+    /// Whether an emulator provides them. It holds a lock on the file while it runs; after its end
+    /// the names of its lines may belong to other programs.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub emulated: bool,
-    /// By effector.
+    /// Devices of each effector.
     #[serde(default)]
     pub effector: Vec<EffectorDevices>,
-    /// By camera.
+    /// Device of each camera.
     #[serde(default)]
     pub camera: Vec<CameraDevice>,
 }
@@ -57,38 +64,42 @@ pub struct Devices {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EffectorDevices {
-    /// Its name in the scenario.
+    /// Name of the effector in the scenario.
     pub name: String,
-    /// Serial lines of the axes: the track, q1 to q6, the jaw; "" where there is none. For bridge.kind = "serial".
+    /// Serial lines of the axes: the track, q1 to q6, the jaw; "" for an axis without a line. Used
+    /// if bridge.kind = "serial".
     pub axes: Vec<String>,
-    /// `net_ft:ADDRESS:PORT`, `ft_controller:DEVICE`, or "none".
+    /// Force sensor: `net_ft:ADDRESS:PORT`, `ft_controller:DEVICE`, or "none".
     pub force: String,
-    /// Scale of a Net F/T box, from its configuration page (1/N).
+    /// Scale of the forces of a Net F/T box, from its configuration page (1/N).
     #[serde(deserialize_with = "scale")]
     pub counts_per_newton: f64,
-    /// As above (1/Nm).
+    /// Scale of the torques of a Net F/T box, from its configuration page (1/Nm).
     #[serde(deserialize_with = "scale")]
     pub counts_per_newton_metre: f64,
-    /// First I/O port of the parallel interface (PCI-1751) by which an `ft_controller` tells its readings, as `lspci -v`
-    /// has it; without one they come by the line.
+    /// First I/O port of the parallel interface (PCI-1751) that carries the readings of an
+    /// `ft_controller`, as `lspci -v` prints it. Without it they come by the line.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ft_parallel: Option<u16>,
-    /// Motor currents of axes 0..=6 and the jaw at which their controllers stop (A); the first may
-    /// be 0 where there is no track. Where they are left out they are the original's: its serial
-    /// controllers' or its ISA cards'.
+    /// Motor currents of axes 0..=6 and the jaw at which their controllers stop (A). The first may
+    /// be 0 for an arm without a track. The default is the original's: that of its serial
+    /// controllers or of its ISA cards.
     #[serde(deserialize_with = "currents")]
     pub max_currents: Vec<f64>,
-    /// Its ISA card. For bridge.kind = "isa".
+    /// ISA card of the effector. Used if bridge.kind = "isa".
     #[serde(skip_serializing_if = "Option::is_none")]
     pub isa: Option<IsaDevice>,
 }
 
-/// An ISA card. What is left out is as the original had it, by whether the arm has a track; the rest of its two cards'
-/// differences, as far as they are known, must be told: see `resolvers`, `sync_active_high`, `power_axis`.
+/// An ISA card.
+///
+/// A missing pointer, divisor or current has the original's value for an arm with or without a
+/// track. The other known differences between the original's two cards must be given: see
+/// `resolvers`, `sync_active_high`, `power_axis`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct IsaDevice {
-    /// Added to every port of the card.
+    /// Offset of every port of the card.
     pub offset: u16,
     /// Pointer of the first axis: 0xc0 of the track's card, 0xc1 of the postument's.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -96,16 +107,18 @@ pub struct IsaDevice {
     /// Divisor that makes interrupts come every 2 ms: 4 of the track's card, 8 of the postument's.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub divisor: Option<u8>,
-    /// Axes with resolvers instead of encoders: 0 to 5 of the track in 2008. The arm's profile must have 682 increments
-    /// for each.
+    /// Axes with resolvers instead of encoders: in 2008 axes 0 to 5 of the track. The arm's profile
+    /// must have 682 increments for each.
     pub resolvers: Vec<usize>,
-    /// Axes whose synchronisation switch is active high at its encoder card; in the 2008 sources 1 to 5 of the postument.
+    /// Axes whose synchronisation switch is active high at its encoder card: in the 2008 sources
+    /// axes 1 to 5 of the postument.
     pub sync_active_high: Vec<usize>,
-    /// Axis that tells of the power of all: 6; in the 2008 sources 2 of the postument.
+    /// Axis whose status shows the power of all axes: 6; in the 2008 sources 2 for the postument.
     pub power_axis: usize,
-    /// Units of motor current per ampere, the jaw's last.
+    /// Units of motor current per ampere (1/A), the jaw's last.
     pub units_per_ampere: Vec<f64>,
-    /// Device of the card's interrupt, as `/dev/uio0`; without one the card is not watched.
+    /// Device of the card's interrupt, for example `/dev/uio0`. Without it the card has no
+    /// watchdog.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub uio: Option<String>,
 }
@@ -125,17 +138,17 @@ impl Default for IsaDevice {
     }
 }
 
-/// What the original's two cards were set to.
+/// Settings of one of the original's two cards.
 struct Original {
     first_pointer: u8,
     divisor: u8,
     /// Limits of the currents (units), the jaw's last.
     max_currents: [u8; AXES + 1],
-    /// The jaw's units per ampere: 25.3 and 34.7 per 100 mA.
+    /// Units of current per ampere of the jaw (1/A): 25.3 and 34.7 per 100 mA.
     jaw_units: f64,
 }
 
-/// Units of current per ampere: known of the tool roll's axis, assumed of the others.
+/// Units of current per ampere (1/A). It is known for the tool roll and assumed for the other axes.
 const UNITS_PER_AMPERE: f64 = 13.7;
 
 impl Original {
@@ -154,43 +167,50 @@ impl Original {
 }
 
 impl IsaDevice {
-    /// This card as that of an arm, without its registers and its sensor. Limits of motor currents as in
-    /// [`EffectorDevices::max_currents`].
+    /// Makes the parts of an arm from this card, without registers and sensor. `max_currents` are
+    /// those of [`EffectorDevices::max_currents`] (A).
     ///
     /// # Errors
-    /// What does not fit.
+    /// The first setting that does not fit the arm or the card.
     pub fn arm(&self, arm: &Arm, max_currents: &[f64]) -> Result<IsaArm<()>, String> {
         let has_track = arm.model.has_track;
         let original = if has_track { Original::TRACK } else { Original::POSTUMENT };
+        // Defaults are the original's; the jaw has a scale of its own on each card.
         let mut units_per_ampere = [UNITS_PER_AMPERE; AXES + 1];
         units_per_ampere[AXES] = original.jaw_units;
         if !self.units_per_ampere.is_empty() {
             let units = self.units_per_ampere.as_slice();
             units_per_ampere =
-                units.try_into().map_err(|_| "units_per_ampere wants 8 numbers".to_owned())?;
+                units.try_into().map_err(|_| "units_per_ampere needs 8 numbers".to_owned())?;
         }
         if !units_per_ampere.iter().all(|units| units.is_finite() && *units > 0.0) {
-            return Err("units_per_ampere wants numbers above 0".to_owned());
+            return Err("units_per_ampere needs numbers above 0".to_owned());
         }
+        // A resolver always counts 682 a revolution. A profile with another number would turn the
+        // axis by a wrong angle.
         for axis in &self.resolvers {
             let increments = arm.model.increments.get(*axis).copied();
             if increments != Some(REVOLUTION as f64) {
-                let has = increments.map_or("no such axis".to_owned(), |n| format!("{n}"));
+                let has = increments.map_or("none for it".to_owned(), |n| format!("{n}"));
                 return Err(format!(
-                    "resolvers: axis {axis} counts {REVOLUTION} a revolution, the arm's profile has {has}"
+                    "resolvers: axis {axis} counts {REVOLUTION} a revolution, \
+                     the arm's profile has {has}"
                 ));
             }
         }
+        // The card of an arm without a track has no axis 0.
         let first = usize::from(!has_track);
         if !(first..=AXES).contains(&self.power_axis) {
             return Err(format!("power_axis: there is no axis {}", self.power_axis));
         }
         let mut limits = original.max_currents;
         for (axis, amperes) in max_currents.iter().enumerate().take(AXES + 1).skip(first) {
+            // The command has one byte for the limit, and a limit of 0 trips at any current.
             let units = (amperes * units_per_ampere[axis]).round();
             if !(1.0..=255.0).contains(&units) {
                 return Err(format!(
-                    "max_currents: axis {axis}: {amperes} A are {units} units of the card, which takes 1 to 255"
+                    "max_currents: axis {axis}: {amperes} A are {units} units of the card, \
+                     which takes 1 to 255"
                 ));
             }
             limits[axis] = units as u8;
@@ -235,24 +255,24 @@ impl Default for EffectorDevices {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraDevice {
-    /// Its name in the scenario.
+    /// Name of the camera in the scenario.
     pub name: String,
-    /// Local socket that gives frames: see [`super::socket_camera`].
+    /// Local socket of its frames: see [`super::socket_camera`].
     pub socket: PathBuf,
 }
 
-/// A force sensor as [`EffectorDevices::force`] names it.
+/// A force sensor, as named by [`EffectorDevices::force`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ForceDevice<'a> {
-    /// There is none.
+    /// No sensor.
     None,
-    /// A Net F/T box at this address.
+    /// Net F/T box at this address.
     NetFt(SocketAddr),
-    /// A controller on this serial line.
+    /// Controller on this serial line.
     Controller(&'a str),
 }
 
-/// A device is not there, or not what the file says.
+/// Error of a device that is missing, or is not what the file names.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct NoDevice(pub String);
@@ -261,7 +281,7 @@ impl Devices {
     /// Reads a file.
     ///
     /// # Errors
-    /// What is wrong with it, and where; or its emulator has ended.
+    /// The first mistake in it with its line, or that its emulator has ended.
     pub fn load(path: &Path) -> Result<Self, NoDevice> {
         let fail = |why: &str| NoDevice(format!("{}: {why}", path.display()));
         let (file, text) = read(path).map_err(|e| fail(&e.to_string()))?;
@@ -272,6 +292,7 @@ impl Devices {
         if !devices.emulated {
             return Ok(devices);
         }
+        // The file of an emulator that was killed remains; its lock does not.
         if is_held(&file).map_err(|e| fail(&e.to_string()))? {
             Ok(devices)
         } else {
@@ -279,30 +300,32 @@ impl Devices {
         }
     }
 
-    /// As a file.
+    /// Returns the text of a file of these devices.
     ///
     /// # Errors
-    /// [`NoDevice`] when it cannot be written down: never, for devices with names of text.
+    /// [`NoDevice`] if TOML cannot express it, which does not happen with paths in UTF-8.
     pub fn text(&self) -> Result<String, NoDevice> {
         toml::to_string(self).map_err(|e| NoDevice(e.to_string()))
     }
 
-    /// The devices of an effector.
+    /// Returns the devices of an effector.
     ///
     /// # Errors
-    /// There are none.
+    /// [`NoDevice`] if the file has none for it.
     pub fn of_effector(&self, name: &str) -> Result<&EffectorDevices, NoDevice> {
         let found = self.effector.iter().find(|e| e.name == name);
         found.ok_or_else(|| NoDevice(format!("the devices have no [[effector]] \"{name}\"")))
     }
 
-    /// Checks that the jaws can grip with so much force (N) without their controllers' stopping.
+    /// Checks that the jaws can grip with the force `grip` (N) before the controllers stop them.
+    /// `cards`: the limits are those of ISA cards, else of serial controllers.
     ///
     /// # Errors
-    /// The arm whose controller would.
+    /// The arm whose controller would stop its jaw.
     pub fn check_grip(&self, arms: &[Arm], grip: f64, cards: bool) -> Result<(), NoDevice> {
         for arm in arms {
             let devices = self.of_effector(&arm.name)?;
+            // A card rounds the limit to its units, so its own number counts, not the file's.
             let limit = if cards {
                 let card = devices.isa.clone().unwrap_or_default();
                 let fail = |why| NoDevice(format!("effector \"{}\", isa: {why}", arm.name));
@@ -314,7 +337,8 @@ impl Devices {
             let needs = grip * arm.gripper.amperes_per_newton;
             if needs > limit {
                 return Err(NoDevice(format!(
-                    "effector \"{}\": a grip of {grip:.0} N takes {:.0} mA, and the jaw's controller stops above {:.0} mA: \
+                    "effector \"{}\": a grip of {grip:.0} N takes {:.0} mA, \
+                     and the jaw's controller stops above {:.0} mA: \
                      lower control.grip_n, or raise the last of its max_currents",
                     arm.name,
                     needs * 1e3,
@@ -325,10 +349,10 @@ impl Devices {
         Ok(())
     }
 
-    /// The device of a camera.
+    /// Returns the device of a camera.
     ///
     /// # Errors
-    /// There is none.
+    /// [`NoDevice`] if the file has none for it.
     pub fn of_camera(&self, name: &str) -> Result<&CameraDevice, NoDevice> {
         let found = self.camera.iter().find(|c| c.name == name);
         found.ok_or_else(|| NoDevice(format!("the devices have no [[camera]] \"{name}\"")))
@@ -377,22 +401,23 @@ impl Devices {
         Ok(Box::new(IsaPort::new(arms, notes)))
     }
 
-    /// Refuses: without the feature `isa` there are no ports.
+    /// Refuses to open a bridge: without the feature `isa` there are no port instructions.
     ///
     /// # Errors
-    /// Always.
+    /// [`NoDevice`] always.
     #[cfg(not(feature = "isa"))]
     pub fn isa(&self, _: &[Arm], _: Notes) -> Result<Box<dyn Port>, NoDevice> {
         Err(NoDevice(NO_PORTS.to_owned()))
     }
 }
 
-/// A file that is open, and its text. What is no regular file may have no end, or never begin.
+/// Opens a file and returns it with its text. Only a regular file is accepted: any other may have
+/// no end, or may never begin.
 pub(crate) fn read(path: &Path) -> std::io::Result<(File, String)> {
     super::text::open_text(path, LARGEST)
 }
 
-/// Whether the emulator that wrote a file still runs.
+/// Returns whether the emulator that wrote a file still runs, by its lock on it.
 pub(crate) fn is_held(file: &File) -> std::io::Result<bool> {
     match file.try_lock_shared() {
         Err(TryLockError::WouldBlock) => Ok(true),
@@ -401,17 +426,18 @@ pub(crate) fn is_held(file: &File) -> std::io::Result<bool> {
     }
 }
 
-/// The devices of a text, or where something is wrong in it, and what.
+/// Parses a text; returns the devices, or the first mistake with its position (bytes).
 fn parse(text: &str) -> Result<Devices, (usize, String)> {
     let wrong = |error: toml::de::Error| {
         (error.span().map_or(0, |span| span.start), error.message().to_owned())
     };
     let devices = toml::from_str(text).map_err(wrong)?;
+    // A second pass finds the positions of the names, which `Devices` does not keep.
     let lines: Lines = toml::from_str(text).map_err(wrong)?;
     lines.twice().map_or(Ok(devices), Err)
 }
 
-/// The names of lines with their places in a file.
+/// Names of serial lines with their positions in a file.
 #[derive(Deserialize)]
 struct Lines {
     #[serde(default)]
@@ -426,7 +452,7 @@ struct LinesOfEffector {
 }
 
 impl Lines {
-    /// The first line that stands there again: two axes behind one line would be driven in turn.
+    /// Returns the first line that is named twice. Two axes on one line would be driven in turn.
     fn twice(&self) -> Option<(usize, String)> {
         let mut seen: Vec<PathBuf> = Vec::new();
         for line in self.effector.iter().flat_map(|e| e.axes.iter().chain(&e.force)) {
@@ -434,7 +460,7 @@ impl Lines {
             if name.is_empty() || name == "none" {
                 continue;
             }
-            // Two names may be one device's.
+            // Two paths may lead to one device.
             let device = std::fs::canonicalize(name).unwrap_or_else(|_| name.into());
             if seen.contains(&device) {
                 return Some((line.span().start, format!("{name} is named twice")));
@@ -450,11 +476,11 @@ fn scale<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
     if scale.is_finite() && scale > 0.0 {
         Ok(scale)
     } else {
-        Err(D::Error::custom(format!("a scale is a number above 0, not {scale}")))
+        Err(D::Error::custom(format!("a scale must be a number above 0, not {scale}")))
     }
 }
 
-/// Limits that controllers can be told: in 16 bits of milliamperes.
+/// Limits that controllers accept (A): a command has 16 bits for the milliamperes.
 const CURRENTS: std::ops::RangeInclusive<f64> = 0.001..=65.5;
 
 fn currents<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<f64>, D::Error> {
@@ -462,11 +488,12 @@ fn currents<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<f64>, D::Error> {
     if !currents.is_empty() && currents.len() != AXES + 1 {
         let count = currents.len();
         return Err(D::Error::custom(format!(
-            "max_currents: wanted {} numbers, for axes 0 to 6 and the jaw, found {count}",
+            "max_currents: expected {} numbers, for axes 0 to 6 and the jaw, found {count}",
             AXES + 1
         )));
     }
     for (axis, amperes) in currents.iter().enumerate() {
+        // Whether the arm has a track is not known here; `limits` refuses a track with 0 A.
         let unused = axis == 0 && *amperes == 0.0;
         if !unused && !CURRENTS.contains(amperes) {
             return Err(D::Error::custom(format!(
@@ -484,12 +511,12 @@ const NO_PORTS: &str =
     "this program was built without port instructions: cargo build --release --features isa";
 
 impl EffectorDevices {
-    /// Motor currents at which serial controllers stop (A), the jaw's last.
+    /// Returns the motor currents at which serial controllers stop (A), the jaw's last.
     ///
     /// # Errors
-    /// There is none for the track.
+    /// [`NoDevice`] if the arm has a track and its limit is 0.
     fn limits(&self, has_track: bool) -> Result<[f64; AXES + 1], NoDevice> {
-        /// Of both of the original's arms.
+        /// Limits of both of the original's arms (A).
         const ORIGINAL: [f64; AXES + 1] = [25.0, 15.0, 18.0, 10.0, 10.0, 10.0, 10.0, 0.2];
         if has_track && self.max_currents.first() == Some(&0.0) {
             let name = &self.name;
@@ -501,14 +528,15 @@ impl EffectorDevices {
         Ok(std::array::from_fn(limit))
     }
 
-    /// The axes that the arm drives, each with the device of its line, or that it has none.
+    /// Returns the axes that the arm drives, each with the device of its line or the error that it
+    /// has none.
     pub fn paths(&self, has_track: bool) -> impl Iterator<Item = (usize, Result<&str, NoDevice>)> {
         (usize::from(!has_track)..=AXES).map(move |axis| {
             let path = self.axes.get(axis).map(String::as_str).filter(|path| !path.is_empty());
             let path = path.ok_or_else(|| {
                 NoDevice(format!(
-                    "effector \"{}\": axis {axis} has no line; `axes` names {} devices: the track's (or \"\"), \
-                     q1 to q6, the jaw's",
+                    "effector \"{}\": axis {axis} has no line; `axes` names {} devices: \
+                     the track's (or \"\"), q1 to q6, the jaw's",
                     self.name,
                     AXES + 1
                 ))
@@ -526,27 +554,27 @@ impl EffectorDevices {
         Ok(lines)
     }
 
-    /// The force sensor that is named, which is not opened.
+    /// Parses the name of the force sensor, without opening the device.
     ///
     /// # Errors
-    /// What is named is none.
+    /// [`NoDevice`] if `force` names no sensor of a known kind.
     pub fn force_device(&self) -> Result<ForceDevice<'_>, NoDevice> {
         if self.force == "none" {
             return Ok(ForceDevice::None);
         }
         match self.force.split_once(':') {
             Some(("net_ft", address)) => address.parse().map(ForceDevice::NetFt).map_err(|_| {
-                self.no_sensor("wanted an address and a port, as in 192.168.1.1:49152")
+                self.no_sensor("expected an address and a port, as in 192.168.1.1:49152")
             }),
             Some(("ft_controller", path)) => Ok(ForceDevice::Controller(path)),
-            _ => Err(self.no_sensor("wanted net_ft:ADDRESS:PORT, ft_controller:DEVICE or none")),
+            _ => Err(self.no_sensor("expected net_ft:ADDRESS:PORT, ft_controller:DEVICE or none")),
         }
     }
 
-    /// Opens the force sensor, whose readings are to lie in `range` (N, Nm).
+    /// Opens the force sensor; `range` is that of its readings (N, Nm).
     ///
     /// # Errors
-    /// It is not there.
+    /// [`NoDevice`] if it is missing or cannot be opened.
     pub fn sensor(&self, range: [f64; 6]) -> Result<Box<dyn ForceSource>, NoDevice> {
         match self.force_device()? {
             ForceDevice::None => Ok(Box::new(NoSensor)),
@@ -568,28 +596,29 @@ impl EffectorDevices {
     }
 }
 
-/// Asks for the ports of an ISA card; the right belongs to the calling thread and those that it starts.
+/// Asks for the ports of an ISA card. The right belongs to the calling thread and to those that it
+/// starts later.
 ///
 /// # Errors
-/// What was denied.
+/// The right that was denied.
 #[cfg(feature = "isa")]
 pub fn ask_ports(offset: u16) -> Result<(), String> {
     super::isa::PortIo::open(offset, None).map(drop)
 }
 
-/// Refuses: without the feature `isa` there are no ports.
+/// Refuses the ports: without the feature `isa` there are no port instructions.
 ///
 /// # Errors
-/// Always.
+/// The reason, always.
 #[cfg(not(feature = "isa"))]
 pub fn ask_ports(_: u16) -> Result<(), String> {
     Err(NO_PORTS.to_owned())
 }
 
-/// Asks for the ports of a parallel interface, as [`ask_ports`] for a card's; nothing is written to it.
+/// Asks for the ports of a parallel interface, like [`ask_ports`], and writes nothing to it.
 ///
 /// # Errors
-/// What was denied.
+/// The right that was denied.
 pub fn ask_parallel(base: u16) -> Result<(), String> {
     parallel(base).map(drop)
 }
@@ -605,7 +634,7 @@ fn parallel(_: u16) -> Result<std::convert::Infallible, String> {
     Err(format!("ft_parallel: {NO_PORTS}"))
 }
 
-/// The parallel interface at these ports.
+/// Opens the parallel interface at these ports and sets it up.
 #[cfg(feature = "isa")]
 fn words(base: u16) -> Result<Box<dyn Words>, String> {
     Ok(Box::new(super::force::Pci1751::new(parallel(base)?)))
@@ -621,7 +650,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_comes_back_and_its_faults_have_a_line() {
+    fn file_is_read_back_and_mistake_has_line() {
         let devices = Devices {
             emulated: false,
             effector: vec![EffectorDevices {
@@ -644,7 +673,7 @@ mod tests {
         assert!(Devices::load(&path).unwrap_err().to_string().contains("No such file"));
     }
 
-    /// What a file of this text is refused with.
+    /// Returns the error of a file with this text; "" if the file is accepted.
     fn refused(name: &str, text: &str) -> String {
         let path = std::env::temp_dir().join(format!("rubik-{name}-{}.toml", std::process::id()));
         std::fs::write(&path, text).unwrap();
@@ -654,14 +683,14 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_file_or_has_no_end_is_refused_at_once() {
+    fn non_regular_or_too_large_file_is_refused() {
         use rustix::fs::{CWD, FileType, Mode, mknodat};
         let fifo = std::env::temp_dir().join(format!("rubik-fifo-{}.toml", std::process::id()));
         mknodat(CWD, &fifo, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
 
         for path in [fifo.clone(), "/dev/zero".into(), std::env::temp_dir()] {
-            let told = Devices::load(&path).unwrap_err().to_string();
-            assert_eq!(told, format!("{}: not a regular file", path.display()));
+            let error = Devices::load(&path).unwrap_err().to_string();
+            assert_eq!(error, format!("{}: not a regular file", path.display()));
         }
         std::fs::remove_file(&fifo).unwrap();
         let full = "#".repeat(1 << 20);
@@ -670,12 +699,12 @@ mod tests {
     }
 
     #[test]
-    fn values_that_no_device_has_are_refused_with_their_line() {
+    fn impossible_values_are_refused_with_line() {
         let told =
             |key: &str| refused("values", &format!("[[effector]]\nname = \"track\"\n\n{key}\n"));
 
         let nine = told("max_currents = [1, 1, 1, 1, 1, 1, 1, 1, 1]");
-        assert!(nine.contains(".toml:4: max_currents: wanted 8 numbers"), "{nine}");
+        assert!(nine.contains(".toml:4: max_currents: expected 8 numbers"), "{nine}");
         for (amperes, good) in [
             ("nan", false),
             ("-5", false),
@@ -700,12 +729,12 @@ mod tests {
         ] {
             let told = told(key);
             assert_eq!(told.is_empty(), good, "{key}: {told}");
-            assert!(good || told.contains(".toml:4: a scale is a number above 0"), "{told}");
+            assert!(good || told.contains(".toml:4: a scale must be a number above 0"), "{told}");
         }
     }
 
     #[test]
-    fn a_track_needs_a_current_and_another_arm_none_for_it() {
+    fn only_arm_with_track_needs_track_current() {
         let mut max_currents = vec![1.0; AXES + 1];
         max_currents[0] = 0.0;
         let devices = EffectorDevices { max_currents, ..EffectorDevices::default() };
@@ -715,11 +744,13 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_is_named_twice_is_refused_where_it_stands_again() {
+    fn second_name_of_a_line_is_refused() {
         let told = refused(
             "twice",
-            "[[effector]]\nname = \"a\"\naxes = [\"\", \"/dev/nosuch1\",\n\"/dev/nosuch2\"]\nforce = \"none\"\n\
-             [[effector]]\nname = \"b\"\nforce = \"none\"\naxes = [\"\",\n\"/dev/nosuch2\"]\n",
+            "[[effector]]\nname = \"a\"\naxes = [\"\", \"/dev/nosuch1\",\n\"/dev/nosuch2\"]\n\
+             force = \"none\"\n\
+             [[effector]]\nname = \"b\"\nforce = \"none\"\n\
+             axes = [\"\",\n\"/dev/nosuch2\"]\n",
         );
         assert!(told.ends_with(".toml:10: /dev/nosuch2 is named twice"), "{told}");
 
@@ -731,7 +762,7 @@ mod tests {
     }
 
     #[test]
-    fn the_usual_place_is_the_users_own_where_there_is_one() {
+    fn default_path_prefers_user_folder() {
         let name = "rubik-robot-devices.toml";
         let (own, temporary) = (std::env::temp_dir(), PathBuf::from("/elsewhere"));
 
@@ -743,20 +774,20 @@ mod tests {
     }
 
     #[test]
-    fn a_sensor_that_is_none_is_refused_with_what_is_wanted() {
+    fn unknown_sensor_is_refused_with_expected_form() {
         let refused = |force: &str| {
             let devices = EffectorDevices { force: force.into(), ..EffectorDevices::default() };
             devices.sensor([1.0; 6]).err().map(|e| e.to_string()).unwrap_or_default()
         };
 
-        assert!(refused("ati").contains("wanted net_ft:"));
+        assert!(refused("ati").contains("expected net_ft:"));
         assert!(refused("net_ft:somewhere").contains("49152"));
         assert!(refused("ft_controller:/dev/nosuch").contains("/dev/nosuch"));
         assert_eq!(refused("none"), "");
     }
 
     #[test]
-    fn a_card_is_the_original_arms_unless_it_is_told() {
+    fn card_defaults_to_original_settings() {
         let scenario = crate::scenario::read(Path::new("t.toml"), "", &[]).unwrap();
         let [track, postument] = &scenario.controller.cell.arms[..] else { panic!("two arms") };
         let card = IsaDevice::default();

@@ -1,7 +1,7 @@
 //! A camera that is a folder of image files, in the order of their names.
 //!
 //! - in: a folder with PNG or JPEG files
-//! - out: a frame at each call; after the last one there is none
+//! - out: one frame for each call; after the last file [`NoFrame`]
 
 use super::camera::{Frame, FrameSource, NoFrame};
 use std::path::{Path, PathBuf};
@@ -14,10 +14,10 @@ pub struct FolderCamera {
 }
 
 impl FolderCamera {
-    /// Looks up the files; nothing is read yet.
+    /// Lists the files of the folder without reading them.
     ///
     /// # Errors
-    /// [`NoFrame`] when the folder cannot be read or holds no PNG or JPEG file.
+    /// [`NoFrame`] if the folder cannot be read or holds no PNG or JPEG file.
     pub fn open(name: &str, folder: &Path) -> Result<Self, NoFrame> {
         let refuse = |reason: String| NoFrame { camera: name.to_owned(), reason };
         let entries =
@@ -29,6 +29,7 @@ impl FolderCamera {
                 ["png", "jpg", "jpeg"].contains(&extension.to_ascii_lowercase().as_str())
             })
             .collect();
+        // The order in which the file system lists a folder is arbitrary.
         files.sort();
         if files.is_empty() {
             return Err(refuse(format!("{} holds no PNG or JPEG file", folder.display())));
@@ -53,7 +54,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn files_come_in_the_order_of_their_names_and_then_end() {
+    fn folder_delivers_files_by_name_then_ends() {
         let folder =
             std::env::temp_dir().join(format!("rubik-robot-folder-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();

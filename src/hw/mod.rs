@@ -1,6 +1,7 @@
-//! Hardware: the ports, the servo's drivers of time, cameras, and the simulated plant behind the same port.
+//! Hardware: the ports, the servo's drivers of time, cameras, and the simulated plant behind the
+//! same port.
 //!
-//! Nothing here names an actor or a task.
+//! No file here names an actor or a task.
 
 pub mod camera;
 pub mod devices;

@@ -1,76 +1,76 @@
-//! What a bridge notices and can live with: non-fatal, for the log.
+//! Non-fatal events at a bridge, for the log.
 //!
-//! The exchange is no place to write a log, so notes go by a ring to whoever has the time. What does not fit is
-//! dropped, and counted.
+//! An exchange must not wait for a log. It puts notes into a ring, and another thread makes
+//! sentences of them. A note that does not fit into the ring is dropped.
 
 use std::collections::BTreeMap;
 
-/// What was noticed, in which period, at which effector.
+/// An event with its period and effector.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Note {
     /// Servo period.
     pub period: u64,
     /// Index of the effector.
     pub effector: usize,
-    /// What.
-    pub what: What,
+    /// Kind of the event.
+    pub what: NoteKind,
 }
 
-/// What can be noticed.
+/// Kinds of events.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum What {
-    /// An axis did not answer in time.
+pub enum NoteKind {
+    /// Missing answer of an axis.
     Missed {
-        /// 0 the track, 7 the jaw.
+        /// Index of the axis: 0 is the track, 7 the jaw.
         axis: usize,
     },
-    /// What an axis answered seems to be owed to an earlier order.
+    /// Answer of an axis that seems to belong to an earlier order.
     Late {
-        /// As above.
+        /// Index of the axis.
         axis: usize,
     },
-    /// Several axes at once did not answer in time, or all of them.
+    /// Missing answers of several axes, or of all of them, at the same time.
     MissedTogether,
-    /// An axis's answer cannot be true and was passed over.
+    /// Answer of an axis that cannot be true, and was ignored.
     Impossible {
-        /// As above.
+        /// Index of the axis.
         axis: usize,
     },
-    /// The card did not raise its interrupt.
+    /// Missing interrupt of an ISA card.
     NoInterrupt,
-    /// A reading of the force sensor left its range and was dropped.
+    /// Reading of the force sensor that left its range, and was dropped.
     OverRange {
-        /// 0..=5.
+        /// Index of the direction, 0..=5.
         direction: usize,
-        /// (N or Nm)
+        /// Value (N or Nm).
         reading: f64,
     },
-    /// The force sensor has fallen silent.
+    /// Beginning of a silence of the force sensor.
     ForceSilent,
-    /// It speaks again.
+    /// End of a silence of the force sensor.
     ForceBack,
-    /// The force sensor's own report.
+    /// Fault that the force sensor itself reports.
     ForceStatus {
-        /// As it came.
+        /// Status word of the sensor.
         status: u32,
     },
-    /// Datagrams of the force sensor were lost.
+    /// Loss of datagrams of the force sensor.
     Lost {
-        /// How many.
+        /// Number of lost datagrams.
         datagrams: u32,
     },
-    /// A datagram of the force sensor came after a later one and was passed over.
+    /// Datagram of the force sensor that came after a later one, and was ignored.
     Reordered,
 }
 
-/// The bridge's end: it never waits.
+/// The bridge's end of the ring, which never waits.
 #[derive(Debug)]
 pub struct Notes(Option<rtrb::Producer<Note>>);
 
-/// Notes that may wait.
+/// Number of notes that fit into the ring.
 const ROOM: usize = 1024;
 
-/// Both ends of the way.
+/// Creates a ring buffer of notes; returns its sender and its receiver.
 #[must_use]
 pub fn notes() -> (Notes, rtrb::Consumer<Note>) {
     let (producer, consumer) = rtrb::RingBuffer::new(ROOM);
@@ -78,50 +78,54 @@ pub fn notes() -> (Notes, rtrb::Consumer<Note>) {
 }
 
 impl Notes {
-    /// Nobody reads them.
+    /// Makes a sender without a receiver, which drops all notes.
     #[must_use]
     pub fn none() -> Self {
         Self(None)
     }
 
-    /// Hands one over.
-    pub fn tell(&mut self, period: u64, effector: usize, what: What) {
+    /// Puts a note into the ring.
+    pub fn push(&mut self, period: u64, effector: usize, what: NoteKind) {
         if let Some(ring) = &mut self.0 {
             let _ = ring.push(Note { period, effector, what });
         }
     }
 }
 
-/// Puts notes into sentences: a kind at its first time at once, and then every ten seconds how often it came since.
+/// Summary of notes in sentences: the first note of a kind at once, later ones as a count every ten
+/// seconds.
 #[derive(Debug)]
 pub struct Digest {
+    /// Names of the effectors.
     effectors: Vec<String>,
-    /// In the order of effector and words.
+    /// Kinds by effector and sentence.
     kinds: BTreeMap<(usize, String), Kind>,
-    /// The latest period of any note.
+    /// Latest period of any note.
     now: u64,
 }
 
 #[derive(Debug, Default)]
 struct Kind {
-    /// Period of the first that was not told yet.
+    /// Period of the first note that was not reported yet.
     first: u64,
+    /// Number of notes that were not reported yet.
     times: u32,
-    /// Told again from this period on.
+    /// Period from which on the kind is reported again.
     next: u64,
 }
 
 impl Digest {
-    /// Periods until a kind is told again.
+    /// Periods until a kind is reported again: 10 s.
     const LULL: u64 = 5000;
 
-    /// Of effectors with these names.
+    /// Makes an empty digest of effectors with these names.
     #[must_use]
     pub fn new(effectors: Vec<String>) -> Self {
         Self { effectors, kinds: BTreeMap::new(), now: 0 }
     }
 
-    /// Takes what waits and gives what is to be told now; `last`: everything.
+    /// Takes all notes from the ring and returns the sentences that are due. With `last` it returns
+    /// those of all notes.
     pub fn sentences(&mut self, ring: &mut rtrb::Consumer<Note>, last: bool) -> Vec<String> {
         while let Ok(note) = ring.pop() {
             self.now = self.now.max(note.period);
@@ -131,7 +135,8 @@ impl Digest {
             }
             kind.times += 1;
         }
-        let mut told = Vec::new();
+        let mut sentences = Vec::new();
+        // The log would otherwise repeat a lasting fault at each exchange, 500 times a second.
         for ((effector, words), kind) in &mut self.kinds {
             if kind.times == 0 || !last && self.now < kind.next {
                 continue;
@@ -141,27 +146,29 @@ impl Digest {
             kind.next = self.now + Self::LULL;
             let at = first as f64 * crate::motion::PERIOD;
             let times = if times == 1 { String::new() } else { format!(", {times} times") };
-            told.push(format!("{name}: {words}{times}, first in period {first} ({at:.3} s)"));
+            sentences.push(format!("{name}: {words}{times}, first in period {first} ({at:.3} s)"));
         }
-        told
+        sentences
     }
 }
 
-fn words(what: &What) -> String {
+fn words(what: &NoteKind) -> String {
     match *what {
-        What::Missed { axis } => format!("axis {axis} did not answer in time"),
-        What::Late { axis } => format!("axis {axis} seems to have answered late"),
-        What::MissedTogether => "several axes at once did not answer in time".to_owned(),
-        What::Impossible { axis } => format!("axis {axis} gave an impossible answer"),
-        What::NoInterrupt => "interrupt not received: check the cabinet".to_owned(),
-        What::OverRange { direction, .. } => {
+        NoteKind::Missed { axis } => format!("axis {axis} did not answer in time"),
+        NoteKind::Late { axis } => format!("axis {axis} seems to have answered late"),
+        NoteKind::MissedTogether => "several axes at once did not answer in time".to_owned(),
+        NoteKind::Impossible { axis } => format!("axis {axis} gave an impossible answer"),
+        NoteKind::NoInterrupt => "interrupt not received: check the cabinet".to_owned(),
+        NoteKind::OverRange { direction, .. } => {
             format!("force sensor beyond its range in direction {direction}: reading dropped")
         }
-        What::ForceSilent => "no reading of the force sensor: check its controller".to_owned(),
-        What::ForceBack => "the force sensor speaks again".to_owned(),
-        What::ForceStatus { status } => format!("the force sensor reports status {status:#010x}"),
-        What::Lost { .. } => "datagrams of the force sensor were lost".to_owned(),
-        What::Reordered => "a datagram of the force sensor came late".to_owned(),
+        NoteKind::ForceSilent => "no reading of the force sensor: check its controller".to_owned(),
+        NoteKind::ForceBack => "the force sensor answers again".to_owned(),
+        NoteKind::ForceStatus { status } => {
+            format!("the force sensor reports status {status:#010x}")
+        }
+        NoteKind::Lost { .. } => "datagrams of the force sensor were lost".to_owned(),
+        NoteKind::Reordered => "a datagram of the force sensor came late".to_owned(),
     }
 }
 
@@ -170,12 +177,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn notes_of_a_kind_become_one_sentence() {
+    fn notes_of_one_kind_become_one_sentence() {
         let (mut to, mut from) = notes();
         for period in 500..504 {
-            to.tell(period, 1, What::Missed { axis: 3 });
+            to.push(period, 1, NoteKind::Missed { axis: 3 });
         }
-        to.tell(600, 0, What::ForceSilent);
+        to.push(600, 0, NoteKind::ForceSilent);
 
         let mut digest = Digest::new(vec!["track".to_owned(), "postument".to_owned()]);
 
@@ -184,14 +191,15 @@ mod tests {
         assert_eq!(
             told,
             [
-                "track: no reading of the force sensor: check its controller, first in period 600 (1.200 s)",
+                "track: no reading of the force sensor: check its controller, \
+                 first in period 600 (1.200 s)",
                 "postument: axis 3 did not answer in time, 4 times, first in period 500 (1.000 s)",
             ]
         );
-        assert!(digest.sentences(&mut from, true).is_empty(), "told once");
-        to.tell(700, 1, What::Missed { axis: 3 });
-        assert!(digest.sentences(&mut from, false).is_empty(), "not every time anew");
-        to.tell(5800, 1, What::Missed { axis: 3 });
+        assert!(digest.sentences(&mut from, true).is_empty(), "reported once");
+        to.push(700, 1, NoteKind::Missed { axis: 3 });
+        assert!(digest.sentences(&mut from, false).is_empty(), "not each time again");
+        to.push(5800, 1, NoteKind::Missed { axis: 3 });
         assert_eq!(
             digest.sentences(&mut from, false),
             ["postument: axis 3 did not answer in time, 2 times, first in period 700 (1.400 s)"]

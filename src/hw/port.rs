@@ -1,16 +1,18 @@
-//! The hardware port: what the servo needs of a bridge to real controllers or of the simulated plant.
+//! The hardware port: the trait by which the servo reaches the arms, whether they are real ones or
+//! simulated.
 
 use crate::servo::io::{ArmDrive, ArmReading};
 
-/// The bridge to the arms' hardware; one exchange a servo period.
+/// The bridge to the arms' hardware, with one exchange in each servo period.
 ///
-/// When the servo is gone or silent the bridge's thread sends [`ArmDrive::OFF`] for all arms, with the next
-/// period's number: brakes hold then.
+/// If the servo is gone or silent, the bridge thread sends [`ArmDrive::OFF`] for all arms with the
+/// number of the next period. The brakes then hold the arms.
 pub trait Port: Send {
-    /// Sends the drives of period `period` and fetches the readings at its end, in the order of effectors.
+    /// Sends the drive commands of period `period` and fetches the readings at its end, in the
+    /// order of effectors.
     ///
     /// # Errors
-    /// [`PortFault`] when the hardware does not answer.
+    /// [`PortFault`] if the hardware does not answer.
     fn exchange(
         &mut self,
         period: u64,
@@ -18,38 +20,39 @@ pub trait Port: Send {
         readings: &mut [ArmReading],
     ) -> Result<(), PortFault>;
 
-    /// Whether the drives of each period count. Real motors take the newest only: those that were left waiting while the
-    /// bridge's thread was kept from running are old.
-    fn each_counts(&self) -> bool {
+    /// Returns whether the drive commands of each period must be exchanged. The simulated plant
+    /// needs all of them. Real motors need the newest only: drives that waited while the bridge
+    /// thread could not run are old.
+    fn needs_each_period(&self) -> bool {
         true
     }
 
-    /// Called once a period from an exchange that failed until the run ends: a controller that could not be switched off
-    /// then may hear of it later.
-    fn insist(&mut self) {}
+    /// Repeats the stop of a port whose exchange has failed. The bridge thread calls it in each
+    /// period until the run ends, so that a controller that missed the stop may receive it later.
+    fn repeat_stop(&mut self) {}
 
-    /// By how much the last exchange held up whoever called it, beyond its time; asked by the virtual driver only, to
-    /// which nothing else can happen.
-    fn held_up(&mut self) -> HeldUp {
-        HeldUp::default()
+    /// Returns the delay that the last exchange caused beyond its period. The virtual driver asks
+    /// for it, since only a port can delay it.
+    fn delay(&mut self) -> Delay {
+        Delay::default()
     }
 }
 
-/// What came between an exchange and the next period.
+/// Delay between an exchange and the next period.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct HeldUp {
-    /// Grid points that passed meanwhile; the world went on in them under the last drives.
+pub struct Delay {
+    /// Number of grid points that passed. The world moved on in them under the last drive commands.
     pub periods: u64,
-    /// By how much the clock jumped ahead (s); the world knows nothing of it.
+    /// Time by which the clock jumped ahead (s). The world did not move in it.
     pub jump: f64,
 }
 
-/// The hardware did not answer.
+/// Error of hardware that does not answer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("effector {effector}: {reason}")]
 pub struct PortFault {
     /// Index of the effector.
     pub effector: usize,
-    /// What happened.
+    /// Description of the fault.
     pub reason: String,
 }

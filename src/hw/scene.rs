@@ -1,6 +1,6 @@
-//! What there is to be seen in the plant at one servo period: the plant's side of the cameras.
+//! The visible state of the plant at one servo period, from which cameras render their frames.
 //!
-//! A plain snapshot, so that rendering can run beside the physics, on another thread or later.
+//! It is a plain snapshot, so that rendering can run on another thread than the physics, or later.
 
 use crate::cube::Axis;
 use crate::spatial::Pose;
@@ -12,12 +12,12 @@ pub struct Scene {
     pub period: u64,
     /// The cube's body.
     pub cube: SceneCube,
-    /// Per effector: joint frames and gripper.
+    /// Joint frames and gripper of each effector.
     pub arms: [SceneArm; 2],
-    /// Number of effectors that are there.
+    /// Number of effectors that exist.
     pub arm_count: usize,
-    /// The operator's hand: origin where it touches the cube's far side, axes as the world's; `None` when it is
-    /// out of the cell.
+    /// The operator's hand, with its origin at the cube's far side, which it touches, and the axes
+    /// of the world; `None` if it is out of the cell.
     pub hand: Option<Pose>,
 }
 
@@ -26,25 +26,26 @@ pub struct Scene {
 pub struct SceneCube {
     /// `world_from_cube` of the middle layer.
     pub world_from_cube: Pose,
-    /// Velocity of the centre (m/s) and of rotation (rad/s), in the world: motion blur.
+    /// Velocity of the centre (m/s) and of rotation (rad/s) in the world frame, for motion blur.
     pub velocity: crate::spatial::Twist,
     /// Edge (m).
     pub edge: f64,
     /// Colours of the 54 stickers in the order URFDLB (0..=5 in the same order of colours).
     pub facelets: [u8; 54],
-    /// Axis whose layers are turned, with the angles of its negative and positive outer layer against the
-    /// middle layer (rad), right-handed about the axis.
+    /// Axis whose layers are turned, and the angles of its negative and positive outer layer
+    /// against the middle layer (rad), right-handed about the axis.
     pub turned: (Axis, f64, f64),
 }
 
 /// An arm as seen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SceneArm {
-    /// Origins in the world of base (floor), shoulder, elbow, wrist pitch centre, flange.
+    /// Origins of base (on the floor), shoulder, elbow, wrist pitch centre and flange, in the world
+    /// (m).
     pub points: [nalgebra::Point3<f64>; 5],
     /// `world_from_tool`, true.
     pub world_from_tool: Pose,
-    /// `world_from_flange`, true: cameras in hand hang on it.
+    /// `world_from_flange`, true. The hand cameras are fixed to it.
     pub world_from_flange: Pose,
     /// Distance between the pads (m).
     pub opening: f64,

@@ -1,10 +1,13 @@
-//! A camera behind a local socket: one request, one frame.
+//! A camera behind a local socket, which answers each request with one frame.
 //!
-//! - out: the servo period of whoever asks (u64) and the exposure (f64), 16 bytes little-endian
-//! - in: 24 bytes: the frame's period by the camera's own clock (u64), width, height (u32), length of what follows (u64);
-//!   then the pixels, 3 bytes each, row by row; width 0 for a refusal, whose reason follows as text
-//! - the camera counts its own periods: what is between the two clocks is found from requests and frames. A frame is
-//!   never older than its request, so the request that was answered fastest tells the difference best.
+//! - out: a request of 16 bytes, little-endian: the servo period of the request (u64) and the
+//!   exposure (f64)
+//! - in: a header of 24 bytes, little-endian: the frame's period by the camera's own clock (u64),
+//!   width and height (u32), length of the rest (u64). The pixels follow, 3 bytes each, row by row.
+//!   A refusal has the width 0, and its reason follows as text
+//! - the camera counts its own periods, so the difference between the two clocks is estimated from
+//!   requests and frames. A frame is never older than its request: the request that was answered
+//!   fastest shows the difference best
 
 use super::camera::{Frame, FrameSource, NoFrame};
 use image::RgbImage;
@@ -18,12 +21,12 @@ use std::time::Duration;
 pub const REQUEST: usize = 16;
 /// Bytes before the pixels.
 pub const HEADER: usize = 24;
-/// No camera takes longer for a frame.
+/// Timeout of a frame.
 const PATIENCE: Duration = Duration::from_secs(1);
-/// No frame is larger (bytes).
+/// Greatest size of a frame (bytes). A header that claims more must not make us allocate it.
 const LARGEST: usize = 64 << 20;
 
-/// A request.
+/// Encodes a request.
 #[must_use]
 pub fn encode_request(period: u64, exposure: f64) -> [u8; REQUEST] {
     let mut bytes = [0; REQUEST];
@@ -32,28 +35,28 @@ pub fn encode_request(period: u64, exposure: f64) -> [u8; REQUEST] {
     bytes
 }
 
-/// Period and exposure of a request.
+/// Decodes the period and the exposure of a request.
 #[must_use]
 pub fn decode_request(bytes: &[u8; REQUEST]) -> (u64, f64) {
     let [a, b] = [0, 8].map(|at| <[u8; 8]>::try_from(&bytes[at..at + 8]).unwrap_or_default());
     (u64::from_le_bytes(a), f64::from_le_bytes(b))
 }
 
-/// What precedes the pixels.
+/// Header before the pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Header {
     /// Period of the exposure by the camera's clock.
     pub period: u64,
-    /// Pixels a row; 0: there is no frame.
+    /// Width (pixels); 0 for a refusal.
     pub width: u32,
-    /// Rows.
+    /// Height (pixels).
     pub height: u32,
-    /// Bytes that follow.
+    /// Length of the rest (bytes).
     pub length: u64,
 }
 
 impl Header {
-    /// As it goes over the socket.
+    /// Encodes the header for the socket.
     #[must_use]
     pub fn encode(&self) -> [u8; HEADER] {
         let mut bytes = [0; HEADER];
@@ -64,7 +67,7 @@ impl Header {
         bytes
     }
 
-    /// The header of these bytes.
+    /// Decodes a header.
     #[must_use]
     pub fn decode(bytes: &[u8; HEADER]) -> Self {
         let eight = |at: usize| <[u8; 8]>::try_from(&bytes[at..at + 8]).unwrap_or_default();
@@ -78,24 +81,27 @@ impl Header {
     }
 }
 
-/// The difference of two clocks, in periods.
+/// Estimate of the difference between our clock and the camera's (periods), from recent frames.
 #[derive(Debug, Clone, Default)]
 struct Offset(VecDeque<i64>);
 
 impl Offset {
-    /// Frames that are looked at for it: the servo's periods fall behind by those that it misses.
+    /// Number of recent frames that count. Older ones are dropped because our clock falls behind
+    /// with each period that the servo misses.
     const FRAMES: usize = 50;
 
-    /// The camera's period on the clock of whoever asked.
-    fn ours(&mut self, asked: u64, told: u64) -> u64 {
-        // A camera may tell any number.
-        let seen = (asked as i64).wrapping_sub(told as i64);
+    /// Converts `stamp`, the camera's period of a frame, to our clock; the frame was requested at
+    /// our period `asked`.
+    fn ours(&mut self, asked: u64, stamp: u64) -> u64 {
+        // A camera may send any number as its period, so the difference wraps.
+        let seen = (asked as i64).wrapping_sub(stamp as i64);
         if self.0.len() == Self::FRAMES {
             self.0.pop_front();
         }
         self.0.push_back(seen);
+        // Each difference is too small by the delay of its frame, so the largest is the best one.
         let best = self.0.iter().copied().max().unwrap_or(seen);
-        (told as i64).wrapping_add(best).max(0) as u64
+        (stamp as i64).wrapping_add(best).max(0) as u64
     }
 }
 
@@ -109,10 +115,10 @@ pub struct SocketCamera {
 }
 
 impl SocketCamera {
-    /// Connects.
+    /// Connects to the camera's socket.
     ///
     /// # Errors
-    /// Nobody listens there.
+    /// [`NoFrame`] if no program listens at `path`.
     pub fn connect(name: &str, path: &Path) -> Result<Self, NoFrame> {
         let mut this = Self {
             name: name.to_owned(),
@@ -156,11 +162,12 @@ impl SocketCamera {
 
 impl FrameSource for SocketCamera {
     fn grab(&mut self, period: u64, exposure: f64) -> Result<Frame, NoFrame> {
+        // A camera that was lost before is connected again.
         let mut stream = match self.stream.take() {
             Some(stream) => stream,
             None => self.open()?,
         };
-        // After an error the stream is closed: what might still come would be taken for the next frame.
+        // An error closes the stream: bytes that still arrive would be taken for the next frame.
         let (header, bytes) = Self::fetch(&mut stream, period, exposure)
             .map_err(|e| self.refuse(format!("{}: {e}", self.path.display())))?;
         self.stream = Some(stream);
@@ -168,7 +175,7 @@ impl FrameSource for SocketCamera {
             return Err(self.refuse(String::from_utf8_lossy(&bytes).into_owned()));
         }
         let image = RgbImage::from_raw(header.width, header.height, bytes)
-            .ok_or_else(|| self.refuse("a frame that is shorter than it says".into()))?;
+            .ok_or_else(|| self.refuse("a frame shorter than its header states".into()))?;
         Ok(Frame { period: self.offset.ours(period, header.period), image })
     }
 }
@@ -181,36 +188,37 @@ mod tests {
 
     proptest! {
         #[test]
-        fn headers_and_requests_come_back(
-            period in any::<u64>(), size in any::<[u32; 2]>(), length in any::<u64>(), exposure in any::<f64>()
+        fn decoded_headers_and_requests_equal_encoded(
+            period in any::<u64>(), size in any::<[u32; 2]>(), length in any::<u64>(),
+            exposure in any::<f64>()
         ) {
             let header = Header { period, width: size[0], height: size[1], length };
             prop_assert_eq!(Header::decode(&header.encode()), header);
-            let (told, light) = decode_request(&encode_request(period, exposure));
-            prop_assert_eq!((told, light.to_bits()), (period, exposure.to_bits()));
+            let (stamp, light) = decode_request(&encode_request(period, exposure));
+            prop_assert_eq!((stamp, light.to_bits()), (period, exposure.to_bits()));
         }
     }
 
     #[test]
-    fn the_fastest_answer_tells_the_difference_of_the_clocks() {
+    fn fastest_answer_sets_clock_offset() {
         let mut offset = Offset::default();
 
         // The camera's clock is 1000 behind; answers take 9, 2 and 5 periods.
         assert_eq!(offset.ours(5000, 4009), 5000);
         assert_eq!(offset.ours(5020, 4022), 5020);
-        assert_eq!(offset.ours(5040, 4045), 5043, "two periods of delay are left in it");
+        assert_eq!(offset.ours(5040, 4045), 5043, "two periods of delay remain");
     }
 
     #[test]
-    fn any_number_of_a_period_is_borne() {
+    fn offset_accepts_any_period() {
         let mut offset = Offset::default();
-        for told in [0, 1 << 63, u64::MAX, (1 << 63) - 1, 7] {
-            offset.ours(5000, told);
-            offset.ours(u64::MAX, told);
+        for stamp in [0, 1 << 63, u64::MAX, (1 << 63) - 1, 7] {
+            offset.ours(5000, stamp);
+            offset.ours(u64::MAX, stamp);
         }
     }
 
-    /// Frames whose first pixel tells the exposure.
+    /// Source of frames whose red level is the exposure.
     struct Stub;
 
     impl FrameSource for Stub {
@@ -225,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_and_refusals_come_over_the_socket_and_a_lost_camera_is_told() {
+    fn socket_delivers_frames_refusals_and_loss() {
         let path = std::env::temp_dir().join(format!("rubik-camera-{}", std::process::id()));
         let server = CameraServer::start(&path, Box::new(Stub)).unwrap();
         let mut camera = SocketCamera::connect("standalone", &path).unwrap();

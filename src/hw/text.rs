@@ -1,25 +1,27 @@
-//! Files that somebody names: text, no larger than anything that could be meant.
+//! Text files whose paths come from a user, read up to a greatest size.
 //!
-//! - in: a path, and how much may be in it
-//! - out: its text, of a pipe, too; what has no end is refused when that much has come. Where a program names the file and nobody
-//!   waits, only a regular one is opened
+//! - in: a path and the greatest size
+//! - out: the text of the file
+//! - [`read`] takes pipes as well, and refuses a file without end when the greatest size is reached
+//! - [`open`] takes regular files only, so it never waits
 
 use std::fs::File;
 use std::io::{self, ErrorKind, Read as _};
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::Path;
 
-/// No scenario, nor what stands beside one, is larger (bytes).
+/// Greatest size of a scenario and of the files beside it (bytes).
 pub const SCENARIO: u64 = 1 << 20;
-/// No list of many pictures or cubes is larger (bytes).
+/// Greatest size of a list of pictures or cubes (bytes).
 pub const LIST: u64 = 64 << 20;
 
 /// Opens a regular file.
 ///
 /// # Errors
-/// What the operating system says; it is something else than a file.
+/// The error of the operating system, or that the path is no regular file.
 pub fn open(path: &Path) -> io::Result<File> {
-    // Opened as others are, a pipe without a writer waits for one.
+    // Without O_NONBLOCK the open of a pipe waits for a writer. Without O_NOCTTY a terminal could
+    // become the one that controls this process.
     let flags = libc::O_NONBLOCK | libc::O_NOCTTY;
     let file = File::options().read(true).custom_flags(flags).open(path)?;
     let found = file.metadata()?;
@@ -30,10 +32,10 @@ pub fn open(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
-/// A file that is open, and its text.
+/// Opens a regular file and returns it with its text.
 ///
 /// # Errors
-/// As [`open`]; it is no text in UTF-8, or larger than `most` bytes.
+/// The errors of [`open`]; the file is not UTF-8, or larger than `most` (bytes).
 pub fn open_text(path: &Path, most: u64) -> io::Result<(File, String)> {
     let file = open(path)?;
     let text = text_of(&file, most)?;
@@ -42,6 +44,8 @@ pub fn open_text(path: &Path, most: u64) -> io::Result<(File, String)> {
 
 fn text_of(file: &File, most: u64) -> io::Result<String> {
     let mut bytes = Vec::new();
+    // One byte more than allowed distinguishes a file that is too large from one of the greatest
+    // size. The size in the metadata would not do: pipes and devices have none.
     if file.take(most + 1).read_to_end(&mut bytes)? as u64 > most {
         let mib = most >> 20;
         return Err(io::Error::new(ErrorKind::FileTooLarge, format!("larger than {mib} MiB")));
@@ -50,10 +54,10 @@ fn text_of(file: &File, most: u64) -> io::Result<String> {
         .map_err(|_| io::Error::new(ErrorKind::InvalidData, "not text in UTF-8"))
 }
 
-/// The text of a file or a pipe.
+/// Reads the text of a file or a pipe.
 ///
 /// # Errors
-/// What the operating system says; it is no text in UTF-8, or larger than `most` bytes.
+/// The error of the operating system; the text is not UTF-8, or larger than `most` (bytes).
 pub fn read(path: &Path, most: u64) -> io::Result<String> {
     text_of(&File::open(path)?, most)
 }
@@ -63,7 +67,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_has_no_end_or_is_too_large_is_refused_at_once() {
+    fn endless_or_too_large_file_is_refused() {
         let folder = std::env::temp_dir().join(format!("rubik-robot-text-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let (file, pipe) = (folder.join("file"), folder.join("pipe"));

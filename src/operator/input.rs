@@ -1,5 +1,6 @@
-//! Inputs of the operator to a run: one type from the page, the terminal and the keys to the
-//! actor that obeys it, and into the recording.
+//! Inputs of the operator to a run.
+//!
+//! The page, the terminal, the keys and the recording share one type with the actor that obeys it.
 
 use super::Answer;
 use serde::{Deserialize, Serialize};
@@ -12,7 +13,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Input {
-    /// Starts a run that waits for it.
+    /// Starts a run that waits for its start.
     Start,
     /// Brings all motions to rest within a macrostep; the task keeps its place.
     Pause,
@@ -21,39 +22,39 @@ pub enum Input {
     Resume,
     /// Ends the run: the arms come to rest and keep what they hold.
     Terminate,
-    /// Trips all arms in the next servo period. A software stop, hence no safety function.
+    /// Trips all arms in the next servo period. It is a software stop, hence no safety function.
     EmergencyStop,
     /// Answers the open question.
     Answer {
-        /// [`Question::number`](super::Question::number).
+        /// Number of the question: [`Question::number`](super::Question::number).
         question: u64,
         /// The answer itself.
         answer: Answer,
     },
-    /// Moves an arm by hand; only while the task is idle.
+    /// Moves an arm by hand. It is allowed only while the task is idle.
     #[serde(rename = "order", alias = "manual")]
     Manual {
         /// Index of the effector.
         effector: usize,
-        /// The motion, or what else the arm is to do.
+        /// The motion or other action.
         order: Manual,
     },
-    /// Limits how fast simulated time may go, in times of real time; 0 for no limit.
+    /// Limits the speed of simulated time.
     Speed {
-        /// Times real time.
+        /// Limit as a multiple of real time; 0 for no limit.
         factor: f64,
     },
     /// Leaves the UI of a run that is over, or of a replay.
     Quit,
-    /// In a replay: goes to this time (s).
+    /// Jumps to a time of a replay.
     Seek {
-        /// Seconds since the beginning.
+        /// Time since the beginning (s).
         time: f64,
     },
 }
 
 impl Input {
-    /// Returns its name, for logs.
+    /// Returns the name of the input, for logs.
     #[must_use]
     pub fn name(&self) -> &'static str {
         match self {
@@ -70,13 +71,14 @@ impl Input {
         }
     }
 
-    /// Returns its name with its arguments, for people.
+    /// Returns the name of the input with its arguments, for people.
     #[must_use]
     pub fn describe(&self) -> String {
         match self {
             Self::Speed { factor } if *factor > 0.0 => format!("speed {factor} x"),
             Self::Speed { .. } => "speed unlimited".to_owned(),
             Self::Answer { answer: Answer::Declined, .. } => "does not know the answer".to_owned(),
+            // People count from 1. A recorded number may be any, so the addition saturates.
             Self::Answer { answer: Answer::Choice { option }, .. } => {
                 format!("answer {}", option.saturating_add(1))
             }
@@ -100,42 +102,44 @@ impl Input {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "order", rename_all = "snake_case")]
 pub enum Manual {
-    /// Finds the synchronisation position, axis by axis.
+    /// Finds the synchronisation position of each axis, one after the other.
     Synchronise,
-    /// Moves one motor by an angle (rad); the one motion of an arm that is not synchronised.
+    /// Moves one motor by an angle (rad). It is the only motion of an arm that is not synchronised.
     Motor(Step),
     /// Moves one joint: axis 0 by a length (m), 1..=6 by an angle (rad).
     Joint(Step),
-    /// Moves along (0, 1, 2) or about (3, 4, 5) an axis of the tool (m, rad).
+    /// Moves along (0, 1, 2: m) or about (3, 4, 5: rad) an axis of the tool.
     Tool(Step),
-    /// Brings the pads to this distance (m).
+    /// Moves the pads to a distance.
     Jaw {
-        /// Distance between the pads.
+        /// Distance between the pads (m).
         opening: f64,
     },
-    /// Goes to one of [`ArmStage::poses`](super::ArmStage::poses).
+    /// Moves the arm to one of [`ArmStage::poses`](super::ArmStage::poses).
     Pose {
-        /// Its name.
+        /// Name of the pose.
         name: String,
     },
-    /// Sets the force sensor to zero as it is loaded now.
+    /// Zeroes the force sensor under its present load.
     Bias,
 }
 
 impl Manual {
     fn describe(&self) -> String {
-        let turn = |angle: f64| format!("{:+.1} deg", angle.to_degrees());
-        let way = |length: f64| format!("{:+.1} mm", length * 1e3);
+        // People read millimetres and degrees; the input itself is in SI units.
+        let degrees = |angle: f64| format!("{:+.1} deg", angle.to_degrees());
+        let millimetres = |length: f64| format!("{:+.1} mm", length * 1e3);
         match self {
             Self::Synchronise => "synchronise".to_owned(),
             Self::Motor(Step { axis, by }) => format!("motor {axis} by {by:+.1} rad"),
-            Self::Joint(Step { axis: 0, by }) => format!("track by {}", way(*by)),
-            Self::Joint(Step { axis, by }) => format!("joint {axis} by {}", turn(*by)),
+            // Axis 0 is the track, which moves by a length.
+            Self::Joint(Step { axis: 0, by }) => format!("track by {}", millimetres(*by)),
+            Self::Joint(Step { axis, by }) => format!("joint {axis} by {}", degrees(*by)),
             Self::Tool(Step { axis, by }) if *axis < 3 => {
-                format!("along the tool's {} by {}", ["x", "y", "z"][*axis], way(*by))
+                format!("along the tool's {} by {}", ["x", "y", "z"][*axis], millimetres(*by))
             }
             Self::Tool(Step { axis, by }) => {
-                format!("about the tool's {} by {}", ["x", "y", "z"][*axis % 3], turn(*by))
+                format!("about the tool's {} by {}", ["x", "y", "z"][*axis % 3], degrees(*by))
             }
             Self::Jaw { opening } => format!("jaws to {:.1} mm", opening * 1e3),
             Self::Pose { name } => format!("go to {name}"),
@@ -144,7 +148,7 @@ impl Manual {
     }
 }
 
-/// One axis, and the distance.
+/// Motion of one axis by a distance.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Step {
     /// Index of the axis.

@@ -1,9 +1,11 @@
-//! The operator's vocabulary: what a UI shows and what the operator can say. Plain data, the same
-//! for the page, the terminal, the keys on stdin and a replayed recording.
+//! The operator's vocabulary: the data that a UI shows, and the inputs that it may send.
 //!
-//! - [`Stage`]: what does not change in a run: the cell's solids, names, limits; sent once
-//! - [`Snapshot`]: what the controller *believes* at one moment; none of it is the plant's truth
-//! - [`Input`]: what the operator says; [`Question`]: what the controller asks, with its [`Answer`]
+//! It is plain data. The page, the terminal, the keys on stdin and a replayed recording share it.
+//!
+//! - [`Stage`]: the part that does not change in a run (solids, names, limits); sent once
+//! - [`Snapshot`]: the controller's *belief* at one moment; none of it is the plant's truth
+//! - [`Input`]: an input of the operator
+//! - [`Question`]: a question of the controller, with its [`Answer`]
 //! - source: the UI process of Zieliński et al. (2007), p. 369; the original's operator panel
 
 mod input;

@@ -1,41 +1,41 @@
-//! Questions of the controller to the operator, and their answers.
+//! Questions of the controller to the operator, and the operator's answers.
 
 use crate::cube::Facelets;
 use serde::{Deserialize, Serialize};
 
-/// A question of the controller. The task goes on by itself when no answer comes in time.
+/// A question of the controller. The task continues by itself if no answer comes in time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Question {
     /// Number of the question in this run, from 1.
     pub number: u64,
-    /// The question itself, for people.
+    /// Text of the question, for people.
     pub text: String,
-    /// What the task does without an answer.
+    /// Action of the task without an answer, for people.
     pub otherwise: String,
     /// Time for an answer (s).
     pub seconds: f64,
-    /// Time of the run at which the question closes (s); set by MP when it asks, 0 before.
+    /// Time of the run at which the question closes (s). MP sets it when it asks; it is 0 before.
     #[serde(default)]
     pub until: f64,
     /// Kind of answer that is expected.
     pub subject: Subject,
 }
 
-/// The kinds of questions.
+/// Kind of a question.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "subject", rename_all = "snake_case")]
 pub enum Subject {
-    /// One of some possibilities.
+    /// A choice between some possibilities.
     Choice {
         /// The possibilities.
         options: Vec<String>,
     },
-    /// The colours of the cube's stickers, with those that were read.
+    /// The colours of the cube's stickers.
     Stickers {
-        /// As read: 54 letters in the order URFDLB, `-` where nothing was read; colours are those
-        /// of [`Facelets`].
+        /// Stickers as they were read: 54 letters in the order URFDLB, `-` where none was read. The
+        /// letters are those of [`Facelets`].
         read: String,
-        /// Facelets that the controller is not sure of.
+        /// Facelets that the controller doubts, by their index.
         doubtful: Vec<usize>,
     },
 }
@@ -44,9 +44,9 @@ pub enum Subject {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "answer", rename_all = "snake_case")]
 pub enum Answer {
-    /// Index of the possibility.
+    /// Choice of a possibility.
     Choice {
-        /// From 0.
+        /// Index of the possibility, from 0.
         option: usize,
     },
     /// All stickers.
@@ -59,10 +59,11 @@ pub enum Answer {
 }
 
 impl Answer {
-    /// Returns whether it answers a question of this subject.
+    /// Returns whether the answer fits a question of this subject.
     #[must_use]
     pub fn fits(&self, subject: &Subject) -> bool {
         match (self, subject) {
+            // An operator may decline any question. Stickers are checked when they are parsed.
             (Self::Declined, _) | (Self::Stickers { .. }, Subject::Stickers { .. }) => true,
             (Self::Choice { option }, Subject::Choice { options }) => *option < options.len(),
             _ => false,

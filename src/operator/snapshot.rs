@@ -1,4 +1,4 @@
-//! The controller's belief at one moment, for whoever shows it.
+//! The controller's belief at one moment, as a UI shows it.
 
 use super::Question;
 use crate::motion::AXES;
@@ -6,59 +6,60 @@ use crate::spatial::Pose;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// Everything that changes in a run. Whoever cannot keep up drops snapshots; only [`Snapshot::messages`] are counted
-/// through, by [`Message::number`].
+/// Everything that changes in a run. A slow UI misses snapshots. Only [`Snapshot::messages`] are
+/// numbered without gaps, by [`Message::number`].
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Snapshot {
-    /// Grows by one with each.
+    /// Number of the snapshot. It grows by one with each.
     pub number: u64,
     /// Simulated or real time since the start (s).
     pub time: f64,
-    /// How fast time goes, in times of real time.
+    /// Speed of time as a multiple of real time.
     pub factor: f64,
-    /// The limit of that which the operator has set; 0 for none.
+    /// Limit of that speed which the operator has set; 0 for none.
     pub speed: f64,
-    /// What the operator wants of the run, and whether it is over.
+    /// State of the run under the operator's control.
     pub control: ControlView,
     /// Phase of the task.
     pub phase: String,
-    /// All phases so far, each with the time at which it began (s).
+    /// All phases up to now, each with the time at which it began (s).
     pub phases: Vec<(String, f64)>,
-    /// Every actor.
+    /// All actors.
     pub actors: Vec<ActorView>,
-    /// Every effector, in the scenario's order.
+    /// All effectors, in the scenario's order.
     pub arms: Vec<ArmView>,
-    /// The cube.
+    /// Place and appearance of the cube.
     pub cube: CubeView,
-    /// The operator's hand with the cube, while the stand-alone camera sees it.
+    /// Cube in the operator's hand, while the stand-alone camera sees it.
     pub hand: Option<HandView>,
-    /// Every camera, in the scenario's order.
+    /// All cameras, in the scenario's order.
     pub cameras: Vec<CameraView>,
-    /// The cube's net as it was read.
+    /// Net of the cube as it was read.
     pub net: Net,
-    /// The plan; empty before there is one.
+    /// Plan of the task; empty before there is one.
     #[serde(with = "shared")]
     pub plan: Arc<Vec<PlanLine>>,
-    /// The line of the plan that is being carried out.
+    /// Index of the plan's line that is being executed.
     pub step: Option<usize>,
-    /// How punctual the servo is; real-time runs only.
+    /// Timing of the servo; only in real-time runs.
     pub servo: Option<ServoTiming>,
-    /// The question that waits for an answer.
+    /// Question that waits for an answer.
     pub question: Option<Question>,
-    /// What is possible now.
+    /// Inputs that are possible now.
     pub services: Services,
-    /// The latest messages, oldest first.
+    /// Latest messages, oldest first.
     #[serde(with = "shared")]
     pub messages: Arc<Vec<Message>>,
-    /// How the run ended.
+    /// End of the run.
     pub outcome: Option<OutcomeView>,
 }
 
-/// An `Arc` is written as what it holds.
+/// Serialisation of an `Arc` as the value that it holds.
 mod shared {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
     use std::sync::Arc;
 
+    // Serde derives this only with its feature `rc`, which no other type needs.
     pub(super) fn serialize<T: Serialize, S: Serializer>(
         value: &Arc<T>,
         to: S,
@@ -73,49 +74,49 @@ mod shared {
     }
 }
 
-/// Where a run stands in the operator's hands.
+/// State of a run under the operator's control.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ControlView {
-    /// Not started yet.
+    /// The run has not started yet.
     #[default]
     Waiting,
-    /// Goes on.
+    /// The run executes its task.
     Running,
-    /// Holds where it is.
+    /// The run is paused; the arms hold their places.
     Paused,
-    /// Comes to its end.
+    /// The operator has terminated the run; the arms come to rest.
     Terminated,
-    /// Is over; see [`Snapshot::outcome`].
+    /// The run is over; see [`Snapshot::outcome`].
     Ended,
 }
 
-/// What an actor is doing.
+/// State of an actor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum State {
-    /// Not created yet, or gone.
+    /// The actor is not created yet, or gone.
     Absent,
-    /// Of an EDP: its axes do not know where they are.
+    /// The axes of an EDP are not synchronised.
     NotSynchronised,
-    /// Waits for somebody's word.
+    /// The actor waits for a message.
     Idle,
-    /// Works.
+    /// The actor works.
     Running,
-    /// Of an effector: holds its place. Of others: paused.
+    /// The actor is paused; an effector holds its place.
     Held,
-    /// Stopped by a fault.
+    /// The actor is stopped by a fault.
     Fault,
 }
 
-/// An actor.
+/// An actor and its state.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ActorView {
-    /// "ui", "mp", "ecp track", "edp track", "vsp mpc".
+    /// Name of the actor: "ui", "mp", "ecp track", "edp track", "vsp mpc".
     pub name: String,
-    /// What it is doing.
+    /// State of the actor.
     pub state: State,
-    /// The same in words; may be empty.
+    /// Activity of the actor in words; may be empty.
     pub words: String,
 }
 
@@ -128,51 +129,51 @@ pub struct ArmView {
     pub joints: [f64; AXES],
     /// Measured motor angles (rad).
     pub motors: [f64; AXES],
-    /// Frames in the world, in the order of [`FRAMES`](super::FRAMES): what [`Stage::solids`](super::Stage::solids)
-    /// hang on. The controller's belief of where the base stands included.
+    /// Frames in the world, in the order of [`FRAMES`](super::FRAMES), to which
+    /// [`Stage::solids`](super::Stage::solids) are attached. They include the controller's belief
+    /// of the base.
     pub frames: Vec<Pose>,
     /// Measured distance between the pads (m).
     pub opening: f64,
-    /// Force that the jaw's current stands for (N).
+    /// Gripping force that corresponds to the jaw's current (N).
     pub grip: f64,
-    /// What the tool exerts on its surroundings, at the tool in tool axes: force (N), torque (Nm).
+    /// Wrench that the tool exerts on its surroundings, about the tool point in tool axes: force
+    /// (N), torque (Nm).
     pub wrench: [f64; 6],
-    /// Largest norms of force (N) and torque (Nm) since the last snapshot: what falls between
-    /// snapshots is not lost.
+    /// Largest norms of force (N) and torque (Nm) since the last snapshot, so that no short peak is
+    /// lost between two snapshots.
     pub peak: (f64, f64),
-    /// Distance between set and measured place of the tool (m), the largest since the last
-    /// snapshot.
+    /// Largest distance between set and measured place of the tool since the last snapshot (m).
     pub following: f64,
-    /// Whether its axes know where they are.
+    /// Whether the axes are synchronised.
     pub synchronised: bool,
-    /// Why it has stopped.
+    /// Fault that has stopped the arm.
     pub fault: Option<String>,
-    /// What is to be done about that.
+    /// Instruction for a person after that fault.
     pub remedy: Option<String>,
 }
 
-/// Where the cube is believed to be, and how it looks.
+/// Believed place and appearance of the cube.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct CubeView {
-    /// Pose of its body; `None` while nobody knows.
+    /// Pose of the cube's body; `None` while it is unknown.
     pub world_from_cube: Option<Pose>,
-    /// Effectors that hold it.
+    /// Indices of the effectors that hold the cube.
     pub held_by: Vec<usize>,
-    /// Who has it, in words.
+    /// Holder of the cube, in words.
     pub with: String,
     /// Colours of the 54 facelets in the order URFDLB as letters, `-` where unknown.
     pub facelets: String,
-    /// The layer that is being turned.
+    /// Layer that is being turned.
     pub turned: Option<LayerTurn>,
 }
 
-/// A layer that stands at an angle.
+/// A layer that is turned by an angle.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct LayerTurn {
-    /// Its face, 0..=5 = URFDLB.
+    /// Face of the layer, 0..=5 = URFDLB.
     pub face: usize,
-    /// How far it is turned from where [`CubeView::facelets`] has it, clockwise seen from outside
-    /// (rad).
+    /// Angle of the layer against [`CubeView::facelets`], clockwise seen from outside (rad).
     pub angle: f64,
 }
 
@@ -187,7 +188,8 @@ pub struct HandView {
     pub age: f64,
 }
 
-/// A camera's latest picture and what vision found in it. The pixels come apart, by [`CameraView::frame`].
+/// Latest picture of a camera, and what vision found in it. The pixels are sent separately, under
+/// the number [`CameraView::frame`].
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct CameraView {
     /// Name in the scenario.
@@ -196,30 +198,30 @@ pub struct CameraView {
     pub frame: u64,
     /// Time of the exposure (s).
     pub time: f64,
-    /// Columns and rows.
+    /// Size of the picture, columns and rows (px).
     pub size: (u32, u32),
-    /// Closed outlines (px): what was localised.
+    /// Closed outlines of the faces that were localised (px).
     pub outlines: Vec<Vec<(f64, f64)>>,
     /// Tiles that were read.
     pub marks: Vec<Mark>,
-    /// What was found, or why nothing was.
+    /// Description of the result, or the reason why there is none.
     pub words: String,
-    /// Whether something was found.
+    /// Whether the picture shows what the camera looks for.
     pub found: bool,
 }
 
 /// A tile in a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Mark {
-    /// Its centre (px).
+    /// Centre of the tile (px).
     pub at: (f64, f64),
-    /// Its colour, 0..=5 = white, red, green, yellow, orange, blue; `None` where something covers it.
+    /// Colour, 0..=5 = white, red, green, yellow, orange, blue; `None` where something covers it.
     pub colour: Option<u8>,
-    /// How sure, 0..=1.
+    /// Confidence of the colour, 0..=1.
     pub confidence: f64,
 }
 
-/// The cube's net.
+/// Net of the cube.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Net {
     /// 54 facelets in the order URFDLB, each face in reading order; empty before the first look.
@@ -228,92 +230,92 @@ pub struct Net {
     pub decided: bool,
 }
 
-/// A facelet as read.
+/// A facelet as it was read.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Reading {
     /// Colour, 0..=5 = white, red, green, yellow, orange, blue.
     pub colour: u8,
-    /// How sure, 0..=1.
+    /// Confidence of the colour, 0..=1.
     pub confidence: f64,
 }
 
 /// A step of the plan, for people.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PlanLine {
-    /// What is done.
+    /// Action of the step.
     pub what: String,
-    /// Why.
+    /// Reason for the step.
     pub why: String,
     /// Planned time (s).
     pub seconds: f64,
 }
 
-/// How punctual the servo's thread has been since the last snapshot.
+/// Timing of the servo's thread since the last snapshot.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct ServoTiming {
     /// Length of a period (s).
     pub period: f64,
-    /// Largest lateness of a period's beginning (s).
+    /// Greatest lateness of a period's beginning (s).
     pub late: f64,
-    /// Largest work of a period (s).
+    /// Longest computation of a period (s).
     pub work: f64,
-    /// Grid points missed since the start.
+    /// Number of grid points that were missed since the start.
     pub missed: u64,
 }
 
-/// What the operator can ask for now, beside pause and terminate.
+/// Inputs that are possible now, beside pause and terminate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Services {
-    /// Arms can be moved by hand: the task is idle.
+    /// Whether arms can be moved by hand, because the task is idle.
     pub manual: bool,
-    /// Time can be slowed down: it is simulated.
+    /// Whether the speed of time can be limited, because time is simulated.
     pub speed: bool,
-    /// Time can be sought: it is a replay. Its length (ms).
+    /// Length of the replay in which times can be sought (ms); `None` if this is no replay.
     pub seek_ms: Option<u64>,
 }
 
-/// How grave a message is; the last three are the paper's classes of errors.
+/// Severity of a message. The last three are the paper's classes of errors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Class {
-    /// Worth knowing.
+    /// Information without a consequence.
     Info,
-    /// Worth a thought.
+    /// Warning.
     Warning,
-    /// A failed computation, or wrong arguments: the asker may go on.
+    /// Failed computation or wrong arguments. The sender of the request may continue.
     NonFatal,
     /// Malfunction of an effector.
     Fatal,
-    /// Trouble with messages or actors.
+    /// Failure of messages or actors.
     System,
 }
 
 /// A line of the console.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Message {
-    /// From 1, without gaps.
+    /// Number of the message, from 1, without gaps.
     pub number: u64,
-    /// When (s).
+    /// Time of the run (s).
     pub time: f64,
-    /// How grave.
+    /// Severity.
     pub class: Class,
-    /// Which actor.
+    /// Actor that sent the message.
     pub source: String,
-    /// What.
+    /// Text of the message.
     pub text: String,
 }
 
-/// How a run ended.
+/// End of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct OutcomeView {
-    /// "solved", "done", "failed", "aborted".
+    /// Verdict: "solved", "done", "failed", "aborted".
     pub verdict: String,
-    /// Whether it is what was wanted.
+    /// Whether the run reached its goal.
     pub good: bool,
-    /// Why, in a sentence.
+    /// Reason of the verdict, in a sentence.
     pub reason: String,
-    /// When the work was over (s), where that is known: the arms hold on after it.
+    /// Time at which the work was done (s), where it is known. The arms hold their places after it.
     pub time: Option<f64>,
-    /// Figures: name and value.
+    /// Figures of the run, name and value.
     pub figures: Vec<(String, String)>,
 }

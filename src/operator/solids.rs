@@ -1,7 +1,10 @@
-//! What an arm is drawn with: primitive solids that hang on the frames of its links.
+//! Solids with which a UI draws the cell: primitive shapes attached to the frames of the links.
 //!
-//! Shapes are those that the collision model assumes, since no drawing of the arm is public; sizes of the gripper are
-//! the scenario's.
+//! No drawing of the arm is public, so its shapes are those that the collision model assumes. The
+//! sizes of the gripper are those of the scenario.
+//!
+//! - in: the cell as the controller believes it, the joints of an arm
+//! - out: the [`Solid`]s, sent once; the frames of the links, sent with each snapshot
 
 use crate::cell::{Arm, Cell, Mount};
 use crate::motion::JointPositions;
@@ -9,8 +12,9 @@ use crate::spatial::{Pose, pose_from_axes};
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// The frames of an effector, in the order of [`ArmView::frames`](super::ArmView::frames). A link's frame has its
-/// origin at the link's lower joint, z along it, y along the pitch axes.
+/// Names of the frames of an effector, in the order of [`ArmView::frames`](super::ArmView::frames).
+/// The frame of a link has its origin at the link's lower joint, z along the link, y along the
+/// pitch axes.
 pub const FRAMES: [&str; 8] =
     ["base", "column", "lower arm", "upper arm", "wrist", "flange", "tool", "jaws"];
 
@@ -18,35 +22,36 @@ pub const FRAMES: [&str; 8] =
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "shape", rename_all = "snake_case")]
 pub enum Shape {
-    /// Extents along x, y, z (m).
+    /// Box about the origin.
     Box {
-        /// Full lengths.
+        /// Full lengths along x, y, z (m).
         size: [f64; 3],
     },
-    /// About z, from z = 0 upwards (m).
+    /// Cylinder about z, from z = 0 upwards.
     Cylinder {
-        /// Radius.
+        /// Radius (m).
         radius: f64,
-        /// Length.
+        /// Length (m).
         length: f64,
     },
 }
 
-/// A coloured shape that hangs on something.
+/// A coloured shape that is attached to a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Solid {
-    /// Effector; `None` for what stands in the world.
+    /// Index of the effector; `None` for a solid that is fixed in the world.
     pub arm: Option<usize>,
     /// Index in [`FRAMES`].
     pub frame: usize,
-    /// Where in that frame.
+    /// Pose in that frame.
     pub pose: Pose,
-    /// What.
+    /// Shape of the solid.
     #[serde(flatten)]
     pub shape: Shape,
-    /// Red, green, blue, 0..=255.
+    /// Colour: red, green, blue, 0..=255.
     pub colour: [u8; 3],
-    /// A finger: its pad stands half the opening from the frame's origin along y, on this side (1, -1); 0 for others.
+    /// Side of a finger along y (1, -1), or 0 for other solids. The pad of a finger is half the
+    /// opening away from the origin of its frame.
     pub jaw: i8,
 }
 
@@ -56,13 +61,16 @@ const METAL: [u8; 3] = [168, 174, 182];
 const PAD: [u8; 3] = [40, 44, 50];
 const FLOOR_STONE: [u8; 3] = [120, 124, 130];
 
-/// The frames of an arm at these joints, in the world. `world_from_base` is where the controller believes its base.
+/// Computes the frames of an arm at these joints, in the world. `world_from_base` is the pose of
+/// the base as the controller believes it.
 #[must_use]
 pub fn arm_frames(arm: &Arm, world_from_base: &Pose, joints: &JointPositions) -> Vec<Pose> {
     let points = arm.model.points(joints);
     let base_from_flange = arm.model.base_from_flange(joints);
+    // All pitch axes are parallel, and joint 1 turns them about the vertical.
     let pitch = Vector3::new(-joints.0[1].sin(), joints.0[1].cos(), 0.0);
     let link = |from: Point3<f64>, to: Point3<f64>| {
+        // A link of no length has no direction, and any will do for a drawing.
         let z = (to - from).try_normalize(1e-9).unwrap_or_else(Vector3::z);
         pose_from_axes(pitch.cross(&z), pitch, z, from)
     };
@@ -82,18 +90,19 @@ pub fn arm_frames(arm: &Arm, world_from_base: &Pose, joints: &JointPositions) ->
     .collect()
 }
 
-/// Where an arm stands, by its joints.
+/// Places of an arm's joints.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArmJoints {
-    /// Origins in the world of base (on the floor), shoulder, elbow, wrist pitch centre, flange.
+    /// Places of base (on the floor), shoulder, elbow, centre of the wrist's pitch, and flange, in
+    /// the world (m).
     pub points: [Point3<f64>; 5],
-    /// `world_from_flange`.
+    /// Pose of the flange: `world_from_flange`.
     pub flange: Pose,
-    /// `world_from_tool`.
+    /// Pose of the tool: `world_from_tool`.
     pub tool: Pose,
 }
 
-/// The joints of the arm whose frames [`arm_frames`] made; `None` where some are missing.
+/// Returns the joints of an arm from the frames of [`arm_frames`], or `None` if some are missing.
 #[must_use]
 pub fn joints_of(frames: &[Pose]) -> Option<ArmJoints> {
     // A link's frame begins at its lower joint, so the flange is where the last link ends.
@@ -103,7 +112,7 @@ pub fn joints_of(frames: &[Pose]) -> Option<ArmJoints> {
     Some(ArmJoints { points, flange, tool })
 }
 
-/// The solids of all effectors, the track's rail, the table and the cameras.
+/// Returns the solids of all effectors, the rail of the track, and the cameras.
 #[must_use]
 pub fn arm_solids(cell: &Cell) -> Vec<Solid> {
     let mut solids = Vec::new();
@@ -111,6 +120,7 @@ pub fn arm_solids(cell: &Cell) -> Vec<Solid> {
         one_arm(&mut solids, index, arm);
     }
     for camera in &cell.cameras {
+        // A housing behind the optical centre, with the lens in front of it.
         let size = [0.05, 0.04, 0.06];
         let (arm, frame, pose) = match camera.mount {
             Mount::World { world_from_camera } => (None, 0, world_from_camera),
@@ -131,6 +141,7 @@ pub fn arm_solids(cell: &Cell) -> Vec<Solid> {
     solids
 }
 
+/// Adds the solids of one arm.
 fn one_arm(solids: &mut Vec<Solid>, index: usize, arm: &Arm) {
     let [lower, upper, wrist] = arm.model.links;
     let height = arm.model.shoulder_height;
@@ -143,22 +154,26 @@ fn one_arm(solids: &mut Vec<Solid>, index: usize, arm: &Arm) {
     let boxed = |x, y, z| Shape::Box { size: [x, y, z] };
     let rod = |radius, length| Shape::Cylinder { radius, length };
 
+    // Base and column.
     add(0, [0.0, 0.0, 0.06], boxed(0.44, 0.44, 0.12), FLOOR_STONE, 0);
     add(1, [0.0, 0.0, 0.10], rod(0.13, height - 0.22), DARK, 0);
     add(1, [0.0, 0.0, height - 0.10], boxed(0.22, 0.24, 0.24), PAINT, 0);
-    // The ball screws stand behind the column, one on each side.
+    // The ball screws are behind the column, one on each side.
     add(1, [-0.17, 0.09, height - 0.42], boxed(0.09, 0.07, 0.40), METAL, 0);
     add(1, [-0.17, -0.09, height - 0.42], boxed(0.09, 0.07, 0.40), METAL, 0);
+    // The lower arm: two parallel bars.
     for side in [0.075, -0.075] {
         add(2, [0.0, side, lower / 2.0], boxed(0.10, 0.045, lower + 0.08), PAINT, 0);
     }
     add(3, [0.0, 0.0, upper / 2.0 - 0.02], boxed(0.11, 0.10, upper + 0.12), PAINT, 0);
     add(4, [0.0, 0.0, 0.0], rod(0.055, wrist), DARK, 0);
     add(5, [0.0, 0.0, 0.0], rod(0.050, 0.035), METAL, 0);
+    // The body fills the space between the sensor at the flange and the palm.
     let body = (tool - g.palm - 0.045).max(0.02);
     add(5, [0.0, 0.0, 0.035 + body / 2.0], boxed(0.09, 0.10, body), DARK, 0);
     let wide = 2.0 * g.palm_half_width;
     add(6, [0.0, 0.0, -g.palm - 0.006], boxed(wide, wide, 0.012), METAL, 0);
+    // The frame of the jaws is between the pads, so fingers extend backwards behind the palm.
     let long = g.finger_tip + g.palm + 0.03;
     for side in [1_i8, -1] {
         let out = f64::from(side) * g.finger_thickness / 2.0;
@@ -167,6 +182,7 @@ fn one_arm(solids: &mut Vec<Solid>, index: usize, arm: &Arm) {
         let pad = boxed(g.finger_width + 0.002, 0.004, 0.036);
         add(7, [0.0, f64::from(side) * 0.002, g.finger_tip - 0.018], pad, PAD, side);
     }
+    // The rail is fixed in the world, while the arm moves along it.
     if arm.model.has_track {
         let (low, high) = arm.model.joint_limits[0];
         let middle = arm.world_from_base * Pose::translation(0.0, f64::midpoint(low, high), 0.015);
@@ -181,7 +197,7 @@ mod tests {
     use std::path::Path;
 
     #[test]
-    fn links_reach_from_joint_to_joint_and_the_tool_is_where_kinematics_say() {
+    fn frames_agree_with_kinematics() {
         let scenario = crate::scenario::read(Path::new("t.toml"), "", &[]).unwrap();
         for arm in &scenario.controller.cell.arms {
             let frames = arm_frames(arm, &arm.world_from_base, &arm.start);
@@ -207,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn every_solid_hangs_on_a_frame_that_is_there() {
+    fn each_solid_is_attached_to_existing_frame() {
         let scenario = crate::scenario::read(Path::new("t.toml"), "", &[]).unwrap();
         let cell = &scenario.controller.cell;
 

@@ -1,4 +1,4 @@
-//! What does not change in a run: sent to a UI once.
+//! The part of a run that does not change; each UI receives it once.
 
 use super::Solid;
 use crate::motion::AXES;
@@ -8,29 +8,29 @@ use serde::{Deserialize, Serialize};
 /// The scene and its names.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Stage {
-    /// What is shown: the scenario's path, or the recording's.
+    /// Path of the scenario or of the recording that is shown.
     pub title: String,
     /// Version of the program.
     pub version: String,
-    /// The task: "solve", "acquire", "face\_turn", "idle".
+    /// Name of the task: "solve", "acquire", "face\_turn", "idle".
     pub task: String,
-    /// Seed of everything random in the plant.
+    /// Seed of the plant's random numbers.
     pub seed: u64,
-    /// "virtual", "real-time", "replay".
+    /// Source of time: "virtual", "real-time", "replay".
     pub pace: String,
-    /// "continuous" or "sporadic".
+    /// Coordination of the arms: "continuous" or "sporadic".
     pub coordination: String,
-    /// What is controlled: "the simulated plant", or the bridge.
+    /// Plant under control: "the simulated plant", or the bridge.
     pub plant: String,
     /// Effectors in the scenario's order.
     pub arms: Vec<ArmStage>,
     /// Cameras in the scenario's order.
     pub cameras: Vec<CameraStage>,
-    /// What the arms are drawn with.
+    /// Solids with which the cell is drawn.
     pub solids: Vec<Solid>,
     /// Edge of the cube (m).
     pub edge: f64,
-    /// Where the hand is expected.
+    /// Pose at which the operator's hand is expected.
     pub hand_zone: Option<Pose>,
     /// Limits that curves are drawn against.
     pub limits: Limits,
@@ -41,7 +41,7 @@ pub struct Stage {
 pub struct ArmStage {
     /// Name in the scenario.
     pub name: String,
-    /// Whether it has an axis 0.
+    /// Whether the arm has a track, which is its axis 0.
     pub has_track: bool,
     /// Joint limits, low and high (m or rad).
     pub joint_limits: [(f64, f64); AXES],
@@ -49,7 +49,7 @@ pub struct ArmStage {
     pub motor_limits: [(f64, f64); AXES],
     /// Smallest and largest distance between the pads (m).
     pub opening: (f64, f64),
-    /// Names of poses that it can be sent to by hand.
+    /// Names of the poses to which the operator may send the arm by hand.
     pub poses: Vec<String>,
 }
 
@@ -58,20 +58,20 @@ pub struct ArmStage {
 pub struct CameraStage {
     /// Name in the scenario.
     pub name: String,
-    /// Effector that carries it.
+    /// Index of the effector that carries the camera; `None` for a stand-alone camera.
     pub arm: Option<usize>,
-    /// Where it stands, or where it sits in the effector's flange.
+    /// Pose in the world, or in the effector's flange.
     pub pose: Pose,
-    /// Columns and rows.
+    /// Size of a picture, columns and rows (px).
     pub size: (u32, u32),
 }
 
 /// Limits of the behaviours.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Limits {
-    /// Force at which a behaviour gives up (N).
+    /// Force at which a behaviour is aborted (N).
     pub force: f64,
-    /// Torque at which a behaviour gives up (Nm).
+    /// Torque at which a behaviour is aborted (Nm).
     pub torque: f64,
     /// Length of a servo period (s).
     pub period: f64,

@@ -1,20 +1,23 @@
 //! The arms as capsules, and the distances between them.
 //!
-//! The gripper's capsules are those that its parts sweep when the wrist rolls, so that one distance holds for
-//! every roll. Pairs that touch by design are left out: fingers with fingers, palms and cube while both
-//! hands are on the cube, palm with palm. Distances stop at 0.10 m.
+//! The gripper's capsules are those that its parts sweep when the wrist rolls, so one distance is
+//! valid for every roll. Pairs that touch by design are left out: fingers with fingers, palms with
+//! the cube while both hands are on it, palm with palm. Distances above [`FAR`] count as equal.
 
 use crate::cell::{Arm, Cell, Gripper, HandZone};
 use crate::motion::JointPositions;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
-/// A segment with a radius (m).
+/// A segment with a radius.
 #[derive(Debug, Clone, Copy)]
 struct Capsule {
+    /// Ends of the segment (m).
     ends: [Point3<f64>; 2],
+    /// Radius (m).
     radius: f64,
+    /// Centre of the segment (m).
     middle: Point3<f64>,
-    /// Radius of the sphere about the middle that holds the capsule.
+    /// Radius of the sphere about the centre that contains the capsule (m).
     reach: f64,
 }
 
@@ -28,25 +31,28 @@ impl Capsule {
         Self { ends: self.ends.map(|p| p + by), middle: self.middle + by, ..*self }
     }
 
-    /// Its lowest point, as of a cylinder: no part of an arm ends in a ball (m).
+    /// Returns the lowest height of the body (m), as of a cylinder with flat ends, since no part of
+    /// an arm ends in a ball.
     fn lowest(&self) -> f64 {
         let along = (self.ends[1] - self.ends[0]).try_normalize(1e-9).map_or(0.0, |axis| axis.z);
         let low = self.ends[0].z.min(self.ends[1].z);
+        // A flat end reaches down by the radius times the sine of the axis's angle to the vertical.
         low - self.radius * (1.0 - along * along).max(0.0).sqrt()
     }
 }
 
-/// Radii of column, lower arm, upper arm, wrist (m): assumed, since no drawing of the arm is
-/// public.
+/// Radii of column, lower arm, upper arm, wrist (m). They are assumed, since no drawing of the arm
+/// is public.
 const LINK_RADII: [f64; 4] = [0.12, 0.09, 0.08, 0.07];
-/// Radius that the gripper's body sweeps, with the camera beside it (0.055 m off the axis) (m).
+/// Radius that the gripper's body sweeps, with the camera beside it, 0.055 m off the axis (m).
 const GRIPPER_RADIUS: f64 = 0.075;
 /// Half the thickness of the palm plate (m).
 const PLATE: f64 = 0.006;
-/// Least gap between the grippers' parts in the nominal grasps: corrections are smaller (m).
+/// Least gap between the grippers' parts in the nominal grasps (m): corrections are smaller.
 const FINGER_GAP: f64 = 0.003;
-/// Half of what counts of a cube that may stand on a table (m).
-const STANDS: f64 = 0.015;
+/// Distance below its centre that counts of a cube (m), less than half of its edge: it may be laid
+/// on a table.
+const CUBE_HALF_HEIGHT: f64 = 0.015;
 /// Radius that the closed fingers sweep (m).
 const FINGERS_RADIUS: f64 = 0.040;
 
@@ -55,14 +61,15 @@ const FINGERS_RADIUS: f64 = 0.040;
 pub(super) struct Bodies {
     /// Column, lower arm, upper arm, wrist, gripper.
     links: [Capsule; 5],
-    /// The palm plate's eight corners over the roll.
+    /// Sweep of the palm plate's corners over the roll, as four diagonals.
     plate: [Capsule; 4],
     fingers: Capsule,
-    /// Centre and radius of the cube between the fingers.
+    /// The cube between the fingers, as a sphere about its centre.
     cube: Capsule,
 }
 
 impl Bodies {
+    /// Returns the bodies of an arm at these joint positions, in the world.
     pub(super) fn of(cell: &Cell, arm: &Arm, joints: &JointPositions) -> Self {
         let points = arm.model.points(joints).map(|p| arm.world_from_base * p);
         let world_from_tool =
@@ -71,7 +78,9 @@ impl Bodies {
         let link = |i: usize| Capsule::new([points[i], points[i + 1]], LINK_RADII[i]);
         let palm = -arm.gripper.palm;
         let gripper = Capsule::new([points[4], on_axis(palm - GRIPPER_RADIUS)], GRIPPER_RADIUS);
+        // A capsule ends in balls: its segment is shorter than the diagonal by the thickness.
         let half = arm.gripper.palm_half_width * std::f64::consts::SQRT_2 - PLATE;
+        // Four diagonals, 45 deg apart, approximate the disc that the corners sweep.
         let plate = [(1.0, 0.0), (0.0, 1.0), (0.707, 0.707), (0.707, -0.707)].map(|(x, y)| {
             let at = |s: f64| world_from_tool * Point3::new(s * x, s * y, palm - PLATE);
             Capsule::new([at(half), at(-half)], PLATE)
@@ -81,11 +90,12 @@ impl Bodies {
             links: [link(0), link(1), link(2), link(3), gripper],
             plate,
             fingers: Capsule::new([on_axis(palm), on_axis(arm.gripper.finger_tip)], FINGERS_RADIUS),
+            // A sphere through the cube's corners needs no orientation.
             cube: Capsule::new([centre; 2], 0.5 * 3f64.sqrt() * cell.cube.edge),
         }
     }
 
-    /// The same moved by a vector of the world: an arm carried along its track.
+    /// Returns the bodies moved by a vector of the world: an arm that is carried along its track.
     pub(super) fn moved(&self, by: Vector3<f64>) -> Self {
         Self {
             links: self.links.map(|c| c.moved(by)),
@@ -95,8 +105,18 @@ impl Bodies {
         }
     }
 
-    /// Places on wrist, gripper, fingers and cube, and how far what they stand for reaches from
-    /// there (m).
+    /// Returns the longest distance by which a body has moved since `before` (m): by a straight
+    /// motion no distance between bodies changes by more.
+    pub(super) fn moved_since(&self, before: &Self) -> f64 {
+        let ends = |at: &Self| {
+            let links = at.links.into_iter().chain(at.plate);
+            links.chain([at.fingers, at.cube]).flat_map(|c| c.ends).collect::<Vec<_>>()
+        };
+        let moves = ends(self).into_iter().zip(ends(before)).map(|(now, then)| (now - then).norm());
+        moves.fold(0.0, f64::max)
+    }
+
+    /// Returns points on wrist, gripper, fingers and cube, each with the radius of its body (m).
     pub(super) fn hand(&self) -> [(Point3<f64>, f64); 7] {
         let [.., wrist, gripper] = &self.links;
         let ends = |c: &Capsule| c.ends.map(|end| (end, c.radius));
@@ -104,52 +124,57 @@ impl Bodies {
         [a, b, c, d, e, f, (self.cube.middle, self.cube.radius)]
     }
 
-    /// Lowest place on the axes of wrist and gripper, and of the cube's centre, above the floor
-    /// (m).
+    /// Returns the lowest height above the floor of the axes of wrist and gripper, and of the
+    /// cube's centre (m).
     pub(super) fn lowest_axis(&self) -> f64 {
         let ends = self.links[3..].iter().flat_map(|c| c.ends).chain(self.cube.ends);
         ends.map(|p| p.z).fold(f64::INFINITY, f64::min)
     }
 
-    /// Lowest point above the floor (m): of upper arm, wrist, gripper, palm and fingers; and of the
-    /// cube, which is to come down to a table by its own height, so that not much more than its
-    /// middle counts.
+    /// Returns the lowest height above the floor of upper arm, wrist, gripper, palm, fingers and
+    /// cube (m). The cube counts with little more than its centre, since it may come down to a
+    /// table.
     pub(super) fn lowest(&self) -> f64 {
+        // Column and lower arm do not count: they are the part that rises from the floor.
         let parts = self.links[2..].iter().chain(&self.plate).chain([&self.fingers]);
         let lowest = parts.map(Capsule::lowest).fold(f64::INFINITY, f64::min);
-        self.cube.ends.iter().map(|end| end.z - STANDS).fold(lowest, f64::min)
+        self.cube.ends.iter().map(|end| end.z - CUBE_HALF_HEIGHT).fold(lowest, f64::min)
     }
 
-    /// Distance from a box: of column and both arms, or of everything (m).
-    pub(super) fn off(&self, zone: &HandZone, whole: bool) -> f64 {
+    /// Returns the distance from a box (m): of all parts, or of column and both arms alone.
+    pub(super) fn distance_to_zone(&self, zone: &HandZone, whole: bool) -> f64 {
         let zone_from_world = zone.world_from_cube.inverse();
         let parts = if whole { &self.links[..] } else { &self.links[..3] };
         let hand = [self.fingers, self.cube];
         let hand = self.plate.iter().chain(&hand).take(if whole { usize::MAX } else { 0 });
         parts.iter().chain(hand).fold(FAR, |nearest, part| {
-            let far = zone.off(&(zone_from_world * part.middle));
+            let far = zone.distance(&(zone_from_world * part.middle));
+            // The sphere about a part is farther than the nearest part: its segment need not be
+            // measured.
             if far - part.reach >= nearest {
                 return nearest;
             }
             let [a, b] = part.ends.map(|end| zone_from_world * end);
-            nearest.min(zone.off_segment(&a, &b) - part.radius)
+            nearest.min(zone.distance_to_segment(&a, &b) - part.radius)
         })
     }
 
-    /// Distance of gripper and cube from the arm's own links (m).
+    /// Returns the distance of gripper and cube from the arm's own links (m).
     pub(super) fn own(&self) -> f64 {
         let mut nearest = Nearest::default();
+        // The gripper is joined to the wrist, and so is left out against it.
         nearest.of(&[self.links[4], self.cube], &self.links[..3]);
         nearest.of(&[self.cube], &self.links[3..4]);
         nearest.0
     }
 }
 
-/// Whether two grippers can hold one cube, each over one layer: whether fingers, palms and cube leave each other
-/// room. `rotation` is the second hand's tool in the first's, one of the 24 of a cube.
+/// Returns whether two grippers can hold one cube, each over one layer: fingers, palms and cube
+/// must leave each other room. `rotation` is the second hand's tool in the first's, one of the 24
+/// of a cube.
 ///
-/// Hands with one palm axis collide, of course; so do adjacent ones when each has a finger on the face under the
-/// other's palm, since these two fingers cross outside the edge between the palms.
+/// Hands with palms on one face collide. So do adjacent ones if each has a finger on the face under
+/// the other's palm, since these two fingers cross outside the edge between the palms.
 pub(super) fn hands_fit(cell: &Cell, rotation: &UnitQuaternion<f64>) -> bool {
     let half = 0.5 * cell.cube.edge;
     let parts = |gripper: &Gripper| {
@@ -159,6 +184,7 @@ pub(super) fn hands_fit(cell: &Cell, rotation: &UnitQuaternion<f64>) -> bool {
             (0.5 * gripper.finger_width, near + gripper.finger_tip, near - gripper.palm);
         let out = half + gripper.finger_thickness;
         let wide = gripper.palm_half_width;
+        // Both fingers, then the palm's plate, as boxes along the tool's axes.
         [
             (Vector3::new(-x, half, palm), Vector3::new(x, out, tip)),
             (Vector3::new(-x, -out, palm), Vector3::new(x, -half, tip)),
@@ -168,15 +194,17 @@ pub(super) fn hands_fit(cell: &Cell, rotation: &UnitQuaternion<f64>) -> bool {
     let (first, second) = (parts(&cell.arms[0].gripper), parts(&cell.arms[1].gripper));
     first.iter().all(|a| {
         second.iter().all(|b| {
-            // Quarter turns take boxes along the axes to boxes along the axes.
+            // The 24 rotations take boxes along the axes to boxes along the axes.
             let corners = (rotation * b.0, rotation * b.1);
             let (low, high) = (corners.0.inf(&corners.1), corners.0.sup(&corners.1));
+            // Boxes are apart if they are apart along one axis.
             (0..3).any(|i| (low[i] - a.1[i]).max(a.0[i] - high[i]) > FINGER_GAP)
         })
     })
 }
 
-/// Least distance while both hands are on one cube (m).
+/// Returns the least distance while both hands are on one cube (m). Fingers are left out, and so is
+/// the cube against the hands.
 pub(super) fn at_the_cube(a: &Bodies, b: &Bodies) -> f64 {
     let mut nearest = Nearest::default();
     nearest.arms(a, b);
@@ -185,12 +213,12 @@ pub(super) fn at_the_cube(a: &Bodies, b: &Bodies) -> f64 {
     nearest.0
 }
 
-/// Least distance of what is left out of [`at_the_cube`]: fingers, and the cube of a hand that may hold one, from each other and
-/// from the other hand (m).
+/// Returns the least distance of the parts that [`at_the_cube`] leaves out (m): fingers, and the
+/// cube of a hand that may hold one, from each other and from the other hand.
 pub(super) fn hands(a: &Bodies, b: &Bodies, hold: [bool; 2]) -> f64 {
     let mut nearest = Nearest::default();
     let parts = |body: &Bodies, holds: bool| {
-        // Who holds nothing has its fingers only.
+        // A hand that holds nothing has its fingers only.
         [body.fingers, if holds { body.cube } else { body.fingers }]
     };
     let (of_a, of_b) = (parts(a, hold[0]), parts(b, hold[1]));
@@ -198,12 +226,14 @@ pub(super) fn hands(a: &Bodies, b: &Bodies, hold: [bool; 2]) -> f64 {
     for (one, other) in [(&of_a, b), (&of_b, a)] {
         nearest.of(one, &other.links[4..]);
         nearest.of(one, &other.plate);
+        // The cube against the other arm's links is in `at_the_cube` already.
         nearest.of(&one[..1], &other.links[..4]);
     }
     nearest.0
 }
 
-/// Least distance between a hand with the cube and another, empty one that is away from it (m).
+/// Returns the least distance between a hand with the cube and another, empty one that is away from
+/// it (m).
 pub(super) fn apart(holder: &Bodies, other: &Bodies) -> f64 {
     let mut nearest = Nearest::default();
     nearest.arms(holder, other);
@@ -216,7 +246,8 @@ pub(super) fn apart(holder: &Bodies, other: &Bodies) -> f64 {
     nearest.0
 }
 
-/// Returns the same where the newcomer's hand (0 track, 1 postument) is the empty one (m).
+/// Returns the distance of [`apart`] where the newcomer's hand (0 track, 1 postument) is the empty
+/// one (m).
 pub(super) fn newcomer_apart(newcomer: usize, track: &Bodies, postument: &Bodies) -> f64 {
     match newcomer {
         0 => apart(postument, track),
@@ -224,10 +255,11 @@ pub(super) fn newcomer_apart(newcomer: usize, track: &Bodies, postument: &Bodies
     }
 }
 
-/// Distances above this are not told apart: that saves most of the work (m).
+/// Largest distance that is computed (m): greater ones count as equal, which saves most of the
+/// work.
 const FAR: f64 = 0.10;
 
-/// The least distance so far, or [`FAR`] (m).
+/// The least distance of the pairs that were compared, or [`FAR`] (m).
 struct Nearest(f64);
 
 impl Default for Nearest {
@@ -237,17 +269,18 @@ impl Default for Nearest {
 }
 
 impl Nearest {
-    /// Links and palm plates of two arms.
+    /// Compares links and palm plates of two arms.
     fn arms(&mut self, a: &Bodies, b: &Bodies) {
         self.of(&a.links, &b.links);
         self.of(&a.plate, &b.links);
         self.of(&b.plate, &a.links);
     }
 
+    /// Compares each body of `a` with each of `b`.
     fn of(&mut self, a: &[Capsule], b: &[Capsule]) {
         for x in a {
             for y in b {
-                // Most pairs are farther apart than the nearest one: their spheres tell.
+                // Most pairs are farther apart than the nearest one, which their spheres show.
                 let far = self.0 + x.reach + y.reach;
                 if (x.middle - y.middle).norm_squared() < far * far {
                     self.0 = self.0.min(between(x, y));
@@ -257,12 +290,12 @@ impl Nearest {
     }
 }
 
-/// Distance between two capsules, negative where they overlap.
+/// Returns the distance between two capsules, negative where they overlap (m).
 fn between(a: &Capsule, b: &Capsule) -> f64 {
     let (u, v) = (a.ends[1] - a.ends[0], b.ends[1] - b.ends[0]);
     let w = a.ends[0] - b.ends[0];
     let (uu, uv, vv, uw, vw) = (u.dot(&u), u.dot(&v), v.dot(&v), u.dot(&w), v.dot(&w));
-    // Nearest points of two segments: the lines' nearest points, then each clamped in turn.
+    // Nearest points of two segments: those of the lines, then each clamped in turn.
     let along = |t: f64| t.clamp(0.0, 1.0);
     let determinant = uu * vv - uv * uv;
     let mut s = if determinant > 1e-12 { along((uv * vw - vv * uw) / determinant) } else { 0.0 };
@@ -288,7 +321,7 @@ mod tests {
     const FINGERS: usize = 6;
     const CUBE: usize = 7;
 
-    /// An arm of balls, one for each part: links, gripper, palm plate, fingers, cube.
+    /// Returns an arm of balls, one for each part: links, gripper, palm plate, fingers, cube.
     fn of_balls(at: impl Fn(usize) -> Point3<f64>) -> Bodies {
         let ball = |part: usize| Capsule::new([at(part); 2], 0.01);
         Bodies {
@@ -299,14 +332,16 @@ mod tests {
         }
     }
 
-    /// One whose parts are far from everything but these, which are beside the origin, on one side or the other.
+    /// Returns an arm whose parts are far from everything, except for `near`, which are beside the
+    /// origin on one side or the other.
     fn with_near(near: &[usize], side: f64) -> Bodies {
         let x = |part: usize| if near.contains(&part) { 0.02 } else { 10.0 * (part + 1) as f64 };
         of_balls(|part| Point3::new(side * x(part), 0.0, 0.0))
     }
 
+    /// Every pair of parts counts in exactly one of the two distances, except for the palms.
     #[test]
-    fn every_pair_of_parts_but_the_palms_counts_either_always_or_while_the_hands_are_not_to_meet() {
+    fn each_pair_counts_in_one_distance_only() {
         for i in 0..=CUBE {
             for j in 0..=CUBE {
                 let (a, b) = (with_near(&[i], 1.0), with_near(&[j], -1.0));
@@ -315,7 +350,7 @@ mod tests {
 
                 assert_eq!(always || seen([true; 2]), (i, j) != (PLATE, PLATE), "{i} {j}");
                 assert!(!(always && seen([true; 2])), "{i} {j} is counted twice");
-                // What meets by design where both hands are at one cube.
+                // These pairs meet by design where both hands are at one cube.
                 let by_design = |i: usize, j: usize| i == CUBE && j >= GRIPPER || i == FINGERS;
                 assert_eq!(
                     always,
@@ -331,8 +366,9 @@ mod tests {
         }
     }
 
+    /// The hand keeps clear of its own links and the table, and each part of the operator.
     #[test]
-    fn a_hand_keeps_off_its_own_links_and_the_table_and_each_part_off_the_operator() {
+    fn bodies_measure_own_links_table_and_zone() {
         let zone = HandZone {
             world_from_cube: crate::spatial::Pose::identity(),
             half_extent: Vector3::repeat(0.01),
@@ -344,19 +380,23 @@ mod tests {
                 assert_eq!(with_near(&[i, j], 1.0).own() < FAR, own, "{i} {j}");
             }
             let near = with_near(&[i], 1.0);
-            assert!(near.off(&zone, true) < FAR, "{i}");
-            assert_eq!(near.off(&zone, false) < FAR, i < 3, "{i}: the hand takes the cube");
+            assert!(near.distance_to_zone(&zone, true) < FAR, "{i}");
+            assert_eq!(
+                near.distance_to_zone(&zone, false) < FAR,
+                i < 3,
+                "{i}: the hand takes the cube"
+            );
             let lowered = of_balls(|part| Point3::new(0.0, 0.0, if part == i { 0.5 } else { 1.0 }));
             let lowest = match i {
-                // Column and lower arm stand on the floor: the cube is the lowest then.
-                0 | 1 => 1.0 - STANDS,
-                // It may stand on the table.
-                CUBE => 0.5 - STANDS,
+                // Column and lower arm do not count: the cube is the lowest then.
+                0 | 1 => 1.0 - CUBE_HALF_HEIGHT,
+                // The cube may be laid on the table.
+                CUBE => 0.5 - CUBE_HALF_HEIGHT,
                 _ => 0.49,
             };
             assert!((lowered.lowest() - lowest).abs() < 1e-12, "{i}: {}", lowered.lowest());
         }
-        // A cylinder on its side is as low as its radius, one that stands as low as its end.
+        // A cylinder on its side is as low as its radius, an upright one as low as its end.
         let capsule = |to: Vector3<f64>| {
             let from = Point3::new(0.0, 0.0, 1.0);
             Capsule::new([from, from + to], 0.1).lowest()
@@ -367,21 +407,21 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_point_of_a_segment_is_nearer_to_a_box_than_the_distance(a in point(), b in point()) {
+        fn box_distance_matches_sampled_segment(a in point(), b in point()) {
             let zone = HandZone {
                 world_from_cube: crate::spatial::Pose::identity(),
                 half_extent: Vector3::new(0.1, 0.2, 0.3),
             };
 
-            let distance = zone.off_segment(&a, &b);
+            let distance = zone.distance_to_segment(&a, &b);
 
-            let at = |i: u32| zone.off(&(a + (b - a) * (f64::from(i) / 500.0)));
+            let at = |i: u32| zone.distance(&(a + (b - a) * (f64::from(i) / 500.0)));
             let nearest = (0..=500).map(at).fold(f64::INFINITY, f64::min);
             prop_assert!(distance <= nearest + 1e-6 && distance > nearest - 4e-3);
         }
 
         #[test]
-        fn no_two_points_of_the_segments_are_nearer_than_the_distance(
+        fn capsule_distance_matches_sampled_segments(
             a in point(), b in point(), c in point(), d in point()
         ) {
             let (x, y) = (

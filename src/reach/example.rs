@@ -1,4 +1,4 @@
-//! The default cell as far as reach is concerned, for tests, benches and examples.
+//! The default cell, as far as reach is concerned, for tests, benches and examples.
 
 use crate::arms::builtin;
 use crate::cell::{Arm, Camera, Cell, CubeSpec, ForceSensor, Gripper, HandZone, Intrinsics, Mount};
@@ -7,10 +7,11 @@ use crate::motion::JointPositions;
 use crate::spatial::{Pose, pose_from_axes};
 use nalgebra::{Point3, Vector3};
 
-/// A cell of two IRp-6 arms 2.11 m apart along y, with a camera in each hand. Scenarios own the real numbers.
+/// Returns a cell of two IRp-6 arms 2.11 m apart along y, with a camera in each hand. Scenarios own
+/// the real numbers.
 ///
 /// # Panics
-/// Never: the arms' profiles are part of the program.
+/// Never panics: the arms' profiles are part of the program.
 #[doc(hidden)]
 #[must_use]
 pub fn example_cell() -> Cell {
@@ -62,7 +63,8 @@ fn model(profile: &str) -> ArmModel {
     builtin(profile).unwrap_or_else(|| unreachable!("{profile} is built in"))
 }
 
-/// Beside the hand, looking along the tool axis, the image's x along the flange's y.
+/// Returns a camera beside the hand that looks along the tool axis, the image's x along the
+/// flange's y.
 fn camera(name: &str, arm: usize, x: f64) -> Camera {
     let side = x.signum();
     Camera {

@@ -1,12 +1,26 @@
-//! A guard over both arms: where they may stand, which ways they may go, and how fast near the operator's hand.
+//! A guard over both arms. It checks where they may be, which paths they may take, and how fast
+//! they may be near the operator's hand.
 //!
-//! - in: the believed cell, the joints of both arms, the ways that are asked for
-//! - out: what would come too near to what; how much too fast a way is for the operator and for the
-//!   motors
-//! - the parts are those of the search for meetings (`bodies`). Fingers and cubes meet by design where both hands are at one
-//!   cube: they are left out of what begins or ends there, and looked at in everything else. Meetings keep 20 mm,
-//!   corrections are smaller than the rest: the guard never speaks in a sound run
-//! - a person's hand: the arm that has no business there stays out of its zone whole, the other one with all but its hand
+//! - in: the believed cell, the joints of both arms, the paths that are asked for
+//! - out: the first pair of bodies that would come too near; the factor by which a path is too fast
+//!   for the operator or for the motors
+//! - the bodies are those of the search for meetings (`bodies`)
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | arm to arm, hand to its own arm | `MIN_DISTANCE` | meetings keep 20 mm |
+//! | arm, hand and cube to the table | `MIN_HEIGHT` | the arms' places are believed, not known |
+//! | arm to the operator's zone | `MIN_ZONE_DISTANCE` | only the hand that takes the cube enters |
+//! | arm to arm, on a path | 1 mm more (`MARGIN_ON_PATH`) | a path that is allowed is not stopped |
+//! | bodies too near, on a path | `DIP_ON_PATH` | rounding: no path leads nearer |
+//! | places between the checked ones | `FINE` | bodies pass each other between two places |
+//! | bodies too near, watched | `DIP_WATCHED` | a hand that turns out of a corner may dip |
+//! | jaws that may hold a cube | `WIDTH_TOLERANCE` | tilted grasps, calibration of the jaws |
+//! | slow hand near the operator's | `SLOW_DISTANCE` | speeds are judged within 0.175 m of it |
+//!
+//! Fingers and cubes meet by design where both hands are at one cube. They are left out of a path
+//! that begins or ends there, and checked on every other. In a run without faults the guard refuses
+//! nothing.
 
 use super::bodies::{Bodies, at_the_cube, hands};
 use super::motors::{MOMENTS, MOTORS, farthest_turn};
@@ -19,43 +33,51 @@ use nalgebra::Point3;
 use std::sync::Arc;
 
 /// Least distance between the arms, and of a hand from its own arm (m).
-const LEAST: f64 = 0.005;
+const MIN_DISTANCE: f64 = 0.005;
 /// Least height of upper arm, wrist, hand and cube above the table (m).
-const ABOVE_TABLE: f64 = 0.005;
-/// Least distance from the box in which the operator's hand may be of what has no business there
-/// (m).
-const OFF_ZONE: f64 = 0.005;
-/// The arm that takes the cube out of the operator's hand, and gives it back.
+const MIN_HEIGHT: f64 = 0.005;
+/// Least distance from the operator's zone, for all parts that may not enter it (m).
+const MIN_ZONE_DISTANCE: f64 = 0.005;
+/// The arm that takes the cube out of the operator's hand, and gives it back: its hand may enter.
 const TAKER: usize = 0;
-/// Jaws that hold a cube are as wide as it, give or take this much (m): a grasp that is askew, and
-/// a calibration that is off.
-const AS_A_CUBE: f64 = 0.006;
-/// Places at which a way is looked at.
+/// Tolerance of the width of jaws that hold a cube (m): for a tilted grasp, and for an error of the
+/// jaws' calibration.
+const WIDTH_TOLERANCE: f64 = 0.006;
+/// Number of places at which every path is checked. Between two of them it is checked again and
+/// again, as long as bodies may have come too near in between.
 const STEPS: u32 = 24;
-/// So near to where the operator's hand may be, an arm is slow (m).
-const NEAR: f64 = 0.18;
-/// By how much two bodies that are too near may come nearer (m): on a way that is asked for, and on
-/// one that is watched. A hand that is turned out of a corner may dip first.
-const ON_A_WAY: f64 = 1e-4;
-const WATCHED: f64 = 2e-3;
+/// Motion between two places that are not checked in between (m). Two bodies that pass each other
+/// come nearer by a tenth of it at most, if they are 5 mm apart at both places.
+const FINE: f64 = 0.004;
+/// Distance that the arms keep on a path beyond the one at which they are stopped (m).
+const MARGIN_ON_PATH: f64 = 0.001;
+/// Distance from the operator's zone within which a hand is slow (m).
+const SLOW_DISTANCE: f64 = 0.18;
+/// Distance by which two bodies that are too near may come still nearer on a path that is asked for
+/// (m).
+const DIP_ON_PATH: f64 = 1e-4;
+/// This distance for arms that are watched while they move (m): a hand that is turned out of a
+/// corner may dip first.
+const DIP_WATCHED: f64 = 2e-3;
 
-/// Knows the cell as the controller believes it.
+/// The guard, with the cell as the controller believes it.
 #[derive(Debug, Clone)]
 pub struct Guard {
-    /// Shared by its copies: one is made for each order.
+    /// Shared between copies: each order has a copy of its own.
     cell: Arc<Cell>,
-    /// Largest speed near the operator's hand (m/s); nobody's hand is at a table.
+    /// Largest speed near the operator's hand (m/s); `None` if a table has the cube, since there is
+    /// no hand then.
     hand_speed: Option<f64>,
-    /// The hands have no cube at which they are to meet.
+    /// Whether there is no cube at which the hands are to meet.
     never_meet: bool,
-    /// Which hands may hold a cube.
+    /// Whether each hand may hold a cube.
     hold: [bool; 2],
 }
 
-/// How far everything that is guarded is off what it must not meet (m); nothing of an arm that is
-/// not there, or of which nobody knows how it stands.
+/// Distances of all guarded bodies from what they must not meet (m); `None` for an arm that does
+/// not exist or whose joints are unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Room {
+pub struct Distances {
     table: [Option<f64>; 2],
     own: [Option<f64>; 2],
     zone: [Option<f64>; 2],
@@ -63,27 +85,32 @@ pub struct Room {
     hands: Option<f64>,
 }
 
-impl Room {
+impl Distances {
+    /// Returns all distances: tables, own arms, zones, then the arms and the hands.
     fn all(&self) -> [Option<f64>; 8] {
         let Self { table, own, zone, arms, hands } = *self;
         [table[0], table[1], own[0], own[1], zone[0], zone[1], arms, hands]
     }
 
-    /// Of hands that meet as they are to: how fingers and cubes stand to each other does not count.
+    /// Returns the distances for hands that are to meet: those between fingers and cubes are left
+    /// out.
     #[must_use]
     pub fn meeting(self) -> Self {
         Self { hands: None, ..self }
     }
 
-    /// Whether the hands are apart, as far as both are known.
+    /// Returns whether the hands are known to be apart.
     fn apart(&self) -> bool {
-        self.hands.is_some_and(|hands| hands >= LEAST)
+        self.hands.is_some_and(|hands| hands >= MIN_DISTANCE)
     }
 
-    /// What must be kept from here on: what was once far enough stays so.
+    /// Returns the larger of each pair of distances, as the least that must be kept from now on. A
+    /// body that was once far enough may not come near again.
     #[must_use]
     pub fn or_more(&self, before: &Self) -> Self {
         let more = |now: Option<f64>, before: Option<f64>| {
+            // An arm that is unknown now keeps no distance; one that is known for the first time
+            // keeps the present one.
             now.map(|now| before.map_or(now, |before| before.max(now)))
         };
         let both = |now: [Option<f64>; 2], before: [Option<f64>; 2]| {
@@ -99,107 +126,160 @@ impl Room {
     }
 }
 
-/// What is too near to what, or too fast.
+/// A pair of bodies that comes too near, or a hand that is too fast.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Near {
-    /// The arms, one to the other.
+    /// Both arms, at this distance (m).
     #[error("the arms come within {:.0} mm of each other", .0 * 1e3)]
     Arms(f64),
-    /// Fingers or a cube to the other hand, which they are not to meet now.
+    /// Fingers or a cube and the other hand, which are not to meet now (m).
     #[error("the hands come within {:.0} mm of each other", .0 * 1e3)]
     Hands(f64),
-    /// An arm, or that part of it which has no business there, to where the operator's hand may be.
+    /// An arm, or that part of it that may not enter, and the operator's zone.
     #[error("the {arm} arm comes within {:.0} mm of the operator's zone", .distance * 1e3)]
     Zone {
-        /// Its name.
+        /// Name of the arm.
         arm: String,
-        /// (m)
+        /// Distance (m).
         distance: f64,
     },
-    /// A hand to its own arm.
+    /// A hand and its own arm.
     #[error("the hand of the {arm} arm comes within {:.0} mm of its own links", .distance * 1e3)]
     Own {
-        /// Its name.
+        /// Name of the arm.
         arm: String,
-        /// (m)
+        /// Distance (m).
         distance: f64,
     },
-    /// A hand to the table.
+    /// A hand and the table.
     #[error("the hand of the {arm} arm comes within {:.0} mm of the table", .height * 1e3)]
     Table {
-        /// Its name.
+        /// Name of the arm.
         arm: String,
-        /// (m)
+        /// Height above the table (m).
         height: f64,
     },
-    /// A hand is too fast where the operator's may be.
-    #[error("the hand of the {arm} arm goes at {:.0} mm/s where the operator's may be", .speed * 1e3)]
-    Hasty {
-        /// Its name.
+    /// A hand that is too fast near the operator's.
+    #[error(
+        "the hand of the {arm} arm moves at {:.0} mm/s where the operator's hand may be",
+        .speed * 1e3
+    )]
+    TooFast {
+        /// Name of the arm.
         arm: String,
-        /// (m/s)
+        /// Speed (m/s).
         speed: f64,
     },
 }
 
-/// What an arm is asked to do, as far as it moves the arm.
+/// Motion that an arm is asked for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PlannedMotion {
-    /// It stays, or moves by less than the guard keeps free.
+    /// The arm stays, or moves by less than the guard keeps free.
     Stays,
-    /// All joints evenly to there.
+    /// All joints move to these positions in the same time.
     Joints(JointPositions),
-    /// In legs, evenly in their common time.
+    /// The joints move in legs that share their time.
     Legs(Legs),
-    /// The tool straight to `base_from_tool`; d0 stays.
+    /// The tool moves straight to this `base_from_tool`; d0 stays.
     Line(Pose),
 }
 
+/// Place of both arms on their paths.
+struct Place {
+    /// Share of the paths.
+    part: f64,
+    bodies: [Option<Bodies>; 2],
+    distances: Distances,
+}
+
+impl Place {
+    /// Returns the longest distance by which bodies have moved since `before` relative to bodies of
+    /// the other arm (m): the sum of both arms.
+    fn moved_since(&self, before: &Self) -> f64 {
+        let pairs = self.bodies.iter().zip(&before.bodies);
+        pairs.filter_map(|(now, then)| Some(now.as_ref()?.moved_since(then.as_ref()?))).sum()
+    }
+}
+
+/// Distances that a check allows.
+struct Tolerance {
+    /// Distance by which bodies that are too near already may come still nearer (m).
+    dip: f64,
+    /// Distance that the arms keep from each other beyond [`MIN_DISTANCE`] (m).
+    margin: f64,
+}
+
+impl Tolerance {
+    /// For a path that is asked for.
+    const ON_PATH: Self = Self { dip: DIP_ON_PATH, margin: MARGIN_ON_PATH };
+
+    /// Returns the least distances (m), in the order of [`Distances::all`].
+    fn least(&self) -> [f64; 8] {
+        let (own, arms) = (MIN_DISTANCE, MIN_DISTANCE + self.margin);
+        [MIN_HEIGHT, MIN_HEIGHT, own, own, MIN_ZONE_DISTANCE, MIN_ZONE_DISTANCE, arms, arms]
+    }
+}
+
 impl Guard {
-    /// Of a cell, and the largest speed near the operator's hand (m/s).
+    /// Makes a guard for a cell, with the largest speed near the operator's hand (m/s).
     #[must_use]
     pub fn of(cell: &Cell, hand_speed: f64) -> Self {
         let hand_speed = (cell.keeper == Keeper::Person).then_some(hand_speed);
         Self { cell: Arc::new(cell.clone()), hand_speed, never_meet: false, hold: [true; 2] }
     }
 
-    /// The same where hands that are apart stay apart: an operator who moves an arm by hand has no plan of meetings.
+    /// Returns a guard under which hands that are apart stay apart: an operator who moves an arm by
+    /// hand has no plan of meetings.
     #[must_use]
     pub fn by_hand(self) -> Self {
         Self { never_meet: true, ..self }
     }
 
-    /// Looks from now on after cubes in hands whose jaws are open as wide as one, and where nobody
-    /// knows how wide they are (m).
+    /// Sets the openings of the jaws (m). From now on a hand counts as holding a cube if its jaws
+    /// are as wide as one, or if their opening is unknown.
     pub fn holding(&mut self, openings: [Option<f64>; 2]) {
-        let is_wide = |opening: f64| (opening - self.cell.cube.edge).abs() < AS_A_CUBE;
+        let is_wide = |opening: f64| (opening - self.cell.cube.edge).abs() < WIDTH_TOLERANCE;
         self.hold = openings.map(|opening| opening.is_none_or(is_wide));
     }
 
+    /// Returns the name of an arm.
     fn name(&self, arm: usize) -> String {
         self.cell.arms[arm].name.clone()
     }
 
+    /// Returns the bodies of an arm in the world.
     fn bodies(&self, arm: usize, joints: &JointPositions) -> Bodies {
         Bodies::of(&self.cell, &self.cell.arms[arm], joints)
     }
 
-    /// How the arms stand, as far as it is known how.
+    /// Returns all guarded distances of arms at these joint positions; `None` for an arm whose
+    /// joints are unknown.
     #[must_use]
-    pub fn room(&self, joints: [Option<&JointPositions>; 2]) -> Room {
+    pub fn distances(&self, joints: [Option<&JointPositions>; 2]) -> Distances {
+        self.distances_of(&self.bodies_of_both(joints))
+    }
+
+    /// Returns the bodies of the arms whose joints are known.
+    fn bodies_of_both(&self, joints: [Option<&JointPositions>; 2]) -> [Option<Bodies>; 2] {
         let known = |i: usize| joints[i].filter(|_| i < self.cell.arms.len());
-        let bodies = [0, 1].map(|i| known(i).map(|joints| self.bodies(i, joints)));
+        [0, 1].map(|i| known(i).map(|joints| self.bodies(i, joints)))
+    }
+
+    /// Returns all guarded distances of these bodies.
+    fn distances_of(&self, bodies: &[Option<Bodies>; 2]) -> Distances {
         let of =
             |measure: &dyn Fn(&Bodies) -> f64| bodies.each_ref().map(|b| b.as_ref().map(measure));
-        let both = |measure: &dyn Fn(&Bodies, &Bodies) -> f64| match &bodies {
+        let both = |measure: &dyn Fn(&Bodies, &Bodies) -> f64| match bodies {
             [Some(first), Some(second)] => Some(measure(first, second)),
             _ => None,
         };
         let off = |i: usize| {
+            // Without a person there is no zone to keep off.
             let body = bodies[i].as_ref().filter(|_| self.hand_speed.is_some());
-            body.map(|body| body.off(&self.cell.hand, i != TAKER))
+            body.map(|body| body.distance_to_zone(&self.cell.hand, i != TAKER))
         };
-        Room {
+        Distances {
             table: of(&|body| body.lowest() - self.cell.table_height),
             own: of(&Bodies::own),
             zone: [0, 1].map(off),
@@ -208,20 +288,28 @@ impl Guard {
         }
     }
 
-    /// Whether arms that stood so may stand like this. What is too near already may be led out of there.
+    /// Checks arms that moved from one set of distances to another. Bodies that are too close
+    /// already may move apart.
     ///
     /// # Errors
-    /// What is too near and was not, or has come nearer.
-    pub fn may(&self, before: &Room, now: &Room) -> Result<(), Near> {
-        self.within(before, now, WATCHED)
+    /// The first pair that is too close and was not before, or that has come closer.
+    pub fn check_motion(&self, before: &Distances, now: &Distances) -> Result<(), Near> {
+        self.within(before, now, &Tolerance { dip: DIP_WATCHED, margin: 0.0 })
     }
 
-    fn within(&self, before: &Room, now: &Room, nearer: f64) -> Result<(), Near> {
-        let least = [ABOVE_TABLE, ABOVE_TABLE, LEAST, LEAST, OFF_ZONE, OFF_ZONE, LEAST, LEAST];
-        let pairs = before.all().into_iter().zip(now.all()).zip(least);
+    /// Checks distances.
+    fn within(
+        &self,
+        before: &Distances,
+        now: &Distances,
+        tolerance: &Tolerance,
+    ) -> Result<(), Near> {
+        let pairs = before.all().into_iter().zip(now.all()).zip(tolerance.least());
         let too_near = pairs.enumerate().find_map(|(which, ((before, now), least))| {
             let (before, now) = (before?, now?);
-            (now < least.min(before - nearer)).then_some((which, now))
+            // Below the least distance only pairs that were as near before are allowed, and only if
+            // they do not come nearer.
+            (now < least.min(before - tolerance.dip)).then_some((which, now))
         });
         match too_near {
             None => Ok(()),
@@ -237,50 +325,105 @@ impl Guard {
         }
     }
 
-    /// Whether arms that stand so may go their ways, all evenly in the same time. Where something is too near at the beginning,
-    /// ways on which it comes no nearer are allowed: so that an operator can move an arm out of a corner.
+    /// Checks whether the arms may take these paths. Both begin and end together, and at each
+    /// moment both have covered the same share of their paths. Bodies that are too close at the
+    /// beginning may move apart, so that an operator can move an arm out of a corner.
     ///
     /// # Errors
-    /// What comes too near on the way.
-    pub fn ways(
+    /// The first pair of bodies that comes too close on the paths.
+    pub fn check_paths(
         &self,
         from: [Option<&JointPositions>; 2],
         ways: [&PlannedMotion; 2],
     ) -> Result<(), Near> {
         let apart = self.keep_apart(from, ways);
-        let as_meant = |room: Room| if apart { room } else { room.meeting() };
-        let before = as_meant(self.room(from));
-        self.places(from, ways).try_for_each(|room| self.within(&before, &as_meant(room), ON_A_WAY))
+        // Hands that are to meet may touch with fingers and cube, on all of the path.
+        let as_meant = |distances: Distances| if apart { distances } else { distances.meeting() };
+        let mut courses = self.courses(from, ways);
+        let mut last = self.place(&mut courses, 0.0);
+        let before = as_meant(last.distances);
+        let check =
+            |distances: Distances| self.within(&before, &as_meant(distances), &Tolerance::ON_PATH);
+        for step in 1..=STEPS {
+            let next = self.place(&mut courses, f64::from(step) / f64::from(STEPS));
+            self.check_between(&mut courses, &last, &next, &check)?;
+            last = next;
+        }
+        Ok(())
     }
 
-    /// Whether the hands are not to meet on ways of both arms: they are apart at the beginning and at the end, or have nothing to
-    /// meet for.
+    /// Checks the paths between two places.
+    ///
+    /// # Errors
+    /// The first pair of bodies that comes too close.
+    fn check_between(
+        &self,
+        courses: &mut [Option<Course<'_>>; 2],
+        from: &Place,
+        to: &Place,
+        check: &impl Fn(Distances) -> Result<(), Near>,
+    ) -> Result<(), Near> {
+        let moved = to.moved_since(from);
+        // Bodies at distances a and b, which move by m in between, keep (a + b - m) / 2.
+        let pairs = from
+            .distances
+            .all()
+            .into_iter()
+            .zip(to.distances.all())
+            .zip(Tolerance::ON_PATH.least());
+        let may_dip = |((a, b), least): ((Option<f64>, Option<f64>), f64)| {
+            a.zip(b).is_some_and(|(a, b)| a + b - moved < 2.0 * least)
+        };
+        if moved > FINE && pairs.into_iter().any(may_dip) {
+            let middle = self.place(courses, f64::midpoint(from.part, to.part));
+            self.check_between(courses, from, &middle, check)?;
+            return self.check_between(courses, &middle, to, check);
+        }
+        check(to.distances)
+    }
+
+    /// Returns whether the hands must stay apart on paths of both arms: they are apart at the
+    /// beginning and at the end, or none of them has a reason to meet the other.
     #[must_use]
     pub fn keep_apart(
         &self,
         from: [Option<&JointPositions>; 2],
         ways: [&PlannedMotion; 2],
     ) -> bool {
-        let begin = self.room(from);
-        let ends_apart = || self.places(from, ways).last().is_some_and(|end| end.apart());
+        let begin = self.distances(from);
+        let ends_apart = || {
+            let mut courses = self.courses(from, ways);
+            // A line is followed place by place, so that the inverse stays on its branch.
+            for step in 1..STEPS {
+                let part = f64::from(step) / f64::from(STEPS);
+                for course in courses.iter_mut().flatten() {
+                    course.at(part);
+                }
+            }
+            self.place(&mut courses, 1.0).distances.apart()
+        };
         self.never_meet && begin.hands.is_some() || begin.apart() && ends_apart()
     }
 
-    /// How the arms stand on their ways, all evenly in the same time.
-    fn places(
+    /// Returns the courses of both arms along their paths; `None` for an arm whose joints are
+    /// unknown.
+    fn courses(
         &self,
         from: [Option<&JointPositions>; 2],
         ways: [&PlannedMotion; 2],
-    ) -> impl Iterator<Item = Room> {
-        let mut at = [0, 1].map(|i: usize| from[i].map(|from| self.course(i, from, ways[i])));
-        (1..=STEPS).map(move |step| {
-            let part = f64::from(step) / f64::from(STEPS);
-            let there = at.each_mut().map(|course| course.as_mut().map(|course| course.at(part)));
-            self.room([there[0].as_ref(), there[1].as_ref()])
-        })
+    ) -> [Option<Course<'_>>; 2] {
+        [0, 1].map(|i: usize| from[i].map(|from| self.course(i, from, ways[i])))
     }
 
-    /// Returns the course of an arm from where it stands along its way.
+    /// Returns the place of both arms after the same share of their paths.
+    fn place(&self, courses: &mut [Option<Course<'_>>; 2], part: f64) -> Place {
+        let joints = courses.each_mut().map(|course| course.as_mut().map(|course| course.at(part)));
+        let joints = joints.each_ref().map(Option::as_ref);
+        let bodies = self.bodies_of_both(joints);
+        Place { part, bodies, distances: self.distances_of(&bodies) }
+    }
+
+    /// Returns the course of an arm along a path that begins at `from`.
     #[must_use]
     pub fn course(&self, arm: usize, from: &JointPositions, way: &PlannedMotion) -> Course<'_> {
         let of = &self.cell.arms[arm];
@@ -288,11 +431,12 @@ impl Guard {
         Course { guard: self, arm, from: *from, way: *way, last: *from, tool }
     }
 
-    /// Whether an arm that has gone from one place to another in so many seconds was slow enough for where it is.
+    /// Checks the speed of an arm that has moved between two places in this time (s), if it is near
+    /// the operator's hand.
     ///
     /// # Errors
-    /// How fast it went, where it went more than a fifth too fast.
-    pub fn pace(
+    /// The speed, if it is more than a fifth above its limit.
+    pub fn check_speed(
         &self,
         arm: usize,
         from: &JointPositions,
@@ -302,43 +446,48 @@ impl Guard {
         let Some(allowed) = self.hand_speed.filter(|_| seconds > 0.0) else { return Ok(()) };
         match self.near_hand(&self.bodies(arm, from), &self.bodies(arm, to)) {
             Some(way) if way > 1.2 * allowed * seconds => {
-                Err(Near::Hasty { arm: self.name(arm), speed: way / seconds })
+                Err(Near::TooFast { arm: self.name(arm), speed: way / seconds })
             }
             _ => Ok(()),
         }
     }
 
-    /// The longest way of a part of a hand, if one is near to where the operator's may be (m).
+    /// Returns the longest distance that a part of a hand has moved, if one is near the operator's
+    /// zone (m).
     fn near_hand(&self, from: &Bodies, to: &Bodies) -> Option<f64> {
         let zone = &self.cell.hand;
         let zone_from_world = zone.world_from_cube.inverse();
-        let off = |at: &Point3<f64>| zone.off(&(zone_from_world * at));
+        let off = |at: &Point3<f64>| zone.distance(&(zone_from_world * at));
+        // A part is as near as its surface: its own radius comes on top of the distance.
         let parts = from.hand().into_iter().zip(to.hand());
-        let near = parts.clone().any(|((a, radius), (b, _))| off(&a).min(off(&b)) < radius + NEAR);
+        let near = parts
+            .clone()
+            .any(|((a, radius), (b, _))| off(&a).min(off(&b)) < radius + SLOW_DISTANCE);
         near.then(|| parts.map(|((a, _), (b, _))| (b - a).norm()).fold(0.0, f64::max))
     }
 }
 
-/// The course of an arm along its way.
+/// The course of an arm along its path.
 #[derive(Debug)]
 pub struct Course<'a> {
     guard: &'a Guard,
     arm: usize,
     from: JointPositions,
     way: PlannedMotion,
-    /// Where it was seen last.
+    /// Last computed joint positions.
     last: JointPositions,
     /// `base_from_tool` at the beginning.
     tool: Pose,
 }
 
 impl Course<'_> {
-    /// Returns how many times too fast the arm is where the operator's hand may be, if its way
-    /// takes `seconds` and it has gone `share` of the way after a share of that time: 1 or less
-    /// where it is slow enough.
+    /// Returns the factor by which the arm is too fast near the operator's hand, 1 or less where it
+    /// is slow enough. The path takes `seconds` (s), and `share` gives the share of it that is done
+    /// after a share of that time.
     #[must_use]
-    pub fn haste(mut self, seconds: f64, share: impl Fn(f64) -> f64) -> f64 {
+    pub fn hand_speed_factor(mut self, seconds: f64, share: impl Fn(f64) -> f64) -> f64 {
         let (guard, arm) = (self.guard, self.arm);
+        // A table has no hand that could be hurt.
         let Some(allowed) = guard.hand_speed else { return 0.0 };
         let step = seconds / f64::from(MOMENTS);
         let mut last = guard.bodies(arm, &self.from);
@@ -353,18 +502,17 @@ impl Course<'_> {
             .fold(0.0, f64::max)
     }
 
-    /// Returns how many times too fast the fastest motor of the arm is, if its way takes `seconds`
-    /// and it has gone `share` of the way after a share of that time: 1 or less where all are slow
-    /// enough.
+    /// Returns the factor by which the fastest motor of the arm is too fast, 1 or less where all
+    /// are slow enough. The arguments are those of [`Course::hand_speed_factor`].
     #[must_use]
-    pub fn rush(mut self, seconds: f64, share: impl Fn(f64) -> f64) -> f64 {
+    pub fn motor_speed_factor(mut self, seconds: f64, share: impl Fn(f64) -> f64) -> f64 {
         let (model, from) = (&self.guard.cell.arms[self.arm].model, self.from);
         let allowed = MOTORS * model.motor_speed_limit * seconds / f64::from(MOMENTS);
         farthest_turn(model, &from, |part| self.at(share(part))) / allowed
     }
 
-    /// Returns the shares of the way until which, and from which on, a part of the hand is near to
-    /// where the operator's may be: (0, 1) where it is so at neither end.
+    /// Returns the share of the path until which a part of the hand is near the operator's zone,
+    /// and the share from which on it is near again: (0, 1) if it is near at neither end.
     #[must_use]
     pub fn near_ends(mut self) -> (f64, f64) {
         let (guard, arm) = (self.guard, self.arm);
@@ -377,19 +525,20 @@ impl Course<'_> {
             .collect();
         let begin = near.iter().take_while(|near| **near).count() as u32;
         let end = near.iter().rev().take_while(|near| **near).count() as u32;
-        // A step more, since nobody looked in between.
+        // One step more, since the places in between were not checked.
         let until = if begin == 0 { 0.0 } else { share(begin.min(MOMENTS)) };
         (until, if end == 0 { 1.0 } else { 1.0 - share(end.min(MOMENTS)) })
     }
 
-    /// Returns the joint positions after a share of the way. Where a line leaves the arm's reach,
-    /// the arm stays at the last place within: its servo refuses the rest.
+    /// Returns the joint positions after a share of the path. Where a line leaves the arm's reach,
+    /// the arm stays at the last place within it: the servo refuses the rest.
     fn at(&mut self, part: f64) -> JointPositions {
         self.last = match self.way {
             PlannedMotion::Stays => self.from,
             PlannedMotion::Joints(to) => self.from.towards(&to, part),
             PlannedMotion::Legs(legs) => legs.at(&self.from, part),
             PlannedMotion::Line(to) => {
+                // Near the last place the inverse stays on its branch, as the servo does.
                 let arm = &self.guard.cell.arms[self.arm];
                 let tool = Pose::from_parts(
                     self.tool.translation.vector.lerp(&to.translation.vector, part).into(),
@@ -407,9 +556,13 @@ impl Course<'_> {
 mod tests {
     use super::super::{MeetingTable, ReachSettings, example_cell};
     use super::*;
+    use rand::{Rng as _, SeedableRng as _};
+    use rand_pcg::Pcg64;
 
+    /// Every meeting is allowed; an arm that enters the other one or the table is refused, on a
+    /// path and while it is watched. A path out of a collision is allowed.
     #[test]
-    fn every_meeting_is_allowed_and_an_arm_in_the_other_or_in_the_table_is_not() {
+    fn guard_allows_meetings_and_refuses_collisions() {
         let cell = example_cell();
         let guard = Guard::of(&cell, 0.25);
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
@@ -417,13 +570,13 @@ mod tests {
         let (mut refused, mut into, mut on_and_on) = (0, 0, 0);
         for meeting in meetings {
             // The hands are at one cube.
-            let room = |stand: [Option<&JointPositions>; 2]| guard.room(stand).meeting();
-            let free = room([Some(&meeting.track), Some(&meeting.postument)]);
-            assert_eq!(guard.may(&free, &free), Ok(()));
+            let distances = |stand: [Option<&JointPositions>; 2]| guard.distances(stand).meeting();
+            let free = distances([Some(&meeting.track), Some(&meeting.postument)]);
+            assert_eq!(guard.check_motion(&free, &free), Ok(()));
             let mut low = meeting.postument;
             low.0[2] += 0.9;
             let met = |track: &JointPositions, postument: &JointPositions| {
-                guard.may(&free, &room([Some(track), Some(postument)])).is_err()
+                guard.check_motion(&free, &distances([Some(track), Some(postument)])).is_err()
             };
             assert!(met(&meeting.track, &low));
             let nearer = |by: u32| {
@@ -435,58 +588,109 @@ mod tests {
             let Some(near) = (1..=20).map(nearer).find(meets) else { continue };
             refused += 1;
 
-            // The way there is refused where it comes too near, the way out of there is not.
+            // The path there is refused where it comes too near, the path out of there is not.
             let ends = [&meeting.track, &near].map(|track| [Some(track), Some(&meeting.postument)]);
             let to = |ends: [Option<&JointPositions>; 2]| {
                 ends.map(|to| PlannedMotion::Joints(*to.unwrap()))
             };
-            assert!(guard.ways(ends[0], to(ends[1]).each_ref()).is_err());
-            // Fingers and cubes that are apart on both sides may be too near on a straight way.
-            let out = guard.ways(ends[1], to(ends[0]).each_ref());
+            assert!(guard.check_paths(ends[0], to(ends[1]).each_ref()).is_err());
+            // Fingers and cubes that are apart on both sides may be too near on a straight path.
+            let out = guard.check_paths(ends[1], to(ends[0]).each_ref());
             assert!(matches!(out, Ok(()) | Err(Near::Hands(_))), "{out:?}");
 
-            // Nor may it go on, or the other hand into the table, only since something is too near already.
+            // Bodies that are too near already do not allow the arm to go on, or the other hand to
+            // enter the table.
             let mut on = near;
             on.0[0] += 0.02;
             let on = [Some(&on), Some(&meeting.postument)];
-            let nears = room(on).arms < room(ends[1]).arms;
-            let further = guard.ways(ends[1], to(on).each_ref());
+            let nears = distances(on).arms < distances(ends[1]).arms;
+            let further = guard.check_paths(ends[1], to(on).each_ref());
             assert!(further.is_err() == nears || matches!(further, Err(Near::Hands(_))));
-            assert_eq!(guard.may(&room(ends[1]), &room(on)).is_err(), nears);
+            assert_eq!(guard.check_motion(&distances(ends[1]), &distances(on)).is_err(), nears);
             on_and_on += usize::from(nears);
             assert!(
-                guard.ways(ends[1], [&PlannedMotion::Stays, &PlannedMotion::Joints(low)]).is_err()
+                guard
+                    .check_paths(ends[1], [&PlannedMotion::Stays, &PlannedMotion::Joints(low)])
+                    .is_err()
             );
-            // Of one arm alone the table and its own links are looked at.
+            // One arm alone is checked against the table and its own links.
             assert!(
                 guard
-                    .ways([None, ends[0][1]], [&PlannedMotion::Stays, &PlannedMotion::Joints(low)])
+                    .check_paths(
+                        [None, ends[0][1]],
+                        [&PlannedMotion::Stays, &PlannedMotion::Joints(low)]
+                    )
                     .is_err()
             );
             assert_eq!(
-                guard.ways([None, ends[0][1]], [&PlannedMotion::Stays, &PlannedMotion::Stays]),
+                guard.check_paths(
+                    [None, ends[0][1]],
+                    [&PlannedMotion::Stays, &PlannedMotion::Stays]
+                ),
                 Ok(())
             );
 
-            // A line is looked at by where it leads, too.
+            // A line is checked at the places on it, as joint paths are.
             let track = &cell.arms[0];
             let tool = |joints| track.model.base_from_flange(joints) * track.flange_from_tool;
             let there =
                 PlannedMotion::Line(tool(&meeting.track) * Pose::translation(0.0, 0.0, 0.1));
             let back =
                 PlannedMotion::Line(tool(&meeting.track) * Pose::translation(0.0, 0.0, -0.05));
-            into += usize::from(guard.ways(ends[0], [&there, &PlannedMotion::Stays]).is_err());
-            let out = guard.ways(ends[0], [&back, &PlannedMotion::Stays]);
+            into +=
+                usize::from(guard.check_paths(ends[0], [&there, &PlannedMotion::Stays]).is_err());
+            let out = guard.check_paths(ends[0], [&back, &PlannedMotion::Stays]);
             assert!(matches!(out, Ok(()) | Err(Near::Hands(_))), "{out:?}");
         }
-        // Hands that look past each other may go by each other.
+        // Hands of a view may pass each other without meeting.
         assert!(refused >= 16, "{refused}");
         assert!(into >= refused / 2, "{into} of {refused}");
         assert!(on_and_on >= refused / 2, "{on_and_on} of {refused}");
     }
 
+    /// Moves the track arm along random paths past the postument. The arms are too close only
+    /// between two steps of the coarse check.
     #[test]
-    fn hands_that_begin_and_end_apart_do_not_meet_in_between_and_those_that_are_to_meet_may() {
+    fn path_check_finds_collisions_between_coarse_steps() {
+        let cell = example_cell();
+        let guard = Guard::of(&cell, 0.25);
+        let table = MeetingTable::compute(&cell, &ReachSettings::default());
+        let meeting = table.grasps.iter().flatten().next().unwrap();
+        let postument = &meeting.postument;
+        let mut random = Pcg64::seed_from_u64(1);
+        let mut drawn = || {
+            let mut track = meeting.track;
+            // Behind the meeting and turned away from it, the arms are mostly apart.
+            track.0[0] -= random.random_range(0.0..0.6);
+            track.0[1..5].iter_mut().for_each(|joint| *joint += random.random_range(-1.2..1.2));
+            track
+        };
+        let least = |from: &JointPositions, to: &JointPositions, steps: u32| {
+            let nearest = |step: u32| {
+                let track = from.towards(to, f64::from(step) / f64::from(steps));
+                let distances = guard.distances([Some(&track), Some(postument)]);
+                distances.arms.unwrap().min(distances.hands.unwrap())
+            };
+            (0..=steps).map(nearest).fold(f64::INFINITY, f64::min)
+        };
+
+        let paths = std::iter::repeat_with(|| (drawn(), drawn())).take(20_000);
+        let mut overlooked = paths.filter(|(from, to)| {
+            (MIN_DISTANCE..0.05).contains(&least(from, to, STEPS))
+                && least(from, to, 20 * STEPS) < 0.8 * MIN_DISTANCE
+        });
+        let (from, to) = overlooked.next().unwrap();
+        let refused = guard.check_paths(
+            [Some(&from), Some(postument)],
+            [&PlannedMotion::Joints(to), &PlannedMotion::Stays],
+        );
+
+        assert!(matches!(refused, Err(Near::Arms(_) | Near::Hands(_))), "{refused:?}");
+    }
+
+    /// Hands that begin and end apart may not meet in between. Hands that end at one cube may.
+    #[test]
+    fn hands_meet_only_where_they_must() {
         let cell = example_cell();
         let guard = Guard::of(&cell, 0.25);
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
@@ -502,16 +706,16 @@ mod tests {
             let (back, to) = (&meeting.track_back, PlannedMotion::Joints(meeting.track));
             assert!(!guard.keep_apart(stands(back), [&to, &PlannedMotion::Stays]));
             assert_eq!(
-                guard.ways(stands(back), [&to, &PlannedMotion::Stays]),
+                guard.check_paths(stands(back), [&to, &PlannedMotion::Stays]),
                 Ok(()),
-                "they are to meet"
+                "the hands must meet"
             );
             met += 1;
 
-            // By hand nobody leads them there.
-            if guard.room(stands(back)).apart() {
+            // Under control by hand there is no meeting.
+            if guard.distances(stands(back)).apart() {
                 let by_hand =
-                    guard.clone().by_hand().ways(stands(back), [&to, &PlannedMotion::Stays]);
+                    guard.clone().by_hand().check_paths(stands(back), [&to, &PlannedMotion::Stays]);
                 assert!(matches!(by_hand, Err(Near::Hands(_))), "{by_hand:?}");
             }
 
@@ -519,19 +723,21 @@ mod tests {
             if !guard.keep_apart(stands(&before), [&past, &PlannedMotion::Stays]) {
                 continue;
             }
-            let way = guard.ways(stands(&before), [&past, &PlannedMotion::Stays]);
+            let way = guard.check_paths(stands(&before), [&past, &PlannedMotion::Stays]);
             assert!(way.is_err(), "through the other hand");
             passed += usize::from(matches!(way, Err(Near::Hands(_))));
-            // So may they not be while they are watched, unless they are to meet.
-            let (far, near) = (guard.room(stands(&before)), guard.room(stands(&meeting.track)));
-            assert!(matches!(guard.may(&far, &near), Err(Near::Hands(_))));
-            assert_eq!(guard.may(&far.meeting(), &near.meeting()), Ok(()));
+            // Nor may they be there while they are watched, unless they are to meet.
+            let (far, near) =
+                (guard.distances(stands(&before)), guard.distances(stands(&meeting.track)));
+            assert!(matches!(guard.check_motion(&far, &near), Err(Near::Hands(_))));
+            assert_eq!(guard.check_motion(&far.meeting(), &near.meeting()), Ok(()));
         }
         assert!(met >= 12 && passed >= 4, "{met} {passed}");
     }
 
+    /// Jaws of unknown opening count as holding a cube as well.
     #[test]
-    fn a_hand_may_hold_a_cube_where_its_jaws_are_as_wide_as_one_or_nobody_knows_how_wide() {
+    fn jaws_as_wide_as_cube_count_as_holding() {
         let cell = example_cell();
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
         let edge = cell.cube.edge;
@@ -540,53 +746,61 @@ mod tests {
             let apart = |openings: [Option<f64>; 2]| {
                 let mut guard = Guard::of(&cell, 0.25);
                 guard.holding(openings);
-                guard.room([Some(&meeting.track_back), Some(&meeting.postument)]).hands.unwrap()
+                guard
+                    .distances([Some(&meeting.track_back), Some(&meeting.postument)])
+                    .hands
+                    .unwrap()
             };
             let (held, empty) = (apart([Some(edge); 2]), apart([Some(0.0); 2]));
             told_apart += usize::from(held < empty);
-            // A calibration may be off, a grasp askew.
+            // A calibration may have an error, and a grasp may be tilted.
             for wide in [None, Some(edge - 0.005), Some(edge + 0.005)] {
                 assert_eq!(apart([wide; 2]), held, "{wide:?}");
             }
             for wide in [edge - 0.007, edge + 0.007, 0.09] {
                 assert_eq!(apart([Some(wide); 2]), empty, "{wide}");
             }
-            // The jaws may have opened or closed since they were looked at last.
+            // Jaws whose opening is unknown again may have closed on a cube meanwhile.
             let mut guard = Guard::of(&cell, 0.25);
             guard.holding([Some(0.0); 2]);
             guard.holding([None; 2]);
-            let room = guard.room([Some(&meeting.track_back), Some(&meeting.postument)]);
-            assert_eq!(room.hands, Some(held));
+            let distances = guard.distances([Some(&meeting.track_back), Some(&meeting.postument)]);
+            assert_eq!(distances.hands, Some(held));
         }
         assert!(told_apart >= 4, "{told_apart}");
     }
 
+    /// A body that has left a collision may not return. One that is still too close may come closer
+    /// by a small tolerance.
     #[test]
-    fn who_was_led_out_stays_out_and_who_is_too_near_may_dip_by_a_hair() {
+    fn watched_motion_keeps_distance_within_small_tolerance() {
         let guard = Guard::of(&example_cell(), 0.25);
-        let above = |height: f64| Room { table: [Some(height), None], ..Room::default() };
+        let above = |height: f64| Distances { table: [Some(height), None], ..Distances::default() };
 
         assert_eq!(above(0.05).or_more(&above(0.01)), above(0.05));
         assert_eq!(above(0.01).or_more(&above(0.05)), above(0.05));
-        // Of what is not known any more nothing is kept, and what is known for the first time is where it is.
-        assert_eq!(Room::default().or_more(&above(0.05)), Room::default());
-        assert_eq!(above(0.01).or_more(&Room::default()), above(0.01));
+        // An arm that is unknown now keeps no distance, and one that is known for the first time
+        // keeps the present one.
+        assert_eq!(Distances::default().or_more(&above(0.05)), Distances::default());
+        assert_eq!(above(0.01).or_more(&Distances::default()), above(0.01));
 
-        assert!(guard.may(&above(0.05), &above(0.004)).is_err());
+        assert!(guard.check_motion(&above(0.05), &above(0.004)).is_err());
         // Watched, a hand may dip when it is turned out of a corner.
-        assert_eq!(guard.may(&above(0.004), &above(0.0025)), Ok(()));
-        assert!(guard.may(&above(0.004), &above(0.0015)).is_err());
+        assert_eq!(guard.check_motion(&above(0.004), &above(0.0025)), Ok(()));
+        assert!(guard.check_motion(&above(0.004), &above(0.0015)).is_err());
     }
 
+    /// A planned path is refused even where a motion under watch may still come a little closer.
     #[test]
-    fn a_way_that_is_asked_for_leads_no_nearer_to_what_is_too_near() {
+    fn path_may_not_approach_a_close_body() {
         let cell = example_cell();
         let guard = Guard::of(&cell, 0.25);
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
         let mut low = table.grasps.iter().flatten().next().unwrap().postument;
         low.0[2] += 0.9;
-        let height = |joints: &JointPositions| guard.room([None, Some(joints)]).table[1].unwrap();
-        assert!(height(&low) < ABOVE_TABLE);
+        let height =
+            |joints: &JointPositions| guard.distances([None, Some(joints)]).table[1].unwrap();
+        assert!(height(&low) < MIN_HEIGHT);
         let lower = |by: u32| {
             let mut lower = low;
             lower.0[2] += 1e-4 * f64::from(by);
@@ -596,19 +810,24 @@ mod tests {
         let by = (1..100).find(|by| height(&low) - height(&lower(*by)) > 1e-3).unwrap();
         let (from, to) = ([None, Some(&low)], lower(by));
 
-        assert!(height(&low) - height(&to) < WATCHED);
-        let asked = guard.ways(from, [&PlannedMotion::Stays, &PlannedMotion::Joints(to)]);
+        assert!(height(&low) - height(&to) < DIP_WATCHED);
+        let asked = guard.check_paths(from, [&PlannedMotion::Stays, &PlannedMotion::Joints(to)]);
         assert!(matches!(asked, Err(Near::Table { .. })), "{asked:?}");
-        assert_eq!(guard.may(&guard.room(from), &guard.room([None, Some(&to)])), Ok(()));
-        // Nor where only its end is too low.
+        assert_eq!(
+            guard.check_motion(&guard.distances(from), &guard.distances([None, Some(&to)])),
+            Ok(())
+        );
+        // A path whose end alone is too low is refused as well.
         let above = table.grasps.iter().flatten().next().unwrap().postument;
-        let down =
-            guard.ways([None, Some(&above)], [&PlannedMotion::Stays, &PlannedMotion::Joints(low)]);
+        let down = guard.check_paths(
+            [None, Some(&above)],
+            [&PlannedMotion::Stays, &PlannedMotion::Joints(low)],
+        );
         assert!(matches!(down, Err(Near::Table { .. })), "{down:?}");
     }
 
     #[test]
-    fn a_line_leads_to_where_its_tool_is_turned_too() {
+    fn straight_path_ends_at_tools_target_pose() {
         let cell = example_cell();
         let guard = Guard::of(&cell, 0.25);
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
@@ -636,7 +855,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_but_the_hand_that_takes_the_cube_has_any_business_in_the_operators_zone() {
+    fn only_taking_hand_may_enter_operator_zone() {
         let cell = example_cell();
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
         let meeting = table.grasps.iter().flatten().next().unwrap();
@@ -659,8 +878,9 @@ mod tests {
             } else {
                 [&PlannedMotion::Stays, &back]
             };
-            let asked = guard.ways(from, ways);
-            let watched = guard.may(&guard.room(from).meeting(), &guard.room(stands).meeting());
+            let asked = guard.check_paths(from, ways);
+            let watched = guard
+                .check_motion(&guard.distances(from).meeting(), &guard.distances(stands).meeting());
             assert_eq!(asked.is_err(), watched.is_err(), "{asked:?} {watched:?}");
             asked
         };
@@ -677,12 +897,12 @@ mod tests {
         assert!(refused(went(1, points(1)[4], Keeper::Person)));
         assert!(refused(went(0, forearm(0), Keeper::Person)));
         assert_eq!(went(0, points(0)[4], Keeper::Person), Ok(()), "its hand takes the cube");
-        // Nobody's hand is at a table.
+        // No hand is at a table.
         assert_eq!(went(1, points(1)[4], Keeper::Table), Ok(()));
     }
 
     #[test]
-    fn a_way_is_too_fast_only_near_the_operator_and_only_when_it_is() {
+    fn speed_is_limited_only_near_operator() {
         let cell = example_cell();
         let guard = Guard::of(&cell, 0.25);
         let arm = &cell.arms[0];
@@ -701,39 +921,39 @@ mod tests {
 
         // 0.2 m: in 1.2 s slow enough, in 0.6 s not.
         for way in [PlannedMotion::Line(at), PlannedMotion::Joints(near)] {
-            let slow = guard.course(0, &far, &way).haste(1.2, even);
-            let fast = guard.course(0, &far, &way).haste(0.6, even);
+            let slow = guard.course(0, &far, &way).hand_speed_factor(1.2, even);
+            let fast = guard.course(0, &far, &way).hand_speed_factor(0.6, even);
             assert!(slow > 0.5 && slow <= 1.0, "{slow}");
             assert!((fast / slow - 2.0).abs() < 1e-9, "{fast} {slow}");
         }
-        assert!(guard.pace(0, &far, &near, 1.2).is_ok());
-        let told = guard.pace(0, &far, &near, 0.4).unwrap_err().to_string();
-        assert!(told.contains("track arm goes at 5") && told.contains("mm/s"), "{told}");
+        assert!(guard.check_speed(0, &far, &near, 1.2).is_ok());
+        let told = guard.check_speed(0, &far, &near, 0.4).unwrap_err().to_string();
+        assert!(told.contains("track arm moves at 5") && told.contains("mm/s"), "{told}");
         // A part is as near as its surface, however far off its middle is.
         let (bodies, mut aside) = (guard.bodies(0, &near), cell.clone());
         let nearest = |cell: &Cell, counts: f64| {
             let zone_from_world = cell.hand.world_from_cube.inverse();
             let off = bodies
                 .hand()
-                .map(|(at, radius)| cell.hand.off(&(zone_from_world * at)) - counts * radius);
+                .map(|(at, radius)| cell.hand.distance(&(zone_from_world * at)) - counts * radius);
             off.into_iter().fold(f64::INFINITY, f64::min)
         };
-        while nearest(&aside, 0.0) < 1.1 * NEAR {
+        while nearest(&aside, 0.0) < 1.1 * SLOW_DISTANCE {
             aside.hand.world_from_cube.translation.vector.z += 0.001;
         }
-        assert!(nearest(&aside, 1.0) < 0.9 * NEAR);
+        assert!(nearest(&aside, 1.0) < 0.9 * SLOW_DISTANCE);
         let mut moved = near;
         moved.0[6] += 0.5;
         moved.0[5] += 0.1;
-        assert!(Guard::of(&aside, 0.25).pace(0, &near, &moved, 0.01).is_err());
-        // As fast where nobody is.
+        assert!(Guard::of(&aside, 0.25).check_speed(0, &near, &moved, 0.01).is_err());
+        // Elsewhere, or without a person, the hand may be as fast.
         let mut elsewhere = cell.clone();
         elsewhere.hand.world_from_cube.translation.vector.x += 1.0;
         for cell in [elsewhere, Cell { keeper: Keeper::Table, ..cell.clone() }] {
             let guard = Guard::of(&cell, 0.25);
             let course = guard.course(0, &far, &PlannedMotion::Line(at));
-            assert_eq!(course.haste(0.2, even), 0.0);
-            assert!(guard.pace(0, &far, &near, 0.1).is_ok());
+            assert_eq!(course.hand_speed_factor(0.2, even), 0.0);
+            assert!(guard.check_speed(0, &far, &near, 0.1).is_ok());
         }
     }
 }

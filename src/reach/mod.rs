@@ -1,10 +1,11 @@
-//! Where two arms can meet: for each relative orientation of the tools, joint positions of both arms.
+//! The places where two arms can meet: for each relative orientation of the tools, joint positions
+//! of both arms.
 //!
-//! Computed once per cell from the belief, on the EDP side, and handed to MP as data: the tasks themselves
-//! know no kinematics.
+//! The table is computed once per cell from the belief, on the EDP side, and handed to MP as data:
+//! the tasks themselves know no kinematics.
 //!
 //! - in: the [`Cell`](crate::cell::Cell), [`ReachSettings`]
-//! - out: [`MeetingTable`], the same for the same input (seeded search)
+//! - out: [`MeetingTable`], equal for equal inputs (seeded search)
 
 mod bodies;
 mod example;
@@ -23,7 +24,7 @@ pub use example::example_cell;
 pub use fold::Fold;
 pub use meeting::{Meeting, MeetingTable};
 pub use settings::ReachSettings;
-pub use way::Way;
+pub use way::MeetingPath;
 pub use way_finder::WayFinder;
 
 /// The 24 rotations and their order, as indices of [`MeetingTable::grasps`].
@@ -57,7 +58,7 @@ mod tests {
     }
 
     #[test]
-    fn the_rotations_are_the_24_of_a_cube_and_know_their_places() {
+    fn rotation_index_finds_each_distinct_rotation() {
         let all = rotations();
 
         for (i, a) in all.iter().enumerate() {
@@ -70,8 +71,9 @@ mod tests {
         }
     }
 
+    /// A grasp is possible unless both palms are on one face or the fingers would cross.
     #[test]
-    fn every_grasp_that_the_fingers_allow_and_every_view_is_found() {
+    fn search_finds_all_possible_grasps_and_views() {
         let (grasps, views) = TABLE.found();
 
         assert_eq!((grasps, views), (16, 6));
@@ -84,12 +86,12 @@ mod tests {
     }
 
     #[test]
-    fn the_table_is_the_same_each_time() {
+    fn computing_meetings_twice_gives_equal_tables() {
         assert_eq!(MeetingTable::compute(&CELL, &SETTINGS), *TABLE);
     }
 
     #[test]
-    fn both_arms_stand_as_meant() {
+    fn meetings_have_nominal_poses_of_tools() {
         let [track, postument] = [&CELL.arms[0], &CELL.arms[1]];
         for meeting in meetings() {
             let world_from_track = world_from_tool(track, &meeting.track);
@@ -151,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn every_place_is_inside_the_limits_with_room_for_corrections() {
+    fn meetings_keep_limits_with_room_for_corrections() {
         for meeting in meetings() {
             for (arm, at, back) in [
                 (&CELL.arms[0], meeting.track, meeting.track_back),
@@ -175,8 +177,9 @@ mod tests {
         }
     }
 
+    /// Each hand can turn a layer by a quarter either way, and by a half turn one way.
     #[test]
-    fn each_hand_can_turn_a_layer_either_way_and_by_half_a_turn() {
+    fn grasps_allow_quarter_and_half_turns() {
         use std::f64::consts::{FRAC_PI_2, PI};
         for grasp in TABLE.grasps.iter().flatten() {
             for (arm, places, (down, up)) in [
@@ -191,7 +194,7 @@ mod tests {
                     (down - 1e-3, false),
                     (up + 1e-3, false),
                 ] {
-                    // A hand draws back with the roll that a turn has left it in.
+                    // A hand retracts with the roll in which a turn has left it.
                     let rolls = |mut joints: JointPositions| {
                         joints.0[6] += roll;
                         arm.model.check(&joints).is_ok()
@@ -203,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn the_arms_keep_clear_of_each_other_at_the_meetings_and_on_all_ways_between_them() {
+    fn arms_keep_clearance_at_and_between_meetings() {
         for a in meetings() {
             assert!(a.clearance >= SETTINGS.clearance);
             for b in meetings() {

@@ -1,24 +1,25 @@
-//! How fast motors turn along a way of their arm.
+//! The speed of the motors along a path of their arm.
 //!
-//! - in: the arm's model, its joint positions along the way
-//! - out: how far its fastest motor turns from one moment to the next
+//! - in: the arm's model, its joint positions along the path
+//! - out: the largest angle of a motor from one moment to the next
 
 use crate::kinematics::ArmModel;
 use crate::motion::JointPositions;
 
-/// Moments at which a way is looked at.
+/// Number of moments at which a path is checked.
 pub(super) const MOMENTS: u32 = 60;
-/// Share of the motors' speed limit that a way uses at most: the servo refuses set values beyond
-/// the limit, and corrections come on top of a way.
+/// Share of the motors' speed limit that a path uses at most. The servo refuses set values beyond
+/// the limit, and corrections come on top of a path.
 pub(super) const MOTORS: f64 = 0.95;
 
-/// Returns the farthest that any motor turns from one of [`MOMENTS`] to the next (rad) on a way
-/// that begins at `from` and is `at` there after a share of its time.
+/// Returns the largest angle that any motor turns from one of [`MOMENTS`] to the next (rad). The
+/// path begins at `from`, and `at` returns its joint positions after a share of its time.
 pub(super) fn farthest_turn(
     model: &ArmModel,
     from: &JointPositions,
     mut at: impl FnMut(f64) -> JointPositions,
 ) -> f64 {
+    // Motors, not joints: the wrist's motors are coupled, so one joint's speed is not one motor's.
     let mut last = model.motors(from);
     (1..=MOMENTS)
         .map(|moment| {

@@ -1,8 +1,15 @@
-//! The search: seeded samples, some anywhere, most next to what is already known, then improvement.
+//! The search for meetings: seeded samples, then improvement of the best ones.
 //!
-//! A candidate is a cube in space, how the first hand holds it, where the track stands and, for a view, the
-//! roll of the camera. Both arms follow in closed form. The cost of a candidate is time: the way from a common
-//! reference, so that motions between meetings are short, and fines for narrow margins.
+//! A candidate is a cube in space, the grasp of the first hand, the travel of the track and, for a
+//! view, the roll of the camera. The joint positions of both arms follow in closed form. The cost
+//! of a candidate is a time: the path from a common reference, so that motions between meetings are
+//! short, with penalties for narrow margins.
+//!
+//! | sample | share | reason |
+//! |---|---|---|
+//! | next to the best one, in wide and in narrow steps by turns | 1/2 | improvement |
+//! | another grasp of the cube where another meeting has it | 3/8 | short paths between meetings |
+//! | anywhere in `BOX` | 1/8 | escape from a local minimum |
 
 use super::bodies::{Bodies, apart, at_the_cube, hands_fit};
 use super::meeting::{Meeting, MeetingTable};
@@ -19,42 +26,46 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 use std::f64::consts::PI;
 
-/// Where cubes are tried (m): x, y, z of the world, between the arms.
+/// Space in which cubes are tried (m): x, y, z of the world, between the arms.
 const BOX: [(f64, f64); 3] = [(-0.3, 0.9), (0.8, 1.7), (1.0, 1.8)];
-/// Room that the track keeps behind the separation, and at its far end (m).
+/// Room that the track keeps beyond the separation, and at its far end (m).
 const TRACK_ROOM: f64 = 0.02;
-/// Clearance below which a candidate is fined (m).
+/// Clearance below which a candidate is penalised (m).
 const GOOD_CLEARANCE: f64 = 0.06;
 
-/// What is wanted of a pair of stances.
+/// Demand on a pair of stances.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Wanted {
-    /// Both hold the cube: the postument's tool by this rotation in the track's tool.
+    /// Both hands hold the cube; this is the rotation of the postument's tool in the track's tool.
     Grasp(UnitQuaternion<f64>),
-    /// The other hand's camera looks along minus this normal, which is in the holder's tool frame.
+    /// The other hand's camera looks against this normal, which is in the holder's tool frame.
     View { holder: usize, normal: Vector3<f64> },
 }
 
+/// A sample of the search, from which both arms' joints follow.
 #[derive(Debug, Clone, Copy)]
 struct Candidate {
-    /// Tool of the holder, or of the track when both hold.
+    /// Pose of the holder's tool, or of the track's tool when both hold.
     world_from_tool: Pose,
+    /// Travel of the track, d0 (m).
     track: f64,
     /// Roll of the looking camera (rad).
     roll: f64,
 }
 
+/// A candidate that is allowed, with its meeting.
 #[derive(Debug, Clone, Copy)]
 struct Found {
     candidate: Candidate,
     meeting: Meeting,
+    /// Cost (s).
     cost: f64,
 }
 
 impl MeetingTable {
     /// Searches the meetings of the track arm (`cell.arms[0]`) and the postument arm
-    /// (`cell.arms[1]`), in about a second. A cell with fewer arms, or whose first has no track to
-    /// draw back on, has none.
+    /// (`cell.arms[1]`), in about a second. The table is empty if there are fewer arms, or if the
+    /// first has no track on which it could retract.
     #[must_use]
     pub fn compute(cell: &Cell, settings: &ReachSettings) -> Self {
         table(cell, settings)
@@ -78,15 +89,17 @@ fn table(cell: &Cell, settings: &ReachSettings) -> MeetingTable {
     for _ in 0..ROUNDS {
         for (i, wanted) in wanted.iter().enumerate() {
             found[i] = search.improve(wanted, found[i].as_ref());
+            // Later searches try the cube where this meeting has it.
             search.known.extend(found[i].map(|f| f.candidate.world_from_tool));
         }
         search.settle(&found);
-        // Costs were counted from another reference.
+        // The costs were relative to the last reference.
         for (wanted, slot) in wanted.iter().zip(&mut found) {
             *slot = slot.and_then(|f| search.evaluate(wanted, &f.candidate, f64::INFINITY));
         }
     }
     clear_ways(&mut search, &wanted, &mut found);
+    // `wanted` lists the grasps that the fingers allow, then the views, in the table's order.
     let mut found = found.into_iter();
     for (slot, rotation) in table.grasps.iter_mut().zip(rotations()) {
         if hands_fit(cell, &rotation) {
@@ -99,11 +112,13 @@ fn table(cell: &Cell, settings: &ReachSettings) -> MeetingTable {
     table
 }
 
-/// Searches anew, until none is left, for meetings whose ways to others are blocked: the worst first, under the
-/// condition that its ways are free. The few that stay blocked keep their old place.
+/// Searches again for the meetings from which the paths to other meetings are blocked, the worst
+/// first, and accepts only places with free paths. A meeting for which there is none keeps its
+/// place.
 fn clear_ways(search: &mut Search, wanted: &[Wanted], found: &mut [Option<Found>]) {
     let mut tried = vec![false; found.len()];
     for _ in 0..found.len() {
+        // Counted again in each round: a meeting that moves may block or free others.
         let blocked = |i: usize| {
             let Some(one) = found[i] else { return 0 };
             let others = found.iter().flatten();
@@ -112,6 +127,7 @@ fn clear_ways(search: &mut Search, wanted: &[Wanted], found: &mut [Option<Found>
         let worst = (0..found.len())
             .filter(|&i| !tried[i])
             .map(|i| (blocked(i), i))
+            // The first of equals, so that the table is repeatable.
             .max_by_key(|&(count, i)| (count, std::cmp::Reverse(i)));
         let Some((1.., worst)) = worst else { return };
         tried[worst] = true;
@@ -122,9 +138,10 @@ fn clear_ways(search: &mut Search, wanted: &[Wanted], found: &mut [Option<Found>
     }
 }
 
-/// Rounds of sampling over the whole table; the reference is settled anew after each.
+/// Rounds of sampling over the whole table; each ends with a new reference.
 const ROUNDS: u32 = 3;
 
+/// Returns all demands: the grasps that the fingers allow, then the views.
 fn wanted(cell: &Cell) -> Vec<Wanted> {
     let grasps = rotations().into_iter().filter(|r| hands_fit(cell, r)).map(Wanted::Grasp);
     let views = [0, 1].into_iter().flat_map(|holder| {
@@ -133,23 +150,27 @@ fn wanted(cell: &Cell) -> Vec<Wanted> {
     grasps.chain(views).collect()
 }
 
+/// State of the search.
 struct Search<'a> {
     cell: &'a Cell,
     settings: &'a ReachSettings,
     random: Pcg64,
+    /// Joint positions of both arms from which paths are counted.
     reference: [JointPositions; 2],
-    /// Tools of meetings that were found: good places to look for others.
+    /// Tools of meetings that were found: good places for others.
     known: Vec<Pose>,
+    /// Travel of the track in the reference, d0 (m).
     track: f64,
-    /// Meetings to which the way must be free.
+    /// Meetings to which the path must be free.
     peers: Vec<Meeting>,
-    /// [`rotations`].
+    /// The [`rotations`] of a cube.
     rotations: [UnitQuaternion<f64>; 24],
 }
 
 impl<'a> Search<'a> {
+    /// Begins a search.
     fn new(cell: &'a Cell, settings: &'a ReachSettings) -> Self {
-        // The middle of the joints that matter, facing the partner.
+        // The first reference: both arms halfway in their ranges, facing the partner.
         let facing = |sign: f64, track: f64, roll: f64| {
             JointPositions([track, sign * 1.4, -1.57, 0.0, 0.0, roll, 0.0])
         };
@@ -166,15 +187,17 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// The best of what was known and of new samples.
+    /// Returns the best of a known meeting and of new samples.
     fn improve(&mut self, wanted: &Wanted, known: Option<&Found>) -> Option<Found> {
         let mut best = known.copied();
         for i in 0..self.settings.samples {
             let candidate = match &best {
+                // Next to the best one: wide steps leave a local minimum, narrow ones refine.
                 Some(found) if i % 2 == 0 => {
                     let size = if i % 4 == 0 { 0.3 } else { 0.08 };
                     self.next_to(&found.candidate, size)
                 }
+                // The cube where another meeting has it, so that the path between them is short.
                 _ if !self.known.is_empty() && i % 8 != 1 => self.like_another(),
                 _ => self.anywhere(),
             };
@@ -186,7 +209,7 @@ impl<'a> Search<'a> {
         best
     }
 
-    /// The reference becomes the middle of what was found.
+    /// Sets the reference joint positions to the median of the meetings that were found.
     fn settle(&mut self, found: &[Option<Found>]) {
         let middle = |of: &dyn Fn(&Meeting) -> JointPositions| {
             JointPositions(std::array::from_fn(|axis| {
@@ -202,8 +225,10 @@ impl<'a> Search<'a> {
         }
     }
 
+    /// Returns a sample from all of the space.
     fn anywhere(&mut self) -> Candidate {
         let [x, y, z] = BOX.map(|(low, high)| self.random.random_range(low..high));
+        // A normalised vector of four normal numbers is a uniformly distributed rotation.
         let [a, b, c, d] = [(); 4].map(|()| self.normal());
         let rotation = UnitQuaternion::new_normalize(nalgebra::Quaternion::new(a, b, c, d));
         let (low, high) = self.track_range();
@@ -214,10 +239,12 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// The cube where another meeting has it, held by another of the 24 grasps.
+    /// Returns a sample in which the cube is where another meeting has it, in another of the 24
+    /// grasps.
     fn like_another(&mut self) -> Candidate {
         let known = self.known[self.random.random_range(0..self.known.len())];
         let other = self.rotations[self.random.random_range(0..24)];
+        // The cube's centre is a third of an edge before the tool point when one layer is held.
         let into = Translation3::new(0.0, 0.0, self.cell.cube.edge / 3.0);
         let candidate = Candidate {
             world_from_tool: known * into * other * into.inverse(),
@@ -227,6 +254,7 @@ impl<'a> Search<'a> {
         self.next_to(&candidate, 0.2)
     }
 
+    /// Returns a sample near another, at a distance that grows with `size`.
     fn next_to(&mut self, candidate: &Candidate, size: f64) -> Candidate {
         let mut step = |scale: f64| scale * size * self.normal();
         let shift = Vector3::new(step(0.3), step(0.3), step(0.3));
@@ -244,17 +272,19 @@ impl<'a> Search<'a> {
         }
     }
 
+    /// Returns a normally distributed number.
     fn normal(&mut self) -> f64 {
         StandardNormal.sample(&mut self.random)
     }
 
+    /// Returns the range of the track in which it can still retract by the separation (m).
     fn track_range(&self) -> (f64, f64) {
         let (low, high) = self.cell.arms[0].model.joint_limits[0];
         let low = low.max(0.0) + self.settings.separation + TRACK_ROOM;
         (low, (high - 2.0 * TRACK_ROOM).max(low + 1e-6))
     }
 
-    /// The meeting of a candidate, when it is allowed and costs less than `limit`.
+    /// Returns the meeting of a candidate if it is allowed and costs less than `limit` (s).
     fn evaluate(&self, wanted: &Wanted, candidate: &Candidate, limit: f64) -> Option<Found> {
         let (tools, need) = self.tools(wanted, candidate)?;
         let stances_of = |arm: usize, limit: f64| {
@@ -269,10 +299,12 @@ impl<'a> Search<'a> {
             stances(&demand, &tools[arm])
         };
         let track = stances_of(0, limit);
+        // The track's cheapest stance uses up part of the limit.
         let postument = stances_of(1, limit - track.0[0]?.cost);
         let mut best: Option<Found> = None;
         for a in track.iter() {
             for b in postument.iter() {
+                // Without the penalty the cost is a lower bound, and distances are the dearer part.
                 let cost = a.cost + b.cost;
                 let below = best.map_or(limit, |f| f.cost);
                 if cost >= below {
@@ -300,14 +332,16 @@ impl<'a> Search<'a> {
         best
     }
 
+    /// Returns whether the path between two meetings is too narrow.
     fn way_is_blocked(&self, a: &Meeting, b: &Meeting) -> bool {
         way_clearance(self.cell, self.settings.separation, a, b) < self.settings.clearance
     }
 
-    /// Both tools in the world, and whether the wrists must roll there.
+    /// Returns both tools in the world, and whether the wrists must be able to roll there.
     fn tools(&self, wanted: &Wanted, candidate: &Candidate) -> Option<([Pose; 2], Roll)> {
         let into = Translation3::new(0.0, 0.0, self.cell.cube.edge / 3.0);
         match wanted {
+            // Both hands are one layer deep, so their tool points are equally far from the centre.
             Wanted::Grasp(rotation) => {
                 let postument = candidate.world_from_tool * into * *rotation * into.inverse();
                 Some(([candidate.world_from_tool, postument], Roll::Needed))
@@ -315,7 +349,7 @@ impl<'a> Search<'a> {
             Wanted::View { holder, normal } => {
                 let viewer = 1 - holder;
                 let face = Point3::from(into.vector + 0.5 * self.cell.cube.edge * normal);
-                // The camera's z against the face's normal, its roll free.
+                // The camera's z is against the face's normal, and its roll is free.
                 let side = if normal.z.abs() > 0.5 { Vector3::x() } else { Vector3::z() };
                 let (s, c) = libm::sincos(candidate.roll);
                 let x = c * side + s * normal.cross(&side);
@@ -334,6 +368,7 @@ impl<'a> Search<'a> {
         }
     }
 
+    /// Returns the tool in the frame of the camera on the viewer's flange.
     fn camera_from_tool(&self, viewer: usize) -> Option<Pose> {
         self.cell.cameras.iter().find_map(|camera| match camera.mount {
             Mount::Flange { arm, flange_from_camera } if arm == viewer => {
@@ -343,7 +378,8 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Least distance at the meeting and on the ways to it; `None` when it is too small, or an arm too low.
+    /// Returns the least distance at the meeting and on the paths to it (m); `None` if it is too
+    /// small, or if an arm is too low.
     fn clearance(&self, wanted: &Wanted, a: &Stance, b: &Stance) -> Option<f64> {
         let arms: [&Arm; 2] = [&self.cell.arms[0], &self.cell.arms[1]];
         let floor = self.cell.table_height + self.settings.above_table;
@@ -364,19 +400,23 @@ impl<'a> Search<'a> {
         for body in here.iter().chain(&gone) {
             enough(body.own())?;
         }
+        // Either hand of a grasp may be the newcomer; at a view it is the one that looks.
         let newcomers: &[usize] = match wanted {
             Wanted::Grasp(_) => &[0, 1],
             Wanted::View { holder, .. } => &[1 - *holder],
         };
         for &newcomer in newcomers {
             let (holder, other) = (here[1 - newcomer], gone[newcomer]);
+            // Half retracted the newcomer is still beside the cube: its fingers may not count
+            // there.
             least = least.min(enough(at_the_cube(&holder, &half_gone[newcomer]))?);
             least = least.min(enough(self.separating(newcomer, &holder, &other))?);
         }
         Some(least)
     }
 
-    /// Least distance while the track draws back, the newcomer being drawn back along its tool axis.
+    /// Returns the least distance while the track retracts (m); the newcomer is retracted along its
+    /// tool.
     fn separating(&self, newcomer: usize, holder: &Bodies, other: &Bodies) -> f64 {
         const STEPS: u32 = 5;
         let away = self.cell.arms[0].world_from_base.rotation * -Vector3::y();

@@ -3,20 +3,20 @@
 /// Demands on meetings, and the effort of the search for them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReachSettings {
-    /// How far the track draws back along -y between meetings (m).
+    /// Distance by which the track retracts along -y between meetings (m).
     pub separation: f64,
-    /// How far each arm can draw back along its own tool axis (m).
+    /// Distance by which each arm can retract along its own tool axis (m).
     pub back: f64,
     /// Distance from a hand's camera to the face that it looks at (m).
     pub view_distance: f64,
-    /// By how much the tools can be shifted along each axis, for other depths and corrections (m).
+    /// Distance by which the tools can be shifted along each axis, for other depths and corrections
+    /// (m).
     pub shift: f64,
     /// Least distance between the capsules of the arms (m).
     pub clearance: f64,
-    /// Height above the table that wrists and tools keep (m).
+    /// Least height of wrists and tools above the table (m).
     pub above_table: f64,
-    /// Random poses that are tried for each meeting, near to and far from those that are already
-    /// known.
+    /// Number of random poses that are tried for each meeting, near to and far from the known ones.
     pub samples: u32,
     /// Seed of the search.
     pub seed: u64,

@@ -1,4 +1,23 @@
-//! One arm at one place: which joint positions take its tool there with room to work.
+//! One arm at one place: the joint positions that take its tool there with room to work.
+//!
+//! - in: a [`Demand`] and the tool's pose in the world
+//! - out: the two cheapest [`Stance`]s; their cost is the time of the path from a reference, with
+//!   penalties
+//!
+//! | a stance is refused if | threshold |
+//! |---|---|
+//! | the wrist is near its singularity | `WRIST` |
+//! | a joint is near its limit at the meeting | `MARGIN` |
+//! | a joint is near its limit, retracted or shifted | `SMALL_MARGIN` |
+//! | a motor is near its limit | `MOTOR_MARGIN` |
+//! | a quarter turn of a layer, either way, leaves too little roll | `ROLL_MARGIN` |
+//! | a joint moves far while the arm retracts | `BACK_MOST` |
+//!
+//! | a stance is penalised if | by at most |
+//! |---|---|
+//! | a joint is within 0.15 (m or rad) of its limit | 2 s |
+//! | the sine of q5 is below 0.5 | 2 s |
+//! | the wrist has no room for a half turn of a layer | 4 s |
 
 use super::settings::ReachSettings;
 use crate::cell::Arm;
@@ -7,32 +26,34 @@ use crate::spatial::Pose;
 use nalgebra::{Translation3, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// Least |sin q5|: nearer to the wrist's singularity small corrections need large motions.
+/// Least sine of q5, in absolute value. Nearer to the wrist's singularity small corrections need
+/// large motions.
 const WRIST: f64 = 0.25;
-/// Distance to the limits at the meeting itself (m or rad).
+/// Least distance from the limits at the meeting itself (m or rad).
 const MARGIN: f64 = 0.04;
-/// Distance to the limits after a shift or a drawing back (m or rad).
+/// Least distance from the limits after a shift or a retraction (m or rad).
 const SMALL_MARGIN: f64 = 0.01;
-/// Distance of the motors to their limits, as a part of their range.
+/// Least distance of the motors from their limits, as a share of their range.
 const MOTOR_MARGIN: f64 = 0.01;
-/// What a roll of 90 or 180 deg must leave to the limit (rad).
+/// Roll that must be left to the limit after a roll of 90 or 180 deg (rad).
 const ROLL_MARGIN: f64 = 0.15;
-/// Farthest that one joint goes while the arm draws back (rad).
+/// Farthest motion of one joint while the arm retracts (rad).
 const BACK_MOST: f64 = 0.9;
-/// Joint speeds by which ways are weighed [m/s or rad/s]: half of what the original's drives allow.
+/// Joint speeds by which paths are weighed (m/s or rad/s): half of what the original's drives
+/// allow.
 const SPEEDS: [f64; 7] = [0.08, 0.8, 0.8, 0.8, 1.0, 1.6, 0.43];
 
 /// Joint positions that take the tool to the wanted place.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Stance {
     pub(super) joints: JointPositions,
-    /// Half-way drawn back.
+    /// Joint positions when the hand is retracted half-way.
     pub(super) half_back: JointPositions,
-    /// Drawn back along the tool's own axis.
+    /// Joint positions when the hand is retracted along the tool's own axis.
     pub(super) back: JointPositions,
-    /// Room of the last joint, relative (rad).
+    /// Range of the last joint, relative (rad).
     pub(super) roll: (f64, f64),
-    /// Seconds: the way from the reference, and fines for narrow margins.
+    /// Time of the path from the reference, with penalties for narrow margins (s).
     pub(super) cost: f64,
 }
 
@@ -43,16 +64,16 @@ pub(super) enum Roll {
     Free,
 }
 
-/// What a stance must offer.
+/// Demand on a stance.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Demand<'a> {
     pub(super) arm: &'a Arm,
-    /// d0 (m).
+    /// Travel of the track, d0 (m).
     pub(super) track: f64,
     pub(super) roll: Roll,
-    /// The place from which ways are counted.
+    /// Joint positions from which paths are counted.
     pub(super) reference: &'a JointPositions,
-    /// The stance must cost less than this (s).
+    /// Upper bound of the stance's cost (s).
     pub(super) limit: f64,
     pub(super) settings: &'a ReachSettings,
 }
@@ -90,7 +111,7 @@ impl Stances {
     }
 }
 
-/// Returns the stance at these joints, if it offers enough.
+/// Returns the stance at these joints if it meets the demand.
 fn stance(demand: &Demand<'_>, base_from_flange: &Pose, joints: &JointPositions) -> Option<Stance> {
     let Demand { arm, roll: need, reference, limit, settings, .. } = *demand;
     let margin = margin(arm, joints);
@@ -104,7 +125,8 @@ fn stance(demand: &Demand<'_>, base_from_flange: &Pose, joints: &JointPositions)
         return None;
     }
     let half_turn = PI + ROLL_MARGIN;
-    let cost = way(joints, reference) + fine(margin, 0.15) + fine(sine, 0.5);
+    // The cheap tests come first: most samples of the search end here.
+    let cost = way(joints, reference) + penalty(margin, 0.15) + penalty(sine, 0.5);
     if cost >= limit {
         return None;
     }
@@ -112,15 +134,17 @@ fn stance(demand: &Demand<'_>, base_from_flange: &Pose, joints: &JointPositions)
     let at = |shift: Vector3<f64>, near: &JointPositions| -> Option<JointPositions> {
         let pose = base_from_flange * Translation3::from(shift);
         let there = arm.model.inverse(&pose, near).ok()?;
+        // The sine of q5 must keep its sign: through zero the wrist would flip to its other branch.
         let smooth = libm::sin(there.0[5]) * libm::sin(joints.0[5]) > 0.0;
         (smooth && self::margin(arm, &there) > SMALL_MARGIN).then_some(there)
     };
+    // From the half-way place on, so that the inverse follows the branch step by step.
     let half = at(-0.5 * settings.back * tool, joints)?;
     let back = at(-settings.back * tool, &half)?;
     if back.0.iter().zip(&joints.0).any(|(b, q)| (b - q).abs() > BACK_MOST) {
         return None;
     }
-    // The hand draws back with the roll that a turn has left it in.
+    // The hand retracts with the roll in which a turn has left it.
     let roll = [&half, &back].into_iter().fold(roll, |(low, high), there| {
         let (there_low, there_high) = rolls(arm, there);
         (low.max(there_low), high.min(there_high))
@@ -130,6 +154,7 @@ fn stance(demand: &Demand<'_>, base_from_flange: &Pose, joints: &JointPositions)
         return None;
     }
     let cost = cost + if need == Roll::Needed && !halves(roll) { 4.0 } else { 0.0 };
+    // Other depths and corrections must stay within reach as well.
     for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
         at(settings.shift * axis, joints)?;
         at(-settings.shift * axis, joints)?;
@@ -137,23 +162,25 @@ fn stance(demand: &Demand<'_>, base_from_flange: &Pose, joints: &JointPositions)
     Some(Stance { joints: *joints, half_back: half, back, roll, cost })
 }
 
-/// Seconds for being nearer than `good` to something bad: up to 2.
-fn fine(have: f64, good: f64) -> f64 {
+/// Returns the penalty for being nearer than `good` to something bad (s): at most 2.
+fn penalty(have: f64, good: f64) -> f64 {
     2.0 * (1.0 - have / good).max(0.0)
 }
 
-/// Time from one place to another at [`SPEEDS`], the slowest joint's, and a little of all others'
-/// (s).
+/// Returns the time from one place to another at [`SPEEDS`] (s): the slowest joint's time, and a
+/// tenth of the sum of all.
 pub(super) fn way(a: &JointPositions, b: &JointPositions) -> f64 {
     let times = std::array::from_fn::<f64, 7, _>(|i| (a.0[i] - b.0[i]).abs() / SPEEDS[i]);
+    // The sum decides between paths whose slowest joint takes equally long.
     let slowest = times.iter().copied().fold(0.0, f64::max);
     slowest + 0.1 * times.iter().sum::<f64>()
 }
 
-/// Distance to the nearest limit of a joint but the last (m or rad); negative outside the limits of
-/// any joint, or nearer to a motor's limit than its margin.
+/// Returns the distance to the nearest limit of a joint but the last (m or rad). It is negative
+/// outside the limits of any joint, or within a motor's margin.
 fn margin(arm: &Arm, joints: &JointPositions) -> f64 {
     let model = &arm.model;
+    // A fixed arm has no axis 0. The last joint has its own demand: `rolls`.
     let first = usize::from(!model.has_track);
     let room = |value: f64, (low, high): (f64, f64)| (value - low).min(high - value);
     let mut least = f64::INFINITY;
@@ -163,6 +190,8 @@ fn margin(arm: &Arm, joints: &JointPositions) -> f64 {
     if room(joints.0[6], model.joint_limits[6]) < 0.0 || least < 0.0 {
         return -1.0;
     }
+    // Motors are checked apart from joints: some are coupled, so their limits cut the joints'
+    // ranges.
     let motors = model.motors(joints);
     for axis in first..7 {
         let limits = model.motor_limits[axis];
@@ -173,13 +202,15 @@ fn margin(arm: &Arm, joints: &JointPositions) -> f64 {
     least
 }
 
-/// How far the last joint can roll either way inside the limits of joint and motor (rad).
+/// Returns the range in which the last joint can roll inside the limits of joint and motor,
+/// relative (rad).
 fn rolls(arm: &Arm, joints: &JointPositions) -> (f64, f64) {
     let model = &arm.model;
     let (low, high) = model.joint_limits[6];
     let motor = model.motors(joints).0[6];
     let ends = [model.motor_limits[6].0, model.motor_limits[6].1]
         .map(|limit| (limit - motor) / model.gears[6]);
+    // A gear may be negative, so the ends are sorted.
     let (down, up) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
     ((low - joints.0[6]).max(down), (high - joints.0[6]).min(up))
 }

@@ -1,8 +1,19 @@
-//! The quickest way from one meeting to another: the track draws back only as far as it must, while
-//! all joints go across.
+//! The quickest path from one meeting to another: the track retracts only as far as it must, while
+//! all joints move across.
 //!
 //! - in: the believed cell, both ends, the arms' speeds
-//! - out: a [`Way`]: windows of its legs, and how long it takes
+//! - out: a [`MeetingPath`]: the windows of its legs, and its time
+//! - method: candidates are ordered by a lower bound of their time; the cheapest tests come first,
+//!   and the first candidate that is timed in full and free of collisions is the quickest
+//!
+//! | choice | constant | reason |
+//! |---|---|---|
+//! | separations from 0 to the usual one | `FINE` | 0.10 m suffices on average |
+//! | overlap of a stroke with the motion across | `OVERLAPS` | the arms must be apart in between |
+//! | longer ramps | `RAMPS` | short ramps leave the speed to the joints' acceleration |
+//! | moments of a path, in long steps | `MOMENTS`, `STRIDE` | a blocked path is found soon |
+//! | moments before a path is timed | `GLANCES` | those that blocked others are the likeliest |
+//! | factor of the bound | `MISSED` | motions are timed at moments, which may miss the peak |
 
 use super::bodies::{Bodies, newcomer_apart};
 use super::motors::{MOMENTS, MOTORS, farthest_turn};
@@ -14,7 +25,7 @@ use crate::generators::profile::Profile;
 use crate::motion::{JointPositions, ROLL};
 use serde::{Deserialize, Serialize};
 
-/// Where both arms stand at the beginning and at the end of a way.
+/// Joint positions of both arms at the beginning and at the end of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Ends {
     pub(super) from: [JointPositions; 2],
@@ -23,33 +34,35 @@ pub(super) struct Ends {
     pub(super) newcomer: usize,
 }
 
-/// How both arms go from one meeting to another: the track draws back and comes up again while all
-/// joints go across, as early and as late as it is free. Times are shares of the whole.
+/// Path of both arms from one meeting to another: the track retracts and advances again while all
+/// joints move across, as early and as late as the arms are clear of each other. Times are shares
+/// of the whole.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Way {
-    /// How far the track draws back (m).
+pub struct MeetingPath {
+    /// Distance by which the track retracts (m).
     pub separation: f64,
-    /// How long it draws back, and how long it comes up.
+    /// Duration of the retraction, and of the advance.
     pub stroke: f64,
-    /// When all joints begin to go across; they end as long before the end.
+    /// Beginning of the motion across; it ends at the same distance from the end.
     pub across: f64,
-    /// How long motions take to come to their full speed.
+    /// Duration in which motions reach their full speed.
     pub ramp: f64,
-    /// How long arms with these motors take at least, if the wrists have not to roll (s).
+    /// Least time of arms with these motors, without rolls of the wrists (s).
     pub seconds: f64,
 }
 
 /// Steps of the separations that are tried (m).
 pub(super) const FINE: f64 = 0.02;
-/// How much of a stroke, or of half of the way across, may be gone at once with the other.
+/// Shares of a stroke, or of half of the motion across if that is shorter, that overlap with the
+/// other.
 const OVERLAPS: [f64; 5] = [1.0, 0.75, 0.5, 0.25, 0.0];
-/// How much longer than usual a motion may take to come to its full speed: where it is as short as
-/// ever, the acceleration of joints bounds their speed.
+/// Factors by which ramps are longer than usual. With the usual ramp the acceleration of the joints
+/// may bound their speed.
 const RAMPS: [f64; 3] = [1.0, 1.5, 2.2];
-/// Step from moment to moment, which has no divisor in common with their number.
+/// Step from moment to moment. It has no common divisor with their number, so all are visited.
 const STRIDE: u32 = 23;
-/// Share of the greatest speed and acceleration that the moments at which a motion is timed see at
-/// least.
+/// Least share of the greatest speed and acceleration that shows at the moments at which a motion
+/// is timed. With it as a factor the bound is never above the time.
 const MISSED: f64 = 0.85;
 
 /// Returns the separations that are tried, up to the usual one (m).
@@ -65,8 +78,8 @@ pub(super) fn clearance(cell: &Cell, joints: &[JointPositions; 2], newcomer: usi
     track.own().min(postument.own()).min(apart)
 }
 
-impl Way {
-    /// Returns the quickest way that keeps the clearance, if it is quicker than the usual one.
+impl MeetingPath {
+    /// Returns the quickest path that keeps the clearance; `None` if no candidate does.
     pub(super) fn quickest(
         cell: &Cell,
         settings: &ReachSettings,
@@ -74,14 +87,16 @@ impl Way {
         ends: &Ends,
     ) -> Option<Self> {
         let Ends { from, mut to, newcomer } = *ends;
-        // The roll moves no part of an arm that could meet another.
+        // The roll moves no part of an arm that could meet another; its time is added later.
         for arm in 0..2 {
             to[arm].0[ROLL] = from[arm].0[ROLL];
         }
         let ends = Ends { from, to, newcomer };
         let mut check = FreeCheck::new(cell, settings, speeds, &ends);
-        // The quickest last, and those that are yet to be timed by what they take at least.
+        // Sorted by time, the quickest last. A time is a lower bound until the path is timed in
+        // full.
         let mut ways = Vec::new();
+        // `order` breaks ties, so that the result is that of a plain search.
         let rank = |&(way, timed, order): &(Self, Timed, usize)| (way.seconds, timed, order);
         let insert = |ways: &mut Vec<_>, new| {
             let place = ways.partition_point(|other| rank(other) > rank(&new));
@@ -91,6 +106,8 @@ impl Way {
             way.seconds = way.bound(speeds, &ends);
             insert(&mut ways, (way, Timed::Bound, order));
         }
+        // Each step finds the time of the quickest candidate by the next, more costly method. Its
+        // time can only grow, so it is inserted again at its new place.
         while let Some((mut way, timed, order)) = ways.pop() {
             let timed = match timed {
                 Timed::Bound if check.finds_blocked(&way, GLANCES) => continue,
@@ -110,13 +127,15 @@ impl Way {
         None
     }
 
-    /// Returns a time that no arm is quicker than: of the way across, or of the stroke (s).
+    /// Returns a lower bound of the time (s), from the motion across and the stroke.
     fn bound(&self, speeds: &Speeds, Ends { from, to, .. }: &Ends) -> f64 {
         let profile = Profile { ramp: self.ramp };
-        let least = |way: f64, axis: usize, window: f64| {
+        let least = |distance: f64, axis: usize, window: f64| {
             let (speed, acceleration) = (speeds.joint[axis], speeds.joint_acceleration[axis]);
-            let by_speed = profile.fraction(way, speed, f64::INFINITY, window);
-            by_speed.max(profile.fraction(way, f64::INFINITY, acceleration, window).sqrt())
+            // In a whole time of 1 s the profile needs these multiples of the limits. Speeds fall
+            // with 1/T and accelerations with 1/T^2, so these are the times that keep them.
+            let by_speed = profile.fraction(distance, speed, f64::INFINITY, window);
+            by_speed.max(profile.fraction(distance, f64::INFINITY, acceleration, window).sqrt())
         };
         let stroke =
             if self.separation > 0.0 { least(self.separation, 0, self.stroke) } else { 0.0 };
@@ -127,7 +146,7 @@ impl Way {
         across.fold(stroke, f64::max) * MISSED
     }
 
-    /// Returns how long the motors of both arms take at least (s).
+    /// Returns the least time of the motors of both arms (s).
     fn motor_seconds(&self, cell: &Cell, speeds: &Speeds, Ends { from, to, .. }: &Ends) -> f64 {
         let legs = self.legs(speeds, from, to);
         let seconds = |arm: usize| {
@@ -138,7 +157,7 @@ impl Way {
         seconds(0).max(seconds(1))
     }
 
-    /// Returns all ways that are tried.
+    /// Returns all candidates, with separation 0 first.
     fn all(
         settings: &ReachSettings,
         speeds: &Speeds,
@@ -146,6 +165,7 @@ impl Way {
         to: &[JointPositions; 2],
     ) -> impl Iterator<Item = Self> {
         let across = from.iter().zip(to).map(|(from, to)| speeds.joints_seconds(from, to, 1.0));
+        // At least 0.1 s, since the times below are shares of the whole: ends may be equal.
         let across = across.fold(0.0, f64::max).max(0.1);
         let (speeds, most) = (*speeds, settings.separation);
         separations(most).flat_map(move |separation| {
@@ -154,6 +174,8 @@ impl Way {
             let stroke = speeds.joints_seconds(&JointPositions::default(), &drawn_back, 1.0);
             OVERLAPS.into_iter().flat_map(move |overlap| {
                 let at_once = overlap * stroke.min(0.5 * across);
+                // An overlap shortens the whole by its part at the beginning and by that at the
+                // end.
                 let seconds = across + 2.0 * (stroke - at_once);
                 RAMPS.map(|longer| Self {
                     separation,
@@ -166,7 +188,8 @@ impl Way {
         })
     }
 
-    /// Returns the legs of both arms between these joint positions.
+    /// Returns the legs of both arms between these joint positions. Their windows and ramps are
+    /// shares of the whole time.
     #[must_use]
     pub fn legs(
         &self,
@@ -175,7 +198,9 @@ impl Way {
         to: &[JointPositions; 2],
     ) -> [Legs; 2] {
         let rolls = [0, 1].map(|arm: usize| to[arm].0[ROLL] - from[arm].0[ROLL]);
+        // The roll has all of the time, so its ramp is the usual one.
         let roll = Profile { ramp: speeds.profile.ramp / self.seconds_with_rolls(speeds, rolls) };
+        // Retract, across, advance. Both arms have the same windows, so that they move evenly.
         let windows =
             [(0.0, self.stroke), (self.across, 1.0 - self.across), (1.0 - self.stroke, 1.0)];
         [0, 1].map(|arm: usize| {
@@ -189,7 +214,7 @@ impl Way {
         })
     }
 
-    /// Returns how long the way takes if both wrists have to roll by these angles, too (s).
+    /// Returns the time of the path if both wrists also roll by these angles (s).
     #[must_use]
     pub fn seconds_with_rolls(&self, speeds: &Speeds, rolls: [f64; 2]) -> f64 {
         let (speed, acceleration) = (speeds.joint[ROLL], speeds.joint_acceleration[ROLL]);
@@ -197,8 +222,8 @@ impl Way {
         rolls.into_iter().map(seconds).fold(self.seconds, f64::max)
     }
 
-    /// Returns how long arms of these speeds, whatever their motors do, take between these joint
-    /// positions at least (s).
+    /// Returns the least time of arms of these speeds between these joint positions, the motors'
+    /// limits aside (s).
     #[must_use]
     pub fn least_seconds(
         &self,
@@ -211,55 +236,57 @@ impl Way {
     }
 }
 
-/// How the time of a way was found, by increasing effort.
+/// Method by which the time of a path was found, in the order of effort.
 #[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
 enum Timed {
-    /// Its bound: it takes no less.
+    /// By its bound, which it cannot undercut.
     Bound,
-    /// Its joints: its motors may take longer.
+    /// By its joints; its motors may take longer.
     Joints,
-    /// Joints and motors.
+    /// By joints and motors.
     Motors,
 }
 
-/// Moments at which a way is looked at before it is timed.
+/// Number of moments at which a path is checked before it is timed.
 const GLANCES: usize = 3;
 
-/// Looks whether ways between two meetings are free: first at the moments that blocked others.
+/// Check of paths between two meetings, at the moments first that blocked others.
 struct FreeCheck<'a> {
     cell: &'a Cell,
     settings: &'a ReachSettings,
     speeds: &'a Speeds,
     ends: &'a Ends,
-    /// All moments; those that blocked a way come first, the last one foremost.
+    /// All moments; those that blocked a path come first, the last one foremost.
     moments: Vec<u32>,
 }
 
 impl<'a> FreeCheck<'a> {
-    /// Makes one that has seen no way yet.
+    /// Makes a check that has seen no path yet.
     fn new(
         cell: &'a Cell,
         settings: &'a ReachSettings,
         speeds: &'a Speeds,
         ends: &'a Ends,
     ) -> Self {
-        // In long steps, so that a way is soon found blocked.
+        // In long steps: neighbouring moments are blocked together, so a blocked path is found
+        // soon.
         let moments = (0..=MOMENTS).map(|step| step * STRIDE % (MOMENTS + 1)).collect();
         Self { cell, settings, speeds, ends, moments }
     }
 
-    /// Whether a way comes too near to something at one of the first `count` moments.
-    fn finds_blocked(&mut self, way: &Way, count: usize) -> bool {
+    /// Returns whether a path comes too near to something at one of the first `count` moments.
+    fn finds_blocked(&mut self, way: &MeetingPath, count: usize) -> bool {
         let legs = way.legs(self.speeds, &self.ends.from, &self.ends.to);
         let looks = self.moments.iter().take(count);
         let blocking = looks.copied().position(|moment| !self.is_free_at(&legs, moment));
         if let Some(place) = blocking {
+            // Neighbouring candidates are mostly blocked at the same moment.
             self.moments[..=place].rotate_right(1);
         }
         blocking.is_some()
     }
 
-    /// Whether both arms keep the clearance at one of the moments.
+    /// Returns whether both arms keep the clearance at one of the moments.
     fn is_free_at(&self, legs: &[Legs; 2], moment: u32) -> bool {
         let part = f64::from(moment) / f64::from(MOMENTS);
         let joints = [0, 1].map(|arm: usize| legs[arm].at(&self.ends.from[arm], part));
@@ -292,7 +319,7 @@ mod tests {
         let (mut ways, mut nearest) = (0, 0.0_f64);
         for (a, b) in grasps.iter().zip(&grasps[1..]) {
             let ends = Ends { from: a.short_of(0), to: b.short_of(0), newcomer: 0 };
-            for way in Way::all(&settings, &speeds, &ends.from, &ends.to) {
+            for way in MeetingPath::all(&settings, &speeds, &ends.from, &ends.to) {
                 let least = way
                     .least_seconds(&speeds, &ends.from, &ends.to)
                     .max(way.motor_seconds(&cell, &speeds, &ends));
@@ -301,16 +328,17 @@ mod tests {
                 (ways, nearest) = (ways + 1, nearest.max(bound / least));
             }
         }
-        assert!(ways > 1000 && nearest > 0.8, "{nearest} of the time at most in {ways} ways");
+        assert!(ways > 1000 && nearest > 0.8, "{nearest} of the time at most in {ways} paths");
     }
 
-    /// Times every way in full, then looks from the quickest on for one that is free.
-    fn plain_quickest(cell: &Cell, settings: &ReachSettings, ends: &Ends) -> Option<Way> {
+    /// Times every path in full, then returns the quickest one that is free.
+    fn plain_quickest(cell: &Cell, settings: &ReachSettings, ends: &Ends) -> Option<MeetingPath> {
         let (speeds, mut ends) = (speeds(), *ends);
         for arm in 0..2 {
             ends.to[arm].0[ROLL] = ends.from[arm].0[ROLL];
         }
-        let mut ways: Vec<Way> = Way::all(settings, &speeds, &ends.from, &ends.to).collect();
+        let mut ways: Vec<MeetingPath> =
+            MeetingPath::all(settings, &speeds, &ends.from, &ends.to).collect();
         for way in &mut ways {
             let by_joints = way.least_seconds(&speeds, &ends.from, &ends.to);
             way.seconds = by_joints.max(way.motor_seconds(cell, &speeds, &ends));
@@ -332,7 +360,7 @@ mod tests {
             let newcomer = i % 2;
             let ends = Ends { from: a.short_of(newcomer), to: b.short_of(newcomer), newcomer };
 
-            let found = Way::quickest(&cell, &settings, &speeds(), &ends);
+            let found = MeetingPath::quickest(&cell, &settings, &speeds(), &ends);
 
             assert_eq!(found, plain_quickest(&cell, &settings, &ends), "{i}");
         }
@@ -347,13 +375,15 @@ mod tests {
         for (i, (a, b)) in grasps.iter().zip(&grasps[1..]).enumerate() {
             let newcomer = i % 2;
             let ends = Ends { from: a.short_of(newcomer), to: b.short_of(newcomer), newcomer };
-            let Some(way) = Way::quickest(&cell, &settings, &speeds, &ends) else { continue };
+            let Some(way) = MeetingPath::quickest(&cell, &settings, &speeds, &ends) else {
+                continue;
+            };
             found += 1;
             let Ends { from, to, .. } = ends;
             let legs = way.legs(&speeds, &from, &to);
             let rolls = [0, 1].map(|arm: usize| to[arm].0[ROLL] - from[arm].0[ROLL]);
             let seconds = way.seconds_with_rolls(&speeds, rolls);
-            // Looked at nearer than the search does.
+            // Checked at more moments than the search does.
             let mut last = [0, 1].map(|arm: usize| cell.arms[arm].model.motors(&from[arm]));
             for moment in 1..=400 {
                 let part = f64::from(moment) / 400.0;
@@ -380,6 +410,6 @@ mod tests {
             saved += across.fold(0.0, f64::max) + 2.0 * stroke - seconds;
         }
         assert!(found >= 10, "{found}");
-        assert!(saved / f64::from(found) > 2.0, "mean of {saved} s over {found} ways");
+        assert!(saved / f64::from(found) > 2.0, "mean of {saved} s over {found} paths");
     }
 }

@@ -1,8 +1,9 @@
-//! How far two arms must go apart on ways that the table of meetings has not: those from where the
-//! track takes a cube, and back to there.
+//! The separation of two arms on paths that are not in the table of meetings: from the place where
+//! the track takes a cube, and back to there.
 //!
-//! - in: the believed cell, where both arms stand apart, where they stand at a meeting
-//! - out: how far the track draws back from the meeting (m), so that the straight way is free
+//! - in: the believed cell, joint positions of both arms where they are apart and at a meeting
+//! - out: the distance by which the track retracts from the meeting (m), so that the straight path
+//!   is free
 
 use super::motors::MOMENTS;
 use super::settings::ReachSettings;
@@ -11,7 +12,7 @@ use crate::cell::Cell;
 use crate::motion::JointPositions;
 use std::sync::Arc;
 
-/// Finds how near to each other two arms may go between a meeting and places where they are apart.
+/// Search for the least separation of two arms between a meeting and places where they are apart.
 #[derive(Debug, Clone)]
 pub struct WayFinder {
     cell: Arc<Cell>,
@@ -25,11 +26,12 @@ impl WayFinder {
         Self { cell: Arc::new(cell), settings }
     }
 
-    /// Returns how far the track must draw back from a meeting, so that both arms may go evenly
-    /// between there and where they stand apart, in either direction (m); `None` if no separation
-    /// up to the usual one is enough, or if the meeting or a place on the way back from it is too
-    /// narrow, as where both hands have their fingers beside one cube. `newcomer` is the arm whose
-    /// hand is free: 0 track, 1 postument.
+    /// Returns the least distance by which the track must retract from a meeting, so that the
+    /// straight path between there and `apart` is free in both directions (m). `newcomer` is the
+    /// arm whose hand is free: 0 track, 1 postument.
+    ///
+    /// It is `None` if no separation up to the usual one suffices, or if the meeting or a place of
+    /// the retraction is too narrow, as where both hands have their fingers beside one cube.
     #[must_use]
     pub fn least_separation(
         &self,
@@ -46,6 +48,7 @@ impl WayFinder {
             [0, 1].map(|arm: usize| apart[arm].towards(&to[arm], part))
         };
         let moments = || (0..=MOMENTS).map(|step| f64::from(step) / f64::from(MOMENTS));
+        // The retraction itself must be free: the search ends at its first place that is not.
         separations(self.settings.separation)
             .take_while(|by| self.clears(&drawn_back(*by), newcomer))
             .find(|by| {
@@ -60,19 +63,19 @@ impl WayFinder {
         Self::new(super::example_cell(), ReachSettings::default())
     }
 
-    /// Returns where both arms of that cell stand at first, far apart.
+    /// Returns the first joint positions of both arms of that cell, far apart.
     #[cfg(test)]
     pub(crate) fn example_start() -> [JointPositions; 2] {
         [0, 1].map(|arm: usize| super::example_cell().arms[arm].start)
     }
 
-    /// Returns places near a meeting of that cell from which the track must draw back, so that it
-    /// may go to where it stands at first while the postument stays, and by how much (m).
+    /// Returns places near a meeting of that cell from which the track must retract before it may
+    /// go to its first place while the postument stays, and the least distance (m).
     #[cfg(test)]
     pub(crate) fn example_place(&self) -> ([JointPositions; 2], f64) {
         let table = super::MeetingTable::compute(&self.cell, &self.settings);
         let [track, _] = Self::example_start();
-        // The track comes nearer than it would, until it must draw back.
+        // The track comes nearer than it would, until it must retract.
         let nearer = |met: [JointPositions; 2]| {
             (0..20).map(move |step| {
                 let mut met = met;
@@ -88,7 +91,7 @@ impl WayFinder {
         found.unwrap_or_else(|| unreachable!("some meetings of the example need it"))
     }
 
-    /// Whether both arms keep the clearance where they stand.
+    /// Returns whether both arms keep the clearance at these joint positions.
     fn clears(&self, joints: &[JointPositions; 2], newcomer: usize) -> bool {
         clearance(&self.cell, joints, newcomer) >= self.settings.clearance
     }
@@ -120,7 +123,7 @@ mod tests {
                 clearances.fold(f64::INFINITY, f64::min)
             };
             let by = finder.least_separation(&apart, &met, i % 2).unwrap();
-            // Looked at nearer than the finder does.
+            // Checked at more moments than the finder does.
             assert!(least(by, 400) > settings.clearance - 0.004, "{by} m: {meeting:?}");
             if by > 0.0 {
                 assert!(least(by - FINE, MOMENTS) < settings.clearance, "{by} m: {meeting:?}");

@@ -1,16 +1,17 @@
-//! The ways between meetings: the track drawn back by the separation, the newcomer drawn back along its tool
-//! axis, the holder with the cube; then all joints go evenly from one meeting to the next.
+//! The usual paths between meetings. The track is retracted by the separation, the newcomer along
+//! its tool, and the holder has the cube; all joints move evenly from one meeting to the next.
 
 use super::bodies::{Bodies, newcomer_apart};
 use super::meeting::Meeting;
 use crate::cell::Cell;
 use nalgebra::Vector3;
 
-/// Places at which a way is looked at: joints go by up to 4 rad, wrists by less than 0.1 m from one to the next.
+/// Number of places at which a path is checked: joints move by up to 4 rad, and wrists by less than
+/// 0.1 m from one place to the next.
 const STEPS: u32 = 16;
 
-/// Least distance between the arms, and of each hand from its own arm, on the way from one meeting
-/// to another, whichever of them holds the cube (m). It is the same on the way back.
+/// Returns the least distance between the arms, and of each hand from its own arm, on the path from
+/// one meeting to another, whichever of them holds the cube (m). It is the same on the path back.
 pub(super) fn way_clearance(cell: &Cell, separation: f64, a: &Meeting, b: &Meeting) -> f64 {
     let mut least = f64::INFINITY;
     for newcomer in 0..2 {

@@ -1,5 +1,5 @@
-//! What a kernel believes of the cube, in a recording: as JSON for replays, as message fields for
-//! everybody else.
+//! Belief of a task's kernel about the cube in a recording: as JSON for replays, and as fields of a
+//! message for other tools.
 
 use super::cdr::Writer;
 use crate::operator::{Net, PlanLine};
@@ -9,22 +9,22 @@ use nalgebra::UnitQuaternion;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// Knowledge of the cube at one moment; a field that is not known is empty.
+/// State of the cube at one moment; an unknown field is empty. Colours are 54 letters URFDLB.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct CubeKnown {
-    /// 54 letters as read.
+    /// Colours as the cameras read them.
     pub identified: String,
-    /// How sure each is.
+    /// Confidence of each colour, 0 to 1.
     pub confidences: Vec<f64>,
-    /// 54 letters as it is by the turns carried out.
+    /// Colours that follow from the turns that were carried out.
     pub believed: String,
-    /// 54 letters in the plant.
+    /// Colours in the plant.
     pub truth: String,
-    /// Names of the effectors that hold it.
+    /// Names of the effectors that hold the cube.
     pub holders: Vec<String>,
 }
 
-/// A [`Picture`] as it is written.
+/// Form of a [`Picture`] in the file. Its field names are part of the format.
 #[derive(Debug, Serialize, Deserialize)]
 struct Wire {
     world_from_base: [Option<Pose>; 2],
@@ -38,7 +38,7 @@ struct Wire {
     handed_back: bool,
 }
 
-/// Writes it as JSON.
+/// Returns the belief as JSON.
 #[must_use]
 pub(crate) fn json(picture: &Picture) -> String {
     let wire = Wire {
@@ -54,10 +54,11 @@ pub(crate) fn json(picture: &Picture) -> String {
     serde_json::to_string(&wire).unwrap_or_default()
 }
 
-/// Reads it back; `None` when it is something else.
+/// Reads a belief from JSON; `None` if the text is none.
 #[must_use]
 pub(crate) fn read(text: &str) -> Option<Picture> {
     let wire: Wire = serde_json::from_str(text).ok()?;
+    // A face number out of range drops the turn, not the whole belief.
     let turning = wire.turning.and_then(|(effector, face, cube_from_tool)| {
         let face = *crate::cube::Face::ALL.get(face)?;
         Some(Turning { effector, face, cube_from_tool })
@@ -74,14 +75,14 @@ pub(crate) fn read(text: &str) -> Option<Picture> {
     })
 }
 
-/// Colours 0..=5 as letters URFDLB, `?` where unknown.
+/// Returns colours 0..=5 as letters URFDLB, unknown ones as `?`.
 pub(crate) fn letters(colours: impl Iterator<Item = Option<u8>>) -> String {
     colours
         .map(|c| c.and_then(|c| b"URFDLB".get(usize::from(c))).map_or('?', |l| char::from(*l)))
         .collect()
 }
 
-/// What is known of the cube; the truth is not in it.
+/// Returns the state of the cube as the kernel believes it. `truth` is left empty.
 #[must_use]
 pub(crate) fn known(picture: &Picture, arms: &[String]) -> CubeKnown {
     let readings = &picture.net.facelets;
@@ -95,7 +96,7 @@ pub(crate) fn known(picture: &Picture, arms: &[String]) -> CubeKnown {
     }
 }
 
-/// Writes `rubik_robot_msgs/Plan`.
+/// Writes the plan as `rubik_robot_msgs/Plan` at `stamp` (ns).
 pub(crate) fn write_plan(picture: &Picture, stamp: u64, to: &mut Writer) {
     let steps: Vec<_> = picture.plan.iter().map(|line| line.what.clone()).collect();
     let reasons: Vec<_> = picture.plan.iter().map(|line| line.why.clone()).collect();

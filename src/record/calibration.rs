@@ -1,8 +1,9 @@
-//! The cameras as a run believed them, where a calibration found other values than its scenario
-//! has: facts of a recording, so that a replay paints what vision found where it found it.
+//! Calibration results in a recording: cameras and cube as the run believed them after a
+//! calibration, which differ from its scenario. A replay needs them to draw the results of vision
+//! in the right place.
 //!
 //! - in: the cell that the controller believes; or the label of a recording
-//! - out: named texts; or the cell with those cameras in it
+//! - out: texts by name; or the cell with those cameras
 
 use super::reading::Label;
 use crate::cell::{Cell, Mount};
@@ -12,18 +13,18 @@ use serde::{Deserialize, Serialize};
 /// Name of the facts in a recording.
 pub(crate) const NAME: &str = "calibration";
 
-/// A camera as it is written.
+/// Form of a camera in the file. Its field names are part of the format.
 #[derive(Debug, Serialize, Deserialize)]
 struct Wire {
     name: String,
     focal: (f64, f64),
     centre: (f64, f64),
     distortion: (f64, f64),
-    /// In the world, or in the flange that it hangs on.
+    /// Pose in the world, or in the flange that carries the camera.
     place: Pose,
 }
 
-/// What a calibration can change of a cell.
+/// Returns all values of a cell that a calibration can change, as texts by name.
 #[must_use]
 pub(crate) fn facts(cell: &Cell) -> Vec<(String, String)> {
     let wire = |camera: &crate::cell::Camera| Wire {
@@ -45,9 +46,10 @@ pub(crate) fn facts(cell: &Cell) -> Vec<(String, String)> {
     facts.map(|(name, value)| (name.to_owned(), value)).to_vec()
 }
 
-/// Puts what a recording says of its calibration into the cell of its scenario; without such facts
-/// it stays as it is.
+/// Replaces values in the cell of a scenario by the calibration of its recording. A recording
+/// without a calibration changes nothing.
 pub(crate) fn apply(label: &Label, cell: &mut Cell) {
+    // A missing fact is an empty text, which is no number.
     if let Ok(edge) = label.of(NAME, "edge_m").parse() {
         cell.cube.edge = edge;
     }
@@ -64,7 +66,8 @@ pub(crate) fn apply(label: &Label, cell: &mut Cell) {
     }
 }
 
-/// Where the camera that stands in the cell is believed to be (m).
+/// Returns the believed position of the stand-alone camera in the world as "x y z" (m); empty if
+/// the cell has none.
 #[must_use]
 pub(crate) fn standalone(cell: &Cell) -> String {
     let place = cell.cameras.iter().find_map(|camera| match camera.mount {
@@ -81,14 +84,14 @@ mod tests {
     use nalgebra::{Translation3, UnitQuaternion};
 
     #[test]
-    fn what_was_found_comes_back_and_a_recording_without_it_changes_nothing() {
+    fn recorded_calibration_restores_the_same_cell() {
         let scenario = crate::scenario::read(std::path::Path::new("t.toml"), "", &[]).unwrap();
         let before = scenario.controller.cell.clone();
         let mut found = before.clone();
         found.cube.edge += 1e-4;
         let (mut standing, mut riding) = (0, 0);
         for (i, camera) in found.cameras.iter_mut().enumerate() {
-            // Each otherwise, so that none may stand for another.
+            // Different values for each camera, so that a swap of two cameras is found.
             let by = 1e-3 * (i + 1) as f64;
             let optics = &mut camera.intrinsics;
             optics.focal = (optics.focal.0 + 3.25 + by, optics.focal.1 - 1.5 - by);
@@ -111,6 +114,7 @@ mod tests {
         let mut label = Label::default();
         let mut cell = before.clone();
 
+        // A recording without a calibration changes nothing.
         apply(&label, &mut cell);
         assert_eq!(cell, before);
 

@@ -1,4 +1,4 @@
-//! CDR, the bytes of ROS 2 messages: little-endian plain CDR (XCDR1) with its four bytes of
+//! Encoding of ROS 2 messages: little-endian plain CDR (XCDR1) with its four bytes of
 //! encapsulation.
 //!
 //! - in: the fields of a message in the order of its definition
@@ -6,12 +6,12 @@
 //! - source: OMG CORBA 3.0, chapter 15 (alignment, strings, sequences); DDSI-RTPS 2.2, 10
 //!   (encapsulation)
 //!
-//! Every primitive is aligned to its size, counted from behind the encapsulation.
+//! Each primitive is aligned to its size. Positions count from the end of the encapsulation.
 
-/// Little-endian plain CDR.
+/// Encapsulation of little-endian plain CDR, and two bytes of options that are 0.
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 
-/// Writes a message, field by field.
+/// Writer of a message, field by field.
 #[derive(Debug, Clone)]
 pub struct Writer {
     bytes: Vec<u8>,
@@ -24,7 +24,7 @@ impl Default for Writer {
 }
 
 impl Writer {
-    /// Begins a message in a buffer, whose memory is used again.
+    /// Begins a message in a buffer whose memory is reused.
     #[must_use]
     pub fn new(mut buffer: Vec<u8>) -> Self {
         buffer.clear();
@@ -32,12 +32,13 @@ impl Writer {
         Self { bytes: buffer }
     }
 
-    /// The message.
+    /// Returns the bytes of the encoded message.
     #[must_use]
     pub fn bytes(self) -> Vec<u8> {
         self.bytes
     }
 
+    /// Fills up with zeros to a multiple of `size`.
     fn align(&mut self, size: usize) {
         let behind = (self.bytes.len() - ENCAPSULATION.len()) % size;
         if behind != 0 {
@@ -45,78 +46,79 @@ impl Writer {
         }
     }
 
-    /// `uint8`.
+    /// Writes a `uint8`.
     pub fn u8(&mut self, value: u8) {
         self.bytes.push(value);
     }
 
-    /// `bool`.
+    /// Writes a `bool`.
     pub fn bool(&mut self, value: bool) {
         self.u8(u8::from(value));
     }
 
-    /// `int16`.
+    /// Writes an `int16`.
     pub fn i16(&mut self, value: i16) {
         self.align(2);
         self.bytes.extend_from_slice(&value.to_le_bytes());
     }
 
-    /// `int32`.
+    /// Writes an `int32`.
     pub fn i32(&mut self, value: i32) {
         self.align(4);
         self.bytes.extend_from_slice(&value.to_le_bytes());
     }
 
-    /// `uint32`.
+    /// Writes a `uint32`.
     pub fn u32(&mut self, value: u32) {
         self.align(4);
         self.bytes.extend_from_slice(&value.to_le_bytes());
     }
 
-    /// `int64`.
+    /// Writes an `int64`.
     pub fn i64(&mut self, value: i64) {
         self.align(8);
         self.bytes.extend_from_slice(&value.to_le_bytes());
     }
 
-    /// `uint64`.
+    /// Writes a `uint64`.
     pub fn u64(&mut self, value: u64) {
         self.align(8);
         self.bytes.extend_from_slice(&value.to_le_bytes());
     }
 
-    /// `float64`, by its bits.
+    /// Writes a `float64` by its bits, so that a NaN keeps its payload.
     pub fn f64(&mut self, value: f64) {
         self.u64(value.to_bits());
     }
 
-    /// `float64[N]`.
+    /// Writes a `float64[N]`, an array without its length.
     pub(crate) fn f64s(&mut self, values: &[f64]) {
         for value in values {
             self.f64(*value);
         }
     }
 
-    /// `float64[]`.
+    /// Writes a `float64[]`: its length, then its values.
     pub(crate) fn f64_sequence(&mut self, values: &[f64]) {
         self.u32(values.len() as u32);
         self.f64s(values);
     }
 
-    /// `uint8[]`.
+    /// Writes a `uint8[]`: its length, then its bytes.
     pub(crate) fn u8_sequence(&mut self, values: &[u8]) {
         self.u32(values.len() as u32);
         self.bytes.extend_from_slice(values);
     }
 
-    /// `string`.
+    /// Writes a `string`.
     pub fn string(&mut self, value: &str) {
+        // The length counts the zero at the end.
         self.u32(value.len() as u32 + 1);
         self.bytes.extend_from_slice(value.as_bytes());
         self.u8(0);
     }
 
-    /// `string[]`.
+    /// Writes a `string[]`: its length, then its texts.
     pub(crate) fn string_sequence<S: AsRef<str>>(&mut self, values: &[S]) {
         self.u32(values.len() as u32);
         for value in values {
@@ -124,25 +126,25 @@ impl Writer {
         }
     }
 
-    /// `builtin_interfaces/Time`, from nanoseconds.
+    /// Writes a `builtin_interfaces/Time` (ns).
     pub fn time(&mut self, nanos: u64) {
         self.i32((nanos / 1_000_000_000) as i32);
         self.u32((nanos % 1_000_000_000) as u32);
     }
 
-    /// `std_msgs/Header`.
+    /// Writes a `std_msgs/Header`: time (ns) and frame.
     pub fn header(&mut self, nanos: u64, frame: &str) {
         self.time(nanos);
         self.string(frame);
     }
 }
 
-/// The bytes end before the message does, or are none.
+/// Error of a message that ends too early or is of another type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("the message ends too early, or is not one of this type")]
 pub struct Malformed;
 
-/// Reads a message, field by field.
+/// Reader of a message, field by field.
 #[derive(Debug, Clone)]
 pub(crate) struct Reader<'a> {
     bytes: &'a [u8],
@@ -150,17 +152,19 @@ pub(crate) struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
-    /// Of a message with its encapsulation.
+    /// Makes a reader of a message with its encapsulation.
     ///
     /// # Errors
     /// [`Malformed`] for anything but little-endian plain CDR.
     pub(crate) fn new(bytes: &'a [u8]) -> Result<Self, Malformed> {
+        // Plain CDR does not use the two bytes of options, so they are not checked.
         match bytes.split_at_checked(ENCAPSULATION.len()) {
             Some((head, bytes)) if head[..2] == ENCAPSULATION[..2] => Ok(Self { bytes, at: 0 }),
             _ => Err(Malformed),
         }
     }
 
+    /// Takes `count` bytes at the next multiple of `align`.
     fn take(&mut self, count: usize, align: usize) -> Result<&'a [u8], Malformed> {
         let begin = self.at.next_multiple_of(align);
         let end = begin.checked_add(count).ok_or(Malformed)?;
@@ -173,7 +177,7 @@ impl<'a> Reader<'a> {
         self.take(N, N)?.try_into().map_err(|_| Malformed)
     }
 
-    /// `uint8`.
+    /// Reads a `uint8`.
     ///
     /// # Errors
     /// [`Malformed`], here and below.
@@ -181,7 +185,7 @@ impl<'a> Reader<'a> {
         Ok(self.primitive::<1>()?[0])
     }
 
-    /// `bool`.
+    /// Reads a `bool`.
     ///
     /// # Errors
     /// [`Malformed`].
@@ -189,7 +193,7 @@ impl<'a> Reader<'a> {
         Ok(self.u8()? != 0)
     }
 
-    /// `int16`.
+    /// Reads an `int16`.
     ///
     /// # Errors
     /// [`Malformed`].
@@ -197,7 +201,7 @@ impl<'a> Reader<'a> {
         self.primitive().map(i16::from_le_bytes)
     }
 
-    /// `int32`.
+    /// Reads an `int32`.
     ///
     /// # Errors
     /// [`Malformed`].
@@ -205,7 +209,7 @@ impl<'a> Reader<'a> {
         self.primitive().map(i32::from_le_bytes)
     }
 
-    /// `uint32`.
+    /// Reads a `uint32`.
     ///
     /// # Errors
     /// [`Malformed`].
@@ -213,7 +217,7 @@ impl<'a> Reader<'a> {
         self.primitive().map(u32::from_le_bytes)
     }
 
-    /// `int64`.
+    /// Reads an `int64`.
     ///
     /// # Errors
     /// [`Malformed`].
@@ -221,7 +225,7 @@ impl<'a> Reader<'a> {
         self.primitive().map(i64::from_le_bytes)
     }
 
-    /// `uint64`.
+    /// Reads a `uint64`.
     ///
     /// # Errors
     /// [`Malformed`].
@@ -229,7 +233,7 @@ impl<'a> Reader<'a> {
         self.primitive().map(u64::from_le_bytes)
     }
 
-    /// `float64`, by its bits.
+    /// Reads a `float64` by its bits, so that a NaN keeps its payload.
     ///
     /// # Errors
     /// [`Malformed`].
@@ -237,7 +241,7 @@ impl<'a> Reader<'a> {
         self.u64().map(f64::from_bits)
     }
 
-    /// `float64[N]`.
+    /// Reads a `float64[N]`, an array without its length.
     ///
     /// # Errors
     /// [`Malformed`].
@@ -249,13 +253,13 @@ impl<'a> Reader<'a> {
         Ok(values)
     }
 
-    /// `float64[]`.
+    /// Reads a `float64[]`: its length, then its values.
     ///
     /// # Errors
     /// [`Malformed`].
     pub(crate) fn f64_sequence(&mut self) -> Result<Vec<f64>, Malformed> {
         let count = self.u32()? as usize;
-        // What a broken length asks for is not reserved.
+        // A broken length must not reserve more memory than the message can fill.
         let mut values = Vec::with_capacity(count.min(self.bytes.len() / 8));
         for _ in 0..count {
             values.push(self.f64()?);
@@ -263,7 +267,7 @@ impl<'a> Reader<'a> {
         Ok(values)
     }
 
-    /// `uint8[]`.
+    /// Reads a `uint8[]`: its length, then its bytes.
     ///
     /// # Errors
     /// [`Malformed`].
@@ -272,7 +276,7 @@ impl<'a> Reader<'a> {
         self.take(count, 1)
     }
 
-    /// `string`.
+    /// Reads a `string`.
     ///
     /// # Errors
     /// [`Malformed`].
@@ -282,12 +286,13 @@ impl<'a> Reader<'a> {
         std::str::from_utf8(text).map_err(|_| Malformed)
     }
 
-    /// `string[]`.
+    /// Reads a `string[]`: its length, then its texts.
     ///
     /// # Errors
     /// [`Malformed`].
     pub(crate) fn string_sequence(&mut self) -> Result<Vec<&'a str>, Malformed> {
         let count = self.u32()? as usize;
+        // The shortest string takes 5 bytes: its length and the zero at its end.
         let mut values = Vec::with_capacity(count.min(self.bytes.len() / 5));
         for _ in 0..count {
             values.push(self.string()?);
@@ -295,17 +300,17 @@ impl<'a> Reader<'a> {
         Ok(values)
     }
 
-    /// `builtin_interfaces/Time` (ns).
+    /// Reads a `builtin_interfaces/Time` (ns).
     ///
     /// # Errors
     /// [`Malformed`].
     pub(crate) fn time(&mut self) -> Result<u64, Malformed> {
-        // No recording is older than 1970.
+        // Seconds before 1970 are negative. No recording has them.
         let seconds = u64::try_from(self.i32()?).map_err(|_| Malformed)?;
         Ok(seconds * 1_000_000_000 + u64::from(self.u32()?))
     }
 
-    /// `std_msgs/Header`: nanoseconds and frame.
+    /// Reads a `std_msgs/Header`: time (ns) and frame.
     ///
     /// # Errors
     /// [`Malformed`].
@@ -319,7 +324,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn primitives_are_aligned_to_their_size_behind_the_encapsulation() {
+    fn writer_aligns_primitives_to_their_size() {
         let mut writer = Writer::default();
         writer.u8(7);
         writer.f64(1.0);
@@ -335,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_written_is_read_to_the_bit() {
+    fn reader_returns_written_values_to_the_bit() {
         let nan = f64::from_bits(0x7ff8_0000_0000_0123);
         let mut writer = Writer::default();
         writer.header(12_000_000_034, "tool");
@@ -362,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn a_broken_length_is_an_error_and_no_allocation() {
+    fn broken_length_is_an_error() {
         let mut writer = Writer::default();
         writer.u32(u32::MAX);
         let bytes = writer.bytes();

@@ -1,4 +1,4 @@
-//! Entries of a recording: everything that a run brings beside its servo records.
+//! Entries of a recording: everything that a run records besides its servo records.
 
 use super::sensed::Sensed;
 use crate::hw::scene::Scene;
@@ -6,26 +6,27 @@ use crate::operator::{Class, Input};
 use crate::tasks::Picture;
 use image::RgbImage;
 
-/// A piece of a run beside its servo records.
+/// One item that a run hands to the recorder, besides the servo records.
 #[derive(Debug, Clone)]
 pub enum Entry {
-    /// A line for the log: class, source, text.
+    /// Line of the log: class, source, text.
     Log(Class, String, String),
-    /// A phase begins; at last "end" and what the run came to.
+    /// Beginning of a phase: its name, and an empty outcome. The last phase is "end"; its outcome
+    /// is that of the run.
     Phase(String, String),
-    /// A virtual sensor has delivered.
+    /// Answer of a virtual sensor.
     Sensed(Sensed),
-    /// A camera's picture.
+    /// Picture of a camera, by the camera's index in the cell.
     Picture(usize, RgbImage),
-    /// The time that reading a face took by the wall clock (s).
+    /// Time that reading a face took by the wall clock (s).
     FaceTook(f64),
-    /// The scene that the plant shows.
+    /// Scene that the plant shows.
     Scene(Box<Scene>),
-    /// An input of the operator, as JSON.
+    /// Input of the operator, as JSON.
     Operator(String),
-    /// The belief of the kernel about the cube, and its plan.
+    /// Belief of the kernel about the cube, and its plan.
     Belief(Box<Picture>),
-    /// Named texts: how punctual the servo was, the summary.
+    /// Texts by name, under a common title: the servo's timing, the summary.
     Facts(&'static str, Vec<(String, String)>),
 }
 

@@ -1,25 +1,31 @@
-//! A recording's file while it is written: MCAP, profile `ros2`, chunks under lz4.
+//! Writer of a recording's file: MCAP, profile `ros2`, chunks compressed with lz4.
 //!
 //! - in: messages with topic, type, time; scenario, versions, summary
-//! - out: a file whose every finished chunk stands by itself, so that what a crash cuts off is what came after it
+//! - out: a file in which each finished chunk can be read by itself, so that a crash loses only
+//!   the messages after the last finished chunk
 //! - source: the MCAP specification, version 0
 
 use super::schema::Kind;
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
 
-/// Bytes in a chunk before compression: a second of two arms, about.
+/// Size of a chunk before compression (bytes): about one second of two arms.
 const CHUNK: u64 = 768 * 1024;
 
-/// A channel keeps its latest message for whoever comes late.
-const LATCHED: &str = "- history: 1\n  depth: 1\n  reliability: 1\n  durability: 1\n  deadline: {sec: 9223372036, nsec: 854775807}\n  lifespan: {sec: 9223372036, nsec: 854775807}\n  liveliness: 1\n  liveliness_lease_duration: {sec: 9223372036, nsec: 854775807}\n  avoid_ros_namespace_conventions: false\n";
+/// Quality of service of a channel that keeps its latest message for subscribers that join late
+/// (`durability: 1` is transient local). The times are the largest that ROS 2 knows: no deadline.
+const LATCHED: &str = "- history: 1\n  depth: 1\n  reliability: 1\n  durability: 1\n  \
+    deadline: {sec: 9223372036, nsec: 854775807}\n  \
+    lifespan: {sec: 9223372036, nsec: 854775807}\n  liveliness: 1\n  \
+    liveliness_lease_duration: {sec: 9223372036, nsec: 854775807}\n  \
+    avoid_ros_namespace_conventions: false\n";
 
-/// Why nothing can be written any more.
+/// Reason why the file takes no more data.
 #[derive(Debug, thiserror::Error)]
 #[error("{}", reason(.0))]
 pub struct Unwritten(#[from] mcap::McapError);
 
-/// What the device said, where it was the device.
+/// Returns the error of the device if there is one, otherwise that of the library.
 fn reason(error: &mcap::McapError) -> String {
     let cause = std::error::Error::source(error);
     cause.map_or_else(|| error.to_string(), ToString::to_string)
@@ -41,23 +47,24 @@ impl<W: Write + Seek> File<W> {
     /// Begins a file.
     ///
     /// # Errors
-    /// What the device says.
+    /// Error of the device.
     pub fn begin(to: W) -> Result<Self, Unwritten> {
         let writer = mcap::WriteOptions::new()
             .profile("ros2")
             .library(concat!("rubik-robot ", env!("CARGO_PKG_VERSION")))
             .compression(Some(mcap::Compression::Lz4))
             .chunk_size(Some(CHUNK))
-            // A chunk goes out whole, with its length before it: a reader need not guess where a cut one ends.
+            // A chunk is written at once, after its length: a reader then knows where a chunk that
+            // was cut off should have ended. With seeking the length is written afterwards.
             .disable_seeking(true)
             .create(to)?;
         Ok(Self { writer, schemas: BTreeMap::new(), channels: BTreeMap::new() })
     }
 
-    /// Writes a message at `time` (ns).
+    /// Writes a message at `time` (ns). The first message of a topic also creates its channel.
     ///
     /// # Errors
-    /// What the device says.
+    /// Error of the device.
     pub fn message(
         &mut self,
         topic: &str,
@@ -69,6 +76,7 @@ impl<W: Write + Seek> File<W> {
             let id = self.channel(topic, kind)?;
             self.channels.insert(topic.to_owned(), Channel { id, count: 0 });
         }
+        // The channel was inserted above if it was missing.
         let Some(channel) = self.channels.get_mut(topic) else { return Ok(()) };
         channel.count = channel.count.wrapping_add(1);
         let header = mcap::records::MessageHeader {
@@ -81,6 +89,7 @@ impl<W: Write + Seek> File<W> {
     }
 
     fn channel(&mut self, topic: &str, kind: Kind) -> Result<u16, Unwritten> {
+        // Topics of one type share its schema.
         let schema = if let Some(id) = self.schemas.get(&kind) {
             *id
         } else {
@@ -90,16 +99,17 @@ impl<W: Write + Seek> File<W> {
             id
         };
         let mut metadata = BTreeMap::new();
+        // These two are written once, at the beginning: a player must keep them.
         if matches!(topic, "/robot_description" | "/tf_static") {
             metadata.insert("offered_qos_profiles".to_owned(), LATCHED.to_owned());
         }
         Ok(self.writer.add_channel(schema, topic, "cdr", &metadata)?)
     }
 
-    /// Writes named texts.
+    /// Writes texts by name, as metadata with this `name`.
     ///
     /// # Errors
-    /// What the device says.
+    /// Error of the device.
     pub fn metadata(
         &mut self,
         name: &str,
@@ -109,12 +119,13 @@ impl<W: Write + Seek> File<W> {
         Ok(self.writer.write_metadata(&metadata)?)
     }
 
-    /// Puts a whole file into it.
+    /// Attaches a whole file with its media type.
     ///
     /// # Errors
-    /// What the device says.
+    /// Error of the device.
     pub fn attach(&mut self, name: &str, media: &str, data: &[u8]) -> Result<(), Unwritten> {
         let attachment = mcap::Attachment {
+            // The format requires times; a scenario has none.
             log_time: 0,
             create_time: 0,
             name: name.to_owned(),
@@ -124,18 +135,18 @@ impl<W: Write + Seek> File<W> {
         Ok(self.writer.attach(&attachment)?)
     }
 
-    /// Ends the chunk, so that what was written can be read whatever comes.
+    /// Ends the chunk, so that all messages written before can be read even after a crash.
     ///
     /// # Errors
-    /// What the device says.
+    /// Error of the device.
     pub fn flush(&mut self) -> Result<(), Unwritten> {
         Ok(self.writer.flush()?)
     }
 
-    /// Writes the index.
+    /// Writes the index and ends the file.
     ///
     /// # Errors
-    /// What the device says.
+    /// Error of the device.
     pub fn finish(mut self) -> Result<(), Unwritten> {
         self.writer.finish()?;
         Ok(())

@@ -1,12 +1,16 @@
-//! The journal of a mission: what another run must know to go on after a crash.
+//! Journal of a mission: the state from which another run can continue after a crash.
 //!
-//! - in: an entry before each motion that changes the cube, who holds it, or where another run
-//!   would look for it
-//! - out: a line of JSON each, durable before the motion begins; what was noted last
-//! - a last line that a crash cut off is left out; the entry before it was durable, and the motion
-//!   had not begun. Where there is none before it, nothing had begun
-//! - a journal that cannot be written any more says so itself: its last entry would pass for the
-//!   truth
+//! - in: an entry before each motion that changes the cube, its holder, or the place where another
+//!   run would look for it
+//! - out: one line of JSON per entry, durable before the motion begins; the last entry
+//!
+//! | fault | result |
+//! |---|---|
+//! | a crash cuts off the last line | the entry before it counts: the motion had not begun |
+//! | a crash cuts off the first line | no entry: nothing had begun |
+//! | the journal can no longer be written | it is marked, so that no run trusts its stale entry |
+//! | a line longer than `LONGEST` | refused with its number |
+//! | values beyond `FARTHEST` or `MOST_SHORT` | refused with the number of the line |
 
 use crate::tasks::Entry;
 use std::fmt::Debug;
@@ -14,19 +18,19 @@ use std::fs::{File, TryLockError};
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
-/// A journal that is being written.
+/// Journal that is being written.
 #[derive(Debug)]
 pub struct Journal {
     path: PathBuf,
     keeps: Box<dyn Durable>,
 }
 
-/// What takes lines and keeps them through a power cut.
+/// Storage that keeps lines through a power cut.
 pub trait Durable: Debug + Send {
-    /// Returns when the line is kept.
+    /// Appends a line and returns once it is durable.
     ///
     /// # Errors
-    /// What the operating system says.
+    /// Error of the operating system.
     fn append(&mut self, line: &[u8]) -> io::Result<()>;
 }
 
@@ -37,78 +41,83 @@ impl Durable for File {
     }
 }
 
-/// Why a journal cannot be read, or begun.
+/// Reason why a journal cannot be read or begun.
 #[derive(Debug, thiserror::Error)]
 pub enum Unreadable {
-    /// Something else than a file: a folder, a device.
+    /// Path of something else than a file: a folder, a device.
     #[error("not a file")]
     NoFile,
-    /// It is locked.
+    /// Lock of another run on the file.
     #[error("another run is writing it")]
     Taken,
-    /// Of a run that has not ended: to begin anew would lose it.
-    #[error("it tells of a run that was broken off while {0}: go on with --resume, or remove it")]
+    /// Unfinished run in the journal, which a new journal would overwrite.
+    #[error(
+        "the journal records a run that was interrupted while {0}: continue the run with \
+         --resume, or remove this file"
+    )]
     Unfinished(String),
-    /// The file.
+    /// Error of the operating system.
     #[error("{0}")]
     File(#[from] io::Error),
-    /// A line that is no entry, and not the last one.
+    /// Line that is no entry, in a journal without any entry.
     #[error("line {line}: {why}")]
     Line {
-        /// From 1.
+        /// Number of the line, from 1.
         line: usize,
-        /// What is wrong with it.
+        /// Error of the parser.
         why: serde_json::Error,
     },
-    /// An entry that no run has written.
+    /// Entry with values that no run can have written.
     #[error("line {line}: {why}")]
     Value {
-        /// From 1.
+        /// Number of the line, from 1.
         line: usize,
-        /// What is wrong with it.
+        /// Reason why the value is impossible.
         why: &'static str,
     },
-    /// A line longer than any entry.
+    /// Line longer than any entry.
     #[error("line {0} is too long for an entry")]
     Long(usize),
-    /// The run went on without it.
+    /// Mark of a run that continued after it could no longer write its journal.
     #[error(
-        "it could not be written to the end of its run, which cannot be resumed: see to the cube, and remove it"
+        "the journal is incomplete because its run could not write to it; the run cannot be \
+         resumed: take the cube out of the grippers, then remove this file"
     )]
     GivenUp,
 }
 
-/// No entry is longer, its line's end left out (bytes).
+/// Largest length of an entry without the end of its line (bytes).
 const LONGEST: u64 = 4096;
 
-/// No joint is farther from its zero, and no cube from an arm's base (rad, m).
+/// Largest distance of a joint from its zero (rad or m), and of the cube from an arm's base (m).
 const FARTHEST: f64 = 20.0;
-/// No arm draws back by more than this (m).
+/// Largest value of [`Entry::short`], the part of a retraction that the arm could not do (m). 1e308
+/// made a resumed run hang.
 const MOST_SHORT: f64 = 1.0;
 
-/// How an entry begins.
+/// First bytes of each entry.
 const HEAD: &[u8] = b"{\"doing\":\"";
 
-/// All that stands in a journal that could not be written any more.
+/// Whole content of a journal that could no longer be written.
 const GIVEN_UP: &[u8] = b"this journal could not be written to the end of its run\n";
 
 impl Journal {
-    /// One of which another thing than its file keeps the lines.
+    /// Makes a journal whose lines go to `keeps` instead of the file at `path`.
     #[must_use]
     pub fn kept_by(path: &Path, keeps: Box<dyn Durable>) -> Self {
         Self { path: path.to_owned(), keeps }
     }
 
-    /// Begins a journal in place of one whose run has ended, or goes on with one.
+    /// Opens a journal: begins an empty one, or continues the one that is there if `go_on`.
     ///
     /// # Errors
-    /// When it is no journal, another run writes it, or one that is to be begun would lose what
-    /// another has left; what the operating system says.
+    /// If the file is no journal, if another run writes it, or if a new journal would overwrite
+    /// that of an unfinished run; error of the operating system.
     pub fn open(path: &Path, go_on: bool) -> Result<Self, Unreadable> {
         Self::open_in(path, go_on, keep_name)
     }
 
-    /// The same; `keeps_name` sees to it that the file's name survives a power cut, too.
+    /// Opens a journal as [`Journal::open`] does. `keeps_name` makes the name of the file durable.
     fn open_in(
         path: &Path,
         go_on: bool,
@@ -121,15 +130,16 @@ impl Journal {
         if !is_ours(&file, path) {
             return Err(Unreadable::Taken);
         }
+        // The lock comes before the reading: no other run can add an entry in between.
         let last = match Self::last(path) {
-            // Nothing is lost by another run in its place.
+            // A journal with the mark holds no state that could be lost.
             Err(Unreadable::GivenUp) if !go_on => None,
             last => last?,
         };
         match last {
             Some(last) if !go_on && !last.over => return Err(Unreadable::Unfinished(last.doing)),
             Some(_) if go_on => {
-                // What a crash cut off stays a line of its own.
+                // A line that a crash cut off gets an end, or the next entry would be part of it.
                 let cut = std::fs::read(path)?.last().is_some_and(|&byte| byte != b'\n');
                 if cut {
                     file.write_all(b"\n")?;
@@ -137,8 +147,8 @@ impl Journal {
             }
             _ => {
                 file.set_len(0)?;
-                // What has ended must not come back after a power cut, before this run notes
-                // anything.
+                // Without the sync a power cut before the first entry could bring back the entries
+                // of the run that has ended.
                 file.sync_all()?;
             }
         }
@@ -146,10 +156,10 @@ impl Journal {
         Ok(Self { path: path.to_owned(), keeps: Box::new(file) })
     }
 
-    /// Notes an entry; returns when it is durable.
+    /// Writes an entry and returns once it is durable.
     ///
     /// # Errors
-    /// What the operating system says; an entry that would be too long to be read.
+    /// Error of the operating system; an entry that is too long to be read back.
     pub fn write(&mut self, entry: &Entry) -> io::Result<()> {
         let mut line = serde_json::to_vec(entry)?;
         if line.len() as u64 > LONGEST {
@@ -159,30 +169,31 @@ impl Journal {
         self.keeps.append(&line)
     }
 
-    /// Sees to it that nobody goes on from its last entry, since what follows cannot be noted; what
-    /// the operator is to know.
+    /// Marks a journal that can no longer be written, so that no run continues from its last entry.
+    /// If it cannot be marked, it is removed. Returns the message for the operator.
     #[must_use]
     pub(crate) fn given_up(self, why: &io::Error) -> String {
         let place = self.path.display();
-        // In place: that takes no room on a disk that is full.
+        // Overwriting in place needs no space, so it works on a full disk.
         let marked = File::options().write(true).open(&self.path).and_then(|mut file| {
             file.write_all(GIVEN_UP)?;
             file.set_len(GIVEN_UP.len() as u64)?;
             file.sync_all()
         });
         let rest = match marked.or_else(|_| std::fs::remove_file(&self.path)) {
-            Ok(()) => "the run goes on, and cannot be resumed".to_owned(),
+            Ok(()) => "the run continues and cannot be resumed".to_owned(),
             Err(left) => format!(
-                "the run goes on, and must not be resumed: what the journal tells is no longer so, and it cannot be removed ({left})"
+                "the run continues and must not be resumed: the journal is out of date and cannot \
+                 be removed ({left})"
             ),
         };
         format!("{place}: the journal cannot be written: {why}; {rest}")
     }
 
-    /// The last entry of a journal; `None` when there is none.
+    /// Returns the last entry of a journal; `None` if there is no file or no entry in it.
     ///
     /// # Errors
-    /// When the file cannot be read, or is no journal.
+    /// If the file cannot be read, or is no journal.
     pub fn last(path: &Path) -> Result<Option<Entry>, Unreadable> {
         let mut reader = match File::open(path) {
             Ok(file) => BufReader::new(file),
@@ -192,6 +203,8 @@ impl Journal {
         let (mut last, mut torn) = (None, None);
         for line in 1.. {
             let mut bytes = Vec::new();
+            // The bound keeps a file without line ends from filling the memory. One more byte than
+            // `LONGEST` leaves room for the end of the line.
             let count = (&mut reader).take(LONGEST + 1).read_until(b'\n', &mut bytes)?;
             if count == 0 {
                 break;
@@ -199,7 +212,7 @@ impl Journal {
             if line == 1 && bytes == GIVEN_UP {
                 return Err(Unreadable::GivenUp);
             }
-            // Whether its line ends or was cut off, an entry is as long as it is.
+            // The end of the line does not count, since a crash may have cut it off.
             if bytes.strip_suffix(b"\n").unwrap_or(&bytes).len() as u64 > LONGEST {
                 return Err(Unreadable::Long(line));
             }
@@ -208,9 +221,10 @@ impl Journal {
                     plausible(&entry).map_err(|why| Unreadable::Value { line, why })?;
                     last = Some(entry);
                 }
-                // The first of all, which a crash cut off.
+                // The very first entry, which a crash cut off: nothing had begun.
                 Err(why) if line == 1 && why.is_eof() && begins_an_entry(&bytes) => {}
-                // A run that went on after a crash has left the torn line among whole ones.
+                // A run that continued after a crash has left the torn line among whole ones. So a
+                // bad line is an error only in a journal without any entry.
                 Err(why) => torn = torn.or(Some(Unreadable::Line { line, why })),
             }
         }
@@ -221,39 +235,40 @@ impl Journal {
     }
 }
 
-/// Whether a cell's arms can have been where an entry tells: another run would go there.
+/// Checks that the arms of a cell can have been at the places of an entry, since a resumed run
+/// moves there. Returns the reason if they cannot.
 fn plausible(entry: &Entry) -> Result<(), &'static str> {
-    // Written so that NaN is refused, too.
+    // The comparisons are false for NaN, so NaN is refused as well.
     let within = |values: &[f64], most: f64| values.iter().all(|value| value.abs() <= most);
     if !entry.hand_over.is_none_or(|joints| within(&joints.0, FARTHEST)) {
-        return Err("no arm can stand at this place of the hand-over");
+        return Err("no arm can reach this place of hand-over");
     }
     if !entry.taken_at.is_none_or(|place| within(&place, FARTHEST)) {
-        return Err("no arm can have taken the cube there");
+        return Err("no arm can reach this place of the grasp");
     }
     if !(0.0..=MOST_SHORT).contains(&entry.short) {
-        return Err("no arm draws back so much less than usual");
+        return Err("no retraction can be this much shorter than usual");
     }
     Ok(())
 }
 
-/// Whether these may be the first bytes of an entry.
+/// Checks whether these may be the first bytes of an entry. Fewer bytes than `HEAD` may be.
 fn begins_an_entry(bytes: &[u8]) -> bool {
     bytes.iter().zip(HEAD).all(|(byte, of_an_entry)| byte == of_an_entry)
 }
 
-/// Sees to it that a file's name is there after a power cut: what is in the file is durable without
-/// it.
+/// Makes the name of a file durable by a sync of its folder. A sync of the file itself covers only
+/// its content, so a power cut could lose a new file.
 ///
 /// # Errors
-/// What the operating system says.
+/// Error of the operating system if the folder does not exist. Other errors are only logged.
 pub(crate) fn keep_name(path: &Path) -> io::Result<()> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     let folder = folder.unwrap_or(Path::new("."));
     match File::open(folder).and_then(|folder| folder.sync_all()) {
         Err(why) if why.kind() != io::ErrorKind::NotFound => {
-            // A file system, or a folder, that allows no such thing: a run is no worse than
-            // without.
+            // Some file systems and folders cannot be synced. The run is then only as safe as
+            // without this call, which is no reason to refuse it.
             tracing::warn!("{}: {why}: a power cut may lose a new file there", folder.display());
             Ok(())
         }
@@ -261,14 +276,14 @@ pub(crate) fn keep_name(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Locks a file that one run alone may write; whether nobody else does.
+/// Locks a file that only one run may write. Returns `false` if another process has the lock.
 #[must_use]
 pub(crate) fn is_ours(file: &File, path: &Path) -> bool {
     match file.try_lock() {
         Ok(()) => true,
         Err(TryLockError::WouldBlock) => false,
         Err(TryLockError::Error(why)) => {
-            // A file system without locks.
+            // The file system has no locks.
             tracing::warn!("{}: {why}", path.display());
             true
         }
@@ -288,8 +303,10 @@ mod tests {
         Entry { doing: doing.to_owned(), held: [Some(Depth::One), None], ..Entry::default() }
     }
 
+    /// A crash may cut off the last line at any byte: the entry before it counts, and a run that
+    /// continues can write after it.
     #[test]
-    fn the_last_whole_entry_counts_whatever_a_crash_left_behind_it() {
+    fn last_whole_entry_counts_after_a_crash() {
         let path = place("whole");
         let mut journal = Journal::open(&path, false).unwrap();
         journal.write(&entry("closing")).unwrap();
@@ -311,8 +328,9 @@ mod tests {
         std::fs::remove_file(path).unwrap();
     }
 
+    /// A first entry that a crash cut off means that nothing had begun.
     #[test]
-    fn a_first_entry_that_a_crash_cut_off_tells_that_nothing_had_begun() {
+    fn torn_first_entry_counts_as_none() {
         let path = place("first");
         let mut journal = Journal::open(&path, false).unwrap();
         journal.write(&entry("wending – slowly")).unwrap();
@@ -326,7 +344,7 @@ mod tests {
                 assert_eq!(Journal::last(&path).unwrap(), None, "cut at {cut}");
 
                 let mut journal = Journal::open(&path, go_on).unwrap();
-                // Nor does it after another crash.
+                // There is still none if another crash comes before the next entry.
                 assert_eq!(Journal::last(&path).unwrap(), None, "cut at {cut}");
                 journal.write(&entry("turning")).unwrap();
                 assert_eq!(Journal::last(&path).unwrap(), Some(entry("turning")), "cut at {cut}");
@@ -336,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn what_never_was_an_entry_is_refused_and_left_as_it_is() {
+    fn journal_refuses_foreign_files_and_keeps_them() {
         let path = place("foreign");
         let whole = serde_json::to_string(&entry("closing")).unwrap();
         let foreign = [
@@ -344,7 +362,7 @@ mod tests {
             "{\"kind\": ",
             "{\"doing\":\"x\",\"held\":7",
             "{ \"doing\":\"",
-            // Its line has ended: no crash did that.
+            // A part of an entry with an end of line, which no crash leaves.
             &format!("{}\n", &whole[..40]),
         ];
         for text in foreign {
@@ -363,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn the_name_of_a_journal_is_kept_before_anything_is_noted_in_it() {
+    fn journal_name_is_durable_before_the_first_entry() {
         for go_on in [true, false] {
             let path = place("name");
             let mut named = Vec::new();
@@ -384,14 +402,14 @@ mod tests {
             assert!(matches!(lost, Err(Unreadable::File(_))), "{lost:?}");
             std::fs::remove_file(path).unwrap();
         }
-        // In a folder that is there, and in none.
+        // In a folder that exists, and in one that does not.
         keep_name(&place("name")).unwrap();
         keep_name(Path::new("journal")).unwrap();
         assert!(keep_name(&place("none").join("journal")).is_err());
     }
 
     #[test]
-    fn a_journal_that_was_given_up_is_believed_by_nobody() {
+    fn no_run_resumes_from_an_abandoned_journal() {
         let path = place("given-up");
         let mut journal = Journal::open(&path, false).unwrap();
         journal.write(&entry("closing")).unwrap();
@@ -399,15 +417,15 @@ mod tests {
         let told = journal.given_up(&io::Error::other("disk full"));
 
         assert!(told.starts_with(&format!("{}: ", path.display())), "{told}");
-        assert!(told.contains("disk full; the run goes on, and cannot be resumed"), "{told}");
+        assert!(told.contains("disk full; the run continues and cannot be resumed"), "{told}");
         assert!(matches!(Journal::last(&path), Err(Unreadable::GivenUp)));
         assert!(matches!(Journal::open(&path, true), Err(Unreadable::GivenUp)));
         assert!(path.exists());
-        // Another run may begin there.
+        // A new run may begin its journal there.
         Journal::open(&path, false).unwrap().write(&entry("turning")).unwrap();
         assert_eq!(Journal::last(&path).unwrap(), Some(entry("turning")));
 
-        // Where nothing can be done about it, the operator must know.
+        // If the file can be neither marked nor removed, the operator is warned.
         let journal = Journal::kept_by(&path.join("nowhere"), Box::new(File::open(&path).unwrap()));
         let told = journal.given_up(&io::Error::other("disk full"));
         assert!(
@@ -418,8 +436,8 @@ mod tests {
     }
 
     #[test]
-    fn a_line_counts_as_kept_only_when_the_disk_has_it() {
-        // A pipe takes the line, but nothing makes it durable there.
+    fn append_fails_if_the_line_is_not_durable() {
+        // A pipe takes the line but cannot make it durable.
         let (_reader, writer) = io::pipe().unwrap();
         let mut file = File::from(std::os::fd::OwnedFd::from(writer));
 
@@ -429,8 +447,8 @@ mod tests {
     }
 
     #[test]
-    fn a_journal_that_can_be_marked_no_more_is_removed() {
-        // Behind a link to nothing there is no file to be marked; the link can be taken away.
+    fn journal_that_cannot_be_overwritten_is_removed() {
+        // A link without a target has no file to be marked, but the link can be removed.
         let path = place("removed");
         std::os::unix::fs::symlink(path.with_extension("nowhere"), &path).unwrap();
         let (_reader, writer) = io::pipe().unwrap();
@@ -438,12 +456,13 @@ mod tests {
 
         let told = Journal::kept_by(&path, Box::new(file)).given_up(&io::Error::other("disk full"));
 
-        assert!(told.contains("disk full; the run goes on, and cannot be resumed"), "{told}");
-        assert!(!path.is_symlink(), "what it told would pass for the truth");
+        assert!(told.contains("disk full; the run continues and cannot be resumed"), "{told}");
+        assert!(!path.is_symlink(), "a stale journal would count as true");
     }
 
+    /// The end of line that a continuing run adds to a torn line does not make the line too long.
     #[test]
-    fn what_a_crash_left_is_no_longer_for_the_line_that_ends_it() {
+    fn torn_line_of_full_length_is_readable() {
         let path = place("longest");
         for (long, refused) in [(LONGEST, false), (LONGEST + 1, true)] {
             Journal::open(&path, false).unwrap().write(&entry("closing")).unwrap();
@@ -463,7 +482,7 @@ mod tests {
     }
 
     #[test]
-    fn no_entry_is_written_that_could_not_be_read() {
+    fn journal_refuses_to_write_too_long_entries() {
         let path = place("unreadable");
         let mut journal = Journal::open(&path, false).unwrap();
         journal.write(&entry("closing")).unwrap();
@@ -476,7 +495,7 @@ mod tests {
     }
 
     #[test]
-    fn an_entry_of_what_no_arm_can_do_is_refused_with_its_line() {
+    fn impossible_entry_is_refused_with_its_line() {
         let path = place("values");
         let wrong: [fn(&mut Entry); 4] = [
             |entry| entry.short = 1e308,
@@ -499,7 +518,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_journal_is_refused_with_its_line() {
+    fn foreign_text_is_refused_with_its_line() {
         let path = place("refused");
         std::fs::write(&path, "a poem\nof two lines\n").unwrap();
 

@@ -1,10 +1,11 @@
-//! Results of a run: its hashes ([`run_hash`]), the summary, the journal, and the recording.
+//! Results of a run: its hashes ([`run_hash`]), the summary, the journal, and the recording, which
+//! is an MCAP file with ROS 2 messages.
 //!
-//! - written: [`recorder`] (the thread), `place` (the file and its name), [`sheet`] (what goes
-//!   where), `file` (MCAP), made of `cdr`, `schema`, `standard`, [`tick`],
-//!   `sensed`, `belief`, `calibration`, [`urdf`]
-//! - read: [`reading`] (whole, cut off or damaged), [`recover_file`], `playback` (as a port and
-//!   as sensors), [`report`]
+//! - writing a recording: [`recorder`] (the thread), `place` (the path of the file), [`sheet`] (the
+//!   topics), `file` (MCAP); the messages are in `cdr`, `schema`, `standard`, [`tick`], `sensed`,
+//!   `belief`, `calibration` and [`urdf`]
+//! - reading a recording: [`reading`] (whole, cut off or damaged), [`recover_file`], `playback` (as
+//!   port and sensors of a run), [`report`]
 
 pub(crate) mod belief;
 pub(crate) mod calibration;
@@ -27,12 +28,15 @@ pub mod summary;
 pub mod tick;
 pub mod urdf;
 
-/// The file of the program that runs here. Under Linux that is itself, whatever stands at its path
-/// by now; a process that is to become it follows the link while it is still a copy of this one.
+/// Returns a path to the program that runs here, to start it again, to read it or to identify it.
+/// Under Linux the path is a link to the running program itself, even if another file has replaced
+/// it on disk. A forked child follows the link while it is still a copy of this process, so it
+/// starts the same program.
 ///
 /// # Errors
-/// What the operating system says.
+/// Error of the operating system.
 pub(crate) fn running_program() -> std::io::Result<std::path::PathBuf> {
+    // The path of the program on disk may lead to another build by now.
     let own = std::path::Path::new("/proc/self/exe");
     if own.exists() { Ok(own.to_owned()) } else { std::env::current_exe() }
 }

@@ -1,30 +1,33 @@
-//! Where a recording goes: beside its name, as `FILE.part`, until there is a period in it. So a run
-//! that does not come to begin takes no older recording's place.
+//! Path of a recording while it is written. The recording is in `FILE.part` until it holds a servo
+//! period, and is then renamed to `FILE`. A run that fails before its first period therefore leaves
+//! an older recording of that name as it is.
 
 use super::reading::{Piece, open};
 use std::ffi::OsString;
 use std::fs::{File, OpenOptions};
 use std::path::{Path, PathBuf};
 
-/// The place of a file that is being written.
+/// Final and temporary path of a file that is being written.
 #[derive(Debug)]
 pub(crate) struct Place {
     path: PathBuf,
-    /// Where it is until then; `None` when it has its name, as a device and a pipe have from the
+    /// Temporary path; `None` once the file has its name. A device and a pipe have theirs from the
     /// beginning.
     part: Option<PathBuf>,
     regular: bool,
 }
 
 impl Place {
-    /// Creates the file.
+    /// Creates the file under its temporary path. A device, a pipe, a stream of this process and
+    /// the missing target of a link are opened directly instead.
     ///
     /// # Errors
-    /// What the operating system says.
+    /// Error of the operating system; also if `path` leads to a file that may not be written.
     pub(crate) fn create(path: &Path) -> std::io::Result<(File, Self)> {
         let there = std::fs::metadata(path).ok();
         let regular = there.as_ref().is_none_or(std::fs::Metadata::is_file);
-        // Streams of this process and what a link is to bring about are no places of their own.
+        // A rename would replace the name of a stream, not the stream, and a link to a file that
+        // does not exist yet, not its target.
         let named = !["/dev/fd", "/dev/stdin", "/dev/stdout", "/dev/stderr", "/proc"]
             .iter()
             .any(|stream| path.starts_with(stream))
@@ -33,22 +36,24 @@ impl Place {
             let place = Self { path: path.to_owned(), part: None, regular };
             return Ok((File::create(path)?, place));
         }
-        // What is protected is not replaced, and behind a link the file is.
+        // A rename needs rights on the folder only. A write-protected file must not be replaced, so
+        // it is opened for writing first.
         if there.is_some() {
             OpenOptions::new().write(true).open(path)?;
         }
+        // Behind a link the target is replaced, not the link.
         let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
         let part = Self::part_of(&path);
         let file = File::create(&part)?;
         if let Some(there) = there {
-            // Who may read and write it stays so; a file system that knows no rights has none to
-            // keep.
+            // The new file keeps the permissions of the old one. Some file systems have none, so a
+            // failure is no error.
             let _ = file.set_permissions(there.permissions());
         }
         Ok((file, Self { path, part: Some(part), regular }))
     }
 
-    /// Where a file of this name is until it is whole.
+    /// Returns the temporary path of a file: its path followed by `.part`.
     #[must_use]
     pub(crate) fn part_of(path: &Path) -> PathBuf {
         let mut part = OsString::from(path);
@@ -56,23 +61,23 @@ impl Place {
         PathBuf::from(part)
     }
 
-    /// Where it is.
+    /// Returns the path at which the file is now.
     #[must_use]
     pub(crate) fn at(&self) -> &Path {
         self.part.as_deref().unwrap_or(&self.path)
     }
 
-    /// Whether it does not have its name yet.
+    /// Checks whether the file still has its temporary path.
     #[must_use]
-    pub(crate) fn waits(&self) -> bool {
+    pub(crate) fn is_temporary(&self) -> bool {
         self.part.is_some()
     }
 
-    /// Gives it its name, in the place of what had it.
+    /// Renames the file to its final path and replaces a file that is there.
     ///
     /// # Errors
-    /// What the operating system says.
-    pub(crate) fn take(&mut self) -> std::io::Result<()> {
+    /// Error of the operating system.
+    pub(crate) fn rename_to_final(&mut self) -> std::io::Result<()> {
         if let Some(part) = &self.part {
             std::fs::rename(part, &self.path)?;
             self.part = None;
@@ -80,26 +85,27 @@ impl Place {
         Ok(())
     }
 
-    /// Gives it its name if nothing has it, or an empty file.
+    /// Renames the file to its final path unless there is a file that is not empty.
     ///
     /// # Errors
-    /// What the operating system says.
-    pub(crate) fn take_if_free(&mut self) -> std::io::Result<()> {
+    /// Error of the operating system.
+    pub(crate) fn rename_if_free(&mut self) -> std::io::Result<()> {
         let taken = std::fs::metadata(&self.path).is_ok_and(|there| there.len() > 0);
-        if taken { Ok(()) } else { self.take() }
+        if taken { Ok(()) } else { self.rename_to_final() }
     }
 
-    /// Takes it away again, unless it has its name.
+    /// Removes the file unless it has its final path.
     ///
     /// # Errors
-    /// What the operating system says.
+    /// Error of the operating system.
     pub(crate) fn discard(self) -> std::io::Result<()> {
         self.part.map_or(Ok(()), std::fs::remove_file)
     }
 
-    /// How many messages of a recording are really there; `None` where nothing can be read back.
+    /// Counts the messages of a recording by reading its file; `None` if it cannot be read back.
     #[must_use]
     pub(crate) fn messages(&self) -> Option<u64> {
+        // A pipe or a terminal would wait for input here.
         let reading = if self.regular { open(self.at()).ok() } else { None };
         let is_message = |piece: &Piece| matches!(piece, Piece::Message(_));
         reading.map(|reading| reading.filter(is_message).count() as u64)
@@ -113,7 +119,7 @@ mod tests {
     use std::io::Write as _;
 
     #[test]
-    fn a_file_stays_until_another_takes_its_place() {
+    fn old_file_stays_until_the_rename() {
         let folder = std::env::temp_dir().join(format!("rubik-robot-place-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let path = folder.join("run.mcap");
@@ -121,31 +127,32 @@ mod tests {
 
         let (mut file, mut place) = Place::create(&path).unwrap();
         file.write_all(b"new").unwrap();
-        place.take_if_free().unwrap();
+        place.rename_if_free().unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"old");
-        assert!(place.waits() && place.at().ends_with("run.mcap.part"));
-        place.take().unwrap();
+        assert!(place.is_temporary() && place.at().ends_with("run.mcap.part"));
+        place.rename_to_final().unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"new");
-        assert!(!place.waits());
+        assert!(!place.is_temporary());
 
         std::fs::remove_file(&path).unwrap();
         let (_, mut place) = Place::create(&path).unwrap();
-        place.take_if_free().unwrap();
-        assert!(path.exists() && !place.waits());
+        place.rename_if_free().unwrap();
+        assert!(path.exists() && !place.is_temporary());
         let (_, place) = Place::create(&path).unwrap();
         place.discard().unwrap();
-        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1, "nothing is left lying about");
-        assert!(!Place::create(Path::new("/dev/null")).unwrap().1.waits());
-        assert!(!Place::create(Path::new("/dev/stdout")).unwrap().1.waits());
+        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1, "the temporary file is removed");
+        assert!(!Place::create(Path::new("/dev/null")).unwrap().1.is_temporary());
+        assert!(!Place::create(Path::new("/dev/stdout")).unwrap().1.is_temporary());
         let (link, target) = (folder.join("link"), folder.join("target"));
         std::os::unix::fs::symlink(&target, &link).unwrap();
-        assert!(!Place::create(&link).unwrap().1.waits());
+        assert!(!Place::create(&link).unwrap().1.is_temporary());
         assert!(target.exists() && link.is_symlink(), "a link is followed, not replaced");
         std::fs::remove_dir_all(&folder).unwrap();
     }
 
+    /// A link to an existing file keeps its target, and the new target keeps the old permissions.
     #[test]
-    fn a_file_behind_a_link_is_replaced_and_may_be_read_by_whom_it_was() {
+    fn file_behind_a_link_keeps_its_permissions() {
         use std::os::unix::fs::PermissionsExt as _;
         let folder = std::env::temp_dir().join(format!("rubik-robot-link-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
@@ -155,20 +162,20 @@ mod tests {
         std::os::unix::fs::symlink(&target, &link).unwrap();
 
         let (mut file, mut place) = Place::create(&link).unwrap();
-        assert_eq!(std::fs::read(&target).unwrap(), b"old", "it is what it was until then");
+        assert_eq!(std::fs::read(&target).unwrap(), b"old", "unchanged until then");
         file.write_all(b"new").unwrap();
-        place.take().unwrap();
+        place.rename_to_final().unwrap();
 
         assert!(link.is_symlink());
         assert_eq!(std::fs::read(&target).unwrap(), b"new");
         let rights = std::fs::metadata(&target).unwrap().permissions().mode();
-        assert_eq!(rights & 0o777, 0o600, "others cannot read what was written before either");
+        assert_eq!(rights & 0o777, 0o600, "the permissions of the old file stay");
         std::fs::remove_dir_all(&folder).unwrap();
     }
 
     #[test]
-    fn a_file_that_may_not_be_written_is_not_replaced() {
-        // A program that runs is protected even from who may do everything, by most kernels.
+    fn place_does_not_replace_a_protected_file() {
+        // Most kernels protect a running program from every user, root included.
         let program = std::env::current_exe().unwrap();
         if std::fs::OpenOptions::new().write(true).open(&program).is_ok() {
             return;

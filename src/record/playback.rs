@@ -1,29 +1,29 @@
-//! A recording as the controller's world: its readings come out of the port again, its sensors
-//! deliver again, its operator commands again; and what the controller makes of them is held
-//! against what was recorded.
+//! Playback of a recording to a controller: the recorded inputs are fed to it again, and its
+//! outputs are compared with the recorded ones.
 //!
 //! - in: a recording
-//! - out: a [`Port`], the sensors' answers, and the first [`Divergence`]
+//! - out: a [`Port`] with the recorded readings, the answers of the sensors, the inputs of the
+//!   operator; and the first [`Divergence`]
 
 use super::reading::{End, Label, Message, Piece, Reading, Unreadable, open};
 use super::sensed::{Found, Sensed};
 use super::tick::{Difference, Tick};
 use crate::hw::driver::{RecordSink, ServoRecord};
-use crate::hw::port::{HeldUp, Port, PortFault};
+use crate::hw::port::{Delay, Port, PortFault};
 use crate::motion::PERIOD;
 use crate::servo::io::{ArmDrive, ArmReading};
 use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Where a run parts from its recording.
+/// First difference of a run from its recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Divergence {
-    /// Servo period.
+    /// Servo period; of a look the period of 2 ms.
     pub period: u64,
     /// Name of the effector or of the sensor.
     pub who: String,
-    /// What differs.
+    /// Field with its recorded and its present value.
     pub what: Difference,
 }
 
@@ -34,42 +34,50 @@ impl std::fmt::Display for Divergence {
     }
 }
 
-/// What a recording has for a look.
+/// Recorded answer to a request to a sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Played {
-    /// What the sensor delivered.
+    /// Answer of the sensor.
     Answer(Result<Found, String>),
-    /// The recording holds no further look of this sensor.
+    /// No answer: the recording has no further one of this sensor.
     Nothing,
 }
 
-/// A recording being played back; clones play the same one.
+/// Recording that is being played back. All clones share one position in it.
 #[derive(Clone)]
 pub struct Playback(Arc<Mutex<State>>);
 
+/// Position in the recording, and the result of the comparison.
 struct State {
+    /// Names of the arms.
     arms: Vec<String>,
     stream: Reading<std::io::BufReader<std::fs::File>>,
     /// Ticks that were read and not compared yet.
     ahead: VecDeque<Tick>,
+    /// Answers of the sensors that have not been delivered yet.
     sensed: Vec<Sensed>,
+    /// Inputs of the operator that are to come, with their periods of 2 ms.
     operator: VecDeque<(u64, String)>,
-    /// The first injected fault that its inputs do not hold: period of 2 ms, and what.
+    /// First injected fault that is no input of the controller: period of 2 ms, description.
     injected: Option<(u64, String)>,
+    /// Number of ticks that were equal.
     compared: u64,
+    /// Last servo period that was equal.
     last: u64,
     divergence: Option<Divergence>,
-    /// The port has given the last readings.
+    /// Whether the port has delivered the last readings.
     over: bool,
 }
 
 impl Playback {
-    /// Opens a recording. Its sensors and its operator are read at once, its ticks as they come.
+    /// Opens a recording. Answers of sensors and inputs of the operator are read at once, ticks
+    /// when they are needed.
     ///
     /// # Errors
     /// [`Unreadable`].
     pub fn open(path: &Path, arms: Vec<String>) -> Result<(Self, Label), Unreadable> {
         let mut label = Label::default();
+        // A second pass reads the ticks one by one: the recording of a mission takes 200 MB.
         let (mut sensed, mut operator, mut injected) = (Vec::new(), VecDeque::new(), None);
         for piece in open(path)? {
             label.take(&piece);
@@ -100,10 +108,12 @@ impl Playback {
         Ok((Self(Arc::new(Mutex::new(state))), label))
     }
 
-    /// What a sensor delivered when it was asked to look at `period`, and how it was asked.
+    /// Returns the next recorded answer of a sensor. A request with another text or in another
+    /// `period` of 2 ms than the recorded one is a divergence.
     #[must_use]
     pub(crate) fn sensed(&self, sensor: &str, period: u64, asked: &str) -> Played {
         let state = &mut *self.state();
+        // The answers of one sensor are in the order of its requests.
         let Some(at) = state.sensed.iter().position(|s| s.sensor == sensor) else {
             return Played::Nothing;
         };
@@ -115,13 +125,13 @@ impl Playback {
         Played::Answer(answer.found)
     }
 
-    /// A look that the recording does not hold has come to be delivered. Whoever only begins one as
-    /// the run ends sees nothing any more.
-    pub(crate) fn unheard(&self, sensor: &str, period: u64, asked: &str) {
+    /// Keeps the divergence of a look that is complete but not in the recording. A look that the
+    /// end of the run cuts off is none: it was not recorded either.
+    pub(crate) fn report_unrecorded_look(&self, sensor: &str, period: u64, asked: &str) {
         self.state().part(period, sensor, look("nothing".to_owned(), period, asked));
     }
 
-    /// What the operator wanted until this period of 2 ms, one by one.
+    /// Returns the operator's next input (JSON) if it came in this period of 2 ms or before.
     #[must_use]
     pub fn operator(&self, period: u64) -> Option<String> {
         let mut state = self.state();
@@ -131,21 +141,21 @@ impl Playback {
         None
     }
 
-    /// The first difference, if there is one, and how many ticks were compared.
+    /// Returns the first divergence, if there is one, and the number of equal ticks.
     #[must_use]
     pub fn verdict(&self) -> (Option<Divergence>, u64) {
         let state = self.state();
         (state.divergence.clone(), state.compared)
     }
 
-    /// The first injected fault that befalls an actor or the clock, none of which the inputs hold:
-    /// the period of 2 ms in which it was noted, and what it is.
+    /// Returns the first injected fault of an actor or the clock: the period of 2 ms in which it
+    /// was logged, and its description. The recorded inputs do not contain these faults.
     #[must_use]
     pub fn injected(&self) -> Option<(u64, String)> {
         self.state().injected.clone()
     }
 
-    /// Ticks that the recording holds beyond what the run came to.
+    /// Reads to the end of the recording. Returns the number of ticks that the run did not reach.
     #[must_use]
     pub fn rest(&self) -> u64 {
         let mut state = self.state();
@@ -157,13 +167,14 @@ impl Playback {
         rest
     }
 
-    /// The last period that was compared.
+    /// Returns the last servo period that was equal.
     #[must_use]
     pub fn last_period(&self) -> u64 {
         self.state().last
     }
 
-    /// How the recording ends in the middle, and why, if it does; known at its end.
+    /// Returns the flaw of the file if it is cut off or damaged, with the reason in brackets. It is
+    /// known once the ticks have been read to the end.
     #[must_use]
     pub fn cut(&self) -> Option<String> {
         let state = self.state();
@@ -171,7 +182,7 @@ impl Playback {
         Some(format!("{flaw:#}"))
     }
 
-    /// The next tick, to be fed elsewhere.
+    /// Returns the next tick of the recording and removes it from the playback.
     #[must_use]
     pub fn tick(&self) -> Option<Tick> {
         let mut state = self.state();
@@ -183,17 +194,20 @@ impl Playback {
     }
 }
 
+/// Reads an input of the operator: period of 2 ms, JSON.
 fn operator_word(data: &[u8]) -> Result<(u64, String), super::cdr::Malformed> {
     let mut from = super::cdr::Reader::new(data)?;
     from.time()?;
     Ok((from.u64()?, from.string()?.to_owned()))
 }
 
-/// Kinds of faults that reach a run past its port, its sensors and its operator.
+/// Kinds of injected faults that are no inputs of the controller: they act on an actor or on the
+/// clock.
 const PAST_INPUTS: [&str; 5] =
     ["actor panic", "actor hang", "heart beat loss", "late message", "clock jump"];
 
-/// An injected fault of one of these kinds, and when, of a line of the log.
+/// Reads a line of the log. Returns the injected fault in it, with its period of 2 ms, if it is of
+/// one of these kinds.
 fn not_an_input(data: &[u8]) -> Result<Option<(u64, String)>, super::cdr::Malformed> {
     let mut from = super::cdr::Reader::new(data)?;
     let time = from.time()?;
@@ -204,12 +218,14 @@ fn not_an_input(data: &[u8]) -> Result<Option<(u64, String)>, super::cdr::Malfor
     Ok(what.map(|what| ((time as f64 * 1e-9 / PERIOD).round() as u64, what.to_owned())))
 }
 
-/// Returns the difference of a look: the recorded one, and the one that was asked for now.
+/// Returns the difference between the recorded look and the one that this run requests.
 fn look(recorded: String, period: u64, asked: &str) -> Difference {
     Difference { field: "look".to_owned(), recorded, now: format!("period {period}, {asked}") }
 }
 
 impl State {
+    /// Reads up to the next tick. A tick that cannot be decoded is left out; its period is then
+    /// missing.
     fn next_tick(&mut self) -> Option<Tick> {
         self.stream.by_ref().find_map(|piece| match piece {
             Piece::Message(message) if message.channel.topic.ends_with("/servo") => {
@@ -219,7 +235,7 @@ impl State {
         })
     }
 
-    /// Keeps the first difference of the run.
+    /// Keeps a divergence if it is the first one: the later ones follow from it.
     fn part(&mut self, period: u64, who: &str, what: Difference) {
         self.divergence.get_or_insert_with(|| Divergence { period, who: who.to_owned(), what });
     }
@@ -233,18 +249,20 @@ impl Port for Playback {
         readings: &mut [ArmReading],
     ) -> Result<(), PortFault> {
         let state = &mut *self.state();
+        // A fault of the port ends the run, which is how a playback stops it.
         let ends = |reason: &str| PortFault { effector: 0, reason: reason.to_owned() };
         if state.divergence.is_some() {
-            return Err(ends("it differs from its recording"));
+            return Err(ends("the run differs from its recording"));
         }
         if state.over {
             return Err(ends("the recording ends here"));
         }
-        // What is read at the end of a period is what the next one begins with.
+        // The readings at the end of a period are the inputs of the next one, so the ticks of
+        // `period + 1` have them.
         while state.ahead.len() < readings.len() {
             let Some(tick) = state.next_tick() else {
-                // The run's last readings are used by no period; of a file that is cut off, a part
-                // of the arms.
+                // No period has used the last readings of the run. In a file that is cut off the
+                // ticks of some arms may be missing; the others are dropped.
                 state.ahead.clear();
                 state.over = true;
                 return Ok(());
@@ -260,15 +278,16 @@ impl Port for Playback {
         Ok(())
     }
 
-    /// What the servo missed before the next period, it misses again.
-    fn held_up(&mut self) -> HeldUp {
+    /// Returns the number of periods that the servo missed before the next one, so that it misses
+    /// them again.
+    fn delay(&mut self) -> Delay {
         let state = self.state();
         let next = state.ahead.front().and_then(|tick| tick.outside().ok());
-        HeldUp { periods: next.map_or(0, |outside| outside.skipped), jump: 0.0 }
+        Delay { periods: next.map_or(0, |outside| outside.skipped), jump: 0.0 }
     }
 }
 
-/// Holds each record of the run against the recording's.
+/// Comparison of each record of the run with that of the recording.
 impl RecordSink for Playback {
     fn record(&mut self, record: &ServoRecord) {
         let state = &mut *self.state();
@@ -277,6 +296,7 @@ impl RecordSink for Playback {
         }
         let who = state.arms.get(usize::from(record.arm)).cloned().unwrap_or_default();
         let Some(recorded) = state.ahead.pop_front() else {
+            // After the last recorded period a run may compute one more, which is no divergence.
             if !state.over {
                 let (recorded, now) = ("nothing".to_owned(), "a period".to_owned());
                 let what = Difference { field: "period".to_owned(), recorded, now };

@@ -1,12 +1,24 @@
-//! A recording as it is read: message by message from its beginning, whole, cut off or damaged.
+//! Reader of a recording that may be whole, cut off or damaged, message by message from its
+//! beginning.
 //!
 //! - in: an MCAP file
-//! - out: its messages in the order of the file, its metadata and attachments; and whether it ends as it should
+//! - out: its messages in the order of the file, its metadata and attachments; and how it ends
 //!
-//! A chunk's messages are handed on once its checksum fits. Those of the chunk in which a file is cut off, which has none
-//! any more, are handed on as they are, and so is what is beyond 8 MiB of a longer chunk: none of our own is so long.
+//! The messages of a chunk are delivered once its checksum is verified. There are two exceptions:
+//! the last chunk of a file that is cut off has no checksum any more, and a chunk of another
+//! program may be longer than `HELD`. Their messages are delivered without a check.
 //!
-//! The index is not used: what a crash left has none, and the order of the file is the order of the run.
+//! The index is not used: after a crash there is none, and the order of the file is the order of
+//! the run.
+//!
+//! The file may come from anywhere, so its numbers are not trusted beyond these limits:
+//!
+//! | quantity | limit | reason |
+//! |---|---|---|
+//! | length of a record or chunk | `LONGEST` | the library reserves that much memory |
+//! | messages that wait for a check | `HELD` | they are all in memory |
+//! | all schemas and channels | `DESCRIBED` | they are kept to the end of the file |
+//! | pairs of texts in a record | `PAIRS` | in memory a map takes ten times its size in the file |
 
 use super::cdr::Malformed;
 use mcap::McapError;
@@ -19,131 +31,134 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Arc;
 
-/// The longest record, and the longest chunk before and after compression (bytes). A length in the
-/// file is not believed beyond it, so that no file takes unbounded memory.
+/// Largest length of a record, and of a chunk before and after compression (bytes).
 const LONGEST: usize = 64 << 20;
-/// What waits for the check of its chunk at most (bytes); a chunk of our own has a tenth of it.
+/// Largest size of the messages that wait for the check of their chunk (bytes). A chunk of this
+/// program has a tenth of it.
 const HELD: usize = 8 << 20;
-/// The most bytes of all schemas and channels, which are kept to the end; our own files have some ten thousand.
+/// Largest size of all schemas and channels (bytes). Those of this program have some ten thousand.
 const DESCRIBED: usize = 16 << 20;
-/// What a message, a schema, a channel or a pair of texts costs beside its bytes, about.
+/// Estimated memory of a message, a schema, a channel or a pair of texts besides its data (bytes).
 const COST: usize = 128;
-/// The most pairs of texts in a record: each costs ten times what it takes in the file.
+/// Largest number of pairs of texts in a record.
 const PAIRS: usize = 1 << 16;
 
-/// What messages are like.
+/// Type of messages.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Schema {
-    /// Type: `package/msg/Type`.
+    /// Name of the type: `package/msg/Type`.
     pub kind: String,
-    /// How its definition is written.
+    /// Language of the definition.
     pub encoding: String,
     /// Definition of the type.
     pub definition: Vec<u8>,
 }
 
-/// Where a message stands.
+/// Channel of messages.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Channel {
     /// Topic.
     pub topic: String,
-    /// Its type, which it may share with others.
+    /// Type of the messages; channels may share it.
     pub schema: Arc<Schema>,
-    /// How messages are written.
+    /// Encoding of the messages.
     pub message_encoding: String,
-    /// Other facts.
+    /// Other facts by name.
     pub metadata: BTreeMap<String, String>,
 }
 
-/// A message.
+/// Message of a recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Message {
-    /// Where it stands.
+    /// Channel of the message.
     pub channel: Arc<Channel>,
-    /// Its time (ns).
+    /// Time (ns).
     pub time: u64,
-    /// Its bytes.
+    /// Encoded fields.
     pub data: Vec<u8>,
 }
 
-/// What a file holds, piece by piece.
+/// One item of a recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Piece {
-    /// A message.
+    /// Message.
     Message(Message),
-    /// Named texts.
+    /// Texts by name, under a common name.
     Metadata(String, BTreeMap<String, String>),
-    /// A file in the file: name, media type, bytes.
+    /// File in the recording: name, media type, bytes.
     Attachment(String, String, Vec<u8>),
 }
 
-/// Why a recording cannot be used.
+/// Reason why a recording cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum Unreadable {
-    /// The file.
+    /// Error of the operating system.
     #[error("{0}")]
     File(#[from] std::io::Error),
-    /// Its contents.
+    /// Content that is no recording.
     #[error("not a recording: {0}")]
     Format(String),
-    /// A message.
+    /// Message that is not of its type.
     #[error("{topic}: {why}")]
     Message {
-        /// Where.
+        /// Topic of the message.
         topic: String,
-        /// Why.
+        /// Error of the decoder.
         why: Malformed,
     },
-    /// Something is missing in it.
+    /// Description of a required item that is missing.
     #[error("{0}")]
     Missing(String),
 }
 
-/// A file being read.
+/// Recording that is being read; an iterator over its items.
 pub struct Reading<R> {
     from: R,
     reader: LinearReader,
     schemas: BTreeMap<u16, Arc<Schema>>,
     channels: BTreeMap<u16, Arc<Channel>>,
-    /// Bytes of all schemas and channels so far.
+    /// Size of all schemas and channels that were read (bytes).
     described: usize,
-    /// Of a chunk whose checksum has not been seen yet, and how many bytes that is.
+    /// Items that wait for the check of their chunk, and their size (bytes).
     held: (Vec<Piece>, usize),
-    /// To be handed on.
+    /// Items to be delivered.
     ready: VecDeque<Piece>,
-    /// Bytes read so far, and where among the file's records they end.
+    /// Number of bytes that were read.
     at: u64,
+    /// Position of the last byte among the records of the file.
     frame: Frame,
-    /// How the file ends: `None` while it is being read.
+    /// End of the file; `None` while it is being read.
     end: Option<End>,
 }
 
-/// How a file ends.
+/// End of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum End {
-    /// As it should.
+    /// Regular end.
     Whole,
-    /// In the middle: it was cut off.
+    /// End in the middle, with the reason: the file was cut off.
     Cut(String),
-    /// Where something is not as it was written, or is no recording; what follows it is left out.
+    /// First place where the file is damaged or is no recording, with the reason. The rest is left
+    /// out.
     Damaged(String),
 }
 
 impl End {
-    /// Itself, if anything is wrong with the file.
+    /// Returns the end unless it is a regular one.
     #[must_use]
     pub fn flaw(&self) -> Option<&Self> {
         Some(self).filter(|end| **end != Self::Whole)
     }
 
-    /// With the time (s) at which it is: "cut off after 1.5 s: unexpected end".
+    /// Adds the time of the end (s), as in "cut off after 1.5 s: unexpected end".
     #[must_use]
     pub fn after(&self, seconds: f64) -> EndAfter<'_> {
         EndAfter { end: self, seconds }
     }
 
-    /// How, when, and why; the alternate form has why in brackets, for what a sentence goes on behind.
-    fn tell(&self, f: &mut Formatter<'_>, when: &dyn Display) -> fmt::Result {
+    /// Writes kind, time and reason of the end. The alternate form `{:#}` has the reason in
+    /// brackets, so that a sentence can continue after it.
+    fn describe(&self, f: &mut Formatter<'_>, when: &dyn Display) -> fmt::Result {
         let (how, why) = match self {
             Self::Whole => return write!(f, "whole{when}"),
             Self::Cut(why) => ("cut off", why),
@@ -159,11 +174,11 @@ impl End {
 
 impl Display for End {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        self.tell(f, &"")
+        self.describe(f, &"")
     }
 }
 
-/// How a file ends, and when.
+/// End of a file with its time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EndAfter<'a> {
     end: &'a End,
@@ -172,22 +187,23 @@ pub struct EndAfter<'a> {
 
 impl Display for EndAfter<'_> {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        self.end.tell(f, &format_args!(" after {:.1} s", self.seconds))
+        self.end.describe(f, &format_args!(" after {:.1} s", self.seconds))
     }
 }
 
-/// Opens a file.
+/// Opens a recording.
 ///
 /// # Errors
-/// What the operating system says.
+/// Error of the operating system.
 pub fn open(path: &Path) -> Result<Reading<std::fs::File>, Unreadable> {
     Ok(Reading::new(std::fs::File::open(path)?))
 }
 
 impl<R: Read> Reading<R> {
-    /// Reads from anything.
+    /// Makes a reader of `from`.
     pub fn new(from: R) -> Self {
-        // A chunk is read as far as it goes, and checked where it ends: a cut file has nothing there.
+        // The library checks a chunk at its end. Reading the whole chunk first, as the other option
+        // does, would lose the last chunk of a file that is cut off.
         let options = LinearReaderOptions::default()
             .with_validate_chunk_crcs(true)
             .with_validate_data_section_crc(true)
@@ -206,29 +222,31 @@ impl<R: Read> Reading<R> {
         }
     }
 
-    /// How the file ends; `None` before its end.
+    /// Returns the end of the file; `None` before all items have been delivered.
     pub fn end(&self) -> Option<&End> {
         if self.ready.is_empty() { self.end.as_ref() } else { None }
     }
 
-    /// The file ends here: the check of what is held will not come.
+    /// Ends the reading of a file that is cut off. The check of the held items will not come, so
+    /// they are delivered without it.
     fn cut(&mut self, why: &dyn Display) {
         self.release();
         self.end = Some(End::Cut(why.to_string()));
     }
 
-    /// Something is not as it was written: nothing of its chunk is believed.
+    /// Ends the reading of a damaged file. The held items of the damaged chunk are dropped.
     fn damaged(&mut self, why: &dyn Display) {
         self.held = (Vec::new(), 0);
         self.end = Some(End::Damaged(format!("before byte {}: {why}", self.at)));
     }
 
+    /// Delivers the held items.
     fn release(&mut self) {
         self.ready.extend(self.held.0.drain(..));
         self.held.1 = 0;
     }
 
-    /// One event further.
+    /// Handles the next event of the library's reader.
     fn advance(&mut self) {
         let event = match next(&mut self.reader) {
             None => {
@@ -242,10 +260,11 @@ impl<R: Read> Reading<R> {
         };
         match event {
             LinearReadEvent::ReadRequest(count) => {
-                // More is wanted than the records up to here: their check is done.
+                // A request for more at a boundary means that the records up to here are checked.
                 if self.frame.is_between() {
                     self.release();
                 }
+                // No read passes a boundary, so that the check above sees each of them.
                 let count = self.frame.room().min(count as u64) as usize;
                 let into = self.reader.insert(count);
                 match self.from.read(into) {
@@ -253,6 +272,7 @@ impl<R: Read> Reading<R> {
                         self.frame.pass(&into[..read]);
                         self.at += read as u64;
                         self.reader.notify_read(read);
+                        // The limit that the library takes does not apply to chunks.
                         if self.frame.chunk_length().is_some_and(|length| length > LONGEST as u64) {
                             self.damaged(&"a chunk that is too long");
                         }
@@ -260,6 +280,7 @@ impl<R: Read> Reading<R> {
                     Err(why) => self.cut(&why),
                 }
             }
+            // Records that are not used: the index, statistics.
             LinearReadEvent::Record { opcode, .. } if !READ.contains(&opcode) => {}
             LinearReadEvent::Record { opcode, data } => {
                 if !lengths_fit(opcode, data) {
@@ -273,24 +294,29 @@ impl<R: Read> Reading<R> {
         }
     }
 
+    /// Takes a record: holds its item until the check of its chunk, or ends the reading.
     fn take(&mut self, record: Record<'static>) {
         let piece = self.record(record);
         if self.described > DESCRIBED {
             return self.damaged(&"too many schemas and channels");
         }
         match piece {
+            // This program writes messages in chunks only. A flipped bit can make the index of a
+            // chunk look like a message.
             Some(Piece::Message(_)) if self.frame.is_stray() => {
                 self.damaged(&"a message in no chunk");
             }
             Some(Piece::Message(message)) => {
                 self.held.1 += message.data.len() + COST;
                 self.held.0.push(Piece::Message(message));
-                // Another program's chunk, or messages in none: memory comes before the check.
+                // A longer chunk of another program, or messages outside of chunks: the limit of
+                // memory comes before the check.
                 if self.held.1 > HELD {
                     self.release();
                 }
             }
-            // The format has none there: a damaged chunk seems to hold it, or one that is made to fill the memory.
+            // The format allows neither in a chunk. The chunk is damaged, or made to fill the
+            // memory: the size of these items is not counted.
             Some(_) if self.frame.is_chunk() => {
                 self.damaged(&"metadata or an attachment in a chunk");
             }
@@ -299,6 +325,7 @@ impl<R: Read> Reading<R> {
         }
     }
 
+    /// Returns the item of a record. Schemas and channels are kept instead.
     fn record(&mut self, record: Record<'static>) -> Option<Piece> {
         match record {
             Record::Schema { header, data } => {
@@ -307,7 +334,7 @@ impl<R: Read> Reading<R> {
                     encoding: header.encoding,
                     definition: data.into_owned(),
                 };
-                // Other programs repeat them in each chunk.
+                // Other programs repeat their schemas in each chunk. Only new ones count.
                 if self.schemas.get(&header.id).is_none_or(|known| **known != schema) {
                     let texts = schema.kind.len() + schema.encoding.len();
                     self.described += texts + schema.definition.len() + COST;
@@ -328,6 +355,7 @@ impl<R: Read> Reading<R> {
                 self.channels.insert(channel.id, Arc::new(known));
             }
             Record::Message { header, data } => {
+                // A message without a channel has no type. It is left out.
                 let channel = Arc::clone(self.channels.get(&header.channel_id)?);
                 let message = Message { channel, time: header.log_time, data: data.into_owned() };
                 return Some(Piece::Message(message));
@@ -344,29 +372,30 @@ impl<R: Read> Reading<R> {
     }
 }
 
-/// What holds messages, compressed, with a check.
+/// Opcode of a chunk: compressed messages with a checksum.
 const CHUNK: u8 = 0x06;
-/// Opcode and length of a record (bytes).
+/// Size of opcode and length of a record (bytes).
 const PLAIN: usize = 9;
 
-/// Where in a file its records begin and end, chunks as a whole: what a damaged chunk seems to hold says nothing of that.
+/// Position among the records of a file. A chunk is one record here: the library reports the
+/// records in a chunk, but those of a damaged chunk do not show where the chunk ends.
 #[derive(Debug)]
 struct Frame {
-    /// Opcode and length of the next one, and of a chunk its times and its length before compression; as far as they have
-    /// come.
+    /// Opcode and length of the next record; of a chunk also its times and its length before
+    /// compression. The first `received` bytes are valid.
     head: [u8; 33],
-    come: usize,
-    /// Bytes of this one that are still to come.
+    received: usize,
+    /// Bytes of the present record that have not been read yet.
     left: u64,
-    /// There was a chunk.
+    /// Whether there was a chunk.
     chunked: bool,
 }
 
 impl Frame {
-    /// A file begins with eight bytes that are no record.
-    const BEGIN: Self = Self { head: [0; 33], come: 0, left: 8, chunked: false };
+    /// Beginning of a file: eight bytes of magic that are no record.
+    const BEGIN: Self = Self { head: [0; 33], received: 0, left: 8, chunked: false };
 
-    /// Whether this is no chunk in a file that has its messages in chunks.
+    /// Checks whether the present record is no chunk in a file that has chunks.
     fn is_stray(&self) -> bool {
         self.chunked && !self.is_chunk()
     }
@@ -375,49 +404,54 @@ impl Frame {
         self.head[0] == CHUNK
     }
 
-    /// The longer one of a chunk's lengths, in the file and before compression; `None` of what is none, or has not begun.
+    /// Returns the longer one of a chunk's two lengths, in the file and before compression; `None`
+    /// if the record is no chunk, or its head is not complete.
     fn chunk_length(&self) -> Option<u64> {
         let (_, lengths) = self.head.split_first_chunk::<1>()?;
         let (within, behind) = lengths.split_first_chunk()?;
         let before = behind.last_chunk()?;
         let longer = u64::from_le_bytes(*within).max(u64::from_le_bytes(*before));
-        (self.is_chunk() && self.come == 0).then_some(longer)
+        // The head is complete once its counter has been reset.
+        (self.is_chunk() && self.received == 0).then_some(longer)
     }
 
+    /// Checks whether all records up to here are complete.
     fn is_between(&self) -> bool {
-        self.left == 0 && self.come == 0
+        self.left == 0 && self.received == 0
     }
 
-    /// How many bytes there are at most up to its next boundary.
+    /// Returns the number of bytes up to the end of the present head or record.
     fn room(&self) -> u64 {
-        if self.left > 0 { self.left } else { (self.wanted() - self.come) as u64 }
+        if self.left > 0 { self.left } else { (self.wanted() - self.received) as u64 }
     }
 
-    /// How much of a head is looked at.
+    /// Returns the length of the present head (bytes). That of a chunk is known once its opcode is.
     fn wanted(&self) -> usize {
-        if self.come >= PLAIN && self.is_chunk() { self.head.len() } else { PLAIN }
+        if self.received >= PLAIN && self.is_chunk() { self.head.len() } else { PLAIN }
     }
 
-    /// These have come, no more than there was room for.
+    /// Moves the position past these bytes, which are at most [`Self::room`].
     fn pass(&mut self, bytes: &[u8]) {
         if self.left > 0 {
             self.left -= bytes.len() as u64;
             return;
         }
-        self.head[self.come..][..bytes.len()].copy_from_slice(bytes);
-        self.come += bytes.len();
-        if self.come == self.wanted()
+        self.head[self.received..][..bytes.len()].copy_from_slice(bytes);
+        self.received += bytes.len();
+        if self.received == self.wanted()
             && let Some((length, _)) = self.head[1..].split_first_chunk()
         {
-            let more = (self.come - PLAIN) as u64;
-            (self.come, self.left) = (0, u64::from_le_bytes(*length).saturating_sub(more));
+            // The length counts the bytes after itself, and the head of a chunk is part of it.
+            let more = (self.received - PLAIN) as u64;
+            (self.received, self.left) = (0, u64::from_le_bytes(*length).saturating_sub(more));
             self.chunked |= self.is_chunk();
         }
     }
 }
 
-/// The reader's next event. The library counts a chunk's length down, below zero where a record in it is longer than the
-/// chunk: with checked arithmetic a panic, which is the file's fault.
+/// Returns the next event of the library's reader. A panic of the library is an error of the file:
+/// the reader subtracts each record from the length of its chunk, and with checked arithmetic it
+/// panics if a record is longer than its chunk.
 fn next(reader: &mut LinearReader) -> Option<mcap::McapResult<LinearReadEvent<'_>>> {
     let reader = AssertUnwindSafe(reader);
     let event = catch_unwind(move || {
@@ -427,19 +461,21 @@ fn next(reader: &mut LinearReader) -> Option<mcap::McapResult<LinearReadEvent<'_
     event.unwrap_or(Some(Err(McapError::UnexpectedEoc)))
 }
 
-/// Records that say something: schema, channel, message, attachment, metadata.
+/// Opcodes of the records that are used: schema, channel, message, attachment, metadata.
 const READ: [u8; 5] = [0x03, 0x04, 0x05, 0x09, 0x0c];
 
-/// Whether what a record says of the lengths of its texts is true, and there is what must follow them: the library reserves
-/// memory on its word, and panics where an attachment ends before its checksum.
+/// Checks that the texts of a record end within it, with enough bytes after them. The library
+/// trusts these lengths when it reserves memory, and panics if an attachment ends before its
+/// checksum.
 fn lengths_fit(opcode: u8, data: &[u8]) -> bool {
-    /// Takes a text, or all of a map, off the front.
+    /// Takes a text, or a whole map, from the front.
     fn text<'a>(rest: &mut &'a [u8]) -> Option<&'a [u8]> {
         let (length, behind) = rest.split_first_chunk::<4>()?;
         let (text, behind) = behind.split_at_checked(u32::from_le_bytes(*length) as usize)?;
         *rest = behind;
         Some(text)
     }
+    /// Takes a map from the front. `None` if it has more than [`PAIRS`] pairs.
     fn map(rest: &mut &[u8]) -> Option<()> {
         let mut pairs = text(rest)?;
         for _ in 0..=2 * PAIRS {
@@ -450,8 +486,9 @@ fn lengths_fit(opcode: u8, data: &[u8]) -> bool {
         }
         None
     }
-    // What stands before the texts, how many follow, and what stands behind them at least: behind those of an attachment its
-    // data's length and a checksum, behind those of a channel and of metadata a map.
+    // Bytes before the texts, number of texts, whether a map follows them, and the least number of
+    // bytes after them. After the texts of an attachment are the length of its data (8 bytes) and
+    // a checksum (4 bytes).
     let (before, texts, has_map, behind) = match opcode {
         0x03 => (2, 3, false, 0),
         0x04 => (4, 2, true, 0),
@@ -483,36 +520,37 @@ impl<R: Read> Iterator for Reading<R> {
     }
 }
 
-/// What a recording says of itself.
+/// Description of a recording, from its metadata and attachments.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Label {
-    /// Metadata by name: "`rubik_robot`", "options", "summary", "timing", "recording", "vision", "calibration".
+    /// Metadata by name: "`rubik_robot`", "options", "summary", "timing", "recording", "vision",
+    /// "calibration".
     pub metadata: BTreeMap<String, BTreeMap<String, String>>,
     /// Text of the scenario.
     pub scenario: String,
 }
 
 impl Label {
-    /// A fact of the run's beginning; empty when it is not there.
+    /// Returns a fact about the run that is known at its beginning; empty if there is none.
     #[must_use]
     pub fn fact(&self, name: &str) -> &str {
         self.of("rubik_robot", name)
     }
 
-    /// A fact under a name; empty when it is not there.
+    /// Returns a fact of this metadata; empty if there is none.
     #[must_use]
     pub fn of(&self, metadata: &str, name: &str) -> &str {
         self.metadata.get(metadata).and_then(|m| m.get(name)).map_or("", String::as_str)
     }
 
-    /// What overruled the scenario: option, key, value.
+    /// Returns the options that override the scenario: option, key, value.
     #[must_use]
     pub fn options(&self) -> Vec<(String, String, String)> {
         let options = self.metadata.get("options").into_iter().flat_map(BTreeMap::values);
         options.filter_map(|text| serde_json::from_str(text).ok()).collect()
     }
 
-    /// Takes a piece in, if it says anything about the whole.
+    /// Adds an item of the recording if it describes the whole of it.
     pub fn take(&mut self, piece: &Piece) {
         match piece {
             Piece::Metadata(name, facts) => {
@@ -530,7 +568,7 @@ impl Label {
 mod tests {
     use super::*;
 
-    /// A record as it stands in a file.
+    /// Returns a record in the form of a file.
     fn record(opcode: u8, body: &[u8]) -> Vec<u8> {
         [&[opcode][..], &(body.len() as u64).to_le_bytes(), body].concat()
     }
@@ -539,14 +577,14 @@ mod tests {
         [&(text.len() as u32).to_le_bytes(), text].concat()
     }
 
-    /// What a file of these records comes to: its pieces, and how it ends.
+    /// Reads a file of these records. Returns its items and its end.
     fn read(records: &[Vec<u8>]) -> (Vec<Piece>, End) {
         let file = [mcap::MAGIC, &records.concat()[..]].concat();
         let mut reading = Reading::new(file.as_slice());
         (reading.by_ref().collect(), reading.end().unwrap().clone())
     }
 
-    /// A chunk without compression that says of itself that it has `length` bytes.
+    /// Returns an uncompressed chunk whose head claims `length` bytes.
     fn chunk(length: u64, records: &[u8]) -> Vec<u8> {
         let (times, no_sum) = ([0; 16], [0; 4]);
         let own = (records.len() as u64).to_le_bytes();
@@ -574,8 +612,8 @@ mod tests {
     }
 
     #[test]
-    fn an_attachment_that_ends_before_its_checksum_is_damage() {
-        // Times, two empty texts, and no bytes of data: then up to four of a checksum.
+    fn attachment_without_its_checksum_is_damage() {
+        // Times, two empty texts, no data, and fewer than the four bytes of a checksum.
         for behind in 0..4 {
             let (pieces, end) = read(&[record(0x09, &vec![0; 32 + behind])]);
             assert!(pieces.is_empty() && matches!(end, End::Damaged(_)), "{behind}: {end:?}");
@@ -584,8 +622,10 @@ mod tests {
         assert_eq!(pieces, [Piece::Attachment(String::new(), String::new(), Vec::new())]);
     }
 
+    /// Channels share a schema. All schemas together have a limit, for which a repeated schema
+    /// counts once.
     #[test]
-    fn channels_share_a_schema_and_none_beyond_a_limit_is_taken() {
+    fn channels_share_schemas_within_a_limit() {
         let records = [schema(1, 1000), channel(1, 1), channel(2, 1), message(1), message(2)];
         let (pieces, _) = read(&records);
         let [Piece::Message(one), Piece::Message(other)] = pieces.as_slice() else {
@@ -599,16 +639,17 @@ mod tests {
         };
         let (_, end) = read(&many(true));
         assert!(matches!(&end, End::Damaged(why) if why.contains("too many schemas")), "{end:?}");
-        // What is repeated costs nothing.
+        // A repeated schema is not counted again.
         assert!(matches!(read(&many(false)).1, End::Cut(_)));
     }
 
     #[test]
-    fn a_chunk_that_is_longer_than_any_of_ours_is_refused_at_its_head() {
+    fn too_long_chunk_is_refused_at_its_head() {
+        // By its length before compression.
         let long = LONGEST as u64 + 1;
         let (_, end) = read(&[chunk(long, b"")]);
         assert!(matches!(&end, End::Damaged(why) if why.contains("too long")), "{end:?}");
-        // By its length in the file, which is not there.
+        // By its length in the file, although the file has no more than the head.
         let mut head = chunk(0, b"");
         head[1..9].copy_from_slice(&long.to_le_bytes());
         let (_, end) = read(&[head]);
@@ -618,8 +659,9 @@ mod tests {
         assert!(pieces.len() == 1 && matches!(end, End::Cut(_)), "{pieces:?}, {end:?}");
     }
 
+    /// Metadata is read between chunks, and is damage in one.
     #[test]
-    fn metadata_stand_between_chunks_and_in_none() {
+    fn metadata_in_a_chunk_is_damage() {
         let (pieces, end) = read(&[metadata(9), metadata(9)]);
         assert!(pieces.len() == 2 && matches!(end, End::Cut(_)), "{pieces:?}, {end:?}");
 
@@ -629,7 +671,7 @@ mod tests {
     }
 
     #[test]
-    fn a_record_has_no_endless_list_of_texts() {
+    fn record_with_too_many_texts_is_damage() {
         let list = |pairs: usize| {
             let pair = |i: usize| [text(i.to_string().as_bytes()), text(b"")].concat();
             let map = (0..pairs).flat_map(pair).collect::<Vec<u8>>();

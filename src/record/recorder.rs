@@ -1,19 +1,20 @@
-//! The recorder: a thread that writes what a run brings, and the ends that the run holds.
+//! Recorder of a run: a thread that writes the file, and the handles by which the run feeds it.
 //!
 //! - in: servo records by a ring, everything else by a bounded queue
-//! - out: an MCAP file ([`super::sheet`] says which topics), and [`Written`]: how much, and what
-//!   was lost
+//! - out: an MCAP file ([`super::sheet`] has its topics), and [`Written`]: the number of messages
+//!   that were written and lost
 //!
-//! Under the wall clock nobody ever waits for the recorder: what does not fit is counted and left
-//! out. On the virtual clock, where a run goes as fast as it computes, it waits instead of losing:
-//! time that passes there is nobody's. Once the device refuses, nothing more is written, all that
-//! comes is counted, and the run goes on; what is really in the file is then counted by reading it.
+//! Under the wall clock no actor waits for the recorder: messages that do not fit are counted and
+//! left out. On the virtual clock the run waits instead, so that no message is lost; virtual time
+//! does not pass meanwhile. If the device fails, the recorder stops writing and counts all further
+//! messages as lost, and the run continues. The messages in the file are then counted by reading
+//! it.
 
 pub use super::entry::Entry;
 
 use super::file::File;
 use super::place::Place;
-use super::sheet::{About, Sheet};
+use super::sheet::{MessageWriter, RunInfo};
 use crate::hw::driver::{RecordSink, ServoRecord};
 use std::io::{Seek, Write};
 use std::path::PathBuf;
@@ -23,25 +24,25 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Servo records in the ring: four seconds of two arms.
+/// Capacity of the ring (servo records): four seconds of two arms.
 const TICKS: usize = 4096;
-/// Other things in the queue.
+/// Capacity of the queue (entries).
 const QUEUE: usize = 1024;
-/// Pictures in the queue: 30 MB of them at most.
+/// Largest number of pictures in the queue: about 30 MB.
 const PICTURES: u64 = 32;
-/// How long the recorder sleeps when there is nothing to write.
+/// Time that the recorder sleeps if there is nothing to write.
 const NAP: Duration = Duration::from_millis(2);
 
-/// What became of a recording.
+/// Result of a recording.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Written {
-    /// Messages in the file.
+    /// Number of messages in the file.
     pub messages: u64,
-    /// Messages that are not.
+    /// Number of messages that were lost.
     pub lost: u64,
-    /// Why the device refused.
+    /// Error of the device, if it failed.
     pub failure: Option<String>,
-    /// Where the recording is when it did not take its name, since no period came to be in it.
+    /// Temporary path of a recording that keeps it, because it holds no servo period.
     pub aside: Option<PathBuf>,
 }
 
@@ -59,16 +60,17 @@ impl std::fmt::Display for Written {
     }
 }
 
-/// Who waits when the recorder does not keep up.
+/// Behaviour of the run if the recorder does not keep up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Patience {
-    /// The run: on the virtual clock.
+    /// The run waits: on the virtual clock.
     Waits,
-    /// Nobody: what does not fit is lost.
+    /// The run never waits: messages that do not fit are lost.
     Never,
 }
 
-/// The run's end of a recorder; clones write to the same file. The default one records nothing.
+/// Handle of a run on its recorder. All clones write to the same file. The default one records
+/// nothing.
 #[derive(Clone, Default)]
 pub struct Recorder(Option<Arc<Shared>>);
 
@@ -81,7 +83,7 @@ struct Shared {
     full: Arc<AtomicBool>,
 }
 
-/// A device that can be made to be full.
+/// Device with a switch that makes it full, for tests and for the injected fault.
 struct Device<W> {
     to: W,
     full: Arc<AtomicBool>,
@@ -114,7 +116,7 @@ struct Counts {
     latest: AtomicU64,
 }
 
-/// The servo's end: a ring.
+/// Handle of the servo on the recorder: one end of a ring.
 pub struct Ticks {
     ring: rtrb::Producer<ServoRecord>,
     patience: Patience,
@@ -122,32 +124,33 @@ pub struct Ticks {
 }
 
 impl Recorder {
-    /// A switch that makes the device full, for whoever tries what happens then.
+    /// Returns a switch that makes the device full; `None` if nothing is recorded.
     #[must_use]
     pub fn full(&self) -> Option<Arc<AtomicBool>> {
         self.0.as_ref().map(|shared| Arc::clone(&shared.full))
     }
 
-    /// Records into `to`.
+    /// Starts a recorder that writes to `to`.
     ///
     /// # Errors
-    /// What the operating system says of the thread.
+    /// Error of the operating system if it cannot start the thread.
     pub fn begin<W: Write + Seek + Send + 'static>(
         to: W,
-        about: About,
+        about: RunInfo,
         patience: Patience,
     ) -> std::io::Result<Self> {
         Self::begin_at(to, None, about, patience)
     }
 
-    /// Records into `to`, a file that takes its name as soon as there is a period in it.
+    /// Starts a recorder that writes to `to`, the file of `place`. The file is renamed to its final
+    /// path as soon as it holds a servo period.
     ///
     /// # Errors
-    /// What the operating system says of the thread.
+    /// Error of the operating system if it cannot start the thread.
     pub(crate) fn begin_at<W: Write + Seek + Send + 'static>(
         to: W,
         place: Option<Place>,
-        about: About,
+        about: RunInfo,
         patience: Patience,
     ) -> std::io::Result<Self> {
         let (queue, entries) = sync_channel(QUEUE);
@@ -158,8 +161,14 @@ impl Recorder {
         let thread = std::thread::Builder::new().name("recorder".into()).spawn({
             let counts = Arc::clone(&counts);
             move || {
-                Clerk { sheet: Sheet::new(about), counts, failure: None, place, begins: true }
-                    .work(to, records, &entries)
+                Clerk {
+                    writer: MessageWriter::new(about),
+                    counts,
+                    failure: None,
+                    place,
+                    begins: true,
+                }
+                .work(to, records, &entries)
             }
         })?;
         Ok(Self(Some(Arc::new(Shared {
@@ -172,7 +181,7 @@ impl Recorder {
         }))))
     }
 
-    /// The servo's end, which there is once; `None` when nothing is recorded.
+    /// Returns the handle of the servo. `None` if nothing is recorded, or at a second call.
     #[must_use]
     pub fn ticks(&self) -> Option<Ticks> {
         let shared = self.0.as_ref()?;
@@ -180,29 +189,31 @@ impl Recorder {
         Some(Ticks { ring, patience: shared.patience, counts: Arc::clone(&shared.counts) })
     }
 
-    /// Whether anything is recorded.
+    /// Checks whether anything is recorded.
     #[must_use]
     pub(crate) fn is_on(&self) -> bool {
         self.0.is_some()
     }
 
-    /// The latest period of which anything was noted, beside the servo's records.
+    /// Returns the latest period of 2 ms in which an entry was recorded, servo records aside.
     #[must_use]
     pub(crate) fn latest(&self) -> u64 {
         self.0.as_ref().map_or(0, |shared| shared.counts.latest.load(Ordering::Relaxed))
     }
 
-    /// Notes something at the beginning of a period of 2 ms.
-    pub fn note(&self, period: u64, entry: impl FnOnce() -> Entry) {
-        self.note_some(period, || Some(entry()));
+    /// Records an entry at the beginning of a period of 2 ms.
+    pub fn record(&self, period: u64, entry: impl FnOnce() -> Entry) {
+        self.record_some(period, || Some(entry()));
     }
 
-    /// The same, if there is something.
-    pub(crate) fn note_some(&self, period: u64, entry: impl FnOnce() -> Option<Entry>) {
+    /// Records the entry if there is one, at the beginning of a period of 2 ms. `entry` is not
+    /// called if nothing is recorded.
+    pub(crate) fn record_some(&self, period: u64, entry: impl FnOnce() -> Option<Entry>) {
         let Some(shared) = &self.0 else { return };
         let Some(entry) = entry() else { return };
         shared.counts.latest.fetch_max(period, Ordering::Relaxed);
         let picture = matches!(entry, Entry::Picture(..));
+        // Pictures have a limit of their own: 1024 of them would take 1 GB.
         if picture {
             let waiting = &shared.counts.pictures;
             while waiting.load(Ordering::Acquire) >= PICTURES {
@@ -224,19 +235,20 @@ impl Recorder {
         };
         if !sent {
             shared.lose();
+            // The recorder counts down only the pictures that it receives.
             if picture {
                 shared.counts.pictures.fetch_sub(1, Ordering::AcqRel);
             }
         }
     }
 
-    /// Ends the file and says what became of it; `None` when nothing was recorded, or another has
-    /// asked already.
+    /// Ends the file and returns the result. `None` if nothing was recorded, or at a second call.
     #[must_use]
     pub fn finish(&self) -> Option<Written> {
         let shared = self.0.as_ref()?;
         let thread = shared.thread.lock().unwrap_or_else(PoisonError::into_inner).take()?;
         shared.counts.over.store(true, Ordering::Release);
+        // A panic of the recorder's thread must not end the run.
         let mut written = thread.join().unwrap_or_else(|_| Written {
             failure: Some("the recorder died".to_owned()),
             ..Written::default()
@@ -258,11 +270,13 @@ impl std::fmt::Debug for Recorder {
     }
 }
 
-/// Under the wall clock this is called by the real-time thread: no wait, no lock, no allocation.
+/// Sink of both drivers. Under the wall clock the real-time thread calls it, so it must not wait,
+/// lock or allocate.
 impl RecordSink for Ticks {
     fn record(&mut self, record: &ServoRecord) {
         let mut rest = *record;
         while let Err(rtrb::PushError::Full(back)) = self.ring.push(rest) {
+            // If the recorder has died, a run that waits would wait for ever.
             if self.patience == Patience::Never || self.ring.is_abandoned() {
                 self.counts.lost.fetch_add(1, Ordering::Relaxed);
                 return;
@@ -273,7 +287,7 @@ impl RecordSink for Ticks {
     }
 }
 
-/// Two sinks as one.
+/// Sink that passes each record to two sinks.
 pub struct Both(pub Box<dyn RecordSink>, pub Box<dyn RecordSink>);
 
 impl RecordSink for Both {
@@ -283,17 +297,17 @@ impl RecordSink for Both {
     }
 }
 
-/// The thread's side.
+/// State of the recorder's thread.
 struct Clerk {
-    sheet: Sheet,
+    writer: MessageWriter,
     counts: Arc<Counts>,
     failure: Option<String>,
     place: Option<Place>,
-    /// No period has been written yet.
+    /// Whether no servo record has been written yet.
     begins: bool,
 }
 
-/// The next thing that the recorder has to write.
+/// Next item that the recorder has to write.
 enum Next {
     Entry(u64, Entry),
     Record(ServoRecord),
@@ -301,7 +315,7 @@ enum Next {
 }
 
 impl Clerk {
-    /// Writes what comes until the run is over, and ends the file.
+    /// Writes all items until the run is over, and ends the file.
     fn work<W: Write + Seek>(
         mut self,
         to: W,
@@ -311,6 +325,7 @@ impl Clerk {
         let mut file = self.begin(to);
         let mut waiting: Option<(u64, Entry)> = None;
         loop {
+            // The flag is read first: an item that comes between the two reads is still written.
             let last = self.counts.over.load(Ordering::Acquire);
             match self.next(&mut records, entries, &mut waiting) {
                 Next::Entry(period, entry) => self.entry(period, &entry, &mut file),
@@ -322,19 +337,20 @@ impl Clerk {
         self.end(file)
     }
 
-    /// Begins the file; without one everything that comes is counted as lost.
+    /// Begins the file. If that fails, all items are counted as lost.
     fn begin<W: Write + Seek>(&mut self, to: W) -> Option<File<W>> {
         let begun = File::begin(to).map_err(|why| why.to_string()).and_then(|mut file| {
-            self.sheet.begin(&mut file).map_err(|why| why.to_string())?;
+            self.writer.begin(&mut file).map_err(|why| why.to_string())?;
             Ok(file)
         });
         begun.map_err(|why| self.fail(&why)).ok()
     }
 
-    /// Returns the entry or the record that comes next in the order of the run's periods.
+    /// Returns the next entry or record in the order of the run's periods.
     ///
-    /// An actor that sends an entry has sent the records of that period before. So, once an entry
-    /// is received, every record that belongs before it is in the ring, which is looked at again.
+    /// The records of a period are in the ring before any actor sends an entry of that period. So,
+    /// once an entry is received, all records that belong before it are in the ring, and the ring
+    /// is checked again.
     fn next(
         &self,
         records: &mut rtrb::Consumer<ServoRecord>,
@@ -342,7 +358,7 @@ impl Clerk {
         waiting: &mut Option<(u64, Entry)>,
     ) -> Next {
         let next = |records: &mut rtrb::Consumer<ServoRecord>| {
-            records.peek().ok().map(|r| self.sheet.tick_of(r.period))
+            records.peek().ok().map(|r| self.writer.tick_of(r.period))
         };
         let mut record = next(records);
         if waiting.is_none() {
@@ -352,58 +368,64 @@ impl Clerk {
         if let Some((period, entry)) = waiting.take_if(|w| record.is_none_or(|r| w.0 < r)) {
             return Next::Entry(period, entry);
         }
-        // A record that came since the entries were looked at may belong behind an entry that came,
-        // too.
+        // A record may have arrived since the queue was checked, together with an entry that
+        // belongs before it. It waits for the next call.
         if record.is_none() {
             return Next::Nothing;
         }
         records.pop().map_or(Next::Nothing, Next::Record)
     }
 
+    /// Writes an entry, or counts it as lost.
     fn entry<W: Write + Seek>(&mut self, period: u64, entry: &Entry, file: &mut Option<File<W>>) {
         if matches!(entry, Entry::Picture(..)) {
             self.counts.pictures.fetch_sub(1, Ordering::AcqRel);
         }
-        let written = file.as_mut().map(|file| self.sheet.entry(period, entry, file));
+        let written = file.as_mut().map(|file| self.writer.entry(period, entry, file));
         self.settle(file, written, 1);
     }
 
+    /// Writes a servo record, or counts its messages as lost. After the first one the file takes
+    /// its final path.
     fn record<W: Write + Seek>(&mut self, record: &ServoRecord, file: &mut Option<File<W>>) {
         let first = std::mem::take(&mut self.begins);
         let written = file.as_mut().map(|file| {
-            self.sheet.tick(record, file)?;
-            // Only a file that can be read may take the place of another.
+            self.writer.tick(record, file)?;
+            // A file may replace another one only if it can be read, so its chunk is ended first.
             if first { file.flush() } else { Ok(()) }
         });
         if first && matches!(written, Some(Ok(()))) {
-            self.named(Place::take);
+            self.rename(Place::rename_to_final);
         }
-        let lost = self.sheet.messages_of(record);
+        let lost = self.writer.messages_of(record);
         self.settle(file, written, lost);
     }
 
-    /// Writes the counts, so that a reader knows what the file lacks, and ends the file.
+    /// Writes the numbers of written and lost messages, and ends the file.
     fn end<W: Write + Seek>(mut self, file: Option<File<W>>) -> Written {
         let lost = self.counts.lost.load(Ordering::Acquire).to_string();
-        let count = [("messages", self.sheet.messages().to_string()), ("lost", lost)];
+        let count = [("messages", self.writer.messages().to_string()), ("lost", lost)];
         let count = count.map(|(name, value)| (name.to_owned(), value)).into();
         if let Some(mut file) = file
             && let Err(why) = (file.metadata("recording", &count))
-                .and_then(|()| file.metadata("vision", &self.sheet.vision()))
+                .and_then(|()| file.metadata("vision", &self.writer.vision()))
                 .and_then(|()| file.finish())
         {
             self.fail(&why.to_string());
         }
-        self.named(Place::take_if_free);
-        // The messages that were in a buffer when the device refused are in no file.
-        let put = self.sheet.messages();
+        // A recording without a period takes its name only if it replaces no other recording.
+        self.rename(Place::rename_if_free);
+        // Messages that were in a buffer when the device failed are not in the file.
+        let put = self.writer.messages();
         let found = self.failure.as_ref().and(self.place.as_ref()).and_then(Place::messages);
         let messages = found.unwrap_or(put);
-        let aside = self.place.filter(Place::waits).map(|place| place.at().to_owned());
+        let aside = self.place.filter(Place::is_temporary).map(|place| place.at().to_owned());
         Written { messages, lost: put.saturating_sub(messages), failure: self.failure, aside }
     }
 
-    fn named(&mut self, how: impl FnOnce(&mut Place) -> std::io::Result<()>) {
+    /// Renames the file to its final path by `how`. A failure is logged: the recording stays under
+    /// its temporary path.
+    fn rename(&mut self, how: impl FnOnce(&mut Place) -> std::io::Result<()>) {
         if let Some(place) = &mut self.place
             && let Err(why) = how(place)
         {
@@ -411,7 +433,8 @@ impl Clerk {
         }
     }
 
-    /// Without a file everything is lost: so many messages; a failure takes the file away.
+    /// Handles the result of writing an item of `messages` messages. A failure ends the writing;
+    /// without a file all messages are lost.
     fn settle<F>(
         &mut self,
         file: &mut Option<F>,
@@ -420,6 +443,8 @@ impl Clerk {
     ) {
         match written {
             Some(Ok(())) => {}
+            // Counts the message that failed. The number of messages that would have followed it
+            // in its item is not known here.
             Some(Err(why)) => {
                 self.counts.lost.fetch_add(1, Ordering::Relaxed);
                 self.fail(&why.to_string());
@@ -432,7 +457,7 @@ impl Clerk {
     }
 
     fn fail(&mut self, why: &str) {
-        tracing::error!("the recording stops: {why}; the run goes on");
+        tracing::error!("the recording stops: {why}; the run continues");
         self.failure.get_or_insert_with(|| why.to_owned());
     }
 }

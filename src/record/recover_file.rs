@@ -1,8 +1,8 @@
-//! Recovers a recording file that was cut off or damaged: writes everything that can still be read
-//! into a whole file with an index.
+//! Recovery of a recording file that was cut off or damaged: all that can still be read is written
+//! to a whole file with an index.
 //!
 //! - in: a recording that a crash, a full disk or a copy has cut off or damaged anywhere
-//! - out: a recording that any tool opens, and a count of what was saved
+//! - out: a recording that any tool opens, and a count of the saved messages
 
 use super::file::Unwritten;
 use super::reading::{Channel, End, Message, Piece, Reading};
@@ -11,21 +11,21 @@ use std::collections::btree_map::Entry;
 use std::io::{Read, Seek, Write};
 use std::sync::Arc;
 
-/// A count of what was saved.
+/// Result of a recovery.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Saved {
-    /// Messages.
+    /// Number of messages that were saved.
     pub messages: u64,
-    /// From the first message's time to the last one's (ns).
+    /// Time from the first message to the last one (ns).
     pub span: u64,
-    /// How the original ended.
+    /// End of the original file.
     pub end: End,
 }
 
-/// Copies what can be read of `from` to `to`.
+/// Copies all that can be read of `from` to `to`.
 ///
 /// # Errors
-/// What the device of `to` says.
+/// Error of the device of `to`.
 pub fn recover_file<R: Read, W: Write + Seek>(from: R, to: W) -> Result<Saved, Unwritten> {
     let writer = mcap::WriteOptions::new()
         .profile("ros2")
@@ -34,6 +34,7 @@ pub fn recover_file<R: Read, W: Write + Seek>(from: R, to: W) -> Result<Saved, U
         .create(to)?;
     let mut whole = WholeFile { writer, channels: BTreeMap::new(), schemas: BTreeMap::new() };
     let mut reading = Reading::new(from);
+    // The span is taken over all messages: damage may have changed their order.
     let (mut messages, mut first, mut last) = (0, u64::MAX, 0);
     for piece in reading.by_ref() {
         match piece {
@@ -41,6 +42,7 @@ pub fn recover_file<R: Read, W: Write + Seek>(from: R, to: W) -> Result<Saved, U
                 whole.writer.write_metadata(&mcap::records::Metadata { name, metadata })?;
             }
             Piece::Attachment(name, media_type, data) => {
+                // Our own attachments have no times either.
                 whole.writer.attach(&mcap::Attachment {
                     log_time: 0,
                     create_time: 0,
@@ -58,32 +60,33 @@ pub fn recover_file<R: Read, W: Write + Seek>(from: R, to: W) -> Result<Saved, U
         }
     }
     whole.writer.finish()?;
+    // The loop above has read to the end, so the end is known.
     let end = reading.end().cloned().unwrap_or(End::Whole);
     Ok(Saved { messages, span: last.saturating_sub(first), end })
 }
 
-/// The file that is written, and the ids that its writer gave to channels and schemas of the
-/// original.
+/// The new file, and the ids that its writer gave to the channels and schemas of the original.
 ///
-/// Both maps go by the address of what they name: comparing texts instead, as the writer does, is
-/// slow with many channels whose texts are long. Channels are kept, so that no address is used
-/// twice.
+/// The keys of both maps are addresses of the original's channels and schemas. The library's writer
+/// compares their texts instead, which is slow for many channels with long texts. Each channel is
+/// kept alive, so that its address is not used for another one.
 struct WholeFile<W: Write + Seek> {
     writer: mcap::Writer<W>,
     channels: BTreeMap<usize, WrittenChannel>,
     schemas: BTreeMap<usize, u16>,
 }
 
-/// A channel that has been written.
+/// Channel of the new file.
 struct WrittenChannel {
     id: u16,
     /// Number of its last message.
     sequence: u32,
+    /// Keeps the address valid that is the channel's key.
     _kept: Arc<Channel>,
 }
 
 impl<W: Write + Seek> WholeFile<W> {
-    /// Writes a message, and before the first one of a channel that channel.
+    /// Writes a message, after its channel if it is the first one of it.
     fn write(&mut self, message: &Message) -> Result<(), Unwritten> {
         let channel = self.channel(&message.channel)?;
         channel.sequence += 1;
@@ -97,7 +100,7 @@ impl<W: Write + Seek> WholeFile<W> {
         Ok(())
     }
 
-    /// Returns the written channel of an original one, after writing it if it is new.
+    /// Returns the new file's channel for one of the original; creates it if there is none yet.
     fn channel(&mut self, original: &Arc<Channel>) -> Result<&mut WrittenChannel, Unwritten> {
         let Self { writer, channels, schemas } = self;
         let place = match channels.entry(Arc::as_ptr(original) as usize) {
@@ -105,6 +108,8 @@ impl<W: Write + Seek> WholeFile<W> {
             Entry::Vacant(place) => place,
         };
         let Channel { topic, schema, message_encoding, metadata } = &**original;
+        // Channels that share a schema in the original share it here: one of 4 MiB must not be
+        // written once for each of 200 channels.
         let schema = match schemas.entry(Arc::as_ptr(schema) as usize) {
             Entry::Occupied(known) => *known.get(),
             Entry::Vacant(place) => *place.insert(writer.add_schema(

@@ -1,17 +1,17 @@
-//! Two running hashes of a run: one over every servo record and message, one over servo records
-//! alone.
+//! Two running hashes of a run: the run hash over all servo records and messages, and the servo
+//! hash over the servo records alone.
 //!
-//! Two runs of one seed must give the same two hashes. A hash is `SipHash` with fixed keys, as
-//! `std` ships it: equal for the same binary on the same machine. The text of a message is its
-//! `Debug` form, so a renamed type changes the run's hash although nothing moves differently; the
-//! servo hash changes with the motion only.
+//! Two runs with one seed must have equal hashes. A hash is the `SipHash` of `std` with fixed keys,
+//! which is equal for one binary on one machine. The run hash takes a message in its `Debug` form,
+//! so a renamed type changes it although no arm moves differently. The servo hash changes with the
+//! motion only.
 
 use crate::hw::driver::{RecordSink, ServoRecord};
 use std::fmt::{Debug, Write};
 use std::hash::{DefaultHasher, Hasher};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A handle on the hashes of a run; clones feed the same ones.
+/// Handle on the hashes of a run. All clones feed the same hashes.
 #[derive(Debug, Clone, Default)]
 pub struct RunHash(Arc<Mutex<State>>);
 
@@ -20,11 +20,12 @@ struct State {
     hasher: DefaultHasher,
     servo: DefaultHasher,
     text: String,
-    /// Bytes of one record: hashed in one piece, which costs half of word by word.
+    /// Buffer for the bytes of one record. Hashing them at once costs half as much as word by word.
     bytes: Vec<u8>,
 }
 
-/// The virtual driver calls it inline; the real-time thread writes to a ring instead.
+/// Sink of the virtual driver, which calls it inline. The real-time thread must not lock, so it
+/// writes to a ring instead.
 impl RecordSink for RunHash {
     fn record(&mut self, record: &ServoRecord) {
         RunHash::record(self, record);
@@ -32,9 +33,10 @@ impl RecordSink for RunHash {
 }
 
 impl RunHash {
-    /// Adds a message from one actor to another.
+    /// Adds a message from one actor to another to the run hash.
     pub fn message(&self, from: &str, to: &str, message: &impl Debug) {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        // Through the guard itself the fields could not be borrowed separately.
         let state = &mut *state;
         state.text.clear();
         // Writing to a string cannot fail.
@@ -43,7 +45,7 @@ impl RunHash {
         tracing::trace!(target: "rubik_robot::run_hash", "{}", state.text);
     }
 
-    /// Adds a servo record.
+    /// Adds a servo record to both hashes.
     pub fn record(&self, record: &ServoRecord) {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let State { hasher, servo, bytes, .. } = &mut *state;
@@ -53,14 +55,14 @@ impl RunHash {
         servo.write(bytes);
     }
 
-    /// Returns the hash over servo records and messages so far, as 16 hexadecimal digits.
+    /// Returns the run hash over all that was added until now, as 16 hexadecimal digits.
     #[must_use]
     pub fn hash(&self) -> String {
         let state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         format!("{:016x}", state.hasher.finish())
     }
 
-    /// Returns the hash over the servo records so far, as 16 hexadecimal digits.
+    /// Returns the servo hash over all that was added until now, as 16 hexadecimal digits.
     #[must_use]
     pub(crate) fn servo_hash(&self) -> String {
         let state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -86,10 +88,11 @@ mod tests {
         }
     }
 
+    /// A record that is hashed at once gives the hash of its words one by one.
     #[test]
-    fn record_counts_as_its_words_do() {
+    fn record_hash_equals_hash_word_by_word() {
         let (hash, mut words) = (RunHash::default(), DefaultHasher::default());
-        // A message of odd length, so that no later word begins where a word of the hash does.
+        // The message has an odd length, so no later word begins where a word of the hash does.
         hash.message("mp", "ecp", &1.0_f64);
         words.write(b"mp>ecp:1.0");
         for _ in 0..3 {
@@ -101,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn one_increment_of_one_record_changes_both_hashes() {
+    fn one_increment_changes_both_hashes() {
         let (a, b) = (RunHash::default(), RunHash::default());
         a.message("mp", "ecp", &1.0_f64);
         b.message("mp", "ecp", &1.0_f64);
@@ -117,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn a_message_changes_the_run_hash_alone() {
+    fn message_changes_the_run_hash_alone() {
         let (a, b) = (RunHash::default(), RunHash::default());
         let before = b.servo_hash();
 

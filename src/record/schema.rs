@@ -1,10 +1,10 @@
-//! The message types of a recording, as `ros2msg` text: a definition, then those that it is made of.
+//! Message types of a recording as `ros2msg` text: each definition with those of its parts.
 //!
-//! - out: for each [`Kind`] its name and its schema
-//! - source: fields of the standard packages `std_msgs`, `sensor_msgs`, `geometry_msgs`, `tf2_msgs` and
-//!   `rcl_interfaces` of ROS 2; what stands in `rubik_robot_msgs` is ours
+//! - out: name and schema of each [`Kind`]
+//! - source: the packages `std_msgs`, `sensor_msgs`, `geometry_msgs`, `tf2_msgs` and
+//!   `rcl_interfaces` of ROS 2. The types of `rubik_robot_msgs` are defined here
 
-/// The types that a recording may hold.
+/// Type of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Kind {
     /// `std_msgs/String`.
@@ -25,20 +25,20 @@ pub enum Kind {
     Log,
     /// One arm in one servo period.
     ServoTick,
-    /// What the robot knows of the cube.
+    /// Colours of the cube, read, believed and true, and its holders.
     CubeState,
-    /// A phase of the task begins.
+    /// Beginning of a phase of the task.
     TaskPhase,
-    /// What is to be turned.
+    /// Plan of the task: steps, reasons, planned times.
     Plan,
-    /// What a VSP delivered.
+    /// Answer of a virtual sensor (VSP).
     Sensed,
-    /// What the operator wanted.
+    /// Input of the operator.
     Operator,
 }
 
 impl Kind {
-    /// All of them.
+    /// All types.
     pub const ALL: [Self; 14] = [
         Self::Text,
         Self::JointState,
@@ -56,7 +56,7 @@ impl Kind {
         Self::Operator,
     ];
 
-    /// Name of the type: `package/msg/Type`.
+    /// Returns the name of the type: `package/msg/Type`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -77,13 +77,15 @@ impl Kind {
         }
     }
 
-    /// The definition with all that it is made of.
+    /// Returns the definition of the type, followed by those of all types in it.
     #[must_use]
     pub fn schema(self) -> String {
+        // A reader knows no types but those in the schema, so each lists its parts, at any depth.
         let (own, parts): (&str, &[Part]) = match self {
             Self::Text => ("string data\n", &[]),
             Self::JointState => (
-                "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n",
+                "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\n\
+                 float64[] effort\n",
                 &[HEADER, TIME],
             ),
             Self::Transforms => (
@@ -102,17 +104,18 @@ impl Kind {
                 ("std_msgs/Header header\nstring format\nuint8[] data\n", &[HEADER, TIME])
             }
             Self::CameraInfo => (
-                "std_msgs/Header header\nuint32 height\nuint32 width\nstring distortion_model\nfloat64[] d\n\
-                 float64[9] k\nfloat64[9] r\nfloat64[12] p\nuint32 binning_x\nuint32 binning_y\n\
-                 sensor_msgs/RegionOfInterest roi\n",
+                "std_msgs/Header header\nuint32 height\nuint32 width\nstring distortion_model\n\
+                 float64[] d\nfloat64[9] k\nfloat64[9] r\nfloat64[12] p\n\
+                 uint32 binning_x\nuint32 binning_y\nsensor_msgs/RegionOfInterest roi\n",
                 &[HEADER, TIME, REGION],
             ),
             Self::Log => (
                 "byte DEBUG=10\nbyte INFO=20\nbyte WARN=30\nbyte ERROR=40\nbyte FATAL=50\n\
-                 builtin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\nstring file\nstring function\n\
-                 uint32 line\n",
+                 builtin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\n\
+                 string file\nstring function\nuint32 line\n",
                 &[TIME],
             ),
+            // The types of this program. The comments in them are part of each recording.
             Self::ServoTick => (SERVO_TICK, &[TIME]),
             Self::CubeState => (CUBE_STATE, &[TIME]),
             Self::TaskPhase => (
@@ -121,17 +124,19 @@ impl Kind {
                 &[TIME],
             ),
             Self::Plan => (
-                "# What the two hands are going to do, why, and how long each step takes as planned (s).\n\
-                 builtin_interfaces/Time stamp\nstring[] steps\nstring[] reasons\nfloat64[] seconds\n",
+                "# Steps of both hands, the reason and the planned time of each \
+                 (s).\nbuiltin_interfaces/Time stamp\nstring[] steps\nstring[] reasons\nfloat64[] \
+                 seconds\n",
                 &[TIME],
             ),
             Self::Sensed => (SENSED, &[TIME]),
             Self::Operator => (
-                "# What the operator wanted, as JSON, and the servo period in which the controller learnt it.\n\
-                 builtin_interfaces/Time stamp\nuint64 period\nstring command\n",
+                "# Input of the operator, as JSON, and the servo period in which the controller \
+                 received it.\nbuiltin_interfaces/Time stamp\nuint64 period\nstring command\n",
                 &[TIME],
             ),
         };
+        // The format separates definitions by a line of 80 equal signs.
         let mut text = own.to_owned();
         for (name, definition) in parts {
             text.push_str(&"=".repeat(80));
@@ -144,7 +149,7 @@ impl Kind {
     }
 }
 
-/// Name and definition of a type that others are made of.
+/// Name and definition of a type that is part of others.
 type Part = (&'static str, &'static str);
 
 const TIME: Part = ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n");
@@ -170,14 +175,15 @@ const REGION: Part = (
     "uint32 x_offset\nuint32 y_offset\nuint32 height\nuint32 width\nbool do_rectify\n",
 );
 
-/// Bits: bit i is that of axis i, the jaw's is 7. Axis 0 is the track (m), 1..6 rotary (rad).
+/// Definition of `ServoTick`. In a mask bit i is that of axis i, and bit 7 that of the jaw. Axis 0
+/// is the track (m); axes 1 to 6 are rotary (rad).
 const SERVO_TICK: &str = "\
-# One arm in one servo period: all that was read, all that was commanded, to the bit.
+# One arm in one servo period: all inputs and all outputs, to the bit.
 builtin_interfaces/Time stamp
 uint64 period
 uint8 arm
-# Read: encoder counters, motor currents with the jaw's last (A), bits by axis (the jaw's is 7), the raw sensor
-# (fx fy fz N, tx ty tz Nm).
+# Readings: encoder counters, motor currents with the jaw's last (A), masks of the axes (bit 7 is
+# the jaw's), the raw wrench of the sensor (fx fy fz N, tx ty tz Nm).
 int64[7] counts
 int64 jaw_count
 float64[8] currents
@@ -188,25 +194,27 @@ uint8 power_faults
 uint8 sync_switches
 uint8 encoder_zeros
 uint8 synchronised
-# Axes of which nothing was read that is to be judged: their counters are carried on.
+# Axes whose counters are extrapolated, since no reading was valid.
 uint8 guessed
-# Axes of which nothing new came since the last period.
+# Axes without an answer since the last period.
 uint8 unheard
 float64[6] wrench_on_sensor
-# The sensor has told no newer one since the last period.
+# The sensor sent no new wrench since the last period.
 bool wrench_is_old
-# From outside, before the period: grid points that passed without one, a stop and why, as JSON; empty when nothing.
+# Events before the period, as JSON: missed grid points, a stop and its reason; empty without an \
+event.
 string outside
-# Ordered by the EDP in this period, as JSON; empty when nothing was.
+# Command of the EDP in this period, as JSON; empty without a command.
 string command
-# Told to the drives.
+# Orders to the drives.
 bool enabled
 int16[7] pwm
 int16 jaw_pwm
 uint8 stops
 uint8 synchronise
-# Known afterwards: measured and set joints (axis 0 is the track in m, others rad), what the tool exerts in its own axes,
-# the jaw's opening (m) and force (N), what is wrong.
+# State after the period: measured and set joints (axis 0 is the track in m, others rad), the \
+wrench that the tool
+# exerts, in its own axes, the jaw's opening (m) and force (N), the refusal and the fault.
 float64[7] joints
 float64[7] desired_joints
 float64[6] wrench_in_tool
@@ -214,35 +222,36 @@ float64 jaw_opening
 float64 jaw_force
 string refused
 string fault
-# Over what was read, ordered, told and known, and the poses that follow from it.
+# Checksum of all fields and of the poses that follow from them.
 uint64 check
 ";
 
 const CUBE_STATE: &str = "\
-# What is known of the cube: 54 letters URFDLB by faces, each in reading order, or empty.
+# State of the cube: 54 letters URFDLB by faces, each in reading order, or empty if unknown.
 builtin_interfaces/Time stamp
-# Read by the gripper cameras: colours, ? where unknown; how sure each is, 0..1.
+# Reading of the gripper cameras: colours, ? where unknown; confidence of each, 0..1.
 string identified
 float64[] confidences
-# As it is now, by the turns that were carried out.
+# State after the executed turns, as the controller believes.
 string believed
-# As it is in the plant; empty on hardware.
+# State in the plant; empty on hardware.
 string truth
-# Who holds it.
+# Effectors that hold the cube.
 string[] holders
 ";
 
 const SENSED: &str = "\
-# What a virtual sensor delivered, to the bit: an input of the controller.
+# Result of a virtual sensor, to the bit: an input of the controller.
 builtin_interfaces/Time stamp
 # Servo period of the exposure.
 uint64 period
 string sensor
-# How it had been asked to look, as JSON or text.
+# Request to the sensor, as JSON or text.
 string asked
-# Why there is nothing; empty when there is something.
+# Reason why there is no result; empty with a result.
 string refusal
-# kind 0: pose x y z qx qy qz qw and speed; kind 1: a face, 63 numbers (rgb, colours, confidences, pose, residual px, confidence, occluded).
+# kind 0: pose x y z qx qy qz qw and speed; kind 1: a face, 63 numbers (rgb, colours, confidences, \
+pose, residual px, confidence, occluded).
 uint8 kind
 float64[] values
 ";
@@ -252,7 +261,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_type_that_a_definition_names_is_defined_behind_it() {
+    fn schema_defines_all_types_that_it_names() {
         for kind in Kind::ALL {
             let schema = kind.schema();
             let names = schema.lines().filter(|l| !l.starts_with('#') && !l.starts_with("MSG:"));

@@ -1,8 +1,8 @@
-//! What a virtual sensor delivered, as a message: the controller's inputs beside the port's
-//! readings.
+//! Answers of virtual sensors as messages: besides the readings of the port they are inputs of the
+//! controller.
 //!
 //! - in: a [`Sensed`]; or the bytes of a message
-//! - out: the bytes; or the same [`Sensed`], to the bit
+//! - out: the bytes; or a [`Sensed`] that equals the original to the bit
 
 use super::cdr::{Malformed, Reader, Writer};
 use crate::spatial::Pose;
@@ -12,29 +12,29 @@ use nalgebra::{Quaternion, Translation3, UnitQuaternion, Vector3};
 /// One answer of a virtual sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sensed {
-    /// Servo period in which it was asked.
+    /// Period of 2 ms in which the sensor was asked.
     pub period: u64,
     /// Name of the sensor.
     pub sensor: String,
-    /// How it had been asked to look.
+    /// Text of the request.
     pub asked: String,
-    /// What it found, or why nothing.
+    /// Result, or the reason why there is none.
     pub found: Result<Found, String>,
 }
 
-/// What a virtual sensor finds.
+/// Result of a virtual sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Found {
-    /// The cube.
+    /// Cube before the stand-alone camera.
     Cube {
-        /// Where it is.
+        /// Pose of the cube.
         world_from_cube: Pose,
         /// Speed of its centre (m/s).
         speed: f64,
-        /// Servo period of the picture's light.
+        /// Period of 2 ms in which the picture was exposed.
         exposed: u64,
     },
-    /// A face.
+    /// Face before the camera of a hand.
     Face(FaceReading),
 }
 
@@ -49,6 +49,7 @@ impl Sensed {
         to.string(&self.sensor);
         to.string(&self.asked);
         to.string(self.found.as_ref().err().map_or("", String::as_str));
+        // All numbers are written as `float64`, which holds periods up to 2^53 exactly.
         let mut values = Vec::new();
         let kind = match &self.found {
             Ok(Found::Cube { world_from_cube, speed, exposed }) => {
@@ -65,6 +66,7 @@ impl Sensed {
                 values.extend(face.occluded.iter().map(|o| f64::from(u8::from(*o))));
                 FACE
             }
+            // Readers do not use the kind of an answer with a refusal.
             Err(_) => CUBE,
         };
         to.u8(kind);
@@ -89,7 +91,7 @@ impl Sensed {
             Err(refusal)
         } else if kind == CUBE {
             let (world_from_cube, speed) = (values.pose()?, values.next()?);
-            // Recordings of older versions do not tell it.
+            // Recordings of older versions lack the period of the exposure.
             let exposed = values.next().map_or(period, |exposed| exposed as u64);
             Ok(Found::Cube { world_from_cube, speed, exposed })
         } else {
@@ -99,13 +101,14 @@ impl Sensed {
     }
 }
 
-/// x y z qx qy qz qw.
+/// Returns the numbers of a pose: x y z (m), qx qy qz qw.
 #[must_use]
 pub(crate) fn pose_numbers(pose: &Pose) -> [f64; 7] {
     let (t, q) = (&pose.translation.vector, &pose.rotation.coords);
     [t.x, t.y, t.z, q.x, q.y, q.z, q.w]
 }
 
+/// Reader of the numbers of a message.
 struct Values<I>(I);
 
 impl<I: Iterator<Item = f64>> Values<I> {
@@ -121,13 +124,14 @@ impl<I: Iterator<Item = f64>> Values<I> {
         Ok(values)
     }
 
-    /// The quaternion is taken as it is: to normalise it again would change bits.
+    /// Reads a pose. The quaternion is not normalised again, which would change its bits.
     fn pose(&mut self) -> Result<Pose, Malformed> {
         let [x, y, z, qx, qy, qz, qw] = self.array()?;
         let rotation = UnitQuaternion::new_unchecked(Quaternion::new(qw, qx, qy, qz));
         Ok(Pose::from_parts(Translation3::from(Vector3::new(x, y, z)), rotation))
     }
 
+    /// Reads a face, in the order in which [`Sensed::write`] writes it.
     fn face(&mut self) -> Result<FaceReading, Malformed> {
         let mut rgb = [[0.0; 3]; 9];
         for tile in &mut rgb {
@@ -161,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_sensed_comes_back_to_the_bit() {
+    fn decoded_answer_equals_encoded_answer_exactly() {
         let pose = Pose::new(Vector3::new(0.1, 0.2, 1.0 / 3.0), Vector3::new(0.3, -0.7, 0.1));
         let face = FaceReading {
             rgb: std::array::from_fn(|i| [i as f64 / 7.0, 0.0, 255.0]),

@@ -1,21 +1,32 @@
-//! What goes into a recording, by topic:
+//! Contents of a recording: turns servo records and entries into messages, by topic.
 //!
-//! | topic | type | when |
+//! | topic | type | times |
 //! |---|---|---|
-//! | `/ARM/servo` | `rubik_robot_msgs/ServoTick` | each servo period: all that was read and commanded |
-//! | `/joint_states`, `/ARM/wrench` | `sensor_msgs/JointState`, `geometry_msgs/WrenchStamped` | each 16 ms |
-//! | `/tf`, `/ARM/tool` | `tf2_msgs/TFMessage`, `geometry_msgs/PoseStamped` | each 40 ms, every link |
-//! | `/tf_static`, `/robot_description` | `tf2_msgs/TFMessage`, `std_msgs/String` | once |
-//! | `/CAMERA/image`, `/CAMERA/info` | `sensor_msgs/CompressedImage`, `CameraInfo` | each look at a face; tracking each 200 ms |
-//! | `/sensed`, `/cube/seen` | `rubik_robot_msgs/Sensed`, `geometry_msgs/PoseStamped` | each time that a sensor delivers |
-//! | `/phase`, `/cube`, `/plan`, `/operator` | `rubik_robot_msgs/...` | when it changes |
-//! | `/belief` | `std_msgs/String`, JSON | when it changes: what the operator's page shows of the kernel |
-//! | `/rosout` | `rcl_interfaces/Log` | every message to the operator |
+//! | `/ARM/servo` | `rubik_robot_msgs/ServoTick` | each servo period, all inputs and outputs |
+//! | `/joint_states` | `sensor_msgs/JointState` | each 16 ms and arm |
+//! | `/ARM/wrench` | `geometry_msgs/WrenchStamped` | each 16 ms |
+//! | `/tf` | `tf2_msgs/TFMessage` | each 40 ms, all moving links |
+//! | `/ARM/tool` | `geometry_msgs/PoseStamped` | each 40 ms |
+//! | `/tf_static` | `tf2_msgs/TFMessage` | once |
+//! | `/robot_description` | `std_msgs/String` | once |
+//! | `/CAMERA/info` | `sensor_msgs/CameraInfo` | once |
+//! | `/CAMERA/image` | `sensor_msgs/CompressedImage` | each look at a face; tracking each 200 ms |
+//! | `/sensed` | `rubik_robot_msgs/Sensed` | each answer of a sensor |
+//! | `/cube/seen` | `geometry_msgs/PoseStamped` | each cube that a sensor found |
+//! | `/phase`, `/cube`, `/plan`, `/operator` | `rubik_robot_msgs/...` | each change |
+//! | `/belief` | `std_msgs/String`, JSON | each change of the belief that the page shows |
+//! | `/rosout` | `rcl_interfaces/Log` | each message to the operator |
 //!
-//! Metadata `rubik_robot` holds version, build, seed, task; `options` what overruled the scenario;
-//! `summary`, `timing`, `vision` (how long it took) and `recording` (messages in it, and how many
-//! were lost) come at the end; `calibration` has the cameras where the controller believed others
-//! than the scenario's. The scenario is attached as `scenario.toml`.
+//! | metadata | contents | written |
+//! |---|---|---|
+//! | `rubik_robot` | version, build, seed, task | at the beginning |
+//! | `options` | options that override the scenario | at the beginning |
+//! | `calibration` | cameras, if the run was calibrated | after the calibration |
+//! | `summary`, `timing` | results of the run, timing of the servo | at the end |
+//! | `vision` | time that reading a face took | at the end |
+//! | `recording` | numbers of written and lost messages | at the end |
+//!
+//! The scenario is attached as `scenario.toml`.
 
 use super::belief;
 use super::cdr::Writer;
@@ -34,67 +45,75 @@ use crate::tasks::Picture;
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
 
-/// Servo periods of 2 ms between two joint states.
+/// Time between two joint states (periods of 2 ms).
 const STATES: u64 = 8;
-/// Between two sets of transforms.
+/// Time between two sets of transforms (periods of 2 ms).
 const FRAMES: u64 = 20;
-/// Quality of pictures, of 100.
+/// Quality of pictures, 0 to 100.
 const JPEG: u8 = 85;
 
-/// What a recording is of.
+/// Description of the run that is recorded.
 #[derive(Debug, Clone)]
-pub struct About {
-    /// The controller's belief: arms and cameras.
+pub struct RunInfo {
+    /// Cell as the controller believes it: arms and cameras.
     pub cell: Cell,
     /// Text of the scenario.
     pub scenario: String,
-    /// What overruled it: option, key, value.
+    /// Options that override the scenario: option, key, value.
     pub options: Vec<(String, String, String)>,
-    /// Version, seed, task and so on.
+    /// Facts by name: version, seed, task and others.
     pub facts: BTreeMap<String, String>,
-    /// When period 0 begins (ns): 0 on the virtual clock, since 1970 on the wall's.
+    /// Time at which period 0 begins (ns): 0 on the virtual clock, Unix time on the wall clock.
     pub start: u64,
     /// Length of a servo period.
     pub length: Length,
 }
 
-/// Where what comes is written.
-pub struct Sheet {
-    about: About,
+/// Converter of servo records and entries into messages of a file.
+pub struct MessageWriter {
+    about: RunInfo,
     model: Model,
     pen: Pen,
+    /// Latest joint positions of each arm.
     joints: Vec<JointPositions>,
+    /// Latest opening of each arm's jaws (m).
     openings: Vec<f64>,
     arms: Vec<ArmTopics>,
     cameras: Vec<CameraTopics>,
     /// Names of the arms.
     names: Vec<String>,
+    /// Latest belief that was written.
     belief: Option<Picture>,
+    /// Latest colours of the plant's cube.
     truth: String,
     cube: belief::CubeKnown,
-    /// How long it took to read faces (s).
+    /// Times that reading faces took (s).
     faces: Vec<f64>,
-    /// Memory that is used again: positions of joints, a picture's file.
+    /// Reused memory for positions of joints.
     positions: Vec<f64>,
+    /// Reused memory for the file of a picture.
     jpeg: Vec<u8>,
 }
 
-/// Writes messages, and counts them.
+/// Writer that counts its messages and reuses its buffer.
 struct Pen {
     buffer: Vec<u8>,
     messages: u64,
 }
 
+/// Topics and frame of an arm.
 struct ArmTopics {
     servo: String,
     wrench: String,
     tool: String,
     frame: String,
-    /// Its joints that move: names, and where they stand in the model.
+    /// Names of the joints that move.
     joints: Vec<String>,
+    /// Indices of these joints in the model.
     moving: Vec<usize>,
 }
 
+/// Topics and frame of a camera.
 struct CameraTopics {
     image: String,
     info: String,
@@ -103,11 +122,13 @@ struct CameraTopics {
 
 type Done = Result<(), Unwritten>;
 
-impl Sheet {
-    /// For a run.
+impl MessageWriter {
+    /// Makes the converter for a run.
     #[must_use]
-    pub fn new(about: About) -> Self {
+    pub fn new(about: RunInfo) -> Self {
         let cell = &about.cell;
+        // The model that goes out as `/robot_description` also gives the transforms, so that names
+        // and frames of both agree.
         let model = Model::of(cell, None, true);
         let arms = cell.arms.iter().enumerate().map(|(index, arm)| {
             let own = |joint: &urdf::Joint| joint.kind.drive().is_some_and(|d| d.by.0 == index);
@@ -145,21 +166,22 @@ impl Sheet {
         }
     }
 
-    /// Messages written so far.
+    /// Returns the number of messages that were written.
     #[must_use]
     pub fn messages(&self) -> u64 {
         self.pen.messages
     }
 
-    /// How many messages a servo record comes to.
+    /// Returns the number of messages that [`Self::tick`] makes of a servo record.
     #[must_use]
     pub(crate) fn messages_of(&self, record: &ServoRecord) -> u64 {
         let period = self.about.length.tick(record.period);
+        // Two messages at each rate: joint state and wrench, transforms and tool.
         let each = |every: u64| 2 * u64::from(period.is_multiple_of(every));
         1 + each(STATES) + each(FRAMES)
     }
 
-    /// How long vision took, for the end.
+    /// Returns number and median of the times that reading a face took; empty if no face was read.
     #[must_use]
     pub fn vision(&mut self) -> BTreeMap<String, String> {
         self.faces.sort_by(f64::total_cmp);
@@ -169,18 +191,19 @@ impl Sheet {
         facts.map(|(name, value)| (name.to_owned(), value)).into()
     }
 
-    /// In which period of 2 ms a servo period is.
+    /// Returns the period of 2 ms in which a servo period begins.
     #[must_use]
     pub(crate) fn tick_of(&self, period: u64) -> u64 {
         self.about.length.tick(period)
     }
 
-    /// What stands at the beginning.
+    /// Writes the description of the run and all messages that come once.
     ///
     /// # Errors
-    /// What the device says, here and below.
+    /// Error of the device.
     pub fn begin<W: Write + Seek>(&mut self, file: &mut File<W>) -> Done {
         file.metadata("rubik_robot", &self.about.facts)?;
+        // The map sorts names as texts: numbers of three digits keep the options in their order.
         let options = self.about.options.iter().enumerate().map(|(i, option)| {
             let text = serde_json::to_string(option).unwrap_or_default();
             (format!("{i:03}"), text)
@@ -201,14 +224,14 @@ impl Sheet {
                 standard::camera_info(to, start, &topics.frame, &camera.intrinsics);
             })?;
         }
-        // A file that is cut off soon says at least whose it is.
+        // A file that is cut off soon still identifies its run.
         file.flush()
     }
 
-    /// One servo record.
+    /// Writes a servo record: the tick, and at its times the standard messages that follow from it.
     ///
     /// # Errors
-    /// What the device says.
+    /// Error of the device.
     pub fn tick<W: Write + Seek>(&mut self, record: &ServoRecord, file: &mut File<W>) -> Done {
         let arm = usize::from(record.arm);
         let Some(topics) = self.arms.get(arm) else { return Ok(()) };
@@ -218,6 +241,8 @@ impl Sheet {
         })?;
         self.joints[arm] = record.state.joints;
         self.openings[arm] = record.state.jaw_opening;
+        // The ticks are for replays at the full rate. Other tools draw the rest, for which a lower
+        // rate is enough.
         let period = self.about.length.tick(record.period);
         if period.is_multiple_of(STATES) {
             self.states(arm, time, record, file)?;
@@ -228,6 +253,7 @@ impl Sheet {
         Ok(())
     }
 
+    /// Writes joint state and wrench of an arm.
     fn states<W: Write + Seek>(
         &mut self,
         arm: usize,
@@ -240,6 +266,7 @@ impl Sheet {
         self.positions.clear();
         self.positions.extend(drives.map(|drive| match drive.by.1 {
             urdf::Variable::Joint(index) => record.state.joints.0[index],
+            // Each of the two fingers moves by half of the opening.
             urdf::Variable::HalfOpening => 0.5 * record.state.jaw_opening,
         }));
         self.pen.put(file, ("/joint_states", Kind::JointState), time, |to| {
@@ -250,6 +277,7 @@ impl Sheet {
         })
     }
 
+    /// Writes the transforms of an arm's moving links, and the pose of its tool in the world.
     fn frames<W: Write + Seek>(
         &mut self,
         arm: usize,
@@ -273,10 +301,10 @@ impl Sheet {
         })
     }
 
-    /// Anything else, at the beginning of a period of 2 ms.
+    /// Writes an entry at the beginning of a period of 2 ms.
     ///
     /// # Errors
-    /// What the device says.
+    /// Error of the device.
     pub fn entry<W: Write + Seek>(
         &mut self,
         period: u64,
@@ -296,6 +324,7 @@ impl Sheet {
             }),
             Entry::Sensed(sensed) => {
                 pen.put(file, ("/sensed", Kind::Sensed), time, |to| sensed.write(time, to))?;
+                // A found cube is written again in a standard type, which any viewer draws.
                 let Ok(Found::Cube { world_from_cube, .. }) = &sensed.found else { return Ok(()) };
                 pen.put(file, ("/cube/seen", Kind::Pose), time, |to| {
                     standard::pose(to, time, "world", world_from_cube);
@@ -304,6 +333,7 @@ impl Sheet {
             Entry::Picture(camera, image) => {
                 let Some(topics) = self.cameras.get(*camera) else { return Ok(()) };
                 self.jpeg.clear();
+                // A picture that cannot be encoded is left out: the device is not at fault.
                 let encoder =
                     image::codecs::jpeg::JpegEncoder::new_with_quality(&mut self.jpeg, JPEG);
                 if image.write_with_encoder(encoder).is_err() {
@@ -313,6 +343,7 @@ impl Sheet {
                     standard::picture(to, time, &topics.frame, &self.jpeg);
                 })
             }
+            // Only the statistics of these times go into the file, at its end.
             Entry::FaceTook(seconds) => {
                 self.faces.push(*seconds);
                 Ok(())
@@ -328,7 +359,7 @@ impl Sheet {
         }
     }
 
-    /// The cube where it is in the plant, and its colours when they change.
+    /// Writes the pose of the plant's cube, and its colours if they have changed.
     fn scene<W: Write + Seek>(&mut self, time: u64, scene: &Scene, file: &mut File<W>) -> Done {
         let place = [("world", "cube", scene.cube.world_from_cube)];
         self.pen.put(file, ("/tf", Kind::Transforms), time, |to| {
@@ -342,6 +373,8 @@ impl Sheet {
         self.known(time, file)
     }
 
+    /// Writes the belief if it has changed, the plan if it is a new one, and the state of the cube
+    /// if it has changed.
     fn belief<W: Write + Seek>(&mut self, time: u64, now: &Picture, file: &mut File<W>) -> Done {
         if self.belief.as_ref() == Some(now) {
             return Ok(());
@@ -354,6 +387,7 @@ impl Sheet {
                 belief::write_plan(now, time, to);
             })?;
         }
+        // A belief can change without the cube, as when the next step of the plan begins.
         let mut known = belief::known(now, &self.names);
         known.truth.clone_from(&self.truth);
         if known == self.cube {
@@ -363,6 +397,7 @@ impl Sheet {
         self.known(time, file)
     }
 
+    /// Writes the state of the cube, with the colours of the plant's cube.
     fn known<W: Write + Seek>(&mut self, time: u64, file: &mut File<W>) -> Done {
         self.cube.truth.clone_from(&self.truth);
         let known = &self.cube;
@@ -378,7 +413,7 @@ impl Sheet {
 }
 
 impl Pen {
-    /// Writes the message that `fill` makes to a topic of this kind.
+    /// Writes a message to a topic of this type. `fill` writes its fields.
     fn put<W: Write + Seek>(
         &mut self,
         file: &mut File<W>,
@@ -388,6 +423,7 @@ impl Pen {
     ) -> Done {
         let mut writer = Writer::new(std::mem::take(&mut self.buffer));
         fill(&mut writer);
+        // The writer gives its memory back for the next message.
         self.buffer = writer.bytes();
         file.message(topic, kind, time, &self.buffer)?;
         self.messages += 1;

@@ -1,4 +1,4 @@
-//! Standard messages of ROS 2, written from our own types.
+//! Standard messages of ROS 2, written from the types of this program.
 //!
 //! - in: poses, wrenches, joint values, pictures, texts, and their stamps (ns)
 //! - out: fields in a [`Writer`], in the order of [`super::schema`]
@@ -9,12 +9,12 @@ use crate::operator::Class;
 use crate::spatial::{Pose, Wrench};
 use nalgebra::Vector3;
 
-/// `std_msgs/String`.
+/// Writes a `std_msgs/String`.
 pub(crate) fn text(to: &mut Writer, text: &str) {
     to.string(text);
 }
 
-/// `sensor_msgs/JointState`, positions only.
+/// Writes a `sensor_msgs/JointState` with positions (rad or m), without velocities and efforts.
 pub(crate) fn joint_state(to: &mut Writer, stamp: u64, names: &[String], positions: &[f64]) {
     to.header(stamp, "");
     to.string_sequence(names);
@@ -23,7 +23,7 @@ pub(crate) fn joint_state(to: &mut Writer, stamp: u64, names: &[String], positio
     to.f64_sequence(&[]);
 }
 
-/// `tf2_msgs/TFMessage` of parents, children, and `parent_from_child`.
+/// Writes a `tf2_msgs/TFMessage` of transforms: parent, child, `parent_from_child`.
 pub(crate) fn transforms<'a>(
     to: &mut Writer,
     stamp: u64,
@@ -38,38 +38,42 @@ pub(crate) fn transforms<'a>(
     }
 }
 
-/// `geometry_msgs/WrenchStamped` in `frame`.
+/// Writes a `geometry_msgs/WrenchStamped` in `frame` (N, Nm).
 pub(crate) fn wrench(to: &mut Writer, stamp: u64, frame: &str, wrench: &Wrench) {
     to.header(stamp, frame);
     vector(to, &wrench.force);
     vector(to, &wrench.torque);
 }
 
-/// `geometry_msgs/PoseStamped` in `frame`.
+/// Writes a `geometry_msgs/PoseStamped` in `frame`.
 pub(crate) fn pose(to: &mut Writer, stamp: u64, frame: &str, pose: &Pose) {
     to.header(stamp, frame);
     vector(to, &pose.translation.vector);
+    // nalgebra stores a quaternion as x y z w, the order of the message.
     to.f64s(pose.rotation.coords.as_slice());
 }
 
-/// `sensor_msgs/CompressedImage`.
+/// Writes a `sensor_msgs/CompressedImage`.
 pub(crate) fn picture(to: &mut Writer, stamp: u64, frame: &str, jpeg: &[u8]) {
     to.header(stamp, frame);
     to.string("jpeg");
     to.u8_sequence(jpeg);
 }
 
-/// `sensor_msgs/CameraInfo`: pinhole with two radial coefficients.
+/// Writes a `sensor_msgs/CameraInfo`: a pinhole with two radial coefficients.
 pub(crate) fn camera_info(to: &mut Writer, stamp: u64, frame: &str, camera: &Intrinsics) {
     let ((fx, fy), (cx, cy)) = (camera.focal, camera.centre);
     to.header(stamp, frame);
     to.u32(camera.height);
     to.u32(camera.width);
     to.string("plumb_bob");
+    // d: k1, k2, the tangential p1 and p2, k3.
     to.f64_sequence(&[camera.distortion.0, camera.distortion.1, 0.0, 0.0, 0.0]);
+    // k, r and p by rows: the camera matrix, no rectification, the projection without a baseline.
     to.f64s(&[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]);
     to.f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
     to.f64s(&[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]);
+    // No binning, and as region of interest the whole picture.
     to.u32(0);
     to.u32(0);
     for _ in 0..4 {
@@ -78,9 +82,9 @@ pub(crate) fn camera_info(to: &mut Writer, stamp: u64, frame: &str, camera: &Int
     to.bool(false);
 }
 
-/// `rcl_interfaces/Log`; levels as there: 20 info, 30 warn, 40 error, 50 fatal. The paper has two
-/// classes of errors between warning and fatal: which one it is stands where the level leaves it
-/// open, as the function's name.
+/// Writes a `rcl_interfaces/Log`. Its levels are 20 info, 30 warn, 40 error and 50 fatal. The paper
+/// has two classes of errors between warning and fatal, and both have the level 40. The field
+/// `function` distinguishes them.
 pub(crate) fn log(to: &mut Writer, stamp: u64, class: Class, name: &str, message: &str) {
     let (level, function) = match class {
         Class::Info => (20, ""),
@@ -98,9 +102,10 @@ pub(crate) fn log(to: &mut Writer, stamp: u64, class: Class, name: &str, message
     to.u32(0);
 }
 
+/// Text of the field `function` for a non-fatal error.
 const NON_FATAL: &str = "non_fatal";
 
-/// Reads one back: class, name, message.
+/// Reads a message of the log: class, name, text.
 ///
 /// # Errors
 /// [`Malformed`].
@@ -109,6 +114,7 @@ pub(crate) fn read_log<'a>(from: &mut Reader<'a>) -> Result<(Class, &'a str, &'a
     let level = from.u8()?;
     let (name, message) = (from.string()?, from.string()?);
     from.string()?;
+    // Other programs use levels between those of the standard.
     let class = match (level, from.string()?) {
         (0..=20, _) => Class::Info,
         (21..=30, _) => Class::Warning,
@@ -128,7 +134,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_message_comes_back_with_its_class() {
+    fn log_message_keeps_its_class() {
         let all = [Class::Info, Class::Warning, Class::NonFatal, Class::System, Class::Fatal];
         for class in all {
             let mut to = Writer::new(Vec::new());

@@ -1,44 +1,42 @@
-//! What a run comes to: one object for machines, one table for the operator.
+//! Summary of a run: its verdict and figures, as JSON for programs and as a table for the operator.
 //!
-//! - in: figures of the mission and of the plant, collected by whoever ran it; what only a plant
-//!   can know is `None` on hardware
-//! - out: a line of JSON ([`Summary::json`]) or a table ([`Summary::table`]), and the verdict's
-//!   exit code
+//! - in: figures of the mission and of the plant; those that only a plant can know are `None` on
+//!   hardware
+//! - out: a line of JSON ([`Summary::json`]) or a table ([`Summary::table`]), and the exit code
 
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
-/// The verdict, taken from the plant.
+/// Verdict on a run. It comes from the plant if there is one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// What the scenario asks for was achieved: the cube is solved (`solve`), the layer is turned
-    /// (`face_turn`), the cube is in the gripper (`acquire`), the arms were moved by hand until the
-    /// operator ended it.
+    /// Success of the task: the cube is solved (`solve`), the layer is turned (`face_turn`), the
+    /// cube is in the gripper (`acquire`), or the operator has ended moves by hand.
     Solved,
-    /// The task came to its end without that.
+    /// End of the task without success.
     Failed,
-    /// The run was broken off: by the operator, or by a fatal or a system error.
+    /// Abort by the operator, or by a fatal or a system error.
     Aborted,
 }
 
-/// What brought the run to its end.
+/// Cause of the end of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EndedBy {
-    /// The task itself.
+    /// End of the task itself.
     Task,
-    /// The operator's terminate.
+    /// Terminate command of the operator.
     Operator,
-    /// An interrupt of the process (Ctrl-C).
+    /// Interrupt of the process (Ctrl-C).
     Interrupt,
-    /// A fatal error: an effector.
+    /// Fatal error of an effector.
     Fatal,
-    /// A system error: messages, actors.
+    /// System error: messages, actors.
     System,
 }
 
-/// A phase of a mission.
+/// Phase of a mission.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Phase {
     /// Name.
@@ -49,152 +47,155 @@ pub struct Phase {
     pub wall_time_s: f64,
 }
 
-/// Largest force and torque at one tool over the whole run: of the contact, as the plant has it,
-/// and as the wrist's sensor felt it, weight taken off, once a macrostep.
+/// Largest force and torque at one tool over the whole run: of the contact in the plant, and of the
+/// wrist sensor without the weight of the tool, sampled once a macrostep.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SensorPeak {
     /// Name of the effector.
     pub effector: String,
-    /// Norm of the force (N).
+    /// Norm of the contact force (N); `None` on hardware.
     pub force_n: Option<f64>,
-    /// Norm of the torque (Nm).
+    /// Norm of the contact torque (Nm); `None` on hardware.
     pub torque_nm: Option<f64>,
-    /// Norm of the felt force (N).
+    /// Norm of the measured force (N).
     pub felt_force_n: f64,
-    /// Norm of the felt torque (Nm).
+    /// Norm of the measured torque (Nm).
     pub felt_torque_nm: f64,
 }
 
-/// Something in the plant that should not have happened.
+/// Undesired event in the plant.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Accident {
-    /// When, in simulated time (s).
+    /// Simulated time of the event (s).
     pub time_s: f64,
-    /// What, in words.
+    /// Description.
     pub what: String,
 }
 
-/// How hard a run was for motors and arms, by the plant: over all of them the greatest of each.
+/// Load of motors and arms over a run, from the plant: the largest value of all motors or arms.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Exertion {
-    /// Current, as a share of what trips a motor's power stage.
+    /// Motor current, as a share of the current that trips the power stage.
     pub current_share: f64,
-    /// Heat of a winding, as a share of what trips it.
+    /// Heat of a winding, as a share of the heat that trips it.
     pub heat_share: f64,
     /// Speed of a motor (rad/s).
     pub motor_speed_rad_s: f64,
     /// Speed of a tool within 175 mm of the place where a person holds the cube (mm/s).
     pub near_person_mm_s: f64,
-    /// Least distance of a part of one arm from a part of the other (mm); null where they were
-    /// never near to each other. At each grasp fingers are some millimetres from the other palm.
+    /// Smallest distance between parts of the two arms (mm); null if they were never near each
+    /// other. In each grasp the fingers are some millimetres from the other palm.
     #[serde(default)]
     pub arms_apart_mm: Option<f64>,
 }
 
-/// What a run comes to. Cubes are 54 letters URFDLB, named by the colours of the centres.
+/// Verdict and figures of a run. A cube is 54 letters URFDLB, named by the colours of the centres.
+///
+/// A figure that only a plant can know is `None` on hardware.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// Verdict.
     pub outcome: Outcome,
-    /// Why, in a sentence.
+    /// Reason of the verdict, as a sentence.
     pub reason: String,
-    /// What brought the run to its end.
+    /// Cause of the end.
     pub ended_by: EndedBy,
-    /// What the scenario asked for: "solve", "`face_turn`", "acquire".
+    /// Task of the scenario: "solve", "`face_turn`", "acquire".
     pub task: String,
     /// Seed.
     pub seed: u64,
-    /// The plant's cube at the beginning; `None` on hardware, like every figure below that is
-    /// optional for that reason.
+    /// Cube of the plant at the beginning.
     pub cube_start: Option<String>,
-    /// The plant's cube at the end.
+    /// Cube of the plant at the end.
     pub cube_end: Option<String>,
-    /// What the controller read; `None` when it did not come to that.
+    /// Cube as the controller read it; `None` if it did not read the cube.
     pub identified: Option<String>,
-    /// The first plan, face turns only: "R U2 F'"; `None` when it did not come to that.
+    /// Face turns of the first plan, as in "R U2 F'"; `None` if there was no plan.
     pub solution: Option<String>,
-    /// Time that this plan was expected to take (s): to be held against the phase "solve".
+    /// Time that this plan expects for the phase "solve" (s).
     #[serde(default)]
     pub expected_s: Option<f64>,
-    /// What was turned in the end, as the controller counts it.
+    /// Face turns that were executed, as the controller counts them.
     pub executed: String,
     /// Number of face turns that were executed.
     pub turns: u32,
-    /// Jaw closings on the cube between identification and hand-back.
+    /// Number of jaw closings on the cube between identification and hand-back.
     pub grasps: u32,
-    /// How often the cube was read and planned anew after something had gone wrong.
+    /// Number of times that the cube was read and planned again after a failure.
     #[serde(default)]
     pub recoveries: u32,
     /// Simulated time (s).
     pub sim_time_s: f64,
-    /// Time by the wall clock (s), without the wait for the start and what time was held back on
-    /// purpose: by a limit of its speed, pauses, questions and moves by hand.
+    /// Time by the wall clock (s), without the wait for the start and without delays on purpose: a
+    /// limit of the speed, pauses, questions and moves by hand.
     pub wall_time_s: f64,
-    /// Largest force of the plant's contact at the tools while both arms hold the cube, without the
-    /// squeeze of the grips (N); 0 when they never did.
+    /// Largest contact force of the plant at the tools while both arms hold the cube, without the
+    /// forces of the grips (N); 0 if they never did.
     pub peak_force_n: Option<f64>,
-    /// Largest torque of the same (Nm).
+    /// Largest contact torque of the plant at the tools while both arms hold the cube (Nm).
     pub peak_torque_nm: Option<f64>,
     /// Largest contact at each tool.
     pub sensors: Vec<SensorPeak>,
-    /// How much the arms exerted themselves, by the plant. Summaries of older builds have none.
+    /// Load of motors and arms. Summaries of older builds have none.
     #[serde(default)]
     pub exertion: Option<Exertion>,
-    /// Times that a turn was commanded and unfinished, and the layer moved less than 1 deg in 3 s.
+    /// Number of jams: a turn was commanded and unfinished, and the layer moved less than 1 deg in
+    /// 3 s.
     pub jams: Option<u32>,
-    /// Times that a grip slipped by more than 3 deg or 1 mm.
+    /// Number of times that a grip slipped by more than 3 deg or 1 mm.
     pub slips: Option<u32>,
-    /// Times that the cube fell.
+    /// Number of times that the cube fell.
     pub drops: Option<u32>,
-    /// How often the controller told that the cube had fallen, as its jaws felt: a hand that alone
-    /// held it had lost it.
+    /// Number of times that the controller detected a fall by its jaws: the only hand that held the
+    /// cube had lost it.
     #[serde(default)]
     pub drops_noticed: Option<u32>,
-    /// Whether the operator has the cube in the end, or the table where it was to go back to, by
-    /// the plant.
+    /// Whether the cube of the plant is back with the operator in the end, or on the table if it
+    /// had to go there.
     #[serde(default)]
     pub returned: Option<bool>,
-    /// Force at which the controller breaks a free motion off, `control.force_limit_n` (N).
+    /// Force at which the controller stops a free motion, `control.force_limit_n` (N).
     #[serde(default)]
     pub force_limit_n: Option<f64>,
-    /// Distance of the nearest tool from the cube's centre in the plant when the run begins (mm).
+    /// Distance of the nearest tool from the centre of the plant's cube at the beginning (mm).
     #[serde(default)]
     pub clearance_mm: Option<f64>,
-    /// Times that the cube popped: tilt above 3 Nm or a pull above 50 N.
+    /// Number of times that the cube came apart: a tilt above 3 Nm or a pull above 50 N.
     pub pops: Option<u32>,
-    /// Times that it was squeezed by more than 150 N.
+    /// Number of times that the cube was squeezed by more than 150 N.
     pub crushed: Option<u32>,
-    /// Times that something touched what it should not.
+    /// Number of collisions: contacts of the plant that must not happen.
     pub collisions: Option<u32>,
-    /// What went wrong in the plant in this run, in its order: what is counted above, layers that
-    /// stand still under load and sensors that leave their range. A run with very many events
-    /// leaves out the last.
+    /// Undesired events in the plant in the order of time: the events that are counted above,
+    /// layers that do not move under load, and sensors that leave their range. A run with very many
+    /// events leaves out the last.
     #[serde(default)]
     pub accidents: Option<Vec<Accident>>,
-    /// Task "`face_turn`": the layer's angle in the plant, positive in the asked sense (deg).
+    /// Angle of the layer in the plant, positive in the commanded direction (deg); task
+    /// "`face_turn`" only.
     pub turned_deg: Option<f64>,
     /// Phases in their order.
     pub phases: Vec<Phase>,
-    /// Over every servo record and message of the run, hexadecimal.
+    /// Run hash over all servo records and messages, hexadecimal.
     pub hash: String,
-    /// Over the servo records alone, hexadecimal: equal where two builds move alike. Empty in
-    /// summaries of older builds.
+    /// Servo hash over the servo records alone, hexadecimal: equal if two builds move alike. Empty
+    /// in summaries of older builds.
     #[serde(default)]
     pub servo_hash: String,
-    /// Over what bounds the plant's speed and force, hexadecimal: drives, trips, friction, pads.
-    /// Figures of two runs are compared only where it is equal.
+    /// Hash over the parameters that limit speed and force of the plant, hexadecimal: drives,
+    /// trips, friction, pads. Figures of two runs are comparable only if it is equal.
     #[serde(default)]
     pub plant_hash: Option<String>,
-    /// Cameras that could not be calibrated before the run, each with the reason: the run used them
+    /// Cameras that could not be calibrated before the run, each with the reason. The run used them
     /// as the scenario has them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub uncalibrated: Vec<String>,
 }
 
 impl Summary {
-    /// A run that was broken off before anything moved: the cube is as it was, all figures are 0.
-    /// `cube` is `None` on hardware.
+    /// Makes the summary of a run that ended before any arm moved: the cube is unchanged, all
+    /// figures are 0. `cube` is `None` on hardware.
     #[must_use]
     pub(crate) fn not_started(
         task: &str,
@@ -203,6 +204,7 @@ impl Summary {
         reason: &str,
         ended_by: EndedBy,
     ) -> Self {
+        // Zero where a plant would have counted, unknown on hardware.
         let none = cube.map(|_| 0);
         Self {
             outcome: Outcome::Aborted,
@@ -219,6 +221,7 @@ impl Summary {
             turns: 0,
             grasps: 0,
             recoveries: 0,
+            // No phase, no time. A campaign leaves these zeros out of its statistics.
             sim_time_s: 0.0,
             wall_time_s: 0.0,
             peak_force_n: none.map(f64::from),
@@ -238,6 +241,7 @@ impl Summary {
             accidents: none.map(|_| Vec::new()),
             turned_deg: None,
             phases: Vec::new(),
+            // An empty hash is the mark by which `has_begun` detects this summary.
             hash: String::new(),
             servo_hash: String::new(),
             plant_hash: None,
@@ -245,34 +249,36 @@ impl Summary {
         }
     }
 
-    /// Whether there was a run: one that was broken off before anything moved has no hash, and
-    /// zeros that nobody measured.
+    /// Checks whether the run has begun. A run that ended before any arm moved has no hash, and its
+    /// zeros are no measurements.
     #[must_use]
     pub(crate) fn has_begun(&self) -> bool {
         !self.hash.is_empty()
     }
 
-    /// 0 done, 1 the task failed or was aborted, 3 fatal, 4 system, 130 interrupted.
+    /// Returns the exit code: 0 done, 1 failed or aborted, 3 fatal error, 4 system error, 130
+    /// interrupted.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match (self.outcome, self.ended_by) {
             (_, EndedBy::System) => 4,
             (_, EndedBy::Fatal) => 3,
-            // Moving arms by hand ends when its operator ends it, by whatever key.
+            // Moves by hand succeed when the operator ends them, by a command or by Ctrl-C. So this
+            // rule comes before that of the interrupt.
             (Outcome::Solved, _) => 0,
             (_, EndedBy::Interrupt) => 130,
             (Outcome::Failed | Outcome::Aborted, _) => 1,
         }
     }
 
-    /// Simulated over wall-clock time.
+    /// Returns the ratio of simulated time to wall time.
     #[must_use]
     pub(crate) fn real_time_factor(&self) -> f64 {
         factor(self.sim_time_s, self.wall_time_s)
     }
 
-    /// One line of JSON. A figure that is no number would become `null`; it is written as the
-    /// largest number instead, so that it stays under no limit.
+    /// Returns one line of JSON. JSON has no NaN and no infinity. A figure with one of these values
+    /// becomes the largest number instead of `null`, so that it fails each test of an upper limit.
     #[must_use]
     pub fn json(&self) -> String {
         let mut clean = self.clone();
@@ -290,9 +296,10 @@ impl Summary {
         serde_json::to_string(&clean).unwrap_or_else(|error| format!("{{\"error\":\"{error}\"}}"))
     }
 
-    /// Returns the table for the operator, with an end of line behind each row.
+    /// Returns the table for the operator, with an end of line after each row.
     #[must_use]
     pub fn table(&self) -> String {
+        // Times, figures, cubes and hashes, and last the verdict, which is then next to the prompt.
         let mut t = String::new();
         self.add_phases(&mut t);
         t.push('\n');
@@ -309,6 +316,7 @@ impl Summary {
             row(&mut t, "plant hash", plant);
         }
         t.push('\n');
+        // Only the task "solve" has a cube to be solved.
         let verdict = match (self.outcome, self.task.as_str()) {
             (Outcome::Solved, "solve") => "SOLVED",
             (Outcome::Solved, _) => "DONE",
@@ -319,8 +327,9 @@ impl Summary {
         t
     }
 
+    /// Adds a row for each phase, for the whole run, and for the expectation of the plan.
     fn add_phases(&self, t: &mut String) {
-        row(t, "phase", "simulated time, times real time");
+        row(t, "phase", "simulated time, ratio to real time");
         for phase in &self.phases {
             let factor = factor(phase.sim_time_s, phase.wall_time_s);
             row(t, &phase.name, &format!("{:8.1} s {factor:9.1} x", phase.sim_time_s));
@@ -331,26 +340,29 @@ impl Summary {
         }
     }
 
+    /// Adds the figures of mission and plant. Rows that most runs do not need appear only if there
+    /// is something to report.
     fn add_figures(&self, t: &mut String) {
         let peak = |force: Option<f64>, torque: Option<f64>| {
             known(force.zip(torque), |(force, torque)| format!("{force:.1} N, {torque:.2} Nm"))
         };
         row(t, "turns", &self.turns.to_string());
         row(t, "grasps", &self.grasps.to_string());
-        row(t, "begun anew", &self.recoveries.to_string());
+        row(t, "recoveries", &self.recoveries.to_string());
         row(t, "peak while both hold", &peak(self.peak_force_n, self.peak_torque_nm));
         for sensor in &self.sensors {
             let felt = format!("{:.1} N, {:.2} Nm", sensor.felt_force_n, sensor.felt_torque_nm);
             let exerted = peak(sensor.force_n, sensor.torque_nm);
-            let words = format!("{exerted}; its sensor felt {felt}");
+            let words = format!("{exerted}; its sensor measured {felt}");
             row(t, &format!("peak at {}", sensor.effector), &words);
         }
         for camera in &self.uncalibrated {
             row(t, "not calibrated", camera);
         }
         row(t, "jams, slips, drops", &counts([self.jams, self.slips, self.drops]));
+        // A fall that only one of plant and controller counts must be visible.
         if self.drops.unwrap_or(0) > 0 || self.drops_noticed.unwrap_or(0) > 0 {
-            row(t, "drops it noticed", &self.drops_noticed.unwrap_or(0).to_string());
+            row(t, "drops detected", &self.drops_noticed.unwrap_or(0).to_string());
         }
         row(t, "pops, crushes, bumps", &counts([self.pops, self.crushed, self.collisions]));
         for Accident { time_s, what } in self.accidents.iter().flatten() {
@@ -364,12 +376,13 @@ impl Summary {
     }
 }
 
+/// Returns the ratio of simulated time to wall time; 0 if no wall time has passed.
 fn factor(sim_time_s: f64, wall_time_s: f64) -> f64 {
     if wall_time_s > 0.0 { sim_time_s / wall_time_s } else { 0.0 }
 }
 
-/// What stands for a figure that nobody knows.
-const UNKNOWN: &str = "(nobody knows)";
+/// Text in place of an unknown figure.
+const UNKNOWN: &str = "(unknown)";
 
 fn known<T>(value: Option<T>, words: impl FnOnce(T) -> String) -> String {
     value.map_or_else(|| UNKNOWN.to_owned(), words)
@@ -440,7 +453,7 @@ mod tests {
     }
 
     #[test]
-    fn peaks_are_never_null_and_the_object_is_one_line() {
+    fn json_has_no_null_peaks_and_one_line() {
         let mut s = summary();
         s.sensors.push(SensorPeak {
             effector: "track".into(),
@@ -460,7 +473,7 @@ mod tests {
     }
 
     #[test]
-    fn the_table_tells_each_accident_with_its_time() {
+    fn table_lists_accidents_with_their_times() {
         let mut s = summary();
         s.accidents = Some(vec![Accident { time_s: 12.34, what: "it fell".into() }]);
 
@@ -468,11 +481,11 @@ mod tests {
     }
 
     #[test]
-    fn the_exit_code_follows_verdict_and_class() {
+    fn exit_code_follows_verdict_and_class() {
         let mut s = summary();
         assert_eq!(s.exit_code(), 0);
         s.ended_by = EndedBy::Interrupt;
-        assert_eq!(s.exit_code(), 0, "what only the operator ends ended well");
+        assert_eq!(s.exit_code(), 0, "a run that only the operator ends is a success");
         s.ended_by = EndedBy::Task;
         s.outcome = Outcome::Failed;
         assert_eq!(s.exit_code(), 1);
@@ -489,7 +502,7 @@ mod tests {
     }
 
     #[test]
-    fn the_table_has_a_row_for_each_phase_and_the_verdict_last() {
+    fn table_has_phases_and_the_verdict_last() {
         let table = summary().table();
 
         assert!(table.contains("acquire"));

@@ -1,7 +1,8 @@
-//! A servo tick: one arm in one servo period as a message, and what two of them differ in.
+//! Servo tick: the message of one arm in one servo period, and the comparison of two ticks.
 //!
 //! - in: a [`ServoRecord`]; or the bytes of a message
-//! - out: the bytes; or a [`Tick`], from which the servo can be fed again
+//! - out: the bytes; or a [`Tick`], which holds all inputs of the servo in that period; or the
+//!   first [`Difference`] of two ticks
 
 use super::cdr::{Malformed, Reader, Writer};
 use crate::hw::driver::ServoRecord;
@@ -12,53 +13,55 @@ use crate::spatial::Wrench;
 use std::fmt::Debug;
 use std::hash::{DefaultHasher, Hasher};
 
-/// A tick as it was recorded.
+/// Servo tick of a recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tick {
-    /// Number of the period.
+    /// Number of the servo period.
     pub period: u64,
     /// Index of the effector.
     pub arm: u8,
-    /// What was read.
+    /// Readings of the port.
     pub reading: ArmReading,
-    /// What came from outside, as JSON; empty when nothing.
+    /// Further inputs ([`Outside`]) as JSON; empty if there were none.
     pub outside: String,
-    /// What the EDP ordered, as JSON; empty when nothing.
+    /// Command of the EDP as JSON; empty if there was none.
     pub command: String,
-    /// What the drives were told.
+    /// Commands to the drives.
     pub drive: ArmDrive,
-    /// Measured joints (m or rad).
+    /// Measured joint positions (m or rad).
     pub joints: [f64; 7],
-    /// Set joints (m or rad).
+    /// Set joint positions (m or rad).
     pub desired_joints: [f64; 7],
-    /// What the tool exerts, in its own axes.
+    /// Wrench that the tool exerts on its surroundings, in its own axes (N, Nm).
     pub wrench_in_tool: Wrench,
     /// Distance between the pads (m).
     pub jaw_opening: f64,
     /// Force of the jaws (N).
     pub jaw_force: f64,
-    /// Why the last command was refused; empty when it was not.
+    /// Reason why the last command was refused; empty if it was not.
     pub refused: String,
-    /// Why the arm stopped; empty when it did not.
+    /// Reason why the arm stopped; empty if it did not.
     pub fault: String,
-    /// Over all of the record.
+    /// Hash over readings, command, drives and state. It covers the poses, which are not in the
+    /// message.
     pub check: u64,
 }
 
-/// Two ticks differ: in which field, and what stands there.
+/// Difference of two ticks in one field.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Difference {
-    /// As in the message's definition, with the index or the way into the order.
+    /// Name as in the message's definition, with the index of an array or the path in a command.
     pub field: String,
-    /// As recorded.
+    /// Value in the recording.
     pub recorded: String,
-    /// As it came out now.
+    /// Value of this run.
     pub now: String,
 }
 
 /// Writes a record as a message at `stamp` (ns).
 pub fn write(record: &ServoRecord, stamp: u64, to: &mut Writer) {
     let ServoRecord { reading, drive, state, .. } = record;
+    // The order is that of `ServoTick` in the schema; `Tick::read` must follow it.
     to.time(stamp);
     to.u64(record.period);
     to.u8(record.arm);
@@ -91,6 +94,7 @@ pub fn write(record: &ServoRecord, stamp: u64, to: &mut Writer) {
     to.i16(drive.jaw_pwm);
     to.u8(depth_number(drive.stops));
     to.u8(drive.synchronise);
+    // The state is an output of the servo. A replay compares it; the report draws it.
     to.f64s(&state.joints.0);
     to.f64s(&state.desired_joints.0);
     to.f64s(&state.wrench_in_tool.directions());
@@ -106,6 +110,7 @@ fn command_text(command: Option<&ServoCommand>) -> String {
 }
 
 fn outside_text(outside: &Outside) -> String {
+    // Nearly all periods have the default. An empty text saves space at 500 Hz.
     if *outside == Outside::default() {
         return String::new();
     }
@@ -119,7 +124,7 @@ fn depth_number(depth: Depth) -> u8 {
     }
 }
 
-/// A number for everything in a record.
+/// Returns a hash over readings, command, drives and state of a record.
 fn check(record: &ServoRecord) -> u64 {
     let mut hasher = DefaultHasher::new();
     record.feed(&mut |bytes| hasher.write(bytes));
@@ -133,6 +138,7 @@ impl Tick {
     /// `Malformed`.
     pub fn read(bytes: &[u8]) -> Result<Self, Malformed> {
         let mut from = Reader::new(bytes)?;
+        // The stamp follows from the period.
         from.time()?;
         let (period, arm) = (from.u64()?, from.u8()?);
         let mut reading = ArmReading::default();
@@ -156,6 +162,7 @@ impl Tick {
         }
         reading.wrench_on_sensor = Wrench::from_directions(from.f64s()?);
         reading.wrench_is_old = from.bool()?;
+        // Both texts are parsed when they are used: most readers need only the numbers.
         let outside = from.string()?.to_owned();
         let command = from.string()?.to_owned();
         let mut drive = ArmDrive { enabled: from.bool()?, ..ArmDrive::OFF };
@@ -169,6 +176,8 @@ impl Tick {
             _ => return Err(Malformed),
         };
         drive.synchronise = from.u8()?;
+        // Field expressions are evaluated in the order in which they are written here, which is
+        // that of the message.
         Ok(Self {
             period,
             arm,
@@ -187,7 +196,7 @@ impl Tick {
         })
     }
 
-    /// A tick of what happens now, as it would come out of a recording.
+    /// Returns the tick of a record of this run, in the form in which a recording holds it.
     #[must_use]
     pub fn of(record: &ServoRecord) -> Self {
         let state = &record.state;
@@ -209,10 +218,10 @@ impl Tick {
         }
     }
 
-    /// What came from outside before this period.
+    /// Returns the further inputs of the servo in this period.
     ///
     /// # Errors
-    /// What the recording holds instead.
+    /// The recorded text if it is no [`Outside`].
     pub fn outside(&self) -> Result<Outside, String> {
         if self.outside.is_empty() {
             return Ok(Outside::default());
@@ -220,10 +229,10 @@ impl Tick {
         serde_json::from_str(&self.outside).map_err(|_| self.outside.clone())
     }
 
-    /// What the EDP ordered in this period.
+    /// Returns the command of the EDP in this period.
     ///
     /// # Errors
-    /// What the recording holds instead of an order.
+    /// The recorded text if it is no command.
     pub fn order(&self) -> Result<Option<ServoCommand>, String> {
         if self.command.is_empty() {
             return Ok(None);
@@ -231,10 +240,12 @@ impl Tick {
         serde_json::from_str(&self.command).map(Some).map_err(|_| self.command.clone())
     }
 
-    /// The first field, in the message's order, in which what comes out now is not what was recorded: what came from
-    /// outside, orders, drives, then what the servo knew. Numbers are compared by their bits.
+    /// Returns the first field, in the order of the message, in which this recorded tick differs
+    /// from the tick `now`: readings, further inputs, command, drives, then the state. Floating
+    /// point numbers are compared by their bits.
     #[must_use]
     pub fn difference(&self, now: &Self) -> Option<Difference> {
+        // A comparison of values would find NaN different from itself, and -0 equal to 0.
         let bits = f64::to_bits;
         let wrench = |w: &Wrench| w.directions();
         let (a, b) = (&self.reading, &now.reading);
@@ -255,6 +266,7 @@ impl Tick {
                 each("wrench_on_sensor", &a, &b, |x, y| bits(*x) == bits(*y))
             })
             .or_else(|| one("wrench_is_old", &a.wrench_is_old, &b.wrench_is_old))
+            // The inputs are equal up to here, so a difference below is one of the controller.
             .or_else(|| one("outside", &self.outside, &now.outside))
             .or_else(|| order_difference(&self.command, &now.command))
             .or_else(|| one("enabled", &self.drive.enabled, &now.drive.enabled))
@@ -277,10 +289,12 @@ impl Tick {
             })
             .or_else(|| one("refused", &self.refused, &now.refused))
             .or_else(|| one("fault", &self.fault, &now.fault))
+            // All fields of the message are equal. The state has more of them, above all the poses.
             .or_else(|| one("check (poses)", &self.check, &now.check))
     }
 }
 
+/// Compares a single value.
 fn one<T: Debug + PartialEq>(field: &str, recorded: &T, now: &T) -> Option<Difference> {
     (recorded != now).then(|| Difference {
         field: field.to_owned(),
@@ -289,6 +303,7 @@ fn one<T: Debug + PartialEq>(field: &str, recorded: &T, now: &T) -> Option<Diffe
     })
 }
 
+/// Compares two arrays. The field has the index of the first difference.
 fn each<T: Debug>(
     field: &str,
     recorded: &[T],
@@ -303,11 +318,13 @@ fn each<T: Debug>(
     })
 }
 
-/// Where two orders part, by the way into them: `command.Move.command.periods`.
+/// Compares two commands. The field is the path to the first difference, as in
+/// `command.Move.command.periods`.
 fn order_difference(recorded: &str, now: &str) -> Option<Difference> {
     if recorded == now {
         return None;
     }
+    // The texts differ. If the JSON values do not, or a text is no JSON, the texts are shown.
     let parse = |text: &str| serde_json::from_str::<serde_json::Value>(text);
     let whole =
         Difference { field: "command".to_owned(), recorded: or_none(recorded), now: or_none(now) };
@@ -319,6 +336,8 @@ fn or_none(text: &str) -> String {
     if text.is_empty() { "nothing".to_owned() } else { text.to_owned() }
 }
 
+/// Finds the first difference of two JSON values, in the order of `a`. Values of different form
+/// are compared as a whole.
 fn json_difference(path: &str, a: &serde_json::Value, b: &serde_json::Value) -> Option<Difference> {
     use serde_json::Value;
     match (a, b) {
@@ -368,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn a_record_comes_back_to_the_bit() {
+    fn decoded_record_equals_encoded_record_exactly() {
         let tick = recorded(&record());
 
         assert_eq!(tick.difference(&Tick::of(&record())), None);
@@ -378,7 +397,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_difference_is_named_with_its_field() {
+    fn difference_names_the_first_field() {
         let mut other = record();
         other.drive.pwm[3] = 12;
         let found = recorded(&record()).difference(&Tick::of(&other)).unwrap();

@@ -1,4 +1,4 @@
-//! The log of what a bridge notices: lost answers, retries, late readings.
+//! Log of a bridge's notes: lost answers, retries, late readings.
 
 use crate::cell::Cell;
 use crate::hw::note::{Digest, Note};
@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// A thread that sums up the notes of a bridge and logs them, once a second and at the end.
+/// Thread that summarises the notes of a bridge and logs them, once a second and at the end.
 pub(super) struct BridgeLog {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -23,6 +23,7 @@ impl BridgeLog {
             let mut digest = Digest::new(effectors);
             let mut last = false;
             while !last {
+                // Read before the notes, so that the last digest misses none.
                 last = stopped.load(Ordering::Acquire);
                 for sentence in digest.sentences(&mut notes, last) {
                     tracing::warn!("{sentence}");

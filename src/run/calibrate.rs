@@ -1,11 +1,13 @@
-//! The shell of a calibration: an arm shows the cube to a camera, or carries a camera around the cube.
+//! Calibration of cameras: an arm shows the cube to a standing camera, or carries its own camera
+//! around the cube.
 //!
-//! The arms are driven through the hardware port by the servos and the generator of a run, one period after another,
-//! and the frames come from the camera's port; what the adjustment gets is what the encoders and the pictures say.
-//! Only at the end, for the operator's information, the result is compared with the plant's truth.
+//! The servos and the position generator of a run move the arms through the hardware port, one
+//! period after another. The frames come from the camera's port. The adjustment gets only what
+//! encoders and pictures say. At the end the result is compared with the plant's truth, for the
+//! operator's information alone.
 //!
-//! - in: a scenario, which of its cameras, how many views
-//! - out: for each camera what was found, and what error it leaves
+//! - in: a scenario, the cameras to calibrate, the number of views
+//! - out: a [`Report`] for each camera: its optics and place, and the error that remains
 
 use super::calibration_poses::{Draw, Plan, in_hand_plan, standing_plan};
 use super::settings;
@@ -36,61 +38,64 @@ use image::RgbImage;
 use nalgebra::{Point3, Vector3};
 use std::borrow::Cow;
 
-/// What became of one camera.
+/// Result of the calibration of one camera.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Report {
     /// Index of the camera in the cell.
     pub(crate) camera: usize,
-    /// What was found, or why nothing was.
+    /// Optics and place of the camera, or the reason why there are none.
     pub(crate) found: Result<Calibrated, NotCalibrated>,
-    /// Poses of the arm, and those whose frame could be used.
+    /// Number of poses of the arm, and number of those whose frame was usable.
     pub(crate) views: (usize, usize),
-    /// Simulated time that it took (s).
+    /// Simulated time of the calibration (s).
     pub(crate) time: f64,
-    /// Against the plant's truth: the scenario's own values, and what was found.
+    /// Errors against the plant's truth: of the scenario's own values, and of the result.
     pub(crate) errors: (Errors, Option<Errors>),
-    /// By how much the hand that moved was elsewhere than its encoders said, on the average: it sags. Each axis of the
-    /// world (m).
+    /// Mean offset of the moving hand from the place that its encoders gave, in the axes of the
+    /// world (m). The arm sags below its encoders.
     pub(crate) sag: [f64; 3],
-    /// How far a point of the hand is from where camera and encoders together expect it, r.m.s. over all poses, by the
-    /// scenario's own values and by what was found: across the sight, along it (m).
+    /// Distance of the hand's tool from where camera and encoders together expect it, r.m.s. over
+    /// all poses: by the scenario's own values, and by the result. Each is across the line of sight
+    /// and along it (m).
     pub(crate) hand: ([f64; 2], Option<[f64; 2]>),
 }
 
-/// By how much a camera's values are wrong.
+/// Errors of a camera's values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Errors {
-    /// Focal length, relative.
+    /// Error of the focal length, relative.
     pub(crate) focal: f64,
-    /// Principal point (px).
+    /// Distance of the principal point from the true one (px).
     pub(crate) centre: f64,
-    /// Place of the camera (m).
+    /// Distance of the camera's place from the true one (m).
     pub(crate) place: f64,
-    /// Its orientation (rad).
+    /// Angle of the camera's orientation to the true one (rad).
     pub(crate) tilt: f64,
-    /// Error of the measured place of a cube in the middle of the picture at working distance,
-    /// which follows from all these: across the sight (m).
+    /// Error of the measured place of a cube on the optical axis at working distance, which follows
+    /// from all of these: the part across the line of sight (m).
     pub(crate) lateral: f64,
-    /// The same along the sight (m).
+    /// Part of the same error along the line of sight (m).
     pub(crate) depth: f64,
 }
 
 /// Time that an arm is given to come to rest before a frame is taken (s).
 const REST: f64 = 0.5;
-/// Exposures that are tried.
+/// Exposures that are tried, as factors of the nominal exposure.
 const EXPOSURES: [f64; 3] = [1.0, 1.8, 0.55];
-/// A view needs so many grooves.
+/// Least number of grooves that a usable view shows.
 const LEAST_GROOVES: usize = 10;
 
-/// Calibrates cameras of a scenario; `None` means all. `tell` hears what is going on.
+/// Calibrates a camera of a scenario, or all cameras if `camera` is `None`. `report` is called with
+/// a line of text as each camera begins.
 ///
 /// # Errors
-/// When the cell cannot do it at all, or an arm stops; a camera that cannot be calibrated is part of the reports.
+/// If the cell does not have two arms, no poses are found, or an arm stops. A camera that cannot be
+/// calibrated is part of the reports instead.
 pub(crate) fn run(
     scenario: &Scenario,
     camera: Option<usize>,
     views: usize,
-    mut tell: impl FnMut(&str),
+    mut report: impl FnMut(&str),
 ) -> Result<Vec<Report>, Error> {
     let cell = &scenario.controller.cell;
     if cell.arms.len() != 2 {
@@ -108,6 +113,7 @@ pub(crate) fn run(
                 standing_plan(cell, one, &world_from_camera, draw)
             }
             Mount::Flange { arm, flange_from_camera } => {
+                // Only cameras in hands need the meetings, whose search takes about a second.
                 let table = meetings
                     .get_or_insert_with(|| MeetingTable::compute(cell, &ReachSettings::default()));
                 in_hand_plan(cell, arm, &flange_from_camera, table, draw)
@@ -119,23 +125,26 @@ pub(crate) fn run(
                 one.name
             )));
         };
-        tell(&format!("{}: {} poses", one.name, plan.poses.len()));
+        report(&format!("{}: {} poses", one.name, plan.poses.len()));
         reports.push(perform(scenario, index, &plan)?);
     }
     Ok(reports)
 }
 
-/// Returns the scenario with the cameras as a calibration in its cell finds them, where it wants
-/// one and hands over a cube: the workshop's work before a run. The plant's truth is drawn around the
-/// scenario as it was read. Also returns the cameras that could not be calibrated, each with the
-/// reason: the run uses them as the scenario has them.
+/// Returns the scenario with the cameras as a calibration in its cell finds them, if it asks for
+/// one and its task takes the cube from the operator. This is a workshop's work before a run; the
+/// plant's truth stays drawn around the scenario as it was read. Also returns the cameras that
+/// could not be calibrated, each with the reason; the run uses the scenario's own values for those.
 pub(super) fn believed(scenario: &Scenario) -> (Cow<'_, Scenario>, Vec<String>) {
     let (mut believed, mut failed) = (Cow::Borrowed(scenario), Vec::new());
+    // Only a hand-over needs the stand-alone camera in the frame of the arm. A workshop calibrates
+    // real cameras by `rubik-robot calibrate` before the run.
     let hands_over = matches!(scenario.controller.task, Task::Solve | Task::Acquire);
     if scenario.bridge.kind.is_hardware() || !hands_over {
         return (believed, failed);
     }
     for (index, views) in scenario.controller.calibrate_views.iter().enumerate() {
+        // Image files do not show the cube at the poses of the plan.
         let rendered = scenario.controller.cameras[index] == CameraSource::Renderer;
         if *views == 0 || !rendered {
             continue;
@@ -143,7 +152,7 @@ pub(super) fn believed(scenario: &Scenario) -> (Cow<'_, Scenario>, Vec<String>) 
         let found = run(scenario, Some(index), *views as usize, |_| {})
             .map_err(|error| error.to_string())
             .and_then(|mut reports| {
-                let report = reports.pop().ok_or("there is no such camera")?;
+                let report = reports.pop().ok_or("the camera was not found")?;
                 report.found.map_err(|reason| reason.to_string())
             });
         let camera = &scenario.controller.cell.cameras[index];
@@ -151,7 +160,8 @@ pub(super) fn believed(scenario: &Scenario) -> (Cow<'_, Scenario>, Vec<String>) 
             Ok(found) => {
                 let cell = &mut believed.to_mut().controller.cell;
                 cell.cameras[index] = calibrated(camera, &found.setup);
-                // Measured by the way the arm went with it: a cube believed too large is seen too far away.
+                // The arm's known displacements between the views give the edge its scale. A cube
+                // that is believed too large is located too far away.
                 cell.cube.edge = found.setup.edge;
             }
             Err(reason) => {
@@ -163,7 +173,7 @@ pub(super) fn believed(scenario: &Scenario) -> (Cow<'_, Scenario>, Vec<String>) 
     (believed, failed)
 }
 
-/// Returns the camera with the optics and at the place that were found.
+/// Returns a camera with the optics and the place that the calibration found.
 fn calibrated(before: &Camera, setup: &Setup) -> Camera {
     let lens = &setup.lens;
     let mut camera = before.clone();
@@ -197,6 +207,8 @@ impl Arms {
         let count = config.cell.arms.len();
         let mut readings = vec![ArmReading::default(); count];
         let drives = vec![ArmDrive::OFF; count];
+        // Each servo takes its first set values from a measured position: the port is read once
+        // before the servos exist.
         port.exchange(0, &drives, &mut readings).map_err(|e| failed(&e.to_string()))?;
         let servos = config
             .cell
@@ -212,11 +224,14 @@ impl Arms {
         Ok(Self { port, servos, readings, drives, states, period: 0 })
     }
 
-    /// A servo period; at most one arm is told something.
-    fn period(&mut self, told: Option<(usize, ServoCommand)>) -> Result<(), Error> {
+    /// Performs a servo period of both arms; `order` is a command for one of them.
+    ///
+    /// # Errors
+    /// If an arm or the port fails.
+    fn period(&mut self, order: Option<(usize, ServoCommand)>) -> Result<(), Error> {
         self.period += 1;
         for (i, servo) in self.servos.iter_mut().enumerate() {
-            let command = told.as_ref().filter(|(arm, _)| *arm == i).map(|(_, c)| c);
+            let command = order.as_ref().filter(|(arm, _)| *arm == i).map(|(_, c)| c);
             let (drive, state) = servo.step(self.period, &self.readings[i], command);
             (self.drives[i], self.states[i]) = (drive, state);
             if let Some(fault) = state.fault {
@@ -234,7 +249,11 @@ impl Arms {
             .map_err(|e| failed(&e.to_string()))
     }
 
-    /// Moves an arm and lets it come to rest; whether it got there.
+    /// Moves an arm to joint positions and lets it come to rest. Returns false if the servo refused
+    /// a command on the way.
+    ///
+    /// # Errors
+    /// If an arm or the port fails.
     fn go(
         &mut self,
         arm: usize,
@@ -248,8 +267,12 @@ impl Arms {
             let state = self.states[arm];
             let inputs = Inputs { arm: &state, target: None, period: state.period, pace: 1.0 };
             let Next::Go(mut command) = generator.next(&inputs) else { break };
+            // The generator moves joints only; the hand that holds the cube needs its grip in each
+            // command.
             command.jaw = jaw;
             self.period(Some((arm, ServoCommand::Move { command, start: 0 })))?;
+            // The next macrostep is asked for `EARLY` periods before the end, as an EDP does, so
+            // that the motion has no gaps.
             while self.states[arm].command_end > self.period + ArmServo::EARLY {
                 self.period(None)?;
             }
@@ -257,6 +280,7 @@ impl Arms {
                 return Ok(false);
             }
         }
+        // A moving hand would blur the frame and lag behind its encoders.
         for _ in 0..(REST / crate::motion::PERIOD) as usize {
             self.period(None)?;
         }
@@ -264,29 +288,33 @@ impl Arms {
     }
 }
 
-/// What the poses of a plan gave.
+/// Frames of a plan's poses.
 #[derive(Default)]
 struct Taken {
-    /// Where the encoders have the arm, and the picture.
+    /// Pose of the arm by its encoders, and the picture.
     frames: Vec<(Pose, RgbImage)>,
-    /// Where the plant has the arm: for the report alone.
+    /// Pose of the arm in the plant, for the report alone.
     truths: Vec<Pose>,
 }
 
-/// Calibrates a camera by a plan.
+/// Calibrates a camera in a plant of its own, by a plan.
+///
+/// # Errors
+/// If the plant cannot be created, or an arm or the port fails.
 fn perform(scenario: &Scenario, index: usize, plan: &Plan) -> Result<Report, Error> {
     let plant =
         plant_side::create_holding(scenario, plan.holder, plan.tool_from_cube, &plan.starts)
             .map_err(|why| failed(&why))?;
     let (scenes, output) = triple_buffer::triple_buffer::<Scene>(&plant.scene());
     let renderer = plant_side::renderer(scenario, &plant, index)
-        .ok_or_else(|| failed("the plant has no such camera"))?;
+        .ok_or_else(|| failed("the plant does not have this camera"))?;
     let source = PlantCamera::new(renderer, output);
     let mut arms = Arms::new(&scenario.controller, plant)?;
     let taken = take_pictures(&scenario.controller, plan, &mut arms, (source, scenes))?;
     let (found, used) = adjust(plan, &taken.frames);
     let report = Report {
         camera: index,
+        // `compare` knows neither the number of usable views nor the time.
         views: (plan.poses.len(), used),
         time: arms.period as f64 * crate::motion::PERIOD,
         ..compare(&scenario.controller.cell, index, plan, &arms, (taken, found))
@@ -294,7 +322,10 @@ fn perform(scenario: &Scenario, index: usize, plan: &Plan) -> Result<Report, Err
     Ok(report)
 }
 
-/// Moves the arm through the poses of a plan and takes a picture at each that it reaches.
+/// Moves the arm through the poses of a plan and takes a picture at each pose that it reaches.
+///
+/// # Errors
+/// If an arm or the port fails.
 fn take_pictures(
     config: &ControllerConfig,
     plan: &Plan,
@@ -304,11 +335,13 @@ fn take_pictures(
     let cell = &config.cell;
     let manner = settings::manner(config, plan.mover);
     let grip = JawCommand {
+        // An opening that the jaws cannot reach: the force limit determines the grip.
         opening: (cell.cube.edge - 0.003).max(cell.arms[plan.holder].gripper.opening.0),
         force_limit: config.control.grip,
         stops: Depth::One,
     };
-    // The holder closes its jaws where it stands; then the mover begins.
+    // The states are valid from the first period on. The holder closes its jaws without moving;
+    // then the mover begins.
     arms.period(None)?;
     let stand = arms.states[plan.holder].joints;
     arms.go(plan.holder, stand, &manner, Some(grip))?;
@@ -316,14 +349,16 @@ fn take_pictures(
     let mut taken = Taken::default();
     let mut served = 0;
     for pose in &plan.poses {
+        // The plan checks single poses, not the paths between them: a refused path loses one view.
         if !arms.go(plan.mover, *pose, &manner, jaw)? {
             continue;
         }
         scenes.write(arms.port.scene());
+        // The adjustment knows the pose by the believed cell and the encoders alone.
         let arm = &cell.arms[plan.mover];
         let state = &arms.states[plan.mover];
         let pose = match plan.rig {
-            Rig::Standing => {
+            Rig::Fixed => {
                 arm.world_from_base
                     * arm.model.base_from_flange(&state.joints)
                     * arm.flange_from_tool
@@ -336,15 +371,16 @@ fn take_pictures(
         taken.frames.push((pose, image));
         let seen = arms.port.scene().arms[plan.mover];
         taken.truths.push(match plan.rig {
-            Rig::Standing => seen.world_from_tool,
+            Rig::Fixed => seen.world_from_tool,
             Rig::InHand => seen.world_from_flange,
         });
     }
     Ok(taken)
 }
 
-/// Takes a picture with the first exposure that shows the cube. The light is not the one for which
-/// the nominal exposure was chosen: the exposure that `served` last comes first.
+/// Takes a picture with the first exposure that shows the cube; returns the last one if none does.
+/// The cell's light is not the light for which the nominal exposure was chosen, so the exposure
+/// that worked for the last pose (`served`, an index of [`EXPOSURES`]) is tried first.
 fn picture(
     plan: &Plan,
     pose: &Pose,
@@ -366,7 +402,7 @@ fn picture(
     kept
 }
 
-/// Compares what was found with the plant's truth, for the operator's information alone.
+/// Compares the result with the plant's truth, for the operator's information alone.
 fn compare(
     cell: &Cell,
     index: usize,
@@ -380,9 +416,9 @@ fn compare(
     let before = errors(truth, &Lens::from(&believed.intrinsics), &place(believed), plan.distance);
     let after =
         found.as_ref().ok().map(|c| errors(truth, &c.setup.lens, &c.setup.camera, plan.distance));
-    // In the world, also for an arm whose base stands elsewhere than believed.
+    // Frames and truths are compared in the world, so the error of a displaced base counts as well.
     let in_world = |pose: &Pose| match plan.rig {
-        Rig::Standing => *pose,
+        Rig::Fixed => *pose,
         Rig::InHand => cell.arms[plan.mover].world_from_base * pose,
     };
     let mut sag = Vector3::zeros();
@@ -390,13 +426,15 @@ fn compare(
         sag += (truth.translation.vector - in_world(encoders).translation.vector)
             / frames.len().max(1) as f64;
     }
+    // The true place of the camera gives the direction in which it sees the tool.
     let hand = |camera: &Pose| hand_errors(plan.rig, &place(truth), camera, &frames, &truths);
     let hand = (hand(&place(believed)), found.as_ref().ok().map(|c| hand(&c.setup.camera)));
     let (sag, errors) = (sag.into(), (before, after));
     Report { camera: index, found, views: (0, 0), time: 0.0, errors, sag, hand }
 }
 
-/// Twice: the grooves are found again with the optics of the first adjustment.
+/// Adjusts the camera to the frames, in two rounds: the second one finds the grooves again with the
+/// optics of the first. Returns the result and the number of usable views.
 fn adjust(plan: &Plan, frames: &[(Pose, RgbImage)]) -> (Result<Calibrated, NotCalibrated>, usize) {
     let mut setup = plan.guess;
     let mut result = Err(NotCalibrated::TooFewViews { views: 0 });
@@ -405,6 +443,7 @@ fn adjust(plan: &Plan, frames: &[(Pose, RgbImage)]) -> (Result<Calibrated, NotCa
         let views: Vec<View> =
             frames.iter().filter_map(|(arm, image)| view(plan.rig, &setup, arm, image)).collect();
         used = views.len();
+        // The guess stays the prior of both rounds: the first result is made of the same pictures.
         result = calibrate(plan.rig, &views, &plan.guess, &Spreads::default());
         match &result {
             Ok(found) => setup = found.setup,
@@ -414,9 +453,13 @@ fn adjust(plan: &Plan, frames: &[(Pose, RgbImage)]) -> (Result<Calibrated, NotCa
     (result, used)
 }
 
+/// Finds the grooves of the cube in a frame, near the place that `setup` and the arm's pose
+/// predict. Returns `None` if the cube is not found there or shows fewer than [`LEAST_GROOVES`]
+/// grooves.
 fn view(rig: Rig, setup: &Setup, arm: &Pose, image: &RgbImage) -> Option<View> {
+    // camera_from_cube = camera^-1 * motion * cube, where the arm moves the cube or the camera.
     let motion = match rig {
-        Rig::Standing => *arm,
+        Rig::Fixed => *arm,
         Rig::InHand => arm.inverse(),
     };
     let expected = setup.camera.inverse() * motion * setup.cube;
@@ -424,7 +467,8 @@ fn view(rig: Rig, setup: &Setup, arm: &Pose, image: &RgbImage) -> Option<View> {
         .ok()
         .and_then(|faces| locate_in(image, &faces, setup.lens, setup.edge, Some(&expected)))
         .filter(|location| agrees(location, &expected));
-    // After the first round the place is known well enough to do without a detection.
+    // The prediction may be good enough to find the edges without a detection; after the first
+    // round it is.
     let location = located.or_else(|| refine_in(image, setup.lens, setup.edge, &expected))?;
     if !agrees(&location, &expected) {
         return None;
@@ -433,7 +477,9 @@ fn view(rig: Rig, setup: &Setup, arm: &Pose, image: &RgbImage) -> Option<View> {
     (grooves.len() >= LEAST_GROOVES).then_some(View { arm: *arm, grooves })
 }
 
-/// Not something else that looks like a cube, nor an orientation that cannot be.
+/// Returns whether a located cube may be the predicted one: its centre within 40 mm, its
+/// orientation within 0.2 rad after one of the 24 rotations of a cube. Rejects other things that
+/// look like a cube.
 fn agrees(location: &CubeLocation, expected: &Pose) -> bool {
     let apart = location.camera_from_cube.translation.vector - expected.translation.vector;
     let relative = expected.rotation.inverse() * location.camera_from_cube.rotation;
@@ -441,7 +487,8 @@ fn agrees(location: &CubeLocation, expected: &Pose) -> bool {
     apart.norm() < 0.04 && (named.inverse() * relative).angle() < 0.2
 }
 
-/// `world_from_camera` or `flange_from_camera`.
+/// Returns the `world_from_camera` of a standing camera, or the `flange_from_camera` of one in a
+/// hand.
 fn place(camera: &Camera) -> Pose {
     match camera.mount {
         Mount::World { world_from_camera } => world_from_camera,
@@ -449,8 +496,9 @@ fn place(camera: &Camera) -> Pose {
     }
 }
 
-/// Where a standing camera should see the hand's tool by what is believed, against where it is: across the sight,
-/// along it, r.m.s. A camera in a hand has nothing to do with this: zero.
+/// Computes how far the tool is from where a standing camera at `camera` and the encoders together
+/// expect it, r.m.s. over all frames: across the line of sight, and along it (m). Returns zeros for
+/// a camera in a hand, which the take of the cube does not use.
 fn hand_errors(
     rig: Rig,
     real: &Pose,
@@ -465,6 +513,7 @@ fn hand_errors(
     for ((encoders, _), truth) in frames.iter().zip(truths) {
         let is = (real.inverse() * truth).translation.vector;
         let error = (camera.inverse() * encoders).translation.vector - is;
+        // Depth is the weaker measurement of one camera: both parts are reported apart.
         let along = error.dot(&is.normalize());
         sums[0] += error.norm_squared() - along * along;
         sums[1] += along * along;
@@ -472,11 +521,13 @@ fn hand_errors(
     sums.map(|sum| (sum / frames.len() as f64).sqrt())
 }
 
-/// By how much values differ from the truth.
+/// Computes the errors of a lens and a camera's place against the true camera; `distance` is the
+/// working distance (m).
 fn errors(truth: &Camera, lens: &Lens, found: &Pose, distance: f64) -> Errors {
     let optics: &Intrinsics = &truth.intrinsics;
     let real = place(truth);
-    // A cube on the sight: its direction is read with the wrong optics, its distance scales with the focal length.
+    // A cube on the true optical axis: the wrong optics give its direction, and its distance, which
+    // comes from its apparent size, scales with the focal length.
     let at = Point3::new(0.0, 0.0, distance);
     let (x, y) = lens.unproject(optics.project(&at)).unwrap_or_default();
     let depth = distance * lens.focal.0 / optics.focal.0;
@@ -498,21 +549,23 @@ mod tests {
     use crate::scenario;
     use std::path::Path;
 
+    /// The arm sags and the camera is not where the scenario has it. After the calibration both
+    /// agree on the place of the hand, which is what the take of the cube needs.
     #[test]
-    fn a_standing_camera_and_the_arm_agree_on_where_the_cube_is_taken() {
+    fn calibrated_camera_agrees_with_sagging_arm() {
         let scenario = scenario::read(Path::new("test.toml"), "seed = 5", &[]).unwrap();
 
         let reports = run(&scenario, Some(0), 16, |_| {}).unwrap();
 
         let report = &reports[0];
-        assert_eq!(report.views, (16, 16), "nothing may take the cube away");
+        assert_eq!(report.views, (16, 16), "the cube must not disappear");
         let (before, after) = (report.hand.0, report.hand.1.unwrap());
-        assert!(before[0] > 3e-3, "the arm sags, the camera is elsewhere: {before:?}");
+        assert!(before[0] > 3e-3, "the arm sags and the camera is displaced: {before:?}");
         assert!(after[0] < 1.5e-3 && after[1] < 2e-3, "{after:?}");
     }
 
     #[test]
-    fn only_a_hand_over_is_worth_a_calibration() {
+    fn cell_is_calibrated_only_before_hand_over() {
         let text = |task: &str| format!("task = \"{task}\"\nseed = 5");
         let of = |task| scenario::read(Path::new("test.toml"), &text(task), &[]).unwrap();
         let (acquire, idle) = (of("acquire"), of("idle"));
@@ -527,7 +580,7 @@ mod tests {
     }
 
     #[test]
-    fn camera_with_too_few_views_is_told_uncalibrated() {
+    fn camera_with_too_few_views_is_reported() {
         let mut scenario = scenario::read(Path::new("test.toml"), "seed = 5", &[]).unwrap();
         scenario.controller.calibrate_views[0] = 1;
 

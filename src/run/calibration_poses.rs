@@ -1,7 +1,9 @@
-//! At which poses a calibration looks: who holds the cube, who moves, and where to.
+//! Poses of a calibration: which arm holds the cube, which arm moves, and where to.
 //!
-//! - in: the cell as believed, a camera's believed place, how many views, a seed
-//! - out: a [`Plan`]: joint positions in an order in which each is next to the one before
+//! Poses are drawn from a seeded generator, and only those that the arm reaches are kept.
+//!
+//! - in: the cell as believed, a camera's believed place, the number of views, a seed
+//! - out: a [`Plan`]: joint positions, each followed by the nearest of the remaining ones
 
 use crate::cell::{Camera, Cell, Mount};
 use crate::cube::{Axis, Face};
@@ -15,35 +17,41 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// Poses are drawn this often for each that is wanted.
+/// Most poses that are drawn for each view that is wanted.
 const TRIES: usize = 4000;
-/// Distance between a camera in a hand and the cube at which it works (m).
+/// Working distance of a camera in a hand from the cube (m).
 const HAND_DISTANCE: f64 = 0.2;
-/// Motors keep this share of their range from their limits.
+/// Distance of the motors from their limits, as a share of their range.
 const MARGIN: f64 = 0.02;
 
-/// Who moves what where.
+/// Plan of a calibration.
 pub(super) struct Plan {
+    /// The part that moves: the cube or the camera.
     pub(super) rig: Rig,
-    /// Arm with the cube, arm that moves, and its poses in their order.
+    /// Index of the arm that holds the cube.
     pub(super) holder: usize,
+    /// Index of the arm that moves.
     pub(super) mover: usize,
+    /// Poses of the moving arm, in their order.
     pub(super) poses: Vec<JointPositions>,
-    /// Where both arms are at first.
+    /// Joint positions of both arms at the beginning.
     pub(super) starts: [JointPositions; 2],
-    /// How the cube lies in the holder's hand.
+    /// Pose of the cube in the holder's hand.
     pub(super) tool_from_cube: Pose,
+    /// First guess of the adjustment.
     pub(super) guess: Setup,
+    /// Working distance of the camera (m).
     pub(super) distance: f64,
 }
 
-/// The cube is held by one layer, so that little of it is covered.
+/// Returns the `tool_from_cube` of a hold by one layer, which covers little of the cube.
 fn held(edge: f64) -> Pose {
     let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
     hold.cube_from_tool(false, edge).inverse()
 }
 
-/// Joint positions for a flange, with room to the limits; the nearest to `near`.
+/// Returns the joint positions of a flange pose that are nearest to `near` and at least [`MARGIN`]
+/// from the limits of all motors; `None` if there are none.
 fn reach(
     cell: &Cell,
     arm: usize,
@@ -52,6 +60,7 @@ fn reach(
 ) -> Option<JointPositions> {
     let arm = &cell.arms[arm];
     let base_from_flange = arm.world_from_base.inverse() * world_from_flange;
+    // An arm on a fixed base has no motor 0.
     let room = |joints: &JointPositions| {
         let motors = arm.model.motors(joints).0;
         motors.iter().zip(&arm.model.motor_limits).skip(usize::from(!arm.model.has_track)).all(
@@ -60,6 +69,7 @@ fn reach(
             },
         )
     };
+    // The track's metres count like radians: 1 m is as far as 1 rad.
     let apart = |joints: &JointPositions| -> f64 {
         joints.0.iter().zip(near.0).map(|(a, b)| (a - b).abs()).sum()
     };
@@ -68,30 +78,33 @@ fn reach(
     fitting.min_by(|a, b| apart(a).total_cmp(&apart(b))).copied()
 }
 
-/// Every second view is so near to where the hand brings the cube (m), and to how it is taken there
-/// (rad), each axis: an arm sags otherwise elsewhere, and it is there that camera and arm must
-/// agree.
+/// Distance of every second view from the place of the hand-over, at most in each axis (m). Sag
+/// depends on the pose of the arm, and camera and arm must agree where the cube is taken.
 const NEAR: f64 = 0.06;
+/// Rotation of these views against the hold in which the cube is taken, at most about each axis
+/// (rad).
 const TURNED: f64 = 0.35;
 
 /// Least height of the cube above the table while it is shown (m).
 const ABOVE_TABLE: f64 = 0.15;
 
-/// How the hand stands when it takes a cube.
+/// Returns the orientation of the tool that takes a cube, in the world.
 fn take_rotation(cell: &Cell) -> UnitQuaternion<f64> {
     let (z, y) = cell.taking();
     pose_from_axes(y.cross(&z), y, z, Point3::origin()).rotation
 }
 
-/// How many views are drawn, and from which seed.
+/// Number of views, and the seed of the draw.
 #[derive(Clone, Copy)]
 pub(super) struct Draw {
+    /// Number of views.
     pub(super) views: usize,
+    /// Seed of the scenario.
     pub(super) seed: u64,
 }
 
-/// Returns whether a camera sees too little of the cube: from behind the hand, or so frontally that
-/// one face hides the others. Two faces tell more than one.
+/// Returns whether a camera sees too little of the cube: it looks from behind the hand, or so
+/// frontally that one face hides the others. Two faces determine the pose better than one.
 fn hides_faces(world_from_camera: &Pose, world_from_cube: &Pose, world_from_tool: &Pose) -> bool {
     let (centre, eye) = (world_from_cube.translation.vector, world_from_camera.translation.vector);
     let sight = (centre - eye).normalize();
@@ -99,10 +112,20 @@ fn hides_faces(world_from_camera: &Pose, world_from_cube: &Pose, world_from_tool
     let towards = world_from_tool.rotation.inverse() * (world_from_camera.rotation * -sight);
     let oblique =
         (world_from_cube.rotation.inverse() * (world_from_camera.rotation * sight)).amax();
+    // 0.25: 14 degrees behind the plane of the palm. 0.97: 14 degrees off a face's normal.
     towards.z < -0.25 || oblique > 0.97
 }
 
-/// Plans the views in which the track arm shows the cube to a camera that stands.
+/// Returns the distance at which a camera works (m): that of the hand-over, but no nearer than
+/// where the cube's edge spans a third of the picture's `width` (px).
+fn working_distance(cell: &Cell, lens: &Lens, width: f64, world_from_camera: &Pose) -> f64 {
+    let near = 3.0 * cell.cube.edge * lens.focal.0 / width;
+    let hand = cell.hand.world_from_cube.translation.vector;
+    (hand - world_from_camera.translation.vector).norm().max(near)
+}
+
+/// Plans the views in which the track arm shows the cube to a standing camera. Returns `None` if no
+/// pose is found.
 pub(super) fn standing_plan(
     cell: &Cell,
     camera: &Camera,
@@ -114,12 +137,7 @@ pub(super) fn standing_plan(
     let tool_from_cube = held(edge);
     let lens = Lens::from(&camera.intrinsics);
     let (width, height) = (f64::from(camera.intrinsics.width), f64::from(camera.intrinsics.height));
-    // From twice the working distance to where the cube fills a third of the picture.
-    let near = 3.0 * edge * lens.focal.0 / width;
-    let working = (cell.hand.world_from_cube.translation.vector
-        - world_from_camera.translation.vector)
-        .norm()
-        .max(near);
+    let working = working_distance(cell, &lens, width, world_from_camera);
     let mut random = Pcg64::seed_from_u64(draw.seed ^ 0x6361_6c69);
     let mut poses: Vec<JointPositions> = Vec::new();
     let mut reference = arm.start;
@@ -127,6 +145,7 @@ pub(super) fn standing_plan(
         if poses.len() == draw.views {
             break;
         }
+        // The cube is anywhere in the picture: the optics are estimated over all of it.
         let pixel =
             (random.random_range(0.12..0.88) * width, random.random_range(0.15..0.85) * height);
         let distance = working * random.random_range(0.7..1.15);
@@ -136,10 +155,12 @@ pub(super) fn standing_plan(
         let sight = Vector3::new(x, y, 1.0).normalize();
         let mut centre = world_from_camera * Point3::from(sight * distance);
         let mut turned = UnitQuaternion::from_scaled_axis(turn * std::f64::consts::PI);
+        // Every second view is near the hand-over instead.
         if poses.len() % 2 == 1 {
             let beside = Vector3::from_fn(|_, _| random.random_range(-NEAR..NEAR));
             centre = (cell.hand.world_from_cube.translation.vector + beside).into();
-            // Above a table, as low as the hand may go with it.
+            // Above a table, the lowest height at which the hand may show the cube; `beside` still
+            // spreads the heights.
             centre.z = centre.z.max(cell.table_height + ABOVE_TABLE + beside.z.abs());
             turned = UnitQuaternion::from_scaled_axis(turn * TURNED)
                 * take_rotation(cell)
@@ -152,6 +173,7 @@ pub(super) fn standing_plan(
         {
             continue;
         }
+        // A drawn position of the track: the same view from several configurations of the arm.
         let (low, high) = arm.model.joint_limits[0];
         reference.0[0] = low + 0.05 + track * (high - low - 0.1);
         let flange = world_from_tool * arm.flange_from_tool.inverse();
@@ -160,7 +182,7 @@ pub(super) fn standing_plan(
     let poses = in_order(poses);
     let first = *poses.first()?;
     Some(Plan {
-        rig: Rig::Standing,
+        rig: Rig::Fixed,
         holder,
         mover: holder,
         poses,
@@ -171,7 +193,9 @@ pub(super) fn standing_plan(
     })
 }
 
-/// The other arm holds the cube still, and the camera looks at its free face from many sides.
+/// Plans the views of a camera in the hand of `arm`: the other arm holds the cube still, and the
+/// camera looks at its free face from many sides. Returns `None` if the arms have no meeting in
+/// which one hand looks at the other's cube, or no camera of the cell is mounted there.
 pub(super) fn in_hand_plan(
     cell: &Cell,
     arm: usize,
@@ -190,7 +214,11 @@ pub(super) fn in_hand_plan(
         world_from_flange(holder) * cell.arms[holder].flange_from_tool * tool_from_cube;
     let world_from_camera = world_from_flange(arm) * flange_from_camera;
     let camera = cell.cameras.iter().find(|c| {
-        matches!(c.mount, Mount::Flange { arm: a, flange_from_camera: f } if a == arm && f == *flange_from_camera)
+        matches!(
+            c.mount,
+            Mount::Flange { arm: a, flange_from_camera: f }
+                if a == arm && f == *flange_from_camera
+        )
     })?;
     let centre = Point3::from(world_from_cube.translation.vector);
     let back = world_from_camera.translation.vector - centre.coords;
@@ -200,11 +228,12 @@ pub(super) fn in_hand_plan(
         if poses.len() == draw.views {
             break;
         }
+        // The views swing about the cube around the meeting's own view, whose place is reachable.
         let mut within = |size: f64| random.random_range(-size..size);
         let swing =
             UnitQuaternion::from_scaled_axis(Vector3::new(within(0.5), within(0.5), within(0.5)));
         let eye = centre + swing * back * (1.0 + within(0.18));
-        // The cube stands anywhere in the picture, and the picture is rolled.
+        // The cube is anywhere in the picture, and the picture is rolled.
         let aim = centre + Vector3::new(within(0.03), within(0.03), within(0.03));
         let z = (aim - eye).normalize();
         let x = world_from_camera.rotation * Vector3::x();
@@ -213,7 +242,8 @@ pub(super) fn in_hand_plan(
         let (x, y) = (roll * x, roll * z.cross(&x));
         let flange = pose_from_axes(x, y, z, eye) * flange_from_camera.inverse();
         poses.extend(reach(cell, arm, &flange, &starts[arm]).filter(|joints| {
-            // A small motion of the hand is one of the joints, too: no other branch.
+            // The views are close together, so a joint that is farther away than 1.2 rad belongs to
+            // another branch: a large motion next to the other arm.
             joints.0.iter().zip(starts[arm].0).all(|(a, b)| (a - b).abs() < 1.2)
         }));
     }
@@ -235,7 +265,7 @@ pub(super) fn in_hand_plan(
     })
 }
 
-/// Each pose next to the one before.
+/// Sorts the poses: after each pose comes the nearest of the remaining ones, by its farthest joint.
 fn in_order(mut poses: Vec<JointPositions>) -> Vec<JointPositions> {
     for i in 1..poses.len() {
         let apart = |joints: &JointPositions| {

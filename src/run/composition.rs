@@ -1,7 +1,8 @@
-//! A run from its start to its end: servos, actors, task, and what is known at the end.
+//! Course of a run from the operator's start to the verdict: starts servos and actors, performs the
+//! task, brings the arms to rest.
 //!
-//! - in: the world, the operator's channels, the controller's half of the scenario, what MP is to do
-//! - out: [`Done`]
+//! - in: the world, the operator's channels, the controller's half of the scenario, MP's assignment
+//! - out: [`Done`], all facts from which the summary is made
 
 use super::disturbance::InjectedFaults;
 use super::failure::not_created;
@@ -41,31 +42,34 @@ use tokio::sync::watch;
 
 /// Time after a hand-back in which the operator's hand withdraws (s).
 const WITHDRAWAL: f64 = 4.0;
-/// Time after an error in which arms come to a stand, before the drives go off (s).
+/// Time after an error in which the arms come to rest, before the drives are switched off (s).
 const STAND: f64 = 0.6;
 
-/// What a run is composed of, beside its world and its task.
+/// Parts of a run beside its world and its task.
 pub(super) struct Composition<'a> {
-    /// The scenario, with the cell as the controller believes it.
+    /// Scenario, with the cell as the controller believes it.
     pub(super) scenario: &'a Scenario,
-    /// How the run is started.
+    /// Options of the run's start.
     pub(super) options: RunOptions,
-    /// The operator's side.
+    /// Channels between the operator and the run.
     pub(super) operator: OperatorChannels,
-    /// The recording that is verified.
+    /// Recording that is verified.
     pub(super) playback: Option<Playback>,
-    /// Faults that are injected beside the plant.
+    /// Flags of the faults that are injected outside the plant.
     pub(super) faults: InjectedFaults,
-    /// Judges the run.
+    /// Probe of the plant, for a judge of the run.
     pub(super) probe: Option<PlantProbe>,
     /// Cameras that could not be calibrated, each with the reason.
     pub(super) uncalibrated: Vec<String>,
 }
 
-/// What the plant knows before the first period; nothing for hardware.
+/// Facts of the plant before the first period.
 struct Beginning {
+    /// Cube at the beginning; `None` for hardware.
     start: Option<Facelets>,
+    /// Distance of the nearest tool from the cube's centre (m).
     clearance: f64,
+    /// Checksum of the plant's limits of speed and force.
     bounds: u32,
 }
 
@@ -81,7 +85,7 @@ impl Beginning {
         Ok(Self { start, clearance, bounds })
     }
 
-    /// Returns what the plant knows at the end; `None` for hardware.
+    /// Returns the facts of the plant at the end; `None` for hardware.
     fn truth(self, verdict: Option<Verdict>, jams: u32) -> Option<Truth> {
         let Self { start, clearance, bounds } = self;
         let truth = |(start, verdict)| Truth { start, clearance, bounds, verdict, jams };
@@ -97,7 +101,7 @@ fn clearance(scene: &Scene) -> f64 {
     arms.map(distance).fold(f64::INFINITY, f64::min)
 }
 
-/// The witness of the run, and the flag of MP that it compares the plant with.
+/// Witness of jams, and MP's flag of a commanded turn, which it compares with the plant.
 struct Jams {
     turning: Turning,
     witness: Arc<Mutex<Witness>>,
@@ -116,10 +120,10 @@ impl Jams {
 }
 
 impl Composition<'_> {
-    /// Performs the run, from the operator's start on.
+    /// Performs the run from the operator's start on.
     ///
     /// # Errors
-    /// If a part cannot be created, or an arm cannot be synchronised; what happens to the task is in
+    /// If a part cannot be created, or an arm cannot be synchronised. Errors of the task are in
     /// [`Done`].
     pub(super) async fn perform(
         mut self,
@@ -128,6 +132,7 @@ impl Composition<'_> {
         plan: Plan,
         logbook: Logbook,
     ) -> Result<Done, Error> {
+        // Before the servos: their driver takes the world away.
         let beginning = Beginning::of(&world)?;
         self.operator.started(self.options.wait).await?;
         let (mut servos, jams) = self.start_servos(world)?;
@@ -138,6 +143,7 @@ impl Composition<'_> {
         let to_task = self.operator.to_task.take();
         let turning = jams.turning.clone();
         let assignment = Assignment { goal, plan, logbook, to_task, turning };
+        // The staff must know both before MP exists: neither case synchronises the arms here.
         let by_hand = assignment.is_by_hand();
         let resumes = assignment.logbook.is_broken_off();
         let mut staff = self
@@ -147,7 +153,8 @@ impl Composition<'_> {
         let config = &self.scenario.controller;
         let mut performed =
             run_task(config, &mut staff, assignment, &services, &self.faults).await?;
-        // An actor that panicked at work stays at it: the watch ends with the task.
+        // An actor that has panicked stays marked as busy. The outside watch ends with the task, so
+        // that it does not take that actor for a stuck one.
         drop(outside);
         let verdict = self.wind_down(servos, &mut performed.ending, goal).await?;
         let truth = beginning.truth(verdict, jams.count());
@@ -157,14 +164,18 @@ impl Composition<'_> {
         Ok(Done { goal, performed, truth, by_hand, hash, servo_hash, uncalibrated })
     }
 
-    /// Puts the gate between operator and run, under virtual time.
+    /// Puts a gate between operator and run, under virtual time only. Returns it for the driver.
     fn close_gate(&mut self) -> Option<Gate> {
         (self.scenario.pace == Pace::Virtual)
             .then(|| self.operator.close_gate(self.playback.as_ref()))
     }
 
-    /// Starts the servos over their world.
+    /// Starts the servos over their world, with the observers of the plant.
+    ///
+    /// # Errors
+    /// If a servo or its driver cannot be created.
     fn start_servos(&mut self, world: World) -> Result<(Servos, Jams), Error> {
+        // The gate replaces the operator's channels: all parts below get those behind it.
         let gate = self.close_gate();
         let (scenario, operator) = (self.scenario, &mut self.operator);
         let switches = Arc::new(Switches::new(operator.stop_signal.clone()));
@@ -185,11 +196,13 @@ impl Composition<'_> {
             observer: Observer::new(Arc::clone(&jams.witness), recorder.clone(), events, length),
             probe: self.probe.take(),
             gate,
+            // A verification has no person to watch it and runs at full speed.
             pacer: self
                 .playback
                 .is_none()
                 .then(|| Pacer::new(operator.tempo.clone(), operator.control.subscribe())),
         };
+        // Under virtual time the gate records the inputs.
         if scenario.pace == Pace::RealTime && recorder.is_on() {
             operator.record_inputs(&clock);
         }
@@ -212,7 +225,10 @@ impl Composition<'_> {
         }
     }
 
-    /// Starts all actors below MP, and synchronises the arms on the way.
+    /// Starts all actors below MP and synchronises the arms.
+    ///
+    /// # Errors
+    /// As [`home`] and [`start_actors`].
     async fn staff(
         &self,
         servos: &mut Servos,
@@ -226,7 +242,10 @@ impl Composition<'_> {
         start_actors(config, drivers, cameras, services, &self.faults).await
     }
 
-    /// Brings the arms to a stand, stops the servos, and asks the world for its verdict.
+    /// Brings the arms to rest, stops the servos, and returns the world's verdict.
+    ///
+    /// # Errors
+    /// If the driver of the servos died.
     async fn wind_down(
         &self,
         servos: Servos,
@@ -235,21 +254,23 @@ impl Composition<'_> {
     ) -> Result<Option<Verdict>, Error> {
         let switches = Arc::clone(&servos.switches);
         if matches!(ending.error, Some(Error::System { .. })) {
-            // The actors that are left must not move the arms any more.
+            // An actor is broken: the remaining ones must not move the arms any more.
             switches.hold.store(true, Ordering::Release);
         }
         if ending.error.is_some() {
-            // Power off under a moving arm is no safe end: a motion that was broken off comes to a
-            // stand first.
+            // Drives must not go off under a moving arm: an interrupted motion comes to rest first.
             tokio::time::sleep(Duration::from_secs_f64(STAND)).await;
         }
+        // The verdict is about the end of the hand-over, after the hand has withdrawn with the
+        // cube.
         if ending.finish.as_ref().is_some_and(|f| f.achieved) && goal == Some(Goal::Solve) {
             tokio::time::sleep(Duration::from_secs_f64(WITHDRAWAL)).await;
         }
         switches.stop.store(true, Ordering::Release);
         let (trace, end) = (&self.operator.trace, ending.end);
+        // The wall driver has a timing: histograms for the recording, lines for the operator.
         let report = |timing: &Timing| {
-            trace.recorder().note((end / PERIOD) as u64, || recording::timing(timing));
+            trace.recorder().record((end / PERIOD) as u64, || recording::timing(timing));
             for line in timing.to_string().lines() {
                 trace.tell(Notice::Note(end, format!("servo: {line}")));
             }
@@ -257,12 +278,14 @@ impl Composition<'_> {
         let stopped = servos.stopped(report).await?;
         let verdict = stopped.world.verdict();
         tracing::debug!(?verdict, "world at the end");
+        // Under virtual time periods are missed by injected faults only.
         let (_, _, missed) = switches.punctual.take();
         if missed > 0 && self.scenario.pace == Pace::Virtual {
             let text =
                 format!("servo: {missed} periods missed; the last set values held meanwhile");
             trace.tell(Notice::Warning(end, text));
         }
+        // A fault of the bridge is the cause of any error that the task reports.
         ending.error = stopped.fault.or(ending.error.take());
         Ok(verdict)
     }

@@ -1,66 +1,68 @@
-//! Faults that are injected outside the plant: at cameras, lines, clocks, actors. The plant says when;
-//! the world of a run and the ports carry them out. No kernel sees any of them.
+//! Faults that are injected outside the plant: into cameras, messages, the clock, actors, the disk.
+//!
+//! The plant decides when they begin and end. Cameras and actors read flags; the world of a run
+//! carries out the rest. No kernel sees any of them.
 //!
 //! - in: [`Disturbance`]s that begin and end, from the world
-//! - out: flags and numbers that ports look at ([`InjectedFaults`])
+//! - out: flags and numbers that cameras, actors and recorder read ([`InjectedFaults`])
 
 use crate::actors::fault::ActorFault;
 use crate::emergency_stop::StopButton;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-/// An actor that can fail.
+/// Actor into which a fault can be injected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Who {
-    /// The coordinator.
+pub(super) enum Actor {
+    /// Coordinator.
     Mp,
-    /// The ECP of an arm.
+    /// ECP of an arm.
     Ecp(usize),
-    /// The EDP of an arm.
+    /// EDP of an arm.
     Edp(usize),
-    /// The virtual sensor of a camera.
+    /// VSP of a camera.
     Vsp(usize),
 }
 
-/// A fault; arms and cameras by index, times in seconds.
+/// Injected fault. Arms and cameras are given by index, times in seconds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Disturbance {
-    /// The servo misses so many periods in a row.
+    /// The servo misses this number of periods in a row.
     Missed(u64),
-    /// The clock jumps ahead.
+    /// The clock jumps ahead by this time (s).
     ClockJump(f64),
     /// A camera is dark.
     Blackout(usize),
-    /// A camera is silent.
+    /// A camera delivers no pictures.
     Silent(usize),
-    /// A camera's pictures come late.
+    /// A camera's pictures come late by this time (s).
     Late(usize, f64),
-    /// A sticker shows another colour.
+    /// A sticker (0 to 53) shows another colour to all cameras.
     Misread(usize, u8),
-    /// The next message to an actor comes late.
-    LateMessage(Who, f64),
+    /// The next message to an actor comes late by this time (s).
+    LateMessage(Actor, f64),
     /// The next message to an actor is lost.
-    Lost(Who),
-    /// The next message to a servo comes twice.
+    Lost(Actor),
+    /// The next message to the servo of an arm comes twice.
     Duplicated(usize),
     /// An actor panics.
-    Panic(Who),
-    /// An actor answers no more.
-    Hang(Who),
-    /// An actor answers no more, and lets no other one of its runtime get on.
-    Spin(Who),
-    /// The heart stops beating.
+    Panic(Actor),
+    /// An actor no longer answers.
+    Hang(Actor),
+    /// An actor loops without waiting and blocks all actors of its runtime.
+    Spin(Actor),
+    /// The heartbeat of the actors stops.
     HeartBeat,
     /// The recorder's device is full.
     DiskFull,
     /// The operator presses the emergency stop.
     EmergencyStop,
-    /// The power goes.
+    /// The power of the cell and its computer fails.
     PowerCut,
 }
 
 impl Disturbance {
-    /// The camera that it befalls.
+    /// Returns the camera that the disturbance affects, if it is one of the camera's own.
     pub(super) fn camera(&self) -> Option<usize> {
         match *self {
             Self::Blackout(camera) | Self::Silent(camera) | Self::Late(camera, _) => Some(camera),
@@ -69,16 +71,16 @@ impl Disturbance {
     }
 }
 
-/// The faults of a camera.
+/// Flags of a camera's faults.
 #[derive(Debug, Default)]
-pub(super) struct Blinkers {
+pub(super) struct CameraFaults {
     dark: AtomicBool,
     silent: AtomicBool,
-    /// (ms)
+    /// Delay of the pictures (ms).
     late: AtomicU64,
 }
 
-impl Blinkers {
+impl CameraFaults {
     pub(super) fn is_dark(&self) -> bool {
         self.dark.load(Ordering::Acquire)
     }
@@ -87,30 +89,30 @@ impl Blinkers {
         self.silent.load(Ordering::Acquire)
     }
 
-    /// By how much pictures are late (s).
+    /// Returns the delay of the pictures (s).
     pub(super) fn late(&self) -> f64 {
         self.late.load(Ordering::Acquire) as f64 * 1e-3
     }
 }
 
-/// All flags that the ports look at, by index of arm and camera.
+/// Flags of all injected faults, by index of arm and camera.
 #[derive(Debug, Clone, Default)]
 pub(super) struct InjectedFaults {
     pub(super) ecps: [Arc<ActorFault>; 2],
     pub(super) edps: [Arc<ActorFault>; 2],
     pub(super) vsps: Vec<Arc<ActorFault>>,
     pub(super) mp: Arc<ActorFault>,
-    pub(super) cameras: Vec<Arc<Blinkers>>,
-    /// The heart has stopped.
+    pub(super) cameras: Vec<Arc<CameraFaults>>,
+    /// Whether the heartbeat of the actors has stopped.
     pub(super) heart: Arc<AtomicBool>,
-    /// The device of the recorder is full.
+    /// Whether the recorder's device is full.
     pub(super) disk: Arc<AtomicBool>,
-    /// The emergency stop of the operator's desk.
+    /// Button of the operator's emergency stop.
     pub(super) emergency: StopButton,
 }
 
 impl InjectedFaults {
-    /// Of a cell with so many cameras.
+    /// Creates the flags of a cell with this number of cameras, without any fault.
     pub(super) fn new(cameras: usize) -> Self {
         Self {
             vsps: (0..cameras).map(|_| Arc::default()).collect(),
@@ -119,19 +121,21 @@ impl InjectedFaults {
         }
     }
 
-    fn of(&self, who: Who) -> Option<&Arc<ActorFault>> {
+    fn of(&self, who: Actor) -> Option<&Arc<ActorFault>> {
         match who {
-            Who::Mp => Some(&self.mp),
-            Who::Ecp(arm) => self.ecps.get(arm),
-            Who::Edp(arm) => self.edps.get(arm),
-            Who::Vsp(camera) => self.vsps.get(camera),
+            Actor::Mp => Some(&self.mp),
+            Actor::Ecp(arm) => self.ecps.get(arm),
+            Actor::Edp(arm) => self.edps.get(arm),
+            Actor::Vsp(camera) => self.vsps.get(camera),
         }
     }
 
-    /// Sets the flags of a disturbance that begins or ends; the world handles its own disturbances.
+    /// Sets the flags of a disturbance that begins or ends. Missed periods, a clock jump, a misread
+    /// sticker and a power cut have no flag: the world simulates them.
     pub(super) fn take(&self, what: &Disturbance, begins: bool) {
         let ms = |seconds: f64| if begins { (seconds * 1e3).round() as u64 } else { 0 };
         match *what {
+            // Cameras: the frame source reads the flag at each picture.
             Disturbance::Blackout(camera) => {
                 self.cameras[camera].dark.store(begins, Ordering::Release);
             }
@@ -141,6 +145,8 @@ impl InjectedFaults {
             Disturbance::Late(camera, by) => {
                 self.cameras[camera].late.store(ms(by), Ordering::Release);
             }
+            // Actors: the mailbox reads the flag before the next message. A cell with one arm has
+            // no second ECP to disturb.
             Disturbance::LateMessage(who, by) => {
                 if let Some(fault) = self.of(who) {
                     fault.late.store(ms(by), Ordering::Release);
@@ -169,10 +175,12 @@ impl InjectedFaults {
                     fault.spins.store(begins, Ordering::Release);
                 }
             }
+            // Parts of the run as a whole.
             Disturbance::HeartBeat => self.heart.store(begins, Ordering::Release),
             Disturbance::DiskFull => self.disk.store(begins, Ordering::Release),
-            // A button that latches: whoever pressed it does not release it.
+            // The button latches, so the end of the fault does not release it.
             Disturbance::EmergencyStop => self.emergency.press(),
+            // The world carries these out itself.
             Disturbance::Missed(_)
             | Disturbance::ClockJump(_)
             | Disturbance::Misread(..)

@@ -1,6 +1,11 @@
-//! The emulator's shell: a scenario's plant behind lines and sockets, until the controller leaves.
+//! Emulation of a cell: a scenario's plant behind serial lines and sockets, in a process of its
+//! own.
 //!
-//! It alone knows the truth of such a run: the cube at the beginning and at the end, forces, slips.
+//! The controller is another process, which finds the lines by the file of devices. Only the
+//! emulator knows the truth of that run: the cube at the beginning and at the end, forces, slips.
+//!
+//! - in: a scenario, options of the lines, the name of the file of devices
+//! - out: [`Emulated`], the plant's verdict, once the controller has disconnected
 
 use super::failure::not_created;
 use super::plan::Plan;
@@ -21,36 +26,37 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// Priority of its thread: as high as `packaging/` grants, since a robot never waits for its controller.
+/// Real-time priority of the emulator's thread: the highest that `packaging/` grants, since a robot
+/// never waits for its controller.
 const PRIORITY: i32 = 85;
 
-/// What an emulation came to.
+/// Result of an emulation.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Emulated {
-    /// What was asked of the controller.
+    /// Task of the scenario.
     pub(crate) task: keys::Task,
     /// The cube at the beginning.
     pub(crate) start: Facelets,
     /// The cube at the end.
     pub(crate) end: Facelets,
-    /// What happened.
+    /// Verdict of the plant.
     pub(crate) verdict: Verdict,
-    /// The same in its order: time (s), whether it is an accident, and in words.
-    pub(crate) told: Vec<(f64, bool, String)>,
-    /// How it went.
+    /// Events of the verdict in the order of time: time (s), whether it is an accident, words.
+    pub(crate) events: Vec<(f64, bool, String)>,
+    /// Numbers of periods, of stalled periods and of orders.
     pub(crate) course: Course,
-    /// Its time (s).
+    /// Duration by the plant's time (s).
     pub(crate) time: f64,
 }
 
-/// A folder for sockets that goes away with the emulator.
+/// Folder for the cameras' sockets, which is removed with the emulator.
 struct Sockets(PathBuf);
 
 impl Sockets {
     fn new() -> std::io::Result<Self> {
         let path =
             std::env::temp_dir().join(format!("rubik-robot-emulator-{}", std::process::id()));
-        // Nobody else may drive the robot, emulated or not.
+        // No other user may reach the robot, emulated or not. `create` fails if the name exists.
         std::fs::DirBuilder::new().mode(0o700).create(&path)?;
         Ok(Self(path))
     }
@@ -62,25 +68,30 @@ impl Drop for Sockets {
     }
 }
 
-/// A file of devices that goes away with them. It is locked until then: after `kill -9` it is left behind, and its lines'
-/// names become others'.
+/// File of devices, which is removed with them. It is locked as long as they exist: after `kill -9`
+/// the file is left behind without its lock, and the names of its lines may be reused by other
+/// programs.
 struct DeviceFile {
     path: PathBuf,
     file: File,
 }
 
 impl DeviceFile {
-    /// Appears at once and whole.
+    /// Writes the file beside `path` and renames it, so that it appears complete and locked.
+    ///
+    /// # Errors
+    /// If the file cannot be written, or `path` is a file that must not be replaced.
     fn write(path: &Path, devices: &Devices) -> Result<Self, String> {
         let text = devices.text().map_err(|e| e.to_string())?;
         let text = format!(
-            "# Devices of a running `rubik-robot emulate`; they go away with it.\n\n{text}"
+            "# Devices of a running `rubik-robot emulate`; they exist while it runs.\n\n{text}"
         );
         let fail = |why: &str| format!("{}: {why}", path.display());
         may_be_replaced(path).map_err(|why| fail(&why))?;
         let new = path.with_extension(format!("new-{}", std::process::id()));
-        // An emulator of the same number, which was killed, may have left one.
+        // A killed emulator with the same process number may have left a file.
         let _ = std::fs::remove_file(&new);
+        // The lock belongs to the open file, so it survives the renaming.
         locked(&new, &text)
             .and_then(|file| std::fs::rename(&new, path).map(|()| file))
             .map(|file| Self { path: path.to_owned(), file })
@@ -90,7 +101,7 @@ impl DeviceFile {
             })
     }
 
-    /// Whether its name is still its own.
+    /// Returns whether the name still leads to this file. Another emulator may have replaced it.
     fn is_there(&self) -> std::io::Result<bool> {
         let (at, own) = (std::fs::symlink_metadata(&self.path)?, self.file.metadata()?);
         Ok((at.dev(), at.ino()) == (own.dev(), own.ino()))
@@ -105,8 +116,12 @@ impl Drop for DeviceFile {
     }
 }
 
-/// A new file with this text, which nobody else may read, and which is locked before it has any. In a folder that
-/// others may write to, too, a name can be theirs: nothing that is there already is opened.
+/// Creates a file with a text, readable by this user alone, and locks it before it has any content.
+/// In a shared folder the name may already be another user's link, so an existing file is not
+/// opened.
+///
+/// # Errors
+/// If the name exists, or the file cannot be written or locked.
 fn locked(path: &Path, text: &str) -> std::io::Result<File> {
     let mut file = File::options().write(true).create_new(true).mode(0o600).open(path)?;
     file.try_lock().map_err(std::io::Error::from)?;
@@ -114,8 +129,12 @@ fn locked(path: &Path, text: &str) -> std::io::Result<File> {
     Ok(file)
 }
 
-/// Whether what stands there, if anything does, is this user's and nobody needs it; or why not.
+/// Checks that `path` is free, or is this user's file of an emulator that has ended.
+///
+/// # Errors
+/// The reason why the file must not be replaced.
 fn may_be_replaced(path: &Path) -> Result<(), String> {
+    // Without following a link, which may lead to any file.
     let there = match std::fs::symlink_metadata(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
         Err(error) => return Err(error.to_string()),
@@ -130,19 +149,19 @@ fn may_be_replaced(path: &Path) -> Result<(), String> {
     let (file, text) = devices::read(path).map_err(|e| e.to_string())?;
     if !text.lines().any(|line| line == "emulated = true") {
         return Err(
-            "no emulator's file, and not replaced; name another one by --devices".to_owned()
+            "not an emulator's file, and not replaced; name another file with --devices".to_owned()
         );
     }
-    // Whatever else stands there: it may be of another build.
+    // The lock counts, not the rest of the text, which another build may have written.
     if devices::is_held(&file).map_err(|e| e.to_string())? {
         return Err(
-            "another emulator is running behind it; name another file by --devices".to_owned()
+            "another emulator is running with it; name another file with --devices".to_owned()
         );
     }
     Ok(())
 }
 
-/// The cameras of the plant behind sockets, as long as this lives.
+/// Cameras of the plant behind sockets, which are served as long as this lives.
 struct Cameras {
     scenes: Vec<triple_buffer::Input<Scene>>,
     devices: Vec<CameraDevice>,
@@ -152,6 +171,9 @@ struct Cameras {
 
 impl Cameras {
     /// Starts a server for each camera of the cell.
+    ///
+    /// # Errors
+    /// If a socket cannot be created.
     fn start(scenario: &Scenario, plant: &Plant) -> Result<Self, Error> {
         let failed = |why: String| not_created("emulator", &why);
         let io = |e: std::io::Error| failed(e.to_string());
@@ -171,11 +193,12 @@ impl Cameras {
     }
 }
 
-/// Emulates a scenario's cell until its controller has left, or a signal comes. `devices` is the file that tells a
-/// bridge where everything is; `announce` is called when all is open, with the rights that were denied.
+/// Emulates a scenario's cell until its controller disconnects or a signal arrives. `devices` is
+/// the file by which a bridge finds lines and sockets. `announce` is called when all of them are
+/// open, with the real-time rights that were denied.
 ///
 /// # Errors
-/// What could not be opened; what the plant says.
+/// If a line, socket or file cannot be opened, or the plant fails.
 pub(crate) fn emulate(
     scenario: &Scenario,
     options: EmulatorOptions,
@@ -197,16 +220,18 @@ pub(crate) fn emulate(
         .map(|arm| EmulatedArm { name: arm.name.clone(), has_track: arm.model.has_track })
         .collect();
 
+    // The file is written last: a bridge that reads it finds everything open.
     let mut cameras = Cameras::start(scenario, &plant)?;
     let mut emulator = Emulator::open(plant, &arms, options).map_err(io)?;
     let places = Devices { camera: cameras.devices.clone(), ..emulator.devices() };
     let _file = DeviceFile::write(devices, &places).map_err(failed)?;
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in super::interrupt::heard() {
+    for signal in super::interrupt::ending_signals() {
         signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(io)?;
     }
 
-    // The cameras' threads were started before: they keep an ordinary priority.
+    // The cameras' threads exist already and keep an ordinary priority: rendering must not delay
+    // the lines.
     let rights = RealTime::acquire(PRIORITY, None);
     announce(&places, &rights.warnings);
     let course = emulator
@@ -229,7 +254,7 @@ pub(crate) fn emulate(
         task: scenario.controller.task,
         start,
         end: facelets(plant)?,
-        told: verdict.told(&names, PERIOD).collect(),
+        events: verdict.described_events(&names, PERIOD).collect(),
         verdict,
         course,
         time: course.periods as f64 * PERIOD,
@@ -245,8 +270,10 @@ mod tests {
         Devices { emulated: true, ..Devices::default() }
     }
 
+    /// The file of a running emulator is valid and not replaced. After `kill -9` it is refused as
+    /// stale, and the next emulator replaces it.
     #[test]
-    fn a_file_holds_while_its_emulator_lives_and_no_longer() {
+    fn device_file_is_valid_while_emulator_runs() {
         let folder = Folder::new("emulate-lives");
         let path = folder.0.join("devices.toml");
 
@@ -254,7 +281,7 @@ mod tests {
         assert_eq!(Devices::load(&path), Ok(emulated()));
         let second = DeviceFile::write(&path, &emulated()).err().unwrap_or_default();
         assert!(second.contains("another emulator is running"), "{second}");
-        // Killed: the file stays, its lock does not.
+        // As after `kill -9`: the file exists without its lock.
         let left = std::fs::read_to_string(&path).unwrap();
         drop(file);
         assert!(!path.exists());
@@ -265,8 +292,9 @@ mod tests {
         assert!(DeviceFile::write(&path, &emulated()).is_ok());
     }
 
+    /// The file has a key that this build does not know.
     #[test]
-    fn a_running_emulators_file_is_not_replaced_though_it_says_what_nobody_here_knows() {
+    fn locked_file_of_other_build_is_kept() {
         let folder = Folder::new("emulate-build");
         let path = folder.0.join("devices.toml");
         let file = locked(&path, "emulated = true\nof_a_later_build = 1\n").unwrap();
@@ -277,8 +305,10 @@ mod tests {
         assert!(DeviceFile::write(&path, &emulated()).is_ok());
     }
 
+    /// The emulator writes its file of devices neither through a symbolic link nor over the file of
+    /// a real robot. An emulator that ends does not remove the file of its successor.
     #[test]
-    fn nothing_is_written_through_a_link_nor_over_a_robots_file_nor_taken_from_a_successor() {
+    fn emulator_keeps_foreign_device_files() {
         let folder = Folder::new("emulate-link");
         let (path, other) = (folder.0.join("devices.toml"), folder.0.join("other"));
         std::fs::write(&other, "other").unwrap();
@@ -291,7 +321,7 @@ mod tests {
         std::fs::remove_file(&path).unwrap();
         std::fs::write(&path, "# of a robot\n").unwrap();
         let told = DeviceFile::write(&path, &emulated()).err().unwrap_or_default();
-        assert!(told.contains("no emulator's file"), "{told}");
+        assert!(told.contains("not an emulator's file"), "{told}");
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "# of a robot\n");
 
         std::fs::remove_file(&path).unwrap();

@@ -1,4 +1,4 @@
-//! The error of a run whose parts could not be created.
+//! Error of a run whose parts could not be created.
 
 use crate::error::{Error, System};
 

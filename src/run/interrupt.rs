@@ -1,8 +1,8 @@
-//! Signals as the operator's terminate: the run ends at its next macrostep and still sums up. A
-//! terminal that is closed sends one as well.
+//! Signals that end a run: the first one acts as the operator's terminate, so that the run ends at
+//! its next macrostep and still makes its summary. A closed terminal sends a signal as well.
 //!
 //! A thread waits for the signals, outside the runtime and its paused time. A second signal presses
-//! the emergency stop and ends the process, in case the first one cannot be obeyed.
+//! the emergency stop and ends the process, in case the run cannot obey the first one.
 
 use crate::actors::control::Control;
 use crate::emergency_stop::StopButton;
@@ -15,22 +15,24 @@ use tokio::sync::watch;
 
 /// Signals that end a run. A process that drives arms must not die of any of them.
 pub(crate) const SIGNALS: [i32; 4] = [SIGINT, SIGTERM, SIGHUP, SIGQUIT];
-/// Long enough for the bridge to switch the drives off.
+/// Time in which the bridge switches the drives off.
 pub(super) const SWITCHES_OFF: Duration = Duration::from_millis(300);
-/// Exit code of a process that was interrupted.
+/// Exit code of an interrupted process.
 const INTERRUPTED: i32 = 130;
 
-/// Those of [`SIGNALS`] that whoever started this program does not want ignored: `nohup` does.
+/// Returns the signals that end a run: [`SIGNALS`], without SIGHUP if the program was started with
+/// that one ignored, as `nohup` does.
 #[must_use]
-pub(crate) fn heard() -> Vec<i32> {
+pub(crate) fn ending_signals() -> Vec<i32> {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    // A mask in hexadecimal, with bit n - 1 for signal n.
     let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
     let ignored = ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0);
     let is_ignored = |signal: i32| ignored >> (signal - 1) & 1 == 1;
     SIGNALS.into_iter().filter(|&signal| signal != SIGHUP || !is_ignored(signal)).collect()
 }
 
-/// Listens as long as it lives.
+/// Listener for signals, which ends when it is dropped.
 #[derive(Debug)]
 pub(super) struct Interrupt {
     came: Arc<AtomicBool>,
@@ -38,20 +40,23 @@ pub(super) struct Interrupt {
 }
 
 impl Interrupt {
-    /// Terminates the run by `control` when a signal comes; presses the emergency stop and ends the
-    /// process when another one does.
+    /// Starts a listener. It terminates the run by `control` at the first signal; at a second one
+    /// it presses the emergency stop and ends the process.
+    ///
+    /// # Errors
+    /// If the signals cannot be registered.
     pub(super) fn listen(
         control: Arc<watch::Sender<Control>>,
         stop: StopButton,
     ) -> std::io::Result<Self> {
-        let mut signals = Signals::new(heard())?;
+        let mut signals = Signals::new(ending_signals())?;
         let handle = signals.handle();
         let came = Arc::new(AtomicBool::new(false));
         let noted = Arc::clone(&came);
         std::thread::spawn(move || {
             for signal in signals.forever() {
                 let again = noted.swap(true, Ordering::SeqCst);
-                // A terminal that closes hangs up more than once.
+                // A closing terminal may send SIGHUP several times.
                 if again && signal != SIGHUP {
                     stop.press();
                     std::thread::sleep(SWITCHES_OFF);
@@ -63,7 +68,7 @@ impl Interrupt {
         Ok(Self { came, handle })
     }
 
-    /// Whether a signal came.
+    /// Returns whether a signal arrived.
     pub(super) fn came(&self) -> bool {
         self.came.load(Ordering::SeqCst)
     }

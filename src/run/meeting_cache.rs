@@ -1,12 +1,14 @@
-//! Where the arms can meet, found once for each cell and kept in the user's cache folder.
+//! Cache of the tables of meetings, one for each cell, in the user's cache folder.
 //!
-//! - in: the believed cell, how hard to search
-//! - out: the table of meetings; the same to the bit, whether it was searched now or found again
-//! - a kept table says of which cell and by which build of the program it was made; any other is made anew
+//! - in: the believed cell, the settings of the search
+//! - out: the table of meetings, equal to the bit whether it was searched now or read
+//!
+//! A file names the cell and the build of the program that made it. A file of another cell, another
+//! build, or with an error is replaced by a new search.
 
 use crate::cell::Cell;
 use crate::generators::position::Speeds;
-use crate::reach::{Meeting, MeetingTable, ReachSettings, Way};
+use crate::reach::{Meeting, MeetingPath, MeetingTable, ReachSettings};
 use crate::record::running_program;
 use crate::tables::Store;
 use serde::{Deserialize, Serialize};
@@ -15,26 +17,29 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
 
-/// Begin of the files' names.
+/// Prefix of the files' names.
 const PREFIX: &str = "meetings-";
-/// Tables that are kept.
+/// Largest number of files that are kept.
 const MOST: usize = 32;
 
-/// A table as it is kept.
+/// Contents of a file.
 #[derive(Serialize, Deserialize)]
 struct Kept {
+    /// Cell and settings of the search, in full.
     made_of: String,
+    /// Build of the program.
     made_by: String,
     grasps: [Option<Meeting>; 24],
     views: [[Option<Meeting>; 3]; 2],
     separation: f64,
-    ways: Vec<Option<Way>>,
+    ways: Vec<Option<MeetingPath>>,
 }
 
-/// The meetings of a cell; with the quickest ways between them for arms of these speeds.
+/// Returns the meetings of a cell. If `speeds` are given, the table also has the quickest paths
+/// between the meetings for arms of these speeds.
 #[must_use]
 pub(crate) fn of(cell: &Cell, settings: &ReachSettings, speeds: Option<&Speeds>) -> MeetingTable {
-    in_folder(Store::of_user().folder(), cell, settings, speeds)
+    in_folder(Store::for_user().folder(), cell, settings, speeds)
 }
 
 fn in_folder(
@@ -43,7 +48,8 @@ fn in_folder(
     settings: &ReachSettings,
     speeds: Option<&Speeds>,
 ) -> MeetingTable {
-    // All that the search reads, in full: numbers are written so that equal text means equal bits.
+    // The complete input of the search as text. Rust writes numbers so that equal text means equal
+    // bits.
     let made_of = format!("{cell:?} {settings:?} {speeds:?}");
     let made_by = build_of_this_program();
     let path = path(folder, &made_of);
@@ -56,6 +62,7 @@ fn in_folder(
             ways: kept.ways,
         };
     }
+    // A search of about a second, longer with paths.
     let mut table = MeetingTable::compute(cell, settings);
     if let Some(speeds) = speeds {
         table.find_ways(cell, settings, speeds);
@@ -68,19 +75,21 @@ fn in_folder(
         separation: table.separation,
         ways: table.ways.clone(),
     };
+    // Without a cache the next run searches again, which is no error.
     if let Err(error) = keep(&path, &kept) {
-        tracing::info!("the meetings of the cell are not kept: {}: {error}", path.display());
+        tracing::info!("the meetings of the cell cannot be saved: {}: {error}", path.display());
     }
     table
 }
 
+/// Returns the file of a cell. The hash may collide, so the file's own `made_of` decides.
 fn path(folder: &Path, made_of: &str) -> PathBuf {
     let mut hasher = DefaultHasher::new();
     made_of.hash(&mut hasher);
     folder.join(format!("{PREFIX}{:016x}.json", hasher.finish()))
 }
 
-/// A search that was changed must not find the old one's results.
+/// Returns the version, time and size of this program: a changed search must not use old results.
 fn build_of_this_program() -> String {
     let about = || {
         let about = fs::metadata(running_program().ok()?).ok()?;
@@ -90,7 +99,10 @@ fn build_of_this_program() -> String {
     format!("{} {}", env!("CARGO_PKG_VERSION"), about().unwrap_or_default())
 }
 
-/// Written beside its place and renamed into it, so that nobody reads half of it.
+/// Writes a file beside its place and renames it, so that no process reads half of it.
+///
+/// # Errors
+/// If the folder or the file cannot be written.
 fn keep(path: &Path, kept: &Kept) -> std::io::Result<()> {
     fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))?;
     let beside = path.with_extension(format!("{}.part", std::process::id()));
@@ -100,7 +112,7 @@ fn keep(path: &Path, kept: &Kept) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Tables of cells that nobody asks for any more would pile up: the newest ones stay.
+/// Removes the oldest files beyond [`MOST`], so that tables of unused cells do not pile up.
 fn forget_oldest(path: &Path) {
     let Some(Ok(entries)) = path.parent().map(fs::read_dir) else { return };
     let mut kept: Vec<_> = entries
@@ -114,7 +126,7 @@ fn forget_oldest(path: &Path) {
         .collect();
     kept.sort();
     for (_, old) in kept.iter().rev().skip(MOST) {
-        // Another process may have been faster.
+        // Another process may have removed it already.
         let _ = fs::remove_file(old);
     }
 }
@@ -124,8 +136,10 @@ mod tests {
     use super::*;
     use crate::reach::example_cell;
 
+    /// A table that is read equals the searched one to the bit. A damaged file and other settings
+    /// lead to a new search.
     #[test]
-    fn a_kept_table_is_the_searched_one_to_the_bit_and_a_broken_one_is_made_anew() {
+    fn cache_returns_searched_table() {
         let folder =
             std::env::temp_dir().join(format!("rubik-robot-meetings-{}", std::process::id()));
         let (cell, settings) =
@@ -135,7 +149,7 @@ mod tests {
         let first = in_folder(&folder, &cell, &settings, None);
         let file = path(&folder, &format!("{cell:?} {settings:?} None"));
         let text = fs::read_to_string(&file).unwrap();
-        // Only a table that is read, not one that is searched, can have this.
+        // Only a table that is read can have this value.
         fs::write(&file, text.replace("\"separation\":0.35", "\"separation\":0.36")).unwrap();
         let found_again = in_folder(&folder, &cell, &settings, None);
         fs::write(&file, &text[..text.len() / 2]).unwrap();

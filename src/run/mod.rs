@@ -1,12 +1,14 @@
-//! Composes a run from its scenario: the world, the servos and their driver, the actors; performs
-//! the task and sums up. No actor imports anything from here.
+//! One run: composes world, servos, driver and actors from a scenario, performs the task and sums
+//! up.
 //!
-//! - in: a scenario, how it is started, and what surrounds it ([`RunContext`])
-//! - out: the summary
+//! - in: a scenario, the options of its start ([`RunOptions`]), and its surroundings
+//!   ([`RunContext`])
+//! - out: the [`Summary`]
 //!
-//! The controller's half of a scenario goes to the actors; the verdict comes from the world, if that
-//! knows one. A run owns its UI actor, but no page or terminal: desk and server belong to its
-//! caller, outlive it, and serve the next run at the same desk.
+//! No actor imports anything from here. The actors get the controller's half of the scenario only;
+//! the verdict comes from the world, if that knows the truth. A run owns its UI actor, but neither
+//! page nor terminal: desk and server belong to the caller, outlive the run, and serve the next
+//! one.
 
 mod bridge_log;
 pub(crate) mod calibrate;
@@ -35,7 +37,7 @@ mod witness;
 mod world;
 mod world_file;
 
-pub(crate) use interrupt::{SIGNALS, heard};
+pub(crate) use interrupt::{SIGNALS, ending_signals};
 pub use options::{PlantProbe, RunContext, RunOptions, SavedFiles};
 pub(crate) use outcome::{exertion, not_begun};
 pub use settings::planner;
@@ -68,17 +70,17 @@ use tokio::runtime::Runtime;
 use world::World;
 use world_file::Kept;
 
-/// Performs a scenario and returns what it came to.
+/// Performs a scenario and returns its summary.
 ///
 /// # Errors
-/// If it could not be performed at all; an error in mid-run is part of the summary.
+/// If the run could not begin. An error during the run is part of the summary.
 pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
     run_at(scenario, options, None)
 }
 
-/// Performs a scenario with UIs at the other end of a desk: they see what the controller believes,
-/// and command it. A run of the cube's task comes to the same with them, to the bit, as long as they
-/// command nothing; the idle task waits for their orders until it is terminated.
+/// Performs a scenario with UIs at the other end of a desk, which show the controller's beliefs and
+/// send commands. As long as they command nothing, a run of the cube's task is the same to the bit
+/// as without them. The idle task waits for their orders until it is terminated.
 ///
 /// # Errors
 /// As [`run`].
@@ -90,7 +92,8 @@ pub fn run_at(
     run_with(scenario, options, RunContext { desk, ..RunContext::default() })
 }
 
-/// Performs a scenario that is kept in a recording, or has one as its world.
+/// Performs a scenario with all surroundings: a desk, a recorder, a recording as its world, saved
+/// files, a probe of the plant.
 ///
 /// # Errors
 /// As [`run`].
@@ -108,16 +111,18 @@ pub fn run_with(
         .transpose()
         .map_err(|e| not_created("interrupt", &e.to_string()))?;
     let tempo = operator.tempo.clone();
-    // The UIs are shown each error from here on.
+    // The UIs exist and show each error from here on.
     match carried_out(scenario, options, context, operator) {
         Ok(done) => {
-            let worked = tempo.worked().saturating_duration_since(begun).as_secs_f64();
+            // Time in which the run was paused or held back is not its own.
+            let worked = tempo.working_time().saturating_duration_since(begun).as_secs_f64();
             let (seed, period) = (scenario.seed, scenario.real_time.period);
             let mut summary = outcome::summary(&scenario.controller, seed, period, &done, worked);
+            // A signal acts as the operator's terminate: only here are both known.
             if summary.ended_by == EndedBy::Operator && interrupt.is_some_and(|i| i.came()) {
                 summary.ended_by = EndedBy::Interrupt;
                 if summary.outcome != Outcome::Solved {
-                    // The end of the reason, where the cube is, stays.
+                    // The rest of the reason says where the cube is.
                     summary.reason = summary.reason.replacen(BY_OPERATOR, "interrupted", 1);
                 }
             }
@@ -135,19 +140,23 @@ pub fn run_with(
     }
 }
 
-/// Shows the summary on the UIs and notes it in the recording.
+/// Shows the summary on the UIs and records it.
 fn conclude(summary: &Summary, ui: Ui, recorder: &Recorder) {
     ui.over(outcome::outcome(summary));
     let period = (summary.sim_time_s / PERIOD).round() as u64;
     record_end(recorder, period, outcome::outcome(summary).verdict, summary);
 }
 
+/// Records the end of a run: its verdict as a phase, and its summary.
 fn record_end(recorder: &Recorder, period: u64, word: String, summary: &Summary) {
-    recorder.note(period, || Entry::Phase("end".to_owned(), word));
-    recorder.note(period, || Entry::Facts("summary", vec![("json".into(), summary.json())]));
+    recorder.record(period, || Entry::Phase("end".to_owned(), word));
+    recorder.record(period, || Entry::Facts("summary", vec![("json".into(), summary.json())]));
 }
 
-/// Creates the world and the controller, and lets them run to their end.
+/// Creates the world and the controller, and runs them to their end.
+///
+/// # Errors
+/// If a part of them cannot be created, or an arm cannot be synchronised.
 fn carried_out(
     scenario: &Scenario,
     options: RunOptions,
@@ -158,12 +167,15 @@ fn carried_out(
     let playback = playback.map(|(playback, _)| playback);
     let plan = Plan::of(&scenario.controller)?;
     let goal = settings::goal(&scenario.controller, plan.angle);
+    // Two injected faults act on handles that exist already: the desk's button and the recorder's
+    // disk.
     let faults = InjectedFaults {
         emergency: operator.stop_button.clone(),
         disk: recorder.full().unwrap_or_default(),
         ..InjectedFaults::new(scenario.controller.cell.cameras.len())
     };
-    // Files come first: the state that another run has left, or still writes, is not to be lost.
+    // Files are claimed before the plant exists: the state of another run, finished or still
+    // running, must not be overwritten.
     let claim = |path: &PathBuf| Kept::claim(path, scenario.pace, operator.trace.clone());
     let kept = saved.world.as_ref().map(claim).transpose()?;
     let logbook = Logbook::open(&saved)?;
@@ -173,16 +185,18 @@ fn carried_out(
             World::of_recording(scenario.controller.cameras.len(), playback.clone(), control)
         }
         None if scenario.bridge.kind.is_hardware() => World::of_hardware(scenario, control)?,
+        // The plant of another run, if this one resumes it.
         None => {
             let mut plant = plan.plant(scenario)?;
             if let Some(kept) = &kept {
-                plant = kept.taken_up(plant, saved.resume, logbook.has_begun())?;
+                plant = kept.resume(plant, saved.resume, logbook.has_begun())?;
             }
             let (world, cameras) = World::of_plant(scenario, plant, control, &faults)?;
             (world.keeping(kept)?, cameras, None)
         }
     };
-    // From here on the controller: the world has its truth.
+    // The controller's beliefs are made after the world, which has its truth from the scenario as
+    // read.
     let (believed, uncalibrated) = believed(scenario, &operator.trace);
     let runtime = runtime(scenario.pace, scenario.bridge.kind.is_hardware())?;
     let bridge_log = notes.map(|notes| BridgeLog::start(notes, &believed.controller.cell));
@@ -196,17 +210,19 @@ fn carried_out(
         uncalibrated,
     };
     let done = runtime.block_on(composition.perform((world, cameras), goal, plan, logbook));
+    // The last notes of the bridge are logged before the summary is shown.
     drop(bridge_log);
     done
 }
 
 /// Returns the scenario with the cell as a calibration finds it, and the cameras that could not be
-/// calibrated; reports that cell.
+/// calibrated. Reports the cell to recording and UIs.
 fn believed<'a>(scenario: &'a Scenario, trace: &Trace) -> (Cow<'a, Scenario>, Vec<String>) {
     let (believed, uncalibrated) = calibrate::believed(scenario);
     if let Cow::Owned(Scenario { controller, .. }) = &believed {
+        // A replay paints with the calibrated cell, so the recording has it as facts.
         let facts = || Entry::Facts(calibration::NAME, calibration::facts(&controller.cell));
-        trace.recorder().note(0, facts);
+        trace.recorder().record(0, facts);
         if let Some(latest) = trace.latest() {
             latest.lock().calibrated = Some(Box::new(controller.cell.clone()));
         }
@@ -214,12 +230,17 @@ fn believed<'a>(scenario: &'a Scenario, trace: &Trace) -> (Cow<'a, Scenario>, Ve
     (believed, uncalibrated)
 }
 
-/// Creates the runtime of the actors: one thread, and paused time unless the wall clock drives it.
+/// Creates the runtime of the actors: one thread, with paused time unless the wall clock drives the
+/// run.
+///
+/// # Errors
+/// If the operating system does not allow it.
 fn runtime(pace: Pace, is_hardware: bool) -> Result<Runtime, Error> {
     let mut builder = tokio::runtime::Builder::new_current_thread();
     builder.enable_time().start_paused(pace == Pace::Virtual);
     if is_hardware {
-        // Pictures and plans step back, not the actors, whose heartbeat the servo waits for.
+        // Threads for pictures and plans get a lower priority. The actors keep theirs: the servo
+        // waits for their heartbeat.
         builder.on_thread_start(driver::step_back);
     }
     builder.build().map_err(|e| not_created("runtime", &e.to_string()))

@@ -1,8 +1,8 @@
-//! The operator's side of a run: the UI actor, and the channels by which the operator's control,
-//! inputs and emergency stop reach the run.
+//! Operator's side of a run: the UI actor, and the channels by which the operator's control, inputs
+//! and emergency stop reach the run.
 //!
-//! - in: the desk at which the UIs are, or none
-//! - out: the channels; under virtual time behind a [`Gate`], which lets them change between two
+//! - in: the desk of the UIs, if there is one
+//! - out: the channels; under virtual time behind a [`Gate`], through which inputs pass between two
 //!   periods only
 
 use super::failure::not_created;
@@ -25,26 +25,26 @@ use std::sync::Arc;
 use std::time::Instant;
 use tokio::sync::{mpsc, watch};
 
-/// Orders and answers that may wait for MP.
+/// Largest number of orders and answers that wait for MP.
 const INPUTS: usize = 4;
 
-/// The channels between the operator and a run.
+/// Channels between the operator and a run.
 pub(super) struct OperatorChannels {
-    /// Notices to the operator, and the other traces.
+    /// Trace of the run: notices to the operator, hash, recording, latest values.
     pub(super) trace: Trace,
-    /// Presses the emergency stop that the servos read.
+    /// Button of the emergency stop that the servos read.
     pub(super) stop_button: StopButton,
-    /// The emergency stop that the servos read.
+    /// Emergency stop that the servos read.
     pub(super) stop_signal: StopSignal,
     /// Start, pause, resume, terminate.
     pub(super) control: Arc<watch::Sender<Control>>,
     /// Answers and orders to MP; `None` when no operator can be asked.
     pub(super) to_task: Option<mpsc::Receiver<Input>>,
-    /// How fast simulated time may go.
+    /// Limit of the speed of simulated time.
     pub(super) tempo: Tempo,
 }
 
-/// Starts the UI of a run; returns it with the channels that it serves.
+/// Starts the UI actor of a run. Returns it with the channels that it serves.
 ///
 /// # Errors
 /// If the UI's thread cannot be created.
@@ -59,6 +59,7 @@ pub(super) fn start_ui(
     tempo.set(options.speed);
     let (to_task, inputs) = mpsc::channel(INPUTS);
     let latest = context.desk.as_ref().map(|_| LatestValues::default());
+    // Without a desk no UI looks: no snapshots are made.
     let presenter = context.desk.as_ref().zip(latest.clone()).map(|(desk, latest)| {
         let stage = present::stage(scenario);
         desk.stage.send_replace(Arc::new(stage.clone()));
@@ -72,9 +73,11 @@ pub(super) fn start_ui(
         presenter,
         latest,
         recorder: context.recorder.clone(),
+        // The run reads it at its end, when all traces are in it.
         hash: RunHash::default(),
     };
     let ui = Ui::spawn(parts).map_err(|e| not_created("ui", &e.to_string()))?;
+    // A verification repeats a run whose operator could be asked.
     let attended = context.desk.is_some() || context.playback.as_ref().is_some_and(|(_, was)| *was);
     let channels = OperatorChannels {
         trace: ui.trace.clone(),
@@ -88,31 +91,33 @@ pub(super) fn start_ui(
 }
 
 impl OperatorChannels {
-    /// Waits until the operator starts the run. No time passes before the start, so that a run does
-    /// not depend on when it was started.
+    /// Waits until the operator starts the run. No simulated time passes before the start, so a run
+    /// does not depend on the moment of its start.
     ///
     /// # Errors
-    /// If no UI is left to start it.
+    /// If no UI is left that could start it.
     pub(super) async fn started(&self, waits: bool) -> Result<(), Error> {
         let (mut control, begun) = (self.control.subscribe(), Instant::now());
         if control.wait_for(|will| *will != Control::Waiting).await.is_err() {
-            return Err(not_created("control", "nobody is left to start the run"));
+            return Err(not_created("control", "no UI is left to start the run"));
         }
+        // The wait is not work of the run.
         self.tempo.held_back(begun.elapsed());
-        // A quick operator, or a slow machine: the start may have come before this function did.
+        // By the option, not by the state at the call: the operator may have started the run before
+        // this function was called.
         if waits && *self.control.borrow() == Control::Running {
             recording::started(self.trace.recorder());
         }
         Ok(())
     }
 
-    /// Puts a gate between the operator and the run: the channels are those inside of it from now
-    /// on.
+    /// Puts a gate between the operator and the run. From now on the channels are those behind it.
     pub(super) fn close_gate(&mut self, playback: Option<&Playback>) -> Gate {
         let control = Arc::new(watch::channel(Control::Running).0);
         let (to_mp, inputs) = mpsc::channel(INPUTS);
         let inputs = self.to_task.is_some().then_some(inputs);
         let stop = EmergencyStop::default();
+        // The operator's own stop is outside. Actors press the inner one, which the servos read.
         self.stop_button = stop.button();
         let outer = Outer {
             control: self.control.subscribe(),
@@ -124,7 +129,7 @@ impl OperatorChannels {
         Gate { outer, inner, recorder: self.trace.recorder().clone(), playback: playback.cloned() }
     }
 
-    /// Records the inputs of a run under the wall clock, where no gate does.
+    /// Records the inputs of a run under the wall clock, which has no gate to do so.
     pub(super) fn record_inputs(&mut self, clock: &Clock) {
         let (control, stop) = (self.control.subscribe(), self.stop_signal.clone());
         let outer = Outer { control, stop, to_task: self.to_task.take() };

@@ -1,4 +1,4 @@
-//! How a run is started, and what surrounds it: switches, UI, recordings, files.
+//! Options of a run's start, and its surroundings: desk, recordings, files.
 
 use crate::desk::RunEnd;
 use crate::error::Error;
@@ -7,59 +7,58 @@ use crate::record::playback::Playback;
 use crate::record::recorder::Recorder;
 use std::path::PathBuf;
 
-/// How a run is started.
+/// Options of a run's start.
 #[derive(Debug, Clone, Copy, Default)]
 #[allow(
     clippy::struct_excessive_bools,
     reason = "switches of the command line, independent of each other"
 )]
 pub struct RunOptions {
-    /// Asks nothing and listens to no keys; otherwise p, r and t on stdin pause, resume and
-    /// terminate.
+    /// Whether to ask nothing and to read no keys. Otherwise the keys p, r and t on stdin pause,
+    /// resume and terminate.
     pub automatic: bool,
-    /// Waits for the operator's start; the end of input is one, too.
+    /// Whether to wait for the operator's start. The end of stdin counts as a start.
     pub wait: bool,
-    /// Writes nothing to stderr.
+    /// Whether to write nothing to stderr.
     pub quiet: bool,
-    /// Under the wall clock: refuses to run unless every real-time right is granted.
+    /// Whether to refuse to run under the wall clock unless every real-time right is granted.
     pub require_real_time: bool,
-    /// Takes the process's SIGINT and SIGTERM as the operator's terminate.
+    /// Whether signals to the process terminate the run, as the operator can.
     pub interruptible: bool,
-    /// Under virtual time: how fast time may go at first, in times of real time; 0 for as fast as
-    /// it computes.
+    /// Initial limit of virtual time, in multiples of real time; 0 for as fast as it computes.
     pub speed: f64,
-    /// Called from a thread beside the runtime when an actor blocks all others. Such a run never
-    /// ends by itself.
+    /// Function that is called from a thread outside the runtime when an actor blocks all others.
+    /// The run cannot end by itself then.
     pub stuck: Option<fn(Error)>,
 }
 
-/// The surroundings of a run, which its caller owns and which outlive it.
+/// Surroundings of a run, which its caller owns and which outlive it.
 #[derive(Default)]
 pub struct RunContext {
-    /// The run's end of the desk at which UIs are.
+    /// Run's end of the desk, at whose other end are the UIs.
     pub desk: Option<RunEnd>,
-    /// The recorder of the run; the caller that made it finishes it.
+    /// Recorder of the run; the caller that created it finishes it.
     pub recorder: Recorder,
-    /// A recording in place of the plant, the sensors and the operator, and whether an operator
-    /// was there.
+    /// Recording in place of the plant, the sensors and the operator, and whether an operator could
+    /// be asked in that run.
     pub playback: Option<(Playback, bool)>,
     /// Files that outlive a run.
     pub saved: SavedFiles,
-    /// Sees the plant after each period, under virtual time: for a judge of the run, never for
-    /// anything in it.
+    /// Probe that sees the plant after each period, under virtual time. It is for a judge of the
+    /// run, not for any part of it.
     pub probe: Option<PlantProbe>,
 }
 
 /// Files that outlive a run.
 #[derive(Debug, Clone, Default)]
 pub struct SavedFiles {
-    /// The state of the simulated plant; the controller does not know it.
+    /// File of the simulated plant's state, which the controller does not know.
     pub world: Option<PathBuf>,
-    /// The journal, from which another run goes on.
+    /// Journal of the controller, from which another run resumes.
     pub journal: Option<PathBuf>,
-    /// Goes on where the run that left them was broken off.
+    /// Whether to resume the interrupted run that left them.
     pub resume: bool,
 }
 
-/// A function that is called after each period with its number and the plant.
+/// Function that is called after each period with its number and the plant.
 pub type PlantProbe = Box<dyn FnMut(u64, &Plant) + Send>;

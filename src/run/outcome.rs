@@ -1,8 +1,20 @@
-//! The outcome of a run: the verdict of the plant over the controller's account, and the summary.
+//! Outcome of a run: the plant's verdict on the controller's account, and the summary.
 //!
-//! - in: how MP's work ended, what the kernel has done, and what the plant knows; hardware knows
-//!   nothing
+//! - in: the end of MP's work, the kernel's account, and the facts of the plant (none for hardware)
 //! - out: the summary, and its words for the operator
+//!
+//! | case, the first that applies | outcome | ended by |
+//! |---|---|---|
+//! | error of an actor, an arm or the bridge | aborted | system or fatal error |
+//! | arms moved by hand until the operator ended it | solved | operator |
+//! | task without an end | aborted | operator |
+//! | hardware | as the controller believes | task |
+//! | the controller believes it is done, and the plant confirms it | solved | task |
+//! | any other | failed | task |
+//!
+//! The plant confirms a solved cube that is back in its place, a cube that was taken and returned,
+//! or a face turn within `TURNED_WITHIN` of its angle, without a jam and with less than `EXCESSIVE`
+//! force. The idle task needs no confirmation.
 
 use super::task::Performed;
 use crate::actors::mp::Ending;
@@ -16,42 +28,43 @@ use crate::servo::period::Length;
 use crate::tasks::cube::mission::Goal;
 use std::time::Instant;
 
-/// A force on the cube above this is excessive (N): a verdict, not a limit of anything.
+/// Force on the cube from which on it is excessive (N). It is used in the verdict only and limits
+/// no motion.
 const EXCESSIVE: f64 = 20.0;
-/// A layer is turned as asked within this (deg).
+/// Largest error of a turn that counts as correct (deg).
 const TURNED_WITHIN: f64 = 5.0;
-/// Why a run ended that its operator ended.
+/// Reason of a run that its operator ended.
 pub(super) const BY_OPERATOR: &str = "terminated by the operator";
 
-/// All that is known at the end of a run.
+/// Facts at the end of a run.
 pub(super) struct Done {
-    /// The goal of the cube's task; `None` for idle.
+    /// Goal of the cube's task; `None` for the idle task.
     pub(super) goal: Option<Goal>,
-    /// What became of the task.
+    /// Result of the task.
     pub(super) performed: Performed,
-    /// What the plant knows; `None` for hardware.
+    /// Facts of the plant; `None` for hardware.
     pub(super) truth: Option<Truth>,
-    /// The operator moved the arms by hand: only the operator ends that.
+    /// Whether the operator moved the arms by hand, which only the operator ends.
     pub(super) by_hand: bool,
-    /// Over servo records and messages.
+    /// Hash over servo records and messages.
     pub(super) hash: String,
-    /// Over servo records.
+    /// Hash over servo records.
     pub(super) servo_hash: String,
     /// Cameras that could not be calibrated before the run, each with the reason.
     pub(super) uncalibrated: Vec<String>,
 }
 
-/// What a plant knows at the end.
+/// Facts of a plant at the end.
 pub(super) struct Truth {
-    /// The cube at the beginning.
+    /// Cube at the beginning.
     pub(super) start: Facelets,
     /// Distance of the nearest tool from the cube's centre at the beginning (m).
     pub(super) clearance: f64,
-    /// Checksum of what bounds the plant's speed and force.
+    /// Checksum of the plant's limits of speed and force.
     pub(super) bounds: u32,
-    /// What happened to the cube.
+    /// Verdict of the plant on the cube.
     pub(super) verdict: Verdict,
-    /// Turns that jammed.
+    /// Number of jammed turns.
     pub(super) jams: u32,
 }
 
@@ -77,7 +90,7 @@ pub(crate) fn not_begun(scenario: &Scenario, error: &Error) -> Summary {
     Summary::not_started(task, scenario.seed, cube.as_deref(), &reason, ended_by)
 }
 
-/// Sums a run up; `period` is the length of a servo period (s).
+/// Returns the summary of a run; `period` is the length of a servo period (s).
 pub(super) fn summary(
     config: &ControllerConfig,
     seed: u64,
@@ -89,6 +102,7 @@ pub(super) fn summary(
     let verdict = truth.map(|truth| &truth.verdict);
     let Performed { ending, log, ended, .. } = &done.performed;
     let end = truth.map(Truth::end);
+    // Everything that only the plant knows stays `None` for hardware.
     let turned_deg = turned_deg(done.goal, verdict);
     let (outcome, reason, ended_by) = verdict_of(done, end.as_ref(), turned_deg);
     let counts = verdict.map(|v| v.counts);
@@ -107,6 +121,7 @@ pub(super) fn summary(
         turns: log.executed.len() as u32,
         grasps: log.grasps,
         recoveries: log.recoveries,
+        // The end of MP's work: the withdrawal of the hand afterwards does not count.
         sim_time_s: ending.end,
         wall_time_s,
         peak_force_n: verdict.map(|v| v.peak_force),
@@ -119,6 +134,7 @@ pub(super) fn summary(
         drops_noticed: Some(log.drops),
         returned: verdict.map(Verdict::is_back),
         force_limit_n: Some(config.control.force_limit),
+        // Infinite for a cell without arms, which JSON has no number for.
         clearance_mm: truth.map(|t| t.clearance * 1e3).filter(|mm| mm.is_finite()),
         pops: counts.map(|c| c.pops),
         crushed: counts.map(|c| c.crushed),
@@ -133,18 +149,20 @@ pub(super) fn summary(
     }
 }
 
-/// Returns by how much a face turn has turned its layer, in the sense that was asked.
+/// Returns the angle by which a face turn has turned its layer, in the ordered sense (deg).
 fn turned_deg(goal: Option<Goal>, verdict: Option<&Verdict>) -> Option<f64> {
     match goal {
-        // The turner holds the upper layer: clockwise seen from outside is negative about +z, and
-        // `turned` is the body's part against the turner's. Positive is the asked sense.
+        // The turner holds the upper layer, so clockwise seen from outside is negative about +z.
+        // `turned` is the angle of the body's part against the turner's: positive in the ordered
+        // sense.
         Some(Goal::FaceTurn(angle)) => verdict.map(|v| v.turned.to_degrees() * angle.signum()),
         Some(Goal::Solve | Goal::Acquire) | None => None,
     }
 }
 
-/// Returns how long each phase took; `ended` is when the last one ended by the wall clock.
+/// Returns the duration of each phase; `ended` is the end of the last one by the wall clock.
 fn phases(ending: &Ending, ended: Instant) -> Vec<Phase> {
+    // A phase ends where the next one begins.
     let ends = ending.phases.iter().skip(1).map(|p| (p.1, p.2)).chain([(ending.end, ended)]);
     ending
         .phases
@@ -158,7 +176,7 @@ fn phases(ending: &Ending, ended: Instant) -> Vec<Phase> {
         .collect()
 }
 
-/// Returns the peaks of each wrist, as the plant and as the sensor has them.
+/// Returns the peaks of each wrist: the plant's, and the sensor's.
 fn sensor_peaks(
     config: &ControllerConfig,
     ending: &Ending,
@@ -169,13 +187,13 @@ fn sensor_peaks(
         effector: arm.name.clone(),
         force_n: verdict.map(|v| v.arm_peak_force[i]),
         torque_nm: verdict.map(|v| v.arm_peak_torque[i]),
-        felt_force_n: ending.felt.arms[i].peak_force,
-        felt_torque_nm: ending.felt.arms[i].peak_torque,
+        felt_force_n: ending.forces.arms[i].peak_force,
+        felt_torque_nm: ending.forces.arms[i].peak_torque,
     })
     .collect()
 }
 
-/// Returns the greatest values in the units of a summary.
+/// Returns the plant's greatest values in the units of a summary.
 pub(crate) fn exertion(most: &plant::Exertion) -> Exertion {
     Exertion {
         current_share: most.current,
@@ -186,21 +204,24 @@ pub(crate) fn exertion(most: &plant::Exertion) -> Exertion {
     }
 }
 
+/// Returns the accidents in the plant, each with its time.
 fn accidents(verdict: &Verdict, config: &ControllerConfig, period: f64) -> Vec<Accident> {
     let names: Vec<&str> = config.cell.arms.iter().map(|arm| arm.name.as_str()).collect();
     let period = Length::of_seconds(period).seconds();
-    let told = verdict.told(&names, period).filter(|(_, is_accident, _)| *is_accident);
-    told.map(|(time_s, _, what)| Accident { time_s, what }).collect()
+    let events =
+        verdict.described_events(&names, period).filter(|(_, is_accident, _)| *is_accident);
+    events.map(|(time_s, _, what)| Accident { time_s, what }).collect()
 }
 
-/// Returns the verdict: what was asked must be so in the plant, whatever the controller believes.
-/// For hardware there is only the controller's word.
+/// Returns the verdict, its reason and the cause of the end, by the table in the module's head. The
+/// plant must confirm the controller's success; hardware has only the controller's account.
 fn verdict_of(
     done: &Done,
     end: Option<&Facelets>,
     turned_deg: Option<f64>,
 ) -> (Outcome, String, EndedBy) {
     let Performed { ending, whereabouts, .. } = &done.performed;
+    // Any error aborts, even one after the goal was reached.
     if let Some(error) = &ending.error {
         let ended_by =
             if matches!(error, Error::System { .. }) { EndedBy::System } else { EndedBy::Fatal };
@@ -210,13 +231,14 @@ fn verdict_of(
         let reason = "the arms were moved by hand until the operator ended it".to_owned();
         return (Outcome::Solved, reason, EndedBy::Operator);
     }
+    // A task without an end and without an error was terminated.
     let Some(finish) = &ending.finish else {
         let reason = format!("{BY_OPERATOR}{}", placed(whereabouts));
         return (Outcome::Aborted, reason, EndedBy::Operator);
     };
     let (Some(truth), Some(end)) = (&done.truth, end) else {
         let outcome = if finish.achieved { Outcome::Solved } else { Outcome::Failed };
-        let reason = format!("{}, by the controller's own account", finish.reason);
+        let reason = format!("{}, as the controller reports", finish.reason);
         return (outcome, reason, EndedBy::Task);
     };
     let (right, words) = match done.goal {
@@ -225,40 +247,43 @@ fn verdict_of(
             let verdict = &truth.verdict;
             (end.is_solved() && verdict.is_back(), verdict_words(end.is_solved(), verdict))
         }
+        // The take does not change the cube: only its return counts.
         Some(Goal::Acquire) => (truth.verdict.is_back(), verdict_words(true, &truth.verdict)),
         Some(Goal::FaceTurn(angle)) => turn_verdict(angle, turned_deg.unwrap_or(0.0), truth),
     };
     match (finish.achieved, right) {
         (true, true) => (Outcome::Solved, words, EndedBy::Task),
         (true, false) => {
-            let reason = format!("the controller believes it is done, but {words}");
+            let reason = format!("the controller reports success, but {words}");
             (Outcome::Failed, reason, EndedBy::Task)
         }
         (false, _) => (Outcome::Failed, finish.reason.clone(), EndedBy::Task),
     }
 }
 
-/// Returns whether a face turn by `angle` (rad) was right, and what the plant says of it.
+/// Returns whether a face turn by `angle` (rad) was correct, and the plant's account of it.
 fn turn_verdict(angle: f64, turned_deg: f64, truth: &Truth) -> (bool, String) {
     let asked = angle.abs().to_degrees();
     let gentle = truth.verdict.peak_force < EXCESSIVE;
     let right = (turned_deg - asked).abs() < TURNED_WITHIN && truth.jams == 0 && gentle;
     let force = if gentle { "" } else { ", with excessive force" };
+    // A slip is mentioned, but the angle decides.
     let slip = if truth.verdict.counts.slips > 0 { ", and a grip slipped" } else { "" };
     (right, format!("the layer was turned by {turned_deg:.1} deg of {asked:.0}{force}{slip}"))
 }
 
+/// Returns the state and the place of the cube in words.
 fn verdict_words(solved: bool, verdict: &Verdict) -> String {
-    let state = if solved { "the cube is as wanted" } else { "the cube is not solved" };
+    let state = if solved { "the cube is in the required state" } else { "the cube is not solved" };
     format!("{state} and {}", verdict.place())
 }
 
-/// Returns where the cube is, to be put after a reason.
+/// Returns the place of the cube as the end of a reason; empty if unknown.
 fn placed(whereabouts: &str) -> String {
     if whereabouts.is_empty() { String::new() } else { format!("; {whereabouts}") }
 }
 
-/// Returns what the operator is shown at the end.
+/// Returns the view of an outcome for the operator.
 pub(super) fn outcome(summary: &Summary) -> OutcomeView {
     let verdict = match (summary.outcome, summary.task.as_str()) {
         (Outcome::Solved, "solve") => "solved",
@@ -271,12 +296,12 @@ pub(super) fn outcome(summary: &Summary) -> OutcomeView {
         ("times real time".to_owned(), format!("{:.1}", summary.real_time_factor())),
         ("turns".to_owned(), summary.turns.to_string()),
         ("grasps".to_owned(), summary.grasps.to_string()),
-        ("begun anew".to_owned(), summary.recoveries.to_string()),
+        ("recoveries".to_owned(), summary.recoveries.to_string()),
         ("executed".to_owned(), summary.executed.clone()),
     ];
     for sensor in &summary.sensors {
         figures.push((
-            format!("{} felt at most", sensor.effector),
+            format!("{}, measured peak", sensor.effector),
             format!("{:.1} N, {:.2} Nm", sensor.felt_force_n, sensor.felt_torque_nm),
         ));
     }
@@ -291,7 +316,7 @@ pub(super) fn outcome(summary: &Summary) -> OutcomeView {
     }
 }
 
-/// Returns what the operator is shown of a run that an error ended before its task.
+/// Returns the view of a run that an error ended before its task.
 pub(super) fn broken_off(error: &Error) -> OutcomeView {
     OutcomeView {
         verdict: "aborted".to_owned(),
@@ -302,7 +327,7 @@ pub(super) fn broken_off(error: &Error) -> OutcomeView {
     }
 }
 
-/// Returns an early end that a signal asked for, with the signal as its cause.
+/// Returns the error of a run that ended early, with the signal as the cause of a termination.
 pub(super) fn interrupted(error: Error) -> Error {
     match error {
         Error::NonFatal { actor, place, cause: NonFatal::Terminated } => {

@@ -1,4 +1,7 @@
-//! Where the arms can meet, and how a face turn begins: from the belief alone.
+//! Geometry of a run before it begins: the meetings of the arms and the start of a face turn.
+//!
+//! - in: the controller section
+//! - out: [`Plan`], for the task and for the plant, whose errors are drawn around it
 
 use super::failure::not_created;
 use super::settings::{self, FaceTurnStart};
@@ -9,11 +12,11 @@ use crate::reach::{MeetingTable, ReachSettings};
 use crate::scenario::keys::Task;
 use crate::scenario::{ControllerConfig, Scenario};
 
-/// The geometry that plant and task begin with.
+/// Geometry with which plant and task begin.
 pub(super) struct Plan {
     /// Meetings of the two arms; `None` unless the cell has two.
     pub(super) meetings: Option<MeetingTable>,
-    /// The start of a face turn; `None` for other tasks.
+    /// Start of a face turn; `None` for other tasks.
     pub(super) face_turn: Option<FaceTurnStart>,
     /// Angle of the face turn (rad).
     pub(super) angle: f64,
@@ -23,7 +26,7 @@ impl Plan {
     /// Searches the meetings of a cell, unless they are cached, and the start of its face turn.
     ///
     /// # Errors
-    /// If the arms cannot meet as the face turn needs it.
+    /// If no meeting of the arms allows the face turn.
     pub(super) fn of(config: &ControllerConfig) -> Result<Self, Error> {
         let meetings = (config.cell.arms.len() == 2)
             .then(|| settings::meetings(config, &ReachSettings::default()));
@@ -34,6 +37,7 @@ impl Plan {
             })
             .transpose()
             .map_err(|why| not_created("task", &why))?;
+        // A half turn may have got the other sense, in which the wrist has room.
         let (face_turn, angle) =
             face_turn.map_or((None, 0.0), |(start, angle)| (Some(start), angle));
         Ok(Self { meetings, face_turn, angle })

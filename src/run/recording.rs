@@ -1,4 +1,8 @@
-//! Recordings of a run: the operator's inputs under the wall clock, servo records, timing.
+//! Entries of a run in its recording: the operator's inputs under the wall clock, servo records,
+//! timing.
+//!
+//! - in: the operator's channels, the sinks of the servo records, the timing of a wall driver
+//! - out: entries for the [`Recorder`], and the same inputs for MP
 
 use super::gate::Outer;
 use crate::actors::clock::Clock;
@@ -12,15 +16,15 @@ use std::fmt::Write;
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 
-/// Periods of 2 ms between two views of the plant's cube: the rate of `/tf`.
+/// Number of periods of 2 ms between two recorded scenes of the plant: 25 Hz, the rate of `/tf`.
 pub(super) const SCENES: u64 = 20;
 
-/// Records the operator's start, for which a run has waited.
+/// Records the operator's start of a run that has waited for it.
 pub(super) fn started(recorder: &Recorder) {
-    recorder.note(0, || Entry::input(&Input::Start));
+    recorder.record(0, || Entry::input(&Input::Start));
 }
 
-/// Servo records go to the recorder, too.
+/// Returns a sink that also passes servo records to the recorder, if that records them.
 pub(super) fn kept(sink: Box<dyn RecordSink>, recorder: &Recorder) -> Box<dyn RecordSink> {
     match recorder.ticks() {
         Some(ticks) => Box::new(Both(sink, Box::new(ticks))),
@@ -28,7 +32,7 @@ pub(super) fn kept(sink: Box<dyn RecordSink>, recorder: &Recorder) -> Box<dyn Re
     }
 }
 
-/// They are held against a recording, too.
+/// Returns a sink that also compares servo records with a recording, if there is one.
 pub(super) fn with_playback(
     sink: Box<dyn RecordSink>,
     playback: Option<Playback>,
@@ -39,20 +43,22 @@ pub(super) fn with_playback(
     }
 }
 
-/// Interval at which the emergency stop is looked at: it passes all actors, so none reports it.
+/// Interval at which the emergency stop is read. It bypasses all actors, so none of them reports
+/// it.
 const GLANCE: Duration = Duration::from_millis(4);
 
-/// Records what the operator says to a run under the wall clock, in the period in which it came.
-/// Answers and orders go on to the receiver that this returns. The servo records have the period in
-/// which the arms obeyed.
+/// Records the operator's inputs to a run under the wall clock, each with the period in which it
+/// arrived. Answers and orders pass on to the returned receiver. The servo records have the periods
+/// in which the arms obeyed.
 pub(super) fn follow(
     outer: Outer,
     clock: Clock,
     recorder: Recorder,
 ) -> Option<mpsc::Receiver<Input>> {
-    let record = move |input: &Input| recorder.note(clock.period(), || Entry::input(input));
+    let record = move |input: &Input| recorder.record(clock.period(), || Entry::input(input));
     let passed_on = outer.to_task.map(|mut inputs| {
-        // One at a time: an input that finds the far end full is refused, "the arms are busy".
+        // One at a time: this task reserves room before it takes an input. So the operator's
+        // channel fills up as without it, and the UI refuses further inputs ("the arms are busy").
         let (to, passed_on) = mpsc::channel(1);
         let record = record.clone();
         tokio::spawn(async move {
@@ -83,6 +89,7 @@ async fn follow_control(
                 Err(_) => return,
             },
             _ = glance.tick() => {
+                // Once for each press: the flag stays until its owner releases it.
                 let is = stop.is_pressed();
                 let newly = !std::mem::replace(&mut was, is) && is;
                 newly.then_some(Input::EmergencyStop)
@@ -94,7 +101,8 @@ async fn follow_control(
     }
 }
 
-/// How punctual the servo was: each histogram as `nanoseconds:count` in rising order.
+/// Returns the timing of the servo as an entry: each histogram as `nanoseconds:count` in rising
+/// order.
 pub(super) fn timing(timing: &Timing) -> Entry {
     let classes = |histogram: &Histogram| {
         let mut text = String::new();

@@ -1,7 +1,7 @@
-//! The servos of a run and the driver of time that runs them: virtual, or by the wall clock.
+//! Servos of a run, and the driver that runs them: under virtual time, or by the wall clock.
 //!
-//! - in: a world behind its port, gains and limits of each effector, which clock drives the run
-//! - out: a link to each servo, the switches of all of them, and after the run the world again
+//! - in: a world behind its port, gains and limits of each effector, the pace of the scenario
+//! - out: a link to each servo, the switches of all of them, and the world again after the run
 
 use super::failure::not_created;
 use super::gate::Gate;
@@ -32,18 +32,18 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Periods between two traces of the truth.
+/// Number of periods between two traces of the truth.
 const TRACES: u64 = 50;
 
-/// Which clock drives the servos, and how.
+/// Clock of the servos, and its settings.
 pub(super) struct Drive<'a> {
-    /// Virtual or real time.
+    /// Virtual time or the wall clock.
     pub(super) pace: Pace,
-    /// Length of a period, and how the servo's thread runs under the wall clock.
+    /// Length of a period, and options of the servo's thread under the wall clock.
     pub(super) real_time: &'a RealTime,
-    /// Periods missed in a row after which the arms are brought to a stand and stop.
+    /// Number of periods missed in a row after which the arms brake and trip.
     pub(super) missed_limit: u64,
-    /// Refuses to run unless every real-time right is granted.
+    /// Whether to refuse to run unless every real-time right is granted.
     pub(super) require_real_time: bool,
 }
 
@@ -54,7 +54,7 @@ impl Drive<'_> {
     }
 }
 
-/// What looks at the plant after each period, beside the controller.
+/// Observer of the plant after each period, outside the controller.
 pub(super) struct Observer {
     witness: Arc<Mutex<Witness>>,
     recorder: Recorder,
@@ -74,32 +74,35 @@ impl Observer {
 
     /// Shows the plant to its cameras, and to recording, event log and witness.
     fn look(&mut self, period: u64, world: &mut World) {
+        // Hardware and recordings have no truth to observe.
         let Some(turned) = world.show() else { return };
         let tick = self.length.tick(period);
         if tick.is_multiple_of(recording::SCENES) {
             self.recorder
-                .note_some(tick, || world.scene().map(|scene| Entry::Scene(Box::new(scene))));
+                .record_some(tick, || world.scene().map(|scene| Entry::Scene(Box::new(scene))));
             self.events.look(tick, world.plant());
         }
-        // The run takes this lock at its end only.
+        // The run takes this lock at its end only, so the servo's thread never waits for it.
         self.witness.lock().unwrap_or_else(PoisonError::into_inner).look(tick, turned);
     }
 }
 
-/// What happens between two periods of a virtual run.
+/// Work between two periods of a virtual run.
 pub(super) struct BetweenPeriods {
-    /// Looks at the plant.
+    /// Observer of the plant.
     pub(super) observer: Observer,
-    /// Judges the run.
+    /// Probe of the plant, for a judge of the run.
     pub(super) probe: Option<PlantProbe>,
-    /// Lets the operator's input into the run; `None` by the wall clock, where it comes directly.
+    /// Gate for the operator's input; `None` under the wall clock, where it reaches the run
+    /// directly.
     pub(super) gate: Option<Gate>,
-    /// Holds virtual time back: while the operator pauses, the cell goes on in real time, not as
-    /// fast as it computes. A verification waits for nobody.
+    /// Limit of virtual time: while the operator pauses, the cell continues in real time and not as
+    /// fast as it computes. `None` for a verification.
     pub(super) pacer: Option<Pacer>,
 }
 
 impl BetweenPeriods {
+    /// Performs the work after a period.
     fn pass(&mut self, period: u64, world: &mut World) {
         if period.is_multiple_of(TRACES)
             && tracing::enabled!(target: "rubik_robot::truth", tracing::Level::TRACE)
@@ -110,6 +113,7 @@ impl BetweenPeriods {
         if let (Some(probe), Some(plant)) = (&mut self.probe, world.plant()) {
             probe(period, plant);
         }
+        // Inputs and time count in periods of 2 ms, also where a servo period is longer or shorter.
         let tick = self.observer.length.tick(period);
         if let Some(gate) = &mut self.gate {
             gate.pass(tick);
@@ -120,7 +124,7 @@ impl BetweenPeriods {
     }
 }
 
-/// The links to the servos of a run, before and after these run.
+/// Links to the servos of a run, before the servos are started.
 pub(super) struct Links {
     configs: Vec<ServoConfig>,
     edp_ends: Vec<ServoLink>,
@@ -128,7 +132,8 @@ pub(super) struct Links {
 }
 
 impl Links {
-    /// Creates a link for each arm, and sends what its servo must know before the first period.
+    /// Creates a link for each arm, and sends the settings that its servo needs before the first
+    /// period.
     ///
     /// # Errors
     /// If a servo's mailbox is full.
@@ -145,6 +150,8 @@ impl Links {
             .collect();
         let (mut links, ends): (Vec<ServoLink>, Vec<_>) =
             configs.iter().map(|_| driver::link_at(length)).unzip();
+        // Only a scenario that spoils the force control on purpose, for an experiment, has settings
+        // of its own.
         let spoilt = ForceSettings {
             sign: f64::from(config.control.force_sign),
             delay_periods: config.control.force_delay_periods,
@@ -159,57 +166,57 @@ impl Links {
     }
 }
 
-/// The parts of the servos.
+/// Parts of which the servos are started.
 pub(super) struct Parts {
-    /// The links to them.
+    /// Links to the servos.
     pub(super) links: Links,
     /// Stops, holds and heartbeats of all servos.
     pub(super) switches: Arc<Switches>,
-    /// Begins with them.
+    /// Clock of the actors, which begins with the servos.
     pub(super) clock: Clock,
-    /// Presses their emergency stop.
+    /// Button of the emergency stop that the servos read.
     pub(super) stop_button: StopButton,
-    /// Where their records go: hash, recording, latest values.
+    /// Receiver of the servo records: hash, recording, latest values.
     pub(super) trace: Trace,
-    /// The recording that is verified.
+    /// Recording that is verified.
     pub(super) playback: Option<Playback>,
-    /// What happens between two periods.
+    /// Work between two periods.
     pub(super) between: BetweenPeriods,
 }
 
-/// The running servos.
+/// Running servos.
 pub(super) struct Servos {
-    /// The EDPs' ends.
+    /// EDPs' ends of the links.
     pub(super) links: Vec<ServoLink>,
-    /// The arms that know where they are from the beginning.
+    /// Whether each arm is synchronised from the beginning.
     pub(super) synchronised: Vec<bool>,
     /// Stops, holds and heartbeats of all servos.
     pub(super) switches: Arc<Switches>,
-    /// Their periods.
+    /// Clock of the actors, in servo periods.
     pub(super) clock: Clock,
-    /// Presses their emergency stop.
+    /// Button of the emergency stop that the servos read.
     pub(super) stop_button: StopButton,
     driver: Driver,
 }
 
-/// The driver of time that runs the servos.
+/// Driver that runs the servos.
 enum Driver {
     Virtual(tokio::task::JoinHandle<(World, Result<u64, PortFault>)>),
     Wall(Wall<World>, JoinHandle<()>),
 }
 
-/// The servos at the end of a run.
+/// State of the servos at the end of a run.
 pub(super) struct Stopped {
-    /// The world as the run leaves it.
+    /// World as the run leaves it.
     pub(super) world: World,
-    /// The fault of the bridge that ended the run, if one did.
+    /// Fault of the bridge, if one ended the run.
     pub(super) fault: Option<Error>,
 }
 
 /// Starts the servos over `world` with the driver of the scenario's pace.
 ///
 /// # Errors
-/// If the port fails at once, or the threads of the wall clock cannot be created.
+/// If the first exchange of the port fails, or the threads of the wall clock cannot be created.
 pub(super) fn start_servos(
     drive: &Drive<'_>,
     mut world: World,
@@ -232,6 +239,7 @@ pub(super) fn start_servos(
     };
     let (synchronised, driver);
     match drive.pace {
+        // Everything in one task: records are hashed, kept and compared inline.
         Pace::Virtual => {
             let sink = recording::kept(Box::new(seen), recorder);
             let core = new_core(recording::with_playback(sink, playback), &mut world)?;
@@ -239,7 +247,8 @@ pub(super) fn start_servos(
             driver = run_virtual(core, world, drive.missed_limit, between);
         }
         Pace::RealTime => {
-            // Half a second of records: the writer may be late, the servo never waits for it.
+            // The ring holds 512 periods, which is 1 s at 2 ms: the writer may be late, and the
+            // servo never waits for it.
             let (ring, written) = rtrb::RingBuffer::<ServoRecord>::new(512 * links.len().max(1));
             let core = new_core(recording::kept(Box::new(ring), recorder), &mut world)?;
             synchronised = core.synchronised().collect();
@@ -247,15 +256,18 @@ pub(super) fn start_servos(
                 latest.lock().punctual = Some((Arc::clone(&switches), drive.real_time.period));
             }
             let writer = write_records(written, seen);
+            // Neither gate nor pacer: the wall clock cannot be held, and inputs arrive as they
+            // come.
             let mut observer = between.observer;
             let look = move |period: u64, world: &mut World| observer.look(period, world);
             let options =
                 settings::wall(drive.real_time, drive.missed_limit, drive.require_real_time);
             let wall = driver::spawn_wall(core, world, look, options)
                 .map_err(|e| not_created("servo thread", &e.to_string()))?;
+            // Periods count from the start of the thread, not from the creation of the clock.
             clock.begins();
             for warning in &wall.warnings {
-                tracing::warn!("not real time: {warning}; `rubik-robot doctor` says what helps");
+                tracing::warn!("not real time: {warning}; `rubik-robot doctor` shows the remedies");
             }
             driver = Driver::Wall(wall, writer);
         }
@@ -263,7 +275,8 @@ pub(super) fn start_servos(
     Ok(Servos { links, synchronised, switches, clock, stop_button, driver })
 }
 
-/// Runs the servos as a task on paused time.
+/// Runs the servos as a task on paused time. `limit` is the number of missed periods that stops
+/// them.
 fn run_virtual(
     mut core: Core,
     mut world: World,
@@ -277,12 +290,13 @@ fn run_virtual(
     }))
 }
 
-/// Hashes and shows the records of a wall driver, on a thread of its own.
+/// Hashes the records of a wall driver and updates the latest values, on a thread of its own.
 fn write_records(
     mut written: rtrb::Consumer<ServoRecord>,
     mut sink: Seen<RunHash>,
 ) -> JoinHandle<()> {
     std::thread::spawn(move || {
+        // The servo's thread drops its end as it stops; records that are left are written then.
         while !written.is_abandoned() || !written.is_empty() {
             while let Ok(record) = written.pop() {
                 sink.record(&record);
@@ -293,8 +307,8 @@ fn write_records(
 }
 
 impl Servos {
-    /// Waits until the driver has stopped; the switches must have told it to. `report` is called
-    /// with the timing of a wall driver.
+    /// Waits until the driver has stopped, which the switches must have requested. `report` is
+    /// called with the timing of a wall driver.
     ///
     /// # Errors
     /// If the task or a thread of the driver died.
@@ -314,7 +328,8 @@ impl Servos {
                 report(&timing);
                 tokio::task::yield_now().await;
                 let _ = writer.join();
-                let world = port.ok_or_else(|| not_created("bridge", "its thread died"))?;
+                let world =
+                    port.ok_or_else(|| not_created("bridge", "its thread ended with a panic"))?;
                 Ok(Stopped { world, fault: fault.map(bridge) })
             }
         }

@@ -1,4 +1,10 @@
-//! From a scenario's controller section to what the shells and kernels are made of.
+//! Settings of actors and kernels, converted from a scenario's controller section.
+//!
+//! No error of the plant is read here: these are the controller's beliefs.
+//!
+//! - in: the controller section; the table of meetings
+//! - out: parameters of the generators, settings and goal of the task, planner, solver tables,
+//!   camera method, options of the servo's thread
 
 use crate::actors::move_instruction::{Manner, NearHand};
 use crate::cell::{Cell, Gripper, Mount};
@@ -19,19 +25,20 @@ use crate::tasks::cube::mission::Goal;
 use crate::tasks::cube::plan::{Planner, Rule};
 use crate::tasks::cube::settings::{ArmBelief, ComplianceChoice, CompliantArm, CubeSettings};
 use crate::tasks::cube::strategy::Strategy;
-use crate::tasks::panel::{Bench, Panel};
+use crate::tasks::panel::{ArmLimits, Panel};
 use crate::vision::Method;
 use nalgebra::{Point3, Vector3};
 use std::f64::consts::PI;
 use std::sync::LazyLock;
 
-/// How fast the visual servo may go and turn (m/s, rad/s), so that no part of a hand is too fast
-/// where the operator's may be.
+/// Returns the largest speeds of the visual servo (m/s, rad/s). Beside a person no part of the hand
+/// exceeds `control.hand_speed`.
 fn following(config: &ControllerConfig) -> (f64, f64) {
-    /// How far parts of a hand and its cube are off the tool that turns (m).
+    /// Distance of the farthest part of a hand or its cube from the tool about which it turns (m).
     const REACH: f64 = 0.15;
     let v = &config.visual_servo;
     let fastest = v.linear_speed + REACH * v.angular_speed;
+    // Translation and rotation slow down in the same ratio.
     let share = match config.cell.keeper {
         Keeper::Person => (config.control.hand_speed / fastest).min(1.0),
         Keeper::Table => 1.0,
@@ -39,10 +46,11 @@ fn following(config: &ControllerConfig) -> (f64, f64) {
     (share * v.linear_speed, share * v.angular_speed)
 }
 
-/// How the generators of an effector behave.
+/// Returns the parameters of an effector's generators.
 pub(super) fn manner(config: &ControllerConfig, effector: usize) -> Manner {
     let c = &config.control;
     let zone = &config.cell.hand;
+    // At a table no person's hand is in the zone, so no force limit is needed there.
     let hand = config
         .cell
         .arms
@@ -52,6 +60,8 @@ pub(super) fn manner(config: &ControllerConfig, effector: usize) -> Manner {
         .map(|zone| NearHand { zone, force: c.hand_force });
     let mut joint = [c.joint_speed; AXES];
     let mut joint_acceleration = [c.joint_acceleration; AXES];
+    // Joint 0 is the track (m/s). Joint 6 is the tool's roll, whose gear allows half of the speed
+    // of the other joints.
     joint[0] = c.track_speed;
     joint_acceleration[0] = c.track_acceleration;
     joint[6] = joint[6].min(c.roll_speed);
@@ -74,6 +84,7 @@ pub(super) fn manner(config: &ControllerConfig, effector: usize) -> Manner {
             linear: c.linear_speed,
             linear_acceleration: c.linear_acceleration,
             angular: c.angular_speed,
+            // No key: full rotation speed after half a second.
             angular_acceleration: 2.0 * c.angular_speed,
             profile: Profile { ramp: c.ramp },
         },
@@ -81,7 +92,8 @@ pub(super) fn manner(config: &ControllerConfig, effector: usize) -> Manner {
     }
 }
 
-/// What is known of an arm, the track first.
+/// Returns the believed geometry of an arm, the track arm first; `None` if the cell
+/// has no arm with this index.
 fn arm_belief(cell: &Cell, index: usize) -> Option<ArmBelief> {
     let arm = cell.arms.get(index)?;
     let flange_from_camera = cell.cameras.iter().find_map(|camera| match camera.mount {
@@ -95,21 +107,23 @@ fn arm_belief(cell: &Cell, index: usize) -> Option<ArmBelief> {
     })
 }
 
-/// Returns the meetings of a cell, searched unless they are known.
+/// Returns the meetings of a cell, from the cache or by a search of about a second.
 pub(super) fn meetings(config: &ControllerConfig, reach: &ReachSettings) -> MeetingTable {
+    // Both arms have the same speeds.
     let speeds = manner(config, 0).speeds;
-    super::meeting_cache::of(&config.cell, reach, goes_shortest_ways(config).then_some(&speeds))
+    super::meeting_cache::of(&config.cell, reach, uses_shortest_paths(config).then_some(&speeds))
 }
 
-/// Whether the arms go the shortest free ways. Missions alone go from meeting to meeting.
-fn goes_shortest_ways(config: &ControllerConfig) -> bool {
+/// Returns whether the arms take the shortest free paths between meetings. Only a mission moves
+/// from one meeting to the next; for other tasks the long search of paths would be wasted.
+fn uses_shortest_paths(config: &ControllerConfig) -> bool {
     config.control.separation == keys::Separation::Least && config.task == keys::Task::Solve
 }
 
-/// How much wider than the cube the jaws open to take it from a person or a table (m).
+/// Opening of the jaws beyond the cube's edge, before they take it from a person or a table (m).
 const TAKING_ROOM: f64 = 0.031;
 
-/// Settings of the cube task; `None` without two arms.
+/// Returns the settings of the cube task; `None` if the cell does not have two arms.
 pub(super) fn cube_settings(
     config: &ControllerConfig,
     meetings: MeetingTable,
@@ -123,7 +137,7 @@ pub(super) fn cube_settings(
         arms: [arm_belief(&config.cell, 0)?, arm_belief(&config.cell, 1)?],
         folds: [Fold::of(arm), Fold::of(config.cell.arms.get(1)?)],
         meetings,
-        ways: goes_shortest_ways(config).then(|| WayFinder::new(config.cell.clone(), *reach)),
+        ways: uses_shortest_paths(config).then(|| WayFinder::new(config.cell.clone(), *reach)),
         edge: config.cell.cube.edge,
         grip: c.grip,
         opening: (arm.gripper.opening.1 - 0.003).min(config.cell.cube.edge + TAKING_ROOM),
@@ -133,6 +147,7 @@ pub(super) fn cube_settings(
         pre_grasp: c.pre_grasp,
         approach_speed: c.approach_speed,
         touch: c.approach_force,
+        // Seating causes the peak force of a mission: 9 to 10 N at 8 N commanded.
         press: 2.0 * c.approach_force,
         turn_speed: c.turn_speed,
         turn_acceleration: c.turn_acceleration,
@@ -140,10 +155,12 @@ pub(super) fn cube_settings(
         turn_least_torque: c.turn_least_torque,
         pull: c.approach_force,
         speed: 1.0,
+        // As a share of the speed of lines, which alone lead to the operator's hand.
         gentle: (c.hand_line_speed / c.linear_speed).min(1.0),
         speeds: manner(config, 0).speeds,
         jaw_speeds: (c.jaw_close_speed, c.jaw_open_speed),
         jaw_reach: c.jaw_reach_speed,
+        // With one layer and with two between the fingers.
         finger_depth: [Gripper::FACE_BEHIND_TOOL_ONE, Gripper::FACE_BEHIND_TOOL_TWO]
             .map(|behind| behind + arm.gripper.finger_tip),
         finger_width: arm.gripper.finger_width,
@@ -171,13 +188,14 @@ pub(super) fn cube_settings(
     })
 }
 
-/// Returns how the arm follows the cube and takes it.
+/// Returns the order of the visual servo, by which an arm follows the cube and takes it.
 fn visual_order(config: &ControllerConfig) -> visual_servo::Order {
     let (c, v) = (&config.control, &config.visual_servo);
     let (approach, jaws) = config.cell.taking();
     let (approach_speed, touch) = c.visual_approach();
     let keeper = config.cell.keeper;
     visual_servo::Order {
+        // The task fills in the arm's base and the seat when it orders the behaviour.
         world_from_base: Pose::identity(),
         approach,
         jaws,
@@ -185,10 +203,10 @@ fn visual_order(config: &ControllerConfig) -> visual_servo::Order {
         vicinity: v.stand_off,
         frozen: 0.04,
         still: v.still,
-        // What lies there stands still: a few pictures, for the pose to settle.
+        // A cube on a table does not move: a few pictures suffice for its pose to settle.
         still_seconds: match keeper {
             Keeper::Person => v.still_time,
-            Keeper::Table => v.still_time.min(LYING),
+            Keeper::Table => v.still_time.min(LYING_STILL_TIME),
         },
         retreat: v.withdraw,
         speed: following(config),
@@ -196,33 +214,34 @@ fn visual_order(config: &ControllerConfig) -> visual_servo::Order {
         approach_speed,
         touch,
         inertia: v.inertia,
-        // Nothing below the seat but the table.
+        // A lying cube leaves little room between the fingers at the seat and the table.
         overrun: match keeper {
             Keeper::Person => 0.015,
             Keeper::Table => 0.006,
         },
         stale: v.pose_age,
         patience: v.patience,
-        zone: (config.cell.hand.world_from_cube, config.cell.hand.half_extent.add_scalar(ZONE)),
+        zone: (config.cell.hand.world_from_cube, config.cell.hand.half_extent.add_scalar(MARGIN)),
     }
 }
 
-/// Built once for all runs, and kept in the user's folder: a second of computing, which every process of a campaign would
-/// spend anew.
+/// Pruning tables of the two-phase search, built once and kept in the user's folder: each process
+/// of a campaign would otherwise compute them again, in about a second.
 static TWO_PHASE: LazyLock<Tables> = LazyLock::new(|| Tables::with(&Tables::DEFAULT.map(kept)));
 
-/// A table out of the user's folder, or built now.
+/// Returns a table from the user's folder; builds and keeps it if it is not there.
 fn kept(spec: &TableSpec) -> Bytes {
-    let told = |spec: &TableSpec, news: News<'_>| match news {
-        News::Building(_) => tracing::warn!("building table {}, once", spec.name),
+    let report = |spec: &TableSpec, news: News<'_>| match news {
+        News::Building(_) => tracing::warn!("building table {} for later runs as well", spec.name),
         News::Waiting => tracing::warn!("another process builds table {}", spec.name),
-        News::NotKept(e) => tracing::warn!("table {} is not kept: {e}", spec.name),
+        News::NotKept(e) => tracing::warn!("table {} cannot be saved: {e}", spec.name),
     };
-    let observer = Observer { listener: &told, progress: &|_| () };
-    Store::of_user().obtain(spec, &Threads::all(), observer)
+    let observer = Observer { listener: &report, progress: &|_| () };
+    Store::for_user().obtain(spec, &Threads::all(), observer)
 }
 
-/// Which solution is carried out. Korf's tables are built when the paper's rule first needs them: 10 s.
+/// Returns the rule by which a solution is chosen. The paper's rule needs Korf's tables, which take
+/// 10 s to build at its first use.
 fn strategy(config: &ControllerConfig) -> Strategy {
     let tables = &TWO_PHASE;
     match config.planner.strategy {
@@ -235,10 +254,11 @@ fn strategy(config: &ControllerConfig) -> Strategy {
     }
 }
 
-/// The planner of a cell: searches its meetings, which takes about a second, unless they are known.
+/// Creates the planner of a cell. If its meetings are not cached, it searches them, in about a
+/// second.
 ///
 /// # Errors
-/// When the cell has no two arms.
+/// If the cell does not have two arms.
 pub fn planner(config: &ControllerConfig) -> Result<Planner, String> {
     let reach = ReachSettings::default();
     let meetings = meetings(config, &reach);
@@ -247,12 +267,12 @@ pub fn planner(config: &ControllerConfig) -> Result<Planner, String> {
         .ok_or_else(|| "a plan is for two effectors".to_owned())
 }
 
-/// For so long a cube that lies there must have been seen at rest (s).
-const LYING: f64 = 0.24;
-/// What a hand may be beside its zone (m): sway, and the camera's error.
-const ZONE: f64 = 0.03;
+/// Time for which a lying cube must be seen at rest before it is taken (s).
+const LYING_STILL_TIME: f64 = 0.24;
+/// Margin around the zone of the operator's hand, for its sway and the camera's error (m).
+const MARGIN: f64 = 0.03;
 
-/// How the stand-alone camera's sensor finds the cube.
+/// Returns the method by which the stand-alone camera's sensor finds the cube.
 pub(super) fn method(config: &ControllerConfig) -> Method {
     match config.vision.detector {
         keys::Detector::Lattice => Method::Edges,
@@ -260,7 +280,8 @@ pub(super) fn method(config: &ControllerConfig) -> Method {
     }
 }
 
-/// Where the hands meet on the average: a workshop lets them meet there to find where the bases stand to each other.
+/// Returns the mean place of the hands over all meetings, in the world. A workshop lets the hands
+/// meet there to find the pose of one base to the other.
 pub(super) fn meeting_place(cell: &Cell, table: &MeetingTable) -> Point3<f64> {
     let Some(arm) = cell.arms.first() else { return Point3::origin() };
     let places: Vec<Vector3<f64>> = table
@@ -275,7 +296,7 @@ pub(super) fn meeting_place(cell: &Cell, table: &MeetingTable) -> Point3<f64> {
     Point3::from(places.iter().sum::<Vector3<f64>>() / places.len().max(1) as f64)
 }
 
-/// Returns how the servo's thread runs.
+/// Returns the options of the servo's thread under the wall clock.
 pub(super) fn wall(keys: &RealTime, missed_limit: u64, require_real_time: bool) -> WallOptions {
     WallOptions {
         spin: (keys.spin * 1e9).round() as u64,
@@ -286,15 +307,15 @@ pub(super) fn wall(keys: &RealTime, missed_limit: u64, require_real_time: bool) 
     }
 }
 
-/// What the operator may tell each arm by hand.
+/// Returns the kernel by which the operator moves the arms by hand.
 pub(super) fn panel(config: &ControllerConfig) -> Panel {
-    let bench = |arm: &crate::cell::Arm| Bench {
+    let limits = |arm: &crate::cell::Arm| ArmLimits {
         has_track: arm.model.has_track,
         poses: crate::actors::present::poses(arm),
         opening: arm.gripper.opening,
         grip: config.control.grip,
     };
-    Panel::new(config.cell.arms.iter().map(bench).collect())
+    Panel::new(config.cell.arms.iter().map(limits).collect())
 }
 
 /// Returns the goal of the cube's kernel; `None` when the task is another one. A face turn by
@@ -308,24 +329,25 @@ pub(super) fn goal(config: &ControllerConfig, angle: f64) -> Option<Goal> {
     })
 }
 
-/// How a face turn begins: the postument's hand holds two layers, the track's is drawn back from the opposite face.
+/// Start of a face turn: the postument's hand holds two layers, the track's hand is retracted from
+/// the opposite face.
 pub(super) struct FaceTurnStart {
-    /// The postument's hold.
+    /// Hold of the postument's hand.
     pub(super) body: Hold,
-    /// Which tool frame the postument has.
+    /// Whether the postument has the second of the two equivalent tool frames of its hold.
     pub(super) half_roll: bool,
-    /// Where both arms stand.
+    /// Joint positions of both arms.
     pub(super) meeting: Meeting,
 }
 
-/// Where the wrist's room ends before its limits (rad).
+/// Distance of a turn's end from the limits of the wrist (rad).
 const ROLL_MARGIN: f64 = 0.12;
 
-/// How a face turn begins whose `angle` the track's wrist has room for, about its tool's z; a half turn may go either
-/// way.
+/// Finds a start for which the track's wrist can turn by `angle` (rad) about its tool's z. Returns
+/// it with the angle: a half turn may have the other sense.
 ///
 /// # Errors
-/// Why there is none, for people.
+/// A message with the reason, if there is none.
 pub(super) fn face_turn_start(
     table: &MeetingTable,
     angle: f64,
@@ -333,6 +355,8 @@ pub(super) fn face_turn_start(
     let body = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::Two };
     let turner = Hold { palm: Face::U, jaws: Axis::Y, depth: Depth::One };
     let track = turner.cube_from_tool(false, 0.0).rotation;
+    // A hold has two equivalent tool frames, half a roll apart. Each needs another meeting, with
+    // another room for the track's wrist.
     let mut rooms = Vec::new();
     for half_roll in [false, true] {
         let postument = body.cube_from_tool(half_roll, 0.0).rotation;
@@ -340,6 +364,7 @@ pub(super) fn face_turn_start(
         let Some(meeting) = table.grasps[index] else { continue };
         let room = (meeting.track_roll.0 + ROLL_MARGIN, meeting.track_roll.1 - ROLL_MARGIN);
         let same = (angle.abs() - PI).abs() < 1e-9;
+        // Half a turn has the same result in both senses.
         for asked in [angle, if same { -angle } else { angle }] {
             if (room.0..=room.1).contains(&asked) {
                 return Ok((FaceTurnStart { body, half_roll, meeting }, asked));
@@ -368,15 +393,16 @@ mod tests {
     use crate::tasks::{Action, Event, Finish, Forces, Readings, Task};
     use crate::vision::sensor::FaceReading;
 
-    /// Performs the mission's actions in words only: every motion ends well, looks bring what `look` says. Returns the
-    /// phases, what was told, how often a face was looked at, and the end.
+    /// Performs a mission without a plant: each motion succeeds, each look returns what `look`
+    /// returns. Returns the phases, the notes, the number of looks at a face, and the end.
     fn perform(
         look: impl Fn(&Pose) -> Result<FaceReading, String>,
     ) -> (Vec<&'static str>, Vec<String>, usize, Finish) {
         perform_with(look, None, |_| None)
     }
 
-    /// The same with somebody to ask.
+    /// Performs a mission like [`perform`], with an operator who gives `answer` within `patience`
+    /// (s).
     fn perform_with(
         look: impl Fn(&Pose) -> Result<FaceReading, String>,
         patience: Option<f64>,
@@ -435,7 +461,7 @@ mod tests {
     }
 
     #[test]
-    fn a_face_that_cannot_be_read_sends_the_cube_back_with_the_reason() {
+    fn unreadable_face_returns_cube_with_reason() {
         let (phases, _, looks, finish) = perform(|_| Err("glare".to_owned()));
 
         assert_eq!(looks, 3 * 6, "each try from another place, and three times a face in a hold");
@@ -445,8 +471,10 @@ mod tests {
         assert_eq!(phases.last(), Some(&"hand back"));
     }
 
+    /// The operator fills in the stickers that no camera reads. An answer that is not a possible
+    /// cube is followed by a second question.
     #[test]
-    fn the_operator_fills_in_what_cannot_be_read_and_is_asked_again_when_it_is_no_cube() {
+    fn operator_is_asked_again_after_impossible_answer() {
         let mut asked = Vec::new();
         let glare = |_: &Pose| Err("glare".to_owned());
         let mut twisted = *Facelets::solved().colours();
@@ -454,7 +482,8 @@ mod tests {
         twisted[8] = 2;
         twisted[20] = 0;
         let answers = |question: Question| {
-            // What the turns have made of the cube cannot be seen either, and nobody looks again.
+            // The inspection after the turns cannot see the cube either; its question gets no
+            // answer.
             let Subject::Stickers { read, doubtful } = &question.subject else { return None };
             asked.push((question.number, read.clone(), doubtful.len(), question.text.clone()));
             let colours = if asked.len() == 1 { twisted } else { *Facelets::solved().colours() };
@@ -475,7 +504,7 @@ mod tests {
     }
 
     #[test]
-    fn without_an_answer_the_cube_goes_back() {
+    fn cube_is_returned_without_answer() {
         let (_, notes, _, finish) = perform_with(|_| Err("glare".to_owned()), Some(60.0), |_| None);
 
         assert!(!finish.achieved);
@@ -484,7 +513,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_cube_is_looked_at_once_more_and_then_handed_back() {
+    fn impossible_cube_is_read_twice_then_returned() {
         let grey = |camera_from_face: &Pose| {
             Ok(FaceReading {
                 camera_from_face: *camera_from_face,

@@ -1,7 +1,9 @@
-//! A recording shown again: page and terminal see it as they saw the run, with pause, speed and seek.
+//! Replay of a recording: page and terminal show it as they showed the run, with pause, speed and
+//! seek.
 //!
 //! - in: a recording, inputs of the operator
-//! - out: snapshots and pictures at a desk, by the presenter that a run has; nothing is computed anew
+//! - out: snapshots and pictures at a desk, made by the presenter that a run has; the controller
+//!   does not run again
 
 use super::outcome::outcome;
 use crate::actors::control::Control;
@@ -31,37 +33,47 @@ use std::time::{Duration, Instant};
 
 /// Time between two snapshots.
 const REFRESH: Duration = Duration::from_millis(50);
-/// Periods of 2 ms between two states of an arm that are kept; what is largest in between is kept with them.
-const STATES: u32 = 20;
-/// As fast as it goes, in times of real time.
+/// Periods of 2 ms between two states of an arm that are kept. The largest values in between are
+/// kept with them.
+const PERIODS_PER_STATE: u32 = 20;
+/// Speed that means "as fast as possible", in multiples of real time.
 const FASTEST: f64 = 200.0;
 
-/// Memory that a shown recording may take, about (bytes): enough for three hours of a cell. A small
-/// file may unfold into more.
-const MOST: usize = 1 << 30;
-/// No words are shown that are longer (bytes).
-const WORDS: usize = 4096;
+/// Memory that a shown recording may take, approximately (bytes): enough for three hours of a cell.
+/// A small compressed file may hold more.
+const MEMORY_LIMIT: usize = 1 << 30;
+/// Length at which a text is cut off (bytes).
+const TEXT_LIMIT: usize = 4096;
 
 /// A recording in memory, in the order of time.
 pub struct Show {
     scenario: Scenario,
     title: String,
-    events: Vec<(f64, What)>,
-    /// Memory that they take, about (bytes).
+    /// Events, each with its time since the first message (s).
+    events: Vec<(f64, Event)>,
+    /// Memory that the events take, approximately (bytes).
     held: usize,
+    /// Time of the last message (s).
     end: f64,
-    /// How it ended.
+    /// End of the run in words.
     outcome: OutcomeView,
 }
 
 /// An event of a recording.
-enum What {
-    /// A state, why the arm stopped, and what it came to since the state before.
+enum Event {
+    /// State of an arm, the reason why the arm stopped (empty if it did not), and the largest
+    /// values since the state before.
     Arm(Box<ServoRecord>, String, Peaks),
+    /// Belief of the task's kernel.
     Belief(Box<Picture>),
+    /// Look of a camera: its index, the period in which its sensor was asked, the picture as JPEG,
+    /// and the result.
     Sight(usize, u64, Option<Arc<Vec<u8>>>, Found),
+    /// Begin of a phase.
     Phase(String),
+    /// Log message: class, actor, text.
     Message(Class, String, String),
+    /// Input of the operator, in words.
     Operator(String),
 }
 
@@ -69,11 +81,12 @@ impl Show {
     /// Reads a recording of this scenario.
     ///
     /// # Errors
-    /// [`Unreadable`].
+    /// [`Unreadable`] if the file is no recording, or a message is malformed.
     pub fn read<R: Read>(from: R, scenario: &Scenario, title: &str) -> Result<Self, Unreadable> {
-        Self::read_within(MOST, from, scenario, title)
+        Self::read_within(MEMORY_LIMIT, from, scenario, title)
     }
 
+    /// Reads a recording into about `most` bytes of memory.
     fn read_within<R: Read>(
         most: usize,
         from: R,
@@ -96,7 +109,7 @@ impl Show {
             label.take(&piece);
             let Piece::Message(message) = piece else { continue };
             if show.held > most {
-                // The end, which tells the outcome, is read all the same.
+                // The rest is read for the outcome, which is at the end of the file.
                 long = true;
                 continue;
             }
@@ -106,13 +119,15 @@ impl Show {
             show.take(time, &message, &mut loading)
                 .map_err(|why| Unreadable::Message { topic: message.channel.topic.clone(), why })?;
         }
+        // The run drew the results of vision in the calibrated cell, which is recorded as facts.
         calibration::apply(&label, &mut show.scenario.controller.cell);
         let summary: Option<Summary> = serde_json::from_str(label.of("summary", "json")).ok();
         let flaw = reading.end().and_then(End::flaw);
         let flaw = flaw.map(|flaw| format!("the recording is {}", flaw.after(show.end)));
         show.outcome = match (summary, flaw) {
+            // A summary that was read counts, even if the file is damaged after it.
             (Some(summary), flaw) => {
-                let told = flaw.map(|text| What::Message(Class::Warning, "ui".to_owned(), text));
+                let told = flaw.map(|text| Event::Message(Class::Warning, "ui".to_owned(), text));
                 show.events.extend(told.map(|what| (show.end, what)));
                 outcome(&summary)
             }
@@ -123,13 +138,15 @@ impl Show {
         if long {
             let text =
                 format!("the recording holds more than is shown: the rest from {:.1} s", show.end);
-            show.events.push((show.end, What::Message(Class::Warning, "ui".to_owned(), text)));
+            show.events.push((show.end, Event::Message(Class::Warning, "ui".to_owned(), text)));
         }
+        // A recording that another program has written again may have another order.
+        // The sort is stable: simultaneous events keep the order of the file.
         show.events.sort_by(|a, b| a.0.total_cmp(&b.0));
         Ok(show)
     }
 
-    /// Takes a message of the recording over, if it is one that is shown.
+    /// Adds a message of the recording to the events, if it is of a kind that is shown.
     fn take(
         &mut self,
         time: f64,
@@ -152,7 +169,7 @@ impl Show {
 
     fn take_belief(&mut self, time: f64, data: &[u8]) -> Result<(), cdr::Malformed> {
         if let Some(picture) = belief::read(cdr::Reader::new(data)?.string()?) {
-            self.push(time, data.len(), What::Belief(Box::new(picture)));
+            self.push(time, data.len(), Event::Belief(Box::new(picture)));
         }
         Ok(())
     }
@@ -162,7 +179,7 @@ impl Show {
         from.time()?;
         let name = short(from.string()?);
         if from.string()?.is_empty() {
-            self.push(time, name.len(), What::Phase(name));
+            self.push(time, name.len(), Event::Phase(name));
         }
         Ok(())
     }
@@ -171,8 +188,8 @@ impl Show {
         let (class, who, text) = standard::read_log(&mut cdr::Reader::new(data)?)?;
         // A phase has a message of its own.
         if !text.starts_with("phase: ") {
-            let what = What::Message(class, short(who), short(text));
-            self.push(time, 2 * WORDS.min(data.len()), what);
+            let what = Event::Message(class, short(who), short(text));
+            self.push(time, 2 * TEXT_LIMIT.min(data.len()), what);
         }
         Ok(())
     }
@@ -182,7 +199,7 @@ impl Show {
         from.time()?;
         from.u64()?;
         let words = short(&Input::describe_recorded(from.string()?));
-        self.push(time, words.len(), What::Operator(words));
+        self.push(time, words.len(), Event::Operator(words));
         Ok(())
     }
 
@@ -195,19 +212,19 @@ impl Show {
         let sensed = Sensed::read(data)?;
         let Some(camera) = self.camera(&sensed.sensor) else { return Ok(()) };
         loading.looked = Some((camera, self.events.len()));
-        let what = What::Sight(camera, sensed.period, None, found(sensed.found));
+        let what = Event::Sight(camera, sensed.period, None, found(sensed.found));
         self.push(time, data.len(), what);
         Ok(())
     }
 
-    /// Adds a picture to the sight before it, which has what was found in it.
+    /// Adds a picture to the look before it, which has the result of that picture.
     fn take_picture(&mut self, data: &[u8], loading: &mut Loading) -> Result<(), cdr::Malformed> {
         let mut from = cdr::Reader::new(data)?;
         from.header()?;
         from.string()?;
         let jpeg = Arc::new(from.u8_sequence()?.to_vec());
         if let Some((_, at)) = loading.looked.take()
-            && let Some((_, What::Sight(_, _, picture, _))) = self.events.get_mut(at)
+            && let Some((_, Event::Sight(_, _, picture, _))) = self.events.get_mut(at)
         {
             self.held += jpeg.len();
             *picture = Some(jpeg);
@@ -221,21 +238,22 @@ impl Show {
         data: &[u8],
         loading: &mut Loading,
     ) -> Result<(), cdr::Malformed> {
+        // Every tick goes into the peaks, and one in `PERIODS_PER_STATE` becomes an event.
         let tick = Tick::read(data)?;
         if let Some((record, peaks)) = loading.tick(&tick) {
             let fault = short(&tick.fault);
             let size = size_of::<ServoRecord>() + fault.len();
-            self.push(time, size, What::Arm(Box::new(record), fault, peaks));
+            self.push(time, size, Event::Arm(Box::new(record), fault, peaks));
         }
         Ok(())
     }
 
-    fn push(&mut self, time: f64, size: usize, what: What) {
-        self.held += size + size_of::<(f64, What)>();
+    fn push(&mut self, time: f64, size: usize, what: Event) {
+        self.held += size + size_of::<(f64, Event)>();
         self.events.push((time, what));
     }
 
-    /// How it ended, in words.
+    /// Returns how the run ended, in words.
     #[must_use]
     pub fn ending(&self) -> String {
         format!("{}: {}", self.outcome.verdict, self.outcome.reason)
@@ -247,10 +265,12 @@ impl Show {
         vsps.iter().find(|vsp| vsp.name == name)?.camera
     }
 
-    /// Shows it at a desk until somebody leaves, or `stop` is set; to its end only, unless `stays`.
+    /// Shows the recording at a desk until the operator quits or `stop` is set. Returns at the end
+    /// of the recording unless `stays`. `speed` is in multiples of real time, 0 for as fast as
+    /// possible.
     pub fn run(&self, desk: &RunEnd, speed: f64, stays: bool, stop: &AtomicBool) {
         let mut inputs = desk.take_inputs();
-        let mut stand = Stand::new(self, desk);
+        let mut playhead = Playhead::new(self, desk);
         let (mut time, mut speed, mut paused) = (0.0, speed, false);
         let mut last = Instant::now();
         while !stop.load(Ordering::Acquire) {
@@ -268,18 +288,20 @@ impl Show {
                     _ => {}
                 }
             }
-            // The last of several seeks counts.
+            // The last of several seeks counts. Presenter and latest values cannot go backwards, so
+            // they start again from the first event.
             if sought {
-                stand = Stand { number: stand.number, ..Stand::new(self, desk) };
-                stand.skip(time);
+                playhead = Playhead { number: playhead.number, ..Playhead::new(self, desk) };
+                playhead.skip(time);
             }
+            // Measured time, not the number of loops: a slow snapshot does not slow the show down.
             let factor = if speed == 0.0 { FASTEST } else { speed };
             let passed = last.elapsed().as_secs_f64();
             last = Instant::now();
             if !paused {
                 time = (time + factor * passed).min(self.end);
             }
-            stand.show(time, paused, speed);
+            playhead.show(time, paused, speed);
             if time >= self.end && !stays {
                 return;
             }
@@ -288,16 +310,16 @@ impl Show {
     }
 }
 
-/// The beginning of words that are longer than any of ours.
+/// Returns a text, cut off after [`TEXT_LIMIT`] bytes. No text that this program records is longer.
 fn short(words: &str) -> String {
-    if words.len() <= WORDS {
+    if words.len() <= TEXT_LIMIT {
         return words.to_owned();
     }
-    let end = (0..=WORDS).rev().find(|&at| words.is_char_boundary(at)).unwrap_or(0);
+    let end = (0..=TEXT_LIMIT).rev().find(|&at| words.is_char_boundary(at)).unwrap_or(0);
     format!("{}...", &words[..end])
 }
 
-/// A run whose end nobody knows.
+/// Returns the outcome of a run whose end is not recorded.
 fn cut_off(reason: &str) -> OutcomeView {
     OutcomeView {
         verdict: "cut off".to_owned(),
@@ -308,31 +330,34 @@ fn cut_off(reason: &str) -> OutcomeView {
     }
 }
 
-/// The state that is carried from tick to tick while a recording is read.
+/// State that is carried from message to message while a recording is read.
 struct Loading {
     cell: Cell,
     /// Servo periods between two states.
     states: u64,
     arms: Vec<(ArmState, Peaks)>,
-    /// The camera that looked last, and where its sight stands.
+    /// Camera that looked last, and the index of its event. The picture's own message follows.
     looked: Option<(usize, usize)>,
 }
 
 impl Loading {
-    /// Begins to load a recording of this cell, whose servo periods have this length (s).
+    /// Creates the state before the first message, for a cell whose servo periods have this length
+    /// (s).
     fn new(cell: &Cell, period: f64) -> Self {
         let arms = cell.arms.iter().map(|_| (ArmState::default(), Peaks::default())).collect();
-        let states = Length::of_seconds(period).count(STATES).into();
+        let states = Length::of_seconds(period).count(PERIODS_PER_STATE).into();
         Self { cell: cell.clone(), states, arms, looked: None }
     }
 
-    /// A state now and then, with the largest values in between.
+    /// Takes a tick into the peaks. Returns the state of one tick in `states`, with the largest
+    /// values since the one before.
     fn tick(&mut self, tick: &Tick) -> Option<(ServoRecord, Peaks)> {
         let index = usize::from(tick.arm);
         let (arm, (state, peaks)) = (self.cell.arms.get(index)?, self.arms.get_mut(index)?);
         if let Ok(Some(ServoCommand::Move { command, start })) = tick.order() {
             state.command_end = start.max(tick.period) + u64::from(command.periods);
         }
+        // A tick has joints alone: poses are computed again with the believed model.
         let tool =
             |joints: &JointPositions| arm.model.base_from_flange(joints) * arm.flange_from_tool;
         state.period = tick.period;
@@ -342,14 +367,18 @@ impl Loading {
         state.desired_base_from_tool = tool(&state.desired_joints);
         state.wrench_in_tool = tick.wrench_in_tool;
         peaks.take(state);
+        // Periods count from 1: the first one is kept, so that the show has a state from its
+        // beginning.
         if tick.period % self.states != 1 % self.states {
             return None;
         }
         state.motors = arm.model.motors(&state.joints);
         state.jaw_opening = tick.jaw_opening;
         state.jaw_force = tick.jaw_force;
-        // Any fault does here: the recorded words say which it was.
+        // A tick has the fault in words only. Any fault marks the arm as stopped; the recorded
+        // words replace it where it is shown.
         state.fault = (!tick.fault.is_empty()).then_some(ArmFault::EmergencyStop);
+        // An arm without a track has no axis 0. The jaw, axis `AXES`, counts as well.
         let first = usize::from(!arm.model.has_track);
         let all = (first..=AXES).all(|axis| tick.reading.synchronised & 1 << axis != 0);
         state.synchronisation = if all { Synchronisation::Yes } else { Synchronisation::No };
@@ -366,7 +395,7 @@ impl Loading {
     }
 }
 
-/// Returns what a recorded look found, as the latest values have it.
+/// Returns the result of a recorded look in the form of the latest values.
 fn found(sensed: Result<sensed::Found, String>) -> Found {
     match sensed {
         Ok(sensed::Found::Cube { world_from_cube, speed, .. }) => {
@@ -377,19 +406,23 @@ fn found(sensed: Result<sensed::Found, String>) -> Found {
     }
 }
 
-/// The show at one moment.
-struct Stand<'a> {
+/// Position in a recording, with the presenter and the latest values at that time.
+struct Playhead<'a> {
     show: &'a Show,
     to: &'a RunEnd,
     latest: LatestValues,
     presenter: Presenter,
+    /// Index of the next event.
     next: usize,
+    /// Recorded fault of each arm; empty if it has none.
     faults: Vec<String>,
+    /// Number of the last snapshot.
     number: u64,
+    /// Whether the outcome was shown.
     over: bool,
 }
 
-impl<'a> Stand<'a> {
+impl<'a> Playhead<'a> {
     fn new(show: &'a Show, to: &'a RunEnd) -> Self {
         let latest = LatestValues::default();
         let mut stage = present::stage(&show.scenario);
@@ -399,13 +432,15 @@ impl<'a> Stand<'a> {
         to.stage.send_replace(Arc::new(stage));
         to.pictures.send_replace(Pictures::new());
         let faults = vec![String::new(); show.scenario.controller.cell.arms.len()];
+        // No actor runs: actions of MP are not recorded, only its beliefs and phases.
         let mut values = latest.lock();
         (values.mp, values.replayed) = ("as recorded", true);
         drop(values);
         Self { show, to, latest, presenter, next: 0, faults, number: 0, over: false }
     }
 
-    /// Goes to a time at once: what arms felt on the way is no peak of the moment.
+    /// Moves to a time at once. Drops the peaks of the events before it, since they do not belong
+    /// to the new time.
     fn skip(&mut self, time: f64) {
         self.events(time);
         for arm in &mut self.latest.lock().arms {
@@ -413,15 +448,15 @@ impl<'a> Stand<'a> {
         }
     }
 
-    /// Takes the events until a time. Only the last belief and the last picture of each camera count:
-    /// to copy and decode all of them took longer than a person who seeks waits.
+    /// Applies the events up to a time. Only the last belief and the last picture of each camera
+    /// are used: to copy and decode all of them made a seek too slow.
     fn events(&mut self, time: f64) {
         let show = self.show;
         let mut sink = Seen { to: NoRecords, latest: Some(self.latest.clone()) };
         let (mut belief, mut looks) = (None, BTreeMap::new());
         while let Some((at, what)) = show.events.get(self.next).filter(|(at, _)| *at <= time) {
             match what {
-                What::Arm(record, fault, peaks) => {
+                Event::Arm(record, fault, peaks) => {
                     let arm = usize::from(record.arm);
                     if let Some(now) = self.faults.get_mut(arm) {
                         now.clone_from(fault);
@@ -429,24 +464,27 @@ impl<'a> Stand<'a> {
                     sink.record(record);
                     self.latest.peaked(arm, peaks);
                 }
-                What::Belief(picture) => belief = Some(picture),
-                What::Sight(camera, period, jpeg, found) => {
-                    self.presenter.sees(*period, found);
+                Event::Belief(picture) => belief = Some(picture),
+                Event::Sight(camera, period, jpeg, found) => {
+                    // The presenter draws the cube at the place that any look found; a picture
+                    // replaces the camera's last one.
+                    self.presenter.take_sight(*period, found);
                     if let Some(jpeg) = jpeg {
                         looks.insert(*camera, (*period, jpeg, found));
                     }
                 }
-                What::Phase(name) => self.presenter.notice(&Notice::Phase(*at, name.clone())),
-                What::Message(class, who, text) => {
+                Event::Phase(name) => self.presenter.notice(&Notice::Phase(*at, name.clone())),
+                Event::Message(class, who, text) => {
                     self.presenter.recorded(*at, *class, who, text);
                 }
-                What::Operator(words) => {
+                Event::Operator(words) => {
                     let text = format!("operator: {words}");
                     self.presenter.recorded(*at, Class::Info, "ui", &text);
                 }
             }
             self.next += 1;
         }
+        // One belief and one picture for each camera are left of the interval.
         if let Some(picture) = belief {
             self.latest.lock().picture = Some(picture.as_ref().clone());
         }
@@ -457,7 +495,7 @@ impl<'a> Stand<'a> {
         }
     }
 
-    /// Shows the moment at a time.
+    /// Sends the snapshot and the pictures of a time to the desk.
     fn show(&mut self, time: f64, paused: bool, speed: f64) {
         self.events(time);
         if time >= self.show.end && !self.over {
@@ -469,6 +507,7 @@ impl<'a> Stand<'a> {
         if let Some(pictures) = pictures {
             self.to.pictures.send_replace(pictures);
         }
+        // Numbers of snapshots rise over a seek as well, although it makes a new presenter.
         self.number += 1;
         snapshot.number = self.number;
         let seek_ms = Some((self.show.end * 1e3).round() as u64);
@@ -476,6 +515,8 @@ impl<'a> Stand<'a> {
         if paused && snapshot.control != ControlView::Ended {
             snapshot.control = ControlView::Paused;
         }
+        // The presenter has only the placeholder of `Loading::tick`. The recorded words replace it,
+        // and its remedy would be wrong.
         for (arm, fault) in snapshot.arms.iter_mut().zip(&self.faults) {
             arm.fault = arm.fault.take().map(|_| fault.clone());
             arm.remedy = None;
@@ -485,22 +526,19 @@ impl<'a> Stand<'a> {
 }
 
 impl Show {
-    /// Moments in the middle of the plan's steps, so many at most, spread from the first step to
-    /// the last: time (s), the step in words, and what the operator saw.
+    /// Returns at most `most` moments in the middle of steps of the plan, spread from the first
+    /// step to the last: time (s), the step in words, and the snapshot that the operator saw.
     #[must_use]
     pub fn moments(&self, most: usize) -> Vec<(f64, String, Arc<Snapshot>)> {
         let steps = self.steps();
         let count = most.min(steps.len());
-        let desk = Desk::default().run_end();
-        let mut stand = Stand::new(self, &desk);
-        (0..count)
-            .map(|i| {
-                let (time, words) = &steps[i * (steps.len() - 1) / (count - 1).max(1)];
-                stand.skip(*time);
-                stand.show(*time, true, 1.0);
-                (*time, words.clone(), Arc::clone(&desk.snapshots.borrow()))
-            })
-            .collect()
+        // Both ends are among them; `max(1)` is for a single moment.
+        let moments: Vec<_> =
+            (0..count).map(|i| &steps[i * (steps.len() - 1) / (count - 1).max(1)]).collect();
+        let times: Vec<f64> = moments.iter().map(|(time, _)| *time).collect();
+        let snapshots = self.snapshots(&times);
+        let moments = moments.into_iter().zip(snapshots);
+        moments.map(|((time, words), snapshot)| (*time, words.clone(), snapshot)).collect()
     }
 
     /// Returns the time of the last event (s).
@@ -513,16 +551,16 @@ impl Show {
     #[must_use]
     pub fn snapshots(&self, times: &[f64]) -> Vec<Arc<Snapshot>> {
         let desk = Desk::default().run_end();
-        let mut stand = Stand::new(self, &desk);
+        let mut playhead = Playhead::new(self, &desk);
         let at = |time: &f64| {
-            stand.skip(*time);
-            stand.show(*time, true, 1.0);
+            playhead.skip(*time);
+            playhead.show(*time, true, 1.0);
             Arc::clone(&desk.snapshots.borrow())
         };
         times.iter().map(at).collect()
     }
 
-    /// The middle of each step of the plans (s), and the step in words.
+    /// Returns the middle of each step of the plans (s), and the step in words.
     fn steps(&self) -> Vec<(f64, String)> {
         let (mut steps, mut now, mut begun) = (Vec::new(), None, None);
         let mut ends = |begun: &mut Option<(f64, String)>, time: f64| {
@@ -530,9 +568,11 @@ impl Show {
         };
         for (time, what) in &self.events {
             match what {
-                // The last step is shown until the run ends, and is over before.
-                What::Phase(_) => ends(&mut begun, *time),
-                What::Belief(picture) => {
+                // A phase ends a step as well: the belief keeps the last step until the run ends.
+                Event::Phase(_) => ends(&mut begun, *time),
+                Event::Belief(picture) => {
+                    // A new plan may have another step at the same number: the words are compared
+                    // too.
                     let line = |step: usize| Some((step, picture.plan.get(step)?.what.clone()));
                     let step = picture.step.and_then(line);
                     if step != now {
@@ -548,14 +588,14 @@ impl Show {
         steps
     }
 
-    /// Phases and messages, each with its time (s), for an operator without a UI.
-    pub fn told(&self) -> impl Iterator<Item = (f64, String)> {
+    /// Returns phases, messages and inputs, each with its time (s), for an operator without a UI.
+    pub fn log_lines(&self) -> impl Iterator<Item = (f64, String)> {
         self.events.iter().filter_map(|(time, what)| match what {
-            What::Phase(name) => Some((*time, name.clone())),
-            What::Message(Class::Info, _, text) => Some((*time, format!("note: {text}"))),
-            What::Message(_, who, text) => Some((*time, format!("! {who}: {text}"))),
-            What::Operator(words) => Some((*time, format!("operator: {words}"))),
-            What::Arm(..) | What::Belief(_) | What::Sight(..) => None,
+            Event::Phase(name) => Some((*time, name.clone())),
+            Event::Message(Class::Info, _, text) => Some((*time, format!("note: {text}"))),
+            Event::Message(_, who, text) => Some((*time, format!("! {who}: {text}"))),
+            Event::Operator(words) => Some((*time, format!("operator: {words}"))),
+            Event::Arm(..) | Event::Belief(_) | Event::Sight(..) => None,
         })
     }
 }
@@ -570,7 +610,7 @@ mod tests {
         crate::scenario::read(std::path::Path::new("t.toml"), "", &[]).unwrap()
     }
 
-    fn show(events: Vec<(f64, What)>, end: f64) -> Show {
+    fn show(events: Vec<(f64, Event)>, end: f64) -> Show {
         let title = String::new();
         Show { scenario: scenario(), title, events, held: 0, end, outcome: cut_off("") }
     }
@@ -589,7 +629,7 @@ mod tests {
     }
 
     #[test]
-    fn a_recording_that_holds_more_than_is_shown_says_where_it_was_left() {
+    fn long_recording_says_where_show_ends() {
         let mut writer = mcap::Writer::new(std::io::Cursor::new(Vec::new())).unwrap();
         let schema = writer.add_schema("p/msg/Phase", "ros2msg", b"").unwrap();
         let channel = writer.add_channel(schema, "/phase", "cdr", &<_>::default()).unwrap();
@@ -613,16 +653,16 @@ mod tests {
 
         let read = |most| Show::read_within(most, file.as_slice(), &scenario(), "").unwrap();
 
-        let whole = read(MOST);
+        let whole = read(MEMORY_LIMIT);
         assert_eq!((whole.events.len(), whole.end), (100, 99.0));
-        assert!(whole.held < 100 * (WORDS + 500), "{}", whole.held);
-        let part = read(50 * WORDS);
+        assert!(whole.held < 100 * (TEXT_LIMIT + 500), "{}", whole.held);
+        let part = read(50 * TEXT_LIMIT);
         assert!((40..=52).contains(&part.events.len()), "{}", part.events.len());
         assert!(part.ending().contains("holds more than is shown"), "{}", part.ending());
     }
 
     #[test]
-    fn no_peak_falls_between_two_states_that_are_kept() {
+    fn loading_keeps_peaks_between_kept_states() {
         let mut loading = Loading::new(&scenario().controller.cell, 0.002);
         let mut kept = Vec::new();
         for period in 2..=21 {
@@ -642,8 +682,10 @@ mod tests {
         assert_eq!(state.state.wrench_in_tool.force.norm(), 0.0, "the state is of its own period");
     }
 
+    /// A seek shows the last picture before its time, with the words of that picture's own look,
+    /// and no peak of the interval that it skipped.
     #[test]
-    fn who_seeks_sees_the_last_picture_on_the_way_and_no_peak_of_it() {
+    fn seek_shows_last_picture_without_peaks() {
         let jpeg = |shade: u8| {
             let image = image::RgbImage::from_pixel(8, 8, image::Rgb([shade; 3]));
             let mut file = Vec::new();
@@ -652,11 +694,11 @@ mod tests {
             Arc::new(file)
         };
         let look = |period: u64, jpeg: Option<Arc<Vec<u8>>>| {
-            What::Sight(0, period, jpeg, Found::Nothing(format!("look {period}")))
+            Event::Sight(0, period, jpeg, Found::Nothing(format!("look {period}")))
         };
         let peaks = Peaks { force: 40.0, torque: 4.0, following: 0.001 };
         let events = vec![
-            (0.1, What::Arm(Box::new(record(50)), String::new(), peaks)),
+            (0.1, Event::Arm(Box::new(record(50)), String::new(), peaks)),
             (0.2, look(100, Some(jpeg(0)))),
             (0.4, look(200, Some(jpeg(200)))),
             (0.5, look(250, None)),
@@ -664,10 +706,10 @@ mod tests {
         ];
         let show = show(events, 1.0);
         let desk = Desk::default().run_end();
-        let mut stand = Stand::new(&show, &desk);
+        let mut playhead = Playhead::new(&show, &desk);
 
-        stand.skip(0.6);
-        stand.show(0.6, true, 1.0);
+        playhead.skip(0.6);
+        playhead.show(0.6, true, 1.0);
 
         let snapshot = desk.snapshots.borrow().clone();
         assert_eq!(snapshot.cameras[0].words, "look 200", "what was found in that picture");
@@ -680,17 +722,17 @@ mod tests {
     }
 
     #[test]
-    fn moments_are_of_steps_from_the_first_to_the_last() {
+    fn moments_span_first_to_last_step() {
         let line =
             |n: usize| PlanLine { what: format!("turn {n}"), why: String::new(), seconds: 1.0 };
         let plan: Arc<Vec<PlanLine>> = Arc::new((0..20).map(line).collect());
         let belief = |step: usize| {
             let plan = Arc::clone(&plan);
-            What::Belief(Box::new(Picture { plan, step: Some(step), ..Picture::default() }))
+            Event::Belief(Box::new(Picture { plan, step: Some(step), ..Picture::default() }))
         };
         let mut events: Vec<_> =
             (0..20).map(|step| (10.0 + 2.0 * step as f64, belief(step))).collect();
-        events.push((52.0, What::Phase("release".to_owned())));
+        events.push((52.0, Event::Phase("release".to_owned())));
         let show = show(events, 100.0);
 
         let moments = show.moments(9);

@@ -1,8 +1,12 @@
-//! From a scenario's plant section to the simulated plant and its cameras.
+//! Simulated plant and its cameras, created from a scenario's plant section.
 //!
-//! The only file of the actors that reads a `plant.*` key; what it makes goes behind the port and the cameras.
+//! This is the only file that reads a `plant.*` key. Its results are used behind the port and the
+//! cameras only, so that no part of the controller knows them.
+//!
+//! - in: the scenario; the believed meetings of the arms and the start of a face turn
+//! - out: the plant with its seeded errors and injected faults, its renderers, its serial lines
 
-use super::disturbance::{Disturbance, Who};
+use super::disturbance::{Actor, Disturbance};
 use super::settings::{FaceTurnStart, meeting_place};
 use crate::cell::Cell;
 use crate::cube::Keeper;
@@ -26,7 +30,10 @@ use crate::servo::period::Length;
 use crate::spatial::Pose;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 
-/// Creates the plant; a face turn starts with the cube in the postument's hand.
+/// Creates the plant. A face turn starts with the cube in the postument's hand.
+///
+/// # Errors
+/// If the plant section describes no possible plant.
 pub(super) fn create(
     scenario: &Scenario,
     meetings: Option<&MeetingTable>,
@@ -40,6 +47,8 @@ pub(super) fn create(
     if let Some(start) = face_turn {
         place_for_face_turn(&mut belief, start);
         let arm = &belief.arms[1];
+        // One meeting matters: the bases are set up for it, and the hold has exactly the errors
+        // that the scenario asks for.
         met = vec![start.meeting];
         grasp = GraspError {
             lateral: keys.grasp_error,
@@ -54,13 +63,15 @@ pub(super) fn create(
         meetings.map_or(ErrorSpreads::default().pivot, |table| meeting_place(&belief, table));
     let measured = calibrated(&belief, &met, pivot);
     let mut config = config(scenario, &measured, pivot, grasp);
-    // Before the faults: a run that goes on may have others.
+    // The identity is taken before the faults are added: a resumed run may have other faults in the
+    // same plant.
     let identity = Identity::of(&config, scenario.seed);
     let layer = scenario.controller.cell.cube.edge / 3.0;
     for keys in &scenario.plant.faults {
-        mistake(keys, layer, &mut config.cell);
+        add_cell_error(keys, layer, &mut config.cell);
     }
     config.faults = faults(scenario).0;
+    // The plant starts with the grip that the controller would have ordered for this hold.
     if let Some(start) = face_turn {
         let edge = config.cell.cube.edge;
         let tool_from_cube = start.body.cube_from_tool(start.half_roll, edge).inverse();
@@ -71,7 +82,10 @@ pub(super) fn create(
     Ok(plant.known_as(identity))
 }
 
-/// Creates the plant with the cube in an arm's hand and both arms where they are to be at first.
+/// Creates the plant with the cube in the hand of `arm` and both arms at `starts`.
+///
+/// # Errors
+/// If the plant section describes no possible plant.
 pub(super) fn create_holding(
     scenario: &Scenario,
     arm: usize,
@@ -86,17 +100,19 @@ pub(super) fn create_holding(
     let mut config = config(scenario, &belief, pivot, GraspError::default());
     let layer = scenario.controller.cell.cube.edge / 3.0;
     for keys in &scenario.plant.faults {
-        mistake(keys, layer, &mut config.cell);
+        add_cell_error(keys, layer, &mut config.cell);
     }
     config.start = Start::Held { arm, tool_from_cube };
     config.start_grip = scenario.controller.control.grip;
-    // Nobody waits for the cube: a hand would take it where a pose shows it near the hand-over place.
+    // No person is there: the person's hand would take the cube when a pose of a calibration is
+    // near the place of the hand-over.
     (config.hand.appears, config.hand.return_after) = (f64::INFINITY, f64::INFINITY);
     Plant::new(config, scenario.seed).map_err(|e| e.to_string())
 }
 
-/// The cell whose arms, sagging as they do, meet where a controller believes: a workshop lets the hands meet to find
-/// where the bases stand to each other, and sees the sag of both then. `met` are the meetings, `pivot` their place.
+/// Returns the cell in which the sagging arms meet where the controller believes. A workshop finds
+/// the pose of one base to the other by letting the hands meet, and sees the sag of both arms then.
+/// `met` are the meetings, `pivot` is their place.
 fn calibrated(belief: &Cell, met: &[Meeting], pivot: Point3<f64>) -> Cell {
     let mut cell = belief.clone();
     if cell.arms.len() < 2 || met.is_empty() {
@@ -106,7 +122,9 @@ fn calibrated(belief: &Cell, met: &[Meeting], pivot: Point3<f64>) -> Cell {
     let pivot = Translation3::from(pivot);
     let (mut moved, mut turned) = (Vector3::zeros(), Vector3::zeros());
     for meeting in met {
-        // By how much the second arm's base must be elsewhere for the hands to stand to each other as believed.
+        // The displacement of the second base after which the sagging hands have the believed pose
+        // to each other: the error of the first hand times the inverse error of the second, about
+        // the pivot.
         let both = [(0, meeting.track), (1, meeting.postument)].map(|(i, joints)| {
             let arm = &belief.arms[i];
             let meant =
@@ -117,6 +135,8 @@ fn calibrated(belief: &Cell, met: &[Meeting], pivot: Point3<f64>) -> Cell {
         moved += off.translation.vector;
         turned += off.rotation.scaled_axis();
     }
+    // One base cannot fit all meetings: it gets the mean. Errors of millimetres and milliradians
+    // may be averaged as vectors.
     let share = 1.0 / met.len() as f64;
     let off =
         Pose::from_parts((moved * share).into(), UnitQuaternion::from_scaled_axis(turned * share));
@@ -124,7 +144,7 @@ fn calibrated(belief: &Cell, met: &[Meeting], pivot: Point3<f64>) -> Cell {
     cell
 }
 
-/// What the plant is made of, around the controller's belief, without any fault.
+/// Returns the parameters of the plant, drawn around the controller's belief, without any fault.
 fn config(
     scenario: &Scenario,
     belief: &Cell,
@@ -155,6 +175,7 @@ fn config(
     };
     config.substeps = keys.substeps;
     config.period = Length::of_seconds(scenario.real_time.period);
+    // The plant has a flag for two arms; the scenario may have one.
     for (now, wanted) in config.synchronised.iter_mut().zip(&scenario.plant.synchronised) {
         *now = *wanted;
     }
@@ -182,7 +203,7 @@ fn config(
     config
 }
 
-/// Returns what the operator's hand does.
+/// Returns the script of the operator's hand.
 fn hand_script(h: &PlantHand) -> HandScript {
     HandScript {
         appears: h.appears,
@@ -222,29 +243,34 @@ fn sensor_noise(keys: &PlantKeys) -> SensorNoise {
     }
 }
 
-/// Index of the arm or camera of a name that was checked.
+/// Returns the index of the arm or camera with a name. The scenario was checked, so the name
+/// exists; a fault without a name is of the first one.
 fn index<'a>(mut names: impl Iterator<Item = &'a String>, wanted: Option<&String>) -> usize {
     names.position(|name| Some(name) == wanted).unwrap_or(0)
 }
 
-/// Makes the cell differ from the belief from the beginning, where a fault says so; `layer` is the
-/// thickness of the cube's (m).
-fn mistake(keys: &FaultKeys, layer: f64, truth: &mut Cell) {
+/// Adds the error of a fault that exists from the beginning to the true cell; `layer` is the
+/// thickness of a layer of the cube (m).
+fn add_cell_error(keys: &FaultKeys, layer: f64, truth: &mut Cell) {
     let which = index(truth.arms.iter().map(|a| &a.name), keys.arm.as_ref());
+    // The key is in millimetres here, the cell in metres.
     let size = keys.magnitude.unwrap_or_default() * 1e-3;
     let Some(arm) = truth.arms.get_mut(which) else { return };
     match keys.kind {
+        // Fingers one layer shorter hold one layer less than ordered, longer ones one more.
         Some(FaultKind::UnderConstrained) => arm.gripper.finger_tip -= layer,
         Some(FaultKind::OverConstrained) => arm.gripper.finger_tip += layer,
         Some(FaultKind::JawCalibration) => arm.gripper.opening_offset += size,
         Some(FaultKind::BaseCalibration) => {
             arm.world_from_base.translation.vector[keys.direction.min(2) as usize] += size;
         }
+        // All other kinds begin during the run: see `what`.
         _ => {}
     }
 }
 
-/// What the plant suffers in the course of a run, and what it only tells the time of.
+/// Returns the faults of the plant, and the disturbances outside the plant, for which the plant
+/// only decides when they begin and end.
 pub(super) fn faults(scenario: &Scenario) -> (Vec<Fault>, Vec<Disturbance>) {
     let mut others = Vec::new();
     let cell = &scenario.controller.cell;
@@ -252,6 +278,7 @@ pub(super) fn faults(scenario: &Scenario) -> (Vec<Fault>, Vec<Disturbance>) {
         let what = what(cell, keys, &mut others)?;
         let arm = keys.event_arm.as_ref();
         let event_arm = arm.map(|_| index(cell.arms.iter().map(|a| &a.name), arm));
+        // A fault begins at a time, or some time after the n-th event of a kind.
         let when = match (keys.at, keys.event) {
             (Some(time), _) => When::At(time),
             (None, event) => When::After {
@@ -274,7 +301,7 @@ pub(super) fn faults(scenario: &Scenario) -> (Vec<Fault>, Vec<Disturbance>) {
     (faults.collect(), others)
 }
 
-/// The same in words, in the same order.
+/// Returns the name of each fault of [`faults`], in the same order.
 fn fault_words(scenario: &Scenario) -> Vec<String> {
     let words = scenario.plant.faults.iter().filter_map(|keys| {
         what(&scenario.controller.cell, keys, &mut Vec::new())?;
@@ -284,37 +311,41 @@ fn fault_words(scenario: &Scenario) -> Vec<String> {
     words.collect()
 }
 
-/// Notes in a recording which injected faults have begun: the truth, which no part of the run sees.
+/// Writer of the injected faults that have begun, for the recording alone: no part of the run sees
+/// it.
 pub(super) struct PlantEventLog {
+    /// Name of each fault; emptied when it was written, or all if nothing is recorded.
     words: Vec<String>,
-    told: usize,
+    /// Number of faults that had begun at the last look.
+    reported: usize,
     recorder: Recorder,
 }
 
 impl PlantEventLog {
     pub(super) fn new(scenario: &Scenario, recorder: Recorder) -> Self {
         let words = if recorder.is_on() { fault_words(scenario) } else { Vec::new() };
-        Self { words, told: 0, recorder }
+        Self { words, reported: 0, recorder }
     }
 
-    /// At a period of 2 ms.
+    /// Records the faults that have begun since the last call; `tick` is a period of 2 ms.
     pub(super) fn look(&mut self, tick: u64, plant: Option<&Plant>) {
         let (Some(plant), false) = (plant, self.words.is_empty()) else { return };
         let begun = plant.begun_faults().count();
-        if begun == std::mem::replace(&mut self.told, begun) {
+        if begun == std::mem::replace(&mut self.reported, begun) {
             return;
         }
         for index in plant.begun_faults() {
             let word = self.words.get_mut(index).map(std::mem::take).unwrap_or_default();
             if !word.is_empty() {
                 let text = format!("injected fault: {word}");
-                self.recorder.note(tick, || Entry::Log(Class::Warning, "plant".to_owned(), text));
+                self.recorder.record(tick, || Entry::Log(Class::Warning, "plant".to_owned(), text));
             }
         }
     }
 }
 
-/// Returns what a fault does in the plant; one beside the plant is added to `others`.
+/// Returns the event that a fault causes in the plant; a fault outside the plant is added to
+/// `others`. Returns `None` for an error that exists from the beginning.
 fn what(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -> Option<What> {
     use FaultKind as K;
     let arm = index(cell.arms.iter().map(|a| &a.name), keys.arm.as_ref());
@@ -323,13 +354,15 @@ fn what(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -> Option<
     let direction = keys.direction as usize;
     let size = keys.magnitude.unwrap_or_default();
     let who = || match keys.actor? {
-        FaultActor::Mp => Some(Who::Mp),
-        FaultActor::Ecp => Some(Who::Ecp(arm)),
-        FaultActor::Edp => Some(Who::Edp(arm)),
-        FaultActor::Vsp => Some(Who::Vsp(camera)),
+        FaultActor::Mp => Some(Actor::Mp),
+        FaultActor::Ecp => Some(Actor::Ecp(arm)),
+        FaultActor::Edp => Some(Actor::Edp(arm)),
+        FaultActor::Vsp => Some(Actor::Vsp(camera)),
     };
-    let receiver = who().unwrap_or(Who::Edp(arm));
+    // Faults of messages are of an EDP unless the scenario names another actor.
+    let receiver = who().unwrap_or(Actor::Edp(arm));
     let other = match keys.kind? {
+        // Faults that the plant itself has.
         K::EncoderFreeze => return Some(What::EncoderFreeze { arm, axis }),
         K::EncoderJump => return Some(What::EncoderJump { arm, axis, by: size }),
         K::OverCurrent => return Some(What::OverCurrent { arm, axis, amperes: size }),
@@ -348,9 +381,11 @@ fn what(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -> Option<
             return Some(What::Push { arm, force });
         }
         K::Withdraw => return Some(What::Withdraw),
+        // Errors of the cell, see `add_cell_error`.
         K::UnderConstrained | K::OverConstrained | K::JawCalibration | K::BaseCalibration => {
             return None;
         }
+        // Disturbances of the servo's time, the cameras and the messages.
         K::MissedPeriods => Disturbance::Missed(size as u64),
         K::ClockJump => Disturbance::ClockJump(size * 1e-3),
         K::CameraBlackout => Disturbance::Blackout(camera),
@@ -364,6 +399,7 @@ fn what(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -> Option<
         K::LostMessage => Disturbance::Lost(receiver),
         K::PowerCut => Disturbance::PowerCut,
         K::DuplicatedMessage => Disturbance::Duplicated(arm),
+        // Disturbances of one actor, or of what all of them share.
         K::ActorPanic => Disturbance::Panic(who()?),
         K::ActorHang => Disturbance::Hang(who()?),
         K::ActorSpin => Disturbance::Spin(who()?),
@@ -371,11 +407,12 @@ fn what(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -> Option<
         K::DiskFull => Disturbance::DiskFull,
         K::EmergencyStop => Disturbance::EmergencyStop,
     };
+    // The plant times the disturbance like a fault of its own and reports its index.
     others.push(other);
     Some(What::Elsewhere(others.len() - 1))
 }
 
-/// Puts a plant behind the serial protocol.
+/// Connects a plant by the serial protocol, with the line faults of the scenario.
 pub(super) fn wired(scenario: &Scenario, plant: Plant) -> Wired<Plant> {
     let keys = &scenario.plant.keys.lines;
     let faults = LineFaults {
@@ -392,13 +429,14 @@ pub(super) fn wired(scenario: &Scenario, plant: Plant) -> Wired<Plant> {
     Wired::new(plant, arms, rules, faults, scenario.seed)
 }
 
-/// Both arms stand where the hands meet, the track's drawn back.
+/// Moves the starts of both arms to the meeting of a face turn, with the track's arm retracted.
 fn place_for_face_turn(belief: &mut Cell, start: &FaceTurnStart) {
     belief.arms[0].start = start.meeting.track_back;
     belief.arms[1].start = start.meeting.postument;
 }
 
-/// How the cell looks to a camera of the plant.
+/// Returns the renderer of a camera of the plant; `None` if the plant has no camera with
+/// this index.
 pub(super) fn renderer(scenario: &Scenario, plant: &Plant, camera: usize) -> Option<Renderer> {
     let truth = plant.cell();
     let keys = &scenario.plant.keys;
@@ -411,6 +449,7 @@ pub(super) fn renderer(scenario: &Scenario, plant: &Plant, camera: usize) -> Opt
     look.light.ambient *= keys.light.level as f32;
     look.light.key *= keys.light.level as f32;
     look.sensor.read_noise = keys.noise.image;
+    // Each camera has its own noise.
     let seed = scenario.seed.wrapping_mul(0x9e37_79b9).wrapping_add(camera as u64);
     Some(
         Renderer::new(truth.cameras.get(camera)?.clone(), look, seed)
@@ -430,8 +469,9 @@ mod tests {
         *create(&scenario, None, None).unwrap().identity()
     }
 
+    /// A resumed run may change the controller and the faults, but not the plant.
     #[test]
-    fn a_plant_is_the_same_whatever_the_controller_and_the_faults_are() {
+    fn identity_ignores_controller_and_faults() {
         let plain = identity("", "");
 
         let fault = "[[fault]]\nkind = \"base_calibration\"\narm = \"postument\"\nmagnitude = 2\n";

@@ -1,7 +1,7 @@
-//! The actors of a run, created from the bottom up, and their supervision.
+//! Actors below MP, created from the bottom up, and their supervision.
 //!
 //! - in: the links to the servos, the cameras, the controller's section of the scenario
-//! - out: EDPs that are synchronised, VSPs and ECPs, ready for MP
+//! - out: EDPs of synchronised arms, VSPs and ECPs, ready for MP
 
 use super::disturbance::InjectedFaults;
 use super::failure::not_created;
@@ -11,7 +11,7 @@ use super::settings;
 use super::world::Cameras;
 use crate::actors::control::permission_soon;
 use crate::actors::edp::EdpHandle;
-use crate::actors::homing::{self, homed};
+use crate::actors::homing::{self, wait_for_homing};
 use crate::actors::lookout::{self, Apart};
 use crate::actors::move_instruction::Manner;
 use crate::actors::notice::Notice;
@@ -36,15 +36,15 @@ use tokio::sync::watch;
 
 /// Interval of the heartbeat that the servos watch.
 const HEARTBEAT: Duration = Duration::from_millis(10);
-/// Speed at which an arm goes from its switches to its start (share of the largest).
+/// Speed of the motion from the switches to the start (share of the full speed).
 const START_SPEED: f64 = 0.5;
 
-/// Starts what watches over the actors: the heartbeat, and the hold of all arms after a panic.
-/// Returns the watch from a thread outside of the runtime, if `stuck` is to be called.
+/// Starts the supervision of the actors: the heartbeat, and the hold of all arms after a panic.
+/// Returns the watch from a thread outside the runtime, if there is a `stuck` to call.
 ///
-/// An actor that blocks the runtime blocks the run: the caller of the run must end it. The servo's
-/// thread, which misses the heartbeat, still switches the drives off; the controllers keep the last
-/// drive of a process that is gone.
+/// An actor that blocks the runtime blocks the run, which the caller of the run must end by
+/// `stuck`. The servo's thread misses the heartbeat and still switches the drives off. It must do
+/// so before the process ends: the arms' controllers keep the last drive of a process that is gone.
 pub(super) fn supervise(
     servos: &Servos,
     watchdog: &Watchdog,
@@ -53,6 +53,7 @@ pub(super) fn supervise(
     stuck: Option<fn(Error)>,
 ) -> Option<Outside> {
     let (beats, heart) = (Arc::clone(&servos.switches), Arc::clone(&faults.heart));
+    // The heartbeat is a task of the actors' runtime, so it stops if any of them blocks that.
     tokio::spawn(async move {
         loop {
             if !heart.load(Ordering::Acquire) {
@@ -61,7 +62,7 @@ pub(super) fn supervise(
             tokio::time::sleep(HEARTBEAT).await;
         }
     });
-    // After a panic the arms hold at once; MP learns of it, too, and ends the run.
+    // After a panic the arms hold at once. MP listens as well and ends the run.
     let (mut listens, holds) = (watchdog.listen(), Arc::clone(&servos.switches));
     tokio::spawn(async move {
         raised(&mut listens).await;
@@ -70,6 +71,7 @@ pub(super) fn supervise(
     let stop_button = servos.stop_button.clone();
     stuck.map(|stuck| {
         watchdog.watched_from_outside(patience_outside(pace), move |error| {
+            // The bridge needs a moment to switch the drives off before `stuck` ends the process.
             stop_button.press();
             std::thread::sleep(SWITCHES_OFF);
             stuck(error);
@@ -77,23 +79,24 @@ pub(super) fn supervise(
     })
 }
 
-/// Returns the time, by the wall clock, after which an actor that blocks all others counts as stuck.
-/// Arms hold after 0.1 s without a heartbeat, and stop after 1 s. No arm waits for virtual time,
-/// where a busy machine may take long.
+/// Returns the time of the wall clock after which an actor that blocks all others counts as stuck.
+/// Real arms hold after 0.1 s without a heartbeat and trip after 1 s. Under virtual time no arm
+/// waits, and a busy machine may be slow.
 fn patience_outside(pace: Pace) -> Duration {
     Duration::from_secs(if pace == Pace::Virtual { 10 } else { 1 })
 }
 
-/// The drivers of the effectors, and the guard that watches their states.
+/// EDPs of the effectors, and the guard that watches their states.
 pub(super) struct Drivers {
     edps: Vec<EdpHandle>,
-    /// The arms that are to be synchronised before the task, by index.
-    blind: Vec<usize>,
+    /// Indices of the arms that must be synchronised before the task.
+    unsynchronised: Vec<usize>,
     guard: Guard,
     apart: Apart,
 }
 
-/// The actors below MP. EDPs and VSPs end with this: they live until the run has wound down.
+/// Actors below MP. EDPs and VSPs end when this is dropped, after the run has wound down: a camera
+/// still looks while the arms come to rest.
 pub(super) struct Staff {
     _edps: Vec<EdpHandle>,
     pub(super) ecps: Vec<ecp::EcpHandle>,
@@ -111,6 +114,7 @@ pub(super) fn start_drivers(
     faults: &InjectedFaults,
     by_hand: bool,
 ) -> Drivers {
+    // Each arm has one link, which its EDP owns from now on.
     let links = std::mem::take(&mut servos.links);
     let edps: Vec<_> = config
         .cell
@@ -123,7 +127,8 @@ pub(super) fn start_drivers(
     let guard = Guard::of(&config.cell, config.control.hand_speed);
     let guard = if by_hand { guard.by_hand() } else { guard };
     let apart = Apart::default();
-    let watching = lookout::watch_over(
+    // The lookout checks both arms' states every 20 ms and stops them before they touch.
+    let watching = lookout::run_lookout(
         guard.clone(),
         edps.iter().map(EdpHandle::watch).collect(),
         servos.stop_button.clone(),
@@ -131,28 +136,29 @@ pub(super) fn start_drivers(
         services.clone(),
     );
     services.supervision.watchdog.spawn("guard", watching);
-    // By hand, the operator decides when an arm is synchronised.
-    let blind = (0..edps.len()).filter(|&i| !servos.synchronised[i] && !by_hand).collect();
-    Drivers { edps, blind, guard, apart }
+    // When arms are moved by hand, the operator decides when each is synchronised.
+    let unsynchronised = (0..edps.len()).filter(|&i| !servos.synchronised[i] && !by_hand).collect();
+    Drivers { edps, unsynchronised, guard, apart }
 }
 
-/// Synchronises each arm that does not know where it is.
+/// Synchronises each arm whose position is unknown.
 ///
 /// # Errors
-/// If an arm cannot be synchronised, or the operator terminates the run. A run that is resumed does
-/// not synchronise: homing drives axes to their switches and opens jaws, with whatever they hold.
+/// If an arm cannot be synchronised, or the operator terminates the run. A resumed run is refused
+/// instead: homing moves axes to their switches and opens the jaws, which may hold the cube.
 pub(super) async fn home(
     drivers: &Drivers,
     cell: &Cell,
     services: &Services,
     resumes: bool,
 ) -> Result<(), Error> {
-    if let Some(&i) = drivers.blind.first().filter(|_| resumes) {
+    if let Some(&i) = drivers.unsynchronised.first().filter(|_| resumes) {
         let (actor, effector) = ("supervisor".to_owned(), cell.arms[i].name.clone());
         let cause = NonFatal::Lost { effector };
         return Err(Error::NonFatal { actor, place: "resume", cause });
     }
-    for &i in &drivers.blind {
+    // One arm at a time. A panic of another actor ends the wait for this one.
+    for &i in &drivers.unsynchronised {
         let now = services.clock.period() as f64 * PERIOD;
         services.trace.tell(Notice::Phase(now, format!("synchronise {}", cell.arms[i].name)));
         tokio::select! {
@@ -164,7 +170,10 @@ pub(super) async fn home(
     Ok(())
 }
 
-/// Synchronises an arm; the operator may pause it, and terminate the run before it is done.
+/// Synchronises an arm. The operator may pause it, and terminate the run before it is done.
+///
+/// # Errors
+/// If the arm fails, or the operator terminates the run.
 async fn home_arm(edp: &EdpHandle, services: &Services) -> Result<(), Error> {
     let (mut control, clock) = (services.control.clone(), &services.clock);
     loop {
@@ -175,24 +184,25 @@ async fn home_arm(edp: &EdpHandle, services: &Services) -> Result<(), Error> {
                 let actor = "supervisor".into();
                 return Err(Error::NonFatal { actor, place: "synchronise", cause });
             }
-            // A fault must not wait for the operator.
+            // While the operator pauses: the request for the state returns a fault of the arm.
             None => {
                 edp.state().await?;
                 continue;
             }
         }
-        if homed(edp.synchronise(), &mut control, clock).await? {
+        if wait_for_homing(edp.synchronise(), &mut control, clock).await? {
             return Ok(());
         }
+        // The operator interrupted it: it is requested again when the operator resumes.
         let now = clock.period() as f64 * PERIOD;
-        services.trace.tell(Notice::Note(now, homing::STANDS.to_owned()));
+        services.trace.tell(Notice::Note(now, homing::STOPPED_MESSAGE.to_owned()));
     }
 }
 
 /// Starts VSPs and ECPs, and moves the arms that were synchronised to their start.
 ///
 /// # Errors
-/// If a VSP has no camera of its own, or an arm does not come to its start.
+/// If a VSP has no camera of its own, or an arm does not reach its start.
 pub(super) async fn start_actors(
     config: &ControllerConfig,
     drivers: Drivers,
@@ -200,7 +210,7 @@ pub(super) async fn start_actors(
     services: &Services,
     faults: &InjectedFaults,
 ) -> Result<Staff, Error> {
-    let Drivers { edps, blind, guard, apart } = drivers;
+    let Drivers { edps, unsynchronised, guard, apart } = drivers;
     let sensors = start_sensors(config, &edps, cameras, services, faults)?;
     let manners: Vec<_> =
         (0..config.cell.arms.len()).map(|effector| settings::manner(config, effector)).collect();
@@ -221,8 +231,8 @@ pub(super) async fn start_actors(
             ecp::spawn(&arm.name, parts)
         })
         .collect();
-    // Homing leaves an axis at its switch; a task begins where the scenario says.
-    for &i in &blind {
+    // Homing leaves each axis near its switch. The task begins at the scenario's start.
+    for &i in &unsynchronised {
         let target = config.cell.arms[i].start;
         let start = Behaviour::Joints { target, speed: START_SPEED, seconds: 0.0 };
         tokio::select! {
@@ -234,16 +244,19 @@ pub(super) async fn start_actors(
     Ok(Staff { _edps: edps, ecps, sensors, manners, guard, apart })
 }
 
-/// The VSPs by owner.
+/// VSPs, each with the actor that owns it.
 #[derive(Default)]
 pub(super) struct Sensors {
     trackers: Vec<(Owner, VspHandle)>,
     hand_cameras: Vec<(Owner, usize, VspHandle)>,
-    /// The forces of both wrists, if a VSP aggregates them.
+    /// Forces of both wrists, if a VSP aggregates them.
     pub(super) forces: Option<watch::Receiver<Forces>>,
 }
 
 /// Starts the VSPs that the scenario lists.
+///
+/// # Errors
+/// If two VSPs have the same camera, or a VSP has none.
 fn start_sensors(
     config: &ControllerConfig,
     edps: &[EdpHandle],
@@ -257,11 +270,13 @@ fn start_sensors(
         let owner =
             if config.coordination == Coordination::Continuous { Owner::Mp } else { wanted.owner };
         match (wanted.kind, wanted.camera) {
+            // Forces come with the arms' states: this VSP has no device of its own.
             (VspKind::Force, _) => {
                 let states = edps.iter().map(EdpHandle::watch).collect();
                 sensors.forces = Some(vsp::spawn_forces(services, states, periods(wanted.period)));
             }
             (kind, Some(camera)) => {
+                // A frame source has one reader.
                 let source = cameras[camera].take().ok_or_else(|| {
                     not_created(&wanted.name, "its camera belongs to another VSP")
                 })?;
@@ -290,6 +305,7 @@ fn sensor_parts(
     vsp::Parts {
         source,
         intrinsics: believed.intrinsics,
+        // Only a camera at a fixed place locates the cube in the world. One in a hand reads faces.
         world_from_camera: match believed.mount {
             Mount::World { world_from_camera } => Some(world_from_camera),
             Mount::Flange { .. } => None,
@@ -304,26 +320,28 @@ fn sensor_parts(
     }
 }
 
-/// Returns a time in servo periods, one at least.
+/// Returns a time (s) as a number of servo periods of 2 ms, at least one.
 fn periods(seconds: f64) -> u64 {
     (seconds / PERIOD).round().max(1.0) as u64
 }
 
 impl Sensors {
+    /// Adds a VSP by its kind; `carrier` is the arm that carries its camera.
     fn add(&mut self, kind: VspKind, owner: Owner, carrier: Option<usize>, handle: VspHandle) {
         match (kind, carrier) {
             (VspKind::Cube, _) => self.trackers.push((owner, handle)),
             (VspKind::Face, Some(arm)) => self.hand_cameras.push((owner, arm, handle)),
+            // A task asks a face's sensor by the arm that carries it: without one it has no use.
             (VspKind::Face | VspKind::Force, _) => {}
         }
     }
 
-    /// Returns the stand-alone camera's sensor of an owner.
+    /// Returns the VSP of the stand-alone camera that an actor owns.
     pub(super) fn tracker_of(&self, owner: Owner) -> Option<VspHandle> {
         self.trackers.iter().find(|(o, _)| *o == owner).map(|(_, handle)| handle.clone())
     }
 
-    /// Returns the sensor of an owner whose camera is in the hand of `arm`.
+    /// Returns the VSP that an actor owns and whose camera is in the hand of `arm`.
     pub(super) fn hand_camera_of(&self, owner: Owner, arm: usize) -> Option<VspHandle> {
         self.hand_cameras
             .iter()

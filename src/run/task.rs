@@ -1,7 +1,7 @@
-//! The task of a run: MP around the kernel that the scenario names, from its first event to its end.
+//! Task of a run: MP performs the kernel that the scenario names.
 //!
-//! - in: the actors below MP, the geometry of the plan, the journal of a run that was broken off
-//! - out: how MP's work ended, and what the kernel knows of it
+//! - in: the actors below MP, the geometry of the plan, the journal of an interrupted run
+//! - out: the end of MP's work, and the kernel's own account of it
 
 use super::disturbance::InjectedFaults;
 use super::failure::not_created;
@@ -32,12 +32,13 @@ use tracing::Instrument as _;
 /// Time that the operator has for an answer (s).
 const PATIENCE: f64 = 120.0;
 
-/// A run's journal, and the last entry of the run that was broken off.
+/// Journal of a run, and the last entry of the run that it resumes.
 #[derive(Default)]
 pub(super) struct Logbook {
     journal: Option<Journal>,
-    /// Whether this run goes on where another was broken off.
+    /// Whether this run continues where another one was interrupted.
     resumes: bool,
+    /// Last entry of that other run; `None` if it had not begun.
     last: Option<Entry>,
 }
 
@@ -45,9 +46,10 @@ impl Logbook {
     /// Opens the journal that the files name, if they name one.
     ///
     /// # Errors
-    /// If the journal cannot be read or written, or tells of a run that is not to be resumed.
+    /// If the journal cannot be read or written, or holds an unfinished run that is not resumed.
     pub(super) fn open(files: &SavedFiles) -> Result<Self, Error> {
         let Some(path) = &files.journal else { return Ok(Self::default()) };
+        // The last entry is read before the file is opened for this run's own entries.
         let last = if files.resume {
             Journal::last(path).map_err(|why| unusable(path, &why.to_string()))?
         } else {
@@ -58,12 +60,12 @@ impl Logbook {
         Ok(Self { journal: Some(journal), resumes: files.resume, last })
     }
 
-    /// Returns whether another run has begun and is to be resumed.
+    /// Returns whether the run that is resumed had begun.
     pub(super) fn has_begun(&self) -> bool {
         self.last.is_some()
     }
 
-    /// Returns whether the run that is resumed was broken off before its end.
+    /// Returns whether the run that is resumed was interrupted before its end.
     pub(super) fn is_broken_off(&self) -> bool {
         self.last.as_ref().is_some_and(|last| !last.over)
     }
@@ -73,47 +75,48 @@ fn unusable(path: &Path, why: &str) -> Error {
     not_created("journal", &format!("{}: {why}", path.display()))
 }
 
-/// The kernel that MP performs.
+/// Kernel that MP performs.
 enum Kernel {
     Cube(Box<Mission>),
     Idle(Idle),
     Panel(Panel),
 }
 
-/// What MP is to do.
+/// Assignment of MP.
 pub(super) struct Assignment {
-    /// The goal of the cube's task; `None` for idle.
+    /// Goal of the cube's task; `None` for the idle task.
     pub(super) goal: Option<Goal>,
-    /// The geometry of the task.
+    /// Geometry of the task.
     pub(super) plan: Plan,
-    /// The journal.
+    /// Journal of the run.
     pub(super) logbook: Logbook,
     /// Answers and orders of the operator; `None` when no operator can be asked.
     pub(super) to_task: Option<mpsc::Receiver<Input>>,
-    /// Set while a turn is commanded.
+    /// Flag that MP sets while a turn is commanded.
     pub(super) turning: Turning,
 }
 
 impl Assignment {
-    /// Returns whether the operator moves the arms by hand: only the operator ends that.
+    /// Returns whether the operator moves the arms by hand, which only the operator ends.
     pub(super) fn is_by_hand(&self) -> bool {
         self.goal.is_none() && self.to_task.is_some()
     }
 }
 
-/// What became of the task.
+/// Result of the task.
 pub(super) struct Performed {
-    /// How MP's work ended.
+    /// End of MP's work.
     pub(super) ending: Ending,
-    /// What the mission's kernel has done.
+    /// Account of the mission's kernel.
     pub(super) log: MissionLog,
-    /// Where the cube is, as the kernel believes; empty if it does not know.
+    /// Place of the cube as the kernel believes, in words; empty if unknown.
     pub(super) whereabouts: String,
-    /// When MP's work ended, by [`Tempo::worked`](crate::actors::control::Tempo::worked).
+    /// Time at which MP's work ended, by
+    /// [`Tempo::working_time`](crate::actors::control::Tempo::working_time).
     pub(super) ended: Instant,
 }
 
-/// Performs the task with all effectors; a panic of MP is an ending, too.
+/// Performs the task with all effectors. A panic of MP is an ending as well, not an error.
 ///
 /// # Errors
 /// If the cell has too few effectors for the task.
@@ -132,15 +135,19 @@ pub(super) async fn run_task(
         Some(goal) => {
             let Plan { meetings, face_turn, .. } = plan;
             let held = face_turn.map(|f| (Hand::Postument, f.body, f.half_roll));
+            // Without a limit of time the kernel asks no questions: no operator could answer.
             let patience = to_task.is_some().then_some(PATIENCE);
             let mut order =
                 mission::Assignment { held, patience, ..mission::Assignment::new(goal) };
+            // A resumed mission looks at jaws and cameras first; the entry is what they cannot
+            // show.
             if logbook.resumes {
                 order = order.resumed(logbook.last);
             }
             Kernel::Cube(Box::new(cube_kernel(config, meetings, order)?))
         }
     };
+    // MP takes the ECPs: they end with it. EDPs and VSPs stay with the staff until the verdict.
     let Staff { ecps, sensors, manners, guard, apart, .. } = staff;
     let mp = Mp::new(mp::Parts {
         turning,
@@ -159,6 +166,7 @@ pub(super) async fn run_task(
         apart: apart.clone(),
         services: services.under(Some(&faults.mp)),
     });
+    // The kernel stays here, since its account is needed even after a panic of MP.
     let ending = match &mut kernel {
         Kernel::Cube(mission) => perform(mp, mission.as_mut(), services).await,
         Kernel::Idle(idle) => perform(mp, idle, services).await,
@@ -168,10 +176,13 @@ pub(super) async fn run_task(
         Kernel::Cube(mission) => (mission.log(), mission.whereabouts()),
         Kernel::Idle(_) | Kernel::Panel(_) => (MissionLog::default(), String::new()),
     };
-    Ok(Performed { ending, log, whereabouts, ended: services.tempo.worked() })
+    Ok(Performed { ending, log, whereabouts, ended: services.tempo.working_time() })
 }
 
 /// Creates the kernel of the cube's task.
+///
+/// # Errors
+/// If the cell does not have two arms.
 fn cube_kernel(
     config: &ControllerConfig,
     meetings: Option<MeetingTable>,
@@ -183,7 +194,7 @@ fn cube_kernel(
     Ok(Mission::new(settings, assignment))
 }
 
-/// Lets MP perform a task; returns how that ended, even if it ended in a panic.
+/// Performs a task by MP and returns its ending, even after a panic.
 async fn perform<T: Task>(mp: Mp, task: &mut T, services: &Services) -> Ending {
     let work = mp.run(task).instrument(tracing::info_span!("mp"));
     match Caught(Box::pin(work)).await {

@@ -1,10 +1,17 @@
-//! Verification of a recording: the same inputs to the same controller must give the same outputs, to the bit.
+//! Verification of a recording: the same inputs to the same controller must give the same outputs,
+//! to the bit.
 //!
-//! - virtual clock: MP, ECPs, EDPs, VSPs and servos run again; inputs are the port's readings, the sensors' answers and
-//!   the operator's words, outputs are orders, drives and states of each servo period; a fault that was injected into an
-//!   actor or the clock is no such input, so that what comes after it is not judged
-//! - wall clock: the servos run again; the orders, and what came from outside (missed periods, stops), are inputs, since
-//!   threads decided when they came
+//! | recorded under | runs again | recorded inputs | compared outputs |
+//! |---|---|---|---|
+//! | virtual time | all actors and servos | readings, sensors, operator | orders, drives, states |
+//! | the wall clock | the servos | readings, orders, missed periods, stops | drives, states |
+//!
+//! Under the wall clock threads decided when an order arrived, so orders are inputs there. A fault
+//! that was injected into an actor or the clock is not recorded as an input: under virtual time the
+//! periods after it are not judged.
+//!
+//! - in: a recording and its scenario
+//! - out: [`Verified`]: the number of equal servo ticks, and the first difference
 
 use super::failure::not_created;
 use super::recording::SCENES;
@@ -20,20 +27,21 @@ use crate::servo::period::Length;
 use crate::servo::{ArmServo, ServoConfig};
 use std::path::Path;
 
-/// What came of a verification.
+/// Result of a verification.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct Verified {
-    /// Servo ticks that are the same.
+    /// Number of servo ticks that are equal.
     pub(crate) compared: u64,
-    /// Ticks of the recording that the run did not come to.
-    pub(crate) rest: u64,
-    /// Where they part.
+    /// Number of ticks of the recording that were not compared. It is at least 1 if the comparison
+    /// ended early.
+    pub(crate) not_compared: u64,
+    /// First difference.
     pub(crate) divergence: Option<Divergence>,
-    /// All actors ran again, or the servos only.
+    /// Whether all actors ran again; otherwise the servos only.
     pub(crate) whole_controller: bool,
-    /// Why the comparison ended before the run did, if so.
+    /// Reason why the comparison ended before the run did, if it did.
     pub(crate) ended: Option<String>,
-    /// How the recording itself ends before the run did, and why, if so.
+    /// Flaw of the file if it is cut off or damaged, with the reason.
     pub(crate) cut: Option<String>,
 }
 
@@ -49,8 +57,8 @@ impl std::fmt::Display for Verified {
         if let Some(why) = &self.ended {
             write!(f, "; {why}")?;
         }
-        if self.rest > 0 && self.divergence.is_none() {
-            write!(f, "; {} ticks behind that were not compared", self.rest)?;
+        if self.not_compared > 0 && self.divergence.is_none() {
+            write!(f, "; {} ticks behind that were not compared", self.not_compared)?;
         }
         match &self.cut {
             Some(how) => write!(f, "; the recording is {how}"),
@@ -59,24 +67,25 @@ impl std::fmt::Display for Verified {
     }
 }
 
-/// Why nothing can be compared.
+/// Reason why nothing can be compared.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Unverified {
-    /// The recording.
+    /// The recording is unreadable.
     #[error(transparent)]
     Recording(#[from] Unreadable),
-    /// The run.
+    /// The servos cannot be created.
     #[error(transparent)]
     Run(#[from] Error),
-    /// There is nothing in it to be compared.
+    /// The recording holds nothing to compare.
     #[error("nothing was compared: {0}")]
     Nothing(String),
 }
 
-/// Verifies a recording of `scenario`; `attended`: an operator was there.
+/// Verifies a recording of `scenario`. `attended` is whether an operator could be asked in that
+/// run.
 ///
 /// # Errors
-/// [`Unverified`].
+/// [`Unverified`] if the recording is unreadable or nothing of it could be compared.
 pub(crate) fn verify(
     path: &Path,
     scenario: &Scenario,
@@ -88,59 +97,67 @@ pub(crate) fn verify(
         Pace::RealTime => servos(&playback, scenario)?,
         Pace::Virtual => controller(&playback, scenario, attended),
     };
-    // Known only now that it was read to its end.
+    // A flaw of the file is known after its last byte only.
     verified.cut = playback.cut();
     if verified.compared == 0 && verified.divergence.is_none() {
         let whys = [verified.cut.map(|how| format!("the recording is {how}")), verified.ended];
         let why = whys.into_iter().flatten().next();
-        let why = why.unwrap_or_else(|| "the recording holds no whole servo period".to_owned());
+        let why = why.unwrap_or_else(|| "the recording has no complete servo period".to_owned());
         return Err(Unverified::Nothing(why));
     }
     Ok(verified)
 }
 
-/// The whole controller, on the virtual clock.
+/// Runs the whole controller again under virtual time and compares it with a recording.
 fn controller(playback: &Playback, scenario: &Scenario, attended: bool) -> Verified {
     let options = RunOptions { automatic: true, quiet: true, ..RunOptions::default() };
     let around =
         RunContext { playback: Some((playback.clone(), attended)), ..RunContext::default() };
     let summary = run_with(scenario, options, around);
+    // The recording's own port compared each tick while the run went on.
     let (mut divergence, compared) = playback.verdict();
-    let (last, rest) = (playback.last_period(), playback.rest());
-    if divergence.is_none() && rest > 0 {
+    let (last, not_compared) = (playback.last_period(), playback.rest());
+    // A run that ends earlier than the recorded one differs as well.
+    if divergence.is_none() && not_compared > 0 {
         let what = Difference {
             field: "end".to_owned(),
-            recorded: "the run goes on".to_owned(),
+            recorded: "the run continues".to_owned(),
             now: "the run ends".to_owned(),
         };
         divergence = Some(Divergence { period: last, who: "mp".to_owned(), what });
     }
+    // A difference after an injected fault proves nothing. Begun faults are recorded every `SCENES`
+    // periods, so the fault may have begun that much earlier.
     let length = Length::of_seconds(scenario.real_time.period);
     if let (Some(first), Some((noted, what))) = (&divergence, playback.injected())
         && length.tick(first.period) + SCENES >= noted
     {
         let ended = format!(
-            "from period {} on it cannot be held against its recording: `{what}`, which was injected, is no recorded input",
+            "from period {} on it cannot be compared with its recording: the injected `{what}` is \
+             not a recorded input",
             first.period
         );
-        let rest = rest + 1;
+        let not_compared = not_compared + 1;
         return Verified {
             compared,
-            rest,
+            not_compared,
             whole_controller: true,
             ended: Some(ended),
             ..Verified::default()
         };
     }
     let ended = match summary {
-        // Where the recording is cut off there is nothing to be read, which is no news.
+        // The end of a cut recording stops the run with an error that `cut` already reports.
         Err(error) if divergence.is_none() && playback.cut().is_none() => Some(error.to_string()),
         _ => None,
     };
-    Verified { compared, rest, divergence, whole_controller: true, ended, cut: None }
+    Verified { compared, not_compared, divergence, whole_controller: true, ended, cut: None }
 }
 
-/// The servos alone, fed with recorded readings and orders.
+/// Runs the servos alone with the recorded readings and orders, and compares them with a recording.
+///
+/// # Errors
+/// If the recording does not fit its scenario, or an order in it is malformed.
 fn servos(playback: &Playback, scenario: &Scenario) -> Result<Verified, Error> {
     let config = &scenario.controller;
     let length = Length::of_seconds(scenario.real_time.period);
@@ -156,21 +173,24 @@ fn servos(playback: &Playback, scenario: &Scenario) -> Result<Verified, Error> {
             return Err(not_created("servo", "the recording has more arms than its scenario"));
         };
         let who = &scenario.controller.cell.arms[index].name;
+        // A servo has memory: after a gap in the recording its state is unknown.
         if recorded.period != *last + 1 {
             let (from, to) = (*last + 1, recorded.period.saturating_sub(1));
             verified.ended = Some(format!(
-                "periods {from} to {to} of {who} are not in the recording, and what comes after them depends on them"
+                "periods {from} to {to} of {who} are not in the recording, and later periods \
+                 depend on them"
             ));
-            verified.rest = 1;
+            verified.not_compared = 1;
             break;
         }
         *last = recorded.period;
         let outside = recorded.outside().map_err(|text| not_created("servo", &text))?;
         let order = recorded.order().map_err(|text| not_created("servo", &text))?;
-        // The servo is created from readings that were taken before the first period; they are the same, but for the
-        // force sensor's noise, which counts for nothing before the first order.
+        // The run created each servo from a reading before the first period. The first recorded one
+        // differs from it only in the noise of the force sensor, which has no effect before the
+        // first order.
         let servo = servo.get_or_insert_with(|| ArmServo::new(config.clone(), &recorded.reading));
-        servo.heed(recorded.period, &outside);
+        servo.apply_outside(recorded.period, &outside);
         let (drive, state) = servo.step(recorded.period, &recorded.reading, order.as_ref());
         let record = ServoRecord {
             period: recorded.period,
@@ -181,6 +201,7 @@ fn servos(playback: &Playback, scenario: &Scenario) -> Result<Verified, Error> {
             drive,
             state,
         };
+        // Both sides have the form of the recording. Its checksum covers the values that it omits.
         let now = Tick::of(&record);
         if let Some(what) = recorded.difference(&now) {
             let divergence = Divergence { period: recorded.period, who: who.clone(), what };
@@ -189,6 +210,6 @@ fn servos(playback: &Playback, scenario: &Scenario) -> Result<Verified, Error> {
         }
         verified.compared += 1;
     }
-    verified.rest += playback.rest();
+    verified.not_compared += playback.rest();
     Ok(verified)
 }

@@ -1,12 +1,16 @@
-//! Weighing a tool: moves an arm's wrist through orientations and lets [`servo::weigh`](crate::servo::weigh) make a
-//! weight, its centre and the sensor's bias of what the sensor feels.
+//! Weighing of a tool: an arm turns its wrist through orientations, and
+//! [`servo::weigh`](crate::servo::weigh) computes weight, centre of mass and the sensor's bias from
+//! the readings.
 //!
-//! The servo's period and the exchange run in this thread, by the wall clock or as fast as they compute: nothing else
-//! goes on.
+//! Servo periods and exchanges run in this thread, by the wall clock or as fast as they compute. No
+//! actor runs, and nothing else moves.
+//!
+//! - in: a scenario, the index of an arm whose hand is empty
+//! - out: [`Weighed`], and the number of orientations
 
 use super::disturbance::InjectedFaults;
 use super::failure::not_created;
-use super::interrupt::heard;
+use super::interrupt::ending_signals;
 use super::plan::Plan;
 use super::world::World;
 use crate::actors::control::Control;
@@ -24,20 +28,22 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use tokio::sync::watch;
 
-/// Time in which an arm comes to a stand after missed periods, and has its fault (s).
-const BRAKES: f64 = 0.5;
+/// Longest wait for the fault of an arm that brakes after missed periods (s). The driver trips it
+/// after 0.2 s.
+const BRAKING_LIMIT: f64 = 0.5;
 /// Mean speed of the fastest joint (rad/s).
 const SPEED: f64 = 0.3;
-/// Periods of a step on the way.
+/// Duration of each command of a motion (periods of 2 ms).
 const STEP: u32 = 20;
-/// Time that the arm stands before it is listened to, and is listened to (s).
-const SETTLES: f64 = 0.8;
-const LISTENS: f64 = 0.6;
-/// The sensor may take so many times as long.
+/// Time at rest before the readings are taken (s).
+const SETTLING_TIME: f64 = 0.8;
+/// Time of the readings of one orientation, if the sensor gives one in each period (s).
+const SAMPLING_TIME: f64 = 0.6;
+/// Factor by which the readings of a slow sensor may take longer.
 const PATIENCE: u32 = 5;
-/// Joints stay this far from their limits (rad).
+/// Distance of the joints from their limits (rad).
 const MARGIN: f64 = 0.05;
-/// Where the wrist goes from the start: offsets of pitch q4, roll q5, tool's roll q6 (deg).
+/// Orientations of the wrist, as offsets from the start: pitch q4, roll q5, tool's roll q6 (deg).
 const OFFSETS: [[f64; 3]; 12] = [
     [0.0, 0.0, 0.0],
     [0.0, 0.0, 80.0],
@@ -53,14 +59,15 @@ const OFFSETS: [[f64; 3]; 12] = [
     [0.0, -40.0, 0.0],
 ];
 
-/// Weighs the tool of an effector; `told` is called before each orientation with its number and their count.
+/// Weighs the tool of an arm. `progress` is called before each orientation with its index and the
+/// number of orientations. Returns the weight with the number of orientations.
 ///
 /// # Errors
-/// The hardware's, or non-fatal when the readings do not tell.
+/// If the hardware fails; a non-fatal error if the readings do not determine the weight.
 pub(crate) fn weigh_tool(
     scenario: &Scenario,
     arm: usize,
-    mut told: impl FnMut(usize, usize),
+    mut progress: impl FnMut(usize, usize),
 ) -> Result<(Weighed, usize), Error> {
     let control = Arc::new(watch::channel(Control::Running).0);
     let world = if scenario.bridge.kind.is_hardware() {
@@ -83,8 +90,9 @@ pub(crate) fn weigh_tool(
         .zip(&config.effectors)
         .map(|(arm, effector)| ServoConfig::new(arm, effector.gains.clone()))
         .collect();
+    // A signal is obeyed between two periods; the process must not die while drives are on.
     let interrupted = Arc::new(AtomicBool::new(false));
-    for signal in heard() {
+    for signal in ending_signals() {
         signal_hook::flag::register(signal, Arc::clone(&interrupted))
             .map_err(|e| not_created("interrupt", &e.to_string()))?;
     }
@@ -93,10 +101,11 @@ pub(crate) fn weigh_tool(
     scale.synchronise(arm)?;
     let model = &config.cell.arms[arm].model;
     let start = scale.state(arm).joints;
+    // Orientations that the motors do not allow are left out.
     let stops: Vec<_> = OFFSETS.iter().filter_map(|offset| stop(model, &start, offset)).collect();
     let mut samples = Vec::with_capacity(stops.len());
     for (index, joints) in stops.iter().enumerate() {
-        told(index, stops.len());
+        progress(index, stops.len());
         scale.go(arm, joints)?;
         samples.push(scale.listen(arm, model)?);
     }
@@ -110,7 +119,8 @@ pub(crate) fn weigh_tool(
     Ok((weighed, samples.len()))
 }
 
-/// Where an offset takes the wrist, inside all limits; `None` when the motors cannot go there.
+/// Returns the joint positions of an offset of the wrist, clamped to the limits of the joints;
+/// `None` if the limits of the motors do not allow them.
 fn stop(model: &ArmModel, start: &JointPositions, offset: &[f64; 3]) -> Option<JointPositions> {
     let mut joints = *start;
     for (joint, by) in (4..).zip(offset) {
@@ -120,17 +130,18 @@ fn stop(model: &ArmModel, start: &JointPositions, offset: &[f64; 3]) -> Option<J
     model.check(&joints).is_ok().then_some(joints)
 }
 
-/// The servos of all arms over their world, stepped by hand.
+/// Servos of all arms over their world, without actors.
 struct Scale {
     core: Core,
     world: World,
     links: Vec<ServoLink>,
     period: u64,
-    /// When the next period begins, by the wall clock.
+    /// Time of the next period by the wall clock (ns); `None` under virtual time.
     next: Option<u64>,
-    /// Periods missed in a row that stop the arms.
+    /// Number of periods missed in a row that stops the arms.
     missed_limit: u64,
-    /// A signal came: the arm stops, and the bridge switches its drives off where it goes.
+    /// Whether a signal arrived. The weighing ends then, and the bridge switches the drives off as
+    /// it is dropped.
     interrupted: Arc<AtomicBool>,
     _rights: Option<RealTime>,
 }
@@ -148,6 +159,7 @@ impl Scale {
         let rights = wall.then(|| RealTime::acquire(80, None));
         let core = Core::new(configs, ends, switches, Box::new(NoRecords), &mut world)
             .map_err(|e| not_created("servo", &e.to_string()))?;
+        // The first period gives each arm a state.
         let next = wall.then(|| Clock.now() + PERIOD_NANOS);
         let period = 0;
         let mut this =
@@ -160,20 +172,26 @@ impl Scale {
         *self.links[arm].state()
     }
 
+    /// Performs one period of all servos, at its time under the wall clock.
+    ///
+    /// # Errors
+    /// If a signal arrived or the bridge failed.
     fn step(&mut self) -> Result<(), Error> {
         if let Some(next) = &mut self.next {
             Clock.wait_until(*next, 0);
             *next += PERIOD_NANOS;
+            // As in the driver of a run: missed periods are skipped, and too many of them stop the
+            // arms.
             let missed = driver::pass(next, PERIOD_NANOS, Clock.now());
             if missed > 0 {
-                self.core.skipped(missed);
+                self.core.add_missed_periods(missed);
             }
             if missed >= self.missed_limit {
                 self.core.stop(self.period, missed);
             }
         }
         if self.interrupted.load(Ordering::Acquire) {
-            return Err(refuse(MoveRefused::BrokenOff));
+            return Err(refuse(MoveRefused::Aborted));
         }
         self.period += 1;
         self.core
@@ -181,10 +199,15 @@ impl Scale {
             .map_err(|fault| fatal(Fatal::Bridge(fault.to_string())))
     }
 
+    /// Returns the state of an arm that may move.
+    ///
+    /// # Errors
+    /// Fatal if the arm has a fault, non-fatal if its last command was refused.
     fn check(&mut self, arm: usize) -> Result<ArmState, Error> {
         let mut state = self.state(arm);
-        // After missed periods the arm is braked first, and then has its fault.
-        let mut left = (BRAKES / PERIOD) as u32;
+        // After missed periods the arm brakes first and gets its fault later. The fault is the
+        // reason to report, not the refused command.
+        let mut left = (BRAKING_LIMIT / PERIOD) as u32;
         while matches!(state.refused, Some(MoveRefused::Stopping { .. }))
             && state.fault.is_none()
             && left > 0
@@ -201,6 +224,10 @@ impl Scale {
         }
     }
 
+    /// Sends a command to an arm and performs it.
+    ///
+    /// # Errors
+    /// As [`Self::check`] and [`Self::step`].
     fn run(&mut self, arm: usize, command: ServoCommand) -> Result<(), Error> {
         let ticket =
             self.links[arm].send(command).map_err(|e| not_created("servo", &e.to_string()))?;
@@ -211,6 +238,10 @@ impl Scale {
         Ok(())
     }
 
+    /// Synchronises an arm unless it is synchronised already.
+    ///
+    /// # Errors
+    /// As [`Self::run`].
     fn synchronise(&mut self, arm: usize) -> Result<(), Error> {
         let known = |core: &Core| core.synchronised().nth(arm).unwrap_or(false);
         if known(&self.core) {
@@ -224,9 +255,13 @@ impl Scale {
         Ok(())
     }
 
-    /// Goes there in short steps, slowly at both ends.
+    /// Moves an arm to joint positions in short commands, slowly at both ends.
+    ///
+    /// # Errors
+    /// As [`Self::run`].
     fn go(&mut self, arm: usize, joints: &JointPositions) -> Result<(), Error> {
         let from = self.state(arm).desired_joints.0;
+        // Half a cosine over time: the largest speed is pi / 2 times the mean.
         let way = joints.0.iter().zip(from).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         let steps = ((way / SPEED / PERIOD) as u32 / STEP).max(5);
         for step in 1..=steps {
@@ -243,11 +278,16 @@ impl Scale {
         Ok(())
     }
 
+    /// Takes the mean of the force sensor's readings at rest.
+    ///
+    /// # Errors
+    /// If the sensor gives too few readings, or as [`Self::check`].
     fn listen(&mut self, arm: usize, model: &ArmModel) -> Result<Sample, Error> {
-        for _ in 0..(SETTLES / PERIOD) as u32 {
+        for _ in 0..(SETTLING_TIME / PERIOD) as u32 {
             self.step()?;
         }
-        let count = (LISTENS / PERIOD) as u32;
+        let count = (SAMPLING_TIME / PERIOD) as u32;
+        // The mean leaves out repeated readings, so a slow sensor needs more periods.
         let mut mean = Mean::default();
         for _ in 0..PATIENCE * count {
             self.step()?;
@@ -285,7 +325,7 @@ mod tests {
     use std::path::Path;
 
     #[test]
-    fn the_tools_of_the_plant_are_weighed_to_a_fiftieth_of_a_newton_and_a_millimetre() {
+    fn weigh_tool_finds_true_weight_and_centre() {
         let scenario =
             scenario::read(Path::new("weigh.toml"), "task = \"idle\"\nseed = 5\n", &[]).unwrap();
         let truth = Plan::of(&scenario.controller).unwrap().plant(&scenario).unwrap();
@@ -301,7 +341,8 @@ mod tests {
             assert!((found.weight - sensor.weight).abs() < 0.02, "{found:?} {sensor:?}");
             let off = (found.centre_in_flange - sensor.centre_in_flange).norm();
             assert!(off < 1e-3, "{off}: {found:?} {sensor:?}");
-            // The plant's base leans by up to 1 deg against the belief: 0.2 N of 11 N that no weight explains.
+            // The plant's base is tilted by up to 1 deg against the belief: 0.2 N of 11 N are not
+            // explained by any weight.
             assert!(found.largest_residual.0 < 0.3, "{found:?}");
         }
     }

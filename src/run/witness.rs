@@ -1,47 +1,57 @@
-//! The witness: holds what was commanded against what the plant did. It belongs to neither side, and neither sees it.
+//! Witness of jams: compares commanded turns with the plant. It belongs to neither the plant nor
+//! the controller, and neither sees it.
 //!
-//! - in: whether a turn is commanded and unfinished (MP tells), the layer's true angle (the plant has it)
+//! - in: whether a turn is commanded and unfinished, from MP; the layer's true angle, from the
+//!   plant
 //! - out: the number of jams, for the summary
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | a layer does not move | `STILL` in `TIME` | a turn of 25 deg/s takes 0.04 s for 1 deg |
+//! | the operator pauses | - | no motion is commanded meanwhile |
 
 use crate::actors::control::Control;
 use crate::actors::mp::Turning;
 use crate::motion::PERIOD;
 use tokio::sync::watch;
 
-/// A layer that moves less than this (rad) ...
+/// Largest motion of a layer that counts as none (rad).
 const STILL: f64 = 1.0 / 180.0 * std::f64::consts::PI;
-/// ... in this time (s), while a turn is commanded, is jammed.
+/// Time without motion after which a layer under a commanded turn is jammed (s).
 const TIME: f64 = 3.0;
 
-/// Counts jams.
+/// Counter of jams.
 #[derive(Debug)]
 pub(super) struct Witness {
     turning: Turning,
-    /// While the operator pauses, nothing is commanded.
+    /// Control of the operator; a paused run commands no motion.
     control: watch::Receiver<Control>,
-    /// The layer's angle and the period when it last moved; `None` between turns.
+    /// Angle of the layer (rad) and the period when it last moved; `None` between turns.
     moved: Option<(f64, u64)>,
+    /// Whether the present jam is counted.
     reported: bool,
-    /// Jams so far.
+    /// Number of jams.
     pub(super) jams: u32,
 }
 
 impl Witness {
-    /// Listens to MP.
+    /// Creates a witness that reads MP's flag of a commanded turn.
     #[must_use]
     pub(super) fn new(turning: Turning, control: watch::Receiver<Control>) -> Self {
         Self { turning, control, moved: None, reported: false, jams: 0 }
     }
 
-    /// Looks at a period; `angle` is the turning layer's (rad).
+    /// Takes a period of 2 ms into account; `angle` is that of the turning layer (rad).
     pub(super) fn look(&mut self, period: u64, angle: f64) {
         let commanded = self.turning.is_commanded() && *self.control.borrow() == Control::Running;
         if !commanded {
             (self.moved, self.reported) = (None, false);
             return;
         }
+        // The first period of a commanded turn: its angle is where the layer begins.
         let (last, since) = *self.moved.get_or_insert((angle, period));
         if (angle - last).abs() > STILL {
+            // A layer that moves again ends its jam: the next one counts separately.
             (self.moved, self.reported) = (Some((angle, period)), false);
         } else if !self.reported && (period - since) as f64 * PERIOD > TIME {
             self.jams += 1;
@@ -54,8 +64,9 @@ impl Witness {
 mod tests {
     use super::*;
 
+    /// A layer that rests without a commanded turn, or while the operator pauses, is no jam.
     #[test]
-    fn a_jam_is_a_commanded_layer_that_stands_still_and_counts_once() {
+    fn witness_counts_each_jam_once() {
         let turning = Turning::default();
         let (control, will) = watch::channel(Control::Running);
         let mut witness = Witness::new(turning.clone(), will);
@@ -67,20 +78,20 @@ mod tests {
             }
         };
         run(10.0, 0.0, &mut witness);
-        assert_eq!(witness.jams, 0, "nothing was commanded");
-        turning.tell(true);
+        assert_eq!(witness.jams, 0, "no motion was commanded");
+        turning.set(true);
         run(4.0, 0.4, &mut witness);
-        assert_eq!(witness.jams, 0, "it turned");
+        assert_eq!(witness.jams, 0, "the layer turned");
         run(8.0, 0.001, &mut witness);
         assert_eq!(witness.jams, 1, "once for each time");
-        turning.tell(false);
+        turning.set(false);
         run(5.0, 0.0, &mut witness);
-        turning.tell(true);
+        turning.set(true);
         run(5.0, 0.0, &mut witness);
         assert_eq!(witness.jams, 2);
-        turning.tell(false);
+        turning.set(false);
         run(0.1, 0.0, &mut witness);
-        turning.tell(true);
+        turning.set(true);
         control.send_replace(Control::Paused);
         run(5.0, 0.0, &mut witness);
         assert_eq!(witness.jams, 2, "the operator paused");

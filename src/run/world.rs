@@ -1,9 +1,15 @@
-//! What a run needs of its world: a port, frame sources, and whatever can be known of the truth.
+//! World of a run: its port, its frame sources, and the truth where it is known.
 //!
-//! Two kinds of world: the simulated plant in this process, and hardware behind a bridge, of which nobody here knows
-//! the truth.
+//! | world | readings | pictures | truth |
+//! |---|---|---|---|
+//! | simulated plant, with or without serial lines | the plant | rendered, or image files | known |
+//! | hardware behind a bridge | the bridge | sockets, or image files | unknown |
+//! | recording that is verified | as recorded | none: the sensors' results are recorded | unknown |
+//!
+//! Disturbances that the plant times but does not have itself (missed periods, misread stickers, a
+//! power cut) are carried out here.
 
-use super::disturbance::{Blinkers, Disturbance, InjectedFaults};
+use super::disturbance::{CameraFaults, Disturbance, InjectedFaults};
 use super::failure::not_created;
 use super::world_file::Kept;
 use crate::actors::control::Control;
@@ -16,7 +22,7 @@ use crate::hw::folder::FolderCamera;
 use crate::hw::note::{Note, Notes, notes};
 use crate::hw::plant::render::PlantCamera;
 use crate::hw::plant::{Plant, Verdict};
-use crate::hw::port::{HeldUp, Port, PortFault};
+use crate::hw::port::{Delay, Port, PortFault};
 use crate::hw::scene::Scene;
 use crate::hw::serial::axis::Rules;
 use crate::hw::socket_camera::SocketCamera;
@@ -30,30 +36,33 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use tokio::sync::watch;
 
-/// A run's world.
+/// World of a run.
 pub(super) struct World {
     kind: Kind,
-    /// Told to end the run when the port fails.
+    /// Control of the run, which is terminated when the bridge fails.
     control: Arc<watch::Sender<Control>>,
-    /// Where the plant keeps its state.
+    /// File in which the plant keeps its state.
     kept: Option<Kept>,
-    /// What is made to go wrong beside the plant, and where that shows.
+    /// Disturbances outside the plant, by the index that the plant reports.
     disturbances: Vec<Disturbance>,
+    /// Flags of the disturbances, which ports and actors read.
     faults: InjectedFaults,
-    /// Stickers that show another colour to the cameras.
+    /// Stickers that show another colour to the cameras, with that colour.
     misread: Vec<(usize, u8)>,
-    /// Periods that the servo has missed: the plant is so far ahead of its numbers.
+    /// Number of periods by which the plant is ahead of the servo, which has missed them.
     ahead: u64,
-    held_up: HeldUp,
+    /// Delay of the servo since the last period.
+    delay: Delay,
 }
 
+/// Kind of a world.
 enum Kind {
     Plant { plant: Plants, scenes: Vec<triple_buffer::Input<Scene>> },
     Bridge(Box<dyn Port>),
     Recording(Playback),
 }
 
-/// The plant as it is, or behind the serial protocol.
+/// Plant that is called directly, or over the serial protocol.
 enum Plants {
     Bare(Box<Plant>),
     Wired(Box<Wired<Plant>>),
@@ -87,59 +96,59 @@ impl Plants {
     }
 }
 
-/// A camera that is not there.
-struct Nothing;
+/// Camera of a recording. It has no frames, since the results of its sensor are recorded.
+struct RecordedCamera;
 
-impl FrameSource for Nothing {
+impl FrameSource for RecordedCamera {
     fn grab(&mut self, _: u64, _: f64) -> Result<Frame, NoFrame> {
         Err(NoFrame { camera: "recording".into(), reason: "its sensor delivers itself".into() })
     }
 }
 
-/// A camera of which something goes wrong.
-struct Blinkered {
+/// Camera with injected faults.
+struct FaultyCamera {
     source: Box<dyn FrameSource>,
     name: String,
-    blinkers: Arc<Blinkers>,
-    /// Pictures that have not come yet, oldest first.
+    faults: Arc<CameraFaults>,
+    /// Delayed pictures, oldest first. The first one may have arrived already.
     under_way: VecDeque<Frame>,
 }
 
-impl FrameSource for Blinkered {
+impl FrameSource for FaultyCamera {
     fn grab(&mut self, period: u64, exposure: f64) -> Result<Frame, NoFrame> {
-        if self.blinkers.is_silent() {
+        if self.faults.is_silent() {
             return Err(NoFrame { camera: self.name.clone(), reason: "no picture comes".into() });
         }
         let mut frame = self.source.grab(period, exposure)?;
-        if self.blinkers.is_dark() {
+        if self.faults.is_dark() {
             frame.image.fill(0);
         }
-        let late = (self.blinkers.late() / PERIOD).round() as u64;
+        // The newest picture whose delay has passed is delivered until the next one arrives.
+        let late = (self.faults.late() / PERIOD).round() as u64;
         if late == 0 {
             self.under_way.clear();
             return Ok(frame);
         }
         self.under_way.push_back(frame);
-        // The newest that has come; it is the newest until another one comes.
         while self.under_way.get(1).is_some_and(|next| next.period + late <= period) {
             self.under_way.pop_front();
         }
         let first = self.under_way.front().filter(|frame| frame.period + late <= period);
         first.cloned().ok_or_else(|| NoFrame {
             camera: self.name.clone(),
-            reason: "its picture has not come yet".into(),
+            reason: "its picture has not arrived yet".into(),
         })
     }
 }
 
-/// A frame source for each camera of the cell.
+/// Frame source of each camera of the cell; `None` once a sensor has taken it.
 pub(super) type Cameras = Vec<Option<Box<dyn FrameSource>>>;
 
-/// What a bridge notices on the way.
-pub(super) type Noted = Option<rtrb::Consumer<Note>>;
+/// Notes of a bridge about lost and late answers; `None` for other worlds.
+pub(super) type BridgeNotes = Option<rtrb::Consumer<Note>>;
 
 impl World {
-    fn around(kind: Kind, control: &Arc<watch::Sender<Control>>) -> Self {
+    fn of_kind(kind: Kind, control: &Arc<watch::Sender<Control>>) -> Self {
         Self {
             kind,
             control: Arc::clone(control),
@@ -147,12 +156,15 @@ impl World {
             faults: InjectedFaults::default(),
             misread: Vec::new(),
             ahead: 0,
-            held_up: HeldUp::default(),
+            delay: Delay::default(),
             kept: None,
         }
     }
 
-    /// The plant in this process.
+    /// Creates the world of a plant in this process.
+    ///
+    /// # Errors
+    /// If a camera cannot be created.
     pub(super) fn of_plant(
         scenario: &Scenario,
         plant: Plant,
@@ -162,18 +174,20 @@ impl World {
         let disturbances = super::simulation::faults(scenario).1;
         let mut scenes = Vec::new();
         let cameras = cameras(&scenario.controller, |index| {
+            // The camera renders when its sensor asks, from the last scene that was written.
             let (input, output) = triple_buffer::triple_buffer(&plant.scene());
             scenes.push(input);
             let renderer = super::simulation::renderer(scenario, &plant, index)
-                .ok_or_else(|| not_created("camera", "the plant has no such camera"))?;
+                .ok_or_else(|| not_created("camera", "the plant does not have this camera"))?;
+            // Only a camera that a scenario's fault names is wrapped.
             let source: Box<dyn FrameSource> = Box::new(PlantCamera::new(renderer, output));
             if !disturbances.iter().any(|d| d.camera() == Some(index)) {
                 return Ok(source);
             }
-            Ok(Box::new(Blinkered {
+            Ok(Box::new(FaultyCamera {
                 source,
                 name: scenario.controller.cell.cameras[index].name.clone(),
-                blinkers: Arc::clone(&faults.cameras[index]),
+                faults: Arc::clone(&faults.cameras[index]),
                 under_way: VecDeque::new(),
             }))
         })?;
@@ -182,21 +196,27 @@ impl World {
             _ => Plants::Bare(Box::new(plant)),
         };
         let kind = Kind::Plant { plant, scenes };
-        let world = Self { disturbances, faults: faults.clone(), ..Self::around(kind, control) };
+        let world = Self { disturbances, faults: faults.clone(), ..Self::of_kind(kind, control) };
         Ok((world, cameras))
     }
 
-    /// The hardware that the scenario's file of devices names.
+    /// Creates the world of the hardware that the scenario's file of devices names.
+    ///
+    /// # Errors
+    /// If a device is missing or cannot be opened, or a jaw's controller would stop at the
+    /// scenario's grip.
     pub(super) fn of_hardware(
         scenario: &Scenario,
         control: &Arc<watch::Sender<Control>>,
-    ) -> Result<(Self, Cameras, Noted), Error> {
+    ) -> Result<(Self, Cameras, BridgeNotes), Error> {
         let bridge = &scenario.bridge;
         let path = bridge.devices_at(&scenario.path);
         let failed = |why: NoDevice| not_created("bridge", &why.to_string());
         let devices = Devices::load(&path)
             .map_err(|why| not_created("bridge", &format!("{why}; {NAME_DEVICES}")))?;
         let config = &scenario.controller;
+        // A jaw whose controller stops at the ordered grip would drop the cube: refused before any
+        // line is open.
         let cards = bridge.kind == BridgeKind::Isa;
         devices.check_grip(&config.cell.arms, config.control.grip, cards).map_err(failed)?;
         let (to, noted) = notes();
@@ -209,24 +229,25 @@ impl World {
                 .map_err(|e| not_created("camera", &e.to_string()))?;
             Ok(Box::new(camera))
         })?;
-        Ok((Self::around(Kind::Bridge(port), control), cameras, Some(noted)))
+        Ok((Self::of_kind(Kind::Bridge(port), control), cameras, Some(noted)))
     }
 
-    /// What a recording says: its readings come back, its cameras show nothing, since its sensors deliver themselves.
+    /// Creates the world of a recording. The port returns its readings. The cameras have no frames,
+    /// since the results of the sensors are recorded.
     pub(super) fn of_recording(
         cameras: usize,
         playback: Playback,
         control: &Arc<watch::Sender<Control>>,
-    ) -> (Self, Cameras, Noted) {
-        let nothing = |_| Some(Box::new(Nothing) as Box<dyn FrameSource>);
+    ) -> (Self, Cameras, BridgeNotes) {
+        let nothing = |_| Some(Box::new(RecordedCamera) as Box<dyn FrameSource>);
         let cameras = (0..cameras).map(nothing).collect();
-        (Self::around(Kind::Recording(playback), control), cameras, None)
+        (Self::of_kind(Kind::Recording(playback), control), cameras, None)
     }
 
-    /// A plant that keeps its state in a file, from now on and every tenth of a second.
+    /// Makes the plant keep its state in a file, now and every tenth of a second.
     ///
     /// # Errors
-    /// When it cannot.
+    /// If the first state cannot be written.
     pub(super) fn keeping(mut self, kept: Option<Kept>) -> Result<Self, Error> {
         if let (Some(kept), Some(plant)) = (&kept, self.plant()) {
             kept.begin(plant)?;
@@ -235,7 +256,7 @@ impl World {
         Ok(self)
     }
 
-    /// What there is to be seen, where that is known.
+    /// Returns the scene before the cameras, if it is known.
     pub(super) fn scene(&self) -> Option<Scene> {
         match &self.kind {
             Kind::Plant { plant, .. } => Some(plant.plant().scene()),
@@ -243,7 +264,7 @@ impl World {
         }
     }
 
-    /// The plant, for whoever judges the run.
+    /// Returns the plant, for a judge of the run.
     pub(super) fn plant(&self) -> Option<&Plant> {
         match &self.kind {
             Kind::Plant { plant, .. } => Some(plant.plant()),
@@ -251,12 +272,13 @@ impl World {
         }
     }
 
-    /// After an exchange: shows the cameras what there is to be seen, and tells the angle of the layer that turns,
-    /// where that is known.
+    /// Shows the scene after an exchange to the cameras. Returns the angle of the turning layer
+    /// (rad), if it is known.
     pub(super) fn show(&mut self) -> Option<f64> {
         let Kind::Plant { plant, scenes } = &mut self.kind else { return None };
         let plant = plant.plant();
         let mut scene = plant.scene();
+        // A misread sticker is misread by every camera; the plant's own cube is not changed.
         for (sticker, colour) in &self.misread {
             scene.cube.facelets[*sticker] = *colour;
         }
@@ -266,7 +288,7 @@ impl World {
         Some(plant.turned())
     }
 
-    /// What really happened, where that is known.
+    /// Returns the plant's verdict, if there is a plant.
     pub(super) fn verdict(&self) -> Option<Verdict> {
         match &self.kind {
             Kind::Plant { plant, .. } => Some(plant.plant().verdict()),
@@ -274,7 +296,7 @@ impl World {
         }
     }
 
-    /// The truth for whoever debugs a controller: `RUST_LOG=rubik_robot::truth=trace`.
+    /// Traces the truth, to debug a controller with `RUST_LOG=rubik_robot::truth=trace`.
     pub(super) fn trace(&self, period: u64) {
         let Kind::Plant { plant, .. } = &self.kind else { return };
         let plant = plant.plant();
@@ -310,6 +332,7 @@ impl Port for World {
         drives: &[ArmDrive],
         readings: &mut [ArmReading],
     ) -> Result<(), PortFault> {
+        // Only the plant's time continues in missed periods: the servo's numbers have no gaps.
         let done = match &mut self.kind {
             Kind::Plant { plant, .. } => plant.exchange(period + self.ahead, drives, readings),
             Kind::Bridge(port) => port.exchange(period, drives, readings),
@@ -319,10 +342,12 @@ impl Port for World {
             kept.after(period, plant.plant());
         }
         if let (Err(fault), Kind::Bridge(_)) = (&done, &self.kind) {
-            // The operator learns it now; the task would only learn it when it asks an arm for something. From a thread of its
-            // own: a terminal that takes nothing must not keep this one from insisting that the drives go off.
+            // The operator is informed at once; the task would notice only at its next request to
+            // an arm. The message has a thread of its own: a blocked terminal must not keep this
+            // thread from switching the drives off again and again (`repeat_stop`).
             let lost = format!(
-                "bridge lost: {fault}; every controller was told to switch off, and nobody knows whether those that do not answer did"
+                "bridge lost: {fault}; every controller was ordered to switch off, but those that \
+                 do not answer may still be on"
             );
             let teller = std::thread::Builder::new().name("lost".to_owned());
             let _ = teller.spawn(move || tracing::error!("{lost}"));
@@ -332,29 +357,32 @@ impl Port for World {
         self.disturb(period, drives, readings)
     }
 
-    fn each_counts(&self) -> bool {
+    fn needs_each_period(&self) -> bool {
         match &self.kind {
-            Kind::Bridge(port) => port.each_counts(),
+            Kind::Bridge(port) => port.needs_each_period(),
             Kind::Plant { .. } | Kind::Recording(_) => true,
         }
     }
 
-    fn insist(&mut self) {
+    fn repeat_stop(&mut self) {
         if let Kind::Bridge(port) = &mut self.kind {
-            port.insist();
+            port.repeat_stop();
         }
     }
 
-    fn held_up(&mut self) -> HeldUp {
+    fn delay(&mut self) -> Delay {
         match &mut self.kind {
-            Kind::Recording(playback) => playback.held_up(),
-            Kind::Plant { .. } | Kind::Bridge(_) => std::mem::take(&mut self.held_up),
+            Kind::Recording(playback) => playback.delay(),
+            Kind::Plant { .. } | Kind::Bridge(_) => std::mem::take(&mut self.delay),
         }
     }
 }
 
 impl World {
-    /// Carries out what the plant says begins and ends now.
+    /// Carries out the disturbances that begin and end now by the plant's time.
+    ///
+    /// # Errors
+    /// If the port fails in a missed period.
     fn disturb(
         &mut self,
         period: u64,
@@ -363,13 +391,14 @@ impl World {
     ) -> Result<(), PortFault> {
         let Kind::Plant { plant, .. } = &mut self.kind else { return Ok(()) };
         let (mut missed, mut power_cut) = (0, false);
-        for upset in plant.plant_mut().upsets() {
-            let Some(what) = self.disturbances.get(upset.which) else { continue };
-            tracing::debug!(target: "rubik_robot::truth", ?what, upset.begins, "disturbance");
-            self.faults.take(what, upset.begins);
-            match (*what, upset.begins) {
+        for fault in plant.plant_mut().outside_faults() {
+            let Some(what) = self.disturbances.get(fault.which) else { continue };
+            tracing::debug!(target: "rubik_robot::truth", ?what, fault.begins, "disturbance");
+            // Cameras, messages and actors have flags; the rest is the world's own.
+            self.faults.take(what, fault.begins);
+            match (*what, fault.begins) {
                 (Disturbance::Missed(periods), true) => missed += periods,
-                (Disturbance::ClockJump(seconds), true) => self.held_up.jump += seconds,
+                (Disturbance::ClockJump(seconds), true) => self.delay.jump += seconds,
                 (Disturbance::PowerCut, true) => power_cut = true,
                 (Disturbance::Misread(sticker, colour), true) => {
                     self.misread.push((sticker, colour));
@@ -377,33 +406,38 @@ impl World {
                 (Disturbance::Misread(sticker, _), false) => {
                     self.misread.retain(|(which, _)| *which != sticker);
                 }
+                // Flags that are set above, and the end of what happens at once.
                 _ => {}
             }
         }
         if power_cut {
             cut(self.kept.as_ref(), plant.plant());
         }
-        // The last drives hold while the servo does not run.
+        // The plant continues with the last drives while the servo misses its periods.
         for _ in 0..missed {
             self.ahead += 1;
             plant.exchange(period + self.ahead, drives, readings)?;
         }
-        self.held_up.periods += missed;
+        self.delay.periods += missed;
         Ok(())
     }
 }
 
-/// The power goes: the cell stays as it is in this period, and this process is no more.
+/// Cuts the power: keeps the state of the cell in this period, and kills this process without any
+/// clean-up.
 fn cut(kept: Option<&Kept>, plant: &Plant) -> ! {
     if let Some(kept) = kept {
-        // Where it cannot be kept a real cell would stand there all the same: the state of a moment ago will do.
+        // If the state cannot be written, the last one, at most a tenth of a second old, stays.
         let _ = kept.begin(plant);
     }
     let killed = rustix::process::kill_process(rustix::process::getpid(), Signal::KILL);
-    unreachable!("nobody outlives this: {killed:?}");
+    unreachable!("the process survived SIGKILL: {killed:?}");
 }
 
-/// A source for each camera: image files, or what the world has.
+/// Opens a frame source for each camera: image files, or the world's own camera by `of_world`.
+///
+/// # Errors
+/// If a folder or a camera cannot be opened.
 fn cameras(
     config: &ControllerConfig,
     mut of_world: impl FnMut(usize) -> Result<Box<dyn FrameSource>, Error>,
@@ -419,6 +453,7 @@ fn cameras(
     config.cameras.iter().enumerate().map(source).collect()
 }
 
+/// Opens the port of the hardware: the controllers' cards, or their serial lines.
 fn port(
     kind: BridgeKind,
     devices: &Devices,

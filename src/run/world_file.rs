@@ -1,10 +1,15 @@
-//! The plant's state in a file, which one run alone keeps.
+//! State of the simulated plant in a file, from which another run can resume.
 //!
-//! - in: the file's name; the plant as it is, after each period
-//! - out: a plant that goes on where another run's was; a file that is whole, and a tenth of a second old at most
-//! - what cannot be kept any more is taken away: an old state would pass for the truth
-//! - the lock is on a file beside it, since the state's own is replaced all the time. It stays there: whoever removed it
-//!   might remove what another run has locked meanwhile. The system lets go of it however a run ends
+//! - in: the file's name; the plant after each period
+//! - out: a plant that continues where another run's plant ended; a file that is always whole and
+//!   at most a tenth of a second old
+//!
+//! A state that can no longer be updated is removed, because a resumed run would take it for the
+//! truth.
+//!
+//! One run alone writes the file. The lock is on a second file, `.lock`, since the state itself is
+//! replaced at each write. The lock file is never removed: another run may have locked it
+//! meanwhile. The system releases the lock however a run ends.
 
 use super::failure::not_created;
 use crate::actors::notice::Notice;
@@ -19,48 +24,51 @@ use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// A plant keeps its state so often (servo periods).
+/// Interval between two written states (servo periods).
 ///
-/// A kill of the process loses nothing of what was kept. Under virtual time a state is on the disk before it takes the
-/// file's name: a mission of 6600 of them took 12.9 s, unsynced 11.9 s. The name of the first one is durable before the
-/// run begins, a later one's with the next state that is, so a power cut of the machine that simulates, which is not the robot's, may lose the last two tenths of a
-/// second of simulated time.
+/// A kill of the process loses no written state. A power cut of the simulating machine may, which
+/// is not the simulated power cut of the robot:
 ///
-/// Under the wall clock nothing is synced, since the servo's thread cannot wait for a disk, which may take as long as
-/// several periods: a power cut may lose what the system writes by itself within seconds, and leave a state that is old,
-/// or one that is cut off and refused.
+/// - Under virtual time each state is synced to the disk before it takes the file's name. A mission
+///   with 6600 states took 12.9 s, and 11.9 s without syncs. The name of the first state is durable
+///   before the run begins, the name of each later one when the next state is written. So a power
+///   cut may lose the last two tenths of a second of simulated time.
+/// - Under the wall clock nothing is synced: the servo's thread cannot wait for a disk, which may
+///   take several periods. A power cut may lose the seconds that the system has not written yet,
+///   and leave an old state, or a truncated one that is refused.
 const KEPT_EVERY: u64 = 50;
 
-/// A file in which a plant keeps its state.
+/// File in which a plant keeps its state.
 pub(super) struct Kept {
     path: PathBuf,
     pace: Pace,
-    /// Hears when the state cannot be kept any more.
+    /// Trace to which the loss of the file is reported.
     trace: Trace,
-    /// It cannot.
+    /// Whether a write has failed: no other one is tried.
     lost: bool,
-    /// Locked as long as this lives.
+    /// Lock file, which stays locked as long as this lives.
     _lock: File,
 }
 
 impl Kept {
-    /// Takes a file for this run alone, whether it is there yet or not.
+    /// Claims a file for this run alone, whether it exists yet or not.
     ///
     /// # Errors
-    /// When it is no file, or another run has it.
+    /// If it is not a regular file, or another run has claimed it.
     pub(super) fn claim(path: &Path, pace: Pace, trace: Trace) -> Result<Self, Error> {
         let mut beside = path.as_os_str().to_owned();
         beside.push(".lock");
         let beside = PathBuf::from(beside);
-        let looked_at = |file: &Path| {
-            // A device may do anything when it is opened.
+        let check_kind = |file: &Path| {
+            // To open a device or a pipe may have effects, or block.
             if std::fs::metadata(file).is_ok_and(|found| !found.is_file()) {
                 return Err(refused(file, &Unfit::NoFile));
             }
             Ok(())
         };
-        looked_at(path)?;
-        looked_at(&beside)?;
+        check_kind(path)?;
+        check_kind(&beside)?;
+        // `append` does not truncate: the file may be another run's.
         let lock = File::options().append(true).create(true).open(&beside);
         let lock = lock.map_err(|why| refused(&beside, &why.into()))?;
         if !journal::is_ours(&lock, &beside) {
@@ -69,76 +77,83 @@ impl Kept {
         Ok(Self { path: path.to_owned(), pace, trace, lost: false, _lock: lock })
     }
 
-    /// The plant as another run left it, when this one is to go on; `begun`: a journal tells of one.
+    /// Returns the plant in the state that another run left, if `resume`. `begun` is whether the
+    /// journal has entries of that run.
     ///
     /// # Errors
-    /// When the file is no state of this plant, or is missing though another run had begun.
-    pub(super) fn taken_up(&self, plant: Plant, resume: bool, begun: bool) -> Result<Plant, Error> {
+    /// If the file is not a state of this plant, or is missing although the other run had begun.
+    pub(super) fn resume(&self, plant: Plant, resume: bool, begun: bool) -> Result<Plant, Error> {
         let path = &self.path;
         match Saved::read(path) {
-            // Another run has ended with it.
+            // A new run replaces a state, also one of another version. It refuses to replace a file
+            // that is no state.
             Ok(_) | Err(Unfit::Version(_)) if !resume => Ok(plant),
             Ok(Some(saved)) => plant.restored(saved).map_err(|why| refused(path, &why)),
             Ok(None) if begun => {
-                let why = "not there, but the journal tells of a run that was broken off";
+                let why = "missing, but the journal records an interrupted run";
                 Err(not_created("plant", &format!("{}: {why}", path.display())))
             }
             Ok(None) => {
-                tracing::warn!("{}: not there, so nothing had begun", path.display());
+                tracing::warn!("{}: missing, so no run had begun", path.display());
                 Ok(plant)
             }
             Err(why) => Err(refused(path, &why)),
         }
     }
 
-    /// Keeps how a run begins.
+    /// Writes the state at the beginning of a run.
     ///
     /// # Errors
-    /// When that cannot be.
+    /// If it cannot be written.
     pub(super) fn begin(&self, plant: &Plant) -> Result<(), Error> {
         self.begin_in(plant, journal::keep_name)
     }
 
-    /// The same; `keeps_name` sees to it that the file's name survives a power cut, too.
+    /// Writes the first state like [`Self::begin`]; `keeps_name` makes the file's name durable.
     fn begin_in(
         &self,
         plant: &Plant,
         keeps_name: impl FnOnce(&Path) -> io::Result<()>,
     ) -> Result<(), Error> {
         let failed =
-            |why| format!("{}: the plant cannot keep its state: {why}", self.path.display());
+            |why| format!("{}: the plant cannot save its state: {why}", self.path.display());
         let written = plant.saved().write(&self.path, true);
         written
             .and_then(|()| Ok(keeps_name(&self.path)?))
             .map_err(|why| not_created("plant", &failed(why)))
     }
 
-    /// After a period: keeps the state when it is time to.
+    /// Writes the state after every [`KEPT_EVERY`]th period. If that fails, removes the file and
+    /// warns the operator.
     pub(super) fn after(&mut self, period: u64, plant: &Plant) {
         if self.lost || !period.is_multiple_of(KEPT_EVERY) {
             return;
         }
         if let Err(why) = plant.saved().write(&self.path, self.pace == Pace::Virtual) {
+            // Once: a full disk would fail again a tenth of a second later.
             self.lost = true;
             let place = self.path.display();
             let rest = match taken_away(&self.path) {
                 Ok(()) => "it is removed, and this run cannot be resumed".to_owned(),
                 Err(left) => format!(
-                    "what it tells is no longer so, and it cannot be removed ({left}): this run must not be resumed"
+                    "it is out of date and cannot be removed ({left}): this run must not be resumed"
                 ),
             };
-            let text = format!("{place}: the plant's state cannot be kept any more: {why}; {rest}");
+            let text = format!("{place}: the plant's state can no longer be saved: {why}; {rest}");
             let now = plant.scene().period as f64 * PERIOD;
             self.trace.tell(Notice::Warning(now, text));
         }
     }
 }
 
-/// Sees to it that nobody goes on from an old state.
+/// Removes an old state, so that no run resumes from it.
+///
+/// # Errors
+/// If the file can neither be removed nor emptied.
 fn taken_away(path: &Path) -> io::Result<()> {
     match std::fs::remove_file(path) {
         Err(why) if why.kind() == io::ErrorKind::NotFound => Ok(()),
-        // In a folder that may not be changed a file can be emptied; an empty one is refused.
+        // In a read-only folder a file can still be emptied, and an empty state is refused.
         Err(why) if std::fs::metadata(path).is_ok_and(|found| found.is_file()) => {
             let file = File::options().write(true).open(path);
             file.and_then(|file| file.set_len(0)).map_err(|_| why)
@@ -157,33 +172,34 @@ mod tests {
     use crate::record::run_hash::RunHash;
     use crate::scenario;
 
+    /// The warning names the file, the reason of the failed write and that of the failed removal.
     #[test]
-    fn an_old_state_that_cannot_even_be_removed_is_told_once_with_place_and_reasons() {
+    fn failed_removal_of_world_file_warns_once() {
         let name = format!("rubik-robot-kept-{}", std::process::id());
         let path = std::env::temp_dir().join(name);
         let text = "task = \"idle\"\nseed = 5\n";
         let scenario = scenario::read(Path::new("kept.toml"), text, &[]).unwrap();
         let plant = super::super::simulation::create(&scenario, None, None).unwrap();
-        let (trace, mut told) = Trace::bare(RunHash::default());
+        let (trace, mut notices) = Trace::bare(RunHash::default());
         let mut kept = Kept::claim(&path, Pace::Virtual, trace).unwrap();
-        // The first state is there by name, whatever becomes of the machine.
+        // The name of the first state is made durable after the state exists.
         let lost = kept.begin_in(&plant, |path| {
             assert!(path.exists());
             Err(io::Error::other("no disk"))
         });
-        assert!(lost.unwrap_err().to_string().contains("cannot keep its state: no disk"));
+        assert!(lost.unwrap_err().to_string().contains("cannot save its state: no disk"));
         kept.begin(&plant).unwrap();
-        // Neither replaced nor removed as a file is.
+        // A folder can be neither replaced nor removed like a file.
         std::fs::remove_file(&path).unwrap();
         std::fs::create_dir(&path).unwrap();
 
         kept.after(KEPT_EVERY, &plant);
         kept.after(2 * KEPT_EVERY, &plant);
 
-        let Ok(Notice::Warning(_, text)) = told.try_recv() else { panic!("nothing was told") };
+        let Ok(Notice::Warning(_, text)) = notices.try_recv() else { panic!("no notice was sent") };
         assert!(text.starts_with(&format!("{}: ", path.display())), "{text}");
         assert!(text.contains("cannot be removed (") && text.contains("not be resumed"), "{text}");
-        assert!(told.try_recv().is_err(), "told once");
+        assert!(notices.try_recv().is_err(), "reported once");
         std::fs::remove_dir(&path).unwrap();
         std::fs::remove_file(format!("{}.lock", path.display())).unwrap();
     }

@@ -1,7 +1,7 @@
-//! Builds a scenario from a draft: poses and models from keys, and references by name as indices.
+//! The construction of a scenario from a draft: poses and models from keys, and indices from names.
 //!
 //! - in: a [`Draft`], each of whose keys is in its own range
-//! - out: a [`Scenario`], or faults: those of [`check`], and those that only building shows
+//! - out: a [`Scenario`], or faults: those of [`check`], and those that only the construction shows
 
 use super::check;
 use super::config::{
@@ -21,12 +21,13 @@ use crate::spatial::{Pose, pose_from_axes};
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 use std::path::Path;
 
-/// Checks a draft and builds the scenario; returns `None` after faults that leave holes.
+/// Checks a draft and builds the scenario. Returns `None` after faults that leave holes.
 ///
 /// Faults at the same place are printed in the order in which they are found here.
 pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option<Scenario> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let root = &draft.root;
+    // Each step runs even after a fault of an earlier one, so that a user sees all faults at once.
     check::bridge(root, reader);
     let arms = arms(&draft.effectors, folder, reader);
     check::effectors(&draft, reader);
@@ -50,6 +51,7 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
     let calibrate_views = draft.cameras.iter().map(|c| c.calibrate_views).collect();
     let synchronised = draft.effectors.iter().map(|e| e.start_synchronised).collect();
     let faults = draft.faults.into_iter().map(|(_, keys)| keys).collect();
+    // A hole in one of the lists below has its fault in `reader`, so `?` loses no message.
     let root = draft.root;
     Some(Scenario {
         path: path.to_path_buf(),
@@ -83,12 +85,12 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
     })
 }
 
-/// Builds the arms; `None` stands for one with a fault, as in the other lists.
+/// Builds the arms. An arm with a fault is `None`, as in the other lists.
 fn arms(effectors: &[Effector], folder: &Path, reader: &mut Reader) -> Vec<Option<Arm>> {
     effectors.iter().map(|keys| arm(keys, folder, reader)).collect()
 }
 
-/// Builds the parts of effectors that are not in the cell's geometry.
+/// Builds the settings of effectors that are not in the geometry of the cell.
 fn effectors(
     effectors: &[Effector],
     bridge: BridgeKind,
@@ -100,7 +102,7 @@ fn effectors(
         let gains = profile::gains(&e.servo_profile, &e.path(), folder, reader)?;
         let mut gains = profile::adjusted(gains, servo);
         if bridge == BridgeKind::Isa {
-            // Cards report how much current flows, not in which direction.
+            // The cards report the size of a current but not its direction.
             gains.axes.iter_mut().for_each(|axis| axis.trip_current = f64::INFINITY);
         }
         Some(EffectorConfig { palm_clearance: e.gripper.palm_clearance, gains })
@@ -108,6 +110,7 @@ fn effectors(
     effectors.iter().map(build).collect()
 }
 
+/// Builds the cameras.
 fn cameras(
     cameras: &[CameraKeys],
     effectors: &[Effector],
@@ -116,11 +119,14 @@ fn cameras(
     cameras.iter().map(|keys| camera(keys, effectors, reader)).collect()
 }
 
+/// Finds the sources of the frames of all cameras.
 fn sources(cameras: &[CameraKeys], folder: &Path, reader: &mut Reader) -> Vec<CameraSource> {
     cameras.iter().map(|keys| source(keys, folder, reader)).collect()
 }
 
+/// Builds the virtual sensors.
 fn vsps(draft: &Draft, reader: &mut Reader) -> Vec<Option<VspConfig>> {
+    // The dotted name of a sensor without a name would be wrong in faults; `check` reports it.
     let named = draft.vsps.iter().filter(|v| !v.name.is_empty());
     named.map(|v| vsp(v, &draft.effectors, &draft.cameras, reader)).collect()
 }
@@ -142,13 +148,14 @@ fn arm(keys: &Effector, folder: &Path, reader: &mut Reader) -> Option<Arm> {
     })
 }
 
-/// Returns the joint positions at the start, and checks them against the model's limits.
+/// Returns the joint positions at the start, and checks them against the limits of the model.
 fn start(keys: &Effector, model: &ArmModel, path: &str, reader: &mut Reader) -> JointPositions {
     let mut start = [0.0; AXES];
     start[0] = keys.start_d0;
     start[1..].copy_from_slice(&keys.start_joints);
     for (axis, (value, (low, high))) in start.iter().zip(model.joint_limits).enumerate() {
         if (axis > 0 || model.has_track) && !(low..=high).contains(value) {
+            // The message is in the unit of the key, which is not that of the model.
             let (name, unit, factor) = if axis == 0 {
                 ("start_d0_mm", "mm", 1e3)
             } else {
@@ -175,6 +182,7 @@ fn gripper(keys: &GripperKeys) -> Gripper {
         palm_half_width: keys.palm_half_width,
         opening: (keys.opening_min, keys.opening_max),
         opening_of_motor: keys.opening_of_motor,
+        // Only the plant has a zero error, which it draws.
         opening_offset: 0.0,
         increments: keys.increments,
         amperes_per_newton: keys.current,
@@ -208,9 +216,9 @@ fn camera(keys: &CameraKeys, effectors: &[Effector], reader: &mut Reader) -> Opt
     })
 }
 
-/// Returns the pose of a camera, from its angles or from the point that it looks at.
+/// Returns the pose of a camera, from its angles or from the point at which it looks.
 fn camera_pose(keys: &CameraKeys, path: &str, reader: &mut Reader) -> Option<Pose> {
-    // A given key takes the place of the other one that a built-in camera of this name has.
+    // A given key replaces the other one, which a built-in camera of this name may have.
     let given = |key: &str| reader.is_given(&format!("{path}.{key}"));
     let (mut rpy, mut look_at) = (keys.rpy, keys.look_at);
     match (given("rpy_deg"), given("look_at_mm")) {
@@ -220,16 +228,16 @@ fn camera_pose(keys: &CameraKeys, path: &str, reader: &mut Reader) -> Option<Pos
     }
     match (rpy, look_at) {
         (Some(_), Some(_)) => {
-            let reason = format!("`{path}` has both rpy_deg and look_at_mm; give one");
+            let reason = format!("`{path}` has both rpy_deg and look_at_mm; set only one");
             reader.fault(&format!("{path}.look_at_mm"), reason);
             None
         }
+        // Without both keys the camera has the axes of its frame.
         (rpy, None) => Some(pose(keys.xyz, rpy.unwrap_or_default())),
         (None, Some(point)) => {
             let pose = looking(keys.xyz, point);
             if pose.is_none() {
-                let reason =
-                    format!("`{path}`: look_at_mm must be beside xyz_mm, not above or at it");
+                let reason = format!("`{path}`: look_at_mm must not be at, above or below xyz_mm");
                 reader.fault(&format!("{path}.look_at_mm"), reason);
             }
             pose
@@ -237,7 +245,7 @@ fn camera_pose(keys: &CameraKeys, path: &str, reader: &mut Reader) -> Option<Pos
     }
 }
 
-/// Fixes a camera to the world or to the flange of its effector.
+/// Fixes a camera to the world, or to the flange of its effector.
 fn mount(
     keys: &CameraKeys,
     pose: Pose,
@@ -252,7 +260,7 @@ fn mount(
             let Some(arm) = effectors.iter().position(|e| e.name == name) else {
                 let at = format!("{path}.effector");
                 let reason = match keys.effector {
-                    None => format!("`{path}`: mount = \"flange\" needs effector"),
+                    None => format!("`{path}`: mount = \"flange\" needs the key `effector`"),
                     Some(_) => format!("`{at}`: there is no [[effector]] \"{name}\""),
                 };
                 reader.fault(&at, reason);
@@ -263,7 +271,7 @@ fn mount(
     }
 }
 
-/// Returns where the frames of a camera come from.
+/// Returns the source of the frames of a camera.
 fn source(keys: &CameraKeys, folder: &Path, reader: &mut Reader) -> CameraSource {
     let text = keys.source.as_str();
     if text == "renderer" {
@@ -273,11 +281,12 @@ fn source(keys: &CameraKeys, folder: &Path, reader: &mut Reader) -> CameraSource
     if !images.is_dir() {
         let at = format!("{}.source", keys.path());
         let reason = format!("`{at}`: \"{text}\" is neither \"renderer\" nor a folder");
-        reader.fault_with_help(&at, reason, format!("looked for {}", images.display()));
+        reader.fault_with_help(&at, reason, format!("folder not found: {}", images.display()));
     }
     CameraSource::Folder(images)
 }
 
+/// Builds a virtual sensor.
 fn vsp(
     keys: &Vsp,
     effectors: &[Effector],
@@ -285,6 +294,7 @@ fn vsp(
     reader: &mut Reader,
 ) -> Option<VspConfig> {
     let path = keys.path();
+    // Both references are resolved before `?`, so that both faults are reported.
     let owner = owner(keys, &path, effectors, reader);
     let camera = vsp_camera(keys, &path, cameras, reader);
     Some(VspConfig {
@@ -306,13 +316,13 @@ fn owner(keys: &Vsp, path: &str, effectors: &[Effector], reader: &mut Reader) ->
         let at = format!("{path}.owner");
         let mut known = vec!["mp"];
         known.extend(effectors.iter().map(|e| e.name.as_str()));
-        let reason = format!("`{at}`: nobody is called \"{}\"", keys.owner);
+        let reason = format!("`{at}`: there is no owner \"{}\"", keys.owner);
         reader.fault_with_help(&at, reason, format!("possible: {}", known.join(", ")));
     }
     owner
 }
 
-/// A fault has left a hole in the scenario.
+/// Mark of a fault that leaves a hole in the scenario.
 struct Hole;
 
 /// Finds the camera of a virtual sensor by name; returns `None` for a sensor of forces. A camera at
@@ -327,7 +337,7 @@ fn vsp_camera(
     let name = match (keys.kind, keys.camera.as_deref()) {
         (VspKind::Force, None) => return Ok(None),
         (VspKind::Force, Some(_)) => {
-            reader.fault(&at, format!("`{at}`: kind = \"force\" has no camera"));
+            reader.fault(&at, format!("`{at}`: kind = \"force\" takes no camera"));
             return Err(Hole);
         }
         (_, None) => {
@@ -337,14 +347,15 @@ fn vsp_camera(
         (_, Some(name)) => name,
     };
     let index = cameras.iter().position(|c| c.name == name);
+    // The stand-alone camera finds the cube, and the camera in a hand reads a face.
     let reason = match index.map(|i| cameras[i].mount) {
         None => format!("there is no [[camera]] \"{name}\""),
         Some(MountKind::Flange) if keys.kind == VspKind::Cube => format!(
-            "\"{name}\" rides on a flange; kind = \"cube\" needs a camera that stands, \
+            "\"{name}\" is mounted on a flange; kind = \"cube\" needs a fixed camera, \
              mount = \"world\""
         ),
         Some(MountKind::World) if keys.kind == VspKind::Face => format!(
-            "\"{name}\" stands alone; kind = \"face\" needs a camera in a hand, mount = \"flange\""
+            "\"{name}\" is a fixed camera; kind = \"face\" needs a hand camera, mount = \"flange\""
         ),
         Some(_) => return Ok(index),
     };
@@ -352,11 +363,12 @@ fn vsp_camera(
     index.map(Some).ok_or(Hole)
 }
 
-/// Parses the state of the cube; returns `None` for one that the seed draws, and after a fault.
+/// Parses the state of the cube. Returns `None` if the seed draws it, and after a fault.
 fn cube_state(text: &str, reader: &mut Reader) -> Option<Facelets> {
     if text == "random" {
         return None;
     }
+    // 54 letters may still be an impossible cube.
     let state = text
         .parse::<Facelets>()
         .map_err(|e| e.to_string())
@@ -371,15 +383,16 @@ fn cube_state(text: &str, reader: &mut Reader) -> Option<Facelets> {
     }
 }
 
-/// Makes the planner's rule agree with the grippers: a palm that presses needs the strict rule.
+/// Makes the rule of the planner agree with the grippers: a palm that presses the cube needs the
+/// strict rule.
 ///
-/// A rule that was not given follows the gripper; a given one that contradicts it is a fault.
+/// A rule that was not given follows the gripper. A given rule that contradicts it is a fault.
 fn planner(mut planner: Planner, effectors: &[Effector], reader: &mut Reader) -> Planner {
     let presses = effectors.iter().find(|e| !e.gripper.palm_clearance);
     if let (Rule::Clearance, Some(effector)) = (planner.rule, presses) {
         if reader.is_given("planner.rule") {
             let reason = format!(
-                "`planner.rule`: \"clearance\" needs palms that stand off, and \
+                "`planner.rule`: \"clearance\" needs palms that keep a distance from the cube, but \
                  effector.{}.gripper.palm_clearance is false",
                 effector.name
             );
@@ -390,20 +403,21 @@ fn planner(mut planner: Planner, effectors: &[Effector], reader: &mut Reader) ->
     planner
 }
 
-/// Returns who keeps the cube, and the place of hand-over.
+/// Returns the keeper of the cube and the place of the hand-over.
 fn place(hand: &HandKeys, table_height: f64, edge: f64, reader: &mut Reader) -> (Keeper, HandZone) {
     check::cube_on_table(hand, reader);
     let [x, y, z] = hand.centre_xyz;
     let half = Vector3::from(hand.half_extent_xyz);
     let (keeper, z, height) = match hand.keeper {
         keys::Keeper::Person => (Keeper::Person, z, half.z),
-        // The height is the error that a camera may make.
+        // The height of the cube is known. The half extent is the error that a camera may make.
         keys::Keeper::Table => (Keeper::Table, table_height + 0.5 * edge, 0.02),
     };
     let half_extent = Vector3::new(half.x, half.y, height);
     (keeper, HandZone { world_from_cube: pose([x, y, z], hand.cube_rpy), half_extent })
 }
 
+/// Makes a pose from a position (m) and roll, pitch, yaw (rad).
 fn pose(xyz: [f64; 3], rpy: [f64; 3]) -> Pose {
     Pose::from_parts(
         Translation3::from(Vector3::from(xyz)),
@@ -411,10 +425,11 @@ fn pose(xyz: [f64; 3], rpy: [f64; 3]) -> Pose {
     )
 }
 
-/// Returns `world_from_camera` at `from` towards `to`, upright; `None` straight up, straight down
-/// and where both are one point.
+/// Returns the upright `world_from_camera` at `from` that looks towards `to` (m). It is `None` for
+/// a vertical view, and if both are one point.
 fn looking(from: [f64; 3], to: [f64; 3]) -> Option<Pose> {
     let z = Vector3::from(to) - Vector3::from(from);
+    // A horizontal x makes the image upright; y = z x x then points downwards.
     let x = z.cross(&Vector3::z());
     if x.norm() < 1e-6 {
         return None;
@@ -436,7 +451,7 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_scenario_is_the_built_in_cell() {
+    fn empty_scenario_is_the_built_in_cell() {
         let scenario = read(Path::new("t.toml"), "", &[]).unwrap();
 
         let cell = &scenario.controller.cell;
@@ -452,7 +467,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sign_of_a_current_is_not_known_behind_cards() {
+    fn isa_cards_have_no_current_trip() {
         let trips = |text: &str| {
             let scenario = read(Path::new("t.toml"), text, &[]).unwrap();
             scenario.controller.effectors[0].gains.axes.map(|axis| axis.trip_current)
@@ -463,29 +478,29 @@ mod tests {
     }
 
     #[test]
-    fn references_that_lead_nowhere_are_told() {
+    fn unknown_references_are_reported() {
         let text = "[[effector]]\nname = \"track\"\nprofile = \"irp6_trak\"\n\
                     [[camera]]\nname = \"c\"\nmount = \"flange\"\neffector = \"left\"\n\
-                    [[vsp]]\nname = \"v\"\ncamera = \"d\"\nowner = \"nobody\"\n";
+                    [[vsp]]\nname = \"v\"\ncamera = \"d\"\nowner = \"absent\"\n";
 
-        let told = faults(text, &[]);
+        let message = faults(text, &[]);
 
         assert!(
-            told.contains("t.toml:3:11: `effector.track.profile`: there is no profile"),
-            "{told}"
+            message.contains("t.toml:3:11: `effector.track.profile`: there is no profile"),
+            "{message}"
         );
-        assert!(told.contains("did you mean \"irp6_track\"?"), "{told}");
-        assert!(told.contains("t.toml:7:12: `camera.c.effector`"), "{told}");
-        assert!(told.contains("t.toml:10:10: `vsp.v.camera`"), "{told}");
-        assert!(told.contains("t.toml:11:9: `vsp.v.owner`"), "{told}");
+        assert!(message.contains("did you mean \"irp6_track\"?"), "{message}");
+        assert!(message.contains("t.toml:7:12: `camera.c.effector`"), "{message}");
+        assert!(message.contains("t.toml:10:10: `vsp.v.camera`"), "{message}");
+        assert!(message.contains("t.toml:11:9: `vsp.v.owner`"), "{message}");
     }
 
     #[test]
-    fn an_impossible_cube_is_refused() {
+    fn impossible_cube_is_refused() {
         let short = Override::option("--cube", "cube.state", "UUU");
         assert!(faults("", &[short]).contains("--cube: `cube.state`: 3 letters instead of 54"));
 
-        // One edge flipped: nine of each colour, and yet no cube.
+        // One edge is flipped: each colour occurs nine times, but no cube has these pieces.
         let mut flipped: Vec<char> =
             "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB".chars().collect();
         flipped.swap(7, 19);
@@ -494,7 +509,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_looks_at_a_point_sees_it_in_its_centre_and_upright() {
+    fn look_at_centres_the_point_in_upright_image() {
         let over = Override::parse("camera.standalone.look_at_mm=[1050,0,1200]").unwrap();
         let scenario = read(Path::new("t.toml"), "", &[over]).unwrap();
         let camera = &scenario.controller.cell.cameras[0];

@@ -1,7 +1,15 @@
-//! Checks that no single key can make: that keys agree with each other.
+//! The checks that need more than one key: whether keys agree with each other.
 //!
-//! - in: a [`Draft`], each of whose keys is in its own range, and what was built of it
+//! - in: a [`Draft`], each of whose keys is in its own range, and the parts built from it
 //! - out: faults, at the key that has to change
+//!
+//! | check | refused | reason |
+//! |---|---|---|
+//! | [`bridge`] | hardware under virtual time | hardware has a clock of its own |
+//! | [`task`] | a missing effector or sensor | the task cannot be done |
+//! | [`owners`] | readings of the cube that miss the first ECP | it runs the visual servo |
+//! | [`periods`] | a macrostep of less than 2 periods | an EDP answers 2 periods before its end |
+//! | [`hand_force`] | a limit below the force of an approach | each approach would be aborted |
 
 use super::config::{Owner, VspConfig};
 use super::draft::Draft;
@@ -14,16 +22,20 @@ use crate::cell::Arm;
 use crate::cube::Keeper;
 use crate::servo::period::Length;
 
-/// Checks that hardware is driven by the wall clock, and that `bridge.devices` is a name.
+/// Checks that hardware has the wall clock, and that `bridge.devices` is not empty.
 pub(super) fn bridge(root: &Root, reader: &mut Reader) {
     let kind = root.bridge.kind;
     if kind.is_hardware() && root.pace == Pace::Virtual {
-        let reason = format!("`bridge.kind`: \"{}\" is driven by the wall clock only", kind.word());
-        reader.fault_with_help("bridge.kind", reason, "pace = \"real-time\", or --pace real-time");
+        let reason = format!("`bridge.kind`: \"{}\" runs in real time only", kind.word());
+        reader.fault_with_help(
+            "bridge.kind",
+            reason,
+            "set pace = \"real-time\", or give --pace real-time",
+        );
     }
     if root.bridge.devices.as_ref().is_some_and(|file| file.trim().is_empty()) {
-        let reason = "`bridge.devices`: the name of a file is empty";
-        let advice = "leave it out for the file that `rubik-robot emulate` writes";
+        let reason = "`bridge.devices`: the file name is empty";
+        let advice = "omit the key to use the file that `rubik-robot emulate` writes";
         reader.fault_with_help("bridge.devices", reason, advice);
     }
 }
@@ -47,11 +59,15 @@ fn names<'a>(list: &str, names: impl Iterator<Item = &'a str>, reader: &mut Read
         if name.is_empty() {
             let path = format!("{list}.{index}");
             reader.fault(&path, format!("element {index} of [[{list}]] has no name"));
+        // These names have other meanings: the owner MP, a dotted key and an index.
         } else if name == "mp" || name.contains('.') || name.parse::<f64>().is_ok() {
-            let reason = format!("\"{name}\" cannot name an element of [[{list}]]");
+            let reason = format!(
+                "\"{name}\" cannot be the name of an element of [[{list}]]: \"mp\", numbers and \
+                 names with a dot are reserved"
+            );
             reader.fault(&format!("{list}.{name}.name"), reason);
         } else if seen.contains(&name) {
-            let reason = format!("[[{list}]] has two elements of the name \"{name}\"");
+            let reason = format!("[[{list}]] has two elements named \"{name}\"");
             reader.fault(&format!("{list}.{name}.name"), reason);
         }
         seen.push(name);
@@ -74,45 +90,48 @@ pub(super) fn opening(gripper: &GripperKeys, path: &str, reader: &mut Reader) {
 /// Checks that the task has the effectors and sensors that it needs.
 pub(super) fn task(draft: &Draft, arms: &[Option<Arm>], reader: &mut Reader) {
     let (task, word) = (draft.root.task, draft.root.task.word());
-    // A task of two hands has two effectors, the one on the track first.
+    // A task of two hands needs two effectors; the one on the track comes first.
     if task != Task::Idle && draft.effectors.len() == 1 {
         let reason = format!(
-            "`task`: \"{word}\" needs two effectors, the one on the track first; there is one"
+            "`task`: \"{word}\" needs two effectors, the one on the track first, but there \
+             is only one"
         );
-        reader.fault_with_help("task", reason, "task = \"idle\" takes any number");
+        reader.fault_with_help("task", reason, "task = \"idle\" accepts any number of effectors");
     }
     if task != Task::Idle
         && let [Some(first), Some(second)] = arms
         && !first.model.has_track
     {
         let reason = format!(
-            "`task`: \"{word}\" needs the effector on the track first; that is \"{}\", not \"{}\"",
+            "`task`: \"{word}\" needs the effector on the track first in the list: \"{}\" before \
+             \"{}\"",
             second.name, first.name
         );
         reader.fault(&format!("effector.{}", first.name), reason);
     }
-    // A cube is found by a camera that stands, and read by a camera in each hand.
+    // A fixed camera finds the cube, and a camera in each hand reads it.
     let count = |kind| draft.vsps.iter().filter(|v| v.kind == kind).count();
+    // A scenario without any sensor has no list at which the fault could be.
     let list = if draft.vsps.is_empty() { "task" } else { "vsp" };
     if matches!(task, Task::Solve | Task::Acquire) && count(VspKind::Cube) == 0 {
-        let reason = format!(
-            "task \"{word}\" needs a [[vsp]] with kind = \"cube\" and a camera that stands"
-        );
+        let reason =
+            format!("task \"{word}\" needs a [[vsp]] with kind = \"cube\" and a fixed camera");
         reader.fault(list, reason);
     }
+    // With one effector the fault above says enough.
     if task == Task::Solve && count(VspKind::Face) < 2 && draft.effectors.len() > 1 {
         let reason =
             "task \"solve\" needs a [[vsp]] with kind = \"face\" for the camera in each hand";
         reader.fault(list, reason);
     }
     if task == Task::FaceTurn && draft.root.face_turn.angle.abs() < 1_f64.to_radians() {
-        let reason = "`face_turn.angle_deg`: less than 1 deg is no turn";
+        let reason = "`face_turn.angle_deg`: a turn must be at least 1 deg";
         reader.fault("face_turn.angle_deg", reason);
     }
 }
 
-/// Checks that under sporadic coordination the first effector's ECP, which runs the visual servo,
-/// gets the readings of the sensor that finds the cube.
+/// Checks that under sporadic coordination the ECP of the first effector, which runs the visual
+/// servo, gets the readings of the sensor that finds the cube.
 pub(super) fn owners(draft: &Draft, vsps: &[Option<VspConfig>], reader: &mut Reader) {
     if draft.root.coordination != Coordination::Sporadic {
         return;
@@ -122,38 +141,43 @@ pub(super) fn owners(draft: &Draft, vsps: &[Option<VspConfig>], reader: &mut Rea
     for vsp in vsps.iter().flatten().filter(elsewhere) {
         let at = format!("vsp.{}.owner", vsp.name);
         let reason = format!(
-            "`{at}`: under sporadic coordination {first} follows the cube, so it must be \"{first}\""
+            "`{at}`: under sporadic coordination {first} tracks the cube, \
+             so the owner must be \"{first}\""
         );
         reader.fault(&at, reason);
     }
 }
 
-/// Checks that the sign of forces is a sign.
+/// Checks that the sign of the forces is not 0.
 pub(super) fn force_sign(control: &Control, reader: &mut Reader) {
     if control.force_sign == 0 {
-        reader.fault("control.force_sign", "`control.force_sign`: 0 is neither 1 nor -1");
+        reader.fault("control.force_sign", "`control.force_sign`: must be 1 or -1, not 0");
     }
 }
 
-/// Checks the length of a servo period: 2 ms on hardware, and a whole number of them in a
+/// Checks the length of a servo period: 2 ms on hardware, and a whole number of periods in a
 /// macrostep.
 pub(super) fn periods(root: &Root, reader: &mut Reader) {
     let length = Length::of_seconds(root.real_time.period);
+    // The ports to hardware count their watchdogs in periods of 2 ms, and the emulator steps by 2
+    // ms.
     if root.bridge.kind.is_hardware() && length != Length::default() {
         let reason = format!(
-            "`real_time.period_ms`: the controllers behind a bridge of kind \"{}\" go by periods of \
-             2 ms, not of {} ms",
+            "`real_time.period_ms`: the hardware of bridge.kind = \"{}\" has a period of 2 ms, \
+             not of {} ms",
             root.bridge.kind.word(),
             length.seconds() * 1e3
         );
-        let advice = "leave it at 2; only the simulated plant takes others";
+        let advice = "set it to 2; only the simulated plant supports other periods";
         reader.fault_with_help("real_time.period_ms", reason, advice);
     }
+    // `macrostep_periods` counts the 2 ms of the original, in nanoseconds here, so that the
+    // division is exact. An EDP answers two periods before the end of a macrostep.
     let macrostep = u64::from(root.control.macrostep_periods) * 2_000_000;
     if macrostep % length.nanos() != 0 || macrostep < 2 * length.nanos() {
         let reason = format!(
-            "`real_time.period_ms`: a macrostep of {} ms does not last a whole number of periods of \
-             {} ms, two at least",
+            "`real_time.period_ms`: a macrostep of {} ms must be a whole number of periods of \
+             {} ms, at least two",
             macrostep as f64 * 1e-6,
             length.seconds() * 1e3
         );
@@ -162,10 +186,11 @@ pub(super) fn periods(root: &Root, reader: &mut Reader) {
     }
 }
 
-/// Checks the injected faults, one by one and against the bridge and each other.
+/// Checks the injected faults, each by itself and against the bridge and the others.
 pub(super) fn faults(draft: &Draft, arms: &[Option<Arm>], reader: &mut Reader) {
     for (index, (path, keys)) in draft.faults.iter().enumerate() {
         injected::check(keys, path, &draft.effectors, &draft.cameras, reader);
+        // An arm without a track has no axis 0.
         let named = |arm: &&Arm| Some(&arm.name) == keys.arm.as_ref();
         if keys.axis == Some(0)
             && let Some(arm) = arms.iter().flatten().find(named).filter(|arm| !arm.model.has_track)
@@ -174,36 +199,36 @@ pub(super) fn faults(draft: &Draft, arms: &[Option<Arm>], reader: &mut Reader) {
             reader.fault(&format!("{path}.axis"), reason);
         }
         if draft.root.bridge.kind.is_hardware() {
-            reader.fault(path, format!("`{path}`: nothing can be made to go wrong on hardware"));
+            reader.fault(path, format!("`{path}`: faults cannot be injected into hardware"));
         }
         if draft.faults[..index].iter().any(|(other, _)| other == path) {
-            reader.fault(path, format!("[[fault]] has two elements of the name `{path}`"));
+            reader.fault(path, format!("[[fault]] has two elements named `{path}`"));
         }
     }
 }
 
-/// Checks that a cube on the table stands on a face: on an edge it would not stand.
+/// Checks that a cube on the table lies on a face: it cannot lie on an edge.
 pub(super) fn cube_on_table(hand: &HandKeys, reader: &mut Reader) {
     let [roll, pitch, _] = hand.cube_rpy;
     if hand.keeper == keys::Keeper::Table && (roll, pitch) != (0.0, 0.0) {
         let (roll, pitch) = (roll.to_degrees(), pitch.to_degrees());
         let reason = format!(
-            "`hand.cube_rpy_deg`: a cube on a table is turned about the vertical only: roll and pitch \
-             must be 0, not {roll:.2} and {pitch:.2} deg"
+            "`hand.cube_rpy_deg`: a cube on a table can turn about the vertical only: roll and \
+             pitch must be 0, not {roll:.2} and {pitch:.2} deg"
         );
-        let advice = "plant.table.any_face lets it lie on any of its faces";
+        let advice = "plant.table.any_face = true allows any face of the cube to be at the bottom";
         reader.fault_with_help("hand.cube_rpy_deg", reason, advice);
     }
 }
 
-/// Checks that the force at which an approach ends is below the one that stops the arm near a
-/// person.
+/// Checks that an approach ends at a smaller force than the one that stops the arm near a person.
 pub(super) fn hand_force(control: &Control, keeper: Keeper, reader: &mut Reader) {
     let (most, touch) = (control.hand_force, control.approach_force);
+    // A table has no person near it, so `hand_force` does not act there.
     if keeper == Keeper::Person && most <= touch {
         let reason = format!(
-            "`control.hand_force_n`: {most} N would break off every approach, which ends at {touch} N \
-             (`control.approach_force_n`)"
+            "`control.hand_force_n`: {most} N would abort every approach, which ends at \
+             {touch} N (`control.approach_force_n`)"
         );
         reader.fault("control.hand_force_n", reason);
     }
@@ -222,15 +247,15 @@ mod tests {
     }
 
     #[test]
-    fn what_a_task_or_a_sensor_cannot_use_is_a_fault() {
+    fn unsuitable_effectors_and_cameras_are_refused() {
         let one = "camera = []\nvsp = []\n[[effector]]\nname = \"track\"\n";
         assert!(faults(one, &[]).contains("\"solve\" needs two effectors"), "{}", faults(one, &[]));
         assert_eq!(faults(&format!("task = \"idle\"\n{one}"), &[]), "");
 
         let in_hand = faults("[[vsp]]\nname = \"mpc\"\ncamera = \"track_hand\"\n", &[]);
-        assert!(in_hand.contains("rides on a flange"), "{in_hand}");
+        assert!(in_hand.contains("is mounted on a flange"), "{in_hand}");
         let alone = faults("[[vsp]]\nname = \"gs1\"\ncamera = \"standalone\"\n", &[]);
-        assert!(alone.contains("stands alone"), "{alone}");
+        assert!(alone.contains("is a fixed camera"), "{alone}");
         let nameless = faults("[[vsp]]\nkind = \"cube\"\n", &[]);
         assert!(nameless.contains("has no name") && !nameless.contains("`vsp.`"), "{nameless}");
 
@@ -244,22 +269,22 @@ mod tests {
     }
 
     #[test]
-    fn hardware_is_refused_under_the_virtual_clock_with_the_way_out() {
-        let told = faults("[bridge]\nkind = \"serial\"\n", &[]);
+    fn hardware_under_virtual_clock_is_refused_with_advice() {
+        let message = faults("[bridge]\nkind = \"serial\"\n", &[]);
 
         assert!(
-            told.contains("t.toml:2:8: `bridge.kind`: \"serial\" is driven by the wall clock only"),
-            "{told}"
+            message.contains("t.toml:2:8: `bridge.kind`: \"serial\" runs in real time only"),
+            "{message}"
         );
-        assert!(told.contains("--pace real-time"), "{told}");
+        assert!(message.contains("--pace real-time"), "{message}");
     }
 
     #[test]
-    fn a_file_of_devices_has_a_name() {
-        let told = faults("[bridge]\ndevices = \"\"\n", &[]);
+    fn empty_name_of_devices_is_refused() {
+        let message = faults("[bridge]\ndevices = \"\"\n", &[]);
         assert!(
-            told.contains("t.toml:2:11: `bridge.devices`: the name of a file is empty"),
-            "{told}"
+            message.contains("t.toml:2:11: `bridge.devices`: the file name is empty"),
+            "{message}"
         );
 
         let at = |text: &str| {
@@ -269,11 +294,11 @@ mod tests {
                 .devices_at(Path::new("cell/t.toml"))
         };
         assert_eq!(at("[bridge]\ndevices = \"robot.toml\"\n"), Path::new("cell/robot.toml"));
-        assert_eq!(at(""), crate::hw::devices::usual_place());
+        assert_eq!(at(""), crate::hw::devices::default_path());
     }
 
     #[test]
-    fn hardware_stops_after_fewer_missed_periods_unless_told_otherwise() {
+    fn hardware_stops_after_fewer_missed_periods() {
         let limit = |text: &str| read(Path::new("t.toml"), text, &[]).unwrap().missed_limit();
         let serial = "pace = \"real-time\"\n[bridge]\nkind = \"serial\"\n";
 
@@ -283,37 +308,39 @@ mod tests {
     }
 
     #[test]
-    fn a_touch_is_no_collision() {
+    fn hand_force_below_approach_force_is_refused() {
         let text = "[control]\nhand_force_n = 3\n";
-        let told = faults(text, &[]);
-        assert!(told.contains("hand_force_n") && told.contains("ends at 4 N"), "{told}");
+        let message = faults(text, &[]);
+        assert!(message.contains("hand_force_n") && message.contains("ends at 4 N"), "{message}");
         assert_eq!(faults(&format!("{text}[hand]\nkeeper = \"table\"\n"), &[]), "");
     }
 
     #[test]
     fn hardware_has_periods_of_2_ms() {
-        let told = |kind: &str, period: &str| {
+        let message = |kind: &str, period: &str| {
             let text = format!(
-                "pace = \"real-time\"\n[bridge]\nkind = \"{kind}\"\n[real_time]\nperiod_ms = {period}\n"
+                "pace = \"real-time\"\n[bridge]\nkind = \"{kind}\"\n\
+                 [real_time]\nperiod_ms = {period}\n"
             );
             faults(&text, &[])
         };
 
         for kind in ["serial", "isa"] {
-            let told = told(kind, "1");
+            let message = message(kind, "1");
             let wanted = format!(
-                "t.toml:5:13: `real_time.period_ms`: the controllers behind a bridge of kind \"{kind}\""
+                "t.toml:5:13: `real_time.period_ms`: \
+                 the hardware of bridge.kind = \"{kind}\""
             );
-            assert!(told.contains(&wanted) && told.contains("not of 1 ms"), "{told}");
+            assert!(message.contains(&wanted) && message.contains("not of 1 ms"), "{message}");
         }
-        assert_eq!(told("serial", "2"), "");
-        assert_eq!(told("isa", "2.0"), "");
-        assert_eq!(told("plant", "1"), "");
+        assert_eq!(message("serial", "2"), "");
+        assert_eq!(message("isa", "2.0"), "");
+        assert_eq!(message("plant", "1"), "");
     }
 
     #[test]
-    fn on_a_table_a_cube_is_turned_about_the_vertical_only() {
-        let told = |keeper: &str, rpy: &str| {
+    fn cube_on_table_must_not_be_tilted() {
+        let message = |keeper: &str, rpy: &str| {
             let text = format!("[hand]\nkeeper = \"{keeper}\"\ncube_rpy_deg = {rpy}\n");
             faults(&text, &[])
         };
@@ -321,11 +348,12 @@ mod tests {
         for (rpy, found) in
             [("[10, 0, 0]", "not 10.00 and 0.00 deg"), ("[0, -90, 20]", "not 0.00 and -90.00 deg")]
         {
-            let told = told("table", rpy);
-            let wanted = "t.toml:3:16: `hand.cube_rpy_deg`: a cube on a table is turned about the vertical only";
-            assert!(told.contains(wanted) && told.contains(found), "{told}");
+            let message = message("table", rpy);
+            let wanted = "t.toml:3:16: `hand.cube_rpy_deg`: \
+                          a cube on a table can turn about the vertical only";
+            assert!(message.contains(wanted) && message.contains(found), "{message}");
         }
-        assert_eq!(told("table", "[0, 0, 30]"), "");
-        assert_eq!(told("person", "[10, -90, 30]"), "");
+        assert_eq!(message("table", "[0, 0, 30]"), "");
+        assert_eq!(message("person", "[10, -90, 30]"), "");
     }
 }

@@ -1,4 +1,4 @@
-//! A scenario that was found right, in SI: the controller's half and the plant's half.
+//! A valid scenario in SI: the half of the controller and the half of the plant.
 
 use super::injected::FaultKeys;
 use super::keys::{
@@ -12,35 +12,36 @@ use crate::cube::{Cube, Facelets};
 use crate::servo::regulator::ServoGains;
 use std::path::PathBuf;
 
-/// A scenario that was found right.
+/// Valid scenario.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scenario {
-    /// Where it was read from, as the user wrote it.
+    /// Path from which it was read, as the user wrote it.
     pub path: PathBuf,
     /// Seed of everything random in the plant.
     pub seed: u64,
-    /// Which clock drives the run.
+    /// Clock that drives the run.
     pub pace: Pace,
-    /// How the servo's thread runs under the wall clock.
+    /// Settings of the servo's thread under the wall clock.
     pub real_time: RealTime,
-    /// What is behind the hardware port.
+    /// Connection behind the hardware port.
     pub bridge: Bridge,
-    /// What the controller may know.
+    /// Half that the controller may know.
     pub controller: ControllerConfig,
-    /// What only the simulated plant may read.
+    /// Half that only the simulated plant may read.
     pub plant: PlantSection,
 }
 
 impl Scenario {
-    /// Returns the number of periods missed in a row after which the arms are brought to a stand
-    /// and stop.
+    /// Returns the number of periods missed in a row after which the arms brake and stop.
     #[must_use]
     pub fn missed_limit(&self) -> u64 {
+        // Controllers of hardware stop by themselves 50 ms after the last order. With the simulated
+        // plant, gaps of up to 45 ms come from below virtual machines and are no reason to stop.
         let usual = if self.bridge.kind.is_hardware() { 20 } else { 50 };
         u64::from(self.real_time.missed_limit.unwrap_or(usual))
     }
 
-    /// Returns the cube that the plant starts from: the given one, or the seed's.
+    /// Returns the cube with which the plant starts: the given one, or the one of the seed.
     #[must_use]
     pub fn cube(&self) -> Facelets {
         match &self.plant.cube_state {
@@ -50,21 +51,22 @@ impl Scenario {
     }
 }
 
-/// What the controller may know: its task, its gains, and its belief of the cell.
+/// Half of a scenario that the controller may know: its task, its gains, and its belief of the
+/// cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ControllerConfig {
-    /// What to do.
+    /// Task of the run.
     pub task: Task,
-    /// Who makes the set values.
+    /// Process that makes the set values.
     pub coordination: Coordination,
-    /// Belief: arms, cameras, cube, table, hand-over place.
+    /// Belief of arms, cameras, cube, table and hand-over place.
     pub cell: Cell,
-    /// Per effector of `cell.arms`: what the cell's geometry does not hold.
+    /// Settings of each effector of `cell.arms` other than its geometry.
     pub effectors: Vec<EffectorConfig>,
-    /// Per camera of `cell.cameras`: where its frames come from.
+    /// Source of the frames of each camera of `cell.cameras`.
     pub cameras: Vec<CameraSource>,
-    /// Per camera of `cell.cameras`: views of the calibration before a simulated hand-over; 0 for
-    /// none.
+    /// Number of views for the calibration of each camera of `cell.cameras` before a simulated
+    /// hand-over; 0 for none.
     pub calibrate_views: Vec<u32>,
     /// Virtual sensors.
     pub vsps: Vec<VspConfig>,
@@ -74,24 +76,24 @@ pub struct ControllerConfig {
     pub visual_servo: VisualServo,
     /// Vision.
     pub vision: VisionKeys,
-    /// Solver and regrasp planner; `rule` agrees with the grippers.
+    /// Settings of solver and regrasp planner; `rule` agrees with the grippers.
     pub planner: Planner,
-    /// What `task = "face_turn"` does.
+    /// Settings of `task = "face_turn"`.
     pub face_turn: FaceTurn,
-    /// What `task = "idle"` does.
+    /// Settings of `task = "idle"`.
     pub idle: Idle,
 }
 
-/// What an effector has beside its geometry.
+/// Settings of an effector other than its geometry.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EffectorConfig {
-    /// Whether the palm stands off the cube.
+    /// Whether the palm keeps a distance from the cube.
     pub palm_clearance: bool,
-    /// Regulators and watch-dogs of its axes.
+    /// Regulators and watchdogs of its axes.
     pub gains: ServoGains,
 }
 
-/// Where a camera's frames come from.
+/// Source of the frames of a camera.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum CameraSource {
     /// The simulated plant.
@@ -100,7 +102,7 @@ pub enum CameraSource {
     Folder(PathBuf),
 }
 
-/// Who gets a VSP's readings.
+/// Receiver of the readings of a VSP.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Owner {
     /// MP.
@@ -109,30 +111,30 @@ pub enum Owner {
     Ecp(usize),
 }
 
-/// A virtual sensor process.
+/// Virtual sensor process.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VspConfig {
-    /// Name.
+    /// Name of the VSP.
     pub name: String,
-    /// What it makes of its sensor.
+    /// Result that it makes of its sensor.
     pub kind: VspKind,
     /// Index of its camera; `None` for forces.
     pub camera: Option<usize>,
-    /// Who gets its readings.
+    /// Receiver of its readings.
     pub owner: Owner,
     /// Time between two readings (s).
     pub period: f64,
 }
 
-/// What only the simulated plant may read.
+/// Half of a scenario that only the simulated plant may read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlantSection {
-    /// The cube's state, a possible one; `None` is drawn from the seed.
+    /// State of the cube, a possible one; `None` if the seed draws it.
     pub cube_state: Option<Facelets>,
-    /// Per effector: whether its controllers are synchronised when the run begins.
+    /// Whether the controllers of each effector are synchronised at the start of the run.
     pub synchronised: Vec<bool>,
     /// Keys under `plant`.
     pub keys: PlantKeys,
-    /// What is made to go wrong.
+    /// Faults to inject.
     pub faults: Vec<FaultKeys>,
 }

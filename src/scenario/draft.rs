@@ -1,4 +1,4 @@
-//! The draft of a scenario: its keys in SI, over those of the built-in cell, before they are
+//! The draft of a scenario: its keys in SI, over those of the built-in cell, before the keys are
 //! checked against each other.
 
 use super::fault::{Source, nearest};
@@ -9,7 +9,7 @@ use super::section::{Key, Reader, Section};
 use super::tree::{self, Node, Value};
 use std::rc::Rc;
 
-/// The built-in cell, which every scenario starts from.
+/// Built-in cell, from which every scenario starts.
 const CELL: &str = include_str!("../../scenarios/cell.toml");
 
 /// Keys in SI, before they are checked against each other.
@@ -19,7 +19,7 @@ pub(super) struct Draft {
     pub(super) effectors: Vec<Effector>,
     pub(super) cameras: Vec<CameraKeys>,
     pub(super) vsps: Vec<Vsp>,
-    /// Each with its dotted name.
+    /// Injected faults, each with its dotted name.
     pub(super) faults: Vec<(String, FaultKeys)>,
 }
 
@@ -37,6 +37,7 @@ impl Draft {
         for vsp in &self.vsps {
             vsp.keys(&vsp.path(), &mut keys);
         }
+        // The list of faults is empty by default, so one element represents its keys.
         FaultKeys { name: "NAME".to_owned(), ..FaultKeys::default() }.keys("fault.NAME", &mut keys);
         keys
     }
@@ -52,10 +53,12 @@ pub(super) fn built_in(reader: &mut Reader) -> Node {
     tree::parse(&source, &mut reader.faults)
 }
 
-/// Reads the keys of the built-in cell and of a document over them.
+/// Reads the keys of the built-in cell, and those of a document over them.
 pub(super) fn draft(document: &Node, built_in: &Node, reader: &mut Reader) -> Draft {
     let mut draft = Draft::default();
     let mut silent = Reader::default();
+    // Each later overlay overrides the earlier ones: first the cell, then the profile, then the
+    // document.
     let (cell_root, _) = split(built_in, &mut silent);
     draft.root.overlay(&cell_root, "", &mut silent);
     let (root, lists) = split(document, reader);
@@ -63,19 +66,23 @@ pub(super) fn draft(document: &Node, built_in: &Node, reader: &mut Reader) -> Dr
         draft.root.overlay(&profile, "", &mut silent);
     }
     draft.root.overlay(&root, "", reader);
+    // The order is that of `LISTS`.
     draft.effectors = list("effector", lists[0].as_ref(), built_in, reader, |e: &Effector| &e.name);
     draft.cameras = list("camera", lists[1].as_ref(), built_in, reader, |c: &CameraKeys| &c.name);
     draft.vsps = list("vsp", lists[2].as_ref(), built_in, reader, |v: &Vsp| &v.name);
     draft.faults = faults(lists[3].as_ref(), reader);
     leave_out(&mut draft, &lists);
-    // A fault of the built-in cell is a fault of the program.
+    // A fault of the built-in cell is a fault of the program. It must be visible, not lost with
+    // `silent`.
     reader.faults.0.extend(silent.faults.0);
     draft
 }
 
 /// Returns the keys of the profile that a document chooses, over the built-in cell. Faults of the
-/// document itself are found when it is read.
+/// document are ignored here, since they are found when it is read.
 fn profile(cell: &Root, document: &Node, silent: &mut Reader) -> Option<Node> {
+    // The choice may depend on `bridge.kind`, so the document must be read once before its profile
+    // is known.
     let mut chosen = cell.clone();
     chosen.overlay(document, "", &mut Reader::default());
     let profile = chosen.profile();
@@ -84,6 +91,7 @@ fn profile(cell: &Root, document: &Node, silent: &mut Reader) -> Option<Node> {
         text: profile.text().to_owned(),
         is_file: true,
     });
+    // The profile "workshop" is the defaults themselves and has no text.
     (!source.text.is_empty()).then(|| tree::parse(&source, &mut silent.faults))
 }
 
@@ -91,6 +99,7 @@ fn profile(cell: &Root, document: &Node, silent: &mut Reader) -> Option<Node> {
 fn faults(node: Option<&Node>, reader: &mut Reader) -> Vec<(String, FaultKeys)> {
     let faults = elements("fault", node, reader, |_| FaultKeys::default());
     let path = |(i, fault): (usize, &FaultKeys)| {
+        // A fault needs no name; its index replaces it.
         let name = if fault.name.is_empty() { i.to_string() } else { fault.name.clone() };
         format!("fault.{name}")
     };
@@ -98,9 +107,11 @@ fn faults(node: Option<&Node>, reader: &mut Reader) -> Vec<(String, FaultKeys)> 
     paths.into_iter().zip(faults).collect()
 }
 
-/// Leaves out built-in cameras and sensors whose effector or camera the scenario leaves out.
+/// Drops built-in cameras and sensors if the scenario lacks their effector or camera.
 fn leave_out(draft: &mut Draft, lists: &[Option<Node>; 4]) {
     let effectors: Vec<&String> = draft.effectors.iter().map(|e| &e.name).collect();
+    // In a list that the scenario gives itself, a reference to a missing element is a fault
+    // instead.
     if lists[1].is_none() {
         draft.cameras.retain(|c| c.effector.as_ref().is_none_or(|e| effectors.contains(&e)));
     }
@@ -123,7 +134,8 @@ fn split(document: &Node, reader: &mut Reader) -> (Node, [Option<Node>; 4]) {
                 *slot = Some(entries.remove(at).node);
             }
         }
-        // `[effectors]` and the like: the section macro does not know the lists' names.
+        // The section macro does not know the names of the lists, so `[effectors]` and similar
+        // words are found here. `cell` is a section.
         entries.retain(|e| match nearest(&e.key, &LISTS) {
             Some(word) if !matches!(e.key.as_str(), "cell") => {
                 let reason = format!("unknown key `{}`", e.key);
@@ -137,7 +149,7 @@ fn split(document: &Node, reader: &mut Reader) -> (Node, [Option<Node>; 4]) {
     (rest, found)
 }
 
-/// Reads one list; each element starts from the built-in element of its name.
+/// Reads one list. Each element starts from the built-in element of its name.
 fn list<T: Section + Clone>(
     name: &str,
     given: Option<&Node>,
@@ -156,7 +168,7 @@ fn list<T: Section + Clone>(
     }
 }
 
-/// Reads the elements of a list; each starts from `start(its name)`.
+/// Reads the elements of a list. Each starts from `start(its name)`.
 fn elements<T: Section>(
     name: &str,
     node: Option<&Node>,
@@ -165,13 +177,14 @@ fn elements<T: Section>(
 ) -> Vec<T> {
     let Some(node) = node else { return Vec::new() };
     let Value::Array(items) = &node.value else {
-        let reason = format!("`{name}` is a list, not {}", node.describe());
+        let reason = format!("`{name}` must be a list, not {}", node.describe());
         reader.faults.add_with_help(Some(&node.place), reason, format!("write [[{name}]]"));
         return Vec::new();
     };
     let mut all = Vec::new();
     for (index, item) in items.iter().enumerate() {
         let own = tree::name_of(item);
+        // The index replaces a missing name, in faults and in overrides.
         let path = format!("{name}.{}", own.clone().unwrap_or_else(|| index.to_string()));
         reader.places.insert(path.clone(), item.place.clone());
         let mut element = start(own);

@@ -1,35 +1,34 @@
-//! Faults of a scenario: where, what, and what was probably meant.
+//! The faults of a scenario: place, reason and advice.
 //!
-//! - in: places (spans of a text) and reasons, collected while reading; nothing stops at the first
-//!   one
-//! - out: text with `file:line:column`, the reason, and the offending line underlined
+//! - in: places (spans of a text) and reasons, which are collected while the scenario is read
+//! - out: text with `file:line:column`, the reason, and the underlined line
 
 use std::fmt;
 use std::ops::Range;
 use std::rc::Rc;
 
-/// A text that keys and values come from: a file, or the value of one option of the command line.
+/// Text from which keys and values come: a file, or the value of one option of the command line.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Source {
     /// Path of the file as the user wrote it, or the option: `--set cube.edge_mm`.
     pub name: String,
     /// The whole text.
     pub text: String,
-    /// Options have no lines to count.
+    /// Whether it is a file; options have no lines to count.
     pub is_file: bool,
 }
 
-/// Where something stands.
+/// Place of a key or value.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Place {
-    /// In which text.
+    /// Text that contains it.
     pub source: Rc<Source>,
-    /// Bytes of it.
+    /// Range of bytes in the text.
     pub span: Range<usize>,
 }
 
 impl Place {
-    /// `file:line:column`, both counted from 1 in characters, or the option.
+    /// Returns `file:line:column`, both counted from 1 in characters, or the name of the option.
     #[must_use]
     pub fn label(&self) -> String {
         if !self.source.is_file {
@@ -39,9 +38,10 @@ impl Place {
         format!("{}:{line}:{column}", self.source.name)
     }
 
-    /// Line and column of the start, and the line's text.
+    /// Returns line and column of the start, and the text of the line.
     fn line(&self) -> (usize, usize, &str) {
         let text = &self.source.text;
+        // A span counts bytes, and a slice inside a character would panic.
         let mut start = self.span.start.min(text.len());
         while !text.is_char_boundary(start) {
             start -= 1;
@@ -55,14 +55,14 @@ impl Place {
     }
 }
 
-/// One thing that is wrong.
+/// Fault of a scenario.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Fault {
-    /// Where; `None` when nothing in the scenario stands for it (a missing section).
+    /// Place; `None` if the scenario has no text for it (a missing section).
     pub place: Option<Place>,
-    /// What, with the offending value.
+    /// Reason, with the wrong value.
     pub reason: String,
-    /// What was probably meant, or what is possible.
+    /// Advice: what was probably meant, or what is possible.
     pub help: Option<String>,
 }
 
@@ -74,8 +74,11 @@ impl fmt::Display for Fault {
                 let (number, column, line) = place.line();
                 write!(f, "{}: {}", place.label(), self.reason)?;
                 let gutter = if place.source.is_file { number.to_string() } else { String::new() };
+                // A tab has one column in the count but several on a screen, so the carets would be
+                // shifted.
                 let shown = line.replace('\t', " ");
                 let rest = shown.chars().count().saturating_sub(column - 1);
+                // A span of several lines is underlined in its first line only.
                 let length = place.source.text.get(place.span.clone()).map_or(1, |t| {
                     t.lines().next().map_or(1, |first| first.trim_end().chars().count())
                 });
@@ -91,7 +94,7 @@ impl fmt::Display for Fault {
     }
 }
 
-/// All that is wrong with a scenario; never empty when returned as an error.
+/// Faults of a scenario; never empty if returned as an error.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Faults(pub Vec<Fault>);
 
@@ -115,13 +118,15 @@ impl Faults {
         });
     }
 
-    /// In the order of the text, the file first.
+    /// Sorts the faults in the order of the text; the file comes before the options, and faults
+    /// without a place last.
     #[must_use]
     pub fn sorted(mut self) -> Self {
         self.0.sort_by_key(|f| match &f.place {
             None => (2, String::new(), 0),
             Some(p) => (u8::from(!p.source.is_file), p.source.name.clone(), p.span.start),
         });
+        // Two checks may find the same fault.
         self.0.dedup();
         self
     }
@@ -141,16 +146,17 @@ impl fmt::Display for Faults {
 
 impl std::error::Error for Faults {}
 
-/// The known word nearest to a wrong one, if it is near enough to be meant.
+/// Returns the known word that is nearest to a wrong one, if it is near enough to be meant.
 #[must_use]
 pub(crate) fn nearest<'a>(wrong: &str, known: &[&'a str]) -> Option<&'a str> {
     let near = known
         .iter()
         .map(|k| (strsim::damerau_levenshtein(wrong, k), *k))
         .min_by_key(|(distance, _)| *distance)
+        // A third of the letters may be wrong, but always one.
         .filter(|(distance, word)| *distance <= 1.max(word.len().max(wrong.len()) / 3))
         .map(|(_, word)| word);
-    // `edge` for `edge_mm`: the unit was forgotten, however long it is.
+    // `edge` for `edge_mm`: the user forgot the unit, which may be longer than a third of the word.
     let forgotten = known
         .iter()
         .copied()
@@ -164,7 +170,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_fault_shows_file_line_column_and_the_text() {
+    fn fault_shows_file_line_column_and_text() {
         let source = Rc::new(Source {
             name: "a.toml".into(),
             text: "[cube]\nedge_cm = 57\n".into(),
@@ -180,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_word_is_near() {
+    fn suggestion_is_similar_or_adds_the_unit() {
         assert_eq!(nearest("edge_cm", &["edge_mm", "mass_g"]), Some("edge_mm"));
         assert_eq!(nearest("edge", &["edge_mm", "mass_g"]), Some("edge_mm"));
         assert_eq!(nearest("velocity", &["edge_mm", "mass_g"]), None);

@@ -1,17 +1,18 @@
-//! Keys of the list `[[fault]]`: what is made to go wrong in a simulated run. Only the plant's side
-//! may read them.
+//! The keys of the list `[[fault]]`: faults that are injected into a simulated run. Only the side
+//! of the plant may read them.
 //!
-//! - in: kind, when (`at_s`, or `event` with `nth` and `delay_s`), for how long, how much, whom
-//! - out: [`FaultKeys`], checked against each other and the scenario by `check`
+//! - in: kind, time (`at_s`, or `event` with `nth` and `delay_s`), duration, magnitude, and the
+//!   part that fails
+//! - out: [`FaultKeys`], which `check` compares with each other and with the scenario
 
 use super::lists::{CameraKeys, Effector};
 use super::section::{Reader, section, words};
 use crate::cube::Face;
 
 words! {
-    /// What goes wrong, with the unit of its magnitude.
+    /// Kind of a fault, with the unit of its magnitude.
     pub FaultKind {
-        /// The counter of an axis stands still.
+        /// The counter of an axis stays at its value.
         EncoderFreeze = "encoder_freeze",
         /// The counter of an axis is off by magnitude (rad of the motor).
         EncoderJump = "encoder_jump",
@@ -35,42 +36,43 @@ words! {
         CameraSilent = "camera_silent",
         /// A camera's pictures come late by magnitude (ms).
         LateFrames = "late_frames",
-        /// A hand has only magnitude of its friction (share).
+        /// A gripper has only a share of its friction (magnitude).
         Slip = "slip",
-        /// A hand lets the cube drop.
+        /// A gripper lets the cube drop.
         Drop = "drop",
-        /// Each layer needs magnitude more torque (Nm).
+        /// Each layer needs more torque by magnitude (Nm).
         Jam = "jam",
-        /// The layer that has been turned slips back under the jaws, a quarter in magnitude (s),
-        /// until that turn is over.
+        /// The layer that has been turned slips back under the jaws until that turn is over; a
+        /// quarter turn takes magnitude (s).
         TurnUndone = "turn_undone",
-        /// Somebody pushes an arm's hand along a direction of the world with magnitude (N).
+        /// A force of magnitude (N) pushes the hand of an arm along a direction of the world.
         Push = "push",
-        /// The operator draws the cube back once more.
+        /// The operator withdraws the cube once more.
         Withdraw = "withdraw",
-        /// A sticker has another colour before the cameras.
+        /// The cameras see a sticker in another colour.
         Misread = "misread",
-        /// The fingers of an arm reach a layer less far than believed.
+        /// The fingers of an arm reach one layer less deep than believed.
         UnderConstrained = "under_constrained",
-        /// The fingers of an arm reach a layer farther than believed.
+        /// The fingers of an arm reach one layer deeper than believed.
         OverConstrained = "over_constrained",
-        /// The jaws of an arm stand wider than believed by magnitude (mm).
+        /// The jaws of an arm are wider than believed by magnitude (mm).
         JawCalibration = "jaw_calibration",
-        /// The base of an arm is off along a direction of the world by magnitude (mm).
+        /// The base of an arm has an error of magnitude (mm) along a direction of the world.
         BaseCalibration = "base_calibration",
-        /// A message to an arm's EDP, or to `actor`, comes late by magnitude (ms).
+        /// A message to the EDP of an arm, or to `actor`, is late by magnitude (ms).
         LateMessage = "late_message",
-        /// A message to an arm's EDP, or to `actor`, is lost, and with it the way back.
+        /// A message to the EDP of an arm, or to `actor`, is lost, and with it the channel of its
+        /// answer.
         LostMessage = "lost_message",
-        /// A message to an arm's servo comes twice.
+        /// A message to the servo of an arm arrives twice.
         DuplicatedMessage = "duplicated_message",
         /// An actor panics.
         ActorPanic = "actor_panic",
         /// An actor stops answering.
         ActorHang = "actor_hang",
-        /// An actor stops answering, and lets no other one get on.
+        /// An actor stops answering and blocks all other actors.
         ActorSpin = "actor_spin",
-        /// The actors' heart stops beating.
+        /// The heartbeat of the actors stops.
         HeartBeatLoss = "heart_beat_loss",
         /// The recorder's device is full.
         DiskFull = "disk_full",
@@ -78,17 +80,17 @@ words! {
         ClockJump = "clock_jump",
         /// The emergency stop is pressed.
         EmergencyStop = "emergency_stop",
-        /// The power goes: the process is killed, and the plant's world is as it is.
+        /// The power fails: the process is killed, and the plant stays as it is.
         PowerCut = "power_cut",
     }
 }
 
 words! {
-    /// What happens in the plant and begins a fault.
+    /// Event in the plant that begins a fault.
     pub FaultEvent {
-        /// Jaws close on the cube; of `event_arm` only, when that is given.
+        /// Jaws close on the cube; only those of `event_arm` if it is given.
         Grasped = "grasped",
-        /// Jaws let go of the cube; of `event_arm` only, when that is given.
+        /// Jaws let go of the cube; only those of `event_arm` if it is given.
         Released = "released",
         /// A layer begins to turn between two hands.
         TurnBegins = "turn_begins",
@@ -106,79 +108,82 @@ words! {
 }
 
 words! {
-    /// Actors that can fail.
+    /// Actor that can fail.
     pub FaultActor {
         /// The coordinator.
         Mp = "mp",
-        /// The task's share of an arm.
+        /// The control process of an effector.
         Ecp = "ecp",
         /// The driver of an arm.
         Edp = "edp",
-        /// A virtual sensor, of a camera.
+        /// A virtual sensor with a camera.
         Vsp = "vsp",
     }
 }
 
 section! {
-    /// A fault.
+    /// Injected fault.
     pub FaultKeys {
-        /// Name, for messages and `--set fault.NAME.key`.
+        /// Name for messages and `--set fault.NAME.key`.
         name: String = String::new();
-        /// What goes wrong, with the unit of its magnitude.
+        /// Kind of the fault, which gives the unit of its magnitude.
         kind: Option<FaultKind> = None;
-        /// When it begins, by the plant's time.
+        /// Time in the plant at which the fault begins.
         at [s]: Option<f64> = None, 0.0..=86400.0;
-        /// What in the plant begins it.
+        /// Event in the plant that begins the fault.
         event: Option<FaultEvent> = None;
-        /// The event must happen for this time, counted from when the run begins.
+        /// Occurrence of the event that begins the fault, counted from the start of the run.
         nth: u32 = 1, 1.0..=10000.0;
-        /// How long after its event it begins.
+        /// Delay of the fault after its event.
         delay [s]: f64 = 0.0, 0.0..=3600.0;
-        /// The arm whose event it is; any when not given.
+        /// Arm of the event; any arm if not given.
         event_arm: Option<String> = None;
-        /// How far the layer has been turned, for event = "turned".
+        /// Angle by which the layer has turned, for event = "turned".
         turned [deg]: f64 = 45.0, 1.0..=180.0;
-        /// How long it lasts; for good when not given.
+        /// Duration of the fault; it stays if not given.
         duration [s]: Option<f64> = None, 0.0..=86400.0;
-        /// How much, in the unit of its kind.
+        /// Size of the fault, in the unit of its kind.
         magnitude: Option<f64> = None, -1e6..=1e6;
-        /// The arm that it befalls.
+        /// Arm that has the fault.
         arm: Option<String> = None;
-        /// The axis that it befalls: 0 the track, 1 to 6, 7 the jaw.
+        /// Axis that has the fault: 0 the track, 1 to 6, 7 the jaw.
         axis: Option<u32> = None, 0.0..=7.0;
         /// Direction: 0, 1, 2 along x, y, z and 3, 4, 5 about them.
         direction: u32 = 2, 0.0..=5.0;
-        /// The camera that it befalls.
+        /// Camera that has the fault.
         camera: Option<String> = None;
-        /// The actor that it befalls; of `arm` or `camera`.
+        /// Actor that has the fault, of `arm` or `camera`.
         actor: Option<FaultActor> = None;
-        /// The sticker that is misread, in the order of reading: "U1" to "B9".
+        /// Sticker that is misread, in reading order: "U1" to "B9".
         sticker: Option<String> = None;
-        /// The colour that it shows: the letter of the face that has it.
+        /// Colour that it shows: the letter of the face that has this colour.
         colour: Option<String> = None;
     }
 }
 
-/// What a kind needs besides its time.
-#[allow(clippy::struct_excessive_bools, reason = "a row of a table")]
+/// Keys that a kind needs besides its time.
+#[allow(clippy::struct_excessive_bools, reason = "the fields are the columns of a table")]
 struct Needs {
     arm: bool,
     axis: bool,
     camera: bool,
-    /// Least and largest magnitude; `None` when it takes none.
+    /// Smallest and largest magnitude; `None` if it has none.
     magnitude: Option<(f64, f64)>,
-    /// It is so from the beginning: no time, no event.
+    /// Whether the fault exists from the beginning, without a time or an event.
     constant: bool,
 }
 
+/// Returns the keys that a kind needs; magnitudes are in the unit of the kind.
 fn needs(kind: FaultKind) -> Needs {
     use FaultKind as K;
     let none = Needs { arm: false, axis: false, camera: false, magnitude: None, constant: false };
     let of_arm = |magnitude| Needs { arm: true, magnitude, ..none };
     match kind {
+        // Faults of one axis.
         K::EncoderFreeze | K::LimitSwitch => Needs { arm: true, axis: true, ..none },
         K::EncoderJump => Needs { axis: true, ..of_arm(Some((-1e4, 1e4))) },
         K::OverCurrent => Needs { axis: true, ..of_arm(Some((0.0, 1e3))) },
+        // Faults of an arm, of its gripper, its force sensor or its messages.
         K::ForceDropout
         | K::ForceNan
         | K::ForceSaturation
@@ -189,15 +194,19 @@ fn needs(kind: FaultKind) -> Needs {
         K::Slip => of_arm(Some((0.0, 1.0))),
         K::Push => of_arm(Some((-200.0, 200.0))),
         K::LateMessage => of_arm(Some((0.0, 1e5))),
+        // Faults of a camera.
         K::CameraBlackout | K::CameraSilent => Needs { camera: true, ..none },
         K::LateFrames => Needs { camera: true, magnitude: Some((0.0, 1e4)), ..none },
+        // Faults of the servo, of the cube and of the clock.
         K::MissedPeriods => Needs { magnitude: Some((1.0, 1e4)), ..none },
         K::Jam => Needs { magnitude: Some((0.0, 100.0)), ..none },
         K::TurnUndone => Needs { magnitude: Some((0.01, 60.0)), ..none },
         K::ClockJump => Needs { magnitude: Some((1.0, 1e6)), ..none },
+        // Errors of the cell, which no event begins.
         K::UnderConstrained | K::OverConstrained => Needs { constant: true, ..of_arm(None) },
         K::JawCalibration => Needs { constant: true, ..of_arm(Some((-20.0, 20.0))) },
         K::BaseCalibration => Needs { constant: true, ..of_arm(Some((-100.0, 100.0))) },
+        // The other keys of these are checked in `actor` and `sticker`, or they have none.
         K::Withdraw
         | K::Misread
         | K::ActorPanic
@@ -211,7 +220,7 @@ fn needs(kind: FaultKind) -> Needs {
 }
 
 impl FaultKeys {
-    /// The sticker and its colour, each by index, URFDLB.
+    /// Returns the indices of the sticker and of its colour, both in the order URFDLB.
     #[must_use]
     pub fn misread(&self) -> Option<(usize, u8)> {
         let letter = |c: char| Face::ALL.iter().position(|f| f.letter() == c);
@@ -232,8 +241,9 @@ pub(super) fn check(
     cameras: &[CameraKeys],
     reader: &mut Reader,
 ) {
+    // The rules below depend on the kind, so none of them applies without it.
     let Some(kind) = fault.kind else {
-        reader.fault(path, format!("`{path}.kind` is missing: what goes wrong?"));
+        reader.fault(path, format!("`{path}.kind` is missing"));
         return;
     };
     let mut check = Check { fault, kind, needs: needs(kind), wrong: Vec::new() };
@@ -249,37 +259,42 @@ pub(super) fn check(
     }
 }
 
-/// A fault under check.
+/// State of the check of a fault.
 struct Check<'a> {
     fault: &'a FaultKeys,
     kind: FaultKind,
     needs: Needs,
-    /// Each key that is wrong, and the reason.
+    /// Wrong keys with the reasons.
     wrong: Vec<(&'static str, String)>,
 }
 
 impl Check<'_> {
+    /// Adds a wrong key.
     fn wrong(&mut self, key: &'static str, reason: impl Into<String>) {
         self.wrong.push((key, reason.into()));
     }
 
-    /// Checks that a time or an event begins it, unless its kind is constant.
+    /// Checks that either a time or an event begins the fault, unless its kind is constant.
     fn beginning(&mut self) {
         let word = self.kind.word();
         match (self.fault.at, self.fault.event, self.needs.constant) {
             (None, None, false) => self.wrong("kind", format!("\"{word}\" needs at_s or event")),
             (Some(_), Some(_), false) => {
-                self.wrong("event", "at_s and event: one of them begins it");
+                self.wrong("event", "at_s and event are both set; set only one");
             }
+            // One beginning, or none for a constant fault.
             (None, None, true) | (Some(_), None, false) | (None, Some(_), false) => {}
             (at, _, true) => {
                 let key = if at.is_some() { "at_s" } else { "event" };
-                self.wrong(key, format!("\"{word}\" is so from the beginning"));
+                self.wrong(
+                    key,
+                    format!("\"{word}\" exists from the beginning: it takes no at_s or event"),
+                );
             }
         }
     }
 
-    /// Checks the names of arms, and that an arm and an axis are given where its kind needs them.
+    /// Checks the names of arms. An arm and an axis must be given if the kind needs them.
     fn arms(&mut self, effectors: &[Effector]) {
         let FaultKeys { arm, event_arm, axis, .. } = self.fault;
         for (key, name) in [("arm", arm), ("event_arm", event_arm)] {
@@ -296,7 +311,7 @@ impl Check<'_> {
         }
     }
 
-    /// Checks the name of the camera, and that one is given where its kind needs it.
+    /// Checks the name of the camera, which must be given if the kind needs it.
     fn camera(&mut self, cameras: &[CameraKeys]) {
         let camera = &self.fault.camera;
         if let Some(name) = camera.as_ref().filter(|n| !cameras.iter().any(|c| c.name == **n)) {
@@ -307,7 +322,7 @@ impl Check<'_> {
         }
     }
 
-    /// Checks the magnitude against the range of its kind.
+    /// Checks the magnitude against the range of the kind.
     fn magnitude(&mut self) {
         let (word, magnitude) = (self.kind.word(), self.fault.magnitude);
         match (self.needs.magnitude, magnitude) {
@@ -315,16 +330,15 @@ impl Check<'_> {
             (Some((low, high)), Some(x)) if !(low..=high).contains(&x) => {
                 self.wrong("magnitude", format!("{x} is outside {low}..{high} of \"{word}\""));
             }
-            (None, Some(_)) => self.wrong("magnitude", format!("\"{word}\" has none")),
+            (None, Some(_)) => self.wrong("magnitude", format!("\"{word}\" takes no magnitude")),
             _ => {}
         }
         if self.kind == FaultKind::MissedPeriods && magnitude.is_some_and(|x| x != x.trunc()) {
-            self.wrong("magnitude", format!("\"{word}\" misses whole periods"));
+            self.wrong("magnitude", format!("\"{word}\" needs a whole number of periods"));
         }
     }
 
-    /// Checks that the actor can have this fault, and that its arm or camera says which actor it
-    /// is.
+    /// Checks that the actor can have this fault, and that an arm or a camera identifies it.
     fn actor(&mut self) {
         use FaultActor as A;
         use FaultKind as K;
@@ -336,20 +350,21 @@ impl Check<'_> {
             (K::LateMessage | K::LostMessage, Some(A::Mp | A::Vsp)) => {
                 self.wrong(
                     "actor",
-                    format!("\"{word}\" is of the way to an \"ecp\" or an \"edp\""),
+                    format!("\"{word}\" affects messages to an \"ecp\" or an \"edp\" only"),
                 );
             }
+            // Each arm has an ECP and an EDP, each camera a VSP; only MP is unique.
             (_, Some(A::Ecp | A::Edp)) if self.fault.arm.is_none() => {
-                self.wrong("actor", "whose? give its arm");
+                self.wrong("actor", "each arm has this actor; set `arm`");
             }
             (_, Some(A::Vsp)) if self.fault.camera.is_none() => {
-                self.wrong("actor", "whose? give its camera");
+                self.wrong("actor", "each camera has this actor; set `camera`");
             }
             _ => {}
         }
     }
 
-    /// Checks the direction of a fault along an axis of the world.
+    /// Checks the direction of a fault along an axis of the world, which cannot be a rotation.
     fn direction(&mut self) {
         let kind = self.kind;
         let is_along = matches!(kind, FaultKind::Push | FaultKind::BaseCalibration);
@@ -359,7 +374,7 @@ impl Check<'_> {
         }
     }
 
-    /// Checks that a misread sticker and its colour can be parsed.
+    /// Checks that the sticker and colour of a misread sticker can be parsed.
     fn sticker(&mut self) {
         if self.kind == FaultKind::Misread && self.fault.misread().is_none() {
             let key = if self.fault.sticker.is_some() { "sticker" } else { "kind" };
@@ -384,8 +399,9 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_is_read_in_si_and_known_by_its_name() {
-        let text = "[[fault]]\nname = \"a\"\nkind = \"encoder_jump\"\narm = \"track\"\naxis = 3\nmagnitude = 2\n\
+    fn fault_is_read_in_si_and_overridden() {
+        let text = "[[fault]]\nname = \"a\"\nkind = \"encoder_jump\"\narm = \"track\"\n\
+                    axis = 3\nmagnitude = 2\n\
                     event = \"turned\"\nturned_deg = 90";
         let over = crate::scenario::Override::parse("fault.a.axis=4").unwrap();
         let read = crate::scenario::read(Path::new("f.toml"), text, &[over]).unwrap();
@@ -397,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_said_with_its_place() {
+    fn wrong_keys_are_reported_with_their_place() {
         let missing = faults("kind = \"over_current\"\nat_s = 1");
         for what in ["f.toml:3:8", "needs an arm", "needs an axis", "needs a magnitude"] {
             assert!(missing.contains(what), "{missing}");
@@ -408,17 +424,17 @@ mod tests {
             "{unknown}"
         );
         let both = faults("kind = \"drop\"\narm = \"track\"\nat_s = 1\nevent = \"grasped\"");
-        assert!(both.contains("one of them begins it"), "{both}");
+        assert!(both.contains("set only one"), "{both}");
         assert!(faults("kind = \"drops\"\nat_s = 1").contains("did you mean \"drop\"?"));
         assert!(faults("at_s = 1").contains("kind` is missing"));
         let range = faults("kind = \"slip\"\narm = \"track\"\nat_s = 1\nmagnitude = 3");
         assert!(range.contains("f.toml:6:13") && range.contains("outside 0..1"), "{range}");
         let whose = faults("kind = \"actor_panic\"\nactor = \"ecp\"\nat_s = 1");
-        assert!(whose.contains("give its arm"), "{whose}");
+        assert!(whose.contains("set `arm`"), "{whose}");
         let way = faults("kind = \"lost_message\"\nactor = \"mp\"\narm = \"track\"\nat_s = 1");
         assert!(way.contains("f.toml:4:9") && way.contains("an \"ecp\" or an \"edp\""), "{way}");
         let part = faults("kind = \"missed_periods\"\nat_s = 1\nmagnitude = 1.5");
-        assert!(part.contains("f.toml:5:") && part.contains("whole periods"), "{part}");
+        assert!(part.contains("f.toml:5:") && part.contains("whole number"), "{part}");
         let rail = |arm: &str| {
             faults(&format!("kind = \"limit_switch\"\narm = \"{arm}\"\naxis = 0\nat_s = 1"))
         };
@@ -429,7 +445,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sticker_is_named_by_face_and_number() {
+    fn sticker_is_named_by_face_and_number() {
         let keys = |sticker: &str, colour: &str| FaultKeys {
             sticker: Some(sticker.to_owned()),
             colour: Some(colour.to_owned()),

@@ -1,12 +1,13 @@
-//! Scenarios: what a run is to do, in which cell, with which controller, against which plant.
+//! The scenarios of runs: task, cell, controller and plant of each.
 //!
-//! - in: a TOML file in the workshop's units, and `KEY=VALUE` options that overrule parts of it
+//! - in: a TOML file in the units of a workshop, and `KEY=VALUE` options that override parts of it
 //! - out: a [`Scenario`] in SI, whose two halves are different types: the [`ControllerConfig`]
 //!   holds what the controller may know (its belief), the [`PlantSection`] what only the simulated
 //!   plant may read
 //! - faults: all of them at once, each with `file:line:column`
 //!
-//! A key is declared in one place: see `scenario::section`. The built-in cell is `scenarios/cell.toml`.
+//! Each key is declared in one place: see `scenario::section`. The built-in cell is
+//! `scenarios/cell.toml`.
 
 pub(crate) mod fault;
 pub(crate) mod injected;
@@ -36,23 +37,23 @@ use section::{Key, Reader};
 use std::path::Path;
 use std::rc::Rc;
 
-/// Scenarios that the program brings along, by the names that stand for their paths anywhere.
+/// Scenarios in the program, by the names that replace their paths everywhere.
 const SHIPPED: [(&str, &str); 2] = [
     ("shipped:solve", include_str!("../../scenarios/solve.toml")),
     ("shipped:table", include_str!("../../scenarios/table.toml")),
 ];
 
-/// Returns the text of a scenario: of a file, or of one that the program brings along
-/// (`shipped:solve`, `shipped:table`).
+/// Returns the text of a scenario from a file, or of one in the program (`shipped:solve`,
+/// `shipped:table`).
 ///
 /// # Errors
-/// What the operating system says to a file.
+/// The error of the operating system for the file.
 pub fn text(path: &Path) -> std::io::Result<String> {
     let shipped = SHIPPED.iter().find(|(name, _)| path.as_os_str() == *name);
     shipped.map_or_else(|| text::read(path, text::SCENARIO), |(_, text)| Ok((*text).to_owned()))
 }
 
-/// Reads a scenario file, or one that the program brings along.
+/// Reads a scenario file, or a scenario in the program.
 ///
 /// # Errors
 /// All faults of the file and of the overrides.
@@ -61,7 +62,7 @@ pub fn load(path: &Path, overrides: &[Override]) -> Result<Scenario, Faults> {
         let mut faults = Faults::default();
         let reason = match error.kind() {
             std::io::ErrorKind::NotFound => "there is no such file".to_owned(),
-            std::io::ErrorKind::InvalidData => "not text in UTF-8".to_owned(),
+            std::io::ErrorKind::InvalidData => "the file is not UTF-8 text".to_owned(),
             std::io::ErrorKind::IsADirectory => "a folder, not a scenario file".to_owned(),
             _ => error.to_string(),
         };
@@ -71,8 +72,8 @@ pub fn load(path: &Path, overrides: &[Override]) -> Result<Scenario, Faults> {
     read(path, &text, overrides)
 }
 
-/// Reads a scenario's text; `path` names it in faults, and its folder is where relative paths
-/// start.
+/// Reads the text of a scenario. `path` is its name in faults, and relative paths start in its
+/// folder.
 ///
 /// # Errors
 /// All faults of the text and of the overrides.
@@ -82,10 +83,11 @@ pub fn read(path: &Path, text: &str, overrides: &[Override]) -> Result<Scenario,
         Rc::new(Source { name: path.display().to_string(), text: text.to_owned(), is_file: true });
     let mut document = tree::parse(&source, &mut reader.faults);
     if !reader.faults.0.is_empty() {
-        // The text behind a fault of syntax cannot be trusted: its faults would be noise.
+        // The text after a fault of syntax may be read wrongly, and its faults would only confuse.
         return Err(reader.faults.sorted());
     }
     let built_in = draft::built_in(&mut reader);
+    // Overrides become part of the document, so they are read and checked like the file.
     overrides::apply(overrides, &mut document, &built_in, &mut reader);
     let draft = draft::draft(&document, &built_in, &mut reader);
     match build::scenario(path, draft, &mut reader) {
@@ -99,6 +101,7 @@ pub fn read(path: &Path, text: &str, overrides: &[Override]) -> Result<Scenario,
 pub(crate) fn all_keys() -> Vec<Key> {
     let mut reader = Reader::default();
     let built_in = draft::built_in(&mut reader);
+    // Every key has its default if the document is the built-in cell itself.
     draft::draft(&built_in, &built_in, &mut reader).keys()
 }
 
@@ -114,28 +117,28 @@ mod tests {
     }
 
     #[test]
-    fn every_fault_is_told_with_its_place() {
+    fn every_error_has_line_and_column() {
         let text = "taks = \"solve\"\n[cube]\nedge = 57\nmass_g = \"heavy\"\n[control]\n\
                     grip_n = 1000\ncompliance = \"tf\"\n[planner]\nrule = \"best\"\n";
 
-        let told = faults(text, &[]);
+        let message = faults(text, &[]);
 
         for wanted in [
             "t.toml:1:1: unknown key `taks`",
             "did you mean `task`?",
             "t.toml:3:1: unknown key `edge` in [cube]",
             "did you mean `edge_mm`?",
-            "t.toml:4:10: `cube.mass_g`: wanted a number, found \"heavy\"",
+            "t.toml:4:10: `cube.mass_g`: expected a number, found \"heavy\"",
             "t.toml:6:10: `control.grip_n`: 1000 is outside 1..100",
             "did you mean \"tff\"?",
-            "t.toml:9:8: `planner.rule`: \"best\" is none of its words",
+            "t.toml:9:8: `planner.rule`: \"best\" is not a possible value",
         ] {
-            assert!(told.contains(wanted), "no `{wanted}` in:\n{told}");
+            assert!(message.contains(wanted), "no `{wanted}` in:\n{message}");
         }
     }
 
     #[test]
-    fn an_override_reaches_into_a_built_in_list_and_is_checked_like_the_file() {
+    fn override_changes_built_in_list_and_is_checked() {
         let good = Override::parse("effector.track.tool_xyz_mm=[0, 0, 260]").unwrap();
         let scenario = read(Path::new("t.toml"), "", &[good]).unwrap();
         let tool = scenario.controller.cell.arms[0].flange_from_tool;
@@ -143,14 +146,15 @@ mod tests {
         assert_eq!(scenario.controller.cell.arms.len(), 2);
 
         let bad = Override::parse("effector.1.gripper.palm=10").unwrap();
-        let told = faults("", &[bad]);
-        assert!(told.contains("--set effector.1.gripper.palm: unknown key `palm`"), "{told}");
-        assert!(told.contains("did you mean `palm_mm`?"), "{told}");
+        let message = faults("", &[bad]);
+        assert!(message.contains("--set effector.1.gripper.palm: unknown key `palm`"), "{message}");
+        assert!(message.contains("did you mean `palm_mm`?"), "{message}");
     }
 
     #[test]
-    fn a_list_of_its_own_replaces_the_built_in_one() {
-        let text = "task = \"idle\"\ncamera = []\nvsp = []\n[[effector]]\nname = \"track\"\nstart_d0_mm = 100\n";
+    fn own_list_replaces_built_in_list() {
+        let text = "task = \"idle\"\ncamera = []\nvsp = []\n\
+                    [[effector]]\nname = \"track\"\nstart_d0_mm = 100\n";
 
         let scenario = read(Path::new("t.toml"), text, &[]).unwrap();
 
@@ -160,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn what_hangs_on_a_missing_effector_is_left_out() {
+    fn elements_of_missing_effector_are_dropped() {
         let text = "task = \"idle\"\n[[effector]]\nname = \"postument\"\n";
 
         let scenario = read(Path::new("t.toml"), text, &[]).unwrap();

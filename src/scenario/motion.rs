@@ -1,15 +1,16 @@
-//! Checks that the arms can do the speeds that a scenario orders, and that no guarded direction
-//! makes its own tool shake.
+//! The checks that the motors can reach the speeds of a scenario, and that no guarded direction
+//! makes its own tool vibrate.
 //!
 //! | key | refused |
 //! |---|---|
-//! | `profile` | "swift" would drive hardware |
-//! | `turn_speed`, `roll_speed`, `track_speed` | a motor would have to be faster than its limit |
-//! | `approach_speed`, `turn_speed` | a tool would shake itself: [`tff::self_excitation`] |
-//! | `visual_servo.inertia` | the same |
-//! | `linear_admittance`, `angular_admittance` | the same |
+//! | `profile` | "swift" on hardware |
+//! | `turn_speed`, `roll_speed`, `track_speed` | a motor would exceed its speed limit |
+//! | `approach_speed`, `turn_speed` | the tool would excite itself: [`tff::self_excitation`] |
+//! | `visual_servo.inertia` | the tool would excite itself |
+//! | `linear_admittance`, `angular_admittance` | the tool would excite itself |
 //!
-//! The joints that share motors are checked along each way, by the servo and the guard of ways.
+//! The speeds of coupled joints depend on the posture. The servo and the guard of paths check them
+//! along each path.
 
 use super::keys::{Control, Profile, VisualServo};
 use super::root::Root;
@@ -18,30 +19,30 @@ use crate::cell::{Arm, ForceSensor};
 use crate::generators::{guarded_admittance, turn};
 use crate::kinematics::ArmModel;
 use crate::motion::{PERIOD, ROLL};
-use crate::servo::path::GOVERNED;
+use crate::servo::path::GOVERNED_SPEED_SHARE;
 use crate::servo::tff;
 
-/// Index of the track; like the roll's, its motor turns nothing else: the speeds of these two do
-/// not depend on the posture.
+/// Index of the track. Its motor drives no other joint, and neither does that of the roll, so their
+/// speeds do not depend on the posture.
 const TRACK: usize = 0;
 
-/// Delay of the force loop, in servo periods: one for the sensor, one for the exchange, half of one
+/// Delay of the force loop in servo periods: one for the sensor, one for the exchange, half of one
 /// for the mean of two samples.
 const DELAY: f64 = 2.5;
-/// Radius of gyration of a gripper about its own centre (m): 0.006 kg m2 a 1.1 kg.
+/// Radius of gyration of a gripper about its own centre (m): 0.006 kg m2 at 1.1 kg.
 const GYRATION: f64 = 0.074;
 
-/// Checks that hardware moves gently.
+/// Checks that hardware has the gentle profile.
 pub(super) fn profile(root: &Root, reader: &mut Reader) {
     let (kind, profile) = (root.bridge.kind, root.profile());
     if profile != Profile::Workshop && kind.is_hardware() {
         let reason = format!(
-            "`control.profile`: \"{}\" has been measured on the simulated plant alone, and \
+            "`control.profile`: \"{}\" is tested on the simulated plant only, but \
              `bridge.kind` is \"{}\"",
             profile.word(),
             root.bridge.kind.word()
         );
-        let advice = "profile = \"workshop\", and raise single keys step by step";
+        let advice = "set profile = \"workshop\" and raise single keys step by step";
         reader.fault_with_help("control.profile", reason, advice);
     }
 }
@@ -50,27 +51,29 @@ pub(super) fn profile(root: &Root, reader: &mut Reader) {
 pub(super) fn speeds(control: &Control, arms: &[Option<Arm>], reader: &mut Reader) {
     for arm in arms.iter().flatten() {
         let c = control;
-        // The servo slows a turn down that wants to be faster than this share (servo::path).
+        // Beyond the share `GOVERNED_SPEED_SHARE` the servo slows a turn down (servo::path).
         for (key, axis, speed, share, unit) in [
-            ("turn_speed_deg_s", ROLL, c.turn_speed, GOVERNED, Unit::Degrees),
+            ("turn_speed_deg_s", ROLL, c.turn_speed, GOVERNED_SPEED_SHARE, Unit::Degrees),
             ("roll_speed_deg_s", ROLL, c.roll_speed, 1.0, Unit::Degrees),
             ("track_speed_mm_s", TRACK, c.track_speed, 1.0, Unit::Millimetres),
         ] {
             let limit = share * arm.model.motor_speed_limit;
             if let Some((needed, most)) = too_fast(&arm.model, axis, speed, limit) {
                 let reason = format!(
-                    "`control.{key}`: {} needs {needed:.0} rad/s of motor {axis} of the {}, which \
-                     does {limit:.0}",
+                    "`control.{key}`: {} needs {needed:.0} rad/s of motor {axis} of the {}, whose \
+                     limit is {limit:.0} rad/s",
                     unit.write(speed),
                     arm.name
                 );
-                let advice = format!("{} at most", unit.write(most));
+                // Rounded down, so that the advised speed passes the check.
+                let advice = format!("at most {}", unit.write(most));
                 reader.fault_with_help(&format!("control.{key}"), reason, &advice);
             }
         }
     }
 }
 
+/// Unit of a speed in the messages.
 #[derive(Clone, Copy)]
 enum Unit {
     Degrees,
@@ -78,7 +81,7 @@ enum Unit {
 }
 
 impl Unit {
-    /// Writes a speed (rad/s, m/s) with its unit, no greater than it is.
+    /// Writes a speed (rad/s, m/s) with its unit, rounded down.
     fn write(self, speed: f64) -> String {
         match self {
             Self::Degrees => format!("{} deg/s", down(speed.to_degrees())),
@@ -89,11 +92,12 @@ impl Unit {
 
 /// Rounds down to a tenth.
 fn down(value: f64) -> f64 {
+    // The small term keeps a full tenth that the conversion of units has made a little smaller.
     (value * 10.0 + 1e-6).floor() / 10.0
 }
 
-/// Returns the speed that a motor needs (rad/s) and the greatest speed of its axis, if that is less
-/// than the one wanted; the motor does at most `limit` (rad/s).
+/// Returns the speed that the motor needs (rad/s) and the greatest speed of its axis (rad/s, m/s),
+/// if the wanted one exceeds it. The motor reaches at most `limit` (rad/s).
 fn too_fast(model: &ArmModel, axis: usize, speed: f64, limit: f64) -> Option<(f64, f64)> {
     if axis == TRACK && !model.has_track {
         return None;
@@ -103,7 +107,7 @@ fn too_fast(model: &ArmModel, axis: usize, speed: f64, limit: f64) -> Option<(f6
     (needed > limit).then(|| (needed, limit / gear))
 }
 
-/// Checks each direction that a force moves: see [`tff::self_excitation`].
+/// Checks each force-controlled direction: see [`tff::self_excitation`].
 pub(super) fn self_excitation(
     control: &Control,
     visual_servo: &VisualServo,
@@ -113,11 +117,14 @@ pub(super) fn self_excitation(
     let c = control;
     let (speed, force) = c.visual_approach();
     let visual = guarded_admittance(speed, force);
-    // A hand approaches a cube, and pulls at one in another's hand until it feels half the force.
+    // A pull at a cube in the other gripper ends at half the force of an approach, so its
+    // admittance is twice as large and the approach needs no check of its own.
     let pull = guarded_admittance(c.approach_speed, 0.5 * c.approach_force);
     let turn_admittance = turn::most_ordered(c.turn_speed) / c.turn_torque;
     for arm in arms.iter().flatten() {
         let (mass, moment, about_z) = inertia(&arm.sensor);
+        // Each row: key, admittance, virtual inertia, and mass or moment of inertia of the tool.
+        // The first two rows are the visual servo along and across its approach.
         let rows = [
             ("visual_servo.inertia_kg", visual, visual_servo.inertia, mass),
             ("visual_servo.inertia_kg", c.linear_admittance, visual_servo.inertia, mass),
@@ -135,11 +142,13 @@ pub(super) fn self_excitation(
                 continue;
             }
             let reason = format!(
-                "`{key}`: the {} would shake itself at about {frequency:.0} Hz by the \
-                 inertia of its own tool: the gain of that loop is {gain:.2}, and {most} at most \
-                 is safe",
+                "`{key}`: the {} would excite its own vibration at about {frequency:.0} \
+                 Hz, because the force sensor measures the inertia of the tool: the loop gain is \
+                 {gain:.2}, the limit is {most}",
                 arm.name
             );
+            // The visual servo has its own inertia, and its speed follows from that of the
+            // approach.
             let advice = if key == "visual_servo.inertia_kg" {
                 "raise it, or lower control.approach_speed_mm_s or control.linear_admittance_mm_sn"
             } else {
@@ -151,12 +160,13 @@ pub(super) fn self_excitation(
     }
 }
 
-/// Returns mass (kg) and greatest moment of inertia about the sensor of what hangs beyond it, and
-/// the moment about its axis (kg m2).
+/// Returns the mass of the load beyond the sensor (kg), its greatest moment of inertia about the
+/// sensor, and the one about the axis of the sensor (kg m2).
 fn inertia(sensor: &ForceSensor) -> (f64, f64, f64) {
     let mass = sensor.mass();
     let own = mass * GYRATION * GYRATION;
     let off = sensor.centre_in_flange.coords - sensor.flange_from_sensor.translation.vector;
+    // The load is close to the axis of the sensor, so only its own moment counts about it.
     (mass, own + mass * off.norm_squared(), own)
 }
 
@@ -172,17 +182,20 @@ mod tests {
     }
 
     #[test]
-    fn speed_that_no_motor_does_is_refused() {
-        let told = faults("turn_speed_deg_s = 60");
-        assert!(told.contains("t.toml:2:20: `control.turn_speed_deg_s`: 60 deg/s needs"), "{told}");
-        assert!(told.contains("of motor 6 of the track, which does 24"), "{told}");
-        assert!(told.contains("48.3 deg/s at most"), "{told}");
+    fn speed_above_motor_limit_is_refused() {
+        let message = faults("turn_speed_deg_s = 60");
+        assert!(
+            message.contains("t.toml:2:20: `control.turn_speed_deg_s`: 60 deg/s needs"),
+            "{message}"
+        );
+        assert!(message.contains("of motor 6 of the track, whose limit is 24"), "{message}");
+        assert!(message.contains("at most 48.3 deg/s"), "{message}");
         assert_eq!(faults("turn_speed_deg_s = 48"), "");
         assert!(faults("roll_speed_deg_s = 50").contains("`control.roll_speed_deg_s`"));
     }
 
     #[test]
-    fn hardware_is_gentle_and_simulation_swift() {
+    fn profile_is_gentle_on_hardware_only() {
         let speed = |bridge: &str, keys: &str| {
             let pace = if bridge == "plant" { "virtual" } else { "real-time" };
             let text =
@@ -193,26 +206,36 @@ mod tests {
         };
         assert_eq!(speed("plant", ""), Ok(41.0));
         assert_eq!(speed("plant", "profile = \"workshop\""), Ok(25.0));
-        assert_eq!(speed("plant", "turn_speed_deg_s = 30"), Ok(30.0), "a key overrules it");
+        assert_eq!(
+            speed("plant", "turn_speed_deg_s = 30"),
+            Ok(30.0),
+            "a key overrides the profile"
+        );
         assert_eq!(speed("serial", ""), Ok(25.0));
         assert_eq!(speed("serial", "turn_speed_deg_s = 30"), Ok(30.0));
-        let told = speed("serial", "profile = \"swift\"").unwrap_err();
-        assert!(told.contains("t.toml:5:11: `control.profile`: \"swift\" has been"), "{told}");
-        assert!(told.contains("`bridge.kind` is \"serial\""), "{told}");
+        let message = speed("serial", "profile = \"swift\"").unwrap_err();
+        assert!(
+            message.contains("t.toml:5:11: `control.profile`: \"swift\" is tested"),
+            "{message}"
+        );
+        assert!(message.contains("`bridge.kind` is \"serial\""), "{message}");
     }
 
     #[test]
     fn guarded_speed_that_shakes_the_tool_is_refused() {
-        let told = faults("approach_speed_mm_s = 40\nlinear_inertia_kg = 0");
-        assert!(told.contains("t.toml:2:23: `control.approach_speed_mm_s`"), "{told}");
-        assert!(told.contains("shake itself at about 31 Hz"), "{told}");
+        let message = faults("approach_speed_mm_s = 40\nlinear_inertia_kg = 0");
+        assert!(message.contains("t.toml:2:23: `control.approach_speed_mm_s`"), "{message}");
+        assert!(message.contains("excite its own vibration at about 31 Hz"), "{message}");
         assert!(faults("[visual_servo]\ninertia_kg = 5").contains("`visual_servo.inertia_kg`"));
         let sideways = "approach_speed_mm_s = 2\nlinear_admittance_mm_sn = 2\n[visual_servo]\n";
         assert!(
             faults(&format!("{sideways}inertia_kg = 10")).contains("`visual_servo.inertia_kg`")
         );
         let pull = faults("approach_speed_mm_s = 20\nlinear_inertia_kg = 0\n");
-        assert!(pull.contains("`control.approach_speed_mm_s`"), "an approach alone would pass");
+        assert!(
+            pull.contains("`control.approach_speed_mm_s`"),
+            "the pull fails, the approach alone would pass"
+        );
         assert!(
             faults("angular_admittance_rad_snm = 5\nangular_inertia_kgm2 = 0").contains("angular")
         );

@@ -1,4 +1,4 @@
-//! Overrides: `KEY=VALUE` of the command line over the keys of a scenario.
+//! The overrides of a scenario: `KEY=VALUE` of the command line over its keys.
 
 use super::fault::Source;
 use super::lists::LISTS;
@@ -6,22 +6,22 @@ use super::section::Reader;
 use super::tree::{self, Node, Value};
 use std::rc::Rc;
 
-/// `KEY=VALUE` of the command line.
+/// Override: `KEY=VALUE` of the command line.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Override {
-    /// How faults name it: `--set cube.edge_mm`.
+    /// Name in faults: `--set cube.edge_mm`.
     pub option: String,
     /// Dotted key.
     pub key: String,
-    /// A value of TOML; a bare word counts as a string.
+    /// Value of TOML; a bare word counts as a string.
     pub value: String,
 }
 
 impl Override {
-    /// Parses the text behind `--set`.
+    /// Parses the text after `--set`.
     ///
     /// # Errors
-    /// A message when there is no `=`.
+    /// A message if there is no `=`.
     pub fn parse(text: &str) -> Result<Self, String> {
         let (key, value) = text.split_once('=').ok_or_else(|| {
             format!("`{text}` has no `=`; write KEY=VALUE, as in control.grip_n=30")
@@ -30,7 +30,7 @@ impl Override {
         Ok(Self { option: format!("--set {key}"), key, value: value.trim().to_owned() })
     }
 
-    /// Makes the override of an option that stands for a key, as `--seed` for `seed`.
+    /// Makes the override of an option with its own name for a key, such as `--seed` for `seed`.
     #[must_use]
     pub fn option(option: &str, key: &str, value: &str) -> Self {
         Self { option: option.to_owned(), key: key.to_owned(), value: value.to_owned() }
@@ -53,8 +53,8 @@ pub(super) fn apply(
             && LISTS.contains(&list)
             && over.value.trim_matches('"') != element
         {
-            // Everything that refers to the old name, and its built-in values, would be lost
-            // silently.
+            // A new name would silently lose the built-in values of the element and all references
+            // to it.
             let reason = format!("`{}`: an option cannot rename an element", over.key);
             reader.faults.add(Some(&value.place), reason);
             continue;
@@ -64,8 +64,9 @@ pub(super) fn apply(
     }
 }
 
-/// Adds to the document the list of `key`, if the scenario has none itself, so that an override can
-/// reach into it: the names of the built-in elements, whose values they start from.
+/// Adds the list of `key` to the document if the scenario has none itself, so that an override can
+/// change an element. The list contains only the names of the built-in elements, from whose values
+/// they start.
 fn adopt_list(document: &mut Node, built_in: &Node, key: &str) {
     let list = key.split('.').next().unwrap_or_default();
     if !LISTS.contains(&list) || document.get(list).is_some() {
@@ -78,6 +79,7 @@ fn adopt_list(document: &mut Node, built_in: &Node, key: &str) {
     if let Value::Array(items) = &mut node.value {
         for item in items {
             if let Value::Table(entries) = &mut item.value {
+                // The other values of an element follow from its name when the list is read.
                 entries.retain(|e| e.key == "name");
             }
         }

@@ -1,5 +1,5 @@
-//! Profiles that keys refer to: an arm's geometry and its regulators, built in by name or from a
-//! file.
+//! The profiles to which keys refer: the geometry of an arm and its regulators, built in by name or
+//! from a file.
 
 use super::fault::nearest;
 use super::keys::Servo;
@@ -10,16 +10,16 @@ use crate::kinematics::ArmModel;
 use crate::servo::regulator::{self, ServoGains};
 use std::path::Path;
 
-/// A key that refers to a profile.
+/// Key that refers to a profile.
 struct Reference<'a> {
-    /// The dotted key.
+    /// Dotted key.
     at: String,
-    /// Its value: the name of a built-in profile, or a path from the scenario's folder.
+    /// Name of a built-in profile, or a path relative to the scenario's folder.
     name: &'a str,
     folder: &'a Path,
 }
 
-/// The profiles of a kind that the program brings along.
+/// Built-in profiles of one kind.
 struct BuiltIn {
     names: &'static [&'static str],
     text: fn(&str) -> Option<&'static str>,
@@ -49,13 +49,13 @@ pub(super) fn gains(
     };
     let reference = Reference { at: format!("{path}.servo_profile"), name, folder };
     let gains: ServoGains = read(&reference, &built_in, reader)?;
-    // A limit of 0, below 0 or not a number would drive an axis instead of stopping it.
+    // A limit of 0, below 0 or NaN would drive an axis instead of stopping it.
     let limits = gains.axes.iter().map(|axis| ("trip_current", axis.trip_current));
     for (key, value) in limits.chain([("pwm_slew", gains.pwm_slew), ("pwm_limit", gains.pwm_limit)])
     {
         if value.is_nan() || value <= 0.0 {
             let at = &reference.at;
-            let reason = format!("`{at}`: \"{name}\": {key} is {value}, wanted more than 0");
+            let reason = format!("`{at}`: \"{name}\": {key} is {value}, expected more than 0");
             reader.fault(at, reason);
             return None;
         }
@@ -65,6 +65,7 @@ pub(super) fn gains(
 
 /// Applies the section `servo` to the gains of an effector.
 pub(super) fn adjusted(mut gains: ServoGains, keys: &Servo) -> ServoGains {
+    // The factor scales b0 and b1 by their common ratio, and all three gains of the jaw.
     for axis in &mut gains.axes {
         axis.ratio *= keys.gain_factor;
     }
@@ -76,7 +77,7 @@ pub(super) fn adjusted(mut gains: ServoGains, keys: &Servo) -> ServoGains {
     gains
 }
 
-/// Reads the profile that a key refers to.
+/// Reads the profile to which a key refers.
 fn read<T: serde::de::DeserializeOwned>(
     reference: &Reference<'_>,
     built_in: &BuiltIn,
@@ -84,6 +85,8 @@ fn read<T: serde::de::DeserializeOwned>(
 ) -> Option<T> {
     let Reference { at, name, folder } = reference;
     let file = folder.join(name);
+    // A built-in name wins over a file. Only a name that ends in .toml is a path, so a misspelt
+    // name gets advice instead of a missing file.
     let (text, source) = if let Some(text) = (built_in.text)(name) {
         (text.to_owned(), (*name).to_owned())
     } else if Path::new(name).extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
@@ -97,7 +100,7 @@ fn read<T: serde::de::DeserializeOwned>(
     } else {
         let advice = match nearest(name, built_in.names) {
             Some(word) => format!("did you mean \"{word}\"?"),
-            None => format!("built in: {}; or the path of a .toml file", built_in.names.join(", ")),
+            None => format!("possible: {}, or the path of a .toml file", built_in.names.join(", ")),
         };
         reader.fault_with_help(at, format!("`{at}`: there is no profile \"{name}\""), advice);
         return None;
@@ -105,6 +108,7 @@ fn read<T: serde::de::DeserializeOwned>(
     match toml::from_str(&text) {
         Ok(data) => Some(data),
         Err(error) => {
+            // The fault is at the key of the scenario. Its text names the line in the profile.
             let line = error.span().map_or(1, |s| text[..s.start].matches('\n').count() + 1);
             reader.fault(at, format!("`{at}`: {source}:{line}: {}", error.message()));
             None
@@ -118,7 +122,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_servo_profile_whose_limits_would_drive_an_axis_is_a_fault() {
+    fn servo_profile_with_invalid_limits_is_refused() {
         let folder = std::env::temp_dir().join(format!("rubik-gains-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let of = |from: &str, to: &str| {
@@ -133,8 +137,11 @@ mod tests {
         };
 
         for value in ["nan", "0.0", "-10.0", "-inf"] {
-            let told = of("trip_current = 18.0", &format!("trip_current = {value}"));
-            assert!(told.contains("own.toml") && told.contains("trip_current is"), "{told}");
+            let message = of("trip_current = 18.0", &format!("trip_current = {value}"));
+            assert!(
+                message.contains("own.toml") && message.contains("trip_current is"),
+                "{message}"
+            );
         }
         assert!(of("pwm_slew = 25.0", "pwm_slew = nan").contains("pwm_slew is NaN"));
         assert_eq!(of("trip_current = 18.0", "trip_current = inf"), "");

@@ -1,4 +1,4 @@
-//! The keys of a whole scenario: its top level, and a section below each name.
+//! The keys of a whole scenario: its top level, and one section below each name.
 
 use super::keys::{
     Bridge, CellKeys, Control, Coordination, CubeKeys, FaceTurn, HandKeys, Idle, Pace, Planner,
@@ -8,48 +8,48 @@ use super::plant::PlantKeys;
 use super::section::section;
 
 section! {
-    /// The keys of a whole scenario, without its lists.
+    /// Keys of a whole scenario, without its lists.
     pub(crate) Root {
-        /// What to do.
+        /// Task of the run.
         task: Task = Task::Solve;
-        /// Who makes the set values of the arms.
+        /// Process that makes the set values of the arms.
         coordination: Coordination = Coordination::Sporadic;
         /// Seed of everything random in the plant.
         seed: u64 = 1;
-        /// Which clock drives the run.
+        /// Clock that drives the run.
         pace: Pace = Pace::Virtual;
     } with {
-        /// What is behind the hardware port.
+        /// Connection behind the hardware port.
         bridge: Bridge,
-        /// The cell.
+        /// Cell.
         cell: CellKeys,
-        /// The cube.
+        /// Cube.
         cube: CubeKeys,
         /// Hand-over place.
         hand: HandKeys,
         /// Gains, speeds, limits.
         control: Control,
-        /// Following the cube.
+        /// Generator that follows the cube.
         visual_servo: VisualServo,
         /// Vision.
         vision: VisionKeys,
         /// Solver and planner.
         planner: Planner,
-        /// Turning one layer.
+        /// Task `face_turn`.
         face_turn: FaceTurn,
-        /// An idle run.
+        /// Task `idle`.
         idle: Idle,
         /// Regulators of the axes.
         servo: Servo,
-        /// The servo's thread.
+        /// Thread of the servo.
         real_time: RealTime,
-        /// What only the simulated plant may read.
+        /// Truth, which only the simulated plant may read.
         plant: PlantKeys,
     }
 }
 
 impl Root {
-    /// Returns the profile of speeds that is chosen, or the usual one of the bridge.
+    /// Returns the chosen profile of speeds, or the default one of the bridge.
     pub(super) fn profile(&self) -> Profile {
         self.control.profile.unwrap_or(Profile::usual(self.bridge.kind))
     }

@@ -1,9 +1,9 @@
-//! Sections of keys: one line declares a key's name, unit, type, default, range and meaning.
+//! The sections of keys, and the macros that declare them.
 //!
-//! A section is written once, with `section!`; from that come a struct in SI units, its default,
-//! the reader with its faults, and the list that `rubik-robot keys` prints. The key is the field's
-//! name with the unit behind it: `edge [mm]: f64 = 57.0` is the key `edge_mm` and the field `edge`
-//! in metres.
+//! A call of `section!` declares each key by its name, unit, type, default, range and meaning. From
+//! this follow a struct in SI units, its default, the reader with its faults, and the list that
+//! `rubik-robot keys` prints. The key is the name of the field followed by the unit: `edge [mm]:
+//! f64 = 57.0` is the key `edge_mm` and the field `edge` in metres.
 
 use super::fault::{Faults, Place, nearest};
 use super::tree::{Entry, Node, Value};
@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
 /// Factors from the units of keys to SI, named as in the keys.
-#[allow(non_upper_case_globals, reason = "a constant has the name that the unit has in keys")]
+#[allow(non_upper_case_globals, reason = "constants are named like the units in keys")]
 pub(crate) mod units {
     /// Millimetres.
     pub(crate) const mm: f64 = 1e-3;
@@ -65,7 +65,7 @@ pub(crate) mod units {
     pub(crate) const ns_m: f64 = 1.0;
 }
 
-/// A key, as listed for the operator.
+/// Key, as listed for the operator.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Key {
     /// Dotted name: `cube.edge_mm`.
@@ -74,32 +74,32 @@ pub(crate) struct Key {
     pub kind: String,
     /// Default as written in TOML.
     pub default: String,
-    /// Least and largest value, in the key's unit.
+    /// Smallest and largest value, in the unit of the key.
     pub range: Option<RangeInclusive<f64>>,
-    /// What it means.
+    /// Meaning in one sentence.
     pub meaning: String,
 }
 
-/// The declaration of a key, as far as it concerns numbers.
+/// Declaration of a key as far as it concerns numbers.
 #[derive(Debug, Clone)]
 pub(crate) struct Declared {
-    /// From the key's unit to SI.
+    /// Factor from the unit of the key to SI.
     pub factor: f64,
-    /// Least and largest value, in the key's unit.
+    /// Smallest and largest value, in the unit of the key.
     pub range: Option<RangeInclusive<f64>>,
 }
 
-/// Collects faults and remembers where each key was given.
+/// Collector of faults, and of the places at which keys were given.
 #[derive(Debug, Default)]
 pub(crate) struct Reader {
-    /// What is wrong so far.
+    /// Faults until now.
     pub faults: Faults,
     /// Place of the value of each key that was given, by dotted name.
     pub places: BTreeMap<String, Place>,
 }
 
 impl Reader {
-    /// Reads one key of the section `path` into `target`.
+    /// Reads one key of the section `path` into `target`, which keeps its value after a fault.
     pub(crate) fn item<T: Item>(
         &mut self,
         target: &mut T,
@@ -108,6 +108,8 @@ impl Reader {
         path: &str,
     ) {
         let path = join(path, &entry.key);
+        // Checks that compare keys report their faults at this place, so it is stored even if the
+        // value is wrong.
         self.places.insert(path.clone(), entry.node.place.clone());
         let value = match T::read(&entry.node) {
             Ok(value) => value,
@@ -121,6 +123,8 @@ impl Reader {
                 return;
             }
         };
+        // The range is in the unit of the key, as the user wrote it, so the check comes before the
+        // conversion to SI. It also refuses NaN and infinities.
         let (low, high) = declared.range.map_or((f64::MIN, f64::MAX), RangeInclusive::into_inner);
         for number in value.numbers() {
             if !(low..=high).contains(&number) {
@@ -136,12 +140,12 @@ impl Reader {
         *target = value.scaled(declared.factor);
     }
 
-    /// The entries of a table, or a fault.
+    /// Returns the entries of a table; reports a fault for any other value.
     pub(crate) fn table<'n>(&mut self, node: &'n Node, path: &str) -> &'n [Entry] {
         if let Value::Table(entries) = &node.value {
             return entries;
         }
-        let reason = format!("`{path}` is a section, not {}", node.describe());
+        let reason = format!("`{path}` must be a section, not {}", node.describe());
         self.faults.add_with_help(
             Some(&node.place),
             reason,
@@ -150,13 +154,14 @@ impl Reader {
         &[]
     }
 
-    /// A key that does not exist.
+    /// Reports a key that does not exist.
     pub(crate) fn unknown(&mut self, entry: &Entry, path: &str, known: &[&str]) {
         let section = if path.is_empty() { String::new() } else { format!(" in [{path}]") };
         let reason = format!("unknown key `{}`{section}", entry.key);
         let help = match nearest(&entry.key, known) {
             Some(word) => format!("did you mean `{word}`?"),
-            None if known.len() <= 12 => format!("known here: {}", known.join(", ")),
+            // A long list helps less than the command that prints all keys with their meanings.
+            None if known.len() <= 12 => format!("known keys: {}", known.join(", ")),
             None => "`rubik-robot keys` lists all keys".to_owned(),
         };
         self.faults.add_with_help(Some(&entry.key_place), reason, help);
@@ -186,6 +191,8 @@ impl Reader {
     }
 
     fn nearest_place(&self, path: &str) -> Option<Place> {
+        // A key that the document does not contain has no place, but the section above it may have
+        // one.
         let mut here = path;
         loop {
             if let Some(place) = self.places.get(here) {
@@ -196,20 +203,20 @@ impl Reader {
     }
 }
 
-/// `path.key`, without the dot at the top.
+/// Joins `path.key`, without the dot at the top.
 #[must_use]
 pub(crate) fn join(path: &str, key: &str) -> String {
     if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") }
 }
 
-/// Why a value cannot be taken.
+/// Reason why a value is refused.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Wrong {
-    /// Where, when it is a part of the value.
+    /// Place, if it is a part of the value.
     pub place: Option<Place>,
-    /// Why.
+    /// Reason for the user.
     pub reason: String,
-    /// What is possible.
+    /// Possible values, or the one that was probably meant.
     pub help: Option<String>,
 }
 
@@ -217,28 +224,28 @@ impl Wrong {
     fn kind(wanted: &str, node: &Node) -> Self {
         Self {
             place: Some(node.place.clone()),
-            reason: format!("wanted {wanted}, found {}", node.describe()),
+            reason: format!("expected {wanted}, found {}", node.describe()),
             help: None,
         }
     }
 }
 
-/// What a key can hold.
+/// Type of value that a key can have.
 pub(crate) trait Item: Sized {
-    /// Type in words.
+    /// Returns the type in words.
     fn kind() -> String;
-    /// From a node.
+    /// Reads a value from a node.
     ///
     /// # Errors
     /// [`Wrong`] with the reason.
     fn read(node: &Node) -> Result<Self, Wrong>;
-    /// As it would stand in TOML, in the key's unit.
+    /// Writes the value as in TOML, in the unit of the key.
     fn show(&self, factor: f64) -> String;
-    /// Its numbers, for the check of ranges.
+    /// Returns the numbers in the value, for the check of ranges.
     fn numbers(&self) -> Vec<f64> {
         Vec::new()
     }
-    /// In SI.
+    /// Converts the value to SI.
     #[must_use]
     fn scaled(self, factor: f64) -> Self {
         let _ = factor;
@@ -253,6 +260,7 @@ impl Item for f64 {
     fn read(node: &Node) -> Result<Self, Wrong> {
         match node.value {
             Value::Float(x) => Ok(x),
+            // A user who writes 57 means 57.0.
             Value::Integer(i) => Ok(i as f64),
             _ => Err(Wrong::kind("a number", node)),
         }
@@ -372,15 +380,16 @@ impl<T: Item> Item for Option<T> {
     }
 }
 
-/// A group of keys.
+/// Group of keys.
 pub(crate) trait Section: Default {
-    /// Takes over the keys that are given in `node`; the others keep their values.
+    /// Overwrites the values of the keys that `node` contains; the others keep their values.
     fn overlay(&mut self, node: &Node, path: &str, reader: &mut Reader);
-    /// Its keys, with the present values as defaults.
+    /// Adds its keys to `into`, with the present values as defaults.
     fn keys(&self, path: &str, into: &mut Vec<Key>);
 }
 
-/// An enumeration whose words stand in the scenario, with the visibility before its name.
+/// Declares an enumeration whose variants are words of a scenario, with the visibility before its
+/// name.
 macro_rules! words {
     ($(#[doc = $doc:literal])* $vis:vis $name:ident {
         $( $(#[doc = $vdoc:literal])* $variant:ident = $word:literal ),* $(,)?
@@ -392,10 +401,10 @@ macro_rules! words {
         }
 
         impl $name {
-            /// Every word that stands for a variant.
+            /// Word of each variant.
             $vis const WORDS: &'static [&'static str] = &[$($word),*];
 
-            /// Its word in a scenario.
+            /// Returns the word of the variant in a scenario.
             #[must_use]
             $vis fn word(self) -> &'static str {
                 match self { $( Self::$variant => $word, )* }
@@ -415,7 +424,7 @@ macro_rules! words {
                     $( $word => Ok(Self::$variant), )*
                     other => Err($crate::scenario::section::Wrong {
                         place: None,
-                        reason: format!("\"{other}\" is none of its words"),
+                        reason: format!("\"{other}\" is not a possible value"),
                         help: Some(match $crate::scenario::fault::nearest(other, Self::WORDS) {
                             Some(word) => format!("did you mean \"{word}\"?"),
                             None => format!("possible: {}", Self::kind()),
@@ -431,7 +440,7 @@ macro_rules! words {
 }
 pub(super) use words;
 
-/// The key of a field: its name, or the one given behind `as`, with the unit behind it.
+/// Makes the key of a field: its name, or the one given after `as`, followed by the unit.
 macro_rules! key_name {
     ($field:ident, , ) => {
         stringify!($field)
@@ -448,13 +457,16 @@ macro_rules! key_name {
 }
 pub(super) use key_name;
 
-/// A struct of keys, in SI, with defaults in the keys' units; see the module's header.
+/// Declares a struct of keys, in SI, with defaults in the units of the keys; see the head of the
+/// module.
 ///
-/// `field [unit]: type = default, range;` for keys, and behind them `with { field: Section, ... }`;
-/// `field as base [unit]` where two keys differ in the unit only.
+/// `field [unit]: type = default, range;` declares a key, and `with { field: Section, ... }` after
+/// the keys the sections below. `field as base [unit]` is for two keys that differ only in the
+/// unit.
 macro_rules! section {
     ($(#[doc = $doc:literal])* $vis:vis $name:ident {
-        $( $(#[doc = $kdoc:literal])* $key:ident $(as $base:ident)? $([$unit:ident])? : $ty:ty = $default:expr
+        $( $(#[doc = $kdoc:literal])*
+           $key:ident $(as $base:ident)? $([$unit:ident])? : $ty:ty = $default:expr
            $(, $range:expr)? ; )*
     } $(with { $( $(#[doc = $sdoc:literal])* $sub:ident : $sty:ty ),* $(,)? })?) => {
         $(#[doc = $doc])*
@@ -470,6 +482,7 @@ macro_rules! section {
                     $( $key: {
                         let value: $ty = $default;
                         $crate::scenario::section::Item::scaled(
+                            // The default is written in the unit of the key.
                             value, 1.0 $(* $crate::scenario::section::units::$unit)?)
                     }, )*
                     $($( $sub: <$sty>::default(), )*)?
@@ -490,7 +503,9 @@ macro_rules! section {
                 ];
                 for entry in reader.table(node, path) {
                     match entry.key.as_str() {
-                        $( $crate::scenario::section::key_name!($key, $($base)?, $($unit)?) => reader.item(
+                        $( $crate::scenario::section::key_name!(
+                            $key, $($base)?, $($unit)?
+                        ) => reader.item(
                             &mut self.$key,
                             $crate::scenario::section::Declared {
                                 factor: 1.0 $(* $crate::scenario::section::units::$unit)?,
@@ -519,7 +534,10 @@ macro_rules! section {
                     range: [$($range)?].into_iter().next(),
                     meaning: concat!($($kdoc),*).trim().to_owned(),
                 }); )*
-                $($( self.$sub.keys(&$crate::scenario::section::join(path, stringify!($sub)), into); )*)?
+                $($( self.$sub.keys(
+                    &$crate::scenario::section::join(path, stringify!($sub)),
+                    into
+                ); )*)?
             }
         }
     };

@@ -1,54 +1,54 @@
-//! A TOML document as a tree in which every key and value knows its place.
+//! A TOML document as a tree in which every key and value has its place.
 //!
-//! - in: text of a scenario, and `KEY=VALUE` options that overrule parts of it
-//! - out: a [`Node`] to read sections from; faults of syntax, all of them at once
+//! - in: text of a scenario, and `KEY=VALUE` options that override parts of it
+//! - out: a [`Node`] from which sections are read; all faults of syntax at once
 
 use super::fault::{Faults, Place, Source};
 use std::rc::Rc;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-/// A value and where it stands.
+/// Value and its place.
 #[derive(Debug, Clone)]
 pub(crate) struct Node {
-    /// Where.
+    /// Place of the value.
     pub place: Place,
-    /// What.
+    /// Value itself.
     pub value: Value,
 }
 
-/// What a node holds.
+/// Content of a node.
 #[derive(Debug, Clone)]
 pub(crate) enum Value {
     /// `true`, `false`.
     Bool(bool),
-    /// A whole number.
+    /// Whole number.
     Integer(i64),
-    /// A number with a point.
+    /// Number with a point.
     Float(f64),
     /// Text.
     Text(String),
-    /// A date or time, which no key takes.
+    /// Date or time, which no key accepts.
     Date,
     /// Values in brackets, or the tables of `[[name]]`.
     Array(Vec<Node>),
-    /// Keys with values.
+    /// Keys with their values.
     Table(Vec<Entry>),
 }
 
-/// A key with its value.
+/// Key with its value.
 #[derive(Debug, Clone)]
 pub(crate) struct Entry {
-    /// The key.
+    /// Name of the key.
     pub key: String,
-    /// Where the key stands.
+    /// Place of the key.
     pub key_place: Place,
-    /// Its value.
+    /// Value of the key.
     pub node: Node,
 }
 
 impl Node {
-    /// What the user would call it.
+    /// Describes the node in the words of a user.
     #[must_use]
     pub(crate) fn describe(&self) -> String {
         match &self.value {
@@ -62,7 +62,7 @@ impl Node {
         }
     }
 
-    /// The value of a key of a table.
+    /// Returns the value of a key of a table.
     #[must_use]
     pub(crate) fn get(&self, key: &str) -> Option<&Self> {
         match &self.value {
@@ -72,9 +72,10 @@ impl Node {
     }
 }
 
-/// Parses a document; faults of syntax go to `faults`, and what could be read is returned.
+/// Parses a document. Faults of syntax are added to `faults`, and the rest is returned.
 #[must_use]
 pub(crate) fn parse(source: &Rc<Source>, faults: &mut Faults) -> Node {
+    // The parser recovers after a fault, so a user sees all faults of syntax at once.
     let (table, errors) = DeTable::parse_recoverable(&source.text);
     for error in errors {
         let place = Place { source: Rc::clone(source), span: error.span().unwrap_or(0..0) };
@@ -84,7 +85,8 @@ pub(crate) fn parse(source: &Rc<Source>, faults: &mut Faults) -> Node {
     Node { place, value: Value::Table(entries(table.get_ref(), source)) }
 }
 
-/// Parses one value as in TOML; what is none of TOML's values is taken as a string.
+/// Parses one value as in TOML. A text that is not a value of TOML becomes a string, so that a word
+/// needs no quotes on the command line.
 #[must_use]
 pub(crate) fn parse_value(source: &Rc<Source>) -> Node {
     match DeValue::parse(&source.text) {
@@ -96,6 +98,7 @@ pub(crate) fn parse_value(source: &Rc<Source>) -> Node {
     }
 }
 
+/// Converts a table of the parser.
 fn entries(table: &DeTable<'_>, source: &Rc<Source>) -> Vec<Entry> {
     table
         .iter()
@@ -107,10 +110,12 @@ fn entries(table: &DeTable<'_>, source: &Rc<Source>) -> Vec<Entry> {
         .collect()
 }
 
+/// Converts a value of the parser.
 fn node(value: &Spanned<DeValue<'_>>, source: &Rc<Source>) -> Node {
     let place = Place { source: Rc::clone(source), span: value.span() };
     let value = match value.get_ref() {
         DeValue::Boolean(b) => Value::Bool(*b),
+        // An integer beyond 64 bits becomes a float, so that its key refuses it, with its place.
         DeValue::Integer(i) => i64::from_str_radix(i.as_str(), i.radix())
             .map_or_else(|_| Value::Float(i.as_str().parse().unwrap_or(f64::NAN)), Value::Integer),
         DeValue::Float(x) => Value::Float(x.as_str().parse().unwrap_or(f64::NAN)),
@@ -122,21 +127,23 @@ fn node(value: &Spanned<DeValue<'_>>, source: &Rc<Source>) -> Node {
     Node { place, value }
 }
 
-/// Puts `value` at a dotted key, making tables on the way; elements of an array are named by their
-/// `name` or their index. Existing elements only: an option cannot add an effector.
+/// Sets a dotted key to `value` and makes missing tables on the way. An element of an array is
+/// named by its `name` or its index and must exist: an option cannot add an effector.
 ///
 /// Returns `false` after a fault.
 pub(crate) fn set(root: &mut Node, key: &str, value: Node, faults: &mut Faults) -> bool {
     let place = value.place.clone();
     let parts: Vec<&str> = key.split('.').map(str::trim).collect();
     if parts.iter().any(|p| p.is_empty()) {
-        faults.add(Some(&place), format!("`{key}` is not a dotted key"));
+        faults
+            .add(Some(&place), format!("`{key}` has an empty part before, between or after dots"));
         return false;
     }
     let mut at = root;
     for (depth, part) in parts.iter().enumerate() {
         let here = parts[..depth].join(".");
         at = match &mut at.value {
+            // An element of a list.
             Value::Array(items) => {
                 let Some(index) = element(items, part) else {
                     let names: Vec<String> = items.iter().filter_map(name_of).collect();
@@ -149,6 +156,8 @@ pub(crate) fn set(root: &mut Node, key: &str, value: Node, faults: &mut Faults) 
                 };
                 &mut items[index]
             }
+            // A key of a table. A misspelt key is added as well: the reader of the section reports
+            // it.
             Value::Table(entries) => {
                 let index = entries.iter().position(|e| e.key == *part).unwrap_or_else(|| {
                     entries.push(Entry {
@@ -160,6 +169,7 @@ pub(crate) fn set(root: &mut Node, key: &str, value: Node, faults: &mut Faults) 
                 });
                 &mut entries[index].node
             }
+            // A value in the middle of the dotted key.
             _ => {
                 faults.add(Some(&place), format!("`{here}` is a value and has no key `{part}`"));
                 return false;
@@ -170,6 +180,7 @@ pub(crate) fn set(root: &mut Node, key: &str, value: Node, faults: &mut Faults) 
     true
 }
 
+/// Finds an element by its name, else by its index.
 fn element(items: &[Node], part: &str) -> Option<usize> {
     items
         .iter()
@@ -177,7 +188,7 @@ fn element(items: &[Node], part: &str) -> Option<usize> {
         .or_else(|| part.parse().ok().filter(|i| *i < items.len()))
 }
 
-/// The `name` of an element of a list of tables.
+/// Returns the `name` of an element of a list of tables.
 #[must_use]
 pub(crate) fn name_of(node: &Node) -> Option<String> {
     match node.get("name").map(|n| &n.value) {
@@ -195,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn two_faults_of_syntax_are_both_told() {
+    fn parse_reports_every_fault_of_syntax() {
         let mut faults = Faults::default();
 
         let _ = parse(&source("a = \nb = 1\nc = ]\n"), &mut faults);
@@ -204,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn an_element_is_set_by_name_and_by_index() {
+    fn set_finds_elements_by_name_and_index() {
         let mut faults = Faults::default();
         let mut root = parse(&source("[[e]]\nname = \"a\"\n[[e]]\nname = \"b\"\n"), &mut faults);
 

@@ -1,4 +1,16 @@
-//! A whole 2 ms period of one arm.
+//! One 2 ms period of one arm: the order of its parts, and the cases in which an arm stops.
+//!
+//! | cause | threshold | reaction |
+//! |---|---|---|
+//! | fault of a watchdog, emergency stop | - | drives off and brakes on until a reset |
+//! | motion that is refused on its path | - | the set values stop at once |
+//! | order to brake, from outside | `FADE` | the speed of the set values fades out |
+//! | motion that ends or is replaced at speed | `SUDDEN` | the same |
+//! | stopped partner, under force control | `YIELD_NANOS` | the arm yields to forces, then holds |
+//! | stopped partner, any other motion | `FADE` | as an order to brake |
+//! | missed periods and an order to brake | `Gap::GivenUp` | set values restart from readings |
+//!
+//! Set values fade out because those that stop dead trip the power stages.
 
 use super::homing::{Homing, HomingStep};
 use super::io::{ArmDrive, ArmReading, JAW, Outside};
@@ -6,7 +18,7 @@ use super::jaw::Jaw;
 use super::lateness::StepFilter;
 use super::path::{Chain, Path, SetValues, check_end};
 use super::regulator::Regulator;
-use super::tff::{ForceFeedback, ForceLaw, heeds_force};
+use super::tff::{ForceFeedback, ForceLaw, depends_on_force};
 use super::watch::{Wanted, Watch};
 use super::wrench::WristForce;
 use super::{ForceSettings, ServoCommand, ServoConfig};
@@ -17,13 +29,13 @@ use crate::motion::{
 use crate::spatial::{Pose, Wrench, is_rigid};
 use std::f64::consts::TAU;
 
-/// The servo of one arm with its memory.
+/// Servo of one arm with its memory.
 #[derive(Debug, Clone)]
 pub struct ArmServo {
     config: ServoConfig,
     flange_from_tool: Pose,
     set: SetValues,
-    /// How far the set motors went in the last period (rad).
+    /// Steps of the set motor positions in the last period (rad).
     steps: [f64; AXES],
     regulators: [Regulator; AXES],
     step_filters: [StepFilter; AXES],
@@ -41,57 +53,60 @@ pub struct ArmServo {
     fault: Option<ArmFault>,
     synchronised: bool,
     homing: Option<Homing>,
-    /// What homing does in this period.
+    /// Action of the homing in this period.
     homing_step: Option<HomingStep>,
-    /// Steps of the motors that are given up little by little (rad).
+    /// Steps of the motors that fade out after a motion was aborted (rad).
     braking: Option<[f64; AXES]>,
-    /// What is left of them after a period.
+    /// Share of these steps that is left after a period.
     fade: f64,
-    /// The other arm is stopped.
+    /// Whether the other arm is stopped.
     stands_by: bool,
     gap: Gap,
 }
 
-/// Whether periods were missed.
+/// Missed periods before the present one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Gap {
-    /// No.
+    /// No missed periods.
     None,
-    /// Just before this one.
+    /// Missed periods just before this one.
     Passed,
-    /// And the motion that went on in them is given up: set values begin anew from what is measured, for so many periods
-    /// more, since the first readings may be of before the gap.
+    /// Missed periods, and the motion that continued in them is aborted. The set values restart
+    /// from the measured ones in this period and in this number of further ones, because the first
+    /// readings may be from before the gap.
     GivenUp(u8),
 }
 
-/// What was measured in a period.
+/// Measured values of a period.
 struct Measured {
     motors: MotorPositions,
     joints: JointPositions,
     base_from_flange: Pose,
-    /// What the tool exerts on its surroundings, in tool axes.
+    /// Wrench that the tool exerts on its surroundings, in tool axes.
     wrench: Wrench,
 }
 
 impl ArmServo {
-    /// Periods of 2 ms before the end of a macrostep from which on the next one waits for its end.
+    /// Largest number of periods of 2 ms before the end of a macrostep in which the next one waits
+    /// for this end.
     pub const EARLY: u64 = 2;
-    /// Share of a speed that is left after 2 ms of braking: 0.1 s for all but a hundredth of it.
+    /// Share of a speed that is left after 2 ms of braking: 1.5 % is left after 0.1 s.
     const FADE: f64 = 0.92;
-    /// How long an arm whose partner is stopped yields before it holds (ns): forces between them
-    /// fall off, and a zero that is a little wrong does not carry it away.
-    const YIELDS: u64 = 500_000_000;
-    /// Speed from which a motor is not stopped dead (rad/s): motions that reach their goal end
-    /// slower.
+    /// Time for which an arm whose partner is stopped yields before it holds (ns). The forces
+    /// between the arms fall off, and a zero that is slightly wrong does not carry the arm away.
+    const YIELD_NANOS: u64 = 500_000_000;
+    /// Speed above which a motor must not stop dead (rad/s). Motions that reach their goal end at
+    /// lower speeds.
     const SUDDEN: f64 = 20.0;
-    /// A step of a motor that counts as none (rad).
-    const STANDS: f64 = 1e-5;
+    /// Step of a motor that counts as rest (rad).
+    const REST: f64 = 1e-5;
 
-    /// Stands where the first reading says.
+    /// Makes the servo of an arm at rest at the position of the first reading.
     #[must_use]
     pub fn new(config: ServoConfig, first: &ArmReading) -> Self {
         let chain = Chain { model: &config.model, flange_from_tool: &config.flange_from_tool };
         let set = SetValues::of_joints(chain, JointPositions::default());
+        // An arm that is not synchronised may show counts without joints; then the joints stay 0.
         let set = set.moved_to(chain, motors_at(&config, first));
         Self {
             flange_from_tool: config.flange_from_tool,
@@ -126,8 +141,9 @@ impl ArmServo {
         }
     }
 
-    /// One period: from its number, the reading at its beginning and perhaps a command, to the drives that
-    /// hold during it and the state at its beginning with the set values of its end.
+    /// Computes one period from its number, the reading at its beginning and at most one command.
+    /// Returns the drive commands of this period, and the state at its beginning with the set
+    /// values of its end.
     pub fn step(
         &mut self,
         period: u64,
@@ -135,11 +151,15 @@ impl ArmServo {
         command: Option<&ServoCommand>,
     ) -> (ArmDrive, ArmState) {
         let measured = self.measure(reading);
-        let wants = self.wrist.wants();
-        if wants > 0 {
-            // A sensor that is slower than the servo takes longer for its zero.
-            self.command_end = self.command_end.max(period + u64::from(wants));
+        let missing = self.wrist.missing_samples();
+        if missing > 0 {
+            // A sensor that is slower than the servo needs longer for its zero, and the command
+            // that asked for it must not end before.
+            self.command_end = self.command_end.max(period + u64::from(missing));
         }
+        // The axes kept moving in the gap while the set values did not. A wrist roll that was
+        // braked in mid-turn was 3.5 rad of its motor off its set value, which was a following
+        // error half a second later.
         if matches!(self.gap, Gap::GivenUp(_)) && self.fault.is_none() {
             self.set = self.set.moved_to(self.chain(), measured.motors);
             self.step_filters.iter_mut().for_each(StepFilter::clear);
@@ -149,6 +169,8 @@ impl ArmServo {
         }
         self.home(period, reading, &measured);
         self.begin_waiting(period);
+        // The watchdogs compare the reading with the set values of the last period, so they come
+        // before the set values move on.
         self.watch(period, reading, &measured);
         let before = self.set.motors;
         let wrench = self.seen_wrench.next(measured.wrench);
@@ -157,6 +179,7 @@ impl ArmServo {
             self.jaw.advance(period);
         }
         self.steps = std::array::from_fn(|i| self.set.motors.0[i] - before.0[i]);
+        // An arm with a fault must not ask a controller for an encoder zero.
         self.homing_step = self.homing_step.filter(|_| self.fault.is_none());
         let (drive, state) = (self.drive(reading), self.state(period, reading, &measured));
         debug_assert!(is_rigid(&state.base_from_tool), "measured pose: {state:?}");
@@ -165,10 +188,11 @@ impl ArmServo {
         (drive, state)
     }
 
-    /// Heeds what comes from outside, before [`ArmServo::step`] of the same period.
-    pub fn heed(&mut self, period: u64, outside: &Outside) {
+    /// Takes the inputs from outside, before [`ArmServo::step`] of the same period.
+    pub fn apply_outside(&mut self, period: u64, outside: &Outside) {
+        // The gap comes first: an order to brake depends on whether periods were missed.
         if outside.skipped > 0 {
-            self.skipped(outside.skipped);
+            self.add_missed_periods(outside.skipped);
         }
         if let Some(why) = outside.brake {
             self.brake(period, why);
@@ -185,63 +209,68 @@ impl ArmServo {
         self.hold(period);
     }
 
-    /// Brings the arm to a stand within about 0.1 s: set values that stop dead trip the power stages.
+    /// Brings the arm to rest within about 0.1 s, because set values that stop dead trip the power
+    /// stages.
     fn brake(&mut self, period: u64, why: MoveRefused) {
+        // An arm without a motion has no command to refuse.
         if self.running.is_none() && self.waiting.is_none() && self.homing.is_none() {
             return;
         }
         self.hold(period);
         self.braking = Some(self.steps);
+        // Without a gap the set values still match the axes, and only their speed fades out.
         if self.gap == Gap::Passed {
             self.gap = Gap::GivenUp(2);
         }
         self.refused = Some(why);
     }
 
-    /// Whether the other arm is stopped by a fault, or an actor is gone. When it becomes so, an arm under force control
-    /// yields for half a second where it yields, without a velocity of its own, and then holds; any other comes to a
-    /// stand. It takes no motion, and does not home, until that is over.
+    /// Stands by while the other arm is stopped by a fault or an actor is gone (`stopped`). At the
+    /// beginning an arm under force control yields for half a second, without a velocity of its
+    /// own, and then holds; any other arm brakes. The arm refuses motions and homing until the end.
     fn stand_by(&mut self, period: u64, stopped: bool) {
         let begins = stopped && !self.stands_by;
         self.stands_by = stopped;
         if !begins || self.fault.is_some() {
             return;
         }
-        let yields = self.running.as_ref().and_then(Path::directions).is_some_and(heeds_force);
+        // Both arms may hold the cube: a stiff stop would leave the force between them as it is.
+        let yields = self.running.as_ref().and_then(Path::directions).is_some_and(depends_on_force);
         if yields && let Some(mut path) = self.running {
-            path.yields(period + Self::YIELDS / self.config.period.nanos());
+            path.yield_until(period + Self::YIELD_NANOS / self.config.period.nanos());
             self.hold(period);
             self.running = Some(path);
         } else {
-            self.brake(period, MoveRefused::HeldBack);
+            self.brake(period, MoveRefused::PartnerStopped);
         }
-        self.refused = Some(MoveRefused::HeldBack);
+        self.refused = Some(MoveRefused::PartnerStopped);
     }
 
-    /// Breaks off what is going on and keeps the present set values.
+    /// Aborts the running and the waiting motion and keeps the present set values.
     fn hold(&mut self, period: u64) {
         self.running = None;
         self.waiting = None;
         self.homing = None;
         self.braking = None;
         self.jaw.hold();
+        // The aborted command ends now; its client must not wait for the planned end.
         self.command_end = self.command_end.min(period);
     }
 
-    /// Whether the arm knows where it is.
+    /// Returns whether the arm is synchronised, so that its counters give its position.
     #[must_use]
     pub fn is_synchronised(&self) -> bool {
         self.synchronised
     }
 
-    /// So many periods were missed before the next one.
-    fn skipped(&mut self, missed: u64) {
+    /// Registers periods that were missed before the next one.
+    fn add_missed_periods(&mut self, missed: u64) {
         self.gap = Gap::Passed;
-        self.watch.skipped(missed);
-        self.jaw.skipped(missed);
+        self.watch.add_missed_periods(missed);
+        self.jaw.add_missed_periods(missed);
     }
 
-    /// Why the arm is stopped.
+    /// Returns the fault that has stopped the arm.
     #[must_use]
     pub fn fault(&self) -> Option<ArmFault> {
         self.fault
@@ -250,7 +279,8 @@ impl ArmServo {
     fn measure(&mut self, reading: &ArmReading) -> Measured {
         let motors = motors_at(&self.config, reading);
         let joints = self.config.model.joints_unchecked(&motors);
-        // Far outside its limits a screw has no answer; the watch-dog stops the arm, the state stays finite.
+        // Far outside its limits a screw has no joint angle. The last joints keep the state finite,
+        // and the watchdogs stop the arm.
         if joints.0.iter().all(|q| q.is_finite()) {
             self.last_joints = joints;
         }
@@ -269,11 +299,13 @@ impl ArmServo {
             ServoCommand::Move { command, start } => self.accept_move(period, command, start),
             ServoCommand::SetTool(flange_from_tool) => self.set_tool(period, flange_from_tool),
             ServoCommand::Bias => {
+                // The command ends with its samples, if the sensor is as fast as the servo.
                 self.wrist.start_bias();
                 let end = period + u64::from(WristForce::BIAS_SAMPLES);
                 self.command_end = self.command_end.max(end);
             }
             ServoCommand::Payload { weight, centre } => {
+                // A NaN here would make every later wrench NaN.
                 if weight.is_finite() && centre.coords.iter().all(|c| c.is_finite()) {
                     self.wrist.set_payload(weight, centre);
                 } else {
@@ -282,8 +314,9 @@ impl ArmServo {
             }
             ServoCommand::ForceSettings(settings) => self.seen_wrench.settings = settings,
             ServoCommand::Reset => self.reset(reading),
+            // Homing is a motion, and an arm whose partner is stopped refuses motions.
             ServoCommand::Synchronise if self.stands_by => {
-                self.refused = Some(MoveRefused::HeldBack);
+                self.refused = Some(MoveRefused::PartnerStopped);
             }
             ServoCommand::Synchronise => {
                 if self.fault.is_none() && !self.synchronised {
@@ -302,21 +335,25 @@ impl ArmServo {
         }
         self.refused = None;
         if self.stands_by {
-            self.refused = Some(MoveRefused::HeldBack);
+            self.refused = Some(MoveRefused::PartnerStopped);
             return;
         }
+        // An arm that does not know its position may hold, or turn its motors by an amount. A jaw
+        // command is an opening, so it needs the position.
         let blind = matches!(command.motion, Motion::Hold | Motion::MotorsBy(_));
         if self.homing.is_some() || !(self.synchronised || blind && command.jaw.is_none()) {
             self.refused = Some(MoveRefused::NotSynchronised);
             return;
         }
         self.braking = None;
+        // The EDP reports the end of a macrostep two periods before it. A command that comes in
+        // these periods continues the motion without a pause; an earlier one replaces the motion.
         let follows =
             self.running.is_some_and(|path| path.end <= period + self.config.period.early());
         let after = if follows { self.running.map_or(0, |path| path.end + 1) } else { 0 };
         let begin = start.max(period).max(after);
         self.waiting = Some((command, begin));
-        // Whoever waits for this command must not take the end of the present one for its own.
+        // The client of this command must not mistake the end of the running one for its own.
         self.command_end = begin + u64::from(command.periods.max(1)) - 1;
     }
 
@@ -327,6 +364,8 @@ impl ArmServo {
             self.refused = Some(MoveRefused::NotANumber);
             return;
         }
+        // The arm does not move: the same motor positions give another pose of the tool, and a
+        // straight line continues from that pose.
         self.flange_from_tool = flange_from_tool;
         self.set = self.set.moved_to(self.chain(), self.set.motors);
         if let Some(path) = &mut self.running {
@@ -343,7 +382,7 @@ impl ArmServo {
         self.step_filters.iter_mut().for_each(StepFilter::reset);
         self.last_counts = reading.counts;
         self.watch.reset(reading.counts);
-        // The jaw keeps its set value and its regulator: what it grips must not fall.
+        // The jaw keeps its set value and its regulator, so that it does not drop the cube.
         self.law = ForceLaw::new(self.config.period);
         self.running = None;
         self.waiting = None;
@@ -353,10 +392,12 @@ impl ArmServo {
         self.fault = None;
     }
 
-    /// Homing's share of the period, before anything is believed of the counters.
+    /// Detects a lost synchronisation and runs one period of homing. Both come before any use of
+    /// the counters.
     fn home(&mut self, period: u64, reading: &ArmReading, measured: &Measured) {
         self.homing_step = None;
         if self.synchronised && self.fault.is_none() {
+            // Its counter no longer gives the position of the axis.
             let lost = required(&self.config) & !reading.synchronised;
             if lost != 0 {
                 self.synchronised = false;
@@ -375,6 +416,7 @@ impl ArmServo {
             Ok(None) => {
                 self.homing = None;
                 self.synchronised = true;
+                // The joints have a meaning only now.
                 self.set = self.set.moved_to(self.chain(), self.set.motors);
                 self.jaw.rebase(reading.jaw_count);
             }
@@ -382,7 +424,8 @@ impl ArmServo {
         }
     }
 
-    /// The counter of an axis was set to zero: the set value jumps along and keeps its lead.
+    /// Moves the set value of an axis along with its counter, which was set to zero. The set value
+    /// keeps its lead over the measured one.
     fn rebase(&mut self, axis: usize, reading: &ArmReading, measured: &Measured) {
         if axis == JAW {
             self.jaw.rebase(reading.jaw_count);
@@ -401,6 +444,7 @@ impl ArmServo {
             return;
         }
         self.waiting = None;
+        // Arm and jaw are checked before either of them starts, so a refused command moves neither.
         let periods = u64::from(command.periods.max(1));
         let end = period + periods - 1;
         let seconds = periods as f64 * self.config.period.seconds();
@@ -412,6 +456,7 @@ impl ArmServo {
         }
         self.running = Some(Path::new(&command.motion, &self.set, period, end));
         self.command_end = end;
+        // A hold may replace a fast motion.
         if matches!(command.motion, Motion::Hold) {
             self.brake_if_fast();
         }
@@ -420,7 +465,7 @@ impl ArmServo {
         }
     }
 
-    /// Set values are to stand, but were fast: they are brought to a stand.
+    /// Begins to brake if the set values are to stop but were fast in the last period.
     fn brake_if_fast(&mut self) {
         let fast = Self::SUDDEN * self.config.period.seconds();
         let already = self.homing_step.is_some() || self.braking.is_some();
@@ -434,7 +479,7 @@ impl ArmServo {
         self.refused = Some(refused);
     }
 
-    /// Limits of the hardware and of what can be believed.
+    /// Checks the reading with all watchdogs, and trips the arm on the first fault.
     fn watch(&mut self, period: u64, reading: &ArmReading, measured: &Measured) {
         if self.fault.is_some() {
             return;
@@ -444,12 +489,14 @@ impl ArmServo {
         let backlog = std::array::from_fn(|i| self.step_filters[i].backlog() * TAU / increments[i]);
         let wanted = Wanted { set: &self.set.motors, steps: &self.steps, backlog: &backlog };
         let axes = self.watch.check(reading, &measured.motors, &wanted, first);
-        let by_force = self.running.as_ref().and_then(Path::directions).is_some_and(heeds_force);
-        // What is met on the way to a place is known by the force alone: a silent sensor says nothing of a person's hand.
-        let goes = self.running.as_ref().is_some_and(Path::leads_to_a_place);
+        let by_force =
+            self.running.as_ref().and_then(Path::directions).is_some_and(depends_on_force);
+        // Only the force shows contact on a path to a place, for instance with a person's hand, and
+        // a comparison with NaN is never true. Under force control a saturated sensor counts too.
+        let goes = self.running.as_ref().is_some_and(Path::may_meet_obstacle);
         let unfit = by_force || (goes && self.wrist.fell_silent(&reading.wrench_on_sensor));
         let force = if unfit { self.wrist.fault(&reading.wrench_on_sensor) } else { None };
-        // Until it is synchronised its counter may jump with its zero.
+        // Before the arm is synchronised, the jaw's counter may jump to its zero.
         let jaw = self.jaw.watch(reading).filter(|_| self.synchronised);
         if let Some(fault) = axes.or(force).or(jaw) {
             self.trip(period, fault);
@@ -458,15 +505,16 @@ impl ArmServo {
 
     fn advance(&mut self, period: u64, wrench: &Wrench) {
         if self.running.is_none() {
-            // Nobody goes on with a motion that may have ended at speed.
+            // No command continues a motion that may have ended at speed.
             self.brake_if_fast();
         }
+        // Homing and braking move motors and not poses: the joints may have no meaning yet.
         if self.homing_step.is_some() || self.braking.is_some() {
-            self.advance_blindly();
+            self.advance_motors();
             return;
         }
         let Some(path) = self.running else { return };
-        // Not by `chain()`: the law is changed beside it.
+        // `chain()` would borrow all of `self`, and the law is borrowed mutably beside it.
         let chain = Chain { model: &self.config.model, flange_from_tool: &self.flange_from_tool };
         let feedback = ForceFeedback { law: &mut self.law, wrench };
         let next = path
@@ -483,12 +531,14 @@ impl ArmServo {
         }
     }
 
-    /// Motors alone: homing, or the last of a motion that was broken off.
-    fn advance_blindly(&mut self) {
+    /// Advances the motors without a path: a step of homing, or the fading steps of an aborted
+    /// motion.
+    fn advance_motors(&mut self) {
         let mut motors = self.set.motors;
         if let Some(step) = self.homing_step {
             match motors.0.get_mut(step.axis) {
                 Some(motor) => *motor += step.step,
+                // The axis after the last motor is the jaw.
                 None => self.jaw.turn(step.step),
             }
         }
@@ -498,7 +548,7 @@ impl ArmServo {
                 *step *= fade;
                 *motor += *step;
             }
-            if steps.iter().all(|step| step.abs() < Self::STANDS) {
+            if steps.iter().all(|step| step.abs() < Self::REST) {
                 self.braking = None;
             }
         }
@@ -506,11 +556,13 @@ impl ArmServo {
         if self.check(&next).is_ok() {
             self.set = next;
         } else {
+            // A limit ends the fading; there is no command left that could be refused.
             self.braking = None;
         }
     }
 
-    /// Limits of joints, motors and speeds, as far as the arm knows where it is.
+    /// Checks the limits of joints, motors and speeds. Without synchronisation only the speeds have
+    /// a meaning.
     fn check(&self, next: &SetValues) -> Result<(), MoveRefused> {
         let (model, seconds) = (&self.config.model, self.config.period.seconds());
         if self.synchronised {
@@ -522,9 +574,11 @@ impl ArmServo {
 
     fn drive(&mut self, reading: &ArmReading) -> ArmDrive {
         let mut drive = ArmDrive { enabled: self.fault.is_none(), ..ArmDrive::OFF };
+        // `OFF` alone would move the palm's stops to their first position.
         drive.stops = self.jaw.stops();
         drive.synchronise = self.homing_step.map_or(0, |step| step.synchronise);
         if self.fault.is_some() {
+            // The axes may move while the drives are off; that is no step of a later period.
             self.last_counts = reading.counts;
             self.jaw.off(reading);
             return drive;
@@ -532,11 +586,15 @@ impl ArmServo {
         for axis in self.first_axis()..AXES {
             let wanted = self.steps[axis] * self.config.model.increments[axis] / TAU;
             let moved = (reading.counts[axis] - self.last_counts[axis]) as f64;
+            // The filter replaces steps that no motor makes, since the regulator would answer them
+            // with a pulse that trips a power stage.
             let measured = self.step_filters[axis].filter(moved, self.regulators[axis].drive());
             let current = (reading.no_answer >> axis & 1 == 0).then_some(reading.currents[axis]);
             drive.pwm[axis] = self.regulators[axis].step(wanted, measured, current);
         }
         self.last_counts = reading.counts;
+        // The first readings may be from before the gap, so the restart repeats while the arm
+        // brakes.
         self.gap = match self.gap {
             Gap::GivenUp(left @ 1..) if self.braking.is_some() => Gap::GivenUp(left - 1),
             _ => Gap::None,
@@ -573,13 +631,13 @@ impl ArmServo {
         Chain { model: &self.config.model, flange_from_tool: &self.flange_from_tool }
     }
 
-    /// An arm without a track has no axis 0.
+    /// Returns the first axis of the arm: one without a track has no axis 0.
     fn first_axis(&self) -> usize {
         usize::from(!self.config.model.has_track)
     }
 }
 
-/// The wrench as the force law sees it: late or with the wrong sign when it is to be spoilt.
+/// The wrench as the force law gets it: late or with a wrong sign if the settings spoil it.
 #[derive(Debug, Clone, Copy)]
 struct SeenWrench {
     settings: ForceSettings,
@@ -596,7 +654,7 @@ impl Default for SeenWrench {
 impl SeenWrench {
     const LENGTH: usize = ForceSettings::LONGEST_DELAY as usize + 1;
 
-    /// Takes the wrench of this period; returns the one that the force law is to see.
+    /// Stores the wrench of this period and returns the one for the force law.
     fn next(&mut self, wrench: Wrench) -> Wrench {
         self.now = (self.now + 1) % Self::LENGTH;
         self.past[self.now] = wrench;
@@ -606,7 +664,7 @@ impl SeenWrench {
     }
 }
 
-/// Bits of the axes that an arm has.
+/// Returns the bits of the axes that the arm has.
 fn required(config: &ServoConfig) -> u8 {
     if config.model.has_track { u8::MAX } else { !1 }
 }

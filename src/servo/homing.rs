@@ -1,36 +1,47 @@
-//! Homing: an arm that was just switched on finds the synchronisation position, one axis after the other.
+//! Homing: an arm that was just switched on finds its synchronisation position, axis by axis.
 //!
-//! An axis goes backwards until its switch is pressed, stands, leaves the switch slowly forwards, and lets its
-//! controller set the counter to zero at the first zero of the encoder; then the next axis. An axis that stands
-//! on its switch leaves it at once. Axes whose controllers are synchronised already are passed over.
+//! An axis moves backwards until its switch is pressed, pauses, leaves the switch slowly forwards,
+//! and lets its controller set the counter to zero at the first zero of the encoder. Then the next
+//! axis follows. An axis that presses its switch at the start does not move backwards at all. The
+//! homing skips axes whose controllers are synchronised already.
 //!
-//! - in: switches and synchronised bits of an [`ArmReading`], measured motor positions
+//! | fault | threshold | reason |
+//! |---|---|---|
+//! | switch expected | lower limit switch, or `LONGEST` | the axis has passed its whole range |
+//! | switch expected | not pressed after the pause | the axis has run over its switch |
+//! | switch held | upper limit switch, or `CAM` | no cam is longer: the switch hangs |
+//! | zero expected | counter set while the switch is pressed | whole revolutions off |
+//! | zero expected | `TO_ZERO` behind the switch | the encoder has a zero in each revolution |
+//!
+//! - in: switches and synchronised bits of an [`ArmReading`]
 //! - out: the step of one motor in each period, the `synchronise` bits of the drives, or a fault
-//! - source: homing in the original's sources: order from the lower arm on, ramps of 10 periods, coarse 15 rad/s
-//!   (tool roll 25, jaw 250), fine 3.5 (25, 100), stands of 250 and 25 periods, a switch is read twice
+//! - source: homing in the sources of the original: the lower arm first, ramps of 10 periods,
+//!   coarse speed 15 rad/s (tool roll 25, jaw 250), fine speed 3.5 (25, 100), pauses of 250 and 25
+//!   periods, two equal readings of a switch
 
 use super::io::{ArmReading, JAW};
 use super::period::Length;
 use crate::motion::{AXES, ArmFault};
 use std::f64::consts::TAU;
 
-/// The order of the original: the lower arm first, then onwards and around.
+/// Order of the axes, as in the original: from the lower arm to the jaw, then the track and the
+/// column.
 const ORDER: [usize; AXES + 1] = [2, 3, 4, 5, 6, JAW, 0, 1];
-/// Periods of 2 ms in which a speed is reached or given up.
+/// Periods of 2 ms in which an axis reaches its speed or stops.
 const RAMP: f64 = 10.0;
-/// Periods of 2 ms of standing on the switch, and after the zero.
-const STANDS: (u32, u32) = (250, 25);
-/// Periods that a switch must be read alike.
+/// Pauses on the switch and after the zero (periods of 2 ms).
+const PAUSES: (u32, u32) = (250, 25);
+/// Number of equal readings of a switch that count.
 const DEBOUNCE: u32 = 2;
-/// From the switch's edge there must be a zero within this (rad): a revolution and what the ramp
-/// takes.
+/// Largest distance from the edge of the switch to the zero of the encoder (rad): a revolution and
+/// a margin for the ramp.
 const TO_ZERO: f64 = 1.25 * TAU;
-/// No cam is longer than an axis goes in this time at its fine speed (s).
+/// Time in which an axis at its fine speed passes the longest cam (s).
 const CAM: f64 = 20.0;
-/// No axis has a longer way than this; it ends at its limit switch long before (rad).
+/// Distance longer than the range of any axis; an axis reaches its limit switch long before (rad).
 const LONGEST: f64 = 5000.0;
 
-/// Coarse and fine speed of an axis (rad/s of the motor).
+/// Returns the coarse and the fine speed of an axis (rad/s of the motor).
 fn speeds(axis: usize) -> (f64, f64) {
     match axis {
         JAW => (-250.0, 100.0),
@@ -39,72 +50,73 @@ fn speeds(axis: usize) -> (f64, f64) {
     }
 }
 
-/// What an axis is doing.
+/// Phase of the homing of one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Phase {
-    /// Backwards to the switch.
+    /// Backward motion to the switch.
     Coarse,
-    /// Stands on the switch for so many periods more.
-    Stand(u32),
-    /// Forwards off the switch.
+    /// Pause on the switch, with the number of periods left.
+    Pause(u32),
+    /// Forward motion off the switch.
     Leave,
-    /// Off the switch; the controller waits for its encoder's zero.
+    /// Forward motion behind the switch, until the zero of the encoder.
     Zero,
-    /// Synchronised; stands for so many periods more.
+    /// Pause after the zero, with the number of periods left.
     Rest(u32),
 }
 
 /// Homing of one arm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Homing {
-    /// Place in the order.
+    /// Index in [`ORDER`].
     next: usize,
     has_track: bool,
     phase: Phase,
     /// Speed of the set value (rad/s).
     speed: f64,
-    /// Way of the set value in this phase (rad).
+    /// Distance of the set value in this phase (rad).
     travelled: f64,
-    /// Periods in which the switch was read the same, and as what.
+    /// Last reading of the switch, and the number of equal readings in a row.
     switch: (bool, u32),
-    /// Length of a period (s); periods of a ramp and of the stands.
+    /// Length of a period (s), and numbers of periods of a ramp and of the pauses.
     seconds: f64,
     ramp: f64,
-    stands: (u32, u32),
+    pauses: (u32, u32),
 }
 
-/// What an arm does in a period of its homing.
+/// Action of an arm in one period of its homing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HomingStep {
-    /// The axis whose turn it is; [`JAW`] is the jaw.
+    /// Axis that is being homed; [`JAW`] is the jaw.
     pub axis: usize,
-    /// Its set value's step (rad of the motor).
+    /// Step of its set value (rad of the motor).
     pub step: f64,
     /// Bits of [`super::io::ArmDrive::synchronise`].
     pub synchronise: u8,
-    /// The axis has just been synchronised: its counter jumped, and set values start anew from it.
+    /// Whether the axis was synchronised in this period: its counter jumped, and its set value must
+    /// follow.
     pub zeroed: bool,
 }
 
-/// What is read of the axis whose turn it is.
+/// Readings of the axis that is being homed.
 struct Seen {
     axis: usize,
-    /// Its synchronisation switch, once that is known.
+    /// State of its synchronisation switch, once that is known.
     pressed: Option<bool>,
-    /// Its limit switches.
+    /// States of its limit switches.
     at_lower: bool,
     at_upper: bool,
     synchronised: bool,
 }
 
 impl Homing {
-    /// Begins with the first axis.
+    /// Makes the homing of an arm, at its first axis.
     #[must_use]
     pub fn new(has_track: bool, period: Length) -> Self {
         Self {
             seconds: period.seconds(),
             ramp: (RAMP / period.ratio()).max(1.0),
-            stands: (period.count(STANDS.0), period.count(STANDS.1)),
+            pauses: (period.count(PAUSES.0), period.count(PAUSES.1)),
             next: 0,
             has_track,
             phase: Phase::Coarse,
@@ -114,11 +126,12 @@ impl Homing {
         }
     }
 
-    /// Takes one period; returns `None` when all axes are synchronised.
+    /// Runs one period of the homing. Returns `None` when all axes are synchronised.
     ///
     /// # Errors
     /// [`ArmFault::SwitchExpected`], [`ArmFault::SwitchHeld`], [`ArmFault::ZeroExpected`].
     pub fn step(&mut self, reading: &ArmReading) -> Result<Option<HomingStep>, ArmFault> {
+        // The next axis begins with an unknown switch: the readings of the last one do not count.
         if self.phase == Phase::Rest(0) {
             self.next += 1;
             self.switch = (false, 0);
@@ -136,40 +149,41 @@ impl Homing {
         let before = self.phase;
         let goal = match before {
             Phase::Coarse => self.seek_switch(&seen)?,
-            Phase::Stand(left) => self.stand(left, &seen)?,
+            Phase::Pause(left) => self.pause(left, &seen)?,
             Phase::Leave => self.leave_switch(&seen)?,
             Phase::Zero => self.seek_zero(&seen)?,
             Phase::Rest(left) => {
-                // The next axis's turn comes before it is 0.
+                // The check above takes the next axis when this is 0.
                 self.phase = Phase::Rest(left.saturating_sub(1));
                 0.0
             }
         };
         let zeroed = before == Phase::Zero && matches!(self.phase, Phase::Rest(_));
         let (coarse, fine) = speeds(axis);
+        // Both speeds use the ramp that takes the larger one to rest in `RAMP` periods.
         let change = coarse.abs().max(fine) / self.ramp;
         self.speed += (goal - self.speed).clamp(-change, change);
         let step = self.speed * self.seconds;
         self.travelled += step;
-        // Set before the switch lets go: the controller takes the first zero behind it, however
-        // near that lies.
+        // The bit is set before the switch opens, so that the controller takes the first zero
+        // behind the switch, even one that is right behind it.
         let synchronise = if matches!(self.phase, Phase::Leave | Phase::Zero) { bit } else { 0 };
         Ok(Some(HomingStep { axis, step, synchronise, zeroed }))
     }
 
-    /// Goes backwards until the switch is pressed; returns the speed that is wanted.
+    /// Moves backwards until the switch is pressed. Returns the wanted speed (rad/s).
     fn seek_switch(&mut self, seen: &Seen) -> Result<f64, ArmFault> {
         match seen.pressed {
             Some(true) => {
-                self.enter(Phase::Stand(self.stands.0));
+                self.enter(Phase::Pause(self.pauses.0));
                 Ok(0.0)
             }
-            // It is not known yet whether the axis stands on the switch; if it does, it must not go
-            // further on.
+            // The state of the switch is not known yet. An axis that presses it must not move any
+            // further onto it.
             None if self.travelled == 0.0 => Ok(0.0),
             pressed => {
-                // It may have been left standing on its upper one; on the lower one, or behind it,
-                // may be the cam.
+                // An axis may start on its upper limit switch, so that is no fault. At the lower
+                // one the cam may press the synchronisation switch, so its state must be known.
                 let at_limit = seen.at_lower && pressed == Some(false);
                 if at_limit || self.travelled.abs() > LONGEST {
                     return Err(self.switch_expected(seen));
@@ -179,13 +193,13 @@ impl Homing {
         }
     }
 
-    /// Stands on the switch.
-    fn stand(&mut self, left: u32, seen: &Seen) -> Result<f64, ArmFault> {
+    /// Pauses on the switch. Returns the wanted speed (rad/s).
+    fn pause(&mut self, left: u32, seen: &Seen) -> Result<f64, ArmFault> {
         if left > 0 {
-            self.phase = Phase::Stand(left - 1);
+            self.phase = Phase::Pause(left - 1);
             return Ok(0.0);
         }
-        // A switch that was run over is no place to begin from.
+        // The axis has run over its switch and would not know on which side it is.
         if seen.pressed != Some(true) {
             return Err(self.switch_expected(seen));
         }
@@ -193,11 +207,11 @@ impl Homing {
         Ok(speeds(seen.axis).1)
     }
 
-    /// Goes forwards off the switch.
+    /// Moves forwards off the switch. Returns the wanted speed (rad/s).
     fn leave_switch(&mut self, seen: &Seen) -> Result<f64, ArmFault> {
         let (axis, travelled) = (seen.axis, self.travelled);
         let fine = speeds(axis).1;
-        // A controller that took a zero on the switch would be whole revolutions off.
+        // A zero that the controller took on the switch is whole revolutions off.
         if seen.synchronised && seen.pressed == Some(true) {
             return Err(ArmFault::ZeroExpected { axis, travelled });
         }
@@ -209,11 +223,11 @@ impl Homing {
         Ok(fine)
     }
 
-    /// Goes on until the controller has set its counter to zero.
+    /// Moves on until the controller has set its counter to zero. Returns the wanted speed (rad/s).
     fn seek_zero(&mut self, seen: &Seen) -> Result<f64, ArmFault> {
         let (axis, travelled) = (seen.axis, self.travelled);
         if seen.synchronised {
-            self.enter(Phase::Rest(self.stands.1));
+            self.enter(Phase::Rest(self.pauses.1));
             return Ok(0.0);
         }
         if travelled > TO_ZERO {
@@ -222,13 +236,15 @@ impl Homing {
         Ok(speeds(axis).1)
     }
 
+    /// Returns the fault of an axis that has not found its switch.
     fn switch_expected(&self, seen: &Seen) -> ArmFault {
         ArmFault::SwitchExpected { axis: seen.axis, travelled: self.travelled.abs() }
     }
 
-    /// The axis whose turn it is; passes over those that need none.
+    /// Returns the axis to home, and skips those that are absent or synchronised.
     fn axis(&mut self, reading: &ArmReading) -> Option<usize> {
         while let Some(&axis) = ORDER.get(self.next) {
+            // An axis that has begun stays, although its synchronised bit rises before its pause.
             let begun = self.phase != Phase::Coarse || self.travelled != 0.0;
             let absent = axis == 0 && !self.has_track;
             if begun || !(absent || reading.synchronised & (1 << axis) != 0) {
@@ -239,12 +255,13 @@ impl Homing {
         None
     }
 
+    /// Begins a phase.
     fn enter(&mut self, phase: Phase) {
         self.phase = phase;
         self.travelled = 0.0;
     }
 
-    /// The switch, once it was read the same often enough.
+    /// Returns the state of the switch after [`DEBOUNCE`] equal readings.
     fn read_switch(&mut self, pressed: bool) -> Option<bool> {
         let (last, times) = self.switch;
         self.switch = (pressed, if last == pressed { (times + 1).min(DEBOUNCE) } else { 1 });
@@ -257,10 +274,10 @@ mod tests {
     use super::*;
     use crate::motion::PERIOD;
 
-    /// An axis that follows its set value exactly, with a switch and an encoder.
+    /// Axis that follows its set value exactly, with a switch and an encoder.
     struct Axis {
         at: f64,
-        /// Pressed between these (rad).
+        /// Positions between which the cam presses the switch (rad).
         cam: (f64, f64),
         has_zero: bool,
         synchronised: u8,
@@ -278,7 +295,7 @@ mod tests {
             }
         }
 
-        /// Homes it alone.
+        /// Homes this axis alone.
         fn home(&mut self) -> Result<(), ArmFault> {
             let mut homing = Homing::new(true, Length::default());
             for _ in 0..100_000 {
@@ -299,12 +316,12 @@ mod tests {
                     self.synchronised |= step.synchronise;
                 }
             }
-            panic!("it never ends");
+            panic!("the axis never arrives");
         }
     }
 
     #[test]
-    fn an_axis_ends_just_behind_the_zero_that_follows_the_switch() {
+    fn axis_ends_at_the_zero_behind_its_switch() {
         for start in [120.0, 70.0, 0.2, -20.0] {
             let mut axis = Axis::new(start);
 
@@ -318,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_that_stands_on_its_cam_at_its_lower_limit_leaves_both() {
+    fn axis_leaves_cam_and_lower_limit_together() {
         let mut axis = Axis { cam: (-100.0, -3.0), ..Axis::new(-65.0) };
 
         axis.home().unwrap();
@@ -328,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn a_zero_right_behind_the_switch_is_the_one() {
+    fn zero_right_behind_the_switch_counts() {
         let mut axis = Axis { cam: (-30.0, -0.02), ..Axis::new(20.0) };
 
         axis.home().unwrap();
@@ -337,14 +354,14 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_come_is_a_fault() {
+    fn missing_switch_or_zero_is_a_fault() {
         let mut no_switch = Axis { cam: (0.0, 0.0), ..Axis::new(20.0) };
         assert!(matches!(
             no_switch.home(),
             Err(ArmFault::SwitchExpected { axis: 4, travelled }) if travelled > 79.0
         ));
 
-        // A cam that is passed between two readings is none.
+        // A cam that is passed between two readings does not count.
         let mut run_over = Axis { cam: (-3.02, -3.0), ..Axis::new(20.0) };
         let ended = run_over.home();
         assert!(
@@ -364,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn a_synchronised_arm_has_nothing_to_do_and_a_missing_track_is_passed_over() {
+    fn homing_skips_synchronised_axes_and_missing_track() {
         assert_eq!(Homing::new(true, Length::default()).step(&ArmReading::default()), Ok(None));
         let reading = ArmReading { synchronised: !1, ..ArmReading::default() };
         assert_eq!(Homing::new(false, Length::default()).step(&reading), Ok(None));

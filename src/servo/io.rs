@@ -1,16 +1,17 @@
-//! What crosses the bridge in each period: readings of an arm's hardware in, set values of its drives out.
+//! Data that cross the bridge in each period: readings of an arm's hardware and drives for it.
 
 use crate::motion::{AXES, ArmFault, Depth, MoveRefused};
 use crate::spatial::Wrench;
 use serde::{Deserialize, Serialize};
 
-/// Axis of the jaw in the bits of [`ArmReading`] and [`ArmDrive`].
+/// Axis number of the jaw in the bits of [`ArmReading`] and [`ArmDrive`].
 pub const JAW: usize = AXES;
 
-/// Drives of one arm for one period.
+/// Drive commands of one arm for one period.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ArmDrive {
-    /// Power stages on; off means that the brakes hold. Switching on clears the controllers' alarms.
+    /// Whether the power stages are on; off means that the brakes hold. Switching on clears the
+    /// alarms of the controllers.
     pub enabled: bool,
     /// Pulse width of each axis, -255..=255.
     pub pwm: [i16; AXES],
@@ -18,75 +19,78 @@ pub struct ArmDrive {
     pub jaw_pwm: i16,
     /// Position of the palm's two-position stops (digital output).
     pub stops: Depth,
-    /// Bit i, the jaw's is [`JAW`]: the controller of axis i sets its counter to zero at the next zero of its
-    /// encoder, and then counts as synchronised. A bit that rises makes it forget that it was.
+    /// Bit i (the jaw's is [`JAW`]) orders the controller of axis i to set its counter to zero at
+    /// the next zero of its encoder, after which the axis is synchronised. A bit that rises ends an
+    /// earlier synchronisation.
     pub synchronise: u8,
 }
 
 impl ArmDrive {
-    /// Power off.
+    /// Drive commands of an arm with its power off.
     pub const OFF: Self =
         Self { enabled: false, pwm: [0; AXES], jaw_pwm: 0, stops: Depth::One, synchronise: 0 };
 }
 
-/// What reaches an arm's servo beside its readings and orders, at the beginning of a period: with these three its
-/// drives follow to the bit.
+/// Further inputs of an arm's servo at the beginning of a period. Together with the reading and the
+/// command they determine the drive commands to the bit.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Outside {
-    /// Grid points that passed without a period since the last one.
+    /// Number of grid points that passed without a period since the last one.
     pub skipped: u64,
-    /// The arm is brought to a stand, and why.
+    /// Reason to bring the arm to rest.
     pub brake: Option<MoveRefused>,
-    /// The arm stops, and why.
+    /// Fault that stops the arm.
     pub trip: Option<ArmFault>,
-    /// Another arm is stopped by a fault, or an actor is gone.
+    /// Whether another arm is stopped by a fault, or an actor is gone.
     pub stands_by: bool,
 }
 
 /// Readings of one arm in one period.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ArmReading {
-    /// Encoder counters, zero at the synchronisation position once the axis is synchronised; until then from
-    /// wherever the controller was switched on.
+    /// Encoder counters. They are zero at the synchronisation position once the axis is
+    /// synchronised; before that, at the position where the controller was switched on.
     pub counts: [i64; AXES],
     /// Encoder counter of the jaw motor.
     pub jaw_count: i64,
-    /// Motor currents, the jaw's last (A); positive where a positive pulse width drives them.
+    /// Motor currents, the jaw's last (A); positive if a positive pulse width drives them.
     pub currents: [f64; AXES + 1],
-    /// Bit i, here and below, is that of axis i; the jaw's is [`JAW`]: the limit switch of axis i is hit at the end
-    /// to which its counter grows.
+    /// Limit switches at the ends to which the counters grow. Here and below bit i is that of axis
+    /// i; the jaw's is [`JAW`].
     pub upper_limits: u8,
-    /// Bit i: the one at the other end.
+    /// Limit switches at the other ends.
     pub lower_limits: u8,
-    /// Bit i: power stage of axis i reports over-current.
+    /// Over-currents that the power stages report.
     pub over_currents: u8,
-    /// Bit i: power stage of axis i reports a fault of its own, or has no power.
+    /// Power stages that report a fault of their own or have no power.
     pub power_faults: u8,
-    /// Bit i: the synchronisation switch of axis i is pressed.
+    /// Synchronisation switches that are pressed.
     pub sync_switches: u8,
-    /// Bit i: the zero of encoder i, once a revolution, has passed since the last reading.
+    /// Encoders whose zero, once a revolution, has passed since the last reading.
     pub encoder_zeros: u8,
-    /// Bit i: the counter of axis i is zero at the synchronisation position.
+    /// Synchronised axes, whose counter is zero at the synchronisation position.
     pub synchronised: u8,
-    /// Bit i: the counter of axis i was not read in time. It is carried on as it went before; the
-    /// rest is what the axis last showed. Not set if a bridge is late steadily, or has been late
-    /// for long: its counters are carried on, and are all that there is to judge. See
+    /// Axes whose counter was not read in time. The counter is extrapolated by its last steps; the
+    /// other values are the last ones that were read. Not set if a bridge is late steadily, or was
+    /// late for long: its extrapolated counters are then all that the watchdogs can judge. See
     /// [`super::lateness`].
     #[serde(rename = "guessed")]
     pub extrapolated: u8,
-    /// Bit i: nothing new came of axis i since the last period; its power stage stands at the width that it took last.
+    /// Axes without a new reading since the last period. The power stage keeps the pulse width that
+    /// it took last.
     #[serde(rename = "unheard")]
     pub no_answer: u8,
-    /// What the surroundings and the weight of the tool exert on the sensor, in the sensor's frame.
-    /// Components are NaN when the sensor is silent.
+    /// Wrench that the surroundings and the weight of the tool exert on the sensor, in its frame
+    /// (N, Nm). The components are NaN if the sensor is silent.
     pub wrench_on_sensor: Wrench,
-    /// The wrench is the last period's: the sensor has told no newer one.
+    /// Whether the wrench is an old one: the sensor has reported no newer one.
     #[serde(default)]
     pub wrench_is_old: bool,
-    /// Binary inputs of the parallel interface; 0 where the bridge has none. Not recorded.
+    /// Binary inputs of the parallel interface; 0 if the bridge has none. Not recorded.
     #[serde(default)]
     pub inputs: u16,
-    /// Its analog inputs, in its own units; likewise.
+    /// Analog inputs of the parallel interface, in its own units; 0 if the bridge has none. Not
+    /// recorded.
     #[serde(default)]
     pub analog_inputs: [u8; 8],
 }

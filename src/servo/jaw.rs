@@ -1,7 +1,17 @@
-//! The jaw: opening <-> motor, the set value's straight course, its regulator.
+//! The jaw of a gripper: its opening and motor, its linear set value, its regulator and watchdog.
 //!
-//! A jaw that presses on something never reaches its set value: the pulse width then goes as far as the measured current
-//! leaves to the wanted grip. The controller's own limit of the current stands above that and trips; it makes no grip.
+//! A jaw that presses on an object never reaches its set value. The pulse width then grows only as
+//! far as the measured current leaves room to the wanted grip. The controller's own current limit
+//! is above that and trips the drive, so it cannot set a grip.
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | opening outside the stroke | `BEYOND` | a jaw at the end of its stroke may read so |
+//! | fast set value | `FASTEST` | limit of the original: refused before the motion |
+//! | encoder jump | `FASTER`, `LATE` | no jaw makes this step between two readings |
+//! | frozen encoder | `OPENING_WIDTH` for `FROZEN` | an opening jaw has nothing to press against |
+//! | small position error | `DEAD_BAND` | friction would make the jaw swing about it |
+//! | wrong current | [`JawGains::slew`] | one wrong reading must not release the grip |
 
 use super::io::{ArmDrive, ArmReading};
 use super::lateness::Interval;
@@ -11,52 +21,53 @@ use crate::cell::Gripper;
 use crate::motion::{AXES, ArmFault, Depth, JawCommand, MoveRefused};
 use std::f64::consts::TAU;
 
-/// Speed of the set value that is still taken [rad/s of the motor]: the original's limit, 20 rad in 2 ms.
+/// Largest speed of the set value (rad/s of the motor): the limit of the original, 20 rad in 2 ms.
 const FASTEST: f64 = 1e4;
 
-/// How far beyond the end of its stroke a jaw may be seen that stands there (m). A motion begins
-/// where the jaw is seen, and leads it back.
+/// Distance outside its stroke that a jaw at the end of it may show (m). A motion begins at the
+/// reading and leads the jaw back.
 const BEYOND: f64 = 1e-3;
-/// How much faster than told a jaw may seem, and by how much time two readings may be further apart
-/// (s).
+/// Factor of [`FASTEST`] that a jaw may seem to reach, and the time by which two readings may be
+/// further apart than they seem (s).
 const FASTER: f64 = 1.3;
 const LATE: f64 = 0.002;
-/// Pulse width under which any jaw opens, and how long its encoder may show nothing of it (s).
-const OPENS: f64 = 60.0;
+/// Pulse width with which any jaw opens, and the longest time without a step of its encoder (s).
+const OPENING_WIDTH: f64 = 60.0;
 const FROZEN: f64 = 0.05;
-/// An error that is left alone: friction would make it swing (rad of the motor).
-const PLAY: f64 = 2.0;
-/// Share of a period's speed in the smoothed one.
-const SMOOTH: f64 = 0.5;
+/// Position error that the integral ignores, because friction would make the jaw swing about it
+/// (rad of the motor).
+const DEAD_BAND: f64 = 2.0;
+/// Share of the speed of a period in the smoothed speed.
+const SMOOTHING: f64 = 0.5;
 
-/// The jaw of one gripper.
+/// Jaw of one gripper.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Jaw {
     gripper: Gripper,
     gains: JawGains,
-    /// Largest pulse width, and its most change in a period.
+    /// Largest pulse width, and its largest change in a period.
     limit: f64,
     slew: f64,
     /// Length of a period (s).
     seconds: f64,
-    /// Opening at the start and at the end of the course (m), and its first and last period.
+    /// Opening at the start and at the end of the motion (m), and its first and last period.
     from: f64,
     to: f64,
     begin: u64,
     end: u64,
-    /// Set value and its motor position in increments.
+    /// Set value (m) and its motor position (increments).
     opening: f64,
     set_increments: f64,
     last_count: i64,
-    /// Periods since that was read or extrapolated.
+    /// Periods since the last count, read or extrapolated.
     periods: u64,
-    /// Time since it was read.
+    /// Time since the last count that was read.
     interval: Interval,
     /// Measured speed, smoothed (rad/s of the motor).
     speed: f64,
-    /// Periods in a row in which it should have opened and did not.
+    /// Periods in a row in which the jaw should have opened and did not.
     still: u32,
-    /// The share of the pulse width that holds against what lasts.
+    /// Integral part of the pulse width, which holds against a lasting force.
     held: f64,
     /// Pulse width of the last period.
     width: f64,
@@ -65,7 +76,7 @@ pub struct Jaw {
 }
 
 impl Jaw {
-    /// Stands where it is.
+    /// Makes a jaw at rest at the encoder's `count`.
     #[must_use]
     pub fn new(gripper: Gripper, gains: &ServoGains, count: i64, period: Length) -> Self {
         let mut jaw = Self {
@@ -96,7 +107,7 @@ impl Jaw {
         jaw
     }
 
-    /// Distance between the pads at an encoder count (m).
+    /// Returns the distance between the pads at an encoder count (m).
     #[must_use]
     pub fn opening_at(&self, count: i64) -> f64 {
         let [c0, c1, c2] = self.gripper.opening_of_motor;
@@ -104,23 +115,23 @@ impl Jaw {
         c0 + motor * (c1 + motor * c2) + self.gripper.opening_offset
     }
 
-    /// Set value of this period (m).
+    /// Returns the set value of this period (m).
     #[must_use]
     pub fn set_value(&self) -> f64 {
         self.opening
     }
 
-    /// Force that a motor current stands for (N).
+    /// Returns the force that belongs to a motor current (N).
     #[must_use]
     pub fn force_at(&self, amperes: f64) -> f64 {
         amperes / self.gripper.amperes_per_newton
     }
 
-    /// Whether a command can be carried out in so many seconds.
+    /// Checks whether the jaw can carry out a command within `seconds`.
     ///
     /// # Errors
-    /// [`MoveRefused::JointLimit`] of axis 7 for an opening beyond the stroke; [`MoveRefused::TooFast`] for one too far
-    /// away; [`MoveRefused::NotANumber`].
+    /// [`MoveRefused::JointLimit`] of axis 7 for an opening outside the stroke;
+    /// [`MoveRefused::TooFast`] for an opening too far away; [`MoveRefused::NotANumber`].
     pub fn check(&self, command: &JawCommand, seconds: f64) -> Result<(), MoveRefused> {
         let (low, high) = self.gripper.opening;
         let value = command.opening;
@@ -138,9 +149,10 @@ impl Jaw {
         Ok(())
     }
 
-    /// Goes to the command's opening in periods `begin..=end`.
+    /// Starts the motion to the opening of the command in the periods `begin..=end`.
     pub fn start(&mut self, command: &JawCommand, begin: u64, end: u64) {
         let (low, high) = self.gripper.opening;
+        // A command may be `BEYOND` outside the stroke; the jaw then moves to its end.
         let to = command.opening.max(low).min(high);
         (self.from, self.to, self.begin, self.end) = (self.opening, to, begin, end);
         self.grip = command.force_limit.max(0.0);
@@ -152,12 +164,13 @@ impl Jaw {
         (self.from, self.to, self.end) = (self.opening, self.opening, 0);
     }
 
-    /// Turns the set value's motor by a step (rad): homing, when the opening is not known.
+    /// Turns the motor of the set value by a step (rad), for homing: the opening is not known yet.
     pub fn turn(&mut self, step: f64) {
         self.set_increments += step * self.gripper.increments / TAU;
     }
 
-    /// Takes what is measured for the set value: the counter was set to zero, or begins to mean something.
+    /// Makes the measured position the set value, because the counter was set to zero or the arm is
+    /// now synchronised.
     pub fn rebase(&mut self, count: i64) {
         self.last_count = count;
         self.set_increments = count as f64;
@@ -165,7 +178,7 @@ impl Jaw {
         self.hold();
     }
 
-    /// Set value of period `period`.
+    /// Advances the set value to `period`.
     pub fn advance(&mut self, period: u64) {
         if period < self.begin || period > self.end {
             return;
@@ -175,25 +188,28 @@ impl Jaw {
         self.set_increments = self.increments_of(self.opening);
     }
 
-    /// So many periods were missed before the next reading.
-    pub fn skipped(&mut self, missed: u64) {
+    /// Registers periods that were missed before the next reading.
+    pub fn add_missed_periods(&mut self, missed: u64) {
         self.periods = self.periods.saturating_add(missed);
         self.interval.pass(missed as f64);
     }
 
-    /// What the encoder shows that no jaw does; before [`Jaw::drive`] of the same period.
+    /// Returns a fault of the encoder, if it shows a motion that no jaw makes. The call comes
+    /// before [`Jaw::drive`] of the same period.
     pub fn watch(&mut self, reading: &ArmReading) -> Option<ArmFault> {
         self.interval.pass(1.0);
+        // An extrapolated count is an estimate and says nothing about the encoder.
         if reading.extrapolated >> AXES & 1 == 1 {
             return None;
         }
         let radian = self.gripper.increments / TAU;
         let by = (reading.jaw_count - self.last_count) as f64 / radian;
-        // A jaw that squeezes stands still under any width; one that opens has nothing to stand against.
-        let still = by == 0.0 && self.width < -OPENS;
+        // A jaw that squeezes an object is at rest under any width, so only an opening jaw counts.
+        let still = by == 0.0 && self.width < -OPENING_WIDTH;
         self.still = if still { self.still + 1 } else { 0 };
         let within = |periods: f64| FASTER * FASTEST * (periods * self.seconds + LATE);
         let (possible, plain) = (within(self.interval.longest()), within(1.0));
+        // A step too large for one period is the one that a gap hid.
         self.interval.read(by.abs() > plain);
         if by.abs() > possible {
             Some(ArmFault::EncoderJump { axis: AXES, by })
@@ -205,13 +221,15 @@ impl Jaw {
         }
     }
 
-    /// Pulse width of the wanted grip on something that stands still: what the jaws hold when the power comes on must not
-    /// slip until the regulator has found out. Empty jaws give way to it by a tenth of a millimetre.
+    /// Returns the pulse width of the wanted grip on an object at rest. An object in the jaws must
+    /// not slip in the time after power-on in which the regulator finds its grip. Empty jaws yield
+    /// to this width by a tenth of a millimetre.
     fn at_rest(&self) -> f64 {
+        // The gain is a third of the motor's pulse width per ampere at standstill.
         3.0 * self.gains.current * self.grip * self.gripper.amperes_per_newton
     }
 
-    /// The drive is off, whatever the jaw does.
+    /// Resets the regulator while the drive is off, so that it is ready for power-on.
     pub fn off(&mut self, reading: &ArmReading) {
         (self.last_count, self.periods) = (reading.jaw_count, 1);
         self.interval = Interval::default();
@@ -219,34 +237,37 @@ impl Jaw {
         (self.width, self.held) = (self.at_rest(), self.at_rest());
     }
 
-    /// Writes the jaw's part of the drives.
+    /// Writes the jaw's part of the drive commands.
     pub fn drive(&mut self, reading: &ArmReading, drive: &mut ArmDrive) {
         drive.jaw_pwm = self.pulse_width(reading) as i16;
         drive.stops = self.stops;
     }
 
+    /// Returns the pulse width for this period.
     fn pulse_width(&mut self, reading: &ArmReading) -> f64 {
         let radian = self.gripper.increments / TAU;
         let moved = (reading.jaw_count - self.last_count) as f64 / self.periods as f64;
         (self.last_count, self.periods) = (reading.jaw_count, 1);
-        // An encoder that was read late shows a wrong speed for a period.
-        self.speed += SMOOTH * (moved / radian / self.seconds - self.speed);
+        // An encoder that was read late shows a wrong speed for a period, so the speed is smoothed.
+        self.speed += SMOOTHING * (moved / radian / self.seconds - self.speed);
         let error = (self.set_increments - reading.jaw_count as f64) / radian;
         let held = self.held;
-        if error.abs() > PLAY {
+        if error.abs() > DEAD_BAND {
             self.held += self.gains.integral * error * self.seconds;
         }
         let wanted = self.gains.position * error + self.held - self.gains.speed * self.speed;
         let current = reading.currents[AXES];
         let allowed = self.grip * self.gripper.amperes_per_newton;
-        // Answers have no checksum: one wrong current must not let go.
+        // The width may change in each direction by the distance of the current to the wanted grip.
+        // Readings have no checksum, and the slew keeps one wrong current from releasing the grip.
         let give = |amperes: f64| (self.gains.current * amperes).max(-self.slew).min(self.slew);
         let (down, up) = (give(allowed + current), give(allowed - current));
         let last = self.width;
         let gentle = wanted.max(last - down).min(last + up);
-        // Never a panic here, whatever a profile or a reading says.
+        // `clamp` would panic if a wrong profile gives bounds that are negative or NaN.
         let width = gentle.max(-self.limit).min(self.limit);
-        // What is held back must not pile up: it would let go when the set value turns.
+        // The integral must not grow under a limit: it would release the grip when the set value
+        // turns back.
         if width != wanted {
             self.held = held;
         }
@@ -258,16 +279,17 @@ impl Jaw {
         width
     }
 
-    /// Position of the palm's stops.
+    /// Returns the position of the palm's stops.
     #[must_use]
     pub fn stops(&self) -> Depth {
         self.stops
     }
 
+    /// Returns the motor position of an opening (increments), the inverse of [`Jaw::opening_at`].
     fn increments_of(&self, opening: f64) -> f64 {
         let [c0, c1, c2] = self.gripper.opening_of_motor;
         let rest = opening - self.gripper.opening_offset - c0;
-        // The root that continues the straight part of the parabola; stays exact for c2 = 0.
+        // The parabola has two roots; this one continues its linear part and is exact for c2 = 0.
         let root = (c1 * c1 + 4.0 * c2 * rest).max(0.0).sqrt();
         let motor = 2.0 * rest / (c1 + root.copysign(c1));
         motor * self.gripper.increments / TAU
@@ -310,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn the_course_is_straight_and_ends_where_it_should() {
+    fn set_value_is_linear_and_ends_at_goal() {
         let mut jaw = jaw(0);
         let command = JawCommand { opening: 0.060, force_limit: 30.0, stops: Depth::Two };
         jaw.start(&command, 11, 20);
@@ -331,9 +353,9 @@ mod tests {
         assert!(drive.jaw_pwm > 0);
     }
 
-    /// A jaw's motor: first order, with the current that a wall at an opening of 57 mm makes it draw.
+    /// Motor of a jaw: first order, with the current that it draws at a wall.
     struct Motor {
-        /// Angle (rad) and speed (rad/s).
+        /// Angle (rad), speed (rad/s), angle of the wall (rad), current (A).
         angle: f64,
         speed: f64,
         wall: f64,
@@ -352,20 +374,21 @@ mod tests {
         }
     }
 
-    /// Closes from 70 mm to 55 mm on a wall at 57 mm in 1.2 s, and is told 56 mm at last; every so many readings come
-    /// three periods late. Currents and pulse widths.
+    /// Closes from 70 mm to 55 mm on a wall at 57 mm in 1.2 s, and then opens the set value to
+    /// 56 mm. Three readings of every `late_every` are missing. Returns currents (A) and pulse
+    /// widths.
     fn gripped(late_every: u64) -> Vec<(f64, i16)> {
         let wall = jaw(0).increments_of(0.057) * TAU / 128.0;
         let mut jaw = jaw(jaw(0).increments_of(0.070) as i64);
         let angle = jaw.last_count as f64 * TAU / 128.0;
         let mut motor = Motor { angle, speed: 0.0, wall, current: 0.0 };
         let mut reading = ArmReading { jaw_count: jaw.last_count, ..ArmReading::default() };
-        let told = |opening| JawCommand { opening, force_limit: 40.0, stops: Depth::One };
+        let command = |opening| JawCommand { opening, force_limit: 40.0, stops: Depth::One };
         let mut seen = Vec::new();
         for period in 1..1500 {
             match period {
-                1 => jaw.start(&told(0.055), 1, 600),
-                1000 => jaw.start(&told(0.056), 1000, 1010),
+                1 => jaw.start(&command(0.055), 1, 600),
+                1000 => jaw.start(&command(0.056), 1000, 1010),
                 _ => {}
             }
             let mut drive = ArmDrive::OFF;
@@ -377,6 +400,7 @@ mod tests {
                 reading.jaw_count = (motor.angle * 128.0 / TAU) as i64;
                 reading.currents[AXES] = motor.current;
             }
+            // This current is wrong.
             if period == 1207 {
                 reading.currents[AXES] = 36.0;
             }
@@ -384,27 +408,29 @@ mod tests {
         seen
     }
 
+    /// The grip has the current of its force for any set value that is closer than the object.
     #[test]
-    fn a_grip_is_the_current_that_it_stands_for_whatever_the_set_value_does_below_it() {
+    fn grip_keeps_its_current_for_any_set_value() {
         for late_every in [0, 7, 50] {
             let seen = gripped(late_every);
 
-            // 40 N, while the set value goes on, stands, and comes back.
+            // 40 N, while the set value moves on, rests, and comes back.
             let off = |(current, _): &(f64, i16)| (current - 0.16).abs() > 0.008;
             let wrong = seen[640..1206].iter().chain(&seen[1230..]).find(|s| off(s));
             assert_eq!(wrong, None, "{late_every}");
-            // Not even for a wrong current.
+            // Even a wrong current does not release the grip.
             assert!(seen[640..].iter().all(|(current, _)| *current > 0.09));
-            // Above that the controller stops.
+            // The controller trips above this current.
             let most = seen.iter().map(|(current, _)| *current).fold(0.0, f64::max);
             assert!(most < 0.2, "{late_every}: {most}");
         }
     }
 
+    /// Jaws that hold an object at power-on do not drop it.
     #[test]
-    fn what_it_held_when_the_power_came_on_it_holds_on_to() {
+    fn jaw_keeps_its_object_at_power_on() {
         let mut jaw = jaw(0);
-        // Pads of 300 kN/m that were squeezed by 30 N, at 1.45e-5 m a rad; their force in pulse widths.
+        // Pads of 300 kN/m, squeezed by 30 N, at 1.45e-5 m per rad; their force as a pulse width.
         let pads = |angle: f64| 51.0 + 3e5 * 1.45e-5 * angle * 255.0 / 150.0;
         let (mut angle, mut speed, mut least) = (0.0, 0.0, f64::INFINITY);
         for _ in 0..1000 {
@@ -420,19 +446,19 @@ mod tests {
             angle += speed * PERIOD;
             least = f64::min(least, pads(angle));
         }
-        // Of 51, and at last the idle grip of 20 N.
+        // The force begins at a pulse width of 51 and ends at the idle grip of 20 N, which is 34.
         assert!(least > 20.0, "{least}");
         assert!((pads(angle) - 34.0).abs() < 3.0, "{}", pads(angle));
     }
 
     #[test]
-    fn an_encoder_that_jumps_or_shows_nothing_of_the_jaw_is_a_fault() {
+    fn watch_finds_encoder_jump_and_frozen_encoder() {
         let mut jaw = jaw(0);
         let shows = |jaw_count| ArmReading { jaw_count, ..ArmReading::default() };
         assert_eq!(jaw.watch(&shows(1000)), None, "0.7 mm late");
         assert!(matches!(jaw.watch(&shows(1200)), Some(ArmFault::EncoderJump { axis: 7, .. })));
-        jaw.skipped(1);
-        assert_eq!(jaw.watch(&shows(1200)), None, "in two periods it may be so");
+        jaw.add_missed_periods(1);
+        assert_eq!(jaw.watch(&shows(1200)), None, "plausible after two periods");
 
         jaw.start(&JawCommand { opening: 0.085, force_limit: 40.0, stops: Depth::One }, 1, 100);
         let found = (1..200).find_map(|period| {
@@ -446,11 +472,15 @@ mod tests {
     }
 
     #[test]
-    fn an_opening_beyond_the_stroke_is_refused() {
+    fn opening_beyond_the_stroke_is_refused() {
         let command = |opening| JawCommand { opening, force_limit: 30.0, stops: Depth::One };
 
         assert_eq!(jaw(0).check(&command(0.0571), 1.0), Ok(()));
-        assert_eq!(jaw(0).check(&command(0.0527), 1.0), Ok(()), "as it is seen at its end");
+        assert_eq!(
+            jaw(0).check(&command(0.0527), 1.0),
+            Ok(()),
+            "as measured at the end of the stroke"
+        );
         let mut led = jaw(0);
         led.start(&command(0.0527), 1, 100);
         assert_eq!(led.to, 0.053);
@@ -462,7 +492,7 @@ mod tests {
     }
 
     #[test]
-    fn a_jaw_is_not_told_to_jump() {
+    fn too_fast_jaw_command_is_refused() {
         let command = |opening| JawCommand { opening, force_limit: 30.0, stops: Depth::One };
         let way = (jaw(0).increments_of(0.060) * TAU / 128.0).abs();
 

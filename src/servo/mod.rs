@@ -1,13 +1,18 @@
-//! One servo period of an arm as a pure function: readings and a command in, drives and a state out.
+//! One servo period of an arm as a pure function: readings and a command in, drives and state out.
 //!
-//! The parts carry the paper's names: EDPT chooses force and position directions ([`tff`]), EDPS drives the
-//! motors ([`regulator`]). The wrist force ([`wrench`]) comes from the bridge, where the paper has EDPF.
+//! The parts have the names of the paper: EDPT follows velocities and seeks forces in the task
+//! frame ([`tff`]), EDPS drives the motors ([`regulator`]). The readings of the bridge contain the
+//! wrist force ([`wrench`]), for which the paper has a part of its own, EDPF.
 //!
-//! - in: the period's number, an [`io::ArmReading`], at most one [`ServoCommand`]
-//! - out: an [`io::ArmDrive`] and an [`ArmState`](crate::motion::ArmState); memory stays in the [`ArmServo`]
-//! - source: Zieliński et al. (2007), p. 371; axis regulators and the force law of the original's sources
+//! - in: the number of the period, an [`io::ArmReading`], an [`io::Outside`], at most one
+//!   [`ServoCommand`]
+//! - out: an [`io::ArmDrive`] and an [`ArmState`](crate::motion::ArmState); the [`ArmServo`] keeps
+//!   the memory
+//! - source: Zieliński et al. (2007), p. 371; the axis regulators and the force law are from the
+//!   sources of the original controller
 //!
-//! No allocation, lock, log or clock in here: the real-time thread calls it every 2 ms.
+//! This code allocates no memory, takes no lock, writes no log and reads no clock, because the
+//! real-time thread calls it every 2 ms.
 
 mod arm;
 pub mod homing;
@@ -32,25 +37,25 @@ use nalgebra::Point3;
 use regulator::ServoGains;
 use serde::{Deserialize, Serialize};
 
-/// All that a servo knows of its arm: the controller's belief.
+/// Data of an arm as its servo believes them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ServoConfig {
-    /// Geometry, transmissions and limits.
+    /// Geometry, transmissions and limits of the arm.
     pub model: ArmModel,
     /// Tool point at the start; [`ServoCommand::SetTool`] changes it.
     pub flange_from_tool: Pose,
-    /// Gripper.
+    /// Gripper of the arm.
     pub gripper: Gripper,
-    /// Wrist sensor.
+    /// Force sensor of the wrist.
     pub sensor: ForceSensor,
-    /// Axis regulators and watch-dogs, as found for periods of 2 ms.
+    /// Gains of the regulators and thresholds of the watchdogs, for periods of 2 ms.
     pub gains: ServoGains,
     /// Length of a period.
     pub period: period::Length,
 }
 
 impl ServoConfig {
-    /// Of an arm of the cell.
+    /// Makes the configuration for an arm of the cell.
     #[must_use]
     pub fn new(arm: &Arm, gains: ServoGains) -> Self {
         Self {
@@ -64,50 +69,51 @@ impl ServoConfig {
     }
 }
 
-/// What a servo can be told; at most one a period.
+/// Command to a servo; at most one per period.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum ServoCommand {
     /// A macrostep.
     ///
-    /// It begins in period `start`, or at once when that has passed; if the present macrostep has at most
-    /// two periods left, it follows that one without a gap. Otherwise it takes over from whatever is going
-    /// on. One macrostep can wait; a later one replaces it.
+    /// It begins in period `start`, or at once if that has passed. If the running macrostep has at
+    /// most two periods left, the new one follows it without a gap; otherwise it replaces the
+    /// running one. One macrostep can wait, and a later one replaces it.
     Move {
-        /// What to do.
+        /// Motion of the arm and the jaw.
         command: MoveCommand,
-        /// First period in which it may apply; 0 means as soon as it can.
+        /// First period in which it may apply; 0 means at once.
         start: u64,
     },
     /// New `flange_from_tool`. The arm does not move.
     SetTool(Pose),
-    /// Takes the mean of the next ten readings of the wrist force, less weight, as the new zero.
+    /// New zero of the wrist force: the mean of the next ten readings, less the weight.
     Bias,
-    /// A load in the gripper, besides what the sensor's own configuration knows; weight 0 takes it away.
+    /// Load in the gripper, in addition to the tool in the configuration of the sensor. A weight of
+    /// 0 removes it.
     Payload {
-        /// (N).
+        /// Weight (N).
         weight: f64,
         /// Centre of mass in the flange frame (m).
         centre: Point3<f64>,
     },
-    /// Spoils the force law, to show what happens then; the reported wrench stays right.
+    /// Faulty settings of the force law, for demonstration. The reported wrench stays right.
     ForceSettings(ForceSettings),
-    /// Clears a fault: set values become what is measured.
+    /// End of a fault: the set values become the measured ones.
     Reset,
-    /// Finds the synchronisation position of every axis that has none: see [`homing`].
+    /// Search for the synchronisation position of every axis that has none: see [`homing`].
     Synchronise,
 }
 
-/// How the force law sees the wrench: spoilt controllers, for demonstration.
+/// Errors in the wrench that the force law gets, for demonstration.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ForceSettings {
-    /// Factor of the wrench: 1; -1 is the classic mistake.
+    /// Factor of the wrench: 1 is right, -1 is the classic mistake.
     pub sign: f64,
-    /// How many periods the wrench is late, at most [`ForceSettings::LONGEST_DELAY`].
+    /// Delay of the wrench (periods), at most [`ForceSettings::LONGEST_DELAY`].
     pub delay_periods: u32,
 }
 
 impl ForceSettings {
-    /// The longest delay that can be asked for (periods).
+    /// Longest delay that a command can set (periods).
     pub const LONGEST_DELAY: u32 = 63;
 }
 

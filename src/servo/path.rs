@@ -1,28 +1,41 @@
-//! The course of a macrostep: set values of each of its periods, linearly between start and end.
+//! The path of a macrostep: set values of each of its periods, linear between start and end.
+//!
+//! Position-force control has a governor. A turn commands more than its speed against the
+//! resistance of a layer, so without a governor a motor would reach its limit.
+//!
+//! | case | threshold | reaction and reason |
+//! |---|---|---|
+//! | motor speed in force control | [`GOVERNED_SPEED_SHARE`] | all directions are shortened |
+//! | speed far above that | `MOST_GOVERNED` | refusal: the arm is near a singularity |
+//! | governor acts for long | `GOVERNED_PERIODS` | refusal: no motor can do the commanded motion |
+//! | speed of a motor in any motion | `motor_speed_limit` | refusal |
+//!
+//! - in: a motion, the set values of the last period, the wrench for position-force control
+//! - out: the set values of the period, or the limit that they would exceed
 
-use super::tff::{FALLS, ForceFeedback, TaskMotion, heeds_force};
+use super::tff::{FALLS, ForceFeedback, TaskMotion, depends_on_force};
 use crate::kinematics::ArmModel;
 use crate::motion::{AXES, Direction, JointPositions, Motion, MotorPositions, MoveRefused};
 use crate::spatial::Pose;
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
-/// The kinematic chain from an arm's base to its tool.
+/// Kinematic chain from the base of an arm to its tool.
 #[derive(Debug, Clone, Copy)]
 pub struct Chain<'a> {
     /// Geometry, transmissions and limits.
     pub model: &'a ArmModel,
-    /// The tool on the flange.
+    /// Pose of the tool on the flange.
     pub flange_from_tool: &'a Pose,
 }
 
-/// Set values of one period; the three agree.
+/// Set values of one period; the three parts agree.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SetValues {
-    /// Motor shafts.
+    /// Positions of the motor shafts.
     pub motors: MotorPositions,
-    /// Joints.
+    /// Positions of the joints.
     pub joints: JointPositions,
-    /// `base_from_tool`.
+    /// Pose of the tool, `base_from_tool`.
     pub base_from_tool: Pose,
 }
 
@@ -45,18 +58,18 @@ impl SetValues {
         Self { motors, joints, base_from_tool }
     }
 
-    /// Returns these with other motor positions, whatever they mean: if the motor positions have no
-    /// joints, the present joints stay.
+    /// Returns the set values at other motor positions. If no joints belong to these, the joints
+    /// and the pose stay as they are.
     #[must_use]
     pub fn moved_to(&self, chain: Chain<'_>, motors: MotorPositions) -> Self {
         let next = Self::of_motors(chain, motors);
         if next.joints.0.iter().all(|q| q.is_finite()) { next } else { Self { motors, ..*self } }
     }
 
-    /// Returns the set values of a pose, by the solution nearest to `near`.
+    /// Returns the set values of a pose, by the solution for its joints that is nearest to `near`.
     ///
     /// # Errors
-    /// As [`ArmModel::inverse`].
+    /// The errors of [`ArmModel::inverse`].
     pub fn of_pose(
         chain: Chain<'_>,
         base_from_tool: Pose,
@@ -80,25 +93,27 @@ impl SetValues {
 
     /// Returns the speed of the fastest motor, as a share of its limit, coming from `last` in a
     /// period of `seconds`.
-    fn haste(&self, model: &ArmModel, last: &Self, seconds: f64) -> f64 {
+    fn speed_share(&self, model: &ArmModel, last: &Self, seconds: f64) -> f64 {
         let moved = self.motors.0.iter().zip(&last.motors.0).map(|(to, from)| (to - from).abs());
         moved.fold(0.0, f64::max) / (seconds * model.motor_speed_limit)
     }
 
-    /// Whether the drives may be asked for these, coming from `last` in a period of `seconds`.
+    /// Checks the limits of joints, motors and speeds for a step from `last` in a period of
+    /// `seconds`.
     ///
     /// # Errors
-    /// The first limit that is exceeded, or a number that is none.
+    /// The first limit that is exceeded, or a value that is not a number.
     pub fn check(&self, model: &ArmModel, last: &Self, seconds: f64) -> Result<(), MoveRefused> {
         model.check_joints(&self.joints)?;
         model.check_motors(&self.motors)?;
         self.check_speed(model, last, seconds)
     }
 
-    /// Whether the drives can follow, coming from `last` in a period of `seconds`: the check of an arm that is not synchronised.
+    /// Checks the speeds alone for a step from `last` in a period of `seconds`. An arm that is not
+    /// synchronised has no other limits.
     ///
     /// # Errors
-    /// The first motor that would be too fast, or a number that is none.
+    /// The first motor that would be too fast, or a value that is not a number.
     pub fn check_speed(
         &self,
         model: &ArmModel,
@@ -111,6 +126,7 @@ impl SetValues {
             if rate.abs() > limit {
                 return Err(MoveRefused::TooFast { axis, rate, limit });
             }
+            // The comparison above is false for NaN.
             if !rate.is_finite() {
                 return Err(MoveRefused::NotANumber);
             }
@@ -119,16 +135,17 @@ impl SetValues {
     }
 }
 
-/// Position-force control goes no faster than this share of what a motor does; the regulators need
+/// Share of a motor's speed limit to which position-force control is bounded; the regulators need
 /// the rest.
-pub const GOVERNED: f64 = 0.975;
-/// A step that wants more than this many times that speed is refused, not slowed down, and so is a
-/// motion that wants too much for so many periods: no motor does what was ordered, or the arm is
-/// near a singularity.
+pub const GOVERNED_SPEED_SHARE: f64 = 0.975;
+/// Multiple of that speed from which a step is refused and no longer shortened: the arm is near a
+/// singularity.
 const MOST_GOVERNED: f64 = 1.5;
+/// Number of periods in a row with shortened steps after which the motion is refused: no motor can
+/// do what is commanded.
 const GOVERNED_PERIODS: u32 = 250;
 
-/// A macrostep under way.
+/// A running macrostep.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Path {
     kind: Kind,
@@ -144,7 +161,7 @@ enum Kind {
         from: MotorPositions,
         to: MotorPositions,
     },
-    /// The same for an arm that may not know its joints.
+    /// As `Motors`, for an arm that may not know its joints.
     MotorsBy {
         from: MotorPositions,
         to: MotorPositions,
@@ -162,7 +179,7 @@ enum Kind {
 }
 
 impl Path {
-    /// The course from `from` in periods `begin..=end`.
+    /// Makes the path of `motion` from the set values `from` in the periods `begin..=end`.
     #[must_use]
     pub fn new(motion: &Motion, from: &SetValues, begin: u64, end: u64) -> Self {
         let kind = match *motion {
@@ -178,17 +195,17 @@ impl Path {
         Self { kind, begin, end }
     }
 
-    /// Whether it leads to a place, so that something may be met on the way. Motors that turn by so much do not: they free
-    /// arms, and find those that do not know where they are.
+    /// Returns whether the path leads to a place, so that the arm may meet an obstacle. Motions of
+    /// motors by an amount do not: they free arms, and move arms that do not know their position.
     #[must_use]
-    pub fn leads_to_a_place(&self) -> bool {
+    pub fn may_meet_obstacle(&self) -> bool {
         matches!(self.kind, Kind::Motors { .. } | Kind::Joints { .. } | Kind::Pose { .. })
     }
 
-    /// Returns the set values of a period; the last ones are `last`.
+    /// Returns the set values of a period; those of the period before are `last`.
     ///
     /// # Errors
-    /// Why there are none: the pose cannot be reached.
+    /// The reason why the pose or the motor positions cannot be reached.
     pub fn at(
         &self,
         period: u64,
@@ -199,17 +216,20 @@ impl Path {
         debug_assert!((self.begin..=self.end).contains(&period), "{period} is not of {self:?}");
         let share = (period + 1 - self.begin) as f64 / (self.end + 1 - self.begin) as f64;
         let mix = |a: &[f64; AXES], b: &[f64; AXES]| {
-            // The end itself, not its neighbour by rounding.
+            // The last period takes the goal itself: the sum may differ from it by rounding.
             std::array::from_fn(|i| if share < 1.0 { a[i] + share * (b[i] - a[i]) } else { b[i] })
         };
         match &self.kind {
             Kind::Hold => Ok(*last),
             Kind::Motors { from, to } => {
+                // Beyond the motor limits the joints of the screws are wrong, so check first.
                 let motors = MotorPositions(mix(&from.0, &to.0));
                 chain.model.check_motors(&motors)?;
                 Ok(SetValues::of_motors(chain, motors))
             }
             Kind::MotorsBy { from, to } => {
+                // Without synchronisation the motor limits have no meaning here; the servo checks
+                // them in each period if the arm is synchronised.
                 let motors = MotorPositions(mix(&from.0, &to.0));
                 Ok(last.moved_to(chain, motors))
             }
@@ -218,6 +238,7 @@ impl Path {
                 Ok(SetValues::of_joints(chain, joints))
             }
             Kind::Pose { from, to, rotation } => {
+                // The tool point moves on a straight line, and the tool turns about one fixed axis.
                 let (a, b) = (from.translation.vector, to.translation.vector);
                 let pose = Pose::from_parts(
                     Translation3::from(a + share * (b - a)),
@@ -229,12 +250,16 @@ impl Path {
                 let ForceFeedback { law, wrench } = feedback;
                 let from = &last.base_from_tool;
                 let to = SetValues::of_task(chain, law.step(period, task, wrench, from), last)?;
-                // A turn orders more than its speed against a layer's resistance, and torques help.
-                // Such a motion is due at no place at a certain time, so it may go slower.
-                let haste = to.haste(chain.model, last, law.seconds()) / GOVERNED;
+                // A turn commands up to a sixth more than its speed against the resistance of a
+                // layer, and this may exceed a motor's limit. A motion under force control has no
+                // place to reach at a certain time, so the governor may slow it down.
+                let haste = to.speed_share(chain.model, last, law.seconds()) / GOVERNED_SPEED_SHARE;
                 let governed =
-                    heeds_force(&task.directions) && (1.0..MOST_GOVERNED).contains(&haste);
-                if law.shortened(governed) <= GOVERNED_PERIODS && governed {
+                    depends_on_force(&task.directions) && (1.0..MOST_GOVERNED).contains(&haste);
+                // All directions are shortened alike, so the direction of the step stays. After
+                // half a second the full step reaches the check of the speeds, which refuses it
+                // above the limit.
+                if law.count_shortened(governed) <= GOVERNED_PERIODS && governed {
                     SetValues::of_task(chain, law.shorten(1.0 / haste, from), last)
                 } else {
                     Ok(to)
@@ -243,7 +268,7 @@ impl Path {
         }
     }
 
-    /// The directions, when this is position-force control.
+    /// Returns the directions if the motion is position-force control.
     #[must_use]
     pub fn directions(&self) -> Option<&[Direction; 6]> {
         match &self.kind {
@@ -252,29 +277,32 @@ impl Path {
         }
     }
 
-    /// Lets position-force control go on until period `end`, without velocity, towards no force.
-    /// Its speed falls off as that of any motion that is broken off: set values that stop dead trip
-    /// the power stages.
-    pub fn yields(&mut self, end: u64) {
+    /// Continues position-force control until period `end`, without velocity and with zero as the
+    /// wanted force. The speed falls off as in any aborted motion, because set values that stop
+    /// dead trip the power stages.
+    pub fn yield_until(&mut self, end: u64) {
         self.end = end;
         if let Kind::Task(TaskMotion { directions, .. }) = &mut self.kind {
             *directions = directions.map(|direction| {
                 let (admittance, inertia) = match direction {
-                    // As stiff as makes no difference.
+                    // A direction with 1e-9 m/s for each newton is too stiff to yield noticeably.
                     Direction::Unguarded { .. } => (1e-9, 0.0),
                     Direction::Guarded { admittance, inertia, .. }
                     | Direction::Contact { admittance, inertia, .. } => (admittance, inertia),
                 };
+                // B M is the time constant of the law, which must be at least that of an abort.
                 let inertia = f64::max(inertia, FALLS / admittance.max(1e-9));
                 Direction::Contact { wanted: 0.0, admittance, inertia }
             });
         }
     }
 
-    /// Starts a straight line anew from `from` in `period`: the tool's frame has changed under way.
+    /// Restarts a straight line at the pose `from` in `period`, because the frame of the tool has
+    /// changed during the motion.
     pub fn retarget(&mut self, from: Pose, period: u64) {
         if let Kind::Pose { to, .. } = self.kind {
             self.kind = straight(from, to);
+            // At least one period must be left for the line.
             self.begin = period.min(self.end);
         }
     }
@@ -289,11 +317,11 @@ fn straight(from: Pose, to: Pose) -> Kind {
     Kind::Pose { from, to, rotation }
 }
 
-/// Checks whether a motion can be begun from `from` and ended within `seconds`: its end is checked
-/// beforehand, so that a wrong command does not move the arm at all.
+/// Checks whether a motion can begin at `from` and end within `seconds`. The check of the end comes
+/// before the motion, so that a wrong command does not move the arm at all.
 ///
 /// # Errors
-/// The first limit that its end exceeds, or the speed that it would need.
+/// The first limit that the end exceeds, or the speed that the motion would need.
 pub fn check_end(
     motion: &Motion,
     seconds: f64,
@@ -308,7 +336,7 @@ pub fn check_end(
             model.check_joints(&joints)?;
             *to
         }
-        // Whether its end is inside the limits is checked on the way, where the arm knows its place.
+        // The limits are checked in each period, and only if the arm knows its position.
         Motion::MotorsBy(by) => {
             if !by.0.iter().all(|m| m.is_finite()) {
                 return Err(MoveRefused::NotANumber);
@@ -319,10 +347,12 @@ pub fn check_end(
             model.check(to)?;
             model.motors(to)
         }
-        // Limits are checked on the way: which solution it ends in depends on the way.
+        // The limits are checked in each period: the path decides in which solution of the inverse
+        // kinematics it ends. Here it is enough that the pose has a solution.
         Motion::Pose(to) => {
             return SetValues::of_pose(chain, *to, &from.joints).map(|_| ());
         }
+        // Position-force control has no end; its numbers are all that can be checked.
         Motion::Task { directions, .. } => {
             let finite = directions.iter().all(|d| match *d {
                 Direction::Unguarded { velocity } => velocity.is_finite(),
@@ -334,6 +364,7 @@ pub fn check_end(
             return if finite { Ok(()) } else { Err(MoveRefused::NotANumber) };
         }
     };
+    // The mean speed is a lower bound of the largest one; each period checks its own speed.
     for axis in 0..AXES {
         let rate = (motors.0[axis] - from.motors.0[axis]) / seconds;
         let limit = model.motor_speed_limit;

@@ -1,10 +1,11 @@
-//! How long the servo's own periods are, and how they lie on the controller's grid of 2 ms.
+//! Length of the servo's own periods, and conversions to the controller's grid of 2 ms.
 //!
-//! All actors count in the original's periods of 2 ms ([`PERIOD`]); a servo may run faster or slower. What crosses
-//! between them is converted here and nowhere else. At 2 ms every conversion is the identity.
+//! All actors count in the 2 ms periods of the original ([`PERIOD`]); a servo may run faster or
+//! slower. The numbers that cross between them are converted here and nowhere else. At 2 ms every
+//! conversion is the identity.
 //!
 //! - in: period numbers of one side
-//! - out: those of the other
+//! - out: period numbers of the other side
 
 use crate::motion::PERIOD;
 
@@ -24,64 +25,65 @@ impl Default for Length {
 }
 
 impl Length {
-    /// Of this many seconds, 0.5 to 20 ms.
+    /// Makes a length from `seconds`, bounded to 0.5 to 20 ms.
     #[must_use]
     pub fn of_seconds(seconds: f64) -> Self {
         Self { nanos: ((seconds * 1e9).round() as u64).clamp(500_000, 20_000_000) }
     }
 
-    /// (s)
+    /// Returns the length (s).
     #[must_use]
     pub fn seconds(self) -> f64 {
-        // 2 ms is the literal: the default results do not depend on a conversion's rounding.
+        // At 2 ms the literal counts, so that the default results do not depend on rounding.
         if self.nanos == TICK { PERIOD } else { self.nanos as f64 * 1e-9 }
     }
 
-    /// (ns)
+    /// Returns the length (ns).
     #[must_use]
     pub fn nanos(self) -> u64 {
         self.nanos
     }
 
-    /// In periods of 2 ms.
+    /// Returns the length in periods of 2 ms.
     #[must_use]
     pub fn ratio(self) -> f64 {
         self.nanos as f64 / TICK as f64
     }
 
-    /// How many servo periods last as long as so many of 2 ms; at least one.
+    /// Returns the number of servo periods that last as long as `ticks` periods of 2 ms, rounded,
+    /// at least one.
     #[must_use]
     pub fn count(self, ticks: u32) -> u32 {
         let nanos = u64::from(ticks) * TICK;
         u32::try_from((nanos + self.nanos / 2) / self.nanos).unwrap_or(u32::MAX).max(1)
     }
 
-    /// The first servo period that does not begin before a period of 2 ms.
+    /// Returns the first servo period that does not begin before the 2 ms period `tick`.
     #[must_use]
     pub fn first_after(self, tick: u64) -> u64 {
         tick.saturating_mul(TICK).div_ceil(self.nanos)
     }
 
-    /// The period of 2 ms in which a servo period begins.
+    /// Returns the 2 ms period in which a servo period begins.
     #[must_use]
     pub fn tick(self, period: u64) -> u64 {
         period.saturating_mul(self.nanos) / TICK
     }
 
-    /// The first period of 2 ms that does not begin before a servo period.
+    /// Returns the first 2 ms period that does not begin before a servo period.
     #[must_use]
     pub fn tick_after(self, period: u64) -> u64 {
         period.saturating_mul(self.nanos).div_ceil(TICK)
     }
 
-    /// How many servo periods before its end a macrostep is answered, so that the next one follows without a gap:
-    /// two, or what lasts as long as two of 2 ms.
+    /// Returns the number of servo periods before the end of a macrostep at which it is answered,
+    /// so that the next one follows without a gap: two, or as many as last two periods of 2 ms.
     #[must_use]
     pub fn early(self) -> u64 {
         (2 * TICK).div_ceil(self.nanos).max(2)
     }
 
-    /// The same in periods of 2 ms.
+    /// Returns [`Length::early`] in periods of 2 ms.
     #[must_use]
     pub fn early_ticks(self) -> u64 {
         self.tick_after(self.early())
@@ -93,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn at_two_milliseconds_every_conversion_is_the_identity() {
+    fn conversions_are_the_identity_at_two_milliseconds() {
         let length = Length::default();
         assert_eq!(length, Length::of_seconds(0.002));
         for n in [0, 1, 7, 1000] {
@@ -105,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn faster_and_slower_servos_keep_the_time_of_commands() {
+    fn other_period_lengths_keep_durations_of_commands() {
         let fast = Length::of_seconds(0.0005);
         assert_eq!((fast.count(8), fast.first_after(3), fast.tick(13)), (32, 12, 3));
         assert_eq!((fast.early(), fast.early_ticks()), (8, 2));

@@ -1,12 +1,22 @@
-//! EDPS: the motor servo of one axis.
+//! The motor regulator of one axis (EDPS in the paper).
 //!
-//! An incremental regulator on steps, not on positions: what is wanted and what was measured in one period,
-//! both in encoder increments, become a change of the pulse width. The steps' error is summed inside, so a
-//! lasting position error is worked off by the small difference of k1 and k2.
+//! The regulator is incremental: it works on steps, not on positions. The wanted and the measured
+//! step of a period, both in encoder increments, give a change of the pulse width. The regulator
+//! sums the errors of the steps, so the small difference of k1 and k2 removes a lasting position
+//! error.
 //!
-//! - in: wanted and measured step of one period (encoder increments); the motor's current
-//! - out: pulse width, within the clamp; the nearer the current comes to what trips the power stage the more slowly it goes
-//!   on, whatever the steps ask for: news that came late ask for a lot
+//! Five rules limit the pulse width:
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | large output | [`ServoGains::pwm_limit`] | clamp of the original; it also prevents windup |
+//! | fast change | [`ServoGains::pwm_slew`] | answers to late readings would trip a power stage |
+//! | large current | `MOST_CURRENT` | the width grows ever more slowly up to this current |
+//! | no current reading | - | the stage may still apply an older width, so the width stays |
+//! | output is not a number | - | the motor stops, and the memory is cleared |
+//!
+//! - in: wanted and measured step of one period (encoder increments); current of the motor (A)
+//! - out: pulse width, within the clamp
 //! - source: regulator algorithm 0 of the original's servo; its gains are data (`irp6_servo.toml`)
 
 use super::period::Length;
@@ -20,26 +30,27 @@ use serde::{Deserialize, Serialize};
 pub struct RegulatorGains {
     /// Pole of the smoothing filter.
     pub a: f64,
-    /// Weight of the error now (pulse width per increment).
+    /// Weight of the present summed error (pulse width per increment).
     pub b0: f64,
-    /// Weight of the last error (pulse width per increment).
+    /// Weight of the last summed error (pulse width per increment).
     pub b1: f64,
-    /// Factor of both: ratio of the supply voltages for which they were found.
+    /// Factor of b0 and b1: ratio of the supply voltages for which they were found.
     pub ratio: f64,
-    /// Weight of the step error now.
+    /// Weight of the present step error.
     pub k1: f64,
     /// Weight of the last step error.
     pub k2: f64,
-    /// Motor current at which its power stage stops (A): the regulator keeps away from it. Infinite
-    /// where the sign of a current is not known.
+    /// Motor current at which the power stage trips (A); the regulator keeps below it. Infinite if
+    /// the sign of the current is not known.
     pub trip_current: f64,
 }
 
 impl RegulatorGains {
-    /// The same regulator for periods of another length: poles and zeros keep their times (matched transform), and
-    /// the gain at low frequencies stays.
+    /// Returns the gains for periods of another length. Poles and zeros keep their times (matched
+    /// transform), and the gain at low frequencies stays.
     #[must_use]
     pub fn for_period(self, period: Length) -> Self {
+        // At a ratio of 1 the arithmetic below would return the same gains only up to rounding.
         if period == Length::default() {
             return self;
         }
@@ -47,49 +58,51 @@ impl RegulatorGains {
         let a = libm::pow(self.a, ratio);
         let k2 = self.k1 * libm::pow(self.k2 / self.k1, ratio);
         let zero = libm::pow(self.b1 / self.b0, ratio);
-        // Low frequencies: (k1 - k2) (b0 - b1) / (1 - a), summed once a period.
+        // For a lasting position error of one increment the pulse width grows by
+        // (k1 - k2) (b0 - b1) / (1 - a) in each period, so a longer period takes more of it.
         let low = (self.k1 - self.k2) * (self.b0 - self.b1) / (1.0 - self.a);
         let b0 = low * ratio * (1.0 - a) / ((self.k1 - k2) * (1.0 - zero));
         Self { a, b0, b1: b0 * zero, k2, ..self }
     }
 }
 
-/// Gains of the jaw: a regulator of its position whose pulse width keeps the motor's current within the grip.
+/// Gains of the jaw: a regulator of its position whose pulse width keeps the current of the motor
+/// within the wanted grip.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct JawGains {
     /// Weight of the position error (pulse width per rad of the motor).
     pub position: f64,
-    /// Weight of the position error's sum over time, while nothing limits the pulse width (per rad
-    /// s of the motor).
+    /// Weight of the position error's integral over time (pulse width per rad s of the motor). The
+    /// integral stops while a limit acts on the pulse width.
     pub integral: f64,
     /// Weight of the measured speed, which brakes (pulse width per rad/s of the motor).
     pub speed: f64,
-    /// By how much the pulse width gives way to a current that is too large (pulse width per A); a
-    /// third of the motor's own figure at rest settles in some periods and bears readings that are
-    /// three of them late.
+    /// Change of the pulse width in a period per difference of wanted and measured current (pulse
+    /// width per A). A third of the motor's own ratio at standstill settles within some periods and
+    /// stays stable with readings that are three periods late.
     pub current: f64,
-    /// Most change of the pulse width in 2 ms: so fast a grip builds up.
+    /// Largest change of the pulse width in 2 ms, which sets how fast a grip builds up.
     pub slew: f64,
 }
 
-/// Regulators and watch-dogs of an arm.
+/// Gains of the regulators and thresholds of the watchdogs of an arm.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ServoGains {
-    /// Track, then the six rotary axes.
+    /// Gains of the track, then of the six rotary axes.
     pub axes: [RegulatorGains; AXES],
-    /// Jaw motor.
+    /// Gains of the jaw motor.
     pub jaw: JawGains,
     /// Largest pulse width, of 255.
     pub pwm_limit: f64,
-    /// Most change of an arm motor's pulse width in 2 ms, of 255.
+    /// Largest change of an arm motor's pulse width in 2 ms, of 255.
     pub pwm_slew: f64,
     /// Allowed difference of set and measured motor position at rest (rad).
     pub following_error: f64,
     /// Further allowance per speed of the set value (s).
     pub following_lag: f64,
-    /// Grip force that a jaw exerts at most until a command says otherwise (N).
+    /// Largest grip force of a jaw before its first command (N).
     pub idle_grip: f64,
 }
 
@@ -97,26 +110,29 @@ pub struct ServoGains {
 pub const IRP6: &str = include_str!("../../scenarios/arms/irp6_servo.toml");
 
 impl ServoGains {
-    /// Parses a profile such as [`IRP6`].
+    /// Parses a profile in the format of [`IRP6`].
     ///
     /// # Errors
-    /// What the parser says: a missing or unknown key, a wrong type.
+    /// The parser's error: a missing or unknown key, or a wrong type.
     pub fn parse(text: &str) -> Result<Self, toml::de::Error> {
         toml::from_str(text)
     }
 }
 
-/// Share of the current that trips a stage, at which its pulse width goes on no farther. A mission needs 0.4 at most.
+/// Share of the trip current at which the pulse width stops growing. A mission needs 0.4 at most.
 const MOST_CURRENT: f64 = 0.6;
-/// By how much the pulse width may go on for what is left of that, as a share of the current that trips: what is read is
-/// some periods old, and the current follows the pulse width at once. A motor with 1.5 times that current at full voltage and
-/// standstill bears news that are three periods of 2 ms old. In periods of more than 3.4 ms it is less than the usual slew.
-const EASES: f64 = 71.0;
-/// By how much it goes back at most where there is more. Readings have no check sum, and one with a wrong bit must not shake
-/// an axis.
-const BACK: f64 = 5.0;
+/// Growth of the pulse width in a period per headroom. The headroom is the part of the trip current
+/// that is left below [`MOST_CURRENT`]. A reading is some periods old, and the current follows the
+/// pulse width at once, so the growth must slow down before the limit. With this gain a motor that
+/// draws 1.5 times the trip current at full voltage and standstill does not trip its stage, even
+/// with readings that are three periods of 2 ms old. The whole headroom allows a growth of 43,
+/// which is below [`ServoGains::pwm_slew`] only in periods longer than 3.4 ms.
+const HEADROOM_GAIN: f64 = 71.0;
+/// Largest decrease of the pulse width in a period because of a current above [`MOST_CURRENT`].
+/// Readings have no checksum, and one with a wrong bit must not shake an axis.
+const MOST_BACK: f64 = 5.0;
 
-/// The regulator of one axis with its memory.
+/// Regulator of one axis with its memory.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Regulator {
     gains: RegulatorGains,
@@ -132,7 +148,7 @@ pub struct Regulator {
 }
 
 impl Regulator {
-    /// At rest.
+    /// Makes the regulator of an axis at rest, without a slew limit.
     #[must_use]
     pub fn new(gains: RegulatorGains, pwm_limit: f64) -> Self {
         Self {
@@ -146,55 +162,63 @@ impl Regulator {
         }
     }
 
-    /// With a limit of how much the pulse width changes in a period: a current that rises slowly is seen before it trips.
+    /// Returns the regulator with a limit on the change of its pulse width in a period. A current
+    /// that rises slowly appears in the readings before it trips a stage.
     #[must_use]
     pub fn slowed(self, slew: f64) -> Self {
         Self { slew, ..self }
     }
 
-    /// By how much the pulse width may go on in the direction in which this current flows (A).
+    /// Returns the growth of the pulse width that a current allows in its own direction, negative
+    /// above [`MOST_CURRENT`]. `current` is positive if it flows in that direction (A).
     fn room(&self, current: f64) -> f64 {
+        // ISA cards report no sign of the current, so it cannot limit one direction.
         if self.gains.trip_current.is_infinite() {
             return self.slew;
         }
         let left = MOST_CURRENT - current / self.gains.trip_current;
-        (EASES * left).max(-BACK).min(self.slew)
+        (HEADROOM_GAIN * left).max(-MOST_BACK).min(self.slew)
     }
 
-    /// Pulse width for a period, from the wanted and the measured step (increments) and the motor's
-    /// current (A); where nothing was heard of the axis there is none, and the pulse width stays:
-    /// its stage may have taken no newer one, and must not find a reversal in the next.
+    /// Returns the pulse width for a period, from the wanted and the measured step (increments) and
+    /// the current of the motor (A). Without a new reading the current is `None` and the pulse
+    /// width stays: the stage may still apply an older width, and the next must not reverse it.
     pub fn step(&mut self, wanted: f64, measured: f64, current: Option<f64>) -> i16 {
         let RegulatorGains { a, b0, b1, ratio, k1, k2, .. } = self.gains;
         let error = wanted - measured;
         let sum = self.last_sum + k1 * error - k2 * self.last_error;
+        // The remembered outputs are clamped, which keeps the incremental form from winding up.
         let output = (1.0 + a) * self.last_output - a * self.older_output
             + ratio * (b0 * sum - b1 * self.last_sum);
+        // One NaN in the memory would make every later output NaN.
         if !output.is_finite() {
             self.reset();
             return 0;
         }
-        // The clamps on the remembered output are what keeps the incremental form from winding up.
-        // Never a panic here, whatever a profile says.
+        // The current limits the growth in its own direction only: a strained motor may always
+        // reduce its drive. A current that is not a number counts as no reading.
         let (down, up) = current
             .filter(|now| now.is_finite())
             .map_or((0.0, 0.0), |now| (self.room(-now), self.room(now)));
+        // `clamp` would panic if a profile gives a negative slew or limit, and this is the
+        // real-time thread.
         let slow = output.max(self.last_output - down).min(self.last_output + up);
         let output = slow.max(-self.limit).min(self.limit);
         self.older_output = self.last_output;
         self.last_output = output;
         self.last_sum = sum;
         self.last_error = error;
+        // The cast truncates, as the original does; the memory keeps the fraction.
         output as i16
     }
 
-    /// Pulse width of the last step, as a share of 255.
+    /// Returns the pulse width of the last step, as a share of 255.
     #[must_use]
     pub fn drive(&self) -> f64 {
         self.last_output / 255.0
     }
 
-    /// Forgets the past: the axis stands where it should.
+    /// Clears the memory, as for an axis at rest at its set value.
     pub fn reset(&mut self) {
         *self = Self::new(self.gains, self.limit).slowed(self.slew);
     }
@@ -205,8 +229,8 @@ mod tests {
     use super::*;
     use std::f64::consts::TAU;
 
-    /// A motor that is sure not to share anything with the plant: first order, 40 ms, 330 rad/s at 255,
-    /// Coulomb friction as a share of the pulse width that must be overcome.
+    /// A motor model that shares nothing with the plant: first order, 40 ms, 330 rad/s at 255, and
+    /// Coulomb friction as the pulse width that overcomes it.
     struct Motor {
         position: f64,
         speed: f64,
@@ -218,7 +242,7 @@ mod tests {
             self.turn_for(pwm, 4);
         }
 
-        /// For so many quarters of 2 ms.
+        /// Turns the motor for a number of quarter periods (0.5 ms).
         fn turn_for(&mut self, pwm: f64, quarters: u32) {
             for _ in 0..quarters {
                 let seconds = 0.0005;
@@ -231,7 +255,7 @@ mod tests {
             }
         }
 
-        /// Current as a share of what trips its power stage: half as much again at full voltage and standstill.
+        /// Returns the current as a share of the trip current: 1.5 at full voltage and standstill.
         fn current(&self, pwm: f64) -> f64 {
             1.5 * (pwm / 255.0 - self.speed / 330.0)
         }
@@ -241,8 +265,7 @@ mod tests {
         ServoGains::parse(IRP6).unwrap()
     }
 
-    /// Runs a set value through an axis; returns the largest error on the way and the error at its
-    /// end (rad).
+    /// Runs a set value through an axis. Returns the largest error and the error at the end (rad).
     fn follow(
         gains: RegulatorGains,
         increments: f64,
@@ -265,12 +288,12 @@ mod tests {
     }
 
     #[test]
-    fn every_axis_follows_a_ramp_and_stops_where_it_should() {
+    fn every_axis_follows_a_ramp_and_stops() {
         let gains = gains();
         for (axis, increments) in
             [4000.0, 4000.0, 4000.0, 4000.0, 4000.0, 4000.0, 2000.0].into_iter().enumerate()
         {
-            // Up to 100 rad/s in half a second, half a second on, down again.
+            // Up to 100 rad/s in half a second, constant for half a second, then down again.
             let set = |t: f64| {
                 let ramp = |t: f64| 100.0 * t.max(0.0) * t.max(0.0);
                 ramp(t) - ramp(t - 0.5) - ramp(t - 1.0) + ramp(t - 1.5)
@@ -284,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn the_output_is_clamped_and_comes_back_at_once() {
+    fn clamped_output_reverses_without_windup() {
         let mut regulator = Regulator::new(gains().axes[1], 190.0);
         for _ in 0..100 {
             assert!(regulator.step(400.0, 0.0, Some(0.0)) <= 190);
@@ -297,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn the_output_changes_by_no_more_than_its_slew() {
+    fn output_change_obeys_slew_limit() {
         let mut regulator = Regulator::new(gains().axes[1], 190.0).slowed(25.0);
         let wanted = |k: i32| if k % 40 < 20 { 400.0 } else { -400.0 };
 
@@ -309,8 +332,9 @@ mod tests {
         assert!(outputs.contains(&190) && outputs.contains(&-190));
     }
 
-    /// The largest current of a motor at 200 rad/s, as a share of what trips its stage, and its last pulse width, after
-    /// steps that ask for as fast a way back for some periods; what the regulator reads of the current is `late` periods old.
+    /// Demands the reverse speed from a motor at 200 rad/s for some periods. Returns its largest
+    /// current, as a share of the trip current, and its last pulse width. The current that the
+    /// regulator reads is `late` periods old.
     fn reversed(limited: bool, periods: i32, late: usize, ratio: f64) -> (f64, i16) {
         let mut gains = gains().axes[0];
         if !limited {
@@ -330,7 +354,7 @@ mod tests {
             let asked = if back { -step } else { way * step };
             pwm = regulator.step(asked, position - last, Some(read));
             last = position;
-            // At once: it falls as the motor follows.
+            // The peak is here, before the motor follows the new width.
             largest = largest.max(motor.current(f64::from(pwm)).abs());
             motor.turn_for(f64::from(pwm), (4.0 * ratio) as u32);
             currents.push(motor.current(f64::from(pwm)));
@@ -339,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_that_ask_for_a_reversal_trip_no_power_stage() {
+    fn reversal_of_set_value_trips_no_power_stage() {
         for (ratio, latest) in [(0.5, 3), (1.0, 3), (2.0, 2), (4.0, 1)] {
             for late in 0..=latest {
                 for periods in [1, 5, 10, 30, 100] {
@@ -348,14 +372,17 @@ mod tests {
                 }
             }
             let free = reversed(false, 30, 0, ratio).0;
-            assert!(ratio > 2.0 || free > 1.0, "{ratio}: not for want of trying: {free}");
+            assert!(
+                ratio > 2.0 || free > 1.0,
+                "{ratio}: the case without the limit must trip: {free}"
+            );
         }
         let (limited, free) = (reversed(true, 0, 1, 1.0), reversed(false, 0, 1, 1.0));
-        assert_eq!(limited, free, "what goes as it should is not touched");
+        assert_eq!(limited, free, "a normal motion is not limited");
     }
 
     #[test]
-    fn while_nothing_is_heard_the_pulse_width_stays() {
+    fn pulse_width_stays_without_a_current_reading() {
         let mut regulator = Regulator::new(gains().axes[0], 190.0).slowed(25.0);
         let mut outputs = [0; 30];
         for (k, output) in outputs.iter_mut().enumerate() {
@@ -370,7 +397,7 @@ mod tests {
     }
 
     #[test]
-    fn a_current_with_a_wrong_bit_shakes_no_axis() {
+    fn corrupt_current_does_not_shake_the_axis() {
         let mut regulator = Regulator::new(gains().axes[0], 190.0).slowed(25.0);
         let outputs: Vec<i16> = (0..40)
             .map(|k| {
@@ -382,12 +409,16 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_stops_the_axis() {
+    fn step_that_is_nan_stops_the_axis() {
         let mut regulator = Regulator::new(gains().axes[1], 190.0);
         regulator.step(5.0, 0.0, Some(0.0));
 
         let last = regulator.step(5.0, 0.0, Some(0.0));
-        assert_eq!(regulator.step(5.0, 0.0, Some(f64::NAN)), last, "as if none had been told");
+        assert_eq!(
+            regulator.step(5.0, 0.0, Some(f64::NAN)),
+            last,
+            "a current of NaN counts as no reading"
+        );
         assert_eq!(regulator.step(f64::NAN, 0.0, Some(0.0)), 0);
         assert_eq!(regulator, Regulator::new(gains().axes[1], 190.0));
     }

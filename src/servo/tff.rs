@@ -1,49 +1,50 @@
-//! EDPT: the position-force law of one servo period.
+//! The position-force law of one servo period (EDPT in the paper).
 //!
-//! Each direction of the task frame follows a velocity, or seeks a force, or does the first and yields to the
-//! second. A force error is scaled into a velocity, an inertia smooths it, and the displacements are
-//! integrated on the commanded pose: the arm is a damper in each force direction.
+//! Each direction of the task frame follows a velocity, or seeks a force, or follows a velocity and
+//! yields to a force. The law scales a force error into a velocity, smooths it by a virtual mass
+//! and adds the displacement to the commanded pose. The arm acts as a damper in each force
+//! direction.
 //!
-//! The sensor feels the inertia of the tool beyond it, too. An arm that gives way at a frequency f
-//! then may shake itself: the force m a of its own vibration moves the tool on. [`self_excitation`]
-//! is the gain of that loop where it feeds itself, and it must stay at most
-//! [`MOST_SELF_EXCITATION`] in each direction with a force law. Without a virtual mass the law
-//! damps a vibration, until the delay of the loop turns its sense: so `2 pi f m B` must be small.
-//! With a virtual mass M the loop has the gain m / M at most, but no damping of its own: so m / M
-//! must be small beside the arm's damping.
+//! The sensor also measures the inertia of the tool beyond it. A compliant arm that vibrates at a
+//! frequency f then may excite itself: the force m a of its own vibration makes the law move the
+//! tool further. [`self_excitation`] is the gain of that loop at the frequency where it feeds
+//! itself. It must stay at most [`MOST_SELF_EXCITATION`] in each direction with a force law.
+//! Without a virtual mass the law damps a vibration until the delay of the loop reverses its phase,
+//! so `2 pi f m B` must be small. With a virtual mass M the loop has the gain m / M at most, but no
+//! damping of its own, so m / M must be small compared with the damping of the arm.
 //!
-//! - in: the six [`Direction`]s, the frame they are expressed in, the wrench that the tool exerts on its
+//! - in: the six [`Direction`]s, the frame of their axes, the wrench that the tool exerts on its
 //!   surroundings, the commanded pose
 //! - out: the commanded pose of the next period
-//! - source: Bruyninckx and De Schutter (1996); Zieliński et al. (2007), p. 371; the inertia term and the
-//!   integration on the commanded pose are from the original's sources
+//! - source: Bruyninckx and De Schutter (1996); Zieliński et al. (2007), p. 371; the inertia term
+//!   and the integration of the commanded pose are from the sources of the original controller
 
 use super::period::Length;
 use crate::motion::{Direction, Frame};
 use crate::spatial::{Pose, Twist, Wrench};
 use nalgebra::Complex;
 
-/// Six directions, and the frame in which they are expressed.
+/// Six directions and the frame in which they are expressed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TaskMotion {
     /// The frame.
     pub frame: Frame,
-    /// What each direction does: x, y, z, then rotations about them.
+    /// Law of each direction: x, y, z, then the rotations about them.
     pub directions: [Direction; 6],
 }
 
-/// The law with its memory: the displacement of the last period, in base orientation.
+/// The law with its memory: the displacement of the last period, in base axes.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ForceLaw {
     length: Length,
     last: Twist,
     last_period: u64,
-    /// For how many periods in a row its steps have been shortened.
+    /// Number of periods in a row in which the step was shortened.
     shortened: u32,
 }
 
 impl ForceLaw {
-    /// Periods without a task motion after which the momentum is forgotten.
+    /// Number of periods without a task motion after which the law forgets its momentum.
     const MEMORY: u64 = 10;
 
     /// Makes a law that remembers no displacement, for periods of this length.
@@ -52,8 +53,8 @@ impl ForceLaw {
         Self { length, ..Self::default() }
     }
 
-    /// Returns the commanded `base_from_tool` after this period; `wrench` is what the tool exerts
-    /// on its surroundings, about the tool point, in tool axes.
+    /// Returns the commanded `base_from_tool` after this period. `wrench` is the one that the tool
+    /// exerts on its surroundings, about the tool point, in tool axes (N, Nm).
     pub fn step(
         &mut self,
         period: u64,
@@ -61,6 +62,7 @@ impl ForceLaw {
         wrench: &Wrench,
         base_from_tool: &Pose,
     ) -> Pose {
+        // A contact that begins later must not inherit the speed of an earlier motion.
         if period.saturating_sub(self.last_period) > Self::MEMORY {
             self.last = Twist::default();
         }
@@ -68,6 +70,7 @@ impl ForceLaw {
             Frame::Base => Pose::identity().rotation,
             Frame::Tool => base_from_tool.rotation,
         };
+        // The memory is in base axes because the axes of the tool turn between two periods.
         let tool_from_axes = base_from_tool.rotation.inverse() * base_from_axes;
         let force = wrench.rotated(&tool_from_axes.inverse());
         let last = self.last.rotated(&base_from_axes.inverse());
@@ -79,38 +82,39 @@ impl ForceLaw {
         base_from_tool * moved.rotated(&tool_from_axes).displacement()
     }
 
-    /// Returns the commanded `base_from_tool` when the arm goes only a share of the last step: as
-    /// if the law had asked for no more.
+    /// Scales the last step by `share` and returns the `base_from_tool` that it leads to from the
+    /// given pose. The law remembers the scaled step as its own.
     pub fn shorten(&mut self, share: f64, base_from_tool: &Pose) -> Pose {
         let Twist { linear, angular } = self.last;
         self.last = Twist { linear: linear * share, angular: angular * share };
         base_from_tool * self.last.rotated(&base_from_tool.rotation.inverse()).displacement()
     }
 
-    /// Notes whether the step is to be shortened. Returns for how many periods in a row it was.
-    pub fn shortened(&mut self, now: bool) -> u32 {
+    /// Counts whether the step of this period is shortened. Returns the number of periods in a row
+    /// in which it was.
+    pub fn count_shortened(&mut self, now: bool) -> u32 {
         self.shortened = if now { self.shortened + 1 } else { 0 };
         self.shortened
     }
 
-    /// Returns the length of its periods (s).
+    /// Returns the length of a period (s).
     #[must_use]
     pub fn seconds(&self) -> f64 {
         self.length.seconds()
     }
 }
 
-/// Force feedback of one period: the law, and the wrench that it answers.
+/// Force feedback of one period: the law and its input.
 #[derive(Debug)]
 pub struct ForceFeedback<'a> {
-    /// The law, which remembers what it commands.
+    /// The law, which remembers the step that it commands.
     pub law: &'a mut ForceLaw,
     /// Wrench that the tool exerts on its surroundings, about the tool point, in tool axes.
     pub wrench: &'a Wrench,
 }
 
-/// Displacement in one period of T `seconds`; all in the axes of the task frame:
-/// `d = ((B (wanted - F) + v) T^2 + B M d_last) / (T + B M)`.
+/// Returns the displacement in one period of T `seconds`; all quantities are in the axes of the
+/// task frame: `d = ((B (wanted - F) + v) T^2 + B M d_last) / (T + B M)`.
 #[must_use]
 pub fn displacement(
     directions: &[Direction; 6],
@@ -121,7 +125,8 @@ pub fn displacement(
     let (forces, lasts) = (wrench.directions(), last.directions());
     Twist::from_directions(std::array::from_fn(|i| {
         let (velocity, wanted, admittance, inertia) = match directions[i] {
-            // Not by way of B = M = 0: a silent sensor (not a number) must not reach a position direction.
+            // The equation with B = M = 0 would give the same velocity, but a silent sensor reads
+            // NaN, and 0 times NaN would reach a direction that does not depend on the force.
             Direction::Unguarded { velocity } => {
                 return stopped_softly(i, velocity, lasts[i] / seconds, seconds) * seconds;
             }
@@ -132,22 +137,23 @@ pub fn displacement(
                 (0.0, wanted, admittance, inertia)
             }
         };
+        // The velocity without inertia; B M is the time constant with which the step follows it.
         let pushed = admittance * (wanted - forces[i]) + velocity;
         let lag = admittance * inertia;
         (pushed * seconds * seconds + lag * lasts[i]) / (seconds + lag)
     }))
 }
 
-/// An arm that gives way, and the tool beyond its force sensor.
+/// Vibration of a compliant arm, and the tool beyond its force sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mechanics {
     /// Mass (kg) or moment of inertia (kg m2) of the tool.
     pub tool: f64,
-    /// Frequency at which the arm gives way (Hz).
+    /// Natural frequency of the arm (Hz).
     pub frequency: f64,
-    /// Damping of that vibration, as a share of the critical one.
+    /// Damping of that vibration, as a share of the critical damping.
     pub damping: f64,
-    /// Time from a force to the motion that answers it (s).
+    /// Delay from a force to the motion that it causes (s).
     pub delay: f64,
 }
 
@@ -155,14 +161,14 @@ pub struct Mechanics {
 pub const MOST_SELF_EXCITATION: f64 = 0.67;
 
 /// Returns the gain of the loop through the tool's own inertia, at the frequency at which the loop
-/// feeds itself: from 1 on the tool shakes itself. `admittance` B is in m/(s N) and `inertia` M in
-/// kg, or both of a rotation.
+/// feeds itself. From a gain of 1 on the tool shakes itself. `admittance` B is in m/(s N) and
+/// `inertia` M in kg; for a rotation they are in rad/(s Nm) and kg m2.
 ///
-/// The loop is `j w m B / (1 + j w B M)`, times the delay, times an oscillator that the law drives.
-/// It feeds itself where its value is a negative real number (Nyquist 1932).
+/// The loop is `j w m B / (1 + j w B M)`, times the delay, times the oscillator that the law
+/// drives. It feeds itself where its value is a negative real number (Nyquist 1932).
 #[must_use]
 pub fn self_excitation(admittance: f64, inertia: f64, arm: &Mechanics) -> f64 {
-    /// Step of the frequencies that are tried, as a factor.
+    /// Factor between two frequencies of the search.
     const STEP: f64 = 1.002;
     let own = std::f64::consts::TAU * arm.frequency;
     let at = |omega: f64| {
@@ -173,10 +179,13 @@ pub fn self_excitation(admittance: f64, inertia: f64, arm: &Mechanics) -> f64 {
             * Complex::new(0.0, -omega * arm.delay).exp();
         law * arm
     };
+    // The oscillator lets only 1/63 of the amplitude through above 8 times its own frequency.
     let (mut omega, mut last, mut most) = (0.05 * own, at(0.05 * own), 0.0_f64);
     while omega < 8.0 * own {
         omega *= STEP;
         let next = at(omega);
+        // A change of sign of the imaginary part brackets a crossing of the real axis; of the two
+        // neighbours the more negative one counts, and crossings at positive values do not.
         if (next.im < 0.0) != (last.im < 0.0) {
             most = most.max(-next.re.min(last.re));
         }
@@ -185,14 +194,15 @@ pub fn self_excitation(admittance: f64, inertia: f64, arm: &Mechanics) -> f64 {
     most
 }
 
-/// Time in which a speed falls to 1/e where set values would else stop dead, which trips power
-/// stages (s).
+/// Time in which the speed of a set value falls to 1/e after an abrupt stop of a motion (s). A set
+/// value that stops dead trips the power stages.
 pub(super) const FALLS: f64 = 0.035;
 
-/// A velocity that is to fall off suddenly falls off within some hundredths of a second: a motion that is broken off
-/// must not stop its motors dead, which trips their power stages. What generators end by themselves ends slower.
+/// Returns the velocity of this period, which falls off with the time constant [`FALLS`] if
+/// `velocity` is far below the speed of the `last` period. A motion that is aborted must not stop
+/// its motors dead, which trips their power stages. Generators end their own motions more slowly.
 fn stopped_softly(direction: usize, velocity: f64, last: f64, seconds: f64) -> f64 {
-    // m/s along, rad/s about an axis.
+    // Decrease of the speed in one period that counts as abrupt: m/s along, rad/s about an axis.
     const SUDDEN: [f64; 2] = [0.1, 0.2];
     let excess = last - velocity;
     let slows = velocity.abs() < last.abs();
@@ -203,9 +213,9 @@ fn stopped_softly(direction: usize, velocity: f64, last: f64, seconds: f64) -> f
     }
 }
 
-/// Whether any direction heeds the force.
+/// Returns whether any direction depends on the force.
 #[must_use]
-pub fn heeds_force(directions: &[Direction; 6]) -> bool {
+pub fn depends_on_force(directions: &[Direction; 6]) -> bool {
     directions.iter().any(|d| !matches!(d, Direction::Unguarded { .. }))
 }
 
@@ -224,8 +234,8 @@ mod tests {
         Wrench::from_directions(components)
     }
 
-    /// Pushes on a spring that lies along base z: the tool exerts `stiffness * z` on it. Returns the force of
-    /// each period; the force acts on the law `delay` periods late, as mean of two.
+    /// Pushes on a spring along base z, on which the tool exerts `stiffness * z`. Returns the force
+    /// of each period. The force acts on the law `delay` periods late, as the mean of two samples.
     fn press(
         admittance: f64,
         inertia: f64,
@@ -253,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn a_compliant_direction_backs_away_from_a_push() {
+    fn compliant_direction_backs_away_from_push() {
         let mut directions = [HOLD; 6];
         directions[2] = Direction::Guarded { velocity: 0.0, admittance: 0.002, inertia: 0.0 };
 
@@ -265,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unguarded_direction_ignores_force_and_even_its_absence() {
+    fn unguarded_direction_ignores_force_and_silent_sensor() {
         let mut directions = [HOLD; 6];
         directions[1] = Direction::Unguarded { velocity: 0.03 };
         let silent = Wrench::from_directions([f64::NAN; 6]);
@@ -277,8 +287,9 @@ mod tests {
         }
     }
 
+    /// An abrupt end of a turn takes some hundredths of a second, but at most a tenth.
     #[test]
-    fn a_turn_that_is_broken_off_stops_within_a_tenth_of_a_second_and_not_at_once() {
+    fn aborted_turn_stops_within_a_tenth_second() {
         let mut directions = [HOLD; 6];
         let mut last = Twist::from_directions([0.0, 0.0, 0.0, 0.0, 0.0, 0.436 * PERIOD]);
         directions[5] = Direction::Unguarded { velocity: 0.0 };
@@ -294,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn a_guarded_direction_settles_where_the_push_balances_its_velocity() {
+    fn guarded_direction_settles_where_push_balances_velocity() {
         // F = v / B: 2 mm/s against 0.001 m/(s N) are 2 N.
         let (stiffness, admittance) = (2e4, 0.001);
         let mut directions = [HOLD; 6];
@@ -316,15 +327,16 @@ mod tests {
     }
 
     #[test]
-    fn a_contact_direction_finds_its_force() {
+    fn contact_direction_reaches_its_force() {
         let forces = press(0.001, 20.0, 4e4, 1, 3000);
 
         assert!((forces[3000] - 10.0).abs() < 1e-6);
     }
 
+    /// The rule is K <= 0.4 / (b D). The delay D is one period of the loop, the delay of the force
+    /// and half a period of the mean. Ten times that stiffness is unstable.
     #[test]
-    fn contact_is_stable_up_to_four_tenths_of_the_limit_and_not_far_beyond_it() {
-        // Rule: K <= 0.4 / (b D). D: one period of the loop, the delay, half a period of the mean.
+    fn contact_is_stable_up_to_the_stiffness_rule() {
         for (admittance, delay) in [(0.005, 1), (0.001, 1), (0.001, 6), (0.0005, 3)] {
             let late = (delay as f64 + 1.5) * PERIOD;
             let calm = press(admittance, 0.0, 0.4 / (admittance * late), delay, 4000);
@@ -338,18 +350,18 @@ mod tests {
         }
     }
 
-    /// Holds still in a guarded direction with a mass at its tool, on an arm that gives way;
-    /// returns by which factor the vibration of the tool has grown within a second.
+    /// Holds still in a guarded direction on a compliant arm with a mass at its tool. Returns the
+    /// factor by which the vibration of the tool grows within a second.
     fn growth(admittance: f64, inertia: f64, arm: &Mechanics) -> f64 {
         let omega = std::f64::consts::TAU * arm.frequency;
         let mut directions = [HOLD; 6];
         directions[2] = Direction::Guarded { velocity: 0.0, admittance, inertia };
         let task = TaskMotion { frame: Frame::Base, directions };
         let (mut law, mut set) = (ForceLaw::new(Length::default()), Pose::identity());
-        let (mut z, mut v, mut felt) = (1e-4, 0.0, [0.0; 4]);
+        let (mut z, mut v, mut on_sensor) = (1e-4, 0.0, [0.0; 4]);
         let mut swings = [0.0_f64; 2];
         for period in 1..=550 {
-            let seen = 0.5 * (felt[0] + felt[1]);
+            let seen = 0.5 * (on_sensor[0] + on_sensor[1]);
             set = law.step(period, &task, &along(2, seen), &set);
             let mut acceleration = 0.0;
             for _ in 0..20 {
@@ -358,8 +370,8 @@ mod tests {
                 v += acceleration * PERIOD / 20.0;
                 z += v * PERIOD / 20.0;
             }
-            // The tool exerts m a on what is beyond it; the sensor is a period late.
-            felt = [felt[1], felt[2], felt[3], arm.tool * acceleration];
+            // The tool exerts m a on its surroundings; the sensor is a period late.
+            on_sensor = [on_sensor[1], on_sensor[2], on_sensor[3], arm.tool * acceleration];
             if !(50..500).contains(&period) {
                 let swing = &mut swings[usize::from(period >= 500)];
                 *swing = swing.max((z - set.translation.z).abs());
@@ -369,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn tool_shakes_itself_where_the_rule_says() {
+    fn self_excitation_predicts_shaking_of_the_tool() {
         let (mut calm, mut wild) = (0, 0);
         for tool in [1.2, 3.0] {
             for inertia in [0.0, 5.0, 20.0, 80.0] {
@@ -396,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn the_wrong_sign_of_force_runs_away() {
+    fn wrong_sign_of_force_runs_away() {
         let mut directions = [HOLD; 6];
         directions[2] = Direction::Contact { wanted: 1.0, admittance: 0.001, inertia: 20.0 };
         let mut law = ForceLaw::default();
@@ -415,8 +427,9 @@ mod tests {
         assert!(1e4 * pose.translation.z > 65.0);
     }
 
+    /// Motions along base and tool axes differ by the orientation of the tool.
     #[test]
-    fn base_and_tool_axes_differ_by_the_tools_orientation() {
+    fn law_moves_along_axes_of_its_frame() {
         let turned = Pose::from_parts(
             Translation3::new(0.3, 0.2, 0.1),
             UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::FRAC_PI_2),
@@ -442,7 +455,7 @@ mod tests {
     }
 
     #[test]
-    fn momentum_lasts_ten_idle_periods_and_not_eleven() {
+    fn law_forgets_momentum_after_ten_idle_periods() {
         let mut directions = [HOLD; 6];
         directions[0] = Direction::Guarded { velocity: 0.0, admittance: 0.001, inertia: 20.0 };
         let mut law = ForceLaw::default();
@@ -472,11 +485,12 @@ mod tests {
     }
 
     proptest! {
+        /// Control in tool axes gives the same motion from a turned base, only turned.
         #[test]
-        fn what_it_does_depends_on_the_place_of_no_base(
-            angle in prop::array::uniform3(-3.0..3.0f64), force in prop::array::uniform6(-20.0..20.0f64)
+        fn motion_does_not_depend_on_the_base(
+            angle in prop::array::uniform3(-3.0..3.0f64),
+            force in prop::array::uniform6(-20.0..20.0f64)
         ) {
-            // Tool-axes control seen from a turned base is the same motion, turned.
             let turn = Pose::from_parts(
                 Translation3::new(1.0, 2.0, 3.0),
                 UnitQuaternion::from_euler_angles(angle[0], angle[1], angle[2]),

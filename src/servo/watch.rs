@@ -1,17 +1,17 @@
-//! Watchdogs of the axes: what makes a servo stop its arm by itself.
+//! Watchdogs of the axes: the faults that make a servo stop its arm by itself.
 //!
-//! | fault | found when |
-//! |---|---|
-//! | over-current | a power stage says so, or more than half of what trips it flows for 0.3 s longer than not |
-//! | power stage | it says so |
-//! | limit switch | an axis runs onto it, or goes on into one on which it stood at the start |
-//! | encoder jump | a counter shows a step that no motor makes in the time that may lie between two readings |
-//! | frozen encoder | a counter stands although the set value goes on |
-//! | following error | motor and set value are too far apart, at this speed and after this gap |
+//! | fault | threshold | reason |
+//! |---|---|---|
+//! | over-current | `STRAIN` for `OVERLOAD`, or its bit | a strained axis never trips by itself |
+//! | power stage | its bit in the reading | the motor has no drive |
+//! | limit switch | its bit, unless set within `SETTLING` | the axis leaves its range |
+//! | encoder jump | `JUMP`, `FASTER`, `LATE` | no motor makes this step between two readings |
+//! | frozen encoder | `FROZEN`, `FROZEN_WAY` | the set value moves, and the counter does not |
+//! | following error | `following_error`, `following_lag` | the axis does not follow |
 //!
-//! A cause is reported before its effect: of several faults the one that stands higher in this
-//! table. Of the last three, which are those of a counter, the fault of the first axis is reported.
-//! Readings that are late or missing are judged by the rules of [`super::lateness`].
+//! The watchdog reports a cause before its effect: of several faults it reports the one that is
+//! highest in this table. The last three are faults of a counter, and the first axis with one of
+//! them is reported. [`super::lateness`] has the rules for readings that are late or missing.
 
 use super::io::ArmReading;
 use super::lateness::{Allowance, Interval};
@@ -24,16 +24,17 @@ use crate::motion::{AXES, ArmFault, MotorPositions};
 pub struct Watch {
     rules: Rules,
     axes: [AxisWatch; AXES],
-    /// Periods since the beginning or the last reset, up to [`Watch::SETTLES`].
+    /// Periods since the beginning or the last reset, up to [`Watch::SETTLING`].
     age: u32,
-    /// Limit switches, upper and lower, on which axes stood then: they may leave them.
-    stood_on: (u8, u8),
+    /// Upper and lower limit switches that axes pressed then and have not left yet: an axis may
+    /// leave its switch.
+    held_from_start: (u8, u8),
 }
 
-/// What is the same for all axes.
+/// Thresholds and constants that all axes share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Rules {
-    /// Allowed difference of set and measured motor position at rest (rad), and more of it per
+    /// Allowed difference of set and measured motor position at rest (rad), and its increase per
     /// speed (s).
     following_error: f64,
     following_lag: f64,
@@ -41,36 +42,38 @@ struct Rules {
     seconds: f64,
     /// Share of the remembered speed that is left after a period.
     fade: f64,
-    /// What no motor gains between two readings over the speed that it was told (rad).
+    /// Step between two readings that no motor makes beyond its commanded speed (rad).
     jump: f64,
 }
 
-/// What an axis was told, as far as it is judged by it (rad of the motor).
+/// Set values of an arm against which the watchdogs judge the readings (rad of the motor).
 #[derive(Debug, Clone, Copy)]
 pub struct Wanted<'a> {
     /// Set values of the last period.
     pub set: &'a MotorPositions,
-    /// How far they went in it.
+    /// Steps of the set values in that period.
     pub steps: &'a [f64; AXES],
-    /// How far the motors are ahead of the steps that their regulators were given.
+    /// Distances by which the motors are ahead of the steps that their regulators were given.
     pub backlog: &'a [f64; AXES],
 }
 
 impl Watch {
-    /// Share of the remembered speed that is left after 2 ms: about 40 ms in all.
+    /// Share of the remembered speed that is left after 2 ms: a time constant of 40 ms.
     const FADE: f64 = 0.95;
-    /// What no motor gains between two readings over the speed that it was told (rad).
+    /// Step between two readings that no motor makes beyond its commanded speed (rad).
     const JUMP: f64 = 1.0;
-    /// For how much longer than not an axis may be strained (s): its regulator lets no current rise
-    /// to what trips, so that an axis that presses on something would do so for ever.
-    const BEARS: f64 = 0.3;
-    /// A step of a set value that is rounding (rad of the motor).
-    const STANDS: f64 = 1e-5;
-    /// Periods after a reset in which switches come to be known: lines tell of them after they have read them twice.
-    const SETTLES: u32 = 5;
+    /// Largest difference of the times with and without strain (s). The regulator lets no current
+    /// rise to the trip, so without this limit an axis that presses on something would do so for
+    /// ever.
+    const OVERLOAD: f64 = 0.3;
+    /// Step of a set value that counts as rounding (rad of the motor).
+    const ROUNDING: f64 = 1e-5;
+    /// Periods after a reset in which the state of the switches becomes known: serial lines report
+    /// a switch after two equal readings.
+    const SETTLING: u32 = 5;
 
-    /// Makes the watchdogs of an arm at rest whose counters show `counts`; `increments` are those
-    /// of its encoders in a revolution of the motor.
+    /// Makes the watchdogs of an arm at rest whose counters show `counts`. `increments` are the
+    /// increments of its encoders per revolution of the motor.
     #[must_use]
     pub fn new(
         gains: &ServoGains,
@@ -82,34 +85,36 @@ impl Watch {
             following_error: gains.following_error,
             following_lag: gains.following_lag,
             seconds: period.seconds(),
+            // At 2 ms the literal counts: the default results do not depend on a power's rounding.
             fade: if period == Length::default() {
                 Self::FADE
             } else {
                 libm::pow(Self::FADE, period.ratio())
             },
+            // A longer period has room for a larger step.
             jump: Self::JUMP * period.ratio().max(1.0),
         };
         let axis =
             |i: usize| AxisWatch::new(gains.axes[i].trip_current, increments[i], counts[i], period);
-        Self { rules, axes: std::array::from_fn(axis), age: 0, stood_on: (0, 0) }
+        Self { rules, axes: std::array::from_fn(axis), age: 0, held_from_start: (0, 0) }
     }
 
-    /// Forgets the past.
+    /// Clears the memory: the arm is at rest, and its counters show `counts`.
     pub fn reset(&mut self, counts: [i64; AXES]) {
         for (axis, count) in self.axes.iter_mut().zip(counts) {
             axis.reset(count);
         }
-        (self.age, self.stood_on) = (0, (0, 0));
+        (self.age, self.held_from_start) = (0, (0, 0));
     }
 
-    /// Notes that periods were missed before the next reading.
-    pub fn skipped(&mut self, missed: u64) {
+    /// Adds the periods that were missed before the next reading.
+    pub fn add_missed_periods(&mut self, missed: u64) {
         for axis in &mut self.axes {
             axis.interval.pass(missed as f64);
         }
     }
 
-    /// Notes that a counter was set to zero: its jump is not a motion of the axis.
+    /// Accepts a counter that was set to zero: its jump is not a motion of the axis.
     pub fn rebase(&mut self, axis: usize, count: i64) {
         self.axes[axis].rebase(count);
     }
@@ -123,14 +128,17 @@ impl Watch {
         wanted: &Wanted<'_>,
         first_axis: usize,
     ) -> Option<ArmFault> {
+        // A later fault replaces an earlier one. So the checks run from the bottom of the table to
+        // its top, and the axes from the last to the first.
         let mut fault = None;
         for axis in (first_axis..AXES).rev() {
             let watch = &mut self.axes[axis];
             watch.follow(wanted.steps[axis], &self.rules);
+            // Without an answer the current is an old one, and it says nothing about this period.
             if reading.no_answer >> axis & 1 == 0 {
                 watch.strain(reading.currents[axis]);
             }
-            // A counter that was not read is not judged.
+            // An extrapolated counter shows the estimate and not the axis.
             if reading.extrapolated >> axis & 1 == 1 {
                 continue;
             }
@@ -142,8 +150,10 @@ impl Watch {
             };
             fault = watch.judge(axis, &seen, &self.rules).or(fault);
         }
+        // The three faults of the hardware are causes of those of the counters and replace them.
         let first = |bits: u8| (bits != 0).then(|| bits.trailing_zeros() as usize);
         if let Some(axis) = first(self.hit(reading, wanted.steps)) {
+            // The bits include the jaw, whose motor is not among the measured ones.
             let motor = measured.0.get(axis).copied().unwrap_or_default();
             fault = Some(ArmFault::LimitSwitch { axis, motor });
         }
@@ -151,84 +161,87 @@ impl Watch {
             fault = Some(ArmFault::PowerStage { axis });
         }
         let strained =
-            |axis: &AxisWatch| f64::from(axis.strained) * self.rules.seconds > Self::BEARS;
+            |axis: &AxisWatch| f64::from(axis.strained) * self.rules.seconds > Self::OVERLOAD;
         if let Some(axis) = first(reading.over_currents).or(self.axes.iter().position(strained)) {
             fault = Some(ArmFault::OverCurrent { axis, amperes: reading.currents[axis] });
         }
         fault
     }
 
-    /// Returns the bits of the axes that have run onto a limit switch, or go on into one on which
-    /// they stood.
+    /// Returns the bits of the axes that have run onto a limit switch, or move further onto a
+    /// switch that they pressed at the start.
     fn hit(&mut self, reading: &ArmReading, steps: &[f64; AXES]) -> u8 {
         let (upper, lower) = (reading.upper_limits, reading.lower_limits);
-        if self.age < Self::SETTLES {
+        if self.age < Self::SETTLING {
             self.age += 1;
-            self.stood_on = (self.stood_on.0 | upper, self.stood_on.1 | lower);
+            self.held_from_start = (self.held_from_start.0 | upper, self.held_from_start.1 | lower);
         }
         let going =
             |is: fn(f64) -> bool| (0..AXES).fold(0, |bits, i| bits | u8::from(is(steps[i])) << i);
-        let (up, down) = (going(|step| step > Self::STANDS), going(|step| step < -Self::STANDS));
-        // Once left, a switch is like any other.
-        self.stood_on = (self.stood_on.0 & upper & !up, self.stood_on.1 & lower & !down);
-        upper & !self.stood_on.0 | lower & !self.stood_on.1
+        let (up, down) =
+            (going(|step| step > Self::ROUNDING), going(|step| step < -Self::ROUNDING));
+        // A switch that the axis has left counts as any other. One that it moves further onto is
+        // a fault at once, so its permission ends as well.
+        self.held_from_start =
+            (self.held_from_start.0 & upper & !up, self.held_from_start.1 & lower & !down);
+        upper & !self.held_from_start.0 | lower & !self.held_from_start.1
     }
 }
 
-/// The watchdog of one axis.
+/// Watchdog of one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct AxisWatch {
-    /// Recent speed of the set value (rad/s): the highest of a while, so that a sudden stop is
-    /// allowed for.
+    /// Recent speed of the set value (rad/s). The highest of a while counts, so that the thresholds
+    /// stay wide during a sudden stop.
     speed: f64,
-    /// Periods for which that speed does not fall off yet.
+    /// Periods for which the remembered speed does not fall off yet.
     holds: u32,
     /// Periods in a row in which the axis should have moved and its counter did not.
     frozen: u32,
-    /// How far the set value has gone since the counter last changed (rad).
+    /// Distance of the set value since the counter last changed (rad).
     wanted: f64,
-    /// Increments of the encoder in a revolution of the motor.
+    /// Increments of the encoder per revolution of the motor.
     increments: f64,
     last_count: i64,
-    /// Current that its power stage stops at (A), and for how many periods more than not the axis
-    /// was strained.
+    /// Current at which its power stage trips (A), and the number of periods with strain less those
+    /// without.
     trip: f64,
     strained: u32,
     /// Time since the counter was last read.
     interval: Interval,
-    /// What the following error may be after gaps.
+    /// Following error that the gaps explain.
     allowance: Allowance,
 }
 
-/// What is judged of one axis in one period; lengths in (rad of the motor).
+/// Values of one axis in one period that its watchdog judges (rad of the motor).
 struct Seen {
     count: i64,
-    /// How far the set value went.
+    /// Step of the set value.
     step: f64,
     /// Set value less measured value.
     error: f64,
-    /// How far the motor is ahead of the steps that its regulator was given.
+    /// Distance by which the motor is ahead of the steps that its regulator was given.
     backlog: f64,
 }
 
 impl AxisWatch {
-    /// A set value faster than this must show in the encoder (rad/s).
+    /// Speed of a set value that must show in the encoder (rad/s).
     const MUST_MOVE: f64 = 15.0;
-    /// Periods after which a counter that does not move is taken for frozen.
+    /// Periods at that speed after which a counter that does not move counts as frozen.
     const FROZEN: u32 = 8;
-    /// The same of a slow axis: the set value has gone this far meanwhile (rad); regulators and
-    /// friction explain less.
-    const WANTED: f64 = 1.0;
-    /// Share of the remembered speed from which on an axis is as fast as before.
+    /// Distance of a slow set value after which a counter that does not move counts as frozen
+    /// (rad). Regulator and friction explain less.
+    const FROZEN_WAY: f64 = 1.0;
+    /// Share of the remembered speed above which the axis counts as equally fast.
     const AS_FAST: f64 = 0.9;
-    /// Time in which regulators bring an axis to where it is to stand (s): the wrist's roll,
-    /// stopped from the speed of a turn, goes 3.4 rad of its motor beyond its set value.
-    const STANDING: f64 = 0.6;
-    /// How much faster than told a motor may be, and by how much time two readings may be further
-    /// apart than told (s).
+    /// Time in which the regulator brings an axis to rest at its set value (s). The wrist's roll,
+    /// stopped from the speed of a turn, overshoots by 3.4 rad of its motor.
+    const COMES_TO_REST: f64 = 0.6;
+    /// Factor of the commanded speed that a motor may reach, and the time by which two readings may
+    /// be further apart than they seem (s).
     const FASTER: f64 = 1.3;
-    const OFF: f64 = 0.002;
-    /// Share of the current that trips a power stage from which on an axis is strained.
+    const LATE: f64 = 0.002;
+    /// Share of the trip current above which an axis counts as strained.
     const STRAIN: f64 = 0.5;
 
     /// Makes the watchdog of an axis at rest.
@@ -247,7 +260,7 @@ impl AxisWatch {
         }
     }
 
-    /// Forgets the past.
+    /// Clears the memory: the axis is at rest, and its counter shows `count`.
     fn reset(&mut self, count: i64) {
         self.rebase(count);
         (self.speed, self.strained) = (0.0, 0);
@@ -255,19 +268,22 @@ impl AxisWatch {
         self.allowance.reset();
     }
 
-    /// Takes the counter's present value for the last one.
+    /// Takes `count` as the last value of the counter.
     fn rebase(&mut self, count: i64) {
         self.last_count = count;
         self.frozen = 0;
         self.wanted = 0.0;
     }
 
-    /// Follows the set value by one period: its recent speed, and how far it has gone.
+    /// Updates the recent speed and the distance of the set value by its `step` in one period
+    /// (rad).
     fn follow(&mut self, step: f64, rules: &Rules) {
         let speed = step.abs() / rules.seconds;
+        // An axis overshoots after its set value has stopped, so the speed stays in memory for a
+        // while. A speed of nearly the same size starts this time again.
         if speed >= Self::AS_FAST * self.speed {
             self.speed = self.speed.max(speed);
-            self.holds = (Self::STANDING / rules.seconds) as u32;
+            self.holds = (Self::COMES_TO_REST / rules.seconds) as u32;
         } else if self.holds > 0 {
             self.holds -= 1;
         } else {
@@ -279,40 +295,49 @@ impl AxisWatch {
 
     /// Counts the periods in which the axis is strained, less those in which it is not.
     fn strain(&mut self, current: f64) {
+        // The count falls and is not reset, so a current that wavers about the threshold counts.
         let strains = current.abs() > Self::STRAIN * self.trip;
         self.strained = if strains { self.strained + 1 } else { self.strained.saturating_sub(1) };
     }
 
-    /// Judges a counter that was read.
+    /// Judges a counter that was read. Returns the fault of the axis, the cause before its effect.
     fn judge(&mut self, axis: usize, seen: &Seen, rules: &Rules) -> Option<ArmFault> {
         let moved = seen.count - self.last_count;
         self.last_count = seen.count;
+        // An encoder is frozen if its counter rests at a speed that must show. At a speed too low
+        // for that, the distance of the set value since the last change decides.
         let still = moved == 0 && seen.step.abs() / rules.seconds > Self::MUST_MOVE;
         self.frozen = if still { self.frozen + 1 } else { 0 };
         if moved != 0 {
             self.wanted = 0.0;
         }
         let by = moved as f64 * std::f64::consts::TAU / self.increments;
+        // A motor can make a step of its recent speed, with a margin, over the longest time that
+        // may lie between the two readings.
         let fast = Self::FASTER * self.speed;
-        let within = |periods: f64| rules.jump + fast * (periods * rules.seconds + Self::OFF);
+        let within = |periods: f64| rules.jump + fast * (periods * rules.seconds + Self::LATE);
         let interval = &mut self.interval;
         let (since, possible) = (interval.since().max(1.0), within(interval.longest()));
         let gap = (since - 1.0) * rules.seconds;
         let doubt = gap + interval.older() * rules.seconds;
-        // A reading that shows half of what a gap hid, or what no period explains, is one of now.
+        // A reading that shows half of the step that a gap hid, or a step too large for one period,
+        // was taken after the gap. Later readings are then as new as they seem.
         let shows = gap > 0.0 && by.abs() > 0.5 * gap * self.speed;
         interval.read(shows || by.abs() > within(1.0));
+        // The motor kept moving during a gap while its set value did not. So the error may be as
+        // large as the backlog, and while the age of the reading is in doubt the limit is wider.
         let allowance = self.allowance.read(fast * gap);
         let left = seen.error + self.allowance.of(seen.backlog);
         let allowed =
             rules.following_error + rules.following_lag * self.speed + allowance.min(fast * doubt);
-        // An axis that is where it is to be follows, whatever the backlog of its regulator.
+        // The negated `contains` is also true for NaN.
         let off = |error: f64| !(-allowed..=allowed).contains(&error);
         let wanted = self.wanted;
-        // Not within also catches what is not a number. The cause is reported before its effect.
+        // An axis at its set value follows, even if answers that fail in every other period leave a
+        // backlog in its regulator. So both errors must be too large.
         if by.abs() > possible {
             Some(ArmFault::EncoderJump { axis, by })
-        } else if self.frozen > Self::FROZEN || wanted.abs() > Self::WANTED + fast * gap {
+        } else if self.frozen > Self::FROZEN || wanted.abs() > Self::FROZEN_WAY + fast * gap {
             Some(ArmFault::EncoderFrozen { axis, wanted })
         } else if off(seen.error) && off(left) {
             Some(ArmFault::Following { axis, error: seen.error })
@@ -327,7 +352,8 @@ mod tests {
     use super::*;
     use crate::servo::regulator::IRP6;
 
-    /// Increments of the encoder a revolution, and speed of the motor [increments a period]: 157 rad/s.
+    /// Increments of the encoder per revolution, and the speed of the motor (increments per
+    /// period): 157 rad/s.
     const INCREMENTS: f64 = 4000.0;
     const SPEED: i64 = 200;
 
@@ -343,7 +369,7 @@ mod tests {
     }
 
     impl Axis {
-        /// Makes an axis that has followed its set value for a while, without lag.
+        /// Makes an axis that has followed its set value for a while without lag.
         fn running() -> Self {
             let gains = ServoGains::parse(IRP6).unwrap();
             let mut axis = Self { watch: watch(&gains), set: 0 };
@@ -356,7 +382,7 @@ mod tests {
         /// Checks the next reading, which comes after `periods`.
         fn shows(&mut self, count: i64, periods: i64) -> Option<ArmFault> {
             let radian = INCREMENTS / std::f64::consts::TAU;
-            self.watch.skipped(periods as u64 - 1);
+            self.watch.add_missed_periods(periods as u64 - 1);
             self.set += periods * SPEED;
             let mut reading = ArmReading::default();
             let (mut measured, mut set) = (MotorPositions::default(), MotorPositions::default());
@@ -370,9 +396,9 @@ mod tests {
         }
     }
 
-    /// Returns the number of periods for which a standing axis bears this current. Every tenth
+    /// Returns the number of periods after which this current stops an axis at rest. Every tenth
     /// reading is missing, or shows the current `tenth`.
-    fn bears(amperes: f64, tenth: Option<f64>) -> Option<u32> {
+    fn periods_of_strain(amperes: f64, tenth: Option<f64>) -> Option<u32> {
         let gains = ServoGains::parse(IRP6).unwrap();
         let mut watch = watch(&gains);
         let still = MotorPositions::default();
@@ -393,13 +419,13 @@ mod tests {
     }
 
     #[test]
-    fn strained_axis_stops_before_its_power_stage() {
+    fn strained_axis_stops_before_power_stage_trips() {
         for amperes in [8.0, -8.0] {
-            assert_eq!(bears(amperes, Some(amperes)), Some(150));
-            assert_eq!(bears(amperes, None).map(|periods| periods / 10), Some(16));
-            assert_eq!(bears(amperes, Some(0.0)).map(|periods| periods / 10), Some(18));
+            assert_eq!(periods_of_strain(amperes, Some(amperes)), Some(150));
+            assert_eq!(periods_of_strain(amperes, None).map(|periods| periods / 10), Some(16));
+            assert_eq!(periods_of_strain(amperes, Some(0.0)).map(|periods| periods / 10), Some(18));
         }
-        assert_eq!(bears(7.0, Some(32.7)), None, "15 A trip its power stage");
+        assert_eq!(periods_of_strain(7.0, Some(32.7)), None, "15 A trip its power stage");
     }
 
     #[test]
@@ -412,7 +438,7 @@ mod tests {
     }
 
     #[test]
-    fn device_that_catches_up_is_no_fault() {
+    fn readings_that_catch_up_are_no_fault() {
         let mut axis = Axis::running();
 
         let before = axis.set;
@@ -422,10 +448,10 @@ mod tests {
     }
 
     #[test]
-    fn step_of_a_gap_shows_once() {
+    fn gap_excuses_one_large_step_only() {
         for first in [0, 30] {
             let mut axis = Axis::running();
-            // The first reading is of before the gap, or of now.
+            // The first reading was taken before the gap or after it.
             assert_eq!(axis.shows(axis.set + first * SPEED, 30), None);
             assert_eq!(axis.shows(axis.set + SPEED, 1), None);
 

@@ -1,9 +1,12 @@
-//! Weighing the tool: from what the sensor feels in several orientations to weight, centre of mass and bias.
+//! Weighing of the tool: weight, centre of mass and bias of the sensor from several orientations.
 //!
-//! - in: orientations of the flange against a base that stands upright, the wrench on the sensor in each, at rest
-//! - out: least squares: `f = b_f + W d` with d the direction of gravity in the sensor's frame, then
-//!   `t = b_t + c x W d`; and what the model leaves unexplained
-//! - no force but the weight must act: nothing is held, nothing touches
+//! The model is `f = b_f + W d`, with d the direction of gravity in the sensor's frame, and
+//! `t = b_t + c x W d`. No force but the weight may act: the gripper is empty, and the tool touches
+//! nothing.
+//!
+//! - in: orientations of the flange against an upright base, and the wrench on the sensor in each,
+//!   at rest
+//! - out: the least-squares solution of the model, and its residuals
 
 use super::io::ArmReading;
 use crate::spatial::{Pose, Wrench};
@@ -12,13 +15,13 @@ use nalgebra::{Matrix3, Matrix4, Matrix6, Point3, UnitQuaternion, Vector3, Vecto
 /// The wrench in one orientation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
-    /// `base_from_flange`.
+    /// Orientation of the flange, `base_from_flange`.
     pub base_from_flange: UnitQuaternion<f64>,
-    /// Mean of the readings: what the surroundings and the weight exert on the sensor, in its frame.
+    /// Mean of the readings: the wrench on the sensor, in its frame (N, Nm).
     pub wrench_on_sensor: Wrench,
 }
 
-/// Mean of what a sensor feels. What is held from before, or no number, weighs nothing.
+/// Mean of the wrenches of a sensor. Repeated readings and those without numbers do not count.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Mean {
     sum: Wrench,
@@ -26,7 +29,7 @@ pub struct Mean {
 }
 
 impl Mean {
-    /// Takes the wrench of a reading, if it is one.
+    /// Adds the wrench of a reading if it is new and finite.
     pub fn add(&mut self, reading: &ArmReading) {
         let wrench = reading.wrench_on_sensor;
         if wrench.is_finite() && !reading.wrench_is_old {
@@ -34,13 +37,13 @@ impl Mean {
         }
     }
 
-    /// Readings that were taken.
+    /// Returns the number of readings in the mean.
     #[must_use]
     pub fn taken(&self) -> u32 {
         self.taken
     }
 
-    /// Their mean, not a number where there are none.
+    /// Returns the mean, which is NaN without any reading (N, Nm).
     #[must_use]
     pub fn wrench(&self) -> Wrench {
         let share = 1.0 / f64::from(self.taken);
@@ -48,47 +51,49 @@ impl Mean {
     }
 }
 
-/// What hangs on the sensor, and its zero.
+/// Load of the sensor, and its zero.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Weighed {
-    /// (N).
+    /// Weight (N).
     pub weight: f64,
     /// Centre of mass in the flange frame (m).
     pub centre_in_flange: Point3<f64>,
-    /// What the sensor reads of nothing.
+    /// Reading of the sensor without a load (N, Nm).
     pub bias: Wrench,
-    /// Root mean square of what is left of each component of the force (N) and of the torque (Nm).
+    /// Root mean square of the residuals of a component of the force (N) and of the torque (Nm).
     pub residual: (f64, f64),
-    /// The largest of the same.
+    /// Largest residual of a component of the force (N) and of the torque (Nm).
     pub largest_residual: (f64, f64),
 }
 
-/// The orientations do not tell the weight.
+/// Reason why the samples do not determine the weight.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum CannotWeigh {
-    /// Too few.
+    /// Too few orientations.
     #[error("{0} orientations: at least 4 are needed")]
     TooFew(usize),
-    /// They are too much alike.
+    /// Orientations that are too similar.
     #[error(
-        "the orientations are too much alike: gravity turns by {turned:.3} of its length in the sensor, wanted {LEAST}"
+        "the orientations are too similar: gravity varies by {turned:.3} of its length in the axes \
+         of the sensor, at least {LEAST} is needed"
     )]
     TooMuchAlike {
-        /// Root mean square of gravity's direction about its mean, in the direction in which it varies second most.
+        /// Root mean square of the deviations of gravity's direction from its mean, along the axis
+        /// with the second largest deviations.
         turned: f64,
     },
-    /// The sensor is silent.
+    /// A silent sensor.
     #[error("the sensor gave no number in orientation {0}")]
     Silent(usize),
 }
 
-/// Gravity's direction must vary by this in two directions.
+/// Smallest variation of gravity's direction, along the axis with the second largest variation.
 const LEAST: f64 = 0.1;
 
-/// Weighs what hangs on a sensor.
+/// Computes weight, centre of mass and bias from `samples`.
 ///
 /// # Errors
-/// [`CannotWeigh`] when the orientations do not tell.
+/// [`CannotWeigh`] if the samples do not determine them.
 pub fn weigh(samples: &[Sample], flange_from_sensor: &Pose) -> Result<Weighed, CannotWeigh> {
     if samples.len() < 4 {
         return Err(CannotWeigh::TooFew(samples.len()));
@@ -101,7 +106,8 @@ pub fn weigh(samples: &[Sample], flange_from_sensor: &Pose) -> Result<Weighed, C
     };
     check_spread(&samples.iter().map(down).collect::<Vec<_>>())?;
 
-    // Force: unknowns W and b_f.
+    // The forces come first: they give W, and with W the torques are linear in their unknowns as
+    // well. The normal equations have four unknowns, W and b_f.
     let mut normal = Matrix4::<f64>::zeros();
     let mut right = Vector4::zeros();
     for sample in samples {
@@ -118,7 +124,7 @@ pub fn weigh(samples: &[Sample], flange_from_sensor: &Pose) -> Result<Weighed, C
     let weight = force[0];
     let bias_force = Vector3::new(force[1], force[2], force[3]);
 
-    // Torque: unknowns c and b_t; c x w = -[w]x c.
+    // The torques have six unknowns, c and b_t; c x w = -[w]x c.
     let mut normal = Matrix6::<f64>::zeros();
     let mut right = Vector6::zeros();
     for sample in samples {
@@ -135,6 +141,7 @@ pub fn weigh(samples: &[Sample], flange_from_sensor: &Pose) -> Result<Weighed, C
     let centre = Vector3::new(torque[0], torque[1], torque[2]);
     let bias_torque = Vector3::new(torque[3], torque[4], torque[5]);
 
+    // The residuals show effects outside the model, for example a contact.
     let mut squares = (0.0, 0.0);
     let mut largest = (0.0_f64, 0.0_f64);
     for sample in samples {
@@ -154,11 +161,14 @@ pub fn weigh(samples: &[Sample], flange_from_sensor: &Pose) -> Result<Weighed, C
     })
 }
 
+/// Checks that the directions of gravity vary along two axes.
 fn check_spread(down: &[Vector3<f64>]) -> Result<(), CannotWeigh> {
     let count = down.len() as f64;
     let mean: Vector3<f64> = down.iter().sum::<Vector3<f64>>() / count;
     let spread: Matrix3<f64> =
         down.iter().map(|d| (d - mean) * (d - mean).transpose()).sum::<Matrix3<f64>>() / count;
+    // If they varied along one axis only, the component of the centre along this axis could not be
+    // separated from the bias of the torque. So the second largest variance counts.
     let mut values: [f64; 3] = spread.symmetric_eigenvalues().into();
     values.sort_by(f64::total_cmp);
     let turned = values[1].max(0.0).sqrt();
@@ -180,8 +190,8 @@ mod tests {
         )
     }
 
-    /// What a sensor with this tool and bias reads, written down in base axes.
-    fn felt(at: &UnitQuaternion<f64>, weight: f64, centre: Point3<f64>, bias: &Wrench) -> Sample {
+    /// Returns the reading of a sensor with this tool and bias, derived in base axes.
+    fn taken(at: &UnitQuaternion<f64>, weight: f64, centre: Point3<f64>, bias: &Wrench) -> Sample {
         let base_from_sensor = at * flange_from_sensor().rotation;
         let arm = at * (centre.coords - flange_from_sensor().translation.vector);
         let pull = Vector3::new(0.0, 0.0, -weight);
@@ -195,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mean_is_of_new_readings_that_are_numbers() {
+    fn mean_takes_only_new_finite_readings() {
         let reading = |newtons: f64, wrench_is_old| ArmReading {
             wrench_on_sensor: Wrench { force: Vector3::repeat(newtons), ..Wrench::default() },
             wrench_is_old,
@@ -218,7 +228,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_tool_and_bias_are_found_and_then_weigh_nothing(
+        fn weighing_finds_any_tool_and_bias(
             weight in 1.0..30.0f64,
             centre in prop::array::uniform3(-0.2..0.2f64),
             bias in prop::array::uniform6(-3.0..3.0f64),
@@ -226,7 +236,7 @@ mod tests {
         ) {
             let (centre, bias) = (Point3::from(centre), Wrench::from_directions(bias));
             let at = orientations(&angles);
-            let samples: Vec<_> = at.iter().map(|at| felt(at, weight, centre, &bias)).collect();
+            let samples: Vec<_> = at.iter().map(|at| taken(at, weight, centre, &bias)).collect();
 
             let found = match weigh(&samples, &flange_from_sensor()) {
                 Ok(found) => found,
@@ -237,7 +247,7 @@ mod tests {
             prop_assert!((found.weight - weight).abs() < 1e-6);
             prop_assert!((found.centre_in_flange - centre).norm() < 1e-6);
             prop_assert!(found.largest_residual.0 < 1e-6 && found.largest_residual.1 < 1e-6);
-            // The servo's own compensation agrees with it.
+            // The compensation of the servo agrees with the result: no force is left.
             let mut wrist = WristForce::new(ForceSensor {
                 flange_from_sensor: flange_from_sensor(),
                 weight: found.weight,
@@ -245,7 +255,9 @@ mod tests {
                 range: [200.0; 6],
             });
             let flange = Pose::from_parts(Translation3::identity(), at[0]);
-            let rest = wrist.read((&(samples[0].wrench_on_sensor - found.bias), true), &flange, &Pose::identity());
+            let rest = wrist.read(
+                (&(samples[0].wrench_on_sensor - found.bias), true), &flange, &Pose::identity()
+            );
             prop_assert!(rest.directions().iter().all(|c| c.abs() < 1e-6));
         }
     }
@@ -265,7 +277,7 @@ mod tests {
             .iter()
             .zip(noise)
             .map(|(at, noise)| {
-                let mut sample = felt(at, 10.0, Point3::new(0.0, 0.0, 0.15), &Wrench::default());
+                let mut sample = taken(at, 10.0, Point3::new(0.0, 0.0, 0.15), &Wrench::default());
                 sample.wrench_on_sensor.force.x += noise;
                 sample
             })
@@ -279,9 +291,9 @@ mod tests {
     }
 
     #[test]
-    fn orientations_that_do_not_tell_are_refused() {
+    fn similar_orientations_are_refused() {
         let level = orientations(&[[0.0; 3], [0.0, 0.0, 1.0], [0.0, 0.0, 2.0], [0.02, 0.0, 0.0]]);
-        let tool = |at| felt(at, 10.0, Point3::new(0.0, 0.0, 0.15), &Wrench::default());
+        let tool = |at| taken(at, 10.0, Point3::new(0.0, 0.0, 0.15), &Wrench::default());
         let samples: Vec<_> = level.iter().map(tool).collect();
 
         let alike = weigh(&samples, &flange_from_sensor());

@@ -1,6 +1,13 @@
-//! The wrist force: from what the sensor feels to what the tool exerts on its surroundings.
+//! The wrist force: from the wrench that the sensor measures to the one that the tool exerts.
 //!
-//! - in: the wrench on the sensor, the orientation of the flange, the believed weight beyond the sensor
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | saturated or silent sensor | `ForceSensor::range`, NaN | the reading is unfit for control |
+//! | new zero | `BIAS_SAMPLES` | their mean; a saturated or repeated reading is no sample |
+//! | new zero from a silent sensor | `PATIENCE` | the old zero stays, and the command ends |
+//!
+//! - in: the wrench on the sensor, the orientation of the flange, the believed weight beyond the
+//!   sensor
 //! - out: the wrench of the tool on its surroundings, about the tool point, in tool axes
 //! - source: force transformation and bias of the original's sources; mean of two samples
 
@@ -9,7 +16,7 @@ use crate::motion::ArmFault;
 use crate::spatial::{Pose, Wrench};
 use nalgebra::{Point3, Vector3};
 
-/// A wrist sensor with its filter, its zero and what hangs on it.
+/// Wrist sensor with its filter, its zero and its load.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WristForce {
     sensor: ForceSensor,
@@ -21,19 +28,19 @@ pub struct WristForce {
     last: [Option<Wrench>; 2],
     /// Sum and count of the samples of a new zero.
     biasing: Option<(Wrench, u32)>,
-    /// Periods since it was begun.
+    /// Periods since the new zero was begun.
     biasing_for: u32,
-    /// It has told something.
+    /// Whether the sensor has ever given a number.
     heard: bool,
 }
 
 impl WristForce {
-    /// Samples in a zero.
+    /// Number of samples in a zero.
     pub const BIAS_SAMPLES: u32 = 10;
-    /// Periods in which they must have come.
+    /// Number of periods in which these samples must come.
     const PATIENCE: u32 = 100;
 
-    /// With zero bias and nothing in the gripper.
+    /// Makes a wrist sensor with zero bias and without a load in the gripper.
     #[must_use]
     pub fn new(sensor: ForceSensor) -> Self {
         Self {
@@ -47,8 +54,9 @@ impl WristForce {
         }
     }
 
-    /// What the tool exerts on its surroundings: mean of this and the last sample less weight and zero,
-    /// moved to the tool point and negated. Not finite while the sensor is silent. A reading that is not new is no sample.
+    /// Returns the wrench that the tool exerts on its surroundings: the mean of this and the last
+    /// sample less weight and zero, moved to the tool point and negated (N, Nm). It is not finite
+    /// while the sensor is silent. A reading that is not new is no sample.
     pub fn read(
         &mut self,
         (wrench_on_sensor, is_new): (&Wrench, bool),
@@ -59,11 +67,14 @@ impl WristForce {
         self.biasing_for = self.biasing_for.saturating_add(1);
         self.heard |= sample.is_finite();
         if is_new || !sample.is_finite() {
+            // A saturated sample would spoil the zero of all later readings.
             if self.fault(wrench_on_sensor).is_none() {
                 self.count_towards_bias(&sample);
             }
+            // A silent sample leaves a hole, so that no mean spans the silence.
             self.last = [sample.is_finite().then_some(sample), self.last[0]];
         } else {
+            // The sensor is slower than the servo: the mean of its last two samples stays.
             sample = self.last[0].unwrap_or(sample);
         }
         let last = self.last[1].unwrap_or(sample);
@@ -71,6 +82,7 @@ impl WristForce {
             force: 0.5 * (sample.force + last.force),
             torque: 0.5 * (sample.torque + last.torque),
         };
+        // The sensor measures the wrench on itself; the tool exerts the opposite one.
         let tool_from_sensor = flange_from_tool.inverse() * self.sensor.flange_from_sensor;
         -(mean - self.bias).moved(&tool_from_sensor)
     }
@@ -81,39 +93,41 @@ impl WristForce {
         self.biasing_for = 0;
     }
 
-    /// Samples that the new zero still wants; a sensor that tells none for too long leaves the old one.
+    /// Returns the number of samples that the new zero still needs. If they do not come in time,
+    /// the old zero stays.
     #[must_use]
-    pub fn wants(&mut self) -> u32 {
+    pub fn missing_samples(&mut self) -> u32 {
         if self.biasing_for > Self::PATIENCE {
             self.biasing = None;
         }
         self.biasing.map_or(0, |(_, count)| Self::BIAS_SAMPLES - count)
     }
 
-    /// What hangs in the gripper: weight (N) and centre in the flange frame (m).
+    /// Sets the load in the gripper: weight (N) and centre of mass in the flange frame (m).
     pub fn set_payload(&mut self, weight: f64, centre: Point3<f64>) {
         self.payload = (weight, centre);
-        // The last samples were taken with the old belief.
+        // The weight of the old load was removed from the last samples.
         self.last = [None; 2];
     }
 
-    /// Whether a sensor that has told something before tells nothing now. One that is still being set up, or none, is missed
-    /// by whoever needs it.
+    /// Returns whether a sensor that has given numbers before gives none now. A sensor that is
+    /// still being set up, or a missing one, is a fault only for a motion under force control.
     #[must_use]
     pub fn fell_silent(&self, wrench_on_sensor: &Wrench) -> bool {
         self.heard && !wrench_on_sensor.is_finite()
     }
 
-    /// What makes this reading unfit for force control.
+    /// Returns the fault that makes this reading unfit for force control.
     #[must_use]
     pub fn fault(&self, wrench_on_sensor: &Wrench) -> Option<ArmFault> {
         let components = wrench_on_sensor.directions();
+        // A comparison with NaN is false, so `>= range` alone would accept a silent sensor.
         (0..6)
             .find(|&i| components[i].is_nan() || components[i].abs() >= self.sensor.range[i])
             .map(|direction| ArmFault::ForceSensor { direction, reading: components[direction] })
     }
 
-    /// Weight of the tool and of the payload, as the sensor feels it.
+    /// Returns the wrench that the weights of the tool and of the load exert on the sensor.
     fn weight_on_sensor(&self, base_from_flange: &Pose) -> Wrench {
         let down = base_from_flange.rotation.inverse() * -Vector3::z();
         let hanging = |weight: f64, centre: &Point3<f64>| {
@@ -125,6 +139,7 @@ impl WristForce {
         in_flange.moved(&self.sensor.flange_from_sensor.inverse())
     }
 
+    /// Adds a sample to the new zero, which takes effect with its last sample.
     fn count_towards_bias(&mut self, sample: &Wrench) {
         let Some((sum, count)) = self.biasing else { return };
         let (sum, count) = (sum + *sample, count + 1);
@@ -167,8 +182,9 @@ mod tests {
         )
     }
 
-    /// What a sensor feels of a weight hanging in base: written down anew, in base axes about the sensor.
-    fn felt(base_from_flange: &Pose, weight: f64, centre: Point3<f64>) -> Wrench {
+    /// Returns the wrench of a hanging weight on the sensor. The derivation in base axes about the
+    /// sensor shares nothing with the code under test.
+    fn wrench_of_weight(base_from_flange: &Pose, weight: f64, centre: Point3<f64>) -> Wrench {
         let base_from_sensor = base_from_flange * sensor().flange_from_sensor;
         let arm = (base_from_flange * centre).coords - base_from_sensor.translation.vector;
         let force = Vector3::new(0.0, 0.0, -weight);
@@ -182,32 +198,37 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_tools_own_weight_is_no_force_in_any_orientation(a in prop::array::uniform3(-3.0..3.0f64)) {
+        fn tool_weight_is_no_force_in_any_orientation(
+            a in prop::array::uniform3(-3.0..3.0f64)
+        ) {
             let (mut wrist, flange) = (WristForce::new(sensor()), turned(a));
-            let weight = felt(&flange, sensor().weight, sensor().centre_in_flange);
+            let weight = wrench_of_weight(&flange, sensor().weight, sensor().centre_in_flange);
 
             prop_assert!(largest(&wrist.read((&weight, true), &flange, &tool())) < 1e-12);
         }
 
         #[test]
-        fn a_payload_adds_its_weight(a in prop::array::uniform3(-3.0..3.0f64)) {
+        fn payload_adds_its_weight(a in prop::array::uniform3(-3.0..3.0f64)) {
             let (mut wrist, flange) = (WristForce::new(sensor()), turned(a));
             let centre = Point3::new(0.0, 0.01, 0.25);
             wrist.set_payload(0.98, centre);
-            let weight = felt(&flange, sensor().weight, sensor().centre_in_flange) + felt(&flange, 0.98, centre);
+            let weight = wrench_of_weight(&flange, sensor().weight, sensor().centre_in_flange)
+                + wrench_of_weight(&flange, 0.98, centre);
 
             prop_assert!(largest(&wrist.read((&weight, true), &flange, &tool())) < 1e-12);
         }
 
+        /// The product of wrench and twist is the same at the sensor and at the tool.
         #[test]
-        fn power_of_wrench_and_twist_is_the_same_at_sensor_and_tool(
+        fn moving_the_wrench_keeps_its_power(
             w in prop::array::uniform6(-20.0..20.0f64), t in prop::array::uniform6(-1.0..1.0f64)
         ) {
             let mut weightless = sensor();
             weightless.weight = 0.0;
             let on_sensor = Wrench::from_directions(w);
-            let by_tool = WristForce::new(weightless).read((&on_sensor, true), &Pose::identity(), &tool());
-            // The velocity of the tool point, carried over to the sensor by rigidity.
+            let by_tool =
+                WristForce::new(weightless).read((&on_sensor, true), &Pose::identity(), &tool());
+            // The velocity of the sensor follows from that of the tool point, since both are rigid.
             let (at_tool, tool_from_sensor) =
                 (Twist::from_directions(t), tool().inverse() * sensor().flange_from_sensor);
             let out = tool_from_sensor.translation.vector;
@@ -224,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn the_tool_exerts_the_opposite_of_what_the_sensor_feels() {
+    fn tool_exerts_the_opposite_of_the_measured_force() {
         let mut wrist = WristForce::new(ForceSensor { weight: 0.0, ..sensor() });
         // A wall ahead of the tool pushes it back along -z.
         let push = Wrench::from_directions([0.0, 0.0, -7.0, 0.0, 0.0, 0.0]);
@@ -234,8 +255,9 @@ mod tests {
         assert!((by_tool.force - Vector3::new(0.0, 0.0, 7.0)).norm() < 1e-12);
     }
 
+    /// A reading is the mean of two samples. The mean does not span a silent one.
     #[test]
-    fn a_reading_is_the_mean_of_two_and_a_silent_sample_is_not_remembered() {
+    fn reading_is_the_mean_of_two_samples() {
         let mut wrist = WristForce::new(ForceSensor { weight: 0.0, ..sensor() });
         let mut z = |force: f64| {
             let sample = Wrench::from_directions([0.0, 0.0, force, 0.0, 0.0, 0.0]);
@@ -249,11 +271,11 @@ mod tests {
     }
 
     #[test]
-    fn a_bias_is_the_mean_of_ten_samples_less_weight() {
+    fn bias_is_the_mean_of_ten_weightless_samples() {
         let (mut wrist, flange) = (WristForce::new(sensor()), turned([0.3, 0.4, 0.5]));
         let other = turned([-2.0, 0.1, 1.0]);
         let offset = Wrench::from_directions([1.0, -2.0, 3.0, 0.1, 0.2, -0.3]);
-        let weight = |flange| felt(flange, sensor().weight, sensor().centre_in_flange);
+        let weight = |flange| wrench_of_weight(flange, sensor().weight, sensor().centre_in_flange);
         wrist.start_bias();
 
         for sample in 0..10 {
@@ -262,7 +284,7 @@ mod tests {
             assert_eq!(largest(&by_tool) > 1.0, sample < 9, "the old zero holds until the tenth");
         }
 
-        // Gone in every orientation, since the weight is not in it.
+        // The bias is right in every orientation because it does not contain the weight.
         wrist.read((&(weight(&other) + offset), true), &other, &tool());
         assert!(largest(&wrist.read((&(weight(&other) + offset), true), &other, &tool())) < 1e-12);
     }
@@ -282,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_held_or_beyond_the_range_is_no_sample() {
+    fn repeated_or_saturated_reading_is_no_sample() {
         let weightless = ForceSensor { weight: 0.0, ..sensor() };
         let mut wrist = WristForce::new(weightless);
         let z = |force: f64| Wrench::from_directions([0.0, 0.0, force, 0.0, 0.0, 0.0]);
@@ -299,11 +321,11 @@ mod tests {
             read(&mut wrist, 6.0, true);
             read(&mut wrist, 6.0, false);
             read(&mut wrist, 140.0, true);
-            if wrist.wants() == 0 {
+            if wrist.missing_samples() == 0 {
                 break;
             }
         }
-        assert_eq!(wrist.wants(), 0);
+        assert_eq!(wrist.missing_samples(), 0);
         read(&mut wrist, 7.0, true);
         assert!((read(&mut wrist, 7.0, true) - 1.0).abs() < 1e-12, "the zero is 6 N");
 
@@ -311,7 +333,7 @@ mod tests {
         for _ in 0..200 {
             read(&mut wrist, 9.0, false);
         }
-        assert_eq!(wrist.wants(), 0, "given up");
+        assert_eq!(wrist.missing_samples(), 0, "given up");
         assert!((read(&mut wrist, 7.0, true) - 1.0).abs() < 1e-12, "the old zero is kept");
     }
 }

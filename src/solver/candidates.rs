@@ -1,19 +1,22 @@
-//! Many solutions of one cube, for whoever has to choose among them.
+//! Many distinct solutions of one cube, for a planner that chooses among them.
 
-use super::search::{Budget, Take, each_solution, solve};
+use super::search::{Budget, Continuation, each_solution, solve};
 use super::tables::Tables;
 use crate::cube::{Cube, Turn};
 use std::collections::BTreeSet;
 use std::sync::{Mutex, PoisonError};
 
-/// Candidates that share a first phase: more of them would differ too little.
+/// Largest number of candidates that share a first phase: more of them differ too little.
 const SHARED_PHASE1: usize = 8;
-/// Turns that a candidate may have more than the shortest.
+/// Number of turns that a candidate may have more than the shortest solution found.
 const LONGER: u8 = 3;
 
-/// Up to `count` distinct solutions, shortest first, none more than three turns longer than the shortest found;
-/// solutions that differ in the order of opposite turns only count as one. A tenth of the budget seeks the shortest,
-/// the rest gathers. A solved cube has one candidate: no turns.
+/// Finds up to `count` distinct solutions and returns them with the shortest first.
+///
+/// None has more than three turns more than the shortest solution found. Two solutions that differ
+/// only in the order of turns of opposite faces count as one. The search for a short solution gets
+/// a tenth of the budget, the search for further ones the rest. A solved cube has one candidate,
+/// which has no turns.
 #[must_use]
 pub fn candidates(cube: &Cube, tables: &Tables, budget: &Budget, count: usize) -> Vec<Vec<Turn>> {
     let best = solve(cube, tables, &Budget { nodes: budget.nodes / 10, ..*budget });
@@ -21,16 +24,19 @@ pub fn candidates(cube: &Cube, tables: &Tables, budget: &Budget, count: usize) -
         return vec![Vec::new()];
     }
     let bound = best.turns.len() as u8 + LONGER;
+    // An ordered set: equal solutions count once, and the result does not depend on hashes.
     let found = Mutex::new(BTreeSet::from([canonical(best.turns)]));
     each_solution(cube, tables, bound, budget.nodes - budget.nodes / 10, &|turns, siblings| {
         let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
         if found.len() < count {
             found.insert(canonical(turns));
         }
+        // Solutions with one first phase begin with the same turns; another first phase gives the
+        // planner more choice.
         match () {
-            () if found.len() >= count => Take::Enough,
-            () if siblings + 1 >= SHARED_PHASE1 => Take::NextPhase1,
-            () => Take::More,
+            () if found.len() >= count => Continuation::Enough,
+            () if siblings + 1 >= SHARED_PHASE1 => Continuation::NextPhase1,
+            () => Continuation::More,
         }
     });
     let found = found.into_inner().unwrap_or_else(PoisonError::into_inner);
@@ -39,7 +45,7 @@ pub fn candidates(cube: &Cube, tables: &Tables, budget: &Budget, count: usize) -
     list
 }
 
-/// The same turns with each pair of opposite ones in the order of their faces.
+/// Sorts each pair of successive turns of opposite faces by face: they commute.
 fn canonical(mut turns: Vec<Turn>) -> Vec<Turn> {
     for i in 1..turns.len() {
         if turns[i].face == turns[i - 1].face.opposite() && turns[i].face < turns[i - 1].face {
@@ -55,7 +61,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_asks_for_one_gets_the_shortest() {
+    fn one_candidate_is_as_short_as_the_first() {
         let budget = Budget { nodes: 200_000, max_length: 20 };
         let all = candidates(&Cube::scrambled(5), &TABLES, &budget, 10);
 
@@ -66,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn candidates_are_distinct_and_each_solves() {
+    fn candidates_are_distinct_and_solve_the_cube() {
         let cube = Cube::scrambled(5);
 
         let list = candidates(&cube, &TABLES, &Budget { nodes: 200_000, max_length: 20 }, 10);

@@ -1,28 +1,38 @@
-//! Numbers for what the two phases look at, and what the turns do to them.
+//! Coordinates: numbers of those features of a cube that each phase solves, and their changes by
+//! turns.
 //!
-//! Phase 1 sees the corners' twists (2187), the edges' flips (2048) and where the four middle-layer edges are
-//! (495); phase 2 the order of the corners (40320), of the eight other edges (40320) and of the middle four (24).
-//! All are 0 on the solved cube.
+//! | phase | coordinate | values |
+//! |---|---|---|
+//! | 1 | twists of the corners | 3^7 = 2187 |
+//! | 1 | flips of the edges | 2^11 = 2048 |
+//! | 1 | set of places of the four middle-layer edges | C(12, 4) = 495 |
+//! | 2 | order of the corners | 8! = 40320 |
+//! | 2 | order of the eight other edges | 8! = 40320 |
+//! | 2 | order of the four middle-layer edges | 4! = 24 |
+//!
+//! Each coordinate of the solved cube is 0, except the [`quad`]s of the edges from 0 and from 4 on.
 
 use crate::cube::{Cube, Turn};
 use std::sync::LazyLock;
 
-/// Twists of the corners.
+/// Number of states of the corners' twists.
 pub(crate) const TWISTS: usize = 2187;
-/// Flips of the edges.
+/// Number of states of the edges' flips.
 pub(crate) const FLIPS: usize = 2048;
-/// Places of four edges.
+/// Number of sets of places of four edges.
 pub(crate) const SLICES: usize = 495;
-/// Places of four edges in order.
+/// Number of arrangements of four edges: sets of places, times orders.
 pub(crate) const QUADS: usize = SLICES * 24;
-/// Orders of eight pieces.
+/// Number of orders of eight pieces.
 pub(crate) const PERMUTATIONS: usize = 40320;
 
-/// The turns of phase 2, as numbers of [`Turn::index`]: U, D by any angle, the others by halves.
+/// Turns of phase 2, as numbers of [`Turn::index`]: U and D by any angle, the others by halves.
 pub(crate) const PHASE2_TURNS: [usize; 10] = [0, 1, 2, 9, 10, 11, 4, 7, 13, 16];
 
-/// Number of a set of 4 among 12 positions (as bits), and back; the middle layer (positions 8..12) is 0.
+/// Numbers of the sets of 4 among 12 places by their bits, and the bits by number. The middle layer
+/// (places 8..12) has the number 0.
 static SETS: LazyLock<(Vec<u16>, Vec<u16>)> = LazyLock::new(|| {
+    // Falling, because the bits of the middle layer are the greatest: so the goal is number 0.
     let sets: Vec<u16> = (0..4096_u16).rev().filter(|b| b.count_ones() == 4).collect();
     let mut number = vec![0; 4096];
     for (n, &bits) in sets.iter().enumerate() {
@@ -31,13 +41,14 @@ static SETS: LazyLock<(Vec<u16>, Vec<u16>)> = LazyLock::new(|| {
     (number, sets)
 });
 
-/// The corners' twists as a number in base 3; the last follows from the others.
+/// Returns the corners' twists as a number in base 3. The last twist follows from the others, since
+/// all of them sum up to a multiple of 3.
 #[must_use]
 pub(crate) fn twist(cube: &Cube) -> usize {
     cube.twists()[..7].iter().fold(0, |n, &t| n * 3 + usize::from(t))
 }
 
-/// A cube with these twists.
+/// Returns a cube with these twists and everything else solved.
 #[must_use]
 pub(crate) fn with_twist(mut number: usize) -> Cube {
     let mut twists = [0; 8];
@@ -50,13 +61,14 @@ pub(crate) fn with_twist(mut number: usize) -> Cube {
     Cube::from_pieces(*solved.corners(), twists, *solved.edges(), *solved.flips())
 }
 
-/// The edges' flips as a number in base 2; the last follows from the others.
+/// Returns the edges' flips as a number in base 2. The last flip follows from the others, since the
+/// number of flipped edges is even.
 #[must_use]
 pub(crate) fn flip(cube: &Cube) -> usize {
     cube.flips()[..11].iter().fold(0, |n, &f| n * 2 + usize::from(f))
 }
 
-/// A cube with these flips.
+/// Returns a cube with these flips and everything else solved.
 #[must_use]
 pub(crate) fn with_flip(number: usize) -> Cube {
     let mut flips = [0; 12];
@@ -68,9 +80,12 @@ pub(crate) fn with_flip(number: usize) -> Cube {
     Cube::from_pieces(*solved.corners(), *solved.twists(), *solved.edges(), flips)
 }
 
-/// Where the edges `first..first + 4` are and in which order: 24 x (number of the set of places) + order.
+/// Returns the index of the places of the edges `first..first + 4`: 24 x (index of the set of
+/// places) + order.
 #[must_use]
 pub(crate) fn quad(cube: &Cube, first: u8) -> usize {
+    // The set is the slow digit, so `quad / 24` is the coordinate of phase 1 and, once phase 1 is
+    // done and the set is 0, the number itself is the order in phase 2.
     let (mut bits, mut order, mut found) = (0_usize, [0; 4], 0);
     for (place, &edge) in cube.edges().iter().enumerate() {
         if (first..first + 4).contains(&edge) {
@@ -82,7 +97,7 @@ pub(crate) fn quad(cube: &Cube, first: u8) -> usize {
     usize::from(SETS.0[bits]) * 24 + rank(&order)
 }
 
-/// The places of a [`quad`]: `places[k]` is where the edge `first + k` is.
+/// Returns the places of a [`quad`]: `places[k]` is the place of the edge `first + k`.
 #[must_use]
 pub(crate) fn quad_places(number: usize) -> [u8; 4] {
     let order: [u8; 4] = unrank(number % 24);
@@ -96,7 +111,8 @@ pub(crate) fn quad_places(number: usize) -> [u8; 4] {
     places
 }
 
-/// A cube (perhaps of odd permutation: good for coordinates only) whose edges 8..12 are at a [`quad`].
+/// Returns a cube whose edges 8..12 are at a [`quad`]. Its permutation may be odd, so it serves to
+/// compute coordinates only.
 #[must_use]
 pub(crate) fn with_quad(number: usize) -> Cube {
     let mut edges = [u8::MAX; 12];
@@ -112,29 +128,31 @@ pub(crate) fn with_quad(number: usize) -> Cube {
     with_edges(edges)
 }
 
-/// Returns the cube with these edges, whatever they are, and nothing else out of its place.
+/// Returns a cube with these edges, unchecked, and everything else solved.
 #[must_use]
 pub(crate) fn with_edges(edges: [u8; 12]) -> Cube {
     let solved = Cube::SOLVED;
     Cube::from_pieces(*solved.corners(), *solved.twists(), edges, *solved.flips())
 }
 
-/// Position of a permutation in lexicographic order.
+/// Returns the position of a permutation in lexicographic order.
 #[must_use]
 pub(crate) fn rank<const N: usize>(permutation: &[u8; N]) -> usize {
+    // The digits of the factorial number system: later entries that are smaller than entry i.
     (0..N).fold(0, |n, i| {
         let smaller = permutation[i + 1..].iter().filter(|&&p| p < permutation[i]).count();
         n * (N - i) + smaller
     })
 }
 
-/// The permutation at a position in lexicographic order.
+/// Returns the permutation at a position in lexicographic order.
 #[must_use]
 pub(crate) fn unrank<const N: usize>(mut number: usize) -> [u8; N] {
     let mut permutation = [0; N];
     for i in (0..N).rev() {
         permutation[i] = (number % (N - i)) as u8;
         number /= N - i;
+        // The digit was the rank of entry i among the entries from i on: make room for it.
         for k in i + 1..N {
             permutation[k] += u8::from(permutation[k] >= permutation[i]);
         }
@@ -142,12 +160,13 @@ pub(crate) fn unrank<const N: usize>(mut number: usize) -> [u8; N] {
     permutation
 }
 
-/// The six clockwise quarters as cubes.
+/// Returns the six clockwise quarter turns as cubes.
 fn quarters() -> [Cube; 6] {
     std::array::from_fn(|f| Cube::SOLVED.apply(Turn::from_index(f * 3)))
 }
 
-/// `table[turn * size + state]` from what the six quarters do to a state.
+/// Returns `table[turn * size + state]`, the state after each turn, from the states after the six
+/// quarter turns.
 fn by_quarters(size: usize, quarter: impl Fn(usize) -> [usize; 6]) -> Vec<u16> {
     let mut table = vec![0; 18 * size];
     for state in 0..size {
@@ -155,6 +174,7 @@ fn by_quarters(size: usize, quarter: impl Fn(usize) -> [usize; 6]) -> Vec<u16> {
             table[face * 3 * size + state] = next as u16;
         }
     }
+    // Half turns and counterclockwise ones are two and three quarters: no need to compute cubes.
     for face in 0..6 {
         for state in 0..size {
             let once = |s: u16| usize::from(table[face * 3 * size + usize::from(s)]);
@@ -167,21 +187,22 @@ fn by_quarters(size: usize, quarter: impl Fn(usize) -> [usize; 6]) -> Vec<u16> {
     table
 }
 
-/// What each of the 18 turns does to the twists: `[turn * TWISTS + twist]`.
+/// Returns the twists after each of the 18 turns: `[turn * TWISTS + twist]`.
 #[must_use]
 pub(crate) fn twist_moves() -> Vec<u16> {
     let quarters = quarters();
     by_quarters(TWISTS, |n| quarters.map(|q| twist(&with_twist(n).then(&q))))
 }
 
-/// What each turn does to the flips: `[turn * FLIPS + flip]`.
+/// Returns the flips after each turn: `[turn * FLIPS + flip]`.
 #[must_use]
 pub(crate) fn flip_moves() -> Vec<u16> {
     let quarters = quarters();
     by_quarters(FLIPS, |n| quarters.map(|q| flip(&with_flip(n).then(&q))))
 }
 
-/// What each turn does to four edges: `[turn * QUADS + quad]`.
+/// Returns the quad after each turn: `[turn * QUADS + quad]`. Any four edges move alike, so one
+/// table serves for all.
 #[must_use]
 pub(crate) fn quad_moves() -> Vec<u16> {
     let quarters = quarters();
@@ -191,7 +212,7 @@ pub(crate) fn quad_moves() -> Vec<u16> {
     })
 }
 
-/// What each turn does to the order of the corners: `[turn * PERMUTATIONS + order]`.
+/// Returns the order of the corners after each turn: `[turn * PERMUTATIONS + order]`.
 #[must_use]
 pub(crate) fn corner_moves() -> Vec<u16> {
     let quarters = quarters();
@@ -206,7 +227,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_solved_cube_is_zero_everywhere() {
+    fn solved_cube_has_coordinates_zero() {
         let cube = Cube::SOLVED;
 
         assert_eq!([twist(&cube), flip(&cube), quad(&cube, 8)], [0; 3]);
@@ -214,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_read_back() {
+    fn coordinates_survive_the_round_trip() {
         (0..TWISTS).for_each(|n| assert_eq!(twist(&with_twist(n)), n));
         (0..FLIPS).for_each(|n| assert_eq!(flip(&with_flip(n)), n));
         (0..QUADS).for_each(|n| assert_eq!(quad(&with_quad(n), 8), n));
@@ -222,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn moves_of_numbers_are_moves_of_cubes() {
+    fn moves_of_coordinates_match_turns_of_cubes() {
         let (twists, flips, quads, corners) =
             (twist_moves(), flip_moves(), quad_moves(), corner_moves());
         for seed in 0..20 {

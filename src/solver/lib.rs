@@ -1,7 +1,8 @@
-//! From a cube to the turns that solve it: Kociemba's two-phase algorithm, and shortest solutions.
+//! Solvers of Rubik's cube: Kociemba's two-phase algorithm, and searches for shortest solutions.
 //!
-//! - in: a [`Cube`](crate::cube::Cube), which can always be solved, [`Tables`], a [`Budget`] in nodes
-//! - out: turns, the same on every machine: the budget counts nodes, not time
+//! - in: a [`Cube`](crate::cube::Cube), which can always be solved, [`Tables`], a [`Budget`] of
+//!   nodes
+//! - out: turns; they are equal on every machine because the budget counts nodes, not time
 //! - source: H. Kociemba, <http://kociemba.org/cube.htm>; phase 1 leads into the group
 //!   <U, D, R2, L2, F2, B2>, phase 2 solves within it
 //!
@@ -19,10 +20,17 @@
 //! # Ok::<(), rubik_robot_solver::cube::ParseTurns>(())
 //! ```
 //!
-//! `coordinates` numbers what each phase looks at, `symmetry` folds it by 16, `phase1` and `phase2`
-//! know how far each state is from its goal, [`tables`] keeps them together, `search` walks,
-//! [`candidates()`] gathers. [`optimal`] proves, and [`shortest`] has both work together; [`korf`] is
-//! how it was done in 2007.
+//! | module | purpose |
+//! |---|---|
+//! | `coordinates` | numbers of the features of a cube that each phase solves |
+//! | `symmetry` | 16 symmetries, which make the table of phase 1 smaller |
+//! | `phase1`, `phase2` | distance of each state from the goal of its phase |
+//! | [`tables`] | the pruning tables of both phases |
+//! | `search`, `views` | the two-phase search, along three axes and of cube and inverse |
+//! | [`candidates()`] | many solutions of one cube |
+//! | [`optimal`] | shortest solutions with proof |
+//! | [`shortest`] | the two-phase and the optimal search together |
+//! | [`korf`] | the search that the robot of 2007 used |
 
 pub use rubik_robot_vocabulary::cube;
 
@@ -43,9 +51,10 @@ pub use candidates::candidates;
 pub use search::{Budget, Solution, Watch, solve, solve_watched};
 pub use tables::Tables;
 
-/// Every table that a mode of the solver needs, the quickest to build first.
+/// Returns all tables that a mode of the solver needs, the quickest to build first.
 #[must_use]
 pub fn all_tables() -> Vec<&'static table::TableSpec> {
+    // Small before large: a user who waits for `tables build` can solve cubes after one second.
     let two_phase = [&phase2::BOUNDS, &phase1::NEAR, &phase2::EIGHT, &phase1::WIDE_TABLE];
     two_phase.into_iter().chain(&korf::TABLES).chain(&optimal::TABLES).collect()
 }

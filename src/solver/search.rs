@@ -1,75 +1,91 @@
-//! The two-phase search: six directions, deeper and deeper first phases, a bound that falls with each solution.
+//! The two-phase search, by iterative deepening over the length of phase 1.
 //!
-//! A solution's first phase may stand in any of three axes, and the inverse cube has as many turns: six searches
-//! that take turns, each at one length of phase 1 before any goes to the next. With several workers the first turns
-//! are shared out; the bound is common. What is counted as a node (a state of phase 1 that is looked at, or the end
-//! of a phase 1) does not depend on which tables lead the walk, so neither does the answer to a number of nodes.
+//! Phase 1 may lead into the group of any of three axes, and the inverse cube has solutions of
+//! equal length. The six views of a cube are therefore searched in turn: all six with first phases
+//! of one length, then all six with first phases of one turn more. Each solution lowers the bound
+//! on the length of the next ones. Several workers share out the first turns and have one bound in
+//! common.
+//!
+//! A node is a state of phase 1 that the search visits, or the end of a first phase. The number of
+//! nodes does not depend on the set of tables, so a budget of nodes gives the same answer with
+//! either set.
+//!
+//! - in: a [`Cube`], [`Tables`], a [`Budget`], a [`Watch`]
+//! - out: a [`Solution`]
+//! - source: H. Kociemba, <http://kociemba.org/cube.htm>
 
 use super::coordinates::PHASE2_TURNS;
 use super::phase1::{ALL_TURNS, Child, FAR, Guide, Place};
 use super::phase2::{Bounds, Quads, State};
 use super::table::{InTurn, Workers};
-use super::tables::{Guides, Tables};
+use super::tables::{Phase1Table, Tables};
 use super::views::View;
 use crate::cube::{Cube, Turn};
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Mutex, PoisonError};
 
-/// How long to search.
+/// Limits of a search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Budget {
-    /// States looked at in the first phase, and ends of first phases; the first solution is always found, whatever
-    /// this says.
+    /// Number of nodes after which the search ends. It always finds a first solution, even beyond
+    /// this number.
     pub nodes: u64,
-    /// A solution with no more turns than this is good enough: the search ends there.
+    /// Number of turns that is good enough: the search ends at a solution of at most this length.
     pub max_length: u8,
 }
 
 impl Budget {
-    /// The first solution.
+    /// Budget for the first solution.
     pub const FIRST: Self = Self { nodes: 0, max_length: u8::MAX };
-    /// No end but a solution that cannot be shorter.
+    /// Budget without limits: the search ends at a solution that is proven to be shortest.
     pub const UNTIL_PROVEN: Self = Self { nodes: u64::MAX, max_length: 0 };
 }
 
 /// Turns that solve a cube.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Solution {
-    /// In order; none for a solved cube.
+    /// Turns in their order; none for a solved cube, or if the search ended without a solution
+    /// because of [`Watch::longest`].
     pub turns: Vec<Turn>,
-    /// States that were looked at.
+    /// Number of nodes visited.
     pub nodes: u64,
-    /// Whether the search has seen that there is no shorter one.
+    /// Whether the search has proven that no solution is shorter.
     pub proven: bool,
 }
 
-/// Who works, and who watches.
+/// Workers of a search, and its connections to the caller.
 #[derive(Clone, Copy)]
 pub struct Watch<'a> {
-    /// The search is shared out among them. More than one find the same lengths, not always the same turns.
+    /// Workers that share the search. Several find a solution of the same length as one does, but
+    /// not always the same turns.
     pub workers: &'a dyn Workers,
-    /// Ends the search when it is set, as soon as there is any solution.
+    /// Flag that ends the search as soon as there is any solution.
     pub stop: &'a AtomicBool,
-    /// Is told each better solution when it is found.
+    /// Listener that gets each better solution when the search finds it.
     pub improved: &'a (dyn Fn(&[Turn]) + Sync),
-    /// Nothing longer is of use, so that the search may end without any solution: it is proven that there is none.
+    /// Length of the longest solution that the caller can use (turns). With it, the search may end
+    /// without a solution.
     pub longest: Option<u8>,
 }
 
-/// No first phase is longer than this with no gain.
+/// One more than the number of turns that every cube can be solved in: 12 in phase 1, 18 in phase
+/// 2.
 pub(super) const LONGEST: usize = 31;
-/// A second phase of a first solution is at most this long: longer ones take long to refute.
+/// Length of the longest second phase after a short first phase (turns). Longer second phases take
+/// long to refute, and a slightly longer first phase often has a shorter one.
 const FIRST_PHASE2: u8 = 12;
-/// Nothing needs more turns in phase 2.
+/// Number of turns that suffice for every state of phase 2.
 const LONGEST_PHASE2: u8 = 18;
-/// From this first phase on, second phases may be as long as they like.
+/// Length of the first phases from which on second phases are not capped, so that each cube gets a
+/// solution (turns). No state needs more than 12 turns of phase 1.
 const UNCAPPED: u8 = 13;
 
-/// A worker looks up whether the search is over when it has searched all that follows so many turns before the end of
-/// a phase 1.
+/// Number of remaining turns of phase 1 above which a worker checks for the end of the search,
+/// after it has searched that subtree.
 const CHECKED: u8 = 4;
 
-/// The shortest solution that the budget finds, alone and unwatched: the same on every machine.
+/// Finds the shortest solution within the budget, with one worker. The result is the same on every
+/// machine.
 #[must_use]
 pub fn solve(cube: &Cube, tables: &Tables, budget: &Budget) -> Solution {
     let watch =
@@ -77,10 +93,12 @@ pub fn solve(cube: &Cube, tables: &Tables, budget: &Budget) -> Solution {
     solve_watched(cube, tables, budget, &watch)
 }
 
-/// The shortest solution that the budget finds.
+/// Finds the shortest solution within the budget, with the workers of `watch`.
 #[must_use]
 pub fn solve_watched(cube: &Cube, tables: &Tables, budget: &Budget, watch: &Watch<'_>) -> Solution {
     let best = Mutex::new(None::<Vec<Turn>>);
+    // 30 turns always suffice. A lower bound also permits `Walk::check` to end the search without a
+    // solution.
     let longest = watch.longest.map_or(LONGEST as u8 - 1, |n| n.min(LONGEST as u8 - 1));
     let goal = Goal {
         budget,
@@ -95,12 +113,13 @@ pub fn solve_watched(cube: &Cube, tables: &Tables, budget: &Budget, watch: &Watc
                 let length = turns.len() as u8;
                 (watch.improved)(&turns);
                 *best = Some(turns);
-                // The bound counts the turns of what is still worth finding.
+                // From here on only a shorter solution is of use.
                 goal.bound.store(length.saturating_sub(1), Relaxed);
                 if length == 0 || length <= budget.max_length {
                     goal.over.store(true, Relaxed);
                 }
             }
+            // Longer second phases of the same first phase are of no use.
             false
         },
     };
@@ -109,19 +128,23 @@ pub fn solve_watched(cube: &Cube, tables: &Tables, budget: &Budget, watch: &Watc
     let (over, missed) = (goal.over.load(Relaxed), goal.missed.load(Relaxed));
     let nodes = goal.nodes.load(Relaxed);
     let turns = best.into_inner().unwrap_or_else(PoisonError::into_inner).unwrap_or_default();
+    // A search that ran to its end has refuted all shorter solutions, except those with a second
+    // phase that was capped.
     let proven = cube.is_solved() || !turns.is_empty() && !over && turns.len() as u8 <= missed;
     Solution { turns, nodes, proven }
 }
 
-/// All solutions of up to `bound` turns, as they are found, in the order of their first phases' lengths, until `take`
-/// has had enough or the nodes are spent. It is told how many came before with the same first phase. Solutions are
-/// found more than once.
+/// Passes all solutions of up to `bound` turns to `take`, in the order of the lengths of their
+/// first phases, until `take` returns [`Continuation::Enough`] or the nodes are spent.
+///
+/// `take` also gets the number of earlier solutions with the same first phase. The search finds
+/// some solutions more than once.
 pub(super) fn each_solution(
     cube: &Cube,
     tables: &Tables,
     bound: u8,
     nodes: u64,
-    take: &(dyn Fn(Vec<Turn>, usize) -> Take + Sync),
+    take: &(dyn Fn(Vec<Turn>, usize) -> Continuation + Sync),
 ) {
     let watch =
         Watch { workers: &InTurn, stop: &AtomicBool::new(false), improved: &|_| (), longest: None };
@@ -133,9 +156,9 @@ pub(super) fn each_solution(
         over: AtomicBool::new(false),
         missed: AtomicU8::new(u8::MAX),
         found: &|turns, siblings, goal| match take(turns, siblings) {
-            Take::More => true,
-            Take::NextPhase1 => false,
-            Take::Enough => {
+            Continuation::More => true,
+            Continuation::NextPhase1 => false,
+            Continuation::Enough => {
                 goal.over.store(true, Relaxed);
                 false
             }
@@ -144,50 +167,55 @@ pub(super) fn each_solution(
     run(&View::all(cube), tables, &goal);
 }
 
-/// What is wanted after a solution.
+/// Continuation of the search after a solution.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Take {
-    /// Whatever comes next.
+pub(super) enum Continuation {
+    /// Search for the next solution.
     More,
-    /// None with the same first phase.
+    /// Skip further solutions with the same first phase.
     NextPhase1,
-    /// Nothing.
+    /// End the search.
     Enough,
 }
 
-/// What all workers of a search share.
+/// State that all workers of a search share.
 struct Goal<'a> {
     budget: &'a Budget,
     watch: &'a Watch<'a>,
-    /// Longest solution that is of use.
+    /// Length of the longest solution that is of use (turns).
     bound: AtomicU8,
     nodes: AtomicU64,
     over: AtomicBool,
-    /// The shortest solution that may have been passed over because its second phase was long.
+    /// Length of the shortest solution that the search may have missed because it capped second
+    /// phases (turns).
     missed: AtomicU8,
-    /// Takes a solution and how many its first phase had before; tells whether more of it are wanted.
+    /// Function that takes a solution and the number of earlier ones with the same first phase. It
+    /// returns whether further solutions with that first phase are wanted.
     found: &'a Found<'a>,
 }
 
 type Found<'a> = dyn Fn(Vec<Turn>, usize, &Goal<'_>) -> bool + Sync + 'a;
 
+/// Runs the search with the table of phase 1 that the set has. The two instances are compiled
+/// separately, so the inner loops do not branch on the kind of table.
 fn run(views: &[View; 6], tables: &Tables, goal: &Goal<'_>) {
-    match tables.guides() {
-        Guides::Near(guide) => run_with(&guide, views, tables, goal),
-        Guides::Wide(guide) => run_with(&guide, views, tables, goal),
+    match tables.phase1_table() {
+        Phase1Table::Near(guide) => run_with(&guide, views, tables, goal),
+        Phase1Table::Wide(guide) => run_with(&guide, views, tables, goal),
     }
 }
 
-/// Where the searches of a view begin.
+/// Root of the searches of a view.
 #[derive(Clone, Copy)]
 struct Start<'a> {
     view: &'a View,
     place: Place,
-    /// Least number of turns of its phase 1.
+    /// Lower bound on the number of turns of its phase 1.
     distance: u8,
 }
 
-/// Shares out the searches: each length of phase 1, each view, and with several workers each first turn.
+/// Shares out the searches: one task for each length of phase 1 and each view, and with several
+/// workers for each first turn as well.
 fn run_with<G: Guide>(guide: &G, views: &[View; 6], tables: &Tables, goal: &Goal<'_>) {
     let starts = views.each_ref().map(|view| {
         let place = tables.frames.place(&view.cube);
@@ -207,7 +235,7 @@ fn run_with<G: Guide>(guide: &G, views: &[View; 6], tables: &Tables, goal: &Goal
             first: [(0, 0); LONGEST + 1],
             others: [(0, 0); LONGEST + 1],
             others_known: 0,
-            home: tables.orders.home(),
+            solved: tables.orders.solved(),
             children: vec![[Child::default(); 18]; LONGEST],
             grandchildren: vec![Child::default(); 18 * 18],
             siblings: 0,
@@ -215,10 +243,13 @@ fn run_with<G: Guide>(guide: &G, views: &[View; 6], tables: &Tables, goal: &Goal
         };
         loop {
             let task = next.fetch_add(1, Relaxed);
+            // The length is the slowest digit: short first phases of all views come first.
             let (length, view, part) = (task / (6 * parts), task / parts % 6, task % parts);
+            // A first phase alone would be longer than a useful solution; so are all later tasks.
             if length > usize::from(goal.bound.load(Relaxed)) || length >= LONGEST {
                 break;
             }
+            // With a lower bound above the length, the task has no solution.
             if usize::from(starts[view].distance) <= length {
                 let turns = if parts == 1 { ALL_TURNS } else { 1 << part };
                 walk.begin(starts[view], length as u8, turns);
@@ -231,7 +262,7 @@ fn run_with<G: Guide>(guide: &G, views: &[View; 6], tables: &Tables, goal: &Goal
     });
 }
 
-/// One worker's way through a view.
+/// Depth-first walk of one worker through a view.
 struct Walk<'a, G> {
     guide: &'a G,
     tables: &'a Tables,
@@ -242,23 +273,24 @@ struct Walk<'a, G> {
     path: [u8; LONGEST + 1],
     /// Corners and upper edges after each turn of phase 1.
     first: [(u16, u16); LONGEST + 1],
-    /// The same of the lower and the middle edges, which are seldom asked for, for as many turns as are known.
+    /// Lower and middle edges after each turn of phase 1, valid up to `others_known`. Most ends of
+    /// a first phase are rejected before they are needed.
     others: [(u16, u16); LONGEST + 1],
+    /// Number of turns up to which `others` is valid.
     others_known: usize,
-    home: State,
+    solved: State,
     /// Neighbours of the state at each depth of phase 1.
     children: Vec<[Child; 18]>,
     /// Neighbours of all neighbours of a state three turns before the end of phase 1.
     grandchildren: Vec<Child>,
-    /// Solutions with the first phase at hand.
+    /// Number of solutions with the current first phase.
     siblings: usize,
-    /// Not yet added to all.
+    /// Number of nodes that are not yet added to the total.
     nodes: u64,
 }
 
 impl<'a, G: Guide> Walk<'a, G> {
-    /// Walks all first phases of a view that take `length` turns, the first of which is one of
-    /// `turns`.
+    /// Walks all first phases of a view that take `length` turns and begin with one of `turns`.
     fn begin(&mut self, start: Start<'a>, length: u8, turns: u32) {
         let Start { view, place, distance } = start;
         self.view = view;
@@ -266,7 +298,7 @@ impl<'a, G: Guide> Walk<'a, G> {
         (self.first[0], self.others[0]) = ((corners, upper), (lower, middle));
         self.others_known = 0;
         if length == 0 {
-            // With parts, the first one is enough.
+            // Without a first turn there is nothing to share out: the first part does it alone.
             if turns & 1 == 1 {
                 self.end_phase1(0);
             }
@@ -278,8 +310,8 @@ impl<'a, G: Guide> Walk<'a, G> {
 
     /// Walks all first phases that take `left` more turns, the next of which is one of `turns`.
     fn phase1(&mut self, at: (Place, u32, u8), depth: usize, left: u8, turns: u32) {
-        // Where only FAR is known, some states are looked at in vain: they do not count, so that the count is the same
-        // with either table.
+        // The small table does not distinguish distances of FAR and more, so it visits states in
+        // vain that the large one rejects. These do not count: the count is equal with either.
         self.nodes += u64::from(left < FAR);
         let guide = self.guide;
         let symmetry = usize::from(at.0.symmetry);
@@ -291,7 +323,7 @@ impl<'a, G: Guide> Walk<'a, G> {
         let count = guide.children(at, turns, left - 1, &mut self.children[depth]);
         for i in 0..count {
             let child = self.children[depth][i];
-            // A first phase that is over early is walked at its own length.
+            // The goal of phase 1 is reached early: the task of that shorter length has it.
             if child.distance == 0 {
                 continue;
             }
@@ -307,7 +339,7 @@ impl<'a, G: Guide> Walk<'a, G> {
         }
     }
 
-    /// The ends that are one turn away.
+    /// Walks the ends of phase 1 that are one turn away.
     #[inline]
     fn last(&mut self, at: (Place, u32, u8), depth: usize, turns: u32) {
         let symmetry = usize::from(at.0.symmetry);
@@ -320,12 +352,15 @@ impl<'a, G: Guide> Walk<'a, G> {
         }
     }
 
-    /// As [`Walk::phase1`] does, but looks up all that is two turns away before it goes there, so that these reads wait
-    /// for memory together.
+    /// Walks the last three turns as [`Walk::phase1`] does, but reads all states that are two turns
+    /// away before it visits the first of them. A read of the table misses the cache and waits for
+    /// memory; these reads wait together.
     fn last_three(&mut self, at: (Place, u32, u8), depth: usize, turns: u32) {
         let guide = self.guide;
         let symmetry = usize::from(at.0.symmetry);
         let count = guide.children(at, turns, 2, &mut self.children[depth]);
+        // The grandchildren of all children lie in one list; `ends[i]` is the end of child i's
+        // part.
         let (mut ends, mut known) = ([0; 18], 0);
         for (i, end) in ends.iter_mut().enumerate().take(count) {
             let child = self.children[depth][i];
@@ -347,6 +382,7 @@ impl<'a, G: Guide> Walk<'a, G> {
             self.step(depth, turn);
             for grandchild in next..end {
                 let grandchild = self.grandchildren[grandchild];
+                // Here too, the goal of phase 1 is reached early.
                 if grandchild.distance == 0 {
                     continue;
                 }
@@ -362,7 +398,9 @@ impl<'a, G: Guide> Walk<'a, G> {
         }
     }
 
-    /// A neighbour's turn and its place as the cube has them, and the turns that may follow.
+    /// Converts a child, which the tables describe on the representative of a class, into the frame
+    /// of the view. Returns its turn there, its place with the symmetry of the whole path, and the
+    /// turns that may follow.
     #[inline]
     fn seen(&self, symmetry: usize, child: &Child) -> (u8, Place, u32) {
         let turned = &self.tables.frames.turned;
@@ -372,37 +410,43 @@ impl<'a, G: Guide> Walk<'a, G> {
         (turn, Place { symmetry, ..child.place }, turns)
     }
 
-    /// Takes a turn of phase 1.
+    /// Makes a turn of phase 1.
     #[inline]
     fn step(&mut self, depth: usize, turn: u8) {
         self.path[depth] = turn;
-        // Nearly every way comes to an end, and until then there is time to read.
+        // Nearly every path reaches an end of phase 1, which needs these two. Read here, they
+        // arrive while phase 1 still waits for its own reads.
         let orders = self.bounds.orders;
         let (corners, upper) = self.first[depth];
         self.first[depth + 1] = (orders.corners(corners, turn), orders.quad(upper, turn));
         self.others_known = self.others_known.min(depth);
     }
 
-    /// Whether the search is over.
+    /// Adds the nodes of this worker to the total, and ends the search at its limits.
     fn check(&mut self) {
         let goal = self.goal;
         let nodes = goal.nodes.fetch_add(self.nodes, Relaxed) + self.nodes;
         self.nodes = 0;
+        // The bound is below its start value if there is a solution, or if the caller can use only
+        // short ones and accepts that there is none.
         let found = goal.bound.load(Relaxed) < LONGEST as u8 - 1;
         if found && (nodes > goal.budget.nodes || goal.watch.stop.load(Relaxed)) {
             goal.over.store(true, Relaxed);
         }
     }
 
+    /// Searches all second phases after the first `depth` turns, the shortest first.
     fn end_phase1(&mut self, depth: usize) {
         self.nodes += 1;
         let Some(mut left) = self.goal.bound.load(Relaxed).checked_sub(depth as u8) else { return };
+        // The cap makes the first solution fast; `missed` keeps record of what it may cost.
         if left > FIRST_PHASE2 && depth < usize::from(UNCAPPED) {
             let shortest = depth as u8 + FIRST_PHASE2 + 1;
             self.goal.missed.fetch_min(shortest, Relaxed);
             left = FIRST_PHASE2;
         }
         left = left.min(LONGEST_PHASE2);
+        // One bound, of the coordinates that are known anyway, rejects most ends.
         let orders = self.bounds.orders;
         let (corners, upper) = self.first[depth];
         let upper = orders.four(upper);
@@ -410,6 +454,8 @@ impl<'a, G: Guide> Walk<'a, G> {
         if least > left {
             return;
         }
+        // Only here are the other edges worth their reads. Turns that the last end shares with this
+        // one are known already.
         while self.others_known < depth {
             let (k, turn) = (self.others_known, self.path[self.others_known]);
             self.others[k + 1] = {
@@ -431,10 +477,11 @@ impl<'a, G: Guide> Walk<'a, G> {
         }
     }
 
-    /// Finds what solves the state in exactly `left` turns of phase 2; tells whether more is wanted.
+    /// Finds the solutions of the state with exactly `left` turns of phase 2. Returns whether
+    /// further solutions with this first phase are wanted.
     fn phase2(&mut self, state: State, depth: usize, left: u8) -> bool {
         if left == 0 {
-            if state != self.home {
+            if state != self.solved {
                 return true;
             }
             self.siblings += 1;
@@ -442,6 +489,7 @@ impl<'a, G: Guide> Walk<'a, G> {
             return (self.goal.found)(turns, self.siblings - 1, self.goal);
         }
         for (k, &turn) in PHASE2_TURNS.iter().enumerate() {
+            // At the first turn of phase 2 this compares with the last turn of phase 1.
             if depth > 0 && repeats(self.path[depth - 1], turn as u8) {
                 continue;
             }
@@ -455,7 +503,8 @@ impl<'a, G: Guide> Walk<'a, G> {
     }
 }
 
-/// Whether a turn after `last` is of the same face, or of the opposite one in the order that is not walked.
+/// Returns whether a turn is superfluous after `last`: it is of the same face, or of the opposite
+/// one in the order that is not searched. Turns of opposite faces commute, so one order suffices.
 #[inline]
 fn repeats(last: u8, turn: u8) -> bool {
     let (last, face) = (last / 3, turn / 3);
@@ -469,7 +518,7 @@ mod tests {
     use crate::cube::parse_turns;
 
     #[test]
-    fn solutions_solve_and_a_larger_budget_never_makes_them_longer() {
+    fn larger_budget_finds_no_longer_solution() {
         let budget = Budget { nodes: 20_000, max_length: 0 };
         for seed in 0..100 {
             let cube = Cube::scrambled(seed);
@@ -485,7 +534,7 @@ mod tests {
     }
 
     #[test]
-    fn short_scrambles_are_undone_in_no_more_turns_and_it_is_proven() {
+    fn short_scramble_gets_proven_solution_of_its_length() {
         for text in ["", "R", "U2 D'", "R U R' U'", "F B2 L' D R2 U"] {
             let turns = parse_turns(text).unwrap();
             let cube = Cube::SOLVED.apply_all(&turns);
@@ -499,26 +548,26 @@ mod tests {
     }
 
     #[test]
-    fn a_search_that_is_cut_short_proves_nothing() {
+    fn search_cut_short_proves_nothing() {
         let solution = solve(&Cube::scrambled(1), &TABLES, &Budget::FIRST);
 
         assert!(!solution.proven);
     }
 
     #[test]
-    fn a_search_is_stopped_from_outside_and_tells_what_it_finds() {
-        let told = Mutex::new(Vec::new());
+    fn search_reports_improvements_until_stopped() {
+        let reported = Mutex::new(Vec::new());
         let stop = AtomicBool::new(false);
         let improved = |turns: &[Turn]| {
-            told.lock().unwrap().push(turns.len());
-            stop.store(told.lock().unwrap().len() == 2, Relaxed);
+            reported.lock().unwrap().push(turns.len());
+            stop.store(reported.lock().unwrap().len() == 2, Relaxed);
         };
         let watch = Watch { workers: &InTurn, stop: &stop, improved: &improved, longest: None };
 
         let solution = solve_watched(&Cube::scrambled(1), &TABLES, &Budget::UNTIL_PROVEN, &watch);
 
-        let told = told.into_inner().unwrap();
-        assert_eq!(told.last(), Some(&solution.turns.len()));
-        assert!(told.len() >= 2 && told.is_sorted_by(|a, b| a > b));
+        let reported = reported.into_inner().unwrap();
+        assert_eq!(reported.last(), Some(&solution.turns.len()));
+        assert!(reported.len() >= 2 && reported.is_sorted_by(|a, b| a > b));
     }
 }

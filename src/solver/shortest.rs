@@ -1,12 +1,15 @@
-//! The shortest solution, proven: two-phase finds it, the optimal search proves that nothing is shorter.
+//! Shortest solutions with proof: the two-phase search finds one, the optimal search proves that
+//! none is shorter.
 //!
 //! - in: a cube, two-phase [`Tables`], an [`Optimal`], limits, a [`Watch`]
-//! - out: turns, and a number of turns below which there are none
+//! - out: turns, and a length below which no solution exists
 //!
-//! The last of the optimal search's rounds, which looks for a solution of the shortest length, is thirteen times as
-//! long as the one before, which proves that there is none shorter. Two-phase finds a shortest solution in much less
-//! time, it only cannot tell; so before each round it is given an eighth of what the round is expected to cost, and
-//! when it finds a solution of that length, the round is spared.
+//! The optimal search works in rounds: round n finds a solution of n turns or proves that there is
+//! none. Each round takes about thirteen times as long as the round before. If a shortest solution
+//! has n turns, round n - 1 completes the proof and round n only has to find a solution. The
+//! two-phase search finds one in much less time, but it cannot prove that it is shortest. Before
+//! each round it therefore gets an eighth of the expected cost of the round; a solution of that
+//! length makes the round superfluous.
 
 use super::optimal::{self, Optimal};
 use super::search::{Budget, Watch, solve_watched};
@@ -14,35 +17,35 @@ use super::tables::Tables;
 use crate::cube::{Cube, Turn};
 use std::sync::atomic::Ordering::Relaxed;
 
-/// What is known at the end.
+/// Result of both searches.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Shortest {
-    /// The shortest solution found; none when there is none as short as is asked for, or the search was stopped.
+    /// Shortest solution found; `None` if it is longer than the limit.
     pub turns: Option<Vec<Turn>>,
-    /// No solution is shorter than this: proven.
+    /// Proven lower bound on the length of all solutions (turns).
     pub at_least: u8,
-    /// States that were looked at, by both.
+    /// Number of states that both searches visited.
     pub nodes: u64,
 }
 
 impl Shortest {
-    /// Whether it is proven that the solution is a shortest one.
+    /// Returns whether the solution is proven to be a shortest one.
     #[must_use]
     pub fn is_proven(&self) -> bool {
         self.turns.as_ref().is_some_and(|turns| turns.len() <= usize::from(self.at_least))
     }
 }
 
-/// States that two-phase looks at before anything else: some milliseconds.
+/// Number of nodes of the first two-phase search, which takes some milliseconds.
 const FIRST_NODES: u64 = 50_000;
-/// Up to this length the rounds take no time to speak of.
+/// Length up to which the rounds take no appreciable time (turns).
 const SHORT: u8 = 14;
-/// How much longer a round is than the one before.
+/// Ratio of the states of a round to those of the round before.
 const GROWTH: u64 = 13;
-/// Two-phase gets this part of the next round's states.
+/// Ratio of the states of the next round to the nodes of the two-phase search before it.
 const SHARE: u64 = 8;
 
-/// Finds it, or what can be found within the limits.
+/// Finds a shortest solution and its proof, or as much of either as the limits allow.
 #[must_use]
 pub fn shortest(
     cube: &Cube,
@@ -61,7 +64,8 @@ pub fn shortest(
     if first.proven {
         found.at_least = best.len() as u8;
     }
-    // The last round's states, and how many two-phase has had.
+    // States of the last round, and nodes of the longest two-phase search. A repetition with fewer
+    // nodes would find nothing new.
     let (mut round, mut had) = (0, FIRST_NODES);
     while found.at_least < best.len() as u8 && found.at_least <= limits.max_length {
         let share = round * GROWTH / SHARE;
@@ -69,11 +73,13 @@ pub fn shortest(
             let better = two_phase(Some(best.len() as u8 - 1), share);
             found.nodes += better.nodes;
             had = share;
+            // The shorter solution may match the proven bound already: the loop ends then.
             if !better.turns.is_empty() {
                 best = better.turns;
                 continue;
             }
         }
+        // One round at a time, but all short ones together, and none of the length that is known.
         let max_length = found.at_least.max(SHORT).min(best.len() as u8 - 1).min(limits.max_length);
         let left = limits.max_nodes.saturating_sub(found.nodes);
         let limits = optimal::Limits { max_length, max_nodes: left };
@@ -86,6 +92,7 @@ pub fn shortest(
             found.at_least = turns.len() as u8;
             best = turns;
             (watch.improved)(&best);
+        // A round that raised no bound was cut short, so a further one would be as well.
         } else if found.at_least <= before || watch.stop.load(Relaxed) || left == 0 {
             break;
         }

@@ -1,30 +1,36 @@
-//! The 16 symmetries of a cube that keep the up-down axis, on the coordinates of phase 1.
+//! The 16 symmetries of a cube that keep the up-down axis, applied to the coordinates of phase 1.
 //!
-//! A state and its image under a symmetry are equally far from the goal, so one of each class is enough.
-//! Twists and flips are counted relative to up and down, which these symmetries keep: a reflection reverses the
-//! twists, and a quarter about the vertical exchanges the sides that a middle-layer edge is judged by.
+//! A symmetry is a rotation or reflection of the cube onto itself. A state and its image have equal
+//! distances from the goal of phase 1, so a table needs one entry for each class of symmetric
+//! states: 64430 classes of (slice, flip) instead of 495 x 2048 = 1013760 states.
+//!
+//! Twists and flips are counted relative to up and down, which these symmetries keep. A reflection
+//! reverses the twists. A quarter turn about the vertical axis exchanges the pairs of side faces
+//! that define the flip of a middle-layer edge.
 
 use super::coordinates::{FLIPS, SLICES, TWISTS, quad, twist, with_flip, with_quad, with_twist};
 use crate::cube::{CORNERS, Cube, EDGES, Face};
 use std::sync::LazyLock;
 
-/// How many there are.
+/// Number of symmetries that keep the up-down axis.
 pub(crate) const SYMMETRIES: usize = 16;
-/// Classes of (slice, flip).
+/// Number of classes of (slice, flip); this is the known count (H. Kociemba).
 pub(crate) const CLASSES: usize = 64430;
 
-/// What one symmetry does to the places of a cube.
+/// One symmetry, as permutations of the places of a cube.
 #[derive(Debug, Clone, Copy)]
 struct Symmetry {
     faces: [Face; 6],
     corners: [u8; 8],
     edges: [u8; 12],
+    /// Whether it is a reflection.
     mirrors: bool,
+    /// Whether it exchanges the axes R-L and F-B.
     exchanges_sides: bool,
 }
 
 impl Symmetry {
-    /// The symmetry that carries each face to `faces[face]`.
+    /// Makes the symmetry that carries each face to `faces[face]`.
     fn new(faces: [Face; 6]) -> Self {
         let carry = |f: &Face| faces[f.index()];
         let corners = CORNERS.map(|c| place(&CORNERS, c.each_ref().map(carry)));
@@ -34,12 +40,13 @@ impl Symmetry {
             faces,
             corners,
             edges,
+            // U x R = B on a cube that is no mirror image, and B points away from F.
             mirrors: u.cross(&r).dot(&f) > 0.0,
             exchanges_sides: faces[Face::R.index()].axis() != Face::R.axis(),
         }
     }
 
-    /// The twists of the image.
+    /// Returns the twists of the image.
     fn twist(&self, number: usize) -> usize {
         let mut image = [0; 8];
         for (i, &t) in with_twist(number).twists().iter().enumerate() {
@@ -49,12 +56,16 @@ impl Symmetry {
         twist(&Cube::from_pieces(*solved.corners(), image, *solved.edges(), *solved.flips()))
     }
 
-    /// The slice and the flips of the image, of which the former are given as bits by place.
+    /// Returns the slice and the flips of the image. All are sets of places, as bits.
     fn edges(&self, slice: u16, flips: u16) -> (u16, u16) {
         let (mut image_slice, mut image_flips) = (0, 0);
         for i in 0..12 {
             let to = self.edges[i];
             let (inside, flip) = (slice >> i & 1, flips >> i & 1);
+            // A flip compares the marked sticker of a piece with the marked sticker of its place.
+            // An exchange of sides moves the marks of middle-layer pieces and of middle-layer
+            // places (8..12). The changes cancel unless exactly one of the two is of the middle
+            // layer.
             let changes = u16::from(self.exchanges_sides) & (inside ^ u16::from(i >= 8));
             image_slice |= inside << to;
             image_flips |= (flip ^ changes) << to;
@@ -63,6 +74,7 @@ impl Symmetry {
     }
 }
 
+/// Returns the place that lies on these faces, in any order.
 fn place<const N: usize>(pieces: &[[Face; N]], mut faces: [Face; N]) -> u8 {
     faces.sort_unstable();
     let same = |p: &[Face; N]| {
@@ -73,9 +85,11 @@ fn place<const N: usize>(pieces: &[[Face; N]], mut faces: [Face; N]) -> u8 {
     pieces.iter().position(same).unwrap_or(0) as u8
 }
 
-/// The symmetries: eight rotations, then the same after a reflection left-right; number 0 changes nothing.
+/// Returns the symmetries: eight rotations, then these rotations followed by a reflection
+/// left-right. Number 0 is the identity.
 fn symmetries() -> [Symmetry; SYMMETRIES] {
     use Face::{B, D, F, L, R, U};
+    // Images of U, R, F, D, L, B: a quarter about U-D, a half about F-B, a reflection of R and L.
     let quarter = [U, F, L, D, B, R];
     let half_over = [D, L, F, U, R, B];
     let mirror = [U, L, F, D, R, B];
@@ -91,26 +105,27 @@ fn symmetries() -> [Symmetry; SYMMETRIES] {
     })
 }
 
-/// The twists under each symmetry: `[symmetry * TWISTS + twist]`.
+/// Returns the twists of each image: `[symmetry * TWISTS + twist]`.
 #[must_use]
 pub(crate) fn twist_images() -> Vec<u16> {
     let all = symmetries();
     all.iter().flat_map(|s| (0..TWISTS).map(|n| s.twist(n) as u16)).collect()
 }
 
-/// The classes of (slice, flip) = slice * FLIPS + flip.
+/// Classes of symmetric states (slice, flip) = slice * FLIPS + flip.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Classes {
-    /// For each (slice, flip): 16 * class + the symmetry that carries it to the class's representative.
+    /// For each (slice, flip): 16 * class + the symmetry that carries the state to the
+    /// representative of its class.
     pub of: Vec<u32>,
-    /// For each class its representative.
+    /// Representative of each class: its least state, so they ascend.
     pub representatives: Vec<u32>,
-    /// For each class which symmetries leave the representative as it is, as bits.
+    /// Symmetries that map the representative of each class to itself, as bits.
     pub stabilisers: Vec<u16>,
 }
 
 impl Classes {
-    /// Finds them all.
+    /// Finds all classes.
     #[must_use]
     pub(crate) fn build() -> Self {
         let all = symmetries();
@@ -121,6 +136,7 @@ impl Classes {
             representatives: Vec::with_capacity(CLASSES),
             stabilisers: Vec::with_capacity(CLASSES),
         };
+        // The first state of a class that this loop meets is its least one, its representative.
         for raw in 0..SLICES * FLIPS {
             if classes.of[raw] != u32::MAX {
                 continue;
@@ -132,6 +148,8 @@ impl Classes {
                 let (image_slice, image_flips) = symmetry.edges(slice, flips);
                 let image = usize::from(number_of.0[usize::from(image_slice)]) * FLIPS
                     + usize::from(number_of.1[usize::from(image_flips)]);
+                // The symmetry s leads from the representative to the image, its inverse back. If
+                // several do, the first is kept.
                 if classes.of[image] == u32::MAX {
                     classes.of[image] = class * 16 + inverse[s] as u32;
                 }
@@ -145,7 +163,8 @@ impl Classes {
 }
 
 impl Classes {
-    /// The class of a state and the symmetry that carries it to the class's representative.
+    /// Returns the class of a state and a symmetry that carries the state to the representative,
+    /// without the 4 MB of [`Classes::of`].
     #[must_use]
     pub(crate) fn find(&self, slice: usize, flip: usize) -> (u32, u8) {
         let (number_of, bits_of) = &*EDGE_BITS;
@@ -166,22 +185,24 @@ impl Classes {
 static ALL: LazyLock<[Symmetry; SYMMETRIES]> = LazyLock::new(symmetries);
 static EDGE_BITS: LazyLock<EdgeBits> = LazyLock::new(edge_bits);
 
-/// What symmetries do to turns and to each other.
+/// Images of turns under the symmetries, and products of symmetries.
 #[derive(Debug, Clone)]
 pub(crate) struct Turned {
-    /// `[symmetry][turn]`: the turn of a cube that its image's turn is.
+    /// Turn of the cube for each turn of its image: `[symmetry][turn of the image]`.
     pub back: [[u8; 18]; SYMMETRIES],
-    /// `[a][b]`: first b, then a.
+    /// Product of two symmetries, first b, then a: `[a][b]`.
     pub after: [[u8; SYMMETRIES]; SYMMETRIES],
-    /// `[symmetry][turn of the cube, or 18 for none]`: turns of the image that may follow.
+    /// Turns of the image that may follow a turn of the cube, as bits:
+    /// `[symmetry][turn of the cube, or 18 for none]`.
     pub may_follow: [[u32; 19]; SYMMETRIES],
 }
 
 impl Turned {
-    /// Works them out.
+    /// Computes all images and products.
     #[must_use]
     pub(crate) fn build() -> Self {
         let all = &*ALL;
+        // A reflection reverses the sense of a turn: quarters 1, 2, 3 become 3, 2, 1.
         let forth = |s: usize, turn: usize| {
             let quarters = if all[s].mirrors { 2 - turn % 3 } else { turn % 3 };
             all[s].faces[turn / 3].index() * 3 + quarters
@@ -196,6 +217,8 @@ impl Turned {
                 built.back[s][forth(s, turn)] = turn as u8;
             }
             for last in 0..19 {
+                // No second turn of one face. Turns of opposite faces commute, so of both orders
+                // only U D, R L, F B is searched. Face 6 means that there was no turn.
                 let follows = |turn: &usize| {
                     let (face, last) = (turn / 3, last / 3);
                     last == 6 || face != last && face + 3 != last
@@ -203,6 +226,7 @@ impl Turned {
                 let turns = (0..18).filter(follows);
                 built.may_follow[s][last] = turns.fold(0, |mask, t| mask | 1 << forth(s, t));
             }
+            // The images of the corners identify a symmetry.
             for b in 0..SYMMETRIES {
                 let both = all[b].corners.map(|c| all[s].corners[usize::from(c)]);
                 let same = all.iter().position(|c| c.corners == both);
@@ -213,7 +237,7 @@ impl Turned {
     }
 }
 
-/// Where each symmetry carries the places of corners and of edges.
+/// Returns the images of the places of corners and of edges under each symmetry.
 #[must_use]
 pub(crate) fn places() -> ([[u8; 8]; SYMMETRIES], [[u8; 12]; SYMMETRIES]) {
     (ALL.each_ref().map(|s| s.corners), ALL.each_ref().map(|s| s.edges))
@@ -222,6 +246,7 @@ pub(crate) fn places() -> ([[u8; 8]; SYMMETRIES], [[u8; 12]; SYMMETRIES]) {
 /// Slices and flips as bits by place: (number of bits, bits of number), each for (slice, flip).
 type EdgeBits = ((Vec<u16>, Vec<u16>), (Vec<u16>, Vec<u16>));
 
+/// Computes the tables between the numbers of slices and flips and their bits.
 fn edge_bits() -> EdgeBits {
     let slices: Vec<u16> = (0..SLICES)
         .map(|n| {
@@ -241,6 +266,7 @@ fn edge_bits() -> EdgeBits {
     ((back(&slices), back(&flips)), (slices, flips))
 }
 
+/// Returns the index of the inverse of each symmetry.
 fn inverses(all: &[Symmetry; SYMMETRIES]) -> [usize; SYMMETRIES] {
     all.each_ref().map(|a| {
         let undoes = |b: &Symmetry| (0..8).all(|i| b.corners[usize::from(a.corners[i])] == i as u8);
@@ -255,7 +281,7 @@ mod tests {
     use crate::cube::Turn;
 
     #[test]
-    fn there_are_as_many_classes_as_known() {
+    fn classes_have_known_count() {
         let classes = Classes::build();
 
         assert_eq!(classes.representatives.len(), CLASSES);
@@ -263,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn symmetries_are_sixteen_and_the_first_changes_nothing() {
+    fn symmetries_are_distinct_and_begin_with_identity() {
         let mut images: Vec<[u8; 8]> = symmetries().iter().map(|s| s.corners).collect();
         assert_eq!(images[0], *Cube::SOLVED.corners());
         images.sort_unstable();
@@ -271,9 +297,9 @@ mod tests {
         assert_eq!(images.len(), SYMMETRIES);
     }
 
-    /// The images of one cube's neighbours are the neighbours of its image, twists and edges together.
+    /// The images of the neighbours of a cube are the neighbours of its image, in all coordinates.
     #[test]
-    fn symmetries_carry_turns_to_turns() {
+    fn symmetries_map_neighbours_to_neighbours() {
         let (number_of, bits_of) = edge_bits();
         let (twists, flips, quads) = (twist_moves(), flip_moves(), quad_moves());
         let quads = &quads;

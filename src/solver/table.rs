@@ -1,17 +1,21 @@
-//! What a pruning table is, apart from where its bytes lie: its name, its size, how it is made and checked.
+//! The description of a pruning table: its name and size, and the functions that build and check
+//! it.
 //!
-//! - in: [`Workers`] that run its making side by side, a listener for its progress
-//! - out: bytes; whoever keeps them (memory, a mapped file) hands them back to the search as a slice
+//! The place of the bytes is not part of it: a caller keeps them in memory or in a mapped file and
+//! passes them to the search as a slice.
+//!
+//! - in: [`Workers`] that build the parts of a table in parallel, a listener for the progress
+//! - out: bytes
 
-/// Runs tasks side by side. The shells have one with threads; here nobody starts a thread.
+/// A runner of parallel tasks. This crate starts no threads; its users implement this trait.
 pub trait Workers: Sync {
-    /// How many tasks run at once.
+    /// Returns the number of tasks that run at once.
     fn count(&self) -> usize;
     /// Runs `task(0)`, ..., `task(tasks - 1)`, in any order, and returns when all are done.
     fn run(&self, tasks: usize, task: &(dyn Fn(usize) + Sync));
 }
 
-/// One after the other, on the thread that asks.
+/// Workers that run all tasks one after the other, on the thread of the caller.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct InTurn;
 
@@ -25,37 +29,38 @@ impl Workers for InTurn {
     }
 }
 
-/// Share of the work that is done, 0..=1.
+/// Listener that gets the share of the work that is done, 0..=1.
 pub type Progress<'a> = &'a (dyn Fn(f64) + Sync);
 
-/// Counts the entries at each distance; what is wrong otherwise.
+/// Check of a table: returns the number of entries at each distance, or a message that says which
+/// numbers are wrong.
 pub type Verify = fn(&[u8], &dyn Workers) -> Result<Vec<u64>, String>;
 
-/// A table that can be made, kept and checked.
+/// Description of a table.
 #[derive(Debug, Clone, Copy)]
 pub struct TableSpec {
     /// Name on the command line and of its file, lower case with hyphens.
     pub name: &'static str,
-    /// Counts up whenever the same name stands for other bytes.
+    /// Version of the bytes; it rises with each change of the contents under the same name.
     pub version: u32,
-    /// Size of the table.
+    /// Size of the table (bytes).
     pub bytes: usize,
-    /// What it is for, a line for people.
+    /// Purpose, one line for the user.
     pub purpose: &'static str,
-    /// Makes all of its bytes, in native byte order.
+    /// Function that builds the whole table, in native byte order.
     pub build: fn(&dyn Workers, Progress<'_>) -> Vec<u8>,
-    /// Counts the entries at each distance and compares them with the known counts.
+    /// Function that counts the entries at each distance and compares them with the known counts.
     pub verify: Verify,
 }
 
-/// Asks for a place of a table that will soon be read.
+/// Requests the cache line of an entry that the search reads soon.
 #[inline]
 pub(super) fn prefetch<T>(table: &[T], at: usize) {
     #[cfg(target_arch = "x86_64")]
     {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
         // SAFETY: the instruction reads nothing that a program could see, wherever it points.
-        #[allow(unsafe_code, reason = "there is no safe form")]
+        #[allow(unsafe_code, reason = "prefetching has no safe form")]
         unsafe {
             _mm_prefetch::<_MM_HINT_T0>(table.as_ptr().wrapping_add(at).cast());
         }

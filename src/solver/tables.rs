@@ -1,7 +1,12 @@
-//! The tables of the two-phase search, together.
+//! The pruning tables of the two-phase search.
 //!
-//! The default set is built in memory in under a second and takes less than 64 MiB; [`Tables::with`] takes the bytes
-//! of whichever tables a shell has kept in files instead, the large ones included.
+//! | set | phase 1 | phase 2 | memory |
+//! |---|---|---|---|
+//! | default | two bits a state | three bounds | 58 MB |
+//! | large | three bytes a state | the same bounds, and corners with eight edges | 496 MB |
+//!
+//! [`Tables::build`] builds the default set in memory in under a second; [`Tables::with`] takes the
+//! bytes of either set, for example from files.
 
 use super::phase1::{self, FaceCases, Frames, Near, Small, Wide};
 use super::phase2::{self, Bounds, Orders};
@@ -9,10 +14,10 @@ use super::table::{InTurn, TableSpec, Workers};
 use std::fmt;
 use std::sync::Arc;
 
-/// The bytes of a table, wherever they lie.
+/// Bytes of a table, in memory or in a mapped file.
 pub type Bytes = Arc<dyn AsRef<[u8]> + Send + Sync>;
 
-/// All tables of the two-phase search: build once, share.
+/// All tables of the two-phase search. A program builds them once and shares them among searches.
 pub struct Tables {
     pub(super) frames: Frames,
     pub(super) faces: FaceCases,
@@ -27,8 +32,8 @@ enum Phase1 {
     Wide(Bytes),
 }
 
-/// The one table of phase 1 that is there.
-pub(super) enum Guides<'a> {
+/// Table of phase 1 that the set has.
+pub(super) enum Phase1Table<'a> {
     Near(Near<'a>),
     Wide(Wide<'a>),
 }
@@ -63,15 +68,17 @@ impl Tables {
         }
     }
 
-    /// Takes tables that were made before: those of [`Tables::DEFAULT`] or [`Tables::LARGE`], in that order.
+    /// Makes the set from tables that were built before: those of [`Tables::DEFAULT`] or
+    /// [`Tables::LARGE`], in the order of that list.
     ///
     /// # Panics
-    /// When they are neither by their sizes: whoever keeps tables checks that.
+    /// Panics if the sizes fit neither set: the caller checks the tables that it keeps.
     #[must_use]
     pub fn with(tables: &[Bytes]) -> Self {
+        // The sizes identify the set because no two tables have equal sizes.
         let sizes: Vec<usize> = tables.iter().map(|t| (**t).as_ref().len()).collect();
         let large = sizes == Self::LARGE.map(|spec| spec.bytes);
-        assert!(large || sizes == Self::DEFAULT.map(|spec| spec.bytes), "no set of tables");
+        assert!(large || sizes == Self::DEFAULT.map(|spec| spec.bytes), "these tables form no set");
         let frames = Frames::build();
         let table = Arc::clone(&tables[0]);
         let phase1 = if large {
@@ -84,7 +91,7 @@ impl Tables {
         Self { frames, faces, orders, phase1, phase2, eight }
     }
 
-    /// Memory of all tables (bytes).
+    /// Returns the memory of all tables (bytes).
     #[must_use]
     pub fn size(&self) -> usize {
         let phase1 = match &self.phase1 {
@@ -96,13 +103,15 @@ impl Tables {
         self.frames.bytes() + self.orders.bytes() + phase1 + phase2
     }
 
-    pub(super) fn guides(&self) -> Guides<'_> {
+    pub(super) fn phase1_table(&self) -> Phase1Table<'_> {
         let (frames, faces) = (&self.frames, &self.faces);
         match &self.phase1 {
             Phase1::Near { small, table } => {
-                Guides::Near(Near { frames, faces, small, table: (**table).as_ref() })
+                Phase1Table::Near(Near { frames, faces, small, table: (**table).as_ref() })
             }
-            Phase1::Wide(table) => Guides::Wide(Wide { frames, faces, table: (**table).as_ref() }),
+            Phase1::Wide(table) => {
+                Phase1Table::Wide(Wide { frames, faces, table: (**table).as_ref() })
+            }
         }
     }
 
@@ -126,13 +135,13 @@ pub(super) mod tests {
     use super::*;
     use std::sync::LazyLock;
 
-    /// Built once for all tests.
+    /// Default set, built once for all tests.
     pub(crate) static TABLES: LazyLock<Tables> = LazyLock::new(Tables::build);
 
     #[test]
-    fn the_default_tables_have_their_known_counts() {
-        let guides = TABLES.guides();
-        let Guides::Near(near) = guides else { panic!("not the default set") };
+    fn default_tables_have_known_counts() {
+        let phase1_table = TABLES.phase1_table();
+        let Phase1Table::Near(near) = phase1_table else { panic!("not the default set") };
 
         assert!((phase1::NEAR.verify)(near.table, &InTurn).is_ok());
         assert!((phase2::BOUNDS.verify)(TABLES.bounds().table, &InTurn).is_ok());
@@ -142,7 +151,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn all_tables_fit_into_64_mib() {
+    fn default_tables_fit_into_64_mib() {
         assert!(TABLES.size() < 64 << 20, "{} bytes", TABLES.size());
     }
 }

@@ -1,24 +1,28 @@
-//! The six ways to look at a cube: along three axes, at it and at its inverse.
+//! The six views of a cube: the cube and its inverse, each with one of three axes upright.
+//!
+//! Phase 1 leads into a group with a distinguished axis, so each axis has first phases of its own.
+//! The inverse cube has solutions of equal length, but other first phases. Six searches therefore
+//! find short solutions sooner than one.
 
 use super::coordinates::{quad, rank};
 use super::phase2::Quads;
 use crate::cube::{Cube, Face, Facelets, Rotation24, Turn};
 use std::sync::LazyLock;
 
-/// One of the six.
+/// One view of a cube.
 #[derive(Debug, Clone)]
 pub(super) struct View {
-    /// The cube as it is named by one who looks that way.
+    /// Cube in the frame of the view, inverted if the view is of the inverse.
     pub(super) cube: Cube,
-    /// Its order of corners, and quads of its edges from 0, 4, 8.
+    /// Order of its corners, and quads of its edges from 0, 4, 8.
     pub(super) orders: Quads,
-    /// From the view's frame into the cube's.
+    /// Rotation from the frame of the view into that of the original cube.
     back: Rotation24,
     inverted: bool,
 }
 
-/// None, one and two thirds of a turn about the corner URF (up to right to front), and for each sticker and colour
-/// where it goes.
+/// Rotations by none, one and two thirds of a turn about the corner URF (up to right to front),
+/// each with the new place of every sticker.
 static THIRDS: LazyLock<[(Rotation24, [u8; 54]); 3]> = LazyLock::new(|| {
     let third = Rotation24::all()
         .find(|r| r.face(Face::U) == Face::R && r.face(Face::R) == Face::F)
@@ -33,11 +37,14 @@ static THIRDS: LazyLock<[(Rotation24, [u8; 54]); 3]> = LazyLock::new(|| {
 });
 
 impl View {
+    /// Returns the views of a cube: straight and inverted for each of the three rotations.
     pub(super) fn all(cube: &Cube) -> [Self; 6] {
         let facelets = Facelets::from(cube);
         std::array::from_fn(|i| {
             let (rotation, places) = &THIRDS[i / 2];
             let mut renamed = [Face::U; 54];
+            // A rotation moves each sticker and also renames its colour, so that centres keep the
+            // colours of the solved cube.
             for (sticker, &place) in places.iter().enumerate() {
                 renamed[usize::from(place)] = rotation.face(facelets.colour(sticker));
             }
@@ -50,12 +57,13 @@ impl View {
         })
     }
 
-    /// Turns of the view as turns of the cube.
+    /// Converts turns of the view into turns of the original cube.
     pub(super) fn turns_of_cube(&self, path: &[u8]) -> Vec<Turn> {
         let of_cube = |&t: &u8| {
             let turn = Turn::from_index(usize::from(t));
             Turn { face: self.back.face(turn.face), ..turn }
         };
+        // The turns A B solve the inverse cube if B' A' solves the cube.
         if self.inverted {
             path.iter().rev().map(|t| of_cube(t).inverse()).collect()
         } else {

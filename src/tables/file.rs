@@ -1,15 +1,15 @@
-//! One table's file: a head of 4096 bytes, then the table.
+//! The file of a table: a head of 4096 bytes, then the table.
 //!
-//! | bytes | what |
+//! | bytes | content |
 //! |---|---|
 //! | 0..8 | `RRtable` and a line feed |
-//! | 8..12 | 0x0a0b0c0d in the byte order of the writer, as all numbers are |
+//! | 8..12 | 0x0a0b0c0d in the byte order of the writer, as all numbers |
 //! | 12..16 | version of this format |
 //! | 16..20 | version of the table |
 //! | 20..24 | CRC-32 of the table |
-//! | 24..32 | bytes of the table |
-//! | 32..36 | CRC-32 of the head, these four taken as 0 |
-//! | 64..128 | name of the table, filled up with 0 |
+//! | 24..32 | size of the table (bytes) |
+//! | 32..36 | CRC-32 of the head, with these four bytes as 0 |
+//! | 64..128 | name of the table, padded with 0 |
 
 use crate::solver::table::{TableSpec, Workers};
 use crate::solver::tables::Bytes;
@@ -22,76 +22,76 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// A page: the table behind it begins on one, too.
+/// Size of the head: one page, so that the table begins on a page (bytes).
 const HEAD: usize = 4096;
 const MAGIC: &[u8; 8] = b"RRtable\n";
 const MARK: u32 = 0x0a0b_0c0d;
 const FORMAT: u32 = 1;
-/// Bytes that one task sums.
+/// Size of the piece that one task reads or sums (bytes).
 const PIECE: usize = 16 << 20;
 
-/// A file this old has a time of change that later changes will differ from.
+/// Age from which on any later change of a file changes its time as well.
 const SETTLED: Duration = Duration::from_secs(1);
 
-/// Why a table's file is of no use.
+/// Reason why the file of a table is unusable.
 #[derive(Debug, thiserror::Error)]
 pub enum Unusable {
-    /// There is none.
+    /// No file.
     #[error("not built yet")]
     Absent,
-    /// It cannot be read.
+    /// Error of the operating system.
     #[error("cannot be read: {0}")]
     Unreadable(#[from] io::Error),
-    /// Too long or too short.
+    /// Wrong size of the file.
     #[error("{found} bytes instead of {wanted}")]
     Size {
-        /// What it has.
+        /// Size of the file (bytes).
         found: u64,
-        /// What it should have.
+        /// Size that it should have (bytes).
         wanted: u64,
     },
-    /// Not ours.
-    #[error("no table of rubik-robot")]
+    /// File of another program.
+    #[error("not a table of rubik-robot")]
     Foreign,
-    /// From a machine whose numbers begin at the other end.
+    /// File of a machine with the other byte order.
     #[error("written on a machine of the other byte order")]
     ByteOrder,
-    /// Of another version of the program.
-    #[error("of version {found} instead of {wanted}")]
+    /// File of another version of the program.
+    #[error("version {found} instead of {wanted}")]
     Version {
-        /// What it has.
+        /// Version of the file.
         found: u32,
-        /// What it should have.
+        /// Version that it should have.
         wanted: u32,
     },
-    /// The head does not agree with itself or with the name.
-    #[error("head is damaged")]
+    /// Head whose checksum, name or size is wrong.
+    #[error("damaged head")]
     Head,
-    /// The bytes are not those that were written.
+    /// Bytes that differ from those that were written.
     #[error("damaged: its checksum is {found:08x} instead of {wanted:08x}")]
     Checksum {
-        /// What it has.
+        /// Checksum of the bytes.
         found: u32,
-        /// What it should have.
+        /// Checksum that the head has.
         wanted: u32,
     },
-    /// The bytes are those that were written, and wrong.
-    #[error("wrong: {0}")]
+    /// Bytes as they were written, but with wrong counts.
+    #[error("wrong contents: {0}")]
     Miscounted(String),
 }
 
-/// Where the bytes of a table lie while they are used.
+/// Location of the bytes of a table while they are used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Residence {
-    /// In the file itself, mapped: there at once, shared by all processes.
+    /// Mapped file: available at once and shared by all processes.
     #[default]
     Mapped,
-    /// Copied into memory of large pages, as few systems have them for files. Costs a second for 1.4 GiB, and makes a
-    /// search that reads here and there a quarter faster.
+    /// Copy in memory with large pages, which few systems have for files. It takes a second for 1.4
+    /// GiB and makes a search, which reads at random, a quarter faster.
     Copied,
 }
 
-/// A table behind its head.
+/// A mapped file; its bytes are those after the head.
 #[derive(Debug)]
 struct Mapped(Mmap);
 
@@ -101,7 +101,7 @@ impl AsRef<[u8]> for Mapped {
     }
 }
 
-/// A table that was copied.
+/// A copied table.
 #[derive(Debug)]
 struct Copied(MmapMut);
 
@@ -111,7 +111,7 @@ impl AsRef<[u8]> for Copied {
     }
 }
 
-/// Gets a file that is sound.
+/// Opens a file and checks it.
 pub(super) fn open(
     path: &Path,
     spec: &TableSpec,
@@ -122,6 +122,8 @@ pub(super) fn open(
         io::ErrorKind::NotFound => Unusable::Absent,
         _ => Unusable::Unreadable(error),
     })?;
+    // The cheap checks first, size and head, because a mapping of a short file faults when it is
+    // read.
     let found = file.metadata()?.len();
     let wanted = (HEAD + spec.bytes) as u64;
     if found != wanted {
@@ -134,14 +136,16 @@ pub(super) fn open(
         Residence::Mapped => Arc::new(Mapped(map(&file)?)),
         Residence::Copied => Arc::new(Copied(copy(&file, spec.bytes, workers)?)),
     };
+    // An equal note says that this very file had the right checksum before.
     let note = note(&file, checksum)?;
     if fs::read_to_string(note_path(path)).ok().as_deref() != Some(&note) {
         let found = sum((*bytes).as_ref(), workers);
         if found != checksum {
             return Err(Unusable::Checksum { found, wanted: checksum });
         }
-        // Where it cannot be noted, it is summed again next time. So is a file that is so young that the clock of
-        // files, which ticks every few milliseconds, might not tell a later change from this one.
+        // A file whose note cannot be written is summed again next time. So is a very young file:
+        // the clock of the file system ticks every few milliseconds, so a change in the same tick
+        // would leave the time as it is.
         let age = file.metadata()?.modified()?.elapsed().unwrap_or_default();
         if age > SETTLED {
             let _ = fs::write(note_path(path), note);
@@ -150,20 +154,22 @@ pub(super) fn open(
     Ok(bytes)
 }
 
+/// Maps a file into memory.
 #[allow(
     unsafe_code,
-    reason = "a file can change under its mapping; ours are only ever replaced whole, by renaming"
+    reason = "a mapped file may change, but the store only replaces whole files, by renaming"
 )]
 fn map(file: &File) -> io::Result<Mmap> {
     let mapped = unsafe { Mmap::map(file)? };
-    // Both are wishes: a kernel that does not know them leaves the table as it is.
+    // Both are hints, and a kernel may ignore them: no read-ahead, and large pages.
     let _ = mapped.advise(Advice::Random);
     #[cfg(target_os = "linux")]
     let _ = mapped.advise(Advice::HugePage);
     Ok(mapped)
 }
 
-/// The table of a file in memory of large pages, where there are such; pieces are read side by side.
+/// Copies the table of a file into memory, with large pages where the system has them. Workers read
+/// its pieces in parallel.
 fn copy(file: &File, bytes: usize, workers: &dyn Workers) -> io::Result<MmapMut> {
     let mut memory = MmapMut::map_anon(bytes)?;
     #[cfg(target_os = "linux")]
@@ -190,6 +196,8 @@ pub(super) fn write(
     table: &[u8],
     workers: &dyn Workers,
 ) -> io::Result<()> {
+    // A crash must leave no file that looks complete: sync before the rename. Both paths are in one
+    // folder, so the rename is atomic.
     remove_rests(path);
     let beside = beside(path, &format!("{}.tmp", std::process::id()));
     let written = File::create(&beside).and_then(|mut file| {
@@ -204,11 +212,12 @@ pub(super) fn write(
     written
 }
 
-/// Makes the next [`open`] sum the whole file.
+/// Removes the note, so that the next [`open`] computes the checksum of the whole file.
 pub(super) fn forget(path: &Path) {
     let _ = fs::remove_file(note_path(path));
 }
 
+/// Returns the head of a file.
 fn head(spec: &TableSpec, checksum: u32) -> [u8; HEAD] {
     let mut head = [0; HEAD];
     head[..8].copy_from_slice(MAGIC);
@@ -223,10 +232,11 @@ fn head(spec: &TableSpec, checksum: u32) -> [u8; HEAD] {
     head
 }
 
-/// The checksum of the table behind this head.
+/// Checks a head and returns the checksum of the table after it.
 fn check_head(found: &[u8; HEAD], spec: &TableSpec) -> Result<u32, Unusable> {
     let number =
         |at: usize| u32::from_ne_bytes([found[at], found[at + 1], found[at + 2], found[at + 3]]);
+    // In this order, so that the reason is the most specific: each check relies on those before.
     if found[..8] != *MAGIC {
         return Err(Unusable::Foreign);
     }
@@ -245,7 +255,7 @@ fn check_head(found: &[u8; HEAD], spec: &TableSpec) -> Result<u32, Unusable> {
     Ok(checksum)
 }
 
-/// CRC-32, pieces side by side.
+/// Computes the CRC-32 of the bytes; workers sum pieces in parallel.
 fn sum(bytes: &[u8], workers: &dyn Workers) -> u32 {
     let pieces: Vec<&[u8]> = bytes.chunks(PIECE).collect();
     let sums = Mutex::new(vec![Hasher::new(); pieces.len()]);
@@ -254,6 +264,7 @@ fn sum(bytes: &[u8], workers: &dyn Workers) -> u32 {
         hasher.update(pieces[i]);
         sums.lock().unwrap_or_else(PoisonError::into_inner)[i] = hasher;
     });
+    // Sums of consecutive pieces combine into the sum of all, in the order of the pieces.
     let sums = sums.into_inner().unwrap_or_else(PoisonError::into_inner);
     let mut whole = Hasher::new();
     for piece in &sums {
@@ -262,7 +273,7 @@ fn sum(bytes: &[u8], workers: &dyn Workers) -> u32 {
     whole.finalize()
 }
 
-/// What tells this file, as it is now, from any other.
+/// Returns a note that identifies this file in its present state.
 fn note(file: &File, checksum: u32) -> io::Result<String> {
     let m = file.metadata()?;
     Ok(format!(
@@ -281,6 +292,7 @@ fn note_path(path: &Path) -> PathBuf {
     path.with_extension("sound")
 }
 
+/// Appends an extension to a path.
 fn beside(path: &Path, extension: &str) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(".");
@@ -288,7 +300,8 @@ fn beside(path: &Path, extension: &str) -> PathBuf {
     name.into()
 }
 
-/// Removes what processes left that died while they wrote. Whoever holds the lock is the only one who writes.
+/// Removes the temporary files of processes that died while they wrote. The caller holds the lock,
+/// so no living process writes.
 pub(super) fn remove_rests(path: &Path) {
     let (Some(folder), Some(name)) = (path.parent(), path.file_name()) else { return };
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {

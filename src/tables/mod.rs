@@ -1,15 +1,18 @@
-//! Where pruning tables are kept: made once, found again by every later run.
+//! Store of pruning tables in files: built once, opened by every later run.
 //!
-//! - in: [`TableSpec`]s, a folder, [`Threads`] to build with
-//! - out: the bytes of a table, memory-mapped from its file or copied into large pages, or as they
-//!   were built where no file can be kept
+//! - in: [`TableSpec`]s, a folder, [`Threads`] that build a table
+//! - out: the bytes of a table: memory-mapped from its file, or copied into large pages, or in
+//!   memory as they were built if the folder cannot be written
 //!
-//! A file is written beside its place and renamed into it, so it is there whole or not at all; a
-//! lock keeps two processes from building the same one. Its head says what it is and has checksums.
-//! Reading 1.4 GiB at each start to check them would cost half a second, so the whole is summed
-//! only when the file is not the one that was found sound before: same inode, size and times of
-//! change, noted beside it. Whoever writes into the file changes its time and is found out; what
-//! rots on the disk under it is left to [`Store::verify`].
+//! The store writes a file beside its final path and renames it, so the file is complete or absent.
+//! A lock keeps two processes from building one table at once. The head of the file has its name,
+//! version and checksums.
+//!
+//! To check all tables, 1.4 GiB, at each start would cost half a second. A note beside a file
+//! therefore records its inode, size and times of change when its checksum was right. The store
+//! computes the checksum again only if the file differs from the note. A program that writes to the
+//! file changes its time, which the store detects; errors of the disk itself are left to
+//! [`Store::verify`].
 
 mod file;
 #[cfg(test)]
@@ -26,53 +29,53 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// A folder of tables.
+/// Folder of tables.
 #[derive(Debug, Clone)]
 pub struct Store {
     folder: PathBuf,
     residence: Residence,
 }
 
-/// What a store says while it gets a table.
+/// Report of a store while it obtains a table.
 #[derive(Debug)]
 pub enum News<'a> {
-    /// It will be built: there is none, or none of use.
+    /// Start of a build, with the reason: the file is absent or unusable.
     Building(&'a Unusable),
-    /// Another process is building it.
+    /// Wait for another process that builds the table.
     Waiting,
-    /// It is built, and used from memory, because it could not be kept.
+    /// End of a build whose table could not be written to a file; it is used from memory.
     NotKept(io::Error),
 }
 
-/// The functions that are told how the building of a table goes.
+/// Listeners of the build of a table.
 #[derive(Clone, Copy)]
 pub struct Observer<'a> {
-    /// Gets what happens.
+    /// Listener of the reports.
     pub listener: Listener<'a>,
-    /// Gets the share that is done.
+    /// Listener of the share of the work that is done.
     pub progress: Progress<'a>,
 }
 
-/// Who is told.
+/// Listener of the reports about a table.
 pub type Listener<'a> = &'a dyn Fn(&TableSpec, News<'_>);
 
 impl Store {
-    /// The store in a folder, which need not exist yet.
+    /// Makes the store of a folder, which need not exist yet.
     #[must_use]
     pub fn new(folder: PathBuf) -> Self {
         Self { folder, residence: Residence::Mapped }
     }
 
-    /// The same store, whose tables lie there.
+    /// Returns this store with another residence of its tables.
     #[must_use]
     pub fn with(self, residence: Residence) -> Self {
         Self { residence, ..self }
     }
 
-    /// The user's folder: `RUBIK_ROBOT_TABLES`, else `rubik-robot` in `XDG_CACHE_HOME`, else in
-    /// `~/.cache`, else in the system's folder for temporary files.
+    /// Makes the store of the user's folder: `RUBIK_ROBOT_TABLES`, else `rubik-robot` in
+    /// `XDG_CACHE_HOME`, else in `~/.cache`, else in the system's folder for temporary files.
     #[must_use]
-    pub fn of_user() -> Self {
+    pub fn for_user() -> Self {
         let set = |name: &str| {
             std::env::var_os(name).map(PathBuf::from).filter(|path| !path.as_os_str().is_empty())
         };
@@ -85,28 +88,28 @@ impl Store {
         Self::new(folder)
     }
 
-    /// Where it is.
+    /// Returns the folder of the table files.
     #[must_use]
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// The file of a table.
+    /// Returns the path of the file of a table.
     #[must_use]
     pub fn path(&self, spec: &TableSpec) -> PathBuf {
         self.folder.join(format!("{}.table", spec.name))
     }
 
-    /// Maps a table that is there and sound.
+    /// Opens a table whose file is present and undamaged.
     ///
     /// # Errors
-    /// Why it is of no use.
+    /// The reason why the file is unusable.
     pub fn open(&self, spec: &TableSpec, workers: &dyn Workers) -> Result<Bytes, Unusable> {
         file::open(&self.path(spec), spec, self.residence, workers)
     }
 
-    /// Maps a table, builds it first where there is none of use, and keeps it where that is
-    /// possible.
+    /// Opens a table. Builds it first if its file is absent or unusable, and writes the file if
+    /// that is possible.
     pub(crate) fn obtain(
         &self,
         spec: &TableSpec,
@@ -117,6 +120,7 @@ impl Store {
             Ok(bytes) => bytes,
             Err(reason) => match self.build(spec, workers, &reason, observer) {
                 Ok(bytes) => bytes,
+                // A read-only or full disk costs a build at each start, but never the run.
                 Err((bytes, error)) => {
                     (observer.listener)(spec, News::NotKept(error));
                     bytes
@@ -125,10 +129,10 @@ impl Store {
         }
     }
 
-    /// Builds a table and keeps it; unless another process has done so in the meantime.
+    /// Builds a table and writes its file, unless another process has done so in the meantime.
     ///
     /// # Errors
-    /// The table in memory, and why it could not be kept.
+    /// The table in memory, and the reason why its file could not be written.
     pub fn build(
         &self,
         spec: &TableSpec,
@@ -141,11 +145,12 @@ impl Store {
             listener(spec, News::Building(reason));
             Arc::new((spec.build)(workers, progress))
         };
-        // Held until the end; the system lets go of it when a process dies.
+        // Held until the function returns; the system releases it if the process dies.
         let _lock = match self.lock(spec, listener) {
             Ok(lock) => lock,
             Err(error) => return Err((in_memory(), error)),
         };
+        // Another process may have built the table while this one waited for the lock.
         if let Ok(bytes) = self.open(spec, workers) {
             return Ok(bytes);
         }
@@ -155,10 +160,10 @@ impl Store {
         kept.map_err(|error| (table as Bytes, error))
     }
 
-    /// Sums the whole file and counts its entries by distance.
+    /// Computes the checksum of the whole file and counts its entries by distance.
     ///
     /// # Errors
-    /// Why it is of no use, the counts included.
+    /// The reason why the file is unusable; a wrong count is one.
     pub fn verify(&self, spec: &TableSpec, workers: &dyn Workers) -> Result<Vec<u64>, Unusable> {
         let path = self.path(spec);
         file::forget(&path);
@@ -166,17 +171,17 @@ impl Store {
         (spec.verify)((*bytes).as_ref(), workers).map_err(Unusable::Miscounted)
     }
 
-    /// Removes a table and what lies beside it; tells whether there was one.
+    /// Removes a table with its note and temporary files. Returns whether there was a table.
     ///
     /// # Errors
-    /// What the system says.
+    /// The error of the operating system.
     pub fn remove(&self, spec: &TableSpec) -> io::Result<bool> {
         let path = self.path(spec);
         if !self.folder.is_dir() {
             return Ok(false);
         }
-        // Never under the hands of whoever builds; the lock itself stays, or two could hold one
-        // each.
+        // Not while another process builds the table. The lock file stays: if it were removed, a
+        // process that waits for it and one that creates a new file could both hold a lock.
         let _lock = self.lock(spec, &|_, _| ())?;
         file::forget(&path);
         file::remove_rests(&path);
@@ -190,6 +195,7 @@ impl Store {
         self.folder.join(format!("{}.lock", spec.name))
     }
 
+    /// Locks a table; reports if it has to wait for another process.
     fn lock(&self, spec: &TableSpec, listener: Listener<'_>) -> io::Result<File> {
         fs::create_dir_all(&self.folder)?;
         let lock = File::create(self.lock_path(spec))?;
@@ -214,7 +220,7 @@ mod tests {
 
     static BUILT: AtomicUsize = AtomicUsize::new(0);
 
-    /// 100,000 bytes that tell when they are wrong.
+    /// Table of 100,000 bytes with a check of each byte.
     static SPEC: TableSpec = TableSpec {
         name: "tests-count",
         version: 3,
@@ -230,7 +236,7 @@ mod tests {
         },
     };
 
-    /// A place for tables in a folder of its own, not made yet.
+    /// Returns a store in a folder of its own that does not exist yet.
     fn place(name: &str) -> (Folder, Store) {
         let folder = Folder::new(&format!("store-{name}"));
         let store = Store::new(folder.0.join("tables"));
@@ -247,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn a_table_is_built_once_and_then_found() {
+    fn store_finds_table_after_build() {
         let (_folder, store) = place("once");
         assert!(matches!(store.open(&SPEC, &InTurn), Err(Unusable::Absent)));
 
@@ -263,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn a_table_is_removed_with_what_its_builders_left_but_not_its_lock() {
+    fn remove_deletes_temporary_files_but_not_lock() {
         let (_folder, store) = place("remove");
         obtain(&store, &SPEC);
         let rest = PathBuf::from(format!("{}.1234.tmp", store.path(&SPEC).display()));
@@ -274,11 +280,11 @@ mod tests {
         assert!(store.remove(&SPEC).unwrap());
 
         assert!(!store.path(&SPEC).exists() && !rest.exists() && other.exists());
-        assert!(store.lock_path(&SPEC).exists(), "two could hold one each");
+        assert!(store.lock_path(&SPEC).exists(), "two builders could hold a lock each");
     }
 
     #[test]
-    fn a_table_is_not_removed_under_the_hands_of_its_builder() {
+    fn remove_waits_for_builder() {
         let (_folder, store) = place("hands");
         obtain(&store, &SPEC);
         let lock = store.lock(&SPEC, &|_, _| ()).unwrap();
@@ -293,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_broken_is_told_apart_and_built_again() {
+    fn obtain_rebuilds_damaged_table_and_names_damage() {
         let (_folder, store) = place("broken");
         obtain(&store, &SPEC);
         let path = store.path(&SPEC);
@@ -310,9 +316,9 @@ mod tests {
             (sound[..sound.len() - 1].to_vec(), "104095 bytes instead of 104096"),
             (sound[..100].to_vec(), "100 bytes instead of 104096"),
             (Vec::new(), "0 bytes instead of 104096"),
-            (with(0, 1), "no table of rubik-robot"),
+            (with(0, 1), "not a table of rubik-robot"),
             (foreign, "written on a machine of the other byte order"),
-            (with(70, 1), "head is damaged"),
+            (with(70, 1), "damaged head"),
             (with(body, 1), "damaged: its checksum is"),
             (with(body + 54_321, 0x80), "damaged: its checksum is"),
             (with(sound.len() - 1, 1), "damaged: its checksum is"),
@@ -327,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn a_table_of_another_version_is_built_again() {
+    fn obtain_rebuilds_table_of_other_version() {
         let (_folder, store) = place("version");
         obtain(&store, &TableSpec { version: 2, ..SPEC });
 
@@ -339,27 +345,27 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_can_be_kept_the_table_is_used_from_memory() {
+    fn obtain_uses_memory_if_folder_is_unwritable() {
         let folder = Folder::new("store-readonly");
-        // A file where the folder should be: nobody can write there, not even root.
+        // A file in place of the folder: not even root can create files in it.
         let store = Store::new(folder.0.join("file"));
         fs::write(store.folder(), "").unwrap();
-        let told = AtomicUsize::new(0);
+        let reports = AtomicUsize::new(0);
 
         let listener = |_: &TableSpec, news: News<'_>| {
             if matches!(news, News::NotKept(_)) {
-                told.fetch_add(1, Ordering::SeqCst);
+                reports.fetch_add(1, Ordering::SeqCst);
             }
         };
         let observer = Observer { listener: &listener, progress: &|_| () };
         let bytes = store.obtain(&SPEC, &InTurn, observer);
 
         assert!(right(&bytes));
-        assert_eq!(told.into_inner(), 1);
+        assert_eq!(reports.into_inner(), 1);
     }
 
     #[test]
-    fn several_that_want_one_table_build_it_once() {
+    fn concurrent_requests_build_table_once() {
         static SLOW: TableSpec = TableSpec {
             name: "tests-slow",
             build: |_, _| {

@@ -1,13 +1,14 @@
-//! A folder for a test's files, for tests anywhere in the crate.
+//! A temporary folder for the files of a test, for all tests of the crate.
 
 use std::fs;
 use std::path::PathBuf;
 
-/// A folder of its own that goes away with the test.
+/// Folder of one test, removed when the test ends.
 pub(crate) struct Folder(pub(crate) PathBuf);
 
 impl Folder {
-    /// Empty, whatever an earlier test that was killed has left. Names are unique in the crate.
+    /// Makes an empty folder and removes the remains of an earlier test that was killed. The name
+    /// must be unique in the crate.
     pub(crate) fn new(name: &str) -> Self {
         let path = std::env::temp_dir().join(format!("rubik-robot-{}-{name}", std::process::id()));
         let _ = fs::remove_dir_all(&path);
@@ -15,7 +16,7 @@ impl Folder {
         Self(path)
     }
 
-    /// Writes a file, which may lie in a folder of its own, and tells where.
+    /// Writes a file, and the folders in its name, and returns its path.
     pub(crate) fn write(&self, name: &str, text: &str) -> PathBuf {
         let path = self.0.join(name);
         fs::create_dir_all(path.parent().unwrap()).unwrap();

@@ -1,20 +1,20 @@
-//! Workers that are threads.
+//! [`Workers`] that are threads.
 
 use crate::solver::table::Workers;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// As many threads as this, started for each call.
+/// Workers that start this number of threads for each call.
 #[derive(Debug, Clone, Copy)]
 pub struct Threads(usize);
 
 impl Threads {
-    /// So many, at least one.
+    /// Makes workers of `count` threads, at least one.
     #[must_use]
     pub fn new(count: usize) -> Self {
         Self(count.max(1))
     }
 
-    /// As many as the machine runs at once.
+    /// Makes workers of as many threads as the machine runs at once.
     #[must_use]
     pub fn all() -> Self {
         Self::new(std::thread::available_parallelism().map_or(1, usize::from))
@@ -28,6 +28,7 @@ impl Workers for Threads {
 
     fn run(&self, tasks: usize, task: &(dyn Fn(usize) + Sync)) {
         let next = AtomicUsize::new(0);
+        // Each thread takes the next task when it is free: tasks differ in length.
         let work = || {
             loop {
                 let number = next.fetch_add(1, Ordering::Relaxed);
@@ -37,7 +38,7 @@ impl Workers for Threads {
                 task(number);
             }
         };
-        // The thread that asks is one of them.
+        // The thread of the caller works as well.
         std::thread::scope(|scope| {
             for _ in 1..self.0.min(tasks) {
                 scope.spawn(work);
@@ -53,7 +54,7 @@ mod tests {
     use std::sync::Mutex;
 
     #[test]
-    fn each_task_is_done_once() {
+    fn threads_run_each_task_once() {
         for count in [1, 2, 7] {
             let done = Mutex::new(Vec::new());
 

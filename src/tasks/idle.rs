@@ -2,7 +2,8 @@
 //!
 //! - in: nothing
 //! - out: one order for each effector, then the end
-//! - why: to try an arm, a bridge or the servo's timing without a task, with any number of effectors
+//! - purpose: to try an arm, a bridge or the servo's timing without a task, with any number of
+//!   effectors
 
 use super::procedure::{Port, Procedure};
 use super::{Action, Effort, Event, Finish, Readings, Task, Until};
@@ -11,12 +12,12 @@ use crate::generators::Behaviour;
 /// The kernel.
 #[derive(Debug)]
 pub struct Idle {
-    /// The number of effectors lies behind the port.
+    /// The shared state behind the port is the number of effectors.
     procedure: Procedure<(), (), usize>,
 }
 
 impl Idle {
-    /// Makes a kernel that holds for this long (s).
+    /// Makes a kernel that holds the arms for `seconds` (s).
     #[must_use]
     pub fn new(seconds: f64) -> Self {
         let port = Port::new(0);
@@ -24,7 +25,7 @@ impl Idle {
     }
 }
 
-/// Holds all arms where they are, and says so.
+/// Holds all arms where they are, and returns the end of the task.
 async fn hold(port: Port<(), (), usize>, seconds: f64) -> Finish {
     let mut event = port.request(Action::Phase("idle")).await;
     if !matches!(event, Event::Trouble(_)) {

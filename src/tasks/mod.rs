@@ -1,8 +1,8 @@
 //! The tasks: kernels of MP, one folder a task. Pure: event -> next action.
 //!
-//! A task imports neither `hw` nor `kinematics`: poses, wrenches and reach come to it as data. The same kernel
-//! serves both coordination schemes, because what it orders are behaviours; who runs their generators (MP at each
-//! macrostep, or the ECPs on their own) is the shells' business.
+//! A task imports neither `hw` nor `kinematics`: poses, wrenches and reach come to it as data. One
+//! kernel serves both coordination schemes, because it orders behaviours. The shells decide where
+//! the generators of a behaviour run: in MP at each macrostep, or in the ECPs.
 
 pub mod cube;
 pub mod idle;
@@ -21,70 +21,74 @@ use std::sync::Arc;
 
 /// A kernel of MP.
 pub trait Task: Send {
-    /// Long work that the kernel wants done beside the motions; plain data in ...
+    /// Input of long work that the kernel has done beside the motions; plain data.
     type Thought: std::fmt::Debug + Clone + Send + 'static;
-    /// ... and out.
+    /// Result of that work; plain data.
     type Conclusion: std::fmt::Debug + Send + 'static;
 
-    /// The next action after an event.
+    /// Returns the next action after an event.
     fn next(
         &mut self,
         event: Event<Self::Conclusion>,
         readings: &Readings<'_>,
     ) -> Action<Self::Thought>;
 
-    /// What the operator should be told since the last call: where and why something was tried again.
+    /// Returns the messages to the operator since the last call: where a step was repeated, and
+    /// why.
     fn notes(&mut self) -> Vec<String> {
         Vec::new()
     }
 
-    /// What the kernel believes now, for whoever shows it; nothing depends on whether it is asked.
+    /// Returns the kernel's present belief for display. The call has no effect on the task.
     fn picture(&self) -> Option<Picture> {
         None
     }
 
-    /// What must be durable before the action that was just asked for is carried out, so that another run can go on.
+    /// Returns the entry that must be on disk before the action that `next` has just returned is
+    /// carried out, so that another run can continue from there.
     fn entry(&self) -> Option<Entry> {
         None
     }
 
-    /// Does the long work. A pure function of its argument.
+    /// Does the long work. It is a pure function of its argument.
     fn think(thought: Self::Thought) -> (Self::Conclusion, Effort);
 }
 
-/// What a run must know that goes on where another was broken off; by default that nothing has been done yet.
+/// State from which a run continues a task that another run left unfinished. The default is a task
+/// that has not begun.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Entry {
-    /// What is about to be done, in words.
+    /// Description of the action that is about to begin.
     pub doing: String,
-    /// How deep each hand reaches over the cube that it holds, as believed.
+    /// Believed depth to which each hand reaches over the cube that it holds.
     pub held: [Option<Depth>; 2],
-    /// Where the track stood when it had taken the cube from the operator, or from the table.
+    /// Joint positions of the track arm after it had taken the cube from the operator or the table.
     pub hand_over: Option<JointPositions>,
-    /// Where the track's tool closed on the cube as it was given, in its base (m).
+    /// Place of the track's tool when it closed on the cube as it was given, in the arm's base (m).
     pub taken_at: Option<[f64; 3]>,
-    /// By how much less than usual the track drew back from there, since the arm folds no farther
-    /// (m).
+    /// Part of the usual distance by which the track could not retract from there, because the arm
+    /// folds no farther (m).
     #[serde(default)]
     pub short: f64,
-    /// Where the stops of each palm were put last: how deep a hand reaches whose hold is not believed yet.
+    /// Last commanded position of each palm's stops. It gives the depth of a hand whose hold is not
+    /// believed yet.
     #[serde(default)]
     pub stops: [Option<Depth>; 2],
-    /// The operator has been offered the cube, or it is being laid down.
+    /// Whether the operator has been offered the cube, or it is being laid down.
     pub handing_back: bool,
-    /// Why it goes back unsolved, if it does.
+    /// Reason why the cube goes back unsolved, if it does.
     #[serde(default)]
     pub undone: Option<String>,
-    /// Nothing is left to be done.
+    /// Whether the task is finished.
     pub over: bool,
 }
 
-/// What MP knows of the cell when a kernel decides.
+/// State of the cell as MP knows it when a kernel decides.
 #[derive(Debug, Clone, Copy)]
 pub struct Readings<'a> {
-    /// The effectors' present states, in the scenario's order.
+    /// Present states of the effectors, in the scenario's order.
     pub arms: &'a [ArmState],
-    /// The wrists' forces as their VSP aggregates them; zeros when the scenario has none.
+    /// Forces at the wrists as their VSP aggregates them; zeros when the scenario has none.
     pub forces: Forces,
 }
 
@@ -92,12 +96,12 @@ pub struct Readings<'a> {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Forces {
     /// One entry an effector.
-    pub arms: [Felt; 2],
+    pub arms: [WristLoad; 2],
 }
 
-/// What one wrist feels, as norms at the tool.
+/// Force and torque at one wrist, as norms at the tool.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Felt {
+pub struct WristLoad {
     /// Force now (N).
     pub force: f64,
     /// Torque now (Nm).
@@ -108,16 +112,16 @@ pub struct Felt {
     pub peak_torque: f64,
 }
 
-/// What a kernel believes of the cube, and what it is about to do.
+/// State of the cube as a kernel believes it, and the plan.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Picture {
-    /// Where the effectors' bases are believed to be, where that has been learnt.
+    /// Believed poses of the effectors' bases, where the task has estimated them.
     pub world_from_base: [Option<Pose>; 2],
     /// The cube in each hand that holds it.
     pub tool_from_cube: [Option<Pose>; 2],
-    /// The operator has been given the cube back.
+    /// Whether the operator has been given the cube back.
     pub handed_back: bool,
-    /// How the cube looks, as far as it has been read and turned.
+    /// Colours of the cube, as far as it has been read and turned.
     pub facelets: Option<Facelets>,
     /// The layer that is being turned.
     pub turning: Option<Turning>,
@@ -125,35 +129,37 @@ pub struct Picture {
     pub net: Net,
     /// The plan.
     pub plan: Arc<Vec<PlanLine>>,
-    /// The plan's step that is being carried out.
+    /// Number of the plan's step that is being carried out.
     pub step: Option<usize>,
 }
 
-/// A layer that goes along with a hand.
+/// A layer that turns together with a hand.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Turning {
     /// The effector that turns it.
     pub effector: usize,
     /// The layer's face.
     pub face: Face,
-    /// How the tool stood to the cube when the layer was straight.
+    /// Orientation of the tool on the cube when the layer was straight.
     pub cube_from_tool: UnitQuaternion<f64>,
 }
 
 /// How a camera in a hand looks at one face.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
-    /// Where the face is expected: origin in its centre, x along columns, y along rows of reading order.
+    /// Expected pose of the face: origin in its centre, x along columns, y along rows of reading
+    /// order.
     pub camera_from_face: Pose,
     /// Exposure, as a multiple of the camera's nominal one.
     pub exposure: f64,
 }
 
-/// How much work a thought was, for the virtual clock (s); declared by the kernel, never measured.
+/// Declared duration of a piece of long work on the virtual clock (s). The kernel declares it; it
+/// is never measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Effort(pub f64);
 
-/// What a kernel asks its shell to do.
+/// Request of a kernel to its shell.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Action<T> {
     /// A new phase of the task begins; nothing moves for it.
@@ -162,74 +168,75 @@ pub enum Action<T> {
     Behave {
         /// One entry an effector; `None` leaves it as it is.
         orders: [Option<Behaviour>; 2],
-        /// Whose end ends the step; the other is then ended from above.
+        /// Effectors whose end ends the step; the shell then ends the other from above.
         until: Until,
     },
     /// The force sensors of these effectors are set to zero where they are.
     Bias([bool; 2]),
-    /// The stand-alone camera's sensor begins or ends to watch for the cube.
+    /// The stand-alone camera's sensor begins (`true`) or ends to watch for the cube.
     Watch(bool),
-    /// The camera in an effector's hand looks at one face.
+    /// The camera in an effector's hand reads one face.
     Look {
         /// Effector that owns the camera.
         effector: usize,
-        /// How.
+        /// Expected pose of the face, and exposure.
         view: View,
     },
-    /// Long work.
+    /// The shell does long work: see [`Task::think`].
     Think(T),
     /// The operator is asked something.
     Ask(Question),
-    /// The operator's next order to an arm is waited for, while all arms hold their places.
+    /// The shell waits for the operator's next order to an arm, while all arms hold their places.
     Await,
-    /// An order of the operator that no behaviour carries out: motors, synchronising.
+    /// The shell carries out an order of the operator for which there is no behaviour: a motor's
+    /// motion, or synchronising.
     Manual {
-        /// To whom.
+        /// Effector that the order is for.
         effector: usize,
-        /// What.
+        /// The order.
         order: Manual,
     },
     /// The task is over.
     Finish(Finish),
-    /// The kernel waits for something that it never asked for, a defect of the task.
+    /// The kernel waits although it has asked for nothing, which is a defect of the task.
     Defect(String),
 }
 
-/// Which effectors must come to the end of their behaviours.
+/// Effectors whose behaviours must end before the step ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Until {
     /// All that have an order.
     All,
-    /// This one.
+    /// This one; the other is ended from above.
     Effector(usize),
 }
 
-/// What the shell tells its kernel.
+/// Message of the shell to its kernel.
 #[derive(Debug)]
 pub enum Event<C> {
     /// The run begins.
     Start,
-    /// The last action needs no answer, and is carried out.
+    /// The last action is carried out and has no result.
     Done,
-    /// Behaviours ended.
+    /// Behaviours ended, each with its outcome.
     Behaved([Option<Outcome>; 2]),
-    /// A face was read, or why not.
+    /// A face was read, or the text says why it was not.
     Looked(Result<FaceReading, String>),
-    /// The long work is done.
+    /// The long work is done, with this result.
     Thought(C),
     /// The operator has answered; `None` when no answer came in time.
     Answered(Option<Answer>),
-    /// The operator wants this of an effector.
+    /// The operator orders this of an effector.
     Ordered(usize, Manual),
-    /// An effector or sensor could not do what was asked; the text says which and why.
+    /// An effector or sensor could not carry out the action; the text names it and the reason.
     Trouble(String),
 }
 
-/// The end of a task, as the controller sees it. Whether the cube is solved is for the plant to say.
+/// The end of a task, as the controller sees it. The plant decides whether the cube is solved.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Finish {
-    /// The controller believes that it did what was asked.
+    /// Whether the controller believes that it did what was asked.
     pub achieved: bool,
-    /// In words.
+    /// Description of the end.
     pub reason: String,
 }

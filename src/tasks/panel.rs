@@ -1,8 +1,10 @@
 //! The kernel of MP while the operator moves the arms by hand.
 //!
 //! - in: the operator's orders, one at a time
-//! - out: the behaviour that carries one out, or the order itself where no behaviour does; it never finishes by itself
-//! - source: the operator's panel of the original (synchronise; moves in motors, joints and tool axes; named poses)
+//! - out: the behaviour that carries one out, or the order itself where no behaviour does; the
+//!   kernel never finishes by itself
+//! - source: the operator's panel of the original (synchronise; moves in motors, joints and tool
+//!   axes; named poses)
 
 use super::procedure::{Port, Procedure};
 use super::{Action, Effort, Event, Finish, Readings, Task, Until};
@@ -13,9 +15,9 @@ use crate::spatial::Pose;
 use nalgebra::{UnitQuaternion, Vector3};
 use std::ops::Range;
 
-/// What an arm can be told by hand.
+/// Limits and named poses of an arm that the operator moves by hand.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Bench {
+pub struct ArmLimits {
     /// Whether it has an axis 0.
     pub has_track: bool,
     /// Poses that it can be sent to.
@@ -26,8 +28,8 @@ pub struct Bench {
     pub grip: f64,
 }
 
-impl Bench {
-    /// Numbers of its joints and motors.
+impl ArmLimits {
+    /// Returns the numbers of its joints and motors.
     fn axes(&self) -> Range<usize> {
         usize::from(!self.has_track)..AXES
     }
@@ -39,7 +41,7 @@ pub struct Panel {
     procedure: Procedure<(), (), Shared>,
 }
 
-/// What lies behind the port.
+/// State behind the port.
 #[derive(Debug, Default)]
 struct Shared {
     arms: Vec<ArmState>,
@@ -47,31 +49,32 @@ struct Shared {
     notes: Vec<String>,
 }
 
-/// Share of the full speed by hand.
+/// Share of the full speed in motions by hand.
 const SPEED: f64 = 0.25;
 /// Least time of a motion of the jaws (s).
 const JAW_SECONDS: f64 = 0.6;
-/// The farthest that one order goes: an axis 0 or a tool (m), an angle (rad), a motor (rad).
+/// Farthest distance of one order: an axis 0 or a tool (m), an angle (rad), a motor (rad).
 const FARTHEST: (f64, f64, f64) = (0.2, 0.6, 60.0);
 
 impl Panel {
     /// Makes a kernel for these arms.
     #[must_use]
-    pub fn new(arms: Vec<Bench>) -> Self {
+    pub fn new(arms: Vec<ArmLimits>) -> Self {
         let port = Port::new(Shared::default());
         Self { procedure: Procedure::new(port.clone(), by_hand(port, arms)) }
     }
 }
 
-/// Waits for an order and carries it out, again and again.
-async fn by_hand(port: Port<(), (), Shared>, benches: Vec<Bench>) -> Finish {
+/// Carries out orders, one after the other, for ever.
+async fn by_hand(port: Port<(), (), Shared>, limits: Vec<ArmLimits>) -> Finish {
     port.request(Action::Phase("by hand")).await;
     loop {
-        // MP itself tells the operator of trouble.
+        // MP itself reports trouble to the operator, so an event other than an order needs no note.
         let Event::Ordered(effector, order) = port.request(Action::Await).await else { continue };
-        let note = match port.state(|shared| action(&benches, effector, order, &shared.arms)) {
+        let note = match port.state(|shared| action(&limits, effector, order, &shared.arms)) {
             Ok(action) => match port.request(action).await {
                 Event::Behaved(outcomes) => {
+                    // A behaviour that ended as ordered needs no note either.
                     outcomes.into_iter().flatten().find(Outcome::alarms).map(|met| met.to_string())
                 }
                 _ => None,
@@ -82,48 +85,52 @@ async fn by_hand(port: Port<(), (), Shared>, benches: Vec<Bench>) -> Finish {
     }
 }
 
-/// Returns the action that carries out an order, or why none does.
+/// Returns the action that carries out an order, or why it is refused.
 fn action(
-    benches: &[Bench],
+    limits: &[ArmLimits],
     effector: usize,
     order: Manual,
     arms: &[ArmState],
 ) -> Result<Action<()>, String> {
-    let (Some(bench), Some(state)) = (benches.get(effector), arms.get(effector)) else {
+    let (Some(limits), Some(state)) = (limits.get(effector), arms.get(effector)) else {
         return Err(format!("there is no effector {effector}"));
     };
     let behaviour = match order {
+        // Behaviours need a synchronised arm. MP synchronises it, and turns single motors, itself.
         Manual::Synchronise => return Ok(Action::Manual { effector, order }),
         Manual::Motor(step) => {
-            within(step, FARTHEST.2, bench.axes())?;
+            within(step, FARTHEST.2, limits.axes())?;
             return Ok(Action::Manual { effector, order });
         }
         Manual::Bias => return Ok(Action::Bias(std::array::from_fn(|i| i == effector))),
         Manual::Joint(step) => {
-            within(step, if step.axis == 0 { FARTHEST.0 } else { FARTHEST.1 }, bench.axes())?;
+            within(step, if step.axis == 0 { FARTHEST.0 } else { FARTHEST.1 }, limits.axes())?;
+            // The set joints, not the measured ones: several orders in a row must not collect the
+            // servo's lag.
             let mut target = state.desired_joints;
             target.0[step.axis] += step.by;
             Behaviour::Joints { target, speed: SPEED, seconds: 0.0 }
         }
         Manual::Tool(step) => {
             within(step, if step.axis < 3 { FARTHEST.0 } else { FARTHEST.1 }, 0..6)?;
+            // The product is from the right, so that the step is in axes of the tool.
             let target = state.desired_base_from_tool * displacement(step);
             Behaviour::Line { target, speed: SPEED }
         }
         Manual::Jaw { opening } => {
-            let (low, high) = bench.opening;
+            let (low, high) = limits.opening;
             if !(low..=high).contains(&opening) {
                 return Err(format!("the jaws open from {:.0} to {:.0} mm", low * 1e3, high * 1e3));
             }
             Behaviour::Jaw {
-                jaw: JawCommand { opening, force_limit: bench.grip, stops: Depth::One },
+                jaw: JawCommand { opening, force_limit: limits.grip, stops: Depth::One },
                 seconds: JAW_SECONDS,
                 selector: [false; 6],
                 strained: false,
             }
         }
         Manual::Pose { name } => {
-            let pose = bench.poses.iter().find(|(known, _)| *known == name);
+            let pose = limits.poses.iter().find(|(known, _)| *known == name);
             let (_, target) = pose.ok_or_else(|| format!("there is no pose `{name}`"))?;
             Behaviour::Joints { target: *target, speed: SPEED, seconds: 0.0 }
         }
@@ -150,7 +157,7 @@ fn within(step: Step, farthest: f64, axes: Range<usize>) -> Result<(), String> {
     if step.by.abs() <= farthest {
         return Ok(());
     }
-    Err(format!("{:.2} is farther than one order goes, {farthest:.2}", step.by))
+    Err(format!("a step of {:.2} exceeds {farthest:.2}, the limit of one order", step.by))
 }
 
 impl Task for Panel {
@@ -181,7 +188,7 @@ mod tests {
 
     fn panel() -> Panel {
         let poses = vec![("front".to_owned(), JointPositions([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6]))];
-        Panel::new(vec![Bench { has_track: false, poses, opening: (0.04, 0.09), grip: 40.0 }])
+        Panel::new(vec![ArmLimits { has_track: false, poses, opening: (0.04, 0.09), grip: 40.0 }])
     }
 
     fn after(order: Manual) -> (Action<()>, Vec<String>) {
@@ -194,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn a_joint_goes_from_where_it_is_set() {
+    fn joint_order_starts_from_set_position() {
         let (action, _) = after(Manual::Joint(Step { axis: 2, by: -0.1 }));
 
         let Action::Behave { orders: [Some(Behaviour::Joints { target, .. }), None], .. } = action
@@ -205,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn orders_that_make_no_sense_are_refused_in_words() {
+    fn panel_refuses_senseless_orders_with_reason() {
         for order in [
             Manual::Joint(Step { axis: 7, by: 0.1 }),
             Manual::Joint(Step { axis: 1, by: 3.0 }),
@@ -223,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn motors_and_synchronising_are_for_the_shell() {
+    fn panel_passes_motor_orders_to_shell() {
         for order in [Manual::Synchronise, Manual::Motor(Step { axis: 3, by: 2.0 })] {
             let (action, _) = after(order.clone());
             assert_eq!(action, Action::Manual { effector: 0, order });

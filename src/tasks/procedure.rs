@@ -9,13 +9,14 @@
 //!
 //! Rules:
 //!
-//! - A port holds any number of outstanding requests, each with an id that its answer repeats.
-//!   The shell of today carries out one action at a time, in the order in which they were posted.
+//! - A port holds any number of outstanding requests. Each has an id, under which the shell
+//!   delivers its answer. The shell carries out one action at a time, in the order in which they
+//!   were posted.
 //! - Futures are joined in a fixed order ([`both`]), so that a run is repeatable to the bit.
-//! - A procedure that waits although nothing is outstanding is a defect of the task and ends it
-//!   with [`Action::Defect`]; it never hangs.
-//! - The procedure borrows nothing from outside. All that page, journal or summary show lies
-//!   behind the port, since terminating a run drops the procedure together with its locals.
+//! - A procedure that waits although nothing is outstanding is a defect of the task. It ends the
+//!   task with [`Action::Defect`] and never hangs.
+//! - The procedure borrows nothing from outside. All that page, journal or summary show lies behind
+//!   the port, since terminating a run drops the procedure together with its locals.
 
 use super::{Action, Event, Finish};
 use std::collections::{BTreeMap, VecDeque};
@@ -28,8 +29,8 @@ use std::task::{Context, Poll, Waker};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct RequestId(u64);
 
-/// What a procedure and its shell share: requests, answers, and a state `S` that both may see.
-/// `T` is what the kernel thinks about, `C` what it concludes.
+/// The data that a procedure shares with its shell: requests, answers, and a state `S` that both
+/// may see. `T` is the input of the kernel's long work, `C` its result.
 #[derive(Debug)]
 pub struct Port<T, C, S>(Arc<Mutex<Shared<T, C, S>>>);
 
@@ -38,7 +39,7 @@ struct Shared<T, C, S> {
     last_id: u64,
     /// Requests that the shell has not taken yet.
     posted: VecDeque<(RequestId, Action<T>)>,
-    /// Every request that the procedure still waits for, with its answer once that is there.
+    /// Requests that the procedure still waits for, each with its answer once that has arrived.
     awaited: BTreeMap<RequestId, Option<Event<C>>>,
     state: S,
 }
@@ -57,11 +58,13 @@ impl<T, C, S> Port<T, C, S> {
         Self(Arc::new(Mutex::new(Shared { last_id: 0, posted, awaited, state })))
     }
 
+    /// Locks the shared data, even if another holder of the lock has panicked.
     fn lock(&self) -> MutexGuard<'_, Shared<T, C, S>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Lets `look` read or change the shared state. It must not use the port meanwhile.
+    /// Passes the shared state to `look`, which may read or change it but must not use the port:
+    /// the lock is not reentrant.
     pub fn state<R>(&self, look: impl FnOnce(&mut S) -> R) -> R {
         look(&mut self.lock().state)
     }
@@ -73,6 +76,7 @@ impl<T, C, S> Port<T, C, S> {
         Request { port: self.clone(), state: RequestState::New(Some(action)) }
     }
 
+    /// Posts a request and returns its id.
     fn post(&self, action: Action<T>) -> RequestId {
         let mut shared = self.lock();
         shared.last_id += 1;
@@ -88,20 +92,20 @@ impl<T, C, S> Port<T, C, S> {
         self.lock().posted.pop_front()
     }
 
-    /// Delivers the answer to a request. An answer that the procedure no longer waits for is dropped.
+    /// Delivers the answer to a request. Drops an answer that the procedure no longer waits for.
     pub fn deliver(&self, id: RequestId, event: Event<C>) {
         if let Some(answer) = self.lock().awaited.get_mut(&id) {
             *answer = Some(event);
         }
     }
 
-    /// Whether some request has no answer yet.
+    /// Returns whether some request has no answer yet.
     fn is_waiting(&self) -> bool {
         self.lock().awaited.values().any(Option::is_none)
     }
 }
 
-/// A request of a procedure. Dropping it withdraws the request, or its answer.
+/// A request of a procedure. Dropping it withdraws the request, or drops its answer.
 #[derive(Debug)]
 pub struct Request<T, C, S> {
     port: Port<T, C, S>,
@@ -122,6 +126,8 @@ impl<T: Unpin, C, S> Future for Request<T, C, S> {
         let Self { port, state } = self.get_mut();
         match state {
             RequestState::New(action) => {
+                // Posting waits for the first poll, so that joined requests are posted in the order
+                // of their futures.
                 if let Some(action) = action.take() {
                     *state = RequestState::Posted(port.post(action));
                 }
@@ -132,7 +138,8 @@ impl<T: Unpin, C, S> Future for Request<T, C, S> {
                 if shared.awaited.get(id).is_none_or(Option::is_none) {
                     return Poll::Pending;
                 }
-                // An answer that was taken is awaited no more.
+                // The entry goes with its answer: `is_waiting` counts only what is still
+                // outstanding.
                 shared.awaited.remove(id).flatten().map_or(Poll::Pending, Poll::Ready)
             }
         }
@@ -154,6 +161,7 @@ pub async fn both<A: Future, B: Future>(first: A, second: B) -> (A::Output, B::O
     let (mut first, mut second) = (pin!(first), pin!(second));
     let (mut a, mut b) = (None, None);
     poll_fn(move |context| {
+        // A future must not be polled again once it is ready, so its output is kept here.
         if a.is_none()
             && let Poll::Ready(output) = first.as_mut().poll(context)
         {
@@ -182,7 +190,7 @@ pub struct Procedure<T, C, S> {
     port: Port<T, C, S>,
     /// The request that the shell carries out now.
     current: Option<RequestId>,
-    /// How it ended.
+    /// The end of the task, once it has ended.
     finish: Option<Finish>,
 }
 
@@ -203,7 +211,7 @@ impl<T, C, S> Procedure<T, C, S> {
         Self { future: Some(Box::pin(procedure)), port, current: None, finish: None }
     }
 
-    /// Returns the port, for what lies behind it.
+    /// Returns the port, through which the shared state can be read.
     #[must_use]
     pub fn port(&self) -> &Port<T, C, S> {
         &self.port
@@ -212,6 +220,7 @@ impl<T, C, S> Procedure<T, C, S> {
     /// Delivers the event for the action that was carried out, resumes the procedure and returns
     /// its next action. An ended procedure returns its end again.
     pub fn next(&mut self, event: Event<C>) -> Action<T> {
+        // `Start` comes before any request and answers none.
         if let Some(id) = self.current.take() {
             self.port.deliver(id, event);
         }
@@ -219,6 +228,7 @@ impl<T, C, S> Procedure<T, C, S> {
             && let Poll::Ready(finish) =
                 future.as_mut().poll(&mut Context::from_waker(Waker::noop()))
         {
+            // Dropping the future withdraws the requests that it had left open.
             (self.future, self.finish) = (None, Some(finish));
         }
         if let Some(finish) = &self.finish {
@@ -228,8 +238,10 @@ impl<T, C, S> Procedure<T, C, S> {
             self.current = Some(id);
             return action;
         }
-        debug_assert!(!self.port.is_waiting(), "a request was taken and never answered");
-        Action::Defect("the task waits although it has asked for nothing".to_owned())
+        debug_assert!(!self.port.is_waiting(), "a request was taken but not answered");
+        // The procedure is pending and posted nothing. With one action at a time every request that
+        // was taken has its answer by now, so no later event can wake the procedure.
+        Action::Defect("the task waits without a request".to_owned())
     }
 }
 
@@ -251,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn procedure_returns_one_action_an_event() {
+    fn procedure_returns_one_action_per_event() {
         let mut procedure = run(|port| async move {
             for name in ["a", "b"] {
                 port.request(Action::Phase(name)).await;
@@ -263,7 +275,7 @@ mod tests {
         assert_eq!(procedure.next(Event::Start), Action::Phase("a"));
         assert_eq!(procedure.next(Event::Done), Action::Phase("b"));
         assert_eq!(procedure.next(Event::Done), Action::Finish(done()));
-        assert_eq!(procedure.next(Event::Done), Action::Finish(done()), "ended stays ended");
+        assert_eq!(procedure.next(Event::Done), Action::Finish(done()), "the end is final");
         assert_eq!(procedure.port().state(|seen| seen.clone()), ["a", "b"]);
     }
 
@@ -304,14 +316,14 @@ mod tests {
     }
 
     #[test]
-    fn waiting_for_nothing_is_a_defect() {
+    fn procedure_without_open_request_reports_defect() {
         let mut procedure = run(|_| std::future::pending());
 
         assert!(matches!(procedure.next(Event::Start), Action::Defect(_)));
     }
 
     #[test]
-    fn answered_request_is_awaited_no_more() {
+    fn answered_request_no_longer_counts_as_open() {
         let mut procedure = run(|port| async move {
             both(port.request(Action::Phase("a")), std::future::pending::<()>()).await;
             done()

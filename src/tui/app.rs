@@ -1,4 +1,7 @@
-//! The state of the terminal UI, and the input that each key stands for. Pure.
+//! State of the terminal UI, and the input of each key. It is pure.
+//!
+//! - in: snapshots of the run, keys
+//! - out: inputs of the operator; the state that `draw` renders
 
 use super::net;
 use crate::cube::{Face, Facelets};
@@ -9,42 +12,50 @@ use crate::operator::{
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 use std::sync::Arc;
 
-/// How far an arrow key goes in a replay (s); the page keys go six times as far.
+/// Step of an arrow key in a replay (s). The page keys step six times as far.
 const SEEK: f64 = 10.0;
 
-/// How an arm is moved by hand.
+/// Coordinates in which an arm is moved by hand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) enum Mode {
+    /// Joints.
     #[default]
     Joint,
+    /// Axes of the tool.
     Tool,
+    /// Motors, which need no synchronisation.
     Motor,
 }
 
-/// The state of the terminal UI beside the snapshot.
+/// State of the terminal UI.
 #[derive(Debug, Default)]
 pub(super) struct App {
     pub(super) stage: Arc<Stage>,
     pub(super) snapshot: Arc<Snapshot>,
-    /// A terminate waits for its confirmation.
+    /// Whether a terminate waits for its confirmation.
     pub(super) sure: bool,
-    /// Ctrl-C was pressed: pressed again, it leaves, whatever became of the run.
+    /// Whether Ctrl-C was pressed. The second one leaves the UI, even if the run has not ended.
     interrupted: bool,
+    /// Remark to the operator, until the next key.
     pub(super) note: String,
-    /// By hand: arm, mode, axis, size of a step.
+    /// Index of the arm that is moved by hand.
     pub(super) arm: usize,
+    /// Coordinates in which it is moved.
     pub(super) mode: Mode,
+    /// Axis that is moved.
     pub(super) axis: usize,
+    /// Index of the step in [`STEPS`].
     pub(super) size: usize,
-    /// The stickers of the open question as corrected, and the one under the cursor.
+    /// Number of the open question, its stickers as corrected, and the sticker under the cursor.
     pub(super) answer: Option<(u64, Vec<Option<Face>>, usize)>,
 }
 
-/// Steps by hand: lengths (m), angles (rad), motor angles (rad).
+/// Steps of a motion by hand: length (m), angle (rad), angle of a motor (rad).
 pub(super) const STEPS: [(f64, f64, f64); 3] =
     [(0.0005, 0.003_5, 0.5), (0.002, 0.0175, 2.0), (0.01, 0.0873, 20.0)];
 
 impl App {
+    /// Stores a new snapshot, and prepares the answer to a new question about stickers.
     pub(super) fn take(&mut self, snapshot: Arc<Snapshot>) {
         let stickers = snapshot.question.as_ref().and_then(|question| match &question.subject {
             Subject::Stickers { read, doubtful } => Some((question.number, read, doubtful)),
@@ -52,6 +63,7 @@ impl App {
         });
         match (stickers, &self.answer) {
             (None, _) => self.answer = None,
+            // A snapshot with the same question must not undo the operator's corrections.
             (Some((number, ..)), Some((own, ..))) if *own == number => {}
             (Some((number, read, doubtful)), _) => {
                 let mut colours: Vec<_> = read.chars().map(Face::from_letter).collect();
@@ -62,11 +74,12 @@ impl App {
         self.snapshot = snapshot;
     }
 
-    /// Returns the input that a key stands for.
+    /// Returns the input of a key, if it has one. Other keys change the state only.
     pub(super) fn key(&mut self, key: KeyEvent) -> Option<Input> {
         self.note.clear();
         let replay = self.snapshot.services.seek_ms;
         let ended = self.snapshot.control == ControlView::Ended;
+        // In raw mode Ctrl-C is a key, and no signal ends the program.
         if key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL) {
             let leaves =
                 ended || replay.is_some() || std::mem::replace(&mut self.interrupted, true);
@@ -75,17 +88,19 @@ impl App {
         if let Some(length) = replay {
             return self.replay(key.code, length as f64 * 1e-3);
         }
-        // The stop comes before any question or confirmation: the key means nothing else.
+        // The stop comes before any question or confirmation, and its keys have no other meaning.
         if !ended && matches!(key.code, KeyCode::F(12) | KeyCode::Char('e' | 'E')) {
             self.sure = false;
             return Some(Input::EmergencyStop);
         }
+        // Any key but `y` withdraws the terminate.
         if std::mem::take(&mut self.sure) {
             return matches!(key.code, KeyCode::Char('y')).then_some(Input::Terminate);
         }
         if let Some(question) = self.snapshot.question.clone() {
             return self.reply(key.code, &question);
         }
+        // A run that has ended accepts no input but Quit.
         match key.code {
             KeyCode::Char('q') if ended => Some(Input::Quit),
             _ if ended => None,
@@ -103,8 +118,8 @@ impl App {
         }
     }
 
-    /// Keys of a replay of this length (s): there is nothing to stop in it, and it may be left at
-    /// any time.
+    /// Returns the input of a key in a replay of this length (s). A replay has no arms to stop, and
+    /// the operator may leave it at any time.
     fn replay(&self, code: KeyCode, length: f64) -> Option<Input> {
         let now = self.snapshot.time;
         let to = |time: f64| Some(Input::Seek { time: time.clamp(0.0, length) });
@@ -127,15 +142,19 @@ impl App {
         }
     }
 
-    /// The next slower or faster limit of time's speed.
-    fn speed(&self, way: isize) -> Input {
+    /// Returns the input that sets the next slower (-1) or faster (1) limit of the simulation
+    /// speed.
+    fn speed(&self, change: isize) -> Input {
+        // 0 means no limit, so it is the fastest.
         const FACTORS: [f64; 7] = [0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 0.0];
         let now = self.snapshot.speed;
+        // Another UI may have set a limit that is not in the list.
         let at = FACTORS.iter().position(|&f| f == now || (now > 0.0 && f >= now)).unwrap_or(6);
-        let next = at.saturating_add_signed(way).min(FACTORS.len() - 1);
+        let next = at.saturating_add_signed(change).min(FACTORS.len() - 1);
         Input::Speed { factor: FACTORS[next] }
     }
 
+    /// Returns the answer of a key to a question, if the answer is complete.
     fn reply(&mut self, code: KeyCode, question: &Question) -> Option<Input> {
         let number = question.number;
         let declined = Input::Answer { question: number, answer: Answer::Declined };
@@ -154,6 +173,7 @@ impl App {
             Subject::Stickers { .. } => {
                 let (_, colours, at) = self.answer.as_mut()?;
                 match code {
+                    // Enter sends only nine stickers of each colour. The task checks the rest.
                     KeyCode::Enter => {
                         let all: Option<Vec<Face>> = colours.iter().copied().collect();
                         let all: [Face; 54] = all?.try_into().ok()?;
@@ -165,6 +185,7 @@ impl App {
                         let answer = Answer::Stickers { stickers: Facelets::from_faces(all) };
                         return Some(Input::Answer { question: number, answer });
                     }
+                    // A letter of a colour paints the sticker; any other letter changes nothing.
                     KeyCode::Char(letter) => {
                         let colour = "wrgyob".find(letter.to_ascii_lowercase());
                         colours[*at] = colour.map(|c| Face::ALL[c]).or(colours[*at]);
@@ -176,6 +197,8 @@ impl App {
         }
     }
 
+    /// Returns the order of a key to the arm that is moved by hand. Some keys choose the arm, the
+    /// mode, the axis or the step instead.
     fn by_hand(&mut self, code: KeyCode) -> Option<Input> {
         let stage = Arc::clone(&self.stage);
         match code {
@@ -194,6 +217,7 @@ impl App {
             KeyCode::Char('-') => self.size = self.size.saturating_sub(1),
             _ => {}
         }
+        // The axis is limited after each key, since the arm or the mode may have changed.
         let arm = stage.arms.get(self.arm)?;
         let axes = self.axes();
         self.axis = self.axis.clamp(axes.start, axes.end - 1);
@@ -202,6 +226,7 @@ impl App {
             KeyCode::Right => self.jog(1.0),
             KeyCode::Char('y') => Manual::Synchronise,
             KeyCode::Char('b') => Manual::Bias,
+            // The jaws stay short of both ends of their range.
             KeyCode::Char('o') => Manual::Jaw { opening: arm.opening.1 - 0.003 },
             KeyCode::Char('c') => Manual::Jaw { opening: arm.opening.0 + 0.001 },
             KeyCode::Char(digit) => {
@@ -213,7 +238,7 @@ impl App {
         Some(Input::Manual { effector: self.arm, order })
     }
 
-    /// The axes that can be chosen: an arm without a track has no axis 0.
+    /// Returns the axes that can be chosen. An arm without a track has no axis 0.
     pub(super) fn axes(&self) -> std::ops::Range<usize> {
         let has_track = self.stage.arms.get(self.arm).is_some_and(|arm| arm.has_track);
         match self.mode {
@@ -222,6 +247,7 @@ impl App {
         }
     }
 
+    /// Returns a motion by one step.
     fn jog(&self, sign: f64) -> Manual {
         let (length, angle, motor) = STEPS[self.size];
         let axis = self.axis;
@@ -268,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_are_the_commands_and_a_terminate_is_confirmed() {
+    fn keys_become_inputs_and_terminate_needs_confirmation() {
         let mut app = app(Snapshot { control: ControlView::Running, ..Snapshot::default() });
 
         assert_eq!(press(&mut app, KeyCode::Char('p')), Some(Input::Pause));
@@ -281,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn the_emergency_stop_waits_for_no_question_and_no_confirmation() {
+    fn emergency_stop_precedes_question_and_confirmation() {
         for key in [KeyCode::Char('e'), KeyCode::F(12)] {
             let mut asked = app(Snapshot { question: Some(stickers()), ..Snapshot::default() });
             assert_eq!(press(&mut asked, key), Some(Input::EmergencyStop));
@@ -289,12 +315,12 @@ mod tests {
             let mut sure = app(Snapshot { control: ControlView::Running, ..Snapshot::default() });
             assert_eq!(press(&mut sure, KeyCode::Char('t')), None);
             assert_eq!(press(&mut sure, key), Some(Input::EmergencyStop));
-            assert_eq!(press(&mut sure, KeyCode::Char('y')), None, "nothing is left to confirm");
+            assert_eq!(press(&mut sure, KeyCode::Char('y')), None, "no confirmation is open");
         }
     }
 
     #[test]
-    fn ctrl_c_ends_the_run_and_a_second_one_leaves_whatever_became_of_it() {
+    fn first_ctrl_c_terminates_and_second_leaves() {
         let interrupt = KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL);
         let mut app = app(Snapshot { control: ControlView::Running, ..Snapshot::default() });
 
@@ -302,8 +328,9 @@ mod tests {
         assert_eq!(app.key(interrupt), Some(Input::Quit));
     }
 
+    /// Keys seek in a replay that runs or has ended, and leave it at any time.
     #[test]
-    fn a_replay_is_sought_by_keys_also_at_its_end_and_left_at_any_time() {
+    fn keys_seek_and_leave_replay() {
         let services = Services { seek_ms: Some(100_000), ..Services::default() };
         let at = |time, control| Snapshot { time, control, services, ..Snapshot::default() };
         let seek = |time| Some(Input::Seek { time });
@@ -312,7 +339,7 @@ mod tests {
         assert_eq!(press(&mut running, KeyCode::Left), seek(32.0));
         assert_eq!(press(&mut running, KeyCode::Right), seek(52.0));
         assert_eq!(press(&mut running, KeyCode::PageUp), seek(0.0));
-        assert_eq!(press(&mut running, KeyCode::Char('e')), None, "there is nothing to stop");
+        assert_eq!(press(&mut running, KeyCode::Char('e')), None, "a replay has no emergency stop");
         assert_eq!(press(&mut running, KeyCode::Char('q')), Some(Input::Quit));
         let interrupt = KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL);
         assert_eq!(running.key(interrupt), Some(Input::Quit));
@@ -324,7 +351,7 @@ mod tests {
     }
 
     #[test]
-    fn stickers_are_corrected_with_cursor_and_letters() {
+    fn cursor_and_letters_correct_stickers() {
         let read = Facelets::solved();
         let mut app = app(Snapshot { question: Some(stickers()), ..Snapshot::default() });
 
@@ -341,7 +368,7 @@ mod tests {
     }
 
     #[test]
-    fn arms_are_moved_by_hand_only_when_the_task_is_idle() {
+    fn keys_move_arms_only_while_task_is_idle() {
         let services = Services { manual: true, ..Services::default() };
         let running = Snapshot { control: ControlView::Running, ..Snapshot::default() };
         let mut busy = app(running.clone());
@@ -361,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn no_key_leads_to_an_axis_that_the_arm_does_not_have() {
+    fn keys_reach_only_existing_axes() {
         let services = Services { manual: true, ..Services::default() };
         let control = ControlView::Running;
         let mut app = app(Snapshot { control, services, ..Snapshot::default() });
@@ -372,7 +399,8 @@ mod tests {
             other => panic!("{other:?}"),
         };
 
-        // The first arm has no track: at once, after its mode was changed, and after the arm with one.
+        // The first arm has no track. This must hold at once, after a change of mode, and after the
+        // arm with a track.
         assert_eq!(axis(press(&mut app, KeyCode::Right)), (0, 1));
         press(&mut app, KeyCode::Char('m'));
         press(&mut app, KeyCode::Char('m'));

@@ -1,4 +1,7 @@
-//! The terminal UI's picture of a snapshot.
+//! The terminal UI's picture of a snapshot and of its own state.
+//!
+//! At 80 x 24 all that is needed to work must be visible. Below [`NARROW`] and [`LOW`] the layout
+//! therefore drops borders, digits and messages.
 
 use super::app::{App, Mode, STEPS};
 use super::net::place;
@@ -19,19 +22,23 @@ const COLOURS: [Color; 6] = [
     Color::Rgb(238, 122, 28),
     Color::Rgb(31, 87, 184),
 ];
+/// Names of the axes of an arm.
 const AXES: [&str; 7] = ["track", "joint 1", "joint 2", "joint 3", "joint 4", "joint 5", "joint 6"];
+/// Names of the axes of a tool.
 const TOOL: [&str; 6] = ["x", "y", "z", "about x", "about y", "about z"];
 
-/// Below these columns and rows there is no room to waste: fewer lines about things, fewer digits, fewer messages.
+/// Number of columns below which the terminal is narrow: no borders, fewer digits.
 const NARROW: u16 = 120;
+/// Number of rows below which the terminal is low: fewer messages.
 const LOW: u16 = 30;
 
-/// Draws everything.
+/// Draws the whole UI.
 pub(super) fn frame(app: &App, frame: &mut Frame<'_>) {
     let s = &*app.snapshot;
     let area = frame.area();
     let narrow = area.width < NARROW;
     let keys = keys_of(app, usize::from(area.width));
+    // From top to bottom: heading, progress, arms, middle, messages, keys.
     let rows = [
         Constraint::Length(1),
         Constraint::Length(1),
@@ -48,12 +55,12 @@ pub(super) fn frame(app: &App, frame: &mut Frame<'_>) {
         bar,
     );
     frame.render_widget(arm_table(app, narrow), arms);
-    // Where there is little room, it is for the words of whoever has some: a plan needs none before there is one.
+    // In a narrow terminal the actors' words get the room of a plan that does not exist yet.
     let stops = s.outcome.is_some() || s.arms.iter().any(|arm| arm.fault.is_some());
-    let told = stops || s.services.manual;
-    let planless = narrow && s.plan.is_empty() && !told;
+    let instructs = stops || s.services.manual;
+    let planless = narrow && s.plan.is_empty() && !instructs;
     let plan = if planless { Constraint::Length(11) } else { Constraint::Fill(1) };
-    let actors = Constraint::Min(match (narrow, told) {
+    let actors = Constraint::Min(match (narrow, instructs) {
         (false, _) => 48,
         (true, true) => 26,
         (true, false) => 35,
@@ -64,6 +71,7 @@ pub(super) fn frame(app: &App, frame: &mut Frame<'_>) {
         .map(|i| Some(usize::from(s.net.facelets.get(i).copied().flatten()?.colour)))
         .collect();
     frame.render_widget(net_of(&colours, None).block(titled("cube as read")), net);
+    // A fault or the end matters more than the plan, and an idle task has none.
     if stops {
         frame.render_widget(stopped(s), plan);
     } else if s.services.manual {
@@ -74,17 +82,18 @@ pub(super) fn frame(app: &App, frame: &mut Frame<'_>) {
     frame.render_widget(actors_of(s, narrow), actors);
     frame.render_widget(messages_of(s, messages.height), messages);
     frame.render_widget(Paragraph::new(keys), foot);
+    // Last, so that the question covers the rest.
     if app.snapshot.question.is_some() {
         question(app, frame);
     }
 }
 
-/// A title over what it names, and no lines at its sides.
+/// Returns a block with a title and a line above it, without lines at its sides.
 fn titled(title: &str) -> Block<'_> {
     Block::new().borders(Borders::TOP).title(title)
 }
 
-/// How far it is: in time where it is a replay, else in steps of the plan.
+/// Returns the progress, 0..=1, and its label: by time in a replay, else by steps of the plan.
 fn progress(s: &Snapshot) -> (f64, String) {
     if let Some(length) = s.services.seek_ms {
         let length = length as f64 * 1e-3;
@@ -99,9 +108,11 @@ fn progress(s: &Snapshot) -> (f64, String) {
     (done, label)
 }
 
+/// Returns the first line: state, reason or phase, time, speed, cube, title.
 fn heading(app: &App) -> Line<'_> {
     let s = &*app.snapshot;
     let fault = s.arms.iter().any(|arm| arm.fault.is_some());
+    // The outcome comes first: after a fault has ended a run, its verdict says more.
     let (word, colour) = match (s.control, &s.outcome) {
         (_, Some(outcome)) if outcome.good => (outcome.verdict.as_str(), Color::Green),
         (_, Some(outcome)) => (outcome.verdict.as_str(), Color::Red),
@@ -112,7 +123,7 @@ fn heading(app: &App) -> Line<'_> {
         (ControlView::Terminated | ControlView::Ended, _) => ("ending", Color::Yellow),
     };
     let why = s.outcome.as_ref().map_or(s.phase.as_str(), |outcome| outcome.reason.as_str());
-    // The arms hold on after the end: what counts is when the work was over.
+    // The arms hold their places after the end, so the clock runs on. The time of the work counts.
     let time = s.outcome.as_ref().and_then(|outcome| outcome.time).unwrap_or(s.time);
     Line::from(vec![
         Span::styled(format!(" {word} "), Style::new().bg(colour).fg(Color::White).bold()),
@@ -123,10 +134,12 @@ fn heading(app: &App) -> Line<'_> {
     ])
 }
 
+/// Returns the table of the arms.
 fn arm_table(app: &App, narrow: bool) -> Table<'_> {
     let rows = app.snapshot.arms.iter().enumerate().map(|(i, arm)| {
         let has_track = app.stage.arms.get(i).is_none_or(|stage| stage.has_track);
         let track = if has_track { format!("{:.3} m", arm.joints[0]) } else { "-".to_owned() };
+        // At 80 columns whole degrees are all that fits.
         let digits = usize::from(!narrow);
         let joints: Vec<String> =
             arm.joints[1..].iter().map(|q| format!("{:.digits$}", q.to_degrees())).collect();
@@ -148,8 +161,9 @@ fn arm_table(app: &App, narrow: bool) -> Table<'_> {
     if narrow { table } else { table.block(Block::bordered()) }
 }
 
-/// A net of two letters' width a tile; `at` is under the cursor.
+/// Returns a net of the cube. The tile `at` is under the cursor.
 fn net_of(colours: &[Option<usize>], at: Option<usize>) -> Paragraph<'static> {
+    // Two letters make a tile nearly square.
     let mut grid = vec![vec![Span::raw("  "); 12]; 9];
     for (index, colour) in colours.iter().enumerate() {
         let (column, row) = place(index);
@@ -164,8 +178,10 @@ fn net_of(colours: &[Option<usize>], at: Option<usize>) -> Paragraph<'static> {
     Paragraph::new(grid.into_iter().map(Line::from).collect::<Vec<_>>())
 }
 
+/// Returns the plan, scrolled to its current step.
 fn plan_of(s: &Snapshot, height: u16) -> Paragraph<'_> {
     let shown = usize::from(height.saturating_sub(1)).max(1);
+    // The current step is a third from the top: what comes next needs more room than what was.
     let first = s.step.map_or(0, |step| step.saturating_sub(shown / 3));
     let lines = s.plan.iter().enumerate().skip(first).take(shown).map(|(i, line)| {
         let text = format!("{:3}  {}", i + 1, line.what);
@@ -178,7 +194,8 @@ fn plan_of(s: &Snapshot, height: u16) -> Paragraph<'_> {
     Paragraph::new(lines.collect::<Vec<_>>()).block(titled("plan"))
 }
 
-/// How the run ended; which arm has stopped, why, and what is to be done.
+/// Returns the end of the run, the arms that have stopped with their faults and remedies, and the
+/// figures of the run.
 fn stopped(s: &Snapshot) -> Paragraph<'_> {
     let mut lines = Vec::new();
     if let Some(outcome) = &s.outcome {
@@ -197,6 +214,7 @@ fn stopped(s: &Snapshot) -> Paragraph<'_> {
     Paragraph::new(lines).wrap(Wrap { trim: true }).block(titled(title))
 }
 
+/// Returns the panel for motions by hand: arm, axes, poses.
 fn by_hand(app: &App) -> Paragraph<'_> {
     let name = app.stage.arms.get(app.arm).map_or("", |arm| arm.name.as_str());
     let (length, angle, motor) = STEPS[app.size];
@@ -221,6 +239,7 @@ fn by_hand(app: &App) -> Paragraph<'_> {
     Paragraph::new(lines).wrap(Wrap { trim: false }).block(titled("by hand"))
 }
 
+/// Returns the actors with their states.
 fn actors_of(s: &Snapshot, narrow: bool) -> Paragraph<'_> {
     let line = |actor: &crate::operator::ActorView| {
         let (word, colour) = match actor.state {
@@ -238,7 +257,7 @@ fn actors_of(s: &Snapshot, narrow: bool) -> Paragraph<'_> {
                 Span::raw(actor.words.clone()).dim(),
             ]);
         }
-        // What the actor itself says is more than its state in a word, which the colour has.
+        // The actor's own words say more than its state, and the colour shows the state.
         let words = if actor.words.is_empty() { word } else { actor.words.as_str() };
         Line::from(vec![
             Span::raw(format!("{:<14} ", actor.name)),
@@ -248,6 +267,7 @@ fn actors_of(s: &Snapshot, narrow: bool) -> Paragraph<'_> {
     Paragraph::new(s.actors.iter().map(line).collect::<Vec<_>>()).block(titled("actors"))
 }
 
+/// Returns the latest messages that fit.
 fn messages_of(s: &Snapshot, height: u16) -> Paragraph<'_> {
     let shown = usize::from(height.saturating_sub(1));
     let first = s.messages.len().saturating_sub(shown);
@@ -263,23 +283,24 @@ fn messages_of(s: &Snapshot, height: u16) -> Paragraph<'_> {
         .block(titled("messages"))
 }
 
-/// What the keys do, in as many lines as that takes.
+/// Returns the help for the keys that work now, in as many lines as it needs.
 fn keys_of(app: &App, width: usize) -> Vec<Line<'_>> {
     const STOP: (&str, &str) = ("e F12", "emergency stop (no safety function)");
     let s = &*app.snapshot;
+    // A remark replaces the help until the next key.
     if !app.note.is_empty() {
         return vec![Line::from(app.note.as_str()).yellow()];
     }
     if app.sure {
-        let told = "terminate: both arms come to rest and hold what they hold?";
-        let mut lines = vec![Line::from(told).yellow()];
-        lines.extend(help(&[("y", "do it"), ("n", "go on"), STOP], width));
+        let asked = "terminate: both arms come to rest and hold what they hold?";
+        let mut lines = vec![Line::from(asked).yellow()];
+        lines.extend(help(&[("y", "terminate"), ("n", "continue"), STOP], width));
         return lines;
     }
     if s.services.seek_ms.is_some() {
         let keys = [
             ("p", "pause"),
-            ("r", "go on"),
+            ("r", "continue"),
             ("< >", "speed"),
             ("Left Right", "10 s"),
             ("PgUp PgDn", "1 min"),
@@ -299,6 +320,7 @@ fn keys_of(app: &App, width: usize) -> Vec<Line<'_>> {
         ("b", "zero the sensor"),
     ];
     let run = [("p", "pause"), ("r", "resume"), ("t", "terminate"), ("< >", "speed"), STOP];
+    // An open question takes all keys but the stop and Ctrl-C.
     match s.control {
         ControlView::Ended => help(&[("q", "leave")], width),
         _ if s.question.is_some() => help(&[STOP, ("Ctrl-C", "terminate")], width),
@@ -308,7 +330,7 @@ fn keys_of(app: &App, width: usize) -> Vec<Line<'_>> {
     }
 }
 
-/// Keys and their words, as many as fit into a line.
+/// Returns lines of keys and their meanings, as many in a line as fit.
 fn help(keys: &[(&'static str, &'static str)], width: usize) -> Vec<Line<'static>> {
     let mut lines = vec![Line::default()];
     for (key, words) in keys {
@@ -326,10 +348,11 @@ fn help(keys: &[(&'static str, &'static str)], width: usize) -> Vec<Line<'static
     lines
 }
 
+/// Draws the open question over the rest.
 fn question(app: &App, frame: &mut Frame<'_>) {
     let Some(question) = &app.snapshot.question else { return };
     let area = frame.area();
-    // The last line, which has the emergency stop, stays in sight.
+    // The last line stays visible, because it has the emergency stop.
     let (width, height) = (area.width.min(70), area.height.saturating_sub(1).min(19));
     let at = Rect {
         x: area.x + (area.width - width) / 2,
@@ -427,7 +450,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_is_shown_with_its_step_forces_and_messages() {
+    fn run_shows_step_forces_and_messages() {
         let text = drawn(snapshot(), (120, 36));
 
         for words in [
@@ -446,13 +469,13 @@ mod tests {
     }
 
     #[test]
-    fn a_small_terminal_is_no_reason_to_fail() {
+    fn small_terminal_is_drawn_without_panic() {
         for size in [(40, 12), (10, 3), (1, 1)] {
             drawn(snapshot(), size);
         }
     }
 
-    /// Two arms and as many actors as a cell has.
+    /// Returns the state with two arms and all actors of a cell.
     fn whole() -> App {
         let mut s = snapshot();
         let names = ["ui", "mp", "ecp track", "ecp postument", "edp track", "edp postument"];
@@ -475,7 +498,7 @@ mod tests {
     }
 
     #[test]
-    fn at_80_by_24_everything_that_is_needed_is_seen() {
+    fn terminal_of_80_by_24_shows_all_needed() {
         let mut app = whole();
         let text = shown(&app, (80, 24));
         for words in [
@@ -496,8 +519,8 @@ mod tests {
         early.step = None;
         early.actors[0].words = "first position: 12 mm and 3 deg off".into();
         let text_before = drawn(early, (80, 24));
-        let told = format!("{:<14} first position: 12 mm", "ui");
-        for words in [told.as_str(), "no plan yet"] {
+        let line = format!("{:<14} first position: 12 mm", "ui");
+        for words in [line.as_str(), "no plan yet"] {
             assert!(text_before.contains(words), "no `{words}` in\n{text_before}");
         }
         let net = text.lines().filter(|line| line.contains("??")).count();
@@ -513,7 +536,7 @@ mod tests {
     }
 
     #[test]
-    fn the_end_and_its_reason_are_shown() {
+    fn end_is_shown_with_reason() {
         let outcome = OutcomeView {
             verdict: "failed".into(),
             good: false,
@@ -535,7 +558,7 @@ mod tests {
     }
 
     #[test]
-    fn an_arm_that_stopped_is_told_with_what_is_to_be_done() {
+    fn stopped_arm_is_shown_with_remedy() {
         let mut faulty = snapshot();
         faulty.arms[0].fault = Some("emergency stop".into());
         faulty.arms[0].remedy =
@@ -548,7 +571,7 @@ mod tests {
     }
 
     #[test]
-    fn a_question_lies_over_everything_and_the_net_has_its_colours() {
+    fn question_covers_the_rest_with_coloured_net() {
         let read = crate::cube::Facelets::solved().to_string();
         let question = Question {
             number: 1,

@@ -1,7 +1,7 @@
-//! The operator's UI in a terminal, for ssh: the same snapshot and inputs as the page.
+//! The operator's UI in a terminal, for work over ssh.
 //!
-//! `App` is pure (keys in, inputs out), `draw` makes a picture of it; [`show`] gives both a
-//! terminal.
+//! It shows the same snapshots as the page and sends the same inputs. `app` is pure: keys in,
+//! inputs out. `draw` renders its state, and [`show`] connects both with a terminal.
 
 mod app;
 mod draw;
@@ -16,14 +16,14 @@ use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// Time between two looks at keys and snapshots: ten pictures a second are enough for a terminal.
+/// Longest time between two redraws. Ten pictures in a second are enough for a terminal.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Shows a desk in a terminal until `leave` is set, or until the operator leaves it, which is
-/// possible when the run is over or no run takes inputs any more.
+/// Shows a desk in a terminal until `leave` is set or the operator leaves. The operator can leave
+/// when the run is over, or when no run accepts inputs any more.
 ///
 /// # Errors
-/// The terminal's.
+/// The terminal cannot be read or written.
 pub fn show(mut screen: Screen, desk: &UiEnd, leave: &AtomicBool) -> std::io::Result<()> {
     let mut app = App::default();
     while !leave.load(Ordering::Acquire) {
@@ -34,38 +34,39 @@ pub fn show(mut screen: Screen, desk: &UiEnd, leave: &AtomicBool) -> std::io::Re
         let Some(input) = app.key(key) else { continue };
         let leaves = input == Input::Quit;
         if !desk.send(input) {
-            "the robot does not listen; Ctrl-C again leaves".clone_into(&mut app.note);
+            "the run accepts no commands; Ctrl-C again leaves".clone_into(&mut app.note);
         }
         if leaves {
             break;
         }
     }
+    // The terminal must be restored before the message, which would vanish with the UI's screen.
     drop(screen);
     let last = desk.snapshots.borrow();
     if last.control != ControlView::Ended && last.services.seek_ms.is_none() {
-        // A closed stderr has no reader.
+        // The error of a closed stderr has no reader.
         let _ = writeln!(
             std::io::stderr(),
-            "the run goes on without a UI until it ends; Ctrl-C ends it"
+            "the run continues without a UI until it ends; Ctrl-C ends it"
         );
     }
     Ok(())
 }
 
-/// The terminal while it belongs to the UI: given back however that ends.
+/// The terminal while it belongs to the UI. Dropping it restores the terminal.
 #[derive(Debug)]
 pub struct Screen(DefaultTerminal);
 
 impl Screen {
-    /// Takes the terminal at which this program is.
+    /// Takes control of the terminal of this program.
     ///
     /// # Errors
-    /// When there is none, or what it says.
+    /// Stdout is no terminal, or the terminal cannot be initialised.
     pub fn open() -> std::io::Result<Self> {
         if !std::io::stdout().is_terminal() {
             return Err(std::io::Error::other("stdout is none"));
         }
-        // A half-initialised terminal is put back.
+        // A failed initialisation may have changed the terminal already.
         let screen = ratatui::try_init();
         if screen.is_err() {
             let _ = ratatui::try_restore();
@@ -74,8 +75,9 @@ impl Screen {
     }
 }
 
-/// Puts the terminal back as it was when the program is ended from elsewhere.
-pub fn put_back() {
+/// Restores the terminal. It is for a program that is ended from outside, where [`Screen`] is not
+/// dropped.
+pub fn restore_terminal() {
     let _ = ratatui::try_restore();
 }
 
@@ -85,11 +87,13 @@ impl Drop for Screen {
     }
 }
 
+/// Returns the next key that is pressed within [`LOOK`].
 fn next_key() -> std::io::Result<Option<KeyEvent>> {
     if !event::poll(LOOK)? {
         return Ok(None);
     }
     Ok(match event::read()? {
+        // Some terminals report the release of a key as well, which would repeat its input.
         Event::Key(key) if key.kind != KeyEventKind::Release => Some(key),
         _ => None,
     })

@@ -1,21 +1,24 @@
-//! The assignment problem: rows to columns at the least total cost.
+//! The assignment problem: one column for each row at the least total cost.
 //!
 //! - in: a square matrix of costs
 //! - out: the column of each row
 //! - source: Kuhn (1955) in the O(n^3) form with potentials (Jonker and Volgenant 1987)
 
-/// The column of each row of an `n` x `n` matrix (row by row) such that the sum of costs is least.
+/// Returns the column of each row of an `n` x `n` matrix (row by row) for which the sum of costs is
+/// least.
 ///
 /// # Panics
-/// When `cost` has not `n * n` entries.
+/// If `cost` does not have `n * n` entries.
 #[must_use]
 pub(crate) fn assign(cost: &[f64], n: usize) -> Vec<usize> {
     assert_eq!(cost.len(), n * n, "a square matrix");
-    // One-based with a virtual column 0, as in the textbook form.
+    // One-based with a virtual column 0, as in the textbook form. `u` and `v` are the potentials of
+    // rows and columns; no reduced cost `cost - u - v` is ever negative.
     let (mut u, mut v) = (vec![0.0; n + 1], vec![0.0; n + 1]);
     let mut row_of = vec![0usize; n + 1];
-    let mut way = vec![0usize; n + 1];
+    let mut previous = vec![0usize; n + 1];
     for row in 1..=n {
+        // Dijkstra's search for the shortest augmenting path from this row to a free column.
         row_of[0] = row;
         let mut column = 0;
         let mut least = vec![f64::INFINITY; n + 1];
@@ -31,13 +34,14 @@ pub(crate) fn assign(cost: &[f64], n: usize) -> Vec<usize> {
                 let reduced = cost[(i - 1) * n + j - 1] - u[i] - v[j];
                 if reduced < least[j] {
                     least[j] = reduced;
-                    way[j] = column;
+                    previous[j] = column;
                 }
                 if least[j] < delta {
                     delta = least[j];
                     next = j;
                 }
             }
+            // The potentials move so that the next column of the path has a reduced cost of zero.
             for j in 0..=n {
                 if used[j] {
                     u[row_of[j]] += delta;
@@ -51,9 +55,10 @@ pub(crate) fn assign(cost: &[f64], n: usize) -> Vec<usize> {
                 break;
             }
         }
+        // Along the path, each column passes to the row before it.
         while column != 0 {
-            row_of[column] = row_of[way[column]];
-            column = way[column];
+            row_of[column] = row_of[previous[column]];
+            column = previous[column];
         }
     }
     let mut answer = vec![0; n];
@@ -70,7 +75,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_assignment_is_as_cheap_as_the_cheapest_permutation(
+        fn assignment_costs_as_little_as_cheapest_permutation(
             cost in proptest::collection::vec(0.0..10.0f64, 16)
         ) {
             let total = |columns: &[usize]| -> f64 {

@@ -1,12 +1,23 @@
-//! Calibration of a camera by a cube that an arm shows it, or that an arm carries it around.
+//! Calibration of a camera with a cube: an arm shows the cube to the camera, or carries the camera
+//! around the cube.
 //!
-//! One adjustment over everything that is not known: the optics, where the camera is fixed, where the cube is held,
-//! the cube's edge, and by how much each pose of the arm is off. A camera that stands sees a cube that the arm moves
-//! (extrinsics); a camera in a hand moves around a cube that stands (hand-eye). Only grooves between tiles are used:
-//! their places do not depend on the size of the stickers.
+//! One least-squares adjustment estimates all unknowns: the optics, the pose of the camera, the
+//! pose of the cube, the cube's edge, and the error of each pose of the arm. A fixed camera sees a
+//! cube that the arm moves (extrinsic calibration). A camera in a hand moves around a fixed cube
+//! (hand-eye calibration). Only the grooves between tiles are used, because their places do not
+//! depend on the size of the stickers.
 //!
-//! - in: [`View`]s: the arm's pose as measured, and the grooves seen; a first guess with its spreads
-//! - out: [`Calibrated`] with the standard deviation of each number, or why it cannot be had
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | too few views | `LEAST_VIEWS` | a fit to fewer views may agree by chance |
+//! | views contradict each other | residual above `WORST` (px) | the model does not describe them |
+//! | error of the groove's model | `FLOOR` (px) | added to the noise of each groove |
+//! | groove far from its prediction | 1 px + 2 % of a pitch | the optics are known only roughly |
+//! | outlier | Cauchy's weights from 2.4 spreads on | 95 % efficient under normal noise |
+//!
+//! - in: [`View`]s with the measured pose of the arm and the grooves; a first guess with its
+//!   spreads
+//! - out: [`Calibrated`] with the standard deviation of each number, or [`NotCalibrated`]
 //! - source: bundle adjustment, Triggs et al. (2000); `camera_from_cube = fixed^-1 * moved * held`
 
 use super::edges::{Kind, Prediction, Probe};
@@ -17,46 +28,46 @@ use crate::spatial::Pose;
 use image::RgbImage;
 use nalgebra::{DMatrix, DVector, Point3, Vector3};
 
-/// Where a groove of the cube crosses the picture.
+/// Place of a groove of the cube in the picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Groove {
     /// Middle of the groove between two tiles, in the cube frame, in edges of the cube: -0.5..=0.5.
     pub point: Point3<f64>,
-    /// Unit normal of its image.
+    /// Unit normal of the groove's image.
     pub normal: (f64, f64),
-    /// Where it lies along the normal (px).
+    /// Place of the groove along the normal (px).
     pub measured: f64,
-    /// Standard deviation of that (px).
+    /// Standard deviation of `measured` (px).
     pub sigma: f64,
 }
 
-/// What was seen at one pose of the arm.
+/// Measurements at one pose of the arm.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
-    /// The arm's pose as measured: `world_from_tool` of the arm that shows the cube, or `base_from_flange` of the
-    /// one that carries the camera.
+    /// Measured pose of the arm: `world_from_tool` of the arm that shows the cube, or
+    /// `base_from_flange` of the arm that carries the camera.
     pub arm: Pose,
-    /// The grooves, in the frame of the cube as it is held.
+    /// Grooves in the picture, in the frame of the cube as it is held.
     pub grooves: Vec<Groove>,
 }
 
-/// What moves.
+/// Kind of calibration, by the part that the arm moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rig {
-    /// The camera stands, the arm moves the cube.
-    Standing,
-    /// The arm moves the camera, the cube stands.
+    /// The camera is fixed and the arm moves the cube.
+    Fixed,
+    /// The arm moves the camera and the cube is fixed.
     InHand,
 }
 
-/// All that calibration finds, or begins with.
+/// Unknowns of a calibration, as a first guess or as its result.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Setup {
-    /// Optics; of the distortion k1 and k2 are estimated.
+    /// Optics. Only k1 and k2 of the distortion are estimated.
     pub lens: Lens,
-    /// `world_from_camera`, or `flange_from_camera`.
+    /// Pose of the camera: `world_from_camera` if it is fixed, else `flange_from_camera`.
     pub camera: Pose,
-    /// `tool_from_cube`, or `base_from_cube`.
+    /// Pose of the cube: `tool_from_cube` if the camera is fixed, else `base_from_cube`.
     pub cube: Pose,
     /// Edge of the cube (m).
     pub edge: f64,
@@ -77,11 +88,11 @@ pub struct Spreads {
     pub cube: (f64, f64),
     /// Edge of the cube (m).
     pub edge: f64,
-    /// What each pose of the arm is off: place (m) and orientation (rad).
+    /// Error of each single pose of the arm: place (m) and orientation (rad).
     pub arm: (f64, f64),
-    /// What all poses of the arm are off alike, each axis: place in the middle of them (m) and orientation (rad). Arms
-    /// sag, and their bases stand elsewhere than believed; the views cannot tell that from the camera's or the cube's
-    /// own place.
+    /// Error that all poses of the arm have in common, for each axis: place in their middle (m) and
+    /// orientation (rad). Arms sag, and their bases are not exactly where they are believed to be.
+    /// The views cannot distinguish this error from the place of the camera or of the cube.
     pub common: (f64, f64),
 }
 
@@ -100,63 +111,66 @@ impl Default for Spreads {
     }
 }
 
-/// The result.
+/// Result of a calibration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Calibrated {
-    /// What was found.
+    /// Estimated values.
     pub setup: Setup,
-    /// Standard deviations: fx, fy, cx, cy (px), k1, k2, the camera's place (m) and orientation (rad) each axis, the
-    /// cube's place and orientation, the edge (m). Places are relative to what the arm's encoders say.
+    /// Standard deviations: fx, fy, cx, cy (px), k1, k2, the camera's place (m) and orientation
+    /// (rad) for each axis, the cube's place and orientation, the edge (m). Places are relative to
+    /// those that the arm's encoders report.
     pub deviations: [f64; GLOBALS],
-    /// Standard deviations of the camera's place (m) and orientation (rad), each axis, in the world (or on the flange)
-    /// as it is: with what all poses of the arm may be off alike.
-    pub in_truth: [f64; 6],
+    /// Standard deviations of the camera's true place (m) and orientation (rad) in the world or on
+    /// the flange, for each axis. They include the error that all poses of the arm have in common.
+    pub true_deviations: [f64; 6],
     /// Root mean square of the residuals (px).
     pub residual_px: f64,
-    /// Root mean square of what the arm's poses were off (m), and (rad).
+    /// Root mean square of the estimated errors of the arm's poses (m) and (rad).
     pub arm: (f64, f64),
-    /// Grooves that were used.
+    /// Number of grooves that were used.
     pub grooves: usize,
 }
 
-/// Why there is no calibration.
+/// Reason why a calibration fails.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum NotCalibrated {
-    /// Too few views.
+    /// There are too few views.
     #[error("{views} usable views are too few: at least {} are needed", LEAST_VIEWS)]
     TooFewViews {
-        /// How many there were.
+        /// Number of views.
         views: usize,
     },
-    /// The views do not tell all unknowns apart.
+    /// The views do not determine all unknowns.
     #[error("the views do not determine the camera")]
     Undetermined,
-    /// The model does not describe what was seen.
+    /// The model does not describe the measurements.
     #[error("the residual is {residual_px:.1} px: the views contradict each other")]
     Contradiction {
-        /// Root mean square (px).
+        /// Root mean square of the residuals (px).
         residual_px: f64,
     },
 }
 
-/// Unknowns beside those of each view.
+/// Number of unknowns that all views share.
 pub const GLOBALS: usize = 19;
-/// Unknowns of a view.
+/// Number of unknowns of a single view: the error of the arm's pose.
 const LOCALS: usize = 6;
-/// Views that are enough to be told from chance.
+/// Fewest views of a calibration. A fit to fewer views may agree by chance.
 pub const LEAST_VIEWS: usize = 6;
-/// What the model of a groove leaves unsaid (px).
+/// Standard deviation of the errors of a groove's model, beside the noise (px).
 const FLOOR: f64 = 0.06;
-/// A calibration with a larger residual is none (px).
+/// Greatest residual of a calibration that is accepted (px).
 const WORST: f64 = 2.0;
-/// Steps of the numerical derivatives.
+/// Steps of the numerical derivatives by the shared unknowns, in their order and units.
 const STEPS: [f64; GLOBALS] = [
     1e-4, 1e-4, 1e-4, 1e-4, 1e-6, 1e-6, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7,
     1e-7, 1e-7, 1e-8,
 ];
 
-/// The grooves of a located cube, in the frame in which it is held: `camera_from_held` says roughly how that lies
-/// before the camera, and decides between the 24 names of the cube's axes.
+/// Measures the grooves of a located cube and returns them in the frame in which the cube is held.
+///
+/// `camera_from_held` is a rough pose of that frame. It decides which of the 24 orientations of a
+/// cube the located one has.
 #[must_use]
 pub fn grooves_in(
     image: &RgbImage,
@@ -177,12 +191,15 @@ pub fn grooves_in(
         probe.measure(&prediction, None, &mut crossings);
     }
     let mut grooves = Vec::new();
+    // The middle between two tiles does not depend on the size of the stickers or on blur, as the
+    // other kinds of crossings do.
     for crossing in crossings.iter().filter(|c| c.kind == Kind::Middle) {
         let face = &location.used[crossing.face];
         let at = face * Point3::new(crossing.side.0 * pitch, crossing.side.1 * pitch, 0.0);
         let seen = lens.project(&(location.camera_from_cube * at));
         let apart = crossing.measured - seen.0 * crossing.normal.0 - seen.1 * crossing.normal.1;
-        // The optics are not known yet, so the pose fits only roughly: what is farther off is no groove.
+        // The optics are not known yet, so the pose fits only roughly. A crossing that is farther
+        // off is no groove.
         if apart.abs() < 1.0 + 0.02 * crossing.scale {
             grooves.push(Groove {
                 point: held_from_cube * Point3::from(at.coords / edge),
@@ -195,7 +212,7 @@ pub fn grooves_in(
     grooves
 }
 
-/// Adjusts everything to the views.
+/// Estimates all unknowns from the views.
 ///
 /// # Errors
 /// [`NotCalibrated`] with the reason.
@@ -214,10 +231,13 @@ pub fn calibrate(
     let mut at = DVector::zeros(size);
     let (mut cost, mut residuals) = problem.cost(&at, &widths, 1.0);
     let mut damping = 1e-4;
+    // Levenberg-Marquardt on the normal equations. Thirty views have 199 unknowns, so that a dense
+    // Cholesky factor is fast enough.
     let mut spread = spread_of(&residuals);
     let mut normal = DMatrix::zeros(size, size);
     for round in 0..40 {
-        // The scale of the robust weights settles first, and then stays, so that costs can be compared.
+        // The scale of the robust weights follows the residuals for six rounds and is then fixed,
+        // because costs at different scales cannot be compared.
         if round < 6 {
             spread = spread_of(&residuals);
             cost = problem.cost(&at, &widths, spread).0;
@@ -229,6 +249,8 @@ pub fn calibrate(
             for k in 0..size {
                 damped[(k, k)] *= 1.0 + damping;
             }
+            // The guess makes the matrix positive definite. A failure means that a value in it is
+            // not finite.
             let factor = damped.cholesky().ok_or(NotCalibrated::Undetermined)?;
             let candidate = &at + factor.solve(&gradient);
             let (next, next_residuals) = problem.cost(&candidate, &widths, spread);
@@ -248,29 +270,32 @@ pub fn calibrate(
     problem.result(&Adjusted { unknowns: at, residuals, covariance: inverse, spread }, spreads)
 }
 
-/// Standard deviation of the first guess of each unknown, counted from the guess.
+/// Returns the standard deviation of the first guess of each unknown.
 fn widths(guess: &Setup, s: &Spreads, size: usize) -> DVector<f64> {
     let mut widths = DVector::zeros(size);
     let pose = |(place, turn): (f64, f64)| [place, place, place, turn, turn, turn];
     let focal = (guess.lens.focal.0 * s.focal, guess.lens.focal.1 * s.focal);
     let optics = [focal.0, focal.1, s.centre, s.centre, s.distortion, s.distortion];
     let all = optics.into_iter().chain(pose(s.camera)).chain(pose(s.cube)).chain([s.edge]);
+    // The six unknowns of each view follow, as many times as there are views.
     for (width, value) in widths.iter_mut().zip(all.chain(pose(s.arm).into_iter().cycle())) {
         *width = value;
     }
     widths
 }
 
-/// Robust standard deviation of normalised residuals, at least 1.
+/// Computes the robust standard deviation of normalised residuals, which is at least 1.
 fn spread_of(residuals: &[f64]) -> f64 {
+    // The median of the sizes of normal errors is 1 / 1.4826 of their standard deviation. Up to
+    // half of the residuals may be outliers.
     let mut sizes: Vec<f64> = residuals.iter().map(|r| r.abs()).collect();
     sizes.sort_by(f64::total_cmp);
     sizes.get(sizes.len() / 2).map_or(1.0, |median| (1.4826 * median).max(1.0))
 }
 
-/// Unknowns at which the cost is least, and what is known of them there.
+/// Minimum of the cost.
 struct Adjusted {
-    /// Unknowns, counted from the guess.
+    /// Unknowns, as differences from the guess.
     unknowns: DVector<f64>,
     /// Normalised residuals of all grooves.
     residuals: Vec<f64>,
@@ -280,6 +305,7 @@ struct Adjusted {
     spread: f64,
 }
 
+/// Least-squares problem of a calibration.
 struct Problem<'a> {
     rig: Rig,
     views: &'a [View],
@@ -287,6 +313,7 @@ struct Problem<'a> {
 }
 
 impl Problem<'_> {
+    /// Adds the shared unknowns to the guess.
     fn setup(&self, x: &[f64]) -> Setup {
         let part = |from: usize| std::array::from_fn(|k| x[from + k]);
         let mut setup = *self.guess;
@@ -302,26 +329,30 @@ impl Problem<'_> {
         setup
     }
 
-    /// Measured minus predicted of each groove of a view, over its standard deviation.
+    /// Appends the residual of each groove of a view: measured minus predicted place, over its
+    /// standard deviation. `off` is the error of the arm's pose.
     fn residuals(&self, setup: &Setup, view: &View, off: [f64; LOCALS], out: &mut Vec<f64>) {
         let arm = moved(&view.arm, off);
         let motion = match self.rig {
-            Rig::Standing => arm,
+            Rig::Fixed => arm,
             Rig::InHand => arm.inverse(),
         };
         let camera_from_cube = setup.camera.inverse() * motion * setup.cube;
         out.extend(view.grooves.iter().map(|g| {
+            // A trial step may put the cube behind the camera. The bound keeps its image finite.
             let p = camera_from_cube * Point3::from(g.point.coords * setup.edge);
             let (x, y) = setup.lens.project(&Point3::new(p.x, p.y, p.z.max(1e-3)));
             (g.measured - x * g.normal.0 - y * g.normal.1) / g.sigma.hypot(FLOOR)
         }));
     }
 
+    /// Returns the error of the arm's pose in a view.
     fn off(x: &DVector<f64>, view: usize) -> [f64; LOCALS] {
         std::array::from_fn(|k| x[GLOBALS + LOCALS * view + k])
     }
 
-    /// Cauchy's cost of all grooves, and the distance from the guess.
+    /// Computes the cost: Cauchy's cost of all grooves plus the squared distance from the guess.
+    /// Returns it with the residuals.
     fn cost(&self, x: &DVector<f64>, widths: &DVector<f64>, spread: f64) -> (f64, Vec<f64>) {
         let setup = self.setup(x.as_slice());
         let mut residuals = Vec::new();
@@ -330,12 +361,14 @@ impl Problem<'_> {
         }
         let scale = (2.4 * spread).powi(2);
         let robust: f64 = residuals.iter().map(|r| scale * (r * r / scale).ln_1p()).sum();
+        // Residuals are in units of their assumed deviation, which is `spread` times too small.
+        // The guess therefore weighs `spread` squared as much.
         let belief: f64 =
             x.iter().zip(widths).map(|(x, w)| (x / w).powi(2)).sum::<f64>() * spread * spread;
         (robust + belief, residuals)
     }
 
-    /// Fills the normal matrix and returns the right-hand side.
+    /// Fills the normal matrix and returns the right-hand side of the normal equations.
     fn linearise(
         &self,
         x: &DVector<f64>,
@@ -345,12 +378,15 @@ impl Problem<'_> {
     ) -> DVector<f64> {
         normal.fill(0.0);
         let mut right = DVector::zeros(x.len());
+        // The guess counts as a measurement of each unknown. It determines those that the views
+        // leave open.
         for k in 0..x.len() {
             let weight = (spread / widths[k]).powi(2);
             normal[(k, k)] = weight;
             right[k] = -x[k] * weight;
         }
         let setup = self.setup(x.as_slice());
+        // A step of a shared unknown changes the setup alike for all views, so it is made once.
         let ahead: Vec<Setup> = (0..GLOBALS)
             .map(|k| {
                 let mut x = x.as_slice()[..GLOBALS].to_vec();
@@ -363,6 +399,8 @@ impl Problem<'_> {
             let off = Self::off(x, i);
             here.clear();
             self.residuals(&setup, view, off, &mut here);
+            // The residuals of a view depend on the shared unknowns and on its own six only, so its
+            // rows of the Jacobian have 25 columns instead of all.
             let mut rows = DMatrix::<f64>::zeros(here.len(), GLOBALS + LOCALS);
             for k in 0..GLOBALS + LOCALS {
                 there.clear();
@@ -381,6 +419,7 @@ impl Problem<'_> {
             }
             let place = |k: usize| if k < GLOBALS { k } else { LOCALS * i + k };
             for (j, residual) in here.iter().enumerate() {
+                // Cauchy's weight, the derivative of the cost: a groove of 2.4 spreads counts half.
                 let weight = 1.0 / (1.0 + (residual / (2.4 * spread)).powi(2));
                 for a in 0..GLOBALS + LOCALS {
                     let scaled = weight * rows[(j, a)];
@@ -394,9 +433,14 @@ impl Problem<'_> {
         right
     }
 
-    /// Returns the calibration that an adjustment leads to, unless its residuals are too large.
+    /// Returns the calibration of an adjustment.
+    ///
+    /// # Errors
+    /// [`NotCalibrated::Contradiction`] if the residuals are too large.
     fn result(&self, adjusted: &Adjusted, spreads: &Spreads) -> Result<Calibrated, NotCalibrated> {
         let Adjusted { unknowns: x, residuals, covariance, spread } = adjusted;
+        // The reported residual is in pixels. It leaves out the outliers, which have little weight
+        // in the fit.
         let sigmas = self.views.iter().flat_map(|v| v.grooves.iter().map(|g| g.sigma.hypot(FLOOR)));
         let fitting: Vec<f64> = residuals
             .iter()
@@ -408,6 +452,7 @@ impl Problem<'_> {
         if residual_px.is_nan() || residual_px > WORST {
             return Err(NotCalibrated::Contradiction { residual_px });
         }
+        // The errors of the arm's poses are unknowns of the fit: three of place, three of rotation.
         let views = self.views.len();
         let rms = |from: usize| {
             let sum: f64 = (0..views)
@@ -422,16 +467,19 @@ impl Problem<'_> {
         Ok(Calibrated {
             setup,
             deviations,
-            in_truth: std::array::from_fn(|k| deviations[6 + k].hypot(common[k])),
+            true_deviations: std::array::from_fn(|k| deviations[6 + k].hypot(common[k])),
             residual_px,
             arm: (rms(0), rms(3)),
             grooves: fitting.len(),
         })
     }
 
-    /// What an error that all poses of the arm have in common makes of the camera's place and orientation: a standing
-    /// camera goes with the hand that shows the cube, turned about the middle of its places. That of a camera in a hand
-    /// goes into the place of the cube instead.
+    /// Computes the error of the camera's place and orientation that is caused by an error which
+    /// all poses of the arm have in common.
+    ///
+    /// A fixed camera takes over the error of the hand that shows the cube, as a rotation about the
+    /// middle of the hand's places. With a camera in a hand, the place of the cube takes it
+    /// instead.
     fn common(&self, setup: &Setup, (place, turn): (f64, f64)) -> [f64; 6] {
         if self.rig == Rig::InHand {
             return [0.0; 6];
@@ -444,6 +492,8 @@ impl Problem<'_> {
             if k >= 3 {
                 return turn;
             }
+            // Only the part of the lever at right angles to an axis moves the camera along that
+            // axis.
             let across = (lever.norm_squared() - lever[k] * lever[k]).max(0.0).sqrt();
             place.hypot(turn * across)
         })
@@ -475,7 +525,8 @@ mod tests {
         }
     }
 
-    /// Views of three faces' grooves with 0.05 px of noise, the arm off by `arm`.
+    /// Returns views of three faces' grooves with 0.05 px of noise. `arm` is the standard deviation
+    /// of the error of the arm's poses (m, rad).
     fn views(rig: Rig, truth: &Setup, arm: (f64, f64), count: usize, seed: u64) -> Vec<View> {
         let mut random = Pcg64::seed_from_u64(seed);
         let mut views = Vec::new();
@@ -487,7 +538,7 @@ mod tests {
                 Pose::from_parts(place.into(), UnitQuaternion::from_scaled_axis(turn));
             let motion = truth.camera * camera_from_cube * truth.cube.inverse();
             let real = match rig {
-                Rig::Standing => motion,
+                Rig::Fixed => motion,
                 Rig::InHand => motion.inverse(),
             };
             let mut normal = |size: f64| -> f64 {
@@ -535,8 +586,8 @@ mod tests {
     }
 
     #[test]
-    fn both_rigs_are_found_from_views_with_an_exact_arm() {
-        for rig in [Rig::Standing, Rig::InHand] {
+    fn calibration_finds_both_rigs_with_exact_arm() {
+        for rig in [Rig::Fixed, Rig::InHand] {
             let truth = truth();
             let views = views(rig, &truth, (0.0, 0.0), 25, 3);
             let spreads = Spreads { arm: (2e-5, 5e-5), ..Spreads::default() };
@@ -557,15 +608,15 @@ mod tests {
         }
     }
 
+    /// An inexact arm costs accuracy, and the reported deviations account for it.
     #[test]
-    fn an_arm_that_is_off_costs_accuracy_but_the_deviations_tell_it() {
+    fn deviations_cover_errors_of_inexact_arm() {
         let truth = truth();
         let mut squares = Vec::new();
         for seed in 0..6 {
-            let views = views(Rig::Standing, &truth, (0.4e-3, 0.7e-3), 30, seed);
+            let views = views(Rig::Fixed, &truth, (0.4e-3, 0.7e-3), 30, seed);
 
-            let found =
-                calibrate(Rig::Standing, &views, &guess(&truth), &Spreads::default()).unwrap();
+            let found = calibrate(Rig::Fixed, &views, &guess(&truth), &Spreads::default()).unwrap();
 
             let error = found.setup.lens.focal.0 - truth.lens.focal.0;
             assert!((error / truth.lens.focal.0).abs() < 4e-3, "{error}");
@@ -575,34 +626,39 @@ mod tests {
         assert!((0.1..4.0).contains(&mean), "{squares:?}");
     }
 
+    /// A hand that sags moves the estimate of a fixed camera far beyond its deviations. The
+    /// reported true deviations include the sag.
     #[test]
-    fn a_hand_that_sags_is_part_of_the_error_that_is_told_of_a_standing_camera() {
+    fn true_deviations_of_fixed_camera_include_sag() {
         let truth = truth();
         for seed in 0..4 {
-            let mut views = views(Rig::Standing, &truth, (0.3e-3, 0.5e-3), 25, seed);
-            // The encoders say that the hand is 4.6 mm higher than it hangs.
+            let mut views = views(Rig::Fixed, &truth, (0.3e-3, 0.5e-3), 25, seed);
+            // The encoders report the hand 4.6 mm higher than it is.
             for view in &mut views {
                 view.arm.translation.z += 4.6e-3;
             }
 
-            let found =
-                calibrate(Rig::Standing, &views, &guess(&truth), &Spreads::default()).unwrap();
+            let found = calibrate(Rig::Fixed, &views, &guess(&truth), &Spreads::default()).unwrap();
 
             let error = found.setup.camera.translation.vector - truth.camera.translation.vector;
             assert!(error.norm() > 3.0 * found.deviations[6].max(found.deviations[8]), "{error}");
             for k in 0..3 {
-                assert!(error[k].abs() < 3.0 * found.in_truth[k], "{error} {:?}", found.in_truth);
+                assert!(
+                    error[k].abs() < 3.0 * found.true_deviations[k],
+                    "{error} {:?}",
+                    found.true_deviations
+                );
             }
-            assert!(found.in_truth[0] < 0.01, "{:?}", found.in_truth);
+            assert!(found.true_deviations[0] < 0.01, "{:?}", found.true_deviations);
         }
     }
 
     #[test]
     fn too_few_views_are_refused() {
         let truth = truth();
-        let few = views(Rig::Standing, &truth, (0.0, 0.0), 4, 1);
+        let few = views(Rig::Fixed, &truth, (0.0, 0.0), 4, 1);
 
-        let refused = calibrate(Rig::Standing, &few, &truth, &Spreads::default());
+        let refused = calibrate(Rig::Fixed, &few, &truth, &Spreads::default());
 
         assert_eq!(refused, Err(NotCalibrated::TooFewViews { views: 4 }));
     }

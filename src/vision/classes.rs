@@ -1,81 +1,101 @@
-//! What six colours look like on one cube: classes with a common spread, under a light that differs from face to face.
+//! Model of the six colours of one cube: classes with a common spread, under a light that differs
+//! from face to face.
 //!
-//! Beside noise, which is alike in all classes, a facelet may lie more or less towards the light: that moves it along the
-//! ray from black through its class, bright classes farther than dark ones. So does a camera that exposes anew for each
-//! face: there it is all nine facelets, by one gain.
+//! Noise is alike in all classes. In addition a facelet may face the light more or less. This
+//! shading moves it along the ray from black through its class, bright classes farther than dark
+//! ones. A camera with automatic exposure moves all nine facelets of a face in the same way, by one
+//! gain.
 //!
-//! Sorting and learning in turns ends in the optimum that is nearest to where it began: a face in another light may pass
-//! for a face of other colours. So it begins at several places, and what each end explains is told by [`Model::cost`].
+//! Sorting and learning alternate and end in the optimum that is nearest to their start. A face in
+//! another light may then pass for a face of other colours. The caller therefore begins at several
+//! starts and compares the results by [`Model::cost`].
 //!
-//! - in: mean RGB of 54 facelets, and which class each one is taken for
+//! | case | constant | reason |
+//! |---|---|---|
+//! | facelet is nothing like its class | [`OUTLIER`] | a reflection must not decide a whole cube |
+//! | lightness against a\*, b\* | [`LIGHTNESS`] | shading changes lightness most |
+//! | prior of a face's shift | [`SHIFT_PRIOR`] | a face of few colours does not determine it |
+//! | prior of the spread | [`SPREAD_PRIOR`], [`SPREAD`] | a clean cube would have no spread |
+//! | prior of the shading | [`SPREAD_PRIOR`], [`SHADING`] | so would an evenly lit one |
+//! | prior of a face's gain | [`GAIN`] | a factor of 1.33 in light |
+//! | greatest gain | [`MOST_GAIN`] | a larger one is not that of the exposure |
+//! | second start | [`ANY_SHADING`] | ignores brightness while the gains are unknown |
+//!
+//! - in: mean RGB of 54 facelets, and the class of each one
 //! - out: [`Model`]; squared distances of each facelet from each class
-//! - source: own work; Mahalanobis (1936), with one factor a class
+//! - source: own work; Mahalanobis (1936), with one factor for each class
 
 use super::colours::{Light, lab, to_linear};
 use super::likeliest::{CENTRES, cheapest_pieces};
 use nalgebra::{Matrix3, Vector3};
 
+/// Places of the 54 facelets in the colour space: weighted lightness, a\*, b\*.
 pub(super) type Points = [Vector3<f64>; 54];
 
-/// Weight of lightness against a* and b*: shading changes it most.
+/// Weight of lightness against a\* and b\*. Shading changes lightness most.
 const LIGHTNESS: f64 = 0.4;
 
-/// Cost of a facelet that is nothing like its class: a reflection, a finger. In -2 log likelihood.
+/// Cost of a facelet that is nothing like its class (a reflection, a finger), in -2 log likelihood.
 const OUTLIER: f64 = 50.0;
 
-/// How strongly a face's own shift is held to nought, in facelets.
+/// Weight of the prior that a face has no shift of its own, in facelets.
 const SHIFT_PRIOR: f64 = 4.0;
 
-/// Facelets' worth of belief in a spread of [`SPREAD`] units.
+/// Weight of the priors of spread and shading, in facelets.
 const SPREAD_PRIOR: f64 = 8.0;
+/// Expected standard deviation within a class, in units of the colour space.
 const SPREAD: f64 = 3.0;
-/// The same for the shading.
+/// Expected standard deviation of the shading, relative, in cube roots of light.
 const SHADING: f64 = 0.04;
 
-/// Standard deviation of a face's gain, relative, in cube roots of light: a third of a stop up or down.
+/// Standard deviation of a face's gain, relative, in cube roots of light: a factor of 1.33 in
+/// light.
 const GAIN: f64 = 0.1;
 
-/// Shading with which the sorting also begins: brightness tells next to nothing, as long as no face's gain is known.
+/// Shading of the second start of the sorting. With it, brightness has almost no weight as long as
+/// the gains of the faces are unknown.
 const ANY_SHADING: f64 = 1.0;
 
-/// A gain beyond this is none.
+/// Greatest gain of a face that counts as one, relative.
 const MOST_GAIN: f64 = 0.5;
 
-/// From where cube roots of light scale: L* + 16, a* and b* do.
+/// Offset of the origin of the rays. L\* + 16, a\* and b\* scale with the cube root of light.
 const BLACK: Vector3<f64> = Vector3::new(LIGHTNESS * 16.0, 0.0, 0.0);
 
-/// What a rig is known to do to its facelets.
+/// Prior knowledge of the colours: measured at the centres, or learned in a rig.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Expected {
     /// Mean of each class.
     pub(super) means: [Vector3<f64>; 6],
-    /// What its reflections add to each facelet.
+    /// Shift of each facelet by the reflections of the rig.
     pub(super) shifts: [Vector3<f64>; 54],
-    /// Variance of each facelet against the common one.
+    /// Variance of each facelet, relative to the common one.
     pub(super) variances: [f64; 54],
     /// Inverse of the common covariance.
     pub(super) precision: Matrix3<f64>,
 }
 
-/// Six classes with one spread, and what the light adds on each face.
+/// Six classes with one spread, and the effect of the light on each face.
 #[derive(Debug, Clone)]
 pub(super) struct Model {
-    /// What was learned before, and how far it is believed, in facelets of a colour.
+    /// Prior knowledge.
     expected: Expected,
+    /// Weight of the prior means, in facelets of a colour.
     belief: f64,
+    /// Mean of each class.
     means: [Vector3<f64>; 6],
     /// Inverse of the common covariance.
     precision: Matrix3<f64>,
     /// Shift of all nine facelets of each face: haze, reflections.
     shifts: [Vector3<f64>; 6],
-    /// How much brighter each face is exposed, relative, in cube roots of light.
+    /// Gain of each face, relative, in cube roots of light: positive on a brighter face.
     gains: [f64; 6],
     /// Standard deviation of the shading from facelet to facelet, relative, in cube roots of light.
     shading: f64,
 }
 
 impl Model {
-    /// Nothing known but the centres.
+    /// Creates a model from the six centres alone.
     pub(super) fn of_centres(points: &Points) -> Self {
         let expected = Expected {
             means: CENTRES.map(|c| points[c]),
@@ -86,20 +106,24 @@ impl Model {
         Self::of(expected, 0.0)
     }
 
+    /// Creates a model from prior knowledge, whose means weigh `belief` facelets of a colour.
     pub(super) fn of(expected: Expected, belief: f64) -> Self {
         let (means, precision) = (expected.means, expected.precision);
         let shifts = [Vector3::zeros(); 6];
         Self { expected, belief, means, precision, shifts, gains: [0.0; 6], shading: SHADING }
     }
 
-    /// The same, where the brightness of a facelet counts for little.
+    /// Returns the model with almost no weight on the brightness of a facelet.
     pub(super) fn by_hue(self) -> Self {
         Self { shading: ANY_SHADING, precision: self.precision * 4.0, ..self }
     }
 
-    /// Lets means, light, spread and facelets take turns; also what the facelets were taken for in the end.
-    pub(super) fn settle(mut self, points: &Points) -> (Self, [u8; 54]) {
+    /// Sorts the facelets and learns from the result in turns, until the sorting stays the same.
+    /// Returns the model and the class of each facelet.
+    pub(super) fn sort_and_learn(mut self, points: &Points) -> (Self, [u8; 54]) {
         let mut facelets = [0u8; 54];
+        // The first rounds may repeat a sorting while the model still moves. Eight rounds bound the
+        // time of a sorting that alternates.
         for round in 0..8 {
             let sorted = cheapest_pieces(&self.costs(points));
             if sorted == facelets && round > 2 {
@@ -111,20 +135,23 @@ impl Model {
         (self, facelets)
     }
 
-    /// The best that a sorting allows: as it is compared with another one.
-    pub(super) fn settled_on(mut self, points: &Points, facelets: &[u8; 54]) -> Self {
+    /// Returns the best model for a given sorting, for the comparison with another sorting.
+    pub(super) fn fitted_to(mut self, points: &Points, facelets: &[u8; 54]) -> Self {
         (0..8).for_each(|_| self.learn(points, facelets, &[false; 54]));
         self
     }
 
-    /// Takes the facelets for true, but those that are `without` a say.
+    /// Learns means, gains, shifts, spread and shading from the facelets, except those that are
+    /// `without` a vote.
     pub(super) fn learn(&mut self, points: &Points, facelets: &[u8; 54], without: &[bool; 54]) {
         let class = |i: usize| usize::from(facelets[i]);
+        // Means depend on the light and the light on the means, so both are estimated twice.
         for _ in 0..2 {
             for c in 0..6 {
                 let members: Vec<Vector3<f64>> = (0..54)
                     .filter(|&i| class(i) == c && !without[i])
                     .map(|i| {
+                        // The facelet as it would look under the mean light.
                         let bare = points[i] - self.shifts[i / 9] - self.expected.shifts[i];
                         (bare + BLACK) / (1.0 + self.gains[i / 9]) - BLACK
                     })
@@ -146,6 +173,8 @@ impl Model {
                 self.shifts[face] = sum / (n + SHIFT_PRIOR);
             }
         }
+        // A deviation splits into shading along the ray and a rest. The uncertainty of the shading
+        // belongs to both (an expectation-maximisation step).
         let mut scatter = Matrix3::identity() * (SPREAD_PRIOR * SPREAD * SPREAD);
         let mut total = SPREAD_PRIOR;
         let mut shades = SPREAD_PRIOR * SHADING * SHADING;
@@ -165,13 +194,15 @@ impl Model {
         }
     }
 
-    /// The likeliest gain of a face whose facelets are of these classes: each one tells it as well as its shading lets it.
+    /// Returns the likeliest gain of a face whose facelets have these classes, relative. The
+    /// shading of each facelet limits its weight.
     fn gain(
         &self,
         points: &Points,
         face: usize,
         members: impl Iterator<Item = (usize, usize)>,
     ) -> f64 {
+        // Least squares along the rays. The prior pulls the gain to 0.
         let (mut sum, mut total) = (0.0, 1.0 / (GAIN * GAIN));
         for (i, class) in members {
             let ray = self.ray(class);
@@ -185,31 +216,37 @@ impl Model {
         (sum / total).clamp(-MOST_GAIN, MOST_GAIN)
     }
 
-    /// A facelet from where a class lies on its face, in units of the common spread.
+    /// Returns the deviation of a facelet from the place of a class on its face. A facelet with a
+    /// larger variance deviates less.
     fn apart(&self, points: &Points, i: usize, class: usize) -> Vector3<f64> {
         let face = i / 9;
         let place = self.means[class] + self.ray(class) * self.gains[face] + self.shifts[face];
         (points[i] - self.expected.shifts[i] - place) / self.expected.variances[i].sqrt()
     }
 
-    /// A facelet far off is a reflection or in the wrong class: it must not shape the model.
+    /// Returns the weight of a facelet in the model, 0..=1. A facelet that is far off is a
+    /// reflection or has the wrong class, and must not shape the model.
     fn weight(&self, points: &Points, i: usize, class: usize) -> f64 {
         1.0 / (1.0 + self.square(points, i, class) / 9.0)
     }
 
-    /// Cost of each colour for each facelet: its squared distance, [`bent`].
+    /// Computes the cost of each colour for each facelet: its squared distance, [`bent`].
     pub(super) fn costs(&self, points: &Points) -> [[f64; 6]; 54] {
         std::array::from_fn(|i| std::array::from_fn(|c| bent(self.square(points, i, c))))
     }
 
-    /// What it costs to explain the facelets so, in -2 log likelihood, but for what is the same of all models: distances,
-    /// how wide the classes are taken to be, and how far light and spread lie from what was known of them.
+    /// Computes the cost of this explanation of the facelets, in -2 log likelihood, without the
+    /// terms that all models share. It adds up the distances, the width of the classes, and the
+    /// distance of light and spread from their priors.
     pub(super) fn cost(&self, points: &Points, facelets: &[u8; 54]) -> f64 {
+        // Logarithm of the determinant of the covariance. Without it, wide classes would explain
+        // everything.
         let volume = -self.precision.determinant().max(f64::MIN_POSITIVE).ln();
         let mut cost = 0.0;
         for (i, &class) in facelets.iter().enumerate() {
             let class = usize::from(class);
             let ray = self.ray(class);
+            // The shading widens a class along its ray: the determinant grows by 1 + s^2 r' P r.
             let stretch = self.shading.powi(2) * ray.dot(&(self.precision * ray));
             cost += bent(self.square(points, i, class)) + volume + stretch.ln_1p();
         }
@@ -220,17 +257,18 @@ impl Model {
             let moved = mean - expected;
             cost += self.belief * moved.dot(&(self.precision * moved));
         }
+        // Priors of spread and shading: as many facelets with the expected deviation.
         let shades = self.shading.powi(2);
         cost + SPREAD_PRIOR * (volume + SPREAD * SPREAD * self.precision.trace())
             + SPREAD_PRIOR * (shades.ln() + SHADING * SHADING / shades)
     }
 
-    /// Light of each face against the mean one, as a factor.
+    /// Returns the light of each face as a factor of the mean light.
     pub(super) fn light(&self) -> [f64; 6] {
         self.gains.map(|gain| (1.0 + gain).powi(3))
     }
 
-    /// Squared distance of a facelet from a class, in units of the spread.
+    /// Computes the squared distance of a facelet from a class, in units of the spread.
     pub(super) fn square(&self, points: &Points, i: usize, class: usize) -> f64 {
         let d = self.apart(points, i, class);
         let (shade, _) = self.shade(&d, class);
@@ -239,12 +277,13 @@ impl Model {
         rest.dot(&(self.precision * rest)) + (shade / self.shading).powi(2)
     }
 
-    /// Where a class goes when it is lit more strongly.
+    /// Returns the direction in which a class moves in a stronger light.
     fn ray(&self, class: usize) -> Vector3<f64> {
         self.means[class] + BLACK
     }
 
-    /// The likeliest shading of a facelet that is so far from its class, relative, and its variance.
+    /// Returns the likeliest shading (relative) of a facelet with the deviation `d` from its class,
+    /// and the variance of the shading.
     fn shade(&self, d: &Vector3<f64>, class: usize) -> (f64, f64) {
         let ray = self.precision * self.ray(class);
         let known = ray.dot(&self.ray(class)) + 1.0 / self.shading.powi(2);
@@ -252,12 +291,13 @@ impl Model {
     }
 }
 
-/// A squared distance, bent so that it never exceeds [`OUTLIER`].
+/// Bounds a squared distance by [`OUTLIER`]; small ones hardly change.
 fn bent(square: f64) -> f64 {
     square / (1.0 + square / OUTLIER)
 }
 
-/// Lab with lightness weighted down, after the brightest channel is brought to 1.
+/// Converts mean RGB, 0..=255, to Lab with a reduced weight of lightness. The brightest channel of
+/// all facelets is scaled to 1 first, so that the exposure does not matter.
 pub(super) fn coordinates(rgb: &[[f64; 3]; 54]) -> Points {
     let linear = rgb.map(|c| c.map(to_linear));
     let brightest = linear.iter().flatten().copied().fold(1e-4, f64::max);
@@ -268,11 +308,12 @@ pub(super) fn coordinates(rgb: &[[f64; 3]; 54]) -> Points {
     })
 }
 
-/// Median in each coordinate: one glaring facelet does not move it.
+/// Returns the median in each coordinate. A single glaring facelet does not move it.
 fn middle(points: &[Vector3<f64>]) -> Vector3<f64> {
     Vector3::from_fn(|k, _| median(points.iter().map(|p| p[k]).collect()))
 }
 
+/// Returns the median of some values, the upper one of two; 0 if there are none.
 pub(super) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)

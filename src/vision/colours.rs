@@ -1,12 +1,26 @@
-//! Colours: mean RGB of tiles -> the six colours, with a margin each.
+//! Colours of the tiles of one face: mean RGB -> the six colours, with a confidence each.
 //!
-//! One face alone is read against prototypes of the six colours under the light that explains it best.
-//! A whole cube needs no prototypes to be sorted: its centres anchor six classes, each takes exactly nine
-//! facelets at the least total distance in Lab, and the class means follow their members.
+//! A face is compared with prototypes of the six colours under the light that explains it best. The
+//! tiles with a certain colour then say which shade of it this cube has. A whole cube is decided
+//! without prototypes, by `whole`.
+//!
+//! | case | constant | reason |
+//! |---|---|---|
+//! | channel clips | [`CLIPPED`] | encoders do not leave it at 255 |
+//! | colour of the light | [`GAINS`], log s.d. 0.25 | daylight to lamps |
+//! | exposure | [`EXPOSURES`] | the brightest tile need not be white |
+//! | weakest channel of a sticker | [`PALE`] | no dye absorbs all of its light |
+//! | haze on a coloured tile | [`GLARE`] | adds white light, which turns red into orange |
+//! | white under a tint | [`TINT`] | the light is estimated only roughly |
+//! | shades on one cube | [`WITHIN`] | makers differ more than the stickers of a cube |
+//! | clipped channel | [`STRENGTH`], [`CHANNEL`], [`SHADE`] | it shows only a lower bound |
+//! | tile clips in all channels | [`YELLOW`], [`RIM`] | its blurred rim shows white or yellow |
+//! | tile resembles no colour | squared distance 16 | a finger must not bend the light |
+//! | ... its confidence | falls to 1/e at 30 | the best of bad guesses is not certain |
 //!
 //! - in: mean RGB of tiles, 0..=255, as in the image (sRGB)
-//! - out: colours 0..=5 = white, red, green, yellow, orange, blue (URFDLB); confidences or margins
-//! - source: von Kries gains and CIE 1976 L*a*b*; exact assignment after Kuhn (1955)
+//! - out: colours 0..=5 = white, red, green, yellow, orange, blue (URFDLB), and confidences
+//! - source: own work; von Kries gains; CIE 1976 L\*a\*b\*
 
 use std::ops::Range;
 use std::sync::LazyLock;
@@ -16,8 +30,9 @@ pub use super::whole::{Decision, Undecided, decide_cube};
 /// Letters of the colours 0..=5.
 pub const LETTERS: [char; 6] = ['W', 'R', 'G', 'Y', 'O', 'B'];
 
-/// What a person calls by each name: hue and its spread (deg), brightness of the strongest channel (80, 42, 32,
-/// 75, 62 and 36 % of a perfect white, as logarithms). The hue is that of [`Shade`]; white has none.
+/// Prototypes of the six colours: hue and its spread (deg), and brightness of the strongest channel
+/// (80, 42, 32, 75, 62 and 36 % of a perfect white, as logarithms). The hue is that of [`Shade`];
+/// white has none.
 const PROTOTYPES: [Prototype; 6] = [
     Prototype { hue: None, log_value: -0.223 },
     Prototype { hue: Some((-4.0, 8.0)), log_value: -0.868 },
@@ -27,14 +42,17 @@ const PROTOTYPES: [Prototype; 6] = [
     Prototype { hue: Some((215.0, 16.0)), log_value: -1.022 },
 ];
 
+/// Prototype of a colour.
 #[derive(Debug, Clone, Copy)]
 struct Prototype {
+    /// Hue and its standard deviation between makers (deg).
     hue: Option<(f64, f64)>,
+    /// Logarithm of the strongest channel.
     log_value: f64,
 }
 
 impl Prototype {
-    /// Linear RGB: the inverse of [`Shade`].
+    /// Returns the linear RGB of the prototype: the inverse of [`Shade`].
     fn reflectance(&self) -> [f64; 3] {
         let high = self.log_value.exp();
         let Some((hue, _)) = self.hue else { return [high; 3] };
@@ -54,19 +72,22 @@ impl Prototype {
 static REFLECTANCES: LazyLock<[[f64; 3]; 6]> =
     LazyLock::new(|| PROTOTYPES.each_ref().map(Prototype::reflectance));
 
-/// Share of its strongest channel that a coloured sticker reflects of the weakest.
+/// Weakest channel of a coloured sticker as a share of its strongest one.
 const PALE: f64 = 0.05;
 
-/// From this level on a channel counts as clipped: encoders do not leave it at 255.
+/// Level from which a channel counts as clipped, 0..=255. Encoders do not leave it at 255.
 pub const CLIPPED: f64 = 246.0;
 
-/// Gains of red and blue against green that the light may have (log spaced; prior s.d. 0.25 in log).
+/// Gains of red and blue against green that the light may have, spaced evenly in their logarithm.
+/// Their prior has a standard deviation of 0.25 in the logarithm.
 const GAINS: [f64; 7] = [0.6, 0.72, 0.85, 1.0, 1.18, 1.4, 1.65];
 
-/// Level of the brightest channel of the brightest tile once the exposure is set right.
+/// Values that the brightest channel of the brightest tile may have under the right exposure, as
+/// shares of a perfect white.
 const EXPOSURES: [f64; 4] = [1.0, 0.75, 0.5, 0.3];
 
-/// The mean colour of a tile in linear light, with the channels that may have been brighter than the camera tells.
+/// Mean colour of a tile in linear light, and the channels that were perhaps brighter than the
+/// camera can show.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Seen {
     linear: [f64; 3],
@@ -74,27 +95,30 @@ pub(super) struct Seen {
 }
 
 impl Seen {
-    /// Of sRGB levels 0..=255.
+    /// Converts sRGB levels 0..=255.
     fn new(levels: [f64; 3]) -> Self {
         Self { linear: levels.map(to_linear), clipped: levels.map(|v| v >= CLIPPED) }
     }
 
-    /// Of linear light that no camera clipped.
+    /// Takes linear light that no camera clipped.
     pub(super) fn whole(linear: [f64; 3]) -> Self {
         Self { linear, clipped: [false; 3] }
     }
 
-    /// The tile under a light that is undone.
+    /// Returns the tile without the colour and strength of a light.
     fn under(&self, light: Light) -> Self {
         Self { linear: light.undo(self.linear), ..*self }
     }
 
-    /// Squared distance to each prototype in units of its spread. A clipped channel says only what the light was at
-    /// least: it is taken to be what the prototype would show, in the shade and under the glare that the others tell.
+    /// Computes the squared distance to each prototype in units of its spread.
+    ///
+    /// A clipped channel gives only a lower bound of the light. Its value is taken from the
+    /// prototype itself, with the strength and the glare that the other channels show.
     fn distances(&self, shades: &Shades) -> [f64; 6] {
         if self.clipped == [false; 3] {
             return Tone::new(self.linear, shades).distances(1.0);
         }
+        // A filled tile differs for each prototype, so it is compared only with that one.
         std::array::from_fn(|c| {
             let own = REFLECTANCES[c];
             let (shade, glare) = self.explained(&own, PROTOTYPES[c].hue.is_some());
@@ -106,12 +130,17 @@ impl Seen {
         })
     }
 
-    /// The strength of a prototype's light, and of the glare on it, that explain the channels which did not clip: the
-    /// likeliest under a normal strength and an exponential glare.
+    /// Returns the strength of a prototype's light, and the glare on it, that best explain the
+    /// channels which did not clip.
+    ///
+    /// With a normal prior of the strength s about 1 and an exponential prior of the glare g, it
+    /// minimises the sum of `w_k (s own_k + g - x_k)^2`, `((s - 1) / STRENGTH)^2` and
+    /// `2 g / (0.8 GLARE)`. The strength alone is not enough: red under haze was read as orange.
     fn explained(&self, own: &[f64; 3], coloured: bool) -> (f64, f64) {
         if self.clipped == [true; 3] {
             return (1.0, 0.0);
         }
+        // Normal equations of s and g; 0.8 is the reflectance of white, in which glare is given.
         let prior = 1.0 / (STRENGTH * STRENGTH);
         let (mut ss, mut sg, mut gg) = (prior, 0.0, 0.0);
         let (mut xs, mut xg) = (prior, -1.0 / (0.8 * GLARE));
@@ -123,47 +152,52 @@ impl Seen {
             xs += weight * own[k] * self.linear[k];
             xg += weight * self.linear[k];
         }
-        // On white, glare and strength are one.
+        // On white, glare cannot be distinguished from strength.
         let glare =
             if coloured { ((xg * ss - xs * sg) / (gg * ss - sg * sg)).max(0.0) } else { 0.0 };
         (((xs - sg * glare) / ss).clamp(SHADE.0, SHADE.1), glare)
     }
 }
 
-/// Spread of the strength of a tile's light, relative to its prototype's, and of a channel, relative.
+/// Standard deviation of the strength of a tile's light, relative to that of its prototype.
 const STRENGTH: f64 = 0.5;
+/// Standard deviation of a channel, relative.
 const CHANNEL: f64 = 0.1;
 
-/// At the rim of a clipped tile: logarithm of green over blue of yellow, at least, and the spread of that of white and
-/// yellow. Half of a file's colour is lost between two pixels.
+/// Least logarithm of green over blue at the rim of a clipped yellow tile. It is small, because a
+/// file stores colour at half the resolution, and rims are narrow.
 const YELLOW: f64 = 0.45;
+/// Standard deviation of that logarithm, for white and for yellow.
 const RIM: f64 = 0.2;
 
-/// How much darker and brighter than its prototype a tile may be taken to be where it clips.
+/// Least and greatest strength of a clipped tile, relative to its prototype.
 const SHADE: (f64, f64) = (0.4, 2.5);
 
-/// What the light did to the tiles: factors that undo it, on linear RGB.
+/// Factors on linear RGB that remove the effect of a light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Light(pub(super) [f64; 3]);
 
-/// The colours of one face by itself, and a confidence for each, 0..=1.
+/// Decides the colours of one face by itself. Returns them with a confidence each, 0..=1.
 #[must_use]
 pub fn decide_face(rgb: &[[f64; 3]; 9]) -> ([u8; 9], [f64; 9]) {
     decide_face_with(rgb, &[None; 9])
 }
 
-/// The same, with the linear light at the rims of tiles that clip in all channels, of any strength.
+/// Decides the colours like [`decide_face`]. `rims` is the linear light, of any strength, at the
+/// rims of tiles that clip in all channels.
 pub(super) fn decide_face_with(
     rgb: &[[f64; 3]; 9],
     rims: &[Option<[f64; 3]>; 9],
 ) -> ([u8; 9], [f64; 9]) {
     let seen = rgb.map(Seen::new);
+    // The cost of a tile is bounded, so that a finger or a logo does not bend the light.
     let (light, _) = fit_light(&seen, |distances| {
         distances.iter().map(|d| d.iter().copied().fold(16.0, f64::min)).sum()
     });
     let tiles = seen.map(|tile| tile.under(light));
     let shades = Shades::of(&tiles);
-    // By how much blue lacks at a rim against green; white's is not bluer than the light.
+    // Logarithm of green over blue at each rim. White is not bluer than the light: a rim that seems
+    // to be shows an error of the estimated light, which is subtracted.
     let lacks = rims.map(|rim| {
         let [_, green, blue] = light.undo(rim?);
         Some((green.max(1e-6) / blue.max(1e-6)).ln())
@@ -173,7 +207,7 @@ pub(super) fn decide_face_with(
     let mut confidences = [0.0; 9];
     for (i, tile) in tiles.iter().enumerate() {
         let mut d = tile.distances(&shades);
-        // White and yellow clip alike, but not at their rims.
+        // White and yellow look alike where they clip, but not at their rims.
         if let Some(lack) = lacks[i].map(|lack| lack - bluest) {
             d[0] = (lack / RIM).powi(2);
             d[3] = 1.0 + ((YELLOW - lack).max(0.0) / RIM).powi(2);
@@ -181,7 +215,7 @@ pub(super) fn decide_face_with(
         let best = least(&d);
         let weight: f64 = d.iter().map(|x| (-0.5 * (x - d[best])).exp()).sum();
         colours[i] = best as u8;
-        // A tile that resembles no colour is not certain, however lonely the best guess is.
+        // A tile that resembles no colour is not certain, even if the best guess has no rival.
         confidences[i] = (-(d[best] / 30.0)).exp() / weight;
     }
     if is_colourless(rgb) {
@@ -190,23 +224,24 @@ pub(super) fn decide_face_with(
     (colours, confidences)
 }
 
-/// Whether a picture in black and white shows these tiles: it says nothing of colours. That of a white face has noise, and
-/// a light of its own.
+/// Returns whether these tiles come from a black and white picture, which has no information about
+/// colours. A colour picture of a white face differs by its noise and the colour of its light.
 #[must_use]
 pub fn is_colourless(rgb: &[[f64; 3]]) -> bool {
     let grey = |c: &[f64; 3]| c[0].max(c[1]).max(c[2]) - c[0].min(c[1]).min(c[2]) < 0.5;
     rgb.iter().all(grey)
 }
 
-/// Hue of each colour on the cube at hand, and its spread (deg): makers' reds differ more than two reds of a cube do.
+/// Hue of each colour on this cube, and its spread (deg). The reds of two makers differ more than
+/// two reds of one cube.
 #[derive(Debug, Clone, Copy)]
 struct Shades([(f64, f64); 6]);
 
-/// Spread of the hue within one cube (deg).
+/// Standard deviation of the hue within one cube (deg).
 const WITHIN: f64 = 5.0;
 
 impl Shades {
-    /// What is known before any tile was seen; the spread of makers and of tiles together.
+    /// Prior knowledge: the prototypes, with the spread of makers and of tiles together.
     const ANY: Self = {
         let mut shades = [(0.0, 1.0); 6];
         let mut c = 0;
@@ -219,13 +254,15 @@ impl Shades {
         Self(shades)
     };
 
-    /// The tiles that are surely of a colour say which hue it has here; then the others are asked again.
+    /// Estimates the hues on this cube from its tiles. Each tile counts with the probability of its
+    /// colour. On drawn faces this raised the fully read ones from 528 to 545 of 631.
     fn of(tiles: &[Seen; 9]) -> Self {
         let mut shades = Self::ANY;
+        // Better hues give better probabilities. Three rounds suffice.
         for _ in 0..3 {
-            // Sums of weights, and of turns from the prototype, by colour.
+            // Sums of weights, and of weighted differences from the prototype's hue, by colour.
             let mut sums = [(0.0, 0.0); 6];
-            // A clipped tile's hue is not its own.
+            // Clipping changes the hue of a tile.
             for tile in tiles.iter().filter(|t| t.clipped == [false; 3]) {
                 let d = tile.distances(&shades);
                 let best = least(&d);
@@ -249,18 +286,20 @@ impl Shades {
     }
 }
 
-/// Angle from one hue to another, -180..180 deg.
+/// Returns the angle from one hue to another, -180..180 deg.
 fn turn(hue: f64, from: f64) -> f64 {
     (hue - from + 180.0).rem_euclid(360.0) - 180.0
 }
 
-/// The light under which the tiles look most like the six colours; `judge` turns the squared distances of
-/// all tiles to all colours into one cost.
+/// Finds the light under which the tiles look most like the six colours, and its cost. `judge`
+/// turns the squared distances of all tiles to all colours into one cost.
 pub(super) fn fit_light(tiles: &[Seen], judge: impl Fn(&[[f64; 6]]) -> f64) -> (Light, f64) {
     let mut best = ([1.0; 3], Light([1.0; 3]), f64::INFINITY);
     let mut distances = vec![[0.0; 6]; tiles.len()];
     let mut tones = vec![Tone::default(); tiles.len()];
     let mut attempt = |gains: [f64; 3], best: &mut ([f64; 3], Light, f64)| {
+        // Only the ratios of the gains are free. The exposure is searched apart, because only the
+        // value of a tone depends on it.
         let brightest = tiles
             .iter()
             .map(|t| (0..3).map(|c| t.linear[c] * gains[c]).fold(0.0, f64::max))
@@ -290,7 +329,8 @@ pub(super) fn fit_light(tiles: &[Seen], judge: impl Fn(&[[f64; 6]]) -> f64) -> (
             attempt([red, 1.0, blue], &mut best);
         }
     }
-    // Half a step, and a quarter, around the best: pale tiles feel an error of the light of 5 %.
+    // Half a step and a quarter of a step around the best. An error of the light of 5 % changes the
+    // hue of pale tiles.
     for step in [1.08, 1.04] {
         let [red, _, blue] = best.0;
         for r in [red / step, red, red * step] {
@@ -303,17 +343,18 @@ pub(super) fn fit_light(tiles: &[Seen], judge: impl Fn(&[[f64; 6]]) -> f64) -> (
 }
 
 impl Light {
+    /// Removes the effect of the light from linear RGB.
     pub(super) fn undo(self, linear: [f64; 3]) -> [f64; 3] {
         [linear[0] * self.0[0], linear[1] * self.0[1], linear[2] * self.0[2]]
     }
 }
 
-/// A tile as hue, saturation and value of linear light. Glare adds white light, which takes from the
-/// saturation but leaves this hue as it is; the hue of Lab, or of coded values, would turn with it.
+/// Hue, saturation and value of a tile in linear light. Glare adds white light, which lowers the
+/// saturation and keeps this hue. It would change the hue of Lab, or that of coded values.
 #[derive(Debug, Clone, Copy)]
 struct Shade {
-    /// In degrees -30..330, with the root of the middle channel's share: red, orange and yellow, which lie
-    /// within 60 deg, are spread evenly by it.
+    /// Hue, -30..330 deg. It depends on the root of the middle channel's share, which spreads red,
+    /// orange and yellow evenly over their 60 deg.
     hue: f64,
     saturation: f64,
     value: f64,
@@ -322,6 +363,7 @@ struct Shade {
 impl Shade {
     fn new([r, g, b]: [f64; 3]) -> Self {
         let (high, low) = (r.max(g).max(b), r.min(g).min(b));
+        // The six cases are the sextants of the hue circle, by the order of the channels.
         let range = (high - low).max(1e-6);
         let share = |middle: f64| 60.0 * ((middle - low) / range).max(0.0).sqrt();
         let hue = if high == r {
@@ -336,35 +378,37 @@ impl Shade {
         Self { hue, saturation: (high - low) / high.max(1e-6), value: high }
     }
 
-    /// Uncertainty of the hue (deg): the paler a tile, the more an error of the light turns it.
+    /// Returns the uncertainty of the hue (deg). An error of the light changes the hue of a pale
+    /// tile more.
     fn blur(&self) -> f64 {
         12.0 * (1.0 / self.saturation.max(0.05) - 1.0)
     }
 }
 
-/// A tile against each prototype, but for the exposure.
+/// Comparison of a tile with each prototype, before the exposure is known.
 #[derive(Debug, Clone, Copy, Default)]
 struct Tone {
-    /// Squared distances of hue, and of saturation for white.
+    /// Squared distances of hue; for white, of saturation.
     chroma: [f64; 6],
-    /// Logarithm of the value: as white, and of the coloured part alone.
+    /// Logarithm of the value, and of the value of the coloured part alone.
     value: [f64; 2],
-    /// Light that is common to the channels.
+    /// Light that all channels share.
     grey: f64,
 }
 
-/// Mean share of white light that lies on a coloured tile (haze, glare), of what white reflects.
+/// Mean white light on a coloured tile (haze, glare), as a share of the light that white reflects.
 const GLARE: f64 = 0.12;
 
-/// Saturation that a tint of the light which was not undone gives to white.
+/// Saturation of white under the remaining error of the light.
 const TINT: f64 = 0.15;
 
 impl Tone {
+    /// Compares a tile with all prototypes.
     fn new(linear: [f64; 3], shades: &Shades) -> Self {
         Self::of(linear, shades, 0..6)
     }
 
-    /// The same for some of the prototypes.
+    /// Compares a tile with some of the prototypes.
     fn of(linear: [f64; 3], shades: &Shades, colours: Range<usize>) -> Self {
         let shade = Shade::new(linear);
         let blur = shade.blur();
@@ -376,49 +420,50 @@ impl Tone {
                 Some(_) => turn(shade.hue, hue).powi(2) / (spread * spread + blur * blur),
             };
         }
-        // Of a coloured tile only the coloured light counts: the rest is glare.
+        // On a coloured tile only the coloured light counts. The rest is glare.
         let value = [1.0, shade.saturation].map(|own| (shade.value * own).max(1e-4).ln());
         Self { chroma, value, grey: shade.value * (1.0 - shade.saturation) }
     }
 
-    /// Squared distance to each prototype in units of its spread, after an exposure.
+    /// Computes the squared distance to each prototype in units of its spread, after an exposure.
     fn distances(&self, exposure: f64) -> [f64; 6] {
         let log_exposure = exposure.ln();
         std::array::from_fn(|c| self.distance(c, exposure, log_exposure))
     }
 
-    /// Squared distance to one prototype, after an exposure with this logarithm.
+    /// Computes the squared distance to prototype `c`, after an exposure.
     fn distance(&self, c: usize, exposure: f64, log_exposure: f64) -> f64 {
         let p = &PROTOTYPES[c];
         let coloured = p.hue.is_some();
         let value = self.value[usize::from(coloured)] + log_exposure;
-        // Glare has an exponential distribution: what is nearly as bright as white all over is white.
+        // Glare has an exponential prior, so a tile that is nearly as bright as white in all
+        // channels is white. The value is bounded, because shadows may darken a tile at will.
         let glare = 2.0 * (self.grey * exposure / 0.8) / GLARE;
         let pale = if coloured { glare } else { 0.0 };
         self.chroma[c] + pale + ((value - p.log_value) / 0.6).powi(2).min(9.0)
     }
 }
 
-/// Squared distance to each prototype in units of its spread.
+/// Computes the squared distance to each prototype in units of its spread.
 pub(super) fn prototype_distances(linear: [f64; 3]) -> [f64; 6] {
     Tone::new(linear, &Shades::ANY).distances(1.0)
 }
 
-/// Linear light 0..=1 of an sRGB level 0..=255.
+/// Converts an sRGB level 0..=255 to linear light 0..=1 (IEC 61966-2-1).
 #[must_use]
 pub fn to_linear(level: f64) -> f64 {
     let v = (level / 255.0).clamp(0.0, 1.0);
     if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
 }
 
-/// The sRGB level 0..=255 of linear light 0..=1.
+/// Converts linear light 0..=1 to an sRGB level 0..=255 (IEC 61966-2-1).
 #[must_use]
 pub fn to_level(linear: f64) -> f64 {
     let v = linear.clamp(0.0, 1.0);
     255.0 * if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// CIE L*a*b* (D65) of linear RGB.
+/// Converts linear RGB to CIE L\*a\*b\* (D65).
 pub(super) fn lab(rgb: [f64; 3]) -> [f64; 3] {
     let [r, g, b] = rgb;
     let f = |t: f64| {
@@ -430,11 +475,12 @@ pub(super) fn lab(rgb: [f64; 3]) -> [f64; 3] {
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
+/// Returns the index of the least value, the first one of equals.
 fn least(values: &[f64]) -> usize {
     (0..values.len()).fold(0, |best, i| if values[i] < values[best] { i } else { best })
 }
 
-/// Letter of a face 0..=5.
+/// Returns the letter of a face 0..=5.
 #[must_use]
 pub fn face_letter(face: usize) -> char {
     ['U', 'R', 'F', 'D', 'L', 'B'][face]
@@ -455,7 +501,7 @@ mod tests {
     ];
 
     #[test]
-    fn a_black_and_white_picture_says_nothing_of_colours() {
+    fn black_and_white_picture_has_no_colours() {
         let grey = std::array::from_fn(|i| [30.0 + 20.0 * i as f64; 3]);
 
         assert_eq!(decide_face(&grey).1, [0.0; 9]);
@@ -479,7 +525,7 @@ mod tests {
     }
 
     #[test]
-    fn a_face_is_read_by_itself_in_dim_and_in_warm_light() {
+    fn face_is_read_in_dim_and_warm_light() {
         let face = [0, 1, 2, 3, 4, 5, 4, 1, 0];
         for gains in [[1.0, 1.0, 1.0], [0.4, 0.4, 0.4], [1.0, 0.92, 0.8], [0.85, 0.93, 1.0]] {
             let rgb = std::array::from_fn(|i| {

@@ -1,10 +1,23 @@
-//! The detector: image -> faces, or the reason why there is none.
+//! Detector of a cube's faces: image -> faces, or the reason why there is none.
+//!
+//! The first case of this table that applies is the reason of a refusal:
+//!
+//! | refusal | threshold | meaning |
+//! |---|---|---|
+//! | `TooFewPixels` | below 16 x 16 px | nine tiles and their gaps have no room |
+//! | `TooDark` | brightest candidates below 30 of 255 | edges are lost in the noise |
+//! | `Overexposed` | more than 35 % of the candidates clip | colours and grooves are lost |
+//! | `LargerLattice` | see `lattice` | a keyboard, a floor, a 4x4 cube |
+//! | `Doubtful` | confidence below `least_confidence` | may be something else |
+//! | `TooSmall` | a lattice of specks, or below `least_width_px` | tiles too small to be read |
+//! | `NoTiles`, `NoLattice` | - | no candidates, or no nine of them fit |
 //!
 //! - in: RGB pixels, an optional window, [`DetectorSettings`]
 //! - out: [`FaceSighting`]s, best first, or a [`Refusal`]
-//! - source: own work on the paper's scheme (segmentation, filters, neighbours; Zieliński et al. 2007, p. 373)
+//! - source: own work on the paper's scheme (segmentation, filters, neighbours; Zieliński et al.
+//!   2007, p. 373)
 
-use super::doubts::{self, PERHAPS, hues};
+use super::doubts::{self, MOST_IF_AMBIGUOUS, hues};
 use super::homography::{self, GRID, OUTLINE, Point, apply};
 use super::lattice::{self, Lattice, Onward};
 pub(super) use super::patch::Patch;
@@ -14,28 +27,28 @@ use super::sides::Sides;
 use super::{FaceSighting, Rect, Refusal, colours, paper};
 use image::RgbImage;
 
-/// How tile candidates are made.
+/// Method by which tile candidates are made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Method {
-    /// Regions enclosed by edges, at several thresholds: leans on no colour.
+    /// Regions enclosed by edges, at several thresholds. The method assumes no colours.
     #[default]
     Edges,
     /// The paper's colour tables, run lengths and filters.
     Paper2007,
 }
 
-/// What the detector may be told.
+/// Settings of the detector.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DetectorSettings {
-    /// How tile candidates are made.
+    /// Method by which tile candidates are made.
     pub method: Method,
-    /// Faces whose longest side is below this are not reported (px).
+    /// Least length of a face's longest side (px). Smaller faces are not reported.
     pub least_width_px: f64,
-    /// Faces below this confidence are not reported, 0..=1.
+    /// Least confidence of a face that is reported, 0..=1.
     pub least_confidence: f64,
-    /// Cells that must be held by regions of their own, of 9.
+    /// Fewest cells, of 9, that regions of their own must hold.
     pub least_tiles: usize,
-    /// Pictures with more pixels than this are searched at half the size first (a third, ...).
+    /// Number of pixels above which a picture is searched at half its size first (a third, ...).
     pub most_pixels: usize,
 }
 
@@ -51,22 +64,22 @@ impl Default for DetectorSettings {
     }
 }
 
-/// Spread of an even tile (see [`TileSample`]).
+/// Greatest spread of an even tile (see [`TileSample`]).
 const EVEN: f64 = 0.08;
-/// Sides that a cell counts for whose surroundings do not lie where those of the other tiles do.
+/// Number of sides of a cell that edges bound all around, if the sides of the tiles do not agree.
 const BOUND: u8 = 4;
 
-/// Limits of a tile's shape: generous, because the lattice decides.
+/// Limits of a tile's shape. They are generous, because the lattice decides.
 pub(super) const SHAPE: TileLimits =
     TileLimits { area: (12.0, f64::INFINITY), fullness: (0.78, 1.09), elongation: 4.5 };
 
-/// Limits of the form of tiles that are only to be counted.
+/// Limits of the shape of tiles that are too small to be read.
 const SMALL: TileLimits = TileLimits { area: (3.0, 60.0), fullness: (0.6, 1.4), elongation: 4.5 };
 
 /// Finds the faces of cubes in an image, or in a window of it; best first.
 ///
 /// # Errors
-/// [`Refusal`] says why nothing is reported.
+/// [`Refusal`] with the reason why no face is reported.
 pub fn detect(
     image: &RgbImage,
     window: Option<Rect>,
@@ -89,7 +102,8 @@ pub fn detect(
         step += 1;
     }
     let mut result = Patch::new(image, window, step).faces(settings);
-    // A small face in a large picture survives only at full size.
+    // A reduced picture loses small faces, so it is searched again at larger sizes. The bound on
+    // the pixels keeps the time of a huge picture finite.
     while result.is_err()
         && step > 1
         && pixels / ((step - 1) * (step - 1)) <= 16 * settings.most_pixels
@@ -106,17 +120,19 @@ pub fn detect(
 }
 
 impl Patch {
-    /// Tile candidates of the edge method at three thresholds, each tile once; the edges and the middle
-    /// threshold go with them.
+    /// Finds the tile candidates of the edge method at five thresholds, each tile once. Returns
+    /// them with the edges and a middle threshold.
     pub(super) fn candidates(&self) -> (Vec<Tile>, Edges, u8) {
         let edges = Edges::new(&self.rgb, self.width, self.height);
         let (brightest, _) = self.exposure();
-        // Dark pictures have weak edges; noisy ones need a higher floor.
+        // Edges are weaker in a dark picture. In a noisy one the threshold must lie above the
+        // noise.
         let contrast = (f64::from(brightest) / 255.0).clamp(0.2, 1.0);
         let low = (7.0 * contrast).max(1.3 * f64::from(edges.floor()) + 3.0).min(40.0);
         let mut limits = SHAPE;
         limits.area.1 = (self.width * self.height) as f64 / 9.0;
         let mut tiles: Vec<Tile> = Vec::new();
+        // Weak grooves need a low threshold, glare and shadow on a tile a high one.
         for factor in [1.0, 1.6, 2.6, 4.2, 7.0] {
             let threshold = (low * factor).round().clamp(2.0, 120.0) as u8;
             merge(&mut tiles, edges.tiles(threshold, &limits).0);
@@ -124,7 +140,10 @@ impl Patch {
         (tiles, edges, (low * 1.8).round() as u8)
     }
 
-    /// The faces of the patch in image coordinates.
+    /// Finds the faces of the patch, in image coordinates.
+    ///
+    /// # Errors
+    /// [`Refusal`] by the table of the module.
     fn faces(&self, settings: &DetectorSettings) -> Result<Vec<FaceSighting>, Refusal> {
         let (tiles, edges) = match settings.method {
             Method::Edges => {
@@ -137,6 +156,7 @@ impl Patch {
         let mut faces: Vec<FaceSighting> = Vec::new();
         for i in 0..lattices.len() {
             let mut seen = None;
+            // A certain lattice needs no evidence from its sides, and a larger one is no face.
             if let Some((edges, threshold)) = &edges
                 && !lattices[i].is_larger()
                 && lattices[i].score() <= lattice::CERTAIN
@@ -157,6 +177,7 @@ impl Patch {
         if !faces.is_empty() {
             return Ok(faces);
         }
+        // The exposure comes first, because it can cause each of the other failures.
         let (brightest, clipped) = self.exposure_of(&tiles);
         let beyond = lattices.iter().filter(|l| l.is_larger()).map(|l| l.beyond).max();
         Err(if brightest < 30 {
@@ -176,8 +197,9 @@ impl Patch {
         })
     }
 
-    /// Level of the brightest tenth of the candidates, and the share of them that clip: a cube in the dark before a bright
-    /// window is dark. Of few candidates the whole picture is judged.
+    /// Returns the level of the brightest tenth of the candidates, and the share of them that clip.
+    /// A cube in the dark in front of a bright window is dark. With fewer than nine candidates the
+    /// values are those of the whole picture.
     fn exposure_of(&self, tiles: &[Tile]) -> (u8, f64) {
         let mut levels: Vec<[u8; 2]> = tiles
             .iter()
@@ -192,8 +214,9 @@ impl Patch {
         (levels[levels.len() * 9 / 10][0], clipped as f64 / levels.len() as f64)
     }
 
-    /// Width of a face in the picture whose tiles are too small to be read (px).
+    /// Returns the width of a face whose tiles are too small to be read (px), if there is one.
     fn small(&self, edges: &Edges) -> Option<f64> {
+        // Specks of noise form lattices by chance, so at least eight tiles must fit well.
         let mut tiles = Vec::new();
         for threshold in [12, 20, 32, 50, 80] {
             merge(&mut tiles, edges.tiles(threshold, &SMALL).0);
@@ -208,7 +231,8 @@ impl Patch {
         Some((0..4).map(side).fold(0.0, f64::max))
     }
 
-    /// The lattice fitted to the sides of its tiles, if that makes it more certain, and what its cells show of them.
+    /// Fits a lattice to the sides of its tiles. Returns it if that makes it more certain, and the
+    /// sides that its cells show.
     fn mended(
         &self,
         lattice: &Lattice,
@@ -219,14 +243,15 @@ impl Patch {
         let h = &lattice.homography;
         let sides = Sides::best(edges, threshold, h, 0.5 * lattice.sticker);
         let agree = sides.total() >= doubts::AGREE;
-        // Where no sides agree, edges all around what is even make a tile.
+        // Without sides that agree, an even cell with edges all around still counts as a tile.
+        // Edges alone do not suffice: fingers and background have them as well.
         let bound = GRID.map(|g| {
             let tile =
                 edges.bound(h, g, threshold) && self.sample(h, g, lattice.sticker).spread < EVEN;
             if tile { BOUND } else { 0 }
         });
         let certainty = doubts::certainty(lattice, &bound);
-        match Lattice::on(tiles, sides.homography, sides.sticker, &sides.seen) {
+        match Lattice::from_sides(tiles, sides.homography, sides.sticker, &sides.seen) {
             Some(better)
                 if better.count() >= 3 && doubts::certainty(&better, &sides.seen) >= certainty =>
             {
@@ -236,11 +261,13 @@ impl Patch {
         }
     }
 
-    /// A lattice as a face: places in the image, colours, confidence.
+    /// Turns a lattice into a face with places in the image, colours and confidences.
     fn sighting(&self, lattice: &Lattice, tiles: &[Tile], seen: Option<Seen>) -> FaceSighting {
         let samples: [TileSample; 9] =
             std::array::from_fn(|i| self.sample(&lattice.homography, GRID[i], lattice.sticker));
         let rgb = samples.map(|s| s.rgb);
+        // The rim of a clipped tile is blurred into the dark gap and does not clip. It shows
+        // whether the tile is white or yellow.
         let rims: [_; 9] = std::array::from_fn(|i| {
             let (h, sticker) = (&lattice.homography, lattice.sticker);
             samples[i].clipped.then(|| self.rim(h, GRID[i], sticker)).flatten()
@@ -251,25 +278,26 @@ impl Patch {
                 *confidence *= 0.5;
             }
         }
-        // What covers a tile has a colour, too.
-        // A picture in black and white says nothing of colours.
+        // A black and white picture has no information about colours.
         if self.colourless() {
             confidences = [0.0; 9];
         }
         let sides = seen.map_or([0; 9], |seen| seen.sides);
+        // A cell without a region may be covered, and its colour is then that of a finger.
         for i in (0..9).filter(|&i| seen.is_some() && lattice.tiles[i].is_none()) {
             confidences[i] *= (f64::from(sides[i]) / 4.0).powi(2);
         }
         let h = &lattice.homography;
-        let stripes = 1.0 - (self.patchwork(h, &rgb) / 0.2).min(1.0) * (1.0 - PERHAPS);
+        // Windows, cloth and drawers have nine alike as well. Each doubt lowers the confidence.
+        let stripes = 1.0 - (self.patchwork(h, &rgb) / 0.2).min(1.0) * (1.0 - MOST_IF_AMBIGUOUS);
         let pitch = homography::smallest_pitch(&GRID.map(|g| apply(h, g)));
         let held: Vec<&Tile> = lattice.tiles.iter().flatten().map(|&t| &tiles[t]).collect();
         let fullness = held.iter().map(|t| t.fullness).sum::<f64>() / held.len() as f64;
-        // Edges take about a pixel from each side of a tile.
+        // Edges take about a pixel from each side of a tile, which is added again.
         let doubt =
             doubts::form(lattice.sticker + 2.0 / pitch, fullness) * doubts::variety(hues(&rgb));
         let alike = seen.is_none_or(|seen| seen.agree);
-        let most = if lattice.onward == Onward::Ends && alike { 1.0 } else { PERHAPS };
+        let most = if lattice.onward == Onward::Ends && alike { 1.0 } else { MOST_IF_AMBIGUOUS };
         FaceSighting {
             corners: OUTLINE.map(|c| self.to_image(apply(&lattice.homography, c))),
             centres: std::array::from_fn(|i| {
@@ -284,24 +312,27 @@ impl Patch {
             colours,
             confidences,
             confidence: {
-                // What may be a face is reported, but nobody is told that it is one for sure.
+                // A lattice that may be a cloth keeps a confidence of up to `MOST_IF_AMBIGUOUS`: it
+                // is reported as a possible face, never as a certain one.
                 let found = doubts::certainty(lattice, &sides) * doubt;
-                let cloth =
-                    stripes.min(doubts::unwoven(&rgb, &lattice.tiles.map(|tile| tile.is_some())));
-                found.min((cloth * found).max(PERHAPS)).min(most)
+                let cloth = stripes.min(doubts::arrangement_evidence(
+                    &rgb,
+                    &lattice.tiles.map(|tile| tile.is_some()),
+                ));
+                found.min((cloth * found).max(MOST_IF_AMBIGUOUS)).min(most)
             },
         }
     }
 }
 
-/// Puts the mended lattice in place of the one at `i`, if no other lattice that it meets is better.
+/// Replaces the lattice at `i` by the mended one, unless a better lattice shares cells with it.
 fn replace(lattices: &mut [Lattice], i: usize, better: Lattice, tiles: &[Tile]) {
     let rivals = (0..lattices.len()).filter(|&j| j != i).map(|j| &lattices[j]);
-    let met: Vec<&Lattice> = rivals.filter(|other| better.meets(other, tiles)).collect();
+    let met: Vec<&Lattice> = rivals.filter(|other| better.shares_cells(other, tiles)).collect();
     let larger = met.iter().any(|other| other.is_larger());
     if larger || met.iter().all(|other| other.score() < lattices[i].score()) {
         lattices[i] = better;
-        lattice::look_beyond(tiles, lattices, i);
+        lattice::update_onward(tiles, lattices, i);
     }
     // A lattice that shares cells with a larger one is a part of it.
     if larger {
@@ -309,9 +340,9 @@ fn replace(lattices: &mut [Lattice], i: usize, better: Lattice, tiles: &[Tile]) 
     }
 }
 
-/// Returns the surest sighting of each face, the surest face first: two lattices of one face are
-/// fitted to the same sides.
+/// Returns the most certain sighting of each face, the most certain face first.
 fn distinct(mut faces: Vec<FaceSighting>) -> Vec<FaceSighting> {
+    // Two lattices of one face are fitted to the same sides and become the same face.
     faces.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
     let mut kept: Vec<FaceSighting> = Vec::with_capacity(faces.len());
     for face in faces {
@@ -323,20 +354,23 @@ fn distinct(mut faces: Vec<FaceSighting>) -> Vec<FaceSighting> {
     kept
 }
 
-/// What a lattice's cells show of the sides of tiles.
+/// Sides of tiles that the cells of a lattice show.
 #[derive(Debug, Clone, Copy)]
 struct Seen {
-    /// How many sides each cell shows.
+    /// Number of sides that each cell shows.
     sides: [u8; 9],
-    /// Tiles of a cube end at one distance from their middles; stripes of a cloth have a width each.
+    /// Whether the sides agree: tiles of a cube end at one distance from their middles, while each
+    /// stripe of a cloth has a width of its own.
     agree: bool,
 }
 
-/// Adds tiles, each once: of two at one place the larger stays unless it is ragged.
+/// Adds tiles, each once. If two lie at one place, the larger one stays unless it is ragged.
 pub(super) fn merge(tiles: &mut Vec<Tile>, more: Vec<Tile>) {
     let old = tiles.len();
     for tile in more {
         let reach = 0.25 * tile.area.sqrt();
+        // Only tiles of earlier thresholds can be the same one: regions of one threshold are
+        // disjoint.
         let same = tiles[..old].iter().position(|t| {
             (t.centre.0 - tile.centre.0).abs() < reach
                 && (t.centre.1 - tile.centre.1).abs() < reach
@@ -354,14 +388,15 @@ pub(super) fn merge(tiles: &mut Vec<Tile>, more: Vec<Tile>) {
     }
 }
 
-/// Tile candidates of a whole picture in its own pixels, as the default method makes them.
+/// Finds the tile candidates of a whole picture by the default method, at the picture's full size.
 #[must_use]
 pub fn candidates(image: &RgbImage) -> Vec<Tile> {
     let whole = Rect { x: 0, y: 0, width: image.width(), height: image.height() };
     Patch::new(image, whole, 1).candidates().0
 }
 
-/// A window around a face predicted by its outline, with a margin in widths of the face.
+/// Returns a window around points (px), with a margin in widths of their bounding box. Returns
+/// `None` if the box is not finite or the window is empty.
 #[must_use]
 pub fn window_around(corners: &[Point], margin: f64) -> Option<Rect> {
     let low = |f: fn(&Point) -> f64| corners.iter().map(f).fold(f64::INFINITY, f64::min);
@@ -383,9 +418,10 @@ pub fn window_around(corners: &[Point], margin: f64) -> Option<Rect> {
     })
 }
 
-/// Places of the tile centres of an outline, for callers that know the corners only.
+/// Computes the centres of the nine tiles from the corners of the outline (px). Returns `None` if
+/// the corners are degenerate.
 #[must_use]
-pub fn centres_of(corners: &[Point; 4]) -> Option<[Point; 9]> {
+pub fn centres_from_corners(corners: &[Point; 4]) -> Option<[Point; 9]> {
     let unit = homography::square_to(corners)?;
     Some(GRID.map(|(x, y)| apply(&unit, ((x + 1.5) / 3.0, (y + 1.5) / 3.0))))
 }
@@ -408,7 +444,7 @@ mod tests {
     };
     const COLOURS: [[u8; 9]; 2] = [[0, 1, 2, 3, 4, 5, 4, 1, 0], [5, 5, 2, 0, 3, 3, 1, 4, 2]];
 
-    /// The front and the top of a cube.
+    /// Returns a drawing of the front and the top of a cube.
     fn drawing() -> Drawing {
         let camera_from_cube = Pose::from_parts(
             Translation3::new(0.01, 0.0, 0.3),
@@ -434,7 +470,7 @@ mod tests {
     }
 
     #[test]
-    fn the_papers_colours_find_them_too() {
+    fn paper_method_finds_faces() {
         let settings =
             DetectorSettings { method: Method::Paper2007, ..DetectorSettings::default() };
 
@@ -444,7 +480,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_says_why() {
+    fn refusal_gives_the_reason() {
         let settings = DetectorSettings::default();
         let mut dark = drawing();
         dark.light = 0.03;
@@ -466,8 +502,9 @@ mod tests {
         assert!(matches!(refusal(&RgbImage::new(0, 0), &settings), Refusal::TooFewPixels { .. }));
     }
 
+    /// A face under two fingers is found in its place, and its hidden tiles are uncertain.
     #[test]
-    fn a_face_under_a_finger_is_found_and_hidden_tiles_are_uncertain() {
+    fn covered_face_is_found_with_uncertain_tiles() {
         let face = Pose::from_parts(
             Translation3::new(0.0, 0.0, 0.25),
             UnitQuaternion::from_euler_angles(0.2, 0.15, 0.1),
@@ -488,7 +525,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_in_black_and_white_has_places_and_no_colours() {
+    fn black_and_white_picture_has_no_colours() {
         let mut image = drawing().render();
         for pixel in image.pixels_mut() {
             let [r, g, b] = pixel.0.map(u32::from);
@@ -501,7 +538,7 @@ mod tests {
     }
 
     #[test]
-    fn a_face_of_twenty_pixels_is_too_small() {
+    fn face_of_twenty_pixels_is_too_small() {
         let face = Pose::translation(0.0, 0.0, 1.2);
         let mut drawing = Drawing::new(CAMERA, vec![(face, COLOURS[0])]);
         drawing.noise = 1.0;
@@ -509,13 +546,16 @@ mod tests {
         let refused = detect(&drawing.render(), None, &DetectorSettings::default());
 
         assert!(
-            matches!(refused, Err(Refusal::TooSmall { width_px }) if (15.0..25.0).contains(&width_px)),
+            matches!(
+                refused,
+                Err(Refusal::TooSmall { width_px }) if (15.0..25.0).contains(&width_px)
+            ),
             "{refused:?}"
         );
     }
 
     #[test]
-    fn a_window_gives_the_same_places_as_the_whole_picture() {
+    fn window_gives_same_places_as_whole_picture() {
         let image = drawing().render();
         let whole = detect(&image, None, &DetectorSettings::default()).unwrap();
         let window = window_around(&whole[0].corners, 0.3);
@@ -528,11 +568,12 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_picture_makes_it_panic(
+        fn detect_never_panics(
             width in 0u32..60, height in 0u32..60, seed in 0u64..1000, grain in 1u32..9,
         ) {
             let level = |x: u32, y: u32, c: u64| {
-                let cell = u64::from(x / grain) * 7919 + u64::from(y / grain) * 104_729 + c * 31 + seed;
+                let cell =
+                    u64::from(x / grain) * 7919 + u64::from(y / grain) * 104_729 + c * 31 + seed;
                 (cell.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 56) as u8
             };
             let image = RgbImage::from_fn(width, height, |x, y| {

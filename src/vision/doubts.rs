@@ -1,7 +1,20 @@
-//! What speaks for a lattice's being a face of a cube, and what against it.
+//! Evidence that a lattice of nine is a face of a cube, and evidence against it.
 //!
-//! Windows, cloth, drawers, charts and keypads have lattices of nine, too. A confidence of [`PERHAPS`] or less says that
-//! the nine may be something else; how each rule came about stands with it.
+//! Windows, cloth, drawers, charts and keypads have lattices of nine as well. A confidence of
+//! [`MOST_IF_AMBIGUOUS`] or less says that the nine may be something else.
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | tiles are off the lattice | residual 0.10, unevenness 0.5 | soft; noise and glare move tiles |
+//! | row or column is open | support <= [`NOWHERE`] | the third may lie on either side |
+//! | few tiles, but exact | six, or four with [`MANY`] sides | a face under a hand: support 0.48 |
+//! | ... exact | residual < 0.03, unevenness < 0.12 | chance lattices are less regular |
+//! | cell without a region | [`SHOWN`] by its number of sides | a cut tile shows the others |
+//! | all tiles agree | [`AGREE`] of 36 sides | each stripe of a cloth has its own width |
+//! | one hue | shares of light differ by < 0.1..0.2 | windows, drawers, floors |
+//! | crossing stripes, chessboard | [`WOVEN`] | cloth |
+//! | other form | side < 0.5..0.7 pitches, fullness > 1.03..1.045 | pictures on a wall, discs |
+//! | gaps of several colours | `patchwork` | stripes of a cloth |
 //!
 //! - in: a [`Lattice`], the sides of its tiles that are seen, the picture
 //! - out: factors 0..=1
@@ -15,24 +28,26 @@ use super::patch::Patch;
 use nalgebra::Matrix3;
 
 /// Greatest confidence in what may be a face as well as something else.
-pub(super) const PERHAPS: f64 = 0.6;
+pub(super) const MOST_IF_AMBIGUOUS: f64 = 0.6;
 
-/// How certain the places of the tiles alone make a face, 0..=1; `sides` are those that each cell shows.
+/// Computes the confidence in a face from the places of its tiles alone, 0..=1. `sides` is the
+/// number of sides that each cell shows.
 pub(super) fn certainty(lattice: &Lattice, sides: &[u8; 9]) -> f64 {
     let fit = (-(lattice.residual / 0.10).powi(2)).exp();
     let even = (-(lattice.unevenness / 0.5).powi(2)).exp();
     support(lattice, sides) * fit * even
 }
 
-/// By how many of the nine tiles a face is borne out, 0..=1.
+/// Computes how well the nine cells support a face, 0..=1.
 fn support(lattice: &Lattice, sides: &[u8; 9]) -> f64 {
-    // A cell without a region of its own may still be a tile: then it ends where a tile does, on all sides, or on those
-    // that nothing covers. What goes on evenly is what the cube lies on.
+    // A cell without a region of its own may still be a tile. Then it ends where a tile does, on
+    // all sides or on those that nothing covers. The background has no sides there.
     let free = (0..9).filter(|&i| lattice.tiles[i].is_none());
     let shown: f64 = free.map(|i| SHOWN[usize::from(sides[i])]).sum();
     let held = lattice.count();
     let support = ((held as f64 + shown - 4.5) / 4.5).clamp(0.0, 1.0);
-    // Two rows or two columns do not say on which side the third one is.
+    // Two rows do not show on which side the third one is, and neither do two columns. A cube was
+    // taken for one that lay a tile farther, and the hand closed beside it.
     let lies = |along: fn(usize) -> usize| {
         (0..3).all(|k| {
             let mut line = (0..9).filter(|&i| along(i) == k);
@@ -44,27 +59,31 @@ fn support(lattice: &Lattice, sides: &[u8; 9]) -> f64 {
     if !(lies(|i| i / 3) && lies(|i| i % 3)) {
         return support.min(NOWHERE);
     }
-    // Six that agree in place, size and form are a face under a hand, and so are four with what the others show; they
-    // say no more than that.
+    // Six tiles that agree in place, size and form are a face under a hand, and so are four with
+    // enough sides of the others. They are reported (the default limit is 0.4), but not as certain.
     let enough = held >= 6 || (held >= 4 && sides.iter().sum::<u8>() >= MANY);
     let exact = enough && lattice.residual < 0.03 && lattice.unevenness < 0.12;
     if exact { support.max(0.48) } else { support }
 }
 
-/// Support of tiles that leave a row or a column open: nobody is told.
+/// Support of tiles that leave a row or a column open. It is below the least confidence that the
+/// detector reports by default.
 const NOWHERE: f64 = 0.35;
 
-/// From this many of 36 sides on nothing covers the face, and its tiles are alike.
+/// Number of visible sides, of 36, from which the tiles of a face are alike and none is covered.
 pub(super) const AGREE: u8 = 30;
 
-/// From this many of 36 sides on a face is seen.
+/// Number of visible sides, of 36, from which four tiles make a face.
 const MANY: u8 = 20;
 
-/// What a cell that no region holds counts for by how many of a tile's sides it shows. One side is the next tile's.
+/// Support by a cell that no region holds, by the number of sides that it shows. A single side may
+/// belong to the next tile.
 const SHOWN: [f64; 5] = [0.0, 0.0, 0.35, 0.5, 0.6];
 
-/// Largest difference of two tiles in the shares of red, green and blue in their light.
+/// Returns the largest difference between two tiles in the shares of red, green and blue in their
+/// light.
 pub(super) fn hues(rgb: &[[f64; 3]; 9]) -> f64 {
+    // The constant keeps the shares of dark tiles from being those of noise.
     let shares = rgb.map(|c| {
         let linear = c.map(|v| colours::to_linear(v) + 0.002);
         let sum: f64 = linear.iter().sum();
@@ -79,16 +98,19 @@ pub(super) fn hues(rgb: &[[f64; 3]; 9]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// What the colours say for a cube, 0..=1: nine tiles of one hue are a window, drawers, a floor more often than a face
-/// that is solved.
+/// Computes the evidence of the colours for a cube, 0..=1. Nine tiles of one hue are more often a
+/// window, drawers or a floor than a solved face.
 pub(super) fn variety(hues: f64) -> f64 {
-    PERHAPS + (1.0 - PERHAPS) * ((hues - 0.1) / 0.1).clamp(0.0, 1.0)
+    MOST_IF_AMBIGUOUS + (1.0 - MOST_IF_AMBIGUOUS) * ((hues - 0.1) / 0.1).clamp(0.0, 1.0)
 }
 
-/// What the colours' places say for a cube, 0..=1: where a cloth's stripes cross, each colour is its row's and its column's
-/// together, and a chessboard has every other one. A face that looks like that may be such a thing. Cells that no region
-/// holds show what lies on the cloth, one or two of them.
-pub(super) fn unwoven(rgb: &[[f64; 3]; 9], held: &[bool; 9]) -> f64 {
+/// Computes the evidence of the places of the colours for a cube, 0..=1.
+///
+/// Where stripes of a cloth cross, the colour of a cell is the sum of its row's and its column's.
+/// On a chessboard two colours alternate. A face with one of these patterns may be a cloth or a
+/// board. Up to two cells that no region holds are ignored for the chessboard, because they may
+/// show an object that lies on it.
+pub(super) fn arrangement_evidence(rgb: &[[f64; 3]; 9], held: &[bool; 9]) -> f64 {
     let (mut all, mut crossed) = (0.0, 0.0);
     for c in 0..3 {
         let mean = |of: &dyn Fn(usize) -> bool| {
@@ -96,19 +118,22 @@ pub(super) fn unwoven(rgb: &[[f64; 3]; 9], held: &[bool; 9]) -> f64 {
             levels.iter().sum::<f64>() / levels.len() as f64
         };
         let whole = mean(&|_| true);
+        // An analysis of variance: the interaction is what rows and columns leave unexplained.
         for (i, level) in rgb.iter().map(|p| p[c]).enumerate() {
             let (row, column) = (mean(&|j| j / 3 == i / 3), mean(&|j| j % 3 == i % 3));
             all += (level - whole).powi(2);
             crossed += (level - row - column + whole).powi(2);
         }
     }
+    // With fewer regions too few cells would be left to recognise a chessboard.
     let bare = held.iter().filter(|held| **held).count() >= 7;
     let chequered = chequered(rgb, |i| !bare || held[i]);
     let share = f64::min(crossed / f64::max(all, 1.0), chequered).sqrt();
-    PERHAPS + (1.0 - PERHAPS) * ((share - WOVEN) / 0.1).clamp(0.0, 1.0)
+    MOST_IF_AMBIGUOUS + (1.0 - MOST_IF_AMBIGUOUS) * ((share - WOVEN) / 0.1).clamp(0.0, 1.0)
 }
 
-/// Share of the variance of some of the tiles that two colours in turn leave unexplained.
+/// Returns the share of the variance of the counted tiles that two alternating colours leave
+/// unexplained.
 fn chequered(rgb: &[[f64; 3]; 9], counts: impl Fn(usize) -> bool) -> f64 {
     let (mut all, mut left) = (0.0, 0.0);
     for c in 0..3 {
@@ -126,20 +151,24 @@ fn chequered(rgb: &[[f64; 3]; 9], counts: impl Fn(usize) -> bool) -> f64 {
     left / f64::max(all, 1.0)
 }
 
-/// Share of the tiles' differences that stripes, or a chessboard, leave unexplained. Of six colours drawn at random 0.7 is
-/// usual.
+/// Root of the share of the variance that stripes or a chessboard leave unexplained, at or below
+/// which a face looks like a cloth. Six colours drawn at random have about 0.7.
 const WOVEN: f64 = 0.15;
 
-/// What the tiles' form says for a cube, 0..=1: their share of the pitch, and their mean fullness. Stickers leave little of
-/// the face free, as edges see it at least 0.7 of the pitch; discs have a fullness of 1.047.
+/// Computes the evidence of the tiles' form for a cube, 0..=1, from their share of the pitch and
+/// their mean fullness. Stickers cover most of the face: their edges are at least 0.7 pitches
+/// apart. Discs have a fullness of 1.047.
 pub(super) fn form(share: f64, fullness: f64) -> f64 {
     ((share - 0.5) / 0.2).clamp(0.0, 1.0) * ((1.045 - fullness) / 0.015).clamp(0.0, 1.0)
 }
 
 impl Patch {
-    /// How much more the colour of the four lines of gaps between a face's tiles differs from line to line than along a
-    /// line, over how much it differs from the tiles', at most 1. A cube's body has one colour, and where there is none it
-    /// is the tiles beside that show, three of each line; stripes of a cloth have a colour each.
+    /// Computes how much the colours of the four lines of gaps between the tiles differ: the
+    /// difference between the lines, less the variation along a line, as a share (at most 1) of
+    /// their difference from the tiles.
+    ///
+    /// The gaps of a cube have one colour, that of its body. On a checked cloth each line has its
+    /// own colour. If there are no gaps, a line shows the colours of the three tiles beside it.
     pub(super) fn patchwork(&self, h: &Matrix3<f64>, rgb: &[[f64; 3]; 9]) -> f64 {
         let mean = |line: f64, cell: f64, across: bool| {
             let places = [-0.2, -0.1, 0.0, 0.1, 0.2].map(|k| cell + k);
@@ -151,6 +180,7 @@ impl Patch {
         };
         let lines = [(-0.5, true), (0.5, true), (-0.5, false), (0.5, false)];
         let gaps = lines.map(|(line, across)| [-1.0, 0.0, 1.0].map(|t| mean(line, t, across)));
+        // Medians, so that a single place with glare or a finger does not count.
         let middle = |of: &[[f64; 3]]| -> [f64; 3] {
             std::array::from_fn(|c| median(of.iter().map(|p| p[c]).collect()))
         };
@@ -174,7 +204,7 @@ mod tests {
     use crate::{Rect, testing::STICKERS};
     use image::{Rgb, RgbImage};
 
-    /// An exact lattice that holds these cells.
+    /// Returns an exact lattice that holds these cells.
     fn lattice(held: [bool; 9]) -> Lattice {
         Lattice {
             homography: Matrix3::new(20.0, 0.0, 40.0, 0.0, 20.0, 40.0, 0.0, 0.0, 1.0),
@@ -193,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn six_exact_tiles_are_a_face_where_they_span_it() {
+    fn six_exact_tiles_support_spanned_face() {
         let none = [0; 9];
 
         assert!(support(&without(&[]), &none) > 0.99);
@@ -206,19 +236,19 @@ mod tests {
     }
 
     #[test]
-    fn four_tiles_are_a_face_with_enough_sides_of_the_others() {
+    fn four_tiles_with_enough_sides_support_face() {
         let few = without(&[1, 2, 4, 5, 6]);
 
         assert!(support(&few, &[4, 1, 2, 4, 1, 1, 0, 4, 4]) >= 0.48);
         assert!(support(&few, &[4, 0, 0, 4, 0, 0, 0, 4, 4]) < 0.1);
-        // The sides that a row of nothing shows are the next row's.
+        // The sides that a row of background shows belong to the next row.
         let row = without(&[0, 1, 2]);
         assert!(support(&row, &[1, 2, 1, 4, 4, 4, 4, 4, 4]) <= NOWHERE);
         assert!(support(&row, &[2, 2, 1, 4, 4, 4, 4, 4, 4]) >= 0.48);
     }
 
     #[test]
-    fn cells_without_a_region_count_by_the_sides_they_show() {
+    fn cells_without_region_count_by_their_sides() {
         let seven = without(&[0, 8]);
 
         let by = |n| support(&seven, &[n, 4, 4, 4, 4, 4, 4, 4, n]);
@@ -228,14 +258,14 @@ mod tests {
     }
 
     #[test]
-    fn discs_and_small_pictures_on_a_wall_have_another_form() {
+    fn discs_and_small_pictures_score_low() {
         assert!(form(0.85, 1.01) > 0.99);
         assert_eq!(form(0.85, 1.047), 0.0);
         assert!(form(0.55, 1.0) < 0.3);
     }
 
     #[test]
-    fn one_hue_is_no_sure_face() {
+    fn shades_of_one_hue_give_low_confidence() {
         let shade = |i: usize| [140.0, 95.0, 60.0].map(|c: f64| c * (0.8 + 0.04 * i as f64));
 
         assert!(variety(hues(&std::array::from_fn(shade))) < 0.65);
@@ -243,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn stripes_that_cross_and_chessboards_are_no_sure_face() {
+    fn crossing_stripes_and_chessboards_are_no_certain_face() {
         let stripes = [[200.0, 40.0, 30.0], [20.0, 90.0, 160.0], [90.0, 180.0, 60.0]];
         let cloth = std::array::from_fn(|i| {
             std::array::from_fn(|c| 0.5 * stripes[i % 3][c] + 0.5 * stripes[2 - i / 3][c])
@@ -252,26 +282,29 @@ mod tests {
         let face = [0, 1, 2, 3, 4, 5, 4, 1, 0].map(|c| STICKERS[c]);
 
         let all = [true; 9];
-        assert!(unwoven(&cloth, &all) <= PERHAPS && unwoven(&board, &all) <= PERHAPS);
-        assert!(unwoven(&face, &all) > 0.99);
+        assert!(
+            arrangement_evidence(&cloth, &all) <= MOST_IF_AMBIGUOUS
+                && arrangement_evidence(&board, &all) <= MOST_IF_AMBIGUOUS
+        );
+        assert!(arrangement_evidence(&face, &all) > 0.99);
         let mut one = [STICKERS[0]; 9];
         one[5] = STICKERS[1];
-        assert!(unwoven(&one, &all) > 0.99);
+        assert!(arrangement_evidence(&one, &all) > 0.99);
     }
 
     #[test]
-    fn a_chessboard_with_something_on_a_cell_is_no_sure_face() {
+    fn chessboard_with_object_is_no_certain_face() {
         let mut board = std::array::from_fn(|i| STICKERS[i % 2]);
         board[2] = STICKERS[3];
 
         let free = std::array::from_fn(|i| i != 2);
-        assert!(unwoven(&board, &free) <= PERHAPS);
-        // Tiles of a cube hold all cells.
-        assert!(unwoven(&board, &[true; 9]) > 0.99);
+        assert!(arrangement_evidence(&board, &free) <= MOST_IF_AMBIGUOUS);
+        // If regions hold all cells, the odd colour is that of a tile, not of an object.
+        assert!(arrangement_evidence(&board, &[true; 9]) > 0.99);
     }
 
     #[test]
-    fn gaps_of_a_colour_each_are_a_cloths() {
+    fn gaps_of_different_colours_show_cloth() {
         let gaps = [[20.0; 3], [220.0, 30.0, 30.0], [30.0, 60.0, 220.0], [230.0, 220.0, 40.0]];
         let picture = |gap: &dyn Fn(usize) -> [f64; 3]| {
             let image = RgbImage::from_fn(80, 80, |x, y| {

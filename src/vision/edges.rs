@@ -1,9 +1,19 @@
-//! Sub-pixel edges of the tiles of a face whose pose is nearly known.
+//! Measurement of sub-pixel edges of the tiles of a face whose pose is nearly known.
 //!
-//! Across each side of each tile a profile is sampled along the normal of the side's image, averaged over the
-//! side's middle half, so that rounded corners play no part. Its plateau is the tile's colour; half way from there
-//! to what lies beyond is the edge. No colour, no blackness of the gap and no size of the stickers is assumed: a
-//! groove may be wide, a dark line or only the step between two colours.
+//! A profile is sampled across each side of each tile, along the normal of the side's image. It is
+//! averaged over the middle half of the side, so that rounded corners play no part. The plateau of
+//! the profile is the tile's colour. The edge is half way from the plateau to the colour beyond.
+//! The method assumes no colours, no black gap and no size of the stickers: a groove may be wide, a
+//! dark line, or only the step between two colours.
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | edge too weak | [`CONTRAST`], or five times the noise | noise makes edges of its own |
+//! | gap shows its own colour | [`WIDE_GAP`] px | blur fills a narrower one with the tiles' light |
+//! | groove as narrow as the blur | [`NARROW`] px added | its place depends on the colours beside |
+//! | outer edge, colour of the rim unknown | [`RIM`] px added | light from beyond fills the rim |
+//! | side seen too small | [`LEAST_PITCH`] px a pitch | no room for a plateau and an edge |
+//! | side of an almost edge-on face | [`GRAZING`] px a pitch | enough to say that it is there |
 //!
 //! - in: RGB pixels, lens, `camera_from_face`, share of the pitch that is sticker
 //! - out: [`Crossing`]s: places along image normals (px), with their standard deviations
@@ -15,38 +25,39 @@ use crate::spatial::Pose;
 use image::RgbImage;
 use nalgebra::Point3;
 
-/// What a crossing measures.
+/// Quantity that a crossing measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// The middle between the edges of two neighbouring tiles: independent of the stickers' size.
+    /// Middle between the edges of two neighbouring tiles, which is independent of the stickers'
+    /// size.
     Middle,
-    /// The distance of these edges.
+    /// Distance of these two edges.
     Gap,
-    /// The edge of the first tile alone.
+    /// Edge of the first tile alone.
     First,
-    /// The edge of the second tile alone.
+    /// Edge of the second tile alone.
     Second,
-    /// The edge of an outer tile towards the rim.
+    /// Edge of an outer tile towards the rim of the face.
     Outer,
 }
 
-/// One measured crossing of the side between two cells, or of the outer side of one.
+/// Measured crossing of the side between two cells, or of the outer side of one cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Crossing {
-    /// The caller's number of the face.
+    /// Number of the face, given by the caller.
     pub(super) face: usize,
     pub(super) kind: Kind,
     /// Middle of the side between the cells, in pitches from the face's centre.
     pub(super) side: Point,
     /// Direction from the first cell to the second, in the face.
     pub(super) across: Point,
-    /// Unit normal of the side's image, the same way.
+    /// Unit normal of the side's image, in the same direction.
     pub(super) normal: Point,
-    /// What was measured along the normal (px).
+    /// Measured place along the normal, or distance for [`Kind::Gap`] (px).
     pub(super) measured: f64,
-    /// Standard deviation of that, of the noise alone (px).
+    /// Standard deviation of `measured` from noise alone (px).
     pub(super) sigma: f64,
-    /// Pixels a pitch along the normal.
+    /// Length of a pitch along the normal (px).
     pub(super) scale: f64,
 }
 
@@ -55,14 +66,14 @@ pub(super) struct Crossing {
 pub(super) struct Stickers {
     /// Side as a share of the pitch.
     pub(super) share: f64,
-    /// What blur and tone add to a sticker on each side (px).
+    /// Width that blur and tone add to each side of a sticker (px).
     pub(super) bloom: f64,
-    /// What the narrow rim beside them adds to outer edges (px).
+    /// Width that the narrow rim adds to outer edges beyond `bloom` (px).
     pub(super) outer: f64,
 }
 
 impl Crossing {
-    /// What the model predicts for `measured`.
+    /// Computes the value of `measured` that the model predicts (px).
     pub(super) fn predicted(
         &self,
         lens: &Lens,
@@ -77,9 +88,11 @@ impl Crossing {
                 self.side.1 + sign * half * self.across.1,
             );
             let p = camera_from_face * Point3::new(u * pitch, v * pitch, 0.0);
+            // A trial step of the fit may put the point behind the camera.
             let (x, y) = lens.project(&Point3::new(p.x, p.y, p.z.max(1e-3)));
             x * self.normal.0 + y * self.normal.1
         };
+        // Bloom moves both edges of a gap towards each other, so it cancels in their middle.
         match self.kind {
             Kind::Middle => 0.5 * (along(-1.0) + along(1.0)),
             Kind::Gap => along(1.0) - along(-1.0) - 2.0 * stickers.bloom,
@@ -90,28 +103,29 @@ impl Crossing {
     }
 }
 
-/// Samples along a side over which a profile is averaged.
+/// Places along a side at which a profile is sampled, from the middle in sides of a sticker.
 const ALONG: [f64; 5] = [-0.26, -0.13, 0.0, 0.13, 0.26];
-/// Share of one of them.
+/// Weight of one of these samples in the mean.
 const ROW: f32 = 1.0 / ALONG.len() as f32;
-/// Depth of a profile into a tile, and of the part of it that is its plateau, in shares of the sticker.
+/// Depth to which a profile reaches into a tile, and depth at which its plateau begins, as shares
+/// of the sticker.
 const DEPTH: (f64, f64) = (0.29, 0.14);
-/// Most taps of a profile.
+/// Greatest number of taps of a profile.
 const TAPS: usize = 96;
-/// Least contrast of an edge, of 255 (Euclidean in RGB), beside five times the noise.
+/// Least contrast of an edge, of 255 (Euclidean in RGB). It must also be five times the noise.
 const CONTRAST: f32 = 14.0;
-/// A gap shows its own colour from this width on (px).
+/// Least width at which a gap shows its own colour (px).
 const WIDE_GAP: f64 = 3.0;
-/// What a groove as narrow as the blur adds to the standard deviation of its place, and a rim of unknown colour to that
-/// of an outer edge (px).
+/// Standard deviation that is added to the place of a groove as narrow as the blur (px).
 const NARROW: f64 = 0.07;
+/// Standard deviation that is added to an outer edge with a rim of unknown colour (px).
 const RIM: f64 = 0.2;
-/// A side seen at fewer pixels a pitch is not measured.
+/// Least length of a pitch at which a side is measured (px).
 const LEAST_PITCH: f64 = 5.0;
-/// The same along sides of faces that are nearly edge-on.
+/// Least length of a pitch along the sides of faces that are nearly edge-on (px).
 const GRAZING: f64 = 1.2;
 
-/// A colour, 0..=255.
+/// Colour in RGB, 0..=255.
 pub(super) type Rgb = [f32; 3];
 
 fn difference(a: Rgb, b: Rgb) -> Rgb {
@@ -126,22 +140,22 @@ fn length(a: Rgb) -> f32 {
     dot(a, a).sqrt()
 }
 
-/// The two colours that an edge parts.
+/// The two colours on either side of an edge.
 #[derive(Debug, Clone, Copy)]
 struct Contrast {
     /// Colour of the tile.
     plateau: Rgb,
-    /// Colour of what lies on the other side of the edge.
+    /// Colour on the other side of the edge.
     beyond: Rgb,
 }
 
 impl Contrast {
-    /// Returns the way from the colour beyond to the tile's.
+    /// Returns the difference from the colour beyond to the tile's.
     fn axis(self) -> Rgb {
         difference(self.plateau, self.beyond)
     }
 
-    /// Returns how far apart the colours are, of 255.
+    /// Returns the distance of the two colours, of 255.
     fn size(self) -> f32 {
         length(self.axis())
     }
@@ -151,21 +165,24 @@ impl Contrast {
 struct Profile {
     taps: [Rgb; TAPS],
     count: usize,
-    /// Place of the first tap and distance of two (px); 0 is the side's middle.
+    /// Place of the first tap along the normal (px); 0 is the side's middle.
     start: f64,
+    /// Distance of two taps (px).
     step: f64,
 }
 
 impl Profile {
+    /// Returns the place of a tap (px).
     fn at(&self, tap: usize) -> f64 {
         self.start + self.step * tap as f64
     }
 
+    /// Returns the tap that is nearest to a place.
     fn tap(&self, at: f64) -> usize {
         (((at - self.start) / self.step).round().max(0.0) as usize).min(self.count - 1)
     }
 
-    /// Mean colour of taps `from..=to`, and the standard deviation of one of them.
+    /// Computes the mean colour of taps `from..=to` and the standard deviation of a single tap.
     fn plateau(&self, from: usize, to: usize) -> (Rgb, f32) {
         let taps = &self.taps[from..=to];
         let n = taps.len() as f32;
@@ -174,9 +191,9 @@ impl Profile {
         (mean, (sum / (3.0 * (n - 1.0).max(1.0))).sqrt())
     }
 
-    /// Returns where the colour is half way from `beyond` to `plateau`, walking from tap `from` by
-    /// `way` until `last`; with the slope there, in contrasts a pixel. `None` when it is already
-    /// beyond half way at first.
+    /// Finds the place where the colour is half way from `beyond` to `plateau` (px), and the slope
+    /// there in contrasts per pixel. The search runs from tap `from` to tap `last` in steps of
+    /// `way`. Returns `None` if the colour at `from` is nearer to `plateau` already.
     fn half_way(
         &self,
         colours: Contrast,
@@ -186,19 +203,22 @@ impl Profile {
     ) -> Option<(f64, f64)> {
         let axis = colours.axis();
         let square = dot(axis, axis);
+        // Projection on the line between the two colours, 0 at `beyond` and 1 at the plateau: each
+        // channel counts by its contrast.
         let level = |tap: usize| dot(difference(self.taps[tap], colours.beyond), axis) / square;
         let (mut tap, mut before) = (from, level(from));
         if before >= 0.5 {
             return None;
         }
-        // A `last` that lies behind ends the walk before it begins: the darkest tap may be at the very end of its reach.
+        // A `last` behind `from` ends the search before it begins: the darkest tap of a groove may
+        // lie at the very end of its reach, beyond the plateau.
         while (last as isize - tap as isize) * way > 0 {
             let next = tap.checked_add_signed(way)?;
             let here = level(next);
             if here >= 0.5 {
                 let share = f64::from((0.5 - before) / (here - before).max(1e-6));
                 let place = self.at(tap) + share * (self.at(next) - self.at(tap));
-                // The slope over three taps: a pair is at the mercy of the noise.
+                // The slope over two taps would depend too much on the noise.
                 let (low, high) =
                     (tap.min(next).saturating_sub(1), (tap.max(next) + 1).min(self.count - 1));
                 let rise = f64::from((level(high) - level(low)).abs());
@@ -210,44 +230,50 @@ impl Profile {
     }
 }
 
-/// A face whose edges are to be measured, and how exactly they are predicted.
+/// Predicted place of a face whose edges are to be measured.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Prediction<'a> {
-    /// The caller's number of the face.
+    /// Number of the face, given by the caller.
     pub(super) face: usize,
-    /// Where the face nearly is.
+    /// Predicted pose of the face.
     pub(super) camera_from_face: &'a Pose,
     /// Side of a sticker as a share of the pitch.
     pub(super) share: f64,
-    /// Distance from their prediction up to which edges are sought, in pitches.
+    /// Greatest distance of an edge from its prediction, in pitches.
     pub(super) tolerance: f64,
 }
 
-/// Measures edges in an image.
+/// Measurement of edges in an image.
 pub(super) struct Probe<'a> {
     raw: &'a [u8],
     width: usize,
     height: usize,
     lens: &'a Lens,
+    /// Distance of two tile centres (m).
     pitch: f64,
-    /// Fewest pixels a pitch along a side that is measured.
+    /// Least length of a pitch along a side that is measured (px).
     least_along: f64,
 }
 
 impl<'a> Probe<'a> {
+    /// Makes a probe of an image; `pitch` is the distance of two tile centres (m).
     pub(super) fn new(image: &'a RgbImage, lens: &'a Lens, pitch: f64) -> Self {
         let (width, height) = (image.width() as usize, image.height() as usize);
         Self { raw: image.as_raw(), width, height, lens, pitch, least_along: LEAST_PITCH }
     }
 
-    /// Measures faces that are nearly edge-on, too: enough to say that they are there.
+    /// Lets the probe measure faces that are nearly edge-on as well. Their edges are inexact, but
+    /// they show that the face is there.
     pub(super) fn grazing(self) -> Self {
         Self { least_along: GRAZING, ..self }
     }
 
-    /// Adds bilinear samples at equal steps, each with its share of the mean; `None` when one is not inside the image.
+    /// Adds bilinear samples at equal steps to `taps`, each weighted by [`ROW`]. Returns `None` if
+    /// a sample lies outside the image.
     fn sample(&self, from: Point, step: Point, taps: &mut [Rgb]) -> Option<()> {
         let last = (taps.len() - 1) as f64;
+        // The image is convex: if both ends lie inside, so do all samples. The margin is for the
+        // rounding errors of the 32-bit steps.
         let inside = |p: Point| {
             p.0 >= 0.0
                 && p.1 >= 0.0
@@ -261,7 +287,8 @@ impl<'a> Probe<'a> {
         let (mut x, mut y) = (from.0 as f32, from.1 as f32);
         let (dx, dy) = (step.0 as f32, step.1 as f32);
         for tap in taps {
-            // By way of 32 bits, which one instruction converts to and from.
+            // One instruction converts a float to and from a signed 32-bit integer. A conversion by
+            // `usize` takes a dozen, and the samples are about 4 % of the time of a run.
             let (left, above) = (x as i32, y as i32);
             let (fx, fy) = (x - left as f32, y - above as f32);
             let (column, row) = (left as usize, above as usize);
@@ -288,13 +315,15 @@ impl<'a> Probe<'a> {
         Some(())
     }
 
+    /// Projects a point of the face, given in pitches. Returns `None` if it is not in front of the
+    /// camera.
     fn project(&self, camera_from_face: &Pose, at: Point) -> Option<Point> {
         let p = camera_from_face * Point3::new(at.0 * self.pitch, at.1 * self.pitch, 0.0);
         (p.z > 0.02).then(|| self.lens.project(&p))
     }
 
-    /// Appends the crossings that can be measured of a face. `body` is the colour between the
-    /// stickers if it is known from a face with wider gaps; returned is the one to go on with.
+    /// Appends the crossings that can be measured on a face. `body` is the colour between the
+    /// stickers, if it is known from a face with wider gaps. Returns the colour for the next face.
     pub(super) fn measure(
         &self,
         prediction: &Prediction<'_>,
@@ -311,6 +340,8 @@ impl<'a> Probe<'a> {
             Side { face: prediction.face, middle: at, across, along, outer: false }
         };
         let cells = [0, 1].into_iter().flat_map(|way| [-1.0, 0.0, 1.0].map(|cell| (way, cell)));
+        // The four lines between the cells have three sides each. They are all sampled before any
+        // is measured, because the widest gaps give the colour for the others.
         let mut inner: Vec<Across> = Vec::with_capacity(12);
         for (way, cell) in cells.clone() {
             for line in [-0.5, 0.5] {
@@ -319,7 +350,8 @@ impl<'a> Probe<'a> {
         }
         let grooves: Vec<Option<Groove>> =
             inner.iter().map(|across| across.groove(prediction)).collect();
-        // Where the gap is too narrow to show its own colour, another face's must serve.
+        // A gap that is too narrow to show its own colour takes that of the wide gaps, on this face
+        // or on one measured before.
         let wide = inner.iter().zip(&grooves).filter_map(|(across, groove)| {
             let groove = groove.as_ref().filter(|g| g.detour)?;
             (across.width(groove)? >= WIDE_GAP).then(|| across.profile.taps[groove.middle])
@@ -330,6 +362,8 @@ impl<'a> Probe<'a> {
                 across.between(groove, prediction.share, body, out);
             }
         }
+        // An outer side has the rim in place of a second tile. Its direction is outwards, so that
+        // the tile always comes first.
         for (way, cell) in cells {
             for (line, sign) in [(-1.5, -1.0), (1.5, 1.0)] {
                 let mut side = side(line, cell, way);
@@ -343,8 +377,8 @@ impl<'a> Probe<'a> {
         body
     }
 
-    /// Returns the profile across a side; `None` where it leaves the image or the face is seen too
-    /// obliquely.
+    /// Samples the profile across a side. Returns `None` if it leaves the image or if the face is
+    /// seen too obliquely.
     fn across(&self, side: Side, prediction: &Prediction<'_>) -> Option<Across> {
         let Prediction { camera_from_face, share, .. } = *prediction;
         let place = |across: f64, along: f64| {
@@ -355,6 +389,7 @@ impl<'a> Probe<'a> {
             );
             self.project(camera_from_face, at)
         };
+        // Numerical derivatives of the image along the side and across it.
         let (a, b) = (place(0.0, -0.25)?, place(0.0, 0.25)?);
         let (c, d) = (place(-0.1, 0.0)?, place(0.1, 0.0)?);
         let tangent = (b.0 - a.0, b.1 - a.1);
@@ -369,12 +404,15 @@ impl<'a> Probe<'a> {
             return None;
         }
         let gap = 0.5 * (1.0 - share) * scale;
+        // An inner profile reaches as deep into the second tile as into the first. An outer one
+        // ends soon, because the background is of no use.
         let reach = gap + DEPTH.0 * share * scale;
         let end = if side.outer { 0.12 * scale + 1.5 } else { reach };
         let step = 0.5_f64.max((reach + end) / (TAPS - 2) as f64);
         let count = ((reach + end) / step) as usize + 1;
         let mut profile = Profile { taps: [[0.0; 3]; TAPS], count, start: -reach, step };
-        // Along the tile's own rows, so that a slanting profile does not leave them; counted along the normal.
+        // The samples follow the tile's own rows, so that a profile of a slanting side does not
+        // leave the tile. Their distances are counted along the normal.
         let (dx, dy) = (across.0 / scale, across.1 / scale);
         for along in ALONG {
             let (x, y) = place(0.0, along * share)?;
@@ -387,7 +425,7 @@ impl<'a> Probe<'a> {
     }
 }
 
-/// Median of each channel.
+/// Computes the median of each channel.
 fn median(colours: &[Rgb]) -> Option<Rgb> {
     if colours.is_empty() {
         return None;
@@ -399,32 +437,36 @@ fn median(colours: &[Rgb]) -> Option<Rgb> {
     }))
 }
 
-/// A profile across a side and where it lies.
+/// Profile across a side, with its place in the picture.
 struct Across {
     side: Side,
     profile: Profile,
+    /// Unit normal of the side's image.
     normal: Point,
-    /// Pixels a pitch along the normal.
+    /// Length of a pitch along the normal (px).
     scale: f64,
     /// Place of the side's middle along the normal (px).
     origin: f64,
 }
 
-/// What lies between two tiles.
+/// Part of a profile between two tiles.
 struct Groove {
+    /// Colour of the first tile, and its noise.
     first: (Rgb, f32),
+    /// Colour of the second tile, and its noise.
     second: (Rgb, f32),
     /// Tap of the gap's middle.
     middle: usize,
     /// Whether there is a gap or a line at all.
     detour: bool,
-    /// Taps between which edges are sought, and those where the plateaus begin.
+    /// First and last tap at which an edge may lie.
     reach: (usize, usize),
+    /// Taps where the plateaus of the two tiles begin.
     inner: (usize, usize),
 }
 
 impl Across {
-    /// Returns plateaus and gap of the side between two tiles.
+    /// Finds the plateaus and the gap of the side between two tiles.
     fn groove(&self, prediction: &Prediction<'_>) -> Option<Groove> {
         let Prediction { share, tolerance, .. } = *prediction;
         let profile = &self.profile;
@@ -435,7 +477,8 @@ impl Across {
         let second = profile.plateau(inner.1, profile.count - 1);
         let reach = gap + tolerance * self.scale + 0.5;
         let reach = (profile.tap(-reach), profile.tap(reach));
-        // The way from one colour to the other over a third one is longer: by that a gap or a dark line shows.
+        // The distance from one colour to the other by way of a third one is longer than the direct
+        // one. A gap or a line thus shows as a detour, for any three colours.
         let direct = length(difference(first.0, second.0));
         let detour = |tap: usize| {
             let t = profile.taps[tap];
@@ -446,7 +489,7 @@ impl Across {
         Some(Groove { first, second, middle, detour, reach, inner })
     }
 
-    /// Width of a groove at half its depth (px).
+    /// Measures the width of a groove at half its depth (px).
     fn width(&self, groove: &Groove) -> Option<f64> {
         let beyond = self.profile.taps[groove.middle];
         let half_way = |plateau, way, last| {
@@ -459,15 +502,17 @@ impl Across {
         )
     }
 
-    /// Place of a line or step that is as narrow as the blur: the colours on either side and a bump of any colour
-    /// between them, all blurred alike.
+    /// Finds the place (px) of a line or step that is as narrow as the blur.
+    ///
+    /// The model is the two plateau colours with a bump of any colour between them, all blurred
+    /// alike. Returns `None` if the best fit is 1.5 px or more from `start`.
     fn line(&self, groove: &Groove, start: f64) -> Option<f64> {
         let profile = &self.profile;
         let (a, b) = (groove.first.0, groove.second.0);
         let step = difference(b, a);
         let (low, high) = (profile.tap(start - 4.0), profile.tap(start + 4.0));
         let misfit = |at: f64, blur: f64| {
-            // The logistic curve and its slope stand for the blurred step and line.
+            // The logistic curve models the blurred step, and its slope s (1 - s) the blurred line.
             let (mut across, mut bumps) = ([0.0_f32; 3], 0.0_f32);
             let mut rest = [[0.0_f32; 3]; TAPS];
             let mut bump = [0.0_f32; TAPS];
@@ -480,6 +525,7 @@ impl Across {
                     across[c] += bump[tap] * rest[tap][c];
                 }
             }
+            // The bump's height is linear in the model, so its best value needs no search.
             let height = across.map(|c| c / bumps.max(1e-6));
             (low..=high)
                 .map(|tap| {
@@ -487,6 +533,8 @@ impl Across {
                 })
                 .sum::<f32>()
         };
+        // For each blur the place is the minimum of parabolas through three points, whose distance
+        // is halved twice. The blur itself is of no interest, so four values of it suffice.
         let mut best = (f32::INFINITY, start, 1.0);
         for blur in [0.6, 0.85, 1.2, 1.7] {
             let mut at = start;
@@ -505,6 +553,7 @@ impl Across {
         ((best.1 - start).abs() < 1.5).then_some(best.1)
     }
 
+    /// Makes a crossing of this side. `at` is relative to the side's middle, except for a gap.
     fn crossing(&self, kind: Kind, at: f64, sigma: f64) -> Crossing {
         let measured = if kind == Kind::Gap { at } else { self.origin + at };
         Crossing {
@@ -534,11 +583,13 @@ impl Across {
                     return None;
                 }
                 let (at, slope) = profile.half_way(colours, groove.middle, way, last)?;
+                // An error of the level divided by the slope is the error of the place.
                 Some((at, f64::from(noise / contrast) / slope))
             };
             let a = edge(groove.first, here, -1, groove.inner.0);
             let b = edge(groove.second, here, 1, groove.inner.1);
             match (a, b) {
+                // Both tiles show an edge: the groove has a middle and a width.
                 (Some(a), Some(b)) => {
                     let half = 0.5 * (a.0 + b.0);
                     let narrow = b.0 - a.0 < WIDE_GAP;
@@ -547,7 +598,8 @@ impl Across {
                         let more = if narrow { NARROW } else { 0.0 };
                         push(Kind::Middle, middle, (0.5 * a.1.hypot(b.1)).hypot(more));
                     }
-                    // The width needs the gap's own colour, which a narrow one does not show.
+                    // The width is measured at half the contrast with the gap's own colour. A
+                    // narrow gap does not show it, so the body's colour is used.
                     let beyond = body.unwrap_or(here);
                     if let (Some(a), Some(b)) = (
                         edge(groove.first, beyond, -1, groove.inner.0),
@@ -556,6 +608,7 @@ impl Across {
                         push(Kind::Gap, b.0 - a.0, a.1.hypot(b.1));
                     }
                 }
+                // The other tile is like the gap, or its edge is too weak.
                 (Some(a), None) => push(Kind::First, a.0, a.1),
                 (None, Some(b)) => push(Kind::Second, b.0, b.1),
                 (None, None) => {}
@@ -567,12 +620,15 @@ impl Across {
         if direct < CONTRAST.max(5.0 * noise_a.max(noise_b)) {
             return;
         }
-        // One step: between two tiles without a gap, or at the edge of one whose neighbour is like the gap.
+        // One step only: between two tiles without a gap, or at the edge of a tile whose neighbour
+        // has the colour of the gap.
         let Some((at, slope)) = profile.half_way(colours, groove.reach.1, -1, groove.reach.0)
         else {
             return;
         };
         let sigma = f64::from(noise_a.max(noise_b) / direct) / slope;
+        // The place of the step decides which case it is. A step between the two limits is
+        // ambiguous, and is not measured.
         if gap < 0.6 || at.abs() < 0.4 * gap {
             push(Kind::Middle, at, sigma);
         } else if at.abs() > 0.6 * gap {
@@ -589,19 +645,22 @@ impl Across {
         let (plateau, noise) = profile.plateau(0, inner);
         let last = profile.tap(edge + tolerance * scale + 1.0).min(profile.count - 2);
         let change = |tap: usize| length(difference(profile.taps[tap + 1], profile.taps[tap - 1]));
-        // The first steep place on the way out: beyond it is the rim, and only then the background.
+        // The first steep place outwards is the edge of the tile: the rim lies beyond it, and only
+        // then the background, whose edge may be steeper.
         let least = (0.7 * CONTRAST).max(4.0 * noise);
         let Some(steep) = (inner.max(1)..=last)
             .find(|&k| change(k) >= least && (k == last || change(k) >= change(k + 1)))
         else {
             return;
         };
+        // The rim begins where the profile is flat again.
         let mut beyond = steep;
         while beyond + 2 < profile.count && change(beyond + 1) < change(beyond) {
             beyond += 1;
         }
         let beyond = (beyond + 1).min(profile.count - 1);
-        // Light from beyond fills a narrow rim: its own colour is that of the wider gaps.
+        // Light from the background fills a narrow rim, so the colour of the wide gaps replaces the
+        // rim's.
         let here = profile.taps[beyond];
         let colours = Contrast { plateau, beyond: body.unwrap_or(here) };
         let contrast = colours.size();
@@ -618,11 +677,16 @@ impl Across {
     }
 }
 
-/// A side of a cell to be measured.
+/// Side of a cell that is to be measured.
 struct Side {
+    /// Number of the face, given by the caller.
     face: usize,
+    /// Middle of the side, in pitches from the face's centre.
     middle: Point,
+    /// Direction across the side, in the face.
     across: Point,
+    /// Direction along the side, in the face.
     along: Point,
+    /// Whether the side belongs to the rim of the face.
     outer: bool,
 }

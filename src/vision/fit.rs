@@ -1,27 +1,27 @@
 //! Least squares of a few unknowns: Levenberg-Marquardt with a numerical Jacobian.
 //!
-//! - in: a start, a step of each unknown, residuals already divided by their standard deviations
+//! - in: a start, a step for each unknown, residuals divided by their standard deviations
 //! - out: the minimum, the normal matrix there, the residuals
 //! - source: Marquardt, "An algorithm for least-squares estimation of nonlinear parameters" (1963)
 
 use crate::spatial::Pose;
 use nalgebra::{SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 
-/// Where the descent ended.
+/// Minimum at which the descent ended.
 #[derive(Debug, Clone)]
 pub(super) struct Minimum<const N: usize> {
     pub(super) at: SVector<f64, N>,
     /// Sum of the squared residuals.
     pub(super) cost: f64,
     pub(super) residuals: Vec<f64>,
-    /// Transposed Jacobian times Jacobian.
+    /// Transposed Jacobian times Jacobian, at the last linearisation.
     pub(super) normal: SMatrix<f64, N, N>,
 }
 
-/// Most descents.
+/// Greatest number of linearisations.
 const ROUNDS: usize = 25;
 
-/// Minimises the sum of the squared residuals, whose number must not change.
+/// Minimises the sum of the squared residuals. The number of residuals must not change.
 pub(super) fn minimise<const N: usize>(
     start: SVector<f64, N>,
     steps: [f64; N],
@@ -38,6 +38,8 @@ pub(super) fn minimise<const N: usize>(
     let mut normal = SMatrix::<f64, N, N>::zeros();
     let mut damping = 1e-3;
     for _ in 0..ROUNDS {
+        // Forward differences cost one evaluation per unknown. Central ones would cost two, and the
+        // steps of the callers are small enough.
         for k in 0..N {
             let mut ahead = at;
             ahead[k] += steps[k];
@@ -53,16 +55,20 @@ pub(super) fn minimise<const N: usize>(
             gradient += row * *e;
         }
         normal.fill_upper_triangle_with_lower_triangle();
+        // Each failed step raises the damping tenfold, and the step turns towards the gradient.
+        // Eight failures in a row are the numerical minimum.
         let mut moved_on = false;
         for _ in 0..8 {
             let mut damped = normal;
             for k in 0..N {
+                // Relative damping (Marquardt): metres and radians need no common scale.
                 damped[(k, k)] *= 1.0 + damping;
             }
             let Some(factor) = damped.cholesky() else { break };
             let candidate = at - factor.solve(&gradient);
             let next_cost = evaluate(&candidate, &mut next);
             if next_cost < cost {
+                // The accepted step still counts, but a relative gain below 1e-7 ends the descent.
                 moved_on = cost - next_cost > 1e-7 * cost;
                 std::mem::swap(&mut error, &mut next);
                 (at, cost) = (candidate, next_cost);
@@ -78,7 +84,8 @@ pub(super) fn minimise<const N: usize>(
     Minimum { at, cost, residuals: error, normal }
 }
 
-/// A pose after a small motion expressed in the parent's axes: translation, rotation about the pose's own origin.
+/// Returns a pose after a small motion in the parent's axes: translation (m), and rotation (rad)
+/// about the pose's own origin.
 #[must_use]
 pub(super) fn moved(pose: &Pose, delta: [f64; 6]) -> Pose {
     let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(delta[3], delta[4], delta[5]));
@@ -94,7 +101,7 @@ mod tests {
     use nalgebra::Vector2;
 
     #[test]
-    fn a_curve_is_fitted_to_its_points() {
+    fn minimise_fits_curve_to_points() {
         let points: Vec<(f64, f64)> =
             (0..9).map(|i| 0.5 * f64::from(i)).map(|t| (t, 3.0 * (-0.7 * t).exp())).collect();
 

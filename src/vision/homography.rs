@@ -1,4 +1,4 @@
-//! Plane to plane: least-squares homographies of a few points.
+//! Least-squares homographies from one plane to another, fitted to a few points.
 //!
 //! - in: pairs of points of a model plane and of the image
 //! - out: the 3x3 matrix that maps the first to the second
@@ -6,7 +6,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector};
 
-/// A point of a plane.
+/// Point of a plane.
 pub type Point = (f64, f64);
 
 /// Model coordinates of the nine tiles in reading order: column - 1, row - 1.
@@ -25,7 +25,7 @@ pub const GRID: [Point; 9] = [
 /// Model coordinates of the outline's corners: top-left, top-right, bottom-right, bottom-left.
 pub const OUTLINE: [Point; 4] = [(-1.5, -1.5), (1.5, -1.5), (1.5, 1.5), (-1.5, 1.5)];
 
-/// The image of a point; not finite when it lies on the horizon.
+/// Maps a point to its image, which is not finite if the point lies on the horizon.
 #[must_use]
 pub fn apply(h: &Matrix3<f64>, p: Point) -> Point {
     let w = h[(2, 0)] * p.0 + h[(2, 1)] * p.1 + h[(2, 2)];
@@ -35,14 +35,17 @@ pub fn apply(h: &Matrix3<f64>, p: Point) -> Point {
     )
 }
 
-/// The homography that takes the model points to the image points in the least-squares sense; the
-/// model's origin must have a finite image. Fewer than six pairs give an affinity, fewer than three
-/// nothing.
+/// Fits the homography that maps model points to image points in the least-squares sense.
+///
+/// The model's origin must have a finite image. Fewer than six pairs give an affinity. Returns
+/// `None` for fewer than three pairs, or if the points are degenerate.
 #[must_use]
 pub fn fit(pairs: &[(Point, Point)]) -> Option<Matrix3<f64>> {
     if pairs.len() < 3 {
         return None;
     }
+    // Image points are centred and scaled to a size of 1 (Hartley). Pixels in the hundreds would
+    // make the normal equations ill-conditioned. The model points are of that size already.
     let n = pairs.len() as f64;
     let mean = pairs.iter().fold((0.0, 0.0), |m, (_, q)| (m.0 + q.0 / n, m.1 + q.1 / n));
     let scale =
@@ -50,10 +53,13 @@ pub fn fit(pairs: &[(Point, Point)]) -> Option<Matrix3<f64>> {
             / n)
             .sqrt()
             .max(1e-9);
+    // Four pairs would determine a homography, but errors of a few of them make its last row wild.
     let affine = pairs.len() < 6;
 
     let mut normal = SMatrix::<f64, 8, 8>::zeros();
     let mut right = SVector::<f64, 8>::zeros();
+    // With h33 = 1 each pair gives two linear equations in the other eight elements. This is why
+    // the origin, which maps to w = 1, must have a finite image.
     for &((x, y), q) in pairs {
         let (u, v) = ((q.0 - mean.0) / scale, (q.1 - mean.1) / scale);
         let (px, py) = if affine { (0.0, 0.0) } else { (x, y) };
@@ -66,6 +72,7 @@ pub fn fit(pairs: &[(Point, Point)]) -> Option<Matrix3<f64>> {
             right += row * value;
         }
     }
+    // The last row of an affinity is 0 0 1. Unit equations keep the matrix regular.
     if affine {
         normal[(6, 6)] = 1.0;
         normal[(7, 7)] = 1.0;
@@ -76,8 +83,11 @@ pub fn fit(pairs: &[(Point, Point)]) -> Option<Matrix3<f64>> {
     Some(outer * inner)
 }
 
-/// The map of the unit square's corners, clockwise from the origin, to four points: four pairs are
-/// exact, but fewer than [`fit`] wants for a homography.
+/// Computes the homography that maps the corners of the unit square, clockwise from the origin, to
+/// four points.
+///
+/// Four pairs determine it exactly, but [`fit`] requires more for a homography. Returns `None` if
+/// the last three corners lie on a line.
 pub(super) fn square_to(corners: &[Point; 4]) -> Option<Matrix3<f64>> {
     let (a, b, c, d) = (corners[0], corners[1], corners[2], corners[3]);
     let (dx1, dx2, sx) = (b.0 - c.0, d.0 - c.0, a.0 - b.0 + c.0 - d.0);
@@ -100,13 +110,13 @@ pub(super) fn square_to(corners: &[Point; 4]) -> Option<Matrix3<f64>> {
     ))
 }
 
-/// Distance of two points.
+/// Returns the distance of two points.
 #[must_use]
 pub fn distance(a: Point, b: Point) -> f64 {
     (a.0 - b.0).hypot(a.1 - b.1)
 }
 
-/// Shortest distance between the images of neighbouring tile centres (px).
+/// Returns the shortest distance between the images of neighbouring tile centres (px).
 #[must_use]
 pub fn smallest_pitch(centres: &[Point; 9]) -> f64 {
     let mut pitch = f64::INFINITY;
@@ -124,10 +134,11 @@ pub fn smallest_pitch(centres: &[Point; 9]) -> f64 {
     pitch
 }
 
-/// Area of a polygon and its centroid; the sign is positive when the corners run clockwise on the
-/// screen.
+/// Computes the area of a polygon and its centroid. The area is positive if the corners run
+/// clockwise on the screen.
 #[must_use]
 pub fn polygon(corners: &[Point]) -> (f64, Point) {
+    // Relative to a corner, the products of large pixel coordinates do not cancel each other.
     let origin = corners[0];
     let (mut area, mut cx, mut cy) = (0.0, 0.0, 0.0);
     for i in 0..corners.len() {
@@ -147,7 +158,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_perspective_view_of_the_grid_is_recovered_exactly() {
+    fn fit_recovers_perspective_view_exactly() {
         let truth = Matrix3::new(40.0, 5.0, 310.0, -3.0, 35.0, 200.0, 0.02, -0.04, 1.0);
         let pairs: Vec<_> = GRID.iter().map(|&g| (g, apply(&truth, g))).collect();
 
@@ -159,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn the_centroid_of_a_square_is_its_centre() {
+    fn centroid_of_square_is_its_centre() {
         let (area, centre) = polygon(&[(1.0, 1.0), (3.0, 1.0), (3.0, 3.0), (1.0, 3.0)]);
 
         assert!((area - 4.0).abs() < 1e-12);

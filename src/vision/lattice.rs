@@ -1,10 +1,21 @@
-//! The vote of 3x3 lattices over tile candidates: lost and false tiles do not matter.
+//! Search for 3x3 lattices among tile candidates, by a vote that tolerates lost and false tiles.
 //!
-//! Each candidate's second moments say how a square tile lies in the picture; measured in that metric its
-//! neighbours on the lattice are at one pitch and at right angles. Each such pair of neighbours proposes a
-//! lattice, which grows cell by cell (so perspective is followed), and the 3x3 window with the most tiles
-//! and the smallest residual wins. Candidates with the most neighbours propose first (the paper, p. 373:
-//! the centre tile has the most neighbours).
+//! The second moments of a candidate describe how a square tile is distorted in the picture. In the
+//! metric of these moments, its neighbours on the face lie one pitch away and at right angles. Each
+//! pair of neighbours at right angles proposes a lattice. The lattice grows cell by cell, so that
+//! it follows the perspective, and the 3x3 window with the most tiles and the smallest residual
+//! wins. Candidates with the most neighbours propose first, because the centre tile has the most
+//! neighbours (Zieliński et al. 2007, p. 373).
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | lattice is larger than 3x3 | [`LARGER`] of 16 cells around | next face: three cells a side |
+//! | the same at the picture's border | [`LARGER_AT_BORDER`] | fewer cells can be seen there |
+//! | nine tiles are certainly a face | score > [`CERTAIN`] | two faces: 7.7, one face: 8.1 to 8.7 |
+//! | tile lies in a growing cell | [`GROWING`] pitches | the next cell's place is extrapolated |
+//! | tiles have one size | [`ALIKE`] | ratio of their sides |
+//! | lattice may hold a cut tile | [`ODD`] | the worst tile is dropped if that improves the fit |
+//! | textured picture | [`MOST_PROPOSALS`] | bounds the time |
 //!
 //! - in: [`Tile`]s
 //! - out: [`Lattice`]s, best first
@@ -13,10 +24,10 @@ use super::homography::{self, GRID, Point, apply, distance};
 use super::segment::Tile;
 use nalgebra::{Matrix2, Matrix3};
 
-/// Nine cells, some of them held by tiles.
+/// Lattice of nine cells, some of which are held by tiles.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Lattice {
-    /// Takes (column - 1, row - 1) to pixels.
+    /// Map from (column - 1, row - 1) to pixels.
     pub homography: Matrix3<f64>,
     /// Index of the tile of each cell in reading order.
     pub tiles: [Option<usize>; 9],
@@ -26,35 +37,37 @@ pub(crate) struct Lattice {
     pub unevenness: f64,
     /// Side of a tile as a share of the pitch.
     pub sticker: f64,
-    /// How many of the 16 cells around the nine are held by a tile that fits as well as the nine do.
+    /// Number of the 16 cells around the nine that hold a tile which fits as well as the nine do.
     pub beyond: usize,
-    /// How many of the 16 lie where there are any tiles at all: near the picture's border not all can be held.
+    /// Number of the 16 cells that lie inside the bounding box of all tiles. Near the picture's
+    /// border not all 16 can be held.
     pub around: usize,
-    /// How the lattice goes on beyond the nine.
+    /// Continuation of the lattice beyond the nine cells.
     pub onward: Onward,
 }
 
-/// How a lattice goes on beyond its nine cells.
+/// Continuation of a lattice beyond its nine cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) enum Onward {
-    /// It ends.
+    /// The lattice ends.
     #[default]
     Ends,
-    /// Where it goes on another face begins, which may lie in the same plane: so do two faces of a cube that are seen from
-    /// afar at equal angles, and six rows of three.
+    /// The lattice continues, perhaps as another face of the cube. Two faces seen from afar at
+    /// equal angles look like six rows of three in one plane.
     Perhaps,
-    /// It goes on, and that is no other face.
+    /// The lattice continues, and the continuation is no other face.
     Larger,
 }
 
-/// From this many cells around the nine on, the lattice is larger than 3x3: a floor, a keyboard, a cube of 4x4.
-/// Two faces seen at equal angles continue each other's columns, three cells of them.
+/// Fewest held cells around the nine that make a lattice larger than 3x3: a floor, a keyboard, a
+/// 4x4 cube. Two faces seen at equal angles continue each other's columns, which are three cells.
 const LARGER: usize = 5;
-/// The same where not all of the 16 cells are to be seen, in proportion but no fewer than this.
+/// Lower bound of [`LARGER`] where fewer than 16 cells can be seen and it is reduced in proportion.
 const LARGER_AT_BORDER: usize = 4;
 
 impl Lattice {
-    /// Tiles on the lattice of a homography, with their fit.
+    /// Builds the lattice of a homography and computes how well the tiles fit it. Returns `None` if
+    /// no cell is held, or if a cell is degenerate.
     pub(super) fn of(
         tiles: &[Tile],
         homography: Matrix3<f64>,
@@ -72,18 +85,21 @@ impl Lattice {
         }
         let mean: [f64; 3] = std::array::from_fn(|k| shapes.iter().map(|s| s[k]).sum::<f64>() / n);
         let sticker = (mean[0] * mean[1]).sqrt();
-        // Sides must be alike over the face, and the skew must be nought: tiles of another face lean otherwise.
+        // The sides must be alike over the face, and the skew must be zero. Nine tiles of two faces
+        // can fit one homography to 0.016 pitches, but the tiles of the second face are skewed.
         let spread = shapes
             .iter()
             .map(|s| (s[0] - mean[0]).powi(2) + (s[1] - mean[1]).powi(2) + 2.0 * s[2].powi(2))
             .sum::<f64>();
         let unevenness = (spread / (2.0 * n)).sqrt() / sticker;
-        // Tiles are judged against the local pitch: the root of the cell's area.
+        // The unit of an error is the local pitch, the root of the cell's area. It is bounded,
+        // because a cell that a bad homography magnifies would excuse any error.
         let square = placed.iter().map(|(g, tile)| {
             let pitch = cell_area(h, *g).abs().sqrt().min(2.0 * pitch);
             (distance(tile.centre, apply(h, *g)) / pitch).powi(2)
         });
-        // Eight parameters are fitted to 2n numbers: fewer freedoms make a small residual cheap.
+        // A homography has eight parameters, the affinity of fewer than six tiles has six. With few
+        // degrees of freedom left, a small residual proves little, so the sum is divided by them.
         let freedom = (2.0 * n - if n < 6.0 { 6.0 } else { 8.0 }).max(1.0);
         let residual = (square.sum::<f64>() / freedom).sqrt();
         Some(Self {
@@ -98,10 +114,10 @@ impl Lattice {
         })
     }
 
-    /// The same face on a homography that was fitted to the sides of its tiles: each cell takes the tile that lies in its
-    /// middle and has its form. `seen` are the sides that the cells show; a tile that lacks one must fit better, for it
-    /// is cut.
-    pub(super) fn on(
+    /// Builds the lattice of a homography that was fitted to the sides of the tiles. Each cell
+    /// takes the tile in its middle that has its form. `seen` is the number of sides that each cell
+    /// shows. A tile with a missing side is cut, so it must fit better.
+    pub(super) fn from_sides(
         tiles: &[Tile],
         homography: Matrix3<f64>,
         sticker: f64,
@@ -110,6 +126,7 @@ impl Lattice {
         let h = &homography;
         let mut held = [None; 9];
         for ((g, slot), seen) in GRID.into_iter().zip(&mut held).zip(seen) {
+            // A finger over one side moves the centre of a tile by half the width that it hides.
             let (place, pitch) = (apply(h, g), cell_area(h, g).abs().sqrt());
             let (off, odd) = if *seen == 4 { (0.12, 0.25) } else { (0.06, 0.12) };
             let fits = |tile: &Tile| {
@@ -127,15 +144,17 @@ impl Lattice {
                 .map(|(i, _)| i);
         }
         let mut lattice = Self::of(tiles, homography, held)?;
-        // Nothing was fitted to these centres.
+        // `of` divides by the degrees of freedom that a fit to the centres leaves. This homography
+        // was fitted to sides instead, so the mean over all 2n coordinates is the right one.
         let n = lattice.count() as f64;
         lattice.residual *=
             ((2.0 * n - if n < 6.0 { 6.0 } else { 8.0 }).max(1.0) / (2.0 * n)).sqrt();
         Some(lattice)
     }
 
-    /// Whether two or more of the cells are where tiles of another lattice lie: two faces share none.
-    pub(super) fn meets(&self, other: &Self, tiles: &[Tile]) -> bool {
+    /// Checks whether tiles of another lattice lie in two or more of the cells. Two faces share
+    /// none.
+    pub(super) fn shares_cells(&self, other: &Self, tiles: &[Tile]) -> bool {
         let h = &self.homography;
         let shared = GRID.into_iter().filter(|&g| {
             let (place, pitch) = (apply(h, g), cell_area(h, g).abs().sqrt());
@@ -145,34 +164,36 @@ impl Lattice {
         shared.count() >= 2
     }
 
-    /// How many cells are held.
+    /// Returns the number of cells that are held by a tile.
     #[must_use]
     pub(crate) fn count(&self) -> usize {
         self.tiles.iter().flatten().count()
     }
 
-    /// Rank among rivals: tiles held, less a penalty for a poor fit.
+    /// Returns the rank among rivals: the number of tiles less a penalty for a poor fit.
     #[must_use]
     pub(crate) fn score(&self) -> f64 {
         self.count() as f64 - 30.0 * self.residual - 6.0 * self.unevenness
     }
 
-    /// Whether the nine cells are a part of a larger lattice, so that they are no face of a 3x3 cube.
+    /// Checks whether the nine cells belong to a larger lattice, so that they are no face of a 3x3
+    /// cube.
     #[must_use]
     pub(crate) fn is_larger(&self) -> bool {
         self.onward == Onward::Larger || larger(self.beyond, self.around)
     }
 
-    /// The same lattice read so that columns run to the right and rows down the picture.
+    /// Turns the reading order so that columns run to the right of the picture and rows run down.
     #[must_use]
     fn upright(mut self) -> Self {
+        // The seed proposes any of four orders. One quarter turn at a time reaches the right one.
         for _ in 0..4 {
             let (o, x) = (apply(&self.homography, (0.0, 0.0)), apply(&self.homography, (1.0, 0.0)));
             let (dx, dy) = (x.0 - o.0, x.1 - o.1);
             if dx > 0.0 && dx.abs() >= dy.abs() {
                 break;
             }
-            // One quarter turn of the grid: the new (x, y) are the old (-y, x).
+            // A quarter turn of the grid: the new (x, y) is the old (-y, x).
             let turn = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
             self.homography *= turn;
             let old = self.tiles;
@@ -186,26 +207,31 @@ impl Lattice {
     }
 }
 
-/// Whether so many tiles of the cells around nine are too many.
+/// Checks whether `beyond` held cells, of `around` cells that can be held, make the lattice larger
+/// than 3x3.
 fn larger(beyond: usize, around: usize) -> bool {
     beyond >= LARGER_AT_BORDER && 16 * beyond >= LARGER * around
 }
 
-/// Most lattices that are grown in one picture: bounds the time in textured pictures.
+/// Greatest number of lattices that are grown in one picture. It bounds the time in textured
+/// pictures.
 const MOST_PROPOSALS: usize = 2000;
 
-/// Score from which nine tiles are one face beyond doubt. Nine tiles of two faces whose common edge is
-/// foreshortened like a gap reach 7.7 (in photographs), those of one face 8.1 to 8.7.
+/// Score above which nine tiles are certainly one face. In photographs nine tiles of one face reach
+/// 8.1 to 8.7. Nine tiles of two faces reach 7.7, if their common edge is foreshortened like a gap.
 pub(super) const CERTAIN: f64 = 8.0;
 
-/// Tolerance of a tile's place while growing, in pitches.
+/// Tolerance of a tile's place while a lattice grows, in pitches.
 const GROWING: f64 = 0.28;
 
-/// All lattices of 3x3 that do not share tiles, best first.
+/// Finds all 3x3 lattices that do not share tiles, best first. `least` is the fewest tiles of a
+/// lattice.
 #[must_use]
 pub(crate) fn vote(tiles: &[Tile], least: usize) -> Vec<Lattice> {
     let tiles = &Places::new(tiles);
     let near: Vec<Vec<Neighbour>> = (0..tiles.len()).map(|i| neighbours(tiles, i)).collect();
+    // A centre tile has eight neighbours and proposes first. More than eight are no better. The
+    // index keeps the order of equals deterministic.
     let mut order: Vec<usize> = (0..tiles.len()).filter(|&i| near[i].len() >= 2).collect();
     order.sort_by_key(|&i| (std::cmp::Reverse(near[i].len().min(8)), i));
 
@@ -219,7 +245,8 @@ pub(crate) fn vote(tiles: &[Tile], least: usize) -> Vec<Lattice> {
         let search = Search { tiles, near: &near, taken: &taken, least };
         let best = search.propose(seed, &mut proposals);
         let Some(best) = best else { continue };
-        // A full and regular face is certain: its tiles need not propose any more.
+        // A full and regular face is certain, so its tiles need not propose any more. The tiles of
+        // a doubtful lattice stay free, since a later seed may find a better one.
         if best.score() > CERTAIN {
             for &tile in best.tiles.iter().flatten() {
                 taken[tile] = true;
@@ -229,33 +256,35 @@ pub(crate) fn vote(tiles: &[Tile], least: usize) -> Vec<Lattice> {
     }
     let mut kept = distinct(found, tiles.len());
     for i in 0..kept.len() {
-        go_on(tiles, &mut kept, i);
+        set_onward(tiles, &mut kept, i);
     }
     kept
 }
 
-/// Looks anew what lies beyond the nine cells of a lattice among others.
-pub(super) fn look_beyond(tiles: &[Tile], kept: &mut [Lattice], of: usize) {
-    go_on(&Places::new(tiles), kept, of);
+/// Computes again how the lattice `of` continues, after it was replaced.
+pub(super) fn update_onward(tiles: &[Tile], kept: &mut [Lattice], of: usize) {
+    set_onward(&Places::new(tiles), kept, of);
 }
 
-/// Notes in a lattice how it goes on.
-fn go_on(tiles: &Places, kept: &mut [Lattice], of: usize) {
+/// Sets the fields of a lattice that describe its continuation.
+fn set_onward(tiles: &Places, kept: &mut [Lattice], of: usize) {
     let onward = onward(tiles, kept, of);
     let lattice = &mut kept[of];
     let uneven;
     (lattice.beyond, uneven, lattice.around) = beyond(tiles, lattice);
-    // What goes on unevenly goes on perhaps: plaid, a shelf; by chance the faces beside.
+    // A continuation with tiles of other sizes is a plaid or a shelf, or by chance the faces
+    // beside. It leaves a doubt, but does not disprove the face.
     let perhaps = onward == Onward::Ends && larger(uneven, lattice.around);
     lattice.onward = if perhaps { Onward::Perhaps } else { onward };
 }
 
-/// Tiles that are found by place.
+/// Tiles sorted by column, so that those near a place are found fast.
 #[derive(Debug)]
 struct Places<'a> {
     tiles: &'a [Tile],
-    /// Indices by the column of the centre, and these columns.
+    /// Indices of the tiles, sorted by the column of the centre.
     order: Vec<usize>,
+    /// Columns of the centres in this order (px).
     columns: Vec<f64>,
 }
 
@@ -267,7 +296,7 @@ impl<'a> Places<'a> {
         Self { tiles, order, columns }
     }
 
-    /// The tiles within a square of half side `reach` around a place.
+    /// Returns the tiles inside a square of half side `reach` (px) around a place.
     fn near(&self, place: Point, reach: f64) -> impl Iterator<Item = usize> {
         let first = self.columns.partition_point(|&x| x < place.0 - reach);
         let end = self.columns.partition_point(|&x| x <= place.0 + reach).max(first);
@@ -286,13 +315,15 @@ impl std::ops::Deref for Places<'_> {
     }
 }
 
-/// Cells around the nine that hold a tile of the same size and form as the nine, or of another size, and cells that could.
+/// Counts cells around the nine: those with a tile of the size and form of the nine, those with a
+/// tile of any similar form, and those that could hold a tile.
 fn beyond(tiles: &Places, lattice: &Lattice) -> (usize, usize, usize) {
     let h = &lattice.homography;
     let rows = || tiles.iter().map(|t| t.centre.1);
     let (top, bottom) =
         (rows().fold(f64::INFINITY, f64::min), rows().fold(f64::NEG_INFINITY, f64::max));
     let (left, right) = (tiles.columns.first(), tiles.columns.last());
+    // A cell outside the bounding box of all tiles cannot be held. It must not count as empty.
     let among = |p: Point| {
         left.is_some_and(|x| p.0 >= *x)
             && right.is_some_and(|x| p.0 <= *x)
@@ -309,10 +340,11 @@ fn beyond(tiles: &Places, lattice: &Lattice) -> (usize, usize, usize) {
     (held(ALIKE), held((0.5, 2.0)), could)
 }
 
-/// Sides of tiles of one face, one over another.
+/// Least and greatest ratio of the sides of two tiles of one face.
 const ALIKE: (f64, f64) = (0.75, 1.33);
 
-/// The tile that holds a cell around the nine: within `reach` pitches, its sides within `sizes` of theirs.
+/// Finds the tile that holds cell `g` around the nine. Its centre lies within `reach` pitches, and
+/// the ratio of its sides to those of the nine within `sizes`.
 fn at_cell(
     tiles: &Places,
     lattice: &Lattice,
@@ -322,6 +354,7 @@ fn at_cell(
 ) -> Option<usize> {
     let h = &lattice.homography;
     let w = h[(2, 0)] * g.0 + h[(2, 1)] * g.1 + h[(2, 2)];
+    // The extrapolated plane passes its horizon at w = 0. Beyond it a cell has no image.
     if w < 0.2 {
         return None;
     }
@@ -334,12 +367,16 @@ fn at_cell(
     })
 }
 
-/// Whether a lattice goes on beyond a side of its nine. A row of three there may be the first of a cube's next face, which
-/// then is a lattice of its own, and bends away: its further rows do not lie where the first face's plane would have them.
+/// Determines whether a lattice continues beyond one of its four sides.
+///
+/// A row of three there may be the first row of the cube's next face. That face is a lattice of its
+/// own and bends away: its further rows do not lie where the plane of the first face predicts them.
 fn onward(tiles: &Places, kept: &[Lattice], of: usize) -> Onward {
     let lattice = &kept[of];
     let mut onward = Onward::Ends;
     for (x, y) in [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)] {
+        // Tiles in the row `far` pitches from the centre. The tolerance grows with the distance,
+        // since the homography is extrapolated.
         let row = |far: f64| -> Vec<usize> {
             let reach = 0.15 * (far - 1.0).min(2.0);
             let cells = [-1.0, 0.0, 1.0].map(|k| (far * x + k * y, far * y + k * x));
@@ -349,6 +386,8 @@ fn onward(tiles: &Places, kept: &[Lattice], of: usize) -> Onward {
         if first.len() < 2 {
             continue;
         }
+        // Another lattice counts as a face only with a tile in each row and column. Otherwise its
+        // place is not determined.
         let face = kept.iter().enumerate().any(|(i, other)| {
             let whole = (0..3).all(|k| {
                 (0..3).any(|j| other.tiles[3 * k + j].is_some())
@@ -360,16 +399,21 @@ fn onward(tiles: &Places, kept: &[Lattice], of: usize) -> Onward {
         });
         let further = [3.0, 4.0, 5.0].iter().take_while(|&&far| row(far).len() >= 2).count();
         match (face, further) {
+            // The next face bends away, as a face of a cube does.
             (true, 0) => {}
+            // The next face lies in the same plane: seen at an equal angle, or six rows of three.
             (true, 1 | 2) => onward = Onward::Perhaps,
+            // Two tiles beside the nine may lie there by chance.
             (false, 0) if first.len() < 3 => onward = Onward::Perhaps,
+            // A face has three rows. A fourth one, or a row that begins no face, is a larger
+            // lattice.
             _ => return Onward::Larger,
         }
     }
     onward
 }
 
-/// Keeps the best of the lattices that share tiles or places.
+/// Keeps the best of those lattices that share tiles or places.
 fn distinct(mut found: Vec<Lattice>, tiles: usize) -> Vec<Lattice> {
     found.sort_by(|a, b| b.score().total_cmp(&a.score()));
     let mut used = vec![false; tiles];
@@ -377,6 +421,7 @@ fn distinct(mut found: Vec<Lattice>, tiles: usize) -> Vec<Lattice> {
     for lattice in found {
         let shared = lattice.tiles.iter().flatten().filter(|&&t| used[t]).count();
         let centre = apply(&lattice.homography, (0.0, 0.0));
+        // Lattices without a common tile may still overlap in the picture. Two faces do not.
         let inside = kept.iter().any(|k| {
             let corners = homography::OUTLINE.map(|c| apply(&k.homography, c));
             encloses(&corners, centre)
@@ -389,7 +434,7 @@ fn distinct(mut found: Vec<Lattice>, tiles: usize) -> Vec<Lattice> {
     kept
 }
 
-/// Whether a convex polygon that runs clockwise on the screen encloses a point.
+/// Checks whether a convex polygon that runs clockwise on the screen encloses a point.
 #[must_use]
 pub(super) fn encloses(corners: &[Point; 4], p: Point) -> bool {
     (0..4).all(|i| {
@@ -398,23 +443,25 @@ pub(super) fn encloses(corners: &[Point; 4], p: Point) -> bool {
     })
 }
 
-/// A tile near another one, measured in the first one's shape.
+/// Tile near another one, measured in the metric of the other one's moments.
 #[derive(Debug, Clone, Copy)]
 struct Neighbour {
     tile: usize,
-    /// In units in which the tile is a unit square.
+    /// Offset from the other tile, in units in which that tile is a unit square.
     whitened: Point,
 }
 
-/// Tiles of about the same shape and size at about one pitch, nearest first.
+/// Finds the tiles of about the same shape and size at about one pitch, nearest first.
 fn neighbours(tiles: &Places, i: usize) -> Vec<Neighbour> {
     let me = &tiles[i];
     let [xx, xy, yy] = me.moments;
-    // Cholesky factor of the moments: L^-1 whitens; a unit square has moments 1/12.
+    // L is the Cholesky factor of the moments, and L^-1 whitens an offset. A unit square has second
+    // moments of 1/12, so the root of 12 makes the side of the tile the unit.
     let l11 = xx.sqrt();
     let l21 = xy / l11;
     let l22 = (yy - l21 * l21).max(1e-9).sqrt();
     let unit = 12f64.sqrt();
+    // The trace bounds the largest eigenvalue, so no neighbour within 2.3 sides lies farther away.
     let reach = 2.4 * unit * (xx + yy).sqrt();
     let mut near: Vec<Neighbour> = tiles
         .near(me.centre, reach)
@@ -425,6 +472,8 @@ fn neighbours(tiles: &Places, i: usize) -> Vec<Neighbour> {
             let u = dx / l11;
             let whitened = (u / unit, (dy - l21 * u) / l22 / unit);
             let q = whitened.0.hypot(whitened.1);
+            // Tiles do not overlap, so the pitch is at least about a side. Diagonals count as well:
+            // 1.41 pitches of up to 1.6 sides.
             (0.9..2.3).contains(&q).then_some(Neighbour { tile: j, whitened })
         })
         .collect();
@@ -436,7 +485,7 @@ fn neighbours(tiles: &Places, i: usize) -> Vec<Neighbour> {
     near
 }
 
-/// Whether two tiles may be of one face: their moments are alike.
+/// Checks whether two tiles may belong to one face, that is, whether their moments are alike.
 fn alike(a: &Tile, b: &Tile) -> bool {
     let ratio = b.area / a.area;
     if !(0.4..2.5).contains(&ratio) {
@@ -445,19 +494,20 @@ fn alike(a: &Tile, b: &Tile) -> bool {
     let [axx, axy, ayy] = a.moments;
     let [bxx, bxy, byy] = b.moments;
     let det = axx * ayy - axy * axy;
-    // Trace of A^-1 B: 2 when the shapes are equal.
+    // The trace of A^-1 B is 2 for equal moments. Divided by the ratio of the areas, it compares
+    // the shapes alone: 1 for equal shapes, and more the more they differ.
     let trace = (ayy * bxx - 2.0 * axy * bxy + axx * byy) / det;
     trace / (2.0 * ratio) < 1.7
 }
 
-/// What a search for lattices goes by.
+/// Input of a search for lattices.
 struct Search<'a> {
     tiles: &'a Places<'a>,
     /// Neighbours of each tile.
     near: &'a [Vec<Neighbour>],
-    /// Tiles that belong to a lattice already.
+    /// Whether each tile belongs to a certain lattice already.
     taken: &'a [bool],
-    /// The fewest tiles of a lattice.
+    /// Fewest tiles of a lattice.
     least: usize,
 }
 
@@ -478,10 +528,13 @@ impl Search<'_> {
                 let (p, q) = (a.whitened, b.whitened);
                 let (lp, lq) = (p.0.hypot(p.1), q.0.hypot(q.1));
                 let cos = (p.0 * q.0 + p.1 * q.1) / (lp * lq);
+                // A row and a column are at right angles and at one pitch in the tile's own metric.
+                // The limits allow for perspective and for ragged tiles.
                 if cos.abs() > 0.4 || lq > 1.5 * lp {
                     continue;
                 }
                 *proposals += 1;
+                // A mirrored lattice would be read in the wrong order.
                 let right_handed = p.0 * q.1 - p.1 * q.0 > 0.0;
                 let (x, y) = if right_handed { (a.tile, b.tile) } else { (b.tile, a.tile) };
                 let Some(lattice) = self.grow(seed, x, y) else { continue };
@@ -498,8 +551,9 @@ impl Search<'_> {
     }
 
     /// Grows a lattice over 5x5 cells around `seed` with `x` and `y` as its neighbours, and returns
-    /// the best 3x3 of it.
+    /// the best 3x3 window of it.
     fn grow(&self, seed: usize, x: usize, y: usize) -> Option<Lattice> {
+        // The seed may be any tile of the face, so each of the nine windows around it is tried.
         let cells = self.fill(seed, x, y);
         let mut best: Option<Lattice> = None;
         for top in 0..3 {
@@ -509,6 +563,7 @@ impl Search<'_> {
                     *cell = cells[top + i / 3][left + i % 3];
                 }
                 let count = held.iter().flatten().count();
+                // A score never exceeds the number of tiles, so this window cannot win any more.
                 if count < self.least || best.as_ref().is_some_and(|b| (count as f64) < b.score()) {
                     continue;
                 }
@@ -522,8 +577,7 @@ impl Search<'_> {
         best
     }
 
-    /// Returns the tiles of 5x5 cells, `seed` in the middle one, that lie where their neighbours
-    /// say.
+    /// Fills 5x5 cells around `seed` with the tiles that lie where their neighbours predict them.
     fn fill(&self, seed: usize, x: usize, y: usize) -> [[Option<usize>; 5]; 5] {
         let Self { tiles, near, taken, .. } = *self;
         let at = |i: usize| tiles[i].centre;
@@ -534,7 +588,8 @@ impl Search<'_> {
         let step = |from: usize, to: usize| (at(to).0 - at(from).0, at(to).1 - at(from).1);
         let (basis_x, basis_y) = (step(seed, x), step(seed, y));
 
-        // Two rounds reach every cell of the window that is reachable over held cells.
+        // A round reaches one cell farther. Three rounds reach all cells but the corner opposite to
+        // `x` and `y`, which is four steps away; `settle` fills it.
         for _ in 0..3 {
             let before = cells;
             for row in 0..5 {
@@ -547,6 +602,7 @@ impl Search<'_> {
                     else {
                         continue;
                     };
+                    // In strong perspective two cells may claim one tile. The first one keeps it.
                     let held = |t: usize| cells.iter().flatten().any(|&c| c == Some(t));
                     let chosen = near[anchor]
                         .iter()
@@ -571,7 +627,8 @@ impl Search<'_> {
     }
 }
 
-/// Where a cell should be, judged from a held cell beside it: that tile, the place, the pitch there.
+/// Predicts the place of a cell from a held cell beside it. Returns the index of that cell's tile,
+/// the place (px) and the pitch there (px).
 fn predict(
     cells: &[[Option<usize>; 5]; 5],
     tiles: &[Tile],
@@ -591,7 +648,8 @@ fn predict(
         let basis = if dr == 0 { basis_x } else { basis_y };
         let sign = -f64::from(dr + dc);
         let mut step = (basis.0 * sign, basis.1 * sign);
-        // A longer or parallel step nearby is a better guess than the seed's.
+        // Perspective changes the pitch over the face. The step on the anchor's far side, or a
+        // parallel one in the next line, therefore predicts better than the seed's step.
         if let Some(beyond) = get(r + 2 * dr, c + 2 * dc) {
             let b = tiles[beyond].centre;
             step = (from.0 - b.0, from.1 - b.1);
@@ -610,11 +668,12 @@ fn predict(
     None
 }
 
-/// Residual and unevenness from which on a lattice may hold a tile that a finger or a reflection cuts.
+/// Residual and unevenness above which a lattice may hold a tile that a finger or a reflection
+/// cuts.
 const ODD: (f64, f64) = (0.035, 0.12);
 
-/// Settles nine cells on the lattice that fits them best; tiles of another size or form than the others' are let go
-/// when that makes a better lattice.
+/// Fits a lattice to nine cells. It drops tiles of another size or form than the others, as long as
+/// that improves the score.
 fn settle(
     tiles: &Places,
     held: [Option<usize>; 9],
@@ -623,6 +682,8 @@ fn settle(
 ) -> Option<Lattice> {
     let mut best = settle_without(tiles, held, least, taken, &[])?;
     let mut without = Vec::new();
+    // A dropped tile costs a point of the score, so only a clearly better fit pays for it. A
+    // lattice below 2 is too poor for that.
     while best.count() > least
         && (best.residual > ODD.0 || best.unevenness > ODD.1)
         && best.score() > 2.0
@@ -639,7 +700,7 @@ fn settle(
     Some(best)
 }
 
-/// The held cell whose tile differs most from the middle one in size, form and place.
+/// Finds the held cell whose tile differs most from the median tile in size, form and place.
 fn odd_one(tiles: &Places, lattice: &Lattice) -> Option<usize> {
     let h = &lattice.homography;
     let shapes = GRID.into_iter().zip(lattice.tiles).enumerate();
@@ -650,6 +711,7 @@ fn odd_one(tiles: &Places, lattice: &Lattice) -> Option<usize> {
             Some((i, shape_in_cell(h, g, tile)?, distance(tile.centre, apply(h, g)) / pitch))
         })
         .collect();
+    // The median, because a cut tile shifts the mean of a few tiles towards itself.
     let middle = |k: usize| {
         let mut sides: Vec<f64> = shapes.iter().map(|(_, s, _)| s[k]).collect();
         sides.sort_by(f64::total_cmp);
@@ -665,8 +727,8 @@ fn odd_one(tiles: &Places, lattice: &Lattice) -> Option<usize> {
     shapes.iter().max_by(|x, y| oddness(&x.1, x.2).total_cmp(&oddness(&y.1, y.2))).map(|(i, ..)| *i)
 }
 
-/// Fits the homography, drops tiles that do not lie on it, and fills free cells with tiles that do,
-/// but for those `without`.
+/// Fits the homography, drops tiles that do not lie on it, and fills free cells with tiles that do.
+/// The tiles `without` are not used.
 fn settle_without(
     tiles: &Places,
     mut held: [Option<usize>; 9],
@@ -676,6 +738,7 @@ fn settle_without(
 ) -> Option<Lattice> {
     for round in 0..3 {
         let cells = Cells::of(tiles, &held)?;
+        // The last round only fits: its tiles may change no more.
         if round < 2 {
             let mut changed = cells.drop_misfits(tiles, &mut held);
             let free = |t: usize| !taken[t] && !without.contains(&t);
@@ -693,18 +756,21 @@ fn settle_without(
     None
 }
 
-/// The nine cells of a face in the picture, as the tiles held in them say.
+/// The nine cells of a face in the picture, fitted to the tiles that hold them.
 struct Cells {
-    /// Grid -> picture.
+    /// Map from the grid to the picture.
     h: Matrix3<f64>,
+    /// Centres of the cells (px).
     centres: [Point; 9],
-    /// The smallest distance between neighbours.
+    /// Smallest distance between neighbouring centres (px).
     pitch: f64,
+    /// Areas of the cells (px^2).
     areas: [f64; 9],
 }
 
 impl Cells {
-    /// Fits the cells to the centres of the tiles; `None` where they are no face before the camera.
+    /// Fits the cells to the centres of the tiles. Returns `None` if the cells are no face in front
+    /// of the camera.
     fn of(tiles: &Places, held: &[Option<usize>; 9]) -> Option<Self> {
         let pairs: Vec<(Point, Point)> = held
             .iter()
@@ -714,7 +780,8 @@ impl Cells {
         let h = homography::fit(&pairs)?;
         let centres = GRID.map(|g| apply(&h, g));
         let pitch = homography::smallest_pitch(&centres);
-        // A face is convex and not turned over; its corners are in front of the camera.
+        // A face is convex and not mirrored, and its corners lie in front of the camera. Tiles with
+        // a pitch below 2.5 px leave no gap between them.
         let corners = homography::OUTLINE.map(|c| apply(&h, c));
         let positive =
             homography::OUTLINE.iter().all(|c| h[(2, 0)] * c.0 + h[(2, 1)] * c.1 + h[(2, 2)] > 0.2);
@@ -728,13 +795,14 @@ impl Cells {
         Some(Self { h, centres, pitch, areas: std::array::from_fn(|i| cell_area(&h, GRID[i])) })
     }
 
-    /// Returns how far a tile is off the cell's centre against the local pitch: the root of the
-    /// cell's area.
+    /// Returns the distance of a tile from the cell's centre, in local pitches. The local pitch is
+    /// the root of the cell's area.
     fn error(&self, i: usize, tile: &Tile) -> f64 {
         distance(tile.centre, self.centres[i]) / self.areas[i].abs().sqrt().min(2.0 * self.pitch)
     }
 
-    /// Takes tiles out that lie beside their cells or have not their size; returns whether any did.
+    /// Removes tiles that lie beside their cells or do not have their size. Returns whether it
+    /// removed any.
     fn drop_misfits(&self, tiles: &Places, held: &mut [Option<usize>; 9]) -> bool {
         let mut changed = false;
         for (i, slot) in held.iter_mut().enumerate() {
@@ -749,7 +817,7 @@ impl Cells {
         changed
     }
 
-    /// Puts the nearest free tile that fits into each empty cell; returns whether there was one.
+    /// Puts the nearest free tile that fits into each empty cell. Returns whether it found one.
     fn fill(
         &self,
         tiles: &Places,
@@ -765,6 +833,7 @@ impl Cells {
             let fill = tiles
                 .near(self.centres[i], 0.3 * self.pitch)
                 .filter(|&t| {
+                    // Stricter than `drop_misfits`: a tile that enters must not leave again.
                     free(t)
                         && (0.2..1.1).contains(&(tiles[t].area / self.areas[i]))
                         && error(t) < 0.15
@@ -781,8 +850,11 @@ impl Cells {
     }
 }
 
-/// A tile's sides along the cell's columns and rows as shares of the pitch, and its skew.
+/// Returns the sides of a tile along the cell's columns and rows, as shares of the pitch, and its
+/// skew. Returns `None` if the homography is degenerate at the cell.
 fn shape_in_cell(h: &Matrix3<f64>, g: Point, tile: &Tile) -> Option<[f64; 3]> {
+    // With J the derivative of the map at the cell and M the moments in the picture, the moments in
+    // the cell are J^-1 M J^-T, and the square of a side is 12 times its moment.
     let step = 0.05;
     let side = |dx: f64, dy: f64| {
         let (a, b) = (apply(h, (g.0 - dx, g.1 - dy)), apply(h, (g.0 + dx, g.1 + dy)));
@@ -796,7 +868,7 @@ fn shape_in_cell(h: &Matrix3<f64>, g: Point, tile: &Tile) -> Option<[f64; 3]> {
     Some([a, b, shape[(0, 1)] / (a * b).max(1e-9)])
 }
 
-/// Whether four corners make a convex quadrilateral that runs clockwise on the screen.
+/// Checks whether four corners make a convex quadrilateral that runs clockwise on the screen.
 fn convex(corners: &[Point; 4]) -> bool {
     (0..4).all(|i| {
         let (a, b, c) = (corners[i], corners[(i + 1) % 4], corners[(i + 2) % 4]);
@@ -804,7 +876,7 @@ fn convex(corners: &[Point; 4]) -> bool {
     })
 }
 
-/// Area of the image of a cell (px^2).
+/// Computes the area of the image of a cell (px^2).
 fn cell_area(h: &Matrix3<f64>, g: Point) -> f64 {
     let corners = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]
         .map(|(x, y)| apply(h, (g.0 + x, g.1 + y)));
@@ -834,8 +906,9 @@ mod tests {
         Matrix3::new(30.0, 6.0, 210.0, -8.0, 22.0, 180.0, 0.03, -0.02, 1.0)
     }
 
+    /// A vote finds a face of which three tiles are lost, among four false tiles.
     #[test]
-    fn a_face_is_found_among_false_tiles_and_with_three_lost() {
+    fn vote_finds_face_among_false_tiles() {
         let h = oblique();
         let mut tiles: Vec<Tile> = GRID
             .iter()
@@ -859,7 +932,7 @@ mod tests {
     }
 
     #[test]
-    fn two_faces_that_share_an_edge_are_two_lattices() {
+    fn vote_separates_two_faces_sharing_an_edge() {
         let (a, b) = (oblique(), Matrix3::new(18.0, 6.0, 290.0, 12.0, 24.0, 178.0, 0.0, 0.0, 1.0));
         let tiles: Vec<Tile> = [a, b].iter().flat_map(|h| GRID.map(|g| tile(h, g))).collect();
 
@@ -868,15 +941,17 @@ mod tests {
         assert_eq!(found.iter().map(Lattice::count).collect::<Vec<_>>(), [9, 9]);
     }
 
-    /// Tiles of `rows` x `columns` cells of one plane, from the first face's top left on.
+    /// Returns the tiles of `rows` x `columns` cells of one plane, from the first face's top left
+    /// on.
     fn floor(rows: i32, columns: i32) -> Vec<Tile> {
         (0..rows * columns)
             .map(|i| tile(&oblique(), (f64::from(i % columns) - 1.0, f64::from(i / columns) - 1.0)))
             .collect()
     }
 
+    /// A lattice that continues in its own plane is larger than a face of a cube.
     #[test]
-    fn what_goes_on_in_its_plane_is_larger_than_a_face() {
+    fn plane_of_many_tiles_counts_as_larger() {
         let larger = |rows, columns| {
             let found = vote(&floor(rows, columns), 5);
             !found.is_empty() && found.iter().all(Lattice::is_larger)
@@ -888,24 +963,27 @@ mod tests {
         assert!(larger(4, 3) && larger(3, 4) && larger(3, 7));
     }
 
+    /// A strip of six rows of three may be two faces seen at equal angles.
     #[test]
-    fn a_strip_that_goes_on_as_another_face_is_perhaps_one() {
+    fn strip_of_six_rows_may_be_two_faces() {
         let found = vote(&floor(6, 3), 5);
 
         assert_eq!(found.len(), 2);
         assert!(found.iter().all(|l| l.onward != Onward::Ends), "{found:?}");
     }
 
+    /// A tile that is a tenth of a pitch off its cell is kept if the cell shows all four sides, and
+    /// dropped as cut if one side is missing.
     #[test]
-    fn tiles_that_are_cut_are_let_go_on_a_lattice_of_sides() {
+    fn lattice_on_sides_drops_cut_tile() {
         let h = oblique();
         let mut tiles: Vec<Tile> = GRID.iter().map(|&g| tile(&h, g)).collect();
         let (a, b) = (apply(&h, (0.0, 0.0)), apply(&h, (0.1, 0.0)));
         tiles[4].centre.0 += b.0 - a.0;
         let seen = |middle| std::array::from_fn(|i| if i == 4 { middle } else { 4 });
 
-        let cut = Lattice::on(&tiles, h, 0.8, &seen(3)).unwrap();
-        let whole = Lattice::on(&tiles, h, 0.8, &seen(4)).unwrap();
+        let cut = Lattice::from_sides(&tiles, h, 0.8, &seen(3)).unwrap();
+        let whole = Lattice::from_sides(&tiles, h, 0.8, &seen(4)).unwrap();
 
         assert_eq!((cut.count(), cut.tiles[4]), (8, None));
         assert!(cut.residual < 1e-6 && cut.unevenness < 1e-3, "{cut:?}");
@@ -913,19 +991,19 @@ mod tests {
     }
 
     #[test]
-    fn lattices_that_share_cells_meet() {
+    fn overlapping_lattices_share_cells() {
         let tiles = floor(5, 3);
         let on = |by: f64| {
             let shift = Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, by, 0.0, 0.0, 1.0);
-            Lattice::on(&tiles, oblique() * shift, 0.8, &[4; 9]).unwrap()
+            Lattice::from_sides(&tiles, oblique() * shift, 0.8, &[4; 9]).unwrap()
         };
 
-        assert!(on(0.0).meets(&on(2.0), &tiles));
-        assert!(!on(0.0).meets(&on(3.0), &tiles));
+        assert!(on(0.0).shares_cells(&on(2.0), &tiles));
+        assert!(!on(0.0).shares_cells(&on(3.0), &tiles));
     }
 
     #[test]
-    fn scattered_tiles_are_no_lattice() {
+    fn scattered_tiles_form_no_lattice() {
         let h = oblique();
         let tiles: Vec<Tile> = (0..20)
             .map(|i| {

@@ -1,18 +1,21 @@
-//! Vision: image -> faces, pose, colours. Pure: time, randomness and calibration are arguments.
+//! Vision: from an image to the faces of a cube, its pose and its colours.
+//!
+//! The crate is pure: time, randomness and calibration are arguments.
 //!
 //! | step | module | in -> out |
 //! |---|---|---|
-//! | segmentation | `segment` (edges), [`paper`] (colour tables, run lengths) | image -> tile candidates |
+//! | segmentation | `segment` (edges), [`paper`] (colour tables) | image -> tile candidates |
 //! | lattice | `lattice` | candidates -> 3x3 lattices |
-//! | detection | [`mod@detect`] | image -> [`FaceSighting`]s or a [`Refusal`] that says why |
+//! | detection | [`mod@detect`] | image -> [`FaceSighting`]s, or a [`Refusal`] with the reason |
 //! | lens | `undistort` | five coefficients: point -> pixel, pixel -> direction |
 //! | pose | [`pose`] | sighting, lens -> [`CubeSighting`], [`pose::CubeLocation`] |
-//! | refinement | `refine` | image, first pose -> pose on sub-pixel edges of all faces, covariance |
+//! | refinement | `refine` | image, first pose -> pose on sub-pixel edges, covariance |
 //! | calibration | [`calibration`] | views at known arm poses -> optics, place of the camera |
-//! | time | `tracker` | poses -> position, velocity, window, age |
+//! | tracking | `tracker` | poses over time -> position, velocity, window, age |
 //! | colours | [`colours`] | nine mean colours -> names, with a confidence each |
-//! | whole cubes | `whole`, `likeliest`, [`table`] | 54 mean colours -> a cube that can exist, with margins, or why not |
+//! | whole cubes | `whole`, `likeliest`, [`table`] | 54 mean colours -> a legal cube, or why not |
 //! | guided reading | [`sensor`] | image, predicted pose -> nine colours, measured pose |
+//! | stand-alone camera | [`watcher`] | one image after another -> filtered pose, speed |
 //!
 //! Pixels: the centre of the first pixel is (0, 0), x to the right, y down.
 
@@ -61,16 +64,18 @@ pub struct Rect {
     pub x: u32,
     /// First row.
     pub y: u32,
-    /// Columns.
+    /// Number of columns.
     pub width: u32,
-    /// Rows.
+    /// Number of rows.
     pub height: u32,
 }
 
 impl Rect {
-    /// The part that lies inside an image of `width` x `height` pixels; `None` when nothing does.
+    /// Returns the part that lies inside an image of `width` x `height` pixels, or `None` if there
+    /// is none.
     #[must_use]
     pub fn inside(self, width: u32, height: u32) -> Option<Self> {
+        // A predicted window may reach beyond the image, and beyond the largest coordinate.
         let (x, y) = (self.x.min(width), self.y.min(height));
         let (right, bottom) = (
             self.x.saturating_add(self.width).min(width),
@@ -80,52 +85,54 @@ impl Rect {
     }
 }
 
-/// Why no face was reported.
+/// Reason why no face is reported.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Refusal {
-    /// There are not enough pixels for nine tiles.
+    /// The picture has too few pixels for nine tiles.
     #[error("the picture has only {width}x{height} px")]
     TooFewPixels {
-        /// Columns that were looked at.
+        /// Number of columns that were searched.
         width: u32,
-        /// Rows that were looked at.
+        /// Number of rows that were searched.
         height: u32,
     },
-    /// What is brightest is dark.
-    #[error("too dark: the brightest that could be a tile is at {brightest} of 255")]
+    /// Even the brightest candidates for tiles are dark.
+    #[error("too dark: the brightest candidate for a tile has level {brightest} of 255")]
     TooDark {
-        /// Level of the brightest tenth of the candidates, or of the brightest hundredth of a picture without, 0..=255.
+        /// Level of the brightest tenth of the candidates, 0..=255. With fewer than nine candidates
+        /// it is the level of the brightest hundredth of the pixels.
         brightest: u8,
     },
-    /// Much of what could be tiles is clipped.
-    #[error("overexposed: {:.0} % of what could be tiles is clipped", share * 100.0)]
+    /// Many of the candidates for tiles are clipped.
+    #[error("overexposed: {:.0} % of the candidates for tiles are clipped", share * 100.0)]
     Overexposed {
-        /// Share of the candidates that clip, or of the pixels of a picture without, 0..=1.
+        /// Share of the candidates that clip, 0..=1. With fewer than nine candidates it is the
+        /// share of the pixels.
         share: f64,
     },
     /// No region looks like a tile.
     #[error("no region looks like a tile")]
     NoTiles,
-    /// Tiles, but no lattice of 3x3.
+    /// There are candidates for tiles, but no lattice of 3x3.
     #[error("{tiles} regions look like tiles, but no nine of them form a lattice of 3x3")]
     NoLattice {
         /// Number of candidates.
         tiles: usize,
     },
-    /// Tiles that form a lattice of more than 3x3.
-    #[error("a lattice larger than 3x3: {beyond} more tiles around nine")]
+    /// The tiles form a lattice of more than 3x3.
+    #[error("the lattice is larger than 3x3: {beyond} more tiles around nine")]
     LargerLattice {
-        /// Tiles of the same size and pitch beside the nine, of 16.
+        /// Number of tiles of the same size and pitch around the nine, of 16.
         beyond: usize,
     },
-    /// A lattice that is not good enough to report.
+    /// The best lattice is not good enough to report.
     #[error("a lattice was found, but its confidence is only {confidence:.2}")]
     Doubtful {
         /// Confidence of the best lattice, 0..=1.
         confidence: f64,
     },
-    /// A face that is too small for the arm's work.
-    #[error("outside the work-space: the face is only {width_px:.0} px wide")]
+    /// The face is too small for the arm's work.
+    #[error("outside the workspace: the face is only {width_px:.0} px wide")]
     TooSmall {
         /// Length of the face's longest side (px).
         width_px: f64,
@@ -133,7 +140,7 @@ pub enum Refusal {
     /// The face is not where it was expected.
     #[error("not where it was expected: {matched} of 9 tiles fit the prediction")]
     NotExpected {
-        /// Tiles that fit.
+        /// Number of tiles that fit.
         matched: usize,
     },
 }
@@ -141,18 +148,21 @@ pub enum Refusal {
 /// A face of a cube found in an image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FaceSighting {
-    /// Corners of the face's outline (px), in the image: top-left, top-right, bottom-right, bottom-left of
-    /// the reading order used for the tiles.
+    /// Corners of the face's outline in the image (px): top-left, top-right, bottom-right and
+    /// bottom-left of the reading order of the tiles.
     pub corners: [(f64, f64); 4],
-    /// Centres of the nine tiles in reading order (px): measured centroids where `seen`, else the lattice's.
+    /// Centres of the nine tiles in reading order (px): measured centroids where `seen`, else the
+    /// places of the lattice.
     pub centres: [(f64, f64); 9],
-    /// Which tiles were found as regions of their own; the others are filled in by the lattice.
+    /// Whether each tile was found as a region of its own. The lattice fills in the others.
     pub seen: [bool; 9],
-    /// Side of a tile's coloured part as a share of the tile pitch, 0..=1, estimated from the regions.
+    /// Side of a tile's coloured part as a share of the pitch, 0..=1, estimated from the regions.
     pub sticker: f64,
-    /// Mean colour of each tile as in the image, 0..=255 (trimmed mean of samples of its interior).
+    /// Mean colour of each tile as in the image, 0..=255: the trimmed mean of samples of its
+    /// interior.
     pub rgb: [[f64; 3]; 9],
-    /// Decision for each tile on this face alone: 0..=5 = white, red, green, yellow, orange, blue (URFDLB).
+    /// Decision for each tile on this face alone: 0..=5 = white, red, green, yellow, orange, blue
+    /// (URFDLB).
     pub colours: [u8; 9],
     /// Confidence of each decision, 0..=1.
     pub confidences: [f64; 9],
@@ -161,7 +171,7 @@ pub struct FaceSighting {
 }
 
 impl FaceSighting {
-    /// Length of the longest side of the outline (px).
+    /// Returns the length of the longest side of the outline (px).
     #[must_use]
     pub fn width_px(&self) -> f64 {
         (0..4)
@@ -172,8 +182,8 @@ impl FaceSighting {
             .fold(0.0, f64::max)
     }
 
-    /// The same face read after a quarter turn of the page, `quarters` times: the tile that was at the
-    /// bottom left comes to the top left.
+    /// Returns the same face read after `quarters` quarter turns of the page. One quarter turn
+    /// brings the tile at the bottom left to the top left.
     #[must_use]
     pub fn turned(&self, quarters: usize) -> Self {
         let mut face = self.clone();
@@ -189,6 +199,7 @@ impl FaceSighting {
                     face.confidences[to] = old.confidences[from];
                 }
             }
+            // The corners are listed around the outline, so a quarter turn shifts them by one.
             for i in 0..4 {
                 face.corners[i] = old.corners[(i + 3) % 4];
             }
@@ -200,10 +211,10 @@ impl FaceSighting {
 /// The cube localised in 3-D.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CubeSighting {
-    /// Frame of the dominant face: origin in the face's centre, x along increasing column, y along increasing
-    /// row of its reading order, z into the cube (away from the camera when frontal).
+    /// Frame of the dominant face: origin in the face's centre, x along the columns and y along the
+    /// rows of its reading order, z into the cube (away from the camera if the face is frontal).
     pub camera_from_face: Pose,
-    /// The other solution of the planar pose and its root mean square error (px).
+    /// Other solution of the planar pose, and its root mean square error (px).
     pub other: (Pose, f64),
     /// Edge of the face in the image (px).
     pub width_px: f64,

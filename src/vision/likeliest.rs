@@ -1,38 +1,43 @@
-//! The likeliest cube that can exist, when each facelet is of each colour with a known cost.
+//! The cheapest cube that can exist, given a cost for each facelet and each colour.
 //!
-//! A cube is not 54 facelets but 8 corners and 12 edges, each once, with three sums that must agree: the twists,
-//! the flips and the parities of the two permutations. All of that is kept exactly: the pieces are laid down
-//! position by position, and of all ways to have used the same pieces with the same sums only the cheapest is
-//! remembered (2^8 and 2^12 sets of pieces). Running it from both ends gives the cheapest cube with any given
-//! piece at any given position, hence how much dearer the best cube is in which a facelet has another colour.
+//! A cube is not 54 facelets but 8 corners and 12 edges, each once, with three sums that must
+//! agree: the twists, the flips, and the parities of the two permutations. The search keeps all of
+//! this exactly. It lays the pieces position by position. Layouts that used the same pieces and
+//! have the same sums have the same continuations, so only the cheapest of them is kept (2^8 and
+//! 2^12 sets of pieces). A forward and a backward run together give the cheapest cube with any
+//! piece at any position. From these follows how much more the best cube costs in which a facelet
+//! has another colour.
 //!
-//! - in: 54 x 6 costs (facelets and colours in the order URFDLB; centres are what they are)
-//! - out: [`Likeliest`]: facelets, cost, and the margin of each facelet in the same unit
+//! - in: 54 x 6 costs (facelets and colours in the order URFDLB; the centres are fixed)
+//! - out: [`Likeliest`]: facelets, cost, and the margin of each facelet in the unit of the costs
 //! - source: Held and Karp (1962) for the sets; forward and backward sums after Viterbi (1967)
 
 use super::assignment::assign;
 use crate::cube::{CORNERS, EDGES, Face, facelet_at};
 use std::sync::LazyLock;
 
-/// The cheapest cube.
+/// Cheapest cube.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Likeliest {
     /// Colour of each facelet, 0..=5 = URFDLB.
     pub facelets: [u8; 54],
-    /// Sum of the costs of these.
+    /// Sum of the costs of these colours.
     pub cost: f64,
-    /// By how much more the best cube costs in which this facelet has another colour; infinite at the centres.
+    /// Additional cost of the best cube in which this facelet has another colour; infinite at the
+    /// centres.
     pub margins: [f64; 54],
 }
 
 /// Index of the centre of each face.
 pub(super) const CENTRES: [usize; 6] = [4, 13, 22, 31, 40, 49];
 
-/// Numbers of the facelets of each position, in the order of its letters.
+/// Numbers of the facelets of each corner position, in the order of its letters.
 static CORNER_FACELETS: LazyLock<[[usize; 3]; 8]> = LazyLock::new(|| CORNERS.map(facelets_of));
+/// Numbers of the facelets of each edge position, in the order of its letters.
 static EDGE_FACELETS: LazyLock<[[usize; 2]; 12]> = LazyLock::new(|| EDGES.map(facelets_of));
 
 fn facelets_of<const K: usize>(faces: [Face; K]) -> [usize; K] {
+    // The sum of the faces' normals is the place of the piece in the 3x3x3 grid.
     let cell = faces.iter().fold([0i8; 3], |mut cell, face| {
         let normal = face.normal();
         (0..3).for_each(|k| cell[k] += normal[k] as i8);
@@ -41,7 +46,7 @@ fn facelets_of<const K: usize>(faces: [Face; K]) -> [usize; K] {
     faces.map(|face| facelet_at(cell, face))
 }
 
-/// The cheapest of all cubes that can be reached from the solved one.
+/// Returns the cheapest of all cubes that can be reached from the solved one.
 #[must_use]
 pub(crate) fn likeliest(costs: &[[f64; 6]; 54]) -> Likeliest {
     let mut corners = Layout::new(&CORNER_FACELETS, &CORNERS, costs);
@@ -50,6 +55,7 @@ pub(crate) fn likeliest(costs: &[[f64; 6]; 54]) -> Likeliest {
     corners.run_backward();
     edges.run_forward();
     edges.run_backward();
+    // On a legal cube both permutations are even, or both are odd. Turns change both at once.
     let best = [0, 1].map(|parity| corners.best(parity) + edges.best(parity));
     let parity = usize::from(best[1] < best[0]);
 
@@ -61,14 +67,16 @@ pub(crate) fn likeliest(costs: &[[f64; 6]; 54]) -> Likeliest {
     corners.read(parity, &mut facelets);
     edges.read(parity, &mut facelets);
     let floor = best[parity];
+    // Another corner may change the parity, and then the best edges change with it.
     corners.alternatives([edges.best(0) - floor, edges.best(1) - floor], &facelets, &mut margins);
     edges.alternatives([corners.best(0) - floor, corners.best(1) - floor], &facelets, &mut margins);
+    // Rounding can make a margin of equal cubes slightly negative.
     let centres: f64 = CENTRES.iter().enumerate().map(|(face, &i)| costs[i][face]).sum();
     Likeliest { facelets, cost: floor + centres, margins: margins.map(|m| m.max(0.0)) }
 }
 
-/// The cheapest way to have each piece once, whether or not the sums of twists, flips and parities agree: for
-/// rounds of an iteration, a hundred times as fast.
+/// Returns the cheapest cube with each piece once, whether or not the sums of twists, flips and
+/// parities agree. It is a hundred times as fast as [`likeliest`], for the rounds of an iteration.
 #[must_use]
 pub(super) fn cheapest_pieces(costs: &[[f64; 6]; 54]) -> [u8; 54] {
     let mut facelets = [0u8; 54];
@@ -80,17 +88,17 @@ pub(super) fn cheapest_pieces(costs: &[[f64; 6]; 54]) -> [u8; 54] {
     facelets
 }
 
-/// All ways to lay `N` pieces with `K` orientations each on `N` positions.
+/// All layouts of `N` pieces with `K` orientations each on `N` positions.
 struct Layout<'a, const N: usize, const K: usize> {
     places: &'a [[usize; K]; N],
     pieces: &'a [[Face; K]; N],
     /// Cost of a piece at a position in an orientation.
     cost: [[[f64; K]; N]; N],
-    /// Cheapest way to lay the pieces of a set on the first positions, by sum of orientations and parity; empty
-    /// before [`Self::run_forward`].
+    /// Least cost of the pieces of a set on the first positions, by sum of orientations and parity;
+    /// empty before [`Self::run_forward`].
     forward: Vec<[[f64; 2]; K]>,
-    /// Cheapest way to lay the others on the remaining positions with this sum and parity; empty before
-    /// [`Self::run_backward`].
+    /// Least cost of the other pieces on the remaining positions, by their sum and parity; empty
+    /// before [`Self::run_backward`].
     backward: Vec<[[f64; 2]; K]>,
 }
 
@@ -117,6 +125,8 @@ impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
         let none = [[f64::INFINITY; 2]; K];
         self.forward = vec![none; 1 << N];
         self.forward[0][0][0] = 0.0;
+        // A piece that joins a set makes a larger number, so each set is complete when it is read.
+        // The number of pieces in a set is the position that is filled next.
         for set in 0..(1usize << N) - 1 {
             let from = self.forward[set];
             let prices = &self.cost[set.count_ones() as usize];
@@ -144,6 +154,7 @@ impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
 
     /// Writes the cheapest layout without regard to sums.
     fn assign(&self, facelets: &mut [u8; 54]) {
+        // Without sums the orientations are independent, so each pair takes its cheapest one.
         let turn = |position: usize, piece: usize| {
             let prices = &self.cost[position][piece];
             (0..K).fold(0, |best, t| if prices[t] < prices[best] { t } else { best })
@@ -162,13 +173,15 @@ impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
         }
     }
 
-    /// Cost of the cheapest layout of this parity whose orientations cancel.
+    /// Returns the cost of the cheapest layout of this parity whose orientations cancel.
     fn best(&self, parity: usize) -> f64 {
         self.forward[(1 << N) - 1][0][parity]
     }
 
     /// Writes the cheapest layout of this parity.
     fn read(&self, parity: usize, facelets: &mut [u8; 54]) {
+        // Follows the backward run from the empty set; `sum` and `parity` are those that the
+        // remaining pieces must have.
         let (mut set, mut sum, mut parity) = (0usize, 0, parity);
         for position in 0..N {
             let mut best = (f64::INFINITY, 0, 0);
@@ -190,9 +203,11 @@ impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
         }
     }
 
-    /// Lowers the margin of each facelet to the cheapest cube that has another colour there; `others` is the cost
-    /// of the other kind of pieces by parity, less that of the whole.
+    /// Lowers the margin of each facelet to that of the cheapest cube with another colour there.
+    /// `others` is the cost of the other kind of pieces by parity, less that of the whole cube.
     fn alternatives(&self, others: [f64; 2], facelets: &[u8; 54], margins: &mut [f64; 54]) {
+        // Least margin of any cube with this piece in this orientation at this position: the
+        // pieces before it come from the forward run, those after it from the backward run.
         let mut cheapest = [[[f64::INFINITY; K]; N]; N];
         for set in 0..(1usize << N) - 1 {
             let position = set.count_ones() as usize;
@@ -201,6 +216,8 @@ impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
                 let (odd, to) = (inversions(set, piece), &self.backward[set | 1 << piece]);
                 for turn in 0..K {
                     let mut least = f64::INFINITY;
+                    // Orientations must add up to a multiple of K, and the parity of the whole
+                    // permutation selects the cost of the other kind of pieces.
                     for sum in 0..K {
                         let rest = &to[(2 * K - sum - turn) % K];
                         for before in 0..2 {
@@ -230,7 +247,8 @@ impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
     }
 }
 
-/// Lowers `to` to what `from` costs with one more piece, in each of its orientations.
+/// Lowers the costs `to` to those of `from` with one more piece, in each of its orientations. `odd`
+/// is the parity that the piece adds.
 fn lay<const K: usize>(
     from: &[[f64; 2]; K],
     to: &mut [[f64; 2]; K],
@@ -246,7 +264,8 @@ fn lay<const K: usize>(
     }
 }
 
-/// Whether an odd number of a set's pieces have a higher number than `piece`.
+/// Returns 1 if an odd number of the pieces in a set have a higher number than `piece`, else 0. The
+/// parity of a permutation is that of its number of inversions.
 fn inversions(set: usize, piece: usize) -> usize {
     (set >> piece).count_ones() as usize & 1
 }
@@ -268,23 +287,27 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
-        fn a_cube_is_its_own_likeliest_and_every_facelet_is_certain(seed in 0u64..1_000_000) {
+        fn exact_costs_give_cube_with_certain_facelets(seed in 0u64..1_000_000) {
             let truth = facelets(seed);
 
             let found = likeliest(&costs_of(&truth));
 
             prop_assert_eq!(found.facelets, truth);
             prop_assert_eq!(found.cost, 0.0);
-            // The nearest other cubes differ in three facelets: three edges of one colour in a cycle.
+            // The nearest other cubes differ in three facelets: a cycle of three edges that share a
+            // colour.
             prop_assert!(found.margins.iter().all(|&m| m >= 3.0));
         }
 
+        /// For any costs the answer can exist, and no other cube is cheaper.
         #[test]
-        fn whatever_the_costs_the_answer_can_exist_and_no_turn_of_it_is_cheaper(
+        fn likeliest_returns_cheapest_legal_cube(
             costs in proptest::collection::vec(0.0..10.0f64, 324), seed in 0u64..1_000_000
         ) {
-            let costs: [[f64; 6]; 54] = std::array::from_fn(|i| std::array::from_fn(|c| costs[6 * i + c]));
-            let price = |f: &[u8; 54]| -> f64 { (0..54).map(|i| costs[i][usize::from(f[i])]).sum() };
+            let costs: [[f64; 6]; 54] =
+                std::array::from_fn(|i| std::array::from_fn(|c| costs[6 * i + c]));
+            let price =
+                |f: &[u8; 54]| -> f64 { (0..54).map(|i| costs[i][usize::from(f[i])]).sum() };
 
             let found = likeliest(&costs);
 
@@ -302,12 +325,13 @@ mod tests {
     }
 
     #[test]
-    fn a_flipped_edge_is_turned_back_at_the_least_cost() {
+    fn flipped_edge_is_corrected_at_least_cost() {
         let truth = facelets(7);
         let mut seen = truth;
         seen.swap(5, 10);
         let mut costs = costs_of(&seen);
-        // The other edges are a little less sure than that one is: still it is the dearer way to flip two.
+        // At facelet 5 the right colour is the cheaper one. To flip this edge back costs 1.3, to
+        // flip a second edge as well costs 3.
         costs[5] = std::array::from_fn(|c| if c == usize::from(truth[5]) { 0.3 } else { 1.0 });
 
         let found = likeliest(&costs);

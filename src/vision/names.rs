@@ -1,7 +1,7 @@
-//! The names of six colours that were sorted without them: which class is white, which red.
+//! The names of six classes of facelets that were sorted without names: white, red and so on.
 //!
-//! - in: linear light of 54 facelets, and which class each one belongs to
-//! - out: colour 0..=5 = white, red, green, yellow, orange, blue of each class
+//! - in: linear light of 54 facelets, and the class of each one
+//! - out: colour of each class, 0..=5 = white, red, green, yellow, orange, blue
 //! - source: own work
 
 use super::assignment::assign;
@@ -11,18 +11,20 @@ use super::likeliest::CENTRES;
 use crate::cube::{Facelets, Rotation24};
 use std::sync::LazyLock;
 
-/// Colours of the six faces of a cube of the common scheme, in each of the 24 ways to lay it.
+/// Colours of the six faces of a cube of the common scheme, in each of its 24 orientations.
 static SCHEMES: LazyLock<Vec<[u8; 6]>> = LazyLock::new(|| {
     let solved = Facelets::solved();
     Rotation24::all().map(|r| CENTRES.map(|c| solved.rotated(r).colours()[c])).collect()
 });
 
-/// By so much another scheme must explain the colours better than the common one.
+/// Least advantage of another scheme over the common one, in squared distances. Cubes of other
+/// schemes are rare, and a bad light must not invent one.
 const UNCOMMON: f64 = 15.0;
 
-/// Colour 0..=5 of each class: the way to lay a cube of the common scheme, and the light, under which the classes
-/// look most like their colours.
+/// Returns the colour 0..=5 of each class: the orientation of a cube of the common scheme in which
+/// the classes look most like their colours, under the light that fits best.
 pub(super) fn name(linear: &[[f64; 3]; 54], class: &[u8; 54]) -> [u8; 6] {
+    // Medians, because a glaring facelet must not shift its class.
     let means: [[f64; 3]; 6] = std::array::from_fn(|class_| {
         std::array::from_fn(|c| {
             let members = (0..54).filter(|&i| usize::from(class[i]) == class_);
@@ -41,9 +43,12 @@ pub(super) fn name(linear: &[[f64; 3]; 54], class: &[u8; 54]) -> [u8; 6] {
     let seen = means.map(Seen::whole);
     let (light, cost) = fit_light(&seen, |d| common(d).0);
     let under = |light: Light| means.map(|m| prototype_distances(light.undo(m)));
+    // Costs are never negative, so no other scheme can be better by enough. This saves most second
+    // fits.
     if cost < UNCOMMON {
         return common(&under(light)).1;
     }
+    // Any other scheme: each name once, without regard to which faces are opposite.
     let any = |d: &[[f64; 6]]| -> [u8; 6] {
         let columns = assign(&d.iter().flatten().copied().collect::<Vec<_>>(), 6);
         std::array::from_fn(|i| columns[i] as u8)

@@ -1,18 +1,34 @@
-//! The paper's own segmentation: colour tables, run lengths, union-find, filters in sequence.
+//! The paper's own segmentation: colour tables, run lengths, union-find and filters in sequence.
 //!
-//! Each of the three components of a pixel indexes a table of bit masks, one bit a colour range; the bitwise
-//! AND of the three is the set of ranges that the pixel lies in, so a colour may have several ranges without
-//! repeating the classification. Runs of one range become regions, and filters remove those that are no
-//! tiles. The components are intensity, and two of chroma relative to it: red against green, and blue. In these
-//! the six colours are boxes, the same ones in bright and in dim light; intensity has bands that overlap, because
-//! what parts two tiles of one colour is how much darker the gap between them is, not how dark.
+//! Each of the three components of a pixel indexes a table of bit masks with one bit per colour
+//! range. The bitwise AND of the three masks is the set of ranges that the pixel lies in, so a
+//! colour may have several ranges at the cost of one classification. Runs of one range become
+//! regions.
 //!
-//! Then the heuristics: the centre tile has the most neighbours, the corner tiles the fewest, and the tiles of a
-//! face have about the same area. Of several squares the biggest is the cube's; its corner tiles' centroids are
-//! the four points of the pose.
+//! The components are the intensity and two components of chroma relative to it: red against green,
+//! and blue. In these components the six colours are boxes, which are the same in bright and in dim
+//! light. The bands of intensity overlap, because the gap between two tiles of one colour is known
+//! only by how much darker it is than the tiles, not by its own level.
+//!
+//! Filters then remove the regions that are no tiles, in this order:
+//!
+//! | filter | limit (default) | reason |
+//! |---|---|---|
+//! | `area` | 20 px to 1/9 of the picture | specks; nine tiles must fit in |
+//! | `boundary` | at most 1.8 of a square's | ragged or branching regions |
+//! | `circularity` | at least 0.5 | bars; a square has 0.785 |
+//! | `quadrilaterals` | 0.8 of the hull, 0.75 by four corners | rings; discs, which reach 0.64 |
+//! | `once` | one region at a place | the ranges of a colour overlap |
+//! | `neighbours` | at least 2 of like size | a corner tile has three |
+//!
+//! Heuristics find the face among the rest. The centre tile has the most neighbours, the corner
+//! tiles have the fewest, and all tiles have about the same area. The biggest square is the cube's,
+//! and the centroids of its corner tiles are the four points of the pose. The square is right in
+//! 160 of 200 drawn frames.
 //!
 //! - in: RGB pixels
-//! - out: the regions that each stage left (the paper's figure 4), `Tile`s, a [`Square`] or a [`Refusal`]
+//! - out: the regions that each stage left (the paper's figure 4), `Tile`s, a [`Square`] or a
+//!   [`Refusal`]
 //! - source: Zieliński et al. (2007), p. 373; Bruce, Balch, Veloso (2000)
 
 use super::homography::{GRID, OUTLINE, Point, apply, distance, polygon, square_to};
@@ -21,24 +37,24 @@ use super::segment::{Runs, Tile, smooth};
 use super::{FaceSighting, Rect, Refusal};
 use image::RgbImage;
 
-/// One range of a colour: lowest and highest level of intensity, of red against green, and of blue.
+/// Range of a colour: lowest and highest level of intensity, of red against green, and of blue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ColourRange {
     /// Colour 0..=5 = white, red, green, yellow, orange, blue.
     pub colour: u8,
     /// Mean of the channels, 0..=255.
     pub intensity: (u8, u8),
-    /// Red less green over the sum of the channels, 1..=255 for -1..=1; 128 is neither.
+    /// Red less green over the sum of the channels, 1..=255 for -1..=1; 128 is neutral.
     pub red: (u8, u8),
-    /// Share of blue in the sum of the channels, 0..=255 for 0..=1; a third is neither.
+    /// Share of blue in the sum of the channels, 0..=255 for 0..=1; a third (85) is neutral.
     pub blue: (u8, u8),
 }
 
 /// Least and greatest value of a component.
 type Interval = (u8, u8);
 
-/// Chroma of the six colours as boxes of red against green, and of blue. They meet and overlap: a tile between two
-/// of them is a region in one of them at least.
+/// Chroma of the six colours as boxes of red against green, and of blue. The boxes meet and
+/// overlap, so that a tile between two of them is a region in at least one.
 const CHROMA: [(u8, Interval, Interval); 7] = [
     (0, (115, 142), (64, 110)),
     (1, (182, 255), (0, 110)),
@@ -49,11 +65,12 @@ const CHROMA: [(u8, Interval, Interval); 7] = [
     (5, (0, 150), (104, 255)),
 ];
 
-/// Bands of intensity: each a factor of 2.5 wide, so that shade and noise stay within one, and a gap of less than
-/// half of its tiles' intensity outside. What is darker has no colour; what is darker still and grey is no white.
+/// Bands of intensity. Each is a factor of 2.5 wide: shade and noise stay inside a band, and a gap
+/// with less than half of its tiles' intensity stays outside. Darker pixels have no colour.
 const BANDS: [(u8, u8); 5] = [(18, 45), (28, 70), (45, 112), (70, 175), (110, 255)];
 
-/// The colours in every band but for white in the darkest two, where the cube's body and shadows lie.
+/// Ranges of the colours in every band, except white in the darkest two: the grey of the cube's
+/// body and of shadows lies there.
 pub const RANGES: [ColourRange; RANGE_COUNT] = {
     let mut ranges =
         [ColourRange { colour: 0, intensity: (0, 0), red: (0, 0), blue: (0, 0) }; RANGE_COUNT];
@@ -70,23 +87,26 @@ pub const RANGES: [ColourRange; RANGE_COUNT] = {
     }
     ranges
 };
+/// Number of ranges: white has two bands fewer than the other colours.
 const RANGE_COUNT: usize = CHROMA.len() * BANDS.len() - 2;
 
-/// The three tables of bit masks.
+/// Tables of bit masks of the three components.
 #[derive(Debug, Clone)]
 pub struct Tables {
+    /// Set of ranges, one bit each, for each level of each component.
     masks: [[u64; 256]; 3],
+    /// Colour 0..=5 of each range, or 255.
     colour_of: [u8; 64],
 }
 
 impl Tables {
-    /// Of at most 64 ranges.
+    /// Builds the tables of at most 64 ranges.
     ///
     /// # Panics
-    /// When there are more.
+    /// Panics if there are more than 64 ranges.
     #[must_use]
     pub fn new(ranges: &[ColourRange]) -> Self {
-        assert!(ranges.len() <= 64, "one bit a range");
+        assert!(ranges.len() <= 64, "one bit per range");
         let mut masks = [[0; 256]; 3];
         let mut colour_of = [255; 64];
         for (bit, range) in ranges.iter().enumerate() {
@@ -102,11 +122,13 @@ impl Tables {
         Self { masks, colour_of }
     }
 
-    /// The ranges that a pixel lies in, a bit each.
+    /// Returns the ranges that a pixel lies in, one bit each.
     #[must_use]
     pub fn ranges(&self, [r, g, b]: [u8; 3]) -> u64 {
         let (r, g, b) = (u32::from(r), u32::from(g), u32::from(b));
         let sum = r + g + b;
+        // A division for each pixel would dominate the time, so its inverse is in a table. The
+        // product is at most 127 * 2 * 255 * 2^16, which still fits into 32 bits.
         let scale = SCALES[sum as usize];
         let red = (127 * (sum + r - g) * scale / 255) >> 16;
         self.masks[0][(sum / 3) as usize]
@@ -114,7 +136,7 @@ impl Tables {
             & self.masks[2][((b * scale) >> 16) as usize]
     }
 
-    /// Colour 0..=5 of a pixel, or 255: that of the first range it lies in.
+    /// Returns the colour 0..=5 of the first range that a pixel lies in, or 255 if there is none.
     #[must_use]
     pub fn classify(&self, pixel: [u8; 3]) -> u8 {
         match self.ranges(pixel) {
@@ -124,7 +146,7 @@ impl Tables {
     }
 }
 
-/// 255 over each sum of three channels, in units of 2^-16.
+/// Quotient of 255 and each sum of three channels, in units of 2^-16; 0 for the sum 0.
 const SCALES: [u32; 766] = {
     let mut scales = [0; 766];
     let mut sum = 1;
@@ -135,12 +157,12 @@ const SCALES: [u32; 766] = {
     scales
 };
 
-/// A connected region of one colour.
+/// Connected region of one colour.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Region {
     /// Colour 0..=5 = white, red, green, yellow, orange, blue.
     pub colour: u8,
-    /// Its runs: row, first column, one after the last column.
+    /// Runs of the region: row, first column, one after the last column.
     pub runs: Vec<(usize, usize, usize)>,
     /// Number of pixels.
     pub area: f64,
@@ -162,27 +184,30 @@ impl Region {
             n += length;
             x += sum;
             y += length * row;
-            // The sum of squares from its mean and its spread.
+            // Sum of the squares of a..b from its mean and its spread. No loop over pixels.
             xx += sum * sum / length + length * (length * length - 1.0) / 12.0;
             xy += sum * row;
             yy += length * row * row;
         }
         let (x, y) = (x / n, y / n);
+        // A pixel is a square of one, not a point. It adds its own moment of 1/12.
         let moments = [xx / n - x * x + 1.0 / 12.0, xy / n - x * y, yy / n - y * y + 1.0 / 12.0];
         let boundary = boundary(&runs);
         Self { colour, runs, area: n, boundary, centre: (x, y), moments }
     }
 
-    /// 4 pi area over the squared boundary: 1 for a circle, 0.785 for a square. A boundary along pixels' sides is
-    /// longer than the true one by up to 4/pi, whence the factor.
+    /// Returns 4 pi area over the squared boundary: 1 for a circle, 0.785 for a square.
+    ///
+    /// A boundary along the sides of pixels is longer than the true one by up to 4/pi. The factor
+    /// removes that.
     #[must_use]
     pub fn circularity(&self) -> f64 {
         let smooth = self.boundary * std::f64::consts::FRAC_PI_4;
         (4.0 * std::f64::consts::PI * self.area / (smooth * smooth)).min(2.0)
     }
 
-    /// Share of the convex hull that the region fills, and share of the hull that the best quadrilateral in it
-    /// fills (1 and 1 for a parallelogram; a circle has 0.64 of its quadrilateral).
+    /// Returns the share of the convex hull that the region fills, and the share of the hull that
+    /// its largest quadrilateral fills: 1 and 1 for a parallelogram, 1 and 0.64 for a circle.
     #[must_use]
     pub fn convexity(&self) -> (f64, f64) {
         let hull = hull(&self.runs);
@@ -199,17 +224,20 @@ impl Region {
         Tile { centre: self.centre, moments: self.moments, area: self.area, fullness }
     }
 
-    /// Side of a square of the same area (px).
+    /// Returns the side of a square of the same area (px).
     fn side(&self) -> f64 {
         self.area.sqrt()
     }
 }
 
-/// Length of the boundary: the sides of pixels whose neighbour is not in the region, whose runs lie row by row.
+/// Computes the length of the boundary (px): the sides of pixels whose neighbour is not in the
+/// region. The runs must be sorted by row.
 fn boundary(runs: &[(usize, usize, usize)]) -> f64 {
     let mut length = 0;
     let mut above = 0;
     for (i, &(row, start, end)) in runs.iter().enumerate() {
+        // Each run brings its whole outline. The part that it shares with runs of the row above is
+        // inside the region, and was counted for both of them.
         length += 2 + 2 * (end - start);
         let passed = |r: &(usize, usize, usize)| r.0 + 1 < row || (r.0 + 1 == row && r.2 <= start);
         while above < i && passed(&runs[above]) {
@@ -222,7 +250,7 @@ fn boundary(runs: &[(usize, usize, usize)]) -> f64 {
     length as f64
 }
 
-/// Convex hull of the pixels' corners, clockwise on the screen (Andrew 1979).
+/// Computes the convex hull of the pixels' corners, clockwise on the screen (Andrew 1979).
 fn hull(runs: &[(usize, usize, usize)]) -> Vec<Point> {
     let mut points: Vec<Point> = Vec::with_capacity(4 * runs.len());
     for &(row, start, end) in runs {
@@ -231,6 +259,7 @@ fn hull(runs: &[(usize, usize, usize)]) -> Vec<Point> {
     }
     points.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
     points.dedup();
+    // One half of the hull: a corner that does not turn the chain clockwise is inside and goes.
     let half = |points: &mut dyn Iterator<Item = Point>| {
         let mut chain: Vec<Point> = Vec::new();
         for p in points {
@@ -241,6 +270,7 @@ fn hull(runs: &[(usize, usize, usize)]) -> Vec<Point> {
             }
             chain.push(p);
         }
+        // The last corner is the first one of the other half.
         chain.pop();
         chain
     };
@@ -260,9 +290,11 @@ fn area_of(corners: &[Point]) -> f64 {
         .abs()
 }
 
-/// Area of the largest quadrilateral with its corners on a hull: for each diagonal the farthest corners.
+/// Computes the area of the largest quadrilateral with its corners on a hull (px^2). For each
+/// diagonal it takes the farthest corner on either side.
 fn quadrilateral(hull: &[Point]) -> f64 {
-    // A hull of hundreds of corners is thinned: neighbours on it are a pixel apart.
+    // The time grows with the third power of the number of corners. Neighbours on a hull of
+    // hundreds of corners are about a pixel apart, so it is thinned.
     let step = hull.len().div_ceil(48).max(1);
     let hull: Vec<Point> = hull.iter().copied().step_by(step).collect();
     let mut best: f64 = 0.0;
@@ -277,10 +309,10 @@ fn quadrilateral(hull: &[Point]) -> f64 {
     best
 }
 
-/// Limits of the filters.
+/// Limits of the filters, see the table of the module.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Filters {
-    /// Least area (px) and greatest share of the picture.
+    /// Least area (px), and greatest area as a share of the picture.
     pub area: (f64, f64),
     /// Greatest boundary, over that of a square of the same area.
     pub boundary: f64,
@@ -288,7 +320,7 @@ pub struct Filters {
     pub circularity: f64,
     /// Least shares of [`Region::convexity`].
     pub convexity: (f64, f64),
-    /// Least number of regions of like size within two and a half sides.
+    /// Least number of regions of like size within two and a half sides of a region.
     pub neighbours: usize,
 }
 
@@ -304,29 +336,30 @@ impl Default for Filters {
     }
 }
 
-/// What one stage left.
+/// Result of one stage.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stage {
-    /// One word.
+    /// Name of the stage, one word.
     pub name: &'static str,
-    /// How many regions are left.
+    /// Number of regions that are left.
     pub count: usize,
-    /// Their indices, but for those below the least area, which are counted only.
+    /// Indices of these regions. Regions below the least area are counted only.
     pub left: Vec<usize>,
 }
 
-/// The regions of a picture, and what each filter in sequence left of them.
+/// Regions of a picture, and those that each filter in sequence left.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stages {
-    /// So many pixels of the picture, across and down, are one of the regions'.
+    /// Number of the picture's pixels, across and down, that make one pixel of the regions.
     pub step: usize,
     /// Regions of one colour range, of the least area or more.
     pub regions: Vec<Region>,
-    /// The stages in their order; the first one left all.
+    /// Stages in their order; the first one left all regions.
     pub stages: Vec<Stage>,
 }
 
-/// Pictures with more pixels are reduced before they are looked at: this bounds time and memory.
+/// Greatest number of pixels at which a picture is searched. Larger pictures are reduced first,
+/// which bounds time and memory.
 const MOST_PIXELS: usize = 2_100_000;
 
 impl Stages {
@@ -343,6 +376,8 @@ impl Stages {
     }
 
     fn run_whole(rgb: &[u8], width: usize, height: usize, step: usize, filters: &Filters) -> Self {
+        // The least area is applied here already: in a textured picture specks would take most of
+        // the memory.
         let (regions, count) = regions(rgb, width, height, filters.area.0);
         let most = filters.area.1 * (width * height) as f64;
         let mut stages = vec![Stage { name: "regions", count, left: (0..regions.len()).collect() }];
@@ -360,6 +395,8 @@ impl Stages {
             let (full, four) = regions[i].convexity();
             full >= filters.convexity.0 && four >= filters.convexity.1
         });
+        // A tile appears in each range that overlaps its colour. Which of them stays depends on all
+        // that are left at this stage, so it is computed on the first call.
         let once = std::cell::OnceCell::new();
         filter("once", &mut |all, i| {
             let once: &Vec<bool> = once.get_or_init(|| each_once(&regions, all));
@@ -370,25 +407,28 @@ impl Stages {
             let near: &Near = near.get_or_init(|| Near::new(&regions, all));
             near.of(i).count() >= filters.neighbours
         });
+        // It borrows the regions, which move into the result.
         drop(near);
         Self { step, regions, stages }
     }
 
-    /// The regions that passed every filter.
+    /// Returns the indices of the regions that passed every filter.
     #[must_use]
     pub fn last(&self) -> &[usize] {
         self.stages.last().map_or(&[], |s| &s.left)
     }
 
-    /// The biggest square of nine regions.
+    /// Finds the biggest square of nine regions.
     ///
     /// # Errors
-    /// [`Refusal::NoLattice`] when there is none, [`Refusal::TooSmall`] when it is outside the work-space.
+    /// [`Refusal::NoLattice`] if there is none, [`Refusal::TooSmall`] if it is outside the
+    /// work-space.
     pub fn square(&self) -> Result<Square, Refusal> {
         let left = self.last();
         let mut order: Vec<usize> = left.to_vec();
         let near = Near::new(&self.regions, left);
         order.sort_by_cached_key(|&i| (std::cmp::Reverse(near.of(i).count()), i));
+        // Centroids of corner tiles are two pitches apart, and the face is three pitches wide.
         let width = |s: &Square| {
             (0..4).map(|i| distance(s.corners[i], s.corners[(i + 1) % 4])).fold(0.0, f64::max) * 1.5
         };
@@ -401,12 +441,13 @@ impl Stages {
         if width_px < LEAST_WIDTH { Err(Refusal::TooSmall { width_px }) } else { Ok(best) }
     }
 
-    /// The square with a region in its centre: eight others around it of about the same area; those with the
-    /// fewest neighbours among the nine are its corners.
+    /// Finds the square with a given region in its centre. It has eight others around it of about
+    /// the same area. Those with the fewest neighbours among the nine are its corners.
     fn around(&self, centre: usize, near: &Near) -> Option<Square> {
         let me = &self.regions[centre];
         let metric = Metric::of(me);
-        // Distances are those on the face, as its centre tile shows it.
+        // Distances are measured on the face, in sides of its centre tile. In the picture an
+        // oblique face may have corner tiles nearer than the middles of its sides.
         let from =
             |i: usize, j: usize| metric.distance(self.regions[i].centre, self.regions[j].centre);
         let mut others: Vec<usize> = near
@@ -423,9 +464,11 @@ impl Stages {
             return None;
         }
         let nine: Vec<usize> = others.iter().copied().chain([centre]).collect();
+        // The four nearest tiles are a pitch away, the corner tiles 1.41 pitches.
         let reach = 1.3 * from(centre, others[3]);
         let beside = |i: usize| nine.iter().filter(|&&j| j != i && from(i, j) < reach).count();
         // Corner tiles have two tiles beside them, the middles of the sides three, the centre four.
+        // Among equals the farther one is the corner.
         others.sort_by(|&a, &b| {
             beside(a).cmp(&beside(b)).then(from(centre, b).total_cmp(&from(centre, a)))
         });
@@ -433,7 +476,8 @@ impl Stages {
         let angle = |p: &Point| (p.1 - me.centre.1).atan2(p.0 - me.centre.0);
         corners.sort_by(|a, b| angle(a).total_cmp(&angle(b)));
         let corners: [Point; 4] = corners.try_into().ok()?;
-        // The nine lie where the four corners say, and the sides are alike.
+        // The four corners predict all nine places. Each must hold a tile, and the sides may differ
+        // only by perspective. This rejects rows of tiles that are no square.
         let places = places(&corners)?;
         let sides: [f64; 4] = std::array::from_fn(|i| distance(corners[i], corners[(i + 1) % 4]));
         let (short, long) = (
@@ -444,6 +488,7 @@ impl Stages {
             nine.iter().any(|&i| distance(self.regions[i].centre, *place) < 0.1 * short)
         };
         (polygon(&corners).0 > 0.0 && places.iter().all(lies) && long < 2.2 * short).then(|| {
+            // The corner centroids enclose 2x2 of the 3x3 cells: the face is 9/4 as large.
             let share = nine.iter().map(|&i| self.regions[i].area).sum::<f64>()
                 / (2.25 * polygon(&corners).0);
             let step = self.step as f64;
@@ -453,7 +498,8 @@ impl Stages {
     }
 }
 
-/// A picture as the method looks at it, reduced if it is large, and the colour 0..=5 of each of its pixels, or 255.
+/// Returns the picture that the method searches, which is reduced if it is large, and the colour
+/// 0..=5 of each of its pixels, or 255.
 #[must_use]
 pub fn classes(image: &RgbImage) -> (RgbImage, Vec<u8>) {
     let (width, height) = (image.width() as usize, image.height() as usize);
@@ -468,16 +514,18 @@ pub fn classes(image: &RgbImage) -> (RgbImage, Vec<u8>) {
     (small, classes)
 }
 
-/// How many pixels across and down become one.
+/// Returns the factor by which a picture is scaled down in both directions, so that at most
+/// [`MOST_PIXELS`] are left.
 fn step_of(width: usize, height: usize) -> usize {
     (1..=width.max(height).max(1))
         .find(|step| (width / step) * (height / step) <= MOST_PIXELS)
         .unwrap_or(1)
 }
 
-/// The plane in which a region is as long as wide: its unit is the side of the square that the region then is.
+/// Metric in which a region is a unit square.
 struct Metric {
-    /// Inverse of the lower Cholesky factor of its moments, by rows without the zero.
+    /// Inverse of the lower Cholesky factor of the region's moments, by rows without the zero, and
+    /// over the root of 12, since a unit square has moments of 1/12.
     inverse: (f64, f64, f64),
 }
 
@@ -497,15 +545,17 @@ impl Metric {
     }
 }
 
-/// A cube whose face is narrower is outside the work-space (Zieliński et al. 2007, p. 373) (px).
+/// Least width of a face (px). A cube with a narrower face is outside the work-space (Zieliński et
+/// al. 2007, p. 373).
 const LEAST_WIDTH: f64 = 100.0;
 
-/// A face by the paper's heuristics.
+/// Face that the paper's heuristics find.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Square {
-    /// Centroids of the corner tiles in the picture, clockwise on the screen from the top left (px).
+    /// Centroids of the corner tiles in the picture, clockwise on the screen from the top left
+    /// (px).
     pub corners: [Point; 4],
-    /// Its nine regions, the centre last.
+    /// Indices of its nine regions, the centre last.
     pub tiles: Vec<usize>,
     /// Side of a tile as a share of the pitch.
     pub sticker: f64,
@@ -516,8 +566,9 @@ impl Square {
         area_of(&self.corners)
     }
 
-    /// The face that the paper takes its pose of: the four corner tiles are seen, the other places follow from them;
-    /// it has no colours.
+    /// Returns the face for the paper's four-point pose. Only the four corner tiles count as seen,
+    /// the other places follow from them, and the face has no colours. Returns `None` if the
+    /// corners are degenerate.
     #[must_use]
     pub fn face(&self) -> Option<FaceSighting> {
         let unit = square_to(&self.corners)?;
@@ -534,22 +585,25 @@ impl Square {
     }
 }
 
-/// Places of the nine tiles whose corner ones these are.
+/// Computes the places of the nine tiles from those of the four corner tiles (px).
 fn places(corners: &[Point; 4]) -> Option<[Point; 9]> {
     let unit = square_to(corners)?;
     Some(GRID.map(|(x, y)| apply(&unit, (0.5 * (x + 1.0), 0.5 * (y + 1.0)))))
 }
 
-/// The regions of each range with so many pixels or more, and how many there are of any size.
+/// Finds the regions of each range with `least` pixels or more. Returns them and the number of
+/// regions of any size.
 fn regions(rgb: &[u8], width: usize, height: usize, least: f64) -> (Vec<Region>, usize) {
     let tables = Tables::new(&RANGES);
-    // Noise would tear what lies near a range's limit.
+    // Noise would tear a tile whose colour lies near the limit of a range.
     let rgb = smooth(rgb, width, height);
     let mut runs: Vec<Runs> = RANGES.iter().map(|_| Runs::default()).collect();
     let mut starts = [0; RANGE_COUNT];
     for (y, line) in rgb.chunks_exact(3 * width.max(1)).enumerate() {
         runs.iter_mut().for_each(Runs::begin_row);
         let mut before = 0;
+        // Only the bits that change between two pixels begin or end a run. One pass over the
+        // picture thus serves all ranges. The empty set after the row ends its last runs.
         let sets = line.as_chunks::<3>().0.iter().map(|pixel| tables.ranges(*pixel));
         for (x, set) in sets.chain([0]).enumerate() {
             let mut changes = set ^ before;
@@ -565,6 +619,7 @@ fn regions(rgb: &[u8], width: usize, height: usize, least: f64) -> (Vec<Region>,
             before = set;
         }
     }
+    // Regions of all ranges are kept, also where ranges overlap. The stage `once` selects later.
     let (mut all, mut count) = (Vec::new(), 0);
     for (runs, range) in runs.into_iter().zip(RANGES) {
         let (regions, any) = runs.regions(least as usize);
@@ -574,8 +629,8 @@ fn regions(rgb: &[u8], width: usize, height: usize, least: f64) -> (Vec<Region>,
     (all, count)
 }
 
-/// Which regions stay where several ranges have one at the same place: the one most like a parallelogram, the larger
-/// of equals.
+/// Selects one region for each place where several ranges have one: the one most like a
+/// parallelogram, and the larger one of equals. Returns for each region whether it stays.
 fn each_once(regions: &[Region], among: &[usize]) -> Vec<bool> {
     let worth = |i: usize| {
         regions[i].area.powf(0.3) * (1.0 - 2.0 * (regions[i].tile().fullness - 1.0).abs())
@@ -592,7 +647,8 @@ fn each_once(regions: &[Region], among: &[usize]) -> Vec<bool> {
     stays
 }
 
-/// Regions that are found by place: a cloth has tens of thousands of them.
+/// Regions sorted by column, so that those near a place are found fast: a picture of a cloth has
+/// tens of thousands of them.
 struct Near<'a> {
     regions: &'a [Region],
     /// Columns of the centres, with the regions' indices, from left to right.
@@ -607,7 +663,7 @@ impl<'a> Near<'a> {
         Self { regions, columns }
     }
 
-    /// Regions of about the same size within two and a half sides.
+    /// Returns the regions of about the same size within two and a half sides of region `i`.
     fn of(&self, i: usize) -> impl Iterator<Item = usize> {
         let me = &self.regions[i];
         let reach = 2.5 * me.side();
@@ -625,7 +681,7 @@ impl<'a> Near<'a> {
     }
 }
 
-/// Tile candidates by colour.
+/// Returns the tile candidates of the paper's method.
 #[must_use]
 pub fn tiles(rgb: &[u8], width: usize, height: usize) -> Vec<Tile> {
     let stages = Stages::run(rgb, width, height, &Filters::default());
@@ -662,7 +718,8 @@ mod tests {
         assert_eq!(tables.classify([255, 60, 55]), 1);
     }
 
-    /// A square face of nine tiles with this pitch, seen at right angles, and a secluded tile.
+    /// Returns a picture of a square face of nine tiles with this pitch (px), seen at right angles,
+    /// and of a single tile apart.
     fn picture(pitch: usize) -> (Vec<u8>, usize, usize) {
         const SHADES: [[u8; 3]; 6] = [
             [220, 220, 225],
@@ -693,7 +750,7 @@ mod tests {
     }
 
     #[test]
-    fn the_filters_leave_the_nine_tiles_and_the_heuristics_find_their_square() {
+    fn filters_keep_exactly_nine_tiles() {
         let (rgb, width, height) = picture(40);
 
         let stages = Stages::run(&rgb, width, height, &Filters::default());
@@ -709,7 +766,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_and_dim_light_leave_the_square() {
+    fn square_is_found_in_noise_and_dimness() {
         let (mut rgb, width, height) = picture(40);
         let mut state = 1u32;
         for value in &mut rgb {
@@ -723,8 +780,9 @@ mod tests {
         assert!(square.is_ok(), "{square:?}");
     }
 
+    /// A large picture is searched at a reduced size, but the square is in its own pixels.
     #[test]
-    fn a_large_picture_is_reduced_and_told_in_its_own_pixels() {
+    fn reduced_picture_keeps_its_own_pixel_coordinates() {
         let (rgb, width, height) = picture(400);
 
         let stages = Stages::run(&rgb, width, height, &Filters::default());
@@ -765,7 +823,7 @@ mod tests {
     }
 
     #[test]
-    fn shapes_are_told_apart() {
+    fn convexity_and_circularity_separate_shapes() {
         let region = |inside: &dyn Fn(f64, f64) -> bool| {
             let mut runs = Vec::new();
             for y in 0..60 {

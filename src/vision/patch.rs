@@ -1,7 +1,21 @@
-//! The part of an image that is looked at, perhaps at a fraction of its size.
+//! The part of an image that is searched, at full size or reduced, and the colours of its tiles.
+//!
+//! A tile may carry a maker's mark, glare or a finger's rim, so its colour is that of the pixels
+//! that most probably show the bare sticker.
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | picture has no colours | 1 of 500 pixels exceeds 8 levels | noise is no colour |
+//! | samples of a tile | 7 x 7 over 0.36 of its side each way | its rim is blurred |
+//! | darker part is a mark | sticker holds 2 of 5 samples | else no part is the sticker |
+//! | pixels are alike | 10 levels + 12 % | noise, and shading within a tile |
+//! | rim pixel shows the tile | < 235, 30 above the gap | clipped, or the gap itself |
+//! | gap is dark | <= 120 | a bright gap adds its own light to the rim |
+//! | rim shows a hue | sum of light 0.5 | a few grey pixels have any hue |
 //!
 //! - in: RGB pixels, a window, a whole-numbered reduction
-//! - out: a copy with its own pixel coordinates; colours of tiles in it
+//! - out: a copy with its own pixel coordinates; a [`TileSample`] for each tile
+//! - source: own work
 
 use super::Rect;
 use super::colours::{CLIPPED, to_linear};
@@ -10,7 +24,7 @@ use super::segment::percentile;
 use image::RgbImage;
 use nalgebra::Matrix3;
 
-/// The part of an image that is looked at, perhaps at a fraction of its size.
+/// Copy of a part of an image, at full size or reduced.
 #[derive(Debug)]
 pub(super) struct Patch {
     pub(super) rgb: Vec<u8>,
@@ -21,7 +35,8 @@ pub(super) struct Patch {
 }
 
 impl Patch {
-    /// Copies a window that lies inside the image; `step` x `step` pixels become one.
+    /// Copies a window that lies inside the image. Each block of `step` x `step` pixels becomes
+    /// one.
     pub(super) fn new(image: &RgbImage, window: Rect, step: usize) -> Self {
         let rgb = reduced(image.as_raw(), image.width() as usize, window, step);
         let (width, height) = (window.width as usize / step, window.height as usize / step);
@@ -29,21 +44,23 @@ impl Patch {
         Self { rgb, width, height, step, origin }
     }
 
-    /// Pixel of the whole image of a pixel of the patch.
+    /// Converts a pixel of the patch to one of the whole image.
     pub(super) fn to_image(&self, p: Point) -> Point {
+        // The centre of a pixel is a whole number, so a block of pixels begins half a pixel before.
         let step = self.step as f64;
         ((p.0 + 0.5) * step - 0.5 + self.origin.0, (p.1 + 0.5) * step - 0.5 + self.origin.1)
     }
 
-    /// Pixel of the patch of a pixel of the whole image.
+    /// Converts a pixel of the whole image to one of the patch.
     pub(super) fn to_patch(&self, p: Point) -> Point {
         let step = self.step as f64;
         ((p.0 - self.origin.0 + 0.5) / step - 0.5, (p.1 - self.origin.1 + 0.5) / step - 0.5)
     }
 
-    /// The pixel nearest to a point; `None` outside.
+    /// Returns the colour of the pixel nearest to a point, or `None` outside the patch.
     pub(super) fn pixel(&self, p: Point) -> Option<[f64; 3]> {
         let (x, y) = (p.0.round(), p.1.round());
+        // A NaN fails each comparison, so the negation puts it outside.
         if !(x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64) {
             return None;
         }
@@ -51,8 +68,9 @@ impl Patch {
         Some([self.rgb[at], self.rgb[at + 1], self.rgb[at + 2]].map(f64::from))
     }
 
-    /// Level of the brightest hundredth, and the share of clipped pixels.
+    /// Returns the level of the brightest hundredth, 0..=255, and the share of clipped pixels.
     pub(super) fn exposure(&self) -> (u8, f64) {
+        // Every seventh pixel is enough for both figures.
         let mut counts = [0u32; 256];
         let (mut total, mut clipped) = (0u32, 0u32);
         for pixel in self.rgb.chunks_exact(3).step_by(7) {
@@ -63,14 +81,14 @@ impl Patch {
         (percentile(&counts, total, 0.99), f64::from(clipped) / f64::from(total.max(1)))
     }
 
-    /// Whether hardly any pixel has a colour.
+    /// Returns whether at most one pixel in 500 has a colour.
     pub(super) fn colourless(&self) -> bool {
         let pixels = || self.rgb.chunks_exact(3).step_by(7);
         let coloured = pixels().filter(|p| p[0].max(p[1]).max(p[2]) - p[0].min(p[1]).min(p[2]) > 8);
         500 * coloured.count() <= pixels().len()
     }
 
-    /// Samples the inside of the tile at grid place `g`.
+    /// Samples the inside of the tile at grid place `g`. `sticker` is the tile's side in pitches.
     pub(super) fn sample(&self, h: &Matrix3<f64>, g: Point, sticker: f64) -> TileSample {
         let reach = 0.36 * sticker.clamp(0.4, 0.95);
         let mut pixels: Vec<[f64; 3]> = Vec::with_capacity(49);
@@ -84,12 +102,13 @@ impl Patch {
     }
 }
 
-/// The pixels of a window that lies inside a picture `columns` wide; `step` x `step` of them become one.
+/// Returns the pixels of a window that lies inside a picture of `columns`. Each block of `step` x
+/// `step` pixels becomes their mean.
 pub(super) fn reduced(raw: &[u8], columns: usize, window: Rect, step: usize) -> Vec<u8> {
     let stride = 3 * columns;
     let (width, height) = (window.width as usize / step, window.height as usize / step);
     let mut rgb = Vec::with_capacity(3 * width * height);
-    // Sums of `step` rows, then of `step` pixels of these.
+    // Rows are summed first, because their bytes are adjacent; then `step` pixels of the sums.
     let mut sums = vec![0u32; 3 * width * step];
     let n = (step * step) as u32;
     for y in 0..height {
@@ -106,6 +125,7 @@ pub(super) fn reduced(raw: &[u8], columns: usize, window: Rect, step: usize) -> 
             }
         }
         for block in sums.chunks_exact(3 * step) {
+            // Half of the divisor, so that the division rounds.
             let mut pixel = [n / 2; 3];
             for one in block.chunks_exact(3) {
                 for (sum, value) in pixel.iter_mut().zip(one) {
@@ -118,27 +138,32 @@ pub(super) fn reduced(raw: &[u8], columns: usize, window: Rect, step: usize) -> 
     rgb
 }
 
-/// Share of the gap beside a tile that is looked at, and levels between which a rim pixel counts.
+/// Share of half a pitch that limits the search for a tile's rim. It ends at `0.5 * RIM + 0.05`
+/// pitches from the tile's middle, in the middle of the gap: the neighbour's light begins beyond.
 const RIM: f64 = 0.9;
 
 impl Patch {
-    /// The hue of a tile that clips, as linear light of any strength: the lens blurs before the sensor clips, so that
-    /// between a tile and the dark gap beside it the tile's own light shows at less than its full strength. `None`
-    /// where the gap is not dark.
+    /// Measures the hue of a tile that clips, as linear light of any strength. Returns `None` if
+    /// the gap beside the tile is not dark.
+    ///
+    /// The lens blurs before the sensor clips. Between the tile and the dark gap, the light of the
+    /// tile therefore appears below its full strength.
     pub(super) fn rim(&self, h: &Matrix3<f64>, g: Point, sticker: f64) -> Option<[f64; 3]> {
         let half = 0.5 * sticker.clamp(0.4, 0.95);
         let middle = apply(h, g);
         let pitch = distance(middle, apply(h, (g.0 + 1.0, g.1)));
         let step = (0.5 / pitch).min(0.05);
+        // A line begins 0.08 pitches inside the tile, where it still clips.
         let taps = ((0.5 * RIM + 0.05 - (half - 0.08)) / step) as usize;
         let mut lines: Vec<Vec<[f64; 3]>> = Vec::new();
-        for way in 0..4 {
+        for side in 0..4 {
             for k in -4..=4 {
                 let along = 0.06 * f64::from(k);
                 let line = (0..=taps).filter_map(|t| {
                     let across = half - 0.08 + step * t as f64;
                     let (u, v) =
-                        [(across, along), (-across, along), (along, across), (along, -across)][way];
+                        [(across, along), (-across, along), (along, across), (along, -across)]
+                            [side];
                     self.pixel(apply(h, (g.0 + u, g.1 + v)))
                 });
                 lines.push(line.collect());
@@ -147,12 +172,13 @@ impl Patch {
         let top = |p: &[f64; 3]| p[0].max(p[1]).max(p[2]);
         let mut sum = [0.0; 3];
         for line in &lines {
-            // From the tile outwards down to the darkest place: beyond it is a neighbour.
+            // The rim reaches from the tile to the darkest place. A neighbour lies beyond it.
             let Some(darkest) =
                 line.iter().enumerate().min_by(|a, b| top(a.1).total_cmp(&top(b.1)))
             else {
                 continue;
             };
+            // The blur adds the light of the gap as well, which is subtracted below.
             let body = darkest.1.map(to_linear);
             if top(darkest.1) > 120.0 {
                 continue;
@@ -171,16 +197,16 @@ impl Patch {
     }
 }
 
-/// What the pixels of one tile say.
+/// Colour of one tile, and how well its pixels show it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct TileSample {
     /// Trimmed mean colour, 0..=255.
     pub(super) rgb: [f64; 3],
-    /// Mean distance from the trimmed mean over 255: 0 is an even tile.
+    /// Mean distance of the samples from the trimmed mean, as a share of 255. An even tile has 0.
     pub(super) spread: f64,
     /// Share of samples that lie in the image.
     pub(super) inside: f64,
-    /// All channels are clipped: white, or yellow in too much light.
+    /// Whether all channels clip: white, or yellow in too much light.
     pub(super) clipped: bool,
 }
 
@@ -191,8 +217,8 @@ impl TileSample {
             return Self { rgb: [0.0; 3], spread: 1.0, inside, clipped: false };
         }
         let sum = |p: &[f64; 3]| p[0] + 2.0 * p[1] + p[2];
-        // The darker half without its darkest: glare covers a part of a tile and makes it brighter, what is
-        // darkest may be a groove.
+        // The colour is that of the darker half, because glare covers a part of a tile and makes it
+        // brighter. The darkest eighth is left out, because it may be a groove.
         pixels.sort_by(|a, b| sum(a).total_cmp(&sum(b)));
         let own = &pixels[marked(&pixels)..];
         let middle = &own[own.len() / 8..own.len().div_ceil(2)];
@@ -208,10 +234,12 @@ impl TileSample {
     }
 }
 
-/// How many of a tile's pixels, sorted by brightness, are darker than the sticker: a maker's mark, a finger's rim.
+/// Counts the pixels of a tile, sorted by brightness, that are darker than the sticker: a maker's
+/// mark, or the rim of a finger.
 ///
-/// The sticker is what most pixels look like, unless that can be what a darker part looks like with the light of a
-/// reflection on it, which is the same in all channels. Pixels that clip have no say while they are fewer than half.
+/// The sticker is the largest group of pixels that are alike. An exception is a group that may be a
+/// darker part under a reflection, whose light is equal in all channels. Pixels that clip are
+/// ignored while they are fewer than half.
 fn marked(sorted: &[[f64; 3]]) -> usize {
     let n = sorted.len();
     let clips = |p: &[f64; 3]| p.iter().all(|&v| v >= CLIPPED);
@@ -220,7 +248,7 @@ fn marked(sorted: &[[f64; 3]]) -> usize {
         let level = a.iter().chain(b).copied().fold(0.0, f64::max);
         (0..3).all(|c| (a[c] - b[c]).abs() < 10.0 + 0.12 * level)
     };
-    // Mostly a tile is even.
+    // Most tiles are even, and the comparison of all pairs below is slow.
     if n == 0 || alike(&sorted[n / 16], &sorted[n / 2]) {
         return 0;
     }
@@ -230,6 +258,7 @@ fn marked(sorted: &[[f64; 3]]) -> usize {
     else {
         return 0;
     };
+    // Without a group of two fifths no colour is known to be the sticker's.
     if 5 * most < 2 * n {
         return 0;
     }
@@ -237,13 +266,14 @@ fn marked(sorted: &[[f64; 3]]) -> usize {
     sorted.iter().take_while(foreign).count().min(n / 2)
 }
 
-/// Whether a bright pixel may be a darker, more colourful one under a reflection.
+/// Returns whether a bright pixel may be a darker, more colourful one under a reflection.
 fn glares(bright: &[f64; 3], dark: &[f64; 3]) -> bool {
     let (b, d) = (bright.map(to_linear), dark.map(to_linear));
     let saturation = |p: &[f64; 3]| {
         let (high, low) = (p[0].max(p[1]).max(p[2]), p[0].min(p[1]).min(p[2]));
         (high - low) / high.max(1e-3)
     };
+    // A channel that clips does not show how much light the reflection added.
     let added: Vec<f64> = (0..3).filter(|&c| bright[c] < CLIPPED).map(|c| b[c] - d[c]).collect();
     let (high, low) = (
         added.iter().copied().fold(f64::NEG_INFINITY, f64::max),

@@ -1,9 +1,17 @@
 //! Pose of a face, and of the cube, from tile centroids.
 //!
-//! The planar pose comes in closed form with both of its solutions, and each is refined by
-//! Levenberg-Marquardt on the nine centroids. The model predicts the centroid of the *projected* sticker,
-//! lens distortion included, because it is not the projection of the sticker's centre (0.1 to 0.25 px off
-//! at 15 to 45 deg).
+//! A closed form gives both solutions of the planar pose. Levenberg-Marquardt refines each of them
+//! on the nine centroids. The model predicts the centroid of the *projected* sticker, with lens
+//! distortion. The projection of the sticker's centre is another point, 0.1 to 0.25 px off at 15 to
+//! 45 deg.
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | second face belongs to the cube | rotation within 0.45 rad | between two faces it is 0.79 |
+//! | | centre within 0.35 edges | a cube beside it is one edge away |
+//! | two sightings are one face | centres within 0.1 edges | the larger one counts |
+//! | another face fits | worth 10 px of residual | it is better evidence than a close fit |
+//! | hint for one face | 3 px a radian | it outweighs the residual of a single face |
 //!
 //! - in: [`FaceSighting`]s, [`Intrinsics`](crate::cell::Intrinsics), the cube's edge (m)
 //! - out: [`CubeSighting`] of a face, [`CubeLocation`] of the cube
@@ -18,36 +26,38 @@ use nalgebra::{
     Matrix2, Matrix3, Matrix6, Point3, Rotation3, SVector, Translation3, UnitQuaternion, Vector3,
 };
 
-/// Where the cube is.
+/// Location of the cube in front of a camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CubeLocation {
-    /// Origin in the cube's centre; axes parallel to the dominant face's frame (x along its columns, y along
-    /// its rows, z from it into the cube): right up to the 24 rotations of a cube.
+    /// Pose of the cube, exact up to the 24 rotations of a cube. The origin is in the cube's
+    /// centre. The axes are parallel to those of the dominant face: x along its columns, y along
+    /// its rows, z into the cube.
     pub camera_from_cube: Pose,
-    /// Covariance of a small motion of the cube, expressed in the camera frame: translation (m), rotation
-    /// about the cube's centre (rad); from the residual, so it knows nothing of calibration errors.
+    /// Covariance of a small motion of the cube in the camera frame: translation (m), rotation
+    /// about the cube's centre (rad). It follows from the residual, so it excludes calibration
+    /// errors.
     pub covariance: Matrix6<f64>,
     /// Root mean square of the reprojection error (px).
     pub residual_px: f64,
-    /// The faces that were used, dominant one first.
+    /// Faces that were used, dominant one first.
     pub faces: Vec<FaceSighting>,
-    /// The other orientation, when one face alone cannot tell two apart.
+    /// Other orientation, if a single face leaves two that fit.
     pub other: Option<Pose>,
-    /// Where the faces that took part lie in the cube's frame, dominant one first: origin in the face's centre, x
-    /// along its columns, y along its rows, z into the cube.
+    /// Poses in the cube's frame of the faces that took part, dominant one first: origin in the
+    /// face's centre, x along its columns, y along its rows, z into the cube.
     pub used: Vec<Pose>,
-    /// Which of `used` each of `faces` is.
+    /// Index in `used` of each of `faces`.
     pub sightings: Vec<usize>,
 }
 
 impl CubeLocation {
-    /// The dominant face: origin in its centre, z into the cube.
+    /// Returns the pose of the dominant face: origin in its centre, z into the cube.
     #[must_use]
     pub fn camera_from_face(&self) -> Pose {
         self.used.first().map_or(self.camera_from_cube, |face| self.camera_from_cube * face)
     }
 
-    /// The detected face at place `index` of `used`; `None` for one that only edges bear out.
+    /// Returns the detected face at place `index` of `used`, or `None` if only edges support it.
     #[must_use]
     pub fn sighting(&self, index: usize) -> Option<&FaceSighting> {
         let place = self.sightings.iter().position(|used| *used == index)?;
@@ -55,9 +65,9 @@ impl CubeLocation {
     }
 }
 
-/// Localises a face from the centroids of its tiles.
+/// Localises a face from the centroids of its tiles. `edge` is the edge of the cube (m).
 ///
-/// A frontal face leaves two poses: the better fit comes first, the other one goes with it.
+/// A frontal face leaves two poses. The better fit comes first, the other one second.
 #[must_use]
 pub fn locate(face: &FaceSighting, camera: impl Into<Lens>, edge: f64) -> CubeSighting {
     let camera = &camera.into();
@@ -79,9 +89,11 @@ pub fn locate(face: &FaceSighting, camera: impl Into<Lens>, edge: f64) -> CubeSi
     }
 }
 
-/// Localises the cube from one to three of its faces in one picture; the first is the dominant one. Faces
-/// that do not fit the same cube are left out. `hint` (a rough `camera_from_cube`) decides between the two
-/// orientations that one face leaves. `None` without a face, or when no pose can be computed.
+/// Localises the cube from one to three of its faces in one picture.
+///
+/// The largest face is the dominant one. Faces that do not fit the same cube are left out. `edge`
+/// is the edge of the cube (m). `hint`, a rough `camera_from_cube`, decides between the two
+/// orientations that one face leaves. Returns `None` without a face, or if no pose can be computed.
 #[must_use]
 pub fn locate_cube(
     faces: &[FaceSighting],
@@ -92,12 +104,14 @@ pub fn locate_cube(
     let camera = &camera.into();
     let mut order: Vec<usize> = (0..faces.len()).collect();
     let area = |i: usize| polygon(&faces[i].corners).0;
+    // The largest face has the most exact pose, so the others are compared with it.
     order.sort_by(|&a, &b| area(b).total_cmp(&area(a)));
     let faces: Vec<FaceSighting> = order.into_iter().map(|i| faces[i].clone()).collect();
     let first = faces.first()?;
 
     let mut best: Option<(f64, CubeLocation)> = None;
     let dominant = locate(first, camera, edge);
+    // The other faces may fit only one of the two poses of the dominant face, so both are starts.
     for start in [dominant.camera_from_face, dominant.other.0] {
         let camera_from_cube = start * Translation3::new(0.0, 0.0, edge / 2.0);
         let (cost, location) = locate_around(&camera_from_cube, &faces, camera, edge, hint);
@@ -112,14 +126,15 @@ pub fn locate_cube(
         }
     }
     let (_, mut location) = best?;
+    // A second face decides between the two orientations.
     if location.faces.len() > 1 {
         location.other = None;
     }
     location.residual_px.is_finite().then_some(location)
 }
 
-/// Fits the cube to all faces that belong to it if it is about at `camera_from_cube`, where the
-/// first of them is; returns the location and its cost against that of another start.
+/// Fits the cube to all faces that belong to it, starting at `camera_from_cube`, where the first
+/// face is. Returns the cost, which is compared with that of another start, and the location.
 fn locate_around(
     camera_from_cube: &Pose,
     faces: &[FaceSighting],
@@ -128,6 +143,8 @@ fn locate_around(
     hint: Option<&Pose>,
 ) -> (f64, CubeLocation) {
     let mut members: Vec<(usize, Pose)> = vec![(0, cube_from_face(&Rotation3::identity(), edge))];
+    // Three faces of a cube are visible. A few more sightings are tried, since some may belong to
+    // another cube.
     for (i, face) in faces.iter().enumerate().skip(1).take(4) {
         let place = place_on_cube(camera_from_cube, &locate(face, camera, edge), edge);
         if let Some(pose) = place
@@ -161,8 +178,8 @@ fn locate_around(
     (cost, location)
 }
 
-/// Returns which face of the cube a sighting shows, as `cube_from_face`: a quarter turn of the
-/// dominant face about an axis of the cube. `None` where neither of its poses is near to one.
+/// Finds the face of the cube that a sighting shows, as `cube_from_face`. Returns `None` if neither
+/// of its two poses is near a face of the cube at `camera_from_cube`.
 fn place_on_cube(camera_from_cube: &Pose, seen: &CubeSighting, edge: f64) -> Option<Pose> {
     let nearest = [seen.camera_from_face, seen.other.0]
         .into_iter()
@@ -171,6 +188,7 @@ fn place_on_cube(camera_from_cube: &Pose, seen: &CubeSighting, edge: f64) -> Opt
             let snapped = nearest_of_24(&relative);
             let angle = (snapped.inverse() * relative).angle();
             let cube_from_face = cube_from_face(&snapped.to_rotation_matrix(), edge);
+            // Both faces predict the centre of the cube, half an edge behind them.
             let centre = pose * Point3::new(0.0, 0.0, edge / 2.0);
             let apart = (centre - Point3::from(camera_from_cube.translation.vector)).norm() / edge;
             (angle < 0.45 && apart < 0.35).then_some((angle + apart, cube_from_face))
@@ -179,7 +197,7 @@ fn place_on_cube(camera_from_cube: &Pose, seen: &CubeSighting, edge: f64) -> Opt
     nearest.map(|(_, pose)| pose)
 }
 
-/// Pose of a face in the cube frame: the face whose frame is turned by `rotation` against the cube's.
+/// Returns the pose of the face whose frame is rotated by `rotation` against the cube's frame.
 pub(super) fn cube_from_face(rotation: &Rotation3<f64>, edge: f64) -> Pose {
     let z = rotation * Vector3::z();
     Pose::from_parts(
@@ -188,9 +206,11 @@ pub(super) fn cube_from_face(rotation: &Rotation3<f64>, edge: f64) -> Pose {
     )
 }
 
-/// The rotation of the cube group nearest to a rotation.
+/// Returns the one of the 24 rotations of a cube that is nearest to a rotation.
 #[must_use]
 pub fn nearest_of_24(rotation: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
+    // The angle between two rotations falls as the size of the dot product of their quaternions
+    // rises. The sign does not matter, because q and -q are the same rotation.
     let mut best = (f64::NEG_INFINITY, UnitQuaternion::identity());
     for quaternion in cube_rotations() {
         let dot = quaternion.coords.dot(&rotation.coords).abs();
@@ -201,7 +221,7 @@ pub fn nearest_of_24(rotation: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
     best.1
 }
 
-/// The 24 rotations of a cube.
+/// Returns the 24 rotations of a cube: four about the normal of each of the six faces in turn.
 pub fn cube_rotations() -> impl Iterator<Item = UnitQuaternion<f64>> {
     use std::f64::consts::FRAC_PI_2;
     let faces = [
@@ -219,7 +239,8 @@ pub fn cube_rotations() -> impl Iterator<Item = UnitQuaternion<f64>> {
     })
 }
 
-/// Both poses of a plane (Collins and Bartoli): zero, one or two `camera_from_face`.
+/// Computes both poses of a face in closed form (Collins and Bartoli). Returns them as
+/// `camera_from_face`, or none if a pixel has no direction or the centres are degenerate.
 #[must_use]
 pub fn planar_poses(face: &FaceSighting, camera: &Lens, edge: f64) -> Vec<Pose> {
     let pitch = edge / 3.0;
@@ -238,6 +259,8 @@ pub fn planar_poses(face: &FaceSighting, camera: &Lens, edge: f64) -> Vec<Pose> 
         h[(1, 1)] - h[(2, 1)] * v.1,
     );
     let sight = Vector3::new(v.0, v.1, 1.0);
+    // In axes whose z is the line of sight the equations of the paper take their simple form. `b`
+    // is the derivative of the projection in these axes, at unit depth.
     let to_sight = UnitQuaternion::rotation_between(&Vector3::z(), &sight)
         .unwrap_or_else(UnitQuaternion::identity)
         .to_rotation_matrix();
@@ -249,6 +272,9 @@ pub fn planar_poses(face: &FaceSighting, camera: &Lens, edge: f64) -> Vec<Pose> 
         r[(1, 1)] - v.1 * r[(2, 1)],
     );
     let Some(inverse) = b.try_inverse() else { return Vec::new() };
+    // A = B^-1 J is the upper left 2x2 block of the rotation, divided by the depth. The larger
+    // singular value of that block is 1, because the axis of the tilt keeps its length. So gamma,
+    // the larger singular value of A, is the inverse of the depth.
     let a = inverse * jacobian;
     let ata = a.transpose() * a;
     let half = f64::midpoint(ata[(0, 0)], ata[(1, 1)]);
@@ -257,6 +283,8 @@ pub fn planar_poses(face: &FaceSighting, camera: &Lens, edge: f64) -> Vec<Pose> 
     if !(gamma.is_finite() && gamma > 1e-9) {
         return Vec::new();
     }
+    // The columns of a rotation have unit length and are orthogonal. This gives the third row of
+    // the first two columns up to a common sign, which is the ambiguity of a planar pose.
     let r22 = a / gamma;
     let rest = Matrix2::identity() - r22.transpose() * r22;
     let (b0, b1) = (rest[(0, 0)].max(0.0).sqrt(), rest[(1, 1)].max(0.0).sqrt());
@@ -268,7 +296,7 @@ pub fn planar_poses(face: &FaceSighting, camera: &Lens, edge: f64) -> Vec<Pose> 
             let x = Vector3::new(r22[(0, 0)], r22[(1, 0)], sign * b0);
             let y = Vector3::new(r22[(0, 1)], r22[(1, 1)], sign * b1);
             let local = Matrix3::from_columns(&[x, y, x.cross(&y)]);
-            // Rounding leaves the columns slightly skew: the nearest rotation is taken.
+            // Rounding leaves the columns slightly skew, so the nearest rotation is taken.
             let rotation = to_sight * Rotation3::from_matrix(&local);
             Pose::from_parts(
                 Translation3::from(translation),
@@ -278,7 +306,7 @@ pub fn planar_poses(face: &FaceSighting, camera: &Lens, edge: f64) -> Vec<Pose> 
         .collect()
 }
 
-/// Appends measured minus predicted centroid of each seen tile (px).
+/// Appends the measured minus the predicted centroid of each seen tile (px).
 pub(super) fn residuals(
     face: &FaceSighting,
     camera_from_face: &Pose,
@@ -295,27 +323,29 @@ pub(super) fn residuals(
         let corners = [(-half, -half), (half, -half), (half, half), (-half, half)].map(|(x, y)| {
             let p = Point3::new((g.0 + x) * pitch, (g.1 + y) * pitch, 0.0);
             let q = camera_from_face * p;
+            // A trial step may put a corner behind the camera.
             camera.project(&Point3::new(q.x, q.y, q.z.max(1e-3)))
         });
         let (area, centroid) = polygon(&corners);
-        // Seen edge-on the polygon has no area: any centre will do for a step.
+        // A polygon seen edge-on has no area, and its centroid is not finite. Any of its points
+        // serves for a trial step.
         let centroid = if area.abs() < 1e-6 { corners[0] } else { centroid };
         out.push(face.centres[i].0 - centroid.0);
         out.push(face.centres[i].1 - centroid.1);
     }
 }
 
-/// A pose fitted to residuals.
+/// Pose fitted to residuals.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Fit {
     pub(super) pose: Pose,
-    /// Root mean square distance (px): of two residuals, one point.
+    /// Root mean square distance of the points (px); each point has two residuals.
     pub(super) rms: f64,
-    /// In the camera frame: translation, rotation about the frame's origin.
+    /// Covariance in the camera frame: translation (m), rotation about the pose's own origin (rad).
     pub(super) covariance: Matrix6<f64>,
 }
 
-/// Fits the six freedoms of a pose.
+/// Fits the six degrees of freedom of a pose to residuals (px).
 pub(super) fn refine(start: &Pose, residuals: impl Fn(&Pose, &mut Vec<f64>)) -> Fit {
     let pose = |delta: &SVector<f64, 6>| moved(start, (*delta).into());
     let found = minimise(SVector::zeros(), [1e-6; 6], |delta, out| residuals(&pose(delta), out));
@@ -323,6 +353,8 @@ pub(super) fn refine(start: &Pose, residuals: impl Fn(&Pose, &mut Vec<f64>)) -> 
     if count == 0 {
         return Fit { pose: *start, rms: f64::INFINITY, covariance: Matrix6::identity() };
     }
+    // The variance of a residual is estimated from the residuals themselves, because the noise of
+    // the centroids is not known.
     let freedom = (count as f64 - 6.0).max(1.0);
     let inverse = found.normal.try_inverse().unwrap_or_else(Matrix6::identity);
     Fit {
@@ -348,7 +380,7 @@ mod tests {
     };
     const EDGE: f64 = 0.057;
 
-    /// What a perfect detector would measure.
+    /// Returns the face that a perfect detector would measure.
     fn sighting(camera_from_face: &Pose) -> FaceSighting {
         let mut face = FaceSighting {
             corners: OUTLINE.map(|(x, y)| {
@@ -373,7 +405,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_perfect_measurement_gives_the_pose(
+        fn locate_inverts_perfect_measurement(
             x in -0.1..0.1f64, y in -0.08..0.08f64, z in 0.25..0.6f64,
             tilt_x in -0.8..0.8f64, tilt_y in -0.8..0.8f64, roll in -0.7..0.7f64,
         ) {
@@ -389,12 +421,15 @@ mod tests {
                 (p.translation.vector - truth.translation.vector).norm() < 1e-5
                     && p.rotation.angle_to(&truth.rotation) < 1e-3
             };
-            prop_assert!(near(&found.camera_from_face) || near(&found.other.0), "{truth} {found:?}");
+            prop_assert!(
+                near(&found.camera_from_face) || near(&found.other.0),
+                "{truth} {found:?}"
+            );
             prop_assert!(found.residual_px < 1e-3);
         }
 
         #[test]
-        fn two_faces_of_a_cube_give_its_centre(
+        fn two_faces_give_the_centre_of_cube(
             z in 0.25..0.6f64, tilt_x in 0.35..0.8f64, tilt_y in -0.6..0.6f64, roll in -0.7..0.7f64,
         ) {
             let camera_from_cube = Pose::from_parts(
@@ -417,7 +452,8 @@ mod tests {
             let found = locate_cube(&faces, &CAMERA, EDGE, None).unwrap();
 
             prop_assert_eq!(found.faces.len(), 2);
-            let error = found.camera_from_cube.translation.vector - camera_from_cube.translation.vector;
+            let error =
+                found.camera_from_cube.translation.vector - camera_from_cube.translation.vector;
             prop_assert!(error.norm() < 1e-5, "{}", error);
             let relative = found.camera_from_cube.rotation.inverse() * camera_from_cube.rotation;
             prop_assert!((nearest_of_24(&relative).inverse() * relative).angle() < 1e-3);
@@ -425,7 +461,7 @@ mod tests {
     }
 
     #[test]
-    fn there_are_24_rotations_of_a_cube() {
+    fn cube_has_24_rotations() {
         let all: Vec<_> = cube_rotations().collect();
 
         let distinct =

@@ -1,12 +1,26 @@
-//! The cube's pose at the limit of the geometry: fitted to the sub-pixel edges of all tiles of all visible faces.
+//! Refinement of the cube's pose on the sub-pixel edges of all tiles of all visible faces.
 //!
-//! The model is the cube with nine square stickers a face whose size is not known: their share of the pitch and
-//! what blur adds to them are estimated along with the pose. Faces that the detector missed take part as soon as
-//! edges are where the pose says, which also decides between the two poses that one face leaves.
+//! The model is a cube with nine square stickers on each face. The size of the stickers is not
+//! known: their share of the pitch, and the width that blur adds to them, are estimated along with
+//! the pose. A face that the detector missed takes part as soon as its edges are where the pose
+//! predicts them. This also decides between the two poses that one face leaves.
 //!
-//! Tiles repeat: a pose that is one tile off along an edge of the cube has edges where two thirds
-//! of its own should be, and is a best fit of its neighbourhood. Where a face that must be seen is
-//! not seen whole, the fit is held against those one tile off.
+//! Tiles repeat. A pose that is one tile off along an edge of the cube predicts two thirds of its
+//! edges at other edges of the cube, and is a local optimum. If a face that must be visible is not
+//! seen whole, the fit is compared with those one tile off.
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | face takes part | [`LEAST_CROSSINGS`] | fewer edges may agree by chance |
+//! | pose accepted without a detection | [`TRACKED`] a face | a whole face has 24 |
+//! | crossing fits | [`FITS`] deviations | the rest are outliers |
+//! | two poses are one | [`SAME`] rad | two starts that end in one optimum |
+//! | second pose kept | [`RIVAL`] of the first one's support | the edges do not decide |
+//! | edge-on faces decide | [`TELLING`] more edges | they show which way the cube leans |
+//! | pass is the last one | [`SETTLED`] px | another pass would move less than the noise |
+//! | face is measured | facing [`LEAST_FACING`] | a more oblique one is only a few pixels deep |
+//! | face must be seen whole | facing [`SEEN`], [`WHOLE`] | a pose one tile off has 18 of 24 |
+//! | pose one tile off is wrong | [`BETTER`] times the support | mostly hidden: nothing decides |
 //!
 //! - in: image, [`Lens`], the cube's edge (m), first poses from centroids
 //! - out: [`CubeLocation`] with its covariance
@@ -21,45 +35,52 @@ use crate::spatial::Pose;
 use image::RgbImage;
 use nalgebra::{Matrix6, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 
-/// What the model leaves unsaid, as a standard deviation of each kind of crossing (px), and as a share of a pitch:
-/// uneven stickers, shade, interpolation, the mosaic.
+/// Standard deviation of the model's errors for a middle between two tiles (px). Causes are uneven
+/// stickers, shade, interpolation and the mosaic of the sensor.
 const FLOOR_MIDDLE: f64 = 0.05;
+/// Standard deviation of the model's errors for a single edge (px).
 const FLOOR_EDGE: f64 = 0.10;
+/// Standard deviation of the model's errors for the width of a gap (px).
 const FLOOR_GAP: f64 = 0.25;
+/// Standard deviation of the model's errors that grows with the image, in pitches.
 const FLOOR_SHARE: f64 = 0.002;
-/// Spread of what blur adds to all edges of stickers, and of what it adds to outer ones beyond that (px).
+/// Spread of the width that blur adds to all edges of stickers (px).
 const BLOOM: f64 = 0.4;
+/// Spread of the width that blur adds to outer edges beyond [`BLOOM`] (px).
 const OUTER: f64 = 0.1;
 /// Tolerances of the passes, in pitches.
 const PASSES: [f64; 3] = [0.16, 0.09, 0.06];
-/// A face takes part with so many crossings that fit.
+/// Fewest fitting crossings of a face that takes part.
 const LEAST_CROSSINGS: usize = 9;
-/// Share of the pitch that a sticker is thought to have before any is seen.
+/// Side of a sticker as a share of the pitch that is assumed before any is seen.
 const SHARE: f64 = 0.86;
-/// A pose is believed without a detection with so many fitting crossings a face; a whole face has 24.
+/// Fewest fitting crossings per face at which a pose is accepted without a detection. A whole face
+/// has 24.
 const TRACKED: usize = 13;
-/// A crossing fits within so many standard deviations.
+/// Greatest residual of a crossing that fits, in standard deviations.
 const FITS: f64 = 3.5;
-/// Two poses whose rotations differ by less are one (rad).
+/// Rotation below which two poses count as one (rad).
 const SAME: f64 = 0.03;
-/// A second pose is kept when its support is at least this share of the first one's.
+/// Least support of a second pose that is kept, as a share of the first one's.
 const RIVAL: f64 = 0.9;
-/// So many more edges on faces seen nearly edge-on decide between two poses.
+/// Difference in the number of edges on nearly edge-on faces that decides between two poses.
 const TELLING: usize = 3;
-/// A pass that moved the edges by less is the last one (px).
+/// Movement of the edges below which a pass is the last one (px).
 const SETTLED: f64 = 0.04;
-/// Least cosine between the sight and a face's normal.
+/// Least cosine between the line of sight and the normal of a face that is measured.
 const LEAST_FACING: f64 = 0.22;
-/// A face that looks so much at the camera is seen whole unless something hides it ...
+/// Least cosine at which a face is seen whole, unless something hides it.
 const SEEN: f64 = 0.3;
-/// ... and has then so many crossings that fit; one that is a tile off has 18.
+/// Fewest fitting crossings of a face that is seen whole. A pose one tile off has 18.
 const WHOLE: usize = 20;
-/// A pose that is right has so many times the support of one a tile off; where the cube is mostly
-/// hidden, nothing tells them apart, and the first one stands.
+/// Factor by which the support of the right pose exceeds that of a pose one tile off. If the cube
+/// is mostly hidden, neither reaches it, and the first pose is kept.
 const BETTER: f64 = 1.4;
 
-/// Localises the cube from the faces found in an image, refined on the image's edges; as [`locate_cube`] otherwise.
-/// The covariance then knows of noise and of the model's imperfections, not of errors of calibration.
+/// Localises the cube from the faces found in an image and refines the pose on the image's edges.
+///
+/// The arguments are those of [`locate_cube`]. The covariance covers the noise and the
+/// imperfections of the model, but not the errors of the calibration.
 #[must_use]
 pub fn locate_in(
     image: &RgbImage,
@@ -74,11 +95,12 @@ pub fn locate_in(
     let apart = |a: &Pose, b: &Pose| a.rotation.angle_to(&b.rotation) > SAME;
     let mut poses: Vec<Fitted> =
         fit(image, lens, edge, &coarse.camera_from_cube, share).into_iter().collect();
-    // Two starts that are nearly one end in one.
+    // Two starts that are nearly one end in the same optimum.
     if let Some(start) = coarse.other.filter(|o| apart(o, &coarse.camera_from_cube)) {
         poses.extend(fit(image, lens, edge, &start, share));
     }
-    // One face leaves two poses; where both starts ended in one of them, the other is its mirror image.
+    // One face leaves two poses. If both starts ended in the same one, the other is its mirror
+    // image and gets a start of its own, since it may be the right one.
     if let [fitted, rest @ ..] = poses.as_slice()
         && fitted.faces.len() == 1
         && rest.iter().all(|r| !apart(&r.pose, &fitted.pose))
@@ -90,26 +112,29 @@ pub fn locate_in(
     }
     let mut poses: Vec<(usize, Fitted)> =
         poses.into_iter().map(|p| (sides(image, lens, edge, &p.pose, share), p)).collect();
-    // Faces seen edge-on say which way the cube leans; where there are none, how well the edges fit.
+    // The edges of one nearly frontal face fit both poses almost equally well. The faces seen
+    // edge-on show which way the cube leans, so they decide first, and the quality of the fit after
+    // them.
     let (most, fewest) = (
         poses.iter().map(|p| p.0).max().unwrap_or(0),
         poses.iter().map(|p| p.0).min().unwrap_or(0),
     );
-    let told = most >= fewest + TELLING;
-    if told {
+    let decided = most >= fewest + TELLING;
+    if decided {
         poses.retain(|p| p.0 + TELLING > most);
     }
     poses.sort_by(|a, b| b.1.support.total_cmp(&a.1.support));
     let mut poses = poses.into_iter().map(|p| p.1);
     let Some(fitted) = poses.next() else { return Some(coarse) };
     let fitted = best_of_lattice(image, lens, edge, fitted, share);
-    // Only a pose that the edges bear out as well, or nearly so, remains a second one.
+    // The second pose remains only if the edges support it nearly as well as the first.
     let other = poses
         .filter(|r| r.support > RIVAL * fitted.support)
         .map(|r| r.pose)
         .find(|r| apart(r, &fitted.pose));
     let mut location = fitted.location(other);
-    // Faces that were detected keep the axes of their reading order.
+    // The fit gives the faces axes of its own. A detected face keeps those of its reading order, to
+    // which its colours refer.
     for (index, used) in location.used.iter_mut().enumerate() {
         let near = |p: &Pose| (p.translation.vector - used.translation.vector).norm() < 0.1 * edge;
         if let Some(known) = coarse.used.iter().position(near) {
@@ -121,8 +146,8 @@ pub fn locate_in(
     Some(location)
 }
 
-/// Refines a pose that is known to about a seventh of a tile, as from a track, without any detection; `None` when the
-/// edges do not bear it out.
+/// Refines a pose that is known to about a seventh of a tile, for example from a track, without any
+/// detection. Returns `None` if the edges do not support it.
 #[must_use]
 pub fn refine_in(
     image: &RgbImage,
@@ -137,7 +162,7 @@ pub fn refine_in(
     (crossings >= TRACKED * fitted.faces.len()).then(|| fitted.location(None))
 }
 
-/// Returns the best of a fit and those that are whole tiles off.
+/// Returns the best of a fit and of those that are whole tiles off.
 fn best_of_lattice(
     image: &RgbImage,
     lens: &Lens,
@@ -145,6 +170,8 @@ fn best_of_lattice(
     mut best: Fitted,
     share: f64,
 ) -> Fitted {
+    // The fits one tile off take six times the time, so they are made only on suspicion. Without
+    // them a tracked pose one tile off made a hand close 19 mm before the cube.
     while best.may_be_off(edge) {
         let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
         let off = axes.into_iter().flat_map(|axis| [axis, -axis]).filter_map(|axis| {
@@ -161,14 +188,18 @@ fn best_of_lattice(
 
 /// Returns the faces of a cube, as `cube_from_face`.
 fn faces(edge: f64) -> impl Iterator<Item = Pose> {
+    // Four rotations in a row differ only about the normal of one face.
     cube_rotations().step_by(4).map(move |r| cube_from_face(&r.to_rotation_matrix(), edge))
 }
 
-/// The other pose that fits one face nearly as well: its tilt against the sight turned round.
+/// Returns the other pose that fits one face nearly as well. Its tilt against the line of sight is
+/// reversed.
 fn mirrored(camera_from_cube: &Pose, cube_from_face: &Pose) -> Pose {
     let face = camera_from_cube * cube_from_face;
     let (centre, normal) = (face.translation.vector, face.rotation * Vector3::z());
     let sight = centre.normalize();
+    // The normal is reflected in the line of sight, and the whole cube turns with it about the
+    // centre of the face.
     let other = sight * (2.0 * normal.dot(&sight)) - normal;
     let turn =
         UnitQuaternion::rotation_between(&normal, &other).unwrap_or_else(UnitQuaternion::identity);
@@ -178,8 +209,8 @@ fn mirrored(camera_from_cube: &Pose, cube_from_face: &Pose) -> Pose {
     )
 }
 
-/// How many edges between tiles are where a pose has them on the faces beside the one that looks at the camera most, even
-/// if these are a few pixels deep only.
+/// Counts the edges between tiles that are where a pose predicts them, on all visible faces but the
+/// most frontal one, even if these are only a few pixels deep.
 fn sides(image: &RgbImage, lens: &Lens, edge: f64, camera_from_cube: &Pose, share: f64) -> usize {
     let probe = Probe::new(image, lens, edge / 3.0).grazing();
     let mut faces: Vec<Pose> =
@@ -193,27 +224,33 @@ fn sides(image: &RgbImage, lens: &Lens, edge: f64, camera_from_cube: &Pose, shar
     crossings.iter().filter(|c| !matches!(c.kind, Kind::Gap | Kind::Outer)).count()
 }
 
-/// A pose with what bears it out.
+/// Fitted pose with the evidence for it.
 struct Fitted {
+    /// Pose as `camera_from_cube`.
     pose: Pose,
+    /// Covariance of a small motion: translation (m), rotation (rad).
     covariance: Matrix6<f64>,
+    /// Root mean square of the residuals (px).
     residual_px: f64,
-    /// Faces that take part, by the number of fitting crossings.
+    /// Faces that take part (`cube_from_face`), with their numbers of fitting crossings.
     faces: Vec<(Pose, usize)>,
-    /// Sum over crossings of how well they fit.
+    /// Sum over all crossings of the quality of their fit, 0..=1 each.
     support: f64,
 }
 
 impl Fitted {
-    /// Whether a face that must be seen is not seen whole: hidden, or the pose is a tile off.
+    /// Checks whether a face that must be visible is not seen whole. Either something hides it, or
+    /// the pose is one tile off.
     fn may_be_off(&self, edge: f64) -> bool {
         let crossings =
             |face: &Pose| self.faces.iter().find(|(f, _)| f == face).map_or(0, |(_, n)| *n);
         faces(edge).any(|face| facing(&(self.pose * face)) > SEEN && crossings(&face) < WHOLE)
     }
 
+    /// Turns the fit into a location without sightings. `other` is the second pose of a single
+    /// face.
     fn location(self, other: Option<Pose>) -> CubeLocation {
-        // The dominant face looks most towards the camera.
+        // The dominant face is the most frontal one.
         let mut used: Vec<Pose> = self.faces.iter().map(|(face, _)| *face).collect();
         used.sort_by(|a, b| facing(&(self.pose * b)).total_cmp(&facing(&(self.pose * a))));
         let alone = used.len() == 1;
@@ -229,7 +266,7 @@ impl Fitted {
     }
 }
 
-/// Cosine between the sight and a face's inward normal.
+/// Returns the cosine between the line of sight and a face's inward normal.
 fn facing(camera_from_face: &Pose) -> f64 {
     let sight = camera_from_face.translation.vector;
     (camera_from_face.rotation * Vector3::z()).dot(&sight) / sight.norm()
@@ -238,6 +275,8 @@ fn facing(camera_from_face: &Pose) -> f64 {
 /// Unknowns: six of the pose, the stickers' share, bloom and outer bloom.
 type Unknowns = SVector<f64, 9>;
 
+/// Fits the pose and the stickers to the edges of all visible faces. `share` is the first guess of
+/// the stickers' share of the pitch. Returns `None` if too few edges fit.
 fn fit(image: &RgbImage, lens: &Lens, edge: f64, start: &Pose, share: f64) -> Option<Fitted> {
     let probe = Probe::new(image, lens, edge / 3.0);
     let all: Vec<Pose> = faces(edge).collect();
@@ -250,6 +289,8 @@ fn fit(image: &RgbImage, lens: &Lens, edge: f64, start: &Pose, share: f64) -> Op
     };
     let mut crossings: Vec<Crossing> = Vec::new();
     let mut last: Option<Solved> = None;
+    // Each pass measures again at the better pose and within a narrower tolerance. The edge of a
+    // neighbouring tile that the first tolerance lets in is thus left out later.
     for tolerance in PASSES {
         crossings.clear();
         let mut visible: Vec<(usize, Pose, f64)> = all
@@ -258,6 +299,8 @@ fn fit(image: &RgbImage, lens: &Lens, edge: f64, start: &Pose, share: f64) -> Op
             .map(|(i, face)| (i, model.pose * face, facing(&(model.pose * face))))
             .filter(|(_, _, facing)| *facing > LEAST_FACING)
             .collect();
+        // The most frontal face has the widest gaps. They show the colour of the body, which the
+        // gaps of oblique faces do not.
         visible.sort_by(|a, b| b.2.total_cmp(&a.2));
         let mut body = None;
         for (face, camera_from_face, _) in &visible {
@@ -266,7 +309,8 @@ fn fit(image: &RgbImage, lens: &Lens, edge: f64, start: &Pose, share: f64) -> Op
             body = probe.measure(&prediction, body, &mut crossings);
         }
         let mut solved = model.solve(&crossings, share)?;
-        // A face that only happens to have some edges about must not pull at the others.
+        // A hidden face has some edges nearby by chance. They must not pull the pose, so the step
+        // is computed again without them.
         let counts = counts(&crossings, &solved);
         let known = crossings.len();
         crossings.retain(|c| counts[c.face] >= LEAST_CROSSINGS);
@@ -278,6 +322,7 @@ fn fit(image: &RgbImage, lens: &Lens, edge: f64, start: &Pose, share: f64) -> Op
         model.stickers.share = (model.stickers.share + step[6]).clamp(0.5, 1.0);
         model.stickers.bloom += step[7];
         model.stickers.outer += step[8];
+        // The first pass is never the last one: its wide tolerance may have let wrong edges in.
         let settled = last.is_some() && solved.shift < SETTLED;
         last = Some(solved);
         if settled {
@@ -294,18 +339,27 @@ fn fit(image: &RgbImage, lens: &Lens, edge: f64, start: &Pose, share: f64) -> Op
     if faces.is_empty() {
         return None;
     }
+    // Each crossing adds 1 if it is exact and 0 at the limit of fitting. Support counts evidence: a
+    // mean residual would prefer a pose with few edges.
     let support = solved.residuals.iter().map(|r| (1.0 - (r / FITS).powi(2)).max(0.0)).sum::<f64>();
+    let residual_px = residual_px(&crossings, &solved);
+    Some(Fitted { pose: model.pose, covariance: solved.covariance, residual_px, faces, support })
+}
+
+/// Returns the root mean square of the residuals of all fitting crossings (px). Gaps do not count,
+/// since they do not depend on the place.
+fn residual_px(crossings: &[Crossing], solved: &Solved) -> f64 {
     let squares: Vec<f64> = crossings
         .iter()
         .zip(&solved.residuals)
         .filter(|(c, r)| c.kind != Kind::Gap && r.abs() < FITS * solved.spread)
         .map(|(c, r)| (r * deviation(c)).powi(2))
         .collect();
-    let residual_px = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
-    Some(Fitted { pose: model.pose, covariance: solved.covariance, residual_px, faces, support })
+    (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
 }
 
-/// Crossings of each face that fit.
+/// Counts the fitting crossings of each face. Gaps do not count, since they do not depend on the
+/// place.
 fn counts(crossings: &[Crossing], solved: &Solved) -> [usize; 6] {
     let mut counts = [0; 6];
     for (crossing, r) in crossings.iter().zip(&solved.residuals) {
@@ -315,7 +369,7 @@ fn counts(crossings: &[Crossing], solved: &Solved) -> [usize; 6] {
     counts
 }
 
-/// Standard deviation of a crossing: noise and what the model leaves unsaid (px).
+/// Computes the standard deviation of a crossing from noise and from errors of the model (px).
 fn deviation(crossing: &Crossing) -> f64 {
     let floor = match crossing.kind {
         Kind::Middle => FLOOR_MIDDLE,
@@ -326,28 +380,33 @@ fn deviation(crossing: &Crossing) -> f64 {
     (crossing.sigma.powi(2) + floor.powi(2) + (FLOOR_SHARE * crossing.scale).powi(2)).sqrt()
 }
 
-/// The cube as it is believed to be.
+/// Model of the cube at the current estimate.
 struct Model<'a> {
     lens: &'a Lens,
+    /// Distance of two tile centres (m).
     pitch: f64,
+    /// Faces as `cube_from_face`.
     faces: &'a [Pose],
+    /// Pose as `camera_from_cube`.
     pose: Pose,
     stickers: Stickers,
 }
 
-/// A robust step of Gauss and Newton.
+/// Result of a robust Gauss-Newton step.
 struct Solved {
     step: Unknowns,
-    /// What is left of each crossing, over its standard deviation.
+    /// Residual of each crossing after the step, over its standard deviation.
     residuals: Vec<f64>,
-    /// By how much these exceed what was expected, at least 1.
+    /// Robust standard deviation of these residuals, at least 1.
     spread: f64,
+    /// Covariance of the pose: translation (m), rotation (rad).
     covariance: Matrix6<f64>,
-    /// Root mean square of what the step moves (px).
+    /// Root mean square of the movement of the edges by the step (px).
     shift: f64,
 }
 
 impl Model<'_> {
+    /// Predicts the measured values of crossings after a step (px).
     fn predict(&self, crossings: &[Crossing], step: &Unknowns) -> Vec<f64> {
         let pose = moved(&self.pose, std::array::from_fn(|k| step[k]));
         let stickers = Stickers {
@@ -360,7 +419,10 @@ impl Model<'_> {
         crossings.iter().map(predicted).collect()
     }
 
-    /// The model is linear over the small steps that are left; each pass measures anew anyway.
+    /// Computes a robust Gauss-Newton step. Returns `None` if there are too few crossings.
+    ///
+    /// One linearisation suffices: the model is linear over the small steps that are left, and each
+    /// pass measures again.
     fn solve(&self, crossings: &[Crossing], share: f64) -> Option<Solved> {
         if crossings.len() < LEAST_CROSSINGS + 3 {
             return None;
@@ -374,6 +436,7 @@ impl Model<'_> {
             .map(|((c, p), d)| (c.measured - p) / d)
             .collect();
         let mut rows = vec![Unknowns::zeros(); crossings.len()];
+        // Numerical derivatives: 1e-6 m or rad of the pose, 1e-4 of the share or px of the blooms.
         for k in 0..9 {
             let mut step = Unknowns::zeros();
             step[k] = if k < 6 { 1e-6 } else { 1e-4 };
@@ -385,7 +448,9 @@ impl Model<'_> {
         let mut spread = spread_of(&residuals);
         let mut solution = None;
         for _ in 0..4 {
-            // Weak beliefs, so that nothing is left open when all gaps are too narrow to be measured.
+            // Weak prior beliefs about the stickers keep the equations solvable if all gaps are too
+            // narrow to be measured. They weigh `spread` squared as much, because the residuals are
+            // in units of deviations that are `spread` times too small.
             let mut normal = SMatrix::<f64, 9, 9>::zeros();
             let mut right = Unknowns::zeros();
             let now = &self.stickers;
@@ -419,9 +484,10 @@ impl Model<'_> {
     }
 }
 
-/// Robust standard deviation of normalised residuals, at least 1.
+/// Computes the robust standard deviation of normalised residuals, which is at least 1.
 fn spread_of(residuals: &[f64]) -> f64 {
     let mut sizes: Vec<f64> = residuals.iter().map(|r| r.abs()).collect();
+    // The median of the sizes of normal errors is 1 / 1.4826 of their standard deviation.
     let middle = sizes.len() / 2;
     if sizes.is_empty() {
         return 1.0;
@@ -448,7 +514,7 @@ mod tests {
     };
     const EDGE: f64 = 0.057;
 
-    /// A cube with random colours, all of its faces.
+    /// Returns a drawing of all faces of a cube with random colours.
     fn drawing(camera_from_cube: &Pose, seed: u64) -> Drawing {
         let faces = cube_rotations().step_by(4).enumerate().map(|(i, rotation)| {
             let face = camera_from_cube * cube_from_face(&rotation.to_rotation_matrix(), EDGE);
@@ -466,7 +532,7 @@ mod tests {
         Pose::from_parts(Translation3::new(0.012, -0.008, 0.37), lean * roll)
     }
 
-    /// Error of the centre and of the rotation, in the camera's axes.
+    /// Returns the error of the centre (m) and of the rotation (rad), in the camera's axes.
     fn error(found: &Pose, truth: &Pose) -> Vector6<f64> {
         let relative = found.rotation.inverse() * truth.rotation;
         let turn = found.rotation * nearest_of_24(&relative) * truth.rotation.inverse();
@@ -475,8 +541,10 @@ mod tests {
         Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
     }
 
+    /// The centre is right to 0.2 mm across the line of sight and 1 mm along it. The normalised
+    /// squared error, whose expectation is 6, shows that the covariance is of the right size.
     #[test]
-    fn the_cubes_centre_is_right_to_a_fifth_of_a_millimetre_and_the_covariance_tells_it() {
+    fn located_centre_and_covariance_match_truth() {
         let mut nees = Vec::new();
         for seed in 0..12 {
             let angle = 0.5 * seed as f64;
@@ -497,7 +565,7 @@ mod tests {
     }
 
     #[test]
-    fn a_face_that_the_detector_missed_takes_part() {
+    fn refinement_uses_face_missed_by_detector() {
         let truth = pose((0.5, 0.2), 0.1);
         let image = drawing(&truth, 3).render();
         let mut faces = detect(&image, None, &DetectorSettings::default()).unwrap();
@@ -511,7 +579,7 @@ mod tests {
     }
 
     #[test]
-    fn a_predicted_pose_is_followed_without_detection_and_a_wrong_one_is_refused() {
+    fn refine_accepts_near_pose_and_refuses_far_one() {
         let truth = pose((0.3, -0.35), 0.7);
         let image = drawing(&truth, 5).render();
         let near = moved(&truth, [1.2e-3, -1.0e-3, 3e-3, 0.02, -0.02, 0.02]);
@@ -524,7 +592,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_one_tile_off_is_put_right() {
+    fn refine_corrects_pose_one_tile_off() {
         let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
         for (seed, tilt) in [(5, (0.5, 0.45)), (6, (0.3, 0.6)), (7, (0.6, 0.2)), (9, (0.45, 0.1))] {
             let truth = pose(tilt, 0.1);
@@ -541,7 +609,7 @@ mod tests {
     }
 
     #[test]
-    fn no_picture_is_too_small() {
+    fn refine_refuses_tiny_pictures_without_panic() {
         for (width, height) in [(0, 0), (1, 1), (1, 300), (5, 5)] {
             let image = RgbImage::new(width, height);
             assert_eq!(refine_in(&image, &CAMERA, EDGE, &pose((0.3, 0.0), 0.0)), None);

@@ -1,18 +1,19 @@
-//! Segmentation that does not lean on absolute colours: regions that edges enclose.
+//! Segmentation of a picture into regions that edges enclose, without absolute colours.
 //!
-//! The picture is smoothed (1 2 1 both ways), the range of each channel over a plus of five pixels is the
-//! edge strength, and the connected regions below each of several thresholds are the candidates for tiles.
-//! Weak grooves need a low threshold, glare and shadow on a tile a high one, so all of them vote.
+//! The picture is smoothed by 1 2 1 in both directions. The edge strength of a pixel is the largest
+//! range of a channel over a plus of five pixels. The connected regions below each of several
+//! thresholds are the candidates for tiles. Weak grooves need a low threshold, glare and shadow on
+//! a tile need a high one, so all thresholds contribute.
 //!
 //! - in: RGB pixels, thresholds
 //! - out: [`Tile`]s: regions that look like a parallelogram
-//! - source: run lengths and union-find as in Bruce, Balch, Veloso, "Fast and inexpensive color image
-//!   segmentation for interactive robots" (2000); the compactness measure is own work
+//! - source: run lengths and union-find as in Bruce, Balch, Veloso, "Fast and inexpensive color
+//!   image segmentation for interactive robots" (2000); the compactness measure is own work
 
 use super::homography::{Point, apply};
 use nalgebra::Matrix3;
 
-/// A region that may be a tile of the cube.
+/// Region that may be a tile of the cube.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tile {
     /// Centroid (px).
@@ -21,11 +22,12 @@ pub struct Tile {
     pub moments: [f64; 3],
     /// Number of pixels.
     pub area: f64,
-    /// Area over that of the parallelogram with the same second moments; an ellipse has 1.047.
+    /// Area over that of the parallelogram with the same second moments: 1 for a parallelogram,
+    /// 1.047 for an ellipse.
     pub fullness: f64,
 }
 
-/// Limits on regions; all are ratios or pixels, none is a colour.
+/// Limits on regions. All are ratios or pixels, none is a colour.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct TileLimits {
     /// Smallest and largest area (px).
@@ -43,20 +45,21 @@ pub(crate) struct Edges {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Edge strength, 0..=255, a byte a pixel.
+    /// Edge strength of each pixel, 0..=255, row by row.
     pub strength: Vec<u8>,
 }
 
 impl Edges {
-    /// Edge strength of interleaved RGB pixels (`3 * width * height` bytes).
+    /// Computes the edge strength of interleaved RGB pixels (`3 * width * height` bytes).
     ///
     /// # Panics
-    /// When the number of bytes is another.
+    /// Panics if the number of bytes is another one.
     #[must_use]
     pub(crate) fn new(rgb: &[u8], width: usize, height: usize) -> Self {
-        assert_eq!(rgb.len(), 3 * width * height, "three bytes a pixel");
+        assert_eq!(rgb.len(), 3 * width * height, "three bytes per pixel");
         let smooth = smooth(rgb, width, height);
         let row = 3 * width;
+        // The border stays at the greatest strength, so that no region reaches it.
         let mut strength = vec![255; width * height];
         if width < 3 || height < 3 {
             return Self { width, height, strength };
@@ -68,7 +71,7 @@ impl Edges {
             let up = &smooth[at - row..at];
             let here = &smooth[at..at + row];
             let down = &smooth[at + row..at + 2 * row];
-            // Five byte-wise streams of equal length: the compiler makes vector code of this loop.
+            // The compiler makes vector code of a loop over five byte streams of equal length.
             let (l, c, r) = (&here[..inner], &here[3..3 + inner], &here[6..6 + inner]);
             let (u, d, out) = (&up[3..3 + inner], &down[3..3 + inner], &mut range[..inner]);
             for i in 0..inner {
@@ -76,7 +79,8 @@ impl Edges {
                 let low = l[i].min(c[i]).min(r[i]).min(u[i]).min(d[i]);
                 out[i] = high - low;
             }
-            // The largest of three channels, for all bytes at once; each third one is wanted.
+            // The largest of three channels is computed at each byte, for the sake of vector code.
+            // Each third result is a pixel, the others mix two pixels.
             let (first, second, third) = (&range[..inner], &range[1..=inner], &range[2..]);
             for (((largest, a), b), c) in largest.iter_mut().zip(first).zip(second).zip(third) {
                 *largest = (*a).max(*b).max(*c);
@@ -89,9 +93,10 @@ impl Edges {
         Self { width, height, strength }
     }
 
-    /// Median edge strength of a sparse sample: the level of noise and texture.
+    /// Returns the level of noise and texture: the 15th percentile of the edge strength.
     #[must_use]
     pub(crate) fn floor(&self) -> u8 {
+        // A sparse sample of one pixel in twenty costs little and is exact enough for a percentile.
         let mut counts = [0u32; 256];
         let mut total = 0;
         for y in (1..self.height.saturating_sub(1)).step_by(4) {
@@ -105,7 +110,8 @@ impl Edges {
         percentile(&counts, total, 0.15)
     }
 
-    /// The 4-connected regions whose edge strength is below `threshold` and that look like tiles.
+    /// Finds the 4-connected regions whose edge strength is below `threshold`. Returns those that
+    /// look like tiles, and the number of all regions.
     #[must_use]
     pub(crate) fn tiles(&self, threshold: u8, limits: &TileLimits) -> (Vec<Tile>, usize) {
         let mut runs = Runs::default();
@@ -116,7 +122,8 @@ impl Edges {
         runs.tiles(limits)
     }
 
-    /// Whether edges of this strength run along all four sides of the cell at `g` of a lattice.
+    /// Checks whether edges of this strength run along all four sides of the cell at `g` of a
+    /// lattice.
     pub(super) fn bound(&self, h: &Matrix3<f64>, g: Point, threshold: u8) -> bool {
         let strength = |p: Point| {
             let (x, y) = apply(h, p);
@@ -126,6 +133,8 @@ impl Edges {
             }
             self.strength[y as usize * self.width + x as usize]
         };
+        // Each side is searched on five lines outwards, from 0.36 to 0.60 of a pitch. One of the
+        // five may miss, at a scratch or a gap of the edge.
         [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)].into_iter().all(|(nx, ny)| {
             let marked = (-2..=2)
                 .filter(|k| {
@@ -142,12 +151,13 @@ impl Edges {
     }
 }
 
-/// Hands over the first and the one after the last place of each run of values below `threshold`.
+/// Calls `run` with the start and the end (exclusive) of each run of values below `threshold`.
 fn runs_below(line: &[u8], threshold: u8, mut run: impl FnMut(usize, usize)) {
     let mut start = 0;
     let mut inside = 0u64;
     for (block, values) in line.chunks(64).enumerate() {
-        // One bit a value: compared eight at a time, gathered by a multiplication.
+        // One bit per value. The comparison is vector code. A multiplication gathers eight flags in
+        // the highest byte of its product.
         let mut below = [0u8; 64];
         for (flag, value) in below.iter_mut().zip(values) {
             *flag = u8::from(*value < threshold);
@@ -157,6 +167,8 @@ fn runs_below(line: &[u8], threshold: u8, mut run: impl FnMut(usize, usize)) {
             let gathered = u64::from_le_bytes(*eight).wrapping_mul(0x0102_0408_1020_4080) >> 56;
             mask |= gathered << (8 * k);
         }
+        // A bit differs from the one before it where a run begins or ends. `inside` carries the
+        // last bit over to the next block.
         let mut changes = mask ^ (mask << 1 | inside);
         inside = mask >> 63;
         while changes != 0 {
@@ -175,7 +187,7 @@ fn runs_below(line: &[u8], threshold: u8, mut run: impl FnMut(usize, usize)) {
     }
 }
 
-/// 1 2 1 over 4 along both directions; borders are repeated.
+/// Smooths by 1 2 1 over 4 in both directions. The border is repeated.
 pub(super) fn smooth(rgb: &[u8], width: usize, height: usize) -> Vec<u8> {
     let row = 3 * width;
     let mut out = vec![0u8; rgb.len()];
@@ -196,6 +208,7 @@ pub(super) fn smooth(rgb: &[u8], width: usize, height: usize) -> Vec<u8> {
             line[row - 3 + i] = 4 * u16::from(source[row - 3 + i]);
         }
     };
+    // Three rolling rows: the kernel is separable, and each row is smoothed horizontally once.
     let (mut a, mut b, mut c) = (vec![0u16; row], vec![0u16; row], vec![0u16; row]);
     horizontal(0, &mut b);
     a.copy_from_slice(&b);
@@ -211,7 +224,7 @@ pub(super) fn smooth(rgb: &[u8], width: usize, height: usize) -> Vec<u8> {
     out
 }
 
-/// Level below which the share `p` of the counted values lies.
+/// Returns the level below which the share `p` of the counted values lies.
 #[must_use]
 pub(super) fn percentile(counts: &[u32; 256], total: u32, p: f64) -> u8 {
     let wanted = (f64::from(total) * p) as u32;
@@ -225,24 +238,29 @@ pub(super) fn percentile(counts: &[u32; 256], total: u32, p: f64) -> u8 {
     255
 }
 
-/// Run lengths with a union-find forest over them: the paper's and `CMVision`'s way to regions.
+/// Run lengths with a union-find forest over them, the method of the paper and of `CMVision`.
 #[derive(Debug, Default)]
 pub(super) struct Runs {
     all: Vec<Run>,
-    /// Index of the first run of the row above, of this row, and the scan position in the row above.
+    /// Index of the first run of the row above.
     above: usize,
+    /// Index of the first run of this row.
     current: usize,
+    /// Index of the next run of the row above that may touch a run of this row.
     cursor: usize,
 }
 
 /// Pixels side by side: row, first, one after the last.
 pub(super) type Stretch = (usize, usize, usize);
 
+/// Run of pixels with its place in the union-find forest.
 #[derive(Debug, Clone, Copy)]
 struct Run {
     start: u32,
+    /// End of the run (exclusive).
     end: u32,
     y: u32,
+    /// Index of the parent run, or its own index at a root.
     parent: u32,
 }
 
@@ -265,10 +283,13 @@ impl Runs {
         self.cursor = self.above;
     }
 
-    /// Adds the run `start..end` of row `y` and joins it with those that it touches in the row above.
+    /// Adds the run `start..end` of row `y`, and joins it with the runs of the row above that it
+    /// touches. The runs of a row must come from left to right.
     pub(super) fn push(&mut self, start: usize, end: usize, y: usize) {
         let me = self.all.len() as u32;
         let mut run = Run { start: start as u32, end: end as u32, y: y as u32, parent: me };
+        // The cursor never moves back, so the time of a row is linear in its runs. It stays at the
+        // last run that touches, since that one may touch the next run as well.
         while self.cursor < self.current && self.all[self.cursor].end <= run.start {
             self.cursor += 1;
         }
@@ -278,6 +299,8 @@ impl Runs {
             if run.parent == me {
                 run.parent = root;
             } else {
+                // The run joins two regions. The earlier root remains, so that the number of a
+                // region follows the order of the rows.
                 let mine = self.root(run.parent);
                 let (low, high) = (mine.min(root), mine.max(root));
                 self.all[high as usize].parent = low;
@@ -288,7 +311,7 @@ impl Runs {
         self.all.push(run);
     }
 
-    /// Root of a run's tree, with path compression.
+    /// Returns the root of a run's tree, and halves the path to it.
     fn root(&mut self, mut i: u32) -> u32 {
         while self.all[i as usize].parent != i {
             let grand = self.all[self.all[i as usize].parent as usize].parent;
@@ -298,8 +321,8 @@ impl Runs {
         i
     }
 
-    /// The runs (row, first, one after the last) of each region of `least` pixels or more, row by row, and how many
-    /// regions there are of any size.
+    /// Returns the runs of each region of `least` pixels or more, row by row, and the number of
+    /// regions of any size.
     pub(super) fn regions(mut self, least: usize) -> (Vec<Vec<Stretch>>, usize) {
         let mut areas = vec![0u32; self.all.len()];
         for i in 0..self.all.len() {
@@ -307,7 +330,8 @@ impl Runs {
             areas[root] += self.all[i].end - self.all[i].start;
         }
         let count = areas.iter().filter(|&&area| area > 0).count();
-        // From here on the entry of a root is its region's number.
+        // From here on the entry of a root is the number of its region. Small regions are only
+        // counted: a textured picture has very many of them.
         let mut regions = 0;
         for area in &mut areas {
             let small = (*area as usize) < least.max(1);
@@ -326,9 +350,9 @@ impl Runs {
         (members, count)
     }
 
-    /// The regions that look like tiles, and the number of all regions.
+    /// Returns the regions that look like tiles, and the number of all regions.
     pub(super) fn tiles(mut self, limits: &TileLimits) -> (Vec<Tile>, usize) {
-        // Number the roots first, so that the table of sums has one entry a region.
+        // Roots are numbered as they appear, so that the table of sums has one entry per region.
         let mut slot = vec![u32::MAX; self.all.len()];
         let mut sums: Vec<Sums> = Vec::new();
         for i in 0..self.all.len() {
@@ -341,7 +365,8 @@ impl Runs {
             let (a, b, y) = (u64::from(start), u64::from(end), u64::from(y));
             let n = b - a;
             let x = n * (a + b - 1) / 2;
-            // Sum of squares of a..b as a difference of pyramids.
+            // The sum of the squares of a..b is a difference of two pyramidal numbers. Sums of
+            // integers are exact.
             let pyramid = |k: u64| if k == 0 { 0 } else { (k - 1) * k * (2 * k - 1) / 6 };
             let s = &mut sums[slot[root] as usize];
             s.n += n;
@@ -357,21 +382,24 @@ impl Runs {
 }
 
 impl Sums {
+    /// Returns the region as a tile, if it is within the limits.
     fn tile(&self, limits: &TileLimits) -> Option<Tile> {
         let n = self.n as f64;
         if n < limits.area.0 || n > limits.area.1 {
             return None;
         }
         let (x, y) = (self.x as f64 / n, self.y as f64 / n);
-        // A pixel is a square of one, not a point: it has a moment of its own of 1/12.
+        // A pixel is a square of one, not a point. It adds its own moment of 1/12.
         let xx = self.xx as f64 / n - x * x + 1.0 / 12.0;
         let yy = self.yy as f64 / n - y * y + 1.0 / 12.0;
         let xy = self.xy as f64 / n - x * y;
+        // A parallelogram with these moments has the area 12 sqrt(det).
         let det = xx * yy - xy * xy;
         let fullness = n / (12.0 * det.max(1e-9).sqrt());
         if fullness < limits.fullness.0 || fullness > limits.fullness.1 {
             return None;
         }
+        // The axes of inertia are the roots of the eigenvalues of the moments.
         let half = f64::midpoint(xx, yy);
         let root = (half * half - det).max(0.0).sqrt();
         let elongation = ((half + root) / (half - root).max(1e-9)).sqrt();
@@ -403,7 +431,7 @@ mod tests {
     }
 
     #[test]
-    fn a_square_is_a_tile_with_its_centre_and_moments() {
+    fn square_becomes_tile_with_centre_and_fullness() {
         let rgb = picture(|x, y| (20.0..40.0).contains(&x) && (15.0..35.0).contains(&y));
 
         let (tiles, regions) = Edges::new(&rgb, 80, 60).tiles(20, &LIMITS);
@@ -414,7 +442,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cross_is_no_tile() {
+    fn cross_is_no_tile() {
         let rgb = picture(|x, y| {
             let (dx, dy) = ((x - 40.0).abs(), (y - 30.0).abs());
             dx < 25.0 && dy < 25.0 && (dx < 7.0 || dy < 7.0)
@@ -424,7 +452,7 @@ mod tests {
     }
 
     #[test]
-    fn runs_are_those_of_a_plain_scan() {
+    fn runs_equal_those_of_plain_scan() {
         let values: Vec<u8> =
             (0..333u32).map(|i| ((i * i * 2654) >> 7) as u8 / (1 + (i / 100) as u8)).collect();
         for length in [0, 1, 63, 64, 65, 128, 200, 333] {
@@ -444,7 +472,7 @@ mod tests {
     }
 
     #[test]
-    fn a_u_shaped_region_is_one_region() {
+    fn u_shape_is_one_region() {
         let mut runs = Runs::default();
         for y in 0..4 {
             runs.begin_row();

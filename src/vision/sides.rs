@@ -1,12 +1,24 @@
-//! The sides of a face's tiles: a tile that a finger cuts, or a reflection, still shows where its other sides are.
+//! The sides of a face's tiles, by which a lattice is fitted even where fingers cut its tiles.
 //!
-//! From each cell of a lattice lines are followed outwards, four ways, until the first edge. On the sides of a tile
-//! they end at one distance from the cell's middle, the same for all tiles of a face; on a finger's outline, or
-//! where nothing is, they do not. The lattice is fitted to the ends that agree, and what agrees then is seen.
+//! A tile that a finger or a reflection cuts still shows its other sides. From each cell of a
+//! lattice, lines are followed outwards in four directions until the first edge. On the sides of
+//! tiles all lines end at one distance from the middle of their cell, on the outline of a finger or
+//! in the background they do not. The lattice is fitted to the ends that agree. The sides that
+//! agree with the fitted lattice count as seen.
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | side is seen | [`ENOUGH`] of the lines of [`ALONG`] | the majority |
+//! | line ends on a side | `reach`, 0.22 down to 0.08 pitches | each fit comes closer |
+//! | row or column is empty | 3 sides of 12 or fewer | a row of background shows its neighbour's |
+//! | lattice a row over is better | 2 sides more | one more may be chance |
+//! | too few ends | 24 of 180 | eight unknowns, one equation for each end |
+//! | fit is wrong | a corner moves 0.6 pitches | the start is at most a fifth off |
 //!
 //! - in: [`Edges`], a first homography of the face, half a tile's side in pitches
 //! - out: the homography that fits the sides, and which sides of the nine tiles are seen
-//! - source: own work; least squares on lines by the direct linear transform with Tukey's weights
+//! - source: own work; least squares on lines by the direct linear transform (Hartley and Zisserman
+//!   2004) with Tukey's weights
 
 use super::homography::{self, GRID, Point, apply};
 use super::segment::Edges;
@@ -15,41 +27,44 @@ use nalgebra::{Matrix3, SMatrix, SVector};
 /// The sides of nine tiles.
 #[derive(Debug, Clone)]
 pub(super) struct Sides {
-    /// Takes (column - 1, row - 1) to pixels.
+    /// Homography from (column - 1, row - 1) to pixels.
     pub(super) homography: Matrix3<f64>,
-    /// How many sides of each tile are seen, 0..=4.
+    /// Number of sides of each tile that are seen, 0..=4.
     pub(super) seen: [u8; 9],
-    /// Side of a tile as edges bound it, in pitches.
+    /// Length of a tile's side between its edges, in pitches.
     pub(super) sticker: f64,
 }
 
-/// Where lines start beside a cell's middle, in pitches: beyond a maker's mark, and off the corners.
+/// Offsets of the lines from the middle of their cell, in pitches: some pass a maker's mark, none
+/// meets a corner.
 const ALONG: [f64; 5] = [-0.24, -0.12, 0.0, 0.12, 0.24];
-/// How many of them must end on a side.
+/// Number of lines that must end on a side.
 const ENOUGH: usize = 3;
-/// The four ways outwards.
-const WAYS: [Point; 4] = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)];
+/// Four directions outwards.
+const DIRECTIONS: [Point; 4] = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)];
 
-/// The end of a line.
+/// End of a line.
 #[derive(Debug, Clone, Copy)]
 struct End {
     cell: usize,
-    way: usize,
-    /// From the cell's middle, in pitches.
+    direction: usize,
+    /// Distance from the middle of the cell, in pitches.
     distance: f64,
     pixel: Point,
 }
 
 impl Sides {
-    /// How many sides are seen in all.
+    /// Returns the number of sides that are seen, over all nine tiles.
     pub(super) fn total(&self) -> u8 {
         self.seen.iter().sum()
     }
 
-    /// The same, or the face a row or a column over, when that shows clearly more sides: a face of which one row is hidden
-    /// was perhaps taken with a row of nothing.
+    /// Fits the homography like [`Self::fit`], or the one a row or a column over if that shows at
+    /// least two more sides. If one row of a face is hidden, the lattice may have taken a row of
+    /// background instead.
     pub(super) fn best(edges: &Edges, threshold: u8, start: &Matrix3<f64>, half: f64) -> Self {
         let mut best = Self::fit(edges, threshold, start, half);
+        // Only away from an empty row or column can the face lie.
         let lacks = |line: [usize; 3]| line.iter().map(|&i| best.seen[i]).sum::<u8>() <= 3;
         let over = [
             ([0, 3, 6], (1.0, 0.0)),
@@ -73,12 +88,15 @@ impl Sides {
         best
     }
 
-    /// Fits the homography to the tiles' sides, from one that is up to a fifth of a pitch off.
+    /// Fits the homography to the sides of the tiles. The first one, `start`, may be off by up to a
+    /// fifth of a pitch. `half` is half a tile's side in pitches.
     pub(super) fn fit(edges: &Edges, threshold: u8, start: &Matrix3<f64>, half: f64) -> Self {
         let mut h = *start;
         let mut half = half;
         for reach in [0.22, 0.16, 0.11, 0.08] {
             let ends = ends(edges, threshold, &h, half - reach - 0.02);
+            // The sides of this cube's tiles, not the first guess, say how wide its tiles are. The
+            // median ignores the ends on fingers.
             let near = |end: &&End| (end.distance - half).abs() < reach;
             let mut distances: Vec<f64> = ends.iter().filter(near).map(|e| e.distance).collect();
             distances.sort_by(f64::total_cmp);
@@ -89,45 +107,49 @@ impl Sides {
             h = fitted;
         }
         let pitch = homography::smallest_pitch(&GRID.map(|g| apply(&h, g)));
-        // Nearer to this tile's side than to the next tile's.
+        // An end counts for this tile only if it is nearer to its side than to the next tile's.
         let nearer = (0.8 * (0.5 - half)).max(0.7 / pitch);
         let reach = (1.2 / pitch).clamp(0.05, 0.10).min(nearer);
         let mut counts = [[0; 4]; 9];
         for end in ends(edges, threshold, &h, half - reach - 0.03) {
-            counts[end.cell][end.way] += usize::from((end.distance - half).abs() < reach);
+            counts[end.cell][end.direction] += usize::from((end.distance - half).abs() < reach);
         }
         let seen = counts.map(|sides| sides.iter().filter(|&&n| n >= ENOUGH).count() as u8);
         Self { homography: h, seen, sticker: 2.0 * half }
     }
 }
 
-/// Where the lines end that start in the clear, `from` pitches from the middle of their cells.
+/// Finds the ends of the lines. Each line starts `from` pitches from the middle of its cell; a line
+/// that starts on an edge has none.
 fn ends(edges: &Edges, threshold: u8, h: &Matrix3<f64>, from: f64) -> Vec<End> {
     let strength = |p: Point| {
         let (x, y) = (p.0.round(), p.1.round());
-        // The picture's border is an edge of nothing.
+        // The border of the picture is no edge of a tile.
         let (right, bottom) = (edges.width as f64 - 2.0, edges.height as f64 - 2.0);
         let inside = x > 1.0 && y > 1.0 && x < right && y < bottom;
         inside.then(|| edges.strength[y as usize * edges.width + x as usize])
     };
+    // A maker's mark in the middle of a tile has edges as well.
     let from = from.max(0.12);
     let mut ends = Vec::with_capacity(180);
     for (cell, g) in GRID.into_iter().enumerate() {
-        for (way, (nx, ny)) in WAYS.into_iter().enumerate() {
+        for (direction, (nx, ny)) in DIRECTIONS.into_iter().enumerate() {
             let place = |out: f64, along: f64| {
                 apply(h, (g.0 + nx * out - ny * along, g.1 + ny * out + nx * along))
             };
             let pitch = homography::distance(place(0.0, 0.0), place(0.5, 0.0)) * 2.0;
+            // Half a pixel, so that no edge is stepped over.
             let step = 0.5 / pitch.max(1.0);
             for along in ALONG {
                 let mut out = from;
+                // Beyond 0.5 pitches begins the next cell; 0.7 allows for the error of the start.
                 while out < 0.7 {
                     let pixel = place(out, along);
                     match strength(pixel) {
                         None => break,
                         Some(s) if s >= threshold => {
                             if out > from {
-                                ends.push(End { cell, way, distance: out, pixel });
+                                ends.push(End { cell, direction, distance: out, pixel });
                             }
                             break;
                         }
@@ -140,8 +162,11 @@ fn ends(edges: &Edges, threshold: u8, h: &Matrix3<f64>, from: f64) -> Vec<End> {
     ends
 }
 
-/// The homography whose tiles' sides lie at the ends, each weighted by how near it was.
+/// Solves for the homography whose sides pass through the ends. The weight of an end falls with its
+/// distance from its side. Returns `None` if there are too few ends, or if the face moves too far.
 fn solve(ends: &[End], h: &Matrix3<f64>, half: f64, reach: f64) -> Option<Matrix3<f64>> {
+    // Pixels are taken about the middle and in units of a pitch, so that the equations are well
+    // conditioned.
     let middle = apply(h, (0.0, 0.0));
     let scale = homography::distance(middle, apply(h, (1.0, 1.0)));
     let mut normal = SMatrix::<f64, 8, 8>::zeros();
@@ -155,8 +180,9 @@ fn solve(ends: &[End], h: &Matrix3<f64>, half: f64, reach: f64) -> Option<Matrix
         count += 1;
         let weight = (1.0 - off * off).powi(2);
         let (u, v) = ((end.pixel.0 - middle.0) / scale, (end.pixel.1 - middle.1) / scale);
-        let (g, (nx, ny)) = (GRID[end.cell], WAYS[end.way]);
-        // One coordinate of the place in the face is known: that of the side.
+        let (g, (nx, ny)) = (GRID[end.cell], DIRECTIONS[end.direction]);
+        // On a side, one coordinate of the place in the face is known, say x. With the inverse
+        // homography g and g9 = 1: x = (g1 u + g2 v + g3) / (g7 u + g8 v + 1), linear in g.
         let (row, target) = if ny == 0.0 {
             let x = g.0 + nx * half;
             (SVector::<f64, 8>::from([u, v, 1.0, 0.0, 0.0, 0.0, -x * u, -x * v]), x)
@@ -186,7 +212,8 @@ mod tests {
 
     const TRUTH: [f64; 9] = [33.0, 5.0, 120.0, -4.0, 30.0, 100.0, 0.02, -0.03, 1.0];
 
-    /// Edges of a face of nine tiles with sides of 0.8, the hidden ones of these cells gone.
+    /// Returns the edges of a face of nine tiles with sides of 0.8 pitches, without the hidden
+    /// tiles.
     fn edges(hidden: &[usize]) -> (Edges, Matrix3<f64>) {
         let truth = Matrix3::from_row_slice(&TRUTH);
         let inverse = truth.try_inverse().unwrap();
@@ -208,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sides_of_six_tiles_put_a_crooked_lattice_right() {
+    fn sides_of_six_tiles_correct_crooked_lattice() {
         let (edges, truth) = edges(&[1, 4, 6]);
         let mut crooked = truth;
         crooked[(0, 2)] += 4.0;
@@ -221,8 +248,9 @@ mod tests {
         assert_eq!(sides.seen, [4, 0, 4, 4, 0, 4, 0, 4, 4]);
     }
 
+    /// A lattice that lies a row too low, with a row of background, is moved up.
     #[test]
-    fn a_face_taken_with_a_row_of_nothing_is_found_a_row_over() {
+    fn lattice_is_moved_off_an_empty_row() {
         let (edges, truth) = edges(&[0]);
         let below = truth * Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0);
 
@@ -234,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn the_border_of_a_picture_is_no_side() {
+    fn border_of_picture_is_no_side() {
         let edges = Edges::new(&[90; 3 * 60 * 60], 60, 60);
         let h = Matrix3::new(25.0, 0.0, 30.0, 0.0, 25.0, 30.0, 0.0, 0.0, 1.0);
 

@@ -1,7 +1,8 @@
 //! A colour table of a rig that never moves, learned from cubes of known state.
 //!
-//! In a rig the reflections are always at the same places: so each facelet has its own mean shift from what its
-//! colour looks like, and its own spread, both drawn towards none as long as few samples are known.
+//! In a rig the reflections are always at the same places. Each facelet therefore has its own mean
+//! shift from its colour, and its own spread. Priors shrink both towards none while there are few
+//! samples.
 //!
 //! - in: mean RGB of 54 facelets with their true colours, several times
 //! - out: [`ColourTable`]; with it, 54 mean colours -> [`Decision`]
@@ -12,48 +13,51 @@ use super::whole::{Decision, Undecided, decide_cube, decide_expected};
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// What the colours look like in a rig.
+/// Appearance of the six colours in a rig.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ColourTable {
-    /// Mean place in the colour space (lightness weighted down, a*, b*) of each colour, 0..=5 = URFDLB.
+    /// Mean place of each colour, 0..=5 = URFDLB, in the colour space (weighted lightness, a\*,
+    /// b\*).
     means: [[f64; 3]; 6],
-    /// Mean shift of each facelet from that, in the order URFDLB.
+    /// Mean shift of each facelet from its colour, in the order URFDLB.
     shifts: Vec<[f64; 3]>,
-    /// Variance of each facelet against the common one.
+    /// Variance of each facelet, relative to the common one.
     variances: Vec<f64>,
-    /// Covariance that all of them have in common, row by row.
+    /// Covariance that all facelets share, row by row.
     covariance: [[f64; 3]; 3],
-    /// How many cubes it was learned from.
+    /// Number of cubes that the table was learned from.
     pub cubes: usize,
 }
 
 /// A cube whose state is known: mean RGB of each facelet, 0..=255, and its colour, 0..=5 = URFDLB.
 pub type KnownCube = ([[f64; 3]; 54], [u8; 54]);
 
-/// Samples' worth of belief that a facelet is not shifted, and that its spread is the common one.
+/// Weight of the prior that a facelet is not shifted, in samples.
 const UNSHIFTED: f64 = 2.0;
+/// Weight of the prior that the spread of a facelet is the common one, in samples.
 const COMMON: f64 = 6.0;
 
-/// Samples' worth of belief in a standard deviation of [`SPREAD`] units.
+/// Weight of the prior of the common spread, in samples.
 const SPREAD_PRIOR: f64 = 18.0;
+/// Expected standard deviation, in units of the colour space.
 const SPREAD: f64 = 5.0;
 
-/// No table.
+/// Reason why there is no usable table.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Unlearned {
-    /// A colour was never seen.
-    #[error("colour {0} is on none of the cubes")]
+    /// None of the cubes has this colour.
+    #[error("no cube has colour {0}")]
     Unseen(char),
-    /// The covariance cannot be inverted, or the table has values that are no numbers.
-    #[error("the table has no usable spread")]
+    /// The covariance cannot be inverted, or a value of the table is not a number.
+    #[error("the colour table is not usable: a value is not finite, or a spread is not positive")]
     NoSpread,
 }
 
 impl ColourTable {
-    /// Learns from cubes of known state.
+    /// Learns a table from cubes of known state.
     ///
     /// # Errors
-    /// [`Unlearned::Unseen`] when a colour does not occur.
+    /// [`Unlearned::Unseen`] if a colour does not occur.
     pub fn learn(cubes: &[KnownCube]) -> Result<Self, Unlearned> {
         let samples: Vec<(usize, usize, Vector3<f64>)> = cubes
             .iter()
@@ -65,6 +69,7 @@ impl ColourTable {
         let each = cubes.len() as f64;
         let mut means = [Vector3::zeros(); 6];
         let mut shifts = [Vector3::zeros(); 54];
+        // Means depend on the shifts and the shifts on the means, so both are estimated in turns.
         for _ in 0..10 {
             for (colour, mean) in means.iter_mut().enumerate() {
                 let own = samples.iter().filter(|(_, c, _)| *c == colour);
@@ -80,6 +85,7 @@ impl ColourTable {
             for (i, colour, p) in &samples {
                 sums[*i] += p - means[*colour];
             }
+            // Shrinkage: the prior counts as samples without a shift.
             shifts = sums.map(|sum| sum / (each + UNSHIFTED));
         }
         let mut scatter = Matrix3::identity() * (SPREAD_PRIOR * SPREAD * SPREAD);
@@ -90,6 +96,7 @@ impl ColourTable {
             squares[*i] += d.norm_squared();
         }
         let covariance: Matrix3<f64> = scatter / (SPREAD_PRIOR + samples.len() as f64);
+        // A facelet has too few samples for a covariance of its own, so only its size is learned.
         let variances = squares
             .map(|sum| (sum + COMMON * covariance.trace()) / (each + COMMON) / covariance.trace());
         Ok(Self {
@@ -104,23 +111,27 @@ impl ColourTable {
     /// Decides the 54 facelets of a cube in the rig.
     ///
     /// # Errors
-    /// [`Undecided`] as for a cube without a table.
+    /// [`Undecided`] as in [`decide_cube`].
     pub fn decide(&self, rgb: &[[f64; 3]; 54]) -> Result<Decision, Undecided> {
         match self.expected() {
             Ok(expected) => decide_expected(rgb, expected),
-            // A table without a spread knows nothing.
+            // A table without a usable spread has no information, so the cube decides alone.
             Err(_) => decide_cube(rgb),
         }
     }
 
-    /// Whether the table can be used: for one that was read from a file.
+    /// Checks whether the table can be used. Call it on a table that was read from a file.
     ///
     /// # Errors
-    /// [`Unlearned::NoSpread`].
+    /// [`Unlearned::NoSpread`] if it cannot.
     pub fn check(&self) -> Result<(), Unlearned> {
         self.expected().map(|_| ())
     }
 
+    /// Converts the table to the form that the decision takes.
+    ///
+    /// # Errors
+    /// [`Unlearned::NoSpread`] if the covariance cannot be inverted, or a value is not a number.
     fn expected(&self) -> Result<Expected, Unlearned> {
         let covariance = Matrix3::from(self.covariance);
         let precision = covariance.cholesky().map(|f| f.inverse()).ok_or(Unlearned::NoSpread)?;
@@ -128,6 +139,7 @@ impl ColourTable {
             self.shifts.as_slice().try_into().map_err(|_| Unlearned::NoSpread)?;
         let variances: [f64; 54] =
             self.variances.as_slice().try_into().map_err(|_| Unlearned::NoSpread)?;
+        // A file may hold anything, and one NaN would reach all facelets.
         let numbers = self.means.iter().chain(&shifts).flatten().all(|v| v.is_finite());
         let positive = variances.iter().all(|v| v.is_finite() && *v > 0.0);
         if !numbers || !positive {
@@ -147,7 +159,8 @@ mod tests {
     use super::*;
     use crate::cube::{Cube, Facelets};
 
-    /// Stickers under a rig's light: each face has its own haze, and lightens some colours into others.
+    /// Returns the stickers under the light of a rig: the haze of each face makes some colours look
+    /// like others.
     fn measured(state: &[u8; 54], noise: u64) -> [[f64; 3]; 54] {
         const STICKERS: [[f64; 3]; 6] = [
             [220.0, 220.0, 220.0],
@@ -169,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn a_table_learned_from_four_cubes_reads_others() {
+    fn table_from_four_cubes_reads_other_cubes() {
         let known: Vec<KnownCube> = (0..4).map(|k| (measured(&state(k), k), state(k))).collect();
 
         let table = ColourTable::learn(&known).unwrap();
@@ -181,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn a_colour_that_was_never_seen_is_named() {
+    fn learning_names_missing_colour() {
         let mut known = (measured(&state(1), 1), state(1));
         known.1.iter_mut().filter(|c| **c == 2).for_each(|c| *c = 1);
 

@@ -1,6 +1,6 @@
-//! A drawer of cubes for tests: three faces in perspective with lens, blur and noise, finger bars on demand.
+//! A renderer of cubes for tests: faces in perspective with lens, noise and, on demand, fingers.
 //!
-//! It shares no constant with the detector; the plant has its own renderer.
+//! It shares no constant with the detector. The plant has its own renderer.
 
 use super::homography::{OUTLINE, Point};
 use crate::cell::Intrinsics;
@@ -21,16 +21,17 @@ pub(crate) const STICKERS: [[f64; 3]; 6] = [
     [15.0, 70.0, 165.0],
 ];
 
-/// What is to be drawn.
+/// Scene to render.
 pub(crate) struct Drawing {
     pub(crate) camera: Intrinsics,
     pub(crate) edge: f64,
-    /// Faces: `camera_from_face` with the colours of its tiles.
+    /// Faces: `camera_from_face`, and the colours of the tiles.
     pub(crate) faces: Vec<(Pose, [u8; 9])>,
-    /// Rectangles in a face's plane, over everything: index of the face, (x0, y0, x1, y1) in pitches, colour.
+    /// Rectangles in a face's plane, over everything: index of the face, (x0, y0, x1, y1) in
+    /// pitches, colour.
     pub(crate) bars: Vec<(usize, [f64; 4], [f64; 3])>,
     pub(crate) background: [f64; 3],
-    /// Standard deviation of the noise, of 255.
+    /// Standard deviation of the noise, in levels of 255.
     pub(crate) noise: f64,
     /// Factor on all light.
     pub(crate) light: f64,
@@ -51,7 +52,7 @@ impl Drawing {
         }
     }
 
-    /// 4x4 samples a pixel through the inverse of the projection.
+    /// Renders 4x4 samples for each pixel near a face by the inverse of the projection.
     pub(crate) fn render(&self) -> RgbImage {
         let mut random = Pcg64::seed_from_u64(self.seed);
         let noise = Normal::new(0.0, self.noise).unwrap();

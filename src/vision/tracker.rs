@@ -1,13 +1,22 @@
-//! The cube over time: a constant-velocity Kalman filter, gated, with an honest age.
+//! Tracker of the cube over time: a constant-velocity Kalman filter with gates.
 //!
-//! The centre moves at a velocity that changes slowly; the orientation walks at random, its error kept as a small
-//! rotation. Both are gated: one face alone leaves two poses with nearly one centre, and only the angle tells that a
-//! measurement is the other one.
+//! The centre moves at a velocity that changes slowly. The orientation is a random walk, whose
+//! error is a small rotation. Both are gated. One face alone leaves two poses with nearly the same
+//! centre, and only the angle shows that a measurement is the other pose.
 //!
-//! - in: measured poses with their time and covariance, in one fixed frame (the world's, or a standing camera's)
-//! - out: predicted pose, velocity, uncertainty, the window to look at, the age of the last measurement
-//! - source: Kalman (1960) with white-noise acceleration; Bar-Shalom et al. (2001), ch. 6; rotation errors as in
-//!   Markley, "Attitude error representations for Kalman filtering" (2003)
+//! | case | threshold (default) | reason |
+//! |---|---|---|
+//! | outlier | `gate`: 4.5 deviations | rejects the other pose of a single face |
+//! | cube has jumped | `patience`: 3 outliers in a row | outliers are single measurements |
+//! | track is lost | `lost_after`: 1 s | a hand may be anywhere by then |
+//! | measurement is old | not newer than the last one | no picture may count twice |
+//!
+//! - in: measured poses with their time and covariance, in one fixed frame (of the world, or of a
+//!   fixed camera)
+//! - out: predicted pose, velocity, covariance, the window to search, the age of the last
+//!   measurement
+//! - source: Kalman (1960) with white-noise acceleration; Bar-Shalom et al. (2001), ch. 6; rotation
+//!   errors as in Markley, "Attitude error representations for Kalman filtering" (2003)
 
 use super::Rect;
 use super::detect::window_around;
@@ -18,20 +27,21 @@ use nalgebra::{
     Matrix3, Matrix3x6, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6,
 };
 
-/// What the tracker believes about the motion.
+/// Settings of the tracker: a model of the motion, and its gates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrackerSettings {
-    /// Spectral density of the acceleration noise (m^2/s^3): a hand that starts and stops at 0.2 m/s within
-    /// 0.3 s has about 0.1.
+    /// Spectral density of the acceleration noise (m^2/s^3). A hand that starts and stops at 0.2
+    /// m/s within 0.3 s has about 0.1.
     pub acceleration: f64,
-    /// Spectral density of the turning as a random walk (rad^2/s): a hand turns the cube by 0.1 rad within a second
-    /// without meaning to.
+    /// Spectral density of the rotation as a random walk (rad^2/s). A hand turns the cube
+    /// unintentionally by 0.1 rad within a second.
     pub turning: f64,
-    /// A measurement whose centre or orientation is farther away than this many standard deviations is not believed.
+    /// Greatest distance of an accepted measurement from its prediction, in standard deviations of
+    /// the centre or of the orientation.
     pub gate: f64,
-    /// After so many measurements in a row that were not believed the track starts anew.
+    /// Number of rejected measurements in a row after which the track restarts.
     pub patience: u32,
-    /// A track whose last believed measurement is older than this is lost (s).
+    /// Age of the last accepted measurement above which the track is lost (s).
     pub lost_after: f64,
 }
 
@@ -41,23 +51,24 @@ impl Default for TrackerSettings {
     }
 }
 
-/// What became of a measurement.
+/// Result of a measurement.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Update {
-    /// The track begins with it, also after too many that were not believed.
+    /// The track starts with the measurement, or restarts after too many rejected ones.
     Started,
-    /// Believed; at so many standard deviations from the prediction, in place or orientation.
+    /// The measurement is accepted. The value is its distance from the prediction in standard
+    /// deviations, the larger one of place and orientation.
     Accepted(f64),
-    /// Not believed; at so many standard deviations from the prediction, in place or orientation.
+    /// The measurement is rejected. The value is its distance as in [`Update::Accepted`].
     Gated(f64),
-    /// Not newer than what was taken before: ignored, so that nothing counts twice.
+    /// The measurement is not newer than an earlier one. It is ignored, so that none counts twice.
     Old,
 }
 
-/// Where the cube should be at a time.
+/// Predicted state of the cube at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Prediction {
-    /// `frame_from_cube`; the orientation is that of the last measurements.
+    /// Predicted `frame_from_cube`. The orientation is that of the last measurements.
     pub pose: Pose,
     /// Velocity of the centre (m/s).
     pub velocity: Vector3<f64>,
@@ -65,45 +76,49 @@ pub struct Prediction {
     pub covariance: Matrix3<f64>,
     /// Covariance of the velocity (m^2/s^2).
     pub velocity_covariance: Matrix3<f64>,
-    /// Time since the last believed measurement (s).
+    /// Time since the last accepted measurement (s).
     pub age: f64,
 }
 
 impl Prediction {
-    /// Speed of the centre (m/s).
+    /// Returns the speed of the centre (m/s).
     #[must_use]
     pub fn speed(&self) -> f64 {
         self.velocity.norm()
     }
 }
 
-/// One tracked cube.
+/// Tracker of one cube.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tracker {
     settings: TrackerSettings,
     track: Option<Track>,
+    /// Number of rejected measurements in a row.
     refused: u32,
-    /// Time of the newest measurement, believed or not (s).
+    /// Time of the newest measurement, accepted or not (s).
     newest: f64,
 }
 
+/// State of the filter.
 #[derive(Debug, Clone, PartialEq)]
 struct Track {
+    /// Time of the state (s).
     time: f64,
+    /// Time of the last accepted measurement (s).
     measured: f64,
-    /// Centre and its velocity.
+    /// Centre (m) and its velocity (m/s).
     state: Vector6<f64>,
     covariance: Matrix6<f64>,
     orientation: UnitQuaternion<f64>,
-    /// Covariance of its error, a small rotation in the frame's axes.
+    /// Covariance of the orientation's error, a small rotation in the frame's axes (rad^2).
     turn_covariance: Matrix3<f64>,
 }
 
-/// Spread of the unknown velocity of a new track (m/s).
+/// Standard deviation of the unknown velocity of a new track (m/s).
 const STARTING_SPEED: f64 = 0.3;
 
 impl Tracker {
-    /// Without a track.
+    /// Makes a tracker without a track.
     #[must_use]
     pub fn new(settings: TrackerSettings) -> Self {
         Self { settings, track: None, refused: 0, newest: f64::NEG_INFINITY }
@@ -114,8 +129,9 @@ impl Tracker {
         *self = Self::new(self.settings);
     }
 
-    /// Takes a measured `frame_from_cube` of time `time` (s); `spread` is the covariance of a small error of it in the
-    /// frame's axes: place of the centre (m), rotation about it (rad).
+    /// Updates the track with a measured `frame_from_cube` of time `time` (s). `spread` is the
+    /// covariance of a small error in the frame's axes: place of the centre (m), rotation about it
+    /// (rad).
     pub fn update(&mut self, time: f64, measured: &Pose, spread: &Matrix6<f64>) -> Update {
         if time <= self.newest {
             return Update::Old;
@@ -126,12 +142,13 @@ impl Tracker {
             return self.start(time, measured, spread);
         };
         let (place_spread, turn_spread) = parts(spread);
+        // The place and the orientation are two filters. The track changes only after both gates.
         let (state, covariance) = track.at(time, self.settings.acceleration);
         let walked = self.settings.turning * (time - track.time);
         let turn_covariance = track.turn_covariance + Matrix3::identity() * walked;
         let innovation: Vector3<f64> =
             measured.translation.vector - state.fixed_rows::<3>(0).into_owned();
-        // A cube looks the same in 24 orientations: the nearest one counts.
+        // A cube looks the same in 24 orientations. The one nearest to the track counts.
         let relative = track.orientation.inverse() * measured.rotation;
         let named_alike = measured.rotation * nearest_of_24(&relative).inverse();
         let turn = (named_alike * track.orientation.inverse()).scaled_axis();
@@ -142,10 +159,13 @@ impl Tracker {
         else {
             return Update::Gated(f64::INFINITY);
         };
+        // Mahalanobis distances: an innovation d with the covariance S has d^T S^-1 d.
         let place_distance = innovation.dot(&factor.solve(&innovation)).sqrt();
         let distance = place_distance.max(turn.dot(&turn_factor.solve(&turn)).sqrt());
         if !distance.is_finite() || distance > self.settings.gate {
             self.refused += 1;
+            // Outliers are single measurements, so several in a row mean that the cube has jumped.
+            // An infinite distance is a broken measurement and starts no track.
             if self.refused >= self.settings.patience && distance.is_finite() {
                 return self.start(time, measured, spread);
             }
@@ -162,6 +182,7 @@ impl Tracker {
         // Joseph's form stays positive for any gain.
         track.covariance =
             keep * covariance * keep.transpose() + gain * place_spread * gain.transpose();
+        // The orientation has the gain P S^-1, because its error is measured directly (H = 1).
         let gain = turn_factor.solve(&turn_covariance).transpose();
         let keep = Matrix3::identity() - gain;
         track.orientation = UnitQuaternion::from_scaled_axis(gain * turn) * track.orientation;
@@ -171,13 +192,15 @@ impl Tracker {
         Update::Accepted(distance)
     }
 
+    /// Starts a track at a measurement, with an unknown velocity.
     fn start(&mut self, time: f64, measured: &Pose, spread: &Matrix6<f64>) -> Update {
         let (place_spread, turn_covariance) = parts(spread);
         let mut state = Vector6::zeros();
         state.fixed_rows_mut::<3>(0).copy_from(&measured.translation.vector);
         let mut covariance = Matrix6::identity() * STARTING_SPEED.powi(2);
         covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&place_spread);
-        // The track keeps its name for the cube's axes when it starts anew.
+        // A restarted track keeps its choice among the 24 orientations, so that the cube's axes do
+        // not jump.
         let orientation = self.track.as_ref().map_or(measured.rotation, |old| {
             let relative = old.orientation.inverse() * measured.rotation;
             measured.rotation * nearest_of_24(&relative).inverse()
@@ -188,7 +211,7 @@ impl Tracker {
         Update::Started
     }
 
-    /// Where the cube should be at `time`; `None` without a track, or when it is too old.
+    /// Predicts the cube at `time` (s). Returns `None` without a track, or if it is lost.
     #[must_use]
     pub fn predict(&self, time: f64) -> Option<Prediction> {
         let track = self.track.as_ref()?;
@@ -209,14 +232,15 @@ impl Tracker {
         })
     }
 
-    /// Time since the last believed measurement (s); infinite without one.
+    /// Returns the time since the last accepted measurement (s), which is infinite without one.
     #[must_use]
     pub fn age(&self, time: f64) -> f64 {
         self.track.as_ref().map_or(f64::INFINITY, |t| (time - t.measured).max(0.0))
     }
 
-    /// The part of the image in which to look at `time`: the cube's corners, three standard deviations and a
-    /// sixth of the cube around them. `None` without a track or when the cube is not before the camera.
+    /// Returns the window of the image to search at `time` (s): the cube's corners, with three
+    /// standard deviations and a sixth of the cube around them. `edge` is the edge of the cube (m).
+    /// Returns `None` without a track, or if the cube is not in front of the camera.
     #[must_use]
     pub fn window(
         &self,
@@ -236,6 +260,8 @@ impl Tracker {
             if corner.z < 0.02 {
                 return None;
             }
+            // The frame's axes differ from the camera's, so the largest deviation of any axis is
+            // taken in both directions of the picture.
             for s in [-spread, spread] {
                 corners.push(camera.project(&Point3::new(corner.x + s, corner.y + s, corner.z)));
             }
@@ -244,15 +270,17 @@ impl Tracker {
     }
 }
 
-/// Covariance of the place and of the rotation.
+/// Splits a covariance into those of the place (m^2) and of the rotation (rad^2).
 fn parts(spread: &Matrix6<f64>) -> (Matrix3<f64>, Matrix3<f64>) {
     (spread.fixed_view::<3, 3>(0, 0).into_owned(), spread.fixed_view::<3, 3>(3, 3).into_owned())
 }
 
 impl Track {
-    /// State and covariance at a later time.
+    /// Extrapolates state and covariance to a later time (s).
     fn at(&self, time: f64, acceleration: f64) -> (Vector6<f64>, Matrix6<f64>) {
         let dt = (time - self.time).max(0.0);
+        // White noise q of the acceleration adds q dt^3/3 to the variance of the place, q dt^2/2 to
+        // the covariance and q dt to the variance of the velocity.
         let mut step = Matrix6::identity();
         let mut noise = Matrix6::zeros();
         for i in 0..3 {
@@ -282,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn the_velocity_of_a_moving_cube_is_found_within_a_second() {
+    fn tracker_finds_velocity_within_a_second() {
         let mut tracker = Tracker::new(TrackerSettings::default());
         let mut random = Pcg64::seed_from_u64(1);
         for i in 0..25 {
@@ -298,8 +326,9 @@ mod tests {
         assert_eq!(now.age, 0.0);
     }
 
+    /// A single outlier is gated, but a jump that lasts restarts the track.
     #[test]
-    fn an_outlier_is_gated_but_a_jump_that_lasts_is_followed() {
+    fn outlier_is_gated_but_lasting_jump_followed() {
         let mut tracker = Tracker::new(TrackerSettings::default());
         for i in 0..10 {
             tracker.update(0.04 * f64::from(i), &at(0.0, 0.7), &spread());
@@ -314,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn the_age_is_honest_and_a_stale_track_is_lost() {
+    fn age_counts_from_measurement_and_stale_track_ends() {
         let mut tracker = Tracker::new(TrackerSettings::default());
         tracker.update(1.0, &at(0.0, 0.7), &spread());
 
@@ -323,8 +352,9 @@ mod tests {
         assert!((tracker.age(3.0) - 2.0).abs() < 1e-12);
     }
 
+    /// A face that is read a quarter turn round does not turn the track.
     #[test]
-    fn a_quarter_turn_of_the_reading_order_does_not_turn_the_track() {
+    fn turned_reading_order_keeps_orientation() {
         let mut tracker = Tracker::new(TrackerSettings::default());
         let quarter = UnitQuaternion::from_euler_angles(0.0, 0.0, std::f64::consts::FRAC_PI_2);
         let mut other = at(0.0, 0.7);
@@ -336,8 +366,9 @@ mod tests {
         assert!(tracker.predict(0.04).unwrap().pose.rotation.angle() < 0.03);
     }
 
+    /// The other pose of a single face is gated by its angle, but a cube that turns is followed.
     #[test]
-    fn the_other_pose_of_one_face_is_gated_by_its_angle_but_a_turning_cube_is_followed() {
+    fn mirrored_pose_is_gated_but_turning_cube_followed() {
         let leaning = |x: f64| {
             let mut pose = at(0.0, 0.7);
             pose.rotation = UnitQuaternion::from_euler_angles(x, 0.0, 0.0);
@@ -362,8 +393,9 @@ mod tests {
         assert!((orientation.angle() - 0.534).abs() < 0.03, "{orientation}");
     }
 
+    /// A measurement that is not newer than the last one has no effect.
     #[test]
-    fn a_measurement_that_was_taken_already_counts_for_nothing() {
+    fn old_measurement_does_not_change_track() {
         let mut tracker = Tracker::new(TrackerSettings::default());
         for i in 0..5 {
             tracker.update(0.04 * f64::from(i), &at(0.0, 0.7), &spread());
@@ -375,7 +407,7 @@ mod tests {
         assert_eq!((again, older), (Update::Old, Update::Old));
         assert_eq!(tracker.predict(0.2), before);
 
-        // Nor does one wrong picture start the track anew by being delivered again and again.
+        // One wrong picture that is delivered repeatedly does not restart the track.
         assert!(matches!(tracker.update(0.20, &at(0.3, 0.7), &spread()), Update::Gated(_)));
         for _ in 0..5 {
             assert_eq!(tracker.update(0.20, &at(0.3, 0.7), &spread()), Update::Old);
@@ -383,7 +415,7 @@ mod tests {
     }
 
     #[test]
-    fn the_window_holds_the_cube_and_little_else() {
+    fn window_holds_the_cube_and_little_else() {
         let camera = Intrinsics {
             width: 640,
             height: 480,

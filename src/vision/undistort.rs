@@ -1,13 +1,14 @@
-//! The lens: pinhole with radial and tangential distortion, forwards and backwards.
+//! Lens model: a pinhole with radial and tangential distortion, in both directions.
 //!
 //! - in: focal lengths, principal point, k1, k2, p1, p2, k3
-//! - out: pixel of a point; direction of a pixel, or nothing where the model cannot be inverted
-//! - source: Brown, "Close-range camera calibration" (1971), with the signs and order that `OpenCV` uses
+//! - out: pixel of a point; direction of a pixel, or `None` where the model has no inverse
+//! - source: Brown, "Close-range camera calibration" (1971), with the signs and the order of
+//!   `OpenCV`
 
 use crate::cell::Intrinsics;
 use nalgebra::{Matrix2, Point3, Vector2};
 
-/// A lens with five coefficients; the first pixel's centre is (0, 0).
+/// Lens with five coefficients of distortion. The first pixel's centre is (0, 0).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lens {
     /// Focal length along x and y (px).
@@ -38,19 +39,19 @@ impl From<&Lens> for Lens {
     }
 }
 
-/// Newton steps of the inversion; three to five suffice inside a picture.
+/// Greatest number of Newton steps of the inversion. Three to five suffice inside a picture.
 const ROUNDS: usize = 20;
-/// An inversion counts when the distorted result is this near, in normalised coordinates: 1e-9 px at f = 1000.
+/// Greatest error of an inversion, in normalised coordinates: 1e-9 px at f = 1000.
 const CLOSE: f64 = 1e-12;
 
 impl Lens {
-    /// Without distortion.
+    /// Makes a lens without distortion.
     #[must_use]
     pub fn pinhole(focal: (f64, f64), centre: (f64, f64)) -> Self {
         Self { focal, centre, radial: [0.0; 3], tangential: [0.0; 2] }
     }
 
-    /// Distorted normalised coordinates of undistorted ones.
+    /// Distorts normalised coordinates.
     #[must_use]
     pub fn distort(&self, (x, y): (f64, f64)) -> (f64, f64) {
         let ([k1, k2, k3], [p1, p2]) = (self.radial, self.tangential);
@@ -62,13 +63,14 @@ impl Lens {
         )
     }
 
-    /// Derivative of [`Lens::distort`].
+    /// Computes the derivative of [`Lens::distort`].
     fn slope(&self, (x, y): (f64, f64)) -> Matrix2<f64> {
         let ([k1, k2, k3], [p1, p2]) = (self.radial, self.tangential);
         let r2 = x * x + y * y;
         let scale = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
-        // Twice the derivative of the scale by r^2.
+        // Twice the derivative of the scale by r^2, since r^2 has the derivatives 2 x and 2 y.
         let bend = 2.0 * (k1 + r2 * (2.0 * k2 + 3.0 * r2 * k3));
+        // The derivatives of x by y and of y by x are equal.
         let cross = bend * x * y + 2.0 * p1 * x + 2.0 * p2 * y;
         Matrix2::new(
             scale + bend * x * x + 2.0 * p1 * y + 6.0 * p2 * x,
@@ -78,15 +80,19 @@ impl Lens {
         )
     }
 
-    /// Undistorted normalised coordinates of distorted ones; `None` where the model folds back and has no inverse.
+    /// Undistorts normalised coordinates. Returns `None` where the model folds back and has no
+    /// inverse.
     #[must_use]
     pub fn undistort(&self, wanted: (f64, f64)) -> Option<(f64, f64)> {
+        // Newton's method, because the usual fixed-point iteration converges slowly at the border
+        // of a wide picture and does not notice the fold.
         let (mut x, mut y) = wanted;
         for _ in 0..ROUNDS {
             let (dx, dy) = self.distort((x, y));
             let error = Vector2::new(dx - wanted.0, dy - wanted.1);
             let slope = self.slope((x, y));
-            // On the image's side of the fold the map keeps the sense of rotation, and x stretches with x.
+            // On the picture's side of the fold both eigenvalues of the derivative are positive.
+            // Beyond it, points farther out have images farther in.
             if slope.determinant() <= 1e-6 || slope.trace() <= 0.0 {
                 return None;
             }
@@ -102,14 +108,15 @@ impl Lens {
         None
     }
 
-    /// Pixel of a point in the camera frame (z > 0).
+    /// Projects a point of the camera frame (z > 0) to its pixel.
     #[must_use]
     pub fn project(&self, point: &Point3<f64>) -> (f64, f64) {
         let (x, y) = self.distort((point.x / point.z, point.y / point.z));
         (self.focal.0 * x + self.centre.0, self.focal.1 * y + self.centre.1)
     }
 
-    /// Normalised, undistorted direction (x/z, y/z) of a pixel; `None` where the model has no inverse.
+    /// Computes the normalised, undistorted direction (x/z, y/z) of a pixel. Returns `None` where
+    /// the model has no inverse.
     #[must_use]
     pub fn unproject(&self, pixel: (f64, f64)) -> Option<(f64, f64)> {
         self.undistort((
@@ -130,7 +137,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_pixel_comes_back_to_itself(
+        fn unproject_inverts_project(
             x in -0.6..0.6f64, y in -0.5..0.5f64, k1 in -0.35..0.35f64, k2 in -0.1..0.1f64,
             k3 in -0.02..0.02f64, p1 in -0.005..0.005f64, p2 in -0.005..0.005f64,
         ) {
@@ -144,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn two_coefficients_agree_with_the_cells_own_model() {
+    fn lens_agrees_with_intrinsics_of_two_coefficients() {
         let camera = Intrinsics {
             width: 640,
             height: 480,
@@ -160,8 +167,8 @@ mod tests {
     }
 
     #[test]
-    fn the_five_coefficients_stand_in_the_order_of_the_field() {
-        // Worked by hand: x = 0.5, y = 0.25, r2 = 0.3125.
+    fn coefficients_follow_the_order_of_opencv() {
+        // Computed by hand: x = 0.5, y = 0.25, r2 = 0.3125.
         let lens =
             Lens { focal: (1.0, 1.0), centre: (0.0, 0.0), ..lens([0.1, 0.2, 0.3], [0.01, 0.02]) };
 
@@ -173,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn beyond_the_fold_there_is_no_direction() {
+    fn undistort_refuses_points_beyond_the_fold() {
         let strong = lens([-0.5, 0.0, 0.0], [0.0; 2]);
 
         // r (1 - r^2 / 2) is 0.544 at most.

@@ -1,10 +1,21 @@
-//! The kernel of the stand-alone camera's VSP: one frame after another in, the cube's pose and speed out.
+//! The kernel of the stand-alone camera's VSP: it turns frames into the cube's pose and speed.
 //!
-//! - in: an image and its time; believed optics and place of the camera; the cube's edge
-//! - out: `world_from_cube`, up to the cube's own symmetry, filtered; its speed; or why there is none
-//! - method: with a track, the edges of the tiles where it predicts them; when these do not bear it out, the paper's
-//!   colour stage inside the predicted window, then the chosen detector there, then in the whole picture; pose on the
-//!   edges of all visible faces; constant-velocity Kalman filter with gating
+//! With a track, the kernel measures the edges of the tiles where the track predicts them. If they
+//! do not confirm the prediction, it searches in this order: the paper's colour stage inside the
+//! predicted window, the chosen detector there, the chosen detector in the whole picture. The pose
+//! is refined on the edges of all visible faces and filtered over time.
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | prediction is stale | [`FRESH`] | edges are found only near their true place |
+//! | pose by edges alone | residual [`FOLLOWED`] | edges do not prove that there is a cube |
+//! | pose by detection | residual [`RESIDUAL`] | tiles and lattice prove that there is one |
+//! | face is too small | edge [`LEAST_EDGE`] | outside the work-space (the paper, p. 373) |
+//! | least uncertainty | [`FLOOR`], [`FLOOR_ANGLE`] | calibration and blur leave no residual |
+//!
+//! - in: an image and its time; believed optics and place of the camera; the cube's edge (m)
+//! - out: filtered `world_from_cube`, up to the cube's own symmetry, and speed, or a [`Refusal`]
+//! - source: own work; the stages are those of Zieliński et al. (2007), p. 373
 
 use super::detect::window_around;
 use super::pose::CubeLocation;
@@ -16,10 +27,10 @@ use crate::spatial::Pose;
 use image::RgbImage;
 use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 
-/// Where the cube is.
+/// Pose and speed of the cube.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Watched {
-    /// `world_from_cube`; axes along the edges.
+    /// `world_from_cube`; the axes are along the edges.
     pub world_from_cube: Pose,
     /// Speed of the centre (m/s).
     pub speed: f64,
@@ -35,23 +46,24 @@ pub struct CubeWatcher {
     tracker: Tracker,
 }
 
-/// Least standard deviation of a measured place along each axis (m): what the residual does not know of
-/// (calibration, blur).
+/// Least standard deviation of a measured place along each axis (m). Errors of the calibration and
+/// blur do not show in the residual.
 const FLOOR: f64 = 0.0005;
-/// The same of the orientation about each axis (rad).
+/// Least standard deviation of a measured orientation about each axis (rad), for the same reason.
 const FLOOR_ANGLE: f64 = 0.005;
-/// A face whose edge is shorter than this is outside the work-space (Zieliński et al. 2007, p. 373) (px). The
-/// paper's figure is 100 px; a face seen at 45 deg has a mean edge of 85 % of its full one.
+/// Shortest edge of a face inside the work-space (px). Zieliński et al. (2007, p. 373) give 100 px;
+/// a face seen at 45 deg has a mean edge of 85 % of its full one.
 const LEAST_EDGE: f64 = 60.0;
-/// Largest residual of a pose that is believed (px).
+/// Largest residual of a pose that is accepted (px).
 const RESIDUAL: f64 = 2.0;
-/// The same of a pose that only edges bear out.
+/// Largest residual of a pose that only edges confirm (px).
 const FOLLOWED: f64 = 0.6;
-/// A prediction older than this is searched for, not followed (s).
+/// Greatest age of a prediction whose edges are measured (s). After an older one the kernel
+/// searches.
 const FRESH: f64 = 0.2;
 
 impl CubeWatcher {
-    /// A camera at a believed place.
+    /// Creates the kernel of a camera at a believed place. `edge` is that of the cube (m).
     #[must_use]
     pub fn new(
         world_from_camera: Pose,
@@ -68,12 +80,15 @@ impl CubeWatcher {
         }
     }
 
-    /// Takes a frame exposed at `time` (s); one that is not newer than the last changes nothing. Searched first is the window that the track predicts, or else the
-    /// surroundings of `near` (centre in the world and reach (m)); `elsewhere` says whether the whole picture is
-    /// searched when nothing is there.
+    /// Updates the track with a frame that was exposed at `time` (s) and returns the cube. A frame
+    /// that is not newer than the last one changes nothing.
+    ///
+    /// The search begins in the window that the track predicts, or around `near` (centre in the
+    /// world and reach (m)) if there is no track. `elsewhere` says whether it continues in the
+    /// whole picture.
     ///
     /// # Errors
-    /// Why no cube was found, or why what was found is not believed.
+    /// [`Refusal`] with the reason why no cube was found, or why the found one is not accepted.
     pub fn observe(
         &mut self,
         image: &RgbImage,
@@ -93,6 +108,8 @@ impl CubeWatcher {
                 .or_else(|| near.and_then(|(centre, reach)| self.around(&centre, reach)));
             self.search(image, window, elsewhere, predicted.as_ref())?
         };
+        // The covariance is in camera axes, the track in the world. A change of axes turns both the
+        // centre and the small rotation.
         let rotation = self.world_from_camera.rotation.to_rotation_matrix();
         let mut turn = Matrix6::zeros();
         turn.fixed_view_mut::<3, 3>(0, 0).copy_from(rotation.matrix());
@@ -101,6 +118,7 @@ impl CubeWatcher {
         let floor = Vector6::new(place, place, place, angle, angle, angle);
         let spread = turn * location.covariance * turn.transpose() + Matrix6::from_diagonal(&floor);
         let measured = self.world_from_camera * location.camera_from_cube;
+        // A gated measurement is often the second pose of a single face. It must not reach the arm.
         if let Update::Gated(_) = self.tracker.update(time, &measured, &spread) {
             return Err(Refusal::NotExpected { matched: 0 });
         }
@@ -108,18 +126,23 @@ impl CubeWatcher {
         Ok(Watched { world_from_cube: now.pose, speed: now.speed() })
     }
 
-    /// The cube at its predicted place, by the edges of its tiles alone.
+    /// Measures the cube at its predicted place by the edges of its tiles alone.
     fn follow(&self, image: &RgbImage, predicted: &Prediction) -> Option<CubeLocation> {
         if predicted.age > FRESH {
             return None;
         }
         let camera_from_cube = self.world_from_camera.inverse() * predicted.pose;
         let location = refine_in(image, &self.intrinsics, self.edge, &camera_from_cube)?;
+        // No face is detected here, so the depth gives the size that a frontal one would have.
         let width = self.intrinsics.focal.0 * self.edge / location.camera_from_cube.translation.z;
         (location.residual_px < FOLLOWED && width >= LEAST_EDGE).then_some(location)
     }
 
-    /// The cube by detection: in a window by its colours, or else as the settings say; then everywhere, if wanted.
+    /// Finds the cube by detection: in the window by its colours, then there by the chosen method,
+    /// then, if `elsewhere`, in the whole picture.
+    ///
+    /// # Errors
+    /// [`Refusal`] with the reason why no cube was found.
     fn search(
         &self,
         image: &RgbImage,
@@ -128,7 +151,8 @@ impl CubeWatcher {
         predicted: Option<&Prediction>,
     ) -> Result<CubeLocation, Refusal> {
         let by_colour = DetectorSettings { method: Method::Paper2007, ..self.settings };
-        // Colours are quick where a track says that there is a cube; they are no judge of whether there is one.
+        // The colour stage is quick, but it does not prove that there is a cube. It is used only
+        // where a track says that there is one.
         let quick = window
             .filter(|_| predicted.is_some())
             .and_then(|window| detect(image, Some(window), &by_colour).ok());
@@ -143,15 +167,18 @@ impl CubeWatcher {
         if widest < LEAST_EDGE {
             return Err(Refusal::TooSmall { width_px: widest });
         }
+        // One face leaves two poses, and the track decides between them.
         let hint = predicted.map(|p| self.world_from_camera.inverse() * p.pose);
         locate_in(image, &faces, &self.intrinsics, self.edge, hint.as_ref())
             .filter(|l| l.residual_px < RESIDUAL)
             .ok_or(Refusal::NotExpected { matched: 0 })
     }
 
-    /// The part of the picture that shows a cube whose centre is within `reach` of a place (m).
+    /// Returns the part of the picture that shows a cube whose centre is within `reach` (m) of a
+    /// place in the world.
     fn around(&self, centre: &Vector3<f64>, reach: f64) -> Option<Rect> {
         let seen = self.world_from_camera.inverse() * Point3::from(*centre);
+        // Behind the lens or close to it, the projection is meaningless.
         if seen.z < 0.1 {
             return None;
         }

@@ -1,12 +1,22 @@
-//! The colours of a whole cube: 54 mean colours -> facelets, with a margin each.
+//! Decision of the colours of a whole cube: 54 mean colours -> facelets, with a margin each.
 //!
-//! Nothing is known of the six colours beforehand but that the centres are six different ones. Six classes are
-//! sorted around the centres, and then three things take turns until they agree: the classes' means and their
-//! common spread, what the light does to each face (a reflection shifts all nine of its facelets), and the
-//! likeliest cube that can exist. The colours' names come last and change nothing.
+//! The only prior knowledge is that the six centres have six different colours. Six classes begin
+//! at the centres. Three estimates then alternate until they agree: the means of the classes with
+//! their common spread, the light on each face (a reflection shifts all nine of its facelets), and
+//! the likeliest cube that can exist. The names of the colours come last and change no class.
 //!
-//! A cube that was put together wrongly is not read as the nearest legal one: when its facelets one by one are
-//! too clear for that, it is refused with what is wrong with it.
+//! A cube that was assembled wrongly is not read as the nearest legal one. If its facelets, taken
+//! one by one, are too clear for that, the cube is refused with the reason.
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | facelet is doubtful | margin < [`DOUBTFUL`] | the best other cube is 10 times less likely |
+//! | cube is impossible | cost > [`IMPLAUSIBLE`] | noise does this once in 10^6 at worst |
+//! | facelet unlike its colour | [`UNLIKE`] | chi square of three numbers: once in 1000 |
+//! | ... though unlike | [`LIKER`] of the other distance | classes do not scatter alike |
+//! | contested facelets evident | [`REACH`] times the others | reflections may have moved them |
+//! | weight of a learned table | [`BELIEF`] facelets | the cube at hand counts for more |
+//! | two centres are alike | squared distance < 1 | they cannot begin two classes |
 //!
 //! - in: mean RGB of the facelets, 0..=255, as in the image (sRGB), in the order URFDLB
 //! - out: [`Decision`] or [`Undecided`]
@@ -19,35 +29,36 @@ use super::likeliest::{CENTRES, Likeliest, likeliest};
 use super::names::name;
 use crate::cube::{Cube, Face, Facelets, ImpossibleCube, facelet_place};
 
-/// A whole cube, decided.
+/// Decided colours of a whole cube.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Decision {
     /// Colour of each facelet, 0..=5 = white, red, green, yellow, orange, blue.
     pub colours: [u8; 54],
-    /// Face (0..=5 = URFDLB) whose centre has each facelet's colour: independent of the colours' names.
+    /// Face (0..=5 = URFDLB) whose centre has the colour of each facelet, independent of the names
+    /// of the colours.
     pub facelets: [u8; 54],
-    /// Confidence that a facelet is right against the best cube in which it has another colour, 0..=1.
+    /// Confidence in each facelet against the best cube in which it has another colour, 0..=1.
     pub margins: [f64; 54],
     /// Facelets with a small margin, least certain first.
     pub doubtful: Vec<usize>,
 }
 
-/// Stickers by their places: "F1, R3".
+/// Returns the places of stickers as text: "F1, R3".
 fn places(facelets: &[usize]) -> String {
     let names: Vec<String> = facelets.iter().map(|&i| facelet_place(i).to_string()).collect();
     names.join(", ")
 }
 
-/// No decision.
+/// Reason why there is no decision.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Undecided {
     /// A measured value is not a number.
-    #[error("facelet {0} has no colour: not a number")]
+    #[error("the colour of facelet {0} is not a number")]
     NotANumber(usize),
-    /// The pictures are in black and white.
+    /// The pictures are black and white.
     #[error("no colour in the pictures: they are in black and white")]
     NoColour,
-    /// Two centres cannot be told apart.
+    /// Two centres have the same colour.
     #[error(
         "the centres of faces {} and {} have the same colour{}",
         first.letter(),
@@ -55,51 +66,55 @@ pub enum Undecided {
         if *overexposed { ": both are overexposed" } else { "" }
     )]
     SameCentres {
-        /// A face,
+        /// First face.
         first: Face,
-        /// and another.
+        /// Second face.
         second: Face,
-        /// Both are clipped.
+        /// Whether both centres are clipped.
         overexposed: bool,
     },
-    /// The facelets are clear, and they make no cube.
+    /// The facelets are clear, and no cube has them.
     #[error("this cube cannot exist: {reason}; stickers in doubt: {}", places(doubtful))]
     Impossible {
-        /// What is wrong with the cube as it was read.
+        /// Fault of the cube as it was read.
         reason: ImpossibleCube,
-        /// The cube as it was read, 0..=5 = URFDLB.
+        /// Cube as it was read, 0..=5 = URFDLB.
         facelets: Box<[u8; 54]>,
         /// Facelets that would have another colour on the nearest cube that can exist.
         doubtful: Vec<usize>,
     },
 }
 
-/// Facelets with a smaller margin are doubtful, everywhere: whoever reads a cube is told their names, and a cube that has
-/// any is not solved before another look, or somebody, has decided. At this margin the best other cube is ten times less
-/// likely.
+/// Margin below which a facelet is doubtful, for all callers. Doubtful facelets are reported, and
+/// the cube is not solved before another look or the operator decides them. At this margin the best
+/// other cube is ten times less likely.
 const DOUBTFUL: f64 = 0.9;
 
-/// The facelets that are in question must look like their own colours rather than like those of the likeliest cube by so
-/// much, together. Even noise makes one facelet look like another colour by this much once in 10^6 times at worst.
+/// Least difference of costs at which a cube is impossible: by this much, taken together, the
+/// contested facelets look more like their own colours than like those of the likeliest cube. Noise
+/// alone moves one facelet to another colour by this much once in 10^6 times at worst.
 const IMPLAUSIBLE: f64 = 25.0;
 
-/// A facelet with a larger distance from a class does not look like it (three numbers: once in 1000 times).
+/// Squared distance from a class above which a facelet does not look like it. With three numbers a
+/// right facelet exceeds it once in 1000 times.
 const UNLIKE: f64 = 16.0;
 
-/// Unless it is so much closer than to the colour of the likeliest cube: classes do not scatter alike.
+/// Ratio of squared distances below which [`UNLIKE`] does not apply: the facelet is this much
+/// closer to its own colour than to that of the likeliest cube. Classes do not scatter alike.
 const LIKER: f64 = 0.25;
 
-/// Each of them must be so much farther from the likeliest cube's colour than any facelet that is not in question is from
-/// its own: where reflections move some facelets far, they may have moved these.
+/// Least distance of a contested facelet from its colour on the likeliest cube, as a multiple of
+/// the distance that any certain facelet has from its own. If reflections move certain facelets
+/// far, they may have moved the contested ones as well.
 const REACH: f64 = 2.0;
 
-/// How far a learned table is believed against the cube at hand, in facelets of a colour.
+/// Weight of a learned table against the cube at hand, in facelets of a colour.
 const BELIEF: f64 = 4.0;
 
 /// Decides all 54 facelets (order URFDLB, reading order) from their mean RGB, 0..=255.
 ///
 /// # Errors
-/// [`Undecided`] when the input is not a cube's.
+/// [`Undecided`] if the colours are not those of a cube.
 pub fn decide_cube(rgb: &[[f64; 3]; 54]) -> Result<Decision, Undecided> {
     if let Some(i) = rgb.iter().position(|c| c.iter().any(|v| !v.is_finite())) {
         return Err(Undecided::NotANumber(i));
@@ -108,6 +123,7 @@ pub fn decide_cube(rgb: &[[f64; 3]; 54]) -> Result<Decision, Undecided> {
         return Err(Undecided::NoColour);
     }
     let points = coordinates(rgb);
+    // Six classes begin at the centres, so two equal centres would give two equal classes.
     for first in Face::ALL {
         for second in Face::ALL.into_iter().filter(|s| s.index() > first.index()) {
             let apart = points[CENTRES[first.index()]] - points[CENTRES[second.index()]];
@@ -121,7 +137,10 @@ pub fn decide_cube(rgb: &[[f64; 3]; 54]) -> Result<Decision, Undecided> {
     decide(rgb, &points, Model::of_centres(&points))
 }
 
-/// Decides them in a rig of which something is known.
+/// Decides all 54 facelets in a rig whose colours and reflections were learned before.
+///
+/// # Errors
+/// [`Undecided`] if the colours are not those of a cube.
 pub(super) fn decide_expected(
     rgb: &[[f64; 3]; 54],
     expected: Expected,
@@ -136,22 +155,28 @@ pub(super) fn decide_expected(
     decide(rgb, &points, Model::of(expected, BELIEF))
 }
 
-/// The decision that begins with a model: of where it leads to from two places, what explains most.
+/// Decides all 54 facelets from a first model. It sorts from two starts and keeps the result that
+/// explains more.
 fn decide(rgb: &[[f64; 3]; 54], points: &Points, model: Model) -> Result<Decision, Undecided> {
-    let (near, facelets) = model.clone().settle(points);
-    let (by_hue, others) = model.by_hue().settle(points);
+    // Sorting ends in the optimum that is nearest to its start. From the centres alone, a face in
+    // the shade passed for one of other colours: a checkerboard with one dark face was read as
+    // solved. The second start ignores brightness.
+    let (near, facelets) = model.clone().sort_and_learn(points);
+    let (by_hue, others) = model.by_hue().sort_and_learn(points);
     let (mut best, rival) = if facelets == others {
         let nearer = near.cost(points, &facelets) <= by_hue.cost(points, &facelets);
         (Reading::of(if nearer { near } else { by_hue }, points), None)
     } else {
-        let near = Reading::of(near.settled_on(points, &facelets), points);
-        let by_hue = Reading::of(by_hue.settled_on(points, &others), points);
+        // Each sorting gets the best model that it allows, so that their costs can be compared.
+        let near = Reading::of(near.fitted_to(points, &facelets), points);
+        let by_hue = Reading::of(by_hue.fitted_to(points, &others), points);
         if near.price <= by_hue.price { (near, Some(by_hue)) } else { (by_hue, Some(near)) }
     };
     if let Some(refused) = contradiction(points, &best.model, &best.costs, &best.cube) {
         return Err(refused);
     }
-    // No facelet is more certain than the whole way in which it is explained.
+    // A facelet in which the two explanations differ is no more certain than the better explanation
+    // is as a whole.
     if let Some(rival) = rival {
         for (i, margin) in best.cube.margins.iter_mut().enumerate() {
             if rival.cube.facelets[i] != best.cube.facelets[i] {
@@ -162,16 +187,18 @@ fn decide(rgb: &[[f64; 3]; 54], points: &Points, model: Model) -> Result<Decisio
     Ok(conclude(rgb, &best))
 }
 
-/// A cube as one model explains it.
+/// Likeliest cube under one model.
 struct Reading {
     model: Model,
+    /// Cost of each colour for each facelet, in -2 log likelihood.
     costs: [[f64; 6]; 54],
     cube: Likeliest,
-    /// What all of it costs.
+    /// Cost of the cube and the model together, in -2 log likelihood.
     price: f64,
 }
 
 impl Reading {
+    /// Finds the likeliest cube under a model.
     fn of(model: Model, points: &Points) -> Self {
         let costs = model.costs(points);
         let cube = likeliest(&costs);
@@ -180,10 +207,11 @@ impl Reading {
     }
 }
 
-/// Whether the facelets say clearly that the cube is none that can exist.
+/// Checks whether the facelets show clearly that the cube cannot exist. Returns the refusal if so.
 ///
-/// In question are the facelets that the likeliest cube reads otherwise than they look by themselves. They are set against
-/// what the others say of the colours and of the noise, so that they do not bend the classes with which they are compared.
+/// Contested facelets are those that look by themselves like another colour than on the likeliest
+/// cube. They are compared with classes that are learned from the other facelets alone. Otherwise
+/// they would widen these classes, and swapped pieces would pass for misread red and orange.
 fn contradiction(
     points: &Points,
     model: &Model,
@@ -194,6 +222,8 @@ fn contradiction(
     let mut best = best.facelets;
     let mut model = model.clone();
     let mut costs = *costs;
+    // Classes without the contested facelets may contest others, so the comparison is repeated
+    // until it agrees, at most three times.
     for round in 0..3 {
         let contested: [bool; 54] = std::array::from_fn(|i| alone[i] != best[i]);
         if !contested.contains(&true) {
@@ -201,7 +231,7 @@ fn contradiction(
         }
         model.learn(points, &alone, &contested);
         costs = model.costs(points);
-        // Mostly it is over here, before the likeliest cube is sought again.
+        // Most cubes are finished here, before the slow search for the likeliest cube is repeated.
         if clearness(&costs, &alone, &best) < 0.5 * IMPLAUSIBLE {
             return None;
         }
@@ -216,6 +246,7 @@ fn contradiction(
     let farthest = certain.map(|i| square(i, &alone)).fold(0.0, f64::max);
     let evident = |i: usize| {
         let (near, far) = (square(i, &alone), square(i, &best));
+        // A facelet that looks like neither colour proves no fault of the cube.
         near <= UNLIKE.max(LIKER * far) && far >= REACH * farthest
     };
     let mut contested = (0..54).filter(|&i| alone[i] != best[i]);
@@ -228,16 +259,18 @@ fn contradiction(
     Some(Undecided::Impossible { reason, facelets: Box::new(read), doubtful })
 }
 
-/// By how much facelets cost less by themselves than on a cube.
+/// Computes by how much the facelets cost less by themselves than on a cube.
 fn clearness(costs: &[[f64; 6]; 54], alone: &[u8; 54], best: &[u8; 54]) -> f64 {
     let price = |facelets: &[u8; 54], i: usize| costs[i][usize::from(facelets[i])];
     (0..54).map(|i| price(best, i) - price(alone, i)).sum()
 }
 
-/// The likeliest cube with its margins and names.
+/// Adds confidences and names of colours to the likeliest cube.
 fn conclude(rgb: &[[f64; 3]; 54], Reading { model, costs, cube: best, .. }: &Reading) -> Decision {
     let own = |i: usize| costs[i][usize::from(best.facelets[i])];
-    // A facelet that only the others forced into its class is no more certain than it looks by itself.
+    // A difference m of costs in -2 log likelihood is a ratio of likelihoods of exp(-m / 2). A
+    // facelet that only the others forced into its class is no more certain than it looks by
+    // itself.
     let margins = std::array::from_fn(|i| {
         let next = (0..6).filter(|&c| c != usize::from(best.facelets[i])).map(|c| costs[i][c]);
         let alone = next.fold(f64::INFINITY, f64::min) - own(i);
@@ -246,6 +279,7 @@ fn conclude(rgb: &[[f64; 3]; 54], Reading { model, costs, cube: best, .. }: &Rea
     });
     let mut doubtful: Vec<usize> = (0..54).filter(|&i| margins[i] < DOUBTFUL).collect();
     doubtful.sort_by(|&a, &b| margins[a].total_cmp(&margins[b]));
+    // The names are decided under one light, so each face is divided by its own gain.
     let light = model.light();
     let even = |i: usize| rgb[i].map(|v| to_linear(v) / light[i / 9]);
     let names = name(&std::array::from_fn(even), &best.facelets);
@@ -257,7 +291,7 @@ fn conclude(rgb: &[[f64; 3]; 54], Reading { model, costs, cube: best, .. }: &Rea
     }
 }
 
-/// The nearest class of each facelet by itself; the centres are what they are.
+/// Returns the nearest class of each facelet by itself. The centres keep their own classes.
 fn one_by_one(costs: &[[f64; 6]; 54]) -> [u8; 54] {
     let mut facelets = costs.map(|c| least(&c) as u8);
     for (face, &centre) in CENTRES.iter().enumerate() {
@@ -266,8 +300,11 @@ fn one_by_one(costs: &[[f64; 6]; 54]) -> [u8; 54] {
     facelets
 }
 
-/// The same with nine of each colour, unless that is far dearer: then there really are not nine of each.
+/// Returns the facelets with nine of each colour, unless that costs far more than `alone`, the
+/// facelets by themselves. In that case the cube really does not have nine of each.
 fn as_counted(costs: &[[f64; 6]; 54], alone: [u8; 54]) -> [u8; 54] {
+    // Each colour has nine columns of the assignment. A prohibitive cost keeps the centres in their
+    // own classes.
     let mut matrix = vec![0.0; 54 * 54];
     for (i, row) in matrix.chunks_exact_mut(54).enumerate() {
         let fixed = CENTRES.iter().position(|&c| c == i);
@@ -286,11 +323,12 @@ fn as_counted(costs: &[[f64; 6]; 54], alone: [u8; 54]) -> [u8; 54] {
     if price(&counted) - price(&alone) > 0.5 * IMPLAUSIBLE { alone } else { counted }
 }
 
-/// Why facelets are no cube; nothing when they are one.
+/// Returns the reason why facelets are no cube, or `None` if they are one.
 fn impossible(facelets: &[u8; 54]) -> Option<ImpossibleCube> {
     Cube::try_from(Facelets::try_from(*facelets).ok()?).err()
 }
 
+/// Returns the index of the least value, the first one of equals.
 fn least(values: &[f64; 6]) -> usize {
     (0..6).fold(0, |best, i| if values[i] < values[best] { i } else { best })
 }
@@ -310,7 +348,7 @@ mod tests {
         [0.0, 70.0, 173.0],
     ];
 
-    /// A cube with these facelets under coloured light, with shading that differs by face.
+    /// Returns the colours of a cube under coloured light, with shading that differs by face.
     fn measured(state: &[u8; 54], gains: [f64; 3]) -> [[f64; 3]; 54] {
         std::array::from_fn(|i| {
             let shade = 0.75 + 0.05 * (i / 9) as f64 + 0.01 * (i % 9) as f64;
@@ -326,7 +364,9 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
-        fn a_cube_in_coloured_light_is_read_and_named(seed in 0u64..1000, blue in 0.6..1.0, green in 0.85..1.0) {
+        fn decide_reads_cube_in_coloured_light(
+            seed in 0u64..1000, blue in 0.6..1.0, green in 0.85..1.0
+        ) {
             let truth = scrambled(seed);
 
             let decision = decide_cube(&measured(&truth, [1.0, green, blue])).unwrap();
@@ -336,8 +376,9 @@ mod tests {
             prop_assert!(decision.doubtful.is_empty(), "{:?}", decision.doubtful);
         }
 
+        /// Any 54 colours give a cube that can exist, or a reason.
         #[test]
-        fn any_54_colours_give_a_cube_that_can_exist_or_a_reason(
+        fn decide_never_returns_impossible_cube(
             levels in proptest::collection::vec(0.0..255.0f64, 162)
         ) {
             let rgb = std::array::from_fn(|i| std::array::from_fn(|c| levels[3 * i + c]));
@@ -349,8 +390,10 @@ mod tests {
         }
     }
 
+    /// Two facelets that look more like each other's colour are corrected by the rest of the cube,
+    /// and are reported as doubtful.
     #[test]
-    fn facelets_that_glare_are_put_right_by_the_others_and_named_doubtful() {
+    fn swapped_colours_are_corrected_and_doubtful() {
         let truth = scrambled(5);
         let mut rgb = measured(&truth, [1.0; 3]);
         // A red and an orange facelet that look more like each other's colour than like their own.
@@ -367,7 +410,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cube_put_together_wrongly_is_refused_with_what_is_wrong() {
+    fn wrongly_assembled_cube_is_refused_with_reason() {
         let read = |state: &[u8; 54]| match decide_cube(&measured(state, [1.0, 0.95, 0.9])) {
             Err(Undecided::Impossible { reason, facelets, doubtful }) => {
                 (reason, *facelets, doubtful)
@@ -398,7 +441,8 @@ mod tests {
         assert!(matches!(read(&painted).0, ImpossibleCube::ColourCount { .. }));
     }
 
-    /// What a camera makes of stickers: shading that differs by face and from facelet to facelet, haze, noise.
+    /// Returns the colours that a camera measures, with shading that differs by face and from
+    /// facelet to facelet, haze and noise.
     fn noisy(state: &[u8; 54], seed: u64, noise: f64) -> [[f64; 3]; 54] {
         use rand::{Rng, SeedableRng};
         let mut random = rand_pcg::Pcg64::seed_from_u64(seed);
@@ -415,7 +459,7 @@ mod tests {
         })
     }
 
-    /// The facelets of a cube's piece.
+    /// Returns the facelets of a cube's piece.
     fn places(faces: &[Face]) -> Vec<usize> {
         let mut cell = [0i8; 3];
         for face in faces {
@@ -424,15 +468,16 @@ mod tests {
         faces.iter().map(|&face| crate::cube::facelet_at(cell, face)).collect()
     }
 
+    /// Under noise, cubes that can exist are read, and others are refused with the right reason.
     #[test]
-    fn under_noise_cubes_that_exist_are_read_and_others_refused_by_their_name() {
+    fn noisy_cubes_are_read_or_refused_correctly() {
         use crate::cube::{CORNERS, EDGES};
         const TRIALS: u64 = 12;
-        // What is done to a cube of which trial, and whether a refusal has the right name.
+        // Makes a fault in a cube of a trial; checks whether a refusal names it.
         type Spoil = fn(&mut [u8; 54], usize);
         type Named = fn(&ImpossibleCube) -> bool;
-        // A fault, its name, and of how many trials it must be refused: red and orange may lie so close that two
-        // swapped pieces look like two misread stickers.
+        // A fault, its name, and the least number of trials in which it must be refused. Red and
+        // orange may lie so close that two swapped pieces look like two misread stickers.
         let kinds: [(Spoil, Named, u64); 5] = [
             (
                 |f, n| {
@@ -468,7 +513,7 @@ mod tests {
                 TRIALS - 2,
             ),
             (
-                // One piece a second time in the place of another: colours are no longer nine each.
+                // One piece replaces another, so that the colours are no longer nine each.
                 |f, n| {
                     let (p, q) = (places(&EDGES[n % 12]), places(&EDGES[(n + 1 + n % 11) % 12]));
                     (0..2).for_each(|k| f[p[k]] = f[q[k]]);
@@ -494,7 +539,7 @@ mod tests {
                             assert_eq!(*facelets, state);
                             refused += 1;
                         }
-                        // What was forced into another cube is at least named.
+                        // Facelets that were forced into another cube are at least reported.
                         Ok(read) => {
                             let wrong = (0..54).filter(|&i| read.facelets[i] != state[i]);
                             assert!(wrong.clone().all(|i| read.doubtful.contains(&i)));
@@ -508,7 +553,7 @@ mod tests {
     }
 
     #[test]
-    fn centres_of_one_colour_and_no_numbers_are_refused() {
+    fn equal_centres_and_bad_values_are_refused() {
         let mut rgb = measured(&scrambled(3), [1.0; 3]);
         rgb[13] = rgb[4];
         assert!(matches!(

@@ -1,7 +1,8 @@
-//! The cell as numbers that a workshop would measure: arms, grippers, sensors, cameras, cube, hand-over place.
+//! Quantities of the cell that a workshop would measure: arms, grippers, sensors, cameras, cube and
+//! hand-over place.
 //!
-//! One type serves twice: the scenario's values are the controller's *belief*; the simulated plant draws
-//! its own *truth* around them. Nothing else is shared between the two.
+//! Each type serves twice. The scenario's values are the controller's *belief*, and the simulated
+//! plant draws its own *truth* around them. The controller and the plant share nothing else.
 
 use crate::cube::Keeper;
 use crate::kinematics::ArmModel;
@@ -12,7 +13,8 @@ use nalgebra::{Point3, Vector3};
 /// Everything that is built into the cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cell {
-    /// Effectors in the scenario's order; the cube task wants the track arm first, the postument second.
+    /// Effectors in the order of the scenario. The cube task needs the track arm first and the
+    /// postument second.
     pub arms: Vec<Arm>,
     /// All cameras.
     pub cameras: Vec<Camera>,
@@ -20,18 +22,20 @@ pub struct Cell {
     pub cube: CubeSpec,
     /// Height of the table top, with the tray, above the floor (m).
     pub table_height: f64,
-    /// Where the cube is given and taken back: by the operator's hand, or lying on the table.
+    /// Zone in which the cube is handed over: at the operator's hand, or on the table.
     pub hand: HandZone,
-    /// Which of the two.
+    /// Keeper of the cube: a person or the table.
     pub keeper: Keeper,
 }
 
 impl Cell {
-    /// How a hand takes the cube from its keeper, in the world: the direction of its approach, and the jaws' line.
+    /// Returns the direction of approach and the line of the jaws, in the world, with which a
+    /// gripper takes the cube from its keeper.
     ///
-    /// The robot stands on the -x side of a person; its jaws close above and below, so that the side towards the
-    /// stand-alone camera stays free. A table is reached into from above, where no finger comes near its top; the jaws
-    /// close along x, so that they do not stand between the cube and a camera that looks along y.
+    /// The robot is on the -x side of a person. Its jaws close from above and below, so that the
+    /// side towards the stand-alone camera stays free. The arm reaches a cube on the table from
+    /// above, where no finger comes near the table top. The jaws then close along x, so that they
+    /// do not hide the cube from a camera that looks along y.
     #[must_use]
     pub fn taking(&self) -> (Vector3<f64>, Vector3<f64>) {
         match self.keeper {
@@ -56,18 +60,18 @@ pub struct Arm {
     pub gripper: Gripper,
     /// Wrist sensor.
     pub sensor: ForceSensor,
-    /// Where the arm stands when the run begins.
+    /// Joint positions at the start of a run (m, rad).
     pub start: JointPositions,
 }
 
-/// An electric two-finger gripper whose palm stands off the cube.
+/// Electric two-finger gripper whose palm keeps a distance from the cube.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gripper {
     /// Extent of a finger along the tool's x (m).
     pub finger_width: f64,
     /// Extent of a finger along the tool's y, outwards from the pad (m).
     pub finger_thickness: f64,
-    /// How far the finger tips reach beyond the tool point along z (m).
+    /// Distance by which the finger tips reach beyond the tool point along z (m).
     pub finger_tip: f64,
     /// Distance of the palm plate behind the tool point along -z (m).
     pub palm: f64,
@@ -75,53 +79,56 @@ pub struct Gripper {
     pub palm_half_width: f64,
     /// Smallest and largest distance between the pads (m).
     pub opening: (f64, f64),
-    /// Opening s (m) = c0 + c1 m + c2 m^2 of the jaw motor's angle m (rad).
+    /// Coefficients c0, c1, c2 of the opening s = c0 + c1 m + c2 m^2 (m) at the angle m of the jaw
+    /// motor (rad).
     pub opening_of_motor: [f64; 3],
-    /// Zero error of the jaw: added to the opening (m) (0 in the belief).
+    /// Zero error of the jaw, which is added to the opening; 0 in the belief (m).
     pub opening_offset: f64,
     /// Encoder increments per revolution of the jaw motor.
     pub increments: f64,
-    /// Current that holds a grip force: A per N.
+    /// Current of the jaw motor per grip force (A/N).
     pub amperes_per_newton: f64,
 }
 
 impl Gripper {
-    /// Distance of a cube's palm-side face behind the tool point when the stops are at one layer (m).
+    /// Distance of the cube's palm-side face behind the tool point, with the stops at one layer
+    /// (m).
     pub const FACE_BEHIND_TOOL_ONE: f64 = 0.0095;
-    /// The same with the stops at two layers (m).
+    /// Distance of the cube's palm-side face behind the tool point, with the stops at two layers
+    /// (m).
     pub const FACE_BEHIND_TOOL_TWO: f64 = 0.0285;
 }
 
-/// A six-component sensor in the wrist and what hangs on it.
+/// Six-component force sensor in the wrist, and the load beyond it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ForceSensor {
-    /// Where the sensor measures.
+    /// Frame in which the sensor measures.
     pub flange_from_sensor: Pose,
-    /// Weight of all that hangs beyond the sensor (N).
+    /// Weight of everything beyond the sensor (N).
     pub weight: f64,
-    /// Its centre of mass in the flange frame (m).
+    /// Centre of mass of that load in the flange frame (m).
     pub centre_in_flange: Point3<f64>,
     /// Largest force along x, y, z and torque about x, y, z (N, Nm).
     pub range: [f64; 6],
 }
 
 impl ForceSensor {
-    /// Returns the mass of all that hangs beyond the sensor (kg).
+    /// Returns the mass of everything beyond the sensor (kg).
     #[must_use]
     pub fn mass(&self) -> f64 {
         self.weight / GRAVITY
     }
 }
 
-/// Where a camera is fixed.
+/// Place to which a camera is fixed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Mount {
-    /// Stands in the cell.
+    /// Fixed in the cell.
     World {
         /// Optical frame: z forward, x right, y down.
         world_from_camera: Pose,
     },
-    /// Sits in the gripper of an arm.
+    /// Fixed to the gripper of an arm.
     Flange {
         /// Index of the arm.
         arm: usize,
@@ -130,23 +137,24 @@ pub enum Mount {
     },
 }
 
-/// Pinhole with two radial coefficients; the first pixel's centre is (0, 0).
+/// Pinhole camera with two coefficients of radial distortion; pixel (0, 0) is centred at (0, 0).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Intrinsics {
-    /// Pixels a row.
+    /// Number of pixels in a row.
     pub width: u32,
-    /// Rows.
+    /// Number of rows.
     pub height: u32,
     /// Focal length along x and y (px).
     pub focal: (f64, f64),
     /// Principal point (px).
     pub centre: (f64, f64),
-    /// Radial distortion k1, k2: `x_d = x (1 + k1 r^2 + k2 r^4)` in normalised coordinates.
+    /// Coefficients k1, k2 of the radial distortion: `x_d = x (1 + k1 r^2 + k2 r^4)` in normalised
+    /// coordinates.
     pub distortion: (f64, f64),
 }
 
 impl Intrinsics {
-    /// Pixel of a point in the camera frame (z > 0), with distortion.
+    /// Computes the pixel of a point in the camera frame (z > 0), with distortion (px).
     #[must_use]
     pub fn project(&self, point: &Point3<f64>) -> (f64, f64) {
         let (x, y) = (point.x / point.z, point.y / point.z);
@@ -155,13 +163,14 @@ impl Intrinsics {
         (self.focal.0 * x * scale + self.centre.0, self.focal.1 * y * scale + self.centre.1)
     }
 
-    /// Normalised, undistorted direction (x/z, y/z) of a pixel.
+    /// Computes the normalised, undistorted direction (x/z, y/z) of a pixel.
     #[must_use]
     pub fn unproject(&self, pixel: (f64, f64)) -> (f64, f64) {
         let xd = (pixel.0 - self.centre.0) / self.focal.0;
         let yd = (pixel.1 - self.centre.1) / self.focal.1;
         let (mut x, mut y) = (xd, yd);
-        // Fixed-point inversion: converges to below 1e-9 in 8 rounds for |k1 r^2| < 0.15.
+        // The distortion has no closed inverse. The fixed-point iteration converges to below 1e-9
+        // in 8 rounds for |k1 r^2| < 0.15.
         for _ in 0..8 {
             let r2 = x * x + y * y;
             let scale = 1.0 + self.distortion.0 * r2 + self.distortion.1 * r2 * r2;
@@ -172,18 +181,18 @@ impl Intrinsics {
     }
 }
 
-/// A camera of the cell.
+/// Camera of the cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
     /// Name in the scenario: `standalone`, `track_hand`, `postument_hand`.
     pub name: String,
-    /// Where.
+    /// Place to which the camera is fixed.
     pub mount: Mount,
     /// Optics.
     pub intrinsics: Intrinsics,
 }
 
-/// The cube as an object.
+/// Size and mass of the cube.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CubeSpec {
     /// Length of an edge of the whole cube (m).
@@ -192,27 +201,30 @@ pub struct CubeSpec {
     pub mass: f64,
 }
 
-/// Where the cube is handed over.
+/// Zone in which the cube is handed over.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HandZone {
-    /// Pose of the cube when it is held still, or lies there: cube axes x right (R), y away (B), z up (U).
+    /// Pose of the cube when the person holds it still, or when it lies on the table. Cube axes: x
+    /// right (R), y away (B), z up (U).
     pub world_from_cube: Pose,
-    /// Half extents of the box in which it may be (m).
+    /// Half extents of the box in which the cube may be (m).
     pub half_extent: Vector3<f64>,
 }
 
 impl HandZone {
-    /// How far a point in the box's frame is off the box; 0 in it (m).
+    /// Returns the distance of a point from the box (m); 0 inside it. `at` is in the frame of the
+    /// box.
     #[must_use]
-    pub fn off(&self, at: &Point3<f64>) -> f64 {
+    pub fn distance(&self, at: &Point3<f64>) -> f64 {
         (at.coords.abs() - self.half_extent).map(|x| x.max(0.0)).norm()
     }
 
-    /// The same of the nearest point between two (m).
+    /// Returns the distance between the box and the segment from `a` to `b` (m).
     #[must_use]
-    pub fn off_segment(&self, a: &Point3<f64>, b: &Point3<f64>) -> f64 {
-        // The box is convex: along a line the distance falls, then rises.
-        let at = |t: f64| self.off(&(a + (b - a) * t));
+    pub fn distance_to_segment(&self, a: &Point3<f64>, b: &Point3<f64>) -> f64 {
+        // The box is convex, so along the segment the distance falls and then rises: a ternary
+        // search finds the minimum. 40 rounds shrink the interval to 1e-7 of the segment.
+        let at = |t: f64| self.distance(&(a + (b - a) * t));
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..40 {
             let third = (high - low) / 3.0;
@@ -222,6 +234,7 @@ impl HandZone {
                 low += third;
             }
         }
+        // The search only approaches the ends, so a minimum at an end is evaluated exactly.
         at(0.5 * (low + high)).min(at(0.0)).min(at(1.0))
     }
 }

@@ -1,54 +1,56 @@
-//! What an arm can be told and what it tells: the vocabulary between MP, ECP, EDP and the servo.
+//! Commands to an arm and the states that it reports, shared by MP, ECP, EDP and the servo.
 //!
-//! - a [`MoveCommand`] says what to do for a number of 2 ms servo periods (Zieliński et al. 2007, p. 371:
-//!   frame, selector of force and position directions, execution time)
-//! - an [`ArmState`] is what the servo knows after a period
+//! - a [`MoveCommand`] orders a motion for a number of 2 ms servo periods (Zieliński et al. 2007,
+//!   p. 371: frame, selector of force and position directions, execution time)
+//! - an [`ArmState`] is the state of an arm after a servo period
 
 use crate::spatial::{Pose, Wrench};
 use serde::{Deserialize, Serialize};
 
-/// Seconds in one servo period of the original: the unit in which commands last and in which states and frames are
-/// numbered, whatever the length of the servo's own periods.
+/// Length of a servo period of the original controller (s). Commands last, and states and frames
+/// are numbered, in this unit, even if the periods of the servo have another length.
 pub const PERIOD: f64 = 0.002;
 
-/// Axes of an arm without its jaw: index 0 is the prismatic track, 1..=6 the six rotary axes.
-/// The postument arm has no axis 0; its entry is 0.
+/// Number of axes of an arm without its jaw. Index 0 is the prismatic track, 1..=6 are the six
+/// rotary axes. The postument arm has no axis 0; its entry is 0.
 pub const AXES: usize = 7;
-/// Index of the tool's roll among the joints, which no other axis takes part in.
+/// Index of the tool's roll among the joints. This joint is coupled with no other axis.
 pub const ROLL: usize = 6;
 
-/// Joint variables: `[0]` the track d0 (m), `[1..=6]` q1..q6 (rad) (q3, q4 relative, as in the URDF).
+/// Joint variables: `[0]` is the track d0 (m), `[1..=6]` are q1..q6 (rad); q3 and q4 are relative,
+/// as in the URDF.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct JointPositions(pub [f64; AXES]);
 
 impl JointPositions {
-    /// Returns the joint positions after a share of the way to others, all joints evenly.
+    /// Returns the joint positions at a share of the straight line to others in joint space.
     #[must_use]
     pub fn towards(&self, to: &Self, share: f64) -> Self {
         Self(std::array::from_fn(|i| self.0[i] + share * (to.0[i] - self.0[i])))
     }
 }
 
-/// Motor shaft angles (rad) in the same order.
+/// Motor shaft angles in the order of the joints (rad).
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct MotorPositions(pub [f64; AXES]);
 
-/// The axes in which the directions of a [`Motion::Task`] are expressed.
+/// Axes in which the directions of a [`Motion::Task`] are expressed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Frame {
-    /// The robot's base: the paper's absolute mode.
+    /// Axes of the base: the absolute mode of the paper.
     Base,
-    /// The tool: the paper's relative mode.
+    /// Axes of the tool: the relative mode of the paper.
     Tool,
 }
 
-/// What one direction of the task frame does: linear directions in m, N; angular ones in rad, Nm.
+/// Law of one direction of the task frame: linear directions in m and N, angular ones in rad and
+/// Nm.
 ///
-/// `admittance` is the original's reciprocal damping B (m/(s N) or rad/(s Nm)), `inertia` its M
-/// (kg or kg m2); inertia 0 is the paper's plain scaling of the force error.
+/// `admittance` is the original's reciprocal damping B (m/(s N) or rad/(s Nm)), `inertia` its M (kg
+/// or kg m2). Inertia 0 is the plain scaling of the force error in the paper.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Direction {
-    /// Follows a velocity whatever the force.
+    /// Follows a velocity and ignores the force.
     Unguarded {
         /// Set velocity (m/s or rad/s).
         velocity: f64,
@@ -57,50 +59,51 @@ pub enum Direction {
     Guarded {
         /// Velocity in free motion (m/s or rad/s).
         velocity: f64,
-        /// B.
+        /// Admittance B (m/(s N) or rad/(s Nm)).
         admittance: f64,
-        /// M.
+        /// Inertia M (kg or kg m2).
         inertia: f64,
     },
     /// Seeks a force that the tool exerts on its surroundings.
     Contact {
         /// Set force or torque (N or Nm).
         wanted: f64,
-        /// B.
+        /// Admittance B (m/(s N) or rad/(s Nm)).
         admittance: f64,
-        /// M.
+        /// Inertia M (kg or kg m2).
         inertia: f64,
     },
 }
 
 impl Direction {
-    /// Stands still, stiffly.
+    /// Law that keeps the position and ignores the force.
     pub const HOLD: Self = Self::Unguarded { velocity: 0.0 };
 }
 
-/// Where a command takes the arm.
+/// Motion that a command orders.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Motion {
     /// Keeps the present set values.
     Hold,
-    /// Reaches these motor positions at the end, linearly.
+    /// Reaches these motor positions at the end, along a line in motor space.
     Motors(MotorPositions),
-    /// Turns the motors by these angles, linearly: the one motion of an arm that is not synchronised.
+    /// Turns the motors by these angles, along a line in motor space. An arm that is not
+    /// synchronised accepts no other motion.
     MotorsBy(MotorPositions),
-    /// Reaches these joint positions at the end, linearly.
+    /// Reaches these joint positions at the end, along a line in joint space.
     Joints(JointPositions),
     /// Reaches this `base_from_tool` at the end along a straight line; d0 stays.
     Pose(Pose),
-    /// Position-force control in a task frame.
+    /// Follows velocities and seeks forces in a task frame.
     Task {
         /// Axes of the directions.
         frame: Frame,
-        /// x, y, z, then rotations about them.
+        /// Law of each direction: x, y, z, then the rotations about them.
         directions: [Direction; 6],
     },
 }
 
-/// How deep a gripper reaches over the cube: over one layer or over two.
+/// Number of the cube's layers over which a gripper reaches.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Depth {
     /// One layer: the tool point lies in the outer layer's centre plane.
@@ -112,158 +115,164 @@ pub enum Depth {
 /// Set values of a gripper's jaw.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct JawCommand {
-    /// Distance between the finger pads that is reached at the end of the command, linearly (m).
+    /// Distance between the finger pads at the end of the command (m). The set value moves there
+    /// linearly.
     pub opening: f64,
-    /// Grip force at which the jaw motor's current is limited (N).
+    /// Grip force at which the current of the jaw motor is limited (N).
     pub force_limit: f64,
-    /// Which position the palm's two-position stops take (a digital output of the parallel interface).
+    /// Position of the palm's two-position stops (a digital output of the parallel interface).
     pub stops: Depth,
 }
 
-/// One command of an EDP: a motion, its duration, and the jaw's set values.
+/// Command to an EDP: a motion, its duration and the set values of the jaw.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct MoveCommand {
-    /// Where to.
+    /// Motion of the arm.
     pub motion: Motion,
     /// Execution time in servo periods, at least 1.
     pub periods: u32,
-    /// Jaw; `None` keeps its set values.
+    /// Set values of the jaw; `None` keeps the present ones.
     pub jaw: Option<JawCommand>,
 }
 
-/// Why an arm stopped by itself. Units and numbers are in the text of the error.
+/// Reason for which an arm stopped by itself. The text of the error gives numbers and units.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum ArmFault {
     /// The power stage's current limit, or half of the servo profile's `trip_current` for 0.3 s.
     #[error("axis {axis}: over-current, {amperes:.1} A")]
     OverCurrent {
-        /// 0 the track, 1..=6 the rotary axes, 7 the jaw.
+        /// Axis: 0 the track, 1..=6 the rotary axes, 7 the jaw.
         axis: usize,
-        /// Measured.
+        /// Measured current (A).
         amperes: f64,
     },
-    /// A limit switch was hit.
+    /// An axis reached its limit switch.
     #[error("axis {axis}: limit switch hit at motor position {motor:.2} rad")]
     LimitSwitch {
-        /// As above.
+        /// Axis, numbered as in [`ArmFault::OverCurrent`].
         axis: usize,
-        /// Where.
+        /// Motor position at the switch (rad).
         motor: f64,
     },
     /// Set value and reading are too far apart.
     #[error("axis {axis}: following error {error:.3} rad of motor angle")]
     Following {
-        /// As above.
+        /// Axis, numbered as in [`ArmFault::OverCurrent`].
         axis: usize,
-        /// Set minus measured.
+        /// Set value minus reading (rad of motor angle).
         error: f64,
     },
-    /// The force sensor is silent while the arm moves, or saturated while a force is being controlled.
-    #[error("force sensor: {}", felt(*direction, *reading))]
+    /// The force sensor is silent while the arm moves, or saturated while a force is controlled.
+    #[error("force sensor: {}", unusable(*direction, *reading))]
     ForceSensor {
-        /// 0..=5 in the sensor's frame.
+        /// Direction in the frame of the sensor: 0..=2 forces along, 3..=5 torques about x, y, z.
         direction: usize,
-        /// Measured.
+        /// Measured force or torque (N or Nm).
         reading: f64,
     },
-    /// A power stage's own fault, or no power.
+    /// A power stage reports a fault of its own, or has no power.
     #[error("axis {axis}: the power stage reports a fault")]
     PowerStage {
-        /// As above.
+        /// Axis, numbered as in [`ArmFault::OverCurrent`].
         axis: usize,
     },
-    /// Homing ended at a limit, or went round, without the synchronisation switch.
+    /// Homing reached a limit, or turned a full circle, without the synchronisation switch.
     #[error("axis {axis}: no synchronisation switch within {travelled:.0} rad of motor angle")]
     SwitchExpected {
-        /// As above.
+        /// Axis, numbered as in [`ArmFault::OverCurrent`].
         axis: usize,
-        /// How far it went (rad).
+        /// Travel of the motor (rad).
         travelled: f64,
     },
-    /// Homing did not come off the synchronisation switch: it hangs, or the axis does not move.
+    /// Homing did not leave the synchronisation switch: the switch is stuck, or the axis does not
+    /// move.
     #[error(
-        "axis {axis}: the synchronisation switch is still pressed after {travelled:.0} rad of motor angle"
+        "axis {axis}: the synchronisation switch is still pressed after {travelled:.0} rad of \
+         motor angle"
     )]
     SwitchHeld {
-        /// As above.
+        /// Axis, numbered as in [`ArmFault::OverCurrent`].
         axis: usize,
-        /// How far it went (rad).
+        /// Travel of the motor (rad).
         travelled: f64,
     },
-    /// Homing left the switch and no encoder zero came.
+    /// Homing left the switch, but no encoder zero followed.
     #[error("axis {axis}: no encoder zero within {travelled:.1} rad of motor angle off the switch")]
     ZeroExpected {
-        /// As above.
+        /// Axis, numbered as in [`ArmFault::OverCurrent`].
         axis: usize,
-        /// How far it went (rad).
+        /// Travel of the motor (rad).
         travelled: f64,
     },
-    /// A controller forgot where it is: it was reset.
+    /// A controller of an axis was reset and lost its position.
     #[error("axis {axis}: the controller has lost its synchronisation")]
     SynchronisationLost {
-        /// As above.
+        /// Axis, numbered as in [`ArmFault::OverCurrent`].
         axis: usize,
     },
-    /// The actors have been silent.
-    #[error("no heart beat of the actors for {seconds:.2} s")]
-    HeartBeat {
-        /// For how long.
+    /// The actors sent no heartbeat.
+    #[error("no heartbeat from the actors for {seconds:.2} s")]
+    #[serde(rename = "HeartBeat")]
+    Heartbeat {
+        /// Time since the last heartbeat (s).
         seconds: f64,
     },
-    /// The servo's thread did not run.
+    /// The thread of the servo did not run.
     #[error("the servo missed {periods} periods in a row")]
     Missed {
-        /// How many.
+        /// Number of missed periods in a row.
         periods: u64,
     },
-    /// The bridge's thread does not answer.
+    /// The thread of the bridge does not answer.
     #[error("no reading from the bridge for {periods} periods")]
     BridgeSilent {
-        /// How many.
+        /// Number of periods without a reading.
         periods: u64,
     },
-    /// Emergency stop.
+    /// Emergency stop of all arms.
     #[error("emergency stop")]
     EmergencyStop,
-    /// A counter stands still while its axis is to move.
+    /// A counter stands still while its axis is commanded to move.
     #[error(
-        "axis {axis}: the encoder stands still, {wanted:.2} rad of motor angle were wanted meanwhile"
+        "axis {axis}: the encoder does not move, while the set value moved by {wanted:.2} rad of \
+         motor angle"
     )]
     EncoderFrozen {
-        /// As above.
+        /// Axis, numbered as in [`ArmFault::OverCurrent`].
         axis: usize,
-        /// How far the set value has gone since the counter last changed (rad).
+        /// Travel of the set value since the counter last changed (rad).
         wanted: f64,
     },
-    /// A counter went further in a period than any motor can.
+    /// A counter changed in one period by more than any motor can turn.
     #[error("axis {axis}: the encoder jumped by {by:.2} rad of motor angle")]
     EncoderJump {
-        /// As above.
+        /// Axis, numbered as in [`ArmFault::OverCurrent`].
         axis: usize,
-        /// By how much (rad).
+        /// Change of the counter (rad of motor angle).
         by: f64,
     },
 }
 
-/// What a force sensor tells that is not to be believed.
-fn felt(direction: usize, reading: f64) -> String {
+/// Describes a reading of the force sensor that must not be used.
+fn unusable(direction: usize, reading: f64) -> String {
     let (unit, way) = if direction < 3 { ("N", "along") } else { ("Nm", "about") };
     let axis = ["x", "y", "z"][direction % 3];
     if reading.is_finite() {
-        format!("{reading:.1} {unit} {way} {axis} is the end of its range")
+        format!("{reading:.1} {unit} {way} {axis} is the limit of its range")
     } else {
         format!("no reading {way} {axis}")
     }
 }
 
-/// Whether the counters of an arm mean positions (the states of the original's EDP).
+/// Whether the counters of an arm give its position (the states of the original's EDP).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum Synchronisation {
-    /// Counters start anywhere: only [`Motion::MotorsBy`] and synchronising are possible.
+    /// The counters started at arbitrary values. Only [`Motion::MotorsBy`] and synchronising are
+    /// possible.
     No,
-    /// On the way to the switch and the encoder zero of an axis.
+    /// Homing moves an axis to its switch and the next encoder zero.
     Under {
-        /// 0 the track, 1..=6 the rotary axes, 7 the jaw.
+        /// Axis: 0 the track, 1..=6 the rotary axes, 7 the jaw.
         axis: u8,
     },
     /// Every counter is zero at the synchronisation position.
@@ -271,101 +280,104 @@ pub enum Synchronisation {
     Yes,
 }
 
-/// Unit of a joint: the track (0) and the jaw (7) slide.
+/// Returns the unit of a joint: the track (0) and the jaw (7) slide, the others turn.
 const fn unit(axis: usize) -> &'static str {
     if axis == 0 || axis == AXES { "m" } else { "rad" }
 }
 
-/// Why a command could not be carried out (the arm holds; non-fatal).
+/// Reason for which the arm refuses a command or aborts it. The arm holds; the error is non-fatal.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum MoveRefused {
     /// No joint positions reach the pose.
-    #[error("pose out of reach: {0:.4} m short")]
+    #[error("pose out of reach by {0:.4} m")]
     OutOfReach(f64),
-    /// A joint limit.
+    /// A joint would leave its limits.
     #[error("joint {axis}: {value:.4} {unit} is outside {low:.4}..{high:.4}", unit = unit(*axis))]
     JointLimit {
-        /// 0 the track, 1..=6.
+        /// Joint: 0 the track, 1..=6 the rotary ones.
         axis: usize,
-        /// Wanted (m or rad).
+        /// Commanded value (m or rad).
         value: f64,
-        /// Limit.
+        /// Lower limit (m or rad).
         low: f64,
-        /// Limit.
+        /// Upper limit (m or rad).
         high: f64,
     },
-    /// A motor limit.
+    /// A motor would leave its limits.
     #[error("motor {axis}: {value:.2} rad is outside {low:.2}..{high:.2}")]
     MotorLimit {
-        /// 0 the track, 1..=6.
+        /// Motor: 0 of the track, 1..=6 of the rotary axes.
         axis: usize,
-        /// Wanted (rad).
+        /// Commanded value (rad).
         value: f64,
-        /// Limit.
+        /// Lower limit (rad).
         low: f64,
-        /// Limit.
+        /// Upper limit (rad).
         high: f64,
     },
-    /// Faster than the drive may be asked to go.
+    /// A motor would exceed its speed limit.
     #[error("motor {axis}: {rate:.1} rad/s is faster than {limit:.1} rad/s")]
     TooFast {
-        /// 0 the track, 1..=6.
+        /// Motor: 0 of the track, 1..=6 of the rotary axes.
         axis: usize,
-        /// Asked (rad/s).
+        /// Commanded speed (rad/s).
         rate: f64,
-        /// Allowed (rad/s).
+        /// Speed limit (rad/s).
         limit: f64,
     },
-    /// The arm does not know where it is.
+    /// The arm does not know its position.
     #[error("the arm is not synchronised: only relative motor moves are possible")]
     NotSynchronised,
-    /// Broken off from outside; the arm was brought to a stand.
-    #[error("the motion was broken off: the actors were silent")]
-    BrokenOff,
-    /// This arm holds until the trouble is over.
-    #[error("the arm is held back: the other one is stopped by a fault, or an actor is gone")]
-    HeldBack,
-    /// A stop of all arms is under way.
-    #[error("the arms are being stopped: {periods} periods were missed")]
+    /// The servo braked the arm to rest because the actors were silent.
+    #[error("the motion was aborted: the operator interrupted it, or the actors sent no heartbeat")]
+    #[serde(rename = "BrokenOff")]
+    Aborted,
+    /// The arm holds until the fault of its partner is reset, or the missing actor is back.
+    #[error("the arm is on hold: the other arm has a fault, or an actor is missing")]
+    #[serde(rename = "HeldBack")]
+    PartnerStopped,
+    /// The servo stops all arms.
+    #[error("all arms are stopping: the servo missed {periods} periods")]
     Stopping {
-        /// How many periods the servo missed.
+        /// Number of periods that the servo missed.
         periods: u64,
     },
-    /// A number that is none.
+    /// A command or its result is not a finite number.
     #[error("the command or its result is not a finite number")]
     NotANumber,
 }
 
-/// What the servo knows of an arm after a period.
+/// State of an arm after a servo period.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ArmState {
-    /// Number of the period that this is the state of.
+    /// Number of the period after which this state was measured.
     pub period: u64,
-    /// Measured.
+    /// Measured motor positions (rad).
     pub motors: MotorPositions,
-    /// From the measured motors.
+    /// Joint positions computed from the measured motor positions (m or rad).
     pub joints: JointPositions,
-    /// From the measured joints.
+    /// Pose of the tool computed from those joint positions.
     pub base_from_tool: Pose,
-    /// Set value of this period.
+    /// Joint positions commanded in this period (m or rad).
     pub desired_joints: JointPositions,
-    /// Set value of this period.
+    /// Pose of the tool commanded in this period.
     pub desired_base_from_tool: Pose,
-    /// What the tool exerts on its surroundings, at the tool point, in tool axes; weight and bias removed.
+    /// Wrench that the tool exerts on its surroundings, about the tool point, in tool axes (N, Nm);
+    /// without weight and bias.
     pub wrench_in_tool: Wrench,
-    /// Measured distance between the pads (m), by the controller's belief of the jaw.
+    /// Measured distance between the pads, according to the controller's belief of the jaw (m).
     pub jaw_opening: f64,
-    /// Its set value of this period (m).
+    /// Distance between the pads commanded in this period (m).
     pub desired_jaw_opening: f64,
-    /// Force that the jaw's motor current stands for (N).
+    /// Grip force computed from the current of the jaw motor (N).
     pub jaw_force: f64,
-    /// Last period of the command being executed; not after `period` when idle.
+    /// Last period of the running command; at most `period` if the arm is idle.
     pub command_end: u64,
-    /// Set when the last command was refused or broken off in the middle.
+    /// Reason for which the last command was refused or aborted.
     pub refused: Option<MoveRefused>,
-    /// Set until reset: the arm is stopped.
+    /// Fault that stopped the arm; it stays until a reset.
     pub fault: Option<ArmFault>,
-    /// Whether joints and poses can be believed.
+    /// Whether the counters give the joint positions and poses.
     pub synchronisation: Synchronisation,
 }
 

@@ -1,57 +1,58 @@
-//! Poses, twists and wrenches: the vocabulary of rigid motion.
+//! Poses, twists and wrenches of rigid bodies, in SI units.
 //!
-//! A transform is named `to_from`, so that equal names meet: `base_from_cube = base_from_camera *
-//! camera_from_cube`. A vector says where it is expressed when that is not its own frame. SI units.
+//! The name of a transform is `to_from`, so that equal names meet: `base_from_cube =
+//! base_from_camera * camera_from_cube`. The name of a vector includes its frame if that is not the
+//! vector's own frame.
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// A rigid transform `to_from`: it takes coordinates in `from` to coordinates in `to` (m).
+/// Rigid transform `to_from`: it converts coordinates in `from` to coordinates in `to` (m).
 pub type Pose = Isometry3<f64>;
 
 /// Acceleration of free fall (m/s2).
 pub const GRAVITY: f64 = 9.81;
 
-/// Returns whether a pose is made of numbers, with a rotation of unit length: for `debug_assert!`
-/// where poses cross from one part to another.
+/// Returns whether all numbers of a pose are finite and its rotation has unit length. The callers
+/// are `debug_assert!`s where a pose enters another module.
 #[must_use]
 pub fn is_rigid(pose: &Pose) -> bool {
     pose.translation.vector.iter().all(|c| c.is_finite())
         && (pose.rotation.coords.norm() - 1.0).abs() < 1e-6
 }
 
-/// A velocity, or a small displacement: linear (m/s or m), angular (rad/s or rad).
+/// Velocity (m/s, rad/s) or small displacement (m, rad).
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Twist {
-    /// Along the axes of the frame that the twist is expressed in.
+    /// Linear part along the axes of the frame in which the twist is expressed.
     pub linear: Vector3<f64>,
-    /// About the same axes.
+    /// Angular part about those axes.
     pub angular: Vector3<f64>,
 }
 
 impl Twist {
-    /// From `[x, y, z, rx, ry, rz]`.
+    /// Makes a twist from `[x, y, z, rx, ry, rz]`.
     #[must_use]
     pub fn from_directions(d: [f64; 6]) -> Self {
         Self { linear: Vector3::new(d[0], d[1], d[2]), angular: Vector3::new(d[3], d[4], d[5]) }
     }
 
-    /// As `[x, y, z, rx, ry, rz]`.
+    /// Returns `[x, y, z, rx, ry, rz]`.
     #[must_use]
     pub fn directions(&self) -> [f64; 6] {
         let (l, a) = (self.linear, self.angular);
         [l.x, l.y, l.z, a.x, a.y, a.z]
     }
 
-    /// The same free vectors expressed in another orientation (no change of reference point).
+    /// Expresses the two free vectors in another orientation; the reference point does not change.
     #[must_use]
     pub fn rotated(&self, to_from: &UnitQuaternion<f64>) -> Self {
         Self { linear: to_from * self.linear, angular: to_from * self.angular }
     }
 
-    /// The displacement as a pose: translation and rotation vector taken apart, not the screw
-    /// exponential; at 2 ms increments the difference is of second order (< 1e-9 m at 1 m/s, 1 rad/s
-    /// is 2e-6 m) and the original integrates in the same way.
+    /// Converts the displacement into a pose, with the translation and the rotation vector taken
+    /// separately instead of by the screw exponential. The original integrates in this way, and for
+    /// the increments of 2 ms the difference is of second order: at 1 m/s and 1 rad/s it is 2e-6 m.
     #[must_use]
     pub fn displacement(&self) -> Pose {
         Pose::from_parts(
@@ -61,7 +62,7 @@ impl Twist {
     }
 }
 
-/// A force (N) and a torque (Nm) about the origin of the frame that they are expressed in.
+/// Force (N) and torque (Nm) about the origin of the frame in which they are expressed.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Wrench {
     /// Force along the axes (N).
@@ -71,36 +72,38 @@ pub struct Wrench {
 }
 
 impl Wrench {
-    /// From `[fx, fy, fz, tx, ty, tz]`.
+    /// Makes a wrench from `[fx, fy, fz, tx, ty, tz]`.
     #[must_use]
     pub fn from_directions(d: [f64; 6]) -> Self {
         Self { force: Vector3::new(d[0], d[1], d[2]), torque: Vector3::new(d[3], d[4], d[5]) }
     }
 
-    /// As `[fx, fy, fz, tx, ty, tz]`.
+    /// Returns `[fx, fy, fz, tx, ty, tz]`.
     #[must_use]
     pub fn directions(&self) -> [f64; 6] {
         let (f, t) = (self.force, self.torque);
         [f.x, f.y, f.z, t.x, t.y, t.z]
     }
 
-    /// The same wrench about another origin and in other axes; keeps power with twists moved likewise.
+    /// Expresses the wrench about another origin and in other axes. Its power with a twist that is
+    /// converted likewise stays the same.
     #[must_use]
     pub fn moved(&self, to_from: &Pose) -> Self {
         let force = to_from.rotation * self.force;
         Self {
             force,
+            // Force through the old origin: its moment about the new one is p x R f.
             torque: to_from.rotation * self.torque + to_from.translation.vector.cross(&force),
         }
     }
 
-    /// The same free vectors in another orientation (no change of reference point).
+    /// Expresses the two free vectors in another orientation; the reference point does not change.
     #[must_use]
     pub fn rotated(&self, to_from: &UnitQuaternion<f64>) -> Self {
         Self { force: to_from * self.force, torque: to_from * self.torque }
     }
 
-    /// Whether every component is a finite number.
+    /// Checks that every component is finite.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         self.directions().iter().all(|c| c.is_finite())
@@ -128,7 +131,8 @@ impl std::ops::Neg for Wrench {
     }
 }
 
-/// The pose whose rotation has the given columns (right-handed, orthonormal) and whose origin is `origin`.
+/// Makes the pose whose rotation has the given columns and whose origin is `origin` (m). The
+/// columns must be orthonormal and right-handed.
 #[must_use]
 pub fn pose_from_axes(
     x: Vector3<f64>,

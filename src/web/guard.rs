@@ -1,45 +1,53 @@
-//! Who may talk to the page's server. A browser runs the pages of strangers, and any of them could otherwise drive the
-//! robot: a foreign `Origin` is refused, and so is a `Host` that is not this server's (rebound names).
+//! Access control of the page's server: which requests are refused, and why.
 //!
-//! - on the loopback: `Host` must name it
-//! - beyond: a token, drawn at the start, must come with each request: in the query of the address that was printed, and
-//!   then in the cookie that is answered to it, since a page's files and its WebSocket are asked for without that query
+//! A browser runs the pages of strangers, and without these rules any of them could drive the
+//! robot.
+//!
+//! | request | rule | attack |
+//! |---|---|---|
+//! | foreign `Origin` | refused | a page of another server sends commands |
+//! | foreign `Host`, on the loopback | refused | a foreign name is rebound to this address |
+//! | no token, beyond the loopback | refused | another machine sends commands |
+//!
+//! The token is drawn at the start and printed as a part of the address. The page's files and its
+//! WebSocket are requested without the query of that address, so the server answers it with a
+//! cookie that carries the token.
 
 use axum::http::{HeaderMap, Uri, header};
 use std::io::Read;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 
-/// The rules of one server.
+/// Rules of one server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Guard {
     address: SocketAddr,
     token: Option<String>,
 }
 
-/// Why a request is refused.
+/// Reason why a request is refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Refused {
-    /// The name under which the server was asked is not its own.
+    /// The request names another server.
     #[error("refused: this server is not `{0}`")]
     Host(String),
-    /// A page of somebody else.
+    /// The request comes from a page of another server.
     #[error("refused: a page from `{0}` may not command this robot")]
     Origin(String),
-    /// No token, or a wrong one.
+    /// The token is missing or wrong.
     #[error("refused: the token is missing or wrong; use the address that the program printed")]
     Token,
 }
 
-/// Random bytes of a token.
+/// Number of random bytes in a token.
 const TOKEN: usize = 16;
 /// Name of the query's parameter.
 const NAME: &str = "token";
 
 impl Guard {
-    /// For a server at this address.
+    /// Makes the rules of a server at this address.
     ///
     /// # Errors
-    /// When the operating system gives no random numbers for a token.
+    /// The operating system gives no random numbers for a token.
     pub fn of(address: SocketAddr) -> std::io::Result<Self> {
         if address.ip().is_loopback() {
             return Ok(Self { address, token: None });
@@ -50,7 +58,8 @@ impl Guard {
         Ok(Self { address, token: Some(format!("{token:032x}")) })
     }
 
-    /// What to type into a browser. Who listens everywhere is met at the address by which this machine goes to others.
+    /// Returns the URL for a browser. A server that listens at all addresses is reached at the one
+    /// from which this machine speaks to others.
     #[must_use]
     pub fn url(&self) -> String {
         let mut host = self.address;
@@ -63,7 +72,7 @@ impl Guard {
         }
     }
 
-    /// Why a request is refused; `None` lets it pass.
+    /// Returns the reason why a request is refused, or `None` if it passes.
     #[must_use]
     pub fn refuses(&self, headers: &HeaderMap, uri: &Uri) -> Option<Refused> {
         let text = |name| headers.get(name).and_then(|v| v.to_str().ok());
@@ -71,38 +80,44 @@ impl Guard {
         if !self.is_own(host) {
             return Some(Refused::Host(host.chars().take(80).collect()));
         }
+        // Browsers send an `Origin` with each WebSocket, the only way to send commands.
         if let Some(origin) = headers.get(header::ORIGIN) {
             let origin = origin.to_str().unwrap_or("?");
-            // The same server by the same name, over plain HTTP.
+            // The page must come from this server, by the name of this request, over plain HTTP.
             if origin.strip_prefix("http://") != Some(host) {
                 return Some(Refused::Origin(origin.chars().take(80).collect()));
             }
         }
         let token = self.token.as_ref()?;
         let kept = text(header::COOKIE).unwrap_or_default().split(';').map(str::trim);
-        let right = asked(uri, token) || kept.into_iter().any(|pair| is(pair, &self.jar(), token));
+        let right =
+            asked(uri, token) || kept.into_iter().any(|pair| is(pair, &self.cookie_name(), token));
         (!right).then_some(Refused::Token)
     }
 
-    /// The cookie with which a browser asks for the rest, for whoever came with the token in the query.
+    /// Returns the cookie that answers a query with the right token. The browser sends it with all
+    /// further requests.
     #[must_use]
     pub fn cookie(&self, uri: &Uri) -> Option<String> {
         let token = self.token.as_ref().filter(|token| asked(uri, token))?;
-        Some(format!("{}={token}; Path=/; HttpOnly; SameSite=Strict", self.jar()))
+        // Scripts cannot read it, and requests from pages of other sites do not carry it.
+        Some(format!("{}={token}; Path=/; HttpOnly; SameSite=Strict", self.cookie_name()))
     }
 
-    /// Name of the cookie. Browsers do not tell ports of one host apart: each server of a machine has a name of its own.
-    fn jar(&self) -> String {
+    /// Returns the name of the cookie. A browser shares cookies between all ports of a host, so
+    /// each server of a machine needs a name of its own.
+    fn cookie_name(&self) -> String {
         format!("rubik_robot_{}", self.address.port())
     }
 
-    /// The token, if one is needed.
+    /// Returns the token, if one is needed.
     #[must_use]
     pub fn token(&self) -> Option<&str> {
         self.token.as_deref()
     }
 
-    /// Whether `Host` names this server. Beyond the loopback the token guards, and names are many.
+    /// Returns whether `Host` names this server. Beyond the loopback any name will do: a machine
+    /// has many, and the token protects the server.
     fn is_own(&self, host: &str) -> bool {
         if self.token.is_some() {
             return !host.is_empty();
@@ -113,14 +128,16 @@ impl Guard {
     }
 }
 
-/// The address from which this machine would speak to others; the loopback where it speaks to nobody. Nothing is sent:
-/// the addresses asked for are those of documentation (RFC 5737, RFC 3849).
+/// Returns the address from which this machine would speak to others, or the loopback if it has no
+/// network. It sends no packet; the destinations are addresses for documentation (RFC 5737, RFC
+/// 3849).
 fn own_ip(v4: bool) -> IpAddr {
     let (own, others): (IpAddr, IpAddr) = if v4 {
         (Ipv4Addr::UNSPECIFIED.into(), Ipv4Addr::new(192, 0, 2, 1).into())
     } else {
         (Ipv6Addr::UNSPECIFIED.into(), Ipv6Addr::new(0x2001, 0xdb8, 0, 0, 0, 0, 0, 1).into())
     };
+    // To connect a UDP socket only selects the route and with it the own address.
     let spoken = UdpSocket::bind((own, 0)).and_then(|socket| {
         socket.connect((others, 9))?;
         socket.local_addr()
@@ -129,18 +146,19 @@ fn own_ip(v4: bool) -> IpAddr {
     spoken.map(|at| at.ip()).ok().filter(|ip| !ip.is_unspecified()).unwrap_or(loopback)
 }
 
-/// Whether the query has the token.
+/// Returns whether the query has the token.
 fn asked(uri: &Uri, token: &str) -> bool {
     uri.query().unwrap_or_default().split('&').any(|pair| is(pair, NAME, token))
 }
 
-/// Whether a pair is `name=value`.
+/// Returns whether a pair is `name=value`.
 fn is(pair: &str, name: &str, value: &str) -> bool {
     let given = pair.strip_prefix(name).and_then(|rest| rest.strip_prefix('='));
     given.is_some_and(|given| same(given.as_bytes(), value.as_bytes()))
 }
 
-/// Comparison whose time tells nothing of where the first difference is.
+/// Compares two texts in a time that does not depend on the place of the first difference, so that
+/// the time reveals no part of the token.
 fn same(a: &[u8], b: &[u8]) -> bool {
     a.len() == b.len() && a.iter().zip(b).fold(0, |acc, (x, y)| acc | (x ^ y)) == 0
 }
@@ -158,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn the_own_page_passes_on_the_loopback_by_any_of_its_names() {
+    fn own_page_passes_on_loopback_by_any_name() {
         let guard = Guard::of("127.0.0.1:8780".parse().unwrap()).unwrap();
 
         for host in ["127.0.0.1:8780", "localhost:8780", "LocalHost:8780"] {
@@ -170,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn strangers_are_refused() {
+    fn foreign_origins_and_hosts_are_refused() {
         let guard = Guard::of("127.0.0.1:8780".parse().unwrap()).unwrap();
         let own = (header::HOST, "127.0.0.1:8780");
 
@@ -184,7 +202,7 @@ mod tests {
             let refused = asked(&guard, &[own.clone(), (header::ORIGIN, origin)], "/ws");
             assert_eq!(refused, Some(Refused::Origin(origin.into())));
         }
-        // A name of theirs that points here.
+        // A stranger's name that points to this address.
         for host in ["evil.example:8780", "127.0.0.1", "", "127.0.0.1:8781"] {
             assert!(matches!(asked(&guard, &[(header::HOST, host)], "/"), Some(Refused::Host(_))));
         }
@@ -192,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn beyond_the_loopback_only_the_token_opens() {
+    fn token_is_required_beyond_the_loopback() {
         let guard = Guard::of("192.0.2.7:8780".parse().unwrap()).unwrap();
         let token = guard.token().unwrap().to_owned();
         let host = (header::HOST, "robot.local:8780");
@@ -204,7 +222,7 @@ mod tests {
             asked(&guard, std::slice::from_ref(&host), &format!("/ws?a=1&token={token}")),
             None
         );
-        // Nor does a part of it, or more than it.
+        // A part of the token does not suffice, and neither does a longer text.
         for wrong in [String::new(), token[..31].to_owned(), format!("{token}0")] {
             let uri = format!("/?token={wrong}");
             let refused = asked(&guard, std::slice::from_ref(&host), &uri);
@@ -226,8 +244,9 @@ mod tests {
         assert_ne!(Guard::of("192.0.2.7:8780".parse().unwrap()).unwrap(), guard);
     }
 
+    /// A server at all addresses prints an address that a person can type.
     #[test]
-    fn who_listens_everywhere_is_told_an_address_that_can_be_typed() {
+    fn unspecified_address_becomes_usable_url() {
         for everywhere in ["0.0.0.0:8780", "[::]:8780"] {
             let guard = Guard::of(everywhere.parse().unwrap()).unwrap();
             let url = guard.url();

@@ -1,12 +1,19 @@
-//! The page's connections: how many there may be, and for how long one may be idle.
+//! Limits of the page's connections: their number, and the time for which one may be idle.
+//!
+//! Each connection has a file descriptor. The world's file and the recording need some as well, and
+//! so does the operator who wants to press the emergency stop.
+//!
+//! | case | limit | consequence |
+//! |---|---|---|
+//! | all connections | [`MOST`] | a new one displaces the one that has been idle for longest |
+//! | ... from other machines | [`FOREIGN`] | the operator at this machine always finds a place |
+//! | pages with a WebSocket | [`PAGES`] | further pages are refused; pages are never displaced |
+//! | ... from other machines | [`FOREIGN_PAGES`] | as above |
+//! | no request | [`ASKS`] | cut, except for pages: there may be no news for long |
+//! | answer is not read | [`TAKES`] | cut |
 //!
 //! - in: connections as the system accepts them
-//! - out: the same, never more than [`MOST`]: each has a file descriptor, and the world's file, the recording and the
-//!   operator with the stop need some, too
-//! - who comes when all places are taken displaces the one that has been idle for longest. From elsewhere only
-//!   [`FOREIGN`] places can be taken, so that the operator at this machine always finds one
-//! - whoever asks nothing, or takes nothing of what is answered, is cut after a time, but for pages with a WebSocket:
-//!   nothing may be new to them for long
+//! - out: the connections that are admitted
 
 use axum::extract::connect_info::Connected;
 use axum::serve::{IncomingStream, Listener};
@@ -23,29 +30,29 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::oneshot;
 use tokio::time::{Instant, Sleep, sleep};
 
-/// Connections at one time. A browser has six and its page's WebSocket.
+/// Greatest number of connections at one time. A browser has six, and the WebSocket of its page.
 const MOST: usize = 64;
-/// Of them from other machines.
+/// Greatest number of connections from other machines.
 const FOREIGN: usize = 40;
-/// Of them pages with a WebSocket.
+/// Greatest number of pages with a WebSocket.
 const PAGES: usize = 32;
-/// Of these from other machines.
+/// Greatest number of pages from other machines.
 const FOREIGN_PAGES: usize = 24;
-/// Within this time a request's head must be there, and the next request must follow an answer.
+/// Time within which the head of a request must arrive, and the next request after an answer.
 const ASKS: Duration = Duration::from_secs(5);
-/// Within this time something of an answer must be taken.
+/// Time within which a part of an answer must be read.
 const TAKES: Duration = Duration::from_secs(10);
 
-/// What is known of one connection.
+/// State of one connection.
 #[derive(Debug)]
 struct Known {
     number: u64,
     foreign: bool,
-    /// Since when it has been idle, as the last that was written to it tells.
+    /// Time of the last write to it, or of its admission.
     idle_since: Instant,
-    /// It has become a page's WebSocket.
+    /// Whether it has become the WebSocket of a page.
     page: bool,
-    /// Dropped, it cuts the connection.
+    /// Sender whose drop cuts the connection.
     _cut: oneshot::Sender<()>,
 }
 
@@ -54,11 +61,13 @@ struct Known {
 struct Lines(Mutex<Vec<Known>>);
 
 impl Lines {
+    /// Returns all connections, locked.
     fn all(&self) -> MutexGuard<'_, Vec<Known>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A place for a newcomer; `None` when nobody makes room.
+    /// Admits a new connection, and cuts another one if there is no room. Returns `None` if none of
+    /// them may be cut.
     fn admit(
         self: &Arc<Self>,
         number: u64,
@@ -68,6 +77,7 @@ impl Lines {
         let strangers = all.iter().filter(|known| known.foreign).count();
         let crowded = foreign && strangers >= FOREIGN;
         if crowded || all.len() >= MOST {
+            // A connection from another machine cannot displace one of this machine.
             let may_go = |known: &&Known| !known.page && (known.foreign || !foreign);
             let longest = all.iter().filter(may_go).min_by_key(|k| k.idle_since)?.number;
             all.retain(|known| known.number != longest);
@@ -89,12 +99,13 @@ pub(super) struct Line {
 }
 
 impl Line {
-    /// It becomes a page's WebSocket, which may be silent; `false` when there are as many as may be.
+    /// Makes the connection a page's WebSocket, which may be silent. Returns `false` if there are
+    /// too many pages.
     pub(super) fn becomes_page(&self) -> bool {
         let mut all = self.lines.all();
         let pages = all.iter().filter(|known| known.page).count();
         let strangers = all.iter().filter(|known| known.page && known.foreign).count();
-        // It may just have made room for another one.
+        // A new connection may have displaced this one meanwhile.
         let Some(own) = all.iter_mut().find(|known| known.number == self.number) else {
             return false;
         };
@@ -106,6 +117,7 @@ impl Line {
         true
     }
 
+    /// Restarts the idle time after a write.
     fn answered(&self) {
         if let Some(known) = self.lines.all().iter_mut().find(|k| k.number == self.number) {
             known.idle_since = Instant::now();
@@ -119,7 +131,7 @@ impl Connected<IncomingStream<'_, Door>> for Line {
     }
 }
 
-/// Where connections come in.
+/// Listener of the server, which admits connections.
 #[derive(Debug)]
 pub(super) struct Door {
     listener: TcpListener,
@@ -141,7 +153,7 @@ impl Listener for Door {
         loop {
             let (stream, address) = Listener::accept(&mut self.listener).await;
             self.last += 1;
-            // Who finds no place is cut at once.
+            // A connection without a place is dropped, and thereby closed.
             let foreign = !address.ip().to_canonical().is_loopback();
             if let Some((line, cut)) = self.lines.admit(self.last, foreign) {
                 let idle = Box::pin(sleep(ASKS));
@@ -155,19 +167,20 @@ impl Listener for Door {
     }
 }
 
-/// The bytes of a connection.
+/// Byte stream of a connection, which ends when the connection is cut.
 #[derive(Debug)]
 pub(super) struct Stream {
     bytes: TcpStream,
     line: Line,
     cut: oneshot::Receiver<()>,
+    /// Timer of [`ASKS`].
     idle: Pin<Box<Sleep>>,
-    /// While what is written is not taken.
+    /// Timer of [`TAKES`], while a write waits.
     stuck: Option<Pin<Box<Sleep>>>,
 }
 
 impl Stream {
-    /// What came of a write: it may wait for as long as [`TAKES`].
+    /// Passes on the result of a write, which may wait for as long as [`TAKES`].
     fn written<T>(
         &mut self,
         context: &mut Context<'_>,
@@ -179,6 +192,7 @@ impl Stream {
             self.line.answered();
             return written;
         }
+        // Both are polled, so that each of them wakes this task.
         let cut = Pin::new(&mut self.cut).poll(context).is_ready();
         let stuck = self.stuck.get_or_insert_with(|| Box::pin(sleep(TAKES)));
         if cut || stuck.as_mut().poll(context).is_ready() {
@@ -203,7 +217,8 @@ impl AsyncRead for Stream {
         let this = self.get_mut();
         let page = this.line.page.load(Ordering::Relaxed);
         let idle = !page && this.idle.as_mut().poll(context).is_ready();
-        // A receiver that was told is not asked again: the connection ends with the error.
+        // A receiver that is ready must not be polled again. It is not, because the error ends the
+        // connection.
         if idle || (!page && Pin::new(&mut this.cut).poll(context).is_ready()) {
             return Poll::Ready(Err(io::ErrorKind::TimedOut.into()));
         }
@@ -252,7 +267,7 @@ mod tests {
     use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
     use tokio::time::{advance, timeout};
 
-    /// A server's door, and a connection through it with the end of who came.
+    /// Returns a server's door, a connection through it, and the client's end of it.
     async fn connected() -> (Door, Stream, TcpStream) {
         let mut door = Door::new(TcpListener::bind("127.0.0.1:0").await.unwrap());
         let address = door.local_addr().unwrap();
@@ -261,12 +276,12 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_line_is_cut_when_nothing_is_asked_for_too_long_and_a_page_may_be_silent() {
+    async fn idle_connection_is_closed_unless_a_page() {
         let (_door, mut stream, _came) = connected().await;
         let read = timeout(ASKS + Duration::from_secs(1), stream.read_u8()).await.unwrap();
         assert_eq!(read.unwrap_err().kind(), io::ErrorKind::TimedOut);
 
-        // From an answer on there is as much time again.
+        // An answer restarts the time.
         let (_door, mut stream, _came) = connected().await;
         advance(4 * ASKS / 5).await;
         stream.write_all(b"answer").await.unwrap();
@@ -274,11 +289,11 @@ mod tests {
 
         let (_door, mut stream, _came) = connected().await;
         assert!(stream.line.becomes_page());
-        assert!(timeout(10 * ASKS, stream.read_u8()).await.is_err(), "nothing may be new to it");
+        assert!(timeout(10 * ASKS, stream.read_u8()).await.is_err(), "a quiet page keeps its line");
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_line_whose_answer_is_not_taken_is_cut() {
+    async fn connection_that_reads_nothing_is_closed() {
         let (_door, mut stream, _came) = connected().await;
         let much = vec![0; 64 << 20];
 
@@ -287,8 +302,9 @@ mod tests {
         assert_eq!(written.unwrap_err().kind(), io::ErrorKind::TimedOut);
     }
 
+    /// A displaced connection is cut at once, and a closed one no longer counts.
     #[tokio::test(start_paused = true)]
-    async fn who_makes_room_is_cut_at_once_and_who_is_gone_takes_no_place() {
+    async fn displaced_or_closed_connection_frees_its_slot() {
         let (door, mut stream, _came) = connected().await;
         let others: Vec<_> = (100..100 + MOST as u64).map(|n| door.lines.admit(n, false)).collect();
         assert!(others.iter().all(Option::is_some));
@@ -302,7 +318,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn who_was_answered_last_stays_longest() {
+    async fn last_answered_connection_is_displaced_last() {
         let lines = Arc::new(Lines::default());
         let mut held = Vec::new();
         for number in 0..MOST as u64 {
@@ -318,7 +334,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn pages_leave_places_for_whoever_asks_for_one() {
+    async fn pages_leave_connections_for_requests() {
         let lines = Arc::new(Lines::default());
         let held: Vec<_> = (0..MOST as u64).map_while(|n| lines.admit(n, false)).collect();
 
@@ -327,7 +343,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn whoever_has_been_idle_for_longest_makes_room_and_pages_stay() {
+    async fn longest_idle_connection_is_displaced_before_pages() {
         let lines = Arc::new(Lines::default());
         let mut held: Vec<_> = (0..200).map_while(|n| lines.admit(n, true)).collect();
         assert_eq!((held.len(), lines.all().len()), (200, FOREIGN));
@@ -338,10 +354,10 @@ mod tests {
 
         assert_eq!((pages, own.len(), lines.all().len()), (FOREIGN_PAGES, 200, MOST));
         assert_eq!(lines.all().iter().filter(|known| known.page).count(), FOREIGN_PAGES);
-        // Those from elsewhere displace nobody of this machine, and leave it pages.
+        // Connections from other machines displace none of this machine, and leave it pages.
         assert_eq!(lines.all().iter().filter(|known| known.foreign).count(), FOREIGN_PAGES);
         assert!(own.last().unwrap().0.becomes_page());
-        assert!(!held[0].0.becomes_page(), "it has made room");
+        assert!(!held[0].0.becomes_page(), "the oldest line made room");
         assert!(lines.admit(400, true).is_none());
         assert!(lines.admit(401, false).is_some());
     }

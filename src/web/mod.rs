@@ -1,14 +1,15 @@
-//! The operator's page: a small server of the snapshot that each UI shows, and of inputs.
+//! Server of the operator's page: it sends snapshots to browsers and takes their inputs.
+//!
+//! The server has a thread and a runtime of its own. A slow page misses snapshots, and no run waits
+//! for it. The server belongs to the program, above the runs: it serves a desk, and shows the runs
+//! at that desk one after the other.
 //!
 //! - in: a [`UiEnd`] of the desk
-//! - out: the page (assets of this folder, nothing from elsewhere), `GET /camera/{index}` as JPEG, and `GET /ws`, a
-//!   WebSocket on which stage, snapshots and messages go out and commands come in
-//! - who may: see [`guard`]; one page commands, the others watch, and anyone may press the emergency stop
-//! - how many: see `line`; connections without end keep nobody from the stop
-//!
-//! It lives on a thread with a runtime of its own. A slow page misses snapshots; no run waits for it.
-//! The server belongs to the program, above the runs: it serves a desk, and shows one run at that
-//! desk after the other.
+//! - out: the page (only assets of this folder); `GET /camera/{index}`, a picture; `GET /ws`, a
+//!   WebSocket that carries stage, snapshots and messages to the page and commands from it
+//! - access: see [`guard`]; one page commands, the others watch, and each may press the emergency
+//!   stop
+//! - connections: see `line`; they are limited in number, so that the operator always finds a place
 
 pub mod guard;
 mod line;
@@ -35,7 +36,7 @@ use tokio::sync::oneshot;
 /// Quality of the camera's pictures, of 100.
 const QUALITY: u8 = 82;
 
-/// The page's files: path, type, content.
+/// Files of the page: path, type, content.
 const ASSETS: &[(&str, &str, &str)] = &[
     ("/", "text/html; charset=utf-8", include_str!("assets/index.html")),
     ("/style.css", "text/css; charset=utf-8", include_str!("assets/style.css")),
@@ -49,28 +50,31 @@ const ASSETS: &[(&str, &str, &str)] = &[
     ("/manual.js", JAVASCRIPT, include_str!("assets/manual.js")),
     ("/icon.svg", "image/svg+xml", include_str!("assets/icon.svg")),
 ];
+/// Media type of a script.
 const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
 
-/// A running server; dropping it ends it.
+/// A running server. Dropping it stops the server.
 #[derive(Debug)]
 pub struct Server {
-    /// Where it listens.
+    /// Address at which the server listens.
     pub address: SocketAddr,
-    /// What to type into a browser, token included.
+    /// URL for a browser, including the token.
     pub url: String,
     stop: Option<oneshot::Sender<()>>,
     thread: Option<std::thread::JoinHandle<()>>,
 }
 
 impl Server {
-    /// Serves a desk's page at an address. Beyond the loopback a token is needed, which the URL has.
+    /// Starts a server of a desk's page at an address. Beyond the loopback a request needs a token,
+    /// which [`Self::url`] includes.
     ///
     /// # Errors
-    /// What the operating system says to the address, or to another thread.
+    /// The operating system refuses the address, or gives no thread or no random numbers.
     pub fn start(desk: UiEnd, address: SocketAddr) -> std::io::Result<Self> {
         let runtime =
             tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
         let listener = runtime.block_on(tokio::net::TcpListener::bind(address))?;
+        // Port 0 is replaced by the one that the system has chosen.
         let address = listener.local_addr()?;
         let guard = Arc::new(Guard::of(address)?);
         let url = guard.url();
@@ -79,6 +83,7 @@ impl Server {
         let work = move || {
             let service = routes(shared).into_make_service_with_connect_info::<Line>();
             let served = axum::serve(Door::new(listener), service);
+            // Without a graceful shutdown: a page's WebSocket never ends by itself.
             runtime.block_on(async {
                 tokio::select! {
                     biased;
@@ -88,7 +93,7 @@ impl Server {
                     },
                 }
             });
-            // Sockets that are still open are cut.
+            // Open sockets are cut.
             runtime.shutdown_background();
         };
         let thread = std::thread::Builder::new().name("web".into()).spawn(work)?;
@@ -100,12 +105,13 @@ impl Drop for Server {
     fn drop(&mut self) {
         drop(self.stop.take());
         if let Some(thread) = self.thread.take() {
-            // A panic has told of itself.
+            // A panic of the thread has printed its message already.
             let _ = thread.join();
         }
     }
 }
 
+/// Returns the routes of the server.
 fn routes(shared: Shared) -> Router {
     let mut router =
         Router::new().route("/ws", get(socket::upgrade)).route("/camera/{index}", get(camera));
@@ -113,17 +119,18 @@ fn routes(shared: Shared) -> Router {
         router =
             router.route(path, get(move || async move { ([(header::CONTENT_TYPE, kind)], text) }));
     }
+    // The layer comes last, so that it covers all routes.
     router.layer(middleware::from_fn_with_state(shared.clone(), check)).with_state(shared)
 }
 
-/// Obeys a message of the only page, without a server; returns the reason if it is refused. For
-/// tests.
+/// Obeys a message of the only page, without a server. Returns the reason if it is refused. It is
+/// for tests.
 #[must_use]
 pub fn obey(text: &str, desk: &UiEnd) -> Option<String> {
     socket::obey(text, &Arc::<Seats>::default().newcomer(), desk)
 }
 
-/// Every request passes here first.
+/// Checks a request before it is answered, and adds headers of security to the answer.
 async fn check(State(shared): State<Shared>, request: Request, next: Next) -> Response {
     let refusal = shared.guard.refuses(request.headers(), request.uri());
     let cookie = shared.guard.cookie(request.uri()).filter(|_| refusal.is_none());
@@ -138,6 +145,8 @@ async fn check(State(shared): State<Shared>, request: Request, next: Next) -> Re
     let mut set = |name: header::HeaderName, value: &'static str| {
         headers.insert(name, HeaderValue::from_static(value));
     };
+    // No copies of pictures remain, no guesses of types are made, and the token in the URL does not
+    // leave in a referrer.
     set(header::CACHE_CONTROL, "no-store");
     set(header::X_CONTENT_TYPE_OPTIONS, "nosniff");
     set(header::X_FRAME_OPTIONS, "DENY");
@@ -151,12 +160,13 @@ async fn check(State(shared): State<Shared>, request: Request, next: Next) -> Re
     response
 }
 
-/// The latest picture of a camera.
+/// Answers with the latest picture of a camera.
 async fn camera(State(shared): State<Shared>, Path(index): Path<usize>) -> Response {
     let picture = shared.desk.pictures.borrow().get(index).cloned().flatten();
     let Some(picture) = picture else {
         return (StatusCode::NOT_FOUND, "no picture yet\n").into_response();
     };
+    // The encoder takes milliseconds, in which the thread must answer an emergency stop.
     let encoded = tokio::task::spawn_blocking(move || match &picture.pixels {
         Pixels::Raw(image) => {
             let mut file = Vec::new();
@@ -172,6 +182,7 @@ async fn camera(State(shared): State<Shared>, Path(index): Path<usize>) -> Respo
     let kind = if file.starts_with(b"\x89PNG") { "image/png" } else { "image/jpeg" };
     let mut headers = HeaderMap::new();
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(kind));
+    // The latest picture may be later than the one that the page asked for.
     headers.insert("x-frame", HeaderValue::from(frame));
     (headers, file).into_response()
 }

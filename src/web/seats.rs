@@ -1,15 +1,18 @@
-//! The right to command: one page at a time has it, the others watch. Every page may press the
+//! The right to command: one page at a time has it, and the others watch. Every page may press the
 //! emergency stop.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use tokio::sync::watch;
 
-/// The seats of all pages.
+/// Seats of all pages.
 #[derive(Debug)]
 pub(super) struct Seats {
+    /// Number of the latest seat.
     last: AtomicU64,
+    /// Number of the seat that commands.
     holder: watch::Sender<Option<u64>>,
+    /// Lock of [`Seat::take`].
     taking: Mutex<()>,
 }
 
@@ -31,7 +34,7 @@ impl Seats {
     }
 }
 
-/// The seat of one page; dropping it gives up the right to command.
+/// Seat of one page. Dropping it gives up the right to command.
 pub(super) struct Seat {
     seats: Arc<Seats>,
     number: u64,
@@ -43,13 +46,14 @@ impl Seat {
         *self.seats.holder.borrow() == Some(self.number)
     }
 
-    /// Follows which page commands.
+    /// Returns a receiver of the seat that commands.
     pub(super) fn holder(&self) -> watch::Receiver<Option<u64>> {
         self.seats.holder.subscribe()
     }
 
     /// Takes the right to command from the page that has it.
     pub(super) fn take(&self) {
+        // A poisoned lock is harmless, since it guards no data.
         let _one = self.seats.taking.lock().unwrap_or_else(PoisonError::into_inner);
         self.seats.holder.send_if_modified(|holder| {
             let changed = *holder != Some(self.number);
@@ -60,6 +64,7 @@ impl Seat {
 
     /// Gives up the right to command if this page has it.
     pub(super) fn leave(&self) {
+        // Another page may have taken over meanwhile, and keeps the right.
         self.seats.holder.send_if_modified(|holder| {
             let own = *holder == Some(self.number);
             if own {

@@ -1,11 +1,11 @@
-//! The state of a server that each request sees.
+//! State of a server that all requests share.
 
 use super::guard::Guard;
 use super::seats::Seats;
 use crate::desk::UiEnd;
 use std::sync::Arc;
 
-/// The desk, the rules and the seats of a server.
+/// Desk, rules and seats of a server.
 #[derive(Clone)]
 pub(super) struct Shared {
     pub(super) desk: UiEnd,

@@ -1,8 +1,8 @@
-//! One page's WebSocket: the messages to the page, the messages from it, and its seat.
+//! WebSocket of one page: the messages to the page, the messages from it, and its seat.
 //!
-//! - out, JSON objects with one key each: `stage` at first and whenever it changes; `snapshot`,
-//!   without the plan and the messages; `plan` when it changes; `messages`, only those that this
-//!   page has not had; `seat` when the right to command changes; `refused` with a reason
+//! - out, JSON objects with one key each: `stage` at first and at each change; `snapshot`, without
+//!   the plan and the messages; `plan` at each change; `messages`, only those that this page has
+//!   not received; `seat` when the right to command changes; `refused` with a reason
 //! - in: an [`Input`] as `{"command": NAME, ...}` with its arguments beside the name,
 //!   `{"seat":"take"}` or `{"seat":"leave"}`, and `{"alive":true}`
 
@@ -23,27 +23,29 @@ use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
 
-/// The longest message that a page may send: an answer with 54 stickers has 150 bytes.
+/// Greatest length of a message of a page (bytes). An answer with 54 stickers has 150.
 const LONGEST: usize = 4096;
-/// Refusals that a page may have ahead of it.
+/// Number of refusals that may wait for a page.
 const REFUSALS: usize = 16;
 /// Time between two snapshots to one page.
 const INTERVAL: Duration = Duration::from_millis(50);
-/// A page that says nothing for this long loses its right to command.
+/// Time without a message after which a page loses its right to command.
 const SILENCE: Duration = Duration::from_secs(15);
-/// One that says nothing for this long makes room: a page that is only hidden says a word each minute at least.
+/// Time without a message after which a page is disconnected. A hidden page still sends one each
+/// minute, because browsers slow down its timers.
 const GONE: Duration = Duration::from_secs(300);
 
-/// `GET /ws`.
+/// Answers `GET /ws`.
 pub(super) async fn upgrade(
     State(shared): State<Shared>,
     ConnectInfo(line): ConnectInfo<Line>,
     upgrade: WebSocketUpgrade,
 ) -> Response {
     if !line.becomes_page() {
-        return (StatusCode::SERVICE_UNAVAILABLE, "there are too many pages\n").into_response();
+        return (StatusCode::SERVICE_UNAVAILABLE, "too many pages are open\n").into_response();
     }
-    // Room for a frame is made when its head has come, whatever follows.
+    // The library allocates a frame as soon as its head announces the length, so the length must be
+    // limited.
     upgrade
         .max_message_size(LONGEST)
         .max_frame_size(LONGEST)
@@ -51,12 +53,13 @@ pub(super) async fn upgrade(
         .on_upgrade(move |socket| serve(socket, shared))
 }
 
+/// Serves one page until it is gone.
 async fn serve(socket: WebSocket, shared: Shared) {
     let (news, words) = socket.split();
     converse(words, news, &shared.seats.newcomer(), &shared.desk).await;
 }
 
-/// Both sides of a page, until one has come to its end.
+/// Runs both directions of a page until one of them ends.
 async fn converse<E>(
     words: impl Stream<Item = Result<ws::Message, E>> + Unpin,
     news: impl Sink<ws::Message> + Unpin,
@@ -65,15 +68,15 @@ async fn converse<E>(
 ) {
     let (refusals, refused) = mpsc::channel(REFUSALS);
     let heard = watch::channel(Instant::now()).0;
-    // Side by side: a page that reads nothing is obeyed all the same, since it may press the
-    // emergency stop.
+    // The directions run concurrently. A page that reads nothing must be obeyed as well, because it
+    // may press the emergency stop.
     tokio::select! {
         () = listen(words, seat, desk, &heard, &refusals) => {}
         () = tell(news, seat, desk, &heard, refused) => {}
     }
 }
 
-/// Obeys what a page says, until it is gone.
+/// Obeys the messages of a page until it is gone.
 async fn listen<E>(
     mut words: impl Stream<Item = Result<ws::Message, E>> + Unpin,
     seat: &Seat,
@@ -86,7 +89,7 @@ async fn listen<E>(
         match word {
             ws::Message::Text(text) => {
                 if let Some(why) = obey(text.as_str(), seat, desk) {
-                    // A page that reads no answers gets none.
+                    // A page that does not read its refusals loses the next ones.
                     let _ = refusals.try_send(why);
                 }
             }
@@ -96,7 +99,7 @@ async fn listen<E>(
     }
 }
 
-/// Tells a page what is new, until it is gone or silent for too long.
+/// Sends news to a page until it is gone or silent for too long.
 async fn tell(
     mut news: impl Sink<ws::Message> + Unpin,
     seat: &Seat,
@@ -106,6 +109,7 @@ async fn tell(
 ) {
     let mut holder = seat.holder();
     let mut sent = Sent::default();
+    // After a slow write the next snapshot is due a whole interval later: no backlog builds up.
     let mut due = tokio::time::interval(INTERVAL);
     due.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     holder.mark_changed();
@@ -127,7 +131,7 @@ async fn tell(
                     return;
                 }
                 if silent > SILENCE {
-                    // Pages say a word every few seconds: this one is gone, or asleep.
+                    // Pages send a heartbeat every few seconds, so this one is gone or asleep.
                     seat.leave();
                 }
                 sent.news(desk)
@@ -149,7 +153,7 @@ enum PageMessage {
     Seat {
         seat: SeatRequest,
     },
-    /// A sign of life.
+    /// Heartbeat.
     Alive {
         #[serde(rename = "alive")]
         _alive: bool,
@@ -180,16 +184,16 @@ impl TryFrom<NameBesideArguments> for PageInput {
 
     fn try_from(message: NameBesideArguments) -> serde_json::Result<Self> {
         let NameBesideArguments { command, arguments } = message;
-        // An input without arguments is its name alone.
+        // Serde reads a variant without fields from its name, and one with fields from an object.
         let alone = serde_json::from_value(Value::from(command.as_str()));
         alone.or_else(|_| serde_json::from_value(json!({ command: arguments }))).map(Self)
     }
 }
 
-/// Obeys a message of a page; returns the reason if it is refused.
+/// Obeys a message of a page. Returns the reason if it is refused.
 pub(super) fn obey(text: &str, seat: &Seat, desk: &UiEnd) -> Option<String> {
     let Ok(message) = serde_json::from_str(text) else {
-        return Some("that is no command".to_owned());
+        return Some("not a command".to_owned());
     };
     match message {
         PageMessage::Alive { .. } => None,
@@ -201,12 +205,12 @@ pub(super) fn obey(text: &str, seat: &Seat, desk: &UiEnd) -> Option<String> {
             seat.leave();
             None
         }
-        // A page needs no seat to stop the arms.
+        // Each page may stop the arms. Any other input needs the right to command.
         PageMessage::Input(PageInput(input))
             if input == Input::EmergencyStop || seat.commands() =>
         {
             let name = input.name();
-            (!desk.send(input)).then(|| format!("{name}: the robot does not listen"))
+            (!desk.send(input)).then(|| format!("{name}: the run accepts no commands"))
         }
         PageMessage::Input(PageInput(input)) => {
             Some(format!("{}: another page commands; take over first", input.name()))
@@ -214,7 +218,7 @@ pub(super) fn obey(text: &str, seat: &Seat, desk: &UiEnd) -> Option<String> {
     }
 }
 
-/// The state of a page: the latest of each kind that it has been sent.
+/// State of a page: the latest message of each kind that was sent to it.
 #[derive(Default)]
 struct Sent {
     stage: Option<Arc<Stage>>,
@@ -233,7 +237,7 @@ impl Sent {
             out.push(json!({ "stage": *stage }).to_string());
             self.stage = Some(stage);
         }
-        // The last snapshot is sent even when the run that published it is gone.
+        // The last snapshot is sent even if the run that published it is gone.
         let snapshot = desk.snapshots.borrow().clone();
         if self.snapshot.as_ref().is_some_and(|had| Arc::ptr_eq(had, &snapshot)) {
             return out;
@@ -246,20 +250,20 @@ impl Sent {
         out.extend(self.messages(&snapshot.messages));
         let rest =
             Snapshot { plan: Arc::default(), messages: Arc::default(), ..(*snapshot).clone() };
-        // A snapshot has no keys that JSON cannot have.
+        // The serialisation cannot fail: a snapshot has no maps, whose keys might be no strings.
         if let Ok(text) = serde_json::to_string(&rest) {
             out.push(format!("{{\"snapshot\":{text}}}"));
         }
         out
     }
 
-    /// Returns the messages that are new: all of them when they are of another run than the last
-    /// one that was sent, or when a replay went back.
+    /// Returns the new messages as a text to send. These are all of them if they belong to another
+    /// run than the last one that was sent, or if a replay jumped back.
     fn messages(&mut self, all: &[Message]) -> Option<String> {
         let last = all.last();
         let goes_on = self.message.as_ref().is_none_or(|had| {
             let same = all.iter().find(|message| message.number == had.number);
-            // A long run drops its first messages.
+            // A long run drops its first messages, perhaps including the last one that was sent.
             let dropped = || all.first().is_some_and(|first| first.number > had.number);
             same.map_or_else(dropped, |same| same == had)
         });
@@ -281,10 +285,10 @@ mod tests {
     use std::pin::Pin;
     use std::task::{Context, Poll};
 
-    /// A page that takes nothing of what it is told.
-    struct TakesNothing;
+    /// A page that reads nothing.
+    struct ReadsNothing;
 
-    impl Sink<ws::Message> for TakesNothing {
+    impl Sink<ws::Message> for ReadsNothing {
         type Error = Infallible;
         fn poll_ready(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Result<(), Infallible>> {
             Poll::Pending
@@ -314,15 +318,15 @@ mod tests {
             let words = stream::unfold(words, |mut words| async {
                 words.recv().await.map(|word| (Ok::<_, Infallible>(word), words))
             });
-            let page = converse(Box::pin(words), TakesNothing, &seat, &ui);
+            let page = converse(Box::pin(words), ReadsNothing, &seat, &ui);
             let person = async {
-                // The first snapshot waits by then.
+                // By then the first snapshot waits to be read.
                 tokio::time::sleep(4 * INTERVAL).await;
                 said.send(ws::Message::text(r#"{"command":"emergency_stop"}"#)).await.unwrap();
                 tokio::time::sleep(INTERVAL).await;
             };
             tokio::select! {
-                () = page => panic!("the page is gone"),
+                () = page => panic!("the page has closed"),
                 () = person => {}
             }
         });
@@ -348,7 +352,7 @@ mod tests {
             (r#"{"command":"speed","factor":2}"#, Input::Speed { factor: 2.0 }),
             (r#"{"command":"quit"}"#, Input::Quit),
             (r#"{"command":"seek","time":1.5}"#, Input::Seek { time: 1.5 }),
-            // A stop counts with whatever stands beside it.
+            // A stop is obeyed even with arguments that it does not have.
             (r#"{"command":"emergency_stop","factor":2}"#, Input::EmergencyStop),
         ] {
             assert_eq!(read(text), Some(input), "{text}");
@@ -364,7 +368,7 @@ mod tests {
     }
 
     #[test]
-    fn messages_of_another_run_are_sent_from_the_first() {
+    fn messages_of_another_run_are_sent_again() {
         let message = |number: u64, text: &str| Message {
             number,
             time: 0.0,
@@ -384,11 +388,11 @@ mod tests {
         assert_eq!(numbers(&[message(1, "a"), message(2, "b")]), Some(vec![1, 2]));
         assert_eq!(numbers(&[message(1, "a"), message(2, "b")]), None);
         assert_eq!(numbers(&[message(2, "b"), message(3, "c")]), Some(vec![3]));
-        assert_eq!(numbers(&[message(5, "e")]), Some(vec![5]), "the run dropped some");
+        assert_eq!(numbers(&[message(5, "e")]), Some(vec![5]), "messages may be missing");
         // As many messages as before, of another run.
         let others: Vec<Message> = (1..=6).map(|number| message(number, "other")).collect();
         assert_eq!(numbers(&others), Some(vec![1, 2, 3, 4, 5, 6]));
-        // A replay went back to before the first one.
+        // A replay jumped back to before the first message.
         assert_eq!(numbers(&[]), Some(vec![]));
     }
 }

@@ -1,4 +1,4 @@
-//! Circles between files: files that lead to each other by the paths in their code.
+//! Finder of circles between files, which are files whose paths in the code lead to each other.
 //!
 //! - in: the files of the crate, by path and text
 //! - out: an arrow for each path that leads to an item of another file; the groups of files in
@@ -12,10 +12,10 @@ use std::collections::{BTreeMap, BTreeSet};
 
 type Path = Vec<String>;
 
-/// The arrows between files: file -> files that its code names.
+/// Arrows between files: file -> files that its code names.
 pub(crate) type Arrows = BTreeMap<String, BTreeSet<String>>;
 
-/// A file's names: what it declares, and which names stand for something that lies elsewhere.
+/// Names of a file: those that it declares, and those that stand for an item of another file.
 #[derive(Default)]
 struct Module {
     file: String,
@@ -73,7 +73,7 @@ pub(crate) fn arrows(files: &[File]) -> Arrows {
     arrows
 }
 
-/// Reads all files, leaves out those that a parent declares for tests alone.
+/// Reads all files except those that a parent declares only for tests.
 fn modules(files: &[File]) -> BTreeMap<Path, Module> {
     let mut modules = BTreeMap::new();
     let mut tests = BTreeSet::new();
@@ -107,11 +107,11 @@ fn test_modules(code: &str) -> Vec<String> {
         .collect()
 }
 
-/// Returns a file's tokens with the paths of its inline modules as the file itself would write them:
-/// in `mod a { use super::B; }` the name `super` stands for the file.
+/// Returns the tokens of a file. A path in an inline module becomes the path that the file itself
+/// would write: in `mod a { use super::B; }` the name `super` stands for the file.
 fn flat(all: &[String]) -> Vec<String> {
     let mut flat: Vec<String> = Vec::new();
-    // How deep in braces each inline module began.
+    // Depths of braces at which the inline modules begin.
     let (mut inline, mut depth) = (Vec::new(), 0);
     let mut i = 0;
     while i < all.len() {
@@ -126,7 +126,7 @@ fn flat(all: &[String]) -> Vec<String> {
                 depth -= 1;
                 inline.pop_if(|began| *began == depth);
             }
-            // `pub(in path)` leads nowhere.
+            // The path of `pub(in path)` is no arrow.
             "in" if i > 0 && all[i - 1] == "(" => {
                 i += all[i..].iter().position(|t| t == ")").unwrap_or(0);
                 continue;
@@ -174,7 +174,7 @@ fn read(here: &[String], file: &str, code: &str) -> Module {
                 uses.extend(paths.into_iter().map(|path| (path, public)));
                 i = end;
             }
-            // The name of a module is no mention of an item that is called like it.
+            // The name of a module does not mention an item with the same name.
             "mod" => {
                 module.declared.insert(next);
                 i += 2;
@@ -203,7 +203,7 @@ fn read(here: &[String], file: &str, code: &str) -> Module {
                 module.imported.extend(path.last().cloned().map(|name| (name, path.clone())));
             }
             _ => {
-                // What the file mentions besides is an arrow of its own.
+                // A name that the rest of the file mentions is an arrow of this file.
                 if public && !outside.contains_key(name.as_str()) {
                     module.passed_on.insert(path.clone());
                 }
@@ -257,7 +257,7 @@ fn mentions(here: &[String], module: &Module) -> Vec<Path> {
         found.extend(paths.iter().filter_map(|path| absolute(here, module, path)));
     }
     found.retain(|path| !module.passed_on.contains(path));
-    // A module alone is no arrow: its items are, where the code names them.
+    // A path to a module alone is no arrow; the paths to its items are.
     found
 }
 
@@ -286,7 +286,7 @@ fn resolve(path: &[String], modules: &BTreeMap<Path, Module>, depth: usize) -> O
     }
 }
 
-mod the_finder_finds {
+mod finder_tests {
     use super::circles;
 
     fn found(files: &[(&str, &str)]) -> Vec<Vec<String>> {
@@ -295,14 +295,14 @@ mod the_finder_finds {
     }
 
     #[test]
-    fn files_that_use_each_other() {
+    fn search_finds_two_files_using_each_other() {
         let parent = "mod b; pub struct A; fn f() { b::g() }";
         let child = "use super::A; pub fn g() {}";
         assert_eq!(found(&[("a/mod.rs", parent), ("a/b.rs", child)]), [["a/b.rs", "a/mod.rs"]]);
     }
 
     #[test]
-    fn a_circle_through_a_reexport() {
+    fn search_finds_circle_through_reexport() {
         let parent = "mod b; mod c; pub use b::B; pub use c::C;";
         let (b, c) = ("use super::C; pub struct B(C);", "use super::B; pub struct C(Vec<B>);");
         let files = [("a/mod.rs", parent), ("a/b.rs", b), ("a/c.rs", c)];
@@ -310,7 +310,7 @@ mod the_finder_finds {
     }
 
     #[test]
-    fn nothing_where_a_parent_reexports_or_tests() {
+    fn search_ignores_reexports_and_tests_of_parent() {
         let parent = "mod b; mod c; pub use c::C; #[cfg(test)] mod t;";
         let b = "use super::C; mod inline { use super::B; } pub struct B(C);";
         let c = "pub(in super::super) struct C; #[cfg(test)] mod tests { use super::super::b::B; }";
@@ -320,7 +320,7 @@ mod the_finder_finds {
     }
 
     #[test]
-    fn nothing_where_a_function_has_its_modules_name() {
+    fn search_ignores_function_named_like_its_module() {
         let parent = "mod b; pub use b::b; pub struct A;";
         let child = "use super::A; pub fn b() -> A { A }";
         assert_eq!(found(&[("a/mod.rs", parent), ("a/b.rs", child)]), [[""; 0]; 0]);

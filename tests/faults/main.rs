@@ -1,4 +1,4 @@
-//! Everything under `scenarios/faults/`, over the seeds that `FAULT_SEEDS` says.
+//! Tests of all scenarios under `scenarios/faults/`, with the seeds of `FAULT_SEEDS`.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 

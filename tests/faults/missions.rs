@@ -1,8 +1,10 @@
-//! Faults in whole missions, `scenarios/faults/solve_*.toml`: what goes wrong is made good, and the cube solved.
+//! Tests of faults in whole missions, `scenarios/faults/solve_*.toml`: the mission recovers and
+//! solves the cube.
 //!
-//! Each begins in a world just before its fault: a mission with a cube that is a few turns from solved loses its power when the
-//! first layer begins to turn, and every fault of that seed goes on from a copy of what it left. So a hundred seeds are
-//! affordable: `FAULT_SEEDS=100 cargo test --release --test faults missions::`. The verdict is the plant's, out of the summary.
+//! Each test begins in a world just before its fault. One mission per seed, with a cube a few turns
+//! from solved, loses its power when the first layer begins to turn. Every fault of that seed
+//! resumes from a copy of this world, so a hundred seeds take little time: `FAULT_SEEDS=100 cargo
+//! test --release --test faults missions::`. The verdict in the summary is that of the plant.
 
 use crate::program::program;
 use crate::seeds::{Seed, each_seed};
@@ -14,13 +16,13 @@ use std::path::{Path, PathBuf};
 use std::process::Output;
 use std::sync::{Arc, Mutex, OnceLock};
 
-/// Moves that scramble a cube: enough for a fault, for what is made good, and for a few turns after it.
+/// Number of moves that scramble a cube: enough for a fault, the recovery and a few turns after it.
 const MOVES: u64 = 4;
 
 /// Worlds just before their faults, and the cubes in them, by seed.
 static WORLDS: Mutex<BTreeMap<u64, Arc<OnceLock<Before>>>> = Mutex::new(BTreeMap::new());
 
-/// A world in which a layer begins to turn.
+/// World in which a layer begins to turn, and the cube in it.
 struct Before {
     world: PathBuf,
     cube: String,
@@ -39,12 +41,13 @@ impl Seed {
             .unwrap()
     }
 
-    /// Where the world is kept that a fault of this name has.
+    /// Returns the file of the world for a fault of this name.
     fn place(self, name: &str) -> PathBuf {
         let file = format!("rubik-robot-{}-{}-{name}.json", std::process::id(), self.0);
         Path::new(env!("CARGO_TARGET_TMPDIR")).join(file)
     }
 
+    /// Returns the world just before the faults; the first call for a seed makes it.
     fn before(self) -> Arc<OnceLock<Before>> {
         let before = Arc::clone(WORLDS.lock().unwrap().entry(self.0).or_default());
         before.get_or_init(|| {
@@ -58,12 +61,13 @@ impl Seed {
         before
     }
 
-    /// What a mission comes to that goes on from there with a fault.
+    /// Returns the summary of a mission that resumes from that world with a fault.
     fn with(self, fault: &str) -> Summary {
         self.resumed(&format!("faults/solve_{fault}"))
     }
 
-    /// What a mission comes to that goes on from there.
+    /// Returns the summary of a mission that resumes from that world, and checks that it solves the
+    /// cube.
     fn resumed(self, scenario: &str) -> Summary {
         let before = self.before();
         let Before { world, cube } = before.get().unwrap();
@@ -87,8 +91,9 @@ fn beside(world: &Path, end: &str) -> PathBuf {
     PathBuf::from(format!("{}.{end}", world.display()))
 }
 
+/// The resumed mission has identified the cube at its start, so no layer turned before.
 #[test]
-fn a_power_cut_is_gone_on_from_and_nothing_is_turned_before_all_faces_are_read() {
+fn mission_after_power_cut_reads_all_faces_first() {
     each_seed(|seed| {
         let summary = seed.resumed("solve");
         assert_eq!(summary.identified, summary.cube_start);
@@ -97,9 +102,10 @@ fn a_power_cut_is_gone_on_from_and_nothing_is_turned_before_all_faces_are_read()
     });
 }
 
-/// The plant undoes a turn, or lets the cube fall: the mission sees it, and begins anew.
+/// The plant undoes a turn. The mission detects it before it hands the cube back, and reads and
+/// plans again.
 #[test]
-fn a_turn_that_did_not_happen_is_seen_before_the_cube_is_handed_back() {
+fn undone_turn_is_detected_before_return() {
     each_seed(|seed| {
         let summary = seed.with("turn_undone");
         assert_eq!((summary.recoveries, summary.drops), (1, Some(0)));
@@ -107,16 +113,17 @@ fn a_turn_that_did_not_happen_is_seen_before_the_cube_is_handed_back() {
 }
 
 #[test]
-fn a_cube_that_fell_is_taken_once_more_and_solved() {
+fn dropped_cube_is_taken_again_and_solved() {
     each_seed(|seed| {
         let summary = seed.with("drop");
         assert_eq!((summary.recoveries, summary.drops), (1, Some(1)));
     });
 }
 
-/// A turn that fails in the middle, one way or another, leaves a layer askew: the hands bring it back into line, and solve
-/// the cube. A push brings 30 N of its own, and a bias is borne up to the limit of 24 N before it is noticed.
-fn is_undone(fault: &str, most: f64) {
+/// Checks that the hands realign the layer of a turn that failed in the middle, and solve the cube.
+/// The force between the hands stays below `most` (N), which is larger for a push because the push
+/// itself exerts 30 N.
+fn check_undone(fault: &str, most: f64) {
     each_seed(|seed| {
         let summary = seed.with(fault);
         assert_eq!((summary.recoveries, summary.drops), (1, Some(0)), "{fault}");
@@ -126,27 +133,27 @@ fn is_undone(fault: &str, most: f64) {
 }
 
 #[test]
-fn a_turn_in_which_a_grip_slips_is_undone_and_the_cube_solved() {
-    is_undone("slip", 20.0);
+fn turn_with_slipping_grip_is_undone() {
+    check_undone("slip", 20.0);
 }
 
 #[test]
-fn a_turn_that_jams_is_undone_and_the_cube_solved() {
-    is_undone("jam", 20.0);
+fn jammed_turn_is_undone() {
+    check_undone("jam", 20.0);
 }
 
 #[test]
-fn a_turn_that_is_pushed_at_is_undone_and_the_cube_solved() {
-    is_undone("push", 25.0);
+fn pushed_turn_is_undone() {
+    check_undone("push", 25.0);
 }
 
 #[test]
-fn a_turn_with_a_sensor_that_lies_is_undone_and_the_cube_solved() {
-    is_undone("bias", 20.0);
+fn turn_with_biased_sensor_is_undone() {
+    check_undone("bias", 20.0);
 }
 
 #[test]
-fn every_fault_of_a_whole_mission_is_tested_here() {
+fn each_mission_fault_has_a_test() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/faults");
     let mut names: Vec<String> = std::fs::read_dir(folder)
         .unwrap()
@@ -155,7 +162,7 @@ fn every_fault_of_a_whole_mission_is_tested_here() {
         .collect();
     names.sort();
 
-    // By the time of one seed's inspection: tests/user/missions.rs.
+    // This fault begins at the time of the inspection of one seed: tests/user/missions.rs tests it.
     names.retain(|name| name != "blind");
     assert_eq!(names, ["bias", "drop", "jam", "power_cut", "push", "slip", "turn_undone"]);
 }

@@ -1,11 +1,11 @@
-//! Checks that are held against many seeds.
+//! Runner of a check over many seeds.
 
-/// Of everything that is drawn in a run.
+/// Seed of everything that a run draws.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Seed(pub(crate) u64);
 
-/// Holds a check against the seeds that `FAULT_SEEDS` says, `100` for 1 to 100 or `57-60`, the first one without it, and names
-/// all those at which it fails.
+/// Runs a check for each seed of `FAULT_SEEDS`, and names all seeds at which it fails. `100` means
+/// 1 to 100; `57-60` is a range; seed 1 runs without the variable.
 pub(crate) fn each_seed(check: impl Fn(Seed) + std::panic::RefUnwindSafe) {
     let seeds = std::env::var("FAULT_SEEDS").unwrap_or_else(|_| "1".to_owned());
     let (first, last) = seeds.split_once('-').unwrap_or(("1", &seeds));

@@ -1,47 +1,48 @@
-//! What the tests of hostile input share: the system's allocator with a count, so that a reader's memory is known.
+//! The system's allocator with a count of bytes, with which the tests of hostile input limit a
+//! reader's memory.
 #![allow(unreachable_pub, reason = "a module of test programs")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// The system's allocator with a count, for each thread, of what it holds and of the most that it held.
+/// The system's allocator, which counts for each thread the bytes that it holds and their maximum.
 struct Counting;
 
-// By thread, because other tests and their harness take and give back at any moment. Signed, because a thread may give
-// back what another took.
+// The counts are per thread, because other tests and the harness allocate and free at any moment.
+// They are signed, because a thread may free the memory of another.
 thread_local! {
     static HELD: Cell<isize> = const { Cell::new(0) };
     static MOST: Cell<isize> = const { Cell::new(0) };
 }
 
-fn took(bytes: usize) {
+fn count_allocated(bytes: usize) {
     HELD.set(HELD.get() + bytes.cast_signed());
     MOST.set(MOST.get().max(HELD.get()));
 }
 
-fn gave(bytes: usize) {
+fn count_freed(bytes: usize) {
     HELD.set(HELD.get() - bytes.cast_signed());
 }
 
-#[allow(unsafe_code, reason = "an allocator cannot be written without; it hands everything on")]
-// SAFETY: every call goes to the system's allocator as it came.
+#[allow(unsafe_code, reason = "an allocator needs unsafe code; this one forwards each call")]
+// SAFETY: every call is passed to the system's allocator unchanged.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        took(layout.size());
+        count_allocated(layout.size());
         unsafe { System.alloc(layout) }
     }
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        took(layout.size());
+        count_allocated(layout.size());
         unsafe { System.alloc_zeroed(layout) }
     }
     unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
-        gave(layout.size());
+        count_freed(layout.size());
         unsafe { System.dealloc(at, layout) }
     }
     unsafe fn realloc(&self, at: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        took(size);
-        gave(layout.size());
+        count_allocated(size);
+        count_freed(layout.size());
         unsafe { System.realloc(at, layout, size) }
     }
 }
@@ -51,13 +52,14 @@ static COUNTING: Counting = Counting;
 
 static ALONE: Mutex<()> = Mutex::new(());
 
-/// One input at a time in the process: its time is its own, and what hangs can be named.
-pub fn alone() -> MutexGuard<'static, ()> {
+/// Locks the process for one input, so that no other one adds to its time, and a hanging input can
+/// be named.
+pub fn lock_process() -> MutexGuard<'static, ()> {
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The most bytes that a reader held beside what its thread held before; a reader with threads of its own would have to
-/// add up theirs.
+/// Returns the maximum number of bytes that a reader held, beyond those that its thread held
+/// before. The allocations of a reader's own threads are not counted.
 pub fn most_held(read: impl FnOnce()) -> usize {
     let before = HELD.get();
     MOST.set(before);
@@ -66,7 +68,7 @@ pub fn most_held(read: impl FnOnce()) -> usize {
 }
 
 #[test]
-fn memory_that_is_held_and_given_back_is_counted() {
+fn most_held_counts_allocations_and_frees() {
     let bytes = 1 << 20;
     let one = || drop(std::hint::black_box(vec![1_u8; bytes]));
     assert_eq!(most_held(one), bytes);
@@ -74,6 +76,6 @@ fn memory_that_is_held_and_given_back_is_counted() {
         one();
         one();
     };
-    assert_eq!(most_held(one_after_the_other), bytes, "what is given back is not held");
+    assert_eq!(most_held(one_after_the_other), bytes, "freed memory is not counted");
     assert_eq!(most_held(|| ()), 0);
 }

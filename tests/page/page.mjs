@@ -1,5 +1,6 @@
-// See run.sh. Whatever a button does is looked for in the page, and, once the run is over, in its recording: the operator's
-// words there, and that the same controller comes to the same servo periods from them, to the bit.
+// See run.sh. The effect of each button is checked in the page and, after the run, in its recording:
+// the recording contains the operator's commands, and `replay --verify` repeats the servo periods to
+// the bit.
 
 import { execFile, spawn } from "node:child_process";
 import { once } from "node:events";
@@ -13,7 +14,7 @@ const [, , library, executablePath, binary, pictures] = process.argv;
 const { chromium } = await import(pathToFileURL(library));
 const LEAST_RATE = Number(process.env.LEAST_RATE ?? 10);
 const SIZES = { desktop: { width: 1280, height: 800 }, phone: { width: 390, height: 844 } };
-/** A browser or a program that hangs must not hang whoever waits for this [ms]. */
+/** Longest time of all parts (ms), because a browser or a program may hang. */
 const LONGEST = 1200000;
 
 let failures = 0;
@@ -21,7 +22,7 @@ function check(right, what) {
   if (!right) failures += 1;
   console.log(`${right ? "ok    " : "FAILED"} ${what}`);
 }
-/** Programs that still run: they go when this goes, however it goes. */
+/** Programs that still run. They are killed when this process ends, for any reason. */
 const alive = new Set();
 process.on("exit", () => alive.forEach((it) => it.kill("SIGKILL")));
 for (const signal of ["SIGINT", "SIGTERM", "SIGHUP"]) process.on(signal, () => process.exit(1));
@@ -33,7 +34,7 @@ setTimeout(() => {
 const pause = (ms) => new Promise((done) => setTimeout(done, ms));
 const command = promisify(execFile);
 
-/** A run with a page, recorded. */
+/** Run with a page and a recording. */
 class Run {
   static number = 0;
 
@@ -60,12 +61,12 @@ class Run {
     throw new Error(`no page: ${this.told}`);
   }
 
-  /** What is to stand in the recording at the end. */
+  /** Adds words that the recording must contain at the end. */
   records(...words) {
     this.wanted.push(...words);
   }
 
-  /** The run is over, or ends now: its exit code, its summary, its recording. */
+  /** Waits until the run ends, and checks its exit code, summary and recording. */
   async ends(code, summary) {
     if (this.process.exitCode === null) {
       const late = setTimeout(() => this.process.kill("SIGKILL"), 30000);
@@ -73,12 +74,12 @@ class Run {
       clearTimeout(late);
     }
     check(this.process.exitCode === code, `the program ends with exit code ${code} (${this.process.exitCode})`);
-    check(summary.test(this.summary), `its summary says ${summary}`);
+    check(summary.test(this.summary), `the summary matches ${summary}`);
     const shown = await command(binary, ["replay", this.recording, "--ui", "none"], { maxBuffer: 1 << 26 });
-    for (const words of this.wanted) check(shown.stderr.includes(words), `the recording has "${words}"`);
+    for (const words of this.wanted) check(shown.stderr.includes(words), `the recording contains "${words}"`);
     const verified = await command(binary, ["replay", this.recording, "--verify", "--json"]).catch((error) => error);
     const { same, compared } = JSON.parse(verified.stdout || "{}");
-    check(same === true && compared > 100, `from its recording the controller comes to the same, to the bit (${compared} servo ticks)`);
+    check(same === true && compared > 100, `the recording verifies to the bit (${compared} servo ticks)`);
     if (same !== true) console.log(verified.stdout, verified.stderr);
     else if (!process.env.KEEP) rmSync(this.recording);
   }
@@ -92,9 +93,9 @@ const browser = await chromium.launch({
 async function open(run, size = "desktop", colorScheme = "light") {
   const page = await browser.newPage({ viewport: SIZES[size], colorScheme, isMobile: size === "phone", hasTouch: size === "phone" });
   const url = await run.url();
-  page.on("pageerror", (error) => check(false, `the page's own error: ${error.message}`));
+  page.on("pageerror", (error) => check(false, `an error in the page: ${error.message}`));
   page.on("request", (request) => {
-    if (new URL(request.url()).host !== new URL(url).host && !request.url().startsWith("blob:")) check(false, `a third party is contacted: ${request.url()}`);
+    if (new URL(request.url()).host !== new URL(url).host && !request.url().startsWith("blob:")) check(false, `the page contacts a third party: ${request.url()}`);
   });
   page.setDefaultTimeout(120000);
   await page.goto(url);
@@ -102,7 +103,7 @@ async function open(run, size = "desktop", colorScheme = "light") {
   return page;
 }
 
-/** Waits until the page's snapshot `s` is so; `a` is what it is held against. */
+/** Waits until the page's snapshot `s` passes `test`, an expression in which `a` is `argument`. */
 async function sees(page, what, test, argument, timeout = 240000) {
   const holds = new Function("s", "a", `return ${test}`);
   const begun = Date.now();
@@ -116,11 +117,14 @@ async function sees(page, what, test, argument, timeout = 240000) {
 
 const snapshot = (page) => page.evaluate(() => window.page.snapshot);
 
-/** Pictures of a page at a desktop's width, and of another one at a phone's. */
+/**
+ * Takes screenshots of the page at desktop width and of a second page at phone width, and checks that
+ * nothing is cut off or covered.
+ */
 async function picture(page, run, name, prepare = async () => {}) {
   await pause(700);
   await page.evaluate(() => {
-    // A question keeps the focus on what it asks for.
+    // An open question keeps the focus on its sticker.
     if (!document.querySelector("dialog[open]")) document.activeElement?.blur();
     scrollTo(0, 0);
   });
@@ -140,14 +144,14 @@ async function picture(page, run, name, prepare = async () => {}) {
       const { left, top, width, height } = button.getBoundingClientRect();
       return width && document.elementFromPoint(left + width / 2, top + height / 2)?.closest("button") !== button;
     }).map((button) => button.textContent));
-    check(!hidden.length, `${name}: every button of a dialog is in reach on a ${size} ${hidden.join(", ")}`);
+    check(!hidden.length, `${name}: no button of a dialog is covered on a ${size} ${hidden.join(", ")}`);
   }
   const fullPage = !await phone.evaluate(() => !!document.querySelector("dialog[open]"));
   await phone.screenshot({ path: `${pictures}/${name}-phone.png`, fullPage });
   await phone.close();
 }
 
-/** The best of some tries: others use this machine, too. */
+/** Returns the highest rate of some tries, because other programs share the machine. */
 async function rate(page) {
   let best = 0;
   for (let i = 0; i < 4 && best < LEAST_RATE; i++) {
@@ -169,7 +173,7 @@ async function strangers(url) {
     socket.onopen = () => done("open");
     socket.onerror = () => done("refused");
   }), `ws://${own.host}/ws`);
-  check(got === "refused", `another site's WebSocket is refused by the program (${got})`);
+  check(got === "refused", `the program refuses another site's WebSocket (${got})`);
   await page.close();
   server.close();
   const status = await new Promise((done, fail) => {
@@ -177,10 +181,10 @@ async function strangers(url) {
     const asked = request({ host: own.hostname, port: own.port, path: "/ws", headers }, (answer) => { answer.resume(); done(answer.statusCode); });
     asked.on("upgrade", (_, socket) => { socket.destroy(); done(101); }).on("error", fail).end();
   });
-  check(status === 403, `a request with a stranger's Origin gets ${status}`);
+  check(status === 403, `a request with a foreign Origin gets ${status}`);
 }
 
-/** What vision found is painted over the picture that it was found in, and over no other. */
+/** Checks that an outline is drawn only over the picture in which vision found it. */
 async function outlines(page) {
   const canvas = () => page.evaluate(() => ({ ...document.querySelector("#cameras canvas")?.dataset }));
   const sees = async (what, so) => {
@@ -190,7 +194,7 @@ async function outlines(page) {
     }
     return check(false, `${what}: ${JSON.stringify(await canvas())}`);
   };
-  await sees("an outline is of its picture", ({ frame, found }) => frame > 0 && frame === found);
+  await sees("an outline belongs to its picture", ({ frame, found }) => frame > 0 && frame === found);
   await page.evaluate(() => {
     const real = window.fetch;
     window.unfetch = () => { window.fetch = real; };
@@ -199,12 +203,12 @@ async function outlines(page) {
       return new Response(await answer.blob(), { headers: { "x-frame": "999999" } });
     };
   });
-  await sees("another picture has none", ({ frame, found }) => frame === "999999" && found === "");
+  await sees("another picture has no outline", ({ frame, found }) => frame === "999999" && found === "");
   await page.evaluate(() => window.unfetch());
-  await sees("and the next one has its own", ({ frame, found }) => frame > 0 && frame !== "999999" && frame === found);
+  await sees("the next picture has its own outline", ({ frame, found }) => frame > 0 && frame !== "999999" && frame === found);
 }
 
-/** Ten minutes at a run's own pace are kept, with their peaks. */
+/** Checks that the curves keep ten minutes of simulated time with their peaks. */
 async function curves(page) {
   const kept = await page.evaluate(async () => {
     const { Curves } = await import("/curves.js");
@@ -220,7 +224,7 @@ async function curves(page) {
   check(kept.first < 301 && kept.most === 50 && kept.count < 10000, `the curves keep ten minutes and their peaks: ${JSON.stringify(kept)}`);
 }
 
-/** At the end the whole plan is done, and its last step is in view. */
+/** Checks that a finished plan shows every step as done, with the last step in view. */
 async function planned(page) {
   const end = await page.evaluate(() => {
     const { showPlan, showStep } = window.page.panels;
@@ -233,21 +237,21 @@ async function planned(page) {
     showPlan([...window.page.snapshot.plan ?? []]);
     return told;
   });
-  check(end.done === 30 && end.below < 2 && end.words === "all 30 steps done", `a plan that is done: ${JSON.stringify(end)}`);
+  check(end.done === 30 && end.below < 2 && end.words === "all 30 steps done", `a finished plan: ${JSON.stringify(end)}`);
 }
 
 async function mission() {
   console.log("# a mission: start, pause, resume, views, terminate");
   const run = new Run("scenarios/solve.toml", "--wait", "--speed", "10");
   const page = await open(run);
-  await sees(page, "it waits for its start", "s.control === 'waiting'");
+  await sees(page, "the run waits for its start", "s.control === 'waiting'");
   await strangers(await run.url());
   await picture(page, run, "idle");
   await page.click("#start");
-  await sees(page, "it runs", "s.control === 'running' && s.time > 3");
+  await sees(page, "the run starts", "s.control === 'running' && s.time > 3");
   for (const view of ["hands", "top", "cell"]) await page.click(`[data-view=${view}]`);
   await page.focus("#scene");
-  // On a slow machine the view still glides, and a glide can undo a key's step.
+  // On a slow machine the view may still move to the chosen one, which can undo a key's step.
   await page.waitForFunction(() => !window.page.scene.goal);
   const before = await page.evaluate(() => window.page.scene.view.azimuth);
   for (const key of ["ArrowLeft", "ArrowUp", "+", "-"]) await page.keyboard.press(key);
@@ -256,47 +260,48 @@ async function mission() {
   for (const seconds of ["20", "600", "60"]) await page.click(`[data-window="${seconds}"]`);
   await curves(page);
   await page.selectOption("#class", "fatal");
-  check(await page.locator("#messages p").count() === 0, "the console's filter hides what is not fatal");
+  check(await page.locator("#messages p").count() === 0, "the console's filter hides messages that are not fatal");
   await page.selectOption("#class", "info");
   await page.fill("#search", "acquire");
-  check(await page.locator("#messages p").count() >= 1, "and its search finds a phase");
+  check(await page.locator("#messages p").count() >= 1, "the console's search finds a phase");
   await page.fill("#search", "");
   await sees(page, "the stand-alone camera shows the cube", "s.cameras[0].frame > 0 && s.cameras[0].outlines.length > 0");
-  await sees(page, "the cube is held by the track", "s.cube.held_by.includes(0)");
+  await sees(page, "the track arm holds the cube", "s.cube.held_by.includes(0)");
   await page.selectOption("#speed", "20");
-  await sees(page, "faces are read into the net", "s.net.facelets.filter(Boolean).length >= 18 && s.speed === 20");
+  await sees(page, "the net shows the faces that were read", "s.net.facelets.filter(Boolean).length >= 18 && s.speed === 20");
   await page.selectOption("#speed", "2");
   const pictures = await rate(page);
-  const words = `the 3-D view has ${pictures.toFixed(1)} pictures a second (at least ${LEAST_RATE})`;
-  // Drawing without a graphics processor needs a processor: with others' work on all of them nothing is measured.
+  const words = `the 3-D view has ${pictures.toFixed(1)} frames per second (at least ${LEAST_RATE})`;
+  // Without a graphics processor the CPU draws, so the rate at a high load says nothing about the
+  // page.
   if (pictures < LEAST_RATE && loadavg()[0] > 2 * cpus().length) console.warn(`*** NOT JUDGED at a load of ${loadavg()[0].toFixed(1)}: ${words}`);
   else check(pictures >= LEAST_RATE, words);
   await picture(page, run, "reading");
   await page.selectOption("#speed", "0");
-  await sees(page, "there is a plan, and its steps are carried out", "s.step > 1");
+  await sees(page, "the steps of the plan are executed", "s.step > 1");
   await page.selectOption("#speed", "2");
-  await sees(page, "a layer is seen turned", "s.cube.turned && Math.abs(s.cube.turned.angle) > 0.3");
+  await sees(page, "the snapshot shows a turned layer", "s.cube.turned && Math.abs(s.cube.turned.angle) > 0.3");
   await picture(page, run, "running");
   check(await page.locator("#plan li.now").count() === 1, "the plan's present step is marked");
   await page.click("#pause");
-  await sees(page, "it pauses", "s.control === 'paused'");
+  await sees(page, "the run pauses", "s.control === 'paused'");
   await pause(1500);
   const [a, b] = [await snapshot(page), (await pause(1000), await snapshot(page))];
   const moved = Math.max(...a.arms.flatMap((arm, i) => arm.joints.map((q, k) => Math.abs(q - b.arms[i].joints[k]))));
-  check(moved < 2e-4 && b.time > a.time, `nothing moves meanwhile (${moved.toExponential(1)} rad in ${(b.time - a.time).toFixed(1)} s)`);
+  check(moved < 2e-4 && b.time > a.time, `no joint moves during the pause (${moved.toExponential(1)} rad in ${(b.time - a.time).toFixed(1)} s)`);
   await picture(page, run, "paused");
   await page.click("#resume");
-  await sees(page, "it resumes", "s.control === 'running'");
-  await sees(page, "and goes on", "s.time > a + 2", (await snapshot(page)).time);
+  await sees(page, "the run resumes", "s.control === 'running'");
+  await sees(page, "the time advances again", "s.time > a + 2", (await snapshot(page)).time);
   await page.click("#terminate");
   await page.click("#sure button[value=no]");
-  check((await snapshot(page)).control === "running", "a terminate that is not confirmed is none");
+  check((await snapshot(page)).control === "running", "a terminate without confirmation has no effect");
   await page.click("#terminate");
   await page.click("#sure-yes");
-  await sees(page, "it ends", "s.control === 'ended'");
+  await sees(page, "the run ends", "s.control === 'ended'");
   const end = await snapshot(page);
   check(end.arms.every((arm) => !arm.fault), "both arms hold without a fault");
-  check(/terminated by the operator; .* hold/.test(end.outcome.reason), "the end says where the cube is");
+  check(/terminated by the operator; .* hold/.test(end.outcome.reason), "the reason says where the cube is");
   await picture(page, run, "terminated");
   await page.click("#quit");
   await page.close();
@@ -304,17 +309,17 @@ async function mission() {
   await run.ends(1, /ABORTED\s+terminated by the operator/);
 }
 
-async function done() {
-  console.log("# a hand-over to its end");
+async function handOver() {
+  console.log("# a whole hand-over");
   const run = new Run("scenarios/acquire.toml", "--speed", "0.5");
   const page = await open(run);
   await outlines(page);
   await page.selectOption("#speed", "0");
-  await sees(page, "it ends well", "s.control === 'ended' && s.outcome.good");
+  await sees(page, "the run ends as done", "s.control === 'ended' && s.outcome.good");
   await planned(page);
   const { time } = (await snapshot(page)).outcome;
   const told = await page.textContent("#time");
-  check(told === `${time.toFixed(1)} s`, `the clock tells when the work was over (${told} of ${time} s)`);
+  check(told === `${time.toFixed(1)} s`, `the clock shows the time at which the task ended (${told} of ${time} s)`);
   await picture(page, run, "done");
   await page.click("#quit");
   await page.close();
@@ -326,19 +331,19 @@ async function fault() {
   console.log("# the emergency stop");
   const run = new Run("scenarios/acquire.toml", "--speed", "2");
   const page = await open(run);
-  await sees(page, "it runs", "s.time > 6");
-  // The dialog lies over the header, and has an emergency stop of its own.
+  await sees(page, "the run advances", "s.time > 6");
+  // The dialog covers the header, so it has an emergency stop of its own.
   const opens = (it) => it.evaluate(() => document.getElementById("sure").showModal());
   await opens(page);
   await picture(page, run, "sure", opens);
-  check(await page.isEnabled("#sure .emergency"), "the emergency stop is there while a terminate is to be confirmed");
+  check(await page.isEnabled("#sure .emergency"), "the dialog that confirms a terminate has an emergency stop");
   await page.click("#sure .emergency");
   await sees(page, "both arms stop with a fault", "s.arms.every((arm) => arm.fault)");
-  await sees(page, "and the run is over", "s.control === 'ended' && !s.outcome.good");
+  await sees(page, "the run ends", "s.control === 'ended' && !s.outcome.good");
   const told = await page.textContent("#faults");
   check(/track and postument stopped: emergency stop\. .*new run/.test(told), `the page says what stopped and what to do: ${told}`);
   await page.selectOption("#class", "fatal");
-  check(await page.locator("#messages p.fatal").count() >= 1, "the console has the fatal error");
+  check(await page.locator("#messages p.fatal").count() >= 1, "the console shows the fatal error");
   await page.selectOption("#class", "info");
   await picture(page, run, "fault");
   await page.click("#quit");
@@ -348,21 +353,21 @@ async function fault() {
 }
 
 async function byHand() {
-  console.log("# by hand, and two pages");
+  console.log("# motions by hand, and two pages");
   const run = new Run("scenarios/idle.toml", "--speed", "3");
   const page = await open(run);
   await sees(page, "the arms can be moved by hand", "s.services.manual");
   const before = await snapshot(page);
   await page.click("[aria-label^='joint 1 plus']");
-  await sees(page, "joint 1 goes by 5 deg", "Math.abs(s.arms[0].joints[1] - a - Math.PI / 36) < 2e-3", before.arms[0].joints[1]);
+  await sees(page, "joint 1 moves by 5 deg", "Math.abs(s.arms[0].joints[1] - a - Math.PI / 36) < 2e-3", before.arms[0].joints[1]);
   await page.click("[data-pick='step 0']");
   await page.click("[aria-label^='joint 1 minus']");
-  await sees(page, "and back by 1 deg", "Math.abs(s.arms[0].joints[1] - a - Math.PI / 45) < 2e-3", before.arms[0].joints[1]);
+  await sees(page, "joint 1 moves back by 1 deg", "Math.abs(s.arms[0].joints[1] - a - Math.PI / 45) < 2e-3", before.arms[0].joints[1]);
   await page.click("[data-pick='move by tool']");
   await page.click("[data-pick='step 2']");
   const tool = (await snapshot(page)).arms[0].frames[6].translation;
   await page.click("[aria-label^='z minus']");
-  await sees(page, "the tool goes back along its z by 10 mm", "Math.abs(Math.hypot(...s.arms[0].frames[6].translation.map((v, i) => v - a[i])) - 0.01) < 1e-3", tool);
+  await sees(page, "the tool moves back along its z by 10 mm", "Math.abs(Math.hypot(...s.arms[0].frames[6].translation.map((v, i) => v - a[i])) - 0.01) < 1e-3", tool);
   await page.click("[data-pick='move by motor']");
   await page.click("[data-pick='step 1']");
   const motor = (await snapshot(page)).arms[0].motors[5];
@@ -373,31 +378,31 @@ async function byHand() {
   await page.getByRole("button", { name: "Close", exact: true }).click();
   await sees(page, "the jaws close", "s.arms[0].opening < 0.06");
   await page.getByRole("button", { name: "Zero force sensor" }).click();
-  await sees(page, "the force sensor is at zero", "Math.hypot(...s.arms[0].wrench.slice(0, 3)) < 0.5");
+  await sees(page, "the force sensor reads zero", "Math.hypot(...s.arms[0].wrench.slice(0, 3)) < 0.5");
   await page.getByRole("button", { name: "start", exact: true }).click();
-  await sees(page, "the arm goes to its start", "s.arms[0].joints.slice(1).every((q, i) => Math.abs(q - a[i + 1]) < 3e-3)", before.arms[0].joints);
+  await sees(page, "the arm reaches its start pose", "s.arms[0].joints.slice(1).every((q, i) => Math.abs(q - a[i + 1]) < 3e-3)", before.arms[0].joints);
   await page.click("[data-pick='move by joint']");
   await picture(page, run, "by-hand");
   await page.getByRole("button", { name: "front", exact: true }).click();
-  await sees(page, "the arm begins to go to its front", "s.actors.some((x) => x.name === 'ecp postument' && x.state === 'running')");
+  await sees(page, "the arm begins to move to its front pose", "s.actors.some((x) => x.name === 'ecp postument' && x.state === 'running')");
 
   const second = await open(run);
   await second.waitForSelector("#take", { state: "visible" });
   check(await second.isDisabled("#pause"), "a second page only watches");
   await second.click("#take");
   await second.waitForFunction(() => !document.getElementById("pause").disabled);
-  check(true, "and may take over");
+  check(true, "the second page takes over");
   await page.waitForSelector("#watching", { state: "visible" });
-  check(await page.isDisabled("#pause"), "the first page then watches");
+  check(await page.isDisabled("#pause"), "the first page only watches after that");
   await second.click("#pause");
-  await sees(second, "the second page pauses", "s.control === 'paused'");
-  check(await second.isDisabled("[aria-label^='joint 1 plus']"), "nothing is moved by hand during a pause");
+  await sees(second, "the second page pauses the run", "s.control === 'paused'");
+  check(await second.isDisabled("[aria-label^='joint 1 plus']"), "motions by hand are disabled during a pause");
   await second.click("#resume");
   const front = [0, -1.57, 0, 1.57, 1.57, -1.57];
-  await sees(second, "and resumes: the arm comes to its front", "s.arms[0].joints.slice(1).every((q, i) => Math.abs(q - a[i]) < 3e-3)", front);
+  await sees(second, "the second page resumes the run: the arm reaches its front pose", "s.arms[0].joints.slice(1).every((q, i) => Math.abs(q - a[i]) < 3e-3)", front);
   await second.click("#terminate");
   await second.click("#sure-yes");
-  await sees(second, "and ends the run, well", "s.control === 'ended' && s.outcome.good");
+  await sees(second, "the second page ends the run as done", "s.control === 'ended' && s.outcome.good");
   await second.click("#quit");
   await page.close();
   await second.close();
@@ -406,34 +411,34 @@ async function byHand() {
   await run.ends(0, /DONE\s+the arms were moved by hand/);
 }
 
-async function afar() {
-  console.log("# from another machine: a token, and the whole page");
+async function remote() {
+  console.log("# access from another machine, with a token");
   const run = new Run("scenarios/acquire.toml", "--wait", "--listen", "0.0.0.0:0");
   const page = await open(run);
   check((await run.url()).includes("?token="), "the address has a token");
   const styled = await page.evaluate(() => getComputedStyle(document.querySelector("main")).display);
   check(styled === "grid", `the page has its style (${styled})`);
   await page.click("#start");
-  await sees(page, "its start is heard", "s.control !== 'waiting' && s.time > 1");
-  await sees(page, "it has the pictures", "s.cameras[0].frame > 0");
+  await sees(page, "the page starts the run", "s.control !== 'waiting' && s.time > 1");
+  await sees(page, "the page gets camera pictures", "s.cameras[0].frame > 0");
   await page.waitForFunction(() => !document.querySelector("#cameras canvas").classList.contains("dark"));
-  check(true, "and shows them");
+  check(true, "the page shows camera pictures");
   const without = await page.request.get(new URL("/main.js", await run.url()).href, { headers: { Cookie: "" } });
-  check(without.status() === 403, `without the token there is nothing (${without.status()})`);
-  await sees(page, "it ends", "s.control === 'ended' && s.outcome.good");
+  check(without.status() === 403, `a request without the token is refused (${without.status()})`);
+  await sees(page, "the run ends as done", "s.control === 'ended' && s.outcome.good");
   await page.click("#quit");
   await page.close();
   await run.ends(0, /DONE/);
 }
 
-async function blind() {
+async function unsynchronised() {
   console.log("# an arm that is not synchronised");
   const run = new Run("scenarios/idle.toml", "--speed", "15", "--set", "effector.postument.start_synchronised=false");
   const page = await open(run);
-  await sees(page, "the EDP is not synchronised", "s.services.manual && !s.arms[0].synchronised");
+  await sees(page, "the arm is not synchronised", "s.services.manual && !s.arms[0].synchronised");
   await page.click("#synchronise");
-  await sees(page, "it synchronises when told", "s.arms[0].synchronised");
-  // Ctrl-C ends it as well as the button does.
+  await sees(page, "the button synchronises the arm", "s.arms[0].synchronised");
+  // Ctrl-C ends the run like the button.
   run.process.kill("SIGINT");
   await page.close();
   run.records("arm 0: synchronise");
@@ -441,17 +446,17 @@ async function blind() {
 }
 
 async function question() {
-  console.log("# a question: a sticker is read in a colour in which no cube can exist");
-    const run = new Run("tests/page/question.toml");
+  console.log("# a question: a misread sticker makes the cube impossible");
+  const run = new Run("tests/page/question.toml");
   const page = await open(run);
   await page.waitForSelector("#question[open]", { timeout: 240000 });
-  check(true, "the controller asks");
+  check(true, "the controller asks a question");
   await picture(page, run, "question");
   const { subject } = (await snapshot(page)).question;
   const counts = (letters) => Object.fromEntries([..."URFDLB"].map((l) => [l, [...letters].filter((x) => x === l).length]));
   const [many, few] = [10, 8].map((n) => Object.entries(counts(subject.read)).find(([, count]) => count === n)?.[0]);
   const wrong = subject.doubtful.filter((i) => subject.read[i] === many);
-  check(wrong.length === 1, `one of the stickers that are in doubt has a colour of which there are ten (${wrong} of ${subject.doubtful})`);
+  check(wrong.length === 1, `one doubtful sticker has a colour that was read ten times (${wrong} of ${subject.doubtful})`);
   check(await page.isDisabled("#question-send"), "ten stickers of a colour cannot be sent");
   const heard = await page.evaluate(() => {
     const { link } = window.page;
@@ -465,17 +470,17 @@ async function question() {
   await page.keyboard.press("Escape");
   await page.keyboard.press("Escape");
   await page.waitForSelector("#question[open]");
-  check(true, "and does not go away by Escape");
+  check(true, "Escape does not close the dialog");
   await page.evaluate(() => document.querySelector("#question-net [tabindex='0'].tile").focus());
-  // The keyboard alone does it: the sticker in doubt has the focus.
+  // The keyboard alone is enough: the doubtful sticker has the focus.
   await page.keyboard.press("wrgyob"["URFDLB".indexOf(few)]);
   check(await page.isEnabled("#question-send"), "nine of each colour can be sent");
   await page.click("#question-send");
-  await sees(page, "the answer is taken", "!s.question");
-  await sees(page, "and the net shows it", `s.net.decided && s.net.facelets.every(Boolean)`);
+  await sees(page, "the answer is accepted", "!s.question");
+  await sees(page, "the net shows the answer", `s.net.decided && s.net.facelets.every(Boolean)`);
   const right = [...subject.read];
   right[wrong[0]] = few;
-  await sees(page, "the mission ends well", "s.control === 'ended' && s.outcome.good");
+  await sees(page, "the mission ends as solved", "s.control === 'ended' && s.outcome.good");
   await picture(page, run, "solved");
   await page.click("#quit");
   await page.close();
@@ -483,7 +488,7 @@ async function question() {
   await run.ends(0, /SOLVED/);
 }
 
-const parts = { mission, done, fault, byHand, afar, blind, question };
+const parts = { mission, handOver, fault, byHand, remote, unsynchronised, question };
 const begun = Date.now();
 for (const [name, part] of Object.entries(parts)) {
   if (process.env.ONLY && !process.env.ONLY.split(",").includes(name)) continue;

@@ -1,9 +1,11 @@
 #!/bin/sh
-# The operator's page in a real browser, on live runs: every button, a question, a corrected sticker, pictures per second,
-# and screenshots at desktop and phone widths. Usage: tests/page/run.sh [folder for the screenshots]
-# Needs node, npm and chromium. In CI, as root, Debian's are installed; elsewhere it says what is missing, and passes.
-#   ONLY=mission,question   some parts only      LEAST_RATE=10   pictures a second of the 3-D view
-#   RUBIK_ROBOT, CHROMIUM   other programs       KEEP=1          keeps the recordings
+# Tests the operator's page in a real browser, on live runs: every button, a question, a corrected
+# sticker, the frame rate, and screenshots at desktop and phone widths.
+# Usage: tests/page/run.sh [folder for the screenshots]
+# Needs node, npm and chromium. In CI, as root, Debian's packages are installed. Elsewhere a missing
+# program is reported and the test passes.
+#   ONLY=mission,question   runs only these parts     LEAST_RATE=10   least frames per second in 3-D
+#   RUBIK_ROBOT, CHROMIUM   paths of other programs   KEEP=1          keeps the recordings
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 root=$(cd "$here/../.." && pwd)
@@ -20,7 +22,7 @@ if [ -n "$missing" ]; then
     [ "${CI:-}" = true ] && [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null ||
         skip "there is no$missing (Debian: apt-get install$missing)"
     echo "installs$missing" >&2
-    # shellcheck disable=SC2086  # words
+    # shellcheck disable=SC2086  # $missing is a list of words
     { apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $missing; } \
         >/dev/null || skip "apt-get cannot install$missing"
 fi

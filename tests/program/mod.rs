@@ -1,8 +1,8 @@
-//! The program, as a person starts it.
+//! The command of the program that the tests run.
 
 use std::process::{Command, Stdio};
 
-/// In the project's folder, with nothing to be read at its input.
+/// Returns the program's command, in the project's folder and with an empty stdin.
 pub(crate) fn program() -> Command {
     let mut program = Command::new(env!("CARGO_BIN_EXE_rubik-robot"));
     program.current_dir(env!("CARGO_MANIFEST_DIR")).stdin(Stdio::null());

@@ -1,15 +1,16 @@
-//! Counts that may only fall: `counts.txt` beside this file has one a line, as `NAME = COUNT`.
+//! Ratchet for counts that may only fall. The file `counts.txt` beside this one has a line
+//! `NAME = COUNT` for each.
 
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-/// Tests of one binary write the file one after the other.
+/// Lock of the file against other tests of the same binary.
 static FILE: Mutex<()> = Mutex::new(());
 
 /// Checks a count against the one in the file.
 ///
-/// A larger count fails. A smaller one asks to be written down, and fails where it is smaller by more
-/// than a tenth; `RATCHET=write` writes it.
+/// A larger count fails. A smaller count prints a request to lower the number in the file, and
+/// fails if it is smaller by more than a tenth. `RATCHET=write` writes the new number.
 pub(crate) fn holds(name: &str, count: usize) {
     let _guard = FILE.lock().unwrap_or_else(PoisonError::into_inner);
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/ratchet/counts.txt");

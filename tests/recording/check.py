@@ -1,4 +1,8 @@
-"""Checks a recording by the public reader: every message decodes, counts and types are right, the cube's end is told."""
+"""Checks a recording with the public reader.
+
+Every message decodes, counts and types are right, and the last state of the cube is that of the
+summary.
+"""
 import json
 import sys
 from collections import Counter
@@ -57,5 +61,8 @@ assert last["/phase"].outcome in ("solved", "done", "failed", "aborted")
 assert scenario and "task" in scenario[0]
 if "/standalone/image" in last:
     assert bytes(last["/standalone/image"].data[:2]) == b"\xff\xd8"
-print(f"{path}: {sum(counts.values())} messages on {len(counts)} topics decode, {some} servo periods without a gap;")
+print(
+    f"{path}: {sum(counts.values())} messages on {len(counts)} topics decode, "
+    f"{some} servo periods without a gap;"
+)
 print(f"  ended: {last['/phase'].outcome}; the cube: {cube}")

@@ -1,26 +1,29 @@
 #!/bin/sh
-# Decodes a recording with the public Python packages and checks counts, types and the cube's final state; loads it into
-# rerun, too, where that can be had. Skips loudly where Python's packages cannot be had.
+# Decodes a recording with the public Python packages and checks counts, types and the cube's final
+# state. Also imports it into rerun. Prints a notice and passes if the packages are not available.
 #   tests/recording/check.sh [path of rubik-robot] [recording]
-# Without a recording a short run is made. RERUN=0 leaves rerun out.
+# Without a recording it records a short run. RERUN=0 skips rerun.
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 robot=${1:-$here/../../target/release/rubik-robot}
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-# The packages are fetched once.
+# The packages are installed once and kept between runs.
 venv=${TMPDIR:-/tmp}/rubik-robot-venv
 skip() { printf '\n*** SKIPPED: %s\n\n' "$1" >&2; exit 0; }
 
 recording=${2:-}
 if [ -z "$recording" ]; then
     recording=$work/run.mcap
-    (cd "$here/../.." && "$robot" run scenarios/face_turn.toml --json --record "$recording" >"$work/summary.json")
+    (cd "$here/../.." &&
+        "$robot" run scenarios/face_turn.toml --json --record "$recording" >"$work/summary.json")
 fi
-command -v python3 >/dev/null || skip "there is no python3; the recording was NOT checked by others' readers"
+command -v python3 >/dev/null ||
+    skip "there is no python3; the recording was NOT checked by others' readers"
 if ! "$venv/bin/python" -c "" 2>/dev/null && ! python3 -m venv --clear "$venv" >/dev/null 2>&1; then
     [ "${CI:-}" = true ] && [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null &&
-        apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq python3-venv >/dev/null &&
+        apt-get update -qq &&
+        DEBIAN_FRONTEND=noninteractive apt-get install -y -qq python3-venv >/dev/null &&
         python3 -m venv --clear "$venv" ||
         skip "python3 -m venv does not work here (Debian: python3-venv); the recording was NOT checked by others' readers"
 fi
@@ -29,5 +32,6 @@ fi
 "$venv/bin/python" "$here/check.py" "$recording"
 "$venv/bin/python" "$here/../../examples/read_run.py" "$recording" | tail -2
 [ "${RERUN:-1}" = 1 ] || skip "rerun is left out"
-"$venv/bin/pip" install -q --disable-pip-version-check rerun-sdk || skip "rerun-sdk cannot be had from PyPI here; the recording was NOT opened by rerun"
+"$venv/bin/pip" install -q --disable-pip-version-check rerun-sdk ||
+    skip "rerun-sdk cannot be had from PyPI here; the recording was NOT opened by rerun"
 "$venv/bin/python" "$here/check_rerun.py" "$recording"

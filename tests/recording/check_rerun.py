@@ -1,4 +1,7 @@
-"""Has rerun import a recording and looks for what it should draw: joint curves, frames, log, pictures, the robot."""
+"""Imports a recording into rerun.
+
+Checks that the joint curves, the frames, the log and the robot appear, and runs rerun's own check.
+"""
 import subprocess
 import sys
 import tempfile
@@ -11,7 +14,9 @@ if subprocess.run([rerun, "mcap", "--help"], capture_output=True).returncode != 
     sys.exit(0)
 with tempfile.TemporaryDirectory() as folder:
     rrd = str(Path(folder) / "run.rrd")
-    made = subprocess.run([rerun, "mcap", "convert", path, "-o", rrd], capture_output=True, text=True)
+    made = subprocess.run(
+        [rerun, "mcap", "convert", path, "-o", rrd], capture_output=True, text=True
+    )
     assert made.returncode == 0, made.stdout + made.stderr
     printed = subprocess.run([rerun, "rrd", "print", rrd], capture_output=True, text=True).stdout
 checked = subprocess.run([rerun, "mcap", "check", path], capture_output=True, text=True)

@@ -1,7 +1,9 @@
-//! What the tests of hostile input share: the search for an input that a reader does not bear, and the watch over each.
+//! The search for inputs that make a reader panic or hang, shared by the tests of hostile input.
 //!
-//! - so many cases, or with `HOSTILE_SECONDS=N` fresh ones of other seeds until N seconds are over
-//! - what is found is printed, and written to `tests/corpus/KIND/found-...`: there it is looked at in each later run
+//! - in: a strategy that makes inputs, and the number of cases (`HOSTILE_CASES` overrides it); with
+//!   `HOSTILE_SECONDS=N` further seeds are tried until N seconds are over
+//! - out: a found input is printed and written to `tests/corpus/KIND/found-...`, where each later
+//!   run tries it
 #![allow(unreachable_pub, reason = "a module of test programs")]
 
 use crate::memory;
@@ -13,14 +15,15 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Cases between two looks at the clock.
+/// Number of cases between two readings of the clock.
 const AT_ONCE: u32 = 64;
 
+/// Reads a number from an environment variable.
 fn number(name: &str) -> Option<u64> {
     std::env::var(name).ok().and_then(|text| text.parse().ok())
 }
 
-/// Writes an input into its kind's corpus, for later runs; its name.
+/// Writes an input into the corpus of its kind, for later runs, and returns its path.
 pub fn keep(kind: &str, input: &[u8]) -> PathBuf {
     let sum = crc32fast::hash(input);
     let folder: PathBuf = [env!("CARGO_MANIFEST_DIR"), "tests/corpus", kind].iter().collect();
@@ -31,32 +34,33 @@ pub fn keep(kind: &str, input: &[u8]) -> PathBuf {
     path
 }
 
-/// When the present input must be done, in milliseconds since the first; 0 while there is none.
+/// Time at which the present input must be done, since the first one (ms); 0 if there is none.
 static DUE: AtomicU64 = AtomicU64::new(0);
 static NOW: Mutex<Option<Input>> = Mutex::new(None);
 
-/// Makes an input once more.
+/// Closure that makes the bytes of an input again.
 type Written = Box<dyn Fn() -> Vec<u8> + Send>;
 
-/// An input by its name; and by the corpus that it comes to where it hangs, and its bytes there.
+/// An input: its name, and the corpus and the bytes with which it is kept if it hangs.
 pub struct Input {
     name: String,
     kept: Option<(&'static str, Written)>,
 }
 
 impl Input {
-    /// One that can be had again by its name.
-    pub fn named(name: &str) -> Self {
+    /// Makes an input that its name identifies, so that it need not be kept.
+    pub fn by_name(name: &str) -> Self {
         Self { name: name.to_owned(), kept: None }
     }
 
-    /// One that was found.
-    pub fn found(kind: &'static str, written: impl Fn() -> Vec<u8> + Send + 'static) -> Self {
+    /// Makes an input of the search, which is kept in the corpus `kind` if it hangs.
+    pub fn generated(kind: &'static str, written: impl Fn() -> Vec<u8> + Send + 'static) -> Self {
         Self { name: kind.to_owned(), kept: Some((kind, Box::new(written))) }
     }
 }
 
-/// Ends the process with the input's name when it hangs: a test cannot be ended otherwise.
+/// Starts the watchdog at the first call and returns the time of that call. The watchdog prints the
+/// name of an input that hangs and aborts the process, because a test's thread cannot be ended.
 fn watch() -> Instant {
     static BEGUN: OnceLock<Instant> = OnceLock::new();
     *BEGUN.get_or_init(|| {
@@ -82,17 +86,17 @@ fn watch() -> Instant {
     })
 }
 
-/// Runs a reader alone in the process, and ends that where it takes longer than `limit`. The most bytes that it held, and
-/// the time that it took.
+/// Runs a reader alone in the process, which it aborts if the reader takes longer than `limit`.
+/// Returns the maximum number of bytes that the reader held, and its time.
 pub fn watched(input: Input, limit: Duration, read: impl FnOnce()) -> (usize, Duration) {
-    /// No input is due any more, also where the reader has panicked.
+    /// Guard that disarms the watchdog, also if the reader panics.
     struct Done;
     impl Drop for Done {
         fn drop(&mut self) {
             DUE.store(0, Ordering::SeqCst);
         }
     }
-    let _alone = memory::alone();
+    let _alone = memory::lock_process();
     let begun = watch();
     *NOW.lock().unwrap_or_else(PoisonError::into_inner) = Some(input);
     let _done = Done;
@@ -101,7 +105,8 @@ pub fn watched(input: Input, limit: Duration, read: impl FnOnce()) -> (usize, Du
     (memory::most_held(read), begun.elapsed())
 }
 
-/// Gives inputs to a reader until one makes it panic, or the cases, or the seconds, are over.
+/// Gives inputs to a reader until one makes it panic, or the number of cases or the time is used
+/// up. A failing input is shrunk and kept.
 pub fn search<S: Strategy>(
     kind: &str,
     cases: u32,

@@ -1,4 +1,4 @@
-//! Servo and plant together: tracking, watch-dogs and force control of the closed chain.
+//! Servo and plant together: tracking, watchdogs and force control of the closed chain.
 
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 use rubik_robot::arms::builtin;
@@ -17,7 +17,8 @@ use std::sync::Arc;
 
 const EDGE: f64 = 0.057;
 
-/// Both arms in front of each other, tools level, meeting at a cube that the track arm holds.
+/// Returns a cell whose arms face each other, with level tools that meet at a cube in the track
+/// arm's gripper.
 fn cell() -> Cell {
     let arm = |name: &str, start: [f64; 7]| {
         let config = crate::servo_rig::config();
@@ -101,7 +102,8 @@ impl Closed {
         self.links[arm].send(ServoCommand::Move { command, start: 0 }).unwrap();
     }
 
-    /// Arm 0 holds a cube, arm 1 has closed on it too and then moved 2 mm across and 1 mm along, stiffly.
+    /// Makes a rig with a strained chain: arm 0 holds a cube, arm 1 grips it as well and then
+    /// moves, without compliance, 2 mm across and 1 mm along its approach axis.
     fn strained(jaws: Jaws, noise: SensorNoise) -> Self {
         let tool = world_from_tool(&cell().arms[0]);
         let ahead = Translation3::new(0.0, 0.0, EDGE / 3.0);
@@ -124,8 +126,8 @@ impl Closed {
         rig
     }
 
-    /// Makes `arms` compliant in x, y, z and about the approach axis; force at arm 1 in each period
-    /// (N).
+    /// Makes `arms` compliant in x, y, z and about the approach axis; returns the force at arm 1 in
+    /// each period (N).
     fn relax(&mut self, arms: &[usize], admittance: f64, periods: u32) -> Vec<f64> {
         let linear = Direction::Guarded { velocity: 0.0, admittance, inertia: 20.0 };
         let about =
@@ -166,7 +168,7 @@ fn largest(values: &[f64]) -> f64 {
 }
 
 #[test]
-fn at_rest_nothing_moves() {
+fn arms_at_rest_do_not_move() {
     let cell = cell();
     let mut rig = Closed::new(Start::Hand, Jaws::rubber(), SensorNoise::none());
 
@@ -179,9 +181,9 @@ fn at_rest_nothing_moves() {
 }
 
 #[test]
-fn every_axis_follows_a_smooth_course_and_settles() {
+fn each_axis_follows_smooth_course_and_settles() {
     let cell = cell();
-    // Distances that stay inside the limits from where the arms stand.
+    // Distances from the start pose that stay within the limits (m on the track, else rad).
     for (axis, distance) in
         [(0, -0.03), (1, 0.2), (2, 0.1), (3, 0.1), (4, -0.2), (5, 0.2), (6, 0.1)]
     {
@@ -192,7 +194,7 @@ fn every_axis_follows_a_smooth_course_and_settles() {
             let x = f64::from(step) / 50.0;
             let share = x * x * x * (10.0 - 15.0 * x + 6.0 * x * x);
             for arm in usize::from(axis == 0)..2 {
-                // The postument has no axis 0; the track arm goes alone there.
+                // The postument has no axis 0, so the track arm moves alone there.
                 let arm = if axis == 0 { 0 } else { arm };
                 let mut goal = cell.arms[arm].start;
                 goal.0[axis] += share * distance;
@@ -217,9 +219,10 @@ fn every_axis_follows_a_smooth_course_and_settles() {
 }
 
 #[test]
-fn a_step_of_speed_trips_no_watch_dog() {
-    // 47 rad/s of motor at once. Above 85 rad/s the regulators ask for more current than the power stages of
-    // the plant allow: long motions must come as macrosteps that a generator accelerates.
+fn speed_step_trips_no_watchdog() {
+    // The speed of a motor jumps to 47 rad/s. Above 85 rad/s the regulators demand more current
+    // than the power stages of the plant allow, so a generator splits long motions into macrosteps
+    // and accelerates them.
     let cell = cell();
     let mut rig = Closed::new(Start::Hand, Jaws::rubber(), SensorNoise::default());
     let mut goal = cell.arms[1].start;
@@ -236,8 +239,8 @@ fn a_step_of_speed_trips_no_watch_dog() {
     assert!(largest(&behind(&cell, 1, &last)) < 0.1);
 }
 
-/// Goes forward freely in a guarded direction; returns by how much the force of the tool's inertia
-/// swings in the end (N).
+/// Moves forward through free space in a guarded direction; returns the swing, from peak to peak,
+/// of the tool's inertia force at the end (N).
 fn swing_of_free_motion(admittance: f64, inertia: f64) -> f64 {
     let mut rig = Closed::new(Start::Hand, Jaws::rubber(), SensorNoise::default());
     rig.run(100);
@@ -251,9 +254,10 @@ fn swing_of_free_motion(admittance: f64, inertia: f64) -> f64 {
     largest(end) + largest(&end.iter().map(|f| -f).collect::<Vec<_>>())
 }
 
+/// The tool shakes exactly where its self-excitation exceeds the limit.
 #[test]
-fn guarded_motion_shakes_the_tool_without_virtual_mass() {
-    // The visual servo's approach: 20 mm/s that stop at 4 N.
+fn guarded_motion_shakes_tool_without_virtual_mass() {
+    // Approach of the visual servo: 20 mm/s, with an admittance of 5 mm/(s N) stopped by 4 N.
     let arm = Mechanics { tool: 1.1, frequency: 31.0, damping: 0.05, delay: 0.005 };
     for (admittance, inertia) in [(0.01, 0.0), (0.005, 0.0), (0.0025, 0.0), (0.005, 20.0)] {
         let excitation = self_excitation(admittance, inertia, &arm);
@@ -265,15 +269,16 @@ fn guarded_motion_shakes_the_tool_without_virtual_mass() {
     }
 }
 
+/// The force falls below 5 N within 0.3 s and then stays below 1 N.
 #[test]
-fn default_gains_relax_a_strained_chain_and_keep_it_calm() {
+fn default_gains_relax_a_strained_chain() {
     for jaws in [Jaws::rubber(), Jaws::stiff()] {
         for arms in [&[0][..], &[1], &[0, 1]] {
             let mut rig = Closed::strained(jaws, SensorNoise::default());
 
             let forces = rig.relax(arms, 0.001, 2000);
 
-            // The play of the gears takes up a part of the 2 mm.
+            // The backlash of the gears takes up a part of the 2 mm.
             assert!(forces[0] > 35.0, "strained before: {}", forces[0]);
             let late = forces[100..].iter().position(|f| *f < 5.0);
             assert!(late.is_some_and(|p| p < 50), "arms {arms:?}: {late:?}");
@@ -287,8 +292,9 @@ fn default_gains_relax_a_strained_chain_and_keep_it_calm() {
 }
 
 #[test]
-fn the_original_gains_swing_in_a_stiff_chain() {
-    // b = 0.005 m/(s N) was tuned for softer work: K = 20-45 kN/m is above 1 / (b D).
+fn original_gains_oscillate_in_a_stiff_chain() {
+    // The admittance b = 0.005 m/(s N) suits softer contacts. Here the stiffness K = 20-45 kN/m
+    // exceeds 1 / (b D) with the delay D of the loop.
     let mut rig = Closed::strained(Jaws::rubber(), SensorNoise::default());
 
     let forces = rig.relax(&[0, 1], 0.005, 2000);

@@ -18,7 +18,7 @@ use std::time::Duration;
 
 use crate::servo_rig::{Motors, START, config};
 
-/// Hashes what it is given.
+/// Sink that hashes all records.
 struct Hash(Arc<Mutex<DefaultHasher>>);
 
 impl RecordSink for Hash {
@@ -59,7 +59,8 @@ fn slide() -> Motion {
     Motion::Task { frame: Frame::Base, directions }
 }
 
-/// A run on paused time: an EDP that streams macrosteps. Returns a hash of all records and the last joints.
+/// Runs a stream of macrosteps, as an EDP sends them, on paused time; returns a hash of all records
+/// and the last joints.
 fn virtual_run() -> (u64, JointPositions) {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_time()
@@ -99,8 +100,9 @@ fn virtual_run() -> (u64, JointPositions) {
     (hash.lock().unwrap().finish(), joints)
 }
 
+/// The run reaches its goal, and all its repetitions have the same records.
 #[test]
-fn a_virtual_run_reaches_its_goal_and_repeats_to_the_bit() {
+fn virtual_run_repeats_to_the_bit() {
     let (first, joints) = virtual_run();
 
     for i in 0..7 {
@@ -111,8 +113,9 @@ fn a_virtual_run_reaches_its_goal_and_repeats_to_the_bit() {
     }
 }
 
+/// A command that arrives while the servo stops the arms moves none of them.
 #[test]
-fn a_command_that_was_on_its_way_moves_no_arm_that_is_being_stopped() {
+fn stopping_servo_refuses_late_command() {
     let mut port = Motors::new(2);
     let (mut core, mut links, _) = core(&mut port, Box::new(NoRecords));
     links[0].send(go(swing(0.3), 500)).unwrap();
@@ -133,12 +136,14 @@ fn a_command_that_was_on_its_way_moves_no_arm_that_is_being_stopped() {
         }
     }
     assert_eq!(links[0].state().fault, Some(ArmFault::Missed { periods: 20 }));
-    // The power goes after 100 periods, and the arm stands by then.
+    // The drives switch off 100 periods after the stop; the arm is at rest before.
     assert!(ways[60..].iter().all(|way| *way < 1e-5), "{:?}", &ways[60..]);
 }
 
+/// The drives switch off in the next period. An arm moves again after the button is released and
+/// the arm itself is reset.
 #[test]
-fn an_emergency_stop_acts_in_the_next_period_and_lasts_until_both_are_reset() {
+fn emergency_stop_acts_next_period_until_reset() {
     let mut port = Motors::new(2);
     let stop = EmergencyStop::default();
     let switches = Arc::new(Switches::new(stop.signal()));
@@ -168,7 +173,7 @@ fn an_emergency_stop_acts_in_the_next_period_and_lasts_until_both_are_reset() {
 }
 
 #[test]
-fn arms_hold_when_the_heart_beat_stops() {
+fn arms_hold_when_heartbeat_stops() {
     let mut port = Motors::new(2);
     let (mut core, mut links, switches) = core(&mut port, Box::new(NoRecords));
     links[0].send(go(swing(0.3), 1000)).unwrap();
@@ -182,7 +187,7 @@ fn arms_hold_when_the_heart_beat_stops() {
         set.push(links[0].state().desired_joints.0[1]);
     }
 
-    assert!(set[249] != set[248], "50 periods of silence are forgiven");
+    assert!(set[249] != set[248], "50 periods of silence are tolerated");
     assert!(set[252] != set[251], "an arm is not stopped dead");
     assert_eq!(set[390], set[399]);
     assert_eq!(links[0].state().fault, None);
@@ -190,11 +195,11 @@ fn arms_hold_when_the_heart_beat_stops() {
     switches.beats.fetch_add(1, Ordering::Relaxed);
     core.period(401, &mut port).unwrap();
     core.period(402, &mut port).unwrap();
-    assert!(!links[0].is_done(ticket, 0), "it goes on when the actors are back");
+    assert!(!links[0].is_done(ticket, 0), "the motion continues when the actors return");
 }
 
 #[test]
-fn after_a_second_without_a_heart_beat_the_drives_go_off() {
+fn second_without_heartbeat_switches_drives_off() {
     let mut port = Motors::new(2);
     let (mut core, mut links, switches) = core(&mut port, Box::new(NoRecords));
     let mut cut = None;
@@ -211,12 +216,12 @@ fn after_a_second_without_a_heart_beat_the_drives_go_off() {
 
     assert!(cut.is_some_and(|cut| (700..=702).contains(&cut)), "{cut:?}");
     for link in &mut links {
-        assert!(matches!(link.state().fault, Some(ArmFault::HeartBeat { .. })));
+        assert!(matches!(link.state().fault, Some(ArmFault::Heartbeat { .. })));
     }
 }
 
 #[test]
-fn a_port_that_fails_ends_the_virtual_run_with_its_reason() {
+fn port_failure_ends_virtual_run_with_reason() {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_time()
         .start_paused(true)
@@ -232,12 +237,13 @@ fn a_port_that_fails_ends_the_virtual_run_with_its_reason() {
 }
 
 #[test]
-fn the_wall_driver_moves_the_same_arm_and_counts_its_periods() {
+fn wall_driver_moves_arm_and_counts_periods() {
     let mut port = Motors::new(2);
     let (core, mut links, _) = core(&mut port, Box::new(NoRecords));
     let options = WallOptions { spin: 0, ..WallOptions::default() };
     let wall = spawn_wall(core, port, |_, _| {}, options).unwrap();
-    // A processor that other tests keep busy may pause the servo so long that it breaks a motion off.
+    // Other tests may keep the processor busy and pause the servo until it aborts a motion, so the
+    // motion is tried again.
     let mut reached = false;
     for _ in 0..20 {
         let ticket = links[1].send(go(swing(0.05), 100)).unwrap();
@@ -259,7 +265,7 @@ fn the_wall_driver_moves_the_same_arm_and_counts_its_periods() {
 }
 
 #[test]
-fn a_bridge_that_fails_stops_the_servo_and_tells_why() {
+fn port_failure_stops_wall_driver_with_reason() {
     let mut port = Motors::new(2);
     port.fails_at = Some(20);
     let (core, mut links, _) = core(&mut port, Box::new(NoRecords));
@@ -279,8 +285,9 @@ fn a_bridge_that_fails_stops_the_servo_and_tells_why() {
 }
 
 #[test]
-fn the_drives_of_a_period_meet_the_readings_of_that_period() {
-    // What the servo reads in period k + 1 is the end of period k, on a port that answers with its number.
+fn period_uses_reading_of_period_before() {
+    // The port answers with the number of its period. In period k + 1 the servo uses the reading
+    // from the end of period k.
     struct Echo;
     impl Port for Echo {
         fn exchange(

@@ -1,4 +1,5 @@
-//! Arms that were just switched on, on the simulated plant: what they refuse, and how they find out where they are.
+//! Homing on the simulated plant: commands that an arm refuses before it is synchronised, and the
+//! search of each axis for its zero.
 
 use rubik_robot::emergency_stop::EmergencyStop;
 use rubik_robot::hw::driver::{Core, NoRecords, ServoLink, Switches, link_at};
@@ -25,7 +26,7 @@ struct Rig {
 }
 
 impl Rig {
-    /// The built-in cell; `synchronised` for each arm.
+    /// Makes the built-in cell. `synchronised` says for each arm whether it begins synchronised.
     fn new(synchronised: [bool; 2]) -> Self {
         Self::at(synchronised, Length::default())
     }
@@ -72,7 +73,7 @@ impl Rig {
         self.state(arm)
     }
 
-    /// Motor positions by the plant's truth.
+    /// Returns the motor positions that belong to the true pose of the flange in the plant.
     fn true_motors(&self, arm: usize) -> MotorPositions {
         let cell = self.plant.cell();
         let pose = self.plant.scene().arms[arm].world_from_flange;
@@ -81,7 +82,8 @@ impl Rig {
         let near = model.joints(&MotorPositions::default()).unwrap();
         let near = JointPositions({
             let mut q = near.0;
-            // The inverse kinematics leave the track where it is told to be.
+            // The inverse kinematics keep the track position that they get, and the comparison
+            // leaves axis 0 out.
             q[0] = 0.0;
             q
         });
@@ -90,7 +92,7 @@ impl Rig {
 }
 
 #[test]
-fn arms_synchronise_one_axis_after_the_other_and_end_at_the_true_zero() {
+fn homing_moves_axes_in_turn_to_true_zero() {
     let mut rig = Rig::new([false, false]);
     rig.tick(10);
     assert_eq!(rig.state(0).synchronisation, Synchronisation::No);
@@ -120,12 +122,12 @@ fn arms_synchronise_one_axis_after_the_other_and_end_at_the_true_zero() {
     for arm in 0..2 {
         let state = rig.state(arm);
         assert_eq!(state.synchronisation, Synchronisation::Yes);
-        // All axes stand just behind their zeros: the pose of synchronisation, 3.5 rad/s for a few periods on.
+        // Each axis stops just past its zero, because it moves on at 3.5 rad/s for a few periods.
         assert!(state.motors.0.iter().all(|m| (-0.1..1.0).contains(m)), "{:?}", state.motors);
         let truth = rig.true_motors(arm);
         for axis in 1..7 {
-            // The joints' springs lie between shaft and flange: 0.9 rad of the shaft under the upper arm's
-            // weight. A wrong zero would be a revolution off.
+            // The springs of the joints lie between shaft and flange: the weight of the upper arm
+            // is worth 0.9 rad of the shaft. A wrong zero would be off by a revolution.
             let error = state.motors.0[axis] - truth.0[axis];
             assert!(error.abs() < 1.5, "arm {arm}, axis {axis}: {error}");
         }
@@ -139,7 +141,7 @@ fn arms_synchronise_one_axis_after_the_other_and_end_at_the_true_zero() {
 }
 
 #[test]
-fn before_that_only_relative_motor_moves_are_taken() {
+fn arm_before_homing_takes_only_relative_moves() {
     let mut rig = Rig::new([true, false]);
     rig.tick(10);
     let before = rig.state(1);
@@ -163,13 +165,13 @@ fn before_that_only_relative_motor_moves_are_taken() {
     let refused = rig.go(1, Motion::MotorsBy(by), 50).refused;
     assert!(matches!(refused, Some(MoveRefused::TooFast { axis: 4, .. })), "{refused:?}");
 
-    // Its partner is synchronised and takes anything.
+    // Its partner is synchronised and takes a motion to a place.
     let goal = rig.state(0).joints;
     assert_eq!(rig.go(0, Motion::Joints(goal), 100).refused, None);
 }
 
 #[test]
-fn an_arm_that_is_held_back_does_not_begin_to_home() {
+fn held_arm_does_not_begin_homing() {
     let mut rig = Rig::new([true, false]);
     rig.tick(10);
     rig.switches.hold.store(true, Ordering::Release);
@@ -181,7 +183,7 @@ fn an_arm_that_is_held_back_does_not_begin_to_home() {
 
     let state = rig.state(1);
     assert_eq!(state.synchronisation, Synchronisation::No);
-    assert_eq!(state.refused, Some(MoveRefused::HeldBack));
+    assert_eq!(state.refused, Some(MoveRefused::PartnerStopped));
     assert!(state.motors.0.iter().zip(before.0).all(|(m, b)| (m - b).abs() < 0.05));
 
     rig.switches.hold.store(false, Ordering::Release);
@@ -190,8 +192,9 @@ fn an_arm_that_is_held_back_does_not_begin_to_home() {
     assert!(matches!(rig.state(1).synchronisation, Synchronisation::Under { .. }));
 }
 
+/// An emergency stop ends homing. The next command begins at the axis that the stop interrupted.
 #[test]
-fn an_emergency_stop_ends_homing_and_a_second_one_goes_on_where_it_was() {
+fn homing_continues_at_its_axis_after_emergency_stop() {
     let mut rig = Rig::new([true, false]);
     rig.links[1].send(ServoCommand::Synchronise).unwrap();
     rig.tick(15_000);
@@ -205,7 +208,7 @@ fn an_emergency_stop_ends_homing_and_a_second_one_goes_on_where_it_was() {
     assert_eq!(rig.state(1).fault, Some(ArmFault::EmergencyStop));
     assert_eq!(rig.state(1).synchronisation, Synchronisation::No);
     rig.stop.release();
-    // While one arm is stopped by a fault the other one stands by, and does not home.
+    // Both arms are reset: an arm does not home while its partner is stopped by a fault.
     for link in &mut rig.links {
         link.send(ServoCommand::Reset).unwrap();
     }
@@ -219,8 +222,9 @@ fn an_emergency_stop_ends_homing_and_a_second_one_goes_on_where_it_was() {
     assert_eq!(now, axis);
 }
 
+/// For each length of the period a motion lasts equally long and ends at the same place.
 #[test]
-fn a_motion_lasts_as_long_and_ends_at_the_same_place_whatever_the_period() {
+fn period_length_changes_no_motion() {
     for milliseconds in [0.5, 1.0, 2.0, 4.0] {
         let length = Length::of_seconds(milliseconds * 1e-3);
         let mut rig = Rig::at([true, true], length);
@@ -229,7 +233,8 @@ fn a_motion_lasts_as_long_and_ends_at_the_same_place_whatever_the_period() {
         let mut goal = start.desired_joints;
         goal.0[1] += 0.2;
         goal.0[5] += 0.2;
-        // An EDP's stream: macrosteps of 16 ms along a smooth course of 1.6 s, each sent when the last is answered.
+        // Commands as an EDP sends them: macrosteps of 16 ms along a smooth course of 1.6 s, each
+        // sent after the answer to the one before.
         let mut behind = 0.0_f64;
         for step in 1..=100 {
             let x = f64::from(step) / 100.0;

@@ -1,4 +1,4 @@
-//! The servo: period by period, with its two drivers of time, on the plant, and when it was just switched on.
+//! Tests of the servo: single periods, both drivers of time, servo and plant together, homing.
 
 #![allow(
     clippy::unwrap_used,

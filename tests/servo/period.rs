@@ -1,4 +1,4 @@
-//! One arm's servo, period by period, on motors that follow their set values to the increment.
+//! Single periods of one arm's servo, on motors that follow their set values to the increment.
 
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use rubik_robot::hw::port::Port;
@@ -15,14 +15,15 @@ use crate::servo_rig::{Motors, START, config, first_reading};
 
 const COMPLIANT: Direction = Direction::Guarded { velocity: 0.0, admittance: 0.001, inertia: 20.0 };
 
-/// An arm whose motors are where they were told to be a period ago.
+/// Arm whose motors are at the set values of the period before.
 struct Ideal {
     config: ServoConfig,
     servo: ArmServo,
     reading: ArmReading,
     drive: ArmDrive,
     period: u64,
-    /// A spring that pulls the tool towards where it stood, in base axes (N/m).
+    /// Spring that pulls the tool towards a rest position, in base axes: stiffness (N/m), position
+    /// (m).
     spring: Option<(f64, Vector3<f64>)>,
 }
 
@@ -45,7 +46,7 @@ impl Ideal {
         if let Some((stiffness, rest)) = self.spring {
             let tool = state.desired_base_from_tool;
             let force = -stiffness * (tool.translation.vector - rest);
-            // On the tool point; the sensor sits behind it on the same axis.
+            // The force acts on the tool point; the sensor is behind it on the same axis.
             let in_tool = Wrench { force: tool.rotation.inverse() * force, ..Wrench::default() };
             let sensor_from_tool =
                 self.config.sensor.flange_from_sensor.inverse() * self.config.flange_from_tool;
@@ -54,7 +55,7 @@ impl Ideal {
         state
     }
 
-    /// Sends a motion and lets it end; all states.
+    /// Sends a motion and runs its periods; returns the states.
     fn run(&mut self, motion: Motion, periods: u32) -> Vec<ArmState> {
         let first = self.step(Some(go(motion, periods)));
         let mut states = vec![first];
@@ -83,7 +84,7 @@ fn unguarded(velocity: f64) -> Direction {
     Direction::Unguarded { velocity }
 }
 
-/// Largest step of any motor between consecutive states (rad).
+/// Returns the largest step of any motor between consecutive states (rad).
 fn largest_step(config: &ServoConfig, states: &[ArmState]) -> f64 {
     states
         .windows(2)
@@ -101,8 +102,9 @@ fn apart(a: &Pose, b: &Pose) -> (f64, f64) {
     ((a.translation.vector - b.translation.vector).norm(), a.rotation.angle_to(&b.rotation))
 }
 
+/// Motions of joints, of motors and to a pose reach their goals in their last period.
 #[test]
-fn joints_motors_and_poses_are_reached_at_the_end_and_not_before() {
+fn motions_reach_their_goals_in_last_period() {
     let mut arm = Ideal::new();
     let mut goal = START;
     goal.0[1] += 0.1;
@@ -129,13 +131,14 @@ fn joints_motors_and_poses_are_reached_at_the_end_and_not_before() {
         arm.config.model.base_from_flange(&way[299].desired_joints) * arm.config.flange_from_tool;
     let (d, a) = apart(&reached, &pose);
     assert!(d < 1e-10 && a < 1e-7);
-    // On a straight line: the half-way point is the mean of the ends.
+    // The path is a straight line at an even speed, so its point at half the time is the mean of
+    // the ends.
     let middle = 0.5 * (end.desired_base_from_tool.translation.vector + pose.translation.vector);
     assert!((way[149].desired_base_from_tool.translation.vector - middle).norm() < 1e-12);
 }
 
 #[test]
-fn a_task_motion_in_tool_axes_goes_along_the_tool_and_in_base_axes_along_the_base() {
+fn task_motion_follows_the_axes_of_its_frame() {
     let mut arm = Ideal::new();
     let start = arm.step(None).desired_base_from_tool;
 
@@ -151,13 +154,13 @@ fn a_task_motion_in_tool_axes_goes_along_the_tool_and_in_base_axes_along_the_bas
 }
 
 #[test]
-fn the_next_macrostep_sent_two_periods_early_follows_without_a_gap() {
+fn early_macrostep_follows_without_a_gap() {
     let mut arm = Ideal::new();
     let motion = task(Frame::Base, &[(0, unguarded(0.05))]);
     let mut states = Vec::new();
 
     for period in 1..=60u64 {
-        // Macrosteps of 20 periods; each is sent when two periods are left.
+        // Each macrostep has 20 periods and is sent when two periods of the one before are left.
         let command = (period == 1 || period % 20 == 18).then(|| go(motion, 20));
         states.push(arm.step(command));
     }
@@ -172,7 +175,7 @@ fn the_next_macrostep_sent_two_periods_early_follows_without_a_gap() {
 }
 
 #[test]
-fn a_command_sent_in_the_middle_takes_over_at_once() {
+fn new_command_replaces_running_one_at_once() {
     let mut arm = Ideal::new();
     arm.step(Some(go(task(Frame::Base, &[(0, unguarded(0.05))]), 500)));
     for _ in 0..50 {
@@ -187,7 +190,7 @@ fn a_command_sent_in_the_middle_takes_over_at_once() {
 }
 
 #[test]
-fn a_stamped_command_begins_in_its_period() {
+fn stamped_command_begins_in_its_period() {
     let mut arm = Ideal::new();
     let still = arm.step(None);
     let command =
@@ -206,7 +209,7 @@ fn a_stamped_command_begins_in_its_period() {
 }
 
 #[test]
-fn position_and_force_motion_change_without_a_jump() {
+fn position_and_force_motion_switch_without_jump() {
     let mut arm = Ideal::new();
     let rest = arm.step(None).desired_base_from_tool.translation.vector;
     arm.spring = Some((2e3, rest));
@@ -219,12 +222,13 @@ fn position_and_force_motion_change_without_a_jump() {
     states.extend(arm.run(task(Frame::Base, &[(1, unguarded(-0.01))]), 50));
 
     assert!(states.iter().all(|s| s.refused.is_none() && s.fault.is_none()));
-    // 20 mm/s is the fastest that anything above asks for; no motor does more than 4 rad/m * 20 mm * 158.
+    // The motions above stay below 20 mm/s. With 4 rad of a joint per metre and a gear of 158 no
+    // motor exceeds 13 rad/s, which is 0.025 rad in a period.
     assert!(largest_step(&arm.config, &states) < 0.06, "{}", largest_step(&arm.config, &states));
 }
 
 #[test]
-fn changing_the_tool_does_not_move_the_arm_and_later_motions_are_about_the_new_one() {
+fn tool_change_affects_only_later_motions() {
     let mut arm = Ideal::new();
     let before = arm.step(None);
     let longer = Pose::from_parts(
@@ -238,12 +242,12 @@ fn changing_the_tool_does_not_move_the_arm_and_later_motions_are_about_the_new_o
     let (d, a) = apart(&after.desired_base_from_tool, &(flange * longer));
     assert!(d < 1e-10 && a < 1e-7);
 
-    // Turning about the new tool's x leaves the new tool point in its place.
+    // A rotation about x of the new tool leaves the new tool point in its place.
     let turned = arm.run(task(Frame::Tool, &[(3, unguarded(0.2))]), 200)[199];
     let (d, a) = apart(&turned.desired_base_from_tool, &after.desired_base_from_tool);
     assert!(d < 1e-12 && (a - 0.08).abs() < 1e-9, "{d} {a}");
 
-    // What ended at speed is brought to a stand first.
+    // The rotation ended at speed, so a hold brings the arm to rest first.
     let stands = arm.run(Motion::Hold, 250)[249];
     let broken = arm.step(Some(ServoCommand::SetTool(Pose::translation(f64::NAN, 0.0, 0.0))));
     assert_eq!(broken.refused, Some(MoveRefused::NotANumber));
@@ -251,7 +255,7 @@ fn changing_the_tool_does_not_move_the_arm_and_later_motions_are_about_the_new_o
 }
 
 #[test]
-fn a_tool_changed_under_way_keeps_the_line_free_of_jumps() {
+fn tool_change_in_motion_causes_no_jump() {
     let mut arm = Ideal::new();
     let goal = arm.step(None).desired_base_from_tool * Pose::translation(0.05, 0.0, 0.0);
     let mut states = vec![arm.step(Some(go(Motion::Pose(goal), 400)))];
@@ -266,7 +270,7 @@ fn a_tool_changed_under_way_keeps_the_line_free_of_jumps() {
 }
 
 #[test]
-fn commands_that_ask_too_much_are_refused_and_the_arm_holds() {
+fn impossible_commands_are_refused_and_arm_holds() {
     let mut arm = Ideal::new();
     let start = arm.step(None);
     let mut too_far = START;
@@ -296,17 +300,18 @@ fn commands_that_ask_too_much_are_refused_and_the_arm_holds() {
         assert_eq!(arm.step(None).desired_joints, start.desired_joints, "{why}");
     }
     let fine = arm.step(Some(go(Motion::Hold, 3)));
-    assert_eq!(fine.refused, None, "a new command forgets the old refusal");
+    assert_eq!(fine.refused, None, "a new command clears the old refusal");
 }
 
 #[test]
-fn a_motion_that_runs_into_a_limit_is_broken_off_there() {
+fn motion_into_a_limit_ends_there() {
     let mut arm = Ideal::new();
 
-    // Along its own axis the tool point leaves the arm's reach.
+    // Along x of the base the arm runs out of its range.
     let states = arm.run(task(Frame::Base, &[(0, unguarded(0.15))]), 4000);
 
-    let broken = states.iter().position(|s| s.refused.is_some()).expect("it has a limit");
+    let broken =
+        states.iter().position(|s| s.refused.is_some()).expect("the motion reaches a limit");
     assert!(broken > 100);
     let (at, end) = (&states[broken], &states[3999]);
     assert_eq!(at.desired_joints, end.desired_joints);
@@ -316,8 +321,9 @@ fn a_motion_that_runs_into_a_limit_is_broken_off_there() {
     assert!(end.fault.is_none());
 }
 
+/// A hold brings motors of more than 60 rad/s to rest within 0.2 s, without a jump of speed.
 #[test]
-fn a_hold_brings_a_fast_motion_to_a_stand_within_some_hundredths_of_a_second() {
+fn hold_stops_fast_motion_smoothly() {
     let mut arm = Ideal::new();
     let model = arm.config.model.clone();
     let mut states = arm.run(task(Frame::Base, &[(5, unguarded(0.8))]), 200);
@@ -334,13 +340,13 @@ fn a_hold_brings_a_fast_motion_to_a_stand_within_some_hundredths_of_a_second() {
 
     let end = &states[states.len() - 2..];
     let changes = states[198..].windows(3).map(|w| speed(&w[0], &w[1]) - speed(&w[1], &w[2]));
-    assert!(changes.fold(0.0, f64::max) < 0.15 * fast, "it was stopped dead");
-    assert!(speed(&end[0], &end[1]) < 0.1, "it goes on");
+    assert!(changes.fold(0.0, f64::max) < 0.15 * fast, "the arm was stopped abruptly");
+    assert!(speed(&end[0], &end[1]) < 0.1, "the arm continues");
     assert!(states.iter().all(|state| state.fault.is_none() && state.refused.is_none()));
 }
 
 #[test]
-fn too_fast_on_the_way_is_broken_off() {
+fn too_fast_task_motion_is_refused() {
     let mut arm = Ideal::new();
 
     let states = arm.run(task(Frame::Tool, &[(5, unguarded(1.2))]), 100);
@@ -349,8 +355,10 @@ fn too_fast_on_the_way_is_broken_off() {
     assert_eq!(states[0].desired_joints, states[99].desired_joints);
 }
 
+/// The governor slows a guarded motion down to 0.975 of the limit of its fastest motor. After half
+/// a second at that limit the servo refuses.
 #[test]
-fn guarded_motion_goes_as_fast_as_motors_do() {
+fn governor_keeps_guarded_motion_below_motor_limit() {
     let limit = config().model.motor_speed_limit;
     let guarded = |velocity| Direction::Guarded { velocity, admittance: 0.3, inertia: 0.1 };
     let fastest = |velocity| {
@@ -365,22 +373,25 @@ fn guarded_motion_goes_as_fast_as_motors_do() {
     let (slow, refused, _) = fastest(0.6);
     assert!(slow > 0.6 && slow < 0.8 && !refused, "{slow}");
     let (most, refused, left) = fastest(1.0);
-    assert!(most > 0.97 && most < 0.98 && !refused, "{most} of what a motor does");
-    // The law remembers the speed that it had, not the one that it wanted.
+    assert!(most > 0.97 && most < 0.98 && !refused, "{most} of a motor's limit");
+    // The momentum of the law is the governed speed, not the commanded one.
     let lag = 0.3 * 0.1;
     let expected = most * (lag / (lag + PERIOD)).powi(52);
     assert!((left / expected - 1.0).abs() < 0.02, "{left} is left, not {expected}");
     let mut arm = Ideal::new();
     let states = arm.run(task(Frame::Tool, &[(5, guarded(1.0))]), 400);
     let first = states.iter().position(|state| state.refused.is_some());
-    assert!(first.is_some_and(|period| (250..320).contains(&period)), "{first:?}: it goes on");
+    assert!(
+        first.is_some_and(|period| (250..320).contains(&period)),
+        "{first:?}: the arm continues"
+    );
     let at_once = Direction::Guarded { velocity: 1.5, admittance: 0.3, inertia: 0.0 };
     let refused = Ideal::new().run(task(Frame::Tool, &[(5, at_once)]), 10)[0].refused;
     assert!(matches!(refused, Some(MoveRefused::TooFast { .. })), "{refused:?}");
 }
 
 #[test]
-fn contact_finds_its_force_on_a_spring() {
+fn contact_reaches_its_force_on_spring() {
     let mut arm = Ideal::new();
     let rest = arm.step(None).desired_base_from_tool.translation.vector;
     arm.spring = Some((3e4, rest));
@@ -393,8 +404,9 @@ fn contact_finds_its_force_on_a_spring() {
     assert!(((end.desired_base_from_tool.translation.vector - rest).y - 8.0 / 3e4).abs() < 1e-5);
 }
 
+/// The reported wrench does not depend on the sign and delay that the law gets.
 #[test]
-fn a_flipped_sign_and_a_long_delay_spoil_the_force_law_but_not_the_report() {
+fn flipped_sign_or_delay_spoils_force_law() {
     for (settings, limit) in [
         (ForceSettings { sign: -1.0, delay_periods: 0 }, true),
         (ForceSettings { sign: 1.0, delay_periods: 30 }, true),
@@ -413,8 +425,9 @@ fn a_flipped_sign_and_a_long_delay_spoil_the_force_law_but_not_the_report() {
     }
 }
 
+/// A saturated sensor does not stop it: the actor that commands the motion judges the force.
 #[test]
-fn a_silent_sensor_stops_whatever_leads_to_a_place_and_a_saturated_one_does_not() {
+fn silent_sensor_stops_motion_to_a_place() {
     let with = |newtons: f64, motion: fn(&ArmState) -> Motion| {
         let mut arm = Ideal::new();
         let begun = arm.step(None);
@@ -440,10 +453,14 @@ fn a_silent_sensor_stops_whatever_leads_to_a_place_and_a_saturated_one_does_not(
         (|_| Motion::Hold, false),
     ] {
         assert_eq!(with(f64::NAN, motion), (silent, !silent));
-        assert_eq!(with(200.0, motion), (false, true), "what is felt is judged by whoever moves");
+        assert_eq!(
+            with(200.0, motion),
+            (false, true),
+            "the moving generator judges a measured force"
+        );
     }
 
-    // One that has not told anything yet is missed by whoever zeroes it, not by whoever moves a joint.
+    // A sensor that has not given a reading yet is a fault only for a motion under force control.
     let mut arm = Ideal::new();
     arm.reading.wrench_on_sensor = Wrench::from_directions([f64::NAN; 6]);
     let begun = arm.step(None);
@@ -451,8 +468,9 @@ fn a_silent_sensor_stops_whatever_leads_to_a_place_and_a_saturated_one_does_not(
     assert_eq!((moved.fault, arm.drive.enabled), (None, true));
 }
 
+/// A motion of set velocities continues without a sensor.
 #[test]
-fn a_silent_sensor_stops_force_control_at_once_and_disturbs_no_set_velocity() {
+fn silent_sensor_stops_force_control_at_once() {
     let silent = Wrench::from_directions([f64::NAN; 6]);
     let mut arm = Ideal::new();
     arm.reading.wrench_on_sensor = silent;
@@ -468,7 +486,7 @@ fn a_silent_sensor_stops_force_control_at_once_and_disturbs_no_set_velocity() {
 }
 
 #[test]
-fn an_axis_that_stands_on_its_limit_switch_may_leave_it_and_not_go_on() {
+fn axis_on_limit_switch_may_only_leave() {
     const ON: u8 = 1 << 3;
     let by = |radians: f64| {
         let mut motors = [0.0; 7];
@@ -480,7 +498,8 @@ fn an_axis_that_stands_on_its_limit_switch_may_leave_it_and_not_go_on() {
         assert!(matches!(fault, None | Some(ArmFault::LimitSwitch { axis: 3, .. })), "{fault:?}");
         fault.is_some()
     };
-    // Where it stands from the beginning, told by a line that waits for a second reading; the way off, and the way on.
+    // Limit switch that is active from the second reading on, and the motion that leaves it (rad).
+    // The opposite motion moves further onto it.
     for (mark, off) in [
         (ArmReading { upper_limits: ON, ..first_reading() }, -2.0),
         (ArmReading { lower_limits: ON, ..first_reading() }, 2.0),
@@ -490,21 +509,24 @@ fn an_axis_that_stands_on_its_limit_switch_may_leave_it_and_not_go_on() {
         (arm.reading.upper_limits, arm.reading.lower_limits) =
             (mark.upper_limits, mark.lower_limits);
         assert!(!is_hit(&arm.run(Motion::Hold, 100)));
-        assert!(is_hit(&arm.run(by(-off), 100)), "the way on");
+        assert!(is_hit(&arm.run(by(-off), 100)), "motion towards the switch");
         arm.step(Some(ServoCommand::Reset));
-        assert!(!is_hit(&arm.run(by(off), 100)), "the way off");
+        assert!(!is_hit(&arm.run(by(off), 100)), "motion away from the switch");
 
         (arm.reading.upper_limits, arm.reading.lower_limits) = (0, 0);
         assert!(!is_hit(&arm.run(by(off), 100)));
         (arm.reading.upper_limits, arm.reading.lower_limits) =
             (mark.upper_limits, mark.lower_limits);
-        assert!(is_hit(&arm.run(Motion::Hold, 10)), "once left, it is a limit again");
+        assert!(
+            is_hit(&arm.run(Motion::Hold, 10)),
+            "after the motor has left the switch, it is a limit again"
+        );
     }
 }
 
 #[test]
 fn faults_switch_the_drives_off_until_reset() {
-    type Spoil = fn(&mut ArmReading);
+    type Corrupt = fn(&mut ArmReading);
 
     let switch = |r: &mut ArmReading| r.upper_limits = 1 << 3;
     let current = |r: &mut ArmReading| {
@@ -512,17 +534,17 @@ fn faults_switch_the_drives_off_until_reset() {
         r.currents[5] = 11.0;
     };
     let jump = |r: &mut ArmReading| r.counts[2] += 1200;
-    let spoil: [(Spoil, &str); 3] = [
+    let corrupt: [(Corrupt, &str); 3] = [
         (switch, "axis 3: limit switch"),
         (current, "axis 5: over-current, 11.0 A"),
         (jump, "axis 2: the encoder jumped"),
     ];
-    for (spoil, why) in spoil {
+    for (corrupt, why) in corrupt {
         let mut arm = Ideal::new();
         (0..10).for_each(|_| assert_eq!(arm.step(None).fault, None));
         arm.step(Some(go(task(Frame::Base, &[(0, unguarded(0.05))]), 500)));
         assert!(arm.drive.enabled);
-        spoil(&mut arm.reading);
+        corrupt(&mut arm.reading);
 
         let fault = arm.step(None);
         assert!(fault.fault.unwrap().to_string().contains(why), "{fault:?}");
@@ -538,12 +560,13 @@ fn faults_switch_the_drives_off_until_reset() {
         assert_eq!(again.fault, None);
         assert!(arm.drive.enabled);
         let (d, _) = apart(&again.desired_base_from_tool, &again.base_from_tool);
-        assert!(d < 1e-12, "set values are what is measured");
+        assert!(d < 1e-12, "set values equal measured values");
     }
 }
 
-/// A motor that is brought to 240 rad/s and back, with so many periods missed on the way: its last drive holds meanwhile.
-/// Then it may be blocked. The servo's fault, and how many periods after that.
+/// Accelerates a motor to 240 rad/s and back, and returns the fault of the servo with the number of
+/// periods since the motor was blocked. `missed` periods are missed at full speed, during which the
+/// last drive acts on; then the motor is `blocked` or not.
 fn with_missed_periods(missed: u64, blocked: bool) -> Option<(ArmFault, u64)> {
     let (mut motors, mut drive) = (Motors::new(1), ArmDrive::OFF);
     let mut readings = [ArmReading::default()];
@@ -561,7 +584,7 @@ fn with_missed_periods(missed: u64, blocked: bool) -> Option<(ArmFault, u64)> {
                 for _ in 0..missed {
                     motors.exchange(period, &[drive], &mut readings).unwrap();
                 }
-                servo.heed(period, &Outside { skipped: missed, ..Outside::default() });
+                servo.apply_outside(period, &Outside { skipped: missed, ..Outside::default() });
             }
             drive = servo.step(period, &readings[0], command.take().as_ref()).0;
             if let Some(fault) = servo.fault() {
@@ -569,7 +592,8 @@ fn with_missed_periods(missed: u64, blocked: bool) -> Option<(ArmFault, u64)> {
             }
             let counts = readings[0].counts;
             motors.exchange(period, &[drive], &mut readings).unwrap();
-            // Against a stop that gives way by less than the motor wants.
+            // The stop yields by an increment in every other period, less than the command asks
+            // for.
             if blocked && macrostep >= 31 {
                 readings[0].counts[0] = counts[0] + i64::from(step % 2 == 0);
             }
@@ -578,8 +602,9 @@ fn with_missed_periods(missed: u64, blocked: bool) -> Option<(ArmFault, u64)> {
     None
 }
 
+/// A motor that is blocked after the missed periods is still found.
 #[test]
-fn what_a_motor_went_in_missed_periods_is_no_following_error() {
+fn missed_periods_cause_no_following_error() {
     for missed in [0, 1, 5, 12, 19] {
         assert_eq!(with_missed_periods(missed, false), None, "{missed} missed");
         let fault = with_missed_periods(missed, true);
@@ -590,7 +615,7 @@ fn what_a_motor_went_in_missed_periods_is_no_following_error() {
 }
 
 #[test]
-fn a_frozen_encoder_is_found_within_ten_periods() {
+fn frozen_encoder_is_found_within_ten_periods() {
     let mut arm = Ideal::new();
     let mut goal = START;
     goal.0[1] += 0.5;
@@ -612,7 +637,7 @@ fn a_frozen_encoder_is_found_within_ten_periods() {
 }
 
 #[test]
-fn the_jaw_goes_with_the_motion_and_a_bias_takes_ten_periods() {
+fn jaw_follows_command_and_bias_takes_ten_periods() {
     let mut arm = Ideal::new();
     let jaw = JawCommand { opening: 0.080, force_limit: 25.0, stops: Depth::Two };
     let command = MoveCommand { motion: Motion::Hold, periods: 100, jaw: Some(jaw) };

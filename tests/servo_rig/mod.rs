@@ -1,4 +1,4 @@
-//! What the servo's tests share: an arm and a port of simple motors. Shares nothing with the plant.
+//! Arm and port of simple motors for the tests of the servo. They share no code with the plant.
 #![allow(unreachable_pub, clippy::unwrap_used, reason = "a module of test programs")]
 
 use nalgebra::Point3;
@@ -13,10 +13,10 @@ use rubik_robot::servo::regulator::{IRP6, ServoGains};
 use rubik_robot::spatial::Pose;
 use std::f64::consts::TAU;
 
-/// Where the arms of the tests stand.
+/// Start position of the arms of the tests.
 pub const START: JointPositions = JointPositions([0.5, 0.1, -1.55, 0.05, 1.2, 1.6, -0.4]);
 
-/// The track arm with a plain tool and a weightless sensor.
+/// Returns the track arm with a plain tool and a weightless sensor.
 pub fn config() -> ServoConfig {
     ServoConfig {
         model: builtin("irp6_track").unwrap(),
@@ -44,7 +44,7 @@ pub fn config() -> ServoConfig {
     }
 }
 
-/// A reading of the arm at [`START`].
+/// Returns a reading of the arm at [`START`].
 #[allow(dead_code, reason = "not every test that shares this file needs it")]
 pub fn first_reading() -> ArmReading {
     let model = config().model;
@@ -55,7 +55,7 @@ pub fn first_reading() -> ArmReading {
     }
 }
 
-/// First-order motors: 40 ms, 330 rad/s at 255 of pulse width.
+/// First-order motors: time constant 40 ms, 330 rad/s at a pulse width of 255.
 #[allow(dead_code, reason = "not every test that shares this file runs motors")]
 pub struct Motors {
     positions: Vec<[f64; AXES]>,
@@ -64,13 +64,13 @@ pub struct Motors {
     pub enabled: Vec<bool>,
     /// Number of the last exchange.
     pub last_period: u64,
-    /// From this period on the port fails.
+    /// Period from which on the port fails.
     pub fails_at: Option<u64>,
 }
 
 #[allow(dead_code, reason = "as above")]
 impl Motors {
-    /// `arms` arms at [`START`].
+    /// Makes `arms` arms at [`START`].
     pub fn new(arms: usize) -> Self {
         let motors = config().model.motors(&START).0;
         Self {

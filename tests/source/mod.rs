@@ -1,12 +1,13 @@
-//! Rust files as text: which there are, and what of them is code.
+//! Reader of Rust files as text: finds the files, and separates code from comments and tests.
 
 #![allow(dead_code, reason = "each test that includes this uses a part of it")]
 
 use std::path::Path;
 
-/// A file of the crate: path below `src/` and text.
+/// File of the crate: path below `src/` and text.
 pub(crate) type File = (String, String);
 
+/// Adds all Rust files below a folder, with `prefix` before their paths, in alphabetical order.
 pub(crate) fn collect(folder: &Path, prefix: &str, into: &mut Vec<File>) {
     let mut entries: Vec<_> =
         std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
@@ -21,10 +22,10 @@ pub(crate) fn collect(folder: &Path, prefix: &str, into: &mut Vec<File>) {
     }
 }
 
-/// The member crate whose modules the other crates name as if they were their own.
+/// Member crate whose modules the other crates name as if they were their own.
 const VOCABULARY: &str = "vocabulary";
 
-/// The modules of [`VOCABULARY`].
+/// Modules of [`VOCABULARY`].
 const WORDS: &[&str] = &["cell", "cube", "kinematics", "motion", "spatial"];
 
 /// The other member crates: folders of `src/`.
@@ -108,7 +109,7 @@ pub(crate) fn expand(
     prefix.truncate(before);
 }
 
-/// Words, `::` and single characters.
+/// Splits code into words, `::` and single characters.
 pub(crate) fn tokens(code: &str) -> Vec<String> {
     let mut all = Vec::new();
     let mut chars = code.chars().peekable();
@@ -128,7 +129,7 @@ pub(crate) fn tokens(code: &str) -> Vec<String> {
     all
 }
 
-/// The text with comments, string and character literals replaced by blanks.
+/// Returns the text with blanks in place of comments, strings and characters; lines stay.
 pub(crate) fn without_comments_and_strings(text: &str) -> String {
     let c: Vec<char> = text.chars().collect();
     let mut out = String::with_capacity(text.len());
@@ -186,7 +187,7 @@ pub(crate) fn without_comments_and_strings(text: &str) -> String {
                 }
                 i += 1;
             }
-            // A character, not a lifetime: '{', '\n', '\u{1F}'.
+            // This is a character and no lifetime: '{', '\n', '\u{1F}'.
             ('\'', '\\') => {
                 i += 3;
                 while i < c.len() && c[i] != '\'' {
@@ -207,7 +208,7 @@ pub(crate) fn without_comments_and_strings(text: &str) -> String {
     out
 }
 
-/// The code without the items behind `#[cfg(test)]`.
+/// Returns the code without the items after `#[cfg(test)]`.
 pub(crate) fn without_tests(code: &str) -> String {
     let mut out = String::new();
     let mut rest = code;

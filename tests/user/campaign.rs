@@ -1,4 +1,5 @@
-//! Campaigns as their user meets them: many runs in processes of their own, cut off and taken up again, in shards.
+//! Campaigns on the command line: many runs in processes of their own, interrupted, resumed,
+//! divided into shards and merged.
 
 use crate::program::program;
 use serde_json::Value;
@@ -14,18 +15,18 @@ fn text(bytes: &[u8]) -> &str {
     std::str::from_utf8(bytes).unwrap()
 }
 
-/// What it told beside its results.
-fn told_by(out: &Output) -> &str {
+/// Returns the text on stderr.
+fn stderr_of(out: &Output) -> &str {
     text(&out.stderr)
 }
 
-/// The object at the end of stdout, after a look at the exit code.
+/// Checks the exit code and returns the JSON object in the last line of stdout.
 fn object(out: &Output, code: i32) -> Value {
     assert_eq!(out.status.code(), Some(code), "{}\n{}", text(&out.stderr), text(&out.stdout));
     serde_json::from_str(text(&out.stdout).lines().last().unwrap()).unwrap()
 }
 
-/// A file that goes away with the test.
+/// Temporary file, which is removed when the test ends.
 struct Place(PathBuf);
 
 impl Place {
@@ -58,15 +59,15 @@ fn idle(more: &[&str]) -> Output {
 }
 
 #[test]
-fn three_idle_runs_come_to_one_object() {
-    // All of three are as many as there can be.
+fn three_idle_runs_print_one_object() {
+    // `--at-least 1` demands that every run is solved.
     let done = object(&idle(&["--runs", "3", "--seed", "40", "--at-least", "1"]), 0);
 
     assert_eq!((&done["runs"], &done["solved"]), (&3.into(), &3.into()));
     assert_eq!(done["failures"], Value::Array(vec![]));
-    // n / (n + z^2)
+    // Lower bound of the Wilson interval of n out of n: n / (n + z^2).
     assert!((done["interval"][0].as_f64().unwrap() - 0.438_503).abs() < 1e-6);
-    // The idle arms touch nothing, so nothing is above what the scenario allows, and nothing falls.
+    // Idle arms touch nothing: no contact exceeds the limit of the scenario, and no cube falls.
     assert_eq!(done["peak_contact_n"]["max"], 0.0);
     assert_eq!(done["force_limit_n"]["min"], 20.0);
     for name in [
@@ -86,15 +87,17 @@ fn three_idle_runs_come_to_one_object() {
     assert!((done["sim_time_s"]["median"].as_f64().unwrap() - 1.0).abs() < 0.05);
 }
 
+/// The report lists a command for each failed run. The command repeats only this run, which fails
+/// for the same reason. The HTML report contains the command too.
 #[test]
-fn a_failed_run_comes_with_its_seed_its_phase_and_a_command_that_fails_the_same_way() {
+fn report_lists_seed_phase_and_command_of_failure() {
     let page = Place::new("report.html");
     let run =
         ["campaign", "scenarios/face_turn.toml", "--runs", "1", "--seed", "5", "--json", "-o"];
     let run = [&run[..], &[page.path(), "--set", "control.compliance=none"]].concat();
 
     let done = object(&robot(&run), 0);
-    // It was performed; whether that is good enough is another question.
+    // A campaign of failed runs exits with 0: only `--at-least` judges the results.
     let short = robot(&[&run[..], &["--at-least", "0.5"]].concat());
     assert_eq!(object(&short, 1), done);
 
@@ -110,28 +113,30 @@ fn a_failed_run_comes_with_its_seed_its_phase_and_a_command_that_fails_the_same_
     assert!(std::fs::read_to_string(page.path()).unwrap().contains(command));
 }
 
+/// A state file that ends amid its third result: the campaign repeats only the runs without a
+/// complete result, and the object equals that of an uninterrupted campaign.
 #[test]
-fn a_campaign_that_was_cut_off_goes_on_where_it_was() {
+fn campaign_resumes_from_a_truncated_state_file() {
     let (state, other) = (Place::new("cut.jsonl"), Place::new("other.jsonl"));
     let run = ["--runs", "4", "--state", state.path()];
     let whole = object(&idle(&run), 0);
-    let text_of = std::fs::read_to_string(state.path()).unwrap();
-    assert_eq!(text_of.lines().count(), 5);
+    let state_text = std::fs::read_to_string(state.path()).unwrap();
+    assert_eq!(state_text.lines().count(), 5);
 
-    // In the middle of the third result.
-    let third = text_of.match_indices('\n').nth(2).unwrap().0;
-    std::fs::write(state.path(), &text_of[..third + 40]).unwrap();
+    // Cut the file in the middle of the third result.
+    let third = state_text.match_indices('\n').nth(2).unwrap().0;
+    std::fs::write(state.path(), &state_text[..third + 40]).unwrap();
     let out = idle(&run);
 
     assert_eq!(object(&out, 0), whole);
-    let told = text(&out.stderr);
-    assert!(told.contains("going on behind 2 of 4 runs; its last line was cut off"), "{told}");
-    assert!(told.contains("campaign: 2 runs"), "{told}");
+    let stderr = text(&out.stderr);
+    assert!(stderr.contains("continuing after 2 of 4 runs; its last line was cut off"), "{stderr}");
+    assert!(stderr.contains("campaign: 2 runs"), "{stderr}");
     assert_eq!(std::fs::read_to_string(state.path()).unwrap().lines().count(), 5);
-    // A complete one has nothing to do, under its other name, too.
+    // A complete campaign runs nothing more. `--resume` is an alias of `--state`.
     assert_eq!(object(&idle(&["--runs", "4", "--resume", state.path()]), 0), whole);
 
-    // Another campaign does not go into the same file, and what is none is left alone.
+    // A campaign with other seeds is refused, and a file that is no state file stays unchanged.
     let wrong = idle(&["--runs", "4", "--seed", "2", "--state", state.path()]);
     assert_eq!(wrong.status.code(), Some(2));
     assert!(text(&wrong.stderr).contains("differ in first seeds"), "{}", text(&wrong.stderr));
@@ -141,7 +146,7 @@ fn a_campaign_that_was_cut_off_goes_on_where_it_was() {
 }
 
 #[test]
-fn a_campaign_gets_more_runs_and_never_fewer() {
+fn campaign_accepts_more_runs_but_never_fewer() {
     let state = Place::new("longer.jsonl");
     let run = |runs| idle(&["--state", state.path(), "--seed", "7", "--runs", runs]);
     assert_eq!(object(&run("2"), 0)["runs"], 2);
@@ -157,8 +162,10 @@ fn a_campaign_gets_more_runs_and_never_fewer() {
     assert!(text(&fewer.stderr).contains("--runs 4 or more"), "{}", text(&fewer.stderr));
 }
 
+/// State files of another shard, of another build, and of a campaign that is still writing: each is
+/// refused with its reason and stays unchanged.
 #[test]
-fn a_state_file_of_another_shard_or_build_or_of_a_campaign_that_goes_on_is_left_alone() {
+fn campaign_refuses_a_foreign_or_locked_state_file() {
     let state = Place::new("theirs.jsonl");
     let run = ["--runs", "2", "--state", state.path(), "--shard"];
     assert_eq!(idle(&[&run[..], &["1/2"]].concat()).status.code(), Some(0));
@@ -166,8 +173,8 @@ fn a_state_file_of_another_shard_or_build_or_of_a_campaign_that_goes_on_is_left_
     let refused = |shard: &str, reason: &str| {
         let before = std::fs::read_to_string(state.path()).unwrap();
         let out = idle(&[&run[..], &[shard]].concat());
-        let told = text(&out.stderr);
-        assert!(out.status.code() == Some(2) && told.contains(reason), "{reason}: {told}");
+        let stderr = text(&out.stderr);
+        assert!(out.status.code() == Some(2) && stderr.contains(reason), "{reason}: {stderr}");
         assert_eq!(std::fs::read_to_string(state.path()).unwrap(), before, "{reason}");
     };
 
@@ -182,7 +189,8 @@ fn a_state_file_of_another_shard_or_build_or_of_a_campaign_that_goes_on_is_left_
     refused("1/2", "another campaign is writing it");
 }
 
-/// The exit code and the object of a campaign that is interrupted when `begun` says that it is under way.
+/// Interrupts a campaign at the first line of stderr that `begun` accepts. Returns the exit code
+/// and the JSON object.
 fn interrupted(args: &[&str], mut begun: impl FnMut(&str) -> bool) -> (Option<i32>, Value) {
     use std::io::{BufRead as _, BufReader};
     let mut campaign = program()
@@ -191,24 +199,26 @@ fn interrupted(args: &[&str], mut begun: impl FnMut(&str) -> bool) -> (Option<i3
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    let mut told = BufReader::new(campaign.stderr.take().unwrap()).lines().map_while(Result::ok);
-    assert!(told.any(|line| begun(&line)), "it was over before it was interrupted");
+    let mut lines = BufReader::new(campaign.stderr.take().unwrap()).lines().map_while(Result::ok);
+    assert!(lines.any(|line| begun(&line)), "it was over before it was interrupted");
     let process = rustix::process::Pid::from_child(&campaign);
     rustix::process::kill_process(process, rustix::process::Signal::INT).unwrap();
-    std::thread::spawn(move || told.for_each(drop));
+    std::thread::spawn(move || lines.for_each(drop));
     let out = campaign.wait_with_output().unwrap();
     let done = serde_json::from_str(text(&out.stdout).lines().last().unwrap()).unwrap();
     (out.status.code(), done)
 }
 
+/// SIGINT ends a soak and a campaign with exit code 130. The results until then are printed and
+/// kept in the state file.
 #[test]
-fn who_interrupts_a_campaign_or_a_soak_gets_what_there_is_and_no_success() {
+fn interrupt_ends_a_campaign_with_partial_results() {
     let soak = ["--soak", "1000", "--set", "idle.time_s=30"];
     let (code, done) = interrupted(&soak, |line| line.contains("times real time"));
     assert_eq!((code, &done["steady"]), (Some(130), &false.into()), "{done}");
 
     let state = Place::new("interrupted.jsonl");
-    // One that fails is told at once: then it is under way.
+    // A failed run is reported at once, so its line shows that the campaign is under way.
     let drawn = Place::with(
         "now.toml",
         "fault = { one_of = [[{ kind = \"emergency_stop\", at_s = 0.5 }]] }\n",
@@ -219,14 +229,15 @@ fn who_interrupts_a_campaign_or_a_soak_gets_what_there_is_and_no_success() {
     let runs = done["runs"].as_u64().unwrap();
     assert!((1..1000).contains(&runs), "{runs}");
     let kept = std::fs::read_to_string(state.path()).unwrap();
-    assert_eq!(kept.lines().count() as u64, runs + 1, "a header, and what it told of");
+    assert_eq!(kept.lines().count() as u64, runs + 1, "a header and the reported runs");
 }
 
 #[test]
-fn shards_merged_are_the_whole() {
+fn merged_shards_equal_the_whole_campaign() {
     let vary = Place::with(
         "vary.toml",
-        "idle.time_s = { uniform = [0.5, 1.5] }\nplant.cube_kind = { one_of = [\"2007\", \"dry\"] }\n",
+        "idle.time_s = { uniform = [0.5, 1.5] }\n\
+         plant.cube_kind = { one_of = [\"2007\", \"dry\"] }\n",
     );
     let run = ["campaign", "scenarios/idle.toml", "--json", "--runs", "5", "--vary", vary.path()];
     let whole = object(&robot(&run), 0);
@@ -242,7 +253,7 @@ fn shards_merged_are_the_whole() {
     assert_eq!(object(&merged, 0), whole);
     let times = &whole["sim_time_s"];
     assert!(times["min"].as_f64().unwrap() < times["max"].as_f64().unwrap(), "nothing was drawn");
-    // One shard is not the whole, and does not pass for it.
+    // A merge of one shard names the missing shard and fails `--at-least`.
     let merge = ["campaign", "merge", parts[0].path()];
     let half = robot(&merge);
     assert_eq!(half.status.code(), Some(0));
@@ -254,7 +265,7 @@ fn shards_merged_are_the_whole() {
 }
 
 #[test]
-fn a_run_that_takes_too_long_is_a_failure_and_not_the_end() {
+fn run_beyond_its_time_limit_counts_as_failure() {
     let endless = ["campaign", "scenarios/idle.toml", "--set", "pace=real-time"];
     let limits = ["--set", "idle.time_s=3600", "--runs", "2", "--limit-s", "2", "--json"];
     let out = robot(&[&endless[..], &limits].concat());
@@ -267,7 +278,7 @@ fn a_run_that_takes_too_long_is_a_failure_and_not_the_end() {
 }
 
 #[test]
-fn what_cannot_be_performed_is_told_before_the_first_run() {
+fn campaign_rejects_bad_arguments_before_the_first_run() {
     let vary = Place::with("wrong.toml", "control.gripp_n = { uniform = [20, 30] }\n");
     let range = Place::with("range.toml", "idle.time_s = { uniform = [-5, -1] }\n");
     for (args, reason) in [
@@ -275,7 +286,10 @@ fn what_cannot_be_performed_is_told_before_the_first_run() {
         (&["campaign", "--runs", "3"], "SCENARIO"),
         (&["campaign", "scenarios/nosuch.toml", "--runs", "3"], "no such file"),
         (&["campaign", "scenarios/idle.toml", "--runs", "0"], "0"),
-        (&["campaign", "scenarios/idle.toml", "--runs", "3", "--shard", "4/3"], "4/3 is no shard"),
+        (
+            &["campaign", "scenarios/idle.toml", "--runs", "3", "--shard", "4/3"],
+            "4/3 is not a shard",
+        ),
         (&["campaign", "scenarios/idle.toml", "--runs", "3", "--at-least", "99"], "99 is no share"),
         (&["campaign", "scenarios/idle.toml", "--runs", "3", "--vary", vary.path()], "grip_n"),
         (
@@ -284,7 +298,7 @@ fn what_cannot_be_performed_is_told_before_the_first_run() {
         ),
         (&["campaign", "scenarios/hardware.toml", "--runs", "3"], "simulated plant"),
         (&["campaign", "merge"], "FILES"),
-        (&["campaign", "merge", "scenarios/idle.toml"], "no campaign's state"),
+        (&["campaign", "merge", "scenarios/idle.toml"], "not the state file of a campaign"),
         (&["campaign", "scenarios/idle.toml", "--soak=-1"], "hours"),
         (&["campaign", "scenarios/idle.toml", "--runs", "3", "-o", "."], ". is a folder"),
         (
@@ -298,24 +312,24 @@ fn what_cannot_be_performed_is_told_before_the_first_run() {
         (&["benchmark", "--tier", "1-1", "--set", "seed=4"], "seed of its own"),
         (&["campaign", "scenarios/idle.toml", "--soak=1", "--at-least", "99"], "99 is no share"),
         (&["benchmark"], "--mission"),
-        (&["benchmark", "--tier", "5"], "is no tier"),
+        (&["benchmark", "--tier", "5"], "is not a tier"),
         (&["benchmark", "--tier", "1-1", "--scenario", "scenarios/face_turn.toml"], "\"solve\""),
         (&["benchmark", "--tier", "1-1", "--clearance-mm", "9000"], "less than 9000 mm"),
     ] {
         let out = robot(args);
-        let told = text(&out.stderr);
-        assert_eq!(out.status.code(), Some(2), "{args:?}: {told}");
-        assert!(told.contains(reason), "{args:?}: no `{reason}` in\n{told}");
+        let stderr = text(&out.stderr);
+        assert_eq!(out.status.code(), Some(2), "{args:?}: {stderr}");
+        assert!(stderr.contains(reason), "{args:?}: no `{reason}` in\n{stderr}");
         assert_eq!(text(&out.stdout), "", "{args:?}");
     }
 }
 
 #[test]
-fn what_is_drawn_in_the_shipped_files_is_right_for_a_mission() {
+fn shipped_variation_files_give_valid_scenarios() {
     for file in std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/vary")).unwrap() {
         let path = file.unwrap().path();
         let text = std::fs::read_to_string(&path).unwrap();
-        let vary = rubik_robot::campaign::vary::Vary::read(&path, &text).unwrap();
+        let vary = rubik_robot::campaign::vary::Variations::read(&path, &text).unwrap();
         let scenario = include_str!("../../scenarios/solve.toml");
         for seed in 0..50 {
             let overrides: Vec<_> = vary
@@ -329,10 +343,13 @@ fn what_is_drawn_in_the_shipped_files_is_right_for_a_mission() {
     }
 }
 
+/// Faults are drawn for each run, so some runs fail and some do not. A drawn fault with an unknown
+/// kind is refused with its place in the file.
 #[test]
-fn faults_are_drawn_for_each_run_and_stand_in_the_command_that_repeats_it() {
-    // Over two lines, with a comment: in a command it is one line.
-    let stop = "fault = { one_of = [[], [ # now and then\n  { kind = \"emergency_stop\", at_s = 0.5 },\n]] }\n";
+fn drawn_faults_appear_in_the_repeating_command() {
+    // The value spans lines and has a comment; the command must hold it in one line.
+    let stop = "fault = { one_of = [[], [ # now and then\n  \
+        { kind = \"emergency_stop\", at_s = 0.5 },\n]] }\n";
     let vary = Place::with("faults.toml", stop);
     let done = object(&idle(&["--runs", "6", "--vary", vary.path()]), 0);
 
@@ -350,18 +367,21 @@ fn faults_are_drawn_for_each_run_and_stand_in_the_command_that_repeats_it() {
 
     let wrong = Place::with("slipp.toml", "fault = { one_of = [[{ kind = \"slipp\" }]] }\n");
     let out = idle(&["--runs", "2", "--vary", wrong.path()]);
-    let told = text(&out.stderr);
-    assert_eq!(out.status.code(), Some(2), "{told}");
+    let stderr = text(&out.stderr);
+    assert_eq!(out.status.code(), Some(2), "{stderr}");
     assert!(
-        told.contains("slipp.toml:1:21: `fault.0.kind`") && told.contains("\"slip\"?"),
-        "{told}"
+        stderr.contains("slipp.toml:1:21: `fault.0.kind`") && stderr.contains("\"slip\"?"),
+        "{stderr}"
     );
 }
 
+/// A push of 45 N counts as a contact above the limit of 20 N. A dropped cube counts as noticed if
+/// the mission continues after it and solves the cube.
 #[test]
-fn a_push_is_a_contact_above_the_limit_and_a_fall_is_noticed_by_who_goes_on_after_it() {
-    let fault = "fault=[{kind=\"drop\",arm=\"track\",at_s=30},{kind=\"push\",arm=\"track\",event=\"turned\",\
-                 turned_deg=30,duration_s=0.5,magnitude=45}]";
+fn campaign_counts_contacts_above_limit_and_drops() {
+    let fault = "fault=[{kind=\"drop\",arm=\"track\",at_s=30},\
+                 {kind=\"push\",arm=\"track\",event=\"turned\",turned_deg=30,\
+                 duration_s=0.5,magnitude=45}]";
     let run = ["campaign", "scenarios/solve.toml", "--runs", "1", "--json", "--set", fault];
     let done = object(&robot(&run), 0);
 
@@ -370,11 +390,13 @@ fn a_push_is_a_contact_above_the_limit_and_a_fall_is_noticed_by_who_goes_on_afte
     assert_eq!((&done["runs_with_unnoticed_drops"], &done["solved"]), (&0.into(), &1.into()));
 }
 
-/// The disk has room for a part of it only.
+/// `ulimit -f 1` simulates a full disk. The older report stays unchanged and no partial file
+/// remains.
 #[test]
-fn a_report_that_finds_no_room_leaves_what_was_there_and_nothing_else() {
+fn failed_report_write_keeps_the_older_report() {
     let page = Place::with("room.html", "an older report\n");
-    // Who ignores the signal is told by the system instead.
+    // With SIGXFSZ ignored, a write beyond the limit fails with EFBIG instead of ending the
+    // process.
     let limited = "trap '' XFSZ; ulimit -f 1; exec \"$0\" \"$@\"";
     let out = Command::new("sh")
         .args(["-c", limited, env!("CARGO_BIN_EXE_rubik-robot")])
@@ -384,10 +406,10 @@ fn a_report_that_finds_no_room_leaves_what_was_there_and_nothing_else() {
         .output()
         .unwrap();
 
-    let told = text(&out.stderr);
-    assert!(told.contains(page.path()) && told.contains("File too large"), "{told}");
+    let stderr = text(&out.stderr);
+    assert!(stderr.contains(page.path()) && stderr.contains("File too large"), "{stderr}");
     assert_ne!(out.status.code(), Some(0));
-    // The results are told all the same.
+    // The results are printed nevertheless.
     let done: Value = serde_json::from_str(text(&out.stdout).lines().last().unwrap()).unwrap();
     assert_eq!(done["solved"], 1);
     assert_eq!(std::fs::read_to_string(page.path()).unwrap(), "an older report\n");
@@ -395,7 +417,7 @@ fn a_report_that_finds_no_room_leaves_what_was_there_and_nothing_else() {
 }
 
 #[test]
-fn a_soak_tells_memory_and_drift_at_each_tenth() {
+fn soak_reports_memory_and_drift_per_tenth() {
     let out = idle(&["--soak", "0.01"]);
 
     let done = object(&out, 0);
@@ -405,30 +427,34 @@ fn a_soak_tells_memory_and_drift_at_each_tenth() {
     assert!(done["tenths"][9]["resident_mib"].as_f64().unwrap() > 1.0);
 }
 
+/// A soak fails if its missions are not solved, unless `--at-least 0` permits it, and if no mission
+/// was repeated, because then there is nothing to compare.
 #[test]
-fn a_soak_with_a_mission_that_is_not_solved_or_with_none_to_compare_does_not_pass_silently() {
+fn soak_fails_on_unsolved_or_unrepeated_missions() {
     let scenario =
         ["campaign", "scenarios/face_turn.toml", "--set", "control.compliance=none", "--seed", "5"];
     let gently = ["--set", "control.profile=workshop"];
-    // A mission of 4 s, twice; and once.
+    // A mission takes 4 s, so it runs twice in 0.002 h and once in 0.001 h.
     let soak = |hours, more: &[&str]| {
         let soak = [&["--soak", hours, "--soak-seeds", "1"], more].concat();
         let out = robot(&[&scenario[..], &gently, &soak].concat());
-        (out.status.code(), told_by(&out).to_owned())
+        (out.status.code(), stderr_of(&out).to_owned())
     };
 
-    let (code, told) = soak("0.002", &[]);
-    assert_eq!(code, Some(1), "{told}");
-    assert!(told.contains("2 of 2 missions were not solved; --at-least 1"), "{told}");
-    let (code, told) = soak("0.002", &["--at-least", "0"]);
-    assert_eq!(code, Some(0), "{told}");
-    let (code, told) = soak("0.001", &["--at-least", "0"]);
-    assert_eq!(code, Some(1), "{told}");
-    assert!(told.contains("not steady: no mission was repeated"), "{told}");
+    let (code, stderr) = soak("0.002", &[]);
+    assert_eq!(code, Some(1), "{stderr}");
+    assert!(stderr.contains("2 of 2 missions were not solved; --at-least 1"), "{stderr}");
+    let (code, stderr) = soak("0.002", &["--at-least", "0"]);
+    assert_eq!(code, Some(0), "{stderr}");
+    let (code, stderr) = soak("0.001", &["--at-least", "0"]);
+    assert_eq!(code, Some(1), "{stderr}");
+    assert!(stderr.contains("not steady: no mission was repeated"), "{stderr}");
 }
 
+/// A tier runs from any working directory. Its figures equal those of one run of the same scenario,
+/// seed and cube, and appear in the protocol.
 #[test]
-fn a_tier_is_performed_anywhere_and_tells_what_the_plant_did() {
+fn benchmark_tier_reports_the_plants_figures() {
     use rubik_robot::campaign::benchmark::{scramble, scrambled};
     let protocol = Place::new("protocol.md");
     let elsewhere =
@@ -469,10 +495,10 @@ fn a_tier_is_performed_anywhere_and_tells_what_the_plant_did() {
     assert_eq!(score["trial_s"]["median"], plant["sim_time_s"]);
     let clearance = plant["clearance_mm"].as_f64().unwrap();
     assert_eq!(done["clearances"], serde_json::json!([{ "seed": 1, "clearance_mm": clearance }]));
-    // The threshold is held against the belief; the plant differs by its errors of a few millimetres.
+    // The threshold applies to the believed cell; the plant differs from it by a few millimetres.
     assert!(clearance > 1e3 * done["clearance_m"].as_f64().unwrap() - 10.0, "{clearance}");
 
-    let told = std::fs::read_to_string(protocol.path()).unwrap();
+    let protocol_text = std::fs::read_to_string(protocol.path()).unwrap();
     let number = |name: &str| plant[name].as_f64().unwrap();
     let row = format!(
         "| solved | {} | {} | {:.1} | {:.1} | {contact:.1} | {clearance:.1} |",
@@ -483,17 +509,18 @@ fn a_tier_is_performed_anywhere_and_tells_what_the_plant_did() {
     );
     for part in [
         "# Protocol: Rubiks-1-2, passed\n",
-        "| Scenario | `shipped:table` (comes with the program), sum ",
+        "| Scenario | `shipped:table` (built into the program), sum ",
         "--tier 1-2 --scenario shipped:table --seed 1",
         &format!("to the cube's centre: {clearance:.0} to {clearance:.0} mm."),
         "Accuracy: **1 of 1** trials passed",
         &row,
     ] {
-        assert!(told.contains(part), "no `{part}` in\n{told}");
+        assert!(protocol_text.contains(part), "no `{part}` in\n{protocol_text}");
     }
 }
 
-/// Starts a campaign of short runs, one at a time, and waits for the first result in its state file.
+/// Starts a campaign of short runs, one at a time, and waits for the first result in its state
+/// file. Returns the process.
 fn under_way(mut program: Command, scenario: &str, state: &Place) -> std::process::Child {
     let mut campaign = program
         .args(["campaign", scenario, "--runs", "4", "--jobs", "1", "--state", state.path()])
@@ -509,14 +536,16 @@ fn under_way(mut program: Command, scenario: &str, state: &Place) -> std::proces
     campaign
 }
 
-/// Results in a state file.
+/// Counts the results in a state file.
 fn results(state: &Place) -> usize {
     let kept = std::fs::read_to_string(state.path()).unwrap_or_default();
     kept.lines().count().saturating_sub(1)
 }
 
+/// The file of the program is replaced while the campaign runs. The later runs still use the old
+/// program.
 #[test]
-fn what_is_built_meanwhile_does_not_get_into_a_campaign() {
+fn campaign_keeps_its_program_despite_a_rebuild() {
     let (own, other) = (Place::new("own-program"), Place::with("other", "#!/bin/sh\nexit 9\n"));
     std::fs::copy(env!("CARGO_BIN_EXE_rubik-robot"), own.path()).unwrap();
     let executable = std::fs::metadata(own.path()).unwrap().permissions();
@@ -532,8 +561,9 @@ fn what_is_built_meanwhile_does_not_get_into_a_campaign() {
     assert_eq!((&done["runs"], &done["solved"]), (&4.into(), &4.into()), "{done}");
 }
 
+/// The servo profile that the scenario names changes during the campaign.
 #[test]
-fn a_scenario_that_changes_meanwhile_or_a_file_that_it_names_ends_the_campaign() {
+fn changed_scenario_file_ends_the_campaign() {
     let profile = include_str!("../../scenarios/arms/irp6_servo.toml");
     let gains = Place::with("gains.toml", profile);
     let name = gains.0.file_name().unwrap().to_str().unwrap();
@@ -547,20 +577,21 @@ fn a_scenario_that_changes_meanwhile_or_a_file_that_it_names_ends_the_campaign()
     std::fs::write(gains.path(), changed).unwrap();
 
     let out = campaign.wait_with_output().unwrap();
-    let told = told_by(&out);
-    assert_eq!(out.status.code(), Some(2), "{told}");
-    assert!(told.contains("given.toml, or a file that it names, has changed since"), "{told}");
-    assert!((1..4).contains(&results(&state)), "{told}");
-    // Nor does it go on later, as if nothing had been.
+    let stderr = stderr_of(&out);
+    assert_eq!(out.status.code(), Some(2), "{stderr}");
+    assert!(stderr.contains("given.toml, or a file that it names, has changed since"), "{stderr}");
+    assert!((1..4).contains(&results(&state)), "{stderr}");
+    // A second start with the same state file is refused as well.
     let run = ["campaign", scenario.path(), "--runs", "4", "--jobs", "1", "--state", state.path()];
     let later =
         robot(&[&run[..], &["--set", "pace=real-time", "--set", "idle.time_s=0.5"]].concat());
     assert_eq!(later.status.code(), Some(2));
-    assert!(told_by(&later).contains("whose contents differ"), "{}", told_by(&later));
+    assert!(stderr_of(&later).contains("whose contents differ"), "{}", stderr_of(&later));
 }
 
+/// Shards of two builds can be merged, but they are no measurement of one program.
 #[test]
-fn the_shards_of_two_builds_are_no_measurement_of_one() {
+fn at_least_rejects_shards_of_two_builds() {
     let parts = ["1/2", "2/2"].map(|shard| {
         let place = Place::new(&format!("build{}.jsonl", &shard[..1]));
         let part = ["--runs", "2", "--shard", shard, "--state", place.path()];
@@ -577,11 +608,11 @@ fn the_shards_of_two_builds_are_no_measurement_of_one() {
     assert_eq!(object(&robot(&merge), 0)["build"], "several");
     let several = robot(&judged);
     assert_eq!(object(&several, 1)["solved"], 2);
-    let told = told_by(&several);
-    assert!(told.contains("is not reached: the runs of different builds are no"), "{told}");
+    let stderr = stderr_of(&several);
+    assert!(stderr.contains("is not reached: the runs of different builds are no"), "{stderr}");
 }
 
-/// The processes that one has started.
+/// Returns the child processes of a process.
 fn children(of: u32) -> Vec<u32> {
     let threads = std::fs::read_dir(format!("/proc/{of}/task")).unwrap();
     let lists =
@@ -591,7 +622,7 @@ fn children(of: u32) -> Vec<u32> {
         .collect()
 }
 
-/// Whether a process is there and has not ended.
+/// Returns whether a process exists and is not a zombie.
 fn lives(process: u32) -> bool {
     let stat = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
     stat.rsplit(')').next().is_some_and(|rest| !rest.is_empty() && !rest.starts_with(" Z"))

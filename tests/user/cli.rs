@@ -1,4 +1,4 @@
-//! The program as its user meets it: exit codes, what goes to stdout and stderr, closed pipes.
+//! The command line: exit codes, stdout and stderr, closed pipes, refused arguments and files.
 
 use crate::program::program;
 use std::io::Write;
@@ -25,7 +25,7 @@ fn text(bytes: &[u8]) -> &str {
     std::str::from_utf8(bytes).unwrap()
 }
 
-/// A scenario file that goes away with the test.
+/// Scenario file, which is removed when the test ends.
 struct Scenario(std::path::PathBuf);
 
 impl Scenario {
@@ -56,7 +56,7 @@ fn scenarios() -> Vec<std::path::PathBuf> {
 }
 
 #[test]
-fn every_scenario_is_right_and_opens_with_three_lines_that_say_what_it_shows() {
+fn every_scenario_passes_check_with_three_header_lines() {
     for path in scenarios() {
         let out = robot(&["check", path.to_str().unwrap()]);
         assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
@@ -67,8 +67,9 @@ fn every_scenario_is_right_and_opens_with_three_lines_that_say_what_it_shows() {
     }
 }
 
+/// Unknown keys and wrong values are reported together, with their places and a suggestion.
 #[test]
-fn a_broken_scenario_is_told_whole_on_stderr_and_exits_with_2() {
+fn broken_scenario_lists_every_error_and_exits_2() {
     let broken = Scenario::new("broken", "taks = \"solve\"\n[cube]\nedge_mm = \"big\"\n");
 
     for command in ["check", "run"] {
@@ -76,20 +77,20 @@ fn a_broken_scenario_is_told_whole_on_stderr_and_exits_with_2() {
 
         assert_eq!(out.status.code(), Some(2));
         assert_eq!(text(&out.stdout), "");
-        let told = text(&out.stderr);
+        let stderr = text(&out.stderr);
         for wanted in [
             format!("{}:1:1: unknown key `taks`", broken.path()),
-            format!("{}:3:11: `cube.edge_mm`: wanted a number", broken.path()),
+            format!("{}:3:11: `cube.edge_mm`: expected a number", broken.path()),
             "--set control.gripp_n: unknown key `gripp_n`".to_owned(),
             "did you mean `grip_n`?".to_owned(),
         ] {
-            assert!(told.contains(&wanted), "no `{wanted}` in:\n{told}");
+            assert!(stderr.contains(&wanted), "no `{wanted}` in:\n{stderr}");
         }
     }
 }
 
 #[test]
-fn a_missing_file_an_impossible_cube_and_wrong_usage_exit_with_2() {
+fn invalid_arguments_exit_with_2_and_a_reason() {
     let flipped = "UUUUUUUFURRRRRRRRRFUFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB";
     for (args, reason) in [
         (&["run", "scenarios/nosuch.toml"][..], "there is no such file"),
@@ -97,7 +98,7 @@ fn a_missing_file_an_impossible_cube_and_wrong_usage_exit_with_2() {
         (&["run", "scenarios/solve.toml", "--cube", flipped], "--cube"),
         (&["run", "scenarios/solve.toml", "--seed", "many"], "--seed"),
         (&["run", "scenarios/solve.toml", "--set", "seed"], "has no `=`"),
-        (&["run", "scenarios/solve.toml", "--set", "bridge.kind=isa"], "wall clock only"),
+        (&["run", "scenarios/solve.toml", "--set", "bridge.kind=isa"], "real time only"),
         (&["run"], "Usage"),
         (&["rnu"], "unrecognized subcommand"),
         (&["keys", "nosuch"], "no key"),
@@ -111,12 +112,12 @@ fn a_missing_file_an_impossible_cube_and_wrong_usage_exit_with_2() {
 }
 
 #[test]
-fn speeds_and_places_that_are_none_exit_with_2() {
+fn invalid_speeds_and_addresses_exit_with_2() {
     for (more, word) in [
         (["--speed", "1e-300"], "--speed"),
         (["--speed", "0.001"], "--speed"),
         (["--listen", "everywhere"], "--listen everywhere"),
-        // A documentation address, which is nobody's.
+        // An address that is reserved for documentation, so no machine has it.
         (["--listen", "192.0.2.1:80"], "192.0.2.1"),
     ] {
         let output = robot(&[&["run", "scenarios/idle.toml", "--json"], &more[..]].concat());
@@ -126,7 +127,7 @@ fn speeds_and_places_that_are_none_exit_with_2() {
 }
 
 #[test]
-fn help_teaches_by_example() {
+fn help_shows_three_examples() {
     for args in
         [&["--help"][..], &["run", "--help"], &["check", "--help"], &["kinematics", "--help"]]
     {
@@ -136,8 +137,21 @@ fn help_teaches_by_example() {
     }
 }
 
+/// Without a terminal the headings have no colours.
 #[test]
-fn the_keys_are_listed_once_each_with_their_meaning() {
+fn help_lists_commands_in_groups() {
+    let out = robot(&["--help"]);
+
+    let lines: Vec<&str> = text(&out.stdout).lines().collect();
+    for wanted in
+        ["Run:", "  run          Run a scenario and print its summary", "Files:", "Options:"]
+    {
+        assert!(lines.contains(&wanted), "no `{wanted}` in:\n{}", text(&out.stdout));
+    }
+}
+
+#[test]
+fn keys_lists_each_key_once_with_meaning() {
     let out = robot(&["keys"]);
     let lines: Vec<&str> = text(&out.stdout).lines().collect();
 
@@ -178,11 +192,11 @@ fn the_keys_are_listed_once_each_with_their_meaning() {
 }
 
 #[test]
-fn the_defaults_that_are_listed_are_accepted_as_values() {
+fn listed_defaults_are_valid_values() {
     let out = robot(&["keys"]);
     for line in text(&out.stdout).lines().filter(|l| !l.starts_with(' ')) {
         let (key, default) = line.split_once(" = ").unwrap();
-        // A fault is of nobody until a scenario has one.
+        // The keys of a fault apply only in a scenario that has a fault.
         if default == "(not given)" || key.starts_with("fault.") {
             continue;
         }
@@ -193,7 +207,7 @@ fn the_defaults_that_are_listed_are_accepted_as_values() {
 }
 
 #[test]
-fn nobody_reads_and_nothing_panics() {
+fn closed_stdout_causes_no_panic() {
     for args in [&["keys"][..], &["--help"], &["check", "scenarios/solve.toml"]] {
         let mut child =
             program().args(args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
@@ -206,6 +220,7 @@ fn nobody_reads_and_nothing_panics() {
     }
 }
 
+/// A wrong row gets an error in its place; an empty row gets no answer.
 #[test]
 fn kinematics_answers_each_row_in_its_place() {
     let rows =
@@ -217,7 +232,8 @@ fn kinematics_answers_each_row_in_its_place() {
     let answers: Vec<serde_json::Value> =
         text(&out.stdout).lines().map(|l| serde_json::from_str(l).unwrap()).collect();
     assert_eq!(answers.len(), 3);
-    // Lower arm upright, upper arm level, wrist up: 0.67 + 0.19 m out, 0.95 + 0.455 m high.
+    // Lower arm upright, upper arm level, wrist up: the flange is 0.67 + 0.19 m away from the
+    // column and 0.95 + 0.455 m high.
     let pose = &answers[0]["base_from_flange"];
     assert!((pose[0][3].as_f64().unwrap() - 0.86).abs() < 1e-12);
     assert!((pose[2][3].as_f64().unwrap() - 1.405).abs() < 1e-12);
@@ -225,8 +241,9 @@ fn kinematics_answers_each_row_in_its_place() {
     assert!((answers[2]["base_from_flange"][0][3].as_f64().unwrap() - 0.672262).abs() < 1e-6);
 }
 
+/// The plan solves the cube and gives a reason for each step. An impossible cube is refused.
 #[test]
-fn a_plan_solves_in_far_fewer_grasps_than_the_original_and_explains_each_step() {
+fn plan_needs_under_half_the_original_grasps() {
     let cube = "RRBDUUULDBLULRUBDFLDLUFFRURDFDRDFUDLFRBLLBLFFRBURBBDBF";
     let out = robot(&["plan", cube, "--budget-ms", "300", "--json"]);
     assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
@@ -250,31 +267,32 @@ fn a_plan_solves_in_far_fewer_grasps_than_the_original_and_explains_each_step() 
 }
 
 #[test]
-fn doctor_says_of_a_scenario_that_run_would_refuse_it() {
+fn doctor_reports_a_scenario_that_run_refuses() {
     let scenario = Scenario::new(
         "nodevices",
-        "task = \"idle\"\npace = \"real-time\"\n[bridge]\nkind = \"serial\"\ndevices = \"nosuch/devices.toml\"\n",
+        "task = \"idle\"\npace = \"real-time\"\n\
+         [bridge]\nkind = \"serial\"\ndevices = \"nosuch/devices.toml\"\n",
     );
 
     let out = robot(&["doctor", scenario.path(), "--seconds", "0.1", "--json"]);
 
     assert_eq!(out.status.code(), Some(1), "{}", text(&out.stderr));
-    let told: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
-    assert_eq!(told["refused"], true, "{told}");
-    let findings = told["findings"].as_array().unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!(report["refused"], true, "{report}");
+    let findings = report["findings"].as_array().unwrap();
     let devices = findings.iter().find(|finding| finding["name"] == "bridge.devices").unwrap();
     assert_eq!(devices["state"], "REFUSED");
     assert!(devices["fix"].as_str().unwrap().contains("rubik-robot emulate"), "{devices}");
 }
 
 #[test]
-fn no_command_writes_over_what_it_reads_or_twice_into_one_file() {
+fn no_command_overwrites_its_inputs_or_own_outputs() {
     let own = Scenario::new("own", "task = \"idle\"\n");
     let scenario = own.path();
     let other = std::env::temp_dir().join(format!("rubik-robot-{}-other", std::process::id()));
     let other = other.to_str().unwrap();
     let folder = std::path::Path::new(scenario).parent().unwrap();
-    // The same by another name.
+    // Another path of the same file.
     let again = format!("{}/./{}", folder.display(), own.0.file_name().unwrap().to_str().unwrap());
 
     for args in [
@@ -297,9 +315,12 @@ fn no_command_writes_over_what_it_reads_or_twice_into_one_file() {
 
         let done = robot(args);
 
-        let told = text(&done.stderr);
-        assert_eq!(done.status.code(), Some(2), "{args:?}: {told}");
-        assert!(told.contains("overwritten") || told.contains("of its own"), "{args:?}: {told}");
+        let stderr = text(&done.stderr);
+        assert_eq!(done.status.code(), Some(2), "{args:?}: {stderr}");
+        assert!(
+            stderr.contains("overwritten") || stderr.contains("of its own"),
+            "{args:?}: {stderr}"
+        );
         assert_eq!(std::fs::read(scenario).unwrap(), before, "{args:?}");
         assert!(!std::path::Path::new(other).exists(), "{args:?}");
     }
@@ -309,7 +330,7 @@ fn no_command_writes_over_what_it_reads_or_twice_into_one_file() {
 }
 
 #[test]
-fn a_calibration_of_nothing_leaves_the_file_of_another() {
+fn failed_calibration_keeps_the_existing_file() {
     let kept = Scenario::new("kept", "kept\n");
 
     // Behind a lens cap no camera sees a board.
@@ -332,7 +353,7 @@ fn a_calibration_of_nothing_leaves_the_file_of_another() {
 }
 
 #[test]
-fn files_without_end_and_files_that_are_too_large_are_refused_with_path_and_reason() {
+fn endless_and_oversized_files_are_refused_with_reason() {
     let large = Scenario::new("large", &"#".repeat((1 << 20) + 1));
     let endless = std::env::temp_dir().join(format!("rubik-robot-{}.toml", std::process::id()));
     std::os::unix::fs::symlink("/dev/zero", &endless).unwrap();
@@ -353,10 +374,10 @@ fn files_without_end_and_files_that_are_too_large_are_refused_with_path_and_reas
     ] {
         let done = robot(args);
 
-        let told = format!("{}{}", text(&done.stdout), text(&done.stderr));
-        assert!(!matches!(done.status.code(), Some(0) | None), "{args:?}: {told}");
+        let output = format!("{}{}", text(&done.stdout), text(&done.stderr));
+        assert!(!matches!(done.status.code(), Some(0) | None), "{args:?}: {output}");
         let why = ["larger than 1 MiB", "larger than 64 MiB"];
-        assert!(why.iter().any(|why| told.contains(why)), "{args:?}: {told}");
+        assert!(why.iter().any(|why| output.contains(why)), "{args:?}: {output}");
     }
     std::fs::remove_file(endless).unwrap();
     let empty = Scenario::new("empty", "\n");
@@ -366,7 +387,7 @@ fn files_without_end_and_files_that_are_too_large_are_refused_with_path_and_reas
 }
 
 #[test]
-fn a_row_that_is_too_long_is_refused_and_the_next_one_is_answered() {
+fn overlong_row_is_refused_and_next_one_answered() {
     let long = "1,".repeat(200_000);
     let rows = format!("{long}\n0,-1.57,0,1.56,1.57,-1.57\n");
     let done = with_input(&["kinematics", "fk", "--arm", "postument"], &rows);

@@ -1,4 +1,5 @@
-//! A run on hardware as its user meets it, with the emulator in a process of its own in the robot's place.
+//! Runs over the serial lines of the robot. The emulator takes the place of the robot, in a process
+//! of its own.
 
 use crate::program::program;
 use serde_json::Value;
@@ -22,7 +23,7 @@ time_s = 2
 name = \"postument\"
 ";
 
-/// An emulator, its scenario and its devices; all of them go away with the test.
+/// Emulator with its scenario and its devices, which are removed when the test ends.
 struct Robot {
     emulator: Child,
     folder: PathBuf,
@@ -45,14 +46,14 @@ impl Robot {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        let mut told = BufReader::new(emulator.stderr.take().unwrap());
+        let mut stderr = BufReader::new(emulator.stderr.take().unwrap());
         let mut line = String::new();
         while !line.contains("rubik-robot run") {
             line.clear();
-            assert!(told.read_line(&mut line).unwrap() > 0, "the emulator gave up");
+            assert!(stderr.read_line(&mut line).unwrap() > 0, "the emulator gave up");
         }
-        // Nobody reads on; what it might still say must not stop it.
-        std::thread::spawn(move || std::io::copy(&mut told, &mut std::io::sink()));
+        // Drain the pipe: a full one would block the emulator.
+        std::thread::spawn(move || std::io::copy(&mut stderr, &mut std::io::sink()));
         Self { emulator, folder }
     }
 
@@ -70,7 +71,7 @@ impl Robot {
             .unwrap()
     }
 
-    /// The emulator's last word.
+    /// Waits until the emulator ends and returns its verdict, the last line of its stdout.
     fn verdict(mut self) -> Value {
         let mut stdout = self.emulator.stdout.take().unwrap();
         let mut printed = String::new();
@@ -98,9 +99,11 @@ fn stderr(out: &Output) -> String {
     String::from_utf8_lossy(&out.stderr).into_owned()
 }
 
+/// The program cannot know the plant's quantities, so its summary leaves them out. The emulator's
+/// verdict has them.
 #[test]
 #[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
-fn an_arm_is_held_over_the_wire_and_only_the_emulator_knows_the_truth() {
+fn arm_holds_over_serial_lines_without_plant_truth() {
     let robot = Robot::new("held", &[]);
 
     let out = robot.start(&[]).wait_with_output().unwrap();
@@ -108,20 +111,21 @@ fn an_arm_is_held_over_the_wire_and_only_the_emulator_knows_the_truth() {
     assert_eq!(out.status.code(), Some(0), "{}", stderr(&out));
     let run = summary(&out);
     assert_eq!(run["outcome"], "solved");
-    assert!(run["reason"].as_str().unwrap().contains("controller's own account"), "{run}");
+    assert!(run["reason"].as_str().unwrap().contains("as the controller reports"), "{run}");
     for unknown in ["cube_start", "cube_end", "peak_force_n", "jams", "slips", "collisions"] {
         assert_eq!(run[unknown], Value::Null, "{unknown}");
     }
     let truth = robot.verdict();
     assert_eq!(truth["cube_start"], truth["cube_end"]);
     assert_eq!(truth["cube_start"].as_str().unwrap().len(), 54);
-    // Seven lines, 2 s: most of the periods at least.
+    // Seven lines with 1000 periods in 2 s have 7000 orders; a busy machine may miss periods.
     assert!(truth["orders"].as_u64().unwrap() > 3000, "{truth}");
 }
 
+/// The reason names the arm, its lines and the period.
 #[test]
 #[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
-fn a_killed_emulator_ends_the_run_at_once_with_exit_code_3_and_names_the_lines() {
+fn killed_emulator_ends_the_run_with_exit_3() {
     let mut robot = Robot::new("killed", &[]);
     let run = robot.start(&["--set", "idle.time_s=60"]);
     std::thread::sleep(Duration::from_millis(2500));
@@ -138,13 +142,14 @@ fn a_killed_emulator_ends_the_run_at_once_with_exit_code_3_and_names_the_lines()
     for wanted in ["postument", "/dev/pts/", "no answer for 3 periods", "period"] {
         assert!(reason.contains(wanted), "{reason}");
     }
-    // Told at once, too, and not only in the summary.
+    // The loss is also reported at once, not only in the summary.
     assert!(stderr(&out).contains("bridge lost"), "{}", stderr(&out));
 }
 
+/// The reason names the line of axis 4.
 #[test]
 #[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
-fn a_line_pulled_out_ends_the_run_with_exit_code_3_and_names_it() {
+fn unplugged_line_ends_the_run_with_exit_3() {
     let robot = Robot::new("unplugged", &["--unplug", "postument.4@1"]);
 
     let out = robot.start(&["--set", "idle.time_s=60"]).wait_with_output().unwrap();
@@ -154,7 +159,7 @@ fn a_line_pulled_out_ends_the_run_with_exit_code_3_and_names_it() {
     assert!(reason.contains("postument, axis 4 (/dev/pts/"), "{reason}");
 }
 
-/// Whether whoever started these tests has them, and what they start, ignore SIGHUP.
+/// Returns whether these tests and their child processes ignore SIGHUP, as under nohup.
 fn hang_up_is_ignored() -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:")).unwrap();
@@ -162,7 +167,7 @@ fn hang_up_is_ignored() -> bool {
 }
 
 #[test]
-fn an_arm_that_looks_for_its_switch_can_be_terminated() {
+fn signal_terminates_a_homing_arm() {
     let folder = std::env::temp_dir().join(format!("rubik-robot-{}-homing", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let home = folder.join("home.toml");
@@ -175,16 +180,16 @@ fn an_arm_that_looks_for_its_switch_can_be_terminated() {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    let mut told = BufReader::new(run.stderr.take().unwrap());
+    let mut stderr = BufReader::new(run.stderr.take().unwrap());
     let mut line = String::new();
     while !line.contains("synchronise") {
         line.clear();
-        assert!(told.read_line(&mut line).unwrap() > 0, "it ended by itself");
+        assert!(stderr.read_line(&mut line).unwrap() > 0, "it ended by itself");
     }
     std::thread::sleep(Duration::from_millis(300));
 
-    // A terminal that goes away: it must not take the drives' last orders for its own. Under nohup, as these tests may
-    // be, that is nothing to anybody.
+    // A closing terminal sends SIGHUP, which must not kill the program before its last orders to
+    // the drives. Programs under nohup ignore SIGHUP, so the test sends SIGTERM there.
     let begun = Instant::now();
     let id = run.id().to_string();
     let signal = if hang_up_is_ignored() { "-TERM" } else { "-HUP" };
@@ -198,8 +203,10 @@ fn an_arm_that_looks_for_its_switch_can_be_terminated() {
     assert!(run["reason"].as_str().unwrap().contains("interrupted before"), "{run}");
 }
 
+/// Answers over the wire protocol are missed, corrupt and lost, and lines stall; the layer still
+/// turns by 90 deg.
 #[test]
-fn a_layer_is_turned_by_the_lines_protocol_though_answers_are_missed_and_lines_fall_silent() {
+fn layer_turns_despite_faults_of_the_lines() {
     let out = program()
         .args(["run", "scenarios/face_turn.toml", "--json", "--set", "bridge.kind=wire"])
         .args(["--set", "plant.lines.missed=0.002", "--set", "plant.lines.corrupt=0.002"])
@@ -215,7 +222,7 @@ fn a_layer_is_turned_by_the_lines_protocol_though_answers_are_missed_and_lines_f
 }
 
 #[test]
-fn without_a_robot_the_user_is_told_what_to_do() {
+fn missing_devices_file_exits_4_with_advice() {
     let robot = Robot::new("absent", &[]);
     let nowhere = format!("bridge.devices={}", robot.folder.join("nosuch.toml").display());
 
@@ -227,11 +234,11 @@ fn without_a_robot_the_user_is_told_what_to_do() {
     }
     let virtual_pace = robot.start(&["--pace", "virtual"]).wait_with_output().unwrap();
     assert_eq!(virtual_pace.status.code(), Some(2));
-    assert!(stderr(&virtual_pace).contains("wall clock only"), "{}", stderr(&virtual_pace));
+    assert!(stderr(&virtual_pace).contains("real time only"), "{}", stderr(&virtual_pace));
 }
 
 #[test]
-fn what_a_killed_emulator_left_behind_is_refused() {
+fn leftover_devices_of_a_killed_emulator_are_refused() {
     let mut robot = Robot::new("left", &[]);
     robot.emulator.kill().unwrap();
     robot.emulator.wait().unwrap();
@@ -246,7 +253,7 @@ fn what_a_killed_emulator_left_behind_is_refused() {
 }
 
 #[test]
-fn a_fault_at_no_time_is_refused() {
+fn invalid_fault_times_are_refused() {
     for time in ["-1", "nan", "inf"] {
         let fault = format!("track.3@{time}");
         let out = program()

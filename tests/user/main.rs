@@ -1,4 +1,5 @@
-//! The program as its user meets it: in processes of its own. One binary, so that what takes long runs side by side.
+//! Tests of the program as its user runs it: in processes of its own. They are one test binary, so
+//! that the slow tests run in parallel.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 

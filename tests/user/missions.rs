@@ -1,5 +1,5 @@
-//! Scenarios from one end to the other on the virtual clock: what must succeed, what must fail and say why, and
-//! what must repeat to the bit.
+//! Whole scenarios under virtual time: missions that must succeed, missions that must fail with
+//! their reason, and runs that must repeat to the bit.
 
 use crate::program::program;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
@@ -24,7 +24,7 @@ fn run(name: &str, keys: &[&str]) -> Summary {
 }
 
 #[test]
-fn a_face_turns_by_90_degrees_and_below_20_newtons() {
+fn face_turns_90_degrees_below_20_newtons() {
     let summary = run("face_turn.toml", &[]);
 
     assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
@@ -36,7 +36,7 @@ fn a_face_turns_by_90_degrees_and_below_20_newtons() {
     assert_ne!(summary.cube_start, summary.cube_end);
 }
 
-/// The whole mission, judged by the plant's cube.
+/// Runs the mission of `solve.toml` and checks by the plant's cube that it solves it.
 fn solves(keys: &[&str]) -> Summary {
     solves_in("solve.toml", keys)
 }
@@ -57,7 +57,7 @@ fn solves_in(scenario: &str, keys: &[&str]) -> Summary {
 }
 
 #[test]
-fn the_mission_solves_the_cube_under_sporadic_coordination() {
+fn mission_solves_the_cube_under_sporadic_coordination() {
     let summary = solves(&["seed=2"]);
     let solving = summary.phases.iter().find(|phase| phase.name == "solve").unwrap().sim_time_s;
     let expected = summary.expected_s.unwrap();
@@ -66,12 +66,13 @@ fn the_mission_solves_the_cube_under_sporadic_coordination() {
 }
 
 #[test]
-fn the_mission_solves_the_cube_under_continuous_coordination() {
+fn mission_solves_the_cube_under_continuous_coordination() {
     solves(&["seed=3", "coordination=continuous"]);
 }
 
-/// A spoilt controller does not get there, or not gently, and what it did stands in the summary.
-fn is_spoilt(keys: &[&str]) -> Summary {
+/// Runs a face turn with a spoilt controller. Checks that it fails, and that the plant's figures in
+/// the summary show a cause.
+fn fails_spoilt(keys: &[&str]) -> Summary {
     let summary = run("face_turn.toml", keys);
     assert_ne!(summary.outcome, Outcome::Solved, "{}", summary.reason);
     assert_ne!(summary.exit_code(), 0);
@@ -84,45 +85,47 @@ fn is_spoilt(keys: &[&str]) -> Summary {
 }
 
 #[test]
-fn position_control_does_not_turn_a_face_gently() {
-    let summary = is_spoilt(&["control.compliance=none"]);
-    let told = summary.reason.contains("over-force") || summary.reason.contains("jam");
-    assert!(told, "{}", summary.reason);
+fn position_control_causes_over_force_or_jam() {
+    let summary = fails_spoilt(&["control.compliance=none"]);
+    let has_cause = summary.reason.contains("over-force") || summary.reason.contains("jam");
+    assert!(has_cause, "{}", summary.reason);
 }
 
 #[test]
-fn a_force_of_the_wrong_sign_runs_away() {
-    let summary = is_spoilt(&["control.force_sign=-1"]);
+fn wrong_force_sign_causes_over_force() {
+    let summary = fails_spoilt(&["control.force_sign=-1"]);
     assert!(summary.reason.contains("over-force"), "{}", summary.reason);
 }
 
 #[test]
-fn late_forces_swing_up() {
-    let summary = is_spoilt(&["control.force_delay_periods=60"]);
+fn delayed_forces_cause_an_oscillation() {
+    let summary = fails_spoilt(&["control.force_delay_periods=60"]);
     assert!(summary.reason.contains("oscillation"), "{}", summary.reason);
 }
 
 #[test]
-fn a_weak_grip_slips() {
+fn weak_grip_slips() {
     let summary = run("face_turn.toml", &["control.grip_n=5", "control.profile=workshop"]);
 
     assert_eq!(summary.outcome, Outcome::Failed);
     assert!(summary.reason.starts_with("slip"), "{}", summary.reason);
-    // The plant's layer has not followed, and the jaws have felt it before much else could happen.
+    // The plant's layer did not follow the jaws, and the slip was detected before the force grew.
     assert!(summary.turned_deg.unwrap().abs() < 3.0, "{:?}", summary.turned_deg);
     assert!(summary.slips > Some(0), "{:?}", summary.slips);
     assert!(summary.peak_force_n.unwrap() < 20.0);
 }
 
 #[test]
-fn compliance_without_gain_is_none() {
+fn zero_admittance_causes_over_force() {
     let none = ["control.linear_admittance_mm_sn=0", "control.angular_admittance_rad_snm=0"];
-    let summary = is_spoilt(&none);
+    let summary = fails_spoilt(&none);
     assert!(summary.reason.contains("over-force"), "{}", summary.reason);
 }
 
+/// The wrist makes a half turn in the sense in which it has more room. Requests of 180 and of -180
+/// deg are the same turn, U2.
 #[test]
-fn a_half_turn_goes_where_the_wrist_has_room() {
+fn half_turn_uses_the_roomier_sense() {
     for angle in ["face_turn.angle_deg=180", "face_turn.angle_deg=-180"] {
         let summary = run("face_turn.toml", &[angle]);
         assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
@@ -131,7 +134,7 @@ fn a_half_turn_goes_where_the_wrist_has_room() {
 }
 
 #[test]
-fn a_cube_in_the_dark_or_in_glare_is_found_by_exposing_for_it() {
+fn exposure_control_finds_cube_in_dark_or_glare() {
     for level in ["plant.light.level=0.25", "plant.light.level=3.5"] {
         let summary = run("acquire.toml", &[level]);
         assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
@@ -139,14 +142,15 @@ fn a_cube_in_the_dark_or_in_glare_is_found_by_exposing_for_it() {
 }
 
 #[test]
-fn arms_that_only_hold_need_no_task_and_no_sensors() {
+fn idle_arms_hold_without_task_or_sensors() {
     let summary = run("idle.toml", &["idle.time_s=0.5"]);
     assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
     assert_eq!((summary.task.as_str(), summary.turns), ("idle", 0));
 }
 
+/// Another seed gives another hash and another cube.
 #[test]
-fn one_seed_gives_one_hash_and_another_seed_another() {
+fn equal_seeds_give_equal_hashes() {
     let [a, b, c] = ["seed=3", "seed=3", "seed=4"].map(|seed| run("face_turn.toml", &[seed]));
 
     assert_eq!(a.hash, b.hash);
@@ -156,7 +160,7 @@ fn one_seed_gives_one_hash_and_another_seed_another() {
 }
 
 #[test]
-fn the_cube_is_taken_from_the_hand_and_given_back() {
+fn acquire_takes_the_cube_and_returns_it() {
     let summary = run("acquire.toml", &["plant.hand.withdrawals=0"]);
 
     assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
@@ -164,19 +168,21 @@ fn the_cube_is_taken_from_the_hand_and_given_back() {
     assert_eq!(summary.cube_start, summary.cube_end);
 }
 
-/// This hand is so near that the elbow meets its limit before the cube is drawn back all the way.
+/// The hand of this seed is so near that the elbow reaches its limit before the arm has retracted
+/// with the cube by the whole distance.
 #[test]
-fn a_cube_from_a_hand_nearby_is_drawn_back_as_far_as_the_arm_folds() {
+fn arm_retracts_from_a_near_hand_with_cube() {
     let summary = run("solve.toml", &["task=acquire", "seed=10145"]);
 
     assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
     assert_eq!((summary.drops, summary.slips, summary.collisions), (Some(0), Some(0), Some(0)));
 }
 
-/// These hands lead the arm to a motor's limit on their way, and turn the cube past 45 deg there.
+/// The hands of these seeds lead the arm to the limit of a motor and turn the cube past 45 deg
+/// there. The arm follows again when the cube comes back.
 #[test]
-fn an_arm_that_meets_a_limit_while_it_follows_the_hand_goes_on_when_the_cube_comes_back() {
-    // Under the one it is the ECP that goes on, under the other MP.
+fn arm_resumes_following_after_a_motor_limit() {
+    // With sporadic coordination the ECP resumes the motion, with continuous coordination MP does.
     for (seed, coordination) in [
         ("seed=20027", "coordination=sporadic"),
         ("seed=20078", "coordination=sporadic"),
@@ -189,35 +195,37 @@ fn an_arm_that_meets_a_limit_while_it_follows_the_hand_goes_on_when_the_cube_com
     }
 }
 
-/// This hand takes the cube back so near that the arm cannot draw back all the way without it.
+/// The hand of this seed takes the cube back so near to the arm that the arm cannot retract from it
+/// by the whole distance.
 #[test]
-fn an_arm_leaves_a_hand_nearby_as_far_as_it_folds() {
+fn arm_retracts_from_a_near_hand_without_cube() {
     let summary = run("solve.toml", &["task=acquire", "seed=20500"]);
 
     assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
     assert_eq!((summary.drops, summary.slips, summary.collisions), (Some(0), Some(0), Some(0)));
 }
 
-/// Somewhere in its place, on any face, turned as it may be.
+/// Each seed draws the place of the cube on the table, the face on which it lies, and its rotation.
 #[test]
-fn a_cube_that_lies_on_the_table_is_taken_and_laid_down_again() {
+fn arm_takes_cube_from_table_and_returns_it() {
     for seed in 1..=4 {
         let seed = format!("seed={seed}");
         let summary = run("table.toml", &["task=acquire", "plant.table.spread=1", &seed]);
 
         assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
-        assert_eq!(summary.reason, "the cube is as wanted and on the table");
+        assert_eq!(summary.reason, "the cube is in the required state and on the table");
         assert_eq!((summary.drops, summary.slips, summary.collisions), (Some(0), Some(0), Some(0)));
         assert_eq!(summary.cube_start, summary.cube_end);
-        let felt = summary.sensors[0].force_n.unwrap();
-        assert!(felt > 1.0 && felt < 20.0, "{felt}");
+        let contact = summary.sensors[0].force_n.unwrap();
+        assert!(contact > 1.0 && contact < 20.0, "{contact}");
     }
 }
 
-/// Palms that press need holds over two layers, whose stops must stand right before the hand is near; and one over two
-/// layers cannot be laid down.
+/// The rules `strict` and `original` assume palms that touch the cube. Then the hand opposite the
+/// turning one holds two layers, and the stops of its palm must be set before it is near the cube.
+/// A hand that holds two layers cannot lay the cube down.
 #[test]
-fn hands_reach_over_two_layers_where_the_rule_wants_it() {
+fn hands_hold_two_layers_where_the_rule_requires() {
     let turned = "UUFUUFUUFRRRRRRRRRFFDFFDFFDDDBDDBDDBLLLLLLLLLUBBUBBUBB";
     for (scenario, rule) in
         [("solve.toml", "strict"), ("solve.toml", "original"), ("table.toml", "strict")]
@@ -233,9 +241,10 @@ fn hands_reach_over_two_layers_where_the_rule_wants_it() {
     }
 }
 
-/// Folded as it begins, the arm takes the cube wherever it may lie, and draws back with it, without another branch.
+/// From its start posture the arm reaches the cube at every place on the table, and 0.15 m above it
+/// to retract, in one branch of the inverse kinematics.
 #[test]
-fn the_place_on_the_table_is_within_reach() {
+fn arm_reaches_every_place_on_the_table() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/table.toml");
     let cell = scenario::load(&path, &[]).unwrap().controller.cell;
     let (arm, half) = (&cell.arms[0], cell.hand.half_extent);
@@ -259,37 +268,38 @@ fn the_place_on_the_table_is_within_reach() {
 }
 
 #[test]
-fn a_cube_on_the_table_is_solved_without_a_person() {
+fn mission_solves_a_cube_from_the_table() {
     solves_in("table.toml", &["seed=5"]);
 }
 
 #[test]
-fn a_cube_that_lies_beside_its_place_is_not_reached_for() {
+fn arm_leaves_a_cube_outside_its_place() {
     let keys = ["plant.table.offset_xy_mm=[150,0]", "visual_servo.patience_s=3", "task=acquire"];
 
     let summary = run("table.toml", &keys);
 
     assert_eq!((summary.outcome, summary.ended_by), (Outcome::Failed, EndedBy::Task));
-    assert!(summary.reason.contains("not on the part of the table"), "{}", summary.reason);
+    assert!(summary.reason.contains("outside the part of the table"), "{}", summary.reason);
     assert_eq!(summary.collisions, Some(0));
 }
 
-/// When the operator lets go is felt, not timed.
+/// The arm measures when the operator lets go of the cube; it uses no fixed time. Until then it
+/// pulls with less than 12 N.
 #[test]
-fn a_hand_that_holds_on_is_waited_for_and_not_pulled_at() {
+fn arm_waits_until_the_hand_lets_go() {
     for seconds in ["0.5", "6"] {
         let time = format!("plant.hand.release_time_s={seconds}");
         let keys = ["plant.hand.withdrawals=0", "plant.hand.release_n=100", &time];
         let summary = run("acquire.toml", &keys);
 
         assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
-        let felt = summary.sensors[0].force_n.unwrap();
-        assert!(felt < 12.0, "{felt} N at the operator's hand");
+        let contact = summary.sensors[0].force_n.unwrap();
+        assert!(contact < 12.0, "{contact} N at the operator's hand");
     }
 }
 
 #[test]
-fn with_caps_on_the_lenses_nothing_is_seen_and_that_is_the_reason() {
+fn capped_lenses_end_the_task_with_reason() {
     for coordination in ["sporadic", "continuous"] {
         let coordination = format!("coordination={coordination}");
         let keys = ["plant.lens_cap=true", "visual_servo.patience_s=3", &coordination];
@@ -306,7 +316,7 @@ fn with_caps_on_the_lenses_nothing_is_seen_and_that_is_the_reason() {
 }
 
 #[test]
-fn an_interrupt_ends_a_run_with_130_and_a_whole_summary() {
+fn interrupt_ends_a_run_with_130_and_summary() {
     let mut child = program()
         .args(["run", "scenarios/acquire.toml", "--json", "--set", "plant.lens_cap=true"])
         .args(["--set", "visual_servo.patience_s=3600"])
@@ -314,21 +324,22 @@ fn an_interrupt_ends_a_run_with_130_and_a_whole_summary() {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    // It moves as soon as it tells its first phase.
-    let mut told = String::new();
-    BufReader::new(child.stderr.take().unwrap()).read_line(&mut told).unwrap();
+    // The arms move as soon as the run prints its first phase.
+    let mut stderr = String::new();
+    BufReader::new(child.stderr.take().unwrap()).read_line(&mut stderr).unwrap();
 
     let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
     assert!(killed.success());
     let mut printed = String::new();
     child.stdout.take().unwrap().read_to_string(&mut printed).unwrap();
 
-    assert_eq!(child.wait().unwrap().code(), Some(130), "{told}{printed}");
+    assert_eq!(child.wait().unwrap().code(), Some(130), "{stderr}{printed}");
     let summary: Summary = serde_json::from_str(printed.lines().last().unwrap()).unwrap();
     assert_eq!((summary.outcome, summary.ended_by), (Outcome::Aborted, EndedBy::Interrupt));
 }
 
-/// A hand-over; `words` are said on stdin while it acquires. The exit code and what was printed.
+/// Runs a hand-over and calls `words` while the arm acquires the cube; its argument writes a
+/// command to stdin. Returns the exit code and the text on stdout.
 fn commanded(words: impl FnOnce(&mut dyn FnMut(&str))) -> (Option<i32>, String) {
     let mut child = program()
         .args(["run", "scenarios/acquire.toml"])
@@ -339,17 +350,17 @@ fn commanded(words: impl FnOnce(&mut dyn FnMut(&str))) -> (Option<i32>, String) 
         .spawn()
         .unwrap();
     let mut keys = child.stdin.take().unwrap();
-    let mut say = |word: &str| writeln!(keys, "{word}").unwrap();
-    let mut told = BufReader::new(child.stderr.take().unwrap()).lines();
-    assert!(told.any(|line| line.unwrap().contains("acquire")), "it does not start");
-    words(&mut say);
+    let mut write = |word: &str| writeln!(keys, "{word}").unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    assert!(lines.any(|line| line.unwrap().contains("acquire")), "it does not start");
+    words(&mut write);
     let mut printed = String::new();
     child.stdout.take().unwrap().read_to_string(&mut printed).unwrap();
     (child.wait().unwrap().code(), printed)
 }
 
 #[test]
-fn a_paused_hand_over_is_resumed_and_done() {
+fn paused_hand_over_resumes_and_succeeds() {
     let before = std::time::Instant::now();
     let pause = std::time::Duration::from_millis(700);
 
@@ -364,9 +375,10 @@ fn a_paused_hand_over_is_resumed_and_done() {
     assert!(before.elapsed() > pause);
 }
 
-/// Nothing that was not seen is called done.
+/// Both hand cameras go dark before the inspection. If they recover, the second inspection
+/// succeeds. If they stay dark, the cube goes back as it is and the run fails with the reason.
 #[test]
-fn a_cube_that_nobody_can_inspect_is_looked_at_again_and_else_goes_back_with_the_reason() {
+fn uninspectable_cube_is_returned_as_not_done() {
     let summary = run("faults/solve_blind.toml", &[]);
 
     assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
@@ -383,8 +395,10 @@ fn a_cube_that_nobody_can_inspect_is_looked_at_again_and_else_goes_back_with_the
     assert_eq!(summary.returned, Some(true), "the plant's word");
 }
 
+/// With `--ui none` the run reads commands from stdin and meets its end at once; with `--json` it
+/// reads none.
 #[test]
-fn an_end_of_input_leaves_no_trace() {
+fn end_of_stdin_leaves_the_hash_unchanged() {
     let hash = |more: &[&str]| {
         let out = program()
             .args(["run", "scenarios/idle.toml", "--set", "idle.time_s=0.5"])
@@ -403,8 +417,8 @@ fn an_end_of_input_leaves_no_trace() {
 }
 
 #[test]
-fn an_operator_who_terminates_gets_an_aborted_summary_at_once() {
-    // In a pause nothing else could end it.
+fn terminate_during_a_pause_aborts_the_run() {
+    // The task does not advance in a pause, so only the command can end the run.
     let (code, printed) = commanded(|say| {
         say("p");
         say("t");
@@ -416,24 +430,25 @@ fn an_operator_who_terminates_gets_an_aborted_summary_at_once() {
 }
 
 #[test]
-fn the_scenario_of_2007_reads_the_cube_and_ends_with_a_cause() {
+fn scenario_of_2007_ends_with_a_known_cause() {
     let summary = run("paper2007.toml", &[]);
 
     assert_eq!(summary.ended_by, EndedBy::Task, "{}", summary.reason);
     assert_eq!(summary.identified, summary.cube_start);
     assert!(summary.solution.is_some_and(|s| !s.is_empty()));
     let causes = ["over-force", "oscillat", "jam", "slip", "stall", "over-turn"];
-    let told = causes.iter().any(|cause| summary.reason.contains(cause))
-        // By the choices of 2007 nobody may take the cube back: then it is the solved one.
+    let has_cause = causes.iter().any(|cause| summary.reason.contains(cause))
+        // With the settings of 2007 the hand may not take the cube back; then the cube must be
+        // solved.
         || summary.reason.contains("not taken back") && summary.cube_end.as_deref() == Some(SOLVED);
-    assert!(summary.outcome == Outcome::Solved || told, "{}", summary.reason);
+    assert!(summary.outcome == Outcome::Solved || has_cause, "{}", summary.reason);
 }
 
 #[test]
-fn a_run_that_cannot_start_still_prints_a_whole_summary() {
+fn run_that_cannot_start_prints_a_summary() {
     let out = program()
         .args(["run", "scenarios/face_turn.toml", "--json"])
-        // Bases so far apart that the hands cannot meet.
+        // With the bases 9 m apart the hands cannot meet.
         .args(["--set", "effector.postument.base_xyz_mm=[0,9000,0]"])
         .output()
         .unwrap();

@@ -1,5 +1,5 @@
-//! A run driven through the page's WebSocket: what a page says happens, and happens in the run's record; strangers are
-//! refused; one page commands.
+//! Runs that are operated through the page's WebSocket: commands have their effect and appear in
+//! the record of the run, one page commands at a time, and foreign origins are refused.
 
 use crate::program::program;
 use futures_util::{SinkExt, StreamExt};
@@ -22,7 +22,7 @@ use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::{Error, Message};
 use tokio_tungstenite::{MaybeTlsStream, WebSocketStream, connect_async};
 
-/// Patience with a busy machine.
+/// Longest wait for an event; a busy machine is slow.
 const PATIENCE: Duration = Duration::from_secs(90);
 
 fn load(name: &str, set: &[&str]) -> Scenario {
@@ -35,7 +35,7 @@ fn serve(ui: UiEnd) -> Server {
     Server::start(ui, "127.0.0.1:0".parse().unwrap()).unwrap()
 }
 
-/// A run with a server, on a thread of its own.
+/// Run with its server, on a thread of its own.
 struct Run {
     server: Server,
     ui: UiEnd,
@@ -63,7 +63,7 @@ impl Page {
         self.0.send(Message::text(value.to_string())).await.unwrap();
     }
 
-    /// The next message of a kind.
+    /// Waits for the next message of a kind and returns its content.
     async fn next(&mut self, kind: &str) -> Value {
         self.until(|message| message.get(kind).cloned()).await
     }
@@ -73,7 +73,7 @@ impl Page {
         loop {
             assert!(begun.elapsed() < PATIENCE, "it did not come");
             if alive.elapsed() > Duration::from_secs(3) {
-                // As the page does: who is silent for long loses the right to command.
+                // The page does the same: a silent page loses the right to command.
                 self.say(json!({ "alive": true })).await;
                 alive = Instant::now();
             }
@@ -85,8 +85,9 @@ impl Page {
         }
     }
 
-    /// The largest distance of a tool from its set place (m) in all snapshots until this time (s).
-    async fn strays_until(&mut self, time: f64) -> f64 {
+    /// Returns the largest distance between a tool and its set value (m) in all snapshots until
+    /// `time` (s).
+    async fn largest_error_until(&mut self, time: f64) -> f64 {
         let mut largest = 0.0_f64;
         let over = |m: &Value| {
             let snapshot = m.get("snapshot")?;
@@ -99,7 +100,7 @@ impl Page {
         largest
     }
 
-    /// Waits for a snapshot.
+    /// Waits for a snapshot that meets a condition and returns it.
     async fn sees(&mut self, what: impl Fn(&Value) -> bool) -> Value {
         self.until(|m| m.get("snapshot").filter(|s| what(s)).cloned()).await
     }
@@ -110,11 +111,11 @@ fn runtime() -> tokio::runtime::Runtime {
 }
 
 #[test]
-fn a_page_starts_pauses_resumes_and_terminates_a_run() {
+fn page_starts_pauses_resumes_and_terminates_a_run() {
     let run = begin(load("solve.toml", &[]), RunOptions { wait: true, ..RunOptions::default() });
     runtime().block_on(async {
         let mut page = Page::open(&run.server).await;
-        // An empty one comes first while the cell is being set up.
+        // An empty stage comes first, while the cell is set up.
         let named = |m: &Value| m.get("stage").filter(|s| s["task"] == "solve").cloned();
         let stage = page.until(named).await;
         assert_eq!(stage["arms"].as_array().unwrap().len(), 2);
@@ -122,10 +123,11 @@ fn a_page_starts_pauses_resumes_and_terminates_a_run() {
 
         page.say(json!({ "command": "speed", "factor": 2.0 })).await;
         page.say(json!({ "command": "start" })).await;
-        let before = page.strays_until(3.0).await;
+        let before = page.largest_error_until(3.0).await;
         page.sees(|s| s["phase"] == "acquire").await;
         page.say(json!({ "command": "pause" })).await;
-        // To rest within 0.6 s and a macrostep; then nothing moves, and time goes as it does for people.
+        // The arms come to rest within 0.6 s and a macrostep. From then on nothing moves, and the
+        // simulated time follows the wall clock.
         let paused = page.sees(|s| s["control"] == "paused").await;
         let begun = paused["time"].as_f64().unwrap();
         let rest = page.sees(|s| s["time"].as_f64().unwrap() > begun + 1.0).await;
@@ -137,8 +139,9 @@ fn a_page_starts_pauses_resumes_and_terminates_a_run() {
             }
         }
         page.say(json!({ "command": "resume" })).await;
-        // Without a jump: whatever happens in the next second, the tools stay as near to their set places as before.
-        let after = page.strays_until(later["time"].as_f64().unwrap() + 1.5).await;
+        // The motion resumes without a jump: in the next second the tools follow their set values
+        // as closely as before.
+        let after = page.largest_error_until(later["time"].as_f64().unwrap() + 1.5).await;
         assert!(before > 0.0 && after < 1.5 * before, "{after} m after {before} m");
         page.sees(|s| s["control"] == "running").await;
         page.say(json!({ "command": "terminate" })).await;
@@ -149,15 +152,16 @@ fn a_page_starts_pauses_resumes_and_terminates_a_run() {
     let summary = run.thread.join().unwrap();
     assert_eq!((summary.outcome, summary.ended_by), (Outcome::Aborted, EndedBy::Operator));
     assert!(summary.reason.ends_with("the operator has the cube"), "{}", summary.reason);
-    let told: Vec<String> =
+    let messages: Vec<String> =
         run.ui.snapshots.borrow().messages.iter().map(|m| m.text.clone()).collect();
     for command in ["speed 2 x", "start", "pause", "resume", "terminate"] {
-        assert!(told.contains(&format!("operator: {command}")), "{command}: {told:?}");
+        assert!(messages.contains(&format!("operator: {command}")), "{command}: {messages:?}");
     }
 }
 
+/// The second page does not have the right to command, but may stop.
 #[test]
-fn an_emergency_stop_from_any_page_is_a_fault_of_both_arms() {
+fn emergency_stop_from_any_page_faults_both_arms() {
     let run = begin(load("solve.toml", &[]), RunOptions { speed: 2.0, ..RunOptions::default() });
     runtime().block_on(async {
         let mut first = Page::open(&run.server).await;
@@ -181,8 +185,10 @@ fn an_emergency_stop_from_any_page_is_a_fault_of_both_arms() {
     assert!(summary.reason.contains("emergency stop"), "{}", summary.reason);
 }
 
+/// Orders for a joint, a motor, the jaws, the tool and a named pose move the arm. Impossible orders
+/// and orders during a pause are refused with a message.
 #[test]
-fn arms_are_moved_by_hand_in_the_idle_task_and_the_record_shows_it() {
+fn page_moves_arms_by_hand_while_idle() {
     let scenario = load("idle.toml", &[]);
     let start = scenario.controller.cell.arms[0].start;
     let run = begin(scenario, RunOptions::default());
@@ -204,47 +210,49 @@ fn arms_are_moved_by_hand_in_the_idle_task_and_the_record_shows_it() {
             |s: &Value, i: usize| s["arms"][0]["frames"][6]["translation"][i].as_f64().unwrap();
         let before = page.sees(|s| s["services"]["manual"] == true).await;
         page.say(set(json!({ "order": "tool", "axis": 2, "by": -0.02 }))).await;
-        let way =
+        let distance =
             |s: &Value| (0..3).map(|i| (tool(s, i) - tool(&before, i)).powi(2)).sum::<f64>().sqrt();
-        page.sees(|s| (way(s) - 0.02).abs() < 1e-3).await;
+        page.sees(|s| (distance(s) - 0.02).abs() < 1e-3).await;
         page.say(set(json!({ "order": "pose", "name": "start" }))).await;
         page.sees(|s| (1..7).all(|i| (at(s, i) - start.0[i]).abs() < 2e-3)).await;
-        // What makes no sense is told, and nothing happens.
+        // A step of 9 rad is outside the range of the joint: it is refused with a message.
         page.say(set(json!({ "order": "joint", "axis": 1, "by": 9.0 }))).await;
         page.until(|m| m.get("messages").filter(|m| m.to_string().contains("not done")).cloned())
             .await;
-        // This arm has no track: that is told, and the arm obeys afterwards.
+        // This arm has no axis 0: the order is refused with a message, and the arm obeys the next
+        // one.
         let before = at(&page.sees(|_| true).await, 1);
         page.say(set(json!({ "order": "motor", "axis": 0, "by": 2.0 }))).await;
         page.until(|m| m.get("messages").filter(|m| m.to_string().contains("no axis 0")).cloned())
             .await;
         page.say(set(json!({ "order": "joint", "axis": 1, "by": 0.05 }))).await;
         page.sees(|s| (at(s, 1) - before - 0.05).abs() < 2e-3).await;
-        // What is pressed during a pause does not wait for its end.
+        // An order during a pause is refused; it is not executed after the pause.
         page.say(json!({ "command": "pause" })).await;
         let held = page.sees(|s| s["control"] == "paused").await;
         page.say(set(json!({ "order": "joint", "axis": 1, "by": 0.1 }))).await;
-        let told =
+        let refusal =
             |m: &Value| m.get("messages").filter(|m| m.to_string().contains("is paused")).cloned();
-        page.until(told).await;
+        page.until(refusal).await;
         page.say(json!({ "command": "resume" })).await;
         let resumed = page.sees(|s| s["control"] == "running").await["time"].as_f64().unwrap();
         let later = page.sees(|s| s["time"].as_f64().unwrap() > resumed + 1.0).await;
         assert!((at(&later, 1) - at(&held, 1)).abs() < 2e-3, "it did not move");
         page.say(json!({ "command": "terminate" })).await;
         let end = page.sees(|s| s["control"] == "ended").await;
-        assert_eq!(end["outcome"]["good"], true, "nobody but the operator ends this");
+        assert_eq!(end["outcome"]["good"], true, "only the operator ends this run");
     });
     let summary = run.thread.join().unwrap();
     assert_eq!((summary.outcome, summary.ended_by), (Outcome::Solved, EndedBy::Operator));
     assert_eq!(summary.exit_code(), 0);
 }
 
-/// Two arms that are moved by hand.
+/// Scenario of two arms that are moved by hand.
 const BY_HAND: &str = "task = \"idle\"\ncamera = []\nvsp = []\n";
 
+/// The message names the parts that would come too near to each other.
 #[test]
-fn a_way_into_the_table_is_refused_with_what_comes_too_near() {
+fn guard_refuses_a_motion_into_the_table() {
     let scenario = scenario::read(Path::new("by_hand.toml"), BY_HAND, &[]).unwrap();
     let run = begin(scenario, RunOptions::default());
     runtime().block_on(async {
@@ -259,15 +267,15 @@ fn a_way_into_the_table_is_refused_with_what_comes_too_near() {
         let moved = |s: &Value| (at(s) - at(&first) - 0.02).abs() < 5e-3;
         let before = page.sees(|s| moved(s) && s["services"]["manual"] == true).await;
 
-        // The shoulder would bring the hand down to the table: nothing moves.
+        // The shoulder would bring the hand down to the table: the guard refuses the motion.
         page.say(shoulder(0.6)).await;
         let refused = |m: &Value| {
-            let told = m.get("messages").map(Value::to_string);
-            told.filter(|told| told.contains("guard a way"))
+            let messages = m.get("messages").map(Value::to_string);
+            messages.filter(|messages| messages.contains("check a path"))
         };
-        let told = page.until(refused).await;
-        assert!(told.contains("the hand of the postument arm comes within"), "{told}");
-        assert!(told.contains("of the table"), "{told}");
+        let messages = page.until(refused).await;
+        assert!(messages.contains("the hand of the postument arm comes within"), "{messages}");
+        assert!(messages.contains("of the table"), "{messages}");
         let later = page.sees(|s| s["services"]["manual"] == true).await;
         assert!((at(&later) - at(&before)).abs() < 1e-2, "it did not move");
 
@@ -278,14 +286,15 @@ fn a_way_into_the_table_is_refused_with_what_comes_too_near() {
     assert_eq!((summary.exit_code(), summary.collisions), (0, Some(0)), "{}", summary.reason);
 }
 
+/// The guard refuses the motion of a joint that would bring the hands too near. Motors are not
+/// checked before they turn; there the lookout stops all arms before the hands touch.
 #[test]
-fn an_arm_on_its_way_into_the_other_hand_is_refused_and_one_that_goes_there_unasked_is_stopped_before_it()
- {
+fn guard_and_lookout_keep_the_hands_apart() {
     let plain = scenario::read(Path::new("by_hand.toml"), BY_HAND, &[]).unwrap();
     let cell = &plain.controller.cell;
     let table = MeetingTable::compute(cell, &ReachSettings::default());
     let meeting = table.grasps.iter().flatten().next().unwrap();
-    // Beside where the hands would meet, on the side on which there is room.
+    // Start beside a meeting of the hands, on the side on which the track has room.
     let side = if meeting.track.0[0] > 0.4 { -1.0 } else { 1.0 };
     let effector = |name: &str, joints: &JointPositions, d0: f64| {
         let degrees: Vec<f64> = joints.0[1..].iter().map(|joint| joint.to_degrees()).collect();
@@ -312,29 +321,32 @@ fn an_arm_on_its_way_into_the_other_hand_is_refused_and_one_that_goes_there_unas
         let free = |s: &Value| s["services"]["manual"] == true;
         let mut last = at(&page.sees(free).await);
 
-        // Known ways lead on until the next one would come too near.
-        let told = loop {
+        // The guard checks each motion of a joint before it starts. The steps are executed until
+        // the next one would bring the hands too near.
+        let messages = loop {
             page.say(along("joint", -0.1 * side)).await;
             let refused = page
                 .until(|m| {
-                    let told = m.get("messages").map(Value::to_string);
-                    let told = told.filter(|told| told.contains("guard a way"));
+                    let messages = m.get("messages").map(Value::to_string);
+                    let messages = messages.filter(|messages| messages.contains("check a path"));
                     let there =
                         m.get("snapshot").is_some_and(|s| (at(s) - last + 0.1 * side).abs() < 2e-3);
-                    if there { Some(None) } else { told.map(Some) }
+                    if there { Some(None) } else { messages.map(Some) }
                 })
                 .await;
             match refused {
-                Some(told) => break told,
+                Some(messages) => break messages,
                 None => last = at(&page.sees(free).await),
             }
         };
-        // By hand nobody has a plan of meetings: the hands count before the arms would.
-        assert!(told.contains("the hands come within"), "{told}");
+        // Outside planned meetings the hands count as obstacles, so they limit the motion before
+        // the arms would.
+        assert!(messages.contains("the hands come within"), "{messages}");
         let later = page.sees(free).await;
         assert!((at(&later) - last).abs() < 1e-2, "it did not move");
 
-        // A motor is turned by somebody who sees where to; who does not look is stopped.
+        // The guard does not check the motion of a single motor, because the operator watches it.
+        // Too near the other hand the lookout stops all arms.
         let over = |s: &Value| s["control"] == "ended";
         let (mut stopped, mut by) = (false, -20.0 * side);
         for _ in 0..100 {
@@ -344,11 +356,11 @@ fn an_arm_on_its_way_into_the_other_hand_is_refused_and_one_that_goes_there_unas
             if stopped {
                 break;
             }
-            // Which way the motor turns for that is the gear's.
+            // The sense of the gear is unknown here, so reverse the motor if the track moved away.
             by *= if (at(&next) - last) * side < 0.0 { 1.0 } else { -1.0 };
             last = at(&next);
         }
-        assert!(stopped, "it goes on at {last} m");
+        assert!(stopped, "the arm continues at {last} m");
     });
     let summary = run.thread.join().unwrap();
     assert_eq!((summary.exit_code(), summary.collisions), (3, Some(0)), "{}", summary.reason);
@@ -356,7 +368,8 @@ fn an_arm_on_its_way_into_the_other_hand_is_refused_and_one_that_goes_there_unas
     assert!(summary.reason.contains(near) && summary.reason.contains(stop), "{}", summary.reason);
 }
 
-/// The program itself with a page; the WebSocket's address, and the process.
+/// Starts the program with a page. Returns the process, the WebSocket's address and the lines on
+/// stderr.
 fn with_a_page(arguments: &[&str]) -> (Child, String, Receiver<String>) {
     let mut child = program()
         .args(["run", "--json", "--ui", "web", "--listen", "127.0.0.1:0"])
@@ -365,7 +378,7 @@ fn with_a_page(arguments: &[&str]) -> (Child, String, Receiver<String>) {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    let (to, told) = channel();
+    let (to, stderr) = channel();
     let lines = BufReader::new(child.stderr.take().unwrap()).lines();
     std::thread::spawn(move || {
         for line in lines.map_while(Result::ok) {
@@ -373,15 +386,15 @@ fn with_a_page(arguments: &[&str]) -> (Child, String, Receiver<String>) {
         }
     });
     let page = loop {
-        let line = told.recv_timeout(PATIENCE).unwrap();
+        let line = stderr.recv_timeout(PATIENCE).unwrap();
         if let Some((_, url)) = line.split_once("page: http://") {
             break format!("ws://{url}ws");
         }
     };
-    (child, page, told)
+    (child, page, stderr)
 }
 
-/// The exit code and the last line of stdout.
+/// Waits for the end. Returns the exit code and the summary, the last line of stdout.
 fn ended(mut child: Child) -> (Option<i32>, Summary) {
     let mut printed = String::new();
     child.stdout.take().unwrap().read_to_string(&mut printed).unwrap();
@@ -390,8 +403,8 @@ fn ended(mut child: Child) -> (Option<i32>, Summary) {
 }
 
 #[test]
-fn ctrl_c_ends_the_moving_by_hand_well() {
-    let (child, address, _told) = with_a_page(&["scenarios/idle.toml"]);
+fn ctrl_c_ends_the_idle_task_as_done() {
+    let (child, address, _stderr) = with_a_page(&["scenarios/idle.toml"]);
     runtime().block_on(async {
         let (socket, _) = connect_async(address).await.unwrap();
         Page(socket).sees(|s| s["services"]["manual"] == true).await;
@@ -405,13 +418,13 @@ fn ctrl_c_ends_the_moving_by_hand_well() {
     assert_eq!(code, Some(0), "{}", summary.reason);
 }
 
-/// The largest step of the motors of an arm between two snapshots.
+/// Returns the largest rotation of a motor of an arm between two snapshots (rad).
 fn turned(arm: usize, from: &Value, to: &Value) -> f64 {
     let at = |s: &Value, motor: usize| s["arms"][arm]["motors"][motor].as_f64().unwrap();
     (0..7).map(|motor| (at(to, motor) - at(from, motor)).abs()).fold(0.0, f64::max)
 }
 
-/// What the EDP of an arm says.
+/// Returns the status text of the EDP of an arm.
 fn edp(s: &Value, arm: &str) -> String {
     let name = format!("edp {arm}");
     let actors = s["actors"].as_array();
@@ -419,8 +432,9 @@ fn edp(s: &Value, arm: &str) -> String {
     actor.map_or_else(String::new, |a| a["words"].as_str().unwrap().to_owned())
 }
 
-/// A pause while an arm homes: it stands within a macrostep and the brake, says so, and homes on when the run goes on.
-async fn homes_as_told(page: &mut Page, index: usize, arm: &str) {
+/// Pauses and resumes while an arm homes. Checks that the arm stops within 0.3 s, that its EDP
+/// reports it, and that the homing continues after the pause.
+async fn pause_while_homing(page: &mut Page, index: usize, arm: &str) {
     page.sees(|s| edp(s, arm).starts_with("synchronises axis")).await;
     page.say(json!({ "command": "pause" })).await;
     let paused = page.sees(|s| s["control"] == "paused").await["time"].as_f64().unwrap();
@@ -434,9 +448,9 @@ async fn homes_as_told(page: &mut Page, index: usize, arm: &str) {
 }
 
 #[test]
-fn an_arm_that_is_synchronised_by_hand_heeds_pause_and_ctrl_c() {
+fn homing_by_hand_obeys_pause_and_ctrl_c() {
     let unknown = "effector.postument.start_synchronised=false";
-    let (child, address, _told) = with_a_page(&["scenarios/idle.toml", "--set", unknown]);
+    let (child, address, _stderr) = with_a_page(&["scenarios/idle.toml", "--set", unknown]);
     let pressed = runtime().block_on(async {
         let (socket, _) = connect_async(address).await.unwrap();
         let mut page = Page(socket);
@@ -446,7 +460,7 @@ fn an_arm_that_is_synchronised_by_hand_heeds_pause_and_ctrl_c() {
         page.sees(|s| s["services"]["manual"] == true).await;
         let order = json!({ "order": "synchronise" });
         page.say(json!({ "command": "manual", "effector": index, "order": order })).await;
-        homes_as_told(&mut page, index, "postument").await;
+        pause_while_homing(&mut page, index, "postument").await;
 
         let signal = ["-INT", &child.id().to_string()].map(str::to_owned);
         assert!(Process::new("kill").args(signal).status().unwrap().success());
@@ -460,7 +474,7 @@ fn an_arm_that_is_synchronised_by_hand_heeds_pause_and_ctrl_c() {
 }
 
 #[test]
-fn an_arm_that_is_synchronised_at_the_start_heeds_pause_and_terminate() {
+fn homing_at_start_obeys_pause_and_terminate() {
     let unknown = "effector.postument.start_synchronised=false";
     let scenario = load("solve.toml", &[unknown]);
     let arms = &scenario.controller.cell.arms;
@@ -471,7 +485,7 @@ fn an_arm_that_is_synchronised_at_the_start_heeds_pause_and_terminate() {
     let run = std::thread::spawn(move || run::run_at(&scenario, options, Some(run_end)));
     runtime().block_on(async {
         let mut page = Page::open(&server).await;
-        homes_as_told(&mut page, index, "postument").await;
+        pause_while_homing(&mut page, index, "postument").await;
         page.say(json!({ "command": "terminate" })).await;
         page.sees(|s| s["control"] == "ended").await;
     });
@@ -480,8 +494,8 @@ fn an_arm_that_is_synchronised_at_the_start_heeds_pause_and_terminate() {
 }
 
 #[test]
-fn an_interrupt_says_where_the_cube_is() {
-    let (child, address, _told) = with_a_page(&["scenarios/face_turn.toml", "--speed", "1"]);
+fn interrupt_reports_where_the_cube_is() {
+    let (child, address, _stderr) = with_a_page(&["scenarios/face_turn.toml", "--speed", "1"]);
     runtime().block_on(async {
         let (socket, _) = connect_async(address).await.unwrap();
         Page(socket).sees(|s| s["time"].as_f64().unwrap() > 1.0).await;
@@ -496,8 +510,9 @@ fn an_interrupt_says_where_the_cube_is() {
     assert!(place.contains("hold"), "{}", summary.reason);
 }
 
+/// The page shows the fault of the arm.
 #[test]
-fn an_emergency_stop_before_the_start_ends_the_run_and_is_shown() {
+fn emergency_stop_before_the_start_ends_the_run() {
     let run = begin(load("solve.toml", &[]), RunOptions { wait: true, ..RunOptions::default() });
     runtime().block_on(async {
         let mut page = Page::open(&run.server).await;
@@ -511,8 +526,10 @@ fn an_emergency_stop_before_the_start_ends_the_run_and_is_shown() {
     assert!(summary.reason.contains("emergency stop"), "{}", summary.reason);
 }
 
+/// The run waits 3 s for its start and is paced to real time for 2 s. Neither counts as wall time
+/// of the run.
 #[test]
-fn the_wait_for_the_start_and_a_limit_of_speed_are_no_work() {
+fn wall_time_excludes_the_wait_and_the_pacing() {
     let scenario = load("idle.toml", &["idle.time_s=2"]);
     let (ui, run_end) = Desk::default().ends();
     let options = RunOptions {
@@ -539,12 +556,13 @@ fn the_wait_for_the_start_and_a_limit_of_speed_are_no_work() {
     assert!(summary.wall_time_s < took - 4.0, "{} s of {took} s", summary.wall_time_s);
 }
 
-/// What the operator says is an input: with it in the recording, the same controller does the same.
+/// The pause and the answer of the operator are inputs in the recording, so `replay --verify`
+/// repeats the run to the bit.
 #[test]
-fn a_run_that_was_paused_and_answered_ends_well_and_verifies() {
+fn paused_and_answered_run_solves_and_verifies() {
     let recording = Path::new(env!("CARGO_TARGET_TMPDIR")).join("answered.mcap");
     let file = recording.to_str().unwrap();
-    let (child, address, _told) = with_a_page(&["tests/page/question.toml", "--record", file]);
+    let (child, address, _stderr) = with_a_page(&["tests/page/question.toml", "--record", file]);
     let stickers = runtime().block_on(async {
         let (socket, _) = connect_async(address).await.unwrap();
         let mut page = Page(socket);
@@ -583,9 +601,9 @@ fn a_run_that_was_paused_and_answered_ends_well_and_verifies() {
         let mut replay = program();
         replay.args(["replay", file, "--ui", "none"]).args(more).output().unwrap()
     };
-    let told = String::from_utf8(replay(&[]).stderr).unwrap();
+    let stderr = String::from_utf8(replay(&[]).stderr).unwrap();
     for words in ["operator: pause", "operator: resume", &format!("the stickers are {stickers}")] {
-        assert!(told.contains(words), "{words}: {told}");
+        assert!(stderr.contains(words), "{words}: {stderr}");
     }
     let verified = replay(&["--verify", "--json"]);
     let verdict: Value = serde_json::from_slice(&verified.stdout).unwrap();
@@ -598,8 +616,9 @@ fn a_run_that_was_paused_and_answered_ends_well_and_verifies() {
     assert!(verdict["compared"].as_u64().unwrap() >= ticks - 2, "{verdict}");
 }
 
+/// A server on all interfaces requires the token of the printed URL, or the cookie that it gives.
 #[test]
-fn who_listens_everywhere_prints_an_address_that_opens() {
+fn url_with_token_opens_a_public_page() {
     let server = Server::start(Desk::default().ui_end(), "0.0.0.0:0".parse().unwrap()).unwrap();
     let (host, path) = server.url.strip_prefix("http://").unwrap().split_once('/').unwrap();
     let ask = |path: &str, cookie: &str| {
@@ -614,7 +633,7 @@ fn who_listens_everywhere_prints_an_address_that_opens() {
     let page = ask(path, "");
     assert!(page.starts_with("HTTP/1.1 200"), "{}", server.url);
     assert!(ask("", "").starts_with("HTTP/1.1 403"), "without the token");
-    // A browser asks for the rest without the query, and with the cookie that it got.
+    // A browser requests the assets without the query, but with the cookie from the first answer.
     let given = page.lines().find_map(|line| line.strip_prefix("set-cookie: ")).unwrap();
     let cookie = format!("Cookie: {}\r\n", given.split(';').next().unwrap());
     for asset in ["main.js", "style.css", "icon.svg"] {
@@ -630,14 +649,14 @@ fn who_listens_everywhere_prints_an_address_that_opens() {
         assert!(connect_async(format!("ws://{host}/ws")).await.is_err(), "a socket without it");
     });
     assert!(!ask("?token=0", "").contains("set-cookie"), "a guess gets nothing");
-    // Nor does a page of somebody else, even with the right address.
+    // A page of another origin gets nothing either, even with the right address.
     let foreign = ask(path, "Origin: http://evil.example\r\n");
     assert!(foreign.starts_with("HTTP/1.1 403") && !foreign.contains("set-cookie"), "{foreign}");
 }
 
-/// A page attached and a page not: the same run to the bit.
+/// A run with a page that only watches repeats a run without a page to the bit.
 #[test]
-fn a_page_that_only_watches_changes_nothing() {
+fn watching_page_leaves_the_hash_unchanged() {
     let options = RunOptions { automatic: true, quiet: true, ..RunOptions::default() };
     let alone = run::run(&load("face_turn.toml", &[]), options).unwrap();
 
@@ -709,7 +728,7 @@ fn one_page_commands_and_another_may_take_over() {
         second.say(json!({ "command": "pause" })).await;
         let refused = second.next("refused").await;
         assert!(refused.as_str().unwrap().contains("another page commands"), "{refused}");
-        assert!(commands.try_recv().is_err(), "nothing got through");
+        assert!(commands.try_recv().is_err(), "no command passed");
 
         second.say(json!({ "seat": "take" })).await;
         assert_eq!(second.next("seat").await, json!({ "own": true, "taken": true }));
@@ -718,18 +737,19 @@ fn one_page_commands_and_another_may_take_over() {
         assert_eq!(commands.recv().await, Some(Input::Pause));
 
         second.say(json!({ "nonsense": 1 })).await;
-        assert_eq!(second.next("refused").await, json!("that is no command"));
+        assert_eq!(second.next("refused").await, json!("not a command"));
         drop(second);
         assert_eq!(first.next("seat").await, json!({ "own": false, "taken": false }));
-        // Who stops does not need the right to command.
+        // The emergency stop does not need the right to command.
         first.say(json!({ "command": "emergency_stop" })).await;
         assert_eq!(commands.recv().await, Some(Input::EmergencyStop));
         assert!(run_end.stop_signal().is_pressed());
     });
 }
 
+/// No command has more than 4096 bytes.
 #[test]
-fn a_message_that_is_longer_than_any_command_ends_its_page_and_is_not_obeyed() {
+fn overlong_message_closes_its_page_without_effect() {
     let (ui, run_end) = Desk::default().ends();
     let server = serve(ui);
     let mut commands = run_end.take_inputs().unwrap();
@@ -758,18 +778,20 @@ fn a_message_that_is_longer_than_any_command_ends_its_page_and_is_not_obeyed() {
     });
 }
 
+/// With 400 idle connections a new page still opens, and an older page can still press the
+/// emergency stop.
 #[test]
-fn connections_without_end_keep_nobody_from_the_page_and_its_stop() {
+fn idle_connections_do_not_block_the_page() {
     let (ui, run_end) = Desk::default().ends();
     let server = serve(ui);
-    // A page that has been there for longer than they have stays.
+    // A page that was open before the idle connections stays open.
     let runtime = runtime();
     let mut page = runtime.block_on(Page::open(&server));
 
     let mut idle: Vec<TcpStream> = Vec::new();
     for number in 0..400 {
         let mut stream = TcpStream::connect(server.address).unwrap();
-        // Some begin to ask and do not go on.
+        // Every second connection sends a part of a request.
         if number % 2 == 0 {
             let _ = stream.write_all(b"GET / HTTP/1.1\r\nHost: ");
         }
@@ -785,7 +807,7 @@ fn connections_without_end_keep_nobody_from_the_page_and_its_stop() {
     assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
     assert!(begun.elapsed() < Duration::from_secs(30), "{:?}", begun.elapsed());
 
-    // All of them are cut, if not at once then when they have asked nothing for a while.
+    // The server closes all of them, at once or after some time without a request.
     for mut stream in idle {
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
         let read = stream.read(&mut [0; 1]);
@@ -804,7 +826,7 @@ fn connections_without_end_keep_nobody_from_the_page_and_its_stop() {
 }
 
 #[test]
-fn strangers_get_neither_the_page_nor_the_socket() {
+fn foreign_origins_get_neither_page_nor_socket() {
     let server = serve(Desk::default().ui_end());
     let ask = |head: &str| {
         let mut stream = TcpStream::connect(server.address).unwrap();
@@ -858,7 +880,7 @@ fn no_asset_names_another_host() {
 }
 
 #[test]
-fn a_snapshot_survives_its_journey() {
+fn snapshot_survives_a_round_trip() {
     let (ui, run_end) = Desk::default().ends();
     let server = serve(ui);
     run_end.snapshots.send_replace(std::sync::Arc::new(Snapshot {

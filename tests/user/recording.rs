@@ -1,4 +1,5 @@
-//! Recordings of short runs: read back, cut off, recovered, verified, tampered with; written where there is no room.
+//! Recordings of short runs: read, truncated, recovered, verified, changed, replayed, reported, and
+//! written to a full disk.
 
 use crate::program::program;
 use rubik_robot::motion::ArmFault;
@@ -16,14 +17,14 @@ fn perform(arguments: &[&str]) -> Output {
     program().args(arguments).output().unwrap()
 }
 
-/// A place of this test's own.
+/// Returns a path for a file of these tests.
 fn place(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("recording");
     std::fs::create_dir_all(&folder).unwrap();
     folder.join(name)
 }
 
-/// Runs a scenario and returns its summary.
+/// Runs a scenario and returns its summary and the text on stderr.
 fn run(scenario: &str, more: &[&str]) -> (serde_json::Value, String) {
     let mut arguments = vec!["run", scenario, "--json"];
     arguments.extend(more);
@@ -62,7 +63,7 @@ fn verify(path: &Path, more: &[&str]) -> (Option<i32>, serde_json::Value, String
     (output.status.code(), json, String::from_utf8(output.stderr).unwrap())
 }
 
-/// A copy of a recording in which one message is another; `false` when the change did not find its message.
+/// Copies a recording with one message changed. Returns whether `change` found its message.
 fn tampered(from: &Path, to: &Path, mut change: impl FnMut(&mut Message) -> bool) -> bool {
     let mut done = false;
     rewritten(from, to, |message| {
@@ -72,7 +73,7 @@ fn tampered(from: &Path, to: &Path, mut change: impl FnMut(&mut Message) -> bool
     done
 }
 
-/// A copy of a recording with those messages that are kept.
+/// Copies a recording with only the messages that `keeps` accepts; `keeps` may change them.
 fn rewritten(from: &Path, to: &Path, mut keeps: impl FnMut(&mut Message) -> bool) {
     let mut writer = mcap::Writer::new(std::fs::File::create(to).unwrap()).unwrap();
     for piece in open(from).unwrap() {
@@ -109,7 +110,7 @@ fn rewritten(from: &Path, to: &Path, mut keeps: impl FnMut(&mut Message) -> bool
 }
 
 #[test]
-fn a_recording_holds_every_period_and_changes_nothing() {
+fn recording_holds_every_period_and_changes_nothing() {
     let (path, with) = recorded("idle.mcap", "scenarios/idle.toml", &IDLE);
     let (without, _) = run("scenarios/idle.toml", &IDLE);
 
@@ -150,7 +151,7 @@ fn a_recording_holds_every_period_and_changes_nothing() {
     assert_eq!(label.of("recording", "lost"), "0");
 }
 
-/// A device that takes its time.
+/// Device that takes 5 ms for each write.
 struct Slow(std::fs::File);
 
 impl std::io::Write for Slow {
@@ -170,15 +171,16 @@ impl std::io::Seek for Slow {
     }
 }
 
+/// A recorder that does not wait for its slow device loses messages.
 #[test]
-fn what_a_recorder_loses_is_told_in_its_file_and_in_the_report() {
+fn lost_messages_appear_in_file_and_report() {
     use rubik_robot::operator::Class;
     use rubik_robot::record::recorder::{Entry, Patience, Recorder};
-    use rubik_robot::record::sheet::About;
+    use rubik_robot::record::sheet::RunInfo;
 
     let scenario = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/idle.toml");
     let scenario = rubik_robot::scenario::load(&scenario, &[]).unwrap();
-    let about = About {
+    let about = RunInfo {
         cell: scenario.controller.cell.clone(),
         scenario: "task = \"idle\"".to_owned(),
         options: Vec::new(),
@@ -190,7 +192,7 @@ fn what_a_recorder_loses_is_told_in_its_file_and_in_the_report() {
     let device = Slow(std::fs::File::create(&path).unwrap());
     let recorder = Recorder::begin(device, about, Patience::Never).unwrap();
     for period in 0..100_000 {
-        recorder.note(period, || Entry::Log(Class::Info, "test".into(), "a word".into()));
+        recorder.record(period, || Entry::Log(Class::Info, "test".into(), "a word".into()));
     }
     let written = recorder.finish().unwrap();
 
@@ -202,12 +204,14 @@ fn what_a_recorder_loses_is_told_in_its_file_and_in_the_report() {
     assert_eq!(label.of("recording", "lost"), written.lost.to_string());
     assert_eq!(label.of("recording", "messages"), written.messages.to_string());
     let html = reported(&path);
-    let told = format!("did not keep up: {} messages", written.lost);
-    assert!(html.contains(&told), "{told}");
+    let warning = format!("did not keep up: {} messages", written.lost);
+    assert!(html.contains(&warning), "{warning}");
 }
 
+/// The verification ends before the missing periods 100 to 110 and reports them; the exit code
+/// stays 0.
 #[test]
-fn periods_that_are_not_in_the_recording_are_told_and_blamed_on_nobody() {
+fn verify_reports_missing_periods_without_a_difference() {
     let (path, _) = recorded(
         "gap_of.mcap",
         "scenarios/idle.toml",
@@ -240,9 +244,9 @@ fn periods_that_are_not_in_the_recording_are_told_and_blamed_on_nobody() {
     let arms = arms.fact("arms").split(' ').count() as u64;
     assert_eq!(verdict["compared"], 99 * arms);
     assert!(verdict["not_compared"].as_u64().unwrap() > 100 * arms, "{verdict}");
-    assert!(reported(&gap).contains("11 of "), "the report tells it, too");
+    assert!(reported(&gap).contains("11 of "), "the report names the gap as well");
 
-    // Nor is it a matter of the clock that a file is cut off.
+    // A truncated file of a wall-clock run is no difference either.
     let cut = place("gap_cut.mcap");
     let bytes = std::fs::read(&path).unwrap();
     std::fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
@@ -252,12 +256,12 @@ fn periods_that_are_not_in_the_recording_are_told_and_blamed_on_nobody() {
 }
 
 #[test]
-fn what_compares_nothing_is_not_called_the_same() {
+fn verify_without_servo_periods_exits_with_2() {
     for (name, pace) in [("none.mcap", "virtual"), ("none_wall.mcap", "real-time")] {
         let (path, _) =
             recorded(name, "scenarios/idle.toml", &[&IDLE[..], &["--pace", pace]].concat());
         let none = place(&format!("cut_{name}"));
-        // The scenario stands there, and no servo period.
+        // Cut the file after the scenario and before the first servo period.
         let bytes = std::fs::read(&path).unwrap();
         let cut = (1..bytes.len() / 1024).map(|k| &bytes[..1024 * k]).find(|bytes| {
             let pieces = messages(Reading::new(*bytes));
@@ -272,8 +276,8 @@ fn what_compares_nothing_is_not_called_the_same() {
     }
 }
 
-/// A fault that an arm's own servo does not come to is not excused as a stop from outside.
-/// Records a second of the idle task under the wall clock while something is done to the process.
+/// Records a second of the idle task under the wall clock and applies `disturb` to the process in
+/// it. Returns the path of the recording.
 fn disturbed(name: &str, disturb: impl FnOnce(&mut Child)) -> PathBuf {
     let path = place(name);
     let mut run = program()
@@ -285,11 +289,11 @@ fn disturbed(name: &str, disturb: impl FnOnce(&mut Child)) -> PathBuf {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    let mut told = BufReader::new(run.stderr.take().unwrap());
+    let mut stderr = BufReader::new(run.stderr.take().unwrap());
     let mut line = String::new();
     while !line.ends_with("idle\n") {
         line.clear();
-        assert!(told.read_line(&mut line).unwrap() > 0, "it ended before anything was done to it");
+        assert!(stderr.read_line(&mut line).unwrap() > 0, "the run ended before it was disturbed");
     }
     std::thread::sleep(Duration::from_millis(200));
     disturb(&mut run);
@@ -297,15 +301,17 @@ fn disturbed(name: &str, disturb: impl FnOnce(&mut Child)) -> PathBuf {
     path
 }
 
-/// Of a recording's ticks, what came from outside, and the faults.
+/// Returns the servo's inputs from outside and its faults, one of each for every tick of a
+/// recording.
 fn from_outside(path: &Path) -> (Vec<Outside>, Vec<String>) {
     let ticks = messages(open(path).unwrap()).into_iter();
     let ticks = ticks.filter(|message| message.channel.topic.ends_with("/servo"));
     ticks.map(|m| Tick::read(&m.data).unwrap()).map(|t| (t.outside().unwrap(), t.fault)).unzip()
 }
 
+/// Inputs of a servo from outside are recorded with their period, so the verification repeats them.
 #[test]
-fn what_reaches_a_servo_from_outside_is_recorded_in_its_place_and_happens_again() {
+fn verify_repeats_missed_periods_and_emergency_stops() {
     let signal = |run: &Child, which: &str| {
         let id = run.id().to_string();
         assert!(Command::new("kill").args([which, &id]).status().unwrap().success());
@@ -317,7 +323,7 @@ fn what_reaches_a_servo_from_outside_is_recorded_in_its_place_and_happens_again(
         assert_eq!(verdict["not_compared"], 0, "{verdict}");
     };
 
-    // A process that stands still for a while; then for longer than the arms bear.
+    // Stop the process for 40 ms, which the arms tolerate, then for 250 ms, which stops them.
     for (name, pause, stops) in [("missed.mcap", 40, false), ("stopped.mcap", 250, true)] {
         let path = disturbed(name, |run| {
             signal(run, "-STOP");
@@ -337,20 +343,22 @@ fn what_reaches_a_servo_from_outside_is_recorded_in_its_place_and_happens_again(
         whole(&path);
     }
 
-    // The emergency stop, which goes past all actors.
+    // The emergency stop, which reaches the servo past all actors.
     let path =
         disturbed("pressed.mcap", |run| run.stdin.as_mut().unwrap().write_all(b"e\n").unwrap());
     let (outside, faults) = from_outside(&path);
     assert!(outside.iter().any(|o| o.trip == Some(ArmFault::EmergencyStop)), "{faults:?}");
     whole(&path);
-    let said = messages(open(&path).unwrap());
-    let said: Vec<_> = said.iter().filter(|m| m.channel.topic == "/operator").collect();
-    assert_eq!(said.len(), 1, "noted once");
-    assert!(said[0].data.windows(14).any(|text| text == b"emergency_stop"));
+    let inputs = messages(open(&path).unwrap());
+    let inputs: Vec<_> = inputs.iter().filter(|m| m.channel.topic == "/operator").collect();
+    assert_eq!(inputs.len(), 1, "recorded once");
+    assert!(inputs[0].data.windows(14).any(|text| text == b"emergency_stop"));
 }
 
+/// A recorded fault that the arm's own servo does not find again is a difference. It is not excused
+/// as a stop from outside.
 #[test]
-fn a_fault_without_a_cause_is_a_difference() {
+fn verify_reports_a_fault_without_a_cause() {
     let set = ["--pace", "real-time"];
     let (path, _) = recorded("fault_of.mcap", "scenarios/idle.toml", &[&IDLE[..], &set].concat());
     let marked = |fault: &'static [u8], to: &Path| {
@@ -359,7 +367,8 @@ fn a_fault_without_a_cause_is_a_difference() {
             if !is || Tick::read(&message.data).unwrap().period != 200 {
                 return false;
             }
-            // An empty text is its length, 1, and its end. What follows stays aligned.
+            // An empty text is its length, 1, and a zero byte. A text of 8 n bytes keeps the
+            // following fields aligned.
             assert_eq!(fault.len() % 8, 0);
             let mut text = (fault.len() as u32 + 1).to_le_bytes().to_vec();
             text.extend_from_slice(fault);
@@ -389,19 +398,19 @@ fn a_fault_without_a_cause_is_a_difference() {
 }
 
 #[test]
-fn a_file_cut_anywhere_is_read_to_the_cut_and_recovered() {
+fn truncated_file_is_read_and_recovered() {
     let (path, _) = recorded("cut.mcap", "scenarios/idle.toml", &IDLE);
     let bytes = std::fs::read(&path).unwrap();
     let whole = messages(Reading::new(&bytes[..]));
     assert!(whole.len() > 500, "{}", whole.len());
 
-    // Wherever a crash may come: everywhere, in steps of a prime.
+    // A crash may truncate the file anywhere: try about 37 lengths, an odd step apart.
     let mut most = 0;
     for cut in (0..bytes.len()).step_by((bytes.len() / 37).max(1) | 1) {
         let mut reading = Reading::new(&bytes[..cut]);
         let read = messages(reading.by_ref());
         assert!(matches!(reading.end(), Some(End::Cut(_))), "{cut}");
-        assert_eq!(read, whole[..read.len()], "{cut}: what is there is right");
+        assert_eq!(read, whole[..read.len()], "{cut}: the remaining messages are right");
         assert!(read.len() >= most, "{cut}: more bytes, no fewer messages");
         most = read.len();
 
@@ -418,11 +427,11 @@ fn a_file_cut_anywhere_is_read_to_the_cut_and_recovered() {
         let summary = mcap::Summary::read(&recovered).unwrap().unwrap();
         assert_eq!(summary.stats.unwrap().message_count as usize, read.len(), "it has an index");
     }
-    // What stands in the second half of the file is not lost with its last chunk.
+    // Only the last chunk is lost: the longest cut still has more than half of the messages.
     assert!(most > whole.len() / 2, "{most} of {}", whole.len());
 }
 
-/// Where the records of a kind stand in a file, without their lengths.
+/// Returns the ranges of bytes of the records with this opcode, each without its opcode and length.
 fn records(bytes: &[u8], wanted: u8) -> Vec<std::ops::Range<usize>> {
     let (mut at, mut found) = (8, Vec::new());
     while at + 9 < bytes.len() {
@@ -435,12 +444,13 @@ fn records(bytes: &[u8], wanted: u8) -> Vec<std::ops::Range<usize>> {
     found
 }
 
+/// The reader reports the damage, and each message that it returns is one of the undamaged file.
 #[test]
-fn a_flipped_bit_anywhere_is_told_and_nothing_wrong_is_read() {
+fn reader_detects_a_flipped_bit_anywhere() {
     let (path, _) = recorded("flipped.mcap", "scenarios/idle.toml", &IDLE);
     let bytes = std::fs::read(&path).unwrap();
     let whole = messages(Reading::new(&bytes[..]));
-    // Up to the record that holds the sum of all that is before it.
+    // Up to the record with the checksum of all bytes before it.
     let end = records(&bytes, 0x0f)[0].start - 9;
 
     for at in (0..end).step_by((end / 997) | 1) {
@@ -457,12 +467,13 @@ fn a_flipped_bit_anywhere_is_told_and_nothing_wrong_is_read() {
 }
 
 #[test]
-fn a_damaged_recording_is_called_so_by_every_command() {
+fn every_command_reports_a_damaged_recording() {
     let time = ["--set", "idle.time_s=4"];
     let (path, _) = recorded("whole_before.mcap", "scenarios/idle.toml", &time);
     let mut bytes = std::fs::read(&path).unwrap();
     let whole = messages(Reading::new(&bytes[..]));
-    // The last one with servo periods in it: how many small ones there are depends on how fast the run is.
+    // Damage the last chunk with servo periods. Smaller chunks may follow it; their number depends
+    // on the speed of the run.
     let chunks = records(&bytes, 0x06);
     let chunk = chunks.iter().rfind(|chunk| chunk.len() > 50_000).unwrap();
     bytes[chunk.start.midpoint(chunk.end)] ^= 1;
@@ -478,32 +489,34 @@ fn a_damaged_recording_is_called_so_by_every_command() {
     assert!(reported(&damaged).contains("The recording is damaged after "));
 
     let shown = perform(&["replay", name, "--ui", "none"]);
-    let told = String::from_utf8(shown.stderr).unwrap();
-    assert!(told.contains("the recording is damaged after "), "{told}");
+    let stderr = String::from_utf8(shown.stderr).unwrap();
+    assert!(stderr.contains("the recording is damaged after "), "{stderr}");
 
     let to = place("recovered.mcap");
     let saved = perform(&["recover", name, "-o", to.to_str().unwrap()]);
-    let told = String::from_utf8(saved.stderr).unwrap();
-    assert!(told.contains("it was damaged: before byte "), "{told}");
+    let stderr = String::from_utf8(saved.stderr).unwrap();
+    assert!(stderr.contains("it was damaged: before byte "), "{stderr}");
     let read = messages(open(&to).unwrap());
     assert!(read.len() > 100 && read.len() < whole.len(), "{} of {}", read.len(), whole.len());
     let same = |(a, b): (&Message, &Message)| (a.time, &a.data) == (b.time, &b.data);
-    assert!(read.iter().zip(&whole).all(same), "what was saved is as it was written");
+    assert!(read.iter().zip(&whole).all(same), "the saved messages are unchanged");
 }
 
-/// The numbers of what is told of a recording: in the file, and lost.
+/// Reads the numbers of recorded and of lost messages from stderr.
 fn counted(stderr: &str) -> (usize, usize) {
-    let told = stderr.lines().find(|line| line.starts_with("recorded")).unwrap();
+    let line = stderr.lines().find(|line| line.starts_with("recorded")).unwrap();
     let before = |word: &str| {
-        let words: Vec<_> = told.split([' ', ',', ':']).filter(|w| !w.is_empty()).collect();
+        let words: Vec<_> = line.split([' ', ',', ':']).filter(|w| !w.is_empty()).collect();
         let at = words.iter().position(|w| *w == word);
         at.map_or(0, |at| words[at - 1].parse().unwrap_or(0))
     };
     (before("messages"), before("lost"))
 }
 
+/// The disk is full from the middle of the run on. A reader finds as many messages as the program
+/// reports.
 #[test]
-fn what_a_refusing_device_leaves_is_counted_as_a_reader_finds_it() {
+fn message_counts_match_the_file_after_disk_errors() {
     let path = place("refused.mcap");
     let file = path.to_str().unwrap();
     let (_, stderr) = run("scenarios/faults/disk_full.toml", &["--record", file]);
@@ -511,7 +524,8 @@ fn what_a_refusing_device_leaves_is_counted_as_a_reader_finds_it() {
     assert!(lost > 0, "{stderr}");
     assert_eq!(messages(open(&path).unwrap()).len(), written, "{stderr}");
 
-    // The same run where nothing refuses: what is in neither number is a few entries of two messages.
+    // Compare with the run without the fault. A few messages are in neither number, because some
+    // entries make two messages.
     let text = std::fs::read_to_string("scenarios/faults/disk_full.toml").unwrap();
     let (before, _) = text.split_once("[[fault]]").unwrap();
     let scenario = place("not_refused.toml");
@@ -522,32 +536,32 @@ fn what_a_refusing_device_leaves_is_counted_as_a_reader_finds_it() {
 }
 
 #[test]
-fn no_recording_is_lost_by_the_next_command() {
+fn no_command_destroys_an_existing_recording() {
     let (path, _) = recorded("kept.mcap", "scenarios/idle.toml", &IDLE);
     let file = path.to_str().unwrap();
     let before = std::fs::read(&path).unwrap();
     let refused = |arguments: &[&str], code: i32, why: &str| {
         let output = perform(arguments);
-        let told = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {told}");
-        assert!(told.contains(why), "{arguments:?}: {told}");
-        assert!(std::fs::read(&path).unwrap() == before, "{arguments:?} spoilt it");
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {stderr}");
+        assert!(stderr.contains(why), "{arguments:?}: {stderr}");
+        assert!(std::fs::read(&path).unwrap() == before, "{arguments:?} changed it");
     };
 
-    refused(&["report", file, "-o", file], 2, "is the recording, and would be overwritten");
-    // A run that cannot begin.
+    refused(&["report", file, "-o", file], 2, "is the recording and would be overwritten");
+    // This run fails before its first period.
     let never = ["run", "scenarios/hardware.toml", "--ui", "none", "--json", "--record", file];
     refused(&never, 4, "is as it was");
     let junk = place("junk.mcap");
     std::fs::write(&junk, "no recording").unwrap();
     refused(&["recover", junk.to_str().unwrap(), "-o", file], 1, "nothing is written");
-    // The recording of the crash itself.
+    // A resumed run must not replace the recording of the run that was killed.
     let world = place("kept_world.json");
     let mut resume = vec!["run", "scenarios/solve.toml", "--json", "--resume", "--record", file];
     resume.extend(["--world", world.to_str().unwrap()]);
     refused(&resume, 2, "name another file");
 
-    // A run that begins takes the place of an older one.
+    // The recording of a run that begins replaces an older one.
     let (_, other) = recorded("kept.mcap", "scenarios/idle.toml", &["--set", "idle.time_s=2"]);
     assert_eq!(other["outcome"], "solved");
     assert!(std::fs::read(&path).unwrap().len() > before.len());
@@ -557,19 +571,20 @@ fn no_recording_is_lost_by_the_next_command() {
 }
 
 #[test]
-fn a_place_that_is_none_is_an_error_of_the_arguments() {
+fn unwritable_output_path_exits_with_2() {
     let (path, _) = recorded("nowhere.mcap", "scenarios/idle.toml", &IDLE);
     for command in ["report", "recover"] {
         let output = perform(&[command, path.to_str().unwrap(), "-o", "/nowhere/x"]);
-        let told = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(2), "{told}");
-        assert!(told.contains("/nowhere/x: "), "{told}");
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{stderr}");
+        assert!(stderr.contains("/nowhere/x: "), "{stderr}");
     }
 }
 
 #[test]
-fn a_resumed_run_is_not_judged() {
-    // There is nothing to go on from: it begins, and says so; what its recording says of itself is the point.
+fn verify_refuses_a_resumed_run() {
+    // There is no state to resume from, so the mission begins at its start, but its recording is
+    // marked as that of a resumed run.
     let (world, path) = (place("resumed_world.json"), place("went_on.mcap"));
     for file in [&world, &path] {
         let _ = std::fs::remove_file(file);
@@ -595,8 +610,10 @@ fn a_resumed_run_is_not_judged() {
     assert!(stderr.contains("a resumed run cannot be verified"), "{stderr}");
 }
 
+/// An injected fault of an actor or of the clock is no input of the controller, so the verification
+/// ends there.
 #[test]
-fn what_comes_after_a_fault_of_an_actor_or_of_the_clock_is_not_judged() {
+fn verify_ends_at_actor_and_clock_faults() {
     for (fault, word) in [
         ("late_message", "late message, track"),
         ("panic_ecp", "actor panic, track"),
@@ -610,7 +627,7 @@ fn what_comes_after_a_fault_of_an_actor_or_of_the_clock_is_not_judged() {
         assert!(verdict["compared"].as_u64().unwrap() > 1000, "{fault}: {verdict}");
         assert!(verdict["ended"].as_str().unwrap().contains(word), "{fault}: {verdict}");
 
-        // Before it, a difference is one.
+        // A difference before the fault is still reported.
         if fault == "late_message" {
             let other = place("late_message_other.mcap");
             let found = tampered(&path, &other, |message| {
@@ -629,7 +646,7 @@ fn what_comes_after_a_fault_of_an_actor_or_of_the_clock_is_not_judged() {
 }
 
 #[test]
-fn a_full_disk_is_told_and_the_run_goes_on() {
+fn run_continues_when_the_disk_is_full() {
     let (without, _) = run("scenarios/idle.toml", &IDLE);
 
     let mut more = vec!["--record", "/dev/full"];
@@ -638,13 +655,13 @@ fn a_full_disk_is_told_and_the_run_goes_on() {
 
     assert_eq!(summary["outcome"], "solved");
     assert_eq!(summary["hash"], without["hash"]);
-    assert!(stderr.contains("No space left") && stderr.contains("the run goes on"), "{stderr}");
-    let told = stderr.lines().find(|l| l.starts_with("recorded")).unwrap();
-    assert!(told.contains(" lost: "), "{told}");
+    assert!(stderr.contains("No space left") && stderr.contains("the run continues"), "{stderr}");
+    let line = stderr.lines().find(|l| l.starts_with("recorded")).unwrap();
+    assert!(line.contains(" lost: "), "{line}");
 }
 
 #[test]
-fn a_true_recording_verifies_and_a_changed_one_is_told_where() {
+fn verify_locates_a_changed_drive_or_reading() {
     let (path, summary) = recorded("turn.mcap", "scenarios/face_turn.toml", &[]);
     assert_eq!(summary["outcome"], "solved");
 
@@ -655,7 +672,7 @@ fn a_true_recording_verifies_and_a_changed_one_is_told_where() {
     let ticks = (summary["sim_time_s"].as_f64().unwrap() * 1000.0) as u64;
     assert!(verdict["compared"].as_u64().unwrap() >= ticks - 2, "{verdict}");
 
-    // What a crash left of it verifies as far as it goes.
+    // A truncated recording verifies up to its end.
     let cut = place("turn_cut.mcap");
     let bytes = std::fs::read(&path).unwrap();
     std::fs::write(&cut, &bytes[..bytes.len() * 2 / 3]).unwrap();
@@ -664,7 +681,7 @@ fn a_true_recording_verifies_and_a_changed_one_is_told_where() {
     assert!((ticks / 3..ticks).contains(&verdict["compared"].as_u64().unwrap()), "{verdict}");
     assert!(verdict["cut"].is_string() && verdict["ended"].is_null(), "{verdict}");
 
-    // Another drive than the controller's.
+    // A drive that differs from the controller's is reported in its own period.
     let other = place("turn_drive.mcap");
     let found = tampered(&path, &other, |message| {
         let (at, topic) = (message.time, message.channel.topic.as_str());
@@ -688,7 +705,7 @@ fn a_true_recording_verifies_and_a_changed_one_is_told_where() {
         (&1000.into(), &"postument".into(), &"pwm[2]".into())
     );
 
-    // Another reading makes another drive, a period or more later.
+    // A changed reading leads to another drive within the next periods.
     let other = place("turn_reading.mcap");
     let found = tampered(&path, &other, |message| {
         let (at, topic) = (message.time, message.channel.topic.as_str());
@@ -708,7 +725,7 @@ fn a_true_recording_verifies_and_a_changed_one_is_told_where() {
     assert_eq!(first["who"], "track");
 }
 
-/// The counter of the first rotary axis as it stands in a message.
+/// Bytes of the counter of the first rotary axis, as in a message.
 trait CountsBytes {
     fn counts_bytes(&self) -> [u8; 8];
 }
@@ -719,12 +736,13 @@ impl CountsBytes for Tick {
     }
 }
 
+/// `--force` verifies it nevertheless.
 #[test]
-fn the_recording_of_another_version_is_refused_with_its_name() {
+fn verify_refuses_a_recording_of_another_version() {
     let (path, _) = recorded("version.mcap", "scenarios/idle.toml", &IDLE);
     let other = place("version_other.mcap");
     let mut bytes = Vec::new();
-    // The facts stand in the open, before the first chunk.
+    // The facts are before the first chunk and not compressed.
     let (from, to) = (env!("CARGO_PKG_VERSION").as_bytes(), b"9.9.9");
     assert_eq!(from.len(), to.len());
     bytes.extend(std::fs::read(&path).unwrap());
@@ -741,7 +759,7 @@ fn the_recording_of_another_version_is_refused_with_its_name() {
 }
 
 #[test]
-fn a_recording_is_shown_paused_and_sought() {
+fn replay_can_be_paused_and_sought() {
     use rubik_robot::desk::Desk;
     use rubik_robot::operator::{ControlView, Input, State};
     use rubik_robot::run::show::Show;
@@ -773,7 +791,8 @@ fn a_recording_is_shown_paused_and_sought() {
     until(&|| snapshot().time > 4.9);
     assert_eq!(snapshot().phase, "turn");
     assert_eq!(ui.stage.borrow().pace, "replay");
-    // Nobody recorded what the ECPs were ordered; they do not idle while their arms move.
+    // The orders of the ECPs are not recorded. Their status says so, instead of idle, while the
+    // arms move.
     let actor = |name: &str| snapshot().actors.iter().find(|a| a.name == name).cloned().unwrap();
     until(&|| actor("edp track").words.contains("moves"));
     for arm in ["track", "postument"] {
@@ -791,7 +810,7 @@ fn a_recording_is_shown_paused_and_sought() {
 
     assert!(ui.send(Input::Seek { time: 1.0 }));
     until(&|| snapshot().time < 1.1);
-    assert_eq!(snapshot().phase, "grasp", "phases to come are not told yet");
+    assert_eq!(snapshot().phase, "grasp", "later phases are not shown yet");
     assert!(arm != snapshot().arms[0].joints);
 
     assert!(ui.send(Input::Resume));
@@ -808,7 +827,7 @@ fn a_recording_is_shown_paused_and_sought() {
 }
 
 #[test]
-fn what_a_calibration_found_is_in_the_recording_and_in_its_show() {
+fn calibration_results_appear_in_recording_and_replay() {
     use rubik_robot::cell::Mount;
     use rubik_robot::desk::Desk;
     use rubik_robot::operator::Input;
@@ -816,7 +835,8 @@ fn what_a_calibration_found_is_in_the_recording_and_in_its_show() {
     use rubik_robot::spatial::Pose;
     use std::sync::atomic::AtomicBool;
 
-    // The hand comes when nobody waits for it any more: what is to be seen has happened by then.
+    // The task gives up before the hand appears, so the run is short; the calibration is over by
+    // then.
     let keys = [
         "camera.standalone.calibrate_views=12",
         "visual_servo.patience_s=1",
@@ -842,11 +862,11 @@ fn what_a_calibration_found_is_in_the_recording_and_in_its_show() {
     };
     let Mount::World { world_from_camera } = cell.cameras[0].mount else { panic!() };
     let found = place(0);
-    // The camera stands some millimetres from where the scenario has it, and the arm sags.
+    // The true camera is some millimetres away from its place in the scenario, and the arm sags.
     let miss = (found.translation.vector - world_from_camera.translation.vector).norm();
     assert!((1e-3..0.05).contains(&miss), "{miss}");
     let Mount::Flange { flange_from_camera, .. } = cell.cameras[1].mount else { panic!() };
-    assert_eq!(place(1), flange_from_camera, "that one was not calibrated");
+    assert_eq!(place(1), flange_from_camera, "the other camera was not calibrated");
     let edge: f64 = label.of("calibration", "edge_m").parse().unwrap();
     assert!(edge != cell.cube.edge && (edge - cell.cube.edge).abs() < 2e-3, "{edge}");
 
@@ -859,7 +879,7 @@ fn what_a_calibration_found_is_in_the_recording_and_in_its_show() {
 }
 
 #[test]
-fn the_show_of_a_cut_recording_ends_with_why() {
+fn replay_of_truncated_recording_ends_with_reason() {
     use rubik_robot::desk::Desk;
     use rubik_robot::operator::{ControlView, Input};
     use rubik_robot::run::show::Show;
@@ -883,7 +903,7 @@ fn the_show_of_a_cut_recording_ends_with_why() {
 }
 
 #[test]
-fn a_replay_keeps_the_time_of_a_servo_with_another_period() {
+fn replay_keeps_time_of_a_1_ms_servo() {
     use rubik_robot::desk::Desk;
     use rubik_robot::run::show::Show;
     use rubik_robot::scenario::Override;
@@ -903,7 +923,7 @@ fn a_replay_keeps_the_time_of_a_servo_with_another_period() {
     assert!((0.9..1.1).contains(&time), "{time}");
 }
 
-/// The report of a recording.
+/// Writes the report of a recording and returns its text.
 fn reported(recording: &Path) -> String {
     let to = recording.with_extension("html");
     let output = perform(&["report", recording.to_str().unwrap(), "-o", to.to_str().unwrap()]);
@@ -912,7 +932,7 @@ fn reported(recording: &Path) -> String {
 }
 
 #[test]
-fn a_report_of_a_real_time_run_has_the_servos_histograms() {
+fn report_of_real_time_run_has_histograms() {
     let (path, _) = recorded(
         "real_time.mcap",
         "scenarios/idle.toml",
@@ -922,7 +942,7 @@ fn a_report_of_a_real_time_run_has_the_servos_histograms() {
     let html = reported(&path);
 
     for words in
-        ["from the time set to the beginning of a period: median", "work of a period: median"]
+        ["from the set time to the beginning of a period: median", "work of a period: median"]
     {
         assert!(html.contains(words), "no `{words}`");
     }
@@ -941,7 +961,7 @@ fn a_report_of_a_real_time_run_has_the_servos_histograms() {
 }
 
 #[test]
-fn a_report_tells_what_was_made_to_go_wrong_and_what_the_controller_said_to_it() {
+fn report_shows_injected_fault_and_controllers_reaction() {
     let (path, summary) = recorded("jam.mcap", "scenarios/faults/jam.toml", &[]);
     assert_eq!(summary["outcome"], "failed");
 
@@ -954,7 +974,7 @@ fn a_report_tells_what_was_made_to_go_wrong_and_what_the_controller_said_to_it()
 }
 
 #[test]
-fn a_run_whose_task_never_began_says_why_in_its_recording() {
+fn recording_of_failed_start_holds_the_reason() {
     let path = place("never.mcap");
     let _ = std::fs::remove_file(&path);
     let output = perform(&[
@@ -967,14 +987,14 @@ fn a_run_whose_task_never_began_says_why_in_its_recording() {
         path.to_str().unwrap(),
     ]);
     assert_ne!(output.status.code(), Some(0));
-    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
 
     let mut label = Label::default();
     for piece in open(&path).unwrap() {
         label.take(&piece);
     }
     let kept: serde_json::Value = serde_json::from_str(label.of("summary", "json")).unwrap();
-    assert_eq!(kept, told);
+    assert_eq!(kept, summary);
     assert!(kept["reason"].as_str().unwrap().contains("bridge"), "{kept}");
     let shown = perform(&["replay", path.to_str().unwrap(), "--ui", "none"]);
     let shown = String::from_utf8(shown.stderr).unwrap();

@@ -1,5 +1,5 @@
-//! A mission that is killed, and goes on: the plant's state in a file is all that the two processes share, beside the
-//! journal.
+//! Missions that are killed and resumed. The two processes share only the file with the plant's
+//! state and the journal.
 
 use crate::program::program;
 use std::io::BufRead as _;
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// A run of a scenario whose plant keeps its state in a file.
+/// Returns the command of a run whose plant keeps its state in the file `world`.
 fn run(scenario: &[&str], world: &Path) -> Command {
     let mut command = program();
     command.arg("run").args(scenario).args(["--json", "--world"]).arg(world);
@@ -18,14 +18,14 @@ fn journal(world: &Path) -> PathBuf {
     beside(world, "journal")
 }
 
-/// Kills a mission when its journal has so many entries of what it is doing.
+/// Starts a mission and kills it when its journal has `times` entries of the action `doing`.
 fn killed_after(scenario: &[&str], world: &Path, doing: &str, times: usize) {
     let mut child =
         run(scenario, world).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let begun = Instant::now();
     loop {
-        let noted = std::fs::read_to_string(journal(world)).unwrap_or_default();
-        if noted.matches(&format!("\"{doing}\"")).count() >= times {
+        let entries = std::fs::read_to_string(journal(world)).unwrap_or_default();
+        if entries.matches(&format!("\"{doing}\"")).count() >= times {
             break;
         }
         assert!(child.try_wait().unwrap().is_none(), "the mission was over before it was killed");
@@ -39,12 +39,12 @@ fn killed_after(scenario: &[&str], world: &Path, doing: &str, times: usize) {
 fn resumed(scenario: &[&str], world: &Path) -> serde_json::Value {
     let out = run(scenario, world).arg("--resume").output().unwrap();
     let printed = String::from_utf8(out.stdout).unwrap();
-    let told = String::from_utf8_lossy(&out.stderr);
-    assert!(out.status.success(), "{told}\n{printed}");
+    let stderr = String::from_utf8_lossy(&out.stderr);
+    assert!(out.status.success(), "{stderr}\n{printed}");
     serde_json::from_str(printed.lines().last().unwrap()).unwrap()
 }
 
-/// What a plant has kept.
+/// Reads the state that a plant has kept.
 fn kept(world: &Path) -> serde_json::Value {
     serde_json::from_slice(&std::fs::read(world).unwrap()).unwrap()
 }
@@ -59,13 +59,13 @@ fn beside(world: &Path, end: &str) -> PathBuf {
     PathBuf::from(format!("{}.{end}", world.display()))
 }
 
-/// The exit code of a run that has ended, and what it told the operator.
+/// Runs a command to its end and returns its exit code and the text on stderr.
 fn ended(run: &mut Command) -> (i32, String) {
     let out = run.output().unwrap();
     (out.status.code().unwrap(), String::from_utf8_lossy(&out.stderr).into_owned())
 }
 
-/// A run that begins, and goes on until it is killed.
+/// Starts a run and waits until its plant has kept a first state. Returns the process.
 fn begun(run: &mut Command, world: &Path) -> Child {
     let mut child = run.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
     let since = Instant::now();
@@ -87,12 +87,13 @@ fn place(name: &str) -> PathBuf {
 }
 
 #[test]
-fn a_mission_killed_amid_its_turns_is_resumed_to_a_solved_cube() {
+fn mission_killed_during_turns_resumes_and_solves() {
     let world = place("killed");
     let scenario = ["scenarios/solve.toml"];
     killed_after(&scenario, &world, "turning", 5);
 
-    // Behind everybody's back a layer that nobody holds askew is turned by a quarter.
+    // While no process runs, a person turns a layer by a quarter. The axis is not the one of the
+    // interrupted turn.
     let mut state = kept(&world);
     let turning = state["split"]["axis"].as_u64();
     let axis = (0..3).find(|&axis| Some(axis) != turning).unwrap() as usize;
@@ -103,20 +104,23 @@ fn a_mission_killed_amid_its_turns_is_resumed_to_a_solved_cube() {
     let summary = resumed(&scenario, &world);
 
     assert_eq!(summary["outcome"], "solved", "{summary}");
-    // What it turned was planned after looking: what it saw is what the plant had.
+    // The resumed mission read the cube before it planned, and read the plant's cube correctly.
     assert_eq!(summary["cube_start"], summary["identified"], "{summary}");
-    // And now there is nothing left to do.
+    // A further resume has nothing to do.
     let again = resumed(&scenario, &world);
     assert_eq!((&again["outcome"], &again["turns"]), (&"solved".into(), &0.into()), "{again}");
     remove(&world);
 }
 
+/// The kill comes after the turns, while the hand lowers the solved cube. The resumed mission lifts
+/// the cube, makes no turn and lays it down.
 #[test]
-fn a_mission_killed_while_it_lays_the_cube_down_lifts_it_and_lays_it_down_solved() {
+fn mission_killed_while_lowering_the_cube_resumes() {
     let world = place("lowered");
     let after_r = "UUFUUFUUFRRRRRRRRRFFDFFDFFDDDBDDBDDBLLLLLLLLLUBBUBBUBB";
     let scenario = ["scenarios/table.toml", "--cube", after_r];
-    // It takes a twentieth of a second, and this process may be kept from running for longer.
+    // The lowering takes 0.05 s. On a busy machine the kill may come later, so there are five
+    // tries.
     let lowering = (0..5).any(|_| {
         killed_after(&scenario, &world, "laying it down", 1);
         let state = kept(&world);
@@ -131,7 +135,7 @@ fn a_mission_killed_while_it_lays_the_cube_down_lifts_it_and_lays_it_down_solved
     let summary = resumed(&scenario, &world);
 
     assert_eq!(summary["outcome"], "solved", "{summary}");
-    assert_eq!(summary["reason"], "the cube is as wanted and on the table");
+    assert_eq!(summary["reason"], "the cube is in the required state and on the table");
     let solved = "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB";
     assert_eq!((&summary["cube_end"], &summary["turns"]), (&solved.into(), &0.into()), "{summary}");
     for count in ["drops", "slips", "collisions"] {
@@ -141,7 +145,7 @@ fn a_mission_killed_while_it_lays_the_cube_down_lifts_it_and_lays_it_down_solved
 }
 
 #[test]
-fn what_cannot_be_resumed_is_refused_with_the_reason() {
+fn resume_refuses_a_missing_or_unreadable_state() {
     let refused = |more: &[&str]| {
         let out = program()
             .args(["run", "scenarios/solve.toml", "--json", "--resume"])
@@ -153,19 +157,24 @@ fn what_cannot_be_resumed_is_refused_with_the_reason() {
     let world = place("refused");
     let at = world.display().to_string();
 
-    let (code, told) = refused(&[]);
-    assert!(code == 2 && told.contains("--journal"), "{told}");
+    let (code, stderr) = refused(&[]);
+    assert!(code == 2 && stderr.contains("--journal"), "{stderr}");
     std::fs::write(&world, "{}").unwrap();
-    let (code, told) = refused(&["--world", &at]);
-    assert!(code == 4 && told.contains("not the state of a plant"), "{code} {told}");
+    let (code, stderr) = refused(&["--world", &at]);
+    assert!(code == 4 && stderr.contains("not the state of a plant"), "{code} {stderr}");
     std::fs::write(&world, "{\"version\": 2, \"grasps\": []}").unwrap();
-    let (code, told) = refused(&["--world", &at]);
-    assert!(code == 4 && told.contains("of a plant of version 2, this program reads"), "{told}");
+    let (code, stderr) = refused(&["--world", &at]);
+    assert!(
+        code == 4 && stderr.contains("plant state of version 2; this program reads"),
+        "{stderr}"
+    );
     remove(&world);
 }
 
+/// A file of another kind, the journal of an interrupted run, and a file that another run is
+/// writing: each is refused with its reason and stays unchanged.
 #[test]
-fn a_file_that_another_has_written_is_left_as_it_is() {
+fn run_refuses_files_that_are_not_its_own() {
     let run = |world: &Path, journal: &Path, resume: bool| {
         let mut run = program();
         let scenario = if resume { "scenarios/solve.toml" } else { "scenarios/face_turn.toml" };
@@ -179,50 +188,52 @@ fn a_file_that_another_has_written_is_left_as_it_is() {
     let cases = [
         ("a thesis", "", false, "not the state of a plant"),
         ("", "notes", false, "line 1"),
-        ("", unfinished, false, "broken off while turning: go on with --resume"),
-        ("", unfinished, true, "the journal tells of a run that was broken off"),
+        ("", unfinished, false, "interrupted while turning: continue the run with --resume"),
+        ("", unfinished, true, "the journal records an interrupted run"),
     ];
 
-    for (kept, noted, resume, told) in cases {
-        for (path, text) in [(&world, kept), (&notes, noted)] {
+    for (kept, entry, resume, reason) in cases {
+        for (path, text) in [(&world, kept), (&notes, entry)] {
             if !text.is_empty() {
                 std::fs::write(path, format!("{text}\n")).unwrap();
             }
         }
-        let (code, err) = run(&world, &notes, resume);
-        assert!(code == 4 && err.contains(told), "{told}: {code} {err}");
-        for (path, text) in [(&world, kept), (&notes, noted)] {
+        let (code, stderr) = run(&world, &notes, resume);
+        assert!(code == 4 && stderr.contains(reason), "{reason}: {code} {stderr}");
+        for (path, text) in [(&world, kept), (&notes, entry)] {
             if !text.is_empty() {
-                assert_eq!(std::fs::read_to_string(path).unwrap().trim(), text, "{told}");
+                assert_eq!(std::fs::read_to_string(path).unwrap().trim(), text, "{reason}");
             }
             let _ = std::fs::remove_file(path);
         }
     }
 
-    // Nor what a power cut has left of the first entry: nothing had begun.
+    // A torn first entry, as after a power cut, does not stop a run: no motion had begun.
     std::fs::write(&notes, &unfinished[..30]).unwrap();
-    // What a run has left that has ended is no loss.
+    // Neither do the files of a finished run stop the next one.
     for _ in 0..2 {
-        let (code, err) = run(&world, &notes, false);
-        assert_eq!(code, 0, "{err}");
+        let (code, stderr) = run(&world, &notes, false);
+        assert_eq!(code, 0, "{stderr}");
     }
     remove(&world);
     let file = std::fs::File::options().append(true).open(&notes).unwrap();
     file.lock().unwrap();
-    let (code, err) = run(&world, &notes, false);
-    assert!(code == 4 && err.contains("another run is writing it"), "{code} {err}");
+    let (code, stderr) = run(&world, &notes, false);
+    assert!(code == 4 && stderr.contains("another run is writing it"), "{code} {stderr}");
     std::fs::remove_file(&notes).unwrap();
     remove(&world);
     let folder = std::env::temp_dir();
-    let (code, err) = run(&folder, &notes, false);
-    assert!(code == 4 && err.contains("not a file"), "{code} {err}");
+    let (code, stderr) = run(&folder, &notes, false);
+    assert!(code == 4 && stderr.contains("not a file"), "{code} {stderr}");
 }
 
-/// A disk has no room for the third entry or the fourth.
+/// `ulimit -f 1` simulates a disk that is full at the third or fourth entry. The run warns, marks
+/// the journal as incomplete and continues. A resume from this journal is refused.
 #[test]
-fn a_journal_that_cannot_be_written_is_told_and_marked_and_the_run_goes_on() {
+fn run_continues_when_the_journal_cannot_be_written() {
     let notes = place("full-notes");
-    // Who ignores the signal is told by the system instead.
+    // With SIGXFSZ ignored, a write beyond the limit fails with EFBIG instead of ending the
+    // process.
     let limited = "trap '' XFSZ; ulimit -f 1; exec \"$0\" \"$@\"";
     let mut child = Command::new("sh")
         .args(["-c", limited, env!("CARGO_BIN_EXE_rubik-robot")])
@@ -235,24 +246,24 @@ fn a_journal_that_cannot_be_written_is_told_and_marked_and_the_run_goes_on() {
         .spawn()
         .unwrap();
 
-    let mut told = String::new();
+    let mut stderr = String::new();
     let lines = std::io::BufReader::new(child.stderr.take().unwrap()).lines();
     for line in lines.map_while(Result::ok) {
-        told.push_str(&line);
-        told.push('\n');
-        // Then it goes on, to its next phase.
-        let warned = told.find("the journal cannot be written");
-        if warned.is_some_and(|at| told[at..].lines().skip(1).any(|line| line.contains(" s  "))) {
+        stderr.push_str(&line);
+        stderr.push('\n');
+        // Read on until the run prints its next phase after the warning.
+        let warned = stderr.find("the journal cannot be written");
+        if warned.is_some_and(|at| stderr[at..].lines().skip(1).any(|line| line.contains(" s  "))) {
             break;
         }
     }
     killed(child);
 
     let why = format!("{}: the journal cannot be written: File too large", notes.display());
-    assert!(told.contains(&why), "{told}");
-    assert!(told.contains("the run goes on, and cannot be resumed"), "{told}");
-    assert!(told.lines().last().unwrap().contains(" s  "), "it goes on: {told}");
-    // Its last entry would pass for the truth.
+    assert!(stderr.contains(&why), "{stderr}");
+    assert!(stderr.contains("the run continues and cannot be resumed"), "{stderr}");
+    assert!(stderr.lines().last().unwrap().contains(" s  "), "the run continues: {stderr}");
+    // A remaining last entry would pass for the present state of the cell.
     let (world, kept) = (place("full"), std::fs::read_to_string(&notes).unwrap());
     assert!(!kept.contains("doing"), "{kept}");
     let again = |more: &[&str]| {
@@ -260,88 +271,92 @@ fn a_journal_that_cannot_be_written_is_told_and_marked_and_the_run_goes_on() {
         let scenario = if more.is_empty() { &short } else { &["scenarios/solve.toml"] };
         ended(run(scenario, &world).arg("--journal").arg(&notes).args(more))
     };
-    let (code, told) = again(&["--resume"]);
-    assert!(code == 4 && told.contains("could not be written to the end of its run"), "{told}");
+    let (code, stderr) = again(&["--resume"]);
+    assert!(code == 4 && stderr.contains("because its run could not write to it"), "{stderr}");
     assert_eq!(std::fs::read_to_string(&notes).unwrap(), kept, "left as it is");
-    let (code, told) = again(&[]);
-    assert_eq!(code, 0, "another run may begin: {told}");
+    let (code, stderr) = again(&[]);
+    assert_eq!(code, 0, "another run may begin: {stderr}");
     std::fs::remove_file(notes).unwrap();
     remove(&world);
 }
 
 #[test]
-fn the_world_of_another_scenario_is_not_taken_up() {
+fn resume_refuses_the_world_of_another_scenario() {
     let solve = ["scenarios/solve.toml"];
     let world = place("other");
     let refused = |more: &[&str]| {
-        let (code, told) = ended(run(&solve, &world).arg("--resume").args(more));
-        assert_eq!(code, 4, "{told}");
-        told
+        let (code, stderr) = ended(run(&solve, &world).arg("--resume").args(more));
+        assert_eq!(code, 4, "{stderr}");
+        stderr
     };
 
-    // The same seed, but the cube is in a hand, and the bases stand otherwise.
-    let (code, told) = ended(&mut run(&["scenarios/face_turn.toml"], &world));
-    assert_eq!(code, 0, "{told}");
-    let told = refused(&[]);
-    assert!(told.contains("it was made in another cell"), "{told}");
+    // This scenario has an equal seed, but a gripper holds its cube and its bases have other
+    // places.
+    let (code, stderr) = ended(&mut run(&["scenarios/face_turn.toml"], &world));
+    assert_eq!(code, 0, "{stderr}");
+    let stderr = refused(&[]);
+    assert!(stderr.contains("it was made in another cell"), "{stderr}");
 
     remove(&world);
     killed(begun(&mut run(&solve, &world), &world));
     let before = std::fs::read(&world).unwrap();
-    let told = refused(&["--set", "cube.edge_mm=56"]);
-    assert!(told.contains("it was made in another cell"), "{told}");
-    let told = refused(&["--set", "plant.cube_kind=dry"]);
-    assert!(told.contains("it was made with other plant keys"), "{told}");
+    let stderr = refused(&["--set", "cube.edge_mm=56"]);
+    assert!(stderr.contains("it was made in another cell"), "{stderr}");
+    let stderr = refused(&["--set", "plant.cube_kind=dry"]);
+    assert!(stderr.contains("it was made with other plant keys"), "{stderr}");
     assert!(std::fs::read(&world).unwrap() == before, "a refused run has changed it");
 
-    // Another controller may go on in the same plant.
+    // A run with other keys of the controller may resume in the same plant.
     let other = [solve[0], "--resume", "--set", "control.grip_n=29"];
     killed_after(&other, &world, "turning", 1);
     remove(&world);
 }
 
+/// The lock of the world ends with its process, even if the process is killed.
 #[test]
-fn a_world_that_another_run_keeps_is_refused_until_that_run_is_gone_however_it_went() {
+fn world_of_a_live_run_is_refused() {
     let (world, notes) = (place("taken"), place("taken-notes"));
     let idle = ["scenarios/idle.toml", "--set", "idle.time_s=600", "--speed", "1"];
     let short = ["scenarios/idle.toml", "--set", "idle.time_s=0.5"];
     let first = begun(&mut run(&idle, &world), &world);
 
-    let (code, told) = ended(run(&short, &world).arg("--journal").arg(&notes));
+    let (code, stderr) = ended(run(&short, &world).arg("--journal").arg(&notes));
 
-    assert!(code == 4 && told.contains("another run keeps its plant there"), "{code} {told}");
+    assert!(code == 4 && stderr.contains("another run uses this file"), "{code} {stderr}");
     assert!(!notes.exists(), "a run that is refused begins no journal");
     killed(first);
-    let (code, told) = ended(run(&short, &world).arg("--journal").arg(&notes));
-    assert_eq!(code, 0, "{told}");
+    let (code, stderr) = ended(run(&short, &world).arg("--journal").arg(&notes));
+    assert_eq!(code, 0, "{stderr}");
     std::fs::remove_file(notes).unwrap();
     remove(&world);
 }
 
 #[test]
-fn a_world_that_cannot_be_kept_any_more_is_removed_and_the_run_goes_on() {
+fn unwritable_world_is_removed_and_run_continues() {
     let world = place("lost");
     let idle = ["scenarios/idle.toml", "--set", "idle.time_s=6", "--speed", "2"];
     let run = begun(&mut run(&idle, &world), &world);
 
-    // Where the next state is written first there is no file any more.
+    // Each state is written to FILE.new first; a folder of that name makes the next write fail.
     let hinders = beside(&world, "new");
     while std::fs::create_dir(&hinders).is_err() {}
     let out = run.wait_with_output().unwrap();
 
-    let told = String::from_utf8_lossy(&out.stderr);
-    assert!(out.status.success(), "{told}");
-    let lost = format!("{}: the plant's state cannot be kept any more: ", world.display());
-    let (_, why) = told.split_once(&lost).unwrap_or_else(|| panic!("{told}"));
-    assert!(why.contains("it is removed, and this run cannot be resumed"), "{told}");
-    assert_eq!(told.matches(&lost).count(), 1, "told once: {told}");
-    assert!(!world.exists(), "a state of long ago would pass for the truth");
+    let stderr = String::from_utf8_lossy(&out.stderr);
+    assert!(out.status.success(), "{stderr}");
+    let lost = format!("{}: the plant's state can no longer be saved: ", world.display());
+    let (_, why) = stderr.split_once(&lost).unwrap_or_else(|| panic!("{stderr}"));
+    assert!(why.contains("it is removed, and this run cannot be resumed"), "{stderr}");
+    assert_eq!(stderr.matches(&lost).count(), 1, "reported once: {stderr}");
+    assert!(!world.exists(), "a stale state would count as true");
     std::fs::remove_dir(hinders).unwrap();
     remove(&world);
 }
 
+/// The postument lost its synchronisation while its jaws may hold the cube. The resume ends with
+/// the reason; neither arms nor layers move, and the journal stays unchanged.
 #[test]
-fn a_hand_that_may_hold_the_cube_and_lost_its_counters_is_not_driven_to_its_switches() {
+fn unsynchronised_hand_with_cube_is_not_homed() {
     let world = place("unsynchronised");
     let scenario = ["scenarios/solve.toml"];
     killed_after(&scenario, &world, "turning", 2);
@@ -350,12 +365,15 @@ fn a_hand_that_may_hold_the_cube_and_lost_its_counters_is_not_driven_to_its_swit
         encoder["synchronised"] = false.into();
     }
     std::fs::write(&world, serde_json::to_vec(&state).unwrap()).unwrap();
-    let noted = std::fs::read_to_string(journal(&world)).unwrap();
+    let entries = std::fs::read_to_string(journal(&world)).unwrap();
 
-    let (code, told) = ended(run(&scenario, &world).arg("--resume"));
+    let (code, stderr) = ended(run(&scenario, &world).arg("--resume"));
 
-    assert_eq!(code, 1, "{told}");
-    assert!(told.contains("postument does not know where it is, and its jaws may hold"), "{told}");
+    assert_eq!(code, 1, "{stderr}");
+    assert!(
+        stderr.contains("postument does not know where it is, and its jaws may hold"),
+        "{stderr}"
+    );
     let after = kept(&world);
     assert_eq!(after["state"], state["state"]);
     // A layer between two hands settles when their drives go off.
@@ -372,6 +390,6 @@ fn a_hand_that_may_hold_the_cube_and_lost_its_counters_is_not_driven_to_its_swit
             assert!((at(&after) - at(&state)).abs() < 1e-3, "arm {arm}, axis {axis}");
         }
     }
-    assert_eq!(std::fs::read_to_string(journal(&world)).unwrap(), noted, "what it knew stays");
+    assert_eq!(std::fs::read_to_string(journal(&world)).unwrap(), entries, "the entries stay");
     remove(&world);
 }

@@ -1,4 +1,4 @@
-//! `rubik-robot solve`, `scramble` and `tables` as their user meets them.
+//! The commands `solve`, `scramble` and `tables`.
 
 use crate::program::program;
 use rubik_robot::cube::{Cube, Facelets, after_moves, format_turns, parse_moves, parse_turns};
@@ -11,7 +11,7 @@ use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
 use std::sync::atomic::AtomicBool;
 
-/// The tables of all these tests, kept from run to run.
+/// Returns the folder of the tables. These tests share it and keep it between runs.
 fn folder() -> PathBuf {
     PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("tables")
 }
@@ -42,7 +42,7 @@ fn facelets(seed: u64) -> String {
     Facelets::from(&Cube::scrambled(seed)).to_string()
 }
 
-/// A solved cube with other stickers in some places.
+/// Returns a solved cube with some stickers replaced.
 fn with(stickers: &[(usize, char)]) -> String {
     let mut letters: Vec<char> = Facelets::solved().to_string().chars().collect();
     for &(at, letter) in stickers {
@@ -51,7 +51,7 @@ fn with(stickers: &[(usize, char)]) -> String {
     letters.into_iter().collect()
 }
 
-/// The cube that a line of JSON tells of after the solution that it tells of.
+/// Applies the solution of an answer in JSON to its cube and returns the result.
 fn solved(line: &Value) -> Cube {
     let cube = Cube::try_from(line["cube"].as_str().unwrap().parse::<Facelets>().unwrap()).unwrap();
     let turns = parse_turns(line["solution"].as_str().unwrap()).unwrap();
@@ -59,8 +59,9 @@ fn solved(line: &Value) -> Cube {
     cube.apply_all(&turns)
 }
 
+/// Solutions and refusals are printed in the order of the cubes, with one thread and with three.
 #[test]
-fn cubes_of_a_stream_are_answered_in_their_order_and_the_refused_in_their_place() {
+fn stream_is_answered_in_order_with_refusals() {
     let twisted = with(&[(8, 'R'), (9, 'F'), (20, 'U')]);
     let input = format!("{}\n{twisted}\n\nUUU\n{}\n", facelets(1), facelets(2));
     for threads in ["1", "3"] {
@@ -84,7 +85,7 @@ fn cubes_of_a_stream_are_answered_in_their_order_and_the_refused_in_their_place(
 }
 
 #[test]
-fn each_impossible_cube_is_refused_at_once_with_its_kind_and_place() {
+fn impossible_cube_is_refused_with_kind_and_place() {
     for (cube, kind, place) in [
         (with(&[(7, 'F'), (19, 'U')]), "edge-flipped", "UF"),
         (with(&[(8, 'R'), (9, 'F'), (20, 'U')]), "corner-twisted", "URF"),
@@ -109,8 +110,9 @@ fn each_impossible_cube_is_refused_at_once_with_its_kind_and_place() {
     }
 }
 
+/// The solution is named for the orientation in which the scramble leaves the cube.
 #[test]
-fn a_scramble_with_slices_and_rotations_is_undone_as_the_cube_is_held() {
+fn solution_undoes_slice_moves_and_rotations() {
     let scramble = "R U2 M' y Fw E2 x' d";
     let out = robot(&["solve", "--json", "--scramble", scramble], "");
 
@@ -118,7 +120,7 @@ fn a_scramble_with_slices_and_rotations_is_undone_as_the_cube_is_held() {
     let line = &lines(&out)[0];
     let moves = format!("{scramble} {}", line["solution"].as_str().unwrap());
     assert!(after_moves(&Facelets::solved(), &parse_moves(&moves).unwrap()).is_solved());
-    // So short a scramble has a short solution, and the search ends by itself: it is proven.
+    // The scramble is short, so the search ends by itself and proves the solution optimal.
     assert_eq!(line["optimal"], true);
 
     let out = robot(&["solve", "--scramble", "R U Q2"], "");
@@ -127,7 +129,7 @@ fn a_scramble_with_slices_and_rotations_is_undone_as_the_cube_is_held() {
 }
 
 #[test]
-fn a_solved_cube_needs_nothing_and_any_cube_can_be_the_goal() {
+fn solve_handles_solved_cubes_and_other_goals() {
     let out = robot(&["solve", "--json", &Facelets::solved().to_string()], "");
     let line = &lines(&out)[0];
     assert_eq!((&line["solution"], &line["length"]), (&Value::from(""), &Value::from(0)));
@@ -139,8 +141,9 @@ fn a_solved_cube_needs_nothing_and_any_cube_can_be_the_goal() {
     assert_eq!(solved(&lines(&out)[0]), goal);
 }
 
+/// The number of nodes limits the search, not the time.
 #[test]
-fn the_same_nodes_give_the_same_answer_whatever_the_threads() {
+fn answers_do_not_depend_on_the_threads() {
     let input: String = (0..6).map(|seed| facelets(seed) + "\n").collect();
     let answer = |threads| {
         let args = ["solve", "--json", "--budget-nodes", "5000", "--threads", threads, "-"];
@@ -152,7 +155,7 @@ fn the_same_nodes_give_the_same_answer_whatever_the_threads() {
 }
 
 #[test]
-fn a_length_is_kept_to_or_told_to_be_too_short() {
+fn solution_respects_the_maximum_length() {
     let out = robot(&["solve", "--json", "--max-length", "20", &facelets(4)], "");
     assert!(lines(&out)[0]["length"].as_u64().unwrap() <= 20);
 
@@ -169,8 +172,10 @@ fn a_length_is_kept_to_or_told_to_be_too_short() {
     assert!(text(&out.stderr).contains("--max-length"), "{}", text(&out.stderr));
 }
 
+/// A line that is not UTF-8 and a cube in another orientation are refused; the other cubes are
+/// solved.
 #[test]
-fn a_line_that_is_no_text_and_a_cube_held_otherwise_are_refused_and_the_others_answered() {
+fn stream_continues_after_refused_lines() {
     let turned = "UUUUUUUUUBBBBBBBBBRRRRRRRRRDDDDDDDDDFFFFFFFFFLLLLLLLLL";
     let mut input = format!("{}\n", facelets(1)).into_bytes();
     input.extend_from_slice(b"\xff\xfe\n");
@@ -189,10 +194,11 @@ fn a_line_that_is_no_text_and_a_cube_held_otherwise_are_refused_and_the_others_a
 }
 
 #[test]
-fn nobody_reads_and_nothing_panics() {
+fn closed_stdout_causes_no_panic() {
     let mut child = command(&["solve", "--mode", "first", "-"]).spawn().unwrap();
     drop(child.stdout.take());
-    // The input stays open: the program ends because its output is closed, not because it has read everything.
+    // The input stays open, so the program ends because its output is closed, not because it has
+    // read everything.
     let mut input = child.stdin.take().unwrap();
     for seed in 0..50 {
         let _ = writeln!(input, "{}", facelets(seed));
@@ -206,7 +212,7 @@ fn nobody_reads_and_nothing_panics() {
 }
 
 #[test]
-fn a_scramble_makes_the_cube_that_it_names() {
+fn scramble_makes_the_cube_that_it_names() {
     let out = robot(&["scramble", "--seed", "11", "--count", "2", "--json"], "");
 
     for line in lines(&out) {
@@ -226,7 +232,7 @@ fn tables_are_built_listed_repaired_and_removed() {
     assert!(text(&tables("list").stdout).contains("not built"));
     assert!(text(&tables("build").stdout).contains("built"));
     assert!(text(&tables("verify").stdout).contains("sound"));
-    // A byte in the middle goes wrong.
+    // Flip a bit in the middle of the file.
     let file = folder.join("phase2.table");
     let mut bytes = std::fs::read(&file).unwrap();
     bytes[5_000_000] ^= 4;
@@ -241,7 +247,7 @@ fn tables_are_built_listed_repaired_and_removed() {
     assert_eq!(robot(&["tables", "list", "nosuch"], "").status.code(), Some(2));
 
     std::fs::remove_dir_all(&folder).unwrap();
-    // A file in the folder's place: what is built is used, and said not to be kept.
+    // With a file in the place of the folder the tables are built and used, but not kept.
     std::fs::write(&folder, "").unwrap();
     let out = robot(&["solve", "--mode", "first", "--tables", place, &facelets(1)], "");
     assert_eq!(out.status.code(), Some(0));
@@ -251,7 +257,7 @@ fn tables_are_built_listed_repaired_and_removed() {
 }
 
 #[test]
-fn several_threads_find_what_one_finds() {
+fn several_threads_find_solutions_like_one_thread() {
     let tables = Tables::build_with(&Threads::new(2));
     for seed in 0..10 {
         let cube = Cube::scrambled(seed);
@@ -274,7 +280,7 @@ fn several_threads_find_what_one_finds() {
 }
 
 #[test]
-fn a_damaged_large_table_is_told_and_the_cube_is_solved_without_it() {
+fn damaged_large_table_is_reported_and_not_used() {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("damaged-tables");
     std::fs::create_dir_all(&folder).unwrap();
     std::fs::write(folder.join("phase1-large.table"), "no table at all").unwrap();
@@ -282,8 +288,8 @@ fn a_damaged_large_table_is_told_and_the_cube_is_solved_without_it() {
 
     let out = command.env("RUBIK_ROBOT_TABLES", &folder).output().unwrap();
 
-    let told = text(&out.stderr);
-    assert!(told.contains("phase1-large") && told.contains("15 bytes instead of"), "{told}");
+    let stderr = text(&out.stderr);
+    assert!(stderr.contains("phase1-large") && stderr.contains("15 bytes instead of"), "{stderr}");
     assert_eq!(out.status.code(), Some(0));
     assert!(solved(&lines(&out)[0]).is_solved());
 }

@@ -1,5 +1,5 @@
-//! The terminal UI on a pseudo-terminal: a run that cannot start, a signal, a replay and a mistake
-//! in the arguments leave behind a program that has ended and a terminal as it was.
+//! The terminal UI on a pseudo-terminal: after a failed start, a signal, a replay or wrong
+//! arguments the program ends and the terminal is as it was.
 
 use crate::program::program;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -12,17 +12,17 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-/// Patience with a busy machine.
+/// Longest wait for an event; a busy machine is slow.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// The program at a terminal of 80 by 24.
+/// Program at a terminal of 80 by 24 characters.
 struct Session {
     child: Child,
     keys: File,
-    near: File,
+    terminal: File,
     before: Termios,
-    told: Arc<Mutex<Vec<u8>>>,
-    hear: Arc<AtomicBool>,
+    output: Arc<Mutex<Vec<u8>>>,
+    listening: Arc<AtomicBool>,
 }
 
 impl Session {
@@ -32,32 +32,32 @@ impl Session {
         grantpt(&master).unwrap();
         unlockpt(&master).unwrap();
         let path = ptsname(&master, Vec::new()).unwrap().into_string().unwrap();
-        let near = OpenOptions::new().read(true).write(true).open(path).unwrap();
+        let terminal = OpenOptions::new().read(true).write(true).open(path).unwrap();
         let size = Winsize { ws_row: 24, ws_col: 80, ws_xpixel: 0, ws_ypixel: 0 };
-        tcsetwinsize(&near, size).unwrap();
-        let before = tcgetattr(&near).unwrap();
-        let end = || Stdio::from(near.try_clone().unwrap());
+        tcsetwinsize(&terminal, size).unwrap();
+        let before = tcgetattr(&terminal).unwrap();
+        let end = || Stdio::from(terminal.try_clone().unwrap());
         let child =
             program().args(arguments).stdin(end()).stdout(end()).stderr(end()).spawn().unwrap();
         let keys = File::from(master);
-        let told = Arc::new(Mutex::new(Vec::new()));
-        let (mut far, hears) = (keys.try_clone().unwrap(), Arc::clone(&told));
-        let hear = Arc::new(AtomicBool::new(true));
-        let listens = Arc::clone(&hear);
+        let output = Arc::new(Mutex::new(Vec::new()));
+        let (mut far, sink) = (keys.try_clone().unwrap(), Arc::clone(&output));
+        let listening = Arc::new(AtomicBool::new(true));
+        let still_listening = Arc::clone(&listening);
         std::thread::spawn(move || {
             let mut bytes = [0; 4096];
-            while listens.load(Ordering::Acquire)
+            while still_listening.load(Ordering::Acquire)
                 && let Ok(count) = far.read(&mut bytes)
             {
-                hears.lock().unwrap().extend_from_slice(&bytes[..count]);
+                sink.lock().unwrap().extend_from_slice(&bytes[..count]);
             }
         });
-        Self { child, keys, near, before, told, hear }
+        Self { child, keys, terminal, before, output, listening }
     }
 
-    /// All that was written until now, as letters: what moves the cursor and paints is left out.
-    fn told(&self) -> String {
-        let text = String::from_utf8_lossy(&self.told.lock().unwrap()).into_owned();
+    /// Returns the letters that were written until now, without the escape sequences.
+    fn output(&self) -> String {
+        let text = String::from_utf8_lossy(&self.output.lock().unwrap()).into_owned();
         let mut pieces = text.split('\u{1b}');
         let mut letters = pieces.next().unwrap_or_default().to_owned();
         for piece in pieces {
@@ -68,9 +68,9 @@ impl Session {
         letters
     }
 
-    /// The screen as a person sees it: what is not painted anew stays.
+    /// Returns the screen as a person sees it: a cell keeps its letter until it is painted again.
     fn screen(&self) -> String {
-        let text = String::from_utf8_lossy(&self.told.lock().unwrap()).into_owned();
+        let text = String::from_utf8_lossy(&self.output.lock().unwrap()).into_owned();
         let mut cells = vec![vec![' '; 80]; 24];
         let (mut row, mut column) = (0, 0);
         let mut letters = text.chars();
@@ -110,7 +110,7 @@ impl Session {
 
     fn until(&self, words: &str) {
         let begun = Instant::now();
-        while !self.screen().contains(words) && !self.told().contains(words) {
+        while !self.screen().contains(words) && !self.output().contains(words) {
             assert!(begun.elapsed() < PATIENCE, "no `{words}` in {}", self.screen());
             std::thread::sleep(Duration::from_millis(20));
         }
@@ -123,21 +123,23 @@ impl Session {
         self.keys.write_all(keys).unwrap();
     }
 
-    /// The exit code, once the program has ended; the terminal is as it was.
+    /// Waits until the program ends and checks that the terminal is as it was. Returns the exit
+    /// code.
     fn ends(&mut self) -> Option<i32> {
         let begun = Instant::now();
         let status = loop {
             if let Some(status) = self.child.try_wait().unwrap() {
                 break status;
             }
-            assert!(begun.elapsed() < PATIENCE, "it does not end: {}", self.told());
+            assert!(begun.elapsed() < PATIENCE, "it does not end: {}", self.output());
             std::thread::sleep(Duration::from_millis(20));
         };
-        let after = tcgetattr(&self.near).unwrap();
+        let after = tcgetattr(&self.terminal).unwrap();
         assert_eq!(after.local_modes, self.before.local_modes, "not raw any more");
         assert!(after.local_modes.contains(LocalModes::ICANON | LocalModes::ECHO));
-        let told = self.told.lock().unwrap().clone();
-        let of = |sequence: &[u8]| told.windows(sequence.len()).filter(|w| *w == sequence).count();
+        let output = self.output.lock().unwrap().clone();
+        let of =
+            |sequence: &[u8]| output.windows(sequence.len()).filter(|w| *w == sequence).count();
         assert_eq!(of(b"\x1b[?1049h"), of(b"\x1b[?1049l"), "back from the alternate screen");
         status.code()
     }
@@ -145,7 +147,7 @@ impl Session {
 
 impl Drop for Session {
     fn drop(&mut self) {
-        // It has ended, unless the test has failed.
+        // The program still runs only if the test has failed.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
@@ -169,7 +171,7 @@ fn recording(name: &str) -> PathBuf {
 }
 
 #[test]
-fn a_run_that_cannot_start_says_why_and_is_left() {
+fn run_that_cannot_start_shows_the_reason() {
     let arguments = ["run", "scenarios/idle.toml", "--ui", "tui", "--journal", "/nowhere/journal"];
     let mut session = Session::begin(&arguments);
 
@@ -177,11 +179,11 @@ fn a_run_that_cannot_start_says_why_and_is_left() {
     session.until("q leave");
     session.press(b"q");
 
-    assert_eq!(session.ends(), Some(4), "{}", session.told());
+    assert_eq!(session.ends(), Some(4), "{}", session.output());
 }
 
 #[test]
-fn a_run_is_started_paused_and_terminated_by_keys() {
+fn keys_start_pause_and_terminate_a_run() {
     let arguments = ["run", "scenarios/idle.toml", "--ui", "tui", "--wait"];
     let mut session = Session::begin(&arguments);
 
@@ -197,29 +199,29 @@ fn a_run_is_started_paused_and_terminated_by_keys() {
     session.until("the end");
     session.press(b"q");
 
-    assert_eq!(session.ends(), Some(0), "{}", session.told());
+    assert_eq!(session.ends(), Some(0), "{}", session.output());
 }
 
 #[test]
-fn a_signal_ends_the_run_and_gives_the_terminal_back() {
+fn signal_ends_the_run_and_restores_the_terminal() {
     let mut session = Session::begin(&["run", "scenarios/idle.toml", "--ui", "tui"]);
     session.until("by hand");
 
     let pid = session.child.id().to_string();
     assert!(Command::new("kill").args(["-TERM", &pid]).status().unwrap().success());
 
-    assert_eq!(session.ends(), Some(0), "{}", session.told());
+    assert_eq!(session.ends(), Some(0), "{}", session.output());
     session.until("the arms were moved by hand until the operator ended it");
 }
 
 #[test]
-fn a_signal_ends_a_run_whose_terminal_is_gone() {
+fn signal_ends_a_run_without_its_terminal() {
     let mut session = Session::begin(&["run", "scenarios/idle.toml", "--ui", "tui"]);
     session.until("by hand");
-    // Both ends are closed, as when a connection breaks; what the program has open itself stays.
+    // Close both ends, as when a connection breaks. The program keeps its own handles.
     let null = || OpenOptions::new().read(true).write(true).open("/dev/null").unwrap();
-    session.hear.store(false, Ordering::Release);
-    (session.keys, session.near) = (null(), null());
+    session.listening.store(false, Ordering::Release);
+    (session.keys, session.terminal) = (null(), null());
     std::thread::sleep(Duration::from_millis(500));
 
     let pid = session.child.id().to_string();
@@ -233,7 +235,7 @@ fn a_signal_ends_a_run_whose_terminal_is_gone() {
 }
 
 #[test]
-fn an_emergency_stop_is_heard_while_a_terminate_is_to_be_confirmed() {
+fn emergency_stop_works_during_a_terminate_prompt() {
     let mut session = Session::begin(&["run", "scenarios/idle.toml", "--ui", "tui"]);
     session.until("by hand");
     session.press(b"t");
@@ -244,11 +246,11 @@ fn an_emergency_stop_is_heard_while_a_terminate_is_to_be_confirmed() {
     session.until("postument stopped: emergency");
     session.until("q leave");
     session.press(b"q");
-    assert_eq!(session.ends(), Some(3), "{}", session.told());
+    assert_eq!(session.ends(), Some(3), "{}", session.output());
 }
 
 #[test]
-fn a_recording_that_cannot_be_written_leaves_the_terminal_alone() {
+fn unwritable_recording_leaves_the_terminal_alone() {
     let mut session = Session::begin(&[
         "run",
         "scenarios/idle.toml",
@@ -263,7 +265,7 @@ fn a_recording_that_cannot_be_written_leaves_the_terminal_alone() {
 }
 
 #[test]
-fn where_there_is_no_terminal_nothing_is_run_without_a_word() {
+fn tui_without_a_terminal_is_refused() {
     let (path, before) = (recording("no_terminal.mcap"), place("no_terminal_run.mcap"));
     let _ = std::fs::remove_file(&before);
     let (replay, record) = (path.to_str().unwrap(), before.to_str().unwrap());
@@ -285,15 +287,15 @@ fn where_there_is_no_terminal_nothing_is_run_without_a_word() {
             std::thread::sleep(Duration::from_millis(20));
         }
         let output = child.wait_with_output().unwrap();
-        let told = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {told}");
-        assert!(told.contains("--ui tui"), "{arguments:?}: {told}");
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {stderr}");
+        assert!(stderr.contains("--ui tui"), "{arguments:?}: {stderr}");
     }
-    assert!(!before.exists(), "nothing was begun");
+    assert!(!before.exists(), "no run was begun");
 }
 
 #[test]
-fn a_replay_is_sought_and_left_before_and_at_its_end() {
+fn replay_accepts_seek_quit_and_ctrl_c() {
     let path = recording("replay.mcap");
     let replay = ["replay", path.to_str().unwrap(), "--ui", "tui"];
 
@@ -301,17 +303,17 @@ fn a_replay_is_sought_and_left_before_and_at_its_end() {
     at_end.until("Left Right");
     at_end.press(b"\x1b[F");
     at_end.until("done");
-    // Home goes back to the beginning, and the show goes on from there.
+    // Home seeks the beginning, and the replay continues from there.
     at_end.press(b"\x1b[H");
     at_end.press(b"p");
     at_end.until("paused");
     at_end.press(b"\x1b[F");
     at_end.press(b"q");
-    assert_eq!(at_end.ends(), Some(0), "{}", at_end.told());
+    assert_eq!(at_end.ends(), Some(0), "{}", at_end.output());
 
     let mut before = Session::begin(&replay);
     before.until("Left Right");
     // Ctrl-C.
     before.press(b"\x03");
-    assert_eq!(before.ends(), Some(0), "{}", before.told());
+    assert_eq!(before.ends(), Some(0), "{}", before.output());
 }

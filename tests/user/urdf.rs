@@ -1,4 +1,5 @@
-//! The URDF that the program writes, read by another crate, moves as the controller computes.
+//! The URDF that the program writes, read by another crate, gives the poses that the controller
+//! computes.
 
 use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 use rubik_robot::cell::Cell;
@@ -12,7 +13,7 @@ fn cell() -> Cell {
     scenario::read(Path::new("t.toml"), "", &[]).unwrap().controller.cell
 }
 
-/// `root_from_link`, from the parsed text alone.
+/// Returns `root_from_link`, from the parsed text alone.
 fn pose(robot: &urdf_rs::Robot, link: &str, values: &BTreeMap<String, f64>) -> Isometry3<f64> {
     let Some(joint) = robot.joints.iter().find(|j| j.child.link == link) else {
         return Isometry3::identity();
@@ -46,18 +47,18 @@ impl IntoIsometry for UnitQuaternion<f64> {
     }
 }
 
-fn apart(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
+fn difference(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
     (a.to_homogeneous() - b.to_homogeneous()).amax()
 }
 
 #[test]
-fn both_arms_stand_and_reach_where_the_controller_says() {
+fn urdf_tool_poses_match_the_controllers() {
     let cell = cell();
     let robot = urdf_rs::read_from_string(&xml(&Model::of(&cell, None, false))).unwrap();
 
     for (index, arm) in cell.arms.iter().enumerate() {
         for step in 0..7 {
-            // Inside the limits, each axis at another place.
+            // Each axis is at another share of its range.
             let joints = JointPositions(std::array::from_fn(|axis| {
                 let (low, high) = arm.model.joint_limits[axis];
                 let share = f64::from((step * 3 + axis as u32 * 5) % 11) / 10.0;
@@ -71,13 +72,17 @@ fn both_arms_stand_and_reach_where_the_controller_says() {
             let tool =
                 arm.world_from_base * arm.model.base_from_flange(&joints) * arm.flange_from_tool;
             let found = pose(&robot, &format!("{}_tool", arm.name), &values);
-            assert!(apart(&tool, &found) < 1e-9, "{index} {joints:?}: {}", apart(&tool, &found));
+            assert!(
+                difference(&tool, &found) < 1e-9,
+                "{index} {joints:?}: {}",
+                difference(&tool, &found)
+            );
         }
     }
 }
 
 #[test]
-fn an_arm_alone_has_the_limits_of_the_table() {
+fn urdf_of_one_arm_has_its_joint_limits() {
     let cell = cell();
     for (index, arm) in cell.arms.iter().enumerate() {
         let robot = urdf_rs::read_from_string(&xml(&Model::of(&cell, Some(index), false))).unwrap();

@@ -1,9 +1,9 @@
-//! Whole cubes in front of a camera that exposes anew for each face: none is read wrongly without a doubt being told, and
-//! none that exists is refused.
+//! Tests of the colours of whole cubes, whose camera exposes again for each face: every wrong
+//! reading comes with a doubt, and no possible cube is refused.
 //!
-//! Each face has a gain of its own, a gradient of the light, and stickers that lie a little more or less towards it;
-//! the light has a colour, the picture haze and noise. Makers' colours are three, the last with a red and an orange of one
-//! hue, as worn stickers have them.
+//! Each face has its own gain, a gradient of the light, and stickers that tilt a little towards it
+//! or away. The light has a colour, and the picture haze and noise. There are colours of three
+//! makers; the last has a red and an orange of the same hue, as on worn stickers.
 
 use rand::{Rng, SeedableRng};
 use rand_distr::StandardNormal;
@@ -11,6 +11,7 @@ use rand_pcg::Pcg64;
 use rubik_robot::cube::{Cube, Facelets, parse_turns};
 use rubik_robot::vision::colours::{Undecided, decide_cube, to_level, to_linear};
 
+/// Levels of white, red, green, yellow, orange, blue by three makers (sRGB, 0 to 255).
 const MAKERS: [[[f64; 3]; 6]; 3] = [
     [
         [235.0, 235.0, 235.0],
@@ -38,7 +39,8 @@ const MAKERS: [[[f64; 3]; 6]; 3] = [
     ],
 ];
 
-/// Patterns whose faces show two colours or one: nothing but the light tells which of two faces is the other in shade.
+/// Turns to patterns whose faces show two colours or one. Only the light can show whether a face is
+/// another one in the shade.
 const PATTERNS: [&str; 10] = [
     "",
     "U2 D2 R2 L2 F2 B2",
@@ -61,7 +63,8 @@ fn scrambled(seed: u64) -> [u8; 54] {
     *Facelets::from(&Cube::scrambled(seed)).colours()
 }
 
-/// What a camera makes of the stickers whose exposure differs from face to face by these gains.
+/// Returns the colours that a camera measures of the stickers, with one gain of the exposure for
+/// each face.
 fn photographed(
     state: &[u8; 54],
     stickers: &[[f64; 3]; 6],
@@ -89,8 +92,9 @@ fn gains(random: &mut Pcg64) -> [f64; 6] {
     [0.0; 6].map(|_| random.random_range(0.5..1.0))
 }
 
+/// No cube is refused, and at most three of 1500 readings are doubtful.
 #[test]
-fn cubes_whose_faces_are_exposed_differently_are_read_and_none_is_refused() {
+fn cubes_with_uneven_exposure_are_read() {
     const EACH: u64 = 25;
     let patterns = PATTERNS.iter().flat_map(|turns| [pattern(turns); EACH as usize]);
     let cubes = patterns.chain((0..10 * EACH).map(scrambled));
@@ -115,7 +119,7 @@ fn cubes_whose_faces_are_exposed_differently_are_read_and_none_is_refused() {
 }
 
 #[test]
-fn one_face_in_the_shade_is_not_taken_for_a_face_of_another_colour() {
+fn shaded_face_keeps_its_colour() {
     let mut random = Pcg64::seed_from_u64(7);
     for stickers in &MAKERS {
         for turns in PATTERNS {
@@ -134,14 +138,14 @@ fn one_face_in_the_shade_is_not_taken_for_a_face_of_another_colour() {
 }
 
 #[test]
-fn cubes_that_cannot_exist_are_never_read_as_others_without_a_doubt() {
+fn impossible_cubes_are_refused_or_doubtful() {
     const TRIALS: u64 = 60;
     let mut random = Pcg64::seed_from_u64(11);
     let mut refused = 0;
     for trial in 0..TRIALS {
         let mut state = scrambled(500 + trial);
         match trial % 3 {
-            // An edge flipped, a corner twisted, a sticker of another colour.
+            // The errors are a flipped edge, a twisted corner and a sticker of another colour.
             0 => state.swap(5, 10),
             1 => (state[8], state[9], state[20]) = (state[9], state[20], state[8]),
             _ => state[0] = (state[0] + 1 + (trial % 5) as u8) % 6,

@@ -1,8 +1,9 @@
-//! A second renderer: photographs of cubes that the plant's renderer does not make.
+//! Second renderer, for photographs of cubes that the plant's renderer does not make.
 //!
-//! Rays against one box; stickers on a black or a white body, or coloured plastic without any; logos, fingers, glare,
-//! lights, backgrounds, and a camera that blurs, clips, adds noise and compresses. It shares no code with the plant's
-//! renderer, so that what the detector learns of one picture maker shows on the other.
+//! It traces rays against one box. The cube has stickers on a black or white body, or coloured
+//! plastic without stickers. There are logos, fingers, glare, lights and backgrounds, and a camera
+//! that blurs, clips, adds noise and compresses. It shares no code with the plant's renderer: a
+//! detector that is tuned to one of the renderers fails with the other.
 //!
 //! - in: a [`Kind`] and a seed
 //! - out: a [`Photo`] with the truth of each visible face
@@ -13,7 +14,7 @@ use rand::{Rng, SeedableRng};
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64;
 
-/// What is out of the ordinary in a photograph.
+/// Kind of a photograph: its difference from an ordinary one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
     /// Stickers on black, in ordinary light.
@@ -26,26 +27,26 @@ pub(crate) enum Kind {
     Logo,
     /// One to three fingers over the rim of the face.
     Fingers,
-    /// A twentieth of the light, with the noise that comes of it.
+    /// A twentieth of the light, with the noise that follows from it.
     Dark,
-    /// A filament lamp that the camera's balance makes up for only in part.
+    /// A filament lamp that the white balance of the camera corrects only in part.
     Warm,
-    /// Shade under a blue sky, the same.
+    /// Shade under a blue sky that the white balance corrects only in part.
     Cold,
-    /// A lamp mirrored in the face.
+    /// Reflection of a lamp in the face.
     Glare,
-    /// More light than the camera can tell: white clips, yellow in two channels.
+    /// More light than the camera can measure: white clips, yellow clips in two channels.
     Overexposed,
-    /// Out of focus, or moved.
+    /// Out of focus, or blurred by motion.
     Blurred,
     /// A face of 45 to 70 px.
     Small,
-    /// Anything of the above together.
+    /// Up to three of the other kinds at once.
     Mixed,
 }
 
 impl Kind {
-    /// All of them.
+    /// All kinds.
     pub(crate) const ALL: [Self; 13] = [
         Self::Stickered,
         Self::Stickerless,
@@ -63,7 +64,7 @@ impl Kind {
     ];
 }
 
-/// A face that the camera sees.
+/// Face that the camera sees.
 #[derive(Debug, Clone)]
 pub(crate) struct FaceTruth {
     /// Centres of the tiles in reading order (px).
@@ -72,20 +73,20 @@ pub(crate) struct FaceTruth {
     pub colours: [u8; 9],
     /// Share of each tile that a finger hides, 0..=1.
     pub covered: [f64; 9],
-    /// Area in the picture [px^2].
+    /// Area in the picture (px^2).
     pub area: f64,
     /// Cosine between the sight and the face's normal.
     pub facing: f64,
 }
 
-/// A picture with its truth.
+/// Picture with its truth.
 #[derive(Debug, Clone)]
 pub(crate) struct Photo {
-    /// As a decoder gives it.
+    /// Picture after compression and decoding.
     pub image: RgbImage,
     /// Visible faces, the largest first.
     pub faces: Vec<FaceTruth>,
-    /// Takes cube coordinates (unit: a third of the edge) to the camera's.
+    /// Rotation and translation from cube coordinates (unit: a third of the edge) to the camera's.
     pub camera_from_cube: (Rotation3<f64>, Vector3<f64>),
     /// Focal length (px); the principal point is the picture's middle.
     pub focal: f64,
@@ -140,12 +141,14 @@ enum Body {
     Plastic,
 }
 
-/// Everything drawn of one photograph.
+/// Drawn parameters of one photograph.
 struct Recipe {
     body: Body,
-    /// Side of a sticker in pitches, its corners' radius, how far it is off.
+    /// Side of a sticker (pitches).
     share: f64,
+    /// Radius of its corners (pitches).
     radius: f64,
+    /// Standard deviation of its offset (pitches).
     untidy: f64,
     gap: f64,
     bevel: f64,
@@ -238,7 +241,7 @@ impl Recipe {
     }
 }
 
-/// A finger: a capsule in the picture.
+/// Finger: a capsule in the picture (px).
 struct Finger {
     tip: (f64, f64),
     root: (f64, f64),
@@ -247,7 +250,7 @@ struct Finger {
 }
 
 impl Finger {
-    /// Colour at a pixel that it hides.
+    /// Returns the colour at a pixel that the finger hides.
     fn at(&self, x: f64, y: f64) -> Option<[f64; 3]> {
         let (dx, dy) = (self.root.0 - self.tip.0, self.root.1 - self.tip.1);
         let (px, py) = (x - self.tip.0, y - self.tip.1);
@@ -257,13 +260,13 @@ impl Finger {
             return None;
         }
         let shade = 0.45 + 0.55 * (1.0 - off * off).sqrt();
-        // A paler nail near the tip.
+        // The nail near the tip is paler.
         let nail = along == 0.0 && off < 0.5;
         Some(self.skin.map(|c| (c * shade * if nail { 1.15 } else { 1.0 }).min(1.0)))
     }
 }
 
-/// What stands behind the cube.
+/// Background of the cube.
 struct Backdrop {
     style: usize,
     colours: [[f64; 3]; 6],
@@ -306,12 +309,12 @@ impl Backdrop {
         let [a, b, ..] = self.colours;
         match self.style {
             0 => mix(a, b, 0.5 * (x / f64::from(WIDTH)) + 0.5 * (y / f64::from(HEIGHT))),
-            // Wood: uneven stripes of two near shades.
+            // Wood has uneven stripes of two similar shades.
             1 => {
                 let wave = (u * 2.1 + (v * 0.35).sin() * 1.7).sin() * 0.5 + 0.5;
                 mix(a, mix(a, b, 0.3), wave * (0.7 + 0.3 * (u * 0.31).sin()))
             }
-            // A table full of things.
+            // A cluttered table.
             2 => self
                 .boxes
                 .iter()
@@ -331,7 +334,7 @@ impl Backdrop {
                 let cell = (x / 2.0).floor() * 12.9898 + (y / 2.0).floor() * 78.233;
                 mix(a, b, ((cell.sin() * 43_758.547).rem_euclid(1.0) - 0.5) * 0.5 + 0.5)
             }
-            // Backs of books.
+            // Spines of books.
             _ => {
                 let book = u.floor();
                 let at = (book.rem_euclid(6.0)) as usize;
@@ -341,7 +344,8 @@ impl Backdrop {
     }
 }
 
-/// A face of the cube: outward normal and the directions of its columns and rows (x right, y down seen from outside).
+/// Face of the cube: outward normal, and the directions of its columns and rows (x right, y down as
+/// seen from outside).
 #[derive(Clone, Copy)]
 struct Side {
     normal: Vector3<f64>,
@@ -372,19 +376,19 @@ struct Scene {
     mark: usize,
     fingers: Vec<Finger>,
     backdrop: Backdrop,
-    /// Where the lamp is mirrored: side, place, breadths.
+    /// Reflection of the lamp: side, place, widths.
     mirror: (usize, (f64, f64), (f64, f64)),
 }
 
-/// Signed distance from a rounded square.
+/// Returns the signed distance from a rounded square.
 fn rounded(a: f64, b: f64, half: f64, radius: f64) -> f64 {
     let (x, y) = (a.abs() - half + radius, b.abs() - half + radius);
     x.max(0.0).hypot(y.max(0.0)) + x.max(y).min(0.0) - radius
 }
 
 impl Scene {
-    /// Draws a scene of a kind. `posed` are the width of the dominant face (px) and its tilt (rad)
-    /// where they are given, not drawn.
+    /// Returns a random scene of a kind. `posed` gives the width of the dominant face (px) and its
+    /// tilt (rad); without it these are random as well.
     fn draw(kind: Kind, seed: u64, posed: Option<(f64, f64)>) -> (Self, Pcg64) {
         let mut random = Pcg64::seed_from_u64(seed.wrapping_mul(0x9E37_79B9) ^ kind as u64);
         let mut recipe = Recipe::draw(kind, &mut random);
@@ -463,12 +467,14 @@ impl Scene {
         (scene, random)
     }
 
+    /// Returns the cosine between the line of sight and a side's normal.
     fn facing(&self, side: usize) -> f64 {
         let normal = self.rotation * self.sides[side].normal;
         let centre = self.place + normal * 1.5;
         -normal.dot(&centre) / centre.norm()
     }
 
+    /// Returns the pixel of a point on a side (unit: a third of the edge, from its centre).
     fn pixel(&self, side: usize, u: f64, v: f64) -> (f64, f64) {
         let s = &self.sides[side];
         let p = self.rotation * (s.normal * 1.5 + s.x * u + s.y * v) + self.place;
@@ -478,7 +484,7 @@ impl Scene {
         )
     }
 
-    /// Light that comes from a pixel, of a white tile's 1.
+    /// Returns the light at a pixel, with 1 for a white tile.
     fn light(&self, x: f64, y: f64) -> [f64; 3] {
         if let Some(skin) = self.fingers.iter().find_map(|f| f.at(x, y)) {
             return skin;
@@ -560,19 +566,19 @@ impl Scene {
         light
     }
 
-    /// Whether the maker's mark is at a place of the centre tile.
+    /// Returns whether a place of the centre tile is part of the maker's mark.
     fn marked(&self, a: f64, b: f64) -> bool {
         match self.mark {
-            // A ring.
+            // The mark is a ring.
             0 => (0.14..0.25).contains(&a.hypot(b)),
-            // A block of writing.
+            // The mark is a block of writing.
             1 => {
                 a.abs() < 0.30
                     && b.abs() < 0.22
                     && (a * 23.0).sin() > -0.2
                     && (b * 14.0).cos() > -0.3
             }
-            // A disc with a hole off its middle.
+            // The mark is a disc with a hole beside its middle.
             _ => a.hypot(b) < 0.24 && (a - 0.08).hypot(b) > 0.09,
         }
     }
@@ -615,12 +621,12 @@ impl Scene {
     }
 }
 
-/// A photograph of a kind.
+/// Returns a photograph of a kind.
 pub(crate) fn photograph(kind: Kind, seed: u64) -> Photo {
     taken(Scene::draw(kind, seed, None))
 }
 
-/// A stickered cube whose dominant face is so wide (px) and tilted by so much (rad).
+/// Returns a photograph of a stickered cube whose dominant face has this width (px) and tilt (rad).
 pub(crate) fn posed(seed: u64, face_px: f64, tilt: f64) -> Photo {
     taken(Scene::draw(Kind::Stickered, seed, Some((face_px, tilt))))
 }
@@ -656,7 +662,7 @@ fn taken((scene, mut random): (Scene, Pcg64)) -> Photo {
             (v + sd * noise.sample(&mut random)).clamp(0.0, 1.0) as f32
         });
     }
-    // Interpolation of the mosaic.
+    // The second blur models the interpolation of the colour mosaic.
     blur(&mut plane, width, height, 0.45);
     let encode = |v: f32| {
         let v = f64::from(v.clamp(0.0, 1.0));
@@ -675,7 +681,7 @@ fn taken((scene, mut random): (Scene, Pcg64)) -> Photo {
     Photo { image, faces: scene.truths(), camera_from_cube, focal: scene.focal }
 }
 
-/// Four pixels share the mean of their colour differences.
+/// Stores colour at half the size: four pixels share the mean of their colour differences.
 fn halved(image: &RgbImage) -> RgbImage {
     let luma = |p: &Rgb<u8>| {
         0.299 * f64::from(p.0[0]) + 0.587 * f64::from(p.0[1]) + 0.114 * f64::from(p.0[2])
@@ -691,7 +697,7 @@ fn halved(image: &RgbImage) -> RgbImage {
     })
 }
 
-/// A Gaussian along both directions.
+/// Blurs by a Gaussian along both directions.
 fn blur(plane: &mut [[f32; 3]], width: usize, height: usize, sigma: f64) {
     let reach = (3.0 * sigma).ceil() as isize;
     let weights: Vec<f32> =
@@ -713,7 +719,7 @@ fn blur(plane: &mut [[f32; 3]], width: usize, height: usize, sigma: f64) {
     }
 }
 
-/// The mean along a stroke.
+/// Takes the mean along a stroke, as motion blur does.
 fn smear(plane: &mut [[f32; 3]], width: usize, height: usize, stroke: (f64, f64)) {
     let source = plane.to_vec();
     for (i, out) in plane.iter_mut().enumerate() {

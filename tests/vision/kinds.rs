@@ -1,7 +1,9 @@
-//! Cubes of every kind, photographed by a renderer that is not the plant's: which share is found and read right.
+//! Tests of vision with cubes of all kinds in photographs of the second renderer: shares of cubes
+//! that are found and read correctly.
 //!
-//! `cargo test --release --test vision kinds:: -- --ignored --nocapture` prints the table over many seeds;
-//! `VISION_SEEDS=100 VISION_KIND=Fingers VISION_FRAMES=DIR` choose, and write what was missed as pictures.
+//! `cargo test --release --test vision kinds:: -- --ignored --nocapture` prints the table over many
+//! seeds. `VISION_SEEDS=100 VISION_KIND=Fingers` choose the number of seeds and the kind.
+//! `VISION_FRAMES=DIR` writes the pictures that were not read.
 
 use crate::cube_photo::{FaceTruth, Kind, photograph};
 use nalgebra::UnitQuaternion;
@@ -11,32 +13,37 @@ use rubik_robot::vision::pose::nearest_of_24;
 use rubik_robot::vision::{DetectorSettings, FaceSighting, Lens, detect, locate_in};
 use std::collections::BTreeMap;
 
-/// A tile that a finger hides by more than this has no colour to be read.
+/// Hidden share of a tile above which its colour need not be read.
 const HIDDEN: f64 = 0.3;
 
-/// What became of the photographs of one kind.
+/// Counts of the results over the photographs of one kind.
 #[derive(Debug, Default)]
 struct Tally {
     photos: usize,
-    /// The largest face: all nine centres within a quarter of the pitch.
+    /// Photographs whose largest face was found: all nine centres within a quarter of the pitch.
     found: usize,
-    /// Found, and the colours of all tiles that are not hidden right.
+    /// Photographs whose largest face was found with correct colours of all tiles that are not
+    /// hidden.
     read: usize,
+    /// Tiles that are not hidden.
     tiles: usize,
+    /// Tiles with the correct colour.
     right: usize,
-    /// Wrong colours with a confidence of 0.8 or more.
+    /// Tiles with a wrong colour and a confidence of 0.8 or more.
     sure: usize,
-    /// Further faces seen at 60 deg or less, and those found.
+    /// Further faces at 60 deg or less to the sight, and those that were found.
     others: (usize, usize),
-    /// Reports that are no face, and those with a confidence of 0.8 or more.
+    /// Reports that are no face, and those of them with a confidence of 0.8 or more.
     wrong: usize,
     wrong_sure: usize,
-    /// Why nothing was found, and which colours were taken for which.
+    /// Reasons why no face was found.
     reasons: BTreeMap<String, usize>,
+    /// Pairs of a colour and the wrong colour that was read for it.
     confused: BTreeMap<(char, char), usize>,
 }
 
-/// The sighting as the truth reads it; places are judged against the smallest pitch.
+/// Returns the sighting in the reading order of the truth; `None` if a centre is off by more than a
+/// quarter of the smallest pitch.
 fn fitting(sighting: &FaceSighting, truth: &FaceTruth) -> Option<FaceSighting> {
     let reach = 0.25 * smallest_pitch(&truth.centres);
     let near = |s: &FaceSighting| {
@@ -46,7 +53,7 @@ fn fitting(sighting: &FaceSighting, truth: &FaceTruth) -> Option<FaceSighting> {
 }
 
 impl Tally {
-    /// Returns whether the largest face was read.
+    /// Adds the photograph of a seed; returns whether its largest face was read.
     fn add(&mut self, kind: Kind, seed: u64) -> bool {
         let photo = photograph(kind, seed);
         let sightings = detect(&photo.image, None, &DetectorSettings::default());
@@ -111,7 +118,8 @@ impl Tally {
         let percent = |n: usize, of: usize| 100.0 * n as f64 / of.max(1) as f64;
         let t = &tally;
         println!(
-            "{:<12} {:4} photos  found {:5.1} %  read {:5.1} %  tiles {:5.1} % ({} wrong and sure)  other faces {:3}/{:3}  wrong reports {} ({} sure)",
+            "{:<12} {:4} photos  found {:5.1} %  read {:5.1} %  \
+             tiles {:5.1} % ({} wrong and sure)  other faces {:3}/{:3}  wrong reports {} ({} sure)",
             format!("{kind:?}"),
             t.photos,
             percent(t.found, t.photos),
@@ -130,7 +138,8 @@ impl Tally {
     }
 }
 
-/// Kinds, of twelve photographs each: how many faces must be found, and how many percent of all tiles read.
+/// Kinds, with the least number of faces that must be found in twelve photographs, and the least
+/// share of tiles with the correct colour (%).
 const LEAST: [(Kind, usize, usize); 13] = [
     (Kind::Stickered, 12, 99),
     (Kind::Stickerless, 12, 99),
@@ -148,7 +157,7 @@ const LEAST: [(Kind, usize, usize); 13] = [
 ];
 
 #[test]
-fn cubes_of_every_kind_are_found_and_read() {
+fn cubes_of_each_kind_are_read() {
     for (kind, found, percent) in LEAST {
         let tally = Tally::of(kind, 0..12);
 
@@ -158,8 +167,9 @@ fn cubes_of_every_kind_are_found_and_read() {
     }
 }
 
+/// The pose of a tilted face has a mirror image that fits almost as well.
 #[test]
-fn a_small_face_that_leans_is_seldom_taken_for_its_mirror_image() {
+fn small_tilted_face_is_seldom_mirrored() {
     for face_px in [45.0, 60.0, 80.0] {
         let poses = Poses::of(face_px, 18.0, 0..12);
 
@@ -179,15 +189,15 @@ fn table() {
     }
 }
 
-/// What became of the poses of faces of one size and tilt.
+/// Errors of the poses of faces of one size and tilt.
 #[derive(Debug, Default)]
 struct Poses {
     photos: usize,
-    /// Rotation more than 5 deg and more than a third of the tilt's mirror off.
+    /// Poses whose rotation is off by more than 5 deg.
     mirrored: usize,
-    /// Of these, those that say so: the second pose is kept.
-    told: usize,
-    /// Errors of the cube's centre across the sight (mm).
+    /// Mirrored poses whose second pose is the correct one.
+    detected: usize,
+    /// Errors of the cube's centre perpendicular to the sight (mm).
     across: Vec<f64>,
 }
 
@@ -212,7 +222,7 @@ impl Poses {
         self.photos += 1;
         if apart(&found.camera_from_cube) > 5.0 {
             self.mirrored += 1;
-            self.told += usize::from(found.other.is_some_and(|o| apart(&o) < 5.0));
+            self.detected += usize::from(found.other.is_some_and(|o| apart(&o) < 5.0));
         }
         let error = found.camera_from_cube.translation.vector - place * (EDGE / 3.0);
         let sight = place.normalize();
@@ -224,10 +234,11 @@ impl Poses {
         across.sort_by(f64::total_cmp);
         let at = |share: f64| across.get((across.len() as f64 * share) as usize).copied();
         println!(
-            "{name:<28} {:4} poses  {:3} mirrored ({:3} keep the other pose)  cube's centre across: median {:.2}, 90 % {:.2} mm",
+            "{name:<28} {:4} poses  {:3} mirrored ({:3} keep the other pose)  \
+             cube's centre across: median {:.2}, 90 % {:.2} mm",
             self.photos,
             self.mirrored,
-            self.told,
+            self.detected,
             at(0.5).unwrap_or(f64::NAN),
             at(0.9).unwrap_or(f64::NAN),
         );

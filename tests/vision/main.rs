@@ -1,4 +1,4 @@
-//! What the vision sees in pictures of its own renderer, of another one, and in none of a cube.
+//! Tests of vision with pictures of the plant's renderer, of a second renderer, and without a cube.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 

@@ -1,4 +1,4 @@
-//! The pose of the cube from rendered frames, against the truth of the plant's renderer.
+//! Tests of the pose of the cube in rendered frames against the truth of the plant's renderer.
 //!
 //! `cargo test --release --test vision rendered:: -- --nocapture` prints the table.
 
@@ -33,7 +33,7 @@ fn camera() -> Camera {
     }
 }
 
-/// Errors of many frames: sideways and along the sight (m).
+/// Errors over many frames, perpendicular to the sight and along it (m).
 #[derive(Debug, Default)]
 struct Errors {
     sideways: Vec<f64>,
@@ -49,10 +49,12 @@ impl Errors {
         self.sideways.push((error - sight * depth).norm());
     }
 
+    /// Returns the root mean square (mm).
     fn rms(values: &[f64]) -> f64 {
         (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt() * 1e3
     }
 
+    /// Returns the 95th percentile (mm).
     fn p95(values: &[f64]) -> f64 {
         let mut sorted = values.to_vec();
         sorted.sort_by(f64::total_cmp);
@@ -61,7 +63,8 @@ impl Errors {
 
     fn print(&self, name: &str) {
         println!(
-            "{name}: {} frames, lateral r.m.s. {:.3} mm (p95 {:.3}), depth r.m.s. {:.3} mm (p95 {:.3})",
+            "{name}: {} frames, lateral r.m.s. {:.3} mm (p95 {:.3}), \
+             depth r.m.s. {:.3} mm (p95 {:.3})",
             self.depth.len(),
             Self::rms(&self.sideways),
             Self::p95(&self.sideways),
@@ -71,7 +74,8 @@ impl Errors {
     }
 }
 
-/// A cube whose dominant face is at most `tilt` off the camera's sight, at 100 px.
+/// Returns a random pose of a cube whose dominant face is 100 px wide and tilted by at most `tilt`
+/// (rad) from the line of sight.
 fn cube_before(random: &mut Pcg64, tilt: f64) -> Pose {
     let frontal = [
         UnitQuaternion::identity(),
@@ -91,7 +95,8 @@ fn cube_before(random: &mut Pcg64, tilt: f64) -> Pose {
     Pose::from_parts(at.into(), rotation)
 }
 
-/// Errors of the dominant face's centre, of the cube's where two faces are seen, and frames without a pose.
+/// Measures the pose in many frames; returns the errors of the dominant face's centre, those of the
+/// cube's centre where two faces are visible, and the number of frames without a pose.
 fn measure(name: &str, frames: u64, look: impl Fn(u64) -> Look) -> (Errors, Errors, usize) {
     let mut random = Pcg64::seed_from_u64(7);
     let (mut faces, mut cubes, mut missed) = (Errors::default(), Errors::default(), 0);
@@ -167,8 +172,8 @@ fn the_cube_is_localised_in_drawn_light() {
     assert!(cubes.depth.len() > 40 && Errors::rms(&cubes.sideways) < 0.2);
 }
 
-/// Takes a picture of a cube that crosses the sight at `speed` (m/s); returns by how much the light
-/// of the picture is later than its stamp (s), as the pose that is found in it says.
+/// Takes a picture of a cube that crosses the sight at `speed` (m/s); returns the time from the
+/// stamp to the light of the picture, computed from the measured pose (s).
 fn light_after_stamp(speed: Vector3<f64>, exposure: f64, period: u64) -> f64 {
     let at = |period: u64| {
         let way = speed * (period as f64 * PERIOD - 2.0);
@@ -181,7 +186,7 @@ fn light_after_stamp(speed: Vector3<f64>, exposure: f64, period: u64) -> f64 {
     scene.cube.velocity.linear = speed;
     let renderer = Renderer::new(camera(), Look::draw(3), 3);
     let (_, scenes) = triple_buffer::triple_buffer(&scene);
-    // The sensor asks for the picture of a later period; the stamp is that of the scene.
+    // The sensor asks for a picture in a later period; the stamp is the period of the scene.
     let frame = PlantCamera::new(renderer, scenes).grab(period + 7, exposure).unwrap();
     assert_eq!(frame.period, period);
 
@@ -197,8 +202,9 @@ fn light_after_stamp(speed: Vector3<f64>, exposure: f64, period: u64) -> f64 {
 }
 
 #[test]
-fn picture_shows_the_pose_of_its_stamp() {
-    // 0.1 mm of a pose is 0.5 ms of this motion; a stamp of another period is 2 ms off.
+fn picture_shows_pose_of_its_stamp() {
+    // An error of 0.1 mm in the pose is 0.5 ms of this motion; a stamp that is wrong by a period is
+    // off by 2 ms.
     let speed = Vector3::new(0.2, 0.0, 0.05);
     for exposure in [0.5, 1.0, 2.0] {
         let late: Vec<f64> =
@@ -208,8 +214,9 @@ fn picture_shows_the_pose_of_its_stamp() {
     }
 }
 
-/// The postument's hand camera looks from 0.2 m at a face of the cube that the track's gripper holds from the
-/// face on the camera's left (`side`) or from behind.
+/// Returns the postument's hand camera, a scene and `camera_from_face`. The camera looks from 0.2
+/// m, with a roll (rad), at the front face of a cube. The track's gripper holds the cube by the
+/// face on the camera's left (`side`), or by the back.
 fn in_hand(roll: f64, side: bool) -> (Camera, rubik_robot::hw::scene::Scene, Pose) {
     let world_from_cube = Pose::translation(0.0, 0.9, 1.1);
     let facelets = std::array::from_fn(|i| ((i * 7 + i / 5) % 6) as u8);
@@ -227,11 +234,11 @@ fn in_hand(roll: f64, side: bool) -> (Camera, rubik_robot::hw::scene::Scene, Pos
         }
     };
     scene.arm_count = 2;
-    // The gripper's z points into the cube: +x when it holds the face on the left, +y from the front.
+    // The gripper's z points into the cube: +x from the face on the left, -y from the back.
     let (y, z) = if side { (Vector3::y(), Vector3::x()) } else { (Vector3::x(), -Vector3::y()) };
     let centre = Point3::from(world_from_cube.translation.vector);
     scene.arms[0] = arm(pose_from_axes(y.cross(&z), y, z, centre - z * (EDGE / 3.0)), EDGE);
-    // Looks along +y at the front face.
+    // The camera looks along +y at the front face.
     let sight = Vector3::y();
     let x = Vector3::x() * roll.cos() - Vector3::z() * roll.sin();
     let eye = centre - sight * (0.2 + EDGE / 2.0);
@@ -261,7 +268,7 @@ fn in_hand(roll: f64, side: bool) -> (Camera, rubik_robot::hw::scene::Scene, Pos
 }
 
 #[test]
-fn faces_are_read_by_the_camera_in_the_hand() {
+fn hand_camera_reads_faces() {
     let mut random = Pcg64::seed_from_u64(3);
     let (mut wrong, mut covered, mut refused, mut frames) = (0, 0, 0, 0);
     let mut errors = Errors::default();
@@ -288,7 +295,7 @@ fn faces_are_read_by_the_camera_in_the_hand() {
             Point3::from(reading.camera_from_face.translation.vector),
             Point3::from(camera_from_face.translation.vector),
         );
-        // The front face: facelets 18..27.
+        // Facelets 18..27 are those of the front face.
         for i in 0..9 {
             if reading.occluded[i] {
                 covered += 1;
@@ -305,7 +312,7 @@ fn faces_are_read_by_the_camera_in_the_hand() {
     assert!(Errors::rms(&errors.sideways) < 0.3 && Errors::rms(&errors.depth) < 1.5);
 }
 
-/// Median time of a call (ms).
+/// Returns the median time of a call (ms).
 fn median_ms<T>(mut call: impl FnMut() -> T) -> f64 {
     let mut times: Vec<f64> = (0..60)
         .map(|_| {

@@ -1,8 +1,10 @@
-//! Pictures without a cube: what looks like a face of one is no sure face.
+//! Tests of vision with pictures without a 3x3 cube: no report of a face has a high confidence.
 //!
-//! Cloth, walls, windows, keyboards, charts, cubes of other sizes, drawn here in perspective, with blur, shade and noise.
-//! `cargo test --release --test vision scenes:: -- --nocapture` prints how many of each are reported;
-//! `VISION_PICTURES=100 VISION_SCENE=plaid` look longer, and at one.
+//! The scenes are cloth, walls, windows, keyboards, charts and cubes of other sizes, drawn in
+//! perspective with blur, shade and noise.
+//!
+//! `cargo test --release --test vision scenes:: -- --nocapture` prints the number of reports for
+//! each. `VISION_PICTURES=100` takes more pictures, `VISION_SCENE=plaid` a single scene.
 
 use image::{Rgb, RgbImage};
 use rand::{Rng, SeedableRng};
@@ -12,13 +14,13 @@ use rubik_robot::vision::{DetectorSettings, Refusal, detect};
 
 const WIDTH: usize = 400;
 const HEIGHT: usize = 300;
-/// Of each scene.
+/// Number of pictures of each scene.
 const PICTURES: u64 = 6;
-/// A report with this confidence is a sure one.
+/// Least confidence of a sure report.
 const SURE: f64 = 0.8;
 
 type Colour = [f64; 3];
-/// Colour at a place of the picture's plane; x 0..4, y 0..3 is what a camera straight before it sees.
+/// Colour at a place of the plane; a camera straight in front of it sees x 0..4, y 0..3.
 type Scene = Box<dyn Fn(f64, f64) -> Colour>;
 
 const STICKERS: [Colour; 6] = [
@@ -30,16 +32,17 @@ const STICKERS: [Colour; 6] = [
     [0.0, 70.0, 173.0],
 ];
 
+/// Returns a random colour.
 fn any(random: &mut Pcg64) -> Colour {
     [0.0; 3].map(|_: f64| random.random_range(20.0..240.0))
 }
 
-/// A plain ground.
+/// Returns a random colour for a plain background.
 fn ground(random: &mut Pcg64) -> Colour {
     [0.0; 3].map(|_: f64| random.random_range(60.0..200.0))
 }
 
-/// `rows` x `columns` tiles on a body before a ground.
+/// Grid of `rows` x `columns` tiles on a body, in front of a background.
 struct Tiles {
     rows: usize,
     columns: usize,
@@ -49,6 +52,7 @@ struct Tiles {
     aspect: f64,
     body: Colour,
     colours: Vec<Colour>,
+    /// Whether the tiles are discs.
     round: bool,
 }
 
@@ -82,7 +86,7 @@ impl Tiles {
     }
 }
 
-/// Stripes across and along that let each other show through.
+/// Returns a random cloth with translucent stripes in both directions.
 fn plaid(random: &mut Pcg64) -> Scene {
     let cloth = any(random);
     let pitch = random.random_range(0.3..0.6);
@@ -125,7 +129,7 @@ fn chess(random: &mut Pcg64) -> Scene {
     )
 }
 
-/// The scenes by name.
+/// Returns a random scene of this name.
 fn scene(name: &str, random: &mut Pcg64) -> Scene {
     let ground = ground(random);
     let black = [20.0; 3];
@@ -183,8 +187,8 @@ fn scene(name: &str, random: &mut Pcg64) -> Scene {
     }
 }
 
-/// A scene with the number of its reports that may be made in six pictures, none of them a sure one: nine tiles alike may
-/// be a face that is solved, and cloth may be anything.
+/// Scenes with the largest number of reports in six pictures, none of which may be a sure one. Nine
+/// equal tiles may be a solved face, and cloth may have any pattern.
 const SCENES: [(&str, usize); 24] = [
     ("plaid", 6),
     ("bricks", 1),
@@ -212,7 +216,8 @@ const SCENES: [(&str, usize); 24] = [
     ("mosaic", 1),
 ];
 
-/// A photograph of a scene: from a little aside, out of focus a little, lit from one side, with noise.
+/// Returns a photograph of a scene: slightly from the side, slightly out of focus, lit from one
+/// side, with noise.
 fn photograph(name: &str, seed: u64) -> RgbImage {
     let mut random = Pcg64::seed_from_u64(seed);
     let scene = scene(name, &mut random);
@@ -260,7 +265,8 @@ fn pictures_without_a_cube_have_no_sure_face() {
             sure += usize::from(best >= SURE);
         }
         println!(
-            "{name:<18} {reported:2} of {pictures} reported, {sure} surely, confidence at most {surest:.2}"
+            "{name:<18} {reported:2} of {pictures} reported, {sure} surely, \
+             confidence at most {surest:.2}"
         );
         if pictures == PICTURES {
             assert_eq!(sure, 0, "{name}: {surest:.2}");
@@ -270,7 +276,7 @@ fn pictures_without_a_cube_have_no_sure_face() {
 }
 
 #[test]
-fn a_lattice_larger_than_nine_is_called_so() {
+fn larger_lattice_is_refused_as_one() {
     for name in ["window 4x3", "swatches 3x4", "cube of 4x4", "lockers 8x3", "chess"] {
         let refused = detect(&photograph(name, 1), None, &DetectorSettings::default());
 

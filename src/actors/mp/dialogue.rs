@@ -1,19 +1,23 @@
 //! The dialogue of MP with the operator: questions, and orders by hand.
+//!
+//! - in: a question of the kernel, or its request for an order; the operator's inputs
+//! - out: an answer or none, an order, or the end of an order that MP carries out itself
 
 use super::jog::Jog;
 use super::{Mp, Parts, Stop, system};
 use crate::actors::control::{Attended, Control, LOOK};
-use crate::actors::homing::{self, homed};
+use crate::actors::homing::{self, wait_for_homing};
 use crate::actors::notice::Notice;
 use crate::error::{Error, NonFatal};
 use crate::operator::{Answer, Input, Manual, Question};
 use crate::reach::guard::PlannedMotion;
 
-/// Periods of a macrostep of an effector without a manner.
+/// Length of a macrostep of an effector without a manner (periods).
 const MACROSTEP: u32 = 8;
 
 impl Mp {
-    /// Asks the operator, and waits as long as the question allows. The arms hold meanwhile.
+    /// Asks the operator and waits for the time of the question. Returns `None` without an answer.
+    /// The arms hold meanwhile.
     pub(super) async fn ask(&mut self, question: &Question) -> Result<Option<Answer>, Stop> {
         if self.parts.operator.is_none() {
             return Ok(None);
@@ -24,6 +28,7 @@ impl Mp {
         let mut answer = Ok(None);
         while self.now() < until {
             match self.input().await {
+                // An answer to an earlier question, or of the wrong kind, is ignored.
                 Ok(Some(Input::Answer { question: number, answer: given }))
                     if number == question.number && given.fits(&question.subject) =>
                 {
@@ -31,6 +36,7 @@ impl Mp {
                     break;
                 }
                 Ok(_) => {}
+                // Not with `?`: the question must be closed first.
                 Err(stop) => {
                     answer = Err(stop);
                     break;
@@ -57,8 +63,8 @@ impl Mp {
         order
     }
 
-    /// Returns the operator's next input if one comes soon; a terminate and a fault of an arm come
-    /// first.
+    /// Returns the operator's next input if one comes within [`LOOK`]. A terminate and the fault of
+    /// an arm come first.
     async fn input(&mut self) -> Result<Option<Input>, Stop> {
         self.permitted().await??;
         let input = match &mut self.parts.operator {
@@ -66,9 +72,10 @@ impl Mp {
             None => return Err(Stop::Error(system("listen", "the operator"))),
         };
         if input.is_none() {
-            // A closed channel returns at once: without this sleep the loops above would spin.
+            // A closed channel returns at once: without this sleep the callers would spin.
             tokio::time::sleep(LOOK).await;
         }
+        // A fault of an arm ends the wait of the callers.
         self.refresh().await?;
         Ok(input)
     }
@@ -79,7 +86,7 @@ impl Mp {
             Manual::Synchronise => self.synchronise(effector).await?,
             Manual::Motor(step) => self.turn_motor(effector, step.axis, step.by).await?,
             other => {
-                let cause = NonFatal::Arguments(format!("{other:?} is no order to a shell"));
+                let cause = NonFatal::Arguments(format!("MP cannot carry out {other:?}"));
                 let actor = "mp".into();
                 return Err(Stop::Error(Error::NonFatal { actor, place: "manual", cause }));
             }
@@ -88,20 +95,20 @@ impl Mp {
         Ok(())
     }
 
-    /// Synchronises an arm; a pause brings it to a stand in between.
+    /// Synchronises an arm. A pause stops it in between, and a resume continues.
     async fn synchronise(&mut self, effector: usize) -> Result<(), Stop> {
         let ecp = self.ecp(effector)?.clone();
         loop {
             self.permitted().await??;
             let Parts { services, .. } = &mut self.parts;
-            if homed(ecp.synchronise(), &mut services.control, &services.clock).await? {
+            if wait_for_homing(ecp.synchronise(), &mut services.control, &services.clock).await? {
                 return Ok(());
             }
-            self.tell(Notice::Note(self.now(), homing::STANDS.to_owned()));
+            self.tell(Notice::Note(self.now(), homing::STOPPED_MESSAGE.to_owned()));
         }
     }
 
-    /// Turns one motor by an angle (rad), from rest to rest; a pause brings it to rest in between.
+    /// Turns one motor by an angle (rad), from rest to rest. A pause brings it to rest in between.
     pub(super) async fn turn_motor(
         &mut self,
         effector: usize,
@@ -111,15 +118,17 @@ impl Mp {
         let macrostep =
             self.parts.manners.get(effector).map_or(MACROSTEP, |m| m.compliance.macrostep);
         let ecp = self.ecp(effector)?.clone();
-        // Its way is not checked before: the lookout stops an arm that comes too near on it.
+        // The path is not checked before, since the arm need not be synchronised. The lookout stops
+        // an arm that comes too near an obstacle.
         if let Some(guard) = self.guard() {
             let from = self.known().map(|arm| arm.map(|arm| &arm.desired_joints));
             self.parts
                 .apart
-                .tell(guard.keep_apart(from, [&PlannedMotion::Stays, &PlannedMotion::Stays]));
+                .set(guard.keep_apart(from, [&PlannedMotion::Stays, &PlannedMotion::Stays]));
         }
         let mut jog = Jog::new(axis, by, macrostep);
         while !jog.is_over() {
+            // Only at rest: a wait for the resume while the motor is fast would stop it at once.
             if jog.rests() {
                 self.permitted().await??;
             }

@@ -1,30 +1,33 @@
 //! A generator that turns one motor by an angle, from rest to rest.
 //!
-//! - in: axis and angle; at each macrostep whether the operator lets the arm go on
+//! - in: axis and angle; at each macrostep whether the run is paused
 //! - out: a command for the next macrostep; a pause brings the motor to rest in between
+//! - course: `angle(s) = by (1 - cos(pi s)) / 2` for s from 0 to 1
 
 use crate::motion::{AXES, Motion, MotorPositions, MoveCommand, PERIOD};
 
 /// Largest speed of the motor (rad/s).
 const FASTEST: f64 = 25.0;
-/// The least time that a turn takes (s).
+/// Shortest time of a turn (s).
 const LEAST: f64 = 0.4;
 /// Time from full pace to rest (s).
 const REST: f64 = 0.4;
 
-/// A motor that is turned.
+/// The turn of one motor.
 pub(super) struct Jog {
     axis: usize,
     /// Angle of the whole turn (rad).
     by: f64,
+    /// Length of a macrostep (periods).
     macrostep: u32,
-    /// Share of the turn that is done.
+    /// Parameter of the course: 0 at its beginning, 1 at its end.
     at: f64,
-    /// 1 at full pace, 0 at rest.
+    /// Pace: 1 at full pace, 0 at rest.
     pace: f64,
 }
 
 impl Jog {
+    /// Returns a turn of an axis by an angle (rad), with macrosteps of this length (periods).
     pub(super) fn new(axis: usize, by: f64, macrostep: u32) -> Self {
         Self { axis: axis.min(AXES - 1), by, macrostep, at: 0.0, pace: 1.0 }
     }
@@ -39,19 +42,22 @@ impl Jog {
         self.pace <= 0.0
     }
 
-    /// Returns the command of the next macrostep; `runs` says whether the operator lets it go on.
+    /// Returns the command of the next macrostep; `runs` is false during a pause.
     pub(super) fn next(&mut self, runs: bool) -> MoveCommand {
         let step = f64::from(self.macrostep) * PERIOD;
+        // The cosine is fastest in its middle, at pi / 2 times the mean speed.
         let lasts = (self.by.abs() * std::f64::consts::FRAC_PI_2 / FASTEST).max(LEAST);
+        // A pause slows the course down instead of leaving it, so the turn continues from there.
         self.pace = (self.pace + if runs { step / REST } else { -step / REST }).clamp(0.0, 1.0);
         let next = self.at + self.pace * step / lasts;
+        // Relative motions only: an arm that is not synchronised accepts no others.
         let mut motors = MotorPositions([0.0; AXES]);
         motors.0[self.axis] = self.angle(next) - self.angle(self.at);
         self.at = next;
         MoveCommand { motion: Motion::MotorsBy(motors), periods: self.macrostep, jaw: None }
     }
 
-    /// Returns the angle at a share of the turn (rad): a cosine from rest to rest.
+    /// Returns the angle at a parameter of the course (rad): a cosine from rest to rest.
     fn angle(&self, share: f64) -> f64 {
         0.5 * self.by * (1.0 - libm::cos(std::f64::consts::PI * share.min(1.0)))
     }

@@ -1,13 +1,15 @@
-//! MP: coordinates all effectors. The shell around a task's kernel.
+//! MP (master process): the actor that coordinates all effectors. It is the shell around the kernel
+//! of a task: it carries out the actions that the kernel returns and reports their events to it.
 //!
-//! Two schemes of coordination (Zieliński et al. 2007, p. 374): *continuous*, in which MP runs the
-//! generators of all effectors and commands them at each macrostep through transmitting ECPs; and
-//! *sporadic*, in which MP invokes behaviours and the ECPs run the generators.
+//! There are two schemes of coordination (Zieliński et al. 2007, p. 374). Under *continuous*
+//! coordination MP runs the generators of all effectors and commands them at each macrostep through
+//! transmitting ECPs. Under *sporadic* coordination MP invokes behaviours and the ECPs run the
+//! generators.
 //!
 //! - `motions`: both schemes
-//! - `ways`: what is checked before a motion begins
+//! - `ways`: the checks of a motion before it begins
 //! - `dialogue`: questions to the operator, and orders by hand
-//! - `jog`: a motor that is turned by hand
+//! - `jog`: the generator that turns one motor by hand
 
 mod dialogue;
 mod jog;
@@ -36,42 +38,42 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 use tokio::sync::{mpsc, watch};
 
-/// Who runs the generators.
+/// Scheme of coordination: the actor that runs the generators.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Coordination {
-    /// MP, at each macrostep.
+    /// MP runs them, at each macrostep.
     Continuous,
-    /// The ECPs; MP only where subtasks switch.
+    /// The ECPs run them; MP acts only where subtasks switch.
     Sporadic,
 }
 
 /// The parts of MP.
 pub struct Parts {
-    /// Set when a turn begins, and cleared when it ends.
+    /// Flag that is set when a turn begins and cleared when it ends.
     pub turning: Turning,
-    /// The wrists' forces, if a VSP aggregates them.
+    /// Forces of the wrists, if a VSP aggregates them.
     pub forces: Option<watch::Receiver<Forces>>,
-    /// One ECP an effector, in the scenario's order.
+    /// One ECP per effector, in the scenario's order.
     pub ecps: Vec<EcpHandle>,
-    /// The stand-alone camera's sensor, if it delivers to MP.
+    /// VSP of the stand-alone camera, if it delivers to MP.
     pub tracker: Option<VspHandle>,
-    /// Sensors of the cameras in the hands that deliver to MP.
+    /// VSPs of the hand cameras that deliver to MP.
     pub hand_cameras: [Option<VspHandle>; 2],
-    /// Scheme.
+    /// Scheme of coordination.
     pub coordination: Coordination,
-    /// How the generators behave.
+    /// Parameters of the generators, one entry per effector.
     pub manners: Vec<Manner>,
     /// Answers and manual orders of the operator; `None` when no operator can be asked.
     pub operator: Option<mpsc::Receiver<Input>>,
-    /// The journal, from which another run can go on.
+    /// Journal, from which another run can continue.
     pub journal: Option<Journal>,
-    /// Refuses ways on which the arms would come too near to something; an MP without a cell has
-    /// none.
+    /// Guard that refuses paths on which an arm would come too near an obstacle; `None` without a
+    /// cell.
     pub guard: Option<Guard>,
-    /// Set while the hands are not to meet.
+    /// Flag that is set while the hands are to keep apart.
     pub apart: Apart,
-    /// The services of the run.
+    /// Services of the run.
     pub services: Services,
 }
 
@@ -97,13 +99,13 @@ impl Parts {
     }
 }
 
-/// Set by MP while a turn is commanded and unfinished.
+/// A flag that MP sets while a turn is commanded and unfinished.
 #[derive(Debug, Clone, Default)]
 pub struct Turning(Arc<AtomicBool>);
 
 impl Turning {
     /// Sets whether a turn is commanded.
-    pub fn tell(&self, turning: bool) {
+    pub fn set(&self, turning: bool) {
         self.0.store(turning, Ordering::Release);
     }
 
@@ -114,33 +116,34 @@ impl Turning {
     }
 }
 
-/// How a run ended, as MP knows it.
+/// The end of a run, as MP knows it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ending {
-    /// The kernel's last word; `None` when the operator terminated the run.
+    /// Result of the kernel; `None` when the operator or an error ended the run.
     pub finish: Option<Finish>,
-    /// The error that ended it.
+    /// Error that ended the run.
     pub error: Option<Error>,
-    /// Phases, each with the time at which it began (s), and when that was by
-    /// [`Tempo::worked`](super::control::Tempo::worked).
+    /// Phases, each with the time of its beginning in the run (s) and by
+    /// [`Tempo::working_time`](super::control::Tempo::working_time).
     pub phases: Vec<(&'static str, f64, Instant)>,
-    /// When it ended (s).
+    /// Time of the end (s).
     pub end: f64,
-    /// What the wrists felt, as their VSP told last.
-    pub felt: Forces,
+    /// Last forces of the wrists that their VSP published.
+    pub forces: Forces,
 }
 
 impl Ending {
-    /// Of a run that an error broke off, of which nothing else is known.
+    /// Returns the end of a run that `error` broke off before MP knew more.
     pub(crate) fn broken(end: f64, error: Error) -> Self {
-        let (phases, felt) = (Vec::new(), Forces::default());
-        Self { finish: None, error: Some(error), phases, end, felt }
+        let (phases, forces) = (Vec::new(), Forces::default());
+        Self { finish: None, error: Some(error), phases, end, forces }
     }
 }
 
 /// The actor.
 pub struct Mp {
     parts: Parts,
+    /// Last state of each arm.
     arms: Vec<ArmState>,
     phases: Vec<(&'static str, f64, Instant)>,
     watchdog: Watchdog,
@@ -149,6 +152,7 @@ pub struct Mp {
     heartbeat: Heartbeat,
 }
 
+/// A reason to end the run.
 enum Stop {
     Terminated,
     Error(Error),
@@ -176,39 +180,43 @@ impl Mp {
         Self { parts, arms, phases, watchdog, fault, heartbeat }
     }
 
-    fn felt(&self) -> Forces {
+    /// Returns the latest forces of the wrists; zero without a VSP that aggregates them.
+    fn forces(&self) -> Forces {
         self.parts.forces.as_ref().map(|f| *f.borrow()).unwrap_or_default()
     }
 
-    /// Returns the arms that know where they are: one that is not synchronised does not.
+    /// Returns the arms whose place is known: those that are synchronised.
     fn known(&self) -> [Option<&ArmState>; 2] {
         std::array::from_fn(|i| {
             self.arms.get(i).filter(|arm| arm.synchronisation == Synchronisation::Yes)
         })
     }
 
-    /// Returns the guard, as the jaws stand now.
+    /// Returns the guard with the present openings of the jaws, which show what hands hold a cube.
     fn guard(&self) -> Option<Guard> {
         let mut guard = self.parts.guard.clone()?;
         guard.holding(self.known().map(|arm| arm.map(|arm| arm.jaw_opening)));
         Some(guard)
     }
 
-    /// Checks the ways that are ordered against the believed cell, and slows those down that are too
-    /// fast beside the operator's hand.
-    fn guarded(&self, orders: &mut [Option<Behaviour>; 2]) -> Result<(), Near> {
+    /// Checks the ordered paths against the believed cell, and slows down those that are too fast
+    /// near the operator's hand.
+    fn guard_orders(&self, orders: &mut [Option<Behaviour>; 2]) -> Result<(), Near> {
         let Some(guard) = self.guard() else { return Ok(()) };
         let known = self.known();
-        let apart = ways::check(&guard, known, orders)?;
-        self.parts.apart.tell(apart);
+        let apart = ways::check_paths(&guard, known, orders)?;
+        // Before the motion begins, so that the lookout judges all of it by the right rule.
+        self.parts.apart.set(apart);
         ways::slow_down(&guard, known, &self.parts.manners, orders);
         Ok(())
     }
 
+    /// Returns the time of the run (s).
     fn now(&self) -> f64 {
         self.parts.services.clock.period() as f64 * PERIOD
     }
 
+    /// Sends a notice to the operator.
     fn tell(&self, notice: Notice) {
         self.parts.services.trace.tell(notice);
     }
@@ -220,17 +228,18 @@ impl Mp {
             error: None,
             phases: Vec::new(),
             end: 0.0,
-            felt: Forces::default(),
+            forces: Forces::default(),
         };
         let watchdog = self.watchdog.clone();
         let performed = tokio::select! {
+            // An actor that failed ends the run even if the task has just finished.
             biased;
             error = watchdog.raised() => Err(Stop::Error(error)),
             performed = self.perform(task) => performed,
         };
         match performed {
             Ok(finish) => ending.finish = Some(finish),
-            // An error of an arm outranks the operator's end.
+            // The fault of an arm outranks the operator's terminate.
             Err(Stop::Terminated) => ending.error = self.refresh().await.err(),
             Err(Stop::Error(error)) => ending.error = Some(error),
         }
@@ -238,17 +247,19 @@ impl Mp {
             self.tell(Notice::Error(self.now(), error.clone()));
         }
         ending.end = self.now();
-        ending.felt = self.felt();
+        ending.forces = self.forces();
         ending.phases = std::mem::take(&mut self.phases);
         ending
     }
 
-    /// Lets the kernel decide and carries its actions out, until it finishes.
+    /// Asks the kernel for actions and carries them out until it finishes.
     async fn perform<T: Task>(&mut self, task: &mut T) -> Result<Finish, Stop> {
+        // The run waits for the operator's start here, not in the kernel.
         self.permitted().await??;
         self.refresh().await?;
         let mut event = Event::Start;
         loop {
+            // A pause takes effect between two actions as well as within a motion.
             self.permitted().await??;
             match self.decide(task, event).await {
                 Action::Finish(finish) => return Ok(finish),
@@ -258,21 +269,23 @@ impl Mp {
         }
     }
 
-    /// Gives the kernel an event and returns its action, once the journal has it and the traces.
+    /// Gives the kernel an event and returns its action, once the action is in the journal and in
+    /// the trace.
     async fn decide<T: Task>(
         &mut self,
         task: &mut T,
         event: Event<T::Conclusion>,
     ) -> Action<T::Thought> {
+        // The kernel is MP's own work: one that hangs is detected as a silence of MP.
         self.heartbeat.works();
         self.fault.occur().await;
-        let forces = self.felt();
+        let forces = self.forces();
         let trace = &self.parts.services.trace;
         trace.message("mp", "kernel", &(&event, &forces));
         let action = task.next(event, &Readings { arms: &self.arms, forces });
         trace.message("kernel", "mp", &action);
         let entry = task.entry();
-        // A slow disk is not MP's own work.
+        // A slow disk is no hang of MP.
         self.heartbeat.waits();
         if let Some(entry) = entry {
             self.note(entry).await;
@@ -288,18 +301,19 @@ impl Mp {
         action
     }
 
-    /// Carries an action out and returns the event that it comes to.
+    /// Carries out an action and returns its event.
     async fn act<T: Task>(
         &mut self,
         action: Action<T::Thought>,
     ) -> Result<Event<T::Conclusion>, Stop> {
         let done = match action {
-            // `perform` returns before.
+            // `perform` has returned before.
             Action::Finish(_) | Action::Defect(_) => Ok(Event::Done),
             Action::Phase(name) => {
                 self.begin_phase(name);
                 Ok(Event::Done)
             }
+            // Not through `done`: a motion treats its errors itself, as it may also be terminated.
             Action::Behave { orders, until } => return self.behave(orders, until).await,
             Action::Bias(which) => self.bias(which).await.map(|()| Event::Done),
             Action::Watch(on) => {
@@ -307,11 +321,13 @@ impl Mp {
                 Ok(Event::Done)
             }
             Action::Look { effector, view } => self.look(effector, view).await?,
+            // Long work, as the search for a plan: it leaves the runtime under the wall clock.
             Action::Think(thought) => {
                 let conclusion = self.parts.services.work.run(move || T::think(thought)).await;
                 let conclusion = conclusion.ok_or_else(|| system("think", "the worker"))?;
                 Ok(Event::Thought(conclusion))
             }
+            // The next three wait for the operator, who may terminate the run instead.
             Action::Ask(question) => Ok(Event::Answered(self.ask(&question).await?)),
             Action::Await => {
                 let (effector, order) = self.ordered().await?;
@@ -325,49 +341,54 @@ impl Mp {
         };
         match done {
             Ok(event) => Ok(event),
-            Err(error) => self.trouble(error).await,
+            Err(error) => self.error_event(error).await,
         }
     }
 
+    /// Records the beginning of a phase and reports it to the operator.
     fn begin_phase(&mut self, name: &'static str) {
         let now = self.now();
-        self.phases.push((name, now, self.parts.services.tempo.worked()));
+        self.phases.push((name, now, self.parts.services.tempo.working_time()));
         self.tell(Notice::Phase(now, name.into()));
     }
 
-    /// Lets the effectors behave as ordered, if their ways are free.
+    /// Runs the ordered behaviours, if their paths are free.
     async fn behave<C>(
         &mut self,
         mut orders: [Option<Behaviour>; 2],
         until: Until,
     ) -> Result<Event<C>, Stop> {
-        if let Err(near) = self.guarded(&mut orders) {
+        if let Err(near) = self.guard_orders(&mut orders) {
             let cause = NonFatal::Arguments(near.to_string());
-            let error = Error::NonFatal { actor: "mp".into(), place: "guard a way", cause };
-            return self.trouble(error).await;
+            let error = Error::NonFatal { actor: "mp".into(), place: "check a path", cause };
+            // A refused path is no fault: the kernel may choose another one.
+            return self.error_event(error).await;
         }
         self.parts.services.trace.ordered(&orders);
-        self.parts.turning.tell(orders.iter().any(|o| matches!(o, Some(Behaviour::Turn { .. }))));
+        self.parts.turning.set(orders.iter().any(|o| matches!(o, Some(Behaviour::Turn { .. }))));
         let outcomes = match self.parts.coordination {
             Coordination::Sporadic => self.invoke(orders, until).await,
             Coordination::Continuous => self.move_all(orders, until).await,
         };
         self.heartbeat.waits();
-        self.parts.turning.tell(false);
+        self.parts.turning.set(false);
         self.parts.services.trace.ordered(&[None, None]);
+        // A terminated motion has ended as if from above. The kernel must not take that for an
+        // outcome of its own.
         if *self.parts.services.control.borrow() == Control::Terminated {
             return Err(Stop::Terminated);
         }
         match outcomes {
             Ok(outcomes) => Ok(Event::Behaved(outcomes)),
-            Err(error) => self.trouble(error).await,
+            Err(error) => self.error_event(error).await,
         }
     }
 
-    /// Switches the stand-alone camera's sensor.
+    /// Switches the tracking of the stand-alone camera.
     async fn watch(&mut self, on: bool) -> Result<(), Error> {
         match &self.parts.tracker {
             Some(tracker) => tracker.track(on),
+            // The camera belongs to an ECP: the others ignore the request.
             None => {
                 for ecp in &self.parts.ecps {
                     ecp.watch(on).await?;
@@ -377,8 +398,8 @@ impl Mp {
         Ok(())
     }
 
-    /// Has a face read by the camera of an effector's hand; a face that cannot be read is an event,
-    /// too.
+    /// Reads a face with the camera in an effector's hand. A face that cannot be read is an event,
+    /// not an error.
     async fn look<C>(
         &mut self,
         effector: usize,
@@ -398,10 +419,11 @@ impl Mp {
         })
     }
 
-    /// Writes into the journal what is about to be done; returns when that is durable. A run whose
-    /// journal fails goes on: it is no worse than one without a journal, and its cube is in its
-    /// hands.
+    /// Writes the action that is about to begin into the journal, and returns once the entry is
+    /// durable. A run whose journal fails continues: it is no worse than one without a journal, and
+    /// its cube is in its hands.
     async fn note(&mut self, entry: tasks::Entry) {
+        // The writer takes the journal with it, so a writer that fails leaves none behind.
         let Some(mut journal) = self.parts.journal.take() else { return };
         let writes = move || match journal.write(&entry) {
             Ok(()) => Ok(journal),
@@ -409,19 +431,19 @@ impl Mp {
         };
         match self.parts.services.work.wait(writes).await {
             Some(Ok(journal)) => self.parts.journal = Some(journal),
-            Some(Err(told)) => self.tell(Notice::Warning(self.now(), told)),
+            Some(Err(warning)) => self.tell(Notice::Warning(self.now(), warning)),
             None => {
-                let told = "the journal's writer failed: this run must not be resumed";
-                self.tell(Notice::Warning(self.now(), told.to_owned()));
+                let warning = "the journal's writer failed: this run must not be resumed";
+                self.tell(Notice::Warning(self.now(), warning.to_owned()));
             }
         }
     }
 
-    /// Takes the present forces for zero.
+    /// Zeroes the force sensors of the chosen effectors under their present load.
     async fn bias(&mut self, which: [bool; 2]) -> Result<(), Error> {
         for (ecp, _) in self.parts.ecps.iter().zip(which).filter(|(_, wanted)| *wanted) {
             match ecp.bias().await {
-                // The sensor is zeroed: the operator should know, and the task goes on.
+                // The sensor has been zeroed, so the task continues. The operator gets the error.
                 Err(error @ Error::NonFatal { cause: NonFatal::ZeroMoved { .. }, .. }) => {
                     self.tell(Notice::Error(self.now(), error));
                 }
@@ -433,11 +455,12 @@ impl Mp {
         self.refresh().await
     }
 
-    /// Returns a non-fatal error as an event for the kernel, which may go on; the others end the run.
-    /// The error of an arm that has stopped outranks the refusal of another one.
-    async fn trouble<C>(&mut self, error: Error) -> Result<Event<C>, Stop> {
+    /// Returns a non-fatal error as an event for the kernel, which may continue. Any other error
+    /// ends the run.
+    async fn error_event<C>(&mut self, error: Error) -> Result<Event<C>, Stop> {
         match error {
             Error::NonFatal { .. } => {
+                // The fault of a stopped arm outranks the refusal of the other arm.
                 self.refresh().await?;
                 self.tell(Notice::Error(self.now(), error.clone()));
                 Ok(Event::Trouble(error.to_string()))
@@ -446,6 +469,7 @@ impl Mp {
         }
     }
 
+    /// Returns the ECP of an effector, or an error if the kernel addresses one that is not there.
     fn ecp(&self, effector: usize) -> Result<&EcpHandle, Error> {
         self.parts.ecps.get(effector).ok_or_else(|| Error::NonFatal {
             actor: "mp".into(),
@@ -454,11 +478,11 @@ impl Mp {
         })
     }
 
-    /// Waits for the operator's will; a fault of an arm comes first.
+    /// Waits while the run is paused. The fault of an arm comes first.
     async fn permitted(&mut self) -> Result<Result<(), Terminated>, Error> {
         loop {
-            if let Some(will) = permission_soon(&mut self.parts.services.control).await {
-                return Ok(will);
+            if let Some(permission) = permission_soon(&mut self.parts.services.control).await {
+                return Ok(permission);
             }
             for ecp in &self.parts.ecps {
                 ecp.state().await?;
@@ -483,6 +507,7 @@ fn defect(why: String) -> Error {
     Error::Fatal { actor: "mp".into(), place: "resume the task", cause, last: None }
 }
 
+/// Returns the error of a part of the run that is gone.
 fn system(place: &'static str, who: &str) -> Error {
     Error::System { actor: "mp".into(), place, cause: System::Closed(who.into()) }
 }
@@ -490,12 +515,12 @@ fn system(place: &'static str, who: &str) -> Error {
 /// Returns an action in words.
 fn doing<T>(action: &Action<T>) -> &'static str {
     match action {
-        Action::Phase(_) => "goes to the next phase",
+        Action::Phase(_) => "begins the next phase",
         Action::Behave { .. } => "coordinates motions",
         Action::Bias(_) => "zeroes force sensors",
         Action::Watch(_) => "switches the stand-alone camera",
-        Action::Look { .. } => "has a face read",
-        Action::Think(_) => "has a plan made",
+        Action::Look { .. } => "requests a reading of a face",
+        Action::Think(_) => "requests a plan",
         Action::Ask(_) => "asks the operator",
         Action::Await => "waits for an order",
         Action::Manual { .. } => "carries out an order",
@@ -518,14 +543,15 @@ mod tests {
     use crate::reach::{Meeting, MeetingTable, ReachSettings, example_cell};
     use crate::record::run_hash::RunHash;
 
-    /// With a track that would be too fast beside the operator's hand.
+    /// Returns a manner whose track is too fast for the zone of the operator's hand.
     fn manner() -> Manner {
         let mut manner = example_manner();
         (manner.speeds.joint[0], manner.speeds.joint_acceleration[0]) = (0.5, 1.0);
         manner
     }
 
-    /// An MP whose arms stand so. The first has an ECP and an EDP, whose servo does nothing.
+    /// Returns an MP whose arms are in these states. The first arm has an ECP and an EDP, whose
+    /// servo is gone.
     fn standing(guard: Guard, arms: [ArmState; 2]) -> Mp {
         let clock = Clock::new(tokio::time::Instant::now(), Arc::new(Switches::default()));
         let control = watch::channel(Control::Running).1;
@@ -554,7 +580,8 @@ mod tests {
         Behaviour::Joints { target, speed: 1.0, seconds: 0.0 }
     }
 
-    /// The first meeting of the hands, and the track's stand so far along from there (m).
+    /// Returns the first meeting of the hands, and the track arm's joints at a distance along its
+    /// track from there (m).
     fn meeting() -> (Meeting, impl Fn(f64) -> JointPositions) {
         let table = MeetingTable::compute(&example_cell(), &ReachSettings::default());
         let meeting = table.grasps.into_iter().flatten().next().unwrap();
@@ -571,12 +598,12 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn an_arm_that_does_not_know_its_place_hinders_nobody() {
+    async fn unsynchronised_arm_is_no_obstacle() {
         let (meeting, along) = meeting();
         let through = |synchronisation| {
             let other = ArmState { synchronisation, ..arm(meeting.postument) };
             let mp = standing(guard(), [arm(along(-0.3)), other]);
-            mp.guarded(&mut [Some(to(along(0.3))), None])
+            mp.guard_orders(&mut [Some(to(along(0.3))), None])
         };
 
         assert!(matches!(through(Synchronisation::Yes), Err(Near::Arms(_) | Near::Hands(_))));
@@ -584,19 +611,19 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn the_lookout_is_told_whether_the_hands_are_to_meet() {
+    async fn lookout_learns_whether_the_hands_may_meet() {
         let (meeting, along) = meeting();
-        // Whom it is told is another actor's affair: what it was told can be seen.
-        let told = |mp: &Mp| format!("{:?}", mp.parts.apart) == "Apart(true)";
+        // The flag has no reader outside the lookout, so the test reads its `Debug` form.
+        let apart = |mp: &Mp| format!("{:?}", mp.parts.apart) == "Apart(true)";
         let orders = |from: JointPositions, orders: [Option<Behaviour>; 2]| {
             let mp = standing(guard(), [arm(from), arm(meeting.postument)]);
             let mut orders = orders;
-            mp.guarded(&mut orders).unwrap();
-            let first = told(&mp);
-            // What one order tells is not what the next one does.
-            mp.parts.apart.tell(!first);
-            mp.guarded(&mut orders).unwrap();
-            assert_eq!(told(&mp), first);
+            mp.guard_orders(&mut orders).unwrap();
+            let first = apart(&mp);
+            // Each order sets the flag itself: the value before has no effect.
+            mp.parts.apart.set(!first);
+            mp.guard_orders(&mut orders).unwrap();
+            assert_eq!(apart(&mp), first);
             first
         };
 
@@ -606,34 +633,36 @@ mod tests {
         assert!(!orders(meeting.track, [Some(to(meeting.track_back)), None]));
     }
 
+    /// By hand, hands that are apart must stay apart while a motor is turned.
     #[tokio::test(start_paused = true)]
-    async fn motors_that_are_turned_by_hand_keep_hands_apart_that_are() {
+    async fn manual_motor_motion_keeps_hands_apart() {
         let (meeting, along) = meeting();
         let arms = [arm(along(-0.4)), arm(meeting.postument)];
         let mut mp = standing(guard().by_hand(), arms);
 
-        // No servo is there that would obey.
-        let nobody = mp.turn_motor(0, 0, 1.0).await;
+        // The servo is gone, so the motion itself fails.
+        let turned = mp.turn_motor(0, 0, 1.0).await;
 
-        assert!(nobody.is_err());
+        assert!(turned.is_err());
         assert_eq!(format!("{:?}", mp.parts.apart), "Apart(true)");
     }
 
     #[tokio::test(start_paused = true)]
-    async fn what_hinders_an_arm_outranks_what_was_refused_for_it() {
+    async fn fault_of_an_arm_outranks_a_refusal() {
         let (meeting, along) = meeting();
         let mut mp = standing(guard(), [arm(along(-0.4)), arm(meeting.postument)]);
         let cause = NonFatal::Arguments("too near".into());
-        let refused = Error::NonFatal { actor: "mp".into(), place: "guard a way", cause };
+        let refused = Error::NonFatal { actor: "mp".into(), place: "check a path", cause };
 
-        // Its servo is gone: a task that goes on would end with the refusal, and not with that.
-        let trouble = mp.trouble::<()>(refused).await;
+        // The servo is gone. A task that continued would end with the refusal instead.
+        let event = mp.error_event::<()>(refused).await;
 
-        assert!(matches!(trouble, Err(Stop::Error(Error::System { .. }))));
+        assert!(matches!(event, Err(Stop::Error(Error::System { .. }))));
     }
 
+    /// A motion that is too fast near the operator gives both arms more time, by the same factor.
     #[tokio::test(start_paused = true)]
-    async fn what_is_too_fast_near_the_operator_takes_both_arms_more_time_by_as_much() {
+    async fn fast_motion_slows_both_arms_alike() {
         let (meeting, _) = meeting();
         let past = |d0: f64| JointPositions([d0, 0.0, -1.57, 0.0, 1.56, 1.57, -1.57]);
         let mut rolled = meeting.postument;
@@ -643,7 +672,7 @@ mod tests {
         let asked = [Some(to(past(0.4))), Some(to(rolled))];
         let mut orders = asked;
 
-        mp.guarded(&mut orders).unwrap();
+        mp.guard_orders(&mut orders).unwrap();
 
         let lasts = |orders: &[Option<Behaviour>; 2]| {
             [0, 1].map(|i| manner().seconds(orders[i].as_ref().unwrap(), &arms[i]))
@@ -651,15 +680,15 @@ mod tests {
         let (before, after) = (lasts(&asked), lasts(&orders));
         let slower = [after[0] / before[0], after[1] / before[1]];
         assert!(slower[0] > 1.2, "{slower:?}");
-        // Their ways are free when both go evenly.
+        // Their paths are free only if both arms have done the same share at each moment.
         assert!((slower[0] - slower[1]).abs() < 1e-9, "{slower:?}");
     }
 
     #[tokio::test(start_paused = true)]
-    async fn motion_that_leaves_the_operator_is_slow_there_alone() {
+    async fn motion_is_slow_only_near_the_operator() {
         let (meeting, _) = meeting();
         let mut cell = example_cell();
-        // The hand-over is where the arm begins.
+        // The arm begins at the place of the hand-over.
         let track = JointPositions([0.2, 0.0, -1.57, 0.0, 1.56, 1.57, -1.57]);
         let arm_of = &cell.arms[0];
         let tool = arm_of.model.base_from_flange(&track) * arm_of.flange_from_tool;
@@ -671,7 +700,7 @@ mod tests {
         let asked = to(target);
         let mut orders = [Some(asked), None];
 
-        mp.guarded(&mut orders).unwrap();
+        mp.guard_orders(&mut orders).unwrap();
 
         let Some(Behaviour::Legs { legs, seconds }) = orders[0] else { panic!("{orders:?}") };
         assert_eq!(*legs.end(), target);
@@ -680,19 +709,22 @@ mod tests {
         let whole = manner().seconds(&asked, &arms[0]);
         let profile = manner().speeds.profile;
         let share = |part| profile.share(part, whole);
-        let stretched = whole * guard.course(0, &track, &way).haste(whole, share);
-        assert!(seconds < 0.6 * stretched, "{seconds} s, {stretched} s if slow all the way");
-        // The way is the same, and the hand is slow enough where it matters.
+        let stretched = whole * guard.course(0, &track, &way).hand_speed_factor(whole, share);
+        assert!(seconds < 0.6 * stretched, "{seconds} s, {stretched} s if slow on the whole path");
+        // The path has not changed, and the hand is slow enough near the operator.
         for part in [0.1, 0.3, 0.6, 0.9] {
             let at = legs.at(&track, part);
             assert!(at.0.iter().zip(track.0).skip(2).all(|(a, b)| (a - b).abs() < 1e-12));
         }
-        let haste = guard.course(0, &track, &PlannedMotion::Legs(legs)).haste(seconds, |part| part);
-        assert!(haste <= 1.0 + 1e-6 && haste > 0.3, "{haste}");
+        let factor = guard
+            .course(0, &track, &PlannedMotion::Legs(legs))
+            .hand_speed_factor(seconds, |part| part);
+        assert!(factor <= 1.0 + 1e-6 && factor > 0.3, "{factor}");
     }
 
+    /// An empty hand may pass where a hand with a cube is refused.
     #[tokio::test(start_paused = true)]
-    async fn a_hand_with_nothing_in_its_jaws_may_go_where_one_with_a_cube_may_not() {
+    async fn empty_hand_passes_where_a_cube_is_refused() {
         let cell = example_cell();
         let edge = cell.cube.edge;
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
@@ -704,9 +736,9 @@ mod tests {
                 let mut far = meeting.track;
                 far.0[0] -= 0.4;
                 let arms = [far, meeting.postument].map(|at| ArmState { jaw_opening, ..arm(at) });
-                standing(guard().by_hand(), arms).guarded(&mut [Some(to(track)), None])
+                standing(guard().by_hand(), arms).guard_orders(&mut [Some(to(track)), None])
             };
-            // The first place on the way to the other hand where a cube would be in the way.
+            // The first place on the path to the other hand at which a cube is an obstacle.
             let mut beside = (1..40).map(|i| -0.4 + 0.01 * f64::from(i));
             let Some(by) = beside.find(|by| goes(*by, edge).is_err()) else { continue };
             if matches!(goes(by, edge), Err(Near::Hands(_))) {

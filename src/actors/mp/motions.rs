@@ -1,5 +1,8 @@
-//! The two schemes of coordination: sporadic, in which the ECPs run the generators, and continuous, in
-//! which MP runs them.
+//! The two schemes of coordination (Zieliński et al. 2007, p. 374): sporadic, in which the ECPs run
+//! the generators, and continuous, in which MP runs them.
+//!
+//! - in: a behaviour for each effector or none, and which of them decides the end
+//! - out: the outcome of each behaviour, or an error
 
 use super::{Mp, system};
 use crate::actors::ecp::EcpHandle;
@@ -14,8 +17,9 @@ use crate::tasks::Until;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The motions of both effectors under continuous coordination, and what they came to.
+/// The motions of both effectors under continuous coordination, and their outcomes.
 struct Running {
+    /// Motions under way.
     motions: [Option<MoveInstruction>; 2],
     outcomes: [Option<Outcome>; 2],
 }
@@ -26,15 +30,17 @@ impl Running {
         self.motions.iter().flatten().all(MoveInstruction::rests)
     }
 
-    /// Returns whether the step is over: a motion has failed, the leading one has ended, or all have.
+    /// Returns whether the step is over: a motion raises an alarm, the leading one has ended, or
+    /// all have ended.
     fn is_over(&self, until: Until) -> bool {
         let alarms = self.outcomes.iter().any(|o| o.as_ref().is_some_and(Outcome::alarms));
         let led = matches!(until, Until::Effector(e) if self.outcomes[e].is_some());
         alarms || led || self.motions.iter().all(Option::is_none)
     }
 
-    /// Ends what still goes on; `true` once nothing moves any more.
+    /// Ends the motions that are under way. Returns `true` once all are at rest.
     fn end(&mut self) -> bool {
+        // A fast motion first slows down: it stays in the list and gets further macrosteps.
         for (motion, outcome) in self.motions.iter_mut().zip(&mut self.outcomes) {
             if motion.as_mut().is_some_and(MoveInstruction::end) {
                 (*motion, *outcome) = (None, Some(Outcome::Ended));
@@ -43,7 +49,7 @@ impl Running {
         self.motions.iter().all(Option::is_none)
     }
 
-    /// Returns the outcomes; a motion that still goes on has been ended.
+    /// Returns the outcomes. A motion that is left is one that a terminate has ended.
     fn ended(mut self) -> [Option<Outcome>; 2] {
         for (effector, motion) in self.motions.iter().enumerate() {
             if motion.is_some() {
@@ -65,7 +71,7 @@ impl Mp {
         looking_up(&heartbeat, &fault, self.invoke_ecps(orders, until)).await
     }
 
-    /// Sends the behaviours to the ECPs and returns what they came to.
+    /// Sends the behaviours to the ECPs and returns their outcomes.
     async fn invoke_ecps(
         &mut self,
         orders: [Option<Behaviour>; 2],
@@ -74,6 +80,7 @@ impl Mp {
         let mut outcomes = [None, None];
         let [first, second] = orders;
         match (first, second) {
+            // Both at once: each ends the other if it leads or fails.
             (Some(first), Some(second)) => {
                 let (a, b) = (self.ecp(0)?.clone(), self.ecp(1)?.clone());
                 let leads = |effector| until == Until::Effector(effector);
@@ -101,7 +108,7 @@ impl Mp {
         self.refresh().await?;
         let mut running = self.begin(&orders)?;
         loop {
-            // A pause is no work of its own.
+            // A pause is no hang of MP.
             self.heartbeat.waits();
             if running.rests() && self.permitted().await?.is_err() {
                 break;
@@ -109,6 +116,7 @@ impl Mp {
             self.heartbeat.works();
             self.fault.occur().await;
             let commands = self.step(&mut running);
+            // The commands of this step are dropped: every motion is over.
             if running.is_over(until) && running.end() {
                 break;
             }
@@ -118,6 +126,7 @@ impl Mp {
         Ok(running.ended())
     }
 
+    /// Begins the motions of the ordered behaviours.
     fn begin(&self, orders: &[Option<Behaviour>; 2]) -> Result<Running, Error> {
         let mut motions = [None, None];
         for (effector, order) in orders.iter().enumerate() {
@@ -132,8 +141,9 @@ impl Mp {
 
     /// Steps the generators and returns the commands of the next macrostep.
     fn step(&self, running: &mut Running) -> [Option<MoveCommand>; 2] {
-        let will = *self.parts.services.control.borrow();
-        running.motions.iter_mut().flatten().for_each(|motion| motion.heed(will));
+        // One reading of control and target for both: they slow down and follow in step.
+        let control = *self.parts.services.control.borrow();
+        running.motions.iter_mut().flatten().for_each(|motion| motion.set_pace(control));
         let tracker = self.parts.tracker.as_ref();
         let target = tracker.and_then(VspHandle::target);
         let mut commands = [None, None];
@@ -155,7 +165,7 @@ impl Mp {
         commands
     }
 
-    /// Sends the commands to both effectors at once, and takes their states.
+    /// Sends the commands to both effectors at once, and takes over their states.
     async fn transmit(
         &mut self,
         commands: [Option<MoveCommand>; 2],
@@ -168,14 +178,15 @@ impl Mp {
             async move {
                 let (Some(ecp), Some(command)) = (ecp, command) else { return Ok(None) };
                 match ecp.transmit(command).await {
-                    // The generator knows to go on from such a refusal, and is shown the state.
-                    Err(error) if motion.is_some_and(|motion| motion.bears(&error)) => {
+                    // The generator reads this refusal in the state and continues.
+                    Err(error) if motion.is_some_and(|motion| motion.tolerates(&error)) => {
                         ecp.state().await.map(Some)
                     }
                     sent => sent.map(Some),
                 }
             }
         };
+        // One after the other would delay the second arm by an answer, a macrostep each time.
         let sent = async { tokio::join!(send(0), send(1)) };
         let (a, b) = self.heartbeat.away(sent).await;
         let (a, b) = both(a, b)?;
@@ -188,7 +199,8 @@ impl Mp {
     }
 }
 
-/// Lets an ECP behave; ends its partner's behaviour if it leads or fails.
+/// Requests that an ECP carries out a behaviour, and ends the behaviour of its partner if this one
+/// leads or fails.
 async fn behave_beside(
     own: EcpHandle,
     partner: EcpHandle,
@@ -198,20 +210,20 @@ async fn behave_beside(
     let result = own.behave(order).await;
     let failed = !matches!(&result, Ok((outcome, _)) if !outcome.alarms());
     if leads || failed {
-        // If the partner is gone, its own answer says so.
+        // A partner that is gone reports that in its own answer.
         let _ = partner.end().await;
     }
     result.map(|(outcome, _)| outcome)
 }
 
-/// Waits for others, and works for a moment in between: an MP that cannot even do that hangs, and is
-/// noticed before anyone needs an answer of it.
+/// Waits for others, with a short work item of MP every 10 ms. An MP that hangs meanwhile fails to
+/// finish the item, so the watchdog detects it before another actor needs an answer of it.
 async fn looking_up<T>(
     heartbeat: &Heartbeat,
     fault: &ActorFault,
     others: impl Future<Output = T>,
 ) -> T {
-    /// Between two looks: with the watchdog's own patience less than 0.1 s.
+    /// Time between two work items: together with the watchdog's limit of 80 ms less than 0.1 s.
     const LOOKS_UP: Duration = Duration::from_millis(10);
     let mut others = std::pin::pin!(others);
     loop {
@@ -224,7 +236,8 @@ async fn looking_up<T>(
     }
 }
 
-/// Returns both answers, or the graver of two errors.
+/// Returns both answers, or the more severe of two errors; the first one if both are equally
+/// severe.
 fn both<T>(a: Result<T, Error>, b: Result<T, Error>) -> Result<(T, T), Error> {
     match (a, b) {
         (Ok(a), Ok(b)) => Ok((a, b)),

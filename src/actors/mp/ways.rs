@@ -1,8 +1,9 @@
-//! The checks of MP before a motion begins: whether its way is free as far as the believed cell
-//! tells, and how fast it may be beside the operator's hand.
+//! The checks of MP before a motion begins: whether its path is free in the believed cell, and how
+//! fast it may be near the operator's hand.
 //!
-//! - in: the guard, the arms that know where they are, the orders
+//! - in: the guard, the synchronised arms, the orders
 //! - out: the obstacle that is too near, or whether the hands are to keep apart; slower orders
+//! - thresholds of places and speeds: those of [`crate::reach::guard`]
 
 use crate::actors::move_instruction::Manner;
 use crate::generators::Behaviour;
@@ -12,31 +13,32 @@ use crate::motion::{ArmState, JointPositions};
 use crate::reach::guard::{Guard, Near, PlannedMotion};
 use crate::spatial::Pose;
 
-/// Most times that a way is given more time. A longer motion has longer ramps until they are full
-/// ones, so that the speed where the hand is may fall by less than the time grew.
+/// Most rounds in which a motion gets more time. A longer motion also has longer ramps until they
+/// reach their full length, so the speed near the hand may fall by less than the time grows.
 const ROUNDS: u32 = 4;
-/// A way that is too fast by less is slow enough.
+/// Largest ratio of a speed to its limit that counts as slow enough; it leaves room for rounding.
 const ENOUGH: f64 = 1.0 + 1e-9;
 
-/// Checks the ways of both arms; returns whether the hands are to keep apart meanwhile.
+/// Checks the paths of both arms. Returns whether the hands are to keep apart during the motion.
 ///
 /// # Errors
 /// The obstacle to which an arm would come too near.
-pub(super) fn check(
+pub(super) fn check_paths(
     guard: &Guard,
     known: [Option<&ArmState>; 2],
     orders: &[Option<Behaviour>; 2],
 ) -> Result<bool, Near> {
     let from = known.map(|arm| arm.map(|arm| &arm.desired_joints));
-    let ways = ways_of(known, orders, way);
-    guard.ways(from, ways.each_ref())?;
-    let led = ways_of(known, orders, way_at_most);
+    let ways = paths_of(known, orders, path);
+    guard.check_paths(from, ways.each_ref())?;
+    // An approach may lead to the other hand: it counts here, though its path is not checked.
+    let led = paths_of(known, orders, longest_path);
     Ok(guard.keep_apart(from, led.each_ref()))
 }
 
-/// Gives more time to ways that are too fast beside the operator's hand or for a motor, to both
-/// arms as much, since they are free when both go evenly. The visual servo has its own speed, and
-/// its way is not known before.
+/// Gives more time to motions that are too fast near the operator's hand or for a motor. Both arms
+/// get the same factor, since their paths are free only if both have done the same share at each
+/// moment. The visual servo has its own speed, and its path is unknown before.
 pub(super) fn slow_down(
     guard: &Guard,
     known: [Option<&ArmState>; 2],
@@ -44,97 +46,106 @@ pub(super) fn slow_down(
     orders: &mut [Option<Behaviour>; 2],
 ) {
     slow_ends(guard, known, manners, orders);
-    let ways = ways_of(known, orders, way);
+    let ways = paths_of(known, orders, path);
+    // A duration of 0 marks a behaviour without a known path, which is left as it is.
     let lasts: [f64; 2] = std::array::from_fn(|i| match (&orders[i], manners.get(i), known[i]) {
         (Some(order), Some(manner), Some(arm)) => manner.seconds(order, arm),
         _ => 0.0,
     });
     let mut slower = 1.0;
     for _ in 0..ROUNDS {
-        let haste = (0..2)
+        let factor = (0..2)
             .filter(|&i| lasts[i] > 0.0)
             .filter_map(|i| {
                 let (seconds, profile) = (slower * lasts[i], manners.get(i)?.speeds.profile);
+                // The windows of legs are shares of the time, so legs keep their shape when they
+                // get more of it. The profile of other motions depends on the duration.
                 let legs = matches!(orders[i], Some(Behaviour::Legs { .. }));
                 let share = |part| if legs { part } else { profile.share(part, seconds) };
                 let course = || Some(guard.course(i, &known[i]?.desired_joints, &ways[i]));
-                Some(course()?.haste(seconds, share).max(course()?.rush(seconds, share)))
+                Some(
+                    course()?
+                        .hand_speed_factor(seconds, share)
+                        .max(course()?.motor_speed_factor(seconds, share)),
+                )
             })
             .fold(1.0, f64::max);
-        if haste <= ENOUGH {
+        if factor <= ENOUGH {
             break;
         }
-        slower *= haste;
+        slower *= factor;
     }
+    // Orders that are slow enough stay as they were, to the bit.
     if slower <= 1.0 {
         return;
     }
     for (i, order) in orders.iter_mut().enumerate().filter(|(i, _)| lasts[*i] > 0.0) {
         if let (Some(order), Some(manner), Some(arm)) = (order, manners.get(i), known[i]) {
-            manner.last(order, arm, slower * lasts[i]);
+            manner.set_duration(order, arm, slower * lasts[i]);
         }
     }
 }
 
-/// Gives more time to the beginning and the end alone of motions of joints that begin or end beside
-/// the operator's hand: the way stays the same, and so does the share of it that both arms have
-/// gone.
+/// Slows down only the beginning and the end of joint motions that begin or end near the operator's
+/// hand. The path does not change, and both arms have still done the same share of it at each
+/// moment. Three overlapping legs replace the motion: slow, at full speed, slow.
 fn slow_ends(
     guard: &Guard,
     known: [Option<&ArmState>; 2],
     manners: &[Manner],
     orders: &mut [Option<Behaviour>; 2],
 ) {
-    let moves: Vec<JointsMove<'_>> = (0..2)
-        .filter_map(|arm| match orders[arm]? {
-            Behaviour::Joints { target, speed, seconds } => {
-                let (from, manner) = (&known[arm]?.desired_joints, manners.get(arm)?);
-                Some(JointsMove { arm, from, target, speed, seconds, manner })
-            }
-            _ => None,
-        })
-        .collect();
+    let moves = JointsMove::of(known, manners, orders);
+    // Beside an order of another kind both arms would no longer have done the same share.
     let others = orders.iter().flatten().count() > moves.len();
     let Some(first) = moves.first().filter(|_| !others) else { return };
     let profile = first.manner.speeds.profile;
+    // The time of the slower arm from one share of the paths to another.
     let all =
         |begin: f64, end: f64| moves.iter().map(|m| m.seconds(begin, end)).fold(0.0, f64::max);
-    let haste = |begin: f64, end: f64, seconds: f64| {
+    // How many times too fast the faster hand is on that part, if it takes `seconds`.
+    let factor = |begin: f64, end: f64, seconds: f64| {
         let of = |m: &JointsMove<'_>| {
-            let way = PlannedMotion::Joints(m.at(end));
+            let path = PlannedMotion::Joints(m.at(end));
             guard
-                .course(m.arm, &m.at(begin), &way)
-                .haste(seconds, |part| profile.share(part, seconds))
+                .course(m.arm, &m.at(begin), &path)
+                .hand_speed_factor(seconds, |part| profile.share(part, seconds))
         };
         moves.iter().map(of).fold(0.0, f64::max)
     };
+    // Slow enough already, or ordered to take more time than it needs: that time must be kept.
     let whole = all(0.0, 1.0);
-    if haste(0.0, 1.0, whole) <= ENOUGH || moves.iter().any(|m| m.seconds > 1.01 * whole) {
+    if factor(0.0, 1.0, whole) <= ENOUGH || moves.iter().any(|m| m.seconds > 1.01 * whole) {
         return;
     }
+    // The shares until which, and from which on, any of the hands is near.
     let (until, from) = moves.iter().fold((0.0_f64, 1.0_f64), |(until, from), m| {
-        let way = PlannedMotion::Joints(m.target);
-        let (begin, end) = guard.course(m.arm, m.from, &way).near_ends();
+        let path = PlannedMotion::Joints(m.target);
+        let (begin, end) = guard.course(m.arm, m.from, &path).near_ends();
         (until.max(begin), from.min(end))
     });
+    // The hand is near on the whole path, so there is no fast part between the ends.
     if until >= from {
         return;
     }
-    // Each end is slow enough by itself, and then as a part of the whole.
+    // Each end is made slow enough by itself. Then it is slow enough within the whole as well.
     let slow = |begin: f64, end: f64| {
         let mut seconds = all(begin, end);
         for _ in 0..ROUNDS {
-            seconds *= haste(begin, end, seconds).max(1.0);
+            seconds *= factor(begin, end, seconds).max(1.0);
         }
         if begin < end { seconds } else { 0.0 }
     };
     let lasts = [slow(0.0, until), all(until, from), slow(from, 1.0)];
+    // A leg brakes while the next one accelerates: half of the shorter of their ramps overlaps.
     let at_once = |a: f64, b: f64| 0.5 * profile.ramp.min(0.5 * a).min(0.5 * b);
     let overlaps = [at_once(lasts[0], lasts[1]), at_once(lasts[1], lasts[2])];
     let total = lasts.iter().sum::<f64>() - overlaps[0] - overlaps[1];
-    if total >= whole * haste(0.0, 1.0, whole) {
+    // To slow down the whole motion evenly is no longer than the legs.
+    if total >= whole * factor(0.0, 1.0, whole) {
         return;
     }
+    // Windows of the legs, as shares of the total time.
     let begins = [0.0, lasts[0] - overlaps[0], total - lasts[2]].map(|begin| begin / total);
     let ends = [until, from, 1.0];
     for m in &moves {
@@ -148,43 +159,64 @@ fn slow_ends(
     }
 }
 
-/// A motion of joints that is ordered.
+/// A joint motion of an order.
 struct JointsMove<'a> {
     arm: usize,
     from: &'a JointPositions,
     target: JointPositions,
+    /// Share of the full speeds.
     speed: f64,
+    /// Least duration that the order asks for (s).
     seconds: f64,
     manner: &'a Manner,
 }
 
-impl JointsMove<'_> {
-    /// Returns where the arm is after a share of its way.
+impl<'a> JointsMove<'a> {
+    /// Returns the joint motions among the orders of arms whose joints are known.
+    fn of(
+        known: [Option<&'a ArmState>; 2],
+        manners: &'a [Manner],
+        orders: &[Option<Behaviour>; 2],
+    ) -> Vec<Self> {
+        let of_arm = |arm: usize| match orders[arm]? {
+            Behaviour::Joints { target, speed, seconds } => {
+                let (from, manner) = (&known[arm]?.desired_joints, manners.get(arm)?);
+                Some(Self { arm, from, target, speed, seconds, manner })
+            }
+            _ => None,
+        };
+        (0..2).filter_map(of_arm).collect()
+    }
+
+    /// Returns the joints of the arm after a share of its path.
     fn at(&self, share: f64) -> JointPositions {
         self.from.towards(&self.target, share)
     }
 
-    /// Returns how long the way from one share to another takes by itself (s).
+    /// Returns the duration of the path from one share to another by itself (s).
     fn seconds(&self, begin: f64, end: f64) -> f64 {
         self.manner.speeds.joints_seconds(&self.at(begin), &self.at(end), self.speed)
     }
 }
 
-fn ways_of(
+/// Returns the paths of both arms. An arm without synchronisation has none that is known.
+fn paths_of(
     known: [Option<&ArmState>; 2],
     orders: &[Option<Behaviour>; 2],
-    way: impl Fn(Option<&Behaviour>, &ArmState) -> PlannedMotion,
+    path: impl Fn(Option<&Behaviour>, &ArmState) -> PlannedMotion,
 ) -> [PlannedMotion; 2] {
-    [0, 1].map(|i: usize| known[i].map_or(PlannedMotion::Stays, |arm| way(orders[i].as_ref(), arm)))
+    [0, 1]
+        .map(|i: usize| known[i].map_or(PlannedMotion::Stays, |arm| path(orders[i].as_ref(), arm)))
 }
 
-/// Returns how a behaviour moves an arm, as far as that is known before. An approach ends where it
-/// touches its target, the table among others, and slowly.
-fn way(order: Option<&Behaviour>, arm: &ArmState) -> PlannedMotion {
+/// Returns the path on which a behaviour moves an arm, as far as it is known before. An approach
+/// counts as none: it is slow, and it ends where it touches its target, which may be the table.
+fn path(order: Option<&Behaviour>, arm: &ArmState) -> PlannedMotion {
     match order {
         Some(Behaviour::Joints { target, .. }) => PlannedMotion::Joints(*target),
         Some(Behaviour::Legs { legs, .. }) => PlannedMotion::Legs(*legs),
         Some(Behaviour::Line { target, .. }) => PlannedMotion::Line(*target),
+        // Against the direction of approach, which is z of the tool.
         Some(Behaviour::Withdraw { distance, .. }) => {
             PlannedMotion::Line(arm.desired_base_from_tool * Pose::translation(0.0, 0.0, -distance))
         }
@@ -192,12 +224,12 @@ fn way(order: Option<&Behaviour>, arm: &ArmState) -> PlannedMotion {
     }
 }
 
-/// Returns the same with an approach as far as it may go: whether it leads to the other hand.
-fn way_at_most(order: Option<&Behaviour>, arm: &ArmState) -> PlannedMotion {
+/// Returns the path as [`path`] does, and that of an approach over its whole distance.
+fn longest_path(order: Option<&Behaviour>, arm: &ArmState) -> PlannedMotion {
     match order {
         Some(Behaviour::Approach { distance, .. }) => {
             PlannedMotion::Line(arm.desired_base_from_tool * Pose::translation(0.0, 0.0, *distance))
         }
-        order => way(order, arm),
+        order => path(order, arm),
     }
 }

@@ -1,4 +1,4 @@
-//! The activity of each actor, in one word and in a sentence.
+//! The activity of each actor, as a state and in words, for the UIs.
 
 use super::moment::Moment;
 use crate::actors::latest::ArmLatest;
@@ -8,22 +8,26 @@ use crate::operator::{ActorView, CameraView, ControlView, State};
 
 /// The facts about all actors at one moment.
 pub(super) struct Actors<'a> {
+    /// State of the run.
     pub(super) control: ControlView,
-    /// A fatal error has stopped MP.
+    /// Whether a fatal error has stopped MP.
     pub(super) fatal: bool,
-    /// The VSPs have been created.
+    /// Whether the VSPs have been created.
     pub(super) begun: bool,
+    /// Believed cell.
     pub(super) cell: &'a Cell,
+    /// Latest values.
     pub(super) moment: &'a Moment,
-    /// Each VSP's name and camera.
+    /// Name and camera of each VSP.
     pub(super) vsps: &'a [(String, Option<usize>)],
+    /// Views of all cameras.
     pub(super) cameras: &'a [CameraView],
 }
 
 impl Actors<'_> {
     /// Returns the view of each actor, from UI and MP down.
     pub(super) fn views(&self) -> Vec<ActorView> {
-        let mut views = vec![view("ui".into(), State::Running, "shows this"), self.mp()];
+        let mut views = vec![view("ui".into(), State::Running, "shows the run"), self.mp()];
         let arms = self.cell.arms.iter().enumerate();
         views.extend(arms.clone().map(|(i, arm)| self.ecp(i, &arm.name)));
         views.extend(arms.map(|(i, arm)| self.edp(i, &arm.name)));
@@ -31,6 +35,7 @@ impl Actors<'_> {
         views
     }
 
+    /// Returns whether the run has ended.
     fn is_over(&self) -> bool {
         self.control == ControlView::Ended
     }
@@ -45,12 +50,15 @@ impl Actors<'_> {
         }
     }
 
+    /// Returns the view of MP.
     fn mp(&self) -> ActorView {
         let (state, words) = match self.control {
+            // The fault stays visible after the run has ended.
             _ if self.fatal => (State::Fault, "stopped by an error"),
             ControlView::Waiting => (State::Idle, "waits for the start"),
             ControlView::Paused => (State::Held, "paused"),
             ControlView::Ended => (State::Absent, "has ended"),
+            // With manual orders MP waits for the operator most of the time.
             ControlView::Running | ControlView::Terminated => {
                 (if self.moment.manual { State::Idle } else { State::Running }, self.moment.mp)
             }
@@ -58,9 +66,10 @@ impl Actors<'_> {
         view("mp".into(), state, words)
     }
 
+    /// Returns the view of an arm's ECP.
     fn ecp(&self, index: usize, arm: &str) -> ActorView {
         let (state, words) = match (self.moment.orders, self.moment.arms.get(index)) {
-            // A replay has no orders: the arm's motion shows that there was one.
+            // A recording holds no orders: the motion of the arm shows that there was one.
             (None, Some(latest)) => (self.edp_state(latest).0, "not recorded"),
             (None, None) => (State::Absent, "not recorded"),
             (Some(orders), _) => match orders.get(index).copied().flatten() {
@@ -72,15 +81,19 @@ impl Actors<'_> {
         view(format!("ecp {arm}"), self.alive(state), words)
     }
 
+    /// Returns the view of an arm's EDP.
     fn edp(&self, index: usize, arm: &str) -> ActorView {
         let latest = self.moment.arms.get(index);
+        // Not through `alive`: an arm holds, or has a fault, whatever the run does.
         let absent = (State::Absent, String::new());
         let (state, words) = latest.map_or(absent, |latest| self.edp_state(latest));
         view(format!("edp {arm}"), state, &words)
     }
 
+    /// Returns state and words of an EDP from the state of its arm.
     fn edp_state(&self, latest: &ArmLatest) -> (State, String) {
         let state: &ArmState = &latest.state;
+        // A fault comes first: an arm with a fault may have lost its synchronisation as well.
         if let Some(fault) = state.fault {
             return (State::Fault, fault.to_string());
         }
@@ -90,6 +103,7 @@ impl Actors<'_> {
                 (State::NotSynchronised, format!("synchronises axis {axis}"))
             }
             Synchronisation::Yes if self.is_over() => (State::Held, "holds".to_owned()),
+            // The last command has periods left.
             Synchronisation::Yes if state.command_end > state.period => {
                 (State::Running, "synchronised, moves".to_owned())
             }
@@ -97,6 +111,7 @@ impl Actors<'_> {
         }
     }
 
+    /// Returns the view of a VSP.
     fn vsp(&self, name: &str, camera: Option<usize>) -> ActorView {
         let seen = camera.and_then(|camera| self.cameras.get(camera));
         let words = match (seen, camera) {
@@ -109,6 +124,7 @@ impl Actors<'_> {
     }
 }
 
+/// Makes the view of an actor.
 fn view(name: String, state: State, words: &str) -> ActorView {
     ActorView { name, state, words: words.to_owned() }
 }

@@ -1,5 +1,8 @@
 //! The presenter: makes the operator's snapshots from notices and the latest values. They show the
 //! controller's belief, never the plant's truth.
+//!
+//! - in: notices, messages of a recording, the [`LatestValues`], the operator's control
+//! - out: a [`View`]: the snapshot, and stage and pictures if they are new
 
 mod actors;
 mod camera;
@@ -30,46 +33,56 @@ use nalgebra::UnitQuaternion;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Messages that are kept for whoever opens a page late.
+/// Most messages that a snapshot carries. A page that is opened late shows those.
 const MESSAGES: usize = 400;
-/// A cube that the stand-alone camera has not seen for this long is not shown (s).
+/// Age from which on the cube of the stand-alone camera is not shown (s).
 const STALE: f64 = 1.0;
-/// The speed of time is measured over this.
+/// Least time over which the speed of the run's time is measured.
 const FACTOR: Duration = Duration::from_millis(500);
-/// Time between two pictures of a camera: people see no more.
+/// Least time between two pictures of a camera: a person does not need more.
 const PICTURE: Duration = Duration::from_millis(120);
 
-/// The picture of a run at one moment, for the UIs.
+/// The values of a run at one moment, for the UIs.
 pub struct View {
-    /// The stage, when it is another one.
+    /// Stage, if it has changed.
     pub stage: Option<Stage>,
-    /// The cameras' pictures, when one is new.
+    /// Pictures of all cameras, if one is new.
     pub pictures: Option<Pictures>,
-    /// The rest.
+    /// Snapshot of all other values.
     pub snapshot: Snapshot,
 }
 
-/// Makes snapshots.
+/// The maker of snapshots, with its memory.
 pub struct Presenter {
     latest: LatestValues,
+    /// Believed cell; a calibration replaces it.
     cell: Cell,
+    /// Name and camera of each VSP.
     vsps: Vec<(String, Option<usize>)>,
     virtual_pace: bool,
-    /// Arms count their own periods, sensors those of 2 ms.
+    /// Length of the arms' periods; the sensors' periods last 2 ms.
     length: Length,
+    /// Whether an arm has published a state.
     begun: bool,
+    /// Number of the last snapshot.
     number: u64,
+    /// Name of each phase and time of its beginning (s).
     phases: Vec<(String, f64)>,
     messages: Arc<Vec<Message>>,
-    told: u64,
+    /// Number of the last message.
+    said: u64,
     outcome: Option<OutcomeView>,
+    /// Whether a fatal error has been reported.
     fatal: bool,
-    /// When and which time the speed of time was measured last, and the speed.
+    /// Last measurement of the speed of time: the moment, the run's time then (s), the speed.
     factor: (Instant, f64, f64),
-    /// Each camera's picture: when it was taken over, and its number.
+    /// Last picture of each camera.
     pictures: Vec<Option<Arc<Pixels>>>,
+    /// View of each camera, with the results of vision in its picture.
     views: Vec<CameraView>,
-    looked: Vec<Option<Instant>>,
+    /// Moment at which the last picture of each camera was taken over.
+    taken_at: Vec<Option<Instant>>,
+    /// Newest pose of the cube from the stand-alone camera.
     hand: Option<Target>,
     stage: Stage,
 }
@@ -93,12 +106,12 @@ impl Presenter {
             number: 0,
             phases: Vec::new(),
             messages: Arc::default(),
-            told: 0,
+            said: 0,
             outcome: None,
             fatal: false,
             factor: (Instant::now(), 0.0, 0.0),
             pictures: vec![None; cell.cameras.len()],
-            looked: vec![None; cell.cameras.len()],
+            taken_at: vec![None; cell.cameras.len()],
             views,
             hand: None,
             stage,
@@ -106,7 +119,7 @@ impl Presenter {
         }
     }
 
-    /// A notice has come.
+    /// Adds a notice to the next snapshot.
     pub fn notice(&mut self, notice: &Notice) {
         match notice {
             Notice::Phase(time, name) => {
@@ -129,13 +142,13 @@ impl Presenter {
         }
     }
 
-    /// A recording has a message.
+    /// Adds a message of a recording to the next snapshot.
     pub fn recorded(&mut self, time: f64, class: Class, source: &str, text: &str) {
         self.fatal |= class == Class::Fatal;
         self.say(time, class, source, text);
     }
 
-    /// Shows an input of the operator that was obeyed, or refused with a reason.
+    /// Adds a message about an input of the operator: it was obeyed, or refused with a reason.
     pub fn obeyed(&mut self, input: &Input, done: Result<(), &'static str>) {
         let input = input.describe();
         let (class, text) = match done {
@@ -145,14 +158,17 @@ impl Presenter {
         self.say(self.time(), class, "ui", &text);
     }
 
+    /// Adds a message.
     fn say(&mut self, time: f64, class: Class, source: &str, text: &str) {
-        self.told += 1;
+        self.said += 1;
+        // Snapshots share the list. It is copied only if one of them is still held.
         let messages = Arc::make_mut(&mut self.messages);
         if messages.len() >= MESSAGES {
+            // A quarter at a time: to drop one message would move all others each time.
             messages.drain(..MESSAGES / 4);
         }
         messages.push(Message {
-            number: self.told,
+            number: self.said,
             time,
             class,
             source: source.to_owned(),
@@ -160,19 +176,21 @@ impl Presenter {
         });
     }
 
+    /// Returns the time of the run now (s).
     fn time(&self) -> f64 {
         self.time_of(&self.latest.lock())
     }
 
-    /// Time of the run (s).
+    /// Returns the time of the run in these values (s): the time of the latest state of any arm.
     fn time_of(&self, latest: &Latest) -> f64 {
         let periods = latest.arms.iter().map(|arm| arm.state.period).max().unwrap_or(0);
         periods as f64 * self.length.seconds()
     }
 
-    /// Publishes stage, pictures and snapshot, as far as they are new.
+    /// Publishes the snapshot, and stage and pictures if they are new.
     pub fn publish(&mut self, desk: &RunEnd, control: Control, speed: f64) {
         let View { stage, pictures, snapshot } = self.view(control, speed);
+        // The snapshot comes last: it names the pictures and the cameras of the stage.
         if let Some(stage) = stage {
             desk.stage.send_replace(Arc::new(stage));
         }
@@ -182,10 +200,12 @@ impl Presenter {
         desk.snapshots.send_replace(Arc::new(snapshot));
     }
 
-    /// Returns the picture of the run now.
+    /// Returns the present values of the run, as the user interfaces show them.
     pub fn view(&mut self, control: Control, speed: f64) -> View {
+        // One lock for all values, so that they are of one moment. The work on them comes after it.
         let values = self.latest.clone();
         let mut latest = values.lock();
+        // Before the pictures: they are drawn into by the calibrated camera.
         let stage = latest.calibrated.take().map(|cell| self.calibrated(*cell));
         let is_new = self.take_pictures(&mut latest);
         let time = self.time_of(&latest);
@@ -193,13 +213,15 @@ impl Presenter {
         drop(latest);
 
         self.begun |= !moment.arms.is_empty();
-        self.measure(moment.time);
+        self.measure_factor(moment.time);
         self.number += 1;
         let snapshot = self.snapshot(moment, control, speed);
         View { stage, pictures: is_new.then(|| self.pictures.clone()), snapshot }
     }
 
+    /// Makes the snapshot of a moment.
     fn snapshot(&self, moment: Moment, control: Control, speed: f64) -> Snapshot {
+        // A run with an outcome has ended, even if the operator's control still says otherwise.
         let control = match (control, &self.outcome) {
             (_, Some(_)) => ControlView::Ended,
             (Control::Waiting, None) => ControlView::Waiting,
@@ -209,6 +231,7 @@ impl Presenter {
         };
         let arms = self.arms(&moment);
         let cube = self.cube(&arms, moment.picture.as_ref(), moment.time);
+        // The hand is shown at the cube that the camera sees, so only while no arm holds it.
         let person = self.cell.keeper == Keeper::Person;
         let hand = self.hand(moment.time).filter(|_| person && cube.held_by.is_empty());
         let actors = self.actors(control, &moment);
@@ -231,6 +254,7 @@ impl Presenter {
             step: picture.step,
             servo: moment.servo,
             question: moment.question,
+            // A run with an outcome takes no orders and no speed any more.
             services: Services {
                 manual: moment.manual && self.outcome.is_none(),
                 speed: self.virtual_pace && self.outcome.is_none(),
@@ -241,7 +265,7 @@ impl Presenter {
         }
     }
 
-    /// Takes over a cell as a calibration found it, and returns the stage with its cameras.
+    /// Adopts the cell that a calibration found, and returns the stage with its cameras.
     fn calibrated(&mut self, cell: Cell) -> Stage {
         self.stage.cameras = stage::cameras(&cell);
         self.stage.edge = cell.cube.edge;
@@ -249,8 +273,10 @@ impl Presenter {
         self.stage.clone()
     }
 
-    /// A camera's VSP has delivered, with a picture or without.
-    pub fn sees(&mut self, period: u64, found: &Found) {
+    /// Stores the result of a camera's VSP. The result may have come without a picture.
+    pub fn take_sight(&mut self, period: u64, found: &Found) {
+        // A sight stays in the latest values and is taken again with each snapshot. It must not
+        // replace a newer result that came without a picture.
         if let Found::Cube(world_from_cube, speed) = *found
             && self.hand.is_none_or(|hand| hand.period <= period)
         {
@@ -258,7 +284,8 @@ impl Presenter {
         }
     }
 
-    fn measure(&mut self, time: f64) {
+    /// Measures how fast the run's time passes, as a multiple of real time, each [`FACTOR`].
+    fn measure_factor(&mut self, time: f64) {
         let (at, then, _) = self.factor;
         let passed = at.elapsed();
         if passed >= FACTOR {
@@ -266,14 +293,20 @@ impl Presenter {
         }
     }
 
-    /// Takes new pictures over, with what was found in them; `true` when there was one.
+    /// Takes new pictures over and draws the results of vision into their views. Returns whether
+    /// there was one.
     fn take_pictures(&mut self, latest: &mut Latest) -> bool {
         let mut new = false;
         for (camera, sight) in latest.sights.iter_mut().enumerate() {
             let Some(sight) = sight else { continue };
-            self.sees(sight.period, &sight.found);
-            let soon =
-                self.looked.get(camera).copied().flatten().is_some_and(|at| at.elapsed() < PICTURE);
+            self.take_sight(sight.period, &sight.found);
+            let soon = self
+                .taken_at
+                .get(camera)
+                .copied()
+                .flatten()
+                .is_some_and(|at| at.elapsed() < PICTURE);
+            // A picture that comes too soon stays in the values, and a newer one may replace it.
             let Some(image) = sight.image.take_if(|_| !soon) else { continue };
             let Some(view) = self.views.get_mut(camera) else { continue };
             view.frame += 1;
@@ -282,18 +315,21 @@ impl Presenter {
             camera::draw(view, &self.cell, camera, sight);
             self.pictures[camera] =
                 Some(Arc::new(Pixels { frame: view.frame, pixels: Kind::Raw(image) }));
-            self.looked[camera] = Some(Instant::now());
+            self.taken_at[camera] = Some(Instant::now());
             new = true;
         }
         new
     }
 
+    /// Returns the views of all arms.
     fn arms(&self, moment: &Moment) -> Vec<ArmView> {
+        // The mission estimates the bases better than the scenario states them.
         let believed = |i: usize| moment.picture.as_ref()?.world_from_base.get(i).copied()?;
         let view = |(i, arm): (usize, &crate::cell::Arm)| {
             let latest = moment.arms.get(i);
             let ArmLatest { state, peaks } = latest.copied().unwrap_or_default();
             let synchronised = state.synchronisation == Synchronisation::Yes && latest.is_some();
+            // Before the first state an arm is shown at its start pose.
             let joints = latest.map_or(arm.start, |latest| latest.state.joints);
             ArmView {
                 name: arm.name.clone(),
@@ -313,6 +349,7 @@ impl Presenter {
         self.cell.arms.iter().enumerate().map(view).collect()
     }
 
+    /// Returns the views of all actors.
     fn actors(&self, control: ControlView, moment: &Moment) -> Vec<ActorView> {
         Actors {
             control,
@@ -326,24 +363,27 @@ impl Presenter {
         .views()
     }
 
+    /// Returns the cube that the stand-alone camera has seen lately.
     fn hand(&self, time: f64) -> Option<HandView> {
         let Target { world_from_cube, speed, period } = self.hand?;
         let age = time - period as f64 * PERIOD;
         (age < STALE).then_some(HandView { world_from_cube, speed, age })
     }
 
-    /// Where a cube is that is seen, and that no arm holds.
-    fn kept(&self) -> &'static str {
+    /// Returns the place, in words, of a cube that is seen and that no arm holds.
+    fn keeper_place(&self) -> &'static str {
         match self.cell.keeper {
             Keeper::Person => "in the operator's hand",
             Keeper::Table => "on the table",
         }
     }
 
+    /// Returns the view of the cube: in the hands by the kernel's belief, else where it is seen.
     fn cube(&self, arms: &[ArmView], picture: Option<&Picture>, time: f64) -> CubeView {
         let Some(picture) = picture else {
+            // The kernel has no belief yet, or the task handles no cube.
             let seen = self.hand(time).map(|hand| hand.world_from_cube);
-            let with = if seen.is_some() { self.kept() } else { "not seen yet" };
+            let with = if seen.is_some() { self.keeper_place() } else { "not seen yet" };
             return CubeView {
                 world_from_cube: seen,
                 with: with.to_owned(),
@@ -354,11 +394,12 @@ impl Presenter {
         let tool = |arm: usize| Some(joints_of(&arms.get(arm)?.frames)?.tool);
         let held: Vec<usize> =
             (0..2).filter(|&i| picture.tool_from_cube[i].is_some() && tool(i).is_some()).collect();
-        // The body is with whoever does not turn a layer.
+        // While a layer turns, the body of the cube moves with the hand that does not turn it.
         let turner = picture.turning.map(|turning| turning.effector);
         let body = held.iter().copied().find(|&i| Some(i) != turner).or(held.first().copied());
         let by_hand = body.and_then(|i| Some(tool(i)? * picture.tool_from_cube[i]?));
         let seen = self.hand(time).map(|hand| hand.world_from_cube);
+        // The angle of the layer is the roll of the turning hand since the layer was straight.
         let turned = picture.turning.zip(by_hand).and_then(|(turning, world_from_cube)| {
             let cube_from_tool =
                 world_from_cube.rotation.inverse() * tool(turning.effector)?.rotation;
@@ -368,12 +409,13 @@ impl Presenter {
         let names: Vec<&str> =
             held.iter().filter_map(|&i| arms.get(i)).map(|arm| arm.name.as_str()).collect();
         let with = match (names.as_slice(), seen.is_some()) {
-            ([], true) => self.kept().to_owned(),
+            // No arm holds it: the camera's sight counts first, then the kernel's belief.
+            ([], true) => self.keeper_place().to_owned(),
             ([], false) if picture.handed_back => match self.cell.keeper {
                 Keeper::Person => "handed back".to_owned(),
                 Keeper::Table => "laid on the table".to_owned(),
             },
-            ([], false) => "with nobody that the robot knows of".to_owned(),
+            ([], false) => "at an unknown place".to_owned(),
             (names, _) => format!("held by {}", names.join(" and ")),
         };
         CubeView {
@@ -386,13 +428,13 @@ impl Presenter {
     }
 }
 
-/// Returns the angle of a rotation about z.
+/// Returns the angle of a rotation about z (rad), in -pi..pi.
 fn roll(rotation: &UnitQuaternion<f64>) -> f64 {
     let angle = 2.0 * rotation.k.atan2(rotation.w);
     (angle + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI
 }
 
-/// Returns the cube's facelets, or those that the net has so far.
+/// Returns the cube's facelets, or those in the net while it is being read; `-` for an unread one.
 fn letters(picture: &Picture) -> String {
     if let Some(facelets) = &picture.facelets {
         return facelets.to_string();
@@ -424,6 +466,7 @@ mod tests {
         (presenter, stage, latest)
     }
 
+    /// Puts both arms at their start poses, at period 500.
     fn stand(latest: &LatestValues, presenter: &Presenter) {
         let arms = presenter.cell.arms.iter().map(|arm| ArmLatest {
             state: ArmState { period: 500, joints: arm.start, ..ArmState::default() },
@@ -432,8 +475,9 @@ mod tests {
         latest.lock().arms = arms.collect();
     }
 
+    /// A held cube moves with the arm, and the layer that is turned with the turning hand.
     #[test]
-    fn a_cube_in_a_hand_goes_where_the_arm_goes_and_its_layer_with_the_turner() {
+    fn held_cube_follows_the_arms() {
         let (mut presenter, _, latest) = presenter();
         stand(&latest, &presenter);
         let desk = crate::desk::Desk::default().run_end();
@@ -446,7 +490,7 @@ mod tests {
             .map(|frames| joints_of(&frames).unwrap().tool)
             .collect();
         let world_from_cube = frames[1] * tool_from_cube;
-        // As the track's tool stands now, less 0.3 rad.
+        // The layer was straight 0.3 rad before the present orientation of the track arm's tool.
         let now = world_from_cube.rotation.inverse() * frames[0].rotation;
         let before = now * UnitQuaternion::from_scaled_axis(nalgebra::Vector3::z() * -0.3);
         latest.lock().picture = Some(Picture {
@@ -469,7 +513,7 @@ mod tests {
     }
 
     #[test]
-    fn time_is_that_of_the_arms_whatever_their_period() {
+    fn time_counts_in_the_periods_of_arms() {
         let set = [Override::parse("real_time.period_ms=1").unwrap()];
         let scenario = crate::scenario::read(Path::new("t.toml"), "", &set).unwrap();
         let latest = LatestValues::default();
@@ -484,7 +528,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_found_is_painted_by_the_calibrated_camera() {
+    fn calibrated_camera_draws_the_outlines() {
         let (mut presenter, before, latest) = presenter();
         stand(&latest, &presenter);
         let desk = crate::desk::Desk::default().run_end();
@@ -524,7 +568,7 @@ mod tests {
     }
 
     #[test]
-    fn a_faulty_arm_shows_its_fault_and_the_console_its_class() {
+    fn faulty_arm_shows_its_fault_and_class() {
         let (mut presenter, _, latest) = presenter();
         stand(&latest, &presenter);
         let desk = crate::desk::Desk::default().run_end();

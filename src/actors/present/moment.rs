@@ -1,4 +1,4 @@
-//! The latest values at the moment at which a snapshot is made.
+//! The latest values at the moment of a snapshot.
 
 use crate::actors::latest::{ArmLatest, Latest};
 use crate::operator::{Question, ServoTiming};
@@ -8,31 +8,33 @@ use crate::tasks::Picture;
 pub(super) struct Moment {
     /// Time of the run (s).
     pub(super) time: f64,
-    /// Each arm's state, with its peaks since the moment before.
+    /// State of each arm, with its peaks since the last snapshot.
     pub(super) arms: Vec<ArmLatest>,
-    /// The punctuality of a servo under the wall clock since the moment before.
+    /// Punctuality of a servo under the wall clock since the last snapshot.
     pub(super) servo: Option<ServoTiming>,
-    /// The kernel's belief.
+    /// Belief of the kernel.
     pub(super) picture: Option<Picture>,
-    /// MP's activity.
+    /// Activity of MP.
     pub(super) mp: &'static str,
-    /// Arms may be moved by hand.
+    /// Whether the operator may move arms by hand.
     pub(super) manual: bool,
-    /// The order of each ECP; `None` in a replay, which has none recorded.
+    /// Order of each ECP; `None` in a replay, since a recording holds no orders.
     pub(super) orders: Option<[Option<&'static str>; 2]>,
-    /// The open question.
+    /// Open question.
     pub(super) question: Option<Question>,
 }
 
 impl Moment {
-    /// Reads the latest values. Peaks and punctuality begin anew with this.
+    /// Reads the latest values, and resets peaks and punctuality for the next snapshot.
     pub(super) fn of(latest: &mut Latest, time: f64) -> Self {
+        // Each peak is shown in one snapshot.
         let read = |arm: &mut ArmLatest| ArmLatest {
             state: arm.state,
             peaks: std::mem::take(&mut arm.peaks),
         };
         let servo = latest.punctual.as_ref().map(|(switches, period)| {
             let (late, work, missed) = switches.punctual.take();
+            // The servo measures in nanoseconds; `missed` counts since the beginning of the run.
             let (late, work) = (late as f64 * 1e-9, work as f64 * 1e-9);
             ServoTiming { period: *period, late, work, missed }
         });

@@ -1,4 +1,7 @@
-//! The stage of a run: what does not change in it.
+//! The stage of a run: the facts about its cell and scenario that do not change during its task.
+//!
+//! - in: the scenario
+//! - out: the [`Stage`] for the UIs, and the named poses of an arm
 
 use crate::cell::{Arm, Camera, Cell, Mount};
 use crate::cube::Keeper;
@@ -19,6 +22,7 @@ pub(crate) fn stage(scenario: &Scenario) -> Stage {
         opening: arm.gripper.opening,
         poses: poses(arm).into_iter().map(|p| p.0).collect(),
     };
+    // Under the idle task no person hands over a cube, so its zone would only mislead.
     let solve = config.task.word() != "idle";
     Stage {
         title: scenario.path.display().to_string(),
@@ -42,7 +46,7 @@ pub(crate) fn stage(scenario: &Scenario) -> Stage {
     }
 }
 
-/// Returns the cameras as they stand in a cell.
+/// Returns the cameras of a cell, each with its pose in the world or on its arm's flange.
 pub(super) fn cameras(cell: &Cell) -> Vec<CameraStage> {
     let camera = |camera: &Camera| {
         let (arm, pose): (Option<usize>, Pose) = match camera.mount {
@@ -55,14 +59,17 @@ pub(super) fn cameras(cell: &Cell) -> Vec<CameraStage> {
     cell.cameras.iter().map(camera).collect()
 }
 
-/// Returns the names of the poses that an arm can be sent to by hand, with its joints there.
+/// Returns the names of the poses to which the operator can send an arm by hand, with its joints
+/// there.
 pub(crate) fn poses(arm: &Arm) -> Vec<(String, JointPositions)> {
     let mut poses = vec![("start".to_owned(), arm.start)];
     let track = arm.start.0[0];
     let front = [track, 0.0, -1.57, 0.0, 1.57, 1.57, -1.57];
     poses.push(("front".to_owned(), JointPositions(front)));
     let sync = MotorPositions(arm.model.sync);
+    // A model whose synchronisation position no joints reach has no pose of that name.
     poses.extend(arm.model.joints(&sync).ok().map(|at| ("synchronisation".to_owned(), at)));
+    // "front" is one constant for all arms, and may lie outside the limits of some.
     poses.retain(|(_, joints)| arm.model.check(joints).is_ok());
     poses
 }

@@ -1,4 +1,4 @@
-//! Devices of this machine that a bridge may need. The simulated plant needs none.
+//! Checks of the devices that a bridge may need. The simulated plant needs none.
 
 use super::finding::{Finding, Weight};
 use super::fix::{raw_io, trigger};
@@ -8,7 +8,7 @@ use rustix::io::Errno;
 use std::fs;
 use std::path::Path;
 
-/// Returns what is found of serial lines, ports and adapters.
+/// Returns the findings about serial lines, ports and adapters.
 pub(super) fn devices() -> Vec<Finding> {
     let names = serial_lines(Path::new("/dev"), Path::new("/sys/class/tty"));
     let mut findings = vec![lines(Path::new("/dev"), &names), ports()];
@@ -19,7 +19,7 @@ pub(super) fn devices() -> Vec<Finding> {
 /// Returns the names of the serial lines in a folder of devices; `classes` is the kernel's folder
 /// of their types.
 fn serial_lines(devices: &Path, classes: &Path) -> Vec<String> {
-    // The kernel has more names for a PC's own ports than the PC has ports.
+    // The kernel names more ports of a PC than it has. The type of a missing one is 0.
     let is_there = |name: &String| {
         let kind = fs::read_to_string(classes.join(name).join("type")).unwrap_or_default();
         !name.starts_with("ttyS") || kind.trim() != "0"
@@ -47,23 +47,24 @@ fn lines(devices: &Path, names: &[String]) -> Finding {
     let name = "serial lines";
     let denied: Vec<Errno> =
         names.iter().filter_map(|name| may_open(&devices.join(name)).err()).collect();
+    // No line, or a line without rights, matters only to a serial bridge: each is a note.
     match (names.len(), denied.len()) {
         (0, _) => Finding {
             name,
             weight: Weight::Note,
-            fact: "none: bridge.kind = \"serial\" needs one an axis".to_owned(),
+            fact: "none; bridge.kind = \"serial\" needs one for each axis".to_owned(),
             fix: None,
         },
         (all, 0) => Finding {
             name,
             weight: Weight::Good,
-            fact: format!("{all} to be opened: {}", names.join(" ")),
+            fact: format!("{all} can be opened: {}", names.join(" ")),
             fix: None,
         },
         (all, count) => Finding {
             name,
             weight: Weight::Note,
-            fact: format!("{count} of {all} may not be opened"),
+            fact: format!("{count} of {all} cannot be opened by this user"),
             fix: denied.contains(&Errno::ACCESS).then(trigger),
         },
     }
@@ -72,6 +73,7 @@ fn lines(devices: &Path, names: &[String]) -> Finding {
 /// Returns whether the ports of an ISA card at the original's address are granted.
 pub(super) fn ports() -> Finding {
     let name = "ISA ports";
+    // Port instructions are a feature that is chosen when the program is built.
     if !cfg!(feature = "isa") {
         return Finding {
             name,
@@ -91,15 +93,17 @@ pub(super) fn ports() -> Finding {
     }
 }
 
-/// Asks for ports in a thread that ends at once: the right belongs to a thread.
+/// Asks for ports in a thread that ends at once. The right belongs to that thread, so the program
+/// does not keep it.
 pub(super) fn asked(ask: fn(u16) -> Result<(), String>, ports: u16) -> Result<(), String> {
     std::thread::spawn(move || ask(ports))
         .join()
         .unwrap_or_else(|_| Err("the thread that asked for ports panicked".to_owned()))
 }
 
-/// Returns the FTDI adapters that hold answers back; their driver begins with 16 ms.
+/// Returns the FTDI adapters that delay answers. Their driver starts with 16 ms.
 fn slow_adapters(serial: &[String]) -> Option<Finding> {
+    // Only the driver of FTDI has this file.
     let timer = |name: &&String| {
         let path = format!("/sys/class/tty/{name}/device/latency_timer");
         let text = fs::read_to_string(path).ok()?;
@@ -110,9 +114,10 @@ fn slow_adapters(serial: &[String]) -> Option<Finding> {
     Some(Finding {
         name: "serial adapters",
         weight: Weight::Note,
-        fact: format!("{} of them keep answers back for more than 1 ms", slow.len()),
+        fact: format!("{} of them delay answers by more than 1 ms", slow.len()),
         fix: Some(format!(
-            "echo 1 | sudo tee /sys/class/tty/{first}/device/latency_timer   (each; or install packaging/udev)"
+            "echo 1 | sudo tee /sys/class/tty/{first}/device/latency_timer   (for each adapter; or \
+             install packaging/udev)"
         )),
     })
 }
@@ -136,8 +141,8 @@ mod tests {
         let names = serial_lines(&devices, &folder.0.join("class"));
 
         assert_eq!(names, ["ttyS0", "ttyUSB0"]);
-        assert_eq!(lines(&devices, &names).fact, "2 to be opened: ttyS0 ttyUSB0");
+        assert_eq!(lines(&devices, &names).fact, "2 can be opened: ttyS0 ttyUSB0");
         fs::remove_file(devices.join("ttyS0")).unwrap();
-        assert_eq!(lines(&devices, &names).fact, "1 of 2 may not be opened");
+        assert_eq!(lines(&devices, &names).fact, "1 of 2 cannot be opened by this user");
     }
 }

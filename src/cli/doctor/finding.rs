@@ -5,24 +5,25 @@ pub(super) struct Finding {
     pub(super) name: &'static str,
     pub(super) weight: Weight,
     pub(super) fact: String,
-    /// The line that helps.
+    /// Command that helps.
     pub(super) fix: Option<String>,
 }
 
+/// Importance of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Weight {
-    /// Everything is as it should be.
+    /// No fault.
     Good,
-    /// A right that `--require-rt` wants is missing.
+    /// Missing right that `--require-rt` needs.
     Missing,
-    /// `run` refuses the scenario.
+    /// Reason why `run` refuses the scenario.
     Refused,
-    /// It costs punctuality, or is worth knowing.
+    /// Property that makes a servo late, or is worth knowing.
     Note,
 }
 
 impl Weight {
-    /// Returns its word in the listing.
+    /// Returns the word in the list of findings.
     pub(super) fn word(self) -> &'static str {
         match self {
             Self::Good => "ok",
@@ -33,7 +34,7 @@ impl Weight {
     }
 }
 
-/// Checks whether any finding has this weight.
+/// Returns whether any finding has this severity.
 pub(super) fn any(findings: &[Finding], weight: Weight) -> bool {
     findings.iter().any(|finding| finding.weight == weight)
 }

@@ -1,20 +1,21 @@
-//! Command lines that `rubik-robot doctor` prints as help.
+//! Commands that `rubik-robot doctor` prints as help.
 
-/// The highest priority that `packaging/` grants.
+/// Highest priority that `packaging/` grants.
 pub(super) const GRANTED: i32 = 85;
 
-/// Adds this user to the group to which `packaging/` grants everything.
+/// Command that adds this user to the group to which `packaging/` grants all rights.
 pub(super) const MEMBER: &str =
-    "sudo groupadd -f rubik-robot && sudo usermod -aG rubik-robot $USER   (then log in anew)";
-/// Lets that group open the devices.
-pub(super) const RULES: &str = "sudo cp packaging/udev/60-rubik-robot.rules /etc/udev/rules.d/ && sudo udevadm control --reload";
+    "sudo groupadd -f rubik-robot && sudo usermod -aG rubik-robot $USER   (then log in again)";
+/// Command that lets the group open the devices.
+pub(super) const RULES: &str = "sudo cp packaging/udev/60-rubik-robot.rules /etc/udev/rules.d/ \
+                                && sudo udevadm control --reload";
 
-/// Lets the group open the devices that are there already.
+/// Returns the command that lets the group open the devices that exist already.
 pub(super) fn trigger() -> String {
     format!("{RULES} && sudo udevadm trigger && {MEMBER}")
 }
 
-/// Lets this program use port instructions.
+/// Returns the command that lets this program use port instructions.
 pub(super) fn raw_io() -> String {
     if !cfg!(feature = "isa") {
         return "cargo build --release --features isa   (for bridge.kind = \"isa\")".to_owned();

@@ -1,24 +1,26 @@
-//! Rights and properties of this machine that decide how punctual a servo can be.
+//! Checks of the rights and properties of this machine on which a real-time servo depends.
 
 use super::finding::{Finding, Weight};
 use super::fix::{GRANTED, MEMBER, RULES};
 use crate::hw::driver::{Clock, RealTime};
 use std::fs;
 
-/// Returns which of the servo thread's rights are granted, by asking for them.
+/// Returns the findings about the rights of a servo thread. It asks for each right.
 pub(super) fn rights(priority: i32) -> Vec<Finding> {
     let limits = fs::read_to_string("/proc/self/limits").unwrap_or_default();
     let limit = |name: &str| -> String {
+        // The first number after the name is the soft limit.
         let line = limits.lines().find(|line| line.starts_with(name)).unwrap_or_default();
         line[name.len().min(line.len())..].split_whitespace().next().unwrap_or("?").to_owned()
     };
-    // Rights belong to a thread; this one ends at once.
+    // Rights belong to a thread. This one ends at once, so the program does not keep them.
     let denied = std::thread::spawn(move || RealTime::acquire(priority, None).warnings)
         .join()
         .unwrap_or_default();
     let refusal = |what: &str| denied.iter().find(|warning| warning.contains(what)).cloned();
     let limits_file =
         format!("sudo cp packaging/limits.d/rubik-robot.conf /etc/security/limits.d/ && {MEMBER}");
+    // A priority above the limit of packaging/ cannot be granted by its files.
     let lower = if priority > GRANTED {
         format!("set real_time.priority to {GRANTED}, the most that packaging/ grants; then ")
     } else {
@@ -53,13 +55,13 @@ pub(super) fn rights(priority: i32) -> Vec<Finding> {
     ]
 }
 
-/// Returns what the kernel and the processor do for punctuality.
+/// Returns the findings about the kernel and the processor.
 pub(super) fn kernel() -> Vec<Finding> {
     let cores = std::thread::available_parallelism().map_or(0, std::num::NonZero::get);
     vec![preemption(), budget(), timer(), governor(cores), isolation(cores), hypervisor()]
 }
 
-/// Returns the text of a file of the kernel, empty if it has none.
+/// Returns the text of a file of the kernel; empty if it does not exist.
 fn read(path: &str) -> String {
     fs::read_to_string(path).unwrap_or_default().trim().to_owned()
 }
@@ -74,8 +76,10 @@ fn note(name: &'static str, good: bool, fact: String, fix: Option<&str>) -> Find
     }
 }
 
+/// Checks that the kernel is one for real time.
 fn preemption() -> Finding {
     let release = read("/proc/sys/kernel/osrelease");
+    // Not every kernel for real time has the file; its version names it as well.
     let preempts =
         read("/sys/kernel/realtime") == "1" || read("/proc/version").contains("PREEMPT_RT");
     note(
@@ -86,7 +90,9 @@ fn preemption() -> Finding {
     )
 }
 
+/// Checks the time that real-time threads may use.
 fn budget() -> Finding {
+    // The kernel throttles real-time threads by default to 0.95 s of each second.
     let budget = read("/proc/sys/kernel/sched_rt_runtime_us");
     note(
         "real-time budget",
@@ -101,27 +107,31 @@ fn budget() -> Finding {
     )
 }
 
+/// Checks the resolution of the clock.
 fn timer() -> Finding {
+    // Without high-resolution timers a sleep ends at a tick of some milliseconds.
     let resolution = Clock.resolution();
     note(
         "timer",
         resolution <= 1000,
-        format!("the monotonic clock resolves {resolution} ns"),
+        format!("the monotonic clock has a resolution of {resolution} ns"),
         Some("boot with highres=on"),
     )
 }
 
+/// Checks that no core reduces its frequency.
 fn governor(cores: usize) -> Finding {
     let governors: Vec<String> = (0..cores)
         .map(|cpu| read(&format!("/sys/devices/system/cpu/cpu{cpu}/cpufreq/scaling_governor")))
         .filter(|governor| !governor.is_empty())
         .collect();
+    // Any other governor lowers the frequency of an idle core, so that a period takes longer.
     let performs = governors.iter().all(|governor| governor == "performance");
     note(
         "governor",
         performs,
         match governors.first() {
-            None => "no frequency scaling to be seen".to_owned(),
+            None => "no frequency scaling found".to_owned(),
             Some(first) if performs => format!("{first} on all cores"),
             Some(_) => format!("{} on {cores} cores", governors.join(", ")),
         },
@@ -129,7 +139,9 @@ fn governor(cores: usize) -> Finding {
     )
 }
 
+/// Checks that a core is reserved for the servo.
 fn isolation(cores: usize) -> Finding {
+    // No other thread runs on an isolated core unless it asks for it.
     let isolated = read("/sys/devices/system/cpu/isolated");
     note(
         "isolated cores",
@@ -142,12 +154,14 @@ fn isolation(cores: usize) -> Finding {
     )
 }
 
+/// Checks that the machine is not virtual.
 fn hypervisor() -> Finding {
+    // The processor reports a hypervisor to its guest.
     let is_virtual = read("/proc/cpuinfo").contains(" hypervisor");
     let fact = if is_virtual {
-        "a virtual machine: gaps of milliseconds come from below it"
+        "a virtual machine: its host may suspend it for milliseconds"
     } else {
-        "none to be seen"
+        "none found"
     };
     note("hypervisor", !is_virtual, fact.to_owned(), None)
 }
@@ -161,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn a_priority_is_granted_where_a_thread_really_has_it() {
+    fn priority_is_granted_if_a_thread_gets_it() {
         const PRIORITY: i32 = 42;
 
         let found = rights(PRIORITY);
@@ -172,8 +186,8 @@ mod tests {
         .join()
         .unwrap();
 
-        // Fields 40 and 41 of the line: priority and policy, of which 1 is first in, first out. The
-        // third one follows the name in its brackets.
+        // Fields 40 and 41 of the line are priority and policy; policy 1 is first in, first out.
+        // Field 3 is the first one after the name in brackets.
         let fields: Vec<&str> = stat.rsplit(')').next().unwrap().split_whitespace().collect();
         let is_granted = fields[37] == PRIORITY.to_string() && fields[38] == "1";
         let scheduling = of(&found, "scheduling");
@@ -182,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn memory_is_locked_only_where_nothing_limits_it() {
+    fn memory_is_locked_only_without_a_limit() {
         let found = rights(42);
         let lock = of(&found, "memory lock");
 
@@ -201,17 +215,17 @@ mod tests {
     }
 
     #[test]
-    fn the_kernel_is_as_it_says_itself() {
+    fn kernel_findings_agree_with_uname() {
         let found = kernel();
-        let said = |argument| {
+        let uname = |argument| {
             let out = std::process::Command::new("uname").arg(argument).output().unwrap();
             String::from_utf8(out.stdout).unwrap().trim().to_owned()
         };
 
         let flag = fs::read_to_string("/sys/kernel/realtime").is_ok_and(|t| t.trim() == "1");
-        let is_real_time = flag || said("-v").contains("PREEMPT_RT");
+        let is_real_time = flag || uname("-v").contains("PREEMPT_RT");
         let preempts = of(&found, "PREEMPT_RT");
         assert_eq!(preempts.weight == Weight::Good, is_real_time, "{}", preempts.fact);
-        assert!(preempts.fact.contains(&said("-r")), "{}", preempts.fact);
+        assert!(preempts.fact.contains(&uname("-r")), "{}", preempts.fact);
     }
 }

@@ -1,5 +1,8 @@
-//! `rubik-robot doctor`: what this machine can give a real-time servo, a probe of its jitter, and
-//! for each shortfall the line that helps.
+//! `rubik-robot doctor`: checks whether this machine can run a real-time servo.
+//!
+//! - in: the machine; optionally a scenario with its devices
+//! - out: findings, each fault with the command that mends it; the jitter of a servo thread
+//! - exit code: 1 if a right is missing or `run` would refuse the devices of the scenario
 
 mod devices;
 mod finding;
@@ -20,23 +23,25 @@ use std::path::PathBuf;
 #[command(after_help = "\
 Examples:
   rubik-robot doctor
-  rubik-robot doctor my.toml              and its priority, and the devices of its robot
-  rubik-robot doctor --seconds 60         a longer probe
+  rubik-robot doctor scenarios/hardware.toml  # with its priority and its devices
+  rubik-robot doctor --seconds 60             # a longer probe
   rubik-robot doctor --json | tail -1
-Exit code 0 when every real-time right is granted and nothing is found for which `run` would refuse the scenario's devices,
-1 when not, 2 when the scenario is wrong. No device is opened. The probe never moves an arm.")]
+
+No device is opened, and no arm moves.
+Exit codes: 0 every real-time right is granted, and `run` would accept the scenario's devices;
+1 otherwise; 2 the scenario is wrong.")]
 pub(super) struct DoctorArgs {
-    /// Scenario whose priority is asked for and whose devices are looked for
+    /// Scenario file (TOML) whose priority and devices are checked
     scenario: Option<PathBuf>,
-    /// Length of each of the two jitter probes
+    /// Duration of each of the two jitter measurements (s)
     #[arg(long, value_name = "S", default_value_t = 2.0)]
     seconds: f64,
-    /// One line of JSON for a program
+    /// Print one line of JSON
     #[arg(long)]
     json: bool,
 }
 
-/// A probe's name, and its timing unless the thread could not be started.
+/// Name of a probe, and its timing; `None` if the thread could not be started.
 type Probe = (&'static str, Option<Timing>);
 
 /// Examines the machine and the scenario's robot; returns the exit code.
@@ -53,7 +58,10 @@ pub(super) fn run(args: &DoctorArgs, output: &mut Output) -> anyhow::Result<u8> 
     let seconds = args.seconds.clamp(0.1, 3600.0);
     if !args.json {
         print_findings(&findings, output)?;
-        output.line(&format!("\njitter of the servo's own thread, 2 ms, {seconds} s each:"))?;
+        output.line(&format!(
+            "\njitter of a servo thread with a period of 2 ms, {seconds} s each:"
+        ))?;
+        // The probes take seconds: the findings appear before them.
         output.flush()?;
     }
     let probes = [("sleep", 0), ("sleep and spin", WallOptions::default().spin)]
@@ -67,7 +75,7 @@ pub(super) fn run(args: &DoctorArgs, output: &mut Output) -> anyhow::Result<u8> 
     Ok(exit_code(&findings))
 }
 
-/// Returns everything that is found without the probes.
+/// Returns all findings except the probes.
 fn examine(scenario: Option<&Scenario>, priority: i32) -> Vec<Finding> {
     let mut findings = machine::rights(priority);
     findings.extend(machine::kernel());
@@ -76,6 +84,7 @@ fn examine(scenario: Option<&Scenario>, priority: i32) -> Vec<Finding> {
     findings
 }
 
+/// Prints each finding, with the command that helps.
 fn print_findings(findings: &[Finding], output: &mut Output) -> anyhow::Result<()> {
     for f in findings {
         output.line(&format!("{:8} {:22} {}", f.weight.word(), f.name, f.fact))?;
@@ -86,6 +95,7 @@ fn print_findings(findings: &[Finding], output: &mut Output) -> anyhow::Result<(
     Ok(())
 }
 
+/// Prints the probes.
 fn print_probes(probes: &[Probe], output: &mut Output) -> anyhow::Result<()> {
     for (name, timing) in probes {
         output.line(&match timing {
@@ -96,18 +106,20 @@ fn print_probes(probes: &[Probe], output: &mut Output) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// Prints what the findings mean for `run`.
 fn print_verdict(findings: &[Finding], output: &mut Output) -> anyhow::Result<()> {
     output.line(if any(findings, Weight::Missing) {
-        "\nNot real time: `run --pace real-time` works and warns, `--require-rt` refuses."
+        "\nA real-time right is missing: `run --pace real-time` warns, `--require-rt` refuses."
     } else {
         "\nEvery real-time right is granted."
     })?;
     if any(findings, Weight::Refused) {
-        output.line("`run` refuses this scenario for its devices.")?;
+        output.line("`run` refuses this scenario because of its devices.")?;
     }
     Ok(())
 }
 
+/// Returns findings and probes as JSON.
 fn as_json(findings: &[Finding], probes: &[Probe]) -> serde_json::Value {
     let listed: Vec<_> = findings
         .iter()

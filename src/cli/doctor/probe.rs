@@ -1,4 +1,7 @@
-//! The probe of jitter: the servo's own thread of 2 ms, without arms.
+//! Probe of the jitter of a servo thread.
+//!
+//! - in: spin time, priority, duration
+//! - out: lateness of the periods of 2 ms of a thread that drives no arm
 
 use crate::hw::driver::{Core, NoRecords, Switches, Timing, WallOptions, spawn_wall};
 use crate::hw::port::{Port, PortFault};
@@ -7,7 +10,7 @@ use serde_json::json;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// A port without arms.
+/// Port without arms.
 struct Nothing;
 
 impl Port for Nothing {
@@ -16,18 +19,22 @@ impl Port for Nothing {
     }
 }
 
-/// Runs the servo's own thread without arms, and returns how late its periods began.
+/// Runs a servo thread without arms and returns the lateness of its periods. Returns `None` if the
+/// thread cannot be started.
 pub(super) fn probe(spin: u64, priority: i32, seconds: f64) -> Option<Timing> {
     let switches = Arc::new(Switches::default());
+    // A core without arms has the thread of a run, and nothing to compute.
     let core =
         Core::new(Vec::new(), Vec::new(), switches, Box::new(NoRecords), &mut Nothing).ok()?;
+    // The probe must measure late periods and not end because of them.
     let options = WallOptions { spin, priority, missed_limit: u64::MAX, ..WallOptions::default() };
     let wall = spawn_wall(core, Nothing, |_, _| {}, options).ok()?;
+    // The thread runs by itself; this one only waits.
     std::thread::sleep(Duration::from_secs_f64(seconds));
     Some(wall.stop().timing)
 }
 
-/// Returns the line of a probe in words.
+/// Returns a probe as a line of text.
 pub(super) fn words(timing: &Timing) -> String {
     let us = |q: f64| timing.wake_up.quantile(q) as f64 / 1000.0;
     format!(
@@ -61,7 +68,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_probe_counts_its_periods() {
+    fn probe_counts_its_periods() {
         let timing = probe(0, 85, 0.2).unwrap();
 
         let all = timing.missed + timing.wake_up.len();

@@ -1,4 +1,7 @@
-//! Devices of a scenario's robot: would `run` refuse them?
+//! Checks of the devices of a scenario's robot: would `run` refuse them?
+//!
+//! - in: a scenario, and the file of devices that it names
+//! - out: a finding for each reason, by the rules of `run`; no device is opened
 
 use super::devices::{asked, may_open};
 use super::finding::{Finding, Weight};
@@ -14,7 +17,7 @@ use std::fs;
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 
-/// A fact for which `run` refuses the scenario, and the line that helps, if one does.
+/// Reason why `run` refuses the scenario, and the command that helps, if there is one.
 #[derive(Debug, PartialEq, Eq)]
 struct Refusal {
     fact: String,
@@ -22,32 +25,33 @@ struct Refusal {
 }
 
 impl Refusal {
-    /// Refuses a device that may not be opened. A right can be granted; a device that is not there
-    /// needs more than a right.
+    /// Makes the refusal of a device that cannot be opened. A command can grant a right, but it
+    /// cannot connect a missing device.
     fn of_device(device: &Path, errno: Errno) -> Self {
         let fix = (errno == Errno::ACCESS).then(trigger);
         Self { fact: format!("{}: {errno}", device.display()), fix }
     }
 
-    /// Refuses ports that are not granted.
+    /// Makes the refusal of ports that are not granted.
     fn of_ports(fact: String) -> Self {
         Self { fact, fix: Some(raw_io()) }
     }
 }
 
-/// An error of the file of devices says itself which value is wanted.
+/// An error of the file of devices names the value that is needed, so it has no command.
 impl From<NoDevice> for Refusal {
     fn from(why: NoDevice) -> Self {
         Self { fact: why.to_string(), fix: None }
     }
 }
 
-/// Returns what is found of the devices that a scenario's `bridge.devices` names; nothing if no
-/// hardware is behind its bridge.
+/// Returns the findings about the devices in the file `bridge.devices` of a scenario; none for a
+/// bridge without hardware.
 pub(super) fn robot(scenario: &Scenario) -> Vec<Finding> {
     if !scenario.bridge.kind.is_hardware() {
         return Vec::new();
     }
+    // The path of the file is relative to the scenario.
     let path = scenario.bridge.devices_at(&scenario.path);
     let refusals = match Devices::load(&path) {
         Ok(devices) => refusals(&scenario.controller, scenario.bridge.kind, &devices),
@@ -55,13 +59,11 @@ pub(super) fn robot(scenario: &Scenario) -> Vec<Finding> {
     };
     let name = "bridge.devices";
     if refusals.is_empty() {
-        let fact = format!(
-            "{}: its values fit, and this user may open the devices that it names",
-            path.display()
-        );
+        let fact =
+            format!("{}: its values are valid, and this user may open its devices", path.display());
         return vec![Finding { name, weight: Weight::Good, fact, fix: None }];
     }
-    // Facts against which the same line helps stand together.
+    // Reasons with one remedy become one finding.
     let mut findings: Vec<Finding> = Vec::new();
     for Refusal { fact, fix } in refusals {
         match findings.iter_mut().find(|finding| finding.fix == fix) {
@@ -72,8 +74,7 @@ pub(super) fn robot(scenario: &Scenario) -> Vec<Finding> {
     findings
 }
 
-/// Returns why a run would refuse the scenario's devices: by the run's own rules, and without
-/// opening any.
+/// Returns the reasons why a run would refuse the devices, by the rules of a run. It opens none.
 fn refusals(config: &ControllerConfig, bridge: BridgeKind, devices: &Devices) -> Vec<Refusal> {
     let cards = bridge == BridgeKind::Isa;
     let mut refusals = Vec::new();
@@ -87,11 +88,12 @@ fn refusals(config: &ControllerConfig, bridge: BridgeKind, devices: &Devices) ->
         };
         refusals.extend(if cards { of_card(arm, own) } else { of_lines(arm, own) });
         refusals.extend(of_sensor(own));
-        // Arm by arm: the first one's error would hide the next one's.
+        // Each arm is checked by itself: an error of one would hide that of the next.
         let grip = devices.check_grip(std::slice::from_ref(arm), config.control.grip, cards);
         refusals.extend(grip.err().map(Refusal::from));
     }
     for (camera, source) in config.cell.cameras.iter().zip(&config.cameras) {
+        // A camera of a folder has its pictures there and no socket.
         if *source == CameraSource::Renderer {
             refusals.extend(of_camera(devices, &camera.name));
         }
@@ -99,17 +101,17 @@ fn refusals(config: &ControllerConfig, bridge: BridgeKind, devices: &Devices) ->
     refusals
 }
 
-/// Refuses a path that cannot be opened, or that is no device.
+/// Checks that a path is a device that this user may open.
 fn of_path(path: &str) -> Option<Refusal> {
     let path = Path::new(path);
     if let Err(errno) = may_open(path) {
         return Some(Refusal::of_device(path, errno));
     }
     let is_device = fs::metadata(path).is_ok_and(|it| it.file_type().is_char_device());
-    (!is_device).then(|| Refusal { fact: format!("{}: no device", path.display()), fix: None })
+    (!is_device).then(|| Refusal { fact: format!("{}: not a device", path.display()), fix: None })
 }
 
-/// Refuses the lines of an arm's axes.
+/// Checks the lines of an arm's axes.
 fn of_lines(arm: &Arm, devices: &EffectorDevices) -> Vec<Refusal> {
     let refusal = |path: Result<&str, NoDevice>| match path {
         Ok(path) => of_path(path),
@@ -118,16 +120,17 @@ fn of_lines(arm: &Arm, devices: &EffectorDevices) -> Vec<Refusal> {
     devices.paths(arm.model.has_track).filter_map(|(_, path)| refusal(path)).collect()
 }
 
-/// Refuses the card of an arm.
+/// Checks the card of an arm.
 fn of_card(arm: &Arm, devices: &EffectorDevices) -> Vec<Refusal> {
     let Some(card) = &devices.isa else {
         return vec![NoDevice(format!("effector \"{}\": no card is named", arm.name)).into()];
     };
+    // A card needs its ports, and its device of UIO if one is named.
     let ports = asked(ask_ports, card.offset).err().map(Refusal::of_ports);
     ports.into_iter().chain(card.uio.as_deref().and_then(of_path)).collect()
 }
 
-/// Refuses the force sensor of an arm.
+/// Checks the force sensor of an arm.
 fn of_sensor(devices: &EffectorDevices) -> Vec<Refusal> {
     match devices.force_device() {
         Ok(ForceDevice::None | ForceDevice::NetFt(_)) => Vec::new(),
@@ -139,11 +142,10 @@ fn of_sensor(devices: &EffectorDevices) -> Vec<Refusal> {
     }
 }
 
-/// Refuses a camera.
+/// Checks the socket of a camera.
 fn of_camera(devices: &Devices, name: &str) -> Option<Refusal> {
     match devices.of_camera(name) {
-        // The process that listens there made the socket and grants the rights to it: no udev rule
-        // does.
+        // The process that made the socket grants the rights to it. A rule of udev cannot.
         Ok(camera) => may_open(&camera.socket)
             .err()
             .map(|errno| Refusal { fix: None, ..Refusal::of_device(&camera.socket, errno) }),
@@ -161,42 +163,42 @@ mod tests {
     use crate::scenario;
     use crate::tables::testing::Folder;
 
-    const IDLE: &str = "task = \"idle\"\npace = \"real-time\"\ncamera = []\nvsp = []\n[bridge]\nkind = \"serial\"\n\
+    const IDLE: &str = "task = \"idle\"\npace = \"real-time\"\ncamera = []\nvsp = []\n\
+                        [bridge]\nkind = \"serial\"\n\
                         devices = \"devices.toml\"\n[[effector]]\nname = \"postument\"\n";
 
-    /// A line by a name in a folder; the same one where it is asked for again.
+    /// Returns the path of a line in a folder. The first call with a name makes the line.
     fn line(folder: &Folder, name: &str) -> String {
         let path = folder.0.join(name);
         if !path.exists() {
             let far = Pty::open().unwrap();
             std::os::unix::fs::symlink(far.path(), &path).unwrap();
-            // It stays for as long as the test program.
+            // The line must exist until the test program ends.
             std::mem::forget(far);
         }
         path.display().to_string()
     }
 
-    /// An arm without a track whose lines are in a folder.
+    /// Returns the devices of an arm without a track, with its lines in a folder.
     fn postument(folder: &Folder) -> EffectorDevices {
         let line = |i: usize| line(folder, &format!("line{i}"));
         let axes = std::iter::once(String::new()).chain((1..=AXES).map(line)).collect();
         EffectorDevices { name: "postument".into(), axes, ..EffectorDevices::default() }
     }
 
-    /// What is found of the robot of a scenario with this text, in a folder with its file of
-    /// devices: how grave, what, and what helps.
+    /// Returns weight, fact and remedy of each finding about the scenario with this text.
     fn look(folder: &Folder, text: &str) -> Vec<(Weight, String, Option<String>)> {
         let found = robot(&scenario::read(&folder.0.join("t.toml"), text, &[]).unwrap());
         found.into_iter().map(|f| (f.weight, f.fact, f.fix)).collect()
     }
 
-    /// The one thing that is found there.
+    /// Returns the only finding.
     fn one(folder: &Folder, text: &str) -> (Weight, String, Option<String>) {
         let [one] = <[_; 1]>::try_from(look(folder, text)).unwrap();
         one
     }
 
-    /// The one thing that is found of these devices.
+    /// Returns the only finding about these devices.
     fn look_at(folder: &Folder, text: &str, devices: &Devices) -> (Weight, String, Option<String>) {
         folder.write("devices.toml", &devices.text().unwrap());
         one(folder, text)
@@ -207,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn the_devices_of_a_scenarios_robot_are_looked_for() {
+    fn missing_devices_of_a_robot_are_found() {
         let folder = Folder::new("doctor-robot");
 
         let (weight, fact, fix) = look_at(&folder, IDLE, &with(postument(&folder)));
@@ -217,10 +219,10 @@ mod tests {
         let (weight, fact, fix) = one(&folder, IDLE);
         assert!(weight == Weight::Refused && fact.contains("line3: No such file"), "{fact}");
         assert!(!fact.contains("line2"), "{fact}");
-        assert_eq!(fix, None, "no right brings a line that is not there");
+        assert_eq!(fix, None, "a right does not connect a missing line");
         folder.write("line3", "");
         let (weight, fact, fix) = one(&folder, IDLE);
-        assert!(weight == Weight::Refused && fact.contains("line3: no device"), "{fact}");
+        assert!(weight == Weight::Refused && fact.contains("line3: not a device"), "{fact}");
         assert_eq!(fix, None);
         let (weight, fact, fix) = one(&folder, &IDLE.replace("devices.toml", "nosuch.toml"));
         assert!(weight == Weight::Refused && fact.contains("nosuch.toml: No such file"), "{fact}");
@@ -229,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn what_helps_is_told_where_it_helps() {
+    fn remedy_is_named_only_where_it_helps() {
         let folder = Folder::new("doctor-advice");
         let mut twice = postument(&folder);
         twice.axes[4] = twice.axes[3].clone();
@@ -248,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn values_that_a_run_refuses_are_told() {
+    fn invalid_values_are_found() {
         let folder = Folder::new("doctor-values");
         let track = IDLE.replace("postument", "track");
         let there = format!("ft_controller:{}", line(&folder, "sensor"));
@@ -268,8 +270,8 @@ mod tests {
         without.axes[2].clear();
 
         for (text, devices, wanted) in [
-            (IDLE, sensor("bogus"), "wanted net_ft:ADDRESS:PORT"),
-            (IDLE, sensor("net_ft:somewhere"), "wanted an address and a port"),
+            (IDLE, sensor("bogus"), "expected net_ft:ADDRESS:PORT"),
+            (IDLE, sensor("net_ft:somewhere"), "expected an address and a port"),
             (IDLE, sensor(&nowhere), "nosensor: No such file"),
             (IDLE, currents(AXES, 0.01), "a grip of 40 N takes"),
             (track.as_str(), of_track(currents(0, 0.0)), "the track does not move with 0 A"),
@@ -292,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn a_card_is_asked_for_and_held_against_its_arm() {
+    fn card_is_checked_against_its_arm() {
         let folder = Folder::new("doctor-card");
         let text = IDLE.replace("serial", "isa");
         let found = |card: Option<IsaDevice>, max_currents: &[f64]| {
@@ -301,7 +303,7 @@ mod tests {
             folder.write("devices.toml", &with(own).text().unwrap());
             look(&folder, &text)
         };
-        let told =
+        let assert_found =
             |found: &[(Weight, String, Option<String>)], wanted: &str, fix: Option<String>| {
                 let refused = |f: &&(Weight, String, Option<String>)| {
                     f.0 == Weight::Refused && f.1.contains(wanted) && f.2 == fix
@@ -310,24 +312,24 @@ mod tests {
             };
         let enough = [0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5];
 
-        told(&found(None, &enough), "effector \"postument\": no card is named", None);
+        assert_found(&found(None, &enough), "effector \"postument\": no card is named", None);
         let named = found(Some(IsaDevice::default()), &enough);
         match asked(ask_ports, 0) {
             Ok(()) => assert_eq!(named[0].0, Weight::Good, "{named:?}"),
-            Err(why) => told(&named, &why, Some(raw_io())),
+            Err(why) => assert_found(&named, &why, Some(raw_io())),
         }
         assert_eq!(named.len(), 1, "{named:?}");
         let uio = folder.0.join("nouio").display().to_string();
         let alone = found(Some(IsaDevice { uio: Some(uio), ..IsaDevice::default() }), &enough);
-        told(&alone, "nouio: No such file", None);
+        assert_found(&alone, "nouio: No such file", None);
         let powerless = found(Some(IsaDevice { power_axis: 8, ..IsaDevice::default() }), &enough);
-        told(&powerless, "power_axis: there is no axis 8", None);
+        assert_found(&powerless, "power_axis: there is no axis 8", None);
         let weak = found(Some(IsaDevice::default()), &[0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.05]);
-        told(&weak, "a grip of 40 N takes 72 mA", None);
+        assert_found(&weak, "a grip of 40 N takes 72 mA", None);
     }
 
     #[test]
-    fn a_camera_of_the_robot_is_looked_for() {
+    fn missing_camera_is_found() {
         let folder = Folder::new("doctor-camera");
         let text = IDLE.replace("camera = []\n", "") + "[[camera]]\nname = \"standalone\"\n";
         let camera = |name: &str, socket: &str| Devices {

@@ -1,4 +1,9 @@
-//! One servo period of all arms: the same code under both drivers of time.
+//! One servo period of all arms, which both drivers of time call.
+//!
+//! - in: the switches, one command for each arm, the readings of the last exchange
+//! - out: drives, published states, records
+//! - all arms trip on the emergency stop, on a silence of the actors, on missed periods, and when
+//!   the driver calls [`Core::trip`]; every other fault comes from the servo of one arm
 
 use super::link::ServoEnd;
 use super::record::{RecordSink, ServoRecord};
@@ -12,25 +17,26 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Time without a heart beat of the actors after which the arms are brought to a stand: whoever waits for them hears of it by
-/// the end of the macrostep, within 0.1 s.
-pub const HEART: Duration = Duration::from_millis(80);
+/// Time without a heartbeat of the actors after which the servo brakes the arms. An actor that
+/// waits for an arm learns of it at the end of the macrostep (16 ms), so within 0.1 s.
+pub const HEARTBEAT_TIMEOUT: Duration = Duration::from_millis(80);
 
-/// Flags that the servo reads first in each period. Any holder may set them but `emergency`, which
-/// takes a [`StopButton`](crate::emergency_stop::StopButton).
+/// Flags that the servo reads in each period before any arm computes. Any holder may set them,
+/// except `emergency`, which takes a [`StopButton`](crate::emergency_stop::StopButton).
 #[derive(Debug, Default)]
 pub struct Switches {
-    /// The emergency stop: when it is pressed, all arms trip in the next period. Each must be reset
+    /// Emergency stop: after a press all arms trip in the next period. Each must be reset
     /// afterwards.
     pub emergency: StopSignal,
-    /// Ends the driver.
+    /// Order to end the driver.
     pub stop: AtomicBool,
-    /// An actor is gone: all arms yield or stand, hold, and take no motion.
+    /// Loss of an actor: an arm under force control yields for 0.5 s, any other brakes. All arms
+    /// then hold and refuse motions.
     pub hold: AtomicBool,
-    /// Counted up by the actors while they live. Watched from the first count on: after [`HEART`] of silence the
-    /// arms are brought to a stand and hold, after 1 s they stop.
+    /// Heartbeats of the actors. The servo watches them from the first one on: it brakes the arms
+    /// after [`HEARTBEAT_TIMEOUT`] of silence and trips them after 1 s.
     pub beats: AtomicU64,
-    /// What a wall driver tells of itself while it runs.
+    /// Lateness of a wall driver while it runs.
     pub punctual: Punctual,
 }
 
@@ -42,7 +48,7 @@ impl Switches {
     }
 }
 
-/// How punctual a wall driver is: the real-time thread writes without waiting, anyone may read.
+/// Lateness of a wall driver. The real-time thread writes it without waiting; any thread may read.
 #[derive(Debug, Default)]
 pub struct Punctual {
     late: AtomicU64,
@@ -52,24 +58,25 @@ pub struct Punctual {
 }
 
 impl Punctual {
-    /// A period began this late and worked this long (ns).
+    /// Records how late a period began and how long its work took (ns).
     pub(super) fn note(&self, late: u64, work: u64) {
         self.late.fetch_max(late, Ordering::Relaxed);
         self.work.fetch_max(work, Ordering::Relaxed);
     }
 
-    /// Grid points passed without a period of this length (ns).
+    /// Counts grid points that passed without a period; a period has this `length` (ns).
     pub(crate) fn miss(&self, points: u64, length: u64) {
         self.missed.fetch_add(points, Ordering::Relaxed);
         self.missed_nanos.fetch_add(points * length, Ordering::Relaxed);
     }
 
-    /// By how much the servo's periods lag behind the clock for all that was missed (ns).
+    /// Returns how far the servo's periods lag behind the clock: the sum of all missed ones (ns).
     pub fn missed_nanos(&self) -> u64 {
         self.missed_nanos.load(Ordering::Relaxed)
     }
 
-    /// The largest lateness and work since the last call (ns), and all missed grid points.
+    /// Returns the largest lateness and the longest work since the last call (ns), and the number
+    /// of all missed grid points.
     pub fn take(&self) -> (u64, u64, u64) {
         (
             self.late.swap(0, Ordering::Relaxed),
@@ -79,40 +86,40 @@ impl Punctual {
     }
 }
 
-/// The servos of all arms with what they need in each period.
+/// The servos of all arms with their inputs and outputs of one period.
 pub struct Core {
     servos: Vec<ArmServo>,
     ends: Vec<ServoEnd>,
     readings: Vec<ArmReading>,
     drives: Vec<ArmDrive>,
-    /// What each arm is told in this period.
+    /// Command of each arm in this period.
     commands: Vec<Option<ServoCommand>>,
     switches: Arc<Switches>,
     records: Box<dyn RecordSink>,
     last_beat: u64,
     last_beat_period: u64,
-    /// What all arms heed in the next period.
+    /// Missed periods and stops that all arms take into account in the next period.
     outside: Outside,
-    /// When the arms stop, and why.
+    /// Period in which the braking arms trip, and the fault of that trip.
     stopping: Option<(u64, ArmFault)>,
     length: Length,
 }
 
 impl Core {
-    /// From a controlled stop's beginning to its end (ns).
-    const STAND: u64 = 200_000_000;
-    /// Time without a heart beat after which they stop.
+    /// Time from the beginning of a controlled stop to its trip (ns). Braking takes about 0.1 s.
+    const BRAKING: u64 = 200_000_000;
+    /// Time without a heartbeat after which the arms trip.
     const DEAD: Duration = Duration::from_secs(1);
 
-    /// Fetches the first readings in period 0 with all drives off; `ends` has an end for each arm.
+    /// Builds the servos. It fetches their first readings in period 0, with all drives off.
+    ///
+    /// `ends` has one end for each arm. All configurations have the same length of a period.
     ///
     /// # Errors
-    /// What the port says.
-    ///
-    /// All configurations have periods of one length.
+    /// The fault of the port in that exchange.
     ///
     /// # Panics
-    /// When there are not as many ends as configurations: a mistake of ours.
+    /// If the numbers of ends and configurations differ, which is a bug of the caller.
     pub fn new(
         configs: Vec<ServoConfig>,
         ends: Vec<ServoEnd>,
@@ -124,6 +131,7 @@ impl Core {
         let length = configs.first().map_or_else(Length::default, |config| config.period);
         let drives = vec![ArmDrive::OFF; configs.len()];
         let mut readings = vec![ArmReading::default(); configs.len()];
+        // A servo begins from measured positions, so the readings come before the servos.
         port.exchange(0, &drives, &mut readings)?;
         let commands = vec![None; configs.len()];
         let servos = configs
@@ -147,34 +155,40 @@ impl Core {
         })
     }
 
-    /// Period `period` in line with its port: [`Core::compute`], then the exchange, whose readings count in
-    /// the next period.
+    /// Computes period `period` and exchanges its drive commands with the port in the same thread.
+    /// The readings of this exchange are the input of the next period.
     ///
     /// # Errors
-    /// What the port says; the readings then stay as they were.
+    /// The fault of the port.
     pub fn period(&mut self, period: u64, port: &mut dyn Port) -> Result<(), PortFault> {
         self.compute(period);
         port.exchange(period, &self.drives, &mut self.readings)
     }
 
-    /// Commands and readings to drives. Allocates nothing and never waits.
+    /// Computes the drive commands of one period from commands and readings. It allocates nothing
+    /// and never waits.
     pub fn compute(&mut self, period: u64) -> &[ArmDrive] {
         debug_assert!(period >= self.last_beat_period, "periods count up");
-        // Before the switches: a reset that was sent when the button was free again would find it pressed.
+        // Commands are taken before the button is read. In the other order a reset that follows the
+        // release of the button can meet the state of before the release, which drops the reset.
         for (command, end) in self.commands.iter_mut().zip(&mut self.ends) {
             *command = end.take();
         }
-        let pressed = self.heed_switches(period);
+        let pressed = self.read_switches(period);
         let held = self.switches.hold.load(Ordering::Acquire);
         let outside = std::mem::take(&mut self.outside);
         for arm in 0..self.servos.len() {
-            // Below the actors: what joins the arms may be in both hands, and no message is faster than a period.
+            // The partner of a stopped arm learns of the stop here, not by a message: both hands
+            // may hold one cube, and a message takes longer than a period.
             let is_stopped = |servo: &ArmServo| outside.trip.is_some() || servo.fault().is_some();
             let stands_by =
                 held || (0..self.servos.len()).any(|i| i != arm && is_stopped(&self.servos[i]));
             let outside = Outside { stands_by, ..outside };
             let servo = &mut self.servos[arm];
-            servo.heed(period, &outside);
+            // Stops come before the step: a trip acts on the drives of this very period. A servo
+            // that trips itself in its step stops the arms after it now and those before it in the
+            // next period.
+            servo.apply_outside(period, &outside);
             let reading = self.readings[arm];
             // A reset must not undo the stop while the button is still pressed.
             let command = self.commands[arm].filter(|c| !(pressed && *c == ServoCommand::Reset));
@@ -188,59 +202,62 @@ impl Core {
         &self.drives
     }
 
-    /// Stops all arms in the next period until they are reset.
+    /// Trips all arms in the next computed period. The first fault counts until they are reset.
     pub fn trip(&mut self, fault: ArmFault) {
         self.outside.trip.get_or_insert(fault);
     }
 
-    /// Grid points have passed without a period: the arms went on meanwhile, under their last drives.
-    pub fn skipped(&mut self, missed: u64) {
+    /// Records grid points that passed without a period. The arms kept moving under their last
+    /// drives.
+    pub fn add_missed_periods(&mut self, missed: u64) {
         self.outside.skipped += missed;
     }
 
-    /// So many periods were missed that all arms are brought to a stand, and stopped there 0.2 s later.
+    /// Brakes all arms because `periods` periods were missed, and trips them 0.2 s later.
     pub fn stop(&mut self, period: u64, periods: u64) {
         let fault = ArmFault::Missed { periods };
         self.outside.brake.get_or_insert(MoveRefused::Stopping { periods });
-        let _ = self.stopping.get_or_insert((period + Self::STAND / self.length.nanos(), fault));
+        // A later stop while the arms brake does not put off the trip.
+        let _ = self.stopping.get_or_insert((period + Self::BRAKING / self.length.nanos(), fault));
     }
 
-    /// Arms that know where they are, in the order of effectors.
+    /// Returns for each arm whether it is synchronised, in the order of effectors.
     pub fn synchronised(&self) -> impl Iterator<Item = bool> {
         self.servos.iter().map(ArmServo::is_synchronised)
     }
 
-    /// The flags.
+    /// Returns the flags by which other threads stop the arms.
     #[must_use]
     pub fn switches(&self) -> &Arc<Switches> {
         &self.switches
     }
 
-    /// Length of a period.
+    /// Returns the length of a period.
     #[must_use]
     pub fn length(&self) -> Length {
         self.length
     }
 
-    /// Number of arms.
+    /// Returns the number of arms.
     #[must_use]
     pub fn arms(&self) -> usize {
         self.servos.len()
     }
 
-    /// The latest readings, in the order of effectors.
+    /// Returns the latest readings, in the order of effectors.
     #[must_use]
     pub fn readings(&self) -> &[ArmReading] {
         &self.readings
     }
 
-    /// Where the readings of the next period go, for a driver that fetches them itself.
+    /// Returns the readings of the next period, for a driver that fetches them itself.
     pub fn readings_mut(&mut self) -> &mut [ArmReading] {
         &mut self.readings
     }
 
-    /// Returns whether the emergency stop is pressed.
-    fn heed_switches(&mut self, period: u64) -> bool {
+    /// Turns the switches and the silence of the actors into stops of this period. Returns whether
+    /// the emergency stop is pressed.
+    fn read_switches(&mut self, period: u64) -> bool {
         let pressed = self.switches.emergency.is_pressed();
         if pressed {
             self.trip(ArmFault::EmergencyStop);
@@ -250,22 +267,26 @@ impl Core {
                 self.stopping = None;
                 self.trip(fault);
             }
-            // A command that was on its way already must not move an arm whose power is about to go.
+            // The brake is repeated in each period: a command that was sent before the stop must
+            // not move an arm whose power is about to be switched off.
             Some((_, ArmFault::Missed { periods })) => {
                 self.outside.brake.get_or_insert(MoveRefused::Stopping { periods });
             }
             _ => {}
         }
         let beat = self.switches.beats.load(Ordering::Relaxed);
+        // No beat yet: the actors have not begun, so their silence is no fault.
         if beat != self.last_beat || beat == 0 {
             (self.last_beat, self.last_beat_period) = (beat, period);
         } else {
+            // The silence counts in periods: actors that were stopped together with this machine
+            // are not blamed for periods that the servo missed as well.
             let silence =
                 Duration::from_nanos((period - self.last_beat_period) * self.length.nanos());
             if silence > Self::DEAD {
-                self.trip(ArmFault::HeartBeat { seconds: silence.as_secs_f64() });
-            } else if silence > HEART {
-                self.outside.brake.get_or_insert(MoveRefused::BrokenOff);
+                self.trip(ArmFault::Heartbeat { seconds: silence.as_secs_f64() });
+            } else if silence > HEARTBEAT_TIMEOUT {
+                self.outside.brake.get_or_insert(MoveRefused::Aborted);
             }
         }
         pressed

@@ -1,30 +1,33 @@
-//! The wait-free way between an EDP and the servo of its arm.
+//! The wait-free channels between an EDP and the servo of its arm.
 //!
-//! Commands go by a ring (`rtrb`), the latest state comes back by a triple buffer; neither end ever waits.
+//! A ring (`rtrb`) carries commands to the servo. A triple buffer carries the latest state back.
+//! Neither end ever waits. The EDP counts time in periods of 2 ms, the servo in its own periods;
+//! the conversion takes place here.
 
 use crate::motion::ArmState;
 use crate::servo::ServoCommand;
 use crate::servo::period::Length;
 
-/// Commands that can lie in the ring: the servo takes one a period.
+/// Number of commands that fit into the ring. The servo takes one in each period.
 const DEPTH: usize = 16;
 
-/// A state and how many commands had been taken when it was written.
+/// A state, with the progress of the commands at the time at which it was written.
 #[derive(Debug, Clone, Copy, Default)]
 struct Published {
-    /// Numbered in periods of 2 ms.
+    /// State of the arm, its times in periods of 2 ms.
     state: ArmState,
-    /// Servo periods that the command has left.
+    /// Servo periods until the end of the command.
     left: u64,
+    /// Ticket of the last command that the servo has taken.
     taken: u64,
-    /// Messages that had come before and were dropped.
+    /// Number of duplicate messages, which the servo dropped.
     doubles: u64,
 }
 
-/// The EDP's end.
+/// The end of the EDP.
 #[derive(Debug)]
 pub struct ServoLink {
-    /// Each with its ticket: one that comes twice is known by it.
+    /// Commands with their tickets, by which the servo recognises duplicates.
     commands: rtrb::Producer<(u64, ServoCommand)>,
     states: triple_buffer::Output<Published>,
     sent: u64,
@@ -32,7 +35,7 @@ pub struct ServoLink {
     length: Length,
 }
 
-/// The servo's end.
+/// The end of the servo.
 #[derive(Debug)]
 pub struct ServoEnd {
     commands: rtrb::Consumer<(u64, ServoCommand)>,
@@ -42,18 +45,19 @@ pub struct ServoEnd {
     length: Length,
 }
 
-/// The servo has not taken a command for so long that the ring is full.
+/// Refusal of a command because the ring is full: the servo takes none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("the servo takes no commands: {DEPTH} are waiting")]
 pub struct Unsent;
 
-/// Both ends of a way to one arm's servo, whose periods last 2 ms.
+/// Makes both ends of a link to one arm's servo, whose periods last 2 ms.
 #[must_use]
 pub fn link() -> (ServoLink, ServoEnd) {
     link_at(Length::default())
 }
 
-/// Both ends of a way to one arm's servo. On the EDP's side time counts in periods of 2 ms, on the servo's in its own.
+/// Makes both ends of a link to one arm's servo, whose periods have this `length`. The EDP counts
+/// time in periods of 2 ms.
 #[must_use]
 pub fn link_at(length: Length) -> (ServoLink, ServoEnd) {
     let (producer, consumer) = rtrb::RingBuffer::new(DEPTH);
@@ -71,7 +75,8 @@ impl ServoLink {
     /// [`Unsent`] when the ring is full.
     pub fn send(&mut self, mut command: ServoCommand) -> Result<u64, Unsent> {
         if let ServoCommand::Move { command, start } = &mut command {
-            // None lasts none: that stays the servo's to judge.
+            // 0 and `u32::MAX` periods pass unchanged: the conversion would make 1 of 0, and the
+            // servo is the one to refuse a command without a duration.
             if command.periods > 0 && command.periods < u32::MAX {
                 command.periods = self.length.count(command.periods);
             }
@@ -80,44 +85,50 @@ impl ServoLink {
         self.commands.push((self.sent + 1, command)).map_err(|_| Unsent)?;
         self.sent += 1;
         if std::mem::take(&mut self.doubled) {
-            // A full ring has no room for what should not be there.
+            // A duplicate that finds the ring full is lost. That is no error, because it is an
+            // injected fault itself.
             let _ = self.commands.push((self.sent, command));
         }
         Ok(self.sent)
     }
 
-    /// Makes the next command come twice, as a disturbed line may.
+    /// Makes the next command arrive twice, as on a disturbed line.
     pub fn double(&mut self) {
         self.doubled = true;
     }
 
-    /// How many commands came twice so far; each was obeyed once.
+    /// Returns how many duplicate commands the servo has dropped.
     pub fn doubles(&mut self) -> u64 {
         self.states.read().doubles
     }
 
-    /// The latest state.
+    /// Returns the latest state.
     pub fn state(&mut self) -> &ArmState {
         &self.states.read().state
     }
 
-    /// Whether the command of this ticket was taken and has at most `early` periods left. With `early` =
-    /// [`ArmServo::EARLY`](crate::servo::ArmServo::EARLY) the next one, sent now, follows without a gap. A
-    /// command that was refused or broken off is done too: see the state.
+    /// Returns whether the servo has taken the command of this ticket and has at most `early`
+    /// periods of 2 ms left to do it.
+    ///
+    /// With `early` = [`ArmServo::EARLY`](crate::servo::ArmServo::EARLY) a command that is sent now
+    /// follows without a gap. A command that was refused or broken off counts as done: the state
+    /// says which.
     pub fn is_done(&mut self, ticket: u64, early: u64) -> bool {
         let Published { left, taken, .. } = self.states.read();
+        // 0 asks for the very end. Any other lead covers at least the servo's own two periods, or
+        // a servo with long periods would get the next command too late.
         let early =
             if early == 0 { 0 } else { self.length.early().max(self.length.first_after(early)) };
         *taken >= ticket && *left <= early
     }
 
-    /// How many periods of 2 ms before its end a macrostep must be answered.
+    /// Returns how many periods of 2 ms before its end a macrostep must be answered.
     #[must_use]
     pub fn early(&self) -> u64 {
         self.length.early_ticks()
     }
 
-    /// Whether the servo is gone.
+    /// Returns whether the servo is gone.
     #[must_use]
     pub fn is_closed(&self) -> bool {
         self.commands.is_abandoned()
@@ -125,7 +136,7 @@ impl ServoLink {
 }
 
 impl ServoEnd {
-    /// The next command, if there is one.
+    /// Takes the next command, if there is one, and drops duplicates before it.
     pub(super) fn take(&mut self) -> Option<ServoCommand> {
         while let Ok((ticket, command)) = self.commands.pop() {
             if ticket > self.taken {
@@ -138,6 +149,7 @@ impl ServoEnd {
     }
 
     pub(crate) fn publish(&mut self, state: &ArmState) {
+        // In the servo's periods: two servo periods can round to the same period of 2 ms.
         let left = state.command_end.saturating_sub(state.period);
         let state = ArmState {
             period: self.length.tick(state.period),
@@ -154,7 +166,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_command_is_done_when_it_was_taken_and_its_end_is_near() {
+    fn taken_command_is_done_near_its_end() {
         let (mut edp, mut servo) = link();
         let ticket = edp.send(ServoCommand::Bias).unwrap();
 
@@ -170,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn a_command_that_comes_twice_is_obeyed_once() {
+    fn servo_takes_duplicate_command_once() {
         let (mut edp, mut servo) = link();
         edp.double();
         edp.send(ServoCommand::Bias).unwrap();
@@ -185,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_ring_is_reported_and_a_dropped_servo_is_noticed() {
+    fn edp_detects_full_ring_and_dropped_servo() {
         let (mut edp, servo) = link();
 
         for _ in 0..DEPTH {

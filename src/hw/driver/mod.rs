@@ -1,11 +1,13 @@
-//! The two drivers of time around the one servo core.
+//! The two drivers of time, which call the one servo core in each period.
 //!
-//! - [`Core`]: a period of all arms: switches, commands, servos, records, and the exchange with the port
+//! - [`Core`]: one period of all arms, with switches, commands, servos, records and the exchange
+//!   with the port
 //! - [`run_virtual`]: one task on a tokio runtime with paused time; repeatable to the bit
-//! - [`spawn_wall`]: a real-time thread, absolute sleeps and a spin; a bridge thread owns the port
-//! - [`ServoLink`] and [`ServoEnd`]: the two ends of the wait-free way between an EDP and its servo
+//! - [`spawn_wall`]: a real-time thread with absolute sleeps and a spin; a bridge thread owns the
+//!   port
+//! - [`ServoLink`] and [`ServoEnd`]: the ends of the wait-free link between an EDP and its servo
 //!
-//! The servo never waits for anyone: commands come in by a ring, states go out by a triple buffer.
+//! The servo never waits: a ring brings the commands, a triple buffer takes the states.
 
 mod bridge;
 mod core;
@@ -16,7 +18,7 @@ mod stats;
 mod virtual_time;
 mod wall;
 
-pub use self::core::{Core, HEART, Switches};
+pub use self::core::{Core, HEARTBEAT_TIMEOUT, Switches};
 pub use bridge::{Bridge, BridgeLost, BridgePort};
 pub use link::{ServoEnd, ServoLink, Unsent, link, link_at};
 pub use realtime::{Clock, RealTime, step_back};
@@ -26,5 +28,5 @@ pub use virtual_time::run_virtual;
 pub(crate) use wall::pass;
 pub use wall::{Wall, WallEnd, WallOptions, spawn_wall};
 
-/// Length of a servo period (ns), unless another is asked for.
+/// Default length of a servo period (ns).
 pub const PERIOD_NANOS: u64 = 2_000_000;

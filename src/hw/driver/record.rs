@@ -1,37 +1,39 @@
-//! What is kept of each arm in each period: enough to replay the servo and to compare two runs bit by bit.
+//! Servo records: the inputs and outputs of one arm in one period.
+//!
+//! They suffice to replay the servo. Their hash compares two runs bit by bit.
 
 use crate::motion::{ArmState, Depth, Direction, Frame, Motion};
 use crate::servo::ServoCommand;
 use crate::servo::io::{ArmDrive, ArmReading, Outside};
 use crate::spatial::{Pose, Wrench};
 
-/// One arm in one period. Fixed size, no pointers.
+/// Record of one arm in one period. It has a fixed size and no pointers.
 #[derive(Debug, Clone, Copy)]
 pub struct ServoRecord {
     /// Number of the period.
     pub period: u64,
     /// Index of the effector.
     pub arm: u8,
-    /// What was read at its beginning.
+    /// Reading at the beginning of the period.
     pub reading: ArmReading,
-    /// What came from outside; not part of the hash, since what it makes the servo do is.
+    /// Missed periods and stops. They are not part of the hash, since their effects are.
     pub outside: Outside,
-    /// What was commanded.
+    /// Command that the servo took in this period.
     pub command: Option<ServoCommand>,
-    /// What the drives were told.
+    /// Commands to the drives.
     pub drive: ArmDrive,
-    /// What the servo knew.
+    /// Published state.
     pub state: ArmState,
 }
 
-/// Where records go. On the wall driver it is called by the real-time thread: it must not wait, lock or
-/// allocate there.
+/// Receiver of servo records. The wall driver calls it on the real-time thread, where it must not
+/// wait, lock or allocate.
 pub trait RecordSink: Send {
-    /// Takes one record.
+    /// Receives one record.
     fn record(&mut self, record: &ServoRecord);
 }
 
-/// Keeps nothing.
+/// Sink that drops all records.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct NoRecords;
 
@@ -39,7 +41,7 @@ impl RecordSink for NoRecords {
     fn record(&mut self, _: &ServoRecord) {}
 }
 
-/// A ring to another thread; what does not fit is dropped rather than waited for.
+/// A ring to another thread. A record that does not fit is dropped, because the caller cannot wait.
 impl RecordSink for rtrb::Producer<ServoRecord> {
     fn record(&mut self, record: &ServoRecord) {
         let _ = self.push(*record);
@@ -47,7 +49,10 @@ impl RecordSink for rtrb::Producer<ServoRecord> {
 }
 
 impl ServoRecord {
-    /// Gives the record to a hash, byte by byte in a fixed order: numbers little-endian, floats by their bits.
+    /// Feeds the record to a hash in a fixed order of bytes: integers little-endian, floats by
+    /// their bits.
+    ///
+    /// Recorded runs keep these hashes, so a change of the order or of a tag invalidates them.
     pub fn feed(&self, hash: &mut dyn FnMut(&[u8])) {
         let mut bytes = Bytes(hash);
         bytes.int(self.period);
@@ -104,11 +109,14 @@ impl Bytes<'_> {
             reading.encoder_zeros,
             reading.synchronised,
         ];
+        // One byte for each of the seven masks: they fill 56 bits of the word.
         self.int(bits.iter().fold(0, |word, bits| word << 8 | u64::from(*bits)));
         self.wrench(&reading.wrench_on_sensor);
     }
 
     fn command(&mut self, command: Option<&ServoCommand>) {
+        // The tag keeps kinds apart whose fields have equal bytes. Tags are numbered by hand, not
+        // by the order of the variants, so a new variant changes no old hash.
         match command {
             None => self.int(0),
             Some(ServoCommand::Move { command, start }) => {
@@ -148,6 +156,7 @@ impl Bytes<'_> {
                 self.int(1);
                 self.floats(&motors.0);
             }
+            // 4 and 5 are the two frames of a task motion.
             Motion::MotorsBy(motors) => {
                 self.int(6);
                 self.floats(&motors.0);
@@ -191,7 +200,8 @@ impl Bytes<'_> {
         self.depth(drive.stops);
     }
 
-    /// Faults and refusals follow from what else is here; that there is one is enough.
+    /// Hashes the state. A fault or refusal counts by its presence alone: its kind follows from
+    /// the rest of the record.
     fn state(&mut self, state: &ArmState) {
         self.floats(&state.desired_joints.0);
         self.pose(&state.base_from_tool);

@@ -1,7 +1,9 @@
-//! How punctual the servo thread is.
+//! Statistics of the punctuality of the servo thread.
 
-/// A histogram of times in nanoseconds: 32 classes for each doubling, 3 % wide, up to a second. Recording is
-/// constant time without allocation, so the real-time thread keeps it itself.
+/// A histogram of times (ns) with 32 classes for each doubling, so a class is 3 % wide.
+///
+/// It reaches up to 2.1 s; the last class holds all longer times. Recording takes constant time and
+/// does not allocate, so the real-time thread keeps the histogram itself.
 #[derive(Debug, Clone)]
 pub struct Histogram {
     counts: Vec<u64>,
@@ -27,31 +29,32 @@ impl Histogram {
         self.max = self.max.max(nanos);
     }
 
-    /// Number of times counted.
+    /// Returns how many times it has counted.
     #[must_use]
     pub fn len(&self) -> u64 {
         self.total
     }
 
-    /// Whether nothing was counted.
+    /// Returns whether it has counted no time.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.total == 0
     }
 
-    /// Each class that is not empty: its largest time (ns), and how many times it counted.
+    /// Returns each class that is not empty: its largest time (ns) and its count.
     pub fn classes(&self) -> impl Iterator<Item = (u64, u64)> {
         let classes = self.counts.iter().enumerate().filter(|(_, count)| **count > 0);
         classes.map(|(class, count)| (Self::upper(class).min(self.max), *count))
     }
 
-    /// The longest time (ns).
+    /// Returns the longest time (ns).
     #[must_use]
     pub fn max(&self) -> u64 {
         self.max
     }
 
-    /// The time that a share `q` of all times does not exceed (ns), to 3 % upwards; 0 when empty.
+    /// Returns the time that a share `q` of all times does not exceed (ns), at most 3 % too large;
+    /// 0 if the histogram is empty.
     #[must_use]
     pub fn quantile(&self, q: f64) -> u64 {
         let rank = ((q * self.total as f64).ceil() as u64).clamp(1, self.total.max(1));
@@ -66,14 +69,17 @@ impl Histogram {
     }
 
     fn class(nanos: u64) -> usize {
+        // Below 64 ns a class is 1 ns wide, as fine as the numbers are.
         if nanos < 2 * Self::FINE {
             return nanos as usize;
         }
+        // The shift leaves the six leading bits, 32..=63: the upper one selects the doubling, the
+        // other five the class in it.
         let shift = nanos.ilog2() - Self::FINE.ilog2();
         (u64::from(shift) * Self::FINE + (nanos >> shift)) as usize
     }
 
-    /// Largest time of a class.
+    /// Returns the largest time of a class (ns).
     fn upper(class: usize) -> u64 {
         let class = class as u64;
         if class < 2 * Self::FINE {
@@ -84,25 +90,26 @@ impl Histogram {
     }
 }
 
-/// What a wall driver measured of itself.
+/// Measurements of a wall driver about itself.
 #[derive(Debug, Clone, Default)]
 pub struct Timing {
-    /// From the time set to the time at which the period began (ns).
+    /// Delay from the grid point to the beginning of its period (ns).
     pub wake_up: Histogram,
-    /// How far the time between two beginnings is from a period, missed ones left out (ns).
+    /// Difference between the time between two beginnings and the length of a period (ns). Pairs
+    /// with missed periods between them are left out.
     pub jitter: Histogram,
-    /// Work of a period (ns).
+    /// Duration of the work of a period (ns).
     pub work: Histogram,
-    /// Grid points that passed without a period.
+    /// Number of grid points that passed without a period.
     pub missed: u64,
-    /// The most of them in a row.
+    /// Largest number of missed grid points in a row.
     pub missed_in_a_row: u64,
-    /// Periods in which the bridge had no new reading.
+    /// Number of periods in which the bridge had no new reading.
     pub late_readings: u64,
 }
 
 impl Timing {
-    /// So many grid points passed between two periods.
+    /// Counts the grid points that passed between two periods.
     pub fn miss(&mut self, points: u64) {
         self.missed += points;
         self.missed_in_a_row = self.missed_in_a_row.max(points);
@@ -154,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn every_time_lies_in_the_class_that_claims_it() {
+    fn every_time_lies_within_its_bucket() {
         for nanos in
             (0..200).chain((1..30).map(|e| (1u64 << e) - 1)).chain((1..30).map(|e| 1u64 << e))
         {
@@ -166,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn an_eternity_is_counted_in_the_last_class() {
+    fn huge_time_counts_in_last_bucket() {
         let mut histogram = Histogram::default();
 
         histogram.record(u64::MAX / 2);

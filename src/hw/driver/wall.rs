@@ -1,11 +1,12 @@
-//! The wall driver: a real-time thread on a grid of periods, beside the bridge thread that owns the port.
+//! The wall driver: a real-time thread that runs the servo on a grid of periods of the wall clock.
+//! The bridge thread beside it owns the port.
 //!
-//! The grid is absolute: a late period does not shift the next. Periods are numbered without gaps: when grid
-//! points were missed, the arms held their last set values meanwhile, so motions go on without a jump; the
-//! missed points are counted apart. After too many in a row the arms are brought to a stand and stop.
+//! The grid is absolute: a late period does not shift the next one. Periods are numbered without
+//! gaps, and missed grid points are counted apart. The arms hold their last set values in them, so
+//! a motion continues without a jump. Too many missed points in a row brake and trip the arms.
 //!
-//! Once it runs, the thread makes no system call but the sleep and the wake-up of the bridge, allocates
-//! nothing, and takes no lock: `tests/realtime.rs` holds it to that.
+//! In its loop the thread allocates nothing and takes no lock. Its only system calls are the sleep
+//! and the wake-up of the bridge. `tests/realtime.rs` checks all three.
 
 use super::bridge::{Bridge, BridgePort};
 use super::core::{Core, Switches};
@@ -19,18 +20,18 @@ use std::sync::atomic::Ordering;
 use std::sync::mpsc;
 use std::thread::JoinHandle;
 
-/// How the wall driver runs.
+/// Options of the wall driver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WallOptions {
-    /// Length of the last part of each wait that is spun away (ns); 0 to sleep all of it.
+    /// Length of the last part of each wait, in which the thread spins (ns); 0 for sleep alone.
     pub spin: u64,
     /// Priority of the servo thread under `SCHED_FIFO`, 6..=99; the bridge has 5 less.
     pub priority: i32,
-    /// The core that the servo thread stays on; `None` leaves it to the scheduler.
+    /// Processor core of the servo thread; `None` leaves the choice to the scheduler.
     pub core: Option<usize>,
-    /// Periods missed in a row that stop the arms.
+    /// Number of periods missed in a row that stops the arms.
     pub missed_limit: u64,
-    /// Do not start at all unless every real-time right is granted.
+    /// Whether the driver refuses to start if any real-time right is denied.
     pub require_real_time: bool,
 }
 
@@ -40,7 +41,8 @@ impl Default for WallOptions {
     }
 }
 
-/// A running wall driver. Where it is dropped both threads are stopped and waited for: no way out leaves drives on.
+/// A running wall driver. Its drop stops both threads and waits for them, so no exit leaves the
+/// drives on.
 #[derive(Debug)]
 pub struct Wall<P> {
     threads: Option<(JoinHandle<Timing>, Bridge<P>)>,
@@ -49,22 +51,22 @@ pub struct Wall<P> {
     pub warnings: Vec<String>,
 }
 
-/// What is left of a wall driver.
+/// Result of a wall driver that has ended.
 #[derive(Debug)]
 pub struct WallEnd<P> {
-    /// The port, unless the bridge thread panicked.
+    /// The port; `None` if the bridge thread panicked.
     pub port: Option<P>,
-    /// Why the port failed, if it did.
+    /// Fault of the port, if it failed.
     pub fault: Option<PortFault>,
-    /// How punctual the servo was.
+    /// Punctuality of the servo.
     pub timing: Timing,
 }
 
-/// Starts both threads; `hook` is called by the bridge thread after each exchange.
+/// Starts both threads. The bridge thread calls `hook` after each exchange.
 ///
 /// # Errors
-/// What the operating system says, and [`io::ErrorKind::PermissionDenied`] with all that was denied when real
-/// time is required.
+/// The error of the operating system if a thread cannot be started.
+/// [`io::ErrorKind::PermissionDenied`] with all denied rights if real time is required.
 pub fn spawn_wall<P: Port + 'static>(
     mut core: Core,
     port: P,
@@ -75,14 +77,15 @@ pub fn spawn_wall<P: Port + 'static>(
     let length = core.length().nanos();
     let (bridge, mut side) =
         Bridge::spawn(port, core.readings(), options.priority - 5, length, hook)?;
-    let (tell, told) = mpsc::channel();
+    let (report, reported) = mpsc::channel();
     let servo = std::thread::Builder::new().name("servo".into()).spawn(move || {
+        // The thread asks for its own rights: the scheduler grants them to the calling thread.
         let mut rights = RealTime::acquire(options.priority, options.core);
         let denied = options.require_real_time && !rights.warnings.is_empty();
-        let _ = tell.send((denied, std::mem::take(&mut rights.warnings)));
+        let _ = report.send((denied, std::mem::take(&mut rights.warnings)));
         if denied { Timing::default() } else { run(&mut core, &mut side, &options) }
     })?;
-    match told.recv() {
+    match reported.recv() {
         Ok((false, warnings)) => Ok(Wall { threads: Some((servo, bridge)), switches, warnings }),
         Ok((true, warnings)) => {
             Err(io::Error::new(io::ErrorKind::PermissionDenied, warnings.join("; ")))
@@ -92,13 +95,13 @@ pub fn spawn_wall<P: Port + 'static>(
 }
 
 impl<P> Wall<P> {
-    /// Whether the servo has ended by itself: the bridge was lost.
+    /// Returns whether the servo thread has ended, for example because the bridge was lost.
     #[must_use]
     pub fn has_ended(&self) -> bool {
         self.threads.as_ref().is_none_or(|(servo, _)| servo.is_finished())
     }
 
-    /// Stops both threads and waits for them.
+    /// Stops both threads, waits for them and returns their results.
     #[must_use]
     pub fn stop(mut self) -> WallEnd<P> {
         self.end().unwrap_or(WallEnd { port: None, fault: None, timing: Timing::default() })
@@ -107,7 +110,8 @@ impl<P> Wall<P> {
     fn end(&mut self) -> Option<WallEnd<P>> {
         let (servo, bridge) = self.threads.take()?;
         self.switches.stop.store(true, Ordering::Release);
-        // A panic of a thread was reported by its own message; what it measured is lost.
+        // The servo first: its end drops the bridge's channel, by which the bridge switches the
+        // drives off and ends. A panic has printed its own message; its measurements are lost.
         let timing = servo.join().unwrap_or_default();
         let (port, fault) = match bridge.join() {
             Some((port, fault)) => (Some(port), fault),
@@ -123,25 +127,26 @@ impl<P> Drop for Wall<P> {
     }
 }
 
-/// Goes on along the grid of so long periods until `next` lies ahead of `now`, all in (ns); how
-/// many points that passes over.
+/// Advances `next` along a grid of this `length` until it lies after `now` (all in ns). Returns the
+/// number of grid points that it skips. A point that is just reached counts as skipped.
 pub(crate) fn pass(next: &mut u64, length: u64, now: u64) -> u64 {
     let missed = if now < *next { 0 } else { (now - *next) / length + 1 };
     *next += missed * length;
     missed
 }
 
-/// The real-time loop.
+/// Runs the real-time loop until the stop switch is set or the bridge is lost.
 fn run(core: &mut Core, port: &mut BridgePort, options: &WallOptions) -> Timing {
     let clock = Clock;
     let length = core.length().nanos();
+    // At most half a period is spun away, or a short period would keep the core busy all the time.
     let spin = options.spin.min(length / 2);
     let mut timing = Timing::default();
     let mut next = clock.now() + length;
     let mut period = 0;
-    // When the last period began, if it was the grid point before.
+    // Beginning of the last period, if it was the grid point before this one.
     let mut last: Option<u64> = None;
-    // Grid points that passed since then.
+    // Grid points that passed since the last period.
     let mut missed = 0;
     while !core.switches().stop.load(Ordering::Acquire) {
         clock.wait_until(next, spin);
@@ -152,14 +157,16 @@ fn run(core: &mut Core, port: &mut BridgePort, options: &WallOptions) -> Timing 
             timing.jitter.record((begun - last).abs_diff(length));
         }
         next += length;
+        // This period began so late that further grid points have passed already.
         let passed = pass(&mut next, length, begun);
         last = (passed == 0).then_some(begun);
         missed += passed;
-        // Before the readings are fetched: what an exchange that had begun has read shows all that the axes went meanwhile.
+        // The gap is reported before the readings are fetched: an exchange that was under way in
+        // the gap may already show all of the motion in it, which looks like an encoder jump.
         if missed > 0 {
             timing.miss(missed);
-            core.skipped(missed);
-            port.skipped(missed);
+            core.add_missed_periods(missed);
+            port.add_missed_periods(missed);
             core.switches().punctual.miss(missed, length);
             if missed >= options.missed_limit {
                 core.stop(period, missed);
@@ -170,10 +177,12 @@ fn run(core: &mut Core, port: &mut BridgePort, options: &WallOptions) -> Timing 
         if let Err(lost) = lost {
             core.trip(ArmFault::BridgeSilent { periods: lost.periods });
         }
+        // The drives of a lost bridge are sent as well: they switch the drives off.
         port.send(period, core.compute(period));
         let done = clock.now();
         timing.work.record(done - begun);
         core.switches().punctual.note(late, done - begun);
+        // Work that took longer than a period: the next period reports these points.
         missed = pass(&mut next, length, done);
         if missed > 0 {
             last = None;
@@ -192,7 +201,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_grid_point_that_is_reached_is_missed_and_one_to_come_is_not() {
+    fn reached_grid_point_is_missed() {
         for (now, missed) in [(0, 0), (999, 0), (1000, 1), (2999, 1), (3000, 2), (21_500, 11)] {
             let mut next = 1000;
             assert_eq!(pass(&mut next, 2000, now), missed, "at {now}");

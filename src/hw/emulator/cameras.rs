@@ -1,4 +1,7 @@
-//! Cameras of the emulator: frames over a local socket, one thread a camera.
+//! Cameras of the emulator, which serve frames over local sockets, with one thread per camera.
+//!
+//! - in: requests with a period and an exposure
+//! - out: a header and the frame, or a header without size and the reason in words
 
 use crate::hw::camera::FrameSource;
 use crate::hw::driver::step_back;
@@ -11,10 +14,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// How often the thread looks whether it is to end.
+/// Time after which a waiting thread checks again whether it must end.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// A camera that is served; ends when it is dropped.
+/// A camera that is served until this value is dropped.
 #[derive(Debug)]
 pub struct CameraServer {
     path: PathBuf,
@@ -23,24 +26,27 @@ pub struct CameraServer {
 }
 
 impl CameraServer {
-    /// Serves frames at `path`, to one bridge after the other.
+    /// Serves frames at `path`, to one bridge after another.
     ///
     /// # Errors
-    /// What the operating system says.
+    /// Returns the error of the operating system.
     pub fn start(path: &Path, mut source: Box<dyn FrameSource>) -> std::io::Result<Self> {
         let listener = UnixListener::bind(path)?;
         listener.set_nonblocking(true)?;
         let stop = Arc::new(AtomicBool::new(false));
         let ends = Arc::clone(&stop);
         let thread = std::thread::Builder::new().name("camera".into()).spawn(move || {
+            // Drawing pictures must not delay the serial lines on the same processor.
             step_back();
             while !ends.load(Ordering::Acquire) {
                 match listener.accept() {
                     Ok((stream, _)) => {
                         if let Err(error) = serve(stream, source.as_mut(), &ends) {
-                            tracing::debug!(%error, "a camera's client left");
+                            tracing::debug!(%error, "a client of a camera disconnected");
                         }
                     }
+                    // Without a client, and after any error of the socket, the thread tries again
+                    // later.
                     Err(_) => std::thread::sleep(LOOK),
                 }
             }
@@ -48,7 +54,7 @@ impl CameraServer {
         Ok(Self { path: path.to_owned(), stop, thread: Some(thread) })
     }
 
-    /// Where it is served.
+    /// Returns the path of the socket.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
@@ -59,23 +65,26 @@ impl Drop for CameraServer {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Release);
         if let Some(thread) = self.thread.take() {
-            // Its own message has told of a panic.
+            // A panic of the thread has already printed its own message.
             let _ = thread.join();
         }
         let _ = std::fs::remove_file(&self.path);
     }
 }
 
+/// Answers the requests of one client until it leaves or the server `ends`.
 fn serve(
     mut stream: UnixStream,
     source: &mut dyn FrameSource,
     ends: &AtomicBool,
 ) -> std::io::Result<()> {
     stream.set_nonblocking(false)?;
+    // Timeouts let the thread check `ends` while a client neither asks nor reads.
     stream.set_read_timeout(Some(LOOK))?;
     stream.set_write_timeout(Some(LOOK))?;
     loop {
         let mut request = [0; REQUEST];
+        // A stream has no message boundaries, so a request may come in parts.
         let mut length = 0;
         while length < REQUEST {
             match stream.read(&mut request[length..]) {
@@ -84,11 +93,13 @@ fn serve(
                 Err(e) if e.kind() == ErrorKind::WouldBlock => {}
                 Err(e) => return Err(e),
             }
+            // A client that stays silent must not keep the server alive.
             if ends.load(Ordering::Acquire) {
                 return Ok(());
             }
         }
         let (period, exposure) = decode_request(&request);
+        // An image without size carries the reason why there is none.
         let (header, bytes) = match source.grab(period, exposure) {
             Ok(frame) => {
                 let (width, height) = frame.image.dimensions();
@@ -105,7 +116,7 @@ fn serve(
     }
 }
 
-/// Writes all bytes; `false` when it was to end before a client had read them.
+/// Writes all bytes. Returns `false` if the server ended before the client had read them.
 fn write(stream: &mut UnixStream, mut bytes: &[u8], ends: &AtomicBool) -> std::io::Result<bool> {
     while !bytes.is_empty() {
         match stream.write(bytes) {
@@ -128,7 +139,7 @@ mod tests {
     use crate::hw::socket_camera::encode_request;
     use std::time::Instant;
 
-    /// Frames that no socket's buffer holds.
+    /// A source of frames that fit into no buffer of a socket.
     struct Large;
 
     impl FrameSource for Large {
@@ -137,24 +148,25 @@ mod tests {
         }
     }
 
+    /// The server would otherwise wait for ever in a write to a client that does not read.
     #[test]
-    fn a_client_that_does_not_read_does_not_hold_up_the_end() {
+    fn client_that_does_not_read_cannot_delay_end() {
         let path =
             std::env::temp_dir().join(format!("rubik-robot-deaf-{}.sock", std::process::id()));
         let server = CameraServer::start(&path, Box::new(Large)).unwrap();
         let mut client = UnixStream::connect(&path).unwrap();
         client.write_all(&encode_request(1, 0.01)).unwrap();
-        // The first byte shows that the frame is under way.
+        // The first byte shows that the server is sending the frame.
         client.read_exact(&mut [0]).unwrap();
 
         let begun = Instant::now();
-        let (tell, told) = std::sync::mpsc::channel();
+        let (done, ended) = std::sync::mpsc::channel();
         std::thread::spawn(move || {
             drop(server);
-            tell.send(())
+            done.send(())
         });
 
-        assert!(told.recv_timeout(Duration::from_secs(20)).is_ok(), "{:?}", begun.elapsed());
+        assert!(ended.recv_timeout(Duration::from_secs(20)).is_ok(), "{:?}", begun.elapsed());
         assert!(!path.exists());
     }
 }

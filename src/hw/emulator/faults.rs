@@ -1,53 +1,57 @@
-//! Faults of lines, as an emulator makes them: at random by a seeded generator, or at a set time.
+//! Faults of the emulator's lines: at random from a seeded generator, or at set times.
+//!
+//! - in: [`LineFaults`] and a seed; the time since the first order
+//! - out: the fault of each answer, datagram and period
 
 use crate::motion::PERIOD;
 use rand::Rng;
 use rand_pcg::Pcg64;
 
-/// An axis of an effector at a time.
+/// An axis of an effector, and a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct At {
     /// Index of the effector.
     pub effector: usize,
     /// 0 the track, 7 the jaw.
     pub axis: usize,
-    /// Since the first order came (s), not negative.
+    /// Time since the first order (s), not negative.
     pub time: f64,
 }
 
-/// What goes wrong.
+/// Faults to make. Each share is in 0..=1.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct LineFaults {
-    /// Share of the axes' answers that never come.
+    /// Share of the axes' answers that are lost.
     pub missed: f64,
-    /// Share of the axes' answers of which one bit is wrong.
+    /// Share of the axes' answers in which one bit is wrong.
     pub corrupt: f64,
     /// Share of the force sensors' datagrams that are lost.
     pub lost: f64,
     /// Share of the force sensors' datagrams that come after their successor.
     pub reordered: f64,
-    /// Share of the periods in which an arm's axes fall silent together, both ways.
+    /// Share of the periods in which a silence of all axes of an arm begins, in both directions.
     pub stalled: f64,
-    /// For how many periods they do.
+    /// Length of this silence (periods).
     pub stall: u32,
     /// Axis controllers that are reset.
     pub resets: Vec<At>,
-    /// Lines that are pulled out.
+    /// Lines that are unplugged.
     pub unplugged: Vec<At>,
-    /// Force sensors that fall silent; the axis does not count.
+    /// Force sensors that fall silent. The axis is ignored.
     pub silenced: Vec<At>,
 }
 
-/// Faults with their chance.
+/// Faults with the random generator that decides on them.
 #[derive(Debug)]
 pub(super) struct Chance {
     pub(super) faults: LineFaults,
     random: Pcg64,
 }
 
-/// Takes out what is due so long after the first order (periods): each happens once, and none is
-/// passed over.
+/// Removes and returns the faults that are due `now`, in periods since the first order. Each fault
+/// is returned once.
 pub(super) fn due(faults: &mut Vec<At>, now: u64) -> impl Iterator<Item = At> {
+    // A fault whose period was skipped is still due, hence `<=`.
     faults.extract_if(.., move |at| (at.time / PERIOD) as u64 <= now)
 }
 
@@ -56,11 +60,14 @@ impl Chance {
         Self { faults, random: Pcg64::new(u128::from(seed), 0x006c_696e_6573) }
     }
 
+    /// Returns whether an event of this probability happens now.
     fn happens(&mut self, share: f64) -> bool {
+        // A share of zero draws no number, so one kind of fault leaves the sequence of others
+        // alone.
         share > 0.0 && self.random.random::<f64>() < share
     }
 
-    /// An answer as it arrives: whole, with a wrong bit, or not at all.
+    /// Returns an answer as it arrives: whole, with one wrong bit, or not at all.
     pub(super) fn answer<const N: usize>(&mut self, mut bytes: [u8; N]) -> Option<[u8; N]> {
         if self.happens(self.faults.missed) {
             return None;
@@ -72,15 +79,17 @@ impl Chance {
         Some(bytes)
     }
 
-    /// For how many periods the axes of an arm are silent from now on.
+    /// Returns the number of periods for which the axes of an arm are silent from now on.
     pub(super) fn stalls(&mut self) -> u32 {
         if self.happens(self.faults.stalled) { self.faults.stall } else { 0 }
     }
 
+    /// Returns whether a datagram is lost.
     pub(super) fn loses(&mut self) -> bool {
         self.happens(self.faults.lost)
     }
 
+    /// Returns whether a datagram comes after its successor.
     pub(super) fn reorders(&mut self) -> bool {
         self.happens(self.faults.reordered)
     }
@@ -90,14 +99,15 @@ impl Chance {
 mod tests {
     use super::*;
 
+    /// A fault at time zero is due when it is first asked for, one period after the first order.
     #[test]
-    fn each_fault_happens_once_and_those_of_the_very_beginning_too() {
+    fn each_fault_happens_once_from_time_zero_on() {
         let at = |axis, time| At { effector: 0, axis, time };
         let mut faults = vec![at(1, 0.0), at(2, 0.1), at(3, 0.004)];
 
         let mut axes = |now| due(&mut faults, now).map(|at| at.axis).collect::<Vec<_>>();
 
-        // The first order is a period old when it is asked first.
+        // The first order is one period old at the first request.
         assert_eq!(axes(1), [1]);
         assert_eq!(axes(49), [3]);
         assert_eq!(axes(50), [2]);
@@ -105,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn shares_are_kept_and_a_corrupt_answer_has_one_wrong_bit() {
+    fn answers_fail_in_the_given_shares() {
         let faults = LineFaults { missed: 0.1, corrupt: 0.2, ..LineFaults::default() };
         let mut chance = Chance::new(faults, 1);
         let (mut missed, mut wrong) = (0, 0);

@@ -1,12 +1,21 @@
-//! The emulator: a world behind the same lines as real arms, in its own process, with its own clock.
+//! The emulator: a world behind the same lines as real arms, in its own process and with its own
+//! clock.
+//!
+//! The world is any [`Port`]: the simulated plant, or the motors of a test. One thread serves all
+//! lines. It steps the world every 2 ms of the wall clock, whether orders have come or not, because
+//! motors do not wait.
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | periods that the thread missed | `CATCHES_UP` are made up for | real axes move on meanwhile |
+//! | more missed periods | counted in [`Course`] | the world was at rest meanwhile |
+//! | beginning of a period | `AFTER` the arrival of orders | orders then take effect at once |
 //!
 //! - in: orders on serial lines (pseudo-terminals), requests of force sensors and cameras (sockets)
-//! - out: answers, datagrams, frames; and [`Devices`], which tell a bridge where they are
-//! - one thread serves all lines and steps the world every 2 ms of the wall clock, whether orders have come or not:
-//!   motors do not wait. Where it was kept from running it catches up; what is too much for that is counted
-//! - an encoder is read when it is asked: between the world's periods, counters lie between theirs; what was asked last
-//!   is answered when the world has caught up
-//! - what the world is (the simulated plant, or a test's motors) is none of its business: any [`Port`] will do
+//! - out: answers, datagrams and frames; the [`Devices`], with which a bridge finds them
+//! - An encoder is read at the moment of the request, so counters are interpolated between two
+//!   periods of the world. After a delay of the thread, the last request is answered when the world
+//!   has caught up.
 
 mod axis;
 mod cameras;
@@ -34,13 +43,13 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use sensor::Sensor;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Periods of the world that are made up for where the thread was kept from running.
+/// Largest number of missed periods that the world catches up with.
 const CATCHES_UP: u64 = 50;
 
-/// From the arrival of orders to the world's next period (ns).
+/// Time from the arrival of orders to the world's next period (ns).
 const AFTER: i64 = 200_000;
 
-/// Which interface the force sensors have.
+/// Interface of the force sensors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum SensorKind {
     /// A box that streams datagrams.
@@ -55,33 +64,33 @@ pub enum SensorKind {
 pub struct EmulatedArm {
     /// Name of the effector.
     pub name: String,
-    /// Whether it has an axis 0.
+    /// Whether it has an axis 0, the track.
     pub has_track: bool,
 }
 
-/// How it emulates.
+/// Options of an emulation.
 #[derive(Debug, Clone, Default)]
 pub struct EmulatorOptions {
-    /// Force sensors.
+    /// Interface of the force sensors.
     pub sensors: SensorKind,
-    /// What goes wrong.
+    /// Faults of the lines.
     pub faults: LineFaults,
-    /// Seed of what goes wrong by chance.
+    /// Seed of the random faults.
     pub seed: u64,
-    /// Ends by itself this long after the last order (s); `None` never.
-    pub leaves_after: Option<f64>,
-    /// Controllers without a watchdog: they follow their last order for ever.
+    /// Time after the last order at which the emulation ends by itself (s); `None` for never.
+    pub ends_after: Option<f64>,
+    /// Whether the controllers have no watchdog and follow their last order for ever.
     pub no_watchdog: bool,
 }
 
-/// How an emulation went.
+/// Account of an emulation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Course {
-    /// Periods of the world.
+    /// Number of periods of the world.
     pub periods: u64,
-    /// Periods of the wall clock in which it stood still, kept from running for too long.
+    /// Number of periods of the wall clock that the world did not catch up with.
     pub stalled: u64,
-    /// Orders of axes.
+    /// Number of orders to axes.
     pub orders: u64,
 }
 
@@ -90,7 +99,7 @@ struct Arm {
     lines: [Option<Pty>; AXES + 1],
     has_track: bool,
     controllers: [AxisController; AXES + 1],
-    /// Lines that have had an order since the world's last period.
+    /// Lines that have received an order since the world's last period, one bit each.
     heard: u8,
     sensor: Sensor,
     silent: bool,
@@ -103,9 +112,9 @@ pub struct Emulator<P> {
     drives: Vec<ArmDrive>,
     readings: Vec<ArmReading>,
     chance: Chance,
-    leaves_after: Option<u64>,
+    ends_after: Option<u64>,
     course: Course,
-    /// Period of the first and the last order.
+    /// Periods of the first and of the last order.
     orders: Option<(u64, u64)>,
 }
 
@@ -113,7 +122,7 @@ impl<P: Port> Emulator<P> {
     /// Opens lines and sockets in front of a world at rest.
     ///
     /// # Errors
-    /// What the operating system or the world says.
+    /// Returns the error of the operating system or of the world.
     pub fn open(
         mut world: P,
         arms: &[EmulatedArm],
@@ -132,15 +141,16 @@ impl<P: Port> Emulator<P> {
             drives,
             readings,
             chance: Chance::new(options.faults, options.seed),
-            leaves_after: options.leaves_after.map(|s| (s / PERIOD) as u64),
+            ends_after: options.ends_after.map(|s| (s / PERIOD) as u64),
             course: Course::default(),
             orders: None,
         };
+        // The first orders are answered before the world makes a period.
         this.latch();
         Ok(this)
     }
 
-    /// Where everything is. Cameras are added by whoever serves them.
+    /// Returns the names of all lines and sensors. The owner of the cameras adds these.
     #[must_use]
     pub fn devices(&self) -> Devices {
         let effector = self
@@ -160,16 +170,16 @@ impl<P: Port> Emulator<P> {
         Devices { emulated: true, effector, camera: Vec::new() }
     }
 
-    /// The world.
+    /// Returns the world.
     #[must_use]
     pub fn world(&self) -> &P {
         &self.world
     }
 
-    /// Emulates until `stop` is set or the controller has left; `hook` is called after each period.
+    /// Emulates until `stop` is set or the controller has left. `hook` is called after each period.
     ///
     /// # Errors
-    /// What the world says.
+    /// Returns the error of the world.
     pub fn run(
         &mut self,
         stop: &AtomicBool,
@@ -182,15 +192,18 @@ impl<P: Port> Emulator<P> {
             self.fail();
             self.period()?;
             hook(self.course.periods, &mut self.world);
+            // Orders that came to all lines show where the bridge's periods lie.
             let shift = heard.map_or(0, |at| shift(at, next));
             next = next.saturating_add_signed(shift) + PERIOD_NANOS;
             let behind = Clock.now().saturating_sub(next) / PERIOD_NANOS;
+            // Up to the limit the loop catches up by itself: the next period is already due.
             if behind > CATCHES_UP {
                 self.course.stalled += behind;
                 next += behind * PERIOD_NANOS;
             }
+            // An emulator that never had an order waits for its controller without limit.
             let gone = |(_, last): (u64, u64)| {
-                self.leaves_after.is_some_and(|after| self.course.periods > last + after)
+                self.ends_after.is_some_and(|after| self.course.periods > last + after)
             };
             if self.orders.is_some_and(gone) {
                 break;
@@ -199,7 +212,8 @@ impl<P: Port> Emulator<P> {
         Ok(self.course)
     }
 
-    /// Answers until the next period is due; when every line had had its order, if that was so.
+    /// Answers until the next period is due. Returns the time at which the last line received its
+    /// order, if all did.
     fn serve_until(&mut self, next: u64) -> Option<u64> {
         let last = next - PERIOD_NANOS;
         let mut complete = None;
@@ -211,19 +225,22 @@ impl<P: Port> Emulator<P> {
             self.wait(left);
             let now = Clock.now();
             let share = now.saturating_sub(last) as f64 / PERIOD_NANOS as f64;
+            // Past the end of the period no counter is known yet, so the share stops at 1.
             self.serve(share.min(1.0), share >= 2.0);
             if complete.is_none() && self.arms.iter().all(Arm::has_heard) {
                 complete = Some(now);
             }
+            // Orders that came while this thread was delayed are served once before it returns.
             if left == 0 {
                 return complete;
             }
         }
     }
 
-    /// Answers what has come, at most one order a line; `share` of the world's period has passed. A world that is `behind`
-    /// keeps the last order of a line for later: that came when this thread was let go on, most likely, and what it asks
-    /// for is how things stand now.
+    /// Answers at most one order per line, when `share` of the world's period has passed.
+    ///
+    /// If the world is `behind`, the last order of each line waits. Most likely it came when this
+    /// thread was resumed, and it asks for the state of that time.
     fn serve(&mut self, share: f64, behind: bool) {
         let mut heard = 0;
         let wanted = if behind { 2 * ORDER } else { 0 };
@@ -232,14 +249,16 @@ impl<P: Port> Emulator<P> {
         }
         if heard > 0 {
             self.course.orders += heard;
+            // Faults are due by the time since the first order, the end by the last one.
             let first = self.orders.map_or(self.course.periods, |(first, _)| first);
             self.orders = Some((first, self.course.periods));
         }
     }
 
-    /// Sleeps until something comes.
+    /// Sleeps until bytes come, at most for `nanos`.
     fn wait(&self, nanos: u64) {
         let Some(some) = self.arms.first() else { return };
+        // The array has a fixed size, and its unused entries repeat a sensor without being polled.
         let mut count = 0;
         let mut fds: [PollFd<'_>; MOST] =
             std::array::from_fn(|_| PollFd::new(&some.sensor, PollFlags::IN));
@@ -256,7 +275,7 @@ impl<P: Port> Emulator<P> {
         let _ = poll(&mut fds[..count], Some(&time));
     }
 
-    /// What is to go wrong now.
+    /// Makes the faults that are due.
     fn fail(&mut self) {
         let Some((first, _)) = self.orders else { return };
         let now = self.course.periods - first;
@@ -273,6 +292,8 @@ impl<P: Port> Emulator<P> {
         }
     }
 
+    /// Computes a period of the world, under the motor drives that result from the orders to the
+    /// controllers.
     fn period(&mut self) -> Result<(), PortFault> {
         for (arm, drive) in self.arms.iter().zip(&mut self.drives) {
             *drive = self::drive(&arm.controllers, arm.has_track);
@@ -282,6 +303,7 @@ impl<P: Port> Emulator<P> {
         Ok(())
     }
 
+    /// Passes the readings of the world to controllers and sensors.
     fn latch(&mut self) {
         for (arm, reading) in self.arms.iter_mut().zip(&self.readings) {
             for axis in 0..=AXES {
@@ -326,12 +348,13 @@ impl Arm {
         })
     }
 
-    /// Whether every line has had an order since the world's last period.
+    /// Returns whether every line has received an order since the world's last period.
     fn has_heard(&self) -> bool {
         (0..=AXES).all(|axis| self.lines[axis].is_none() || self.heard >> axis & 1 == 1)
     }
 
-    /// See [`Emulator::serve`]; returns the number of orders. A line with fewer bytes than wanted is left alone.
+    /// Answers the orders of one arm, as [`Emulator::serve`] describes. Returns their number. A
+    /// line with fewer bytes than `wanted` is left alone.
     fn serve(&mut self, chance: &mut Chance, share: f64, wanted: usize) -> u64 {
         let mut orders = 0;
         let mut bytes = [0; ORDER];
@@ -341,14 +364,15 @@ impl Arm {
                 continue;
             }
             let controller = &mut self.controllers[axis];
+            // One order at a time, so that the last one can wait if the world is behind.
             let length = line.read(&mut bytes);
             for byte in &bytes[..length] {
-                let Some(answer) = controller.hear(*byte, share) else { continue };
+                let Some(answer) = controller.receive(*byte, share) else { continue };
                 orders += 1;
                 self.heard |= 1 << axis;
                 let arrived = chance.answer(answer.encode());
                 if arrived.is_some_and(|bytes| !line.write(&bytes)) {
-                    tracing::debug!(arm = %self.name, "nobody reads {}", line.path());
+                    tracing::debug!(arm = %self.name, "no program reads {}", line.path());
                 }
             }
         }
@@ -357,29 +381,35 @@ impl Arm {
     }
 }
 
-/// How far the world's periods are shifted (ns) so that they begin soon after the orders' arrival,
-/// which was at `at` while a period began at `begun`: what is ordered then holds at once, and an
-/// order that is a little late misses nothing. Slow, since single orders may be very late.
+/// Returns the shift of the world's periods (ns) with which they begin soon after the arrival of
+/// orders. The orders arrived at `at`, and a period began at `begun`.
+///
+/// With this shift an order takes effect at once, and an order that is a little late misses no
+/// period. The shift is slow, because single orders may be very late.
 fn shift(at: u64, begun: u64) -> i64 {
     let (period, wanted) = (PERIOD_NANOS as i64, at as i64 + AFTER);
+    // Only the phase matters, so the difference is taken to the nearest period.
     let behind = (wanted - begun as i64 + period / 2).rem_euclid(period) - period / 2;
+    // A low-pass over 16 periods, limited to 25 us per period.
     (behind / 16).clamp(-AFTER / 8, AFTER / 8)
 }
 
-/// What an arm's controllers make of their orders. One power relay serves the whole arm: it is on when all are.
+/// Returns the motor drive that results from the orders to an arm's controllers. One power relay
+/// serves the whole arm: it is on if all controllers are.
 fn drive(controllers: &[AxisController; AXES + 1], has_track: bool) -> ArmDrive {
     let jaw = &controllers[JAW];
     ArmDrive {
         enabled: controllers[usize::from(!has_track)..].iter().all(AxisController::is_on),
         pwm: std::array::from_fn(|i| controllers[i].width()),
         jaw_pwm: jaw.width(),
+        // The lowest output of the jaw's controller moves the palm's stops.
         stops: if jaw.outputs() & 1 == 1 { Depth::Two } else { Depth::One },
         synchronise: (0..=AXES)
             .fold(0, |bits, i| bits | u8::from(controllers[i].synchronises()) << i),
     }
 }
 
-/// What an axis of a reading shows.
+/// Returns the state of an axis from a reading.
 fn status(reading: &ArmReading, axis: usize) -> Status {
     let bit = |bits: u8| bits >> axis & 1 == 1;
     let count = if axis == JAW { reading.jaw_count } else { reading.counts[axis] };
@@ -390,6 +420,7 @@ fn status(reading: &ArmReading, axis: usize) -> Status {
         sync_zero: bit(reading.encoder_zeros),
         stage_fault: bit(reading.power_faults),
         over_current: bit(reading.over_currents),
+        // The controller knows its own mode; see `AxisController::answer`.
         error: false,
         synchronised: bit(reading.synchronised),
         current: (reading.currents[axis] * 1e3).round().clamp(-32768.0, 32767.0) as i16,
@@ -404,8 +435,8 @@ mod tests {
     use crate::hw::serial::{AXIS_BAUD, Line, Lines};
     use std::time::{Duration, Instant};
 
-    /// Where the world's periods come to lie beside orders that arrive at `arrival` of each 2 ms
-    /// (ns).
+    /// Returns the distance of the world's periods from orders that arrive at `arrival` of each 2
+    /// ms, once it has settled (ns).
     fn settled(arrival: u64, begin: u64) -> i64 {
         let mut next = begin;
         for k in 0..4000 {
@@ -418,14 +449,14 @@ mod tests {
     }
 
     #[test]
-    fn the_worlds_periods_come_to_begin_soon_after_the_orders() {
+    fn emulator_periods_synchronise_with_incoming_orders() {
         for begin in [0, 300_000, 900_000, 1_700_000] {
             let off = settled(700_000, begin);
-            assert!((off - AFTER).abs() < 10_000, "{off} ns after orders, begun at {begin}");
+            assert!((off - AFTER).abs() < 10_000, "{off} ns after the orders, start at {begin} ns");
         }
     }
 
-    /// Axes that run on, a hundred increments a period.
+    /// Axes that move a hundred increments per period.
     struct Ramp;
 
     impl Port for Ramp {
@@ -440,9 +471,10 @@ mod tests {
         }
     }
 
-    /// How many periods after the last one before a standstill of 15 a line's answer is of; `None` where this machine
-    /// stood still by itself for longer than the emulator makes up.
-    fn answers_of_a_standstill() -> Option<i64> {
+    /// Delays the emulator by 15 periods and asks a line. Returns the number of periods after the
+    /// beginning of the delay that the answer is of; `None` if this machine itself was delayed by
+    /// more than the emulator catches up with.
+    fn answer_after_delay() -> Option<i64> {
         let arm = EmulatedArm { name: "arm".to_owned(), has_track: false };
         let mut emulator = Emulator::open(Ramp, &[arm], EmulatorOptions::default()).unwrap();
         let path = emulator.devices().effector[0].axes[1].clone();
@@ -450,7 +482,7 @@ mod tests {
         let mut lines = Lines::new(vec![line]);
         let order = Order::Pwm { width: 0, outputs: 0, synchronise: false }.encode();
         let stop = AtomicBool::new(false);
-        let (mut asked, mut told) = (0, None);
+        let (mut asked, mut count) = (0, None);
 
         let course = emulator
             .run(&stop, |period, _| {
@@ -462,22 +494,24 @@ mod tests {
                     asked = period;
                 } else if period > 10 {
                     lines.gather(Instant::now());
-                    told = lines.answer(0).map(|answer| Status::decode(answer).count);
-                    stop.store(told.is_some() || period > 1000, Ordering::Release);
+                    count = lines.answer(0).map(|answer| Status::decode(answer).count);
+                    stop.store(count.is_some() || period > 1000, Ordering::Release);
                 }
             })
             .unwrap();
 
-        (course.stalled == 0).then(|| i64::from(told.unwrap()) / 100 - asked as i64)
+        (course.stalled == 0).then(|| i64::from(count.unwrap()) / 100 - asked as i64)
     }
 
+    /// The emulator is delayed. A request that arrives at the end of the delay is answered with the
+    /// state at the end, not with the state at the beginning.
     #[test]
-    fn what_is_asked_after_a_standstill_is_answered_with_how_things_stand_then() {
-        let periods = (0..20).find_map(|_| answers_of_a_standstill()).unwrap();
+    fn request_after_delay_gets_the_present_state() {
+        let periods = (0..20).find_map(|_| answer_after_delay()).unwrap();
         assert!(periods >= 12, "{periods} of 15");
     }
 
-    /// An arm that tells whether its drives are on.
+    /// An arm that remembers whether its drives are on.
     #[derive(Default)]
     struct Drives {
         on: bool,
@@ -495,8 +529,8 @@ mod tests {
         }
     }
 
-    /// Whether an arm's drives are still on 100 ms after they came on, when nothing has been ordered meanwhile; `None`
-    /// when they never came on.
+    /// Returns whether an arm's drives are still on 100 ms after they came on, without an order
+    /// meanwhile; `None` if they never came on.
     fn on_after_silence(options: EmulatorOptions) -> Option<bool> {
         let arm = EmulatedArm { name: "arm".to_owned(), has_track: false };
         let mut emulator = Emulator::open(Drives::default(), &[arm], options).unwrap();
@@ -525,7 +559,7 @@ mod tests {
     }
 
     #[test]
-    fn an_arm_that_nobody_orders_any_more_brakes_unless_it_has_no_watchdog() {
+    fn arm_without_orders_brakes_by_its_watchdog() {
         let no_watchdog = EmulatorOptions { no_watchdog: true, ..EmulatorOptions::default() };
 
         assert_eq!(on_after_silence(EmulatorOptions::default()), Some(false));
@@ -533,7 +567,7 @@ mod tests {
     }
 
     #[test]
-    fn one_late_order_hardly_moves_them() {
+    fn one_late_order_hardly_shifts_the_periods() {
         let begun = 10 * PERIOD_NANOS;
         let usual = begun - AFTER as u64;
 

@@ -1,4 +1,7 @@
-//! Force sensors, emulated: the box that streams datagrams, and the controller on a serial line.
+//! Emulated force sensors: the box that streams datagrams, and the controller on a serial line.
+//!
+//! - in: requests; the wrench at the end of each period of the plant
+//! - out: a datagram in each period, or the answer to each request
 
 use super::faults::Chance;
 use super::pty::Pty;
@@ -7,7 +10,7 @@ use crate::spatial::Wrench;
 use std::net::{SocketAddr, UdpSocket};
 use std::os::fd::{AsFd, BorrowedFd};
 
-/// Counts a newton, and a newton metre, of the emulated box: what ATI's boxes come with.
+/// Counts per newton, and per newton metre, of the emulated box: the default of ATI's boxes.
 pub const COUNTS: f64 = 1e6;
 
 /// A force sensor with its interface.
@@ -17,7 +20,7 @@ pub(super) enum Sensor {
     Controller(Controller),
 }
 
-/// A Net F/T box.
+/// A Net F/T box, which streams datagrams to the client that started it last.
 #[derive(Debug)]
 pub(super) struct NetBox {
     socket: UdpSocket,
@@ -25,11 +28,11 @@ pub(super) struct NetBox {
     client: Option<SocketAddr>,
     sequence: u32,
     sample: u32,
-    /// A record that its successor shall overtake.
+    /// A datagram that is sent after its successor.
     held: Option<RdtRecord>,
 }
 
-/// A stand-alone controller.
+/// A stand-alone controller, which answers one request at a time.
 #[derive(Debug)]
 pub(super) struct Controller {
     pub(super) pty: Pty,
@@ -48,7 +51,7 @@ impl Sensor {
         Ok(Self::Controller(Controller { pty: Pty::open()?, wrench: Wrench::default() }))
     }
 
-    /// What a file of devices says of it.
+    /// Returns the name of the sensor in a file of devices.
     pub(super) fn device(&self) -> String {
         match self {
             Self::Net(sensor) => format!("net_ft:{}", sensor.address),
@@ -56,12 +59,14 @@ impl Sensor {
         }
     }
 
-    /// Takes what was asked.
+    /// Receives requests. A `silent` controller answers none.
     pub(super) fn listen(&mut self, silent: bool) {
         match self {
             Self::Net(sensor) => {
                 let mut bytes = [0; 64];
                 while let Ok((length, from)) = sensor.socket.recv_from(&mut bytes) {
+                    // Only the client that started the stream may stop it. Other datagrams are no
+                    // requests.
                     match start_request(&bytes[..length]) {
                         Some(true) => {
                             (sensor.client, sensor.sequence) = (Some(from), 0);
@@ -75,6 +80,7 @@ impl Sensor {
                 let mut bytes = [0; 64];
                 let length = sensor.pty.read(&mut bytes);
                 for byte in &bytes[..length] {
+                    // A carriage return asks for the prompt, and 0x14 asks for one record.
                     let heard = match *byte {
                         _ if silent => true,
                         b'\r' => sensor.pty.write(b">"),
@@ -82,20 +88,23 @@ impl Sensor {
                         _ => true,
                     };
                     if !heard {
-                        tracing::debug!("nobody reads the force controller's line");
+                        tracing::debug!("no program reads the force controller's line");
                     }
                 }
             }
         }
     }
 
-    /// The end of a plant's period.
+    /// Stores the wrench at the end of a period of the plant. A Net F/T box sends it, unless it is
+    /// `silent`.
     pub(super) fn latch(&mut self, wrench: &Wrench, silent: bool, chance: &mut Chance) {
         match self {
             Self::Controller(sensor) => sensor.wrench = *wrench,
             Self::Net(sensor) => {
                 sensor.sample = sensor.sample.wrapping_add(1);
                 let Some(client) = sensor.client.filter(|_| !silent) else { return };
+                // The sequence counts datagrams and shows a client which are lost, so a lost one
+                // counts as well.
                 sensor.sequence = sensor.sequence.wrapping_add(1);
                 let counts = wrench.directions().map(|c| (c * COUNTS).round() as i32);
                 let (sequence, sample) = (sensor.sequence, sensor.sample);
@@ -103,11 +112,12 @@ impl Sensor {
                 if chance.loses() {
                     return;
                 }
+                // At most one datagram is held back, so it is late by exactly one.
                 if sensor.held.is_none() && chance.reorders() {
                     sensor.held = Some(record);
                     return;
                 }
-                // A client that is gone is no concern of the box.
+                // The box cannot know whether its client is still there.
                 for record in [Some(record), sensor.held.take()].into_iter().flatten() {
                     let _ = sensor.socket.send_to(&record.encode(), client);
                 }

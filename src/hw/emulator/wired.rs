@@ -1,8 +1,12 @@
-//! The protocol of serial axis controllers around a world in this process: no lines, no clock, every byte of it.
+//! The protocol of serial axis controllers around a world in the same process, without lines and
+//! clock.
 //!
-//! - in, out: as any [`Port`]; orders and answers are encoded, judged, spoilt and lost as on lines
-//! - an answer tells the period before, as on lines: a servo has one period more of delay than against the bare world
-//! - repeatable to the bit, faults and all: whole missions can be tried over the protocol in virtual time
+//! - in, out: those of any [`Port`]. Orders and answers are encoded, judged, corrupted and lost as
+//!   on lines.
+//! - An answer describes the period before, as on lines, so the servo has one more period of delay
+//!   than with the bare world.
+//! - Runs are repeatable to the bit, including their faults, so whole missions run over the
+//!   protocol in virtual time.
 
 use super::faults::{Chance, LineFaults};
 use super::sensor::COUNTS;
@@ -10,7 +14,7 @@ use super::{AxisController, status};
 use crate::hw::force::{Intake, RdtRecord};
 use crate::hw::port::{Port, PortFault};
 use crate::hw::serial::axis::{Axis, Rules};
-use crate::hw::serial::{axis_drive, hand_over};
+use crate::hw::serial::{axis_drive, write_reading};
 use crate::motion::AXES;
 use crate::servo::io::{ArmDrive, ArmReading};
 
@@ -20,7 +24,7 @@ struct Arm {
     axes: [Axis; AXES + 1],
     controllers: [AxisController; AXES + 1],
     intake: Intake,
-    /// Periods for which nothing gets through to its axes or back.
+    /// Number of periods in which no order reaches the axes and no answer comes back.
     stalled: u32,
 }
 
@@ -35,8 +39,8 @@ pub struct Wired<P> {
 }
 
 impl<P: Port> Wired<P> {
-    /// Puts a world behind the protocol; each arm has a track or not, and a sensor of a range (N,
-    /// Nm).
+    /// Puts a world behind the protocol. Each arm is given by whether it has a track, and by the
+    /// range of its force sensor (N, Nm).
     pub fn new(
         world: P,
         arms: impl IntoIterator<Item = (bool, [f64; 6])>,
@@ -59,17 +63,18 @@ impl<P: Port> Wired<P> {
         Self { world, arms, chance: Chance::new(faults, seed), drives, readings, begun: false }
     }
 
-    /// The world.
+    /// Returns the world.
     pub fn world(&self) -> &P {
         &self.world
     }
 
-    /// The world, for whoever looks after it.
+    /// Returns the world, to observe or change it.
     pub fn world_mut(&mut self) -> &mut P {
         &mut self.world
     }
 
-    /// The world's own period under the drives that the controllers make of their orders.
+    /// Computes a period of the world, under the motor drives that result from the orders to the
+    /// controllers.
     fn step(&mut self, period: u64) -> Result<(), PortFault> {
         for (arm, drive) in self.arms.iter().zip(&mut self.drives) {
             *drive = super::drive(&arm.controllers, arm.has_track);
@@ -85,23 +90,26 @@ impl<P: Port> Wired<P> {
 }
 
 impl Arm {
-    /// One order to each axis and its answer.
+    /// Sends an order to each axis and judges its answer.
     fn talk(
         &mut self,
         effector: usize,
         drive: &ArmDrive,
         chance: &mut Chance,
     ) -> Result<(), PortFault> {
+        // An arm without a track has no axis 0.
         for index in usize::from(!self.has_track)..=AXES {
             let axis = &mut self.axes[index];
+            // Virtual time knows no late exchange: each order is sent one period after the last
+            // one.
             axis.pass(1.0);
             let order = axis.order(&axis_drive(drive, index, &[u16::MAX; AXES + 1])).encode();
-            // As where all lines of an arm are late together: none of them is judged.
+            // The bridge does not judge the lines of an arm that are all late together.
             if self.stalled > 0 {
                 continue;
             }
             let controller = &mut self.controllers[index];
-            let answer = order.iter().filter_map(|byte| controller.hear(*byte, 1.0)).last();
+            let answer = order.iter().filter_map(|byte| controller.receive(*byte, 1.0)).last();
             let arrived = answer.and_then(|answer| chance.answer(answer.encode()));
             axis.take(arrived.as_ref()).map_err(|fault| PortFault {
                 effector,
@@ -119,10 +127,12 @@ impl<P: Port> Port for Wired<P> {
         drives: &[ArmDrive],
         readings: &mut [ArmReading],
     ) -> Result<(), PortFault> {
-        // The first exchange settles every axis, in front of a world that stands still.
+        // The first exchange settles every axis, while the world is at rest.
         if !self.begun {
             self.begun = true;
             self.step(0)?;
+            // Each axis needs two parameters answered, then four readings that agree, and some may
+            // be lost.
             for _ in 0..8 {
                 for (effector, arm) in self.arms.iter_mut().enumerate() {
                     arm.talk(effector, &ArmDrive::OFF, &mut self.chance)?;
@@ -130,20 +140,23 @@ impl<P: Port> Port for Wired<P> {
             }
         }
         for (effector, (arm, reading)) in self.arms.iter_mut().zip(readings).enumerate() {
+            // A new silence can only begin after the last one has ended.
             arm.stalled = match arm.stalled.saturating_sub(1) {
                 0 => self.chance.stalls(),
                 left => left,
             };
             arm.talk(effector, &drives[effector], &mut self.chance)?;
-            hand_over(&arm.axes, arm.has_track, reading);
-            let felt = self.readings[effector].wrench_on_sensor.directions();
-            let counts = felt.map(|c| (c * COUNTS).round() as i32);
+            write_reading(&arm.axes, arm.has_track, reading);
+            let values = self.readings[effector].wrench_on_sensor.directions();
+            // Like a real wrench: quantised, encoded, perhaps lost, decoded and judged.
+            let counts = values.map(|c| (c * COUNTS).round() as i32);
             let record = RdtRecord { sequence: 1, sample: 1, status: 0, counts }.encode();
             let came = (!self.chance.loses()).then(|| RdtRecord::decode(&record)).flatten();
             let wrench = came.map(|record| record.wrench(COUNTS, COUNTS));
             let (wrench, taken) = arm.intake.take(wrench);
             (reading.wrench_on_sensor, reading.wrench_is_old) = (wrench, !taken.is_new());
         }
+        // The world moves on after the answers, hence the one period of delay.
         self.step(period)
     }
 }
@@ -158,7 +171,7 @@ impl<P> std::fmt::Debug for Wired<P> {
 mod tests {
     use super::*;
 
-    /// Axes that go a hundred increments a period, and what they were told.
+    /// Axes that move a hundred increments per period, and the pulse widths that they received.
     struct Axes(Vec<i16>);
 
     impl Port for Axes {
@@ -174,8 +187,10 @@ mod tests {
         }
     }
 
+    /// All axes of an arm fall silent together, for multiples of the length of a silence, and keep
+    /// their last width.
     #[test]
-    fn axes_that_fall_silent_keep_their_last_width_and_are_not_heard_for_so_long() {
+    fn silent_axes_keep_their_last_width() {
         let faults = LineFaults { stalled: 0.02, stall: 7, ..LineFaults::default() };
         let arm = (true, [100.0; 6]);
         let mut wired = Wired::new(Axes(Vec::new()), [arm], Rules::default(), faults, 3);
@@ -187,17 +202,17 @@ mod tests {
             wired.exchange(period, &[drive], &mut readings).unwrap();
             let [reading] = readings;
             assert!(reading.no_answer == 0 || reading.no_answer == u8::MAX, "all at once");
-            let told = *wired.world().0.last().unwrap();
-            silent.push((reading.no_answer != 0).then_some(told));
+            let width = *wired.world().0.last().unwrap();
+            silent.push((reading.no_answer != 0).then_some(width));
         }
 
         let stalls: Vec<_> = silent.chunk_by(|a, b| a.is_some() == b.is_some()).collect();
-        // What answers the first parameter is no reading.
+        // The answer to a parameter is no reading, so the mode of the first period looks silent.
         let stalls = stalls.into_iter().filter(|stall| stall[0].is_some()).skip(1);
         let stalls: Vec<_> = stalls.collect();
         assert!(stalls.len() > 5, "{}", stalls.len());
         assert!(stalls.iter().all(|stall| stall.len() % 7 == 0), "{stalls:?}");
-        let kept = |stall: &&[Option<i16>]| stall.iter().take(7).all(|told| *told == stall[0]);
+        let kept = |stall: &&[Option<i16>]| stall.iter().take(7).all(|width| *width == stall[0]);
         assert!(stalls.iter().all(kept), "{stalls:?}");
     }
 }

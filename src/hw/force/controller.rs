@@ -1,46 +1,49 @@
-//! The stand-alone controller of the original's force sensors: orders on a serial line, readings by the same line or
-//! word by word over a parallel interface.
+//! The stand-alone controller of the original's force sensors. It takes orders on a serial line and
+//! sends readings on the same line, or word by word over a parallel interface.
 //!
-//! - out: lines of two letters that set it up, then one byte (0x14) for each reading
-//! - in: a record of a status and six 16-bit components, 20 counts a newton and 1000 a newton metre; on the line 13
-//!   bytes, the status in one and high bytes first; on the parallel interface 7 words
-//! - 10 ms without a record is a read error; the controller is then set up anew
-//! - source: the original's sources of 2008 (38400 baud, 8N1; PCI-1751 with one interrupt a word). The bytes on the
-//!   line are the binary output of ATI's manual; the original read the words.
+//! - out: lines of two letters that set it up, then one byte (0x14) as the request of a reading
+//! - in: a record of a status and six 16-bit components with 20 counts/N and 1000 counts/Nm. On the
+//!   line it has 13 bytes: one of status, then the components, high bytes first. On the parallel
+//!   interface it has 7 words
+//! - 10 ms without a record are a read error, after which the controller is set up again
+//! - source: the original's sources of 2008 (38400 baud, 8N1; PCI-1751 with one interrupt a word).
+//!   The bytes on the line are the binary output in ATI's manual; the original read the words
 
-use super::net_ft::tell;
+use super::net_ft::push_note;
 use super::{ForceSource, Intake, Taken};
-use crate::hw::note::{Notes, What};
+use crate::hw::note::{NoteKind, Notes};
 use crate::hw::serial::Line;
 use crate::spatial::Wrench;
 
-/// Bits a second of its line.
+/// Rate of its line (bit/s).
 const BAUD: u32 = 38_400;
-/// Words that may be left over from before, at most.
+/// Largest number of words that may be left over from an earlier record.
 const MOST_WORDS: usize = 64;
-/// Bytes of a record on the line.
+/// Length of a record on the line (bytes).
 pub const RECORD: usize = 13;
-/// Words of a record on the parallel interface.
+/// Length of a record on the parallel interface (words).
 const WORDS: usize = 7;
-/// Sets it up: no echo of lines, binary and resolved output of all six components, no averaging, single readings.
+/// Lines of the set-up: no echo of lines, binary and resolved output of all six components, no
+/// averaging, single readings.
 const SET_UP: [&[u8]; 7] =
     [b"CL 0\r", b"CF 1\r", b"CD B\r", b"CD R\r", b"CV 3F\r", b"SA 0\r", b"SM 1\r"];
-/// From here on it answers by the parallel interface. The original then told it everything once more.
+/// Line that moves its answers to the parallel interface. The original repeats the set-up after it.
 const PARALLEL: &[u8] = b"CP P\r";
-/// Words of its answers that are taken in a period of the set-up: one a character.
+/// Words of an answer that are taken in a period of the set-up. Each holds one character.
 const CHARACTERS: usize = 8;
-/// Asks for one record.
+/// Request of one record.
 const ONE: &[u8] = &[0x14];
-/// Its word that a line of its set-up was carried out.
+/// Answer to a line of the set-up that was carried out.
 const PROMPT: u8 = b'>';
-/// Periods that are waited for a record, the original's 10 ms, and for the answer to a line of the set-up.
+/// Timeout of a record (periods): the original's 10 ms.
 const PATIENCE: u32 = 5;
+/// Timeout of the answer to a line of the set-up (periods).
 const PATIENCE_SET_UP: u32 = 25;
 
-/// Counts of a wrench, as they go over line and words.
+/// Scales of the components (counts/N, counts/Nm), on the line and in words.
 const SCALES: [f64; 6] = [20.0, 20.0, 20.0, 1000.0, 1000.0, 1000.0];
 
-/// The record of these bytes: status and wrench.
+/// Decodes the status and the wrench (N, Nm) of a record.
 #[must_use]
 pub fn decode_record(bytes: &[u8; RECORD]) -> (u8, Wrench) {
     let counts: [i16; 6] =
@@ -48,7 +51,7 @@ pub fn decode_record(bytes: &[u8; RECORD]) -> (u8, Wrench) {
     (bytes[0], wrench_of(&counts))
 }
 
-/// The bytes of a record; what does not fit into 16 bits is told as the largest number.
+/// Encodes a record. A component that does not fit into 16 bits becomes the largest number.
 #[must_use]
 pub fn encode_record(status: u8, wrench: &Wrench) -> [u8; RECORD] {
     let mut bytes = [0; RECORD];
@@ -64,18 +67,19 @@ fn wrench_of(counts: &[i16; 6]) -> Wrench {
     Wrench::from_directions(std::array::from_fn(|i| f64::from(counts[i]) / SCALES[i]))
 }
 
-/// The parallel interface: 16-bit words as they come, one for each of the board's interrupts.
+/// The parallel interface, which delivers 16-bit words.
 pub trait Words: Send {
-    /// The next word, if one has come. One that is `due` may be waited for a little: so many words are a record.
+    /// Takes the next word if one has come. If the word is `due`, inside a record, the call may
+    /// wait briefly for it.
     fn take(&mut self, due: bool) -> Option<u16>;
 }
 
-/// Where the set-up stands.
+/// Stage of the dialogue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Stage {
-    /// This line of the set-up comes next.
+    /// Set-up, with the index of the next line.
     SettingUp(usize),
-    /// Records are asked for.
+    /// Requests of records.
     Reading,
 }
 
@@ -85,9 +89,11 @@ pub struct FtController {
     words: Option<Box<dyn Words>>,
     intake: Intake,
     stage: Stage,
-    /// A request is under way, for so many periods.
+    /// Periods since the request that is under way, if there is one.
     waiting: Option<u32>,
     record: [u8; RECORD],
+    /// Number of bytes of the record that have come. On the parallel interface the status counts
+    /// as two.
     length: usize,
 }
 
@@ -98,10 +104,11 @@ impl std::fmt::Debug for FtController {
 }
 
 impl FtController {
-    /// Opens the line; with `words`, records come by the parallel interface.
+    /// Opens the line. With `words` the records come by the parallel interface. `range` is that of
+    /// the sensor (N, Nm).
     ///
     /// # Errors
-    /// What the operating system says, with the device's name.
+    /// The error of the operating system, with the device's name.
     pub fn open(
         path: &str,
         words: Option<Box<dyn Words>>,
@@ -118,9 +125,11 @@ impl FtController {
         })
     }
 
-    /// One more line of the set-up, when the last one was answered or is overdue.
+    /// Sends line `step` of the set-up if the last one was answered or is overdue.
     fn set_up(&mut self, step: usize) {
         let answered = self.is_answered();
+        // An overdue answer does not end the set-up: a controller that answers none of the lines
+        // will not deliver a record either, which begins the set-up again.
         if let Some(periods) = self.waiting
             && !answered
             && periods < PATIENCE_SET_UP
@@ -133,7 +142,7 @@ impl FtController {
             None => SET_UP.get(step),
         };
         if let Some(line) = line {
-            // A line that takes nothing shows in the answer that does not come.
+            // A failed write needs no report of its own: the answer does not come.
             let _ = self.line.write(line);
             (self.stage, self.waiting) = (Stage::SettingUp(step + 1), Some(0));
         } else {
@@ -141,10 +150,12 @@ impl FtController {
         }
     }
 
+    /// Returns whether the controller has answered the last line of the set-up.
     fn is_answered(&mut self) -> bool {
         let mut answer = [0; 64];
         let heard = self.line.read(&mut answer).unwrap_or(0);
         let mut answered = answer[..heard].contains(&PROMPT);
+        // Both ways are read: the answers move to the parallel interface during the set-up.
         if let Some(words) = &mut self.words {
             for taken in 0..CHARACTERS {
                 let Some(word) = words.take(taken > 0) else { break };
@@ -154,13 +165,14 @@ impl FtController {
         answered
     }
 
-    /// A record, if one is complete.
+    /// Takes the bytes or words that have come; returns the record if it is complete.
     fn record(&mut self) -> Option<(u8, Wrench)> {
         if let Some(words) = &mut self.words {
             while self.length < 2 * WORDS
                 && let Some(word) = words.take(self.length > 0)
             {
-                // The status's low byte is the line's; the components follow as on the line.
+                // The low byte of the status word is the status byte of the line. The words of the
+                // components have the order of bytes of the line.
                 let [high, low] = word.to_be_bytes();
                 match self.length {
                     0 => self.record[0] = low,
@@ -181,10 +193,12 @@ impl FtController {
         Some(decode_record(&self.record))
     }
 
+    /// Requests the next record.
     fn ask(&mut self) {
+        // Bytes and words of a broken record would be taken for the beginning of the next one.
         let _ = self.line.drain();
         if let Some(words) = &mut self.words {
-            // Bounded: a board that is not there seems to have a word for ever.
+            // Bounded, because a missing board seems to have a word at any time.
             for _ in 0..MOST_WORDS {
                 if words.take(false).is_none() {
                     break;
@@ -203,28 +217,32 @@ impl ForceSource for FtController {
         match self.stage {
             Stage::SettingUp(step) => self.set_up(step),
             Stage::Reading => match (self.record(), self.waiting) {
+                // Status 0: the reading is valid.
                 (Some((0, wrench)), Some(_)) => {
                     good = Some(wrench);
                     self.ask();
                 }
+                // The controller reports a fault: its reading does not count.
                 (Some((status, _)), Some(_)) => {
-                    notes.tell(period, effector, What::ForceStatus { status: status.into() });
+                    notes.push(period, effector, NoteKind::ForceStatus { status: status.into() });
                     self.ask();
                 }
+                // The record is overdue: a read error, upon which the original repeats the set-up.
                 (_, Some(periods)) if periods >= PATIENCE => {
                     (self.stage, self.waiting) = (Stage::SettingUp(0), None);
                 }
                 (_, Some(periods)) => self.waiting = Some(periods + 1),
+                // The first request after the set-up.
                 (_, None) => self.ask(),
             },
         }
         let (wrench, taken) = self.intake.take(good);
-        // While it is set up for the first time, its silence is no news.
+        // The silence during the first set-up, in the first 0.4 s, is normal and not reported.
         if !(matches!(taken, Taken::Silent { .. })
             && matches!(self.stage, Stage::SettingUp(_))
             && period < 200)
         {
-            tell(taken, period, effector, notes);
+            push_note(taken, period, effector, notes);
         }
         (wrench, taken.is_new())
     }
@@ -242,20 +260,20 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_record_tells_a_wrench_to_half_a_count(
+        fn record_keeps_wrench_to_half_a_count(
             f in prop::array::uniform3(-130.0..130.0f64), t in prop::array::uniform3(-5.0..5.0f64)
         ) {
             let wrench = Wrench::from_directions([f[0], f[1], f[2], t[0], t[1], t[2]]);
 
-            let (status, told) = decode_record(&encode_record(3, &wrench));
+            let (status, decoded) = decode_record(&encode_record(3, &wrench));
 
             prop_assert_eq!(status, 3);
-            let off = (told - wrench).directions();
+            let off = (decoded - wrench).directions();
             prop_assert!(off.iter().zip(SCALES).all(|(off, scale)| off.abs() <= 0.5001 / scale));
         }
     }
 
-    /// What a controller does: answers lines by a prompt and requests by a record.
+    /// Plays the controller: answers lines by a prompt and requests by a record.
     fn serve(pty: &Pty, wrench: &Wrench) {
         let mut bytes = [0; 64];
         let n = pty.read(&mut bytes);
@@ -269,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_set_up_then_read_and_set_up_again_after_a_silence() {
+    fn controller_is_set_up_again_after_silence() {
         let pty = Pty::open().unwrap();
         let mut sensor = FtController::open(pty.path(), None, RANGE).unwrap();
         let mut notes = Notes::none();
@@ -290,11 +308,11 @@ mod tests {
             serve(&pty, &push);
             wrench = sensor.read(period, 0, &mut notes).0;
         }
-        assert_eq!(wrench, push, "it came back by itself");
+        assert_eq!(wrench, push, "the sensor recovers by itself");
     }
 
     #[test]
-    fn seven_words_of_the_parallel_interface_are_a_record() {
+    fn seven_parallel_words_make_a_record() {
         let pty = Pty::open().unwrap();
         let board = Board::default();
         let words = Pci1751::new(board.clone());
@@ -302,7 +320,7 @@ mod tests {
         let mut bytes = [0; 64];
         let mut wrench = Wrench::default();
         let (mut parallel, mut line) = (false, Vec::new());
-        let mut told = Vec::new();
+        let mut lines = Vec::new();
 
         for period in 0..200 {
             let n = pty.read(&mut bytes);
@@ -311,14 +329,14 @@ mod tests {
                     b'\r' => {
                         let text = String::from_utf8(std::mem::take(&mut line)).unwrap();
                         parallel |= text == "CP P";
-                        told.push(text);
+                        lines.push(text);
                         if parallel {
                             board.give(&b"ok\r\n>".map(u16::from));
                         } else {
                             assert!(pty.write(b">"));
                         }
                     }
-                    // A controller that was not told of the interface answers on the line.
+                    // Before the order "CP P" the controller answers on the line.
                     0x14 if parallel => board.give(&[0u16, 20, 40, (-60i16) as u16, 1000, 0, 500]),
                     0x14 => assert!(pty.write(&encode_record(0, &Wrench::default()))),
                     byte => line.push(byte),
@@ -328,8 +346,8 @@ mod tests {
         }
 
         assert_eq!(wrench, Wrench::from_directions([1.0, 2.0, -3.0, 1.0, 0.0, 0.5]));
-        let switch = told.iter().position(|line| line == "CP P").unwrap();
-        assert_eq!(told[..switch], told[switch + 1..], "settings are told again: {told:?}");
-        assert_eq!(told.len(), 15);
+        let switch = lines.iter().position(|line| line == "CP P").unwrap();
+        assert_eq!(lines[..switch], lines[switch + 1..], "the settings are sent again: {lines:?}");
+        assert_eq!(lines.len(), 15);
     }
 }

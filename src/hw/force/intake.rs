@@ -1,76 +1,88 @@
-//! What is done with a sensor's readings, whatever brings them.
+//! Common treatment of the readings of all force sensors.
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | no reading | held for [`HOLDS`] periods, then NaN | the original's timeout of 10 ms |
+//! | reading beyond the range | [`DROPPED`] in a row are dropped | a single one is a disturbance |
+//! | more of them in a row | - | an overload that lasts passes, since the servo must stop for it |
 //!
 //! - in: the newest reading of a period, or none
-//! - out: the wrench that counts in this period
-//! - source: the original drops a reading that leaves the range and says so (non-fatal). Here an overload that lasts
-//!   is handed on, since the servo must stop for it.
+//! - out: the wrench that counts in this period, and the case
+//! - source: the original, which drops each reading beyond the range and reports it as non-fatal
 
 use crate::spatial::Wrench;
 
-/// Periods for which a reading holds when no other comes: the original's 10 ms.
+/// Periods for which a reading is held if no other comes: 10 ms, as in the original.
 const HOLDS: u32 = 5;
-/// Readings beyond the range that are dropped in a row.
+/// Largest number of readings beyond the range that are dropped in a row.
 const DROPPED: u32 = 2;
 
-/// What became of a reading.
+/// Result of a period's reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Taken {
-    /// It counts.
+    /// New reading that counts.
     Fresh,
-    /// None came; the last one still holds.
+    /// Last reading, which is held because no new one came.
     Held,
-    /// It left the range and was dropped.
+    /// Last reading, which is held because the new one left the range and was dropped.
     OverRange {
-        /// Direction that left it.
+        /// Index of the direction that left the range.
         direction: usize,
-        /// What it read (N or Nm).
+        /// Value in that direction (N or Nm).
         reading: f64,
     },
-    /// None has come for too long.
+    /// No reading for too long.
     Silent {
-        /// It is the first period of silence.
+        /// Whether this is the first period of the silence.
         first: bool,
     },
-    /// It is the first after a silence, and counts.
+    /// First reading after a silence, which counts.
     Back,
 }
 
 impl Taken {
-    /// Whether a reading counts that did not before.
+    /// Returns whether the period has a wrench of its own, a new reading or a silence, and not a
+    /// held one.
     #[must_use]
     pub fn is_new(&self) -> bool {
         !matches!(self, Self::Held | Self::OverRange { .. })
     }
 }
 
-/// A sensor's recent past.
+/// Recent readings of a sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Intake {
+    /// Range of each direction (N, Nm).
     range: [f64; 6],
     last: Wrench,
+    /// Periods since the last reading that counted.
     age: u32,
+    /// Number of readings in a row that were dropped.
     dropped: u32,
 }
 
 impl Intake {
-    /// `range` as in [`ForceSensor::range`](crate::cell::ForceSensor::range). Silent until the first reading.
+    /// Makes an intake that is silent until the first reading. `range` is
+    /// [`ForceSensor::range`](crate::cell::ForceSensor::range) (N, Nm).
     #[must_use]
     pub fn new(range: [f64; 6]) -> Self {
         let silent = Wrench::from_directions([f64::NAN; 6]);
         Self { range, last: silent, age: HOLDS + 2, dropped: 0 }
     }
 
-    /// The wrench of this period.
+    /// Processes a period's reading; returns the wrench of the period, and the case.
     pub fn take(&mut self, reading: Option<Wrench>) -> (Wrench, Taken) {
         let Some(wrench) = reading else { return self.none() };
         if let Some((direction, reading)) = self.beyond(&wrench)
             && self.dropped < DROPPED
         {
             self.dropped += 1;
+            // A dropped reading is a missing one: it must not prolong the last reading.
             let (held, taken) = self.none();
             let silent = matches!(taken, Taken::Silent { .. });
             return (held, if silent { taken } else { Taken::OverRange { direction, reading } });
         }
+        // During an overload the count stays at its limit, so each further reading passes.
         if self.beyond(&wrench).is_none() {
             self.dropped = 0;
         }
@@ -90,7 +102,7 @@ impl Intake {
 
     fn beyond(&self, wrench: &Wrench) -> Option<(usize, f64)> {
         let values = wrench.directions();
-        // Not within also catches what is not a number.
+        // NaN is no force either. It fails every comparison, so it has a test of its own.
         (0..6)
             .find(|&i| values[i].is_nan() || values[i].abs() >= self.range[i])
             .map(|i| (i, values[i]))
@@ -110,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reading_holds_for_five_periods_and_then_the_sensor_is_silent() {
+    fn reading_holds_five_periods_before_silence() {
         let mut intake = intake();
         assert!(matches!(intake.take(None).1, Taken::Silent { first: false }));
         assert_eq!(intake.take(Some(z(3.0))), (z(3.0), Taken::Back));
@@ -127,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn one_overload_is_dropped_and_one_that_lasts_is_handed_on() {
+    fn brief_overload_is_dropped_but_lasting_one_passes() {
         let mut intake = intake();
         intake.take(Some(z(3.0)));
 
@@ -137,6 +149,10 @@ mod tests {
         assert_eq!(intake.take(Some(z(-131.0))).1, over);
         assert_eq!(intake.take(Some(z(-131.0))).1, over);
         assert_eq!(intake.take(Some(z(-131.0))), (z(-131.0), Taken::Fresh));
-        assert_eq!(intake.take(Some(z(-132.0))), (z(-132.0), Taken::Fresh), "it lasts");
+        assert_eq!(
+            intake.take(Some(z(-132.0))),
+            (z(-132.0), Taken::Fresh),
+            "a lasting overload is passed on"
+        );
     }
 }

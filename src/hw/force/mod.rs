@@ -1,12 +1,14 @@
-//! Force sensors in the wrists, as the bridge reads them once a period.
+//! Drivers of the force sensors in the wrists, which the bridge reads once a period.
 //!
 //! - [`NetFt`]: an ATI Net F/T box, which streams datagrams (RDT)
-//! - [`FtController`]: the stand-alone controller of the original's sensors, on a serial line, and [`Pci1751`], the
-//!   parallel interface by which it can tell its readings
-//! - [`Intake`]: what all have in common: the last reading holds for a while, one that leaves the range is dropped, and
-//!   a sensor that stays silent reads as no number, upon which the servo leaves force control
+//! - [`FtController`]: the stand-alone controller of the original's sensors, on a serial line, and
+//!   [`Pci1751`], the parallel interface that can carry its readings
+//! - [`Intake`]: the common part. The last reading holds for a while, a reading that leaves the
+//!   range is dropped, and a sensor that stays silent reads as NaN, upon which the servo leaves
+//!   force control
 //!
-//! Bias, the mean of two and the tool's weight belong to the servo: [`crate::servo::wrench`].
+//! Bias, the mean of two samples and the tool's weight belong to the servo: see
+//! [`crate::servo::wrench`].
 
 mod controller;
 mod intake;
@@ -21,15 +23,17 @@ pub use parallel::Pci1751;
 use super::note::Notes;
 use crate::spatial::Wrench;
 
-/// A wrist sensor.
+/// A force/torque sensor in a wrist.
 pub trait ForceSource: Send {
-    /// Takes what has come since the last period, and never waits. What the surroundings and the tool's weight exert
-    /// on the sensor, in its frame; components are NaN when it is silent. And whether it is new: what is held counts once
-    /// in a mean.
+    /// Takes the readings since the last period, without waiting for one.
+    ///
+    /// Returns the wrench that the surroundings and the tool's weight exert on the sensor, in its
+    /// frame; its components are NaN if the sensor is silent. Returns also whether the wrench is
+    /// new, because a held one must not count twice in a mean.
     fn read(&mut self, period: u64, effector: usize, notes: &mut Notes) -> (Wrench, bool);
 }
 
-/// There is no sensor: always silent.
+/// Source of a wrist without a sensor, which is always silent.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct NoSensor;
 

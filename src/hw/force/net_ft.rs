@@ -1,31 +1,32 @@
-//! An ATI Net F/T box: it streams datagrams (RDT) once it is asked to.
+//! An ATI Net F/T box, which streams datagrams (RDT) on request.
 //!
-//! - out: a request of 8 bytes: 0x1234, command, count of records (0: without end); port 49152 at the box
-//! - in: records of 36 bytes: three counters (this stream's record, the box's sample, status) and six components as
-//!   counts, all big-endian
-//! - lost and reordered datagrams are found by the stream's counter; only what is newer than all before is used
-//! - source: the RDT protocol as ATI's manual of the Net F/T has it
+//! - out: a request of 8 bytes to port 49152 of the box: 0x1234, the command, the number of records
+//!   (0: without end)
+//! - in: records of 36 bytes: the number of the record in this stream, the number of the box's
+//!   sample, the status, and six components as counts, all big-endian
+//! - the record's number shows lost and reordered datagrams; only the newest record is used
+//! - source: the RDT protocol in ATI's manual of the Net F/T
 
 use super::{ForceSource, Intake, Taken};
-use crate::hw::note::{Notes, What};
+use crate::hw::note::{NoteKind, Notes};
 use crate::spatial::Wrench;
 use std::net::{SocketAddr, UdpSocket};
 
-/// Bytes of a request.
+/// Length of a request (bytes).
 pub const RDT_REQUEST: usize = 8;
-/// Bytes of a record.
+/// Length of a record (bytes).
 pub const RDT_RECORD: usize = 36;
 
-/// Starts a stream of single records without end.
+/// Command that starts a stream of single records without end.
 const START: u16 = 2;
-/// Ends it.
+/// Command that ends a stream.
 const STOP: u16 = 0;
-/// Records that are read at most in a period: the box sends 14 at its full rate.
+/// Largest number of records that are read in a period. The box sends 14 at its full rate of 7 kHz.
 const MOST: usize = 64;
-/// Silent periods after which the stream is asked for again.
+/// Silent periods after which the stream is requested again.
 const AGAIN: u64 = 50;
 
-/// A request.
+/// Encodes a request.
 #[must_use]
 pub fn request(command: u16, count: u32) -> [u8; RDT_REQUEST] {
     let [a, b] = command.to_be_bytes();
@@ -33,7 +34,8 @@ pub fn request(command: u16, count: u32) -> [u8; RDT_REQUEST] {
     [0x12, 0x34, a, b, c, d, e, f]
 }
 
-/// What a box must do about these bytes: start a stream, end it; `None` for anything else.
+/// Decodes a request at an emulated box: `true` starts a stream, `false` ends it, `None` is no
+/// request.
 #[must_use]
 pub fn start_request(bytes: &[u8]) -> Option<bool> {
     let bytes: &[u8; RDT_REQUEST] = bytes.try_into().ok()?;
@@ -44,21 +46,21 @@ pub fn start_request(bytes: &[u8]) -> Option<bool> {
     }
 }
 
-/// A record.
+/// A record of the stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RdtRecord {
-    /// Number in this stream.
+    /// Number of the record in this stream.
     pub sequence: u32,
     /// Number of the box's own sample.
     pub sample: u32,
-    /// 0 when all is well.
+    /// Status word; 0 if the box reports no fault.
     pub status: u32,
     /// Forces x, y, z and torques about them (counts).
     pub counts: [i32; 6],
 }
 
 impl RdtRecord {
-    /// As it goes over the network.
+    /// Encodes the record for the network.
     #[must_use]
     pub fn encode(&self) -> [u8; RDT_RECORD] {
         let mut bytes = [0; RDT_RECORD];
@@ -70,7 +72,7 @@ impl RdtRecord {
         bytes
     }
 
-    /// The record of these bytes; `None` when there are not 36.
+    /// Decodes a record; `None` if there are not 36 bytes.
     #[must_use]
     pub fn decode(bytes: &[u8]) -> Option<Self> {
         let bytes: &[u8; RDT_RECORD] = bytes.try_into().ok()?;
@@ -85,7 +87,7 @@ impl RdtRecord {
         })
     }
 
-    /// The wrench of the counts.
+    /// Converts the counts to a wrench (N, Nm). The scales are in 1/N and 1/Nm.
     #[must_use]
     pub fn wrench(&self, counts_per_newton: f64, counts_per_newton_metre: f64) -> Wrench {
         Wrench::from_directions(std::array::from_fn(|i| {
@@ -95,31 +97,33 @@ impl RdtRecord {
     }
 }
 
-/// Which records are new, lost, late.
+/// Detector of lost and late records by their numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Sequence {
     last: Option<u32>,
 }
 
-/// What the number of a record says.
+/// Place of a record among those before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
-    /// Newer than all before; so many are missing between.
+    /// Record that is newer than all before.
     Newer {
-        /// Lost, or still to come.
+        /// Number of records between, which are lost or still to come.
         missing: u32,
     },
-    /// Not newer.
+    /// Record that is not newer.
     Late,
 }
 
-/// Further back than this is a stream that has begun anew.
+/// Difference of numbers below which a record belongs to a new stream, not to a late datagram.
 const RESTART: i32 = -1000;
 
 impl Sequence {
-    /// The place of a record among those before.
+    /// Returns the place of a record among those before.
     pub fn place(&mut self, sequence: u32) -> Order {
+        // The wrapping difference keeps the order where the counter wraps.
         let ahead = self.last.map_or(1, |last| sequence.wrapping_sub(last) as i32);
+        // A box that restarts counts from 1 again.
         if ahead <= 0 && ahead > RESTART && sequence != 1 {
             return Order::Late;
         }
@@ -128,8 +132,8 @@ impl Sequence {
     }
 }
 
-/// Bit of the status: a threshold set in the box was passed at some time. It stays until it is reset there, and the readings
-/// are as good as ever.
+/// Bit of the status: a threshold of the box was exceeded at some time. The bit lasts until it is
+/// reset at the box, and does not impair the readings.
 const LATCHED: u32 = 1 << 16;
 
 /// A Net F/T box.
@@ -140,15 +144,18 @@ pub struct NetFt {
     counts_per_newton_metre: f64,
     sequence: Sequence,
     intake: Intake,
+    /// First period of the last silence.
     silent_since: u64,
+    /// Last status, so that a lasting one is reported once.
     status: u32,
 }
 
 impl NetFt {
-    /// Asks the box for its stream. Scales are in the box's own configuration page (1/N, 1/Nm).
+    /// Requests the stream of the box. The scales are those of the box's own configuration page
+    /// (1/N, 1/Nm), `range` is that of the sensor (N, Nm).
     ///
     /// # Errors
-    /// What the operating system says.
+    /// The error of the operating system.
     pub fn connect(
         address: SocketAddr,
         counts_per_newton: f64,
@@ -158,7 +165,7 @@ impl NetFt {
         let any: SocketAddr =
             if address.is_ipv4() { ([0, 0, 0, 0], 0).into() } else { ([0u16; 8], 0).into() };
         let socket = UdpSocket::bind(any)?;
-        // From here on nothing else gets in.
+        // A connected socket takes datagrams from this address alone.
         socket.connect(address)?;
         socket.set_nonblocking(true)?;
         socket.send(&request(START, 0))?;
@@ -173,19 +180,21 @@ impl NetFt {
         })
     }
 
-    /// The newest record that has come.
+    /// Returns the newest record that has arrived.
     fn newest(&mut self, period: u64, effector: usize, notes: &mut Notes) -> Option<RdtRecord> {
         let mut newest = None;
+        // One byte more than a record, so that a longer datagram is not cut to a valid one.
         let mut bytes = [0; RDT_RECORD + 1];
         for _ in 0..MOST {
-            // An error is the box's silence, too: a closed port is told by ICMP.
+            // Every error counts as a silence of the box, for example a closed port, which ICMP
+            // reports.
             let Ok(length) = self.socket.recv(&mut bytes) else { break };
             let Some(record) = RdtRecord::decode(&bytes[..length]) else { continue };
             match self.sequence.place(record.sequence) {
-                Order::Late => notes.tell(period, effector, What::Reordered),
+                Order::Late => notes.push(period, effector, NoteKind::Reordered),
                 Order::Newer { missing } => {
                     if missing > 0 {
-                        notes.tell(period, effector, What::Lost { datagrams: missing });
+                        notes.push(period, effector, NoteKind::Lost { datagrams: missing });
                     }
                     newest = Some(record);
                 }
@@ -203,19 +212,21 @@ impl ForceSource for NetFt {
         {
             self.status = record.status;
             if record.status & !LATCHED != 0 {
-                notes.tell(period, effector, What::ForceStatus { status: record.status });
+                notes.push(period, effector, NoteKind::ForceStatus { status: record.status });
             }
         }
         let (scale, torque_scale) = (self.counts_per_newton, self.counts_per_newton_metre);
-        // What a box that reports a fault measures is worth nothing.
+        // The readings of a box that reports a fault are not valid.
         let good =
             newest.filter(|r| r.status & !LATCHED == 0).map(|r| r.wrench(scale, torque_scale));
         let (wrench, taken) = self.intake.take(good);
-        tell(taken, period, effector, notes);
+        push_note(taken, period, effector, notes);
         if let Taken::Silent { first } = taken {
             if first {
                 self.silent_since = period;
             }
+            // UDP does not confirm that the request arrived, and a box that restarts has lost its
+            // stream.
             if period.wrapping_sub(self.silent_since).is_multiple_of(AGAIN) {
                 let _ = self.socket.send(&request(START, 0));
             }
@@ -230,14 +241,15 @@ impl Drop for NetFt {
     }
 }
 
-/// Notes what became of a reading.
-pub(super) fn tell(taken: Taken, period: u64, effector: usize, notes: &mut Notes) {
+/// Reports the cases of a reading that a log should contain.
+pub(super) fn push_note(taken: Taken, period: u64, effector: usize, notes: &mut Notes) {
     match taken {
         Taken::OverRange { direction, reading } => {
-            notes.tell(period, effector, What::OverRange { direction, reading });
+            notes.push(period, effector, NoteKind::OverRange { direction, reading });
         }
-        Taken::Silent { first: true } => notes.tell(period, effector, What::ForceSilent),
-        Taken::Back if period > 0 => notes.tell(period, effector, What::ForceBack),
+        Taken::Silent { first: true } => notes.push(period, effector, NoteKind::ForceSilent),
+        // In period 0 it is the first reading ever.
+        Taken::Back if period > 0 => notes.push(period, effector, NoteKind::ForceBack),
         Taken::Fresh | Taken::Held | Taken::Back | Taken::Silent { first: false } => {}
     }
 }
@@ -253,7 +265,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_record_comes_back_from_its_bytes(
+        fn decoded_record_equals_encoded_record(
             words in any::<[u32; 3]>(), counts in any::<[i32; 6]>()
         ) {
             let [sequence, sample, status] = words;
@@ -264,15 +276,16 @@ mod tests {
     }
 
     #[test]
-    fn the_request_is_the_manuals() {
+    fn request_bytes_match_the_manual() {
         assert_eq!(request(2, 0), [0x12, 0x34, 0x00, 0x02, 0, 0, 0, 0]);
         assert_eq!(start_request(&request(2, 0)), Some(true));
         assert_eq!(start_request(&request(0, 0)), Some(false));
         assert_eq!(start_request(&[0x12, 0x34, 0, 2]), None);
     }
 
+    /// The last two cases are those of a counter that wraps.
     #[test]
-    fn lost_late_and_restarted_records_are_told_apart_even_where_the_counter_wraps() {
+    fn sequence_distinguishes_lost_late_and_restarted_records() {
         let mut sequence = Sequence::default();
 
         for (number, wanted) in [
@@ -300,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn the_newest_of_a_disordered_stream_counts() {
+    fn newest_record_of_disordered_stream_counts() {
         let box_ = UdpSocket::bind("127.0.0.1:0").unwrap();
         box_.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
         let mut sensor = NetFt::connect(box_.local_addr().unwrap(), 1e6, 1e6, RANGE).unwrap();
@@ -308,7 +321,7 @@ mod tests {
         let mut bytes = [0; 64];
         let (length, from) = box_.recv_from(&mut bytes).unwrap();
         assert_eq!(start_request(&bytes[..length]), Some(true));
-        assert!(!sensor.read(1, 0, &mut notes).0.is_finite(), "nothing has come");
+        assert!(!sensor.read(1, 0, &mut notes).0.is_finite(), "no reading has arrived");
 
         for (sequence, newtons) in [(1, 1), (2, 2), (5, 5), (4, 4)] {
             box_.send_to(&record(sequence, newtons), from).unwrap();
@@ -330,12 +343,12 @@ mod tests {
         while let Ok(note) = told.pop() {
             kinds.push(note.what);
         }
-        assert!(kinds.contains(&What::Lost { datagrams: 2 }), "{kinds:?}");
-        assert!(kinds.contains(&What::Reordered), "{kinds:?}");
+        assert!(kinds.contains(&NoteKind::Lost { datagrams: 2 }), "{kinds:?}");
+        assert!(kinds.contains(&NoteKind::Reordered), "{kinds:?}");
     }
 
     #[test]
-    fn a_box_that_is_silent_is_asked_again() {
+    fn silent_box_gets_another_request() {
         let box_ = UdpSocket::bind("127.0.0.1:0").unwrap();
         box_.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
         let mut sensor = NetFt::connect(box_.local_addr().unwrap(), 1e6, 1e6, RANGE).unwrap();

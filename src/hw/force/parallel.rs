@@ -1,15 +1,17 @@
-//! The parallel interface of the force controller: a PCI-1751 board, of which one word at a time is taken.
+//! The parallel interface of the force controller: a PCI-1751 board, which delivers single words.
 //!
-//! - in: 16 bits in two input ports, announced by the strobe, which the board keeps as its interrupt flag
-//! - out: "input buffer full", held for 10 us, upon which the controller gives the next word
-//! - source: the sensor's part of the original's sources (its registers, their set-up, the hand-shake). There each word
-//!   was an interrupt; here the flag is looked at once a period, and within a record until the next word has come
+//! - in: 16 bits in two input ports, announced by the strobe, which the board keeps as its
+//!   interrupt flag
+//! - out: "input buffer full", held for 10 us, upon which the controller sends the next word
+//! - source: the sensor's part of the original's sources (its registers, their set-up, the
+//!   handshake). There each word was an interrupt. Here the flag is polled once a period, and
+//!   within a record until the next word has come
 
 use super::Words;
 use crate::hw::isa::Registers;
 use std::time::{Duration, Instant};
 
-/// Ports of the board, from its first one on.
+/// Ports of the board, counted from its first one.
 mod at {
     pub(super) const LOW: u16 = 1;
     pub(super) const CONTROL: u16 = 2;
@@ -18,28 +20,30 @@ mod at {
     pub(super) const INTERRUPT: u16 = 32;
 }
 
-/// Input ports as inputs, the rest as outputs.
+/// Set-up of the directions: input ports as inputs, the rest as outputs.
 const DIRECTIONS: u8 = 0x03;
-/// The strobe's edge sets the flag.
+/// Set-up of the interrupt: the strobe's edge sets the flag.
 const BY_STROBE: u8 = 0x10;
-/// The flag; writing it clears it.
+/// Interrupt flag. A write of 1 clears it.
 const FLAG: u8 = 0x80;
-/// Lines of the hand-shake: nothing for the controller in the output buffer; the input buffer is full.
+/// Handshake line: the output buffer holds nothing for the controller.
 const OUTPUT_EMPTY: u8 = 0x10;
+/// Handshake line: the input buffer is full.
 const INPUT_FULL: u8 = 0x20;
-/// How long that is held.
+/// Time for which [`INPUT_FULL`] is held.
 const HOLDS: Duration = Duration::from_micros(10);
-/// The next word of a record is waited for this long: seven leave more than a millisecond of a period.
+/// Longest wait for the next word of a record. Seven waits leave more than a millisecond of a
+/// period.
 const PATIENCE: Duration = Duration::from_micros(100);
 
-/// The board.
+/// A PCI-1751 board.
 #[derive(Debug)]
 pub struct Pci1751<R> {
     ports: R,
 }
 
 impl<R: Registers> Pci1751<R> {
-    /// How many ports it has.
+    /// Number of ports that this driver uses, from the first one on.
     pub const PORTS: u16 = at::INTERRUPT + 1;
 
     /// Sets the board up.
@@ -73,10 +77,14 @@ impl<R: Registers> Words for Pci1751<R> {
             }
             std::hint::spin_loop();
         }
+        // The flag is cleared before the handshake: after it the controller may send the next word
+        // at once, whose strobe must not be cleared.
         let interrupt = self.ports.read8(at::INTERRUPT);
         self.ports.write8(at::INTERRUPT, interrupt | FLAG);
         self.control(INPUT_FULL, 0);
         let word = u16::from_le_bytes([self.ports.read8(at::LOW), self.ports.read8(at::HIGH)]);
+        // A sleep would take longer than these 10 us: the kernel wakes a thread tens of
+        // microseconds late.
         let full = Instant::now();
         while full.elapsed() < HOLDS {
             std::hint::spin_loop();
@@ -92,7 +100,7 @@ pub(super) mod tests {
     use std::collections::VecDeque;
     use std::sync::{Arc, Mutex};
 
-    /// A board with a controller behind it, which gives a word when the last one was taken.
+    /// Board with a controller behind it, which sends a word after the last one was taken.
     struct State {
         ports: [u8; Pci1751::<Board>::PORTS as usize],
         waiting: VecDeque<u16>,
@@ -139,7 +147,7 @@ pub(super) mod tests {
         fn write8(&mut self, port: u16, value: u8) {
             let mut state = self.0.lock().unwrap();
             match port {
-                // The flag is cleared by writing it.
+                // A write of 1 clears the flag.
                 32 => {
                     let left = state.ports[32] & FLAG & !value;
                     state.ports[32] = value & !FLAG | left;
@@ -169,11 +177,11 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn words_are_taken_one_by_one_and_each_is_acknowledged() {
+    fn board_delivers_and_acknowledges_word_by_word() {
         let board = Board::default();
         let mut words = Pci1751::new(board.clone());
         assert_eq!(words.take(false), None);
-        assert_eq!(words.take(true), None, "it does not wait for ever");
+        assert_eq!(words.take(true), None, "the wait is limited");
 
         board.give(&[0x1234, 0xfffe]);
 

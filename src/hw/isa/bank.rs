@@ -1,11 +1,15 @@
-//! Emulated cards, and a world behind them: registers, commands and interrupts without a bus or a clock.
+//! Emulated ISA cards with a world behind them: registers, commands and interrupts without a bus or
+//! a clock.
 //!
-//! - in, out: as any [`Port`]; everything between goes word by word through the registers of [`Bank`]s
-//! - a card takes one word an axis and interrupt, a further one is lost; it raises no interrupt before the cause of the
-//!   last one was cleared
-//! - a reading tells the period before: a servo has one period more of delay than against the bare world
-//! - assumptions where the published sources are silent: brakes hold while all pulse widths are 0; an alarm lasts until
-//!   it is reset; an axis counts as synchronised when tracking ends after a zero
+//! - in, out: those of a [`Port`]; all data in between passes word by word through the registers of
+//!   [`Bank`]s
+//! - a card takes one word for each axis and interrupt, and loses a further one; it raises no
+//!   interrupt before the cause of the last one was cleared
+//! - a reading shows the period before, so a servo has one period more of delay than against the
+//!   bare world
+//! - assumptions that the published sources neither confirm nor exclude: brakes hold while all
+//!   pulse widths are 0; an alarm lasts until it is reset; an axis counts as synchronised when the
+//!   tracking ends after a zero
 
 use super::registers::{AxisKind, AxisStatus, REVOLUTION, Registers, command, port, width_of};
 use super::{IsaArm, IsaPort};
@@ -18,35 +22,38 @@ use crate::spatial::Wrench;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Periods after which a current above its limit is one too many.
+/// Periods in a row with a current above its limit after which the card raises an over-current.
 const TRIPS: u32 = 50;
 
 /// An axis of a card.
 #[derive(Debug, Clone, Copy)]
 #[allow(clippy::struct_excessive_bools, reason = "flags of a card, as the hardware has them")]
 pub struct CardAxis {
-    /// How it is read.
+    /// Kind of the axis.
     pub kind: AxisKind,
-    /// Pulse width.
+    /// Pulse width, -255..=255.
     pub width: i16,
     /// Limit of its current (units).
     pub max_current: u8,
-    /// Periods in a row in which the current was above that.
+    /// Periods in a row in which the current was above that limit.
     above: u32,
-    /// The cabinet's buttons move it.
+    /// Whether the cabinet's buttons move it.
     pub manual: bool,
-    /// What it shows; the alarm lasts.
+    /// Status; its over-current lasts until the alarm is reset.
     pub status: AxisStatus,
-    /// The resolver cannot be read.
+    /// Whether the resolver cannot be read.
     pub unreadable: bool,
-    /// Where the world counts.
+    /// Count of the world.
     position: i64,
-    /// Where its own counter was set to zero.
+    /// Count of the world at which the counter of the axis is zero.
     zero: i64,
+    /// Motor current (units).
     current: u8,
+    /// Whether it tracks its zero.
     tracks: bool,
+    /// Whether it has passed the zero that it tracks.
     passed: bool,
-    /// It has had its word since the last interrupt.
+    /// Whether it has taken a word since the last interrupt.
     taken: bool,
 }
 
@@ -54,15 +61,15 @@ pub struct CardAxis {
 #[derive(Debug, Clone)]
 #[allow(clippy::struct_excessive_bools, reason = "flags of a card, as the hardware has them")]
 pub struct Card {
-    /// Its axes; the jaw's is the last.
+    /// Axes, the jaw's last.
     pub axes: [CardAxis; AXES + 1],
     /// Divisor of its interrupts.
     pub divisor: u8,
-    /// Its interrupts come.
+    /// Whether it raises interrupts.
     pub alive: bool,
-    /// Periods that the card's own clock still stands.
+    /// Periods for which the card's own clock is still stopped.
     pub stalls: u32,
-    /// Axes set their counters to zero by themselves when they pass a zero that they track.
+    /// Whether an axis sets its counter to zero by itself at a zero that it tracks.
     pub zeroes_itself: bool,
     /// Binary outputs.
     pub outputs: u16,
@@ -70,9 +77,9 @@ pub struct Card {
     pub inputs: u16,
     /// Analog inputs.
     pub analog: [u8; 8],
-    /// Commands that were taken, by axis.
-    pub told: Vec<(usize, u16)>,
-    /// Words that were lost because they came too soon after another.
+    /// Commands that were taken, each with the index of its axis.
+    pub commands: Vec<(usize, u16)>,
+    /// Number of words that were lost because they came too soon after another.
     pub lost: u32,
     wrench: Wrench,
     first_pointer: u8,
@@ -80,9 +87,11 @@ pub struct Card {
     power_axis: usize,
     units_per_ampere: [f64; AXES + 1],
     pointer: u8,
+    /// Whether the interrupts were started.
     running: bool,
-    /// What of the acknowledgement was read: status, reply.
+    /// Parts of the acknowledgement that were read: status, reply.
     cleared: (bool, bool),
+    /// Whether an interrupt is pending.
     interrupt: bool,
 }
 
@@ -91,7 +100,7 @@ impl Card {
         usize::from(!self.has_track)
     }
 
-    /// The axis at the pointer.
+    /// Returns the axis that the pointer selects.
     fn chosen(&self) -> Option<usize> {
         let axis = usize::from(self.pointer.checked_sub(self.first_pointer)?) + self.first();
         (axis <= JAW).then_some(axis)
@@ -103,13 +112,14 @@ impl Card {
             command::START_INTERRUPTS => self.running = true,
             _ => {
                 if let Some(axis) = self.chosen() {
-                    self.tell(axis, word);
+                    self.obey(axis, word);
                 }
             }
         }
     }
 
-    fn tell(&mut self, index: usize, word: u16) {
+    /// Accepts a word for an axis, unless the axis has had one since the last interrupt.
+    fn obey(&mut self, index: usize, word: u16) {
         let axis = &mut self.axes[index];
         if std::mem::replace(&mut axis.taken, true) {
             self.lost += 1;
@@ -119,8 +129,9 @@ impl Card {
             axis.width = width;
             return;
         }
-        if self.told.len() < 1 << 16 {
-            self.told.push((index, word));
+        // The list serves tests. The bound keeps a long run from filling the memory.
+        if self.commands.len() < 1 << 16 {
+            self.commands.push((index, word));
         }
         match word {
             command::RESET_POSITION => axis.reset(),
@@ -136,11 +147,12 @@ impl Card {
                 axis.tracks = false;
             }
             _ if word & 0xff00 == command::SET_MAX_CURRENT => axis.max_current = word as u8,
+            // Other words have no effect on the emulated world, for example `RESET_MANUAL`.
             _ => {}
         }
     }
 
-    /// 2 ms pass for the card, unless its clock is behind.
+    /// Advances the card by 2 ms, unless its clock is stopped.
     fn tick(&mut self) {
         if self.stalls > 0 {
             self.stalls -= 1;
@@ -154,20 +166,21 @@ impl Card {
         }
     }
 
-    /// What it makes of its words.
+    /// Converts the words that the card has taken to a drive of the world.
     fn drive(&self) -> ArmDrive {
         let jaw = &self.axes[JAW];
         ArmDrive {
+            // A card has no switch for the brakes: see the assumptions of the module.
             enabled: self.axes.iter().any(|axis| axis.width != 0),
             pwm: std::array::from_fn(|i| self.axes[i].width),
             jaw_pwm: jaw.width,
             stops: if self.outputs & 1 == 1 { Depth::Two } else { Depth::One },
-            // Zeros are the card's own business.
+            // The card finds the zeros by itself, so the world must not.
             synchronise: 0,
         }
     }
 
-    /// Takes what the world shows.
+    /// Copies the readings of the world into the registers.
     fn latch(&mut self, reading: &ArmReading) {
         self.wrench = reading.wrench_on_sensor;
         for (i, axis) in self.axes.iter_mut().enumerate() {
@@ -175,6 +188,7 @@ impl Card {
             axis.position = if i == JAW { reading.jaw_count } else { reading.counts[i] };
             let units = reading.currents[i].abs() * self.units_per_ampere[i];
             axis.current = units.round().clamp(0.0, 255.0) as u8;
+            // A current above the limit for up to `TRIPS` periods (0.1 s) is a peak, no alarm.
             axis.above = if axis.current > axis.max_current { axis.above + 1 } else { 0 };
             axis.status = AxisStatus {
                 zero: bit(reading.encoder_zeros),
@@ -187,6 +201,7 @@ impl Card {
                 synchronised: axis.status.synchronised,
                 power: i == self.power_axis && !bit(reading.power_faults),
             };
+            // The zero that counts is the first one off the switch, as in the port's counter.
             if axis.tracks && axis.status.zero && !axis.status.sync_switch && !axis.passed {
                 axis.passed = true;
                 if self.zeroes_itself {
@@ -200,16 +215,17 @@ impl Card {
 impl CardAxis {
     fn reset(&mut self) {
         self.zero = match self.kind {
-            // Its angle stays what it is.
+            // The angle within a revolution is absolute: only whole revolutions become zero.
             AxisKind::Resolver => self.position - self.position.rem_euclid(REVOLUTION),
             AxisKind::Encoder { .. } => self.position,
         };
     }
 
-    /// Both words of its counter.
+    /// Returns the low and the high word of its counter, not inverted.
     fn words(&self) -> (u16, u16) {
         let count = self.position - self.zero;
         match self.kind {
+            // The mark of a bad reading.
             AxisKind::Resolver if self.unreadable => (0x0800, 0),
             AxisKind::Resolver => {
                 (count.rem_euclid(REVOLUTION) as u16, count.div_euclid(REVOLUTION) as u16)
@@ -219,12 +235,12 @@ impl CardAxis {
     }
 }
 
-/// The registers of a card; clones are the same card.
+/// The registers of an emulated card. Clones share the card.
 #[derive(Debug, Clone)]
 pub struct Bank(Arc<Mutex<Card>>);
 
 impl Bank {
-    /// The card that an arm expects.
+    /// Makes the card that an arm expects, before its set-up.
     #[must_use]
     pub fn of(arm: &IsaArm<()>) -> Self {
         let axis = |kind| CardAxis {
@@ -251,7 +267,7 @@ impl Bank {
             outputs: 0,
             inputs: 0,
             analog: [0; 8],
-            told: Vec::new(),
+            commands: Vec::new(),
             lost: 0,
             wrench: Wrench::default(),
             first_pointer: arm.first_pointer,
@@ -265,7 +281,7 @@ impl Bank {
         })))
     }
 
-    /// The card itself.
+    /// Locks and returns the card.
     pub fn card(&self) -> MutexGuard<'_, Card> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -273,7 +289,7 @@ impl Bank {
 
 impl Registers for Bank {
     fn read8(&mut self, _: u16) -> u8 {
-        // No register of a card is read by bytes; a bus without an answer reads so.
+        // No register of a card is read by bytes. A bus without an answer reads as ones.
         0xff
     }
 
@@ -294,6 +310,8 @@ impl Registers for Bank {
 
     fn read16(&mut self, at: u16) -> u16 {
         let mut card = self.card();
+        // The acknowledgement of an interrupt is the read of both registers. The pointer 0xc0 also
+        // selects axis 0 of a track's card, so these reads also return that axis.
         if card.pointer == port::INTERRUPTS {
             card.cleared.0 |= at == port::COMMAND;
             card.cleared.1 |= at == port::OUTPUTS;
@@ -312,6 +330,7 @@ impl Registers for Bank {
         }
         let Some(axis) = card.chosen().map(|index| card.axes[index]) else { return u16::MAX };
         let (low, high) = axis.words();
+        // A resolver axis has its current in the status, an encoder axis in the reply.
         let current = u16::from(axis.current);
         match (at, axis.kind) {
             (port::COMMAND, AxisKind::Resolver) => axis.status.encode(axis.kind) | current,
@@ -332,10 +351,10 @@ impl Registers for Bank {
     }
 }
 
-/// The wrench that a card's world feels.
-struct Felt(Bank);
+/// The force sensor of a card's world.
+struct WorldSensor(Bank);
 
-impl ForceSource for Felt {
+impl ForceSource for WorldSensor {
     fn read(&mut self, _: u64, _: usize, _: &mut Notes) -> (Wrench, bool) {
         (self.0.card().wrench, true)
     }
@@ -351,10 +370,11 @@ pub struct Carded<P> {
 }
 
 impl<P: Port> Carded<P> {
-    /// Puts a world at rest behind the cards of its arms, and sets them up. Where the world is synchronised, so are they.
+    /// Puts a world at rest behind the cards of its arms, and sets the cards up. An axis that is
+    /// synchronised in the world is so in its card, unless it has a resolver.
     ///
     /// # Errors
-    /// What the world says.
+    /// The fault of the world.
     pub fn new(mut world: P, arms: Vec<IsaArm<()>>, notes: Notes) -> Result<Self, PortFault> {
         let drives = vec![ArmDrive::OFF; arms.len()];
         let mut readings = vec![ArmReading::default(); arms.len()];
@@ -372,24 +392,24 @@ impl<P: Port> Carded<P> {
             .into_iter()
             .zip(&banks)
             .map(|(arm, bank)| IsaArm {
-                force: Box::new(Felt(bank.clone())),
+                force: Box::new(WorldSensor(bank.clone())),
                 ..arm.with(bank.clone())
             })
             .collect();
         Ok(Self { port: IsaPort::new(arms, notes), world, banks, drives, readings })
     }
 
-    /// The card of an arm.
+    /// Returns the card of an arm.
     pub fn bank(&self, arm: usize) -> &Bank {
         &self.banks[arm]
     }
 
-    /// The world.
+    /// Returns the world.
     pub fn world(&self) -> &P {
         &self.world
     }
 
-    /// The world, for whoever looks after it.
+    /// Returns the world for changes.
     pub fn world_mut(&mut self) -> &mut P {
         &mut self.world
     }
@@ -402,6 +422,8 @@ impl<P: Port> Port for Carded<P> {
         drives: &[ArmDrive],
         readings: &mut [ArmReading],
     ) -> Result<(), PortFault> {
+        // The cards show the world's last period, and the world moves by the words that they have
+        // taken now.
         self.port.exchange(period, drives, readings)?;
         for (bank, drive) in self.banks.iter().zip(&mut self.drives) {
             *drive = bank.card().drive();

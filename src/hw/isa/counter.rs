@@ -1,44 +1,48 @@
-//! The position of an axis from its card's counter, through synchronisation.
+//! The position of an axis from its card's counter, also during synchronisation.
 //!
-//! - in: the card's count and status once a period, the commands that the axis was told
-//! - out: a count that is zero at the synchronisation position, without a jump but at the zero itself
-//! - the published sources do not tell whether a card sets its counter to zero by itself at the zero that it tracks,
-//!   nor how long it takes to obey `RESET_POSITION`: neither is relied on
+//! - in: the card's count and status once a period, and the commands that were sent to the axis
+//! - out: a count that is zero at the synchronisation position. It jumps at the zero itself and
+//!   nowhere else
+//!
+//! The published sources leave open whether a card sets its counter to zero by itself at the zero
+//! that it tracks, and how long it takes to obey `RESET_POSITION`. The code works in all cases: it
+//! finds from the count itself whether the card's counter was set to zero.
 
 use super::registers::{AxisKind, AxisStatus, REVOLUTION};
 
-/// Periods within which a card tells that it counts from the zero that was just found.
+/// Periods within which a card confirms that it counts from the zero that was just found.
 const CONFIRMS: u32 = 50;
 
-/// How an axis came to its zero.
+/// State of an axis's zero.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Zero {
-    /// As the card says. A resolver's card does not: after a start its axis has none.
+    /// State as the card reports it, before the first synchronisation of this run. A resolver's
+    /// card reports none, so after a start its axis has no zero.
     Card,
-    /// It has none.
+    /// No zero.
     None,
-    /// The next zero is it.
+    /// Search for the next zero.
     Awaited,
-    /// Found; the card does not say so yet, for so many periods.
+    /// Zero that the card has not confirmed in this number of periods.
     Found(u32),
-    /// Found, and the card says so.
+    /// Zero that the card has confirmed.
     Confirmed,
 }
 
-/// A counter.
+/// The counter of an axis.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Counter {
     kind: AxisKind,
-    /// What is handed out.
+    /// Count that the servo reads.
     count: i64,
-    /// Where the card's counter is when that is zero.
+    /// Count of the card at which `count` is zero.
     origin: i64,
-    /// How far it went in the last period.
+    /// Step of the last period.
     step: i64,
     zero: Zero,
-    /// The card has shown the zero while the resolver could not be read.
+    /// Whether the card has shown the zero while the resolver could not be read.
     passed: bool,
-    /// The card was told to set its counter to zero, and has not done so yet.
+    /// Whether the card was ordered to set its counter to zero and has not done so yet.
     resets: bool,
 }
 
@@ -48,10 +52,11 @@ impl Counter {
         Self { kind, count: 0, origin: 0, step: 0, zero, passed: false, resets: false }
     }
 
-    /// Takes a period's reading, `None` for a bad one; whether it is the one of the zero.
+    /// Processes a period's reading, `None` for a bad one. Returns whether this is the reading at
+    /// the zero.
     pub(super) fn take(&mut self, card: Option<i64>, status: AxisStatus) -> bool {
         self.confirm(status.synchronised);
-        // The zero is the first one behind the switch.
+        // Each revolution has a zero. The one that counts is the first one off the switch.
         self.passed |= self.zero == Zero::Awaited && status.zero && !status.sync_switch;
         let Some(card) = card else { return false };
         if self.passed {
@@ -60,12 +65,14 @@ impl Counter {
             return true;
         }
         if self.resets {
+            // The counter as it would go on without a reset. A counter that is nearer to zero than
+            // to that has been reset.
             let expected = self.count + self.step;
-            // The card's counter is nearer to zero than to where it would have gone on.
             if card.abs() < (card - self.origin - expected).abs() {
                 self.resets = false;
                 self.origin = match self.kind {
-                    // An angle within the revolution cannot be set.
+                    // The angle within a revolution is absolute: a reset changes whole revolutions
+                    // only.
                     AxisKind::Resolver => {
                         let revolutions = (card - expected) as f64 / REVOLUTION as f64;
                         REVOLUTION * revolutions.round() as i64
@@ -79,13 +86,16 @@ impl Counter {
         false
     }
 
+    /// Makes the zero next to this count of the card the origin.
     fn found(&mut self, card: i64) {
         self.origin = match self.kind {
+            // The zero of a resolver is at the angle 0, which is up to half a revolution away.
             AxisKind::Resolver => {
                 let half = REVOLUTION / 2;
                 card - ((card + half).rem_euclid(REVOLUTION) - half)
             }
-            // The card has set its counter to zero by itself.
+            // Nearer to zero than to the last count: the card has set its counter to zero by
+            // itself.
             AxisKind::Encoder { .. } if card.abs() < (card - self.origin - self.count).abs() => 0,
             AxisKind::Encoder { .. } => card,
         };
@@ -93,33 +103,37 @@ impl Counter {
         self.zero = Zero::Found(0);
     }
 
+    /// Compares the zero with the state that the card reports.
     fn confirm(&mut self, says: bool) {
         self.zero = match self.zero {
+            // The card of a resolver has no bit for it.
             Zero::Found(_) | Zero::Confirmed if self.kind == AxisKind::Resolver => return,
             Zero::Found(_) if says => Zero::Confirmed,
+            // The card confirms only after the end of its tracking, some periods later.
             Zero::Found(periods) if periods < CONFIRMS => Zero::Found(periods + 1),
+            // It has not confirmed the zero in time, or reports none any more.
             Zero::Found(_) => Zero::None,
             Zero::Confirmed if !says => Zero::None,
             zero => zero,
         };
     }
 
-    /// How the card's counter stands off from the one handed out.
+    /// Returns whether the card's counter differs from the one that the servo reads.
     pub(super) fn is_off(&self) -> bool {
         self.origin != 0
     }
 
-    /// The axis is to be synchronised anew.
+    /// Forgets the zero, because the axis is about to be synchronised again.
     pub(super) fn forget(&mut self) {
         self.zero = Zero::None;
     }
 
-    /// The card was told to track its zero.
+    /// Begins the search for the zero: the card was ordered to track it.
     pub(super) fn await_zero(&mut self) {
         (self.zero, self.passed) = (Zero::Awaited, false);
     }
 
-    /// The card was told to track it no more.
+    /// Ends the search for the zero: the card was ordered to stop tracking it.
     pub(super) fn stop_waiting(&mut self) {
         if self.zero == Zero::Awaited {
             self.zero = Zero::None;
@@ -127,7 +141,7 @@ impl Counter {
         self.passed = false;
     }
 
-    /// The card was told to set its counter to zero.
+    /// Expects a jump of the card's counter, which was ordered to become zero.
     pub(super) fn was_reset(&mut self) {
         self.resets = true;
     }
@@ -136,7 +150,7 @@ impl Counter {
         self.count
     }
 
-    /// Whether its zero was found since the start.
+    /// Returns whether the zero was found since the start of the program.
     pub(super) fn is_found(&self) -> bool {
         matches!(self.zero, Zero::Found(_) | Zero::Confirmed)
     }

@@ -1,10 +1,12 @@
-//! Arms behind the original's ISA boards: one card an arm, whose registers are reached through an axis pointer.
+//! The bridge to arms behind the original's ISA boards. Each arm has one card, whose registers
+//! belong to the axis that a pointer selects.
 //!
-//! - [`registers`]: the card's map, the words of its axes, and the [`Registers`] trait through which all of it goes
+//! - [`registers`]: the card's map, the words of its axes, and the [`Registers`] trait, by which
+//!   both are reached
 //! - [`IsaPort`]: the bridge over any registers
 //! - [`bank`]: emulated cards with a world behind them
-//! - `port_io`: the registers of a real card by the processor's ports, behind the feature `isa`
-//! - source: `hi_rydz` of the original's sources of March 2008
+//! - `port_io`: the registers of a real card by port instructions, behind the feature `isa`
+//! - source: `hi_rydz` in the original's sources of March 2008
 
 pub mod bank;
 mod counter;

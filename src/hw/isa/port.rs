@@ -1,11 +1,19 @@
 //! The bridge to arms behind ISA cards.
 //!
-//! - in: the drives of a period; out: what the cards show in the same period
-//! - an axis takes one word an interrupt: a command goes out in place of a pulse width, one a period
-//! - on any hard error of an axis, and without power, all motors of its arm are stopped in the same period, before the
-//!   servo knows of it
-//! - the card's interrupt is its sign of life: 10 ms without one are passed over, 20 ms are told, 30 ms are a fault
-//! - when the bridge ends, motion by hand is allowed again
+//! - in: the drives of a period
+//! - out: the readings of the cards in the same period
+//! - an axis takes one word for each interrupt, so a command takes the place of a pulse width, and
+//!   only one is sent in a period
+//! - the end of the bridge enables the cabinet's buttons again
+//!
+//! | fault | threshold | reaction |
+//! |---|---|---|
+//! | an axis shows an error, or power is off | one period | all motors of the arm stop at once |
+//! | the card raises no interrupt | below 2 x [`MISS`] (20 ms) | none |
+//! | the card raises no interrupt | 2 x [`MISS`] (20 ms) | a note |
+//! | the card raises no interrupt | [`LOST`] x [`MISS`] (30 ms) | a fault, all arms stop |
+//!
+//! The first stop takes place in the period of the error, before the servo knows of it.
 
 use super::counter::Counter;
 use super::registers::{
@@ -13,50 +21,52 @@ use super::registers::{
     pulse_word, resolver,
 };
 use crate::hw::force::ForceSource;
-use crate::hw::note::{Notes, What};
+use crate::hw::note::{NoteKind, Notes};
 use crate::hw::port::{Port, PortFault};
 use crate::motion::{AXES, Depth, PERIOD};
 use crate::servo::io::{ArmDrive, ArmReading, JAW};
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// How long an exchange waits for the card's next period: together with the last one's rest it is always near.
+/// Longest wait of an exchange for the card's next period. The rest of the period has passed since
+/// the last exchange, so the interrupt is near.
 const WAIT: Duration = Duration::from_millis(1);
-/// How long the first one does.
+/// Longest wait of the first exchange.
 const FIRST: Duration = Duration::from_millis(100);
-/// Periods without an interrupt that make one miss: the original's 10 ms.
+/// Periods without an interrupt that make one miss: 10 ms, as in the original.
 const MISS: u32 = 5;
-/// Misses after which the arm is given up.
+/// Misses after which the card counts as lost.
 const LOST: u32 = 3;
-/// Pauses between the interrupts' divisor and their start: the original's 10 ms.
+/// Pauses between the divisor of the interrupts and their start: 10 ms, as in the original.
 const SETTLES: u32 = 5;
 
 /// An arm's card and its force sensor.
 pub struct IsaArm<R> {
     /// Name of the effector, for messages.
     pub name: String,
-    /// The card.
+    /// Registers of the card.
     pub registers: R,
     /// Pointer of its first axis: 0xc0 of the track's card, 0xc1 of the postument's.
     pub first_pointer: u8,
-    /// Divisor that makes its interrupts come every 2 ms.
+    /// Divisor of its interrupts for a period of 2 ms.
     pub divisor: u8,
-    /// Whether it has an axis 0; without one the first pointer is axis 1's.
+    /// Whether it has an axis 0; without one the first pointer is that of axis 1.
     pub has_track: bool,
-    /// How each axis is read; the jaw's last.
+    /// Kind of each axis, the jaw's last.
     pub kinds: [AxisKind; AXES + 1],
-    /// Axis that tells of the power of all; it must have an encoder, or nothing is told.
+    /// Axis whose status shows the power of all. It must have an encoder, or a loss of power is not
+    /// detected.
     pub power_axis: usize,
-    /// Units of current per ampere, the jaw's last.
+    /// Units of current per ampere (1/A), the jaw's last.
     pub units_per_ampere: [f64; AXES + 1],
-    /// Limits of the motor currents in those units, the jaw's last.
+    /// Limits of the motor currents (units), the jaw's last.
     pub max_currents: [u8; AXES + 1],
-    /// Its force sensor.
+    /// Force sensor.
     pub force: Box<dyn ForceSource>,
 }
 
 impl IsaArm<()> {
-    /// The same, behind these registers.
+    /// Puts the arm behind these registers.
     pub fn with<R>(self, registers: R) -> IsaArm<R> {
         IsaArm {
             name: self.name,
@@ -75,11 +85,11 @@ impl IsaArm<()> {
 
 struct Axis {
     counter: Counter,
-    /// What it is still to be told.
+    /// Commands that are still to be sent.
     commands: VecDeque<u16>,
-    /// Pulse width that it was told last.
+    /// Pulse width that was sent last.
     width: i16,
-    /// It was asked to synchronise in the last period.
+    /// Whether the drive asked for its synchronisation in the last period.
     asked: bool,
 }
 
@@ -87,22 +97,25 @@ struct Arm<R> {
     parts: IsaArm<R>,
     axes: [Axis; AXES + 1],
     enabled: bool,
-    /// What the axes show does not let any motor go on.
+    /// Whether an error of an axis, or the loss of power, keeps all motors off.
     hard: bool,
-    /// What they show, as in the aggregated error word, and what of it was there when the drives were switched on: an axis
-    /// that stands on its limit switch must be able to leave it, and the servo sees that it does not go on.
+    /// Errors of the axes, as in the aggregated error word.
     errors: u64,
+    /// Limit switches that were hit when the drives were switched on, and have been since. They
+    /// stop no motor, because an axis must be able to leave its limit switch. The servo prevents
+    /// that it moves further onto the switch.
     spared: u64,
-    /// The last reading, for when the card has not come to its next one.
+    /// Last reading, for a period in which the card has no new one.
     last: ArmReading,
+    /// Binary outputs that were sent last.
     outputs: Option<u16>,
-    /// Whether the card awaits its words.
+    /// Whether the card waits for its words.
     ready: bool,
     /// Periods since the last interrupt.
     quiet: u32,
 }
 
-/// All arms.
+/// The bridge to all arms.
 pub struct IsaPort<R: Registers> {
     arms: Vec<Arm<R>>,
     begun: bool,
@@ -110,7 +123,8 @@ pub struct IsaPort<R: Registers> {
 }
 
 impl<R: Registers> IsaPort<R> {
-    /// Sets the cards up: interrupts every 2 ms, current limits, no motion by hand. Takes about 30 ms a card.
+    /// Sets the cards up: interrupts every 2 ms, limits of the currents, the cabinet's buttons
+    /// disabled. It takes about 30 ms for each card.
     #[must_use]
     pub fn new(arms: Vec<IsaArm<R>>, notes: Notes) -> Self {
         let arms = arms
@@ -142,38 +156,42 @@ impl<R: Registers> IsaPort<R> {
 }
 
 impl<R: Registers> Arm<R> {
-    /// The original's order.
+    /// Sets the card up, in the order of the original.
     fn set_up(&mut self) {
+        // An interrupt whose cause was not cleared by an earlier program blocks all further ones.
         self.acknowledge();
-        self.tell(command::SET_INTERRUPT_DIVISOR | u16::from(self.parts.divisor));
+        self.send(command::SET_INTERRUPT_DIVISOR | u16::from(self.parts.divisor));
         for _ in 0..SETTLES {
             self.parts.registers.pause();
         }
-        self.tell(command::START_INTERRUPTS);
+        self.send(command::START_INTERRUPTS);
         self.parts.registers.pause();
-        self.tell_all(|_| command::RESET_MANUAL);
-        self.tell_all(|_| command::PROHIBIT_MANUAL);
+        self.send_all(|_| command::RESET_MANUAL);
+        self.send_all(|_| command::PROHIBIT_MANUAL);
         let limits = self.parts.max_currents;
-        self.tell_all(|axis| command::SET_MAX_CURRENT | u16::from(limits[axis]));
-        self.tell_all(|_| command::MICROCONTROLLER_MODE);
-        self.tell_all(|_| command::STOP_MOTOR);
-        self.tell_all(|_| command::RESET_MANUAL);
-        self.tell_all(|_| command::RESET_ALARM);
+        self.send_all(|axis| command::SET_MAX_CURRENT | u16::from(limits[axis]));
+        self.send_all(|_| command::MICROCONTROLLER_MODE);
+        self.send_all(|_| command::STOP_MOTOR);
+        self.send_all(|_| command::RESET_MANUAL);
+        self.send_all(|_| command::RESET_ALARM);
+        // A synchronised axis keeps its counter: the arm need not be synchronised after each start
+        // of the program.
         let mut known = [false; AXES + 1];
         for (axis, known) in known.iter_mut().enumerate().skip(self.first()) {
             self.choose(axis);
             *known = self.status(axis).synchronised;
         }
-        // What does not know where it is counts from here.
-        self.tell_all(
+        // An axis that is not synchronised counts from its present position. A synchronised one
+        // gets a word without effect.
+        self.send_all(
             |axis| {
                 if known[axis] { command::STOP_MOTOR } else { command::RESET_POSITION }
             },
         );
     }
 
-    /// Power off, and the cabinet's buttons serve again. What was told just before may keep the first word from being
-    /// taken, hence the second.
+    /// Stops all motors and enables the cabinet's buttons. It sends the stop twice, because a word
+    /// of the last exchange may keep the card from taking the first one.
     fn end(&mut self) {
         for word in [
             command::STOP_MOTOR,
@@ -183,7 +201,7 @@ impl<R: Registers> Arm<R> {
             command::RESET_ALARM,
             command::ALLOW_MANUAL,
         ] {
-            self.tell_all(|_| word);
+            self.send_all(|_| word);
         }
     }
 
@@ -196,33 +214,34 @@ impl<R: Registers> Arm<R> {
         self.parts.registers.write8(port::AXIS, pointer);
     }
 
-    fn tell(&mut self, word: u16) {
+    fn send(&mut self, word: u16) {
         self.parts.registers.write16(port::COMMAND, word);
     }
 
-    /// Tells every axis a word, and gives it the time to take it.
-    fn tell_all(&mut self, word: impl Fn(usize) -> u16) {
+    /// Sends a word to each axis and waits until the card has taken it.
+    fn send_all(&mut self, word: impl Fn(usize) -> u16) {
         for axis in self.first()..=JAW {
             self.choose(axis);
-            self.tell(word(axis));
+            self.send(word(axis));
         }
         self.parts.registers.pause();
         self.acknowledge();
     }
 
-    /// Clears the cause of the interrupt: else no further one comes. The generator stays chosen.
+    /// Clears the cause of the interrupt, without which no further one comes. The pointer then
+    /// selects the interrupt generator.
     fn acknowledge(&mut self) {
         self.parts.registers.write8(port::AXIS, port::INTERRUPTS);
         self.parts.registers.read16(port::COMMAND);
         self.parts.registers.read16(port::OUTPUTS);
     }
 
-    /// Status of the chosen axis, which is this one.
+    /// Reads the status of `axis`, which the pointer must select already.
     fn status(&mut self, axis: usize) -> AxisStatus {
         AxisStatus::decode(self.parts.registers.read16(port::COMMAND), self.parts.kinds[axis])
     }
 
-    /// What every axis shows.
+    /// Reads all axes and the inputs of the card.
     fn read(&mut self, reading: &mut ArmReading) {
         self.acknowledge();
         *reading = ArmReading::default();
@@ -241,18 +260,20 @@ impl<R: Registers> Arm<R> {
                 AxisKind::Encoder { .. } => (Some(i64::from(counter(low, high))), reply >> 8),
             };
             let Axis { counter, commands, width, .. } = &mut self.axes[axis];
+            // The reading at the zero: the card ends its tracking.
             if counter.take(position, status) {
                 commands.push_back(command::FINISH_SYNCHRO);
                 if counter.is_off() {
                     commands.push_back(command::RESET_POSITION);
                 }
-                // Of encoder axes, without a reason in the sources: some do not move otherwise.
+                // The original sends this to encoder axes, without a reason in its sources: some
+                // do not move otherwise.
                 if kind != AxisKind::Resolver {
                     commands.push_back(command::MICROCONTROLLER_MODE);
                 }
             }
             let bit = |is: bool| u8::from(is) << axis;
-            // Its magnitude; it flows as it is driven.
+            // The card measures the magnitude; the sign is that of the pulse width.
             let amperes = f64::from(units) / self.parts.units_per_ampere[axis];
             reading.currents[axis] = if *width < 0 { -amperes } else { amperes };
             reading.upper_limits |= bit(status.upper);
@@ -268,13 +289,15 @@ impl<R: Registers> Arm<R> {
             *slot = status;
         }
         self.read_inputs(reading);
-        let teller = self.parts.power_axis;
-        let off =
-            matches!(self.parts.kinds[teller], AxisKind::Encoder { .. }) && !statuses[teller].power;
+        // A resolver axis has no bit of power, so it must not look like a loss of it.
+        let power_axis = self.parts.power_axis;
+        let off = matches!(self.parts.kinds[power_axis], AxisKind::Encoder { .. })
+            && !statuses[power_axis].power;
         if off {
             reading.power_faults = u8::MAX;
         }
         let errors = error_word(statuses) & HARDWARE_ERROR;
+        // A switch that an axis has left stops the motors when it is hit again.
         self.spared &= errors;
         self.hard = off || errors & !self.spared != 0;
         self.errors = errors;
@@ -291,17 +314,18 @@ impl<R: Registers> Arm<R> {
         }
     }
 
-    /// What every axis is told.
+    /// Sends one word to each axis, and the outputs if they have changed.
     fn write(&mut self, drive: &ArmDrive) {
         let switched = drive.enabled != self.enabled;
         if switched && drive.enabled {
             self.spared = self.errors & LIMITS;
         }
-        // Stopping waits for no command.
+        // A stop is sent before any waiting command.
         let stops = self.enabled && (self.hard || !drive.enabled);
         for axis in self.first()..=JAW {
             self.queue(axis, drive, switched);
             self.choose(axis);
+            // An axis takes one word in a period: a waiting command delays the pulse width.
             let waiting = if stops { None } else { self.axes[axis].commands.pop_front() };
             if let Some(word) = waiting {
                 let counter = &mut self.axes[axis].counter;
@@ -311,14 +335,15 @@ impl<R: Registers> Arm<R> {
                     command::RESET_POSITION => counter.was_reset(),
                     _ => {}
                 }
-                self.tell(word);
+                self.send(word);
             } else {
                 let width = if axis == JAW { drive.jaw_pwm } else { drive.pwm[axis] };
                 let width = if drive.enabled && !stops { width } else { 0 };
                 self.axes[axis].width = width;
-                self.tell(pulse_word(width));
+                self.send(pulse_word(width));
             }
         }
+        // The palm's stops belong to a binary output, which keeps its state: only a change is sent.
         let outputs = u16::from(drive.stops == Depth::Two);
         if self.outputs != Some(outputs) {
             self.outputs = Some(outputs);
@@ -328,10 +353,11 @@ impl<R: Registers> Arm<R> {
         self.enabled = drive.enabled;
     }
 
-    /// Commands that an axis's drive makes necessary.
+    /// Queues the commands that the drive of an axis requires.
     fn queue(&mut self, axis: usize, drive: &ArmDrive, switched: bool) {
         let slot = &mut self.axes[axis];
-        // Whatever the servo has stopped for is told to it anew when it lasts; else it could not begin again.
+        // The card keeps an alarm until it is reset. Without this the servo could not begin again
+        // after the cause is gone; a cause that lasts raises the alarm again.
         if switched {
             slot.commands.push_back(command::RESET_ALARM);
         }
@@ -340,15 +366,16 @@ impl<R: Registers> Arm<R> {
             slot.counter.forget();
             slot.commands.push_back(command::START_SYNCHRO);
         } else if !asked && slot.asked && !slot.counter.is_found() {
+            // The homing was broken off before the zero.
             slot.commands.push_back(command::FINISH_SYNCHRO);
         }
         slot.asked = asked;
     }
 
-    /// Whether the card gives signs of life.
+    /// Watches the interrupts of the card, of which one `came` in this period or not.
     ///
     /// # Errors
-    /// Not any more.
+    /// [`PortFault`] after 30 ms without one.
     fn watch(
         &mut self,
         came: bool,
@@ -361,15 +388,18 @@ impl<R: Registers> Arm<R> {
             return Ok(());
         }
         self.quiet += 1;
+        // The first miss passes without a note, the second gives one, the third is the fault,
+        // as in the original.
         if self.quiet == 2 * MISS {
-            notes.tell(period, effector, What::NoInterrupt);
+            notes.push(period, effector, NoteKind::NoInterrupt);
         }
         if self.quiet < LOST * MISS {
             return Ok(());
         }
         let at = period as f64 * PERIOD;
         let reason = format!(
-            "{}: no interrupt from the card for {} ms, in period {period} ({at:.3} s): check the cabinet",
+            "{}: no interrupt from the card for {} ms, in period {period} ({at:.3} s): \
+             check the cabinet",
             self.parts.name,
             2 * self.quiet
         );
@@ -378,11 +408,11 @@ impl<R: Registers> Arm<R> {
 }
 
 impl<R: Registers> Port for IsaPort<R> {
-    fn each_counts(&self) -> bool {
+    fn needs_each_period(&self) -> bool {
         false
     }
 
-    fn insist(&mut self) {
+    fn repeat_stop(&mut self) {
         for arm in &mut self.arms {
             arm.write(&ArmDrive::OFF);
         }
@@ -396,8 +426,9 @@ impl<R: Registers> Port for IsaPort<R> {
     ) -> Result<(), PortFault> {
         let (mut lost, begun) = (Ok(()), Instant::now());
         for (effector, (arm, reading)) in self.arms.iter_mut().zip(readings).enumerate() {
-            // The card goes by its own clock: a second word in one of its periods would be lost for good, and counters
-            // are whole only between two of them.
+            // The card has a clock of its own. It loses a second word in one of its periods, and
+            // both words of a counter belong together only between two of them. The wait is that of
+            // all arms together.
             let patience = if self.begun { WAIT } else { FIRST };
             let came = arm.parts.registers.interrupted(patience.saturating_sub(begun.elapsed()));
             if !(came || self.begun) {
@@ -411,6 +442,7 @@ impl<R: Registers> Port for IsaPort<R> {
                 arm.read(&mut now);
                 arm.last = now;
             }
+            // The servo must not take a repeated reading for axes that stopped dead.
             let missing = if came { 0 } else { u8::MAX };
             *reading = ArmReading { extrapolated: missing, no_answer: missing, ..arm.last };
             let (wrench, new) = arm.parts.force.read(period, effector, &mut self.notes);
@@ -419,9 +451,10 @@ impl<R: Registers> Port for IsaPort<R> {
         }
         self.begun = true;
         for (arm, drive) in self.arms.iter_mut().zip(drives) {
-            // A cube may join the arms: all stop for one.
+            // Both hands may hold one cube, so the fault of one card stops all arms.
             if lost.is_err() {
                 arm.write(&ArmDrive::OFF);
+            // A card that has not raised its interrupt keeps its last pulse widths.
             } else if arm.ready {
                 arm.write(drive);
             }

@@ -1,4 +1,5 @@
-//! The registers of a real card, by the processor's port instructions, and its interrupt by `/dev/uio`.
+//! The registers of a real card by the processor's port instructions, and its interrupt by
+//! `/dev/uio`.
 #![allow(unsafe_code, reason = "port instructions and the right to use them exist in no safe form")]
 
 use super::registers::{Registers, port};
@@ -7,20 +8,21 @@ use rustix::fs::{Mode, OFlags};
 use std::os::fd::OwnedFd;
 use std::time::Duration;
 
-/// A card, or another board with ports.
+/// The ports of a card or of another board.
 #[derive(Debug)]
 pub struct PortIo {
-    /// Added to every port: cards of the same machine lie apart.
+    /// Offset of every port, which differs between the cards of a machine.
     offset: u16,
-    /// Tells of interrupts by the number of them; without it the card counts as alive.
+    /// Device of the interrupt; each read returns the number of interrupts. Without it the card
+    /// counts as alive.
     interrupts: Option<OwnedFd>,
 }
 
 impl PortIo {
-    /// Asks for the card's ports; `uio` is the device of its interrupt, as `/dev/uio0`.
+    /// Asks for the card's ports. `uio` is the device of its interrupt, for example `/dev/uio0`.
     ///
     /// # Errors
-    /// What was denied, for people.
+    /// The right that was denied, as a text for the operator.
     pub fn open(offset: u16, uio: Option<&str>) -> Result<Self, String> {
         ask(port::COMMAND, offset, 12)?;
         ask(port::AXIS, offset, 1)?;
@@ -31,17 +33,18 @@ impl PortIo {
         Ok(Self { offset, interrupts: uio.map(open).transpose()? })
     }
 
-    /// Asks for the ports of another board; its registers are then numbered from 0.
+    /// Asks for the `count` ports of another board, the first of which is `base`. Its registers are
+    /// then numbered from 0.
     ///
     /// # Errors
-    /// As above.
+    /// The right that was denied.
     pub fn board(base: u16, count: u16) -> Result<Self, String> {
         ask(0, base, count)?;
         Ok(Self { offset: base, interrupts: None })
     }
 }
 
-/// Asks for the right to ports; it belongs to this thread and those that it starts.
+/// Asks for the right to use ports. It belongs to this thread and to those that it starts later.
 fn ask(from: u16, offset: u16, count: u16) -> Result<(), String> {
     let from = u64::from(from) + u64::from(offset);
     // SAFETY: asks for a right; no memory is passed.
@@ -91,13 +94,14 @@ impl Registers for PortIo {
 
     fn interrupted(&mut self, within: Duration) -> bool {
         let Some(fd) = &self.interrupts else { return true };
+        // The wait is always below a second, so the whole of it is in the nanoseconds.
         let time = Timespec { tv_sec: 0, tv_nsec: within.subsec_nanos().into() };
         let _ = poll(&mut [PollFd::new(fd, PollFlags::IN)], Some(&time));
         let mut count = [0; 4];
         let came = matches!(rustix::io::read(fd, &mut count), Ok(4));
         if came {
-            // A driver of the kernel that masks the interrupt until it was served takes it up again by this; one that
-            // does not refuses, which is no matter.
+            // Some kernel drivers mask the interrupt until this write enables it again. The others
+            // refuse the write, which does no harm.
             let _ = rustix::io::write(fd, &1u32.to_ne_bytes());
         }
         came

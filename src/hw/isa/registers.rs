@@ -1,105 +1,108 @@
-//! The registers of a card, and the words in them.
+//! The registers of an ISA card, and the encoding of their words.
 //!
-//! - an axis is chosen by the pointer; command and status then belong to it
-//! - pulse widths: magnitude in the low byte, 0x0200 positive or 0x0300 negative above it
-//! - two kinds of axes: resolver axes have the current in the status's low byte, encoder axes in the reply register
-//! - the aggregated error word has 5 bits an axis: synchronisation zero, synchronisation switch, lower limit, upper
-//!   limit, over-current
+//! - the pointer selects an axis, to which command and status then belong
+//! - a pulse width has its magnitude in the low byte, with 0x0200 (positive) or 0x0300 (negative)
+//! - a resolver axis has its current in the low byte of the status, an encoder axis in the reply
+//!   register
+//! - the aggregated error word has 5 bits for each axis: synchronisation zero, synchronisation
+//!   switch, lower limit, upper limit, over-current
 
 use std::time::Duration;
 
-/// Card's ports.
+/// Ports of a card.
 pub mod port {
-    /// Chooses the axis; 8 bits.
+    /// Pointer, which selects the axis (8 bits).
     pub const AXIS: u16 = 0x325;
-    /// Command to the chosen axis (written), its status (read).
+    /// Command to the selected axis (written), its status (read).
     pub const COMMAND: u16 = 0x220;
-    /// Digital outputs (written), reply with the current of encoder axes in the high byte (read).
+    /// Digital outputs (written); reply with the current of encoder axes in the high byte (read).
     pub const OUTPUTS: u16 = 0x222;
     /// Low word of the counter, inverted.
     pub const POSITION_LOW: u16 = 0x224;
     /// High word of the counter, inverted.
     pub const POSITION_HIGH: u16 = 0x226;
-    /// The I/O packet's 16 binary inputs; its 8 analog ones are the bytes of the four words from [`COMMAND`] on, the
-    /// low byte first.
+    /// 16 binary inputs of the I/O packet. Its 8 analog inputs are the bytes of the four words from
+    /// [`COMMAND`] on, the low byte first.
     pub const INPUTS: u16 = 0x228;
-    /// Pointer of the I/O packet.
+    /// Value of the pointer for the I/O packet.
     pub const IO_PACKET: u8 = 0xc8;
-    /// Pointer of the interrupt generator.
+    /// Value of the pointer for the interrupt generator.
     pub const INTERRUPTS: u8 = 0xc0;
 }
 
 /// Commands to an axis.
 pub mod command {
-    /// The counter becomes zero.
+    /// Order to set the counter to zero.
     pub const RESET_POSITION: u16 = 0x0400;
-    /// Ends a motion by hand.
+    /// Order to end a motion by the cabinet's buttons.
     pub const RESET_MANUAL: u16 = 0x0800;
-    /// Forgets an alarm: over-current, a limit switch.
+    /// Order to clear an alarm, of an over-current or a limit switch.
     pub const RESET_ALARM: u16 = 0x0c00;
-    /// Motion by hand is forbidden.
+    /// Order to disable the cabinet's buttons.
     pub const PROHIBIT_MANUAL: u16 = 0x1000;
-    /// Motion by hand is allowed.
+    /// Order to enable the cabinet's buttons.
     pub const ALLOW_MANUAL: u16 = 0x1400;
-    /// The next zero of the encoder is taken for the counter's.
+    /// Order to track the zero: the next zero of the encoder becomes that of the counter.
     pub const START_SYNCHRO: u16 = 0x1800;
-    /// No more.
+    /// Order to end the tracking of the zero.
     pub const FINISH_SYNCHRO: u16 = 0x1c00;
-    /// Divisor of the interrupt's frequency in the low byte: 2 ms are 8 on the postument's card, 4 on the track's.
+    /// Order to set the divisor of the interrupt's frequency, in the low byte. For 2 ms it is 8 on
+    /// the postument's card and 4 on the track's.
     pub const SET_INTERRUPT_DIVISOR: u16 = 0x2000;
-    /// Limit of the current in the low byte.
+    /// Order to set the limit of the current, in the low byte.
     pub const SET_MAX_CURRENT: u16 = 0x2400;
-    /// Interrupts begin.
+    /// Order to begin interrupts.
     pub const START_INTERRUPTS: u16 = 0x5000;
-    /// The axis obeys the words of this table.
+    /// Order to obey the words of this table.
     pub const MICROCONTROLLER_MODE: u16 = 0x4c00;
-    /// Motor off.
+    /// Pulse width 0; with a magnitude in the low byte, a pulse width forwards.
     pub const STOP_MOTOR: u16 = 0x0200;
-    /// Pulse width backwards; forwards is [`STOP_MOTOR`] with a magnitude.
+    /// Pulse width backwards, with its magnitude in the low byte.
     pub const BACKWARDS: u16 = 0x0300;
 }
 
-/// Counts of a resolver's revolution.
+/// Counts of a revolution of a resolver.
 pub const REVOLUTION: i64 = 682;
 
-/// How the status word of an axis is to be read.
+/// Kind of an axis, which decides the encoding of its words.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AxisKind {
-    /// A resolver: [`REVOLUTION`] counts, bad readings marked.
+    /// Resolver with [`REVOLUTION`] counts, whose bad readings are marked.
     Resolver,
-    /// An encoder.
+    /// Encoder.
     Encoder {
-        /// Its synchronisation switch is active high.
+        /// Whether its synchronisation switch is active high.
         sync_high: bool,
     },
 }
 
-/// What a status word says. Inverted bits are turned right.
+/// Decoded status word; inverted bits are inverted back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[allow(clippy::struct_excessive_bools, reason = "bits of a word, as the hardware has them")]
 pub struct AxisStatus {
-    /// Zero of the resolver or encoder.
+    /// Whether the resolver or encoder is at its zero.
     pub zero: bool,
-    /// The current limit was exceeded.
+    /// Whether the current limit was exceeded.
     pub over_current: bool,
-    /// Synchronisation switch.
+    /// Whether the synchronisation switch is pressed.
     pub sync_switch: bool,
-    /// Upper limit switch.
+    /// Whether the upper limit switch is hit.
     pub upper: bool,
-    /// Lower limit switch.
+    /// Whether the lower limit switch is hit.
     pub lower: bool,
-    /// Encoder axes: the counter counts from the synchronisation switch.
+    /// Whether the counter counts from the synchronisation switch (encoder axes only).
     pub synchronised: bool,
-    /// Encoder axes: power is on; told by the last axis.
+    /// Whether the power is on; one encoder axis of a card reports it for all.
     pub power: bool,
 }
 
 impl AxisStatus {
-    /// From the word.
+    /// Decodes a status word.
     #[must_use]
     pub fn decode(word: u16, kind: AxisKind) -> Self {
         let set = |mask: u16| word & mask != 0;
         let common = Self { zero: set(0x0100), over_current: set(0x0400), ..Self::default() };
+        // The bit of a limit switch is 0 while the switch is hit, on both kinds of axes.
         match kind {
             AxisKind::Resolver => Self {
                 sync_switch: set(0x8000),
@@ -118,7 +121,8 @@ impl AxisStatus {
         }
     }
 
-    /// The word, for an emulated card; the low byte's current of resolver axes is added by whoever knows it.
+    /// Encodes the status word of an emulated card, without the current that the low byte of a
+    /// resolver axis holds.
     #[must_use]
     pub fn encode(&self, kind: AxisKind) -> u16 {
         let bit = |is: bool, mask: u16| if is { mask } else { 0 };
@@ -140,7 +144,7 @@ impl AxisStatus {
             }
     }
 
-    /// Its five bits of the aggregated error word.
+    /// Returns the five bits of the axis in the aggregated error word.
     #[must_use]
     pub fn error_bits(&self) -> u64 {
         [self.zero, self.sync_switch, self.lower, self.upper, self.over_current]
@@ -150,10 +154,10 @@ impl AxisStatus {
     }
 }
 
-/// Bits of the aggregated error word that stop the motors: all but those of synchronisation.
+/// Bits of the aggregated error word that stop the motors: all except those of synchronisation.
 pub const HARDWARE_ERROR: u64 = 0xe739_cce7_39ce_739c;
 
-/// Those of them that are limit switches.
+/// Bits of the aggregated error word that are limit switches.
 pub const LIMITS: u64 = {
     let (mut bits, mut axis) = (0, 0);
     while axis < 8 {
@@ -163,20 +167,20 @@ pub const LIMITS: u64 = {
     bits
 };
 
-/// The aggregated error word of all axes.
+/// Returns the aggregated error word of all axes.
 #[must_use]
 pub fn error_word(axes: impl IntoIterator<Item = AxisStatus>) -> u64 {
     axes.into_iter().enumerate().fold(0, |word, (i, axis)| word | axis.error_bits() << (5 * i))
 }
 
-/// The word of a pulse width, -255..=255.
+/// Encodes a pulse width, -255..=255.
 #[must_use]
 pub fn pulse_word(width: i16) -> u16 {
     let magnitude = width.unsigned_abs().min(255);
     if width < 0 { command::BACKWARDS | magnitude } else { command::STOP_MOTOR | magnitude }
 }
 
-/// The pulse width of a word, if it is one.
+/// Decodes a pulse width; `None` if the word is another command.
 #[must_use]
 pub fn width_of(word: u16) -> Option<i16> {
     let magnitude = (word & 0xff) as i16;
@@ -187,14 +191,16 @@ pub fn width_of(word: u16) -> Option<i16> {
     }
 }
 
-/// The counter of an encoder axis from its two inverted words.
+/// Decodes the counter of an encoder axis from its two inverted words.
 #[must_use]
 pub fn counter(low: u16, high: u16) -> i32 {
     (u32::from(!high) << 16 | u32::from(!low)) as i32
 }
 
-/// The counter of a resolver axis from its two inverted words: whole revolutions in the high one, signed, and the
-/// angle within one in the low one (the interrupt handler of the track's sources); `None` for a bad reading.
+/// Decodes the counter of a resolver axis from its two inverted words; `None` for a bad reading.
+///
+/// The high word holds whole revolutions, signed, the low word the angle within one. Source: the
+/// interrupt handler in the original's sources of the track.
 #[must_use]
 pub fn resolver(low: u16, high: u16) -> Option<i64> {
     let word = !low;
@@ -202,7 +208,7 @@ pub fn resolver(low: u16, high: u16) -> Option<i64> {
     (word & 0x0800 == 0).then(|| revolutions * REVOLUTION + i64::from(word & 0x07ff))
 }
 
-/// Registers of a card, however they are reached.
+/// Access to the registers of a card, real or emulated.
 pub trait Registers: Send {
     /// Reads a byte.
     fn read8(&mut self, port: u16) -> u8;
@@ -212,9 +218,10 @@ pub trait Registers: Send {
     fn write16(&mut self, port: u16, value: u16);
     /// Reads a word.
     fn read16(&mut self, port: u16) -> u16;
-    /// Whether the card has raised its interrupt since it was asked last, or does within this time.
+    /// Returns whether the card has raised its interrupt since the last call, or raises it within
+    /// this time.
     fn interrupted(&mut self, within: Duration) -> bool;
-    /// Lets the 2 ms pass that a card needs to take some of its commands; for its set-up and its end only.
+    /// Waits the 2 ms that a card needs to take some commands. It serves set-up and end only.
     fn pause(&mut self);
 }
 
@@ -225,10 +232,13 @@ mod tests {
 
     proptest! {
         #[test]
-        fn status_words_come_back(bits in any::<[bool; 7]>(), resolver in any::<bool>(), sync_high in any::<bool>()) {
+        fn decoded_status_equals_encoded_status(
+            bits in any::<[bool; 7]>(), resolver in any::<bool>(), sync_high in any::<bool>()
+        ) {
             let kind = if resolver { AxisKind::Resolver } else { AxisKind::Encoder { sync_high } };
             let status = AxisStatus {
-                zero: bits[0], over_current: bits[1], sync_switch: bits[2], upper: bits[3], lower: bits[4],
+                zero: bits[0], over_current: bits[1], sync_switch: bits[2],
+                upper: bits[3], lower: bits[4],
                 synchronised: bits[5] && !resolver, power: bits[6] && !resolver,
             };
 
@@ -236,7 +246,7 @@ mod tests {
         }
 
         #[test]
-        fn pulse_widths_and_counters_come_back(width in -255..=255i16, count in any::<i32>()) {
+        fn decoded_width_and_counter_equal_encoded(width in -255..=255i16, count in any::<i32>()) {
             prop_assert_eq!(width_of(pulse_word(width)), Some(width));
             let bits = count as u32;
             prop_assert_eq!(counter(!(bits as u16), !((bits >> 16) as u16)), count);
@@ -244,11 +254,11 @@ mod tests {
     }
 
     #[test]
-    fn words_are_those_of_the_card() {
+    fn register_words_match_the_cards_manual() {
         assert_eq!(pulse_word(190), 0x02be);
         assert_eq!(pulse_word(-1), 0x0301);
         assert_eq!(width_of(command::RESET_ALARM), None);
-        // All limit switches of a resolver axis open, the switch of synchronisation closed.
+        // The bits of a resolver axis off its limit switches, and on its synchronisation switch.
         let status = AxisStatus::decode(0xe000, AxisKind::Resolver);
         assert_eq!(status, AxisStatus { sync_switch: true, ..AxisStatus::default() });
         let [low, high] = [false, true].map(|sync_high| AxisKind::Encoder { sync_high });
@@ -260,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn synchronisation_is_no_error_and_everything_else_is() {
+    fn all_error_bits_except_synchronisation_stop_motors() {
         let at = |axis: usize, status: AxisStatus| {
             let mut axes = [AxisStatus::default(); 8];
             axes[axis] = status;

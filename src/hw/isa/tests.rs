@@ -1,10 +1,10 @@
-//! The port over emulated cards: against simple motors, and against the simulated plant.
+//! Tests of the ISA port over emulated cards, with simple motors and with the simulated plant.
 
 use super::bank::Carded;
 use super::registers::{AxisKind, command};
 use crate::hw::devices::IsaDevice;
 use crate::hw::driver::{Core, NoRecords, ServoLink, Switches, link};
-use crate::hw::note::{Note, What, notes};
+use crate::hw::note::{Note, NoteKind, notes};
 use crate::hw::plant::testing::cell;
 use crate::hw::plant::{Plant, PlantConfig};
 use crate::hw::port::{Port, PortFault};
@@ -14,11 +14,11 @@ use crate::servo::regulator::{IRP6, ServoGains};
 use crate::servo::{ServoCommand, ServoConfig};
 use std::sync::Arc;
 
-/// Motors that move by a tenth of their pulse width in a period, and pass zeros on their way.
+/// Motors that move by a tenth of their pulse width in a period, with a zero in each revolution.
 struct Motors {
     counts: [i64; 8],
     revolution: i64,
-    /// What they show besides.
+    /// Reading, apart from counts and zeros.
     shows: ArmReading,
 }
 
@@ -51,7 +51,7 @@ struct Rig {
 }
 
 impl Rig {
-    /// The postument's arm, its motors somewhere.
+    /// Makes the postument's arm, not synchronised.
     fn new(kind: AxisKind, power_axis: usize) -> Self {
         let device = IsaDevice { power_axis, ..IsaDevice::default() };
         let mut arm = device.arm(&cell().arms[1], &[]).unwrap();
@@ -89,7 +89,7 @@ impl Rig {
 
     fn told(&self, axis: usize) -> Vec<u16> {
         let card = self.cards.bank(0).card();
-        card.told.iter().filter(|(at, _)| *at == axis).map(|(_, word)| *word).collect()
+        card.commands.iter().filter(|(at, _)| *at == axis).map(|(_, word)| *word).collect()
     }
 }
 
@@ -99,8 +99,10 @@ fn on(width: i16) -> ArmDrive {
     ArmDrive { enabled: true, pwm: [width; 7], jaw_pwm: -width, stops: Depth::Two, synchronise: 0 }
 }
 
+/// The card receives the commands of the original's set-up. At the end of the run the cabinet's
+/// buttons are enabled.
 #[test]
-fn a_card_is_set_up_as_the_original_did_and_left_with_its_buttons_alive() {
+fn card_receives_set_up_commands_of_original() {
     let mut rig = Rig::new(ENCODER, 6);
     let bank = rig.cards.bank(0).clone();
     assert_eq!(bank.card().divisor, 8);
@@ -127,8 +129,9 @@ fn a_card_is_set_up_as_the_original_did_and_left_with_its_buttons_alive() {
     assert!(card.axes[1..].iter().all(|axis| axis.width == 0 && axis.manual));
 }
 
+/// Positive and negative pulse widths move the counters in both directions.
 #[test]
-fn pulse_widths_move_counters_both_ways_once_the_alarms_are_reset() {
+fn pulse_widths_move_counters_after_alarm_reset() {
     let mut rig = Rig::new(ENCODER, 6);
     rig.shows().currents = [2.0, 2.0, 2.0, 2.0, 2.0, 2.0, 1.0, 0.08];
     rig.cards.bank(0).card().inputs = 0x8421;
@@ -149,12 +152,12 @@ fn pulse_widths_move_counters_both_ways_once_the_alarms_are_reset() {
 }
 
 #[test]
-fn a_resolver_that_could_not_be_read_has_lost_no_revolution() {
+fn unreadable_resolver_loses_no_revolution() {
     let mut rig = Rig::new(AxisKind::Resolver, 6);
-    // 120 rad/s: 26 counts of 682 a period.
+    // 25 counts of 682 in a period: 115 rad/s.
     let before = rig.go(20, on(255)).counts[2];
     rig.cards.bank(0).card().axes[2].unreadable = true;
-    assert_eq!(rig.go(50, on(255)).counts[2], before, "the last one holds");
+    assert_eq!(rig.go(50, on(255)).counts[2], before, "the last reading stays");
     rig.cards.bank(0).card().axes[2].unreadable = false;
 
     let after = rig.go(1, on(255)).counts[2];
@@ -164,8 +167,9 @@ fn a_resolver_that_could_not_be_read_has_lost_no_revolution() {
     assert_eq!(back, after + 25 - 200 * 25, "below zero too");
 }
 
+/// The servo stops the arm and switches it on again, which resets the alarm.
 #[test]
-fn a_hard_error_stops_every_motor_in_its_period_and_a_reset_alarm_lets_them_go_on() {
+fn hard_error_stops_all_motors_until_alarm_reset() {
     let mut rig = Rig::new(ENCODER, 6);
     rig.go(10, on(100));
     rig.shows().over_currents = 1 << 4;
@@ -184,7 +188,7 @@ fn a_hard_error_stops_every_motor_in_its_period_and_a_reset_alarm_lets_them_go_o
 }
 
 #[test]
-fn lost_power_is_told_of_every_axis_and_stops_them() {
+fn lost_power_stops_and_marks_every_axis() {
     for teller in [6, 2] {
         let mut rig = Rig::new(ENCODER, teller);
         assert_eq!(rig.go(10, on(100)).power_faults, 0);
@@ -196,8 +200,10 @@ fn lost_power_is_told_of_every_axis_and_stops_them() {
     }
 }
 
+/// Covers both kinds of axes, each with a card that sets its counter to zero by itself and with one
+/// that does not.
 #[test]
-fn an_axis_is_synchronised_in_the_period_of_its_zero_and_its_count_never_jumps_again() {
+fn axis_synchronises_at_zero_without_later_jump() {
     for (kind, itself) in
         [(ENCODER, false), (ENCODER, true), (AxisKind::Resolver, false), (AxisKind::Resolver, true)]
     {
@@ -231,7 +237,7 @@ fn an_axis_is_synchronised_in_the_period_of_its_zero_and_its_count_never_jumps_a
         }
         assert_eq!(rig.cards.bank(0).card().axes[2].status.synchronised, kind == ENCODER);
 
-        // What the card forgets, the arm has lost.
+        // An encoder axis whose card forgets its zero is not synchronised any more.
         rig.cards.bank(0).card().axes[2].status.synchronised = false;
         let known = rig.go(2, on(100)).synchronised & 1 << 2 != 0;
         assert_eq!(known, kind == AxisKind::Resolver);
@@ -239,7 +245,7 @@ fn an_axis_is_synchronised_in_the_period_of_its_zero_and_its_count_never_jumps_a
 }
 
 #[test]
-fn a_homing_that_is_broken_off_leaves_no_axis_waiting_for_its_zero() {
+fn aborted_homing_ends_search_for_zero() {
     let mut rig = Rig::new(ENCODER, 6);
     rig.go(10, on(100));
     rig.go(5, ArmDrive { synchronise: 1 << 2, ..on(100) });
@@ -250,31 +256,33 @@ fn a_homing_that_is_broken_off_leaves_no_axis_waiting_for_its_zero() {
     assert_eq!(rig.told(2).last(), Some(&command::FINISH_SYNCHRO));
 }
 
+/// A card without interrupts is reported after 20 ms, and is a fault after 30 ms.
 #[test]
-fn a_card_without_interrupts_is_told_after_20_ms_and_given_up_after_30() {
+fn card_without_interrupts_is_noted_then_lost() {
     let mut rig = Rig::new(ENCODER, 6);
     rig.go(200, on(100));
     rig.cards.bank(0).card().alive = false;
-    // The last one came before.
+    // The interrupt of this period was raised before.
     rig.go(1, on(100));
 
     rig.go(9, on(100));
-    assert!(rig.told.pop().is_err(), "18 ms are passed over");
+    assert!(rig.told.pop().is_err(), "18 ms are not reported");
     rig.go(5, on(100));
-    assert_eq!(rig.told.pop().unwrap().what, What::NoInterrupt);
+    assert_eq!(rig.told.pop().unwrap().what, NoteKind::NoInterrupt);
     let fault = rig.exchange(on(100)).unwrap_err();
 
     assert!(fault.reason.contains("postument") && fault.reason.contains("30 ms"), "{fault}");
     assert_eq!(rig.widths(), [0; 7]);
 }
 
+/// The counters of a late card are marked as extrapolated.
 #[test]
-fn late_card_loses_no_word_and_marks_its_counters() {
+fn late_card_loses_no_command() {
     let mut rig = Rig::new(ENCODER, 6);
     let before = rig.go(20, on(100));
     for _ in 0..20 {
         rig.cards.bank(0).card().stalls = 2;
-        // The last period's interrupt, then none.
+        // The interrupt of the last period, then none for two periods.
         let reading = rig.go(3, on(100));
         assert_eq!((reading.extrapolated, reading.no_answer), (u8::MAX, u8::MAX));
         let reading = rig.go(5, on(-100));
@@ -282,11 +290,11 @@ fn late_card_loses_no_word_and_marks_its_counters() {
         assert_eq!(rig.widths()[0], -100);
     }
     assert!(rig.go(1, on(100)).counts[3] < before.counts[3]);
-    assert!(rig.told.pop().is_err(), "nobody is told of so little");
+    assert!(rig.told.pop().is_err(), "a gap of two periods is not reported");
 }
 
 #[test]
-fn a_motor_that_stands_on_its_limit_switch_is_driven_off_it() {
+fn motor_leaves_limit_switch_of_its_start() {
     let mut rig = Rig::new(ENCODER, 6);
     rig.shows().lower_limits = 1 << 3;
     rig.go(20, ArmDrive::OFF);
@@ -301,9 +309,9 @@ fn a_motor_that_stands_on_its_limit_switch_is_driven_off_it() {
 }
 
 #[test]
-fn a_current_that_stays_above_its_limit_is_an_over_current() {
+fn lasting_current_above_limit_is_over_current() {
     let mut rig = Rig::new(ENCODER, 6);
-    // 0x20 units of 347 an ampere.
+    // The limit is 0x20 units, with 347 units/A: 0.0922 A.
     rig.shows().currents[JAW] = 0.091;
     assert_eq!(rig.go(200, on(100)).over_currents, 0);
     rig.shows().currents[JAW] = 0.1;
@@ -349,8 +357,9 @@ impl Whole {
     }
 }
 
+/// The arm synchronises and moves behind its card; then the card fails, and both arms stop.
 #[test]
-fn an_arm_behind_its_card_synchronises_moves_and_stops_when_the_card_dies() {
+fn arm_works_behind_card_until_card_fails() {
     let mut rig = Whole::new([true, false]);
     rig.tick(10).unwrap();
     assert_eq!(rig.links[0].state().synchronisation, Synchronisation::Yes);
@@ -367,7 +376,7 @@ fn an_arm_behind_its_card_synchronises_moves_and_stops_when_the_card_dies() {
     }
     let home = *rig.links[1].state();
     assert_eq!(home.synchronisation, Synchronisation::Yes);
-    // The pose of synchronisation: a wrong zero would be a revolution off.
+    // The motors are near their synchronisation positions: a wrong zero would be a revolution off.
     assert!(home.motors.0.iter().all(|m| (-0.1..1.0).contains(m)), "{:?}", home.motors);
 
     let mut goal = home.joints;
@@ -379,7 +388,7 @@ fn an_arm_behind_its_card_synchronises_moves_and_stops_when_the_card_dies() {
     assert_eq!((moved.fault, moved.refused), (None, None));
     assert!((moved.joints.0[1] - goal.0[1]).abs() < 2e-3, "{:?}", moved.joints);
     assert_eq!(rig.cards.bank(1).card().lost, 0);
-    // The truth: base_from_flange of the plant against what the servo believes.
+    // The plant's true tool against the servo's belief.
     let scene = rig.cards.world().scene();
     let arm = &rig.cards.world().cell().arms[1];
     let true_tool =
@@ -391,7 +400,7 @@ fn an_arm_behind_its_card_synchronises_moves_and_stops_when_the_card_dies() {
     let begun = rig.period;
     let fault = rig.tick(100).unwrap_err();
     assert_eq!((fault.effector, rig.period - begun), (1, 16), "{fault}");
-    assert_eq!(rig.told.pop().unwrap().what, What::NoInterrupt);
+    assert_eq!(rig.told.pop().unwrap().what, NoteKind::NoInterrupt);
     for arm in 0..2 {
         assert!(rig.cards.bank(arm).card().axes.iter().all(|axis| axis.width == 0));
     }

@@ -1,7 +1,15 @@
-//! The plant's bookkeeping at the end of a period: peaks, slips, drops, pops, stuck layers, collisions.
+//! Bookkeeping of the plant at the end of a period: peaks, slips, drops, pops, stuck layers,
+//! collisions.
 //!
 //! - in: the plant's state
-//! - out: its [`Verdict`](super::Verdict), and what the operator sees and feels
+//! - out: its [`Verdict`](super::Verdict), and the cube as the operator sees it
+//!
+//! | event | threshold | reason |
+//! |---|---|---|
+//! | slip | 1 mm or 3 deg since closing, unless the jaws open | opening jaws let go |
+//! | crush | 150 N at a pad or the palm | assumption |
+//! | pop | 3 Nm of tilt or 50 N of pull between two layers | assumption |
+//! | stuck | 3 s without 1 deg, 3 deg off a quarter, under load | a layer at rest is not stuck |
 
 use super::collision::{Bodies, HeldCube};
 use super::frame::rotation_vector;
@@ -14,9 +22,10 @@ use crate::cube::{Axis, Keeper};
 use crate::spatial::Twist;
 
 impl Plant {
-    /// The end of a period: what happened.
-    pub(super) fn account(&mut self) {
+    /// Records what happened in the period.
+    pub(super) fn record_period(&mut self) {
         let core = self.balance.core(&self.puzzle);
+        // The cube has no inertia in the model, so its velocity is the mean over the period.
         let moved = (core.p - self.core.p) / self.config.period.seconds();
         let turned =
             rotation_vector(&(core.r * self.core.r.transpose())) / self.config.period.seconds();
@@ -39,6 +48,7 @@ impl Plant {
             }
             let grasp = &self.grasps[i];
             let (distance, angle) = grasp.slip;
+            // The cube does not slip between opening jaws: they let it go.
             let held = grasp.hold == Hold::Closed && !self.jaws[i].opens();
             if held && !grasp.reported && (distance > 1e-3 || angle > 3_f64.to_radians()) {
                 self.grasps[i].reported = true;
@@ -52,6 +62,7 @@ impl Plant {
             }
         }
         self.measure_exertion();
+        // The drop comes before the hand's decision: the operator sees a cube that has fallen.
         self.look_for_drop();
         self.look_for_pop_and_stuck();
         let sight = Sight {
@@ -66,14 +77,15 @@ impl Plant {
         let carried = self.hand.carries();
         self.hand.decide(t, &sight);
         if self.hand.carries() && !carried {
-            // It pulls no longer: its aim jumps back to the cube, which is no motion of the hand.
+            // The hand gives up its pull, so its aim jumps back to the cube by 12 mm. Taken for a
+            // motion of the hand, the jump made 240 N for a substep.
             self.balance.hand_comes(&self.core);
         }
         let has = self.hand.hold(t).is_some() || self.hand.has_it_back();
         if has != self.operator_has {
             self.operator_has = has;
             if has {
-                // It may have picked the cube up.
+                // The hand may have picked the cube up from the tray.
                 self.state = State::Held;
                 self.balance.hand_comes(&self.core);
             }
@@ -89,8 +101,9 @@ impl Plant {
         for arm in &self.arms {
             arm.exert(most);
             let tool = arm.world_from_tool.p;
+            // A cell without a person has no place near one.
             if person
-                && zone.off(&zone.world_from_cube.inverse_transform_point(&tool.into()))
+                && zone.distance(&zone.world_from_cube.inverse_transform_point(&tool.into()))
                     < Exertion::NEAR
             {
                 let (velocity, _) = arm.velocity_at(&tool);
@@ -99,37 +112,44 @@ impl Plant {
         }
     }
 
-    /// What faults do to the bodies from the next period on.
-    pub(super) fn suffer(&mut self) {
+    /// Applies the faults of the next period to the bodies.
+    pub(super) fn apply_faults(&mut self) {
+        // Without a split no layer turns between two hands.
         let turned = if self.balance.split.is_some() { self.verdict.turned } else { 0.0 };
         let time = self.time();
         self.faults.decide(time, turned);
         let acting = self.faults.acting;
         for (grasp, lost) in self.grasps.iter_mut().zip(acting.lost) {
+            // A fault of an open hand has no cube to lose.
             grasp.lost |= lost && grasp.attached();
         }
         self.puzzle.jam = acting.torque;
         if acting.withdraw {
             self.hand.draw_back(time);
         }
-        // Nothing bears a cube that nobody holds any more: no balance of forces is to be looked for first.
+        // A cube without a holder falls at once. A balance of forces on it, pinched at another
+        // hand's palm, threw it away at 4 m/s with 130 N.
         if acting.lost.contains(&true) {
             self.look_for_drop();
         }
         self.undoing = self.undoing.after(acting.undo.is_some(), self.balance.split);
         if let (Some(takes), Undoing::Turn(_)) = (acting.undo, self.undoing) {
+            // The fault undoes a quarter turn in the time that it `takes`.
             self.undo_turn(
                 std::f64::consts::FRAC_PI_2 * self.config.period.seconds() / takes.max(1e-3),
             );
         }
     }
 
+    /// Finds new collisions, and keeps the forces of all and the least distance of the arms.
     pub(super) fn look_for_collisions(&mut self) {
+        // In a cell of one arm the second entry repeats the first and is not used.
         let openings = [self.jaws[0].opening(), self.jaws[self.jaws.len() - 1].opening()];
         let holds = self.grasps.each_ref().map(Grasp::holds);
         let cube = HeldCube {
             frame: self.balance.nodes[0],
             edge: self.config.cell.cube.edge,
+            // A cube in both hands is no obstacle, and an obstacle's load goes to its only holder.
             holder: (holds[0] != holds[1]).then(|| usize::from(holds[1])),
         };
         let arms = &self.config.cell.arms;
@@ -142,6 +162,8 @@ impl Plant {
                 events.push(Event { period, what });
             }
         };
+        // The grasp computes the contact of finger ends with the cube; here it is only reported,
+        // once.
         for (i, was) in self.fronts.iter_mut().enumerate() {
             let touch = &self.balance.touches[i];
             let is = touch.front > 0.0;
@@ -157,12 +179,14 @@ impl Plant {
         self.verdict.exertion.arms_apart = self.collisions.arms_apart;
     }
 
+    /// Returns whether a person sees a solved cube.
     fn looks_solved(&self) -> bool {
         let stickers = self.puzzle.stickers();
         (0..54).all(|i| stickers[i] == stickers[i / 9 * 9 + 4])
             && (0..3).all(|a| self.puzzle.misalignment(a) < 0.1)
     }
 
+    /// Detects a cube that no hand holds any more: it falls, or an arm has laid it down.
     fn look_for_drop(&mut self) {
         if self.state != State::Held || self.hand.has_it_back() {
             return;
@@ -176,8 +200,10 @@ impl Plant {
                 self.record(Incident::GraspLost { arm: i });
             }
         }
+        // A cube in the air is one body without a grasp.
         self.grasps = [Grasp::OPEN; 2];
         self.regroup();
+        // A cube that lies flat on the table when it is let go has been laid down.
         if let Some(arm) = self.last_holder.filter(|_| self.lies()) {
             let down = lowest_face(&self.balance.nodes[0]);
             self.state = State::Tray { down, fell: false };
@@ -189,13 +215,14 @@ impl Plant {
         self.record(Incident::Drop { arm: self.last_holder });
     }
 
-    /// Whether the table bears the cube, flat on a face.
+    /// Checks whether the table carries the cube flat on a face.
     fn lies(&self) -> bool {
         let cube = &self.balance.nodes[0];
         let flat = (cube.r * lowest_face(cube).normal()).z < -0.99;
-        flat && self.balance.borne() > 0.0
+        flat && self.balance.table_load() > 0.0
     }
 
+    /// Detects a layer that pops off, and a loaded layer that does not move.
     fn look_for_pop_and_stuck(&mut self) {
         let Some(split) = self.balance.split else { return };
         let interface = self.balance.interface;
@@ -208,6 +235,8 @@ impl Plant {
         let angle = self.relative_angle();
         let off = self.puzzle.misalignment(split.axis);
         let loaded = interface.torque.abs() > 0.5 * interface.limit;
+        // A motion of 1 deg restarts the watch. An unloaded layer, or one at a quarter, restarts
+        // its time alone.
         if (angle - self.watch.angle).abs() > 1_f64.to_radians() {
             self.watch = StillWatch { angle, since: self.period, reported: false };
         } else if !loaded || off < 3_f64.to_radians() {
@@ -225,9 +254,11 @@ impl Plant {
         }
     }
 
+    /// Records an event, which may begin a fault.
     pub(super) fn record(&mut self, what: Incident) {
         let time = self.time();
-        self.faults.saw(&what, time);
+        self.faults.pass_event(&what, time);
+        // The list has its room from the start: a period must not allocate.
         if self.verdict.events.len() < MOST_EVENTS {
             self.verdict.events.push(Event { period: self.period, what });
         }
@@ -243,15 +274,15 @@ mod tests {
     use crate::spatial::Pose;
     use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
-    /// A hand from above has let go of a cube that stood on the table, tilted so about the jaws'
-    /// line (rad).
+    /// Returns the verdict after a hand from above has let go of a cube on the table, tilted by
+    /// `tilt` about the jaws' line (rad).
     fn let_go_on_the_table(tilt: f64) -> Verdict {
         let mut cell = cell();
         cell.arms.truncate(1);
         let down = [0.0, -80.0, 5.0, -15.0, 270.0, 0.0].map(f64::to_radians);
         cell.arms[0].start.0[1..].copy_from_slice(&down);
         let mut config = quiet(cell);
-        // Not so deep that the palm is in the way of an edge.
+        // The hand is not deep enough for the palm to meet an edge.
         let tool_from_cube = Pose::from_parts(
             Translation3::new(0.0, 0.0, EDGE / 3.0),
             UnitQuaternion::from_axis_angle(&Vector3::y_axis(), tilt),
@@ -262,7 +293,7 @@ mod tests {
         config.cell.table_height = cube.p.z - lowest + 1e-4;
         let mut servo = TestServo::new(Plant::new(config, 1).unwrap());
         servo.run(0.5);
-        assert!(servo.plant.balance.borne() > 0.0, "it stands on the table");
+        assert!(servo.plant.balance.table_load() > 0.0, "the cube rests on the table");
         assert_eq!(servo.plant.verdict().cube, Whereabouts::Arms([true, false]));
 
         servo.jaws[0] = (0.085, 30.0);
@@ -270,8 +301,9 @@ mod tests {
         servo.plant.verdict()
     }
 
+    /// A cube that is let go flat on the table has been laid down; one on an edge falls.
     #[test]
-    fn what_is_let_go_flat_on_the_table_is_laid_down_and_what_stands_on_an_edge_falls() {
+    fn released_cube_lies_flat_or_falls_from_edge() {
         let count =
             |v: &Verdict, what: Incident| v.events.iter().filter(|e| e.what == what).count();
         let (laid_down, drop) =

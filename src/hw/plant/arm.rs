@@ -2,10 +2,12 @@
 //!
 //! - in: drives, the wrench that the cube or an obstacle exerts on the arm
 //! - out: joint positions, readings
-//! - equations: `M q'' + h = K (f(m) - q) + D (f'(m) m' - q') + J^T w` on the links' side, motor inertia,
-//!   pulse width, back-EMF and friction on the motors' side; one linearly implicit Euler step for both
-//!   sides together (springs, dampers and back-EMF at the end of the step), so that 8 kNm/rad on a wrist of
-//!   0.04 kg m2 stays stable at 0.5 ms. The motors' side is eliminated (4 x 4 and scalars), 7 x 7 remains.
+//! - links: `M q'' + h = K (f(m) - q) + D (f'(m) m' - q') + J^T w`
+//! - motors: rotor inertia, pulse width, back-EMF and friction, at the shaft
+//! - step: one linearly implicit Euler step for both sides together. Springs, dampers and back-EMF
+//!   count at its end, so 8 kNm/rad on a wrist of 0.04 kg m2 stays stable at 0.5 ms. The step
+//!   eliminates the motors (a 4 x 4 block and three scalars) and solves the 7 x 7 system of the
+//!   links.
 
 use super::config::{ArmDynamics, MotorDynamics};
 use super::dynamics::{Placement, Screw};
@@ -21,18 +23,18 @@ use crate::spatial::{GRAVITY, Pose};
 use nalgebra::{Matrix6, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Presliding of a motor's friction (rad of the shaft): below it friction is a spring.
+/// Displacement up to which a motor's friction acts as a spring (rad of the shaft).
 const PRESLIDING: f64 = 0.005;
-/// Beyond the limits that the software keeps, its set values in the period that reaches them included, the switches
-/// open (rad of the shaft).
+/// Distance of a limit switch beyond the software limit (rad of the shaft). The set value of the
+/// period that reaches the limit stays short of the switch.
 const SWITCH: f64 = 1.0;
-/// Beyond the limit switches an axis has this far to its hard stop (rad of the shaft).
+/// Distance of the hard stop beyond the limit switch (rad of the shaft).
 const OVERTRAVEL: f64 = 3.0;
 
-/// No joint's spring stretches so far (m, rad).
-const STRETCHED: f64 = 0.3;
-/// What a kept number may be beyond its limit (rad).
-const NEARLY: f64 = 1e-6;
+/// Stretch that no joint's spring reaches (m, rad).
+const MOST_STRETCH: f64 = 0.3;
+/// Excess over its limit that rounding may give a saved number (rad).
+const ROUNDING: f64 = 1e-6;
 
 /// State and constants of an arm.
 #[derive(Clone)]
@@ -42,30 +44,35 @@ pub(super) struct PlantArm {
     world_from_base: Frame,
     flange_from_tool: Frame,
     gravity: Vector3<f64>,
-    /// Joints and their velocities.
+    /// Joint positions (m, rad).
     pub(super) q: [f64; AXES],
+    /// Joint velocities (m/s, rad/s).
     pub(super) v: [f64; AXES],
-    /// Motors and their velocities (rad, rad/s).
+    /// Motor positions (rad).
     pub(super) m: [f64; AXES],
+    /// Motor velocities (rad/s).
     pub(super) vm: [f64; AXES],
     /// Stretch of the friction's bristles (rad of the shaft).
     bristles: [f64; AXES],
     /// Torque of the counterbalance springs at the motors (Nm).
     counterbalance: [f64; AXES],
-    /// Mean squares of the currents over the motors' thermal time, of the rated ones'.
+    /// Mean square of each current over the motors' thermal time constant, as a share of the rated
+    /// current's square.
     heat: [f64; AXES],
+    /// Motor currents (A).
     currents: [f64; AXES],
     encoders: [Encoder; AXES],
-    /// Mass matrix and bias, of the period's beginning: in 2 ms they change by parts in a thousand.
+    /// Mass matrix and bias at the beginning of the period: within 2 ms they change by parts in a
+    /// thousand.
     mass: [[f64; AXES]; AXES],
     bias: [f64; AXES],
-    /// For the present `q`.
+    /// Frames and screws at the present `q`.
     pub(super) placement: Placement,
     pub(super) world_from_flange: Frame,
     pub(super) world_from_tool: Frame,
 }
 
-/// What a file keeps of an arm.
+/// State of an arm in a file.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct SavedArm {
     joints: [f64; AXES],
@@ -75,8 +82,8 @@ pub(super) struct SavedArm {
     pub(super) encoders: Vec<Encoder>,
 }
 
-/// Joints of links at rest whose weight stretches the springs behind the encoders, and their weight
-/// there (Nm, N).
+/// Returns the joints of an arm at rest and the weight at each joint (Nm, N). The weight stretches
+/// the springs behind the `encoders`.
 fn at_rest(
     model: &ArmModel,
     dynamics: &ArmDynamics,
@@ -89,6 +96,7 @@ fn at_rest(
     for _ in 0..3 {
         (_, weight) = Placement::new(model, &q).dynamics(&dynamics.links, &[0.0; AXES], gravity);
         q = std::array::from_fn(|j| {
+            // The weight also takes up the play of the gear, to the side that it pulls to.
             let side = if weight[j] == 0.0 { 0.0 } else { weight[j].signum() };
             encoders[j] - weight[j] / dynamics.stiffness[j] - side * dynamics.play[j]
         });
@@ -96,7 +104,8 @@ fn at_rest(
     (q, weight)
 }
 
-/// `world_from_tool` of an arm at rest with its encoders at `joints`: what it sags by is where a workshop sees it.
+/// Returns `world_from_tool` of an arm at rest with its encoders at `joints`. A workshop sees the
+/// tool there, below the place that the encoders give.
 #[must_use]
 pub fn sagging(arm: &Arm, dynamics: &ArmDynamics, joints: &JointPositions) -> Pose {
     let world_from_base = Frame::from_pose(&arm.world_from_base);
@@ -106,7 +115,8 @@ pub fn sagging(arm: &Arm, dynamics: &ArmDynamics, joints: &JointPositions) -> Po
 }
 
 impl PlantArm {
-    /// An arm at rest, its encoders in the start pose: springs stretched and motors loaded by its weight.
+    /// Makes an arm at rest with its encoders in the start pose: its weight stretches the springs
+    /// and loads the motors.
     pub(super) fn new(arm: &Arm, dynamics: &ArmDynamics, synchronised: bool) -> Self {
         let world_from_base = Frame::from_pose(&arm.world_from_base);
         let gravity =
@@ -117,7 +127,7 @@ impl PlantArm {
         let m = arm.model.motors(&arm.start).0;
         let mut this = Self {
             encoders: std::array::from_fn(|j| {
-                // There is no axis 0 to look for without a track.
+                // Without a track there is no axis 0 to home.
                 let known = synchronised || (j == 0 && !arm.model.has_track);
                 Encoder::new(arm.model.increments[j], m[j], known)
             }),
@@ -141,16 +151,19 @@ impl PlantArm {
             world_from_tool: Frame::IDENTITY,
         };
         let ratios = this.motors_per_joint(&stretched);
-        // Joint torques t reach the motors as H^-T t; H is lower triangular, so solve from the end.
+        // Joint torques t load the motors with H^-T t; H is lower triangular, so substitution from
+        // the last axis solves it.
         let mut at_motors = [0.0; AXES];
         for j in (0..AXES).rev() {
             let later: f64 = (j + 1..AXES).map(|k| ratios[k][j] * at_motors[k]).sum();
             at_motors[j] = (weight[j] - later) / ratios[j][j];
         }
+        // The counterbalance springs are set for the start pose and stay so over the workspace.
         for j in [2, 3] {
             this.counterbalance[j] = at_motors[j] * dynamics.counterbalance;
         }
-        // The rest is borne by the friction's presliding where friction suffices.
+        // The presliding of the friction carries the rest, up to 0.9 of the Coulomb friction.
+        // Unstretched bristles would let each axis sink when the run begins.
         for (j, load) in at_motors.iter().enumerate() {
             let motor = &dynamics.motors[j];
             let coulomb = motor.coulomb / ratios[j][j].abs();
@@ -162,7 +175,7 @@ impl PlantArm {
         this
     }
 
-    /// What is kept of it.
+    /// Returns the state to be saved.
     pub(super) fn saved(&self) -> SavedArm {
         SavedArm {
             joints: self.q,
@@ -173,24 +186,28 @@ impl PlantArm {
         }
     }
 
-    /// Whether an arm can be where it was kept: between its hard stops, its springs as stretched as they get.
-    pub(super) fn bears(&self, saved: &SavedArm) -> Result<(), Wrong> {
+    /// Checks that an arm can be in the saved state: motors between their hard stops, springs
+    /// within their greatest stretch, encoders of these motors. The error has the place and the
+    /// reason.
+    pub(super) fn check_saved(&self, saved: &SavedArm) -> Result<(), Wrong> {
         let wrong =
             |place: &str, j: usize, why: &str| Err((format!("{place}[{j}]"), why.to_owned()));
         for j in 0..AXES {
             let (low, high) = self.model.motor_limits[j];
-            let (beyond, motor) = (SWITCH + OVERTRAVEL + NEARLY, saved.motors[j]);
+            let (beyond, motor) = (SWITCH + OVERTRAVEL + ROUNDING, saved.motors[j]);
             if !(low - beyond..=high + beyond).contains(&motor) {
                 return wrong("motors", j, "beyond the hard stop");
             }
         }
+        // Beyond their stops the motors have no joints: a ball screw has an end. So all motors are
+        // checked first.
         let theta = self.model.joints_unchecked(&MotorPositions(saved.motors)).0;
         for (j, theta) in theta.iter().enumerate() {
             let off = (theta - saved.joints[j]).abs();
-            if off.is_nan() || off >= STRETCHED {
+            if off.is_nan() || off >= MOST_STRETCH {
                 return wrong("joints", j, "not where its motor holds it");
             }
-            if saved.bristles[j].abs() > PRESLIDING + NEARLY {
+            if saved.bristles[j].abs() > PRESLIDING + ROUNDING {
                 return wrong("bristles", j, "beyond their stretch");
             }
             if !saved.encoders[j].fits(&self.encoders[j], saved.motors[j]) {
@@ -200,7 +217,7 @@ impl PlantArm {
         Ok(())
     }
 
-    /// At rest where it was kept; `saved` has an encoder an axis.
+    /// Puts the arm at rest into a saved state; `saved` has one encoder for each axis.
     pub(super) fn restore(&mut self, saved: SavedArm) {
         (self.q, self.m) = (saved.joints, saved.motors);
         (self.bristles, self.counterbalance) = (saved.bristles, saved.counterbalance);
@@ -219,14 +236,17 @@ impl PlantArm {
         self.world_from_tool = self.world_from_flange.times(&self.flange_from_tool);
     }
 
-    /// Origins in the world of base, shoulder, elbow, wrist pitch centre, flange.
+    /// Returns the origins of base, shoulder, elbow, wrist pitch centre and flange in the world.
     pub(super) fn points(&self) -> [Vector3<f64>; 5] {
         let f = &self.placement.frames;
+        // The base's origin lies on the floor below the shoulder; on a track it moves with the
+        // carriage.
         let floor = Vector3::new(f[1].p.x, f[1].p.y, 0.0);
         [floor, f[1].p, f[3].p, f[4].p, f[6].p].map(|p| self.world_from_base.point(&p))
     }
 
-    /// Velocity of a point fixed to the last link, and of rotation, in the world.
+    /// Returns the velocity of a point fixed to the last link and the link's angular velocity, in
+    /// the world (m/s, rad/s).
     pub(super) fn velocity_at(&self, point: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
         let twist = self.placement.twist(&self.v);
         let local = self.world_from_base.r.tr_mul(&(point - self.world_from_base.p));
@@ -234,7 +254,7 @@ impl PlantArm {
         (r * (twist.l + twist.a.cross(&local)), r * twist.a)
     }
 
-    /// Joint torques of a force at a point and a torque, both in the world.
+    /// Returns the joint torques of a force at a point and of a torque, both in the world (N, Nm).
     pub(super) fn torques(
         &self,
         force: &Vector3<f64>,
@@ -247,22 +267,28 @@ impl PlantArm {
         self.placement.torques(&Screw { a: t + p.cross(&f), l: f })
     }
 
-    /// dm/dq: motor velocities per joint velocity; lower triangular.
+    /// Returns dm/dq, the motor velocities per joint velocity: a lower triangular matrix H.
     fn motors_per_joint(&self, q: &[f64; AXES]) -> [[f64; AXES]; AXES] {
         let model = &self.model;
+        // Slope of a ball screw's length sqrt(sl + mi cos a - ni sin a) over the link angle a
+        // (cosine rule).
         let screw = |&[sl, mi, ni, _]: &[f64; 4], angle: f64| {
             let (s, c) = libm::sincos(angle);
             -(mi * s + ni * c) / (2.0 * (sl + mi * c - ni * s).sqrt())
         };
         let g = &model.gears;
+        // The screw of the upper arm acts on the arm's absolute angle t3, so its motor follows
+        // joint 2 as well.
         let t3 = q[2] + q[3] + std::f64::consts::FRAC_PI_2;
         let h3 = g[3] * screw(&model.upper_screw, t3 - model.offsets[3]);
         let mut h = [[0.0; AXES]; AXES];
+        // Without a track a 1 keeps the matrix regular.
         h[0][0] = if model.has_track { g[0] } else { 1.0 };
         h[1][1] = g[1];
         h[2][2] = g[2] * screw(&model.lower_screw, q[2] - model.offsets[2]);
         h[3][2] = h3;
         h[3][3] = h3;
+        // Both wrist motors follow the absolute pitch q2 + q3 + q4; the second one adds the roll.
         h[4][2..5].fill(g[4]);
         h[5][2..5].fill(g[4]);
         h[5][5] = g[5];
@@ -270,15 +296,15 @@ impl PlantArm {
         h
     }
 
-    /// Takes mass matrix and bias of the present posture and speed.
+    /// Computes mass matrix and bias for the present posture and speed.
     pub(super) fn begin_period(&mut self) {
         (self.mass, self.bias) =
             self.placement.dynamics(&self.dynamics.links, &self.v, &self.gravity);
     }
 
-    /// Takes one substep of `dt` seconds under joint torques from outside (contact). `grip` is the
-    /// stiffness of a contact with what stands, about the base's origin in base axes, which the
-    /// step takes implicitly.
+    /// Performs one substep of `dt` seconds under joint torques from outside (contact). `grip` is
+    /// the stiffness of a contact with a body that does not move, about the base's origin in base
+    /// axes; the step takes it implicitly.
     pub(super) fn step(
         &mut self,
         drive: &ArmDrive,
@@ -291,11 +317,13 @@ impl PlantArm {
         let (inertia, impulse) = self.motor_loads(drive, &ratios, dt);
         let springs = self.springs(&theta, dt);
         let motors = MotorSide::new(&ratios, &inertia, &springs.implicit);
+        // H^T takes the impulses at the shafts to the joints.
         let mut bw: [f64; AXES] = std::array::from_fn(|j| {
             (j..AXES).map(|k| ratios[k][j] * impulse[k]).sum::<f64>() - dt * springs.force[j]
         });
         let at_rest = motors.solve(&bw);
-        let (mut a, mut v) = self.link_side(&motors, &springs, &at_rest, outside, dt);
+        let (mut a, mut v) = self.link_side((&motors, &at_rest), &springs, outside, dt);
+        // At the end of the step the contact's force is smaller by K dt v: an impulse of dt^2 K v.
         if let Some(grip) = grip {
             self.add_grip(&mut a, grip, dt * dt);
         }
@@ -304,6 +332,7 @@ impl PlantArm {
         }
         solve(&mut a, &mut v);
         for j in 0..AXES {
+            // Back substitution: the links' new velocities drive the motors through the springs.
             bw[j] += springs.implicit[j] * v[j];
         }
         let w = motors.solve(&bw);
@@ -313,8 +342,8 @@ impl PlantArm {
         self.place();
     }
 
-    /// Returns inertia and impulse of the motors at their shafts: diagonal inertia, linear speed
-    /// term, friction as a bristle with a limit.
+    /// Returns inertia and impulse of the motors at their shafts, so that `inertia vm = impulse`:
+    /// diagonal inertia, a linear speed term, friction as a bristle with a limit.
     fn motor_loads(
         &self,
         drive: &ArmDrive,
@@ -325,28 +354,32 @@ impl PlantArm {
         let mut impulse = [0.0; AXES];
         for j in 0..AXES {
             let motor = &self.dynamics.motors[j];
+            // Coulomb friction is given at the joint; the present ratio takes it to the shaft.
             let coulomb = motor.coulomb / ratios[j][j].abs();
             let bristle = coulomb / PRESLIDING;
+            // A DC motor: its torque falls linearly with speed, from stall to the no-load speed.
             let (torque, back_emf) = if drive.enabled {
                 (motor.stall_torque * duty(drive, j), motor.stall_torque / motor.no_load_speed)
             } else {
-                // The brake: so stiff that the shaft stands.
+                // The brake: a damper of 1e6 Nms/rad does not let the shaft turn.
                 (0.0, 1e6)
             };
             let load = torque + self.counterbalance[j];
             let friction = -bristle * self.bristles[j];
-            // Sliding: no stiffness of the bristle, so that the limit is not overshot within the step.
+            // A sliding bristle has no stiffness, or its friction would pass the limit within the
+            // step.
             let sliding =
                 self.bristles[j].abs() >= PRESLIDING * 0.999 && self.vm[j] * self.bristles[j] > 0.0;
             let stiffness = if sliding { 0.0 } else { bristle };
+            // Speed and bristle count at the end of the step, so dt (c + dt k) adds to the inertia.
             inertia[j] = motor.inertia + dt * (motor.viscous + back_emf) + dt * dt * stiffness;
             impulse[j] = motor.inertia * self.vm[j] + dt * (load + friction);
         }
         (inertia, impulse)
     }
 
-    /// Returns the springs between motors, which take the joints to `theta`, and links. Within the
-    /// play of a gear only its damping acts.
+    /// Returns the springs between the motors, which would take the joints to `theta`, and the
+    /// links. Within the play of a gear only the damping acts.
     fn springs(&self, theta: &[f64; AXES], dt: f64) -> Springs {
         let d = &self.dynamics;
         let stretch: [f64; AXES] = std::array::from_fn(|j| {
@@ -363,14 +396,13 @@ impl PlantArm {
         }
     }
 
-    /// Returns matrix and right side of the links' equation with the motors eliminated: `(M + S - S
-    /// (Mm + S)^-1 S) v = bv + S (Mm + S)^-1 bw`. `at_rest` are the motors' speeds with links that
-    /// stand.
+    /// Returns matrix and right side of the links' equation after the elimination of the motors:
+    /// `(M + S - S (Mm + S)^-1 S) v = bv + S (Mm + S)^-1 bw`. `at_rest` has the motors' speeds for
+    /// links that do not move.
     fn link_side(
         &self,
-        motors: &MotorSide,
+        (motors, at_rest): (&MotorSide, &[f64; AXES]),
         springs: &Springs,
-        at_rest: &[f64; AXES],
         outside: &[f64; AXES],
         dt: f64,
     ) -> ([[f64; AXES]; AXES], [f64; AXES]) {
@@ -382,6 +414,7 @@ impl PlantArm {
             b[i] = momentum + dt * (springs.force[i] - bias[i] + outside[i]) + s[i] * at_rest[i];
             a[i][i] += s[i];
         }
+        // S (Mm + S)^-1 S is diagonal but for the four coupled axes.
         for j in MotorSide::SINGLE {
             a[j][j] -= s[j] * s[j] / motors.single[j];
         }
@@ -393,8 +426,8 @@ impl PlantArm {
         (a, b)
     }
 
-    /// Moves links with the velocities `v` and motors with those that `w`, in joint coordinates,
-    /// makes of them; hard stops hold the motors.
+    /// Moves the links with the velocities `v`, and the motors with `w`, their velocities in joint
+    /// coordinates. Hard stops hold the motors.
     fn advance(&mut self, v: &[f64; AXES], w: &[f64; AXES], ratios: &[[f64; AXES]; AXES], dt: f64) {
         self.v = *v;
         for j in 0..AXES {
@@ -402,10 +435,13 @@ impl PlantArm {
             let vm: f64 = (0..=j).map(|k| ratios[j][k] * w[k]).sum();
             self.vm[j] = if j == 0 && !self.model.has_track { 0.0 } else { vm };
             self.m[j] += dt * self.vm[j];
+            // At its limit the bristle slides along with the shaft: the force stays at Coulomb
+            // friction.
             self.bristles[j] = (self.bristles[j] + dt * self.vm[j]).clamp(-PRESLIDING, PRESLIDING);
             let (low, high) = self.model.motor_limits[j];
             let beyond = SWITCH + OVERTRAVEL;
             let stopped = self.m[j].clamp(low - beyond, high + beyond);
+            // A hard stop takes up all momentum: there is no rebound.
             if stopped != self.m[j] {
                 self.m[j] = stopped;
                 self.vm[j] = 0.0;
@@ -413,7 +449,7 @@ impl PlantArm {
         }
     }
 
-    /// Takes the motors' currents at their present speeds, and what heats their windings.
+    /// Computes the currents at the motors' present speeds, and the heat of their windings.
     fn measure_currents(&mut self, drive: &ArmDrive, dt: f64) {
         for j in 0..AXES {
             let motor = &self.dynamics.motors[j];
@@ -422,6 +458,8 @@ impl PlantArm {
             } else {
                 0.0
             };
+            // Losses grow with the square of the current; a winding follows them with one time
+            // constant.
             let load = (self.currents[j] / motor.rated_current).powi(2);
             self.heat[j] += dt / MotorDynamics::HEATS * (load - self.heat[j]);
         }
@@ -438,6 +476,7 @@ impl PlantArm {
 
     /// Adds `factor J^T K J` of a contact stiffness.
     fn add_grip(&self, a: &mut [[f64; AXES]; AXES], grip: &Matrix6<f64>, factor: f64) {
+        // The stiffness has translations first, a screw has its rotation first.
         let flat: [[f64; 6]; AXES] = std::array::from_fn(|j| {
             let s = &self.placement.screws[j];
             [s.l.x, s.l.y, s.l.z, s.a.x, s.a.y, s.a.z]
@@ -455,12 +494,12 @@ impl PlantArm {
         }
     }
 
-    /// Base frame in the world.
+    /// Returns the base frame in the world.
     pub(super) fn world_from_base(&self) -> &Frame {
         &self.world_from_base
     }
 
-    /// Encoders, currents and switches.
+    /// Reads encoders, currents and switches.
     pub(super) fn read(&mut self, drive: &ArmDrive, reading: &mut ArmReading) {
         reading.upper_limits = 0;
         reading.lower_limits = 0;
@@ -471,6 +510,7 @@ impl PlantArm {
         reading.synchronised = 0;
         for j in 0..AXES {
             let bit = 1 << j;
+            // Without a track axis 0 reports a synchronised motor at rest.
             if j == 0 && !self.model.has_track {
                 reading.counts[0] = 0;
                 reading.currents[0] = 0.0;
@@ -489,21 +529,22 @@ impl PlantArm {
             } else if self.m[j] > high + SWITCH {
                 reading.upper_limits |= bit;
             }
+            // A power stage trips on its present current at once, and on its heat after a time.
             if self.currents[j].abs() > self.dynamics.motors[j].trip_current || self.heat[j] > 1.0 {
                 reading.over_currents |= bit;
             }
         }
     }
 
-    /// Moves the whole arm.
+    /// Moves the whole arm by a displacement (m).
     #[cfg(test)]
     pub(super) fn shift(&mut self, by: &Vector3<f64>) {
         self.world_from_base.p += by;
         self.place();
     }
 
-    /// Compliance at a point of the last link with locked motors: displacement and rotation in the world per
-    /// force and torque there.
+    /// Returns the compliance at a point of the last link with locked motors: displacement and
+    /// rotation in the world per force and torque there.
     #[cfg(test)]
     pub(super) fn compliance(&self, point: &Vector3<f64>) -> Matrix6<f64> {
         let mut sum = Matrix6::zeros();
@@ -517,7 +558,7 @@ impl PlantArm {
         sum
     }
 
-    /// Kinetic energy, of springs, and of height (J): for tests.
+    /// Returns the kinetic, elastic and potential energy (J).
     #[cfg(test)]
     pub(super) fn energy(&self) -> f64 {
         let (mass, _) = self.placement.dynamics(&self.dynamics.links, &self.v, &self.gravity);
@@ -537,25 +578,26 @@ impl PlantArm {
 
 /// Springs between motors and links, seen at the joints.
 struct Springs {
-    /// Their force (N, Nm).
+    /// Force of the springs (N, Nm).
     force: [f64; AXES],
-    /// The factor of the relative velocity when the step takes them implicitly: `dt (D + dt K)`.
+    /// Factor of the relative velocity in an implicit step: `dt (D + dt K)`.
     implicit: [f64; AXES],
 }
 
-/// The motors' equation in joint coordinates, `(Mm + S) w = b`, ready to be solved.
+/// Equation of the motors in joint coordinates, `(Mm + S) w = b`, ready to be solved.
 struct MotorSide {
     /// Inverse of the block of axes 2..=5, which are coupled.
     inverse: [[f64; 4]; 4],
-    /// The diagonal; of [`MotorSide::SINGLE`] axes it is all there is.
+    /// Diagonal; an axis of [`MotorSide::SINGLE`] has no other entry.
     single: [f64; AXES],
 }
 
 impl MotorSide {
-    /// Axes that are coupled with no other one.
+    /// Axes without a coupling to another one.
     const SINGLE: [usize; 3] = [0, 1, 6];
 
     fn new(ratios: &[[f64; AXES]; AXES], inertia: &[f64; AXES], s: &[f64; AXES]) -> Self {
+        // H^T Mm H + S of axes 2..=5: motors 3 to 5 follow more than one joint.
         let mut coupled = [[0.0; 4]; 4];
         for a in 0..4 {
             for b in 0..=a {
@@ -599,10 +641,10 @@ fn hold_track(a: &mut [[f64; AXES]; AXES], b: &mut [f64; AXES]) {
     b[0] = 0.0;
 }
 
-/// Inverse of a symmetric positive definite 4 x 4 matrix.
+/// Returns the inverse of a symmetric positive definite 4 x 4 matrix.
 fn inverse4(a: &[[f64; 4]; 4]) -> [[f64; 4]; 4] {
     let m = nalgebra::Matrix4::from_fn(|i, j| a[i][j]);
-    // A positive definite matrix has an inverse; the fallback only keeps a NaN from becoming a panic.
+    // A positive definite matrix has an inverse; the fallback keeps a NaN from becoming a panic.
     let inverse = m.try_inverse().unwrap_or_else(nalgebra::Matrix4::zeros);
     std::array::from_fn(|i| std::array::from_fn(|j| inverse[(i, j)]))
 }

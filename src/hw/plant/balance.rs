@@ -1,14 +1,21 @@
-//! The cube in the hands: where it is when all forces on it balance.
+//! Balance of forces on the cube: the pose of the cube in the hands.
 //!
-//! The cube has so little mass against the stiffness of its contacts that it is quasi-static: in each substep
-//! its pose is the one where pads, palms, the operator's hand, weight, and the springs inside it cancel.
-//! When two grippers hold different layers of one axis it is two bodies, joined by an interface with play,
-//! whose turning part slips like friction; otherwise it is one.
+//! The cube is quasi-static, because its mass is small against the stiffness of its contacts: in
+//! each substep it is where pads, palms, the operator's hand, weight and its inner springs cancel.
+//! While two grippers hold different layers of one axis the cube is two bodies, joined by an
+//! interface with play whose turning part slips like friction. Otherwise it is one body.
 //!
-//! - in: poses of tools, openings of jaws, the operator's hold, the table's height
-//! - out: poses of the bodies, the wrench of each gripper on the cube, slip of layers and of grips
-//! - method: Newton with the elastic stiffness (always positive definite) and return mapping of every
-//!   friction at each evaluation; states are committed once a substep
+//! - in: poses of the tools, openings of the jaws, the operator's hold, the table's height
+//! - out: poses of the bodies, wrench of each gripper on the cube, slip of layers and of grips
+//! - method: Newton with the elastic stiffness (always positive definite) and return mapping of
+//!   each friction at each evaluation. States are committed once a substep.
+//!
+//! | round of the search | threshold | reason |
+//! |---|---|---|
+//! | ends it early | `TOLERANCE` | the next substep takes up the rest |
+//! | ends it from `ROUNDS` on | `FAR` tolerances | more would show in a wrist sensor |
+//! | ends it without a balance | `STALLED`, `MOST_ROUNDS` | slip on both sides has no balance |
+//! | is halved and tried again | `OVERSHOT` | it met or left a contact unknown to the stiffness |
 
 use super::cube::{InterfaceLoad, Layers, MIDDLE, Puzzle};
 use super::frame::{Frame, about, rotation_vector, skew, solve};
@@ -18,22 +25,25 @@ use crate::cube::Axis;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use std::ops::{AddAssign, SubAssign};
 
-/// Newton rounds a substep; what little is left over is taken up in the next one.
+/// Newton rounds of a usual substep; the next substep takes up the small rest.
 const ROUNDS: usize = 3;
-/// Rounds of a substep that ends far out of balance: one-sided contacts can throw a light layer to and fro.
+/// Most rounds of a substep that is far out of balance: one-sided contacts can throw a light layer
+/// to and fro.
 const MOST_ROUNDS: usize = 15;
-/// So many rounds in a row that change next to nothing are the last ones: what slips on both sides finds no balance, and how
-/// fast it slips is not to come from how long a balance is sought.
+/// Rounds in a row without progress that end the search. A cube that slips on both sides finds no
+/// balance, and the speed of its slip must not depend on the number of rounds.
 const STALLED: usize = 2;
-/// Further out of balance than this many tolerances (0.1 N, 2 mNm) is far: a wrist would feel what nothing bears.
+/// Imbalance that is far (tolerances): 0.1 N and 2 mNm, a load without a cause that a wrist sensor
+/// would show.
 const FAR: f64 = 20.0;
-/// A round that leaves this many times more out of balance went too far. Where friction slips it may grow a little.
+/// Growth of the imbalance in one round from which on the step was too long. Where friction slips,
+/// a little growth is normal.
 const OVERSHOT: f64 = 1.2;
-/// A balance within this is good (N, Nm).
+/// Imbalance that counts as none (N, Nm).
 const TOLERANCE: (f64, f64) = (5e-3, 1e-4);
-/// Elastic stiffness of a layer that is not turning (Nm/rad).
+/// Elastic stiffness of a layer that does not turn (Nm/rad).
 const LAYER_STIFFNESS: f64 = 200.0;
-/// A corner that stands in the way (Nm/rad).
+/// Stiffness of another layer's corner in the way of a turn (Nm/rad).
 const CORNER_STIFFNESS: f64 = 50.0;
 /// Stiffness inside the play, as a share of that beyond it: the springs of the core's screws.
 const INSIDE_PLAY: f64 = 0.05;
@@ -41,67 +51,71 @@ const INSIDE_PLAY: f64 = 0.05;
 /// The operator's hold on the cube: a spring and a damper to a moving pose.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct HandHold {
-    /// Where it wants the cube.
+    /// Pose at which the hand wants the cube.
     pub(super) world_from_cube: Frame,
-    /// (N/m), a hundredth of a metre squared of it is the rotation's (Nm/rad).
+    /// Stiffness (N/m); times 0.01 m2 it is that of the rotation (Nm/rad).
     pub(super) stiffness: f64,
-    /// (Ns/m)
+    /// Damping (Ns/m); times 0.01 m2 it is that of the rotation (Nms/rad).
     pub(super) damping: f64,
 }
 
-/// Two bodies: which axis turns between them, and which layers each has.
+/// Division into two bodies: the axis that turns between them, and the layers of each.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(super) struct Split {
     pub(super) axis: usize,
     pub(super) layers: [Layers; 2],
 }
 
-/// What an interface transmits, and how far it slipped in the last substep.
+/// Load on the interface between two bodies, and its slip in the last substep.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Interface {
-    /// About the axis, on the first body (Nm).
+    /// Torque about the axis, on the first body (Nm).
     pub(super) torque: f64,
     /// Torque at which it slips (Nm).
     pub(super) limit: f64,
-    /// (Nm)
+    /// Torque across the axis, beyond the play (Nm).
     pub(super) tilt: f64,
-    /// (N)
+    /// Force along the axis, on the first body (N).
     pub(super) axial: f64,
+    /// Slip of the first body against the second (rad).
     slip: f64,
-    /// Interface that gives way: which body's layer turns against the core.
+    /// Index of the body whose layer turns against the core.
     slipping: usize,
 }
 
-/// What acts on the cube.
+/// Everything around the cube that acts on it.
 pub(super) struct Surroundings<'a> {
     /// `world_from_tool` of the arms.
     pub(super) tools: [Frame; 2],
-    /// Grippers that are near.
+    /// Grippers near the cube.
     pub(super) hands: [Option<Hands<'a>>; 2],
-    /// The operator's hold.
+    /// Hold of the operator's hand.
     pub(super) hold: Option<HandHold>,
-    /// In the world (N).
+    /// Weight of the cube, in the world (N).
     pub(super) weight: Vector3<f64>,
     /// Time of the substep (s).
     pub(super) dt: f64,
 }
 
+/// Poses of the cube's one or two bodies, and the contacts that hold them.
 #[derive(Debug, Clone)]
 pub(super) struct Balance {
     /// Poses of the bodies in the world; the second only counts when split.
     pub(super) nodes: [Frame; 2],
     pub(super) split: Option<Split>,
     pub(super) interface: Interface,
-    /// Of the last substep.
+    /// Contacts of the grippers in the last substep.
     pub(super) touches: [Touch; 2],
     /// Force of the operator's hand on the cube (N), in the world.
     pub(super) hand_force: Vector3<f64>,
+    /// Pose of the first body in the last substep.
     before: Frame,
+    /// Pose at which the operator's hand wanted the cube in the last substep.
     hand_before: Frame,
     /// Tools of the last substep.
     tools_before: Option<[Frame; 2]>,
     edge: f64,
-    /// The table under a cube of one piece; in two pieces it is held between two hands, far above.
+    /// Table under a cube of one body. A cube of two bodies is between two hands, far above it.
     rest: Rest,
 }
 
@@ -121,27 +135,29 @@ impl Balance {
         }
     }
 
-    /// With what the table bore the cube in the last substep (N).
-    pub(super) fn borne(&self) -> f64 {
-        self.rest.borne
+    /// Returns the force with which the table carried the cube in the last substep (N).
+    pub(super) fn table_load(&self) -> f64 {
+        self.rest.table_load
     }
 
-    /// Whether a gripper alone holds the cube, which then goes where its tool goes.
+    /// Checks whether one gripper alone holds the cube, so that the cube moves along with its tool.
     pub(super) fn hangs_on(&self, gripper: usize) -> bool {
         let others = (0..2).any(|i| i != gripper && self.touches[i].any());
-        !others && self.hand_force == Vector3::zeros() && self.borne() == 0.0
+        !others && self.hand_force == Vector3::zeros() && self.table_load() == 0.0
     }
 
-    /// At rest with bodies that were kept.
+    /// Puts the cube at rest with saved bodies.
     pub(super) fn restore(&mut self, nodes: [Frame; 2], split: Option<Split>) {
         *self = Self { nodes, split, ..Self::new(nodes[0], self.edge, self.rest.height) };
     }
 
-    /// The middle layer's frame in the world.
+    /// Returns the middle layer's frame in the world.
     pub(super) fn core(&self, puzzle: &Puzzle) -> Frame {
         match self.split {
             None => self.nodes[0],
             Some(s) => {
+                // The core goes with the body that has the middle layer. If both hands hold outer
+                // layers alone, it is the first body with its layer turned back.
                 let body = usize::from(s.layers[0] & MIDDLE == 0);
                 if s.layers[body] & MIDDLE == 0 {
                     self.unturned(0, s, puzzle)
@@ -152,16 +168,17 @@ impl Balance {
         }
     }
 
-    /// A body's frame with its layer turned back to the core.
+    /// Returns a body's frame with its layer turned back to the core.
     fn unturned(&self, body: usize, split: Split, puzzle: &Puzzle) -> Frame {
         let angle = layer_angle(puzzle, split.axis, split.layers[body]);
         let back = about(&Axis::ALL[split.axis].unit(), -angle);
         self.nodes[body].times(&Frame::rotated(back))
     }
 
-    /// Makes one body of the cube or two, without moving anything but a layer that becomes a body again while it is still
-    /// held: it lies as far off the core as before. Without that its play would begin anew each time, and what a hand
-    /// holds would lean over by as much more.
+    /// Makes the cube one body or two. The bodies stay in place, except a layer that becomes a body
+    /// again while a hand still holds it: it returns to its former offset from the core. Otherwise
+    /// its play would begin again each time and a held layer would lean over by 9 mrad more
+    /// (measured on seed 20236, until the opening jaws showed 35 N).
     pub(super) fn regroup(
         &mut self,
         split: Option<Split>,
@@ -173,6 +190,7 @@ impl Balance {
         }
         let core = self.core(puzzle);
         if let Some(old) = self.split {
+            // The offset is kept for the next split about the same axis.
             for grasp in grasps.iter_mut().filter(|grasp| grasp.attached()) {
                 grasp.off[old.axis] = core.to_local(&self.unturned(grasp.node, old, puzzle));
             }
@@ -180,7 +198,8 @@ impl Balance {
         if let Some(old) = self.split
             && split.is_none_or(|s| s.axis != old.axis)
         {
-            // Nothing but the description changes: the core's frame stays where it is.
+            // Whole quarters become a permutation of the stickers: another description of the same
+            // cube.
             puzzle.settle(old.axis);
         }
         let mut nodes = [core; 2];
@@ -188,12 +207,14 @@ impl Balance {
             for (body, node) in nodes.iter_mut().enumerate() {
                 let angle = layer_angle(puzzle, s.axis, s.layers[body]);
                 let turned = Frame::rotated(about(&Axis::ALL[s.axis].unit(), angle));
+                // Only an outer layer in a hand has an offset: the core defines the frame.
                 let layer = s.layers[body] & MIDDLE == 0 && grasps[body].attached();
                 let off = if layer { grasps[body].off[s.axis] } else { Frame::IDENTITY };
                 *node = core.times(&off).times(&turned);
             }
         }
         for (i, grasp) in grasps.iter_mut().enumerate() {
+            // A grasp stays where it is in the world: its reference is expressed in the new body.
             if grasp.attached() {
                 let node = if split.is_some() { i } else { 0 };
                 let old_from_new = self.nodes[grasp.node].to_local(&nodes[node]);
@@ -206,19 +227,22 @@ impl Balance {
         self.interface = Interface::default();
     }
 
-    /// Takes one substep: finds where all forces balance, and commits the slip of grips and layers.
+    /// Performs one substep: finds where all forces balance, and commits the slip of grips and
+    /// layers.
     pub(super) fn step(
         &mut self,
         puzzle: &mut Puzzle,
         grasps: &mut [Grasp; 2],
         around: &Surroundings,
     ) {
+        // While the operator's hand holds the cube, no gripper carries it alone.
         if around.hold.is_none() {
             self.carry(grasps, &around.tools);
         }
         self.tools_before = Some(around.tools);
-        let borne = self.find_balance(puzzle, grasps, around);
-        self.rest.commit(borne);
+        let bearing = self.find_balance(puzzle, grasps, around);
+        // Newton evaluates each friction several times, so slip is committed here, once.
+        self.rest.commit(bearing);
         if around.hold.is_none() {
             self.hand_force = Vector3::zeros();
         }
@@ -232,8 +256,8 @@ impl Balance {
         }
     }
 
-    /// Moves the bodies, round by round, to where all forces on them balance; returns what the
-    /// table bears there.
+    /// Moves the bodies, round by round, to where all forces on them balance; returns the table's
+    /// load there.
     fn find_balance(
         &mut self,
         puzzle: &Puzzle,
@@ -248,15 +272,18 @@ impl Balance {
             system.clear(bodies);
             let load = self.load(&mut system, puzzle, grasps, around);
             let left = system.imbalance(bodies);
+            // The first rounds seek the tolerance. After them an imbalance that is not far off is
+            // good enough, and progress of less than 3 % counts as none.
             let enough = if round < ROUNDS { 1.0 } else { FAR };
             let before = step.as_ref().map_or(f64::INFINITY, |s| s.imbalance);
             let overshot = round > ROUNDS && left > OVERSHOT * before;
             let stalls = round > ROUNDS && left > 0.97 * before && !overshot;
             stalled = if stalls { stalled + 1 } else { 0 };
             if left < enough || round == MOST_ROUNDS || stalled == STALLED {
-                return load.borne;
+                return load.bearing;
             }
-            // Too far: it met a contact, or left one, that the stiffness did not know.
+            // The step met or left a contact that the stiffness does not contain: half of it is
+            // tried from the same start.
             if overshot && let Some(step) = &mut step {
                 step.moves = step.moves.map(|m| 0.5 * m);
                 step.go(&mut self.nodes[..bodies]);
@@ -267,7 +294,7 @@ impl Balance {
             let step = step.insert(Step { from: self.nodes, moves, imbalance: left });
             step.go(&mut self.nodes[..bodies]);
         }
-        // The last round has returned above.
+        // The last round returns above.
         None
     }
 
@@ -291,18 +318,19 @@ impl Balance {
             self.touches[i] = grasps[i].touch(&tools[i], body, hands);
             system.load(self.body_of(&grasps[i]), &tools[i], body, &self.touches[i]);
         }
+        // Each body carries an equal share of the cube's weight.
         for residual in system.residual.iter_mut().take(bodies) {
             residual.fixed_rows_mut::<3>(0).add_assign(&(weight / bodies as f64));
         }
         if let Some(hold) = hold {
             self.hand_force = self.add_hold(system, hold, *dt);
-            // The hand carries the cube's weight without sinking.
+            // A person holds the cube up: its spring of 300 N/m would sag by 3 mm under 1 N.
             system.residual[0].fixed_rows_mut::<3>(0).sub_assign(weight);
         }
-        let borne = if bodies == 1 { self.rest.bear(&self.nodes[0], *dt) } else { None };
-        if let Some(borne) = &borne {
-            system.residual[0].fixed_rows_mut::<3>(0).add_assign(&borne.force);
-            system.residual[0].fixed_rows_mut::<3>(3).add_assign(&borne.torque);
+        let bearing = if bodies == 1 { self.rest.contact(&self.nodes[0], *dt) } else { None };
+        if let Some(bearing) = &bearing {
+            system.residual[0].fixed_rows_mut::<3>(0).add_assign(&bearing.force);
+            system.residual[0].fixed_rows_mut::<3>(3).add_assign(&bearing.torque);
         }
         let joint = self.split.map(|split| {
             let (interface, joint) = self.join(split, puzzle);
@@ -310,7 +338,7 @@ impl Balance {
             system.load_joint(&joint, &self.nodes);
             joint
         });
-        Load { borne, joint }
+        Load { bearing, joint }
     }
 
     /// Adds the wrench of the operator's hold on the first body, and its stiffness; returns its
@@ -319,9 +347,11 @@ impl Balance {
         let (body, before, hand_before) = (&self.nodes[0], &self.before, &self.hand_before);
         let target = &hold.world_from_cube;
         let offset = target.p - body.p;
+        // The damper sees the speed of the cube against the hand: it does not hold back a cube that
+        // the hand carries.
         let speed = ((target.p - hand_before.p) - (body.p - before.p)) / dt;
         let force = offset * hold.stiffness + speed * hold.damping;
-        // A hand's grip is about 0.1 m wide: K times 0.01 m2 in rotation.
+        // A hand's grip is about 0.1 m wide, so rotation has the stiffness times 0.01 m2.
         let k_turn = hold.stiffness * 0.01;
         let c_turn = hold.damping * 0.01;
         let twist = rotation_vector(&(target.r * body.r.transpose()));
@@ -338,15 +368,17 @@ impl Balance {
         force
     }
 
-    /// Adds the stiffness of the contacts that bear the load.
+    /// Adds the stiffness of the contacts that carry the load.
     fn stiffen(
         &self,
         system: &mut System,
-        Load { borne, joint }: &Load,
+        Load { bearing, joint }: &Load,
         grasps: &[Grasp; 2],
         tools: &[Frame; 2],
     ) {
         for (i, touch) in self.touches.iter().enumerate() {
+            // Attached pads that do not press keep a small stiffness, which keeps the matrix
+            // regular.
             if touch.any() || grasps[i].attached() {
                 let body = self.body_of(&grasps[i]);
                 let lever = tools[i].p - self.nodes[body].p;
@@ -354,18 +386,19 @@ impl Balance {
                     moved(&touch.stiffness, &tools[i].r, &lever, &lever);
             }
         }
-        if let Some(borne) = borne {
-            system.stiffness[0][0] += borne.stiffness;
+        if let Some(bearing) = bearing {
+            system.stiffness[0][0] += bearing.stiffness;
         }
         if let Some(joint) = joint {
             system.stiffen_joint(joint, &self.nodes);
         }
     }
 
-    /// Turns the layers of the body that gives way by what the interface slipped.
+    /// Turns the layers of the body that gives way by the slip of the interface.
     fn slip_layers(&self, puzzle: &mut Puzzle) {
         let Some(split) = self.split else { return };
         let body = self.interface.slipping;
+        // The interface counts the slip of the first body; the second one slips the other way.
         let slip = if body == 0 { self.interface.slip } else { -self.interface.slip };
         for side in 0..2 {
             if split.layers[body] & (1 << (2 * side)) != 0 {
@@ -379,8 +412,9 @@ impl Balance {
         if self.split.is_some() { 2 } else { 1 }
     }
 
-    /// First guess: a cube that one gripper alone holds goes with its tool. From where it was, a tool at 0.5 m/s would
-    /// seem to strain the pads beyond their friction, and the cube would slip by the solver's fault.
+    /// Moves a cube that one gripper alone holds along with its tool, as a first guess. From the
+    /// cube's last place a tool at 0.5 m/s would seem to strain the pads beyond their friction, and
+    /// the solver alone would make the cube slip.
     fn carry(&mut self, grasps: &[Grasp; 2], tools: &[Frame; 2]) {
         let alone = match (grasps[0].attached(), grasps[1].attached()) {
             (true, false) => 0,
@@ -394,31 +428,35 @@ impl Balance {
         }
     }
 
-    /// Which body a gripper touches.
+    /// Returns the index of the body that a gripper touches.
     fn body_of(&self, grasp: &Grasp) -> usize {
         if grasp.attached() && self.split.is_some() { grasp.node } else { 0 }
     }
 
-    /// The hand took hold anew.
+    /// Takes over the pose of an operator's hand that has just taken hold, so that its jump counts
+    /// as no motion.
     pub(super) fn hand_comes(&mut self, hold: &Frame) {
         self.hand_before = *hold;
     }
 
-    /// Puts everything elsewhere: a cube that is carried or falls.
+    /// Puts the whole cube elsewhere: the operator carries it, or it falls.
     pub(super) fn place(&mut self, world_from_cube: Frame) {
         self.nodes = [world_from_cube; 2];
         self.before = world_from_cube;
     }
 
-    /// The springs between the two bodies.
+    /// Returns the interface between the two bodies and the springs in it.
     fn join(&self, split: Split, puzzle: &Puzzle) -> (Interface, Joint) {
         let m = &puzzle.mechanics;
         let unit = Axis::ALL[split.axis].unit();
+        // Without their layers' angles both bodies have the core's frame; a difference strains the
+        // interface.
         let ours = self.unturned(0, split, puzzle);
         let theirs = self.unturned(1, split, puzzle);
         let e = theirs.to_local(&ours);
         let w = rotation_vector(&e.r);
-        // The plane between the layers: a sixth of the edge off the centre, towards the lone outer layer.
+        // The interface lies between the layers: a sixth of the edge off the centre, towards the
+        // lone outer layer.
         let outwards = |layers: Layers| f64::from(layers >> 2 & 1) - f64::from(layers & 1);
         let middle = split.layers.iter().position(|l| l & MIDDLE != 0);
         let at = match middle {
@@ -431,10 +469,12 @@ impl Balance {
         let twist = unit.dot(&w);
         let tilt = w - unit * twist;
 
+        // Assumption: the play along the axis is half of the play across.
         let (f_across, k_across, lateral) = with_play(&across, m.play, m.stiffness);
         let (f_axial, k_axial, axial_load) = with_play(&(unit * axial), 0.5 * m.play, m.stiffness);
         let (t_tilt, k_tilt, tilt_load) = with_play(&tilt, m.tilt_play, m.tilt_stiffness);
         let load = InterfaceLoad { lateral, tilt: tilt_load, axial: axial_load };
+        // A body of both outer layers slips on both sides of the middle one: the torques add.
         let limit = |body: usize| -> f64 {
             (0..2)
                 .filter(|side| split.layers[body] & (1 << (2 * side)) != 0)
@@ -444,13 +484,16 @@ impl Balance {
         let (slipping, limit) = if let Some(body) = middle {
             (1 - body, limit(1 - body))
         } else {
-            // The middle layer turns along with whichever neighbour holds it better.
+            // The middle layer turns along with the neighbour that holds it better.
             let (a, b) = (limit(0), limit(1));
             if a <= b { (0, a) } else { (1, b) }
         };
+        // A corner of a misaligned layer is a stop: it yields by its stiffness and never slips.
         let blocked = puzzle.blocked(split.axis);
         let k = if blocked { CORNER_STIFFNESS } else { LAYER_STIFFNESS };
         let trial = -k * twist;
+        // Return mapping: beyond the limit the torque stays at the limit, and the excess becomes
+        // slip. 2 % of the stiffness remain, or Newton would have no slope.
         let (torque, slip, k_twist) = if blocked || trial.abs() <= limit {
             (trial, 0.0, k)
         } else {
@@ -471,16 +514,18 @@ impl Balance {
     }
 }
 
-/// Angle of a body's layer against the core (rad).
+/// Returns the angle of a body's layer against the core (rad).
 pub(super) fn layer_angle(puzzle: &Puzzle, axis: usize, layers: Layers) -> f64 {
     match layers {
         1 => puzzle.angles[axis][0],
+        // Both outer layers of one body turn together: one angle is enough.
         4 | 5 => puzzle.angles[axis][1],
         _ => 0.0,
     }
 }
 
-/// A spring with play: force, stiffness, and the size of the force beyond the play.
+/// Returns force, stiffness, and the size of the force beyond the play, of a spring with play. Only
+/// the latter rubs.
 fn with_play(d: &Vector3<f64>, play: f64, k: f64) -> (Vector3<f64>, f64, f64) {
     let inside = INSIDE_PLAY * k;
     let size = d.norm();
@@ -491,7 +536,8 @@ fn with_play(d: &Vector3<f64>, play: f64, k: f64) -> (Vector3<f64>, f64, f64) {
     (d * (-(inside + beyond / size)), k, beyond)
 }
 
-/// A spring between the bodies at a point of a frame, in that frame's axes; what it exerts on the first.
+/// Spring between the bodies at a point of a frame, in the axes of that frame. Force and moment act
+/// on the first body.
 struct Joint {
     frame: Frame,
     at: Vector3<f64>,
@@ -500,15 +546,16 @@ struct Joint {
     stiffness: Matrix6<f64>,
 }
 
-/// Forces on the bodies in one round, beside grippers and hand, whose stiffness is to be added.
+/// Load of one round, beside grippers and hand, whose stiffness is still to be added.
 struct Load {
-    /// What the table bears.
-    borne: Option<Bearing>,
-    /// The interface between two bodies.
+    /// Load on the table.
+    bearing: Option<Bearing>,
+    /// Interface between two bodies.
     joint: Option<Joint>,
 }
 
-/// A round's step: where from, by how much (metres, radians), and what was out of balance there, in tolerances.
+/// Step of one round: its start, its displacements (m, rad), and the imbalance at the start
+/// (tolerances).
 struct Step {
     from: [Frame; 2],
     moves: [Vector6<f64>; 2],
@@ -523,7 +570,8 @@ impl Step {
     }
 }
 
-/// Residual wrenches on the bodies (force, torque about their origins, in the world) and the stiffness.
+/// Residual wrenches on the bodies (force, and torque about their origins, in the world), and the
+/// stiffness.
 struct System {
     residual: [Vector6<f64>; 2],
     stiffness: [[Matrix6<f64>; 2]; 2],
@@ -534,7 +582,7 @@ impl System {
         Self { residual: [Vector6::zeros(); 2], stiffness: [[Matrix6::zeros(); 2]; 2] }
     }
 
-    /// Empties what these bodies have of it.
+    /// Clears the entries of the first `bodies` bodies.
     fn clear(&mut self, bodies: usize) {
         for i in 0..bodies {
             self.residual[i].fill(0.0);
@@ -545,6 +593,7 @@ impl System {
     }
 
     fn load(&mut self, node: usize, tool: &Frame, body: &Frame, touch: &Touch) {
+        // The torque moves from the tool point to the body's origin.
         let lever = tool.p - body.p;
         let force = tool.r * touch.force;
         let torque = tool.r * touch.torque + lever.cross(&force);
@@ -556,6 +605,7 @@ impl System {
     fn load_joint(&mut self, joint: &Joint, nodes: &[Frame; 2]) {
         let point = joint.frame.point(&joint.at);
         let (force, moment) = (joint.frame.r * joint.force, joint.frame.r * joint.moment);
+        // The spring acts on both bodies, in opposite directions.
         for (body, sign) in [(0, 1.0), (1, -1.0)] {
             let lever = point - nodes[body].p;
             let r = &mut self.residual[body];
@@ -569,6 +619,8 @@ impl System {
         let [a, b] = nodes.map(|n| point - n.p);
         let spring =
             |a: &Vector3<f64>, b: &Vector3<f64>| moved(&joint.stiffness, &joint.frame.r, a, b);
+        // The bodies strain the spring by their difference: the blocks off the diagonal are
+        // negative.
         self.stiffness[0][0] += spring(&a, &a);
         self.stiffness[1][1] += spring(&b, &b);
         let between = spring(&a, &b);
@@ -576,7 +628,7 @@ impl System {
         self.stiffness[1][0] -= between.transpose();
     }
 
-    /// The greatest force or torque that nothing bears, in tolerances.
+    /// Returns the greatest force or torque without a counterpart, in tolerances.
     fn imbalance(&self, bodies: usize) -> f64 {
         self.residual.iter().take(bodies).fold(0.0, |most, r| {
             let force = r.fixed_rows::<3>(0).amax() / TOLERANCE.0;
@@ -586,6 +638,7 @@ impl System {
 
     fn solve(&self, bodies: usize) -> [Vector6<f64>; 2] {
         let mut moves = [Vector6::zeros(); 2];
+        // Arrays of 6 and 12 unknowns: a period must not allocate.
         if bodies == 1 {
             let mut a: [[f64; 6]; 6] =
                 std::array::from_fn(|i| std::array::from_fn(|j| self.stiffness[0][0][(i, j)]));
@@ -604,7 +657,8 @@ impl System {
                 moves[body] = Vector6::from_fn(|i, _| b[6 * body + i]);
             }
         }
-        // A contact that appears within a round must not throw the cube: 1 mm and 1 deg a round at most.
+        // At most 1 mm and 1 deg a round: a contact that appears within a round must not throw the
+        // cube.
         for m in &mut moves {
             let size =
                 (m.fixed_rows::<3>(0).norm() / 1e-3).max(m.fixed_rows::<3>(3).norm() / 0.0175);
@@ -616,14 +670,16 @@ impl System {
     }
 }
 
-/// A body that only one pad pushes has directions without any spring.
+/// Adds a weak spring in each direction (50 N/m, 0.05 Nm/rad): a body that only one pad pushes has
+/// directions without any.
 fn regularise<const N: usize>(a: &mut [[f64; N]; N]) {
     for (i, row) in a.iter_mut().enumerate() {
         row[i] += if i % 6 < 3 { 50.0 } else { 0.05 };
     }
 }
 
-/// A stiffness of a frame with axes `r` at `lever_a` from one body's origin and `lever_b` from another's.
+/// Returns the stiffness of a spring with axes `r` that is `lever_a` from one body's origin and
+/// `lever_b` from another's.
 pub(super) fn moved(
     k: &Matrix6<f64>,
     r: &Matrix3<f64>,
@@ -634,7 +690,8 @@ pub(super) fn moved(
         r * k.fixed_view::<3, 3>(i, j).into_owned() * r.transpose()
     };
     let (ff, mm) = (block(0, 0), block(3, 3));
-    // Force and rotation are only coupled where the palm's stops press.
+    // Force and rotation are only coupled where the palm's stops press; else two products are
+    // saved.
     let coupled = k.m34 != 0.0 || k.m35 != 0.0;
     let fm = if coupled { block(0, 3) } else { Matrix3::zeros() };
     let mf = fm.transpose();
@@ -646,4 +703,26 @@ pub(super) fn moved(
     out.fixed_view_mut::<3, 3>(3, 0).copy_from(&(a * ff + mf));
     out.fixed_view_mut::<3, 3>(3, 3).copy_from(&(a * top + mf * bt + mm));
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cleared_system_equals_new_system() {
+        for bodies in [1, 2] {
+            let mut system = System::new();
+            for i in 0..bodies {
+                system.residual[i].fill(1.0);
+                system.stiffness[i][..bodies].fill(Matrix6::identity());
+            }
+
+            system.clear(bodies);
+
+            let empty = System::new();
+            assert_eq!(system.residual, empty.residual);
+            assert_eq!(system.stiffness, empty.stiffness);
+        }
+    }
 }

@@ -1,12 +1,13 @@
-//! What touches that should not: fingers, palms, hands and forearms of the two arms, the cube, the table.
+//! Unwanted contacts: fingers, palms, hands and forearms of the two arms, the cube, the table.
 //!
-//! - in: where both arms, the jaws and the cube are, once a servo period
-//! - out: forces on the arms (penalty springs with damping, held for the next period), and each new contact
-//! - swept: what moved far in a period is looked at on its way, too; a graze between two periods counts, but leaves no
-//!   force, which the same bodies touching at the period's end would
-//! - shapes: fingers, hands, wrists and forearms are capsules, palm plates are boxes, the cube is its eight
-//!   corners; the contact of pads, palms' stops and finger ends with the cube belongs to the grasp. An arm
-//!   does not meet itself; the operator's hand gives way
+//! - in: poses of both arms, the jaws and the cube, once a servo period
+//! - out: forces on the arms (penalty springs with damping, held for the next period), and each new
+//!   contact
+//! - sweep: a large motion in a period is sampled on its way as well. A graze between two periods
+//!   counts but leaves no force; the same bodies in contact at the period's end leave one
+//! - shapes: fingers, hands, wrists and forearms are capsules, palm plates are boxes, the cube is
+//!   its eight corners. The contact of pads, palms' stops and finger ends with the cube belongs to
+//!   the grasp. An arm does not meet itself; the operator's hand gives way
 
 use super::arm::PlantArm;
 use super::frame::Frame;
@@ -21,15 +22,16 @@ const SPRING: (f64, f64, f64) = (2e4, 100.0, 300.0);
 const RADII: [f64; 3] = [0.045, 0.05, 0.065];
 /// Half the thickness of a palm plate (m).
 const PALM: f64 = 0.004;
-/// A contact ends when the parts are this far apart (m).
+/// Distance of the parts at which a contact ends (m).
 const APART: f64 = 2e-3;
-/// A cube that is laid down sinks into the table by less: 30 N on its four corners (m).
+/// Depth to which a cube that is laid down sinks into the table at most (m): 30 N on its four
+/// corners.
 const LAID_DOWN: f64 = 3e-4;
-/// Arms whose wrists are farther apart than this cannot touch (m).
+/// Distance of the wrists beyond which the arms cannot touch (m).
 const FAR: f64 = 1.3;
-/// Farthest that anything moves unseen (m): an eighth of a finger's thickness.
+/// Longest motion between two samples (m): a twentieth of a finger's thickness.
 const STEP: f64 = 5e-4;
-/// Most looks a period; at 1 m/s four are needed.
+/// Most samples of a period; at 1 m/s four are needed.
 const LOOKS: f64 = 8.0;
 /// Capsules of an arm: two fingers, hand, wrist, forearm.
 const CAPSULES: usize = 5;
@@ -41,7 +43,8 @@ struct Capsule {
     radius: f64,
 }
 
-/// A contact: how deep, where, and the direction that the first part is pushed in.
+/// Contact of two parts: its depth (m), its place, and the direction in which it pushes the first
+/// part.
 #[derive(Clone, Copy)]
 struct Contact {
     depth: f64,
@@ -49,7 +52,7 @@ struct Contact {
     normal: Vector3<f64>,
 }
 
-/// Everything of an arm that may collide.
+/// Parts of an arm that may collide.
 #[derive(Debug, Clone, Copy)]
 struct Shape {
     capsules: [Capsule; CAPSULES],
@@ -57,35 +60,36 @@ struct Shape {
     palm_half: Vector3<f64>,
 }
 
-/// Everything that may collide, at one instant.
+/// All parts that may collide, at one instant.
 #[derive(Debug, Clone, Copy)]
 struct Scene {
     arms: [Option<Shape>; 2],
-    /// Of the cube.
+    /// Corners of the cube.
     corners: [Vector3<f64>; 8],
 }
 
-/// What is being touched now.
+/// Contacts of the present, and the forces that they make.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Collisions {
+    /// Bits of the pairs in contact.
     active: u128,
-    /// At the end of the last period.
+    /// Scene at the end of the last period.
     before: Option<Scene>,
     /// Joint torques of the obstacles, per arm.
     pub(super) torques: [[f64; AXES]; 2],
-    /// Least distance of a part of one arm from a part of the other so far (m); none while they
-    /// were far from each other.
+    /// Least distance between a part of one arm and a part of the other in this run (m); `None`
+    /// while the arms were far from each other.
     pub(super) arms_apart: Option<f64>,
 }
 
-/// The cube as an obstacle: pose, edge, and the arm that holds it alone.
+/// Cube as an obstacle: pose, edge, and the arm that holds it alone.
 pub(super) struct HeldCube {
     pub(super) frame: Frame,
     pub(super) edge: f64,
     pub(super) holder: Option<usize>,
 }
 
-/// Everything that may touch, once a servo period.
+/// Bodies that may touch, once a servo period.
 pub(super) struct Bodies<'a> {
     pub(super) arms: &'a [PlantArm],
     /// Openings of the jaws (m).
@@ -97,12 +101,13 @@ pub(super) struct Bodies<'a> {
 }
 
 impl Collisions {
-    /// Looks at the way since the last period and at where everything is now; `found` is called
-    /// with each new contact.
+    /// Examines the motion since the last period and the present scene; calls `found` with each new
+    /// contact.
     pub(super) fn look(&mut self, bodies: &Bodies<'_>, mut found: impl FnMut(Incident)) {
         self.torques = [[0.0; AXES]; 2];
         let now = Scene::of(bodies);
         if let Some(before) = self.before.replace(now) {
+            // Between two periods a fast finger could pass through another one.
             let looks = (before.farthest(&now) / STEP).ceil().min(LOOKS);
             for k in 1..looks as u32 {
                 let on_the_way = before.towards(&now, f64::from(k) / looks);
@@ -112,7 +117,7 @@ impl Collisions {
         self.look_at(&now, bodies, true, &mut found);
     }
 
-    /// Looks at one instant; `push`: contacts act on the arms.
+    /// Examines one instant; with `push` contacts act on the arms.
     fn look_at(
         &mut self,
         scene: &Scene,
@@ -130,8 +135,8 @@ impl Collisions {
         look.cube(scene, near);
     }
 
-    /// Pushes the two parts of a contact apart; `holder` is the arm that a load on the cube is
-    /// passed on to.
+    /// Pushes the two parts of a contact apart; `holder` is the arm to which a load on the cube is
+    /// passed on.
     fn push(
         &mut self,
         arms: &[PlantArm],
@@ -150,10 +155,11 @@ impl Collisions {
         };
         let closing = -(speed(first) - speed(second)).dot(&contact.normal);
         let (k, c, most) = SPRING;
+        // A contact pushes and never pulls, so the damper cannot make the force negative.
         let force = contact.normal * (k * contact.depth + c * closing).clamp(0.0, most);
         for (i, sign) in [(first, 1.0), (second, -1.0)] {
             let Some(i) = i else { continue };
-            // Forearms move by the joints before the wrist alone.
+            // A forearm moves by the joints before the wrist alone.
             let last = if matches!((a, b), (Part::Forearm(x), _) | (_, Part::Forearm(x)) if x == i)
             {
                 4
@@ -168,25 +174,27 @@ impl Collisions {
     }
 }
 
-/// One look at one instant. Each pair of parts has a bit of [`Collisions::active`], in the order of
-/// the calls.
+/// Examination of one instant. Each pair of parts has a bit of [`Collisions::active`], in the order
+/// of the calls.
 struct Look<'a, F> {
     collisions: &'a mut Collisions,
     bodies: &'a Bodies<'a>,
-    /// Contacts act on the arms.
+    /// Whether contacts act on the arms.
     push: bool,
     found: &'a mut F,
-    /// Number of pairs that were looked at.
+    /// Number of pairs examined.
     index: u32,
 }
 
 impl<F: FnMut(Incident)> Look<'_, F> {
-    /// Looks at one pair of parts: reports a contact that is new, and pushes.
+    /// Examines one pair of parts: reports a contact that is new, and pushes.
     fn touched(&mut self, contact: Option<Contact>, a: Part, b: Part) {
         let bit = 1_u128 << self.index;
         self.index += 1;
         let active = &mut self.collisions.active;
         let depth = contact.map_or(f64::NEG_INFINITY, |c| c.depth);
+        // A contact ends only once its parts are apart: parts that tremble against each other are
+        // reported once.
         if depth > 0.0 && *active & bit == 0 {
             *active |= bit;
             (self.found)(Incident::Collision { what: a, with: b, depth });
@@ -202,7 +210,7 @@ impl<F: FnMut(Incident)> Look<'_, F> {
         }
     }
 
-    /// Looks at each arm and the table; forearms stand well above it.
+    /// Examines each arm and the table. Forearms are always well above it.
     fn arms_and_table(&mut self, scene: &Scene) {
         let table = self.bodies.table;
         for (i, shape) in scene.arms.iter().enumerate() {
@@ -213,12 +221,14 @@ impl<F: FnMut(Incident)> Look<'_, F> {
         }
     }
 
-    /// Looks at the two arms: capsules against capsules, then palms against fingers.
+    /// Examines the two arms: capsules against capsules, then palms against fingers.
     fn two_arms(&mut self, scene: &Scene, near: bool) {
         let [first, second] = [scene.arms[0].as_ref(), scene.arms[1].as_ref()];
         for k in 0..CAPSULES {
             for l in 0..CAPSULES {
                 let contact = match (first, second) {
+                    // Pairs that cannot touch are called as well: a pair's bit follows from the
+                    // order of the calls.
                     (Some(f), Some(s)) if near => Some(capsules(&f.capsules[k], &s.capsules[l])),
                     _ => None,
                 };
@@ -238,7 +248,7 @@ impl<F: FnMut(Incident)> Look<'_, F> {
         }
     }
 
-    /// Keeps the distance between parts of two arms, if it is the least so far.
+    /// Keeps the distance between parts of two arms, if it is the least of the run.
     fn keep_least_distance(&mut self, contact: Option<Contact>) {
         if let Some(Contact { depth, .. }) = contact {
             let least = &mut self.collisions.arms_apart;
@@ -246,7 +256,7 @@ impl<F: FnMut(Incident)> Look<'_, F> {
         }
     }
 
-    /// Looks at the cube in one arm's hand, against the other arm and the table.
+    /// Examines the cube in one arm's hand, against the other arm and the table.
     fn cube(&mut self, scene: &Scene, near: bool) {
         let deepest = |f: &dyn Fn(&Capsule) -> Contact| {
             let mut worst: Option<Contact> = None;
@@ -261,11 +271,14 @@ impl<F: FnMut(Incident)> Look<'_, F> {
         let holder = self.bodies.cube.holder;
         let table = self.bodies.table;
         let any = holder.is_some();
+        // A cube that is laid down sinks a little into the table; only more than that is a
+        // collision.
         let table_contact =
             if any { deepest(&|c| above_table(c, table - LAID_DOWN)) } else { None };
         self.touched(table_contact, Part::Cube, Part::Table);
         for (i, shape) in scene.arms.iter().enumerate() {
             let other = if any && near && holder != Some(i) { shape.as_ref() } else { None };
+            // Fingers are left out: their contact with the cube belongs to the grasp.
             for k in 2..CAPSULES {
                 let contact = other.and_then(|s| deepest(&|c| capsules(c, &s.capsules[k])));
                 self.touched(contact, Part::Cube, part(i, k));
@@ -298,7 +311,7 @@ impl Scene {
         Self { arms: std::array::from_fn(shape), corners: std::array::from_fn(corner) }
     }
 
-    /// How far anything moved that is in both (m).
+    /// Returns the longest displacement of a part that is in both scenes (m).
     fn farthest(&self, later: &Self) -> f64 {
         let mut most = 0.0_f64;
         let mut see = |a: &Vector3<f64>, b: &Vector3<f64>| most = most.max((a - b).norm_squared());
@@ -315,7 +328,7 @@ impl Scene {
         most.sqrt()
     }
 
-    /// A share of the way on; over a period all of it is nearly straight.
+    /// Returns the scene a share of the way on; over one period the way is nearly straight.
     fn towards(&self, later: &Self, share: f64) -> Self {
         let point = |a: &Vector3<f64>, b: &Vector3<f64>| a + (b - a) * share;
         let mut between = *later;
@@ -337,6 +350,7 @@ impl Shape {
     fn new(arm: &PlantArm, opening: f64, g: &Gripper) -> Self {
         let tool = &arm.world_from_tool;
         let points = arm.points();
+        // A finger's capsule has the mean of half its width and half its thickness as its radius.
         let radius = 0.25 * (g.finger_width + g.finger_thickness);
         let finger = |side: f64| {
             let y = side * (0.5 * opening + 0.5 * g.finger_thickness);
@@ -361,8 +375,8 @@ impl Shape {
         }
     }
 
-    /// A capsule against the palm plate: pushes the capsule. Sampled at its ends and middle, which is enough
-    /// for fingers not longer than the plate.
+    /// Returns the contact of a capsule with the palm plate, which pushes the capsule. Samples of
+    /// its ends and middle are enough for fingers not longer than the plate.
     fn meets(&self, c: &Capsule) -> Contact {
         let mut worst = Contact { depth: f64::NEG_INFINITY, at: c.a, normal: Vector3::z() };
         for share in [0.0, 0.5, 1.0] {
@@ -375,6 +389,7 @@ impl Shape {
             let (depth, normal) = if distance > 1e-9 {
                 (c.radius - distance, away / distance)
             } else {
+                // A point inside the plate leaves it through the nearer of the two large faces.
                 let side = if local.z < 0.0 { -1.0 } else { 1.0 };
                 (c.radius + self.palm_half.z - local.z.abs(), Vector3::z() * side)
             };
@@ -391,12 +406,14 @@ fn above_table(c: &Capsule, table: f64) -> Contact {
     Contact { depth: table + c.radius - at.z, at, normal: Vector3::z() }
 }
 
-/// Two capsules: pushes the first.
+/// Returns the contact of two capsules, which pushes the first.
 fn capsules(c: &Capsule, d: &Capsule) -> Contact {
     let (u, v, w) = (c.b - c.a, d.b - d.a, c.a - d.a);
     let (a, b, e) = (u.norm_squared(), u.dot(&v), v.norm_squared());
     let (cu, cv) = (u.dot(&w), v.dot(&w));
     let divide = |x: f64, by: f64| if by > 1e-12 { (x / by).clamp(0.0, 1.0) } else { 0.0 };
+    // Nearest points of two segments: the minimum of a quadratic in the shares s and t, each kept
+    // between the ends. For parallel segments the divisor is 0, and s = 0 is as near as any other.
     let mut s = divide(b * cv - cu * e, a * e - b * b);
     let t = divide(b * s + cv, e);
     s = divide(b * t - cu, a);
@@ -412,7 +429,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn crossed_capsules_are_as_far_apart_as_their_axes() {
+    fn crossed_capsules_have_distance_of_their_axes() {
         let c = Capsule { a: -Vector3::x(), b: Vector3::x(), radius: 0.1 };
         for (height, depth) in [(0.25, -0.05), (0.15, 0.05)] {
             let up = Vector3::z() * height;
@@ -426,7 +443,7 @@ mod tests {
     }
 
     #[test]
-    fn what_only_touches_on_its_way_is_found_there() {
+    fn sweep_finds_contact_between_two_periods() {
         let finger = |x: f64| {
             let a = Vector3::new(x, 0.0, 0.0);
             Capsule { a, b: a + Vector3::z() * 0.05, radius: 0.004 }
@@ -446,7 +463,7 @@ mod tests {
     }
 
     #[test]
-    fn ends_and_parallels_are_found_as_well() {
+    fn capsules_meet_at_ends_and_in_parallel() {
         let c = Capsule { a: Vector3::zeros(), b: Vector3::x(), radius: 0.1 };
         let beyond = Vector3::new(1.3, 0.0, 0.0);
         let d = Capsule { a: beyond, b: beyond + Vector3::y(), radius: 0.1 };

@@ -1,7 +1,7 @@
-//! What the simulated plant is made of, beyond what a workshop would measure.
+//! Parameters of the simulated plant beyond the cell that a workshop would measure.
 //!
-//! All SI. Numbers without another source are assumptions, chosen so that the closed chain of two arms has
-//! 8-20 kN/m lateral and 20-45 kN/m axial stiffness at a held cube.
+//! All SI. Numbers without another source are assumptions. They give the closed chain of two arms a
+//! stiffness of 8-20 kN/m lateral and 20-45 kN/m axial at a held cube.
 
 use super::dynamics::{LINKS, Link};
 use super::fault::Fault;
@@ -14,12 +14,12 @@ use nalgebra::{Matrix3, Vector3};
 use rand::Rng;
 use rand_pcg::Pcg64;
 
-/// Everything that the plant needs besides a seed.
+/// Configuration of the plant, all but its seed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlantConfig {
     /// True values of the cell: see [`super::truth::draw`].
     pub cell: Cell,
-    /// Per arm, in the order of the cell.
+    /// Dynamics of each arm, in the order of the cell.
     pub arms: Vec<ArmDynamics>,
     /// Friction and play of the cube's layers.
     pub cube: CubeMechanics,
@@ -29,15 +29,16 @@ pub struct PlantConfig {
     pub noise: SensorNoise,
     /// The operator's hand.
     pub hand: HandScript,
-    /// Who has the cube at first.
+    /// Holder of the cube at first.
     pub start: Start,
-    /// Grip with which jaws hold the cube when the run begins with it held (N).
+    /// Grip of the jaws when the run begins with the cube held (N).
     pub start_grip: f64,
-    /// Colours of the 54 stickers at first, URFDLB by position in the cube frame, centres 0..=5 in order.
+    /// Colours of the 54 stickers at first, URFDLB by position in the cube frame, centres 0..=5 in
+    /// order.
     pub facelets: [u8; 54],
-    /// Whether the controllers of each arm are synchronised already when the run begins.
+    /// Whether the controllers of each arm are synchronised when the run begins.
     pub synchronised: [bool; 2],
-    /// What is made to go wrong; indices of arms and axes must fit the cell.
+    /// Faults to inject; indices of arms and axes must fit the cell.
     pub faults: Vec<Fault>,
     /// Length of a servo period.
     pub period: Length,
@@ -46,7 +47,8 @@ pub struct PlantConfig {
 }
 
 impl PlantConfig {
-    /// The defaults around a cell's true values, with a solved cube in the operator's hand.
+    /// Makes the default configuration around a cell's true values, with a solved cube in the
+    /// operator's hand.
     #[must_use]
     pub fn new(cell: Cell) -> Self {
         let arms = vec![ArmDynamics::irp6(); cell.arms.len()];
@@ -68,14 +70,14 @@ impl PlantConfig {
     }
 }
 
-/// Who has the cube when the run begins.
+/// Holder of the cube when the run begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Start {
-    /// The operator's hand brings it.
+    /// The operator's hand brings the cube.
     Hand,
-    /// It lies on the table, and nobody is in the cell.
+    /// The cube lies on the table, and no person is in the cell.
     Table(Lying),
-    /// The jaws of an arm are closed on it; the jaws of the other are open.
+    /// The jaws of one arm are closed on the cube; the jaws of the other are open.
     Held {
         /// Index of the arm.
         arm: usize,
@@ -84,21 +86,21 @@ pub enum Start {
     },
 }
 
-/// How the cube lies on the table at first, around the place of hand-over.
+/// Initial pose of the cube on the table, around the place of hand-over.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lying {
-    /// Where the middle of the place really is, beside what is believed, along x and y (m).
+    /// True middle of the place less the believed one, along x and y (m).
     pub offset: [f64; 2],
-    /// Share of the place's half extents within which it lies, uniformly.
+    /// Share of the place's half extents within which the cube lies, uniformly.
     pub spread: f64,
-    /// It is turned about the vertical by up to so much either way (rad).
+    /// Greatest turn about the vertical, either way (rad).
     pub yaw: f64,
-    /// On any of its faces, or with U up.
+    /// Whether the cube lies on any of its faces; otherwise U is up.
     pub any_face: bool,
 }
 
 impl Lying {
-    /// Where it lies this time.
+    /// Returns the cube's frame in the world, drawn at random for this run.
     pub(super) fn drawn(&self, cell: &Cell, random: &mut Pcg64) -> Frame {
         let mut within = |most: f64| most * random.random_range(-1.0..=1.0);
         let place = Frame::from_pose(&cell.hand.world_from_cube);
@@ -110,6 +112,7 @@ impl Lying {
         let turned = |axis: Vector3<f64>, quarters: u8| {
             rotation(&(axis * (f64::from(quarters) * std::f64::consts::FRAC_PI_2)))
         };
+        // The face is drawn in any case, so that all other draws are the same with U up.
         let face = match (self.any_face, random.random_range(0..6_u8)) {
             (false, _) => Matrix3::identity(),
             (true, up @ 0..4) => turned(Vector3::x(), up),
@@ -126,23 +129,24 @@ pub struct ArmDynamics {
     pub links: [Link; AXES],
     /// Stiffness between motor and joint (N/m, Nm/rad).
     pub stiffness: [f64; AXES],
-    /// Damping of the same (Ns/m, Nms/rad).
+    /// Damping between motor and joint (Ns/m, Nms/rad).
     pub damping: [f64; AXES],
     /// Half width of the play in each gear, at the joint (m, rad).
     pub play: [f64; AXES],
     /// Motors.
     pub motors: [MotorDynamics; AXES],
-    /// Share of the gravity torque at the start pose that counterbalance springs take off the motors of
-    /// axes 2 and 3, constant over the workspace. The pure link masses have none of it.
+    /// Share of the gravity torque at the start pose that counterbalance springs take off the
+    /// motors of axes 2 and 3. It is constant over the workspace. The pure link masses have none of
+    /// it.
     pub counterbalance: f64,
-    /// Gravity on: 1. Tests switch it off.
+    /// Factor of gravity: 1, or 0 in tests.
     pub gravity: f64,
 }
 
 /// A motor with its power stage, seen at the motor shaft.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotorDynamics {
-    /// Rotor and gear's fast side (kg m2).
+    /// Inertia of the rotor and the gear's fast side (kg m2).
     pub inertia: f64,
     /// Torque at standstill and pulse width 255 (Nm).
     pub stall_torque: f64,
@@ -152,12 +156,12 @@ pub struct MotorDynamics {
     pub coulomb: f64,
     /// Viscous friction at the shaft (Nms/rad).
     pub viscous: f64,
-    /// Current at standstill and full pulse width (A); it falls to none at the no-load speed.
+    /// Current at standstill and full pulse width (A); it falls to 0 at the no-load speed.
     pub stall_current: f64,
     /// Current that trips the power stage (A).
     pub trip_current: f64,
-    /// Current that the motor bears for ever (A); it trips, too, when its mean square over
-    /// [`MotorDynamics::HEATS`] is beyond the square of this.
+    /// Current that the motor can carry for ever (A). The power stage also trips when the mean
+    /// square over [`MotorDynamics::HEATS`] exceeds the square of this current.
     pub rated_current: f64,
 }
 
@@ -167,16 +171,17 @@ impl MotorDynamics {
 }
 
 impl ArmDynamics {
-    /// The assumptions of an `IRp-6`. Rotor 1e-3 kg m2 (main axes) and 3e-4 (wrist); the stall
-    /// torque follows from a mechanical time constant of 40 ms with the reflected load and a
-    /// no-load speed of 330 rad/s; the stall current is half as much again as what trips the
-    /// original's controllers, and the rated current 0.4 of that, as of DC servo motors whose peak
-    /// torque is 2.5 times the rated one. The gears have a play of 0.7 arc minutes (main axes) and
-    /// 2 (wrist).
+    /// Returns the assumed dynamics of an `IRp-6`. The rotors have 1e-3 kg m2 (main axes) and 3e-4
+    /// (wrist). The stall torque follows from a mechanical time constant of 40 ms with the
+    /// reflected load and a no-load speed of 330 rad/s. The stall current is 1.5 times the trip
+    /// current of the original's controllers, and the rated current 0.4 of the trip current, as of
+    /// DC servo motors with a peak torque of 2.5 times the rated one. The gears have a play of 0.7
+    /// arc minutes (main axes) and 2 (wrist).
     #[must_use]
     pub fn irp6() -> Self {
         let motor = |inertia: f64, load: f64, coulomb: f64, trip_current: f64| MotorDynamics {
             inertia,
+            // From standstill the speed rises as w0 (1 - exp(-t / tau)): J w0 / tau at first.
             stall_torque: (inertia + load) * 330.0 / 0.040,
             no_load_speed: 330.0,
             coulomb,
@@ -210,26 +215,26 @@ impl ArmDynamics {
 pub struct CubeMechanics {
     /// Torque that turns an unloaded layer (Nm).
     pub turning_torque: f64,
-    /// Detent: this times |sin 2 phi| is added (Nm).
+    /// Detent (Nm): this times |sin 2 phi| is added to the turning torque.
     pub detent: f64,
     /// Coefficient of the friction that grows with load.
     pub friction: f64,
-    /// Half width of the play across (m).
+    /// Half width of the play across the axis (m).
     pub play: f64,
     /// Half width of the play in tilt (rad).
     pub tilt_play: f64,
-    /// Stiffness across, after the play (N/m).
+    /// Stiffness across the axis, beyond the play (N/m).
     pub stiffness: f64,
-    /// Stiffness in tilt, after the play (Nm/rad).
+    /// Stiffness in tilt, beyond the play (Nm/rad).
     pub tilt_stiffness: f64,
-    /// Angle by which another layer may be off before it blocks (rad).
+    /// Misalignment of another layer from which on it blocks the turn (rad).
     pub corner_cut: f64,
     /// Relative spread of `turning_torque` between the six interfaces.
     pub spread: f64,
 }
 
 impl CubeMechanics {
-    /// A cube of the paper's time.
+    /// Returns the mechanics of a cube of the paper's time.
     #[must_use]
     pub fn of_2007() -> Self {
         Self {
@@ -245,7 +250,7 @@ impl CubeMechanics {
         }
     }
 
-    /// A light and loose one of today.
+    /// Returns the mechanics of a light and loose cube of today.
     #[must_use]
     pub fn modern() -> Self {
         Self {
@@ -258,7 +263,7 @@ impl CubeMechanics {
         }
     }
 
-    /// One that was never oiled.
+    /// Returns the mechanics of a cube that was never oiled.
     #[must_use]
     pub fn dry() -> Self {
         Self {
@@ -275,18 +280,17 @@ impl CubeMechanics {
 /// Pads and palm stops of a gripper, in tool axes (jaws along y, approach along z).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Jaws {
-    /// Along x, y, z (N/m); y is both pads together.
+    /// Stiffness along x, y, z (N/m); y is both pads together.
     pub stiffness: [f64; 3],
-    /// About x, y, z (Nm/rad).
+    /// Stiffness about x, y, z (Nm/rad).
     pub rotation: [f64; 3],
     /// Coefficient of friction on stickers.
     pub friction: f64,
-    /// Palm stops (N/m).
+    /// Stiffness of the palm's stops (N/m).
     pub palm: f64,
-    /// Largest grip of the jaw's slipping clutch (N).
+    /// Greatest grip: the jaw's clutch slips there (N).
     pub greatest_grip: f64,
-    /// Moving mass that the jaw's motor stands for at the pads (kg): 1e-8 kg m2 behind 69,000
-    /// rad/m.
+    /// Mass at the pads that equals the jaw motor's inertia (kg): 1e-8 kg m2 behind 69,000 rad/m.
     pub mass: f64,
     /// Speed of the jaw motor without load at pulse width 255 (rad/s).
     pub no_load_speed: f64,
@@ -294,12 +298,12 @@ pub struct Jaws {
     pub stall_force: f64,
     /// Friction of the jaw's drive at the pads (N).
     pub coulomb: f64,
-    /// Current of the jaw's motor that its controller does not bear for long (A).
+    /// Current of the jaw's motor above which its controller trips after a while (A).
     pub trip_current: f64,
 }
 
 impl Jaws {
-    /// Rubber pads.
+    /// Returns rubber pads.
     #[must_use]
     pub fn rubber() -> Self {
         Self {
@@ -316,7 +320,7 @@ impl Jaws {
         }
     }
 
-    /// Bare, ground metal.
+    /// Returns pads of bare, ground metal.
     #[must_use]
     pub fn stiff() -> Self {
         Self {
@@ -328,25 +332,25 @@ impl Jaws {
     }
 }
 
-/// What a wrist sensor adds to the truth.
+/// Errors of a wrist sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorNoise {
-    /// Of each reading, r.m.s. (N).
+    /// Noise of each reading, r.m.s. (N).
     pub force: f64,
-    /// Of each reading, r.m.s. (Nm).
+    /// Noise of each reading, r.m.s. (Nm).
     pub torque: f64,
-    /// Steps of a reading (N).
+    /// Step of a reading (N).
     pub force_quantum: f64,
-    /// Steps of a reading (Nm).
+    /// Step of a reading (Nm).
     pub torque_quantum: f64,
-    /// Bias, spread of each component at the start (N).
+    /// Standard deviation of the bias of each component at the start (N).
     pub force_bias: f64,
-    /// The same of torques (Nm).
+    /// Standard deviation of the bias of each component at the start (Nm).
     pub torque_bias: f64,
-    /// Drift of the bias in 10 minutes, each component (N); torques drift by a twentieth of this
-    /// (Nm).
+    /// Standard deviation of the drift of the bias in 10 minutes, each component (N); torques drift
+    /// by a twentieth of this (Nm).
     pub force_drift: f64,
-    /// Servo periods by which a reading is late.
+    /// Delay of a reading (servo periods).
     pub delay_periods: usize,
 }
 
@@ -366,7 +370,7 @@ impl Default for SensorNoise {
 }
 
 impl SensorNoise {
-    /// A sensor that tells the truth: for tests.
+    /// Returns a sensor without errors, for tests.
     #[must_use]
     pub fn none() -> Self {
         Self {
@@ -382,15 +386,16 @@ impl SensorNoise {
     }
 }
 
-/// How the operator's hand behaves. It stands on the cube's +x side of the zone, away from the robot.
+/// Behaviour of the operator's hand. The hand is on the cube's +x side of the zone, away from the
+/// robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HandScript {
-    /// When it starts to bring the cube (s).
+    /// Time at which it starts to bring the cube (s).
     pub appears: f64,
-    /// How long it takes to the place (s).
+    /// Time that it takes to the place (s).
     pub arrival: f64,
-    /// From where it comes, relative to the place, in world axes (m); it leaves towards there as
-    /// well.
+    /// Place from which it comes and to which it leaves, relative to the place of hand-over, in
+    /// world axes (m).
     pub start_offset: Vector3<f64>,
     /// Slow sway on the way and after the arrival, r.m.s. per axis (m).
     pub sway: f64,
@@ -398,34 +403,36 @@ pub struct HandScript {
     pub sway_time: f64,
     /// Tremor of 8-10 Hz, amplitude per axis (m).
     pub tremor: f64,
-    /// After its arrival it calms down over this time (s): sway and tremor fall to a tenth.
+    /// Time in which it calms down after its arrival (s): sway and tremor fall to a tenth.
     pub stills: f64,
     /// Spread of the holding point per axis, clipped to the zone (m).
     pub place_spread: f64,
     /// Spread of the tilt per axis (rad).
     pub tilt_spread: f64,
-    /// Whether the cube comes in any of its 24 orientations (seeded), or as the zone's pose says.
+    /// Whether the cube comes in any of its 24 orientations (seeded), or in that of the zone's
+    /// pose.
     pub any_orientation: bool,
-    /// How often it draws the cube back and comes again before it stays.
+    /// Number of times that it withdraws the cube before it stays.
     pub withdrawals: u32,
-    /// How far it draws back (m), towards `start_offset`.
+    /// Distance by which it withdraws the cube (m), towards `start_offset`.
     pub withdrawal: f64,
     /// Stiffness of its hold (N/m); a hundredth of it is the stiffness in rotation (Nm/rad).
     pub stiffness: f64,
-    /// Damping of the same (Ns/m).
+    /// Damping of its hold (Ns/m).
     pub damping: f64,
     /// Load of a gripper on the cube at which it lets go after 0.3 s (N).
     pub release_load: f64,
-    /// It lets go this long after jaws closed on the cube, at the latest (s).
+    /// Longest time from the jaws' closing to its release of the cube (s).
     pub release_time: f64,
-    /// It comes back for the cube when this has passed since it let go (s), ...
+    /// Time after its release of the cube from which on it comes back for the cube (s). One gripper
+    /// must then hold the cube nearly still in the zone: for 1 s if the cube had left the zone
+    /// meanwhile, else for another 5 s.
     pub return_after: f64,
     /// Time after which it picks up a cube that fell, to hold it out again (s).
     pub picks_up_after: f64,
-    /// ... and, when true, only for a solved cube (a person sees that); either way the cube must be held by one gripper and be
-    /// nearly still in the zone: for 1 s if it had left the zone meanwhile, else for 5 s of their own.
+    /// Whether it comes back for a solved cube only (a person sees that).
     pub return_solved_only: bool,
-    /// Pull on the cube towards the operator when it takes it back (N).
+    /// Pull on the cube towards the operator when it takes the cube back (N).
     pub pull: f64,
 }
 

@@ -1,46 +1,52 @@
 //! The cube as a puzzle with layers: stickers, angles of the layers, friction of the interfaces.
 //!
-//! The core is the middle layer with the six centres. On each axis the two outer layers turn against it, each
-//! by its own angle and with its own friction. Angles are continuous while a layer turns; when another axis
-//! becomes active, whole quarters become a permutation of stickers and the rest stays as misalignment.
+//! The core is the middle layer with the six centres. On each axis the two outer layers turn
+//! against it, each by its own angle and with its own friction. The angles are continuous while a
+//! layer turns. When another axis becomes active, whole quarters become a permutation of stickers
+//! and the rest remains as misalignment.
 //!
-//! - source: load-dependent friction, corner cutting and their numbers are assumptions of the project
+//! - friction of an interface: `tau0 + detent |sin 2 phi|`, plus
+//!   `mu (r_l F_lateral + r_f M_tilt / lever + r_f |F_axial|)`, plus a share of the other axes'
+//!   misalignment
+//! - source: load-dependent friction, corner cutting and their numbers are assumptions of the
+//!   project
 
 use super::config::CubeMechanics;
 use crate::cube::{Axis, Face};
 use nalgebra::Vector3;
 use std::f64::consts::FRAC_PI_2;
 
-/// Radius at which lateral force rubs, that at which tilt and axial force rub, and the tilt's lever
+/// Radius at which a lateral force rubs, radius at which tilt and axial force rub, lever of a tilt
 /// (m).
 const RUB: (f64, f64, f64) = (0.020, 0.026, 0.020);
-/// Another layer's misalignment adds this to the friction (Nm/rad).
+/// Friction per misalignment of another layer (Nm/rad): 0.05 Nm per degree.
 const CORNER_FRICTION: f64 = 0.05 * 57.295_779_513_082_32;
 
-/// Layers as a set: bit 0 the negative outer one, bit 1 the middle one, bit 2 the positive one.
+/// Set of layers: bit 0 the negative outer one, bit 1 the middle one, bit 2 the positive one.
 pub(super) type Layers = u8;
 pub(super) const MIDDLE: Layers = 2;
 
 /// Load that an interface transmits, beside the torque about its axis.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct InterfaceLoad {
-    /// Across the axis (N).
+    /// Force across the axis (N).
     pub(super) lateral: f64,
-    /// Across the axis (Nm).
+    /// Torque across the axis (Nm).
     pub(super) tilt: f64,
-    /// Along the axis (N).
+    /// Force along the axis (N).
     pub(super) axial: f64,
 }
 
 #[derive(Debug, Clone)]
 pub(super) struct Puzzle {
-    /// Colours by position in the core's frame, layers back at the quarter they were at last.
+    /// Colours by position in the core's frame, with the layers at the quarter of their last
+    /// settling.
     stickers: [u8; 54],
     /// Angles of the negative and the positive outer layer of each axis against the core (rad).
     pub(super) angles: [[f64; 2]; 3],
     /// Factor of the unloaded friction of each interface.
     friction: [[f64; 2]; 3],
-    /// What every layer needs beside that: something is stuck between them (Nm).
+    /// Torque that each layer needs in addition because something is stuck (Nm).
     pub(super) jam: f64,
     pub(super) mechanics: CubeMechanics,
     /// Destination of each sticker for a right-handed quarter turn of an outer layer.
@@ -59,23 +65,24 @@ impl Puzzle {
         Self { stickers, angles: [[0.0; 2]; 3], friction, jam: 0.0, mechanics, quarter }
     }
 
-    /// Stickers as the renderer needs them: to be turned further by [`Puzzle::angles`] of one axis.
+    /// Returns the stickers as the renderer needs them: to be turned further by [`Puzzle::angles`]
+    /// of one axis.
     pub(super) fn stickers(&self) -> &[u8; 54] {
         &self.stickers
     }
 
-    /// Stickers and layers that were kept.
+    /// Restores saved stickers and layers.
     pub(super) fn restore(&mut self, stickers: [u8; 54], angles: [[f64; 2]; 3]) {
         (self.stickers, self.angles) = (stickers, angles);
     }
 
-    /// The axis that is farthest from aligned.
+    /// Returns the axis that is farthest from aligned.
     pub(super) fn turned_axis(&self) -> usize {
         let off = |a: usize| self.angles[a][0].abs().max(self.angles[a][1].abs());
         (1..3).fold(0, |best, a| if off(a) > off(best) { a } else { best })
     }
 
-    /// Turns whole quarters into a permutation.
+    /// Turns the whole quarters of an axis's layers into a permutation.
     pub(super) fn settle(&mut self, axis: usize) {
         for side in 0..2 {
             let quarters = (self.angles[axis][side] / FRAC_PI_2).round();
@@ -90,13 +97,13 @@ impl Puzzle {
         }
     }
 
-    /// Largest distance of an axis' layers from their nearest quarter (rad).
+    /// Returns the largest angle between a layer of `axis` and its nearest quarter turn (rad).
     pub(super) fn misalignment(&self, axis: usize) -> f64 {
         let off = |a: f64| (a - (a / FRAC_PI_2).round() * FRAC_PI_2).abs();
         off(self.angles[axis][0]).max(off(self.angles[axis][1]))
     }
 
-    /// Whether the other axes' misalignment blocks this one.
+    /// Checks whether the misalignment of another axis blocks this one.
     pub(super) fn blocked(&self, axis: usize) -> bool {
         (0..3).any(|a| a != axis && self.misalignment(a) > self.mechanics.corner_cut)
     }
@@ -105,8 +112,10 @@ impl Puzzle {
     pub(super) fn turning_torque(&self, axis: usize, side: usize, load: InterfaceLoad) -> f64 {
         let InterfaceLoad { lateral, tilt, axial } = load;
         let m = &self.mechanics;
+        // The detent has its zeros at the quarters and halfway between them.
         let (sine, _) = libm::sincos(2.0 * self.angles[axis][side]);
         let (r_lateral, r_face, lever) = RUB;
+        // Corners below the cut do not block, but they rub.
         let corners: f64 =
             (0..3).filter(|a| *a != axis).map(|a| CORNER_FRICTION * self.misalignment(a)).sum();
         m.turning_torque * self.friction[axis][side]
@@ -116,15 +125,16 @@ impl Puzzle {
             + self.jam
     }
 
-    /// Stickers by position with every layer at its nearest quarter and the cube held so that the centres are
-    /// in their places: a description that does not depend on how the cube is held.
+    /// Returns the stickers by position with every layer at its nearest quarter turn, and the cube
+    /// held so that the centres are in their places: a description that does not depend on how the
+    /// cube is held.
     pub(super) fn facelets(&self) -> [u8; 54] {
         let mut settled = self.clone();
         for axis in 0..3 {
             settled.settle(axis);
         }
-        // The core carries the centres and never turns against its own frame, so they are in place when they
-        // were so at first; otherwise colours are renamed by the centre that stands there.
+        // The core carries the centres and never turns in its own frame, so usually each colour
+        // keeps its name. Otherwise the colours are renamed by their centres' faces.
         let mut name = [0_u8; 6];
         for face in 0..6 {
             name[usize::from(settled.stickers[face * 9 + 4])] = face as u8;
@@ -133,7 +143,7 @@ impl Puzzle {
     }
 }
 
-/// Where a sticker sits: its cubie and the direction that it looks in.
+/// Returns the place of a sticker: its cubie and the direction that it faces.
 fn place(index: usize) -> (Vector3<f64>, Vector3<f64>) {
     let face = Face::ALL[index / 9];
     let (column, row) = face.reading_axes();
@@ -143,6 +153,8 @@ fn place(index: usize) -> (Vector3<f64>, Vector3<f64>) {
 
 fn quarter_turn(axis: Axis, positive: bool) -> [u8; 54] {
     let unit = axis.unit();
+    // A right-handed quarter: the part along the axis stays, the rest is crossed with the axis.
+    // Cubies have whole coordinates, so comparisons are exact.
     let turn = |v: Vector3<f64>| unit * unit.dot(&v) + unit.cross(&v);
     let layer = if positive { 1.0 } else { -1.0 };
     std::array::from_fn(|i| {
@@ -165,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clockwise_turn_of_the_upper_face_brings_the_right_row_to_the_front() {
+    fn clockwise_turn_of_top_brings_right_row_front() {
         let mut puzzle = puzzle();
 
         // Clockwise seen from outside is a left-handed turn about the outward normal.
@@ -180,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn four_quarters_of_any_layer_change_nothing_and_one_changes_twenty_stickers() {
+    fn layer_quarter_moves_twenty_stickers_and_four_none() {
         for axis in 0..3 {
             for side in 0..2 {
                 let mut puzzle = puzzle();

@@ -1,12 +1,13 @@
 //! Rigid-body dynamics of an `IRp-6`: kinematics, mass matrix and bias, all in the base frame.
 //!
-//! Every spatial quantity is taken about the base frame's origin and in its axes, so nothing is transformed
-//! from link to link: composite bodies are sums, a column of the mass matrix is `s_i . I_c s_j`, and a wrench
-//! reaches the joints by six products an axis.
+//! Each spatial quantity is about the base frame's origin and in its axes, so there are no
+//! transforms from link to link: composite bodies are sums, a column of the mass matrix is
+//! `s_i . I_c s_j`, and a wrench reaches the joints by six products for each axis.
 //!
 //! - in: joint positions and velocities, gravity in base axes
 //! - out: `base_from_flange`, joint screws, mass matrix (kg, kg m, kg m2), bias (N, Nm)
-//! - source: composite rigid bodies and recursive Newton-Euler (Featherstone 2008, chapters 5 and 6)
+//! - source: composite rigid bodies and recursive Newton-Euler (Featherstone 2008, chapters 5 and
+//!   6)
 
 use super::frame::Frame;
 use crate::kinematics::ArmModel;
@@ -14,18 +15,18 @@ use crate::motion::AXES;
 use nalgebra::{Matrix3, Vector3};
 use std::f64::consts::FRAC_PI_2;
 
-/// A link's mass properties in its own frame.
+/// Mass properties of a link in its own frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Link {
-    /// (kg)
+    /// Mass (kg).
     pub mass: f64,
     /// Centre of mass in the link frame (m).
     pub centre: [f64; 3],
-    /// Principal moments about it, along the link's axes (kg m2).
+    /// Principal moments about the centre of mass, along the link's axes (kg m2).
     pub inertia: [f64; 3],
 }
 
-/// A twist or a wrench about the base's origin: angular part first.
+/// Twist or wrench about the base's origin: angular part first.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Screw {
     pub(super) a: Vector3<f64>,
@@ -36,7 +37,7 @@ impl Screw {
     pub(super) const ZERO: Self =
         Self { a: Vector3::new(0.0, 0.0, 0.0), l: Vector3::new(0.0, 0.0, 0.0) };
 
-    /// Power of a wrench `self` on a twist.
+    /// Returns the power of a wrench `self` on a twist.
     pub(super) fn dot(&self, other: &Self) -> f64 {
         self.a.dot(&other.a) + self.l.dot(&other.l)
     }
@@ -63,6 +64,8 @@ impl Body {
 
     fn placed(link: &Link, frame: &Frame) -> Self {
         let c = frame.point(&Vector3::from(link.centre));
+        // R diag(i) R^T takes the principal moments to base axes; Steiner's term moves them to the
+        // base's origin.
         let [ix, iy, iz] = link.inertia;
         let scaled = Matrix3::from_columns(&[
             frame.r.column(0) * ix,
@@ -79,13 +82,13 @@ impl Body {
         Self { m: self.m + other.m, h: self.h + other.h, i: self.i + other.i }
     }
 
-    /// Momentum of a twist, or force of an acceleration.
+    /// Returns the momentum of a twist, or the force of an acceleration.
     fn times(&self, v: &Screw) -> Screw {
         Screw { a: self.i * v.a + self.h.cross(&v.l), l: v.l * self.m - self.h.cross(&v.a) }
     }
 }
 
-/// Where everything of an arm is, for one set of joint positions.
+/// Frames and screws of an arm for one set of joint positions.
 #[derive(Clone)]
 pub(super) struct Placement {
     /// `base_from_link` of the carriage and the six links; the last is the flange.
@@ -102,6 +105,7 @@ impl Placement {
         let t3 = q[2] + q[3] + FRAC_PI_2;
         let t4 = t3 + q[4];
         let (s1, c1) = libm::sincos(q[1]);
+        // Rz(q1) Ry(angle): shoulder, elbow and pitch axes are parallel, so their angles add.
         let pitched = |angle: f64| {
             let (s, c) = libm::sincos(angle);
             Matrix3::new(c1 * c, -s1, c1 * s, s1 * c, c1, s1 * s, -s, 0.0, c)
@@ -118,6 +122,7 @@ impl Placement {
         let (s6, c6) = libm::sincos(q[6]);
         let r6 = r50 * Matrix3::new(c6, -s6, 0.0, s6, c6, 0.0, 0.0, 0.0, 1.0);
 
+        // A revolute joint's screw: the velocity of the origin is `at x axis` per rad/s.
         let turning = |axis: Vector3<f64>, at: &Vector3<f64>| Screw { a: axis, l: at.cross(&axis) };
         let across = Vector3::new(-s1, c1, 0.0);
         let frame = |r: Matrix3<f64>, p: Vector3<f64>| Frame { r, p };
@@ -147,8 +152,9 @@ impl Placement {
         }
     }
 
-    /// Mass matrix and bias torques (Coriolis, centrifugal, gravity) at joint velocities `v`. Row and column
-    /// 0 of an arm without a track are those of a unit mass that nothing acts on.
+    /// Returns the mass matrix and the bias torques (Coriolis, centrifugal, gravity) at joint
+    /// velocities `v`. Row and column 0 of an arm without a track are those of a unit mass without
+    /// a load.
     pub(super) fn dynamics(
         &self,
         links: &[Link; AXES],
@@ -158,15 +164,19 @@ impl Placement {
         let mut bodies = [Body::ZERO; AXES];
         let mut forces = [Screw::ZERO; AXES];
         let mut velocity = Screw::ZERO;
+        // A base that accelerates upwards acts like gravity: each link then has its weight.
         let mut acceleration = Screw { a: Vector3::zeros(), l: -gravity };
         for j in 0..AXES {
             bodies[j] = Body::placed(&links[j], &self.frames[j]);
             let s = &self.screws[j];
+            // The screw of joint j moves with the links before it: its rate is the cross product
+            // with their velocity.
             acceleration.a += velocity.a.cross(&s.a) * v[j];
             acceleration.l += (velocity.a.cross(&s.l) + velocity.l.cross(&s.a)) * v[j];
             velocity = velocity.plus(s, v[j]);
             let momentum = bodies[j].times(&velocity);
             let mut force = bodies[j].times(&acceleration);
+            // The gyroscopic term v x* (I v).
             force.a += velocity.a.cross(&momentum.a) + velocity.l.cross(&momentum.l);
             force.l += velocity.a.cross(&momentum.l);
             forces[j] = force;
@@ -174,6 +184,7 @@ impl Placement {
         let mut mass = [[0.0; AXES]; AXES];
         let mut bias = [0.0; AXES];
         let (mut composite, mut total) = (Body::ZERO, Screw::ZERO);
+        // From the flange inwards: a joint carries all links beyond it.
         for j in (0..AXES).rev() {
             composite = composite.plus(&bodies[j]);
             total = total.plus(&forces[j], 1.0);
@@ -184,25 +195,27 @@ impl Placement {
                 mass[j][i] = mass[i][j];
             }
         }
+        // Without a track a unit mass keeps the matrix regular.
         if self.screws[0].l.y == 0.0 {
             mass[0][0] = 1.0;
         }
         (mass, bias)
     }
 
-    /// Joint torques of a wrench about the base's origin in base axes.
+    /// Returns the joint torques of a wrench about the base's origin in base axes (N, Nm).
     pub(super) fn torques(&self, wrench: &Screw) -> [f64; AXES] {
         std::array::from_fn(|j| self.screws[j].dot(wrench))
     }
 
-    /// Twist of the last link, about the base's origin.
+    /// Returns the twist of the last link, about the base's origin.
     pub(super) fn twist(&self, v: &[f64; AXES]) -> Screw {
         self.screws.iter().zip(v).fold(Screw::ZERO, |sum, (s, v)| sum.plus(s, *v))
     }
 }
 
-/// Link masses of the simulated arms (assumptions: the makers' data are not published): the carriage of the
-/// track arm, column, lower arm, upper arm, wrist pitch, wrist roll, and tool roll with sensor and gripper.
+/// Link masses of the simulated arms: the carriage of the track arm, column, lower arm, upper arm,
+/// wrist pitch, wrist roll, and tool roll with sensor and gripper. They are assumptions, since the
+/// makers do not publish data.
 pub const LINKS: [Link; AXES] = [
     Link { mass: 150.0, centre: [0.0, 0.0, 0.3], inertia: [5.0, 5.0, 8.0] },
     Link { mass: 25.0, centre: [0.0, 0.0, -0.3], inertia: [0.6, 0.6, 0.3] },
@@ -239,7 +252,7 @@ mod tests {
         builtin("irp6_track").unwrap()
     }
 
-    /// Height energy, from frames alone.
+    /// Returns the potential energy, from frames alone (J).
     fn potential(q: &[f64; AXES]) -> f64 {
         let place = Placement::new(&model(), q);
         let weigh = |(link, frame): (&Link, &Frame)| {
@@ -248,7 +261,8 @@ mod tests {
         LINKS.iter().zip(&place.frames).map(weigh).sum()
     }
 
-    /// Motion energy, from differences of frames alone: no screw, no Jacobian.
+    /// Returns the kinetic energy, from differences of frames alone: without screws or a Jacobian
+    /// (J).
     fn kinetic(q: &[f64; AXES], v: &[f64; AXES]) -> f64 {
         let h = 1e-5;
         let at = |s: f64| Placement::new(&model(), &std::array::from_fn(|i| q[i] + s * h * v[i]));
@@ -266,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn the_flange_is_where_the_kinematics_put_it() {
+    fn flange_matches_kinematics() {
         for (q, _) in postures() {
             let mine = Placement::new(&model(), &q).frames[6];
             let theirs = Frame::from_pose(&model().base_from_flange(&JointPositions(q)));
@@ -276,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn the_mass_matrix_is_the_curvature_of_the_kinetic_energy() {
+    fn mass_matrix_gives_kinetic_energy() {
         for (q, v) in postures() {
             let (mass, _) = Placement::new(&model(), &q).dynamics(&LINKS, &v, &PULL);
 
@@ -290,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bias_at_rest_is_the_slope_of_the_potential_energy() {
+    fn bias_at_rest_gives_slope_of_potential() {
         for (q, _) in postures() {
             let still = [0.0; AXES];
             let (_, bias) = Placement::new(&model(), &q).dynamics(&LINKS, &still, &PULL);
@@ -308,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bias_in_motion_obeys_lagrange() {
+    fn bias_in_motion_obeys_lagrange() {
         // d/dt (dT/dv_i) - dT/dq_i at constant v, with T from the mass matrix alone.
         let none = Vector3::zeros();
         for (q, v) in postures() {

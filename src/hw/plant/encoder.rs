@@ -1,29 +1,30 @@
 //! Encoder and synchronisation switch of a motor, with the counter of its controller.
 //!
-//! - in: the true position of the motor, whether its controller is to synchronise
+//! - in: the true position of the motor, the order to synchronise
 //! - out: the counter, the encoder's zero, the switch
-//! - the zero is passed once a revolution; the true zero of the motor is one of them. The switch's cam reaches
-//!   from half a revolution before it all the way down: one look tells on which side an axis stands (an
-//!   assumption: the published sources do not tell its length)
+//! - the encoder passes its zero once a revolution; the true zero of the motor is one of these. The
+//!   switch's cam begins half a revolution before it and reaches all the way down, so one look
+//!   shows the side on which an axis is. The length of the cam is an assumption: the published
+//!   sources do not give it.
 
 use std::f64::consts::TAU;
 
-/// Where the cam ends (rad of the motor).
+/// End of the cam (rad of the motor).
 const EDGE: f64 = -0.5 * TAU;
 
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub(super) struct Encoder {
     increments: f64,
-    /// True count where the counter is zero.
+    /// True count at which the counter is zero.
     origin: i64,
     /// Whole revolutions at the last reading.
     turn: f64,
     synchronised: bool,
-    /// Whether the controller was told to synchronise in the last period.
+    /// Whether the controller had the order to synchronise in the last period.
     told: bool,
 }
 
-/// What a controller reports of its encoder.
+/// Report of a controller about its encoder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Report {
     pub(super) count: i64,
@@ -33,29 +34,31 @@ pub(super) struct Report {
 }
 
 impl Encoder {
-    /// Of a controller that was just switched on, unless it is `synchronised` already.
+    /// Makes the encoder of a controller that was just switched on, or one that is `synchronised`
+    /// already.
     pub(super) fn new(increments: f64, motor: f64, synchronised: bool) -> Self {
         let origin = if synchronised { 0 } else { count(increments, motor) };
         Self { increments, origin, turn: libm::floor(motor / TAU), synchronised, told: false }
     }
 
-    /// Whether what was kept of an encoder can be of this one, whose motor is there.
+    /// Checks that a saved encoder can be this one, `own`, with its motor at `motor` (rad).
     pub(super) fn fits(&self, own: &Self, motor: f64) -> bool {
-        // A revolution more or less: the last reading is of a period before.
+        // The last reading is a period old, so the revolutions may differ; the bound is generous.
         self.increments == own.increments && (self.turn - motor / TAU).abs() < 1e3
     }
 
-    /// Once a period.
+    /// Returns the report of this period.
     pub(super) fn read(&mut self, motor: f64, synchronise: bool) -> Report {
         let turn = libm::floor(motor / TAU);
         let zero = turn != self.turn;
+        // Each new order begins the synchronisation again.
         if synchronise && !self.told {
             self.synchronised = false;
         }
-        // The controller waits for the first zero behind the switch.
+        // The controller waits for the first zero off the switch.
         let switch = motor < EDGE;
         if synchronise && zero && !switch && !self.synchronised {
-            // The latch of the counter is exact, however far the motor went since.
+            // The latch of the counter is exact, however far the motor has moved since the zero.
             self.origin = count(self.increments, turn.max(self.turn) * TAU);
             self.synchronised = true;
         }
@@ -78,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_counter_begins_anywhere_and_is_latched_at_the_zero_behind_the_switch() {
+    fn counter_is_latched_at_first_zero_off_switch() {
         let mut encoder = Encoder::new(4000.0, -5.0, false);
         assert_eq!(
             encoder.read(-5.0, false),
@@ -92,6 +95,9 @@ mod tests {
 
         assert_eq!(found, Report { count: 13, zero: true, switch: false, synchronised: true });
         assert_eq!(encoder.read(TAU + 0.02, true).count, 4013, "only once");
-        assert!(!Encoder::new(4000.0, 0.0, true).read(1.0, true).synchronised, "told anew");
+        assert!(
+            !Encoder::new(4000.0, 0.0, true).read(1.0, true).synchronised,
+            "a new order begins the synchronisation again"
+        );
     }
 }

@@ -1,10 +1,11 @@
-//! What is made to go wrong in the plant: a schedule of faults, each begun by the plant's time or by what happens in
-//! it, and their effects on bodies and readings.
+//! Faults of the plant: a schedule of faults, each begun by the plant's time or by an event in the
+//! plant, and their effects on bodies and readings.
 //!
-//! - in: the plant's time and its own events; nothing of a controller or a task
-//! - out: friction, grip, torque and pushes for the next period, spoilt readings, and which faults of others begin
-//!   and end (cameras, lines: whoever owns those takes [`Plant::upsets`](super::Plant::upsets))
-//! - nothing is drawn at random, and a plant without faults does what it did before there were any
+//! - in: the plant's time and its own events, but no controller or task
+//! - out: friction, grip, torque and pushes for the next period, spoilt readings, and start and end
+//!   of faults outside of the plant (cameras, lines), which their owners take from
+//!   [`Plant::outside_faults`](super::Plant::outside_faults)
+//! - there is no random draw, and a plant without faults behaves as if this module did not exist
 
 use super::verdict::Incident;
 use crate::motion::AXES;
@@ -12,35 +13,34 @@ use crate::servo::io::{ArmReading, JAW};
 use nalgebra::Vector3;
 use std::f64::consts::TAU;
 
-/// One thing that goes wrong.
+/// One fault.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fault {
-    /// What.
+    /// Kind of the fault.
     pub what: What,
-    /// When it begins.
+    /// Start of the fault.
     pub when: When,
-    /// How long it lasts (s); infinite for good. What happens at once (a jump, a drop) takes no
-    /// notice.
+    /// Duration (s); infinite for good. A drop and a withdrawal happen at once and have none.
     pub lasts: f64,
 }
 
-/// When a fault begins.
+/// Start of a fault.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum When {
     /// At this time (s).
     At(f64),
-    /// So long after something has happened in the plant for the n-th time, counted from 1.
+    /// After an event of the plant has happened for the n-th time, counted from 1.
     After {
-        /// What.
+        /// Event.
         event: Trigger,
-        /// Which time.
+        /// Number of the event.
         nth: u32,
-        /// How long after it (s).
+        /// Delay after it (s).
         delay: f64,
     },
 }
 
-/// What happens in the plant; `None` is any arm.
+/// Event in the plant that may begin a fault; `None` is any arm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Trigger {
     /// Jaws close on the cube.
@@ -49,11 +49,11 @@ pub enum Trigger {
     Released(Option<usize>),
     /// A layer has begun to turn between two hands.
     TurnBegins,
-    /// A layer has been turned by so much since two hands hold the cube (rad).
+    /// A layer has been turned by this angle (rad) since two hands hold the cube.
     Turned(f64),
     /// The cube falls.
     Dropped,
-    /// It lies on the tray.
+    /// The cube lies on the tray.
     Landed,
     /// The operator has let go of it.
     Given,
@@ -61,129 +61,129 @@ pub enum Trigger {
     Taken,
 }
 
-/// What goes wrong. Arms are given by index, axes as 0 the track, 1..=6, 7 the jaw.
+/// Kind of a fault. Arms are given by index, axes as 0 the track, 1..=6, 7 the jaw.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum What {
-    /// A counter stands still.
+    /// A counter does not change any more.
     EncoderFreeze {
-        /// Which arm.
+        /// Index of the arm.
         arm: usize,
-        /// Which axis.
+        /// Number of the axis.
         axis: usize,
     },
-    /// A counter is off by so much (rad of the motor).
+    /// A counter is off by a constant while the fault lasts.
     EncoderJump {
-        /// Which arm.
+        /// Index of the arm.
         arm: usize,
-        /// Which axis.
+        /// Number of the axis.
         axis: usize,
-        /// By how much.
+        /// Offset of the counter (rad of the motor).
         by: f64,
     },
     /// A power stage reports over-current.
     OverCurrent {
-        /// Which arm.
+        /// Index of the arm.
         arm: usize,
-        /// Which axis.
+        /// Number of the axis.
         axis: usize,
-        /// What it measures (A).
+        /// Current that the power stage reports (A).
         amperes: f64,
     },
     /// A limit switch is pressed.
     LimitSwitch {
-        /// Which arm.
+        /// Index of the arm.
         arm: usize,
-        /// Which axis.
+        /// Number of the axis.
         axis: usize,
     },
     /// The force sensor is silent.
     ForceDropout {
-        /// Which arm.
+        /// Index of the arm.
         arm: usize,
     },
     /// One component of the force is not a number.
     ForceNan {
-        /// Which arm.
+        /// Index of the arm.
         arm: usize,
-        /// 0..=5 in the sensor's frame.
+        /// Component 0..=5 in the sensor's frame.
         direction: usize,
     },
     /// One component is at the end of its range.
     ForceSaturation {
-        /// Which arm.
+        /// Index of the arm.
         arm: usize,
-        /// 0..=5 in the sensor's frame.
+        /// Component 0..=5 in the sensor's frame.
         direction: usize,
     },
-    /// One component is off by so much (N, Nm).
+    /// One component is off by a constant.
     ForceBias {
-        /// Which arm.
+        /// Index of the arm.
         arm: usize,
-        /// 0..=5 in the sensor's frame.
+        /// Component 0..=5 in the sensor's frame.
         direction: usize,
-        /// By how much.
+        /// Offset (N, Nm).
         by: f64,
     },
-    /// The pads of a hand hold with only this share of their friction, and as little against what turns between them.
+    /// The pads of a hand hold with a share of their friction, and with the same share against a
+    /// turn between them.
     Slip {
-        /// Which arm.
+        /// Index of the arm.
         arm: usize,
         /// Share of the friction that is left.
         friction: f64,
     },
-    /// A hand holds nothing any more until its jaws have opened.
+    /// A hand holds nothing until its jaws have opened.
     Drop {
-        /// Which arm.
+        /// Index of the arm.
         arm: usize,
     },
-    /// Every layer needs so much more torque to turn (Nm).
+    /// Each layer needs more torque to turn.
     Jam {
-        /// How much more.
+        /// Additional torque (Nm).
         torque: f64,
     },
-    /// The layer that has been turned slips back under the jaws to where it was, in so much time
-    /// (s).
+    /// The layer that has been turned slips back under the jaws to its old place.
     TurnUndone {
-        /// How long it takes.
+        /// Time for a quarter turn (s).
         takes: f64,
     },
-    /// Somebody pushes a hand, in the world (N).
+    /// A force pushes a hand.
     Push {
-        /// Which arm.
+        /// Index of the arm.
         arm: usize,
-        /// The force on its tool.
+        /// Force on the tool, in the world (N).
         force: Vector3<f64>,
     },
-    /// The operator draws the cube back once more.
+    /// The operator withdraws the cube once more.
     Withdraw,
-    /// Nothing of the plant's own: it only tells when.
+    /// A fault outside of the plant, by its number: the plant only reports its start and end.
     Elsewhere(usize),
 }
 
-/// A fault of others that begins or ends now: the number of its [`What::Elsewhere`].
+/// Start or end of a fault outside of the plant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Upset {
-    /// Which.
+pub struct OutsideFault {
+    /// Number of its [`What::Elsewhere`].
     pub which: usize,
-    /// Begins, or is over.
+    /// Whether the fault begins; otherwise it ends.
     pub begins: bool,
 }
 
-/// A layer counts as turning from here on (rad).
+/// Angle from which on a layer counts as turning (rad).
 const TURNING: f64 = 0.035;
 
-/// A fault and how far it has come.
+/// A fault and its progress.
 #[derive(Debug, Clone)]
 struct Armed {
     fault: Fault,
-    /// How often its event has happened.
+    /// Number of times that its event has happened.
     seen: u32,
-    /// When it is to begin (s).
+    /// Time at which it is to begin (s).
     due: Option<f64>,
-    /// When it began, and whether it is over.
+    /// Time at which it began (s), and whether it is over.
     began: Option<f64>,
     over: bool,
-    /// What a frozen counter stands at.
+    /// Count of a frozen counter.
     frozen: Option<i64>,
 }
 
@@ -191,27 +191,27 @@ struct Armed {
 #[derive(Debug, Clone)]
 pub(super) struct Faults {
     armed: Vec<Armed>,
-    upsets: Vec<Upset>,
-    /// The layer's angle in the last period.
+    outside: Vec<OutsideFault>,
+    /// Angle of the layer in the last period (rad).
     turned: f64,
-    /// What acts in the present period.
+    /// Effects of the present period.
     pub(super) acting: Acting,
 }
 
-/// What faults do to the bodies.
+/// Effects of faults on the bodies.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Acting {
     /// Factor of the friction of each hand's pads.
     pub(super) friction: [f64; 2],
-    /// Hands that lose the cube now.
+    /// Whether each hand loses the cube now.
     pub(super) lost: [bool; 2],
-    /// More torque that each layer needs (Nm).
+    /// Additional torque that each layer needs (Nm).
     pub(super) torque: f64,
-    /// Time in which a turned layer slips back (s).
+    /// Time in which a turned layer slips back by a quarter (s).
     pub(super) undo: Option<f64>,
     /// Forces on the tools, in the world (N).
     pub(super) push: [Vector3<f64>; 2],
-    /// The operator draws back now.
+    /// Whether the operator withdraws the cube now.
     pub(super) withdraw: bool,
 }
 
@@ -237,6 +237,7 @@ impl Trigger {
             }
             (Self::Given, Incident::Operator { has_cube }) => !has_cube,
             (Self::Taken, Incident::Operator { has_cube }) => *has_cube,
+            // A turn is no incident: `decide` measures its angle.
             _ => false,
         }
     }
@@ -247,7 +248,7 @@ impl Armed {
         self.began.is_some() && !self.over
     }
 
-    /// Its event may have happened at `time`.
+    /// Counts the event if it is the fault's trigger; the last one sets the start of the fault.
     fn happened(&mut self, time: f64, is: impl Fn(Trigger) -> bool) {
         if let When::After { event, nth, delay } = self.fault.when
             && self.due.is_none()
@@ -255,6 +256,7 @@ impl Armed {
         {
             self.seen += 1;
             if self.seen == nth.max(1) {
+                // A fault begins once, so later events do not count.
                 self.due = Some(time + delay);
             }
         }
@@ -276,27 +278,28 @@ impl Faults {
         };
         Self {
             armed: faults.iter().map(armed).collect(),
-            upsets: Vec::with_capacity(2 * faults.len()),
+            outside: Vec::with_capacity(2 * faults.len()),
             turned: 0.0,
             acting: Acting::NONE,
         }
     }
 
-    /// Something has happened at `time` (s).
-    pub(super) fn saw(&mut self, what: &Incident, time: f64) {
+    /// Passes an event at `time` (s) to the faults that wait for it.
+    pub(super) fn pass_event(&mut self, what: &Incident, time: f64) {
         for armed in &mut self.armed {
             armed.happened(time, |trigger| trigger.is(what));
         }
     }
 
-    /// The period that ends at `time` is over; `turned` is the layer's angle between two hands
-    /// (rad).
+    /// Begins and ends faults for the period after `time` (s). `turned` is the layer's angle
+    /// between two hands (rad).
     pub(super) fn decide(&mut self, time: f64, turned: f64) {
         if self.armed.is_empty() {
             return;
         }
         let (before, now) = (self.turned.abs(), turned.abs());
         self.turned = turned;
+        // An angle is passed once a turn, in either sense of rotation.
         let passes = |angle: f64| before < angle && now >= angle;
         self.acting = Acting::NONE;
         for armed in &mut self.armed {
@@ -305,6 +308,8 @@ impl Faults {
                 Trigger::Turned(angle) => passes(angle.abs()),
                 _ => false,
             });
+            // An event without a delay begins its fault in the same period. A fault acts for one
+            // period at least.
             let begins = armed.began.is_none() && armed.due.is_some_and(|due| time >= due);
             if begins {
                 armed.began = Some(time);
@@ -312,12 +317,13 @@ impl Faults {
             let ends =
                 armed.acts() && armed.began.is_some_and(|began| time >= began + armed.fault.lasts);
             armed.over |= ends && !begins;
+            // The plant has no effect for these: their owners apply them.
             if let What::Elsewhere(which) = armed.fault.what {
                 if begins {
-                    self.upsets.push(Upset { which, begins: true });
+                    self.outside.push(OutsideFault { which, begins: true });
                 }
                 if ends && !begins {
-                    self.upsets.push(Upset { which, begins: false });
+                    self.outside.push(OutsideFault { which, begins: false });
                 }
             }
             if armed.acts() {
@@ -326,17 +332,18 @@ impl Faults {
         }
     }
 
-    /// Numbers of the faults that have begun, in the order in which they were given.
+    /// Returns the indices of the faults that have begun, in the order of the list.
     pub(super) fn begun(&self) -> impl Iterator<Item = usize> {
         (0..self.armed.len()).filter(|&i| self.armed[i].began.is_some())
     }
 
-    /// What has begun and ended since the last call.
-    pub(super) fn upsets(&mut self) -> impl Iterator<Item = Upset> {
-        self.upsets.drain(..)
+    /// Returns the faults outside of the plant that have begun or ended since the last call.
+    pub(super) fn outside_faults(&mut self) -> impl Iterator<Item = OutsideFault> {
+        self.outside.drain(..)
     }
 
-    /// Spoils what an arm's hardware tells; `increments` are those of its axes, the jaw's last.
+    /// Spoils the readings of an arm; `increments` are those of its axes, the jaw's last, `range`
+    /// is its sensor's.
     pub(super) fn spoil(
         &mut self,
         arm: usize,
@@ -355,7 +362,9 @@ impl Faults {
 impl Acting {
     fn add(&mut self, what: &What, begins: bool) {
         match *what {
+            // Several faults at a time multiply or add their effects.
             What::Slip { arm, friction } => self.friction[arm] *= friction,
+            // A drop and a withdrawal happen once, in their first period.
             What::Drop { arm } => self.lost[arm] |= begins,
             What::Jam { torque } => self.torque += torque,
             What::TurnUndone { takes } => self.undo = Some(takes),
@@ -382,10 +391,12 @@ impl Armed {
         match self.fault.what {
             What::EncoderFreeze { arm, axis } if arm == of => {
                 let count = counter(reading, axis);
-                let stands = *self.frozen.get_or_insert(*count);
-                *count = stands;
+                // The counter freezes at its first reading under the fault.
+                let kept = *self.frozen.get_or_insert(*count);
+                *count = kept;
             }
             What::EncoderJump { arm, axis, by } if arm == of => {
+                // The offset is the same in each reading: a jump at the start of the fault.
                 *counter(reading, axis) += (by * increments[axis.min(JAW)] / TAU).round() as i64;
             }
             What::OverCurrent { arm, axis, amperes } if arm == of => {
@@ -399,6 +410,7 @@ impl Armed {
             }
             What::ForceSaturation { arm, direction } if arm == of => {
                 let i = direction.min(5);
+                // The true sign remains.
                 force(reading, &|c| c[i] = range[i].copysign(c[i]));
             }
             What::ForceBias { arm, direction, by } if arm == of => {
@@ -428,7 +440,7 @@ mod tests {
     }
 
     #[test]
-    fn a_counter_stands_from_its_time_on_and_as_long_as_it_should() {
+    fn counter_freezes_for_duration_of_fault() {
         let mut faults = Faults::new(&[Fault { what: FREEZE, when: When::At(1.0), lasts: 0.5 }]);
         let mut seen = Vec::new();
 
@@ -441,16 +453,16 @@ mod tests {
     }
 
     #[test]
-    fn an_event_counts_to_the_nth_and_waits_for_its_delay() {
+    fn event_begins_fault_at_nth_time_after_delay() {
         let when = When::After { event: Trigger::Grasped(Some(1)), nth: 2, delay: 0.1 };
         let what = What::Elsewhere(7);
         let mut faults = Faults::new(&[Fault { what, when, lasts: f64::INFINITY }]);
         let mut begun = |events: &[usize], time: f64| {
             for arm in events {
-                faults.saw(&Incident::Grasped { arm: *arm }, time);
+                faults.pass_event(&Incident::Grasped { arm: *arm }, time);
             }
             faults.decide(time, 0.0);
-            faults.upsets().count()
+            faults.outside_faults().count()
         };
 
         assert_eq!(begun(&[0, 1, 0], 1.0), 0);
@@ -461,7 +473,7 @@ mod tests {
     }
 
     #[test]
-    fn an_angle_is_passed_once_in_each_turn() {
+    fn angle_event_happens_once_in_each_turn() {
         let when = When::After { event: Trigger::Turned(0.5), nth: 2, delay: 0.0 };
         let jam = Fault { what: What::Jam { torque: 3.0 }, when, lasts: 1.0 };
         let mut faults = Faults::new(&[jam]);

@@ -1,8 +1,8 @@
 //! Rotation matrices and rigid transforms for the inner loop of the plant.
 //!
 //! - in, out: matrices and vectors; `Frame` is a `to_from` transform like [`Pose`]
-//! - why not [`Pose`]: the balance of forces composes many frames a substep, matrices are the cheaper form,
-//!   and every sine and root here comes from `libm`, so that a run has the same bits on every machine
+//! - why not [`Pose`]: the balance of forces composes many frames a substep, and matrices are
+//!   cheaper there. Each sine here is from `libm`, so that a run has the same bits on every machine
 
 use crate::spatial::Pose;
 use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -43,7 +43,7 @@ impl Frame {
         Self { r, p: -(r * self.p) }
     }
 
-    /// `self.inverse() * other` without forming the inverse.
+    /// Returns `self.inverse() * other` without forming the inverse.
     pub(super) fn to_local(self, other: &Self) -> Self {
         Self { r: self.r.tr_mul(&other.r), p: self.r.tr_mul(&(other.p - self.p)) }
     }
@@ -56,14 +56,15 @@ impl Frame {
         Self { r, p: Vector3::zeros() }
     }
 
-    /// Moves by a small displacement in the outer axes: origin by `d`, orientation by the rotation vector
-    /// `w`, and makes the matrix orthonormal again (Gram-Schmidt).
+    /// Moves by a small displacement in the outer axes: the origin by `d` (m), the orientation by
+    /// the rotation vector `w` (rad).
     pub(super) fn nudged(&self, d: &Vector3<f64>, w: &Vector3<f64>) -> Self {
+        // Products of thousands of substeps would drift off the rotations.
         Self { r: orthonormal(&(rotation(w) * self.r)), p: self.p + d }
     }
 }
 
-/// The nearest matrix with orthonormal columns, for matrices that are almost so.
+/// Returns the orthonormal matrix of one that is almost orthonormal (Gram-Schmidt).
 pub(super) fn orthonormal(m: &Matrix3<f64>) -> Matrix3<f64> {
     let x: Vector3<f64> = m.column(0).into_owned();
     let x = x / x.norm();
@@ -73,7 +74,7 @@ pub(super) fn orthonormal(m: &Matrix3<f64>) -> Matrix3<f64> {
     Matrix3::from_columns(&[x, y, x.cross(&y)])
 }
 
-/// Rotation matrix of a rotation vector (rad).
+/// Returns the rotation matrix of a rotation vector (rad), by Rodrigues' formula.
 pub(super) fn rotation(w: &Vector3<f64>) -> Matrix3<f64> {
     let angle2 = w.norm_squared();
     // sin(a)/a and (1 - cos a)/a2 by series below 0.01 rad: exact to 1e-17 there.
@@ -88,32 +89,35 @@ pub(super) fn rotation(w: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::identity() + k * s + k * k * c
 }
 
-/// Rotation vector (rad) of a rotation matrix, up to pi (exclusive).
+/// Returns the rotation vector of a rotation matrix (rad), up to pi (exclusive).
 pub(super) fn rotation_vector(r: &Matrix3<f64>) -> Vector3<f64> {
+    // The skew part of the matrix is the axis times sin a.
     let v = Vector3::new(r.m32 - r.m23, r.m13 - r.m31, r.m21 - r.m12) * 0.5;
     let s2 = v.norm_squared();
     let cosine = (r.trace() - 1.0) * 0.5;
     if s2 < 1e-4 && cosine > 0.0 {
-        // asin(s)/s
+        // asin(s)/s by series: cheap, and without a division by 0.
         return v * (1.0 + s2 / 6.0 * (1.0 + s2 * 9.0 / 20.0));
     }
     let s = s2.sqrt();
     if s < 1e-12 { Vector3::zeros() } else { v * (libm::atan2(s, cosine) / s) }
 }
 
-/// Right-handed rotation by `angle` (rad) about a unit axis.
+/// Returns the right-handed rotation by `angle` (rad) about a unit axis.
 pub(super) fn about(axis: &Vector3<f64>, angle: f64) -> Matrix3<f64> {
     rotation(&(axis * angle))
 }
 
-/// `skew(w) * v == w x v`.
+/// Returns the matrix with `skew(w) * v == w x v`.
 pub(super) fn skew(w: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::new(0.0, -w.z, w.y, w.z, 0.0, -w.x, -w.y, w.x, 0.0)
 }
 
-/// The rotation of a cube onto itself (one of 24, entries 0 and +-1) that is nearest to `r`.
+/// Returns the rotation of a cube onto itself (one of 24, entries 0 and +-1) that is nearest to
+/// `r`.
 pub(super) fn nearest_alignment(r: &Matrix3<f64>) -> Matrix3<f64> {
-    // The greatest entry belongs to it for every rotation; the second follows in what is left.
+    // The greatest entry of a rotation belongs to the alignment; the greatest of the rest is the
+    // second.
     let greatest = |skip: Option<(usize, usize)>| {
         let mut best = (0, 0, -1.0);
         for row in 0..3 {
@@ -135,14 +139,16 @@ pub(super) fn nearest_alignment(r: &Matrix3<f64>) -> Matrix3<f64> {
     for (row, column) in [first, second] {
         columns[column][row] = if r[(row, column)] < 0.0 { -1.0 } else { 1.0 };
     }
+    // The third column follows: the alignment is right-handed.
     let (a, b) = (first.1, second.1);
     let third = 3 - a - b;
     columns[third] = columns[(third + 1) % 3].cross(&columns[(third + 2) % 3]);
     Matrix3::from_columns(&columns)
 }
 
-/// Cholesky solution of `a x = b` for a symmetric positive definite `a`; `a` and `b` are consumed.
-/// A pivot that is not positive is replaced by a tiny one, so that the answer stays finite.
+/// Solves `a x = b` by Cholesky for a symmetric positive definite `a`; `a` is consumed, `b` becomes
+/// the solution. A pivot that is not positive is replaced by a tiny one, so that the solution stays
+/// finite.
 #[allow(
     clippy::needless_range_loop,
     reason = "the recurrences of a factorisation are clearer by index"
@@ -164,6 +170,7 @@ pub(super) fn solve<const N: usize>(a: &mut [[f64; N]; N], b: &mut [f64; N]) {
             a[i][j] = s * inverse;
         }
     }
+    // Forward with L, then backward with its transpose.
     for i in 0..N {
         let mut s = b[i];
         for k in 0..i {
@@ -185,7 +192,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rotation_vector_comes_back_from_its_matrix() {
+    fn rotation_vector_survives_round_trip_through_matrix() {
         for w in [
             Vector3::new(1e-9, -2e-9, 3e-9),
             Vector3::new(0.004, 0.003, -0.002),
@@ -197,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_alignment_of_a_tilted_one_is_that_one() {
+    fn nearest_alignment_ignores_small_tilt() {
         let quarter = std::f64::consts::FRAC_PI_2;
         let mut seen = Vec::new();
         for i in 0..4 {

@@ -1,19 +1,23 @@
-//! The contact between a gripper and the cube: two pads, friction that may slip, the palm's stops.
+//! Contact between a gripper and the cube: two pads with friction that may slip, and the palm's
+//! stops.
 //!
-//! Everything is measured at the tool point in tool axes: z approaches, the jaws move along y.
+//! All quantities are at the tool point in tool axes: z approaches, the jaws move along y.
 //!
-//! - pads: two one-sided springs on the true faces. The jaws are coupled, so together they centre the cube
-//!   along y, with a deadband of half the clearance; the grip is the lesser of the two
-//! - friction: x, z and the rotation about y start stress-free where the pads close. The rotations about x
-//!   and z, which flat pads align, are strained by what the geometry says while the grip grows; from then on
-//!   all five are held by friction
-//! - slip surface: `(F_xz / 2 mu N)^2 + (M_xy / 0.6 Ts)^2 + (M_z / Ts)^2 <= 1`, `Ts = 2 mu N edge/2`; outside,
-//!   strains slide back to it: tilts first (pads rock before they slide), then force and torsion in proportion.
-//!   In proportion for all, two degrees of tilt would leave no friction for a lateral force
-//! - what turns about x or z beyond the give of the rubber forces the jaws apart: about z a square between fingers
-//!   of width w to `(edge + w sin a) / cos a`, or to its corners; about x by the depth of the fingers times `sin a`.
-//!   The grip drives it back with `N w` and `N depth`: as much as that costs while the angle is small, and less than half
-//!   of it at 15 deg about z
+//! - pads: two one-sided springs on the true faces. The jaws are coupled, so together they centre
+//!   the cube along y, with a deadband of half the clearance. The grip is the lesser force of the
+//!   two
+//! - friction: x, z and the rotation about y start without stress where the pads close. Flat pads
+//!   align the rotations about x and z, so geometry strains these while the grip grows. From then
+//!   on friction holds all five
+//! - slip surface: `(F_xz / 2 mu N)^2 + (M_xy / 0.6 Ts)^2 + (M_z / Ts)^2 <= 1` with
+//!   `Ts = 2 mu N edge/2`. Outside, strains slide back to it: tilts first (pads rock before they
+//!   slide), then force and torsion in proportion. If all slid in proportion, two degrees of tilt
+//!   would leave no friction for a lateral force
+//! - tilt: a cube that turns about x or z beyond the give of the rubber forces the jaws apart.
+//!   About z a square between fingers of width w opens them to `(edge + w sin a) / cos a`, or to
+//!   its corners; about x it opens them by the depth of the fingers times `sin a`. The grip drives
+//!   the cube back with `N w` and `N depth`. That is the work of the opening at small angles, and
+//!   less than half of it at 15 deg about z
 //! - palm: four one-sided points of the two-position stops
 //! - out: the wrench on the cube and its stiffness; a state that the caller commits once a substep
 
@@ -24,54 +28,55 @@ use crate::motion::Depth;
 use nalgebra::{Matrix6, Vector3};
 use std::f64::consts::FRAC_PI_2;
 
-/// Share of the pads' stiffness that is left where they do not press: the solver's matrix stays regular.
+/// Share of the pads' stiffness that remains where they do not press, so that the solver's matrix
+/// stays regular.
 const FREE: f64 = 1e-3;
-/// The palm's stops touch the face at +- this from the axis (m).
+/// Distance of the palm's stops from the tool axis along x and along y (m).
 const STOP_SPACING: f64 = 0.020;
-/// A finger's end that meets the cube's face from the front, or its edge that meets another face
+/// Stiffness of a finger's end on the cube's face from the front, or of its edge on another face
 /// (N/m).
 pub(super) const FRONT_STIFFNESS: f64 = 5e4;
-/// A grip that has not grown for this long has settled (s).
+/// Time without growth after which a grip has settled (s).
 const SETTLING: f64 = 0.02;
-/// What turns between the pads by less does not force them apart: the rubber gives (rad).
+/// Turn between the pads that does not force them apart, because the rubber gives (rad).
 pub(super) const GIVE: f64 = 0.015;
-/// Time in which the pads follow it (s).
+/// Time constant with which the pads follow a tilt (s).
 const FOLLOWS: f64 = 0.02;
-/// Beyond this slip the grasp is lost (m, rad).
+/// Slip beyond which the grasp is lost (m, rad).
 const LOST: (f64, f64) = (5e-3, 0.349);
 
-/// What a gripper's jaws have of the cube.
+/// Hold of a gripper's jaws on the cube.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub(super) enum Hold {
-    /// Nothing.
+    /// The jaws hold nothing.
     Open,
-    /// The pads closed on the cube, and what they held has not left the hand.
+    /// The pads closed on the cube, and it has not left the hand.
     Closed,
-    /// They have let go: they hold nothing, but a layer may still lean on the palm.
+    /// The pads have let go: they hold nothing, but a layer may still lean on the palm.
     LetGo,
 }
 
 /// State of a gripper's grasp.
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub(super) struct Grasp {
+    /// Hold of the jaws.
     pub(super) hold: Hold,
-    /// It slipped too far; holds nothing until the jaws have opened.
+    /// Whether the cube slipped too far: the grasp then holds nothing until the jaws have opened.
     pub(super) lost: bool,
-    /// Which body of the cube it touches, 0 or 1.
+    /// Index of the cube's body that the gripper touches, 0 or 1.
     pub(super) node: usize,
     /// `tool_from_body` without strain, of the grasp as closed.
     pub(super) reference: Frame,
-    /// How far the layers in it lie off the core by their play, by axis, in the core's axes: as they were when they last
-    /// were bodies of their own.
+    /// Offset of a layer in the hand from the core through its play, by axis, in the core's axes.
+    /// It dates from the time when the layer was last a body of its own.
     pub(super) off: [Frame; 3],
-    /// Slid part of x, z, and of the rotations about x, y, z.
+    /// Slip of x, z (m), and of the rotations about x, y, z (rad).
     slid: [f64; 5],
-    /// Rotations about x and z when the pads closed.
+    /// Rotations about x and z when the pads closed (rad).
     closed_tilt: [f64; 2],
-    /// How far what is between the pads stands askew about x and z, as their rubber follows it
-    /// (rad).
+    /// Tilt of the cube about x and z beyond the give, as the rubber follows it (rad).
     askew: [f64; 2],
-    /// Greatest grip so far (N), and for how long it has not grown (s).
+    /// Greatest grip (N), and time since it last grew (s).
     grown: (f64, f64),
     /// Slip since closing (m, rad).
     pub(super) slip: (f64, f64),
@@ -79,42 +84,46 @@ pub(super) struct Grasp {
     pub(super) reported: bool,
 }
 
-/// What a gripper needs to know of its surroundings for one evaluation.
+/// Gripper and its surroundings in one evaluation.
 pub(super) struct Hands<'a> {
     pub(super) gripper: &'a Gripper,
     pub(super) jaws: &'a Jaws,
     pub(super) edge: f64,
+    /// Distance between the pads (m).
     pub(super) opening: f64,
     pub(super) stops: Depth,
-    /// Share of its hold that a fault leaves it.
+    /// Share of its hold that a fault leaves.
     pub(super) hold: f64,
-    /// What the pads are about to touch, in the body that they touch: a lone layer may stand askew.
+    /// Layer that open pads are about to touch, in the body: a lone layer may be tilted against it.
     pub(super) layer: Frame,
 }
 
-/// One evaluation.
+/// Contact of a gripper in one evaluation.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Touch {
-    /// On the cube, at the tool point, in tool axes (N, Nm).
+    /// Force on the cube at the tool point, in tool axes (N).
     pub(super) force: Vector3<f64>,
+    /// Torque on the cube about the tool point, in tool axes (Nm).
     pub(super) torque: Vector3<f64>,
-    /// Its negated derivative by displacement and rotation of the cube.
+    /// Negated derivative of the wrench by displacement and rotation of the cube.
     pub(super) stiffness: Matrix6<f64>,
     /// Force of the pads at +y and -y (N).
     pub(super) pads: [f64; 2],
     /// Force of the palm's stops (N).
     pub(super) palm: f64,
-    /// How far the nearest of the palm's stops is off the face (m), below 0 where it presses;
-    /// infinite far from it.
+    /// Distance of the palm's nearest stop from the face (m), below 0 where it presses; infinite
+    /// far from it.
     pub(super) gap: f64,
     /// Force on the ends and edges of the fingers (N).
     pub(super) front: f64,
-    /// How far apart what stands between the pads forces them (m): the edge, or more where it
-    /// stands askew.
+    /// Distance to which the cube forces the pads apart (m): the edge, or more where the cube is
+    /// tilted.
     pub(super) width: f64,
-    /// How far it stands askew about x and z, beyond the give of the rubber (rad).
+    /// Tilt about x and z beyond the give of the rubber (rad).
     askew: [f64; 2],
+    /// Slip after this evaluation, as in [`Grasp`].
     slid: [f64; 5],
+    /// Slip in the plane of the pads in this evaluation (m).
     slip_step: f64,
 }
 
@@ -136,12 +145,12 @@ impl Touch {
         slip_step: 0.0,
     };
 
-    /// Lesser of the pads' forces (N).
+    /// Returns the lesser of the pads' forces (N).
     pub(super) fn grip(&self) -> f64 {
         self.pads[0].min(self.pads[1])
     }
 
-    /// Whether anything touches.
+    /// Checks whether anything touches.
     pub(super) fn any(&self) -> bool {
         self.pads[0] + self.pads[1] + self.palm + self.front > 0.0
     }
@@ -162,17 +171,17 @@ impl Grasp {
         reported: false,
     };
 
-    /// Whether what the pads closed on has not left the hand.
+    /// Checks whether the cube that the pads closed on is still in the hand.
     pub(super) fn attached(&self) -> bool {
         self.hold != Hold::Open
     }
 
-    /// Whether it can carry the cube.
+    /// Checks whether the grasp can carry the cube.
     pub(super) fn holds(&self) -> bool {
         self.hold == Hold::Closed && !self.lost
     }
 
-    /// The strain-free frame of flat pads around a cube that stands nearly so.
+    /// Returns the strain-free frame of flat pads around a cube that is nearly aligned with them.
     pub(super) fn flat(tool_from_body: &Frame) -> Frame {
         Frame {
             r: nearest_alignment(&tool_from_body.r),
@@ -180,7 +189,8 @@ impl Grasp {
         }
     }
 
-    /// The pads have met the cube: `tool_from_body` now, `flat` as of the touched layer.
+    /// Closes on a body that is at `tool_from_body`. At `flat` its touched layer would lie flat
+    /// between the pads.
     pub(super) fn close(&mut self, node: usize, tool_from_body: &Frame, flat: Frame) {
         let e = tool_from_body.times(&flat.inverse());
         let w = rotation_vector(&e.r);
@@ -190,6 +200,8 @@ impl Grasp {
             node,
             reference: flat,
             off: [Frame::IDENTITY; 3],
+            // Displacements that flat pads do not align count as slid already: they start without
+            // stress.
             slid: [e.p.x, e.p.z, 0.0, w.y, 0.0],
             closed_tilt: [w.x, w.z],
             askew: self.askew,
@@ -199,7 +211,8 @@ impl Grasp {
         };
     }
 
-    /// The pads that had let go meet the layer that they had, which still leans on the palm.
+    /// Closes again on the layer that the pads had let go and that still leans on the palm: its
+    /// strains remain.
     pub(super) fn close_again(&mut self) {
         self.hold = Hold::Closed;
         self.lost = false;
@@ -208,13 +221,13 @@ impl Grasp {
         self.reported = false;
     }
 
-    /// The touched body is from now on described by another frame: `old_from_new`.
+    /// Describes the touched body by another frame: `old_from_new`.
     pub(super) fn rename(&mut self, node: usize, old_from_new: &Frame) {
         self.node = node;
         self.reference = self.reference.times(old_from_new);
     }
 
-    /// Forces between the gripper at `world_from_tool` and the body at `world_from_body`.
+    /// Returns the contact between the gripper at `tool` and the body at `body`, both in the world.
     pub(super) fn touch(&self, tool: &Frame, body: &Frame, hands: &Hands) -> Touch {
         let mut local = tool.to_local(body);
         let reach = hands.edge + hands.gripper.palm;
@@ -224,6 +237,7 @@ impl Grasp {
         let reference = if self.attached() {
             self.reference
         } else {
+            // Open pads meet the lone layer first, whose tilt decides how they meet it.
             local = local.times(&hands.layer);
             Self::flat(&local)
         };
@@ -234,10 +248,13 @@ impl Grasp {
         let face = reference.p.z + e.p.z - half;
         let (g, j) = (hands.gripper, hands.jaws);
 
-        // Fingers beside the cube, in front of it, or edge on? A grasp knows; else the way out that is the shortest.
+        // A finger is beside the cube, in front of it, or edge on. A grasp knows which; otherwise
+        // the shortest way out decides. If each overlap counted as beside, a finger that meets an
+        // edge would be 4 mm deep at once (387 N).
         let depth = g.finger_tip - face;
         t.askew = [w.x, w.z].map(beyond_give);
-        // As it was before: the solver knows no stiffness that would lead it back.
+        // The pads keep the width of the last substep's tilt: the stiffness has no term that would
+        // lead Newton to the present one.
         let [about_x, about_z] = self.askew;
         let (tilt, _) = libm::sincos(about_x.min(FRAC_PI_2));
         t.width =
@@ -250,17 +267,21 @@ impl Grasp {
                 if press <= 0.0 {
                     continue;
                 }
+                // Beside: a pad presses along y.
                 if self.attached() || press < depth.min(across) {
                     let k = 0.5 * j.stiffness[1];
                     t.pads[i] = (k * press).min(400.0);
                     t.force.y -= side * t.pads[i];
                     t.stiffness[(1, 1)] += k;
                 } else if across < depth {
+                    // Edge on: the finger pushes the cube out sideways, to the side from which it
+                    // came.
                     let f = (FRONT_STIFFNESS * across).min(400.0);
                     t.front += f;
                     t.force.x += local.p.x.signum() * f;
                     t.stiffness[(0, 0)] += FRONT_STIFFNESS;
                 } else {
+                    // In front: the finger's end pushes the cube away along z.
                     let f = (FRONT_STIFFNESS * depth).min(400.0);
                     t.front += f;
                     let y = side * 0.5 * hands.opening;
@@ -271,16 +292,23 @@ impl Grasp {
         palm(&mut t, hands, &local, face, &w);
         if self.attached() {
             self.friction(&mut t, hands, &e, &w);
-            let grip = if self.lost { 0.0 } else { hands.hold * t.grip() };
-            let levers = [depth.clamp(0.0, hands.edge), g.finger_width];
-            for ((axis, lever), askew) in [0, 2].into_iter().zip(levers).zip(t.askew) {
-                t.torque[axis] -= w[axis].signum() * grip * lever * (askew / GIVE).min(1.0);
-                if askew > 0.0 && askew < GIVE {
-                    t.stiffness[(3 + axis, 3 + axis)] += grip * lever / GIVE;
-                }
-            }
+            self.straighten(&mut t, hands, depth, &w);
         }
         t
+    }
+
+    /// Adds the torque with which the grip turns a tilted cube back, from the fingers' width and
+    /// their depth on the cube (m). `w` is the tilt. The torque rises smoothly while the rubber
+    /// gives: a step, or a size that lags, jerked the cube with 29 N at a grip of 5 N.
+    fn straighten(&self, t: &mut Touch, hands: &Hands, depth: f64, w: &Vector3<f64>) {
+        let grip = if self.lost { 0.0 } else { hands.hold * t.grip() };
+        let levers = [depth.clamp(0.0, hands.edge), hands.gripper.finger_width];
+        for ((axis, lever), askew) in [0, 2].into_iter().zip(levers).zip(t.askew) {
+            t.torque[axis] -= w[axis].signum() * grip * lever * (askew / GIVE).min(1.0);
+            if askew > 0.0 && askew < GIVE {
+                t.stiffness[(3 + axis, 3 + axis)] += grip * lever / GIVE;
+            }
+        }
     }
 
     fn friction(&self, t: &mut Touch, hands: &Hands, e: &Frame, w: &Vector3<f64>) {
@@ -296,10 +324,13 @@ impl Grasp {
         let mut fz = -j.stiffness[2] * strain[1];
         let mut m = Vector3::from_fn(|i, _| -j.rotation[i] * strain[2 + i]);
         let grip = if self.lost { 0.0 } else { t.grip() };
+        // Both pads rub, in torsion at half the edge from the axis. The least value avoids a
+        // division by 0.
         let plane = (2.0 * j.friction * grip).max(1e-9);
         let torsion = plane * 0.5 * hands.edge;
         let tilt = 0.6 * torsion;
-        // While the grip grows, what flat pads align is not friction's business.
+        // While the grip grows, flat pads align the rotations about x and z; friction has no part
+        // in them.
         let growing = self.grown.1 < SETTLING;
         let mut load = (fx * fx + fz * fz) / (plane * plane);
         let mut rocking = m.y * m.y / (tilt * tilt);
@@ -316,6 +347,7 @@ impl Grasp {
             }
         };
         t.slid = self.slid;
+        // Return mapping: force and torsion slide back to the surface in proportion.
         if load > 1.0 {
             let keep = 1.0 / load.sqrt();
             fx *= keep;
@@ -326,7 +358,7 @@ impl Grasp {
             slide(t, keep, &[0, 1, 4]);
             t.slip_step = (1.0 - keep) * strain[0].hypot(strain[1]);
         }
-        // Pads rock before they slide: tilt has what force and torsion leave.
+        // Pads rock before they slide: a tilt has what force and torsion leave of the friction.
         let room = (1.0 - load).max(0.01);
         if rocking > room {
             let keep = (room / rocking).sqrt();
@@ -339,8 +371,9 @@ impl Grasp {
         t.force.x += fx;
         t.force.z += fz;
         t.torque += m;
-        // Pads that no longer press hold nothing back. With their full stiffness in the solver a layer that jaws have
-        // just left would creep home through its play, and jump the rest when the jaws count as open.
+        // Pads that do not press hold nothing back. With their full stiffness in the solver a layer
+        // that the jaws have just left would creep home through its play, and jump the rest when
+        // the jaws count as open (19.7 N on seed 13).
         let share = if grip > 0.0 { 1.0 } else { FREE };
         t.stiffness[(0, 0)] += share * j.stiffness[0];
         t.stiffness[(2, 2)] += share * j.stiffness[2];
@@ -349,7 +382,7 @@ impl Grasp {
         }
     }
 
-    /// Takes over the slip of the substep's last evaluation.
+    /// Accepts the slip of the last evaluation in this substep.
     pub(super) fn commit(&mut self, t: &Touch, dt: f64) {
         for (askew, now) in self.askew.iter_mut().zip(t.askew) {
             *askew += (now - *askew) * dt / (dt + FOLLOWS);
@@ -360,11 +393,12 @@ impl Grasp {
         let about_jaws = (t.slid[3] - self.slid[3]).abs();
         self.slid = t.slid;
         self.slip.0 += t.slip_step;
-        // Of the aligned rotations only what goes beyond the misalignment at closing is slip.
+        // A slip of the aligned rotations is only what exceeds the misalignment at closing.
         let beyond = (self.slid[2].abs() - self.closed_tilt[0].abs())
             .max(self.slid[4].abs() - self.closed_tilt[1].abs());
         self.slip.1 = (self.slip.1 + about_jaws).max(beyond);
         let grip = t.grip();
+        // Growth of less than 2 % counts as a settled grip.
         if grip > 1.02 * self.grown.0 {
             self.grown = (grip, 0.0);
         } else {
@@ -376,23 +410,25 @@ impl Grasp {
     }
 }
 
-/// What of an angle about z forces the pads apart (rad).
+/// Returns the part of an angle beyond the give of the rubber (rad).
 fn beyond_give(angle: f64) -> f64 {
     (angle.abs() - GIVE).max(0.0)
 }
 
-/// How far a square that has turned by `angle` (rad) forces flat fingers apart that are so wide
-/// (m).
+/// Returns the distance to which a square of side `side` (m), turned by `angle` (rad), forces flat
+/// fingers of width `finger` (m) apart.
 fn turned_width(side: f64, finger: f64, angle: f64) -> f64 {
+    // A square repeats every quarter and is symmetric about an eighth.
     let angle = angle % FRAC_PI_2;
     let (s, c) = libm::sincos(angle.min(FRAC_PI_2 - angle));
-    // Beyond its corners there is nothing of it.
+    // Fingers that reach beyond a corner rest on the corners.
     ((side + finger * s) / c).min(side * (c + s))
 }
 
-/// The palm's stops on the face, which lies at `face` and is tilted by `w`.
+/// Adds the palm's stops on the face, which is at `face` and tilted by `w`.
 fn palm(t: &mut Touch, hands: &Hands, local: &Frame, face: f64, w: &Vector3<f64>) {
     let half = 0.5 * hands.edge;
+    // A cube beside the hand or behind it does not meet the stops.
     if local.p.x.abs() > half || local.p.y.abs() > half || local.p.z < 0.0 - half {
         return;
     }
@@ -406,6 +442,7 @@ fn palm(t: &mut Touch, hands: &Hands, local: &Frame, face: f64, w: &Vector3<f64>
     let k = 0.25 * hands.jaws.palm;
     for (x, y) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
         let (x, y) = (x * STOP_SPACING, y * STOP_SPACING);
+        // The tilt of the face brings it nearer at one stop than at another.
         let press = stop - (face + w.x * y - w.y * x);
         t.gap = t.gap.min(-press);
         if press > 0.0 {
@@ -416,11 +453,12 @@ fn palm(t: &mut Touch, hands: &Hands, local: &Frame, face: f64, w: &Vector3<f64>
     }
 }
 
-/// A force along +z at (x, y, 0) with a stiffness.
+/// Adds a force `f` along +z at (x, y, 0) with the stiffness `k` (N/m).
 fn point_load(t: &mut Touch, x: f64, y: f64, f: f64, k: f64) {
     t.force.z += f;
     t.torque.x += y * f;
     t.torque.y -= x * f;
+    // The point moves along z by dz + y wx - x wy.
     let n = [(2, 1.0), (3, y), (4, -x)];
     for (i, a) in n {
         for (l, b) in n {

@@ -1,10 +1,11 @@
-//! The operator's hand: it brings the cube, holds it nearly still, lets go, and takes it back at the end.
+//! The operator's hand: it brings the cube, holds it nearly still, lets go, and takes it back at
+//! the end.
 //!
-//! It sees what a person sees: whether jaws are on the cube, whether the cube stands still in front of it,
-//! whether it is solved; and it feels the load on the cube. It knows nothing of the controller.
+//! The hand sees what a person sees: jaws on the cube, a cube at rest in front of it, a solved
+//! cube. It senses the load on the cube. It knows nothing of the controller.
 //!
-//! - in: time, what it sees and feels
-//! - out: where it wants the cube while it holds it, and where the hand is
+//! - in: time, what the person sees and senses
+//! - out: the pose at which it wants the cube while it holds it, and the pose of the hand
 //! - the path is a minimum-jerk motion with sway and tremor, which calm down after the arrival
 
 use super::config::HandScript;
@@ -16,74 +17,75 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-/// Sines per axis that make up the sway, and those of the tremor.
+/// Number of sines per axis that make up the sway.
 const SWAYS: usize = 3;
+/// Number of sines per axis that make up the tremor.
 const TREMORS: usize = 2;
-/// What is left of sway and tremor when it has calmed down: 0.3 mm and 0.02 mm.
+/// Share of sway and tremor that remains in a calm hand: 0.3 mm and 0.02 mm.
 const CALM: f64 = 0.1;
-/// How long it takes to come or to go without the cube (s).
+/// Time in which the hand comes or leaves without the cube (s).
 const EMPTY_TRIP: f64 = 1.5;
-/// A cube slower than this is nearly still (m/s), for this long (s).
+/// Speed below which a cube is nearly still (m/s), and the time for which it must be (s).
 const STILL: (f64, f64) = (0.005, 1.0);
-/// A cube that was never carried away is meant for it when it stands still in front of it for so
-/// long after it might be (s).
+/// Time for which a cube that never left the zone must be still there to be meant for the hand (s).
+/// A cube that was carried away and is back needs only [`STILL`].
 const HELD_OUT: f64 = 5.0;
-/// How long the load must last before it lets go (s).
+/// Time for which the load must last before the hand lets go (s).
 const LOAD_TIME: f64 = 0.3;
-/// How long it stays away between two attempts (s).
+/// Time between two attempts to hand over the cube (s).
 const AWAY: f64 = 2.0;
 
-/// What it is doing.
+/// Activity of the hand.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 enum Phase {
     /// Waits outside with the cube.
     Outside,
-    /// Brings it, holds it.
+    /// Brings the cube and holds it.
     Bringing { since: f64 },
-    /// Draws back with the cube and comes again.
+    /// Withdraws the cube and comes again.
     DrawingBack { since: f64 },
-    /// Goes away empty.
+    /// Leaves without the cube.
     Leaving { since: f64, from: Frame },
     /// Out of the cell, empty.
     Gone,
     /// Comes to take the cube.
     Coming { since: f64, to: Frame },
-    /// Has hold of it and pulls gently.
+    /// Holds the cube and pulls gently.
     Taking { since: f64, from: Frame },
     /// Carries it away.
     Carrying { since: f64, from: Frame },
-    /// Has it.
+    /// Has the cube.
     Done,
-    /// Nobody is in the cell.
+    /// No person is in the cell.
     Absent,
 }
 
-/// What the operator sees and feels of the cube in a period.
+/// View of the cube that the operator has in a period, with the load on it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sight {
     pub(super) cube: Frame,
     /// Speed of its centre (m/s).
     pub(super) speed: f64,
-    /// Grippers that hold it.
+    /// Number of grippers that hold the cube.
     pub(super) grippers: usize,
     /// Greatest force of a gripper on it (N).
     pub(super) load: f64,
     pub(super) solved: bool,
-    /// It lies on the tray.
+    /// Whether the cube lies on the tray.
     pub(super) fallen: bool,
 }
 
-/// For how long something has been so (s); negative if it is not.
-struct Felt {
+/// Durations of what the operator perceives (s); negative if it is not so.
+struct Durations {
     /// Jaws hold the cube.
     closed: f64,
     /// A gripper pulls at it.
     loaded: f64,
-    /// It stands still.
+    /// The cube does not move.
     still: f64,
 }
 
-/// What is kept of a hand; times count from the moment at which it was kept (s).
+/// State of a hand to be saved; its times count from that moment (s).
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub(super) struct Saved {
     phase: Phase,
@@ -97,7 +99,7 @@ pub(super) struct OperatorHand {
     script: HandScript,
     zone: HandZone,
     phase: Phase,
-    /// Where it holds the cube when still.
+    /// Place of the cube in a calm hand.
     place: Frame,
     sways: [[(f64, f64, f64); SWAYS]; 3],
     tremors: [[(f64, f64, f64); TREMORS]; 3],
@@ -170,7 +172,7 @@ impl OperatorHand {
         }
     }
 
-    /// What is kept of it at `t`.
+    /// Returns the state to be saved at `t` (s).
     pub(super) fn saved(&self, t: f64) -> Saved {
         let mut phase = self.phase;
         match &mut phase {
@@ -190,7 +192,7 @@ impl OperatorHand {
         }
     }
 
-    /// Goes on at time 0 with what was kept.
+    /// Continues at time 0 from a saved state.
     pub(super) fn restore(&mut self, saved: &Saved) {
         self.phase = saved.phase;
         self.withdrawals_left = saved.withdrawals_left;
@@ -198,17 +200,18 @@ impl OperatorHand {
         self.cube_left_zone = saved.cube_left_zone;
     }
 
-    /// A hand that has nothing to do until the cube is handed back.
+    /// Keeps the hand out of the cell until the cube is handed back.
     pub(super) fn stay_away(&mut self) {
         self.phase = Phase::Gone;
     }
 
-    /// Nobody is in the cell, and nobody comes.
+    /// Removes the person from the cell for good.
     pub(super) fn keep_out(&mut self) {
         self.phase = Phase::Absent;
     }
 
-    /// Where it wants the cube at `t` seconds; `None` when it does not hold it.
+    /// Returns the pose at which the hand wants the cube at `t` (s), or `None` when it does not
+    /// hold the cube.
     pub(super) fn hold(&self, t: f64) -> Option<Frame> {
         let s = &self.script;
         let out = s.start_offset;
@@ -217,15 +220,17 @@ impl OperatorHand {
             Phase::Outside => Some(moved(&self.place, out)),
             Phase::Bringing { since } => {
                 let left = 1.0 - minimum_jerk((t - since) / s.arrival);
-                Some(moved(&self.place, out * left + self.unrest(t, since + s.arrival)))
+                Some(moved(&self.place, out * left + self.sway_and_tremor(t, since + s.arrival)))
             }
             Phase::DrawingBack { since } => {
                 let x = t - since;
+                // One second away, a stay, and one second back.
                 let there = minimum_jerk(x) - minimum_jerk(x - 1.0 - AWAY);
                 let back = out.normalize() * (s.withdrawal * there);
-                Some(moved(&self.place, back + self.unrest(t, since + 2.0 + AWAY)))
+                Some(moved(&self.place, back + self.sway_and_tremor(t, since + 2.0 + AWAY)))
             }
             Phase::Taking { since, from } => {
+                // The aim moves away by pull / stiffness: the spring of the hold makes the force.
                 let pull = out.normalize() * (s.pull / s.stiffness);
                 Some(moved(&from, pull * minimum_jerk(t - since)))
             }
@@ -240,7 +245,8 @@ impl OperatorHand {
         }
     }
 
-    /// Where the hand is at `t`: its origin on the cube's far side; `None` when out of the cell.
+    /// Returns the pose of the hand at `t` (s), its origin on the cube's far side, or `None` when
+    /// it is out of the cell.
     pub(super) fn pose(&self, t: f64) -> Option<Frame> {
         let empty = |frame: Frame, away: f64| Frame {
             r: nalgebra::Matrix3::identity(),
@@ -258,17 +264,18 @@ impl OperatorHand {
         }
     }
 
-    /// Whether it carries the cube away.
+    /// Checks whether the hand carries the cube away.
     pub(super) fn carries(&self) -> bool {
         matches!(self.phase, Phase::Carrying { .. })
     }
 
-    /// Whether it has the cube for good.
+    /// Checks whether the hand has the cube for good.
     pub(super) fn has_it_back(&self) -> bool {
         self.phase == Phase::Done
     }
 
-    /// Draws the cube back at once, as at each of its withdrawals; a hand that comes for it turns round.
+    /// Withdraws the cube at once, as the hand's script demands. A hand that comes for the cube
+    /// turns back.
     pub(super) fn draw_back(&mut self, t: f64) {
         match self.phase {
             Phase::Outside | Phase::Bringing { .. } | Phase::DrawingBack { .. } => {
@@ -286,7 +293,7 @@ impl OperatorHand {
         }
     }
 
-    /// Looks, feels and decides at the end of a period.
+    /// Observes and decides at the end of a period.
     pub(super) fn decide(&mut self, t: f64, sight: &Sight) {
         let s = self.script;
         let since = |slot: &mut Option<f64>, yes: bool| -> f64 {
@@ -297,24 +304,29 @@ impl OperatorHand {
                 -1.0
             }
         };
-        let felt = Felt {
+        let lasting = Durations {
             closed: since(&mut self.closed_since, sight.grippers > 0),
             loaded: since(&mut self.loaded_since, sight.load > s.release_load),
             still: since(&mut self.still_since, sight.speed < STILL.0),
         };
         let fallen = since(&mut self.fallen_since, sight.fallen);
         match self.phase {
+            // The path counts from the script's time, not from this period.
             Phase::Outside if t >= s.appears => self.phase = Phase::Bringing { since: s.appears },
-            Phase::Bringing { since } => self.offer(t, since + s.arrival, sight, &felt),
-            Phase::DrawingBack { since } => self.offer(t, since + (2.0 + AWAY), sight, &felt),
+            Phase::Bringing { since } => self.offer(t, since + s.arrival, sight, &lasting),
+            // A withdrawal takes 1 s out, `AWAY`, and 1 s back.
+            Phase::DrawingBack { since } => self.offer(t, since + (2.0 + AWAY), sight, &lasting),
             Phase::Leaving { since, .. } if t > since + EMPTY_TRIP => self.phase = Phase::Gone,
+            // A cube that fell is brought once more, as at first.
             Phase::Gone if fallen >= s.picks_up_after => {
                 self.cube_left_zone = false;
                 self.phase = Phase::Bringing { since: t };
             }
-            Phase::Gone => self.wait_for_return(t, sight, &felt),
+            // The hand waits for the cube to be handed back.
+            Phase::Gone => self.wait_for_return(t, sight, &lasting),
             Phase::Coming { since, to } => {
-                // A cube that is moved away now is not meant for the hand.
+                // A cube that moves away now is not meant for the hand. The hand may come again at
+                // once.
                 if (sight.cube.p - to.p).norm() > 0.03 {
                     self.phase = Phase::Leaving { since: t, from: to };
                     self.let_go_at = t - s.return_after;
@@ -323,9 +335,11 @@ impl OperatorHand {
                 }
             }
             Phase::Taking { from, .. } => {
+                // The jaws have opened: the cube is the person's.
                 if sight.grippers == 0 {
                     self.phase = Phase::Carrying { since: t, from: sight.cube };
                 } else if (sight.cube.p - from.p).norm() > 0.1 {
+                    // The arm takes the cube away: the hand does not wrestle with it.
                     self.leave(t, sight);
                 }
             }
@@ -334,11 +348,11 @@ impl OperatorHand {
         }
     }
 
-    /// Offers the cube: lets go when jaws hold it long or firmly enough, draws it back when it is
-    /// not taken. The hand has arrived at `arrived` (s).
-    fn offer(&mut self, t: f64, arrived: f64, sight: &Sight, felt: &Felt) {
+    /// Offers the cube: lets go when jaws hold it long or firmly enough, withdraws it when no jaws
+    /// take it. The hand has arrived at `arrived` (s).
+    fn offer(&mut self, t: f64, arrived: f64, sight: &Sight, lasting: &Durations) {
         let s = self.script;
-        let Felt { closed, loaded, .. } = *felt;
+        let Durations { closed, loaded, .. } = *lasting;
         if closed >= s.release_time || (closed >= 0.0 && loaded >= LOAD_TIME) {
             self.leave(t, sight);
         } else if t > arrived
@@ -357,31 +371,32 @@ impl OperatorHand {
         self.let_go_at = t;
     }
 
-    /// Comes for a cube that one hand holds still in the zone.
-    fn wait_for_return(&mut self, t: f64, sight: &Sight, felt: &Felt) {
+    /// Comes for a cube that one gripper holds still in the zone.
+    fn wait_for_return(&mut self, t: f64, sight: &Sight, lasting: &Durations) {
         let s = self.script;
         let inside = self.in_zone(&sight.cube);
         self.cube_left_zone |= !inside;
-        // A hand that reached deep into the zone need not leave it again to give the cube back.
+        // A gripper that reached deep into the zone need not leave it to give the cube back.
         let early = if self.cube_left_zone { 0.0 } else { HELD_OUT };
         if inside
             && t > self.let_go_at + s.return_after + early
             && sight.grippers == 1
-            && felt.still >= early.max(STILL.1)
+            && lasting.still >= early.max(STILL.1)
             && (sight.solved || !s.return_solved_only)
         {
             self.phase = Phase::Coming { since: t, to: sight.cube };
         }
     }
 
-    /// The zone with a hand's width around it: a person reaches a little farther.
+    /// Checks whether the cube is in the zone, with a hand's width around it: a person reaches a
+    /// little farther.
     fn in_zone(&self, cube: &Frame) -> bool {
         let local = Frame::from_pose(&self.zone.world_from_cube).to_local(cube).p;
         (0..3).all(|i| local[i].abs() <= self.zone.half_extent[i] + 0.05)
     }
 
-    /// Sway and tremor at `t`, calming down after `arrival`.
-    fn unrest(&self, t: f64, arrival: f64) -> Vector3<f64> {
+    /// Returns the displacement by sway and tremor at `t` (m), which calm down after `arrival` (s).
+    fn sway_and_tremor(&self, t: f64, arrival: f64) -> Vector3<f64> {
         let calmed = minimum_jerk((t - arrival) / self.script.stills.max(0.1));
         let strength = 1.0 - (1.0 - CALM) * calmed;
         let sum = |waves: &[(f64, f64, f64)]| -> f64 {
@@ -391,7 +406,8 @@ impl OperatorHand {
     }
 }
 
-/// 0 to 1 with the least jerk, for x in 0..1; held outside.
+/// Returns the share, 0 to 1, of a motion with the least jerk at the share `x` of its time; outside
+/// of 0..1 it rests.
 fn minimum_jerk(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     x * x * x * (10.0 + x * (6.0 * x - 15.0))
@@ -413,7 +429,7 @@ mod tests {
     }
 
     #[test]
-    fn the_hand_calms_down_to_half_a_millimetre_after_its_arrival() {
+    fn hand_calms_to_half_millimetre_after_arrival() {
         for seed in 0..20 {
             let mut hand = hand(seed);
             let cube = |hand: &OperatorHand, t: f64| hand.hold(t).unwrap();
@@ -440,8 +456,8 @@ mod tests {
         }
     }
 
-    /// When it comes for a cube that is held still in front of it from the beginning (s); `None` if
-    /// it does not.
+    /// Returns the time at which the hand comes for a cube that is held still in front of it from
+    /// the beginning (s), or `None` if it does not.
     fn comes_for(held: &Sight, left_zone: bool, let_go_at: f64) -> Option<f64> {
         let mut hand = hand(1);
         hand.stay_away();
@@ -456,7 +472,7 @@ mod tests {
     }
 
     #[test]
-    fn it_comes_for_a_cube_that_stands_still_sooner_if_that_had_been_carried_away() {
+    fn hand_comes_sooner_for_cube_that_left_zone() {
         let held = Sight {
             cube: Frame { r: nalgebra::Matrix3::identity(), p: Vector3::zeros() },
             speed: 0.001,
@@ -469,12 +485,12 @@ mod tests {
 
         let (long_ago, now, waits) = (-100.0, 0.0, HandScript::default().return_after);
         assert!(about(STILL.1, comes_for(&held, true, long_ago)));
-        // One that was taken deep in the zone may be offered there without ever having left it.
+        // A cube that was taken deep in the zone may be offered there without ever having left it.
         assert!(about(HELD_OUT, comes_for(&held, false, long_ago)));
         assert_eq!(comes_for(&Sight { speed: 0.01, ..held }, false, long_ago), None);
         assert_eq!(comes_for(&Sight { grippers: 2, ..held }, false, long_ago), None);
         assert_eq!(comes_for(&Sight { grippers: 0, ..held }, true, long_ago), None);
-        // How long it stood still before it could have been meant for anybody does not count.
+        // The time at rest before the return was possible does not count.
         assert!(about(waits, comes_for(&held, true, now)));
         assert!(about(waits + HELD_OUT, comes_for(&held, false, now)));
     }

@@ -1,7 +1,14 @@
-//! Which gripper holds which layers, and so whether the cube is one body or two.
+//! Layers that each gripper holds, and so the division of the cube into one body or two.
 //!
-//! - in: the pads' contacts
+//! - in: contacts of the pads
 //! - out: grasps that close and open, the split of the cube
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | pads are on the cube | grip above `CLOSED` | one pad alone may only push it |
+//! | jaws have let go | wider than the cube by `OPEN_GAP` | a loose layer is clear of both pads |
+//! | a released layer joins the core | palm beyond `PALM_GAP` | it would jump against the stops |
+//! | a pad holds a layer | overlap above `OVERLAP` | the mere edge of a pad holds nothing |
 
 use super::StillWatch;
 use super::balance::{Split, layer_angle};
@@ -12,32 +19,35 @@ use super::{Incident, Plant, State};
 use crate::cube::Axis;
 use nalgebra::Vector3;
 
-/// Pads that press more than this are on the cube (N).
+/// Grip above which the pads are on the cube (N).
 const CLOSED: f64 = 0.2;
-/// Jaws wider than the cube by this have let go (m): the layer between them may lie askew by its
-/// play, and must be clear of both pads before it counts as part of the cube again.
+/// Excess of the opening over the cube at which the jaws have let go (m). The layer between them
+/// may be tilted by its play, and must be clear of both pads before it counts as part of the cube
+/// again.
 const OPEN_GAP: f64 = 1.5e-3;
-/// Stops nearer than this to the layer that the jaws have left may touch it once it lies on the
-/// core again (m).
+/// Distance of the palm's stops from a released layer that keeps them clear once the layer lies on
+/// the core again (m).
 const PALM_GAP: f64 = 1e-3;
-/// Overlap of a pad with a layer from which on it holds the layer (m).
+/// Overlap of a pad with a layer from which on the pad holds the layer (m).
 const OVERLAP: f64 = 1e-3;
-/// What is left of a layer's misalignment when pads close over it and its neighbour.
+/// Share of a layer's misalignment that remains when pads close over it and its neighbour.
 const FLUSH: f64 = 0.1;
 
 impl Plant {
-    /// Pads that met the cube or left it.
+    /// Closes and opens the grasps of pads that met the cube or left it.
     pub(super) fn change_grasps(&mut self) {
         let edge = self.config.cell.cube.edge;
         for i in 0..self.arms.len() {
             let touch = self.balance.touches[i];
             let (attached, grip) = (self.grasps[i].attached(), touch.grip());
+            // A falling cube is not caught: it ends on the tray.
             let closes = grip > CLOSED && !matches!(self.state, State::Falling { .. });
             if !attached && closes {
                 self.state = State::Held;
                 self.close(i);
             } else if self.grasps[i].hold == Hold::LetGo {
-                // A layer that joins the core while the palm presses it would jump by its play, against the stops.
+                // A layer that joins the core while the palm presses it would jump by its play,
+                // against the stops. So the grasp ends only once the palm is away.
                 if self.balance.split.is_none() || touch.gap > PALM_GAP {
                     self.part(i);
                 } else if closes {
@@ -48,12 +58,14 @@ impl Plant {
                 && touch.pads == [0.0; 2]
                 && self.jaws[i].opening() > edge.max(touch.width) + OPEN_GAP
             {
+                // The layer stays a body of its own until the palm is away as well.
                 self.grasps[i].hold = Hold::LetGo;
                 self.record(Incident::Released { arm: i });
             }
         }
     }
 
+    /// Closes the grasp of an arm around the cube.
     pub(super) fn close(&mut self, i: usize) {
         let core = self.balance.core(&self.puzzle);
         let tool = self.tool(i);
@@ -62,13 +74,14 @@ impl Plant {
             for side in 0..2 {
                 let outer = 1 << (2 * side);
                 if layers & outer != 0 && layers & MIDDLE != 0 {
-                    // Pads over both layers press them flush, but for what the rubber gives.
+                    // Pads over both layers press them flush, but for the give of the rubber.
                     self.puzzle.settle(axis);
                     self.puzzle.angles[axis][side] *= FLUSH;
                 }
             }
         }
         let touched = core.times(&self.lone_layer(held));
+        // A lone layer is what the pads align with; the body's strain-free frame follows from it.
         let flat = Grasp::flat(&tool.to_local(&touched));
         let body = self.balance.nodes[0];
         let reference = flat.times(&touched.to_local(&body));
@@ -77,7 +90,8 @@ impl Plant {
         self.regroup();
     }
 
-    /// The layer that pads touch alone, in the core: it stands off by its misalignment.
+    /// Returns the frame, in the core, of the layers that the pads touch alone: they are off by
+    /// their angles.
     fn lone_layer(&self, held: [Layers; 3]) -> Frame {
         let mut touched = Frame::IDENTITY;
         for (axis, layers) in held.iter().enumerate() {
@@ -89,8 +103,9 @@ impl Plant {
         touched
     }
 
-    /// What an open hand is about to touch, in the body that it would touch first.
+    /// Returns the frame, in the first body, of the layer that an open hand is about to touch.
     pub(super) fn layer_ahead(&self, i: usize) -> Frame {
+        // Layers that are off by less than the rubber gives count as straight.
         let straight = self.puzzle.angles.as_flattened().iter().all(|angle| angle.abs() < GIVE);
         if straight || self.grasps[i].attached() {
             return Frame::IDENTITY;
@@ -100,13 +115,16 @@ impl Plant {
         self.balance.nodes[0].to_local(&core.times(&self.lone_layer(held)))
     }
 
+    /// Records that an arm holds the cube.
     fn closed(&mut self, i: usize) {
         self.last_holder = Some(i);
         self.verdict.grasps[i] += 1;
         self.record(Incident::Grasped { arm: i });
     }
 
+    /// Ends the grasp of an arm.
     fn part(&mut self, i: usize) {
+        // An open grasp has no part in a split, so the regrouping joins its layer to the core.
         self.grasps[i].hold = Hold::Open;
         self.regroup();
         self.grasps[i] = Grasp::OPEN;
@@ -114,12 +132,14 @@ impl Plant {
 
     /// Decides whether the cube is one body or two.
     pub(super) fn regroup(&mut self) {
+        // Between two axes the misaligned one turns: it blocks the other.
         let split = self.splits().max_by(|a, b| {
             self.puzzle.misalignment(a.axis).total_cmp(&self.puzzle.misalignment(b.axis))
         });
         self.split_as(split);
     }
 
+    /// Makes the cube one body, or two with this split, and begins the measurements of a turn.
     fn split_as(&mut self, split: Option<Split>) {
         let before = self.balance.split;
         self.balance.regroup(split, &mut self.puzzle, &mut self.grasps);
@@ -132,13 +152,16 @@ impl Plant {
         }
     }
 
-    /// Where the palms stand at right angles the cube can turn about two axes: it turns about the one whose layer
-    /// gives way. The axis that turns now is left only near a quarter, where the others are not blocked by it.
+    /// Chooses the axis about which a layer turns if the palms are at right angles. The cube could
+    /// then turn about two axes; the layer whose friction is overcome first turns. The axis changes
+    /// only if the present layer is near a quarter turn, where it does not block the other axis.
     pub(super) fn reconsider_axis(&mut self) {
         let Some(now) = self.balance.split else { return };
         if self.puzzle.misalignment(now.axis) > self.config.cube.corner_cut {
             return;
         }
+        // The first gripper's wrench about the core is the load on both axes: the second hand
+        // balances it.
         let core = self.balance.core(&self.puzzle);
         let tool = self.tool(0);
         let touch = &self.balance.touches[0];
@@ -147,6 +170,7 @@ impl Plant {
         let load = |split: &Split| {
             let about = core.r.column(split.axis).dot(&torque).abs();
             let side = usize::from(split.layers[0] & 4 != 0 || split.layers[1] & 4 != 0);
+            // Above 1 the layer would slip, without the load across the axis.
             about / self.puzzle.turning_torque(split.axis, side, InterfaceLoad::default())
         };
         let loaded_now = load(&now);
@@ -159,7 +183,8 @@ impl Plant {
         }
     }
 
-    /// The axes that could turn while both hold: those under a palm's lone layer.
+    /// Returns the splits about which the cube could turn while both hands hold it: the axes under
+    /// a palm with a lone outer layer.
     fn splits(&self) -> impl Iterator<Item = Split> + use<> {
         let both = self.grasps.iter().all(Grasp::attached) && self.arms.len() == 2;
         let core = self.balance.core(&self.puzzle);
@@ -168,6 +193,8 @@ impl Plant {
             let held = [self.layers_held(0, &core), self.layers_held(1, &core)];
             for (axis, split) in found.iter_mut().enumerate() {
                 let layers = [held[0][axis], held[1][axis]];
+                // Hands with a common layer hold each other, and a hand without a layer holds
+                // nothing to turn.
                 let apart = layers[0] & layers[1] == 0 && layers[0] != 0 && layers[1] != 0;
                 let under_a_palm = (0..2).any(|i| {
                     let local = self.tool(i).to_local(&core);
@@ -180,14 +207,17 @@ impl Plant {
         found.into_iter().flatten()
     }
 
-    /// Layers of each axis that a gripper's pads hold: along the palm's axis by depth, across it by the pads'
-    /// width, along the jaws the two outer ones by friction on their faces.
+    /// Returns for each axis of the cube the layers that a gripper's pads hold. Along the palm's
+    /// axis they are those within the pads' depth, across it those within the pads' width. Along
+    /// the jaws' axis they are the two outer layers, which friction holds by their faces.
     fn layers_held(&self, i: usize, core: &Frame) -> [Layers; 3] {
         let g = &self.config.cell.arms[i].gripper;
         let third = self.config.cell.cube.edge / 3.0;
         let local = self.tool(i).to_local(core);
         let aligned = nearest_alignment(&local.r);
         let overlapping = |centre: f64, sense: f64, low: f64, high: f64| -> Layers {
+            // `centre` is the cube's place on the tool's axis; `sense` is the direction of its axis
+            // there.
             (0..3).fold(0, |set, layer| {
                 let at = centre + sense * (f64::from(layer) - 1.0) * third;
                 let overlap = (at + 0.5 * third).min(high) - (at - 0.5 * third).max(low);
@@ -207,13 +237,13 @@ impl Plant {
         })
     }
 
-    /// A layer that was turned between two hands slips back under the jaws, by so much at most
-    /// (rad): it and what the jaws hold of it go back together, so nobody feels it.
+    /// Turns a layer between two hands back under the jaws, by at most `most` (rad). The layer and
+    /// its grasp go back together, so that no force shows it.
     pub(super) fn undo_turn(&mut self, most: f64) {
         let Some(split) = self.balance.split else { return };
         let turned = self.relative_angle() - self.angle_at_split;
         let back = -turned.clamp(-most, most);
-        // The layer that turns is the one without the middle.
+        // The layer without the middle turns.
         let body = usize::from(split.layers[1] & MIDDLE == 0);
         let by = if body == 1 { back } else { -back };
         for side in 0..2 {
@@ -228,7 +258,7 @@ impl Plant {
         }
     }
 
-    /// Angle of the second body's layer against the first's (rad).
+    /// Returns the angle of the second body's layer against the first's (rad).
     pub(super) fn relative_angle(&self) -> f64 {
         self.balance.split.map_or(0.0, |s| {
             layer_angle(&self.puzzle, s.axis, s.layers[1])

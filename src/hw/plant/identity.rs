@@ -1,15 +1,15 @@
-//! Which plants a kept state goes with.
+//! Identity of a plant: the plants that can continue from a saved state.
 
 use super::config::{MotorDynamics, PlantConfig};
 use crate::motion::JointPositions;
 use serde::{Deserialize, Serialize};
 use std::fmt::Debug;
 
-/// What a plant is made of, whatever became of it: a state goes with any plant of the same
-/// identity.
+/// Checksums of the parts that make a plant, independent of its history. A saved state fits any
+/// plant of the same identity.
 ///
-/// How a run begins is not in it, since the state tells; nor are faults and the period's length,
-/// which may be others when a run goes on.
+/// The start of the run is not part of it, since the state replaces it; nor are faults and the
+/// period's length, which may differ when a run continues.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Identity {
     seed: u64,
@@ -20,7 +20,7 @@ pub struct Identity {
 }
 
 impl Identity {
-    /// Returns the identity of a plant that is to be made.
+    /// Returns the identity of a plant with this configuration and seed.
     #[must_use]
     pub fn of(config: &PlantConfig, seed: u64) -> Self {
         // All fields are named, so that a new one needs a decision here, and in `bounds`.
@@ -39,6 +39,7 @@ impl Identity {
             period: _,
             substeps,
         } = config;
+        // The start poses belong to the start of a run.
         let mut cell = cell.clone();
         for arm in &mut cell.arms {
             arm.start = JointPositions::default();
@@ -49,9 +50,9 @@ impl Identity {
         Self { seed, cell: sum(&cell), mechanics }
     }
 
-    /// Returns a CRC-32 over what bounds a run's speed and force: drives with what trips them and
-    /// their friction, pads, ranges of the sensors, the step of time. Not what a campaign varies:
-    /// cube, noise, errors of the cell, the operator's hand.
+    /// Returns a CRC-32 over the parameters that limit the speed and force of a run: motors with
+    /// their trip currents and friction, pads, ranges of the sensors, the time step. A campaign may
+    /// vary the other parameters: cube, noise, errors of the cell, the operator's hand.
     #[must_use]
     pub fn bounds(config: &PlantConfig) -> u32 {
         let PlantConfig { cell, arms, jaws, substeps, .. } = config;
@@ -60,7 +61,7 @@ impl Identity {
         crc32fast::hash(format!("{arms:?} {jaws:?} {substeps:?} {ranges:?} {heats}").as_bytes())
     }
 
-    /// Returns why a plant of this identity cannot go on with a state of `other`.
+    /// Returns the reason why a plant of this identity cannot continue with a state of `other`.
     pub(super) fn differs(&self, other: &Self) -> Option<String> {
         if self.seed != other.seed {
             return Some(format!("its seed is {}, not {}", other.seed, self.seed));
@@ -79,7 +80,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bounds_change_with_a_trip_and_nothing_drawn() {
+    fn bounds_hash_ignores_values_varied_by_campaigns() {
         let plain = quiet(cell());
         let mut drawn = plain.clone();
         drawn.cell.arms[0].world_from_base.translation.x += 0.001;

@@ -1,8 +1,10 @@
-//! The jaw of a gripper: a small motor behind a fine screw, which moves both pads towards or from each other.
+//! Jaw of a gripper: a small motor behind a fine screw, which moves both pads towards or from each
+//! other.
 //!
-//! - in: pulse width, the force with which the cube pushes each pad
+//! - in: pulse width, force with which the cube pushes each pad
 //! - out: distance between the pads, encoder, current
-//! - a clutch slips at the greatest grip; the controller reports a current that is above its limit for too long
+//! - a clutch slips at the greatest grip; the controller reports a current that is above its limit
+//!   for too long
 
 use super::config::Jaws;
 use super::encoder::{Encoder, Report};
@@ -10,14 +12,14 @@ use super::plausible::Wrong;
 use crate::cell::Gripper;
 use crate::servo::io::ArmDrive;
 
-/// Slower than this a jaw that gives way is not one that opens (m/s).
+/// Opening speed below which a jaw yields but does not open (m/s).
 const OPENS: f64 = 1e-3;
-/// For so long a current may be above its limit (s).
+/// Time for which a current may be above its limit (s).
 const TRIPS: f64 = 0.1;
 /// Speed over which the jaw's friction builds up (m/s).
 const CREEP: f64 = 1e-4;
 
-/// No jaw is kept farther beyond its stops (m).
+/// Greatest excess over its stops at which a jaw is saved (m).
 const BEYOND: f64 = 5e-3;
 
 #[derive(Debug, Clone)]
@@ -30,17 +32,17 @@ pub(super) struct PlantJaw {
     speed: f64,
     /// Force of the drive on the opening, positive opens (N).
     force: f64,
-    /// For how long the current has been above its limit (s).
+    /// Time for which the current has been above its limit (s).
     above: f64,
     encoder: Encoder,
 }
 
 impl PlantJaw {
-    /// A jaw at rest at a true distance between the pads (m).
+    /// Makes a jaw at rest at a true distance between the pads (m).
     pub(super) fn new(gripper: &Gripper, jaws: &Jaws, opening: f64, synchronised: bool) -> Self {
         let [c0, c1, c2] = gripper.opening_of_motor;
         let wanted = opening - gripper.opening_offset;
-        // Newton on a nearly straight line; exact after a few rounds.
+        // Newton on a nearly straight line: exact after a few rounds.
         let mut motor = (wanted - c0) / c1;
         for _ in 0..8 {
             motor -= (c0 + motor * (c1 + c2 * motor) - wanted) / (c1 + 2.0 * c2 * motor);
@@ -49,33 +51,39 @@ impl PlantJaw {
         Self { gripper: *gripper, jaws: *jaws, motor, speed: 0.0, force: 0.0, above: 0.0, encoder }
     }
 
-    /// True distance between the pads (m).
+    /// Returns the true distance between the pads (m).
     pub(super) fn opening(&self) -> f64 {
         let [c0, c1, c2] = self.gripper.opening_of_motor;
         c0 + self.motor * (c1 + c2 * self.motor) + self.gripper.opening_offset
     }
 
-    /// One substep; `push` is the mean force of the cube on the pads (N), `stiffness` its slope
-    /// over the opening (N/m).
+    /// Performs one substep of `dt` seconds; `push` is the mean force of the cube on the pads (N),
+    /// `stiffness` its slope over the opening (N/m).
     pub(super) fn step(&mut self, drive: &ArmDrive, push: f64, stiffness: f64, dt: f64) {
         if !drive.enabled {
+            // Assumption: the fine screw locks itself, so a jaw without power keeps its grip.
             (self.speed, self.force, self.above) = (0.0, 0.0, 0.0);
             return;
         }
         let [_, c1, c2] = self.gripper.opening_of_motor;
+        // The step counts in the opening: the screw's slope (m/rad) takes motor speeds there.
         let slope = c1 + 2.0 * c2 * self.motor;
         let j = &self.jaws;
         let u = f64::from(drive.jaw_pwm.clamp(-255, 255)) / 255.0;
-        // A positive pulse width turns the motor forwards, which closes.
+        // A positive pulse width turns the motor forwards, which closes: the slope is negative.
         let back_emf = j.stall_force / (j.no_load_speed * slope.abs());
         let limit = j.greatest_grip;
         let free = j.stall_force * u * slope.signum() - back_emf * self.speed;
+        // Coulomb friction as a damper that weakens with speed, and the contact's spring: both
+        // count at the end of the step.
         let friction = j.coulomb / (self.speed.abs() + CREEP);
         let base = j.mass + dt * friction + dt * dt * stiffness;
         let momentum = j.mass * self.speed + dt * push;
         let implicit =
             (momentum + dt * j.stall_force * u * slope.signum()) / (base + dt * back_emf);
         let force = j.stall_force * u * slope.signum() - back_emf * implicit;
+        // The clutch slips where the force exceeds its limit now or at the end of the step. Its
+        // force is then constant, without back-EMF.
         self.force = if free.abs() <= limit && force.abs() <= limit {
             self.speed = implicit;
             force
@@ -90,6 +98,7 @@ impl PlantJaw {
         let (low, high) = self.gripper.opening;
         let offset = self.gripper.opening_offset;
         let opening = self.opening();
+        // The stops are 1 mm beyond the stroke, and take up all momentum.
         let stopped = opening.clamp(low + offset - 1e-3, high + offset + 1e-3);
         if stopped != opening {
             self.motor += (stopped - opening) / slope;
@@ -97,28 +106,31 @@ impl PlantJaw {
         }
     }
 
-    /// Whether its drive opens it: what moves between the pads then is let go, it does not slip.
+    /// Checks whether the drive opens the jaw: the cube then does not slip between the pads, they
+    /// let it go.
     pub(super) fn opens(&self) -> bool {
         self.speed > OPENS && self.force > 0.0
     }
 
-    /// Encoder and switch, once a period.
+    /// Reads encoder and switch, once a period.
     pub(super) fn read(&mut self, synchronise: bool) -> Report {
         self.encoder.read(self.motor, synchronise)
     }
 
-    /// Motor and encoder, as they are kept.
+    /// Returns motor and encoder to be saved.
     pub(super) fn saved(&self) -> (f64, Encoder) {
         (self.motor, self.encoder.clone())
     }
 
-    /// Whether a jaw can be where it was kept: between its stops.
-    pub(super) fn bears(&self, (motor, encoder): &(f64, Encoder)) -> Result<(), Wrong> {
+    /// Checks that a jaw can be in the saved state: between its stops. The error has the place and
+    /// the reason.
+    pub(super) fn check_saved(&self, (motor, encoder): &(f64, Encoder)) -> Result<(), Wrong> {
         let there = Self { motor: *motor, ..self.clone() };
         let [_, c1, c2] = self.gripper.opening_of_motor;
         let (low, high) = self.gripper.opening;
         let opening = there.opening() - self.gripper.opening_offset;
-        // A jaw that a wider cube forced apart is beyond its stop by that; the other branch of the parabola is none.
+        // A wider cube may have forced the jaw beyond its stop. The second branch of the parabola
+        // is not part of the screw.
         let between = opening > low - BEYOND && opening < high + BEYOND;
         if !between || (c1 + 2.0 * c2 * motor) * c1 <= 0.0 {
             return Err(("[0]".to_owned(), "beyond the jaws' stops".to_owned()));
@@ -129,17 +141,17 @@ impl PlantJaw {
         Ok(())
     }
 
-    /// At rest where it was kept.
+    /// Puts the jaw at rest into a saved state.
     pub(super) fn restore(&mut self, (motor, encoder): (f64, Encoder)) {
         (self.motor, self.encoder, self.speed, self.force) = (motor, encoder, 0.0, 0.0);
     }
 
-    /// Whether the controller reports over-current.
+    /// Checks whether the controller reports over-current.
     pub(super) fn over_current(&self) -> bool {
         self.above > TRIPS
     }
 
-    /// Motor current, positive closes (A).
+    /// Returns the motor current, positive when it closes (A).
     pub(super) fn current(&self) -> f64 {
         -self.force * self.gripper.amperes_per_newton
     }

@@ -1,11 +1,12 @@
-//! The simulated plant: arms, jaws, cube, operator's hand and sensors behind the same port as real hardware.
+//! The simulated plant: arms, jaws, cube, operator's hand and sensors behind the same port as real
+//! hardware.
 //!
 //! - in: drives, once a servo period
-//! - out: readings at the period's end; beside the port a [`Scene`] for the cameras and a [`Verdict`] for
-//!   summaries, neither of which a controller may see
-//! - 4 substeps of 0.5 ms a period; no allocation in a period; one seeded generator per source of chance,
-//!   sines from `libm`: the same bits in every run
-//! - it knows nothing of the task or the controller, and only the true values of the cell
+//! - out: readings at the period's end. Beside the port there is a [`Scene`] for the cameras and a
+//!   [`Verdict`] for summaries; a controller may see neither
+//! - 4 substeps of 0.5 ms a period, without any allocation. One seeded generator per source of
+//!   chance and sines from `libm` give the same bits in every run
+//! - it has no knowledge of the task or the controller, and only the true values of the cell
 
 mod account;
 mod arm;
@@ -48,7 +49,7 @@ use self::arm::PlantArm;
 use self::balance::{Balance, HandHold, Surroundings, moved};
 use self::collision::Collisions;
 use self::cube::Puzzle;
-use self::fault::{Faults, Upset};
+use self::fault::{Faults, OutsideFault};
 use self::frame::{Frame, about};
 use self::grasp::{Grasp, Hands, Touch};
 use self::hand::OperatorHand;
@@ -64,30 +65,30 @@ use crate::servo::io::{ArmDrive, ArmReading, JAW};
 use crate::spatial::{GRAVITY, Twist};
 use nalgebra::{Point3, Vector3};
 
-/// Where the cube is, as a state.
+/// Place of the cube, as a state.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 enum State {
     Held,
     Falling {
         velocity: Vector3<f64>,
     },
-    /// On the table; `fell`: it was not laid there.
+    /// On the table; `fell`: no arm laid it there.
     Tray {
         down: Face,
         fell: bool,
     },
 }
 
-/// Watches for a loaded layer that does not move.
+/// Watch for a loaded layer that does not move.
 #[derive(Debug, Clone, Copy, Default)]
 struct StillWatch {
-    /// The layer's angle when it last moved (rad), and the period.
+    /// Angle of the layer when it last moved (rad), and the period.
     angle: f64,
     since: u64,
     reported: bool,
 }
 
-/// The simulated cell. See the module.
+/// Simulated cell, with its state and history.
 #[derive(Clone)]
 pub struct Plant {
     config: PlantConfig,
@@ -111,9 +112,9 @@ pub struct Plant {
     popped: bool,
     crushed: [bool; 2],
     saturated: [bool; 2],
-    /// Power stages that were on in the last period.
+    /// Whether the power stages were on in the last period.
     powered: [bool; 2],
-    /// What is made to go wrong.
+    /// Faults to inject.
     faults: Faults,
     operator_has: bool,
     /// Relative angle of the two bodies when they were formed (rad).
@@ -126,7 +127,8 @@ impl Plant {
     /// Makes a plant at rest.
     ///
     /// # Errors
-    /// [`PortFault`] when the cell has no arm or more than two, or the lists of the configuration do not fit.
+    /// [`PortFault`] when the cell has no arm or more than two, or the lists of the configuration
+    /// do not fit.
     pub fn new(config: PlantConfig, seed: u64) -> Result<Self, PortFault> {
         let count = config.cell.arms.len();
         if !(1..=2).contains(&count) || config.arms.len() != count {
@@ -135,13 +137,14 @@ impl Plant {
         }
         let mut this = Self::at_start(config, seed)?;
         if let Start::Held { arm, .. } = this.config.start {
+            // A cube deep in the hand can only be there with the stops retracted.
             if this.in_the_way_of_stops(arm) {
                 this.stops[arm] = Depth::Two;
             }
             this.close(arm);
         }
-        this.account();
-        // How it begins is no event.
+        this.record_period();
+        // The start of a run is no event that could begin a fault.
         this.faults = Faults::new(&this.config.faults);
         Ok(this)
     }
@@ -153,6 +156,8 @@ impl Plant {
         let mut hand = start::hand(&config, seed);
         let world_from_cube = start::cube(&config, seed, &mut hand, &arms)?;
         let (keeper, state) = match config.start {
+            // A cube that lies on the table at first is to lie there in the end: no person is in
+            // the cell.
             Start::Table(_) => {
                 (Keeper::Table, State::Tray { down: lowest_face(&world_from_cube), fell: false })
             }
@@ -195,12 +200,13 @@ impl Plant {
         Identity::bounds(&self.config)
     }
 
-    /// What there is to be seen now.
+    /// Returns the scene that the cameras see now.
     #[must_use]
     pub fn scene(&self) -> Scene {
         let axis = self.puzzle.turned_axis();
         let [negative, positive] = self.puzzle.angles[axis];
         let scene_arm = |i: usize| {
+            // A cell of one arm shows it twice; `arm_count` excludes the second.
             let i = i.min(self.arms.len() - 1);
             let arm = &self.arms[i];
             SceneArm {
@@ -225,7 +231,8 @@ impl Plant {
         }
     }
 
-    /// What really happened so far. Allocates: not for the servo's loop.
+    /// Returns the true state and history of the plant. Allocates, so the servo's loop must not
+    /// call it.
     #[must_use]
     pub fn verdict(&self) -> Verdict {
         let mut verdict = self.verdict.clone();
@@ -235,6 +242,7 @@ impl Plant {
         verdict.turning = Axis::ALL[axis];
         verdict.layer_angles = self.puzzle.angles[axis];
         let holds = self.grasps.iter().any(Grasp::holds);
+        // A hand that carries the cube away has it back as well.
         verdict.returned = self.hand.has_it_back() || self.hand.carries() && !holds;
         verdict.both_hold = self.both_hold();
         verdict.cube = match self.state {
@@ -248,29 +256,30 @@ impl Plant {
         verdict
     }
 
-    /// Relative rotation of the two grasped parts since both hold (rad), as in [`Verdict::turned`].
+    /// Returns the relative rotation of the two grasped parts since both hold (rad), as in
+    /// [`Verdict::turned`].
     #[must_use]
     pub fn turned(&self) -> f64 {
         self.verdict.turned
     }
 
-    /// Whether an arm's power stages were on in the last period; its brakes hold otherwise.
+    /// Returns whether an arm's power stages were on in the last period; otherwise its brakes hold.
     #[must_use]
     pub fn is_powered(&self, arm: usize) -> bool {
         self.powered.get(arm).is_some_and(|on| *on)
     }
 
-    /// Numbers of the faults that have begun, in the order of [`PlantConfig::faults`].
+    /// Returns the indices of the faults that have begun, in the order of [`PlantConfig::faults`].
     pub fn begun_faults(&self) -> impl Iterator<Item = usize> {
         self.faults.begun()
     }
 
-    /// Which faults of others begin and end since the last call.
-    pub fn upsets(&mut self) -> impl Iterator<Item = Upset> {
-        self.faults.upsets()
+    /// Returns the faults outside of the plant that began or ended since the last call.
+    pub fn outside_faults(&mut self) -> impl Iterator<Item = OutsideFault> {
+        self.faults.outside_faults()
     }
 
-    /// The true values of the cell.
+    /// Returns the true values of the cell.
     #[must_use]
     pub fn cell(&self) -> &Cell {
         &self.config.cell
@@ -285,11 +294,14 @@ impl Plant {
     }
 
     fn step(&mut self, drives: &[ArmDrive], t: f64, dt: f64) {
+        // A cube in the way of the stops holds them where they are.
         for (i, drive) in drives.iter().enumerate() {
             if drive.enabled && !self.in_the_way_of_stops(i) {
                 self.stops[i] = drive.stops;
             }
         }
+        // The cube comes first: its balance at the present tools makes the forces that the arms
+        // take in this substep.
         self.step_cube(t, dt);
         let pushes = self.faults.acting.push;
         for (i, arm) in self.arms.iter_mut().enumerate() {
@@ -303,13 +315,16 @@ impl Plant {
                     *sum += more;
                 }
                 let local = arm.world_from_base().to_local(&tool);
-                // A cube that goes where the tool goes does not hold it back.
+                // A cube that hangs on this hand alone moves along. Taken as a fixed body it would
+                // brake the wrist with 12 Nms/rad and the trunk with 560.
                 let grip = (!self.balance.hangs_on(i))
                     .then(|| moved(&touch.stiffness, &local.r, &local.p, &local.p));
                 arm.step(&drives[i], &outside, grip.as_ref(), dt);
             } else {
                 arm.step(&drives[i], &self.collisions.torques[i], None, dt);
             }
+            // Each pad has half of the stiffness over half of the opening, and the push is the mean
+            // of both: an eighth of the stiffness for each pad that touches.
             let push = 0.5 * (touch.pads[0] + touch.pads[1]);
             let sides = f64::from(u8::from(touch.pads[0] > 0.0) + u8::from(touch.pads[1] > 0.0));
             let slope = 0.125 * self.config.jaws.stiffness[1] * sides;
@@ -318,10 +333,11 @@ impl Plant {
         self.change_grasps();
     }
 
-    /// Whether a cube lies so deep in the hand that the stops cannot come forward.
+    /// Checks whether a cube lies so deep in the hand that the stops cannot come forward.
     fn in_the_way_of_stops(&self, i: usize) -> bool {
         let cube = self.tool(i).to_local(&self.balance.nodes[0]).p;
         let half = 0.5 * self.config.cell.cube.edge;
+        // A face behind the middle of the two stops is in the way of the forward one.
         let between = -0.5 * (Gripper::FACE_BEHIND_TOOL_ONE + Gripper::FACE_BEHIND_TOOL_TWO);
         cube.x.abs() < half
             && cube.y.abs() < half
@@ -329,11 +345,12 @@ impl Plant {
             && cube.z - half < between
     }
 
-    /// The cube's part of a substep.
+    /// Moves the cube by one substep.
     fn step_cube(&mut self, t: f64, dt: f64) {
         let edge = self.config.cell.cube.edge;
         self.balance.touches = [Touch::NONE; 2];
         if let State::Falling { mut velocity } = self.state {
+            // Free fall: the cube keeps the velocity and the orientation of its release.
             velocity.z -= GRAVITY * dt;
             let mut cube = self.balance.nodes[0];
             cube.p += velocity * dt;
@@ -354,6 +371,7 @@ impl Plant {
         let near = |i: usize| {
             i < self.arms.len() && (tools[i].p - self.balance.nodes[0].p).norm_squared() < 0.04
         };
+        // With no gripper within 0.2 m the cube follows the hand without a balance of forces.
         if !near(0) && !near(1) && !self.grasps.iter().any(grasp::Grasp::attached) {
             if let (Some(hold), State::Held) = (&hold, self.state) {
                 self.balance.place(hold.world_from_cube);
@@ -361,6 +379,7 @@ impl Plant {
             }
             return;
         }
+        // A fault takes a share of the pads' friction.
         let pads = self.faults.acting.friction.map(|share| {
             let jaws = self.config.jaws;
             Jaws { friction: share * jaws.friction, ..jaws }
@@ -387,11 +406,12 @@ impl Plant {
         self.arms[i.min(self.arms.len() - 1)].world_from_tool
     }
 
-    /// A falling cube meets the tray: it topples onto the face that is lowest.
+    /// Lays a falling cube on the tray: it topples onto the face that is lowest.
     fn land(&mut self, cube: &mut Frame) {
         let edge = self.config.cell.cube.edge;
         let down = lowest_face(cube);
         let out = cube.r * down.normal();
+        // The shortest rotation that turns this face down.
         let axis = out.cross(&-Vector3::z());
         let sine = axis.norm();
         if sine > 1e-9 {
@@ -404,10 +424,21 @@ impl Plant {
     }
 }
 
-/// The face that a cube would come to lie on.
+/// Returns the face that a cube would come to lie on.
 fn lowest_face(cube: &Frame) -> Face {
     let lowest = |face: &Face| (cube.r * face.normal()).z;
     Face::ALL.into_iter().min_by(|a, b| lowest(a).total_cmp(&lowest(b))).unwrap_or(Face::D)
+}
+
+/// Adds what the controller of a jaw measures to the reading of its arm.
+fn read_jaw(jaw: &mut PlantJaw, drive: &ArmDrive, reading: &mut ArmReading) {
+    let measured = jaw.read(drive.synchronise & (1 << JAW) != 0);
+    reading.jaw_count = measured.count;
+    reading.sync_switches |= u8::from(measured.switch) << JAW;
+    reading.encoder_zeros |= u8::from(measured.zero) << JAW;
+    reading.synchronised |= u8::from(measured.synchronised) << JAW;
+    reading.currents[AXES] = jaw.current();
+    reading.over_currents |= u8::from(jaw.over_current()) << JAW;
 }
 
 impl Port for Plant {
@@ -419,37 +450,41 @@ impl Port for Plant {
     ) -> Result<(), PortFault> {
         let count = self.arms.len();
         if drives.len() != count || readings.len() != count {
-            let reason = format!("{} drives, {} readings", drives.len(), readings.len());
+            let reason = format!(
+                "drive commands of {} and readings of {} arms do not fit",
+                drives.len(),
+                readings.len()
+            );
             return Err(PortFault { effector: count, reason });
         }
         let length = self.config.period;
+        // A longer period has more substeps: none is longer than the 0.5 ms that the tests cover.
         let substeps = (f64::from(self.config.substeps) * length.ratio()).ceil().max(1.0) as u32;
         let dt = length.seconds() / f64::from(substeps);
         let start = self.time();
+        // Mass matrix and bias once a period: fresh ones in each substep would change them by parts
+        // in a thousand.
         for arm in &mut self.arms {
             arm.begin_period();
         }
         for k in 0..substeps {
             self.step(drives, start + f64::from(k + 1) * dt, dt);
         }
+        // The axis changes between periods, so that all substeps of a period see the same bodies.
         self.reconsider_axis();
         self.period = period + 1;
         self.verdict.period = self.period;
         for (i, reading) in readings.iter_mut().enumerate() {
             let arm = &mut self.arms[i];
             arm.read(&drives[i], reading);
-            let jaw = self.jaws[i].read(drives[i].synchronise & (1 << JAW) != 0);
-            reading.jaw_count = jaw.count;
-            reading.sync_switches |= u8::from(jaw.switch) << JAW;
-            reading.encoder_zeros |= u8::from(jaw.zero) << JAW;
-            reading.synchronised |= u8::from(jaw.synchronised) << JAW;
-            reading.currents[AXES] = self.jaws[i].current();
-            reading.over_currents |= u8::from(self.jaws[i].over_current()) << JAW;
+            read_jaw(&mut self.jaws[i], &drives[i], reading);
             let touch = &self.balance.touches[i];
             let tool = &arm.world_from_tool;
+            // The sensor carries the contact's reaction and a fault's push.
             let force = tool.r * -touch.force + self.faults.acting.push[i];
             let torque = tool.r * -touch.torque;
             let sensor = &mut self.sensors[i];
+            // The inertia of the body beyond the sensor acts at its centre of mass.
             let (velocity, spin) = arm.velocity_at(&sensor.centre(&arm.world_from_flange));
             let load = Load { at: &tool.p, force: &force, torque: &torque, velocity, spin };
             reading.wrench_on_sensor = sensor.read(&arm.world_from_flange, &load);
@@ -463,11 +498,14 @@ impl Port for Plant {
             let increments = std::array::from_fn(|j| {
                 if j < AXES { cell.model.increments[j] } else { cell.gripper.increments }
             });
+            // Faults spoil the report alone: the plant continues from the true values.
             self.faults.spoil(i, reading, &increments, &cell.sensor.range);
         }
+        // Forces of collisions and effects of faults act from the next period on. Faults come last,
+        // since this period's events may begin them.
         self.look_for_collisions();
-        self.account();
-        self.suffer();
+        self.record_period();
+        self.apply_faults();
         for (on, drive) in self.powered.iter_mut().zip(drives) {
             *on = drive.enabled;
         }

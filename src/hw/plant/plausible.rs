@@ -1,32 +1,36 @@
-//! Whether what a file tells of a plant can be: whoever edits one, or damages it, is told where.
+//! Plausibility of a saved plant: a file that was edited or damaged is refused with the place of
+//! the error.
 //!
-//! - in: a state's numbers, as JSON
-//! - out: the first that no plant has, with its place
-//! - bounds are generous, a multiple of what is in the cell: they keep the plant's equations finite, not its state true
+//! - in: numbers of a state, as JSON
+//! - out: the first number that no plant has, with its place
+//! - the bounds are generous, a multiple of the values in the cell: they keep the plant's equations
+//!   finite, and do not prove that the state is true
 
 use serde_json::Value;
 
-/// A place in a file, and what is wrong there.
+/// Place in a file, and the reason why it is wrong.
 pub(super) type Wrong = (String, String);
 
-/// The greatest size of a number of this name: lengths (m), angles (rad), loads (N, Nm), times (s),
-/// counts.
+/// Returns the largest plausible magnitude of a number with this name: lengths (m), angles (rad),
+/// loads (N, Nm), times (s), counts.
 fn most(key: &str, in_grasp: bool) -> f64 {
     match key {
         "joints" | "angles" | "closed_tilt" | "askew" | "angle_at_split" => 50.0,
         "motors" | "jaws" | "grown" => 1e5,
         "bristles" | "slid" => 1.0,
+        // A cube in a hand is near the tool; elsewhere a place is in the cell.
         "p" if in_grasp => 0.5,
         "slip" | "p" => 10.0,
+        // Entries of a rotation, which `is_rotation` checks further.
         "r" => 1.1,
         "counterbalance" | "velocity" => 100.0,
-        // Motors turn for as long as they are told to count.
+        // Motors turn for as long as their counters go.
         "origin" => 1e12,
         _ => 1e9,
     }
 }
 
-/// The first number that cannot be.
+/// Checks all numbers of a state; the error is the first impossible one.
 pub(super) fn number(state: &Value) -> Result<(), Wrong> {
     look(state, "", "", false)
 }
@@ -51,7 +55,7 @@ fn look(value: &Value, path: &str, key: &str, in_grasp: bool) -> Result<(), Wron
         Value::Object(fields) => {
             for (name, field) in fields {
                 if name == "identity" {
-                    // Sums, which are compared as they are.
+                    // Checksums have any value; they are compared as they are.
                     continue;
                 }
                 let dot = if path.is_empty() { "" } else { "." };
@@ -64,7 +68,8 @@ fn look(value: &Value, path: &str, key: &str, in_grasp: bool) -> Result<(), Wron
     }
 }
 
-/// Nine numbers by columns: of unit length, square to each other and right-handed.
+/// Checks that nine numbers are the columns of a rotation: of unit length, at right angles and
+/// right-handed.
 fn is_rotation(items: &[Value]) -> bool {
     let numbers: Vec<f64> = items.iter().filter_map(Value::as_f64).collect();
     let Ok(numbers) = <[f64; 9]>::try_from(numbers) else { return false };
@@ -79,7 +84,7 @@ mod tests {
     use serde_json::json;
 
     #[test]
-    fn what_cannot_be_is_told_with_its_place() {
+    fn impossible_number_is_refused_with_its_place() {
         let told = |state: Value| number(&state).unwrap_err();
         let frame = |r: [f64; 9]| json!({ "r": r, "p": [0.0, 0.0, 0.0] });
         let upright = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];

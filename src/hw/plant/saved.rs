@@ -1,10 +1,11 @@
-//! The plant's state in a file, so that it outlives the controller as a real cell does.
+//! State of the plant in a file, which outlives the controller as a real cell does.
 //!
-//! - what is kept: where arms, jaws, cube, its layers and the operator's hand are, what is grasped, what happened
-//! - what is not: speeds (whoever switches the power off puts the brakes on), the sensors' noise, what follows from
-//!   scenario and seed
-//! - a file that was cut off by a crash cannot be: a new one replaces the old one whole
-//! - it goes with one plant only, see [`Identity`]; what no plant can be is refused with its place
+//! - saved: poses of arms, jaws, cube, its layers and the operator's hand, grasps, numbers of
+//!   events
+//! - not saved: speeds (the brakes hold once the power is off), the sensors' noise, all that
+//!   follows from scenario and seed
+//! - a crash cannot cut the file off: a new file replaces the old one as a whole
+//! - a file fits one plant only, see [`Identity`]; an impossible state is refused with its place
 
 use super::arm::SavedArm;
 use super::balance::Split;
@@ -25,14 +26,14 @@ use std::path::Path;
 /// Longest saved state (bytes): a typical one has 5000.
 const LONGEST: u64 = 1 << 20;
 
-/// A hand that has hold of the cube is not farther from it than this (m); nor are the cube's parts
-/// from each other.
+/// Longest distance between a cube and the hand that holds it, and between the cube's two bodies
+/// (m).
 const AT_HAND: f64 = 0.2;
 
-/// Counts up whenever the same file means something else.
+/// Version of the file: it counts up whenever the same file means something else.
 const VERSION: u32 = 5;
 
-/// What is kept of a plant.
+/// Saved state of a plant.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Saved {
     version: u32,
@@ -54,41 +55,41 @@ pub struct Saved {
     grasped: [u32; 2],
 }
 
-/// Why a plant cannot go on from a file.
+/// Reason why a plant cannot continue from a file.
 #[derive(Debug, thiserror::Error)]
 pub enum Unfit {
-    /// It cannot be read or written.
+    /// The file cannot be read or written.
     #[error("{0}")]
     File(#[from] std::io::Error),
-    /// Something else than a file: a folder, a device.
+    /// The path is something else than a file: a folder, a device.
     #[error("not a file")]
     NoFile,
-    /// It is no such file.
+    /// The file is not a state of a plant.
     #[error("not the state of a plant: {0}")]
     Format(#[from] serde_json::Error),
-    /// It is of another version of the program.
-    #[error("the state of a plant of version {0}, this program reads {VERSION}")]
+    /// The state is of another version of the program.
+    #[error("plant state of version {0}; this program reads version {VERSION}")]
     Version(u32),
-    /// Another run keeps its plant in it.
-    #[error("another run keeps its plant there")]
+    /// Another run saves its plant in the file.
+    #[error("another run uses this file")]
     Taken,
-    /// It is larger than any state.
+    /// The file is larger than any state.
     #[error("too long for the state of a plant")]
     Long,
-    /// A number that no plant has.
+    /// The state has a number that no plant has.
     #[error("{place}: {why}")]
     Value {
-        /// Which one, as in `arms[0].joints[3]`.
+        /// Place of the number, as in `arms[0].joints[3]`.
         place: String,
-        /// What is wrong with it.
+        /// Reason why it is wrong.
         why: String,
     },
-    /// It was made with another seed, in another cell, or with other plant keys.
+    /// The state was made with another seed, in another cell, or with other plant keys.
     #[error("the state of another plant: {0}")]
     Other(String),
 }
 
-/// What every version has.
+/// Part of the file that each version has.
 #[derive(serde::Deserialize)]
 struct Versioned {
     version: u32,
@@ -101,10 +102,10 @@ impl From<Wrong> for Unfit {
 }
 
 impl Saved {
-    /// Reads a file; `None` when there is none.
+    /// Reads a file; returns `None` when there is none.
     ///
     /// # Errors
-    /// When it cannot be read, or is not what it should be.
+    /// When the file cannot be read, or is not the state of a plant.
     pub fn read(path: &Path) -> Result<Option<Self>, Unfit> {
         match std::fs::metadata(path) {
             Ok(found) if found.is_file() => {}
@@ -118,26 +119,27 @@ impl Saved {
         Self::parse(&bytes).map(Some)
     }
 
-    /// A state from a file's bytes.
+    /// Parses the bytes of a file.
     ///
     /// # Errors
-    /// When it is not what it should be.
+    /// When they are not the state of a plant.
     pub fn parse(bytes: &[u8]) -> Result<Self, Unfit> {
         if bytes.len() as u64 > LONGEST {
             return Err(Unfit::Long);
         }
-        // Of another version everything else may be otherwise.
+        // The version comes first: a file of another version may differ in everything else.
         let Versioned { version } = serde_json::from_slice(bytes)?;
         if version != VERSION {
             return Err(Unfit::Version(version));
         }
+        // The numbers are checked as JSON, which gives each of them its place in the file.
         plausible::number(&serde_json::from_slice(bytes)?)?;
         let saved: Self = serde_json::from_slice(bytes)?;
         saved.indices()?;
         Ok(saved)
     }
 
-    /// What names one of several.
+    /// Checks all indices and sets, which choose one of several.
     fn indices(&self) -> Result<(), Wrong> {
         let wrong = |place: &str, why: &str| Err((place.to_owned(), why.to_owned()));
         if let Some(Split { axis, layers: [a, b] }) = self.split {
@@ -162,10 +164,11 @@ impl Saved {
         Ok(())
     }
 
-    /// Replaces a file; `synced`: the new one is on the disk before it takes the old one's name.
+    /// Replaces a file. With `synced` the new file is on the disk before it takes the old one's
+    /// name.
     ///
     /// # Errors
-    /// What the operating system says; the old file is still there then.
+    /// Errors of the operating system; the old file is still there then.
     pub fn write(&self, path: &Path, synced: bool) -> Result<(), Unfit> {
         let mut beside = path.as_os_str().to_owned();
         beside.push(".new");
@@ -176,7 +179,7 @@ impl Saved {
             .and_then(|()| if synced { file.sync_data() } else { Ok(()) })
             .and_then(|()| std::fs::rename(&beside, path));
         if written.is_err() {
-            // A part of a state is of no use to anybody.
+            // A part of a state is of no use.
             let _ = std::fs::remove_file(&beside);
         }
         Ok(written?)
@@ -184,19 +187,19 @@ impl Saved {
 }
 
 impl Plant {
-    /// The same plant under another identity: that of one to which nothing was done beforehand.
+    /// Replaces the identity of the plant in the saved state by that of a plant without a history.
     #[must_use]
     pub fn known_as(self, identity: Identity) -> Self {
         Self { identity, ..self }
     }
 
-    /// What this plant is.
+    /// Returns the identity of this plant.
     #[must_use]
     pub fn identity(&self) -> &Identity {
         &self.identity
     }
 
-    /// What is kept of the present state.
+    /// Returns the present state, to be saved.
     #[must_use]
     pub fn saved(&self) -> Saved {
         Saved {
@@ -220,10 +223,10 @@ impl Plant {
         }
     }
 
-    /// The same plant at rest in a state that was kept.
+    /// Puts the plant at rest into a saved state.
     ///
     /// # Errors
-    /// When the state is that of another plant.
+    /// When the state is that of another plant, or no plant can be in it.
     pub fn restored(mut self, saved: Saved) -> Result<Self, Unfit> {
         if let Some(difference) = self.identity.differs(&saved.identity) {
             return Err(Unfit::Other(difference));
@@ -236,22 +239,25 @@ impl Plant {
             return Err(Unfit::Other(format!("it has {} arms", saved.arms.len())));
         };
         if stickers.iter().any(|&colour| colour > 5) {
-            return Err(Unfit::Other("a sticker of no colour".to_owned()));
+            return Err(Unfit::Other("a sticker without a colour".to_owned()));
         }
+        // A part is checked before it is restored. A plant that fails on the way is dropped as a
+        // whole.
         for (i, (arm, saved)) in self.arms.iter_mut().zip(saved.arms).enumerate() {
-            arm.bears(&saved).map_err(|(place, why)| (format!("arms[{i}].{place}"), why))?;
+            arm.check_saved(&saved).map_err(|(place, why)| (format!("arms[{i}].{place}"), why))?;
             arm.restore(saved);
         }
         for (i, (jaw, saved)) in self.jaws.iter_mut().zip(saved.jaws).enumerate() {
-            jaw.bears(&saved).map_err(|(place, why)| (format!("jaws[{i}]{place}"), why))?;
+            jaw.check_saved(&saved).map_err(|(place, why)| (format!("jaws[{i}]{place}"), why))?;
             jaw.restore(saved);
         }
+        // A grasp of a distant cube would make forces that no cell has.
         let apart = |a: &Vector3<f64>, b: &Vector3<f64>| (a - b).norm() > AT_HAND;
         for (i, grasp) in saved.grasps.iter().enumerate() {
             if grasp.attached()
                 && (i >= self.arms.len() || apart(&self.tool(i).p, &saved.nodes[0].p))
             {
-                let why = "the cube is not where the hand is that holds it";
+                let why = "the cube is not at the hand that holds it";
                 return Err((format!("grasps[{i}]"), why.to_owned()).into());
             }
         }
@@ -260,7 +266,8 @@ impl Plant {
             return Err(("nodes".to_owned(), why.to_owned()).into());
         }
         self.puzzle.restore(stickers, saved.angles);
-        // A layer that somebody turned by whole quarters is where it belongs.
+        // A layer that was turned by whole quarters outside of the run is where it belongs. A turn
+        // under way keeps its angle.
         for axis in 0..3 {
             if saved.split.is_none_or(|split| split.axis != axis) {
                 self.puzzle.settle(axis);
@@ -273,7 +280,8 @@ impl Plant {
         self.angle_at_split = saved.angle_at_split;
         (self.verdict.counts, self.verdict.grasps) = (saved.counts, saved.grasped);
         self.core = self.balance.core(&self.puzzle);
-        self.account();
+        // The core is where it was, so the first velocity is 0.
+        self.record_period();
         Ok(self)
     }
 }
@@ -285,7 +293,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_state_that_no_plant_can_be_in_is_refused_with_place_and_reason() {
+    fn impossible_state_is_refused_with_place_and_reason() {
         let plant = || Plant::new(PlantConfig::new(testing::cell()), 1).unwrap();
         let whole = serde_json::to_value(plant().saved()).unwrap();
         let told = |pointer: &str, value: serde_json::Value| {
@@ -313,10 +321,10 @@ mod tests {
             ("/last_holder", 2.into(), "last_holder: "),
             ("/grasps/0/reference/p/1", 0.6.into(), "grasps[0].reference.p[1]: "),
             ("/arms/0/bristles/4", 0.5.into(), "arms[0].bristles[4]: "),
-            ("/stickers/53", 6.into(), "the state of another plant: a sticker of no colour"),
+            ("/stickers/53", 6.into(), "the state of another plant: a sticker without a colour"),
             ("/stickers", vec![0; 53].into(), "the state of another plant: "),
             ("/arms/1/encoders", serde_json::json!([]), "the state of another plant: "),
-            ("/version", 4.into(), "the state of a plant of version 4"),
+            ("/version", 4.into(), "plant state of version 4"),
         ] {
             let told = told(pointer, value);
             assert!(told.starts_with(start), "{pointer}: {told}");
@@ -326,7 +334,7 @@ mod tests {
         far["nodes"][0]["p"] = vec![5.0; 3].into();
         let far = Saved::parse(far.to_string().as_bytes()).unwrap();
         let told = plant().restored(far).map(|_| ()).unwrap_err().to_string();
-        assert!(told.starts_with("grasps[1]: the cube is not where"), "{told}");
+        assert!(told.starts_with("grasps[1]: the cube is not at the hand"), "{told}");
         let mut parted = whole.clone();
         parted["split"] = serde_json::json!({ "axis": 1, "layers": [1, 6] });
         parted["nodes"][1]["p"] = serde_json::json!([
@@ -349,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn a_state_of_another_plant_is_refused_and_what_differs_is_told() {
+    fn state_of_another_plant_is_refused_with_difference() {
         let other = |change: fn(&mut PlantConfig)| {
             let mut config = PlantConfig::new(testing::cell());
             change(&mut config);
@@ -380,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn another_beginning_and_other_faults_make_no_other_plant() {
+    fn start_and_faults_leave_identity_alone() {
         let mut config = PlantConfig::new(testing::cell());
         config.facelets.swap(0, 10);
         config.synchronised = [false; 2];

@@ -1,13 +1,14 @@
-//! The six-component sensor in a wrist, as it reports: weight and inertia of the tool, contact,
-//! bias, drift, noise.
+//! Six-component sensor in a wrist: contact, weight and inertia of the tool, with bias, drift and
+//! noise.
 //!
 //! - in: the wrench on the tool at the tool point, pose and velocity of the wrist
 //! - out: the reading in the sensor's frame, late, in steps, clipped to the range
 //! - equations: Newton and Euler for the rigid body beyond the sensor, `F - m a` and `M - (I w)'`
 //!   about its centre
 //!
-//! Acceleration is the mean over the period, the difference of two velocities: a sensor integrates
-//! over its sample. The inertia of a cube in the jaws, a tenth of the tool's, is left out.
+//! The acceleration is the mean over the period, the difference of two velocities: a sensor
+//! integrates over its sample. The inertia of a cube in the jaws, a tenth of the tool's, is left
+//! out.
 
 use super::config::SensorNoise;
 use super::dynamics::Link;
@@ -21,7 +22,7 @@ use rand_pcg::Pcg64;
 
 /// Contact on the body beyond the sensor and its motion, in the world, at the end of a period.
 pub(super) struct Load<'a> {
-    /// Where contact acts (m).
+    /// Point at which the contact acts (m).
     pub(super) at: &'a Vector3<f64>,
     /// Contact force on the tool (N).
     pub(super) force: &'a Vector3<f64>,
@@ -36,13 +37,13 @@ pub(super) struct Load<'a> {
 /// Momentum of the body beyond the sensor, in the world.
 #[derive(Debug, Clone, Copy)]
 struct Momentum {
-    /// Mass times the velocity of its centre (kg m/s).
+    /// Mass times the velocity of the centre (kg m/s).
     linear: Vector3<f64>,
-    /// About its centre (kg m2/s).
+    /// Angular momentum about the centre (kg m2/s).
     angular: Vector3<f64>,
 }
 
-/// Longest delay that is kept (periods).
+/// Longest possible delay (periods).
 const LATEST: usize = 128;
 
 #[derive(Debug, Clone)]
@@ -51,20 +52,20 @@ pub(super) struct WristSensor {
     flange_from_sensor: Frame,
     /// Mass of the body beyond the sensor (kg).
     mass: f64,
-    /// Its principal moments along the flange's axes (kg m2).
+    /// Principal moments of that body along the flange's axes (kg m2).
     inertia: Vector3<f64>,
     /// Length of a period (s).
     seconds: f64,
-    /// At the end of the last period; `None` before the first.
+    /// Momentum at the end of the last period; `None` before the first.
     momentum: Option<Momentum>,
     noise: SensorNoise,
     rng: Pcg64,
     bias: [f64; 6],
-    /// Per period.
+    /// Drift of the bias in a period (N, Nm).
     drift: [f64; 6],
     late: [[f64; 6]; LATEST],
     next: usize,
-    /// Components that left the range in the last reading.
+    /// Whether a component left the range in the last reading.
     pub(super) saturated: bool,
 }
 
@@ -86,6 +87,7 @@ impl WristSensor {
             })
         };
         let bias = normal(noise.force_bias, noise.torque_bias);
+        // The drift is given for 10 minutes.
         let periods = 600.0 / period.seconds();
         let drift = normal(noise.force_drift / periods, 0.05 * noise.force_drift / periods);
         Self {
@@ -114,8 +116,10 @@ impl WristSensor {
     pub(super) fn read(&mut self, world_from_flange: &Frame, load: &Load<'_>) -> Wrench {
         let world_from_sensor = world_from_flange.times(&self.flange_from_sensor);
         let (inertial, inertial_moment) = self.inertial(world_from_flange, load);
+        // Inertia acts at the centre of mass, as the weight does.
         let weight = Vector3::new(0.0, 0.0, -self.sensor.weight) + inertial;
         let total = load.force + weight;
+        // Both forces have levers about the sensor's origin.
         let moment = load.torque
             + (load.at - world_from_sensor.p).cross(load.force)
             + (self.centre(world_from_flange) - world_from_sensor.p).cross(&weight)
@@ -127,6 +131,7 @@ impl WristSensor {
         let mut reading = [0.0; 6];
         for i in 0..6 {
             let n = &self.noise;
+            // Noise comes before the steps and the end of the range, as in a converter.
             let (sigma, quantum) =
                 if i < 3 { (n.force, n.force_quantum) } else { (n.torque, n.torque_quantum) };
             self.bias[i] += self.drift[i];
@@ -139,6 +144,7 @@ impl WristSensor {
             self.saturated |= value.abs() > range;
             reading[i] = value.clamp(-range, range);
         }
+        // Before the run the sensor had the same reading: no late reading is without a value.
         if self.late[0][0].is_nan() {
             self.late = [reading; LATEST];
         }
@@ -149,8 +155,8 @@ impl WristSensor {
         Wrench::from_directions(told)
     }
 
-    /// Returns inertial force (N) and torque about the centre (Nm), in the world: what momentum the
-    /// body lost in this period.
+    /// Returns inertial force (N) and torque about the centre (Nm), in the world: the momentum that
+    /// the body lost in this period per time.
     fn inertial(
         &mut self,
         world_from_flange: &Frame,

@@ -1,7 +1,7 @@
-//! The parts of the plant as a run begins, each with its own stream of chance.
+//! Parts of the plant at the start of a run, each with its own stream of chance.
 //!
 //! - in: the configuration, the seed
-//! - out: arms, jaws, sensors, layers, the operator's hand, and where the cube is
+//! - out: arms, jaws, sensors, layers, the operator's hand, and the cube's pose
 
 use super::arm::PlantArm;
 use super::config::{PlantConfig, Start};
@@ -15,18 +15,21 @@ use crate::motion::AXES;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
-/// Streams of chance; wrist sensors have one each, from the last of these on.
+/// Stream of the layers' friction.
 const FRICTION: u64 = 1;
+/// Stream of the operator's hand.
 const HAND: u64 = 2;
+/// Stream of the cube's place on the table.
 const TABLE: u64 = 3;
+/// First stream of the wrist sensors, which have one each.
 const SENSORS: u64 = 10;
 
-/// By how much the jaws of the hand that does not hold the cube are short of their stroke's end
-/// (m).
+/// Distance of the open jaws from their stroke's end where the other arm holds the cube (m).
 const SHORT_OF_END: f64 = 0.005;
 
 /// Returns the generator of one source of chance.
 fn stream(seed: u64, which: u64) -> Pcg64 {
+    // A stream for each source: a new draw in one of them leaves the others alone.
     Pcg64::new(u128::from(seed), 0xcafe_f00d + u128::from(which))
 }
 
@@ -40,11 +43,13 @@ pub(super) fn arms(config: &PlantConfig) -> Vec<PlantArm> {
 
 /// Returns the jaws: closed on a cube that their arm holds, wide open if the other arm holds it.
 pub(super) fn jaws(config: &PlantConfig) -> Vec<PlantJaw> {
+    // Each pad is a spring of half the stiffness: the grip compresses both.
     let pad = 0.5 * config.jaws.stiffness[1];
     let closed = config.cell.cube.edge - 2.0 * config.start_grip / pad;
     let jaws = config.cell.arms.iter().enumerate().map(|(i, arm)| {
         let gripper = &arm.gripper;
         let opening = match config.start {
+            // These jaws begin at motor angle 0.
             Start::Hand | Start::Table(_) => gripper.opening_of_motor[0] + gripper.opening_offset,
             Start::Held { arm, .. } if arm == i => closed,
             Start::Held { .. } => gripper.opening.1 - SHORT_OF_END,
@@ -71,6 +76,7 @@ pub(super) fn puzzle(config: &PlantConfig, seed: u64) -> Puzzle {
     let factors = std::array::from_fn(|_| {
         std::array::from_fn(|_| {
             let x: f64 = StandardNormal.sample(&mut friction);
+            // The clip at two standard deviations keeps each factor positive.
             1.0 + spread * x.clamp(-2.0, 2.0)
         })
     });
@@ -83,10 +89,11 @@ pub(super) fn hand(config: &PlantConfig, seed: u64) -> OperatorHand {
     OperatorHand::new(&config.hand, &cell.hand, cell.cube.edge, &mut stream(seed, HAND))
 }
 
-/// Returns where the cube is; a hand that does not bring it keeps out.
+/// Returns the cube's frame in the world; a hand that does not bring the cube stays out of the
+/// cell.
 ///
 /// # Errors
-/// [`PortFault`] when an arm that does not exist is to hold it.
+/// [`PortFault`] when an arm that does not exist is to hold the cube.
 pub(super) fn cube(
     config: &PlantConfig,
     seed: u64,
@@ -101,7 +108,7 @@ pub(super) fn cube(
         }
         Start::Held { arm, tool_from_cube } => {
             let Some(arm) = arms.get(arm) else {
-                let reason = "the cube is held by an arm that is not there".to_owned();
+                let reason = "the cube is held by an arm that does not exist".to_owned();
                 return Err(PortFault { effector: arm, reason });
             };
             hand.stay_away();

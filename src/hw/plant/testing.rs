@@ -1,4 +1,4 @@
-//! A cell, a meeting of both arms and a small servo for the plant's own tests.
+//! Cell, meeting of both arms and small servo for the plant's own tests.
 
 use super::config::{PlantConfig, SensorNoise, Start};
 use super::{CubeMechanics, Jaws, Plant, sagging};
@@ -46,9 +46,9 @@ fn arm(track: bool) -> Arm {
     }
 }
 
-/// Both arms stand in front of each other in the original's front position, tools level and meeting: the
-/// track's with a deep grasp, the postument's over the outer layer on the other side, jaws crossed. The
-/// postument's base is put where that is so.
+/// Returns a cell in which both arms are in the original's front position and face each other,
+/// tools level and meeting: the track's with a deep grasp, the postument's over the outer layer on
+/// the other side, jaws crossed. The postument's base is placed so that the tools meet.
 pub(in crate::hw) fn cell() -> Cell {
     let mut cell = Cell {
         arms: vec![arm(true), arm(false)],
@@ -80,18 +80,18 @@ pub(in crate::hw) fn cell() -> Cell {
     cell
 }
 
-/// Pose of an arm's tool in its start position.
+/// Returns the pose of an arm's tool in its start position.
 pub(super) fn world_from_tool(arm: &Arm) -> Pose {
     arm.world_from_base * arm.model.base_from_flange(&arm.start) * arm.flange_from_tool
 }
 
-/// The cube in the track's tool frame with its axes along the world's.
+/// Returns the cube's pose in the track's tool frame, with its axes along the world's.
 pub(super) fn tool_from_cube() -> Pose {
     let tool = world_from_tool(&cell().arms[0]);
     Pose::from_parts(Translation3::identity(), tool.rotation.inverse())
 }
 
-/// A plant without noise, and without play: springs as in textbooks.
+/// Returns a plant without noise, and without play: springs as in textbooks.
 pub(super) fn quiet(cell: Cell) -> PlantConfig {
     let mut config = PlantConfig { noise: SensorNoise::none(), ..PlantConfig::new(cell) };
     for arm in &mut config.arms {
@@ -109,10 +109,10 @@ pub(super) fn held(jaws: Jaws, cube: CubeMechanics) -> PlantConfig {
     }
 }
 
-/// The incremental regulator of the original in its essence, per axis: speed, position, slow integral.
+/// Simplified incremental regulator of the original, for each axis: speed, position, slow integral.
 pub(super) struct TestServo {
     pub(super) target: Vec<[f64; AXES]>,
-    /// Wanted opening and grip of each jaw.
+    /// Wanted opening (m) and grip (N) of each jaw.
     pub(super) jaws: Vec<(f64, f64)>,
     pub(super) stops: [Depth; 2],
     last: Vec<[f64; AXES]>,
@@ -148,7 +148,7 @@ impl TestServo {
         }
     }
 
-    /// Aims at joint positions.
+    /// Sets the joint positions to be reached.
     pub(super) fn aim(&mut self, arm: usize, joints: &JointPositions) {
         let model = &self.plant.cell().arms[arm].model;
         let motors = model.motors(joints).0;
@@ -179,7 +179,7 @@ impl TestServo {
             }
             let (opening, force) = self.jaws[i];
             let gripper = &self.plant.cell().arms[i].gripper;
-            // 20 mm/s towards the wanted opening.
+            // The set value moves to the wanted opening at 20 mm/s.
             let (set, last_count) = &mut self.jaw_state[i];
             *set += (opening - *set).clamp(-0.02 * PERIOD, 0.02 * PERIOD);
             let count = self.readings[i].jaw_count as f64;

@@ -1,4 +1,4 @@
-//! What the plant must do as a whole.
+//! Tests of the plant as a whole.
 
 use super::frame::rotation_vector;
 use super::grasp::Hold;
@@ -11,7 +11,7 @@ use nalgebra::{Matrix6, UnitQuaternion, Vector6};
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 impl Plant {
-    /// A substep with the arms' dynamics of this very instant.
+    /// Performs a substep with the arms' dynamics of this instant.
     fn fresh_step(&mut self, drives: &[ArmDrive], t: f64, dt: f64) {
         for arm in &mut self.arms {
             arm.begin_period();
@@ -20,7 +20,8 @@ impl Plant {
     }
 }
 
-/// Two hands on a cube of 2007, the second closed with the given grip and grasp error.
+/// Returns a servo with two hands on a cube of 2007, the second closed with the given grip and
+/// grasp error.
 fn both_hold(config: PlantConfig, grip: f64, seed: u64) -> TestServo {
     let config = PlantConfig { start_grip: grip, ..config };
     let mut servo = TestServo::new(Plant::new(config, seed).unwrap());
@@ -43,7 +44,7 @@ fn spoilt(jaws: Jaws, millimetres: f64, degrees: f64, seed: u64) -> PlantConfig 
     config
 }
 
-/// Turns the postument's last joint by a quarter within 4 s, under position control.
+/// Turns the postument's last joint by `angle` (rad) within 4 s, under position control.
 fn turn(servo: &mut TestServo, angle: f64) {
     let from = servo.joints(1);
     for k in 1..=2000 {
@@ -56,25 +57,25 @@ fn turn(servo: &mut TestServo, angle: f64) {
 }
 
 #[test]
-fn a_quarter_turn_turns_one_face_and_nothing_else() {
+fn quarter_turn_turns_one_face_only() {
     let mut servo = both_hold(held(Jaws::rubber(), CubeMechanics::of_2007()), 30.0, 1);
 
     turn(&mut servo, FRAC_PI_2);
 
     let v = servo.plant.verdict();
-    // The postument looks along -x: a turn about its z is a left-handed one about the cube's x, which is
-    // clockwise for R.
+    // The postument looks along -x: a turn about its z is a left-handed one about the cube's x,
+    // which is clockwise for R.
     assert_eq!(v.turning, Axis::X);
     assert!((v.layer_angles[1] + FRAC_PI_2).abs() < 0.02, "{:?}", v.layer_angles);
     assert_eq!(v.layer_angles[0], 0.0);
     assert_eq!(v.facelets[2], 2, "R brings the front's colour up");
     assert_eq!(v.facelets[0], 0);
     assert_eq!(v.counts, Counts::default());
-    // The second hand's closing counts too: 2.2 N.
+    // The closing of the second hand counts as well: 2.2 N.
     assert!(v.peak_force < 2.5 && v.peak_torque > 0.3 && v.peak_torque < 0.7, "{v:?}");
 
-    // Let go on the track's side: the postument holds the turned cube, its angle now a permutation.
-    // As long as its palm stands at the layer, that is a body of its own.
+    // The track's jaws let go: the postument holds the turned cube, whose angle is now a
+    // permutation. While the track's palm is at the layer, this is a body of its own.
     servo.jaws[0] = (0.085, 30.0);
     servo.run(1.5);
     assert_eq!(servo.plant.verdict().cube, Whereabouts::Arms([false, true]));
@@ -90,8 +91,10 @@ fn a_quarter_turn_turns_one_face_and_nothing_else() {
     assert!(after.layer_angles.iter().all(|a| a.abs() < 0.02));
 }
 
+/// A disagreement of 1 mm between two hands gives the force of the compliances in series, within
+/// 1 %.
 #[test]
-fn a_disagreement_of_a_millimetre_gives_the_force_of_the_compliances_in_series() {
+fn displaced_base_gives_force_of_series_compliances() {
     let mut config =
         held(Jaws { friction: 100.0, palm: 0.0, ..Jaws::rubber() }, CubeMechanics::of_2007());
     config.cell.cube.mass = 0.0;
@@ -151,7 +154,7 @@ fn a_disagreement_of_a_millimetre_gives_the_force_of_the_compliances_in_series()
 }
 
 #[test]
-fn energy_falls_when_nothing_drives() {
+fn energy_falls_without_drive() {
     let mut config = quiet(cell());
     for arm in &mut config.arms {
         arm.counterbalance = 0.0;
@@ -171,7 +174,7 @@ fn energy_falls_when_nothing_drives() {
 }
 
 #[test]
-fn which_arm_comes_first_makes_no_difference_to_the_forces() {
+fn forces_do_not_depend_on_arm_order() {
     let run = |swapped: bool| {
         let mut config = spoilt(Jaws::rubber(), 1.0, 1.0, 3);
         config.cube.spread = 0.0;
@@ -200,9 +203,10 @@ fn which_arm_comes_first_makes_no_difference_to_the_forces() {
     assert!((a.1 - b.1).norm() < 0.05 * a.1.norm(), "{a:?} {b:?}");
 }
 
+/// Moves the second arm's base sideways with the brakes on, until the grips slip a little. Half the
+/// substep changes the force by less than 1 %.
 #[test]
-fn halving_the_substep_changes_the_force_by_less_than_a_hundredth() {
-    // Brakes on, the second arm's base creeps sideways until the grips slip a little.
+fn halving_substep_changes_force_below_one_percent() {
     let force = |substeps: u32| {
         let config = held(Jaws::stiff(), CubeMechanics::of_2007());
         let mut plant = Plant::new(config, 1).unwrap();
@@ -236,7 +240,7 @@ fn halving_the_substep_changes_the_force_by_less_than_a_hundredth() {
 }
 
 #[test]
-fn a_spoilt_grasp_under_position_control_costs_force_that_grows_with_the_error() {
+fn force_grows_with_grasp_error_under_position_control() {
     let peak = |millimetres: f64| {
         let mut servo = both_hold(spoilt(Jaws::rubber(), millimetres, millimetres, 0), 55.0, 0);
         turn(&mut servo, FRAC_PI_2);
@@ -251,9 +255,10 @@ fn a_spoilt_grasp_under_position_control_costs_force_that_grows_with_the_error()
     assert!(runs[0].peak_force < 2.5 && runs[3].peak_force > 20.0);
 }
 
+/// Position control fails with stiff jaws that are 2 mm off, in most directions. With 55 N of grip
+/// the first six seeds have 20-32 N; an error along the plane of the pads is the mildest.
 #[test]
-fn stiff_jaws_two_millimetres_off_fail_under_position_control_for_most_directions() {
-    // With 55 N of grip 20-32 N for the first six seeds; an error along the pads' plane is the mildest.
+fn stiff_jaws_fail_with_two_millimetre_error() {
     let failed = (0..8)
         .filter(|seed| {
             let mut servo = both_hold(spoilt(Jaws::stiff(), 2.0, 2.0, *seed), 55.0, *seed);
@@ -266,7 +271,7 @@ fn stiff_jaws_two_millimetres_off_fail_under_position_control_for_most_direction
 }
 
 #[test]
-fn a_layer_that_is_held_through_many_splits_does_not_lean_more_and_more() {
+fn regrouping_bodies_keeps_tilt_of_grasps() {
     let mut servo = both_hold(spoilt(Jaws::rubber(), 1.0, 1.0, 3), 30.0, 3);
     let before = servo.plant.grasps.map(|grasp| grasp.reference);
     assert!(servo.plant.balance.split.is_some());
@@ -284,8 +289,8 @@ fn a_layer_that_is_held_through_many_splits_does_not_lean_more_and_more() {
     }
 }
 
-/// The track's jaws let go of the layer that both strain, and its hand draws back by so many steps of 0.01 mm; how its palm
-/// pressed just before the layer joined the cube, and just after (N).
+/// Opens the track's jaws around the layer that both strain, and retracts that hand by `steps` of
+/// 0.01 mm. Returns the force of its palm just before the layer joins the cube, and just after (N).
 fn let_go(servo: &mut TestServo, steps: usize) -> Option<(f64, f64)> {
     servo.jaws[0] = (0.085, 30.0);
     let mut joined = None;
@@ -304,7 +309,7 @@ fn let_go(servo: &mut TestServo, steps: usize) -> Option<(f64, f64)> {
 }
 
 #[test]
-fn a_layer_that_is_let_go_does_not_jump_at_the_palm() {
+fn released_layer_does_not_jump_at_palm() {
     for seed in 0..4 {
         let mut servo = both_hold(spoilt(Jaws::stiff(), 1.0, 1.0, seed), 30.0, seed);
 
@@ -314,8 +319,9 @@ fn a_layer_that_is_let_go_does_not_jump_at_the_palm() {
     }
 }
 
+/// Jaws that close again before their palm has left the layer hold it where it is.
 #[test]
-fn jaws_that_close_again_before_the_palm_has_gone_hold_the_layer_as_it_stands() {
+fn jaws_closing_again_hold_layer_in_place() {
     let mut servo = both_hold(spoilt(Jaws::stiff(), 1.0, 1.0, 3), 30.0, 3);
     let before = servo.plant.verdict();
     let_go(&mut servo, 0);
@@ -344,9 +350,9 @@ fn five_newtons_of_grip_slip_instead_of_turning() {
     assert!(v.layer_angles[1].abs() < 0.2, "{:?}", v.layer_angles);
 }
 
-/// The layer stands, the hand with the weak grip turns by 0.25 rad.
+/// The layer does not turn; the hand with the weak grip turns by 0.25 rad.
 #[test]
-fn what_turns_between_flat_jaws_forces_them_apart() {
+fn cube_turning_between_jaws_forces_them_apart() {
     let mut servo = both_hold(held(Jaws::rubber(), CubeMechanics::of_2007()), 30.0, 1);
     let flat = servo.plant.jaws[1].opening();
     servo.jaws[1] = (0.055, 3.0);
@@ -363,9 +369,10 @@ fn what_turns_between_flat_jaws_forces_them_apart() {
     assert!(v.counts.slips > 0, "{:?}", v.counts);
 }
 
-/// A layer that both hands have left askew keeps jaws that come back to it straight as far apart as its corners.
+/// Both hands have left a layer tilted. Jaws that close on it again stay as far apart as its
+/// corners.
 #[test]
-fn a_layer_askew_is_met_by_its_corners() {
+fn jaws_meet_tilted_layer_at_its_corners() {
     for angle in [0.1, 0.4] {
         let mut plant = Plant::new(held(Jaws::rubber(), CubeMechanics::of_2007()), 1).unwrap();
         plant.puzzle.angles[0][1] = angle;
@@ -385,7 +392,7 @@ fn a_layer_askew_is_met_by_its_corners() {
 }
 
 #[test]
-fn a_cube_that_both_let_go_falls_onto_the_tray_and_lies_on_a_face() {
+fn released_cube_falls_on_tray_and_lies_flat() {
     let mut servo =
         TestServo::new(Plant::new(held(Jaws::rubber(), CubeMechanics::of_2007()), 1).unwrap());
     servo.jaws[0] = (0.085, 30.0);
@@ -402,9 +409,10 @@ fn a_cube_that_both_let_go_falls_onto_the_tray_and_lies_on_a_face() {
     assert!((normal + Vector3::z()).norm() < 1e-6);
 }
 
-/// A cube that comes from the side meets the edges of the fingers first, however far they overlap it otherwise.
+/// A cube that comes from the side meets the edges of the fingers first, and leaves on the same
+/// side, however far they overlap it otherwise.
 #[test]
-fn open_fingers_push_a_cube_out_on_the_side_on_which_it_came() {
+fn open_fingers_push_cube_back_out() {
     let cell = cell();
     let gripper = cell.arms[0].gripper;
     let jaws = Jaws::rubber();
@@ -441,9 +449,10 @@ fn open_fingers_push_a_cube_out_on_the_side_on_which_it_came() {
     assert!(beside.force.norm() < 1e-6 && one > 1.0 && (one - other).abs() < 1e-6, "{beside:?}");
 }
 
-/// The other hand has just opened, with its palm still at the cube.
+/// A hand loses the cube while the other hand, which has just opened, still has its palm at the
+/// cube.
 #[test]
-fn a_cube_that_is_lost_at_another_palm_falls_and_pushes_nobody() {
+fn cube_lost_at_palm_falls_without_push() {
     use crate::hw::plant::fault::{Fault, What, When};
     for seed in 1..=6 {
         let mut config = spoilt(Jaws::rubber(), 2.0, 2.0, seed);
@@ -471,11 +480,11 @@ fn a_cube_that_is_lost_at_another_palm_falls_and_pushes_nobody() {
 }
 
 #[test]
-fn a_cube_lies_where_and_how_the_seed_says_and_no_hand_is_there() {
+fn seed_decides_pose_of_cube_on_table() {
     let lying = Lying { offset: [0.0; 2], spread: 1.0, yaw: 0.7, any_face: true };
     let laid = |lying: Lying, seed: u64| {
         let mut config = quiet(cell());
-        // The place itself is turned, too.
+        // The place itself is turned as well.
         let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.3);
         config.cell.hand.world_from_cube.rotation = turned;
         config.start = Start::Table(lying);
@@ -501,7 +510,7 @@ fn a_cube_lies_where_and_how_the_seed_says_and_no_hand_is_there() {
         assert!(yaw.abs() <= lying.yaw + 1e-9, "{yaw}");
         draws.push([at.x / zone.half_extent.x, at.y / zone.half_extent.y, yaw / lying.yaw]);
 
-        // With U up it lies in the same place, and turned as far.
+        // With U up it lies in the same place, turned by the same angle.
         let (upright, down) = laid(Lying { any_face: false, ..lying }, seed);
         assert_eq!(down, Face::D);
         let pose = upright.verdict().world_from_cube;
@@ -509,7 +518,7 @@ fn a_cube_lies_where_and_how_the_seed_says_and_no_hand_is_there() {
         let turned = zone.world_from_cube.rotation.inverse() * pose.rotation;
         assert!((turned.scaled_axis() - Vector3::z() * yaw).norm() < 1e-9, "{turned}");
 
-        // Where the place really is, it is for every draw.
+        // The true place applies to every draw.
         let offset = [0.02, -0.03];
         let (elsewhere, _) = laid(Lying { offset, ..lying }, seed);
         let moved = elsewhere.verdict().world_from_cube.translation.vector
@@ -524,8 +533,7 @@ fn a_cube_lies_where_and_how_the_seed_says_and_no_hand_is_there() {
     }
 }
 
-/// How far a cube that lies on any of its faces is turned about the vertical, to the nearest
-/// quarter (rad).
+/// Returns the turn of a cube on any of its faces about the vertical, to the nearest quarter (rad).
 fn yaw(rotation: &UnitQuaternion<f64>) -> f64 {
     let sides = [Vector3::x(), Vector3::y()].map(|axis| rotation * axis);
     let level = if sides[0].z.abs() < 0.5 { sides[0] } else { sides[1] };
@@ -534,7 +542,7 @@ fn yaw(rotation: &UnitQuaternion<f64>) -> f64 {
 }
 
 #[test]
-fn the_operator_hands_the_cube_over_and_takes_it_back() {
+fn operator_gives_cube_and_takes_it_back() {
     let mut cell = cell();
     let tool = world_from_tool(&cell.arms[0]);
     cell.hand.world_from_cube = Pose::from(tool.translation);
@@ -554,9 +562,9 @@ fn the_operator_hands_the_cube_over_and_takes_it_back() {
     servo.run(5.0);
     let v = servo.plant.verdict();
     assert_eq!(v.cube, Whereabouts::Arms([true, false]), "{:?}", v.events);
-    assert!(servo.plant.scene().hand.is_none(), "the hand has gone");
+    assert!(servo.plant.scene().hand.is_none(), "the hand has left");
 
-    // Away from the zone and back, then still: the hand comes for it.
+    // Away from the zone and back, then still: the hand comes for the cube.
     for k in (0..1500).chain((0..1500).rev()) {
         let mut q = home;
         q.0[0] -= 0.2 * f64::from(k) / 1500.0;
@@ -575,8 +583,9 @@ fn the_operator_hands_the_cube_over_and_takes_it_back() {
     assert_eq!(v.cube, Whereabouts::Hand);
 }
 
+/// Motors follow at 120 rad/s with a lag of some 10 ms.
 #[test]
-fn motors_follow_at_120_rad_s_with_a_lag_of_some_ten_milliseconds() {
+fn motors_follow_at_full_speed_with_small_lag() {
     let mut servo = TestServo::new(Plant::new(quiet(cell()), 1).unwrap());
     let gear = servo.plant.cell().arms[1].model.gears[1];
     let from = servo.joints(1);
@@ -597,9 +606,10 @@ fn motors_follow_at_120_rad_s_with_a_lag_of_some_ten_milliseconds() {
     assert_eq!(servo.readings[1].upper_limits | servo.readings[1].lower_limits, 0);
 }
 
-/// The cube weighs 1 N: only an acceleration of hundreds of m/s2 could tear it out of a grip of 40 N.
+/// The cube weighs 1 N: only an acceleration of hundreds of m/s2 could tear it out of a grip of
+/// 40 N.
 #[test]
-fn a_cube_is_carried_at_a_metre_a_second_without_a_strain() {
+fn fast_arm_carries_cube_without_strain() {
     let mut servo =
         TestServo::new(Plant::new(held(Jaws::rubber(), CubeMechanics::of_2007()), 1).unwrap());
     servo.jaws[0].1 = 40.0;
@@ -642,7 +652,7 @@ fn a_cube_is_carried_at_a_metre_a_second_without_a_strain() {
 }
 
 #[test]
-fn hands_that_run_into_each_other_are_reported_once_and_push_back() {
+fn colliding_hands_push_back_and_are_reported() {
     let mut config = quiet(cell());
     // Empty hands, the postument's in the way of the track's drive.
     config.cell.arms[0].start.0[0] -= 0.25;
@@ -663,7 +673,7 @@ fn hands_that_run_into_each_other_are_reported_once_and_push_back() {
 }
 
 #[test]
-fn the_same_seed_gives_the_same_bits_and_another_does_not() {
+fn same_seed_repeats_bits_and_other_differs() {
     let run = |seed: u64| {
         let mut config = spoilt(Jaws::rubber(), 1.0, 1.0, seed);
         config.noise = SensorNoise::default();
@@ -684,7 +694,7 @@ fn the_same_seed_gives_the_same_bits_and_another_does_not() {
 }
 
 #[test]
-fn the_sensor_carries_the_weight_of_the_tool_at_rest() {
+fn sensor_at_rest_carries_weight_of_tool() {
     let servo = {
         let mut s = TestServo::new(Plant::new(quiet(cell()), 1).unwrap());
         s.run(0.5);
@@ -730,8 +740,8 @@ fn swung(mass_factor: f64) -> (Vector3<f64>, Vector3<f64>, f64) {
     (acceleration, force - weight, servo.plant.cell().arms[0].sensor.mass())
 }
 
-/// Frequency (Hz) and damping (share of the critical one) of an arm's modes with locked motors, the
-/// slowest first.
+/// Returns frequency (Hz) and damping (share of the critical one) of an arm's modes with locked
+/// motors, the slowest first.
 fn modes(arm: &PlantArm, dynamics: &ArmDynamics) -> Vec<(f64, f64)> {
     let still = [0.0; AXES];
     let (mass, _) = arm.placement.dynamics(&dynamics.links, &still, &Vector3::zeros());
@@ -757,13 +767,13 @@ fn modes(arm: &PlantArm, dynamics: &ArmDynamics) -> Vec<(f64, f64)> {
 }
 
 #[test]
-fn arms_with_locked_motors_ring_like_arms() {
+fn locked_arms_have_plausible_modes_and_damping() {
     let config = PlantConfig::new(cell());
     let plant = Plant::new(config.clone(), 1).unwrap();
     for (arm, dynamics) in plant.arms.iter().zip(&config.arms) {
         let modes = modes(arm, dynamics);
 
-        // Springs and masses are assumptions: these bounds tell a slip of a unit in them.
+        // Springs and masses are assumptions: these bounds show a wrong unit in them.
         assert!((5.0..20.0).contains(&modes[0].0), "{modes:?}");
         assert!(modes.iter().all(|(_, damping)| (0.02..0.2).contains(damping)), "{modes:?}");
     }
@@ -780,8 +790,8 @@ fn sensor_in_free_motion_reads_mass_times_acceleration() {
     }
 }
 
-/// Drives motor 1 of the postument against its hard stop with a share of the full pulse width;
-/// returns since when its power stage reports too much current (s), and the plant.
+/// Drives motor 1 of the postument against its hard stop with a share of the full pulse width.
+/// Returns the time at which its power stage first reports over-current (s), and the plant.
 fn strained(share: f64, seconds: f64) -> (Option<f64>, Plant) {
     let mut cell = cell();
     cell.arms.remove(0);
@@ -800,7 +810,7 @@ fn strained(share: f64, seconds: f64) -> (Option<f64>, Plant) {
 
 #[test]
 fn motor_that_strains_too_long_trips() {
-    // A share d of the pulse width is 1.5 d of the trip's current at a motor that stands, and
+    // A share d of the pulse width is 1.5 d of the trip current in a motor that does not turn, and
     // (1.5 d / 0.4)^2 of the rated heat in the end: 3.5 at a half, and 0.86 at a quarter.
     let (since, plant) = strained(0.5, 20.0);
     let heats = -MotorDynamics::HEATS * libm::log(1.0 - 1.0 / 3.488);
@@ -837,7 +847,7 @@ fn joint_takes_up_the_play_before_it_resists() {
 }
 
 #[test]
-fn near_person_speed_is_the_tools() {
+fn reported_speed_near_person_equals_tool_speed() {
     let swing = |beside: f64| {
         let mut cell = cell();
         cell.arms.remove(0);
@@ -860,7 +870,7 @@ fn near_person_speed_is_the_tools() {
 
     let (near, fastest) = swing(0.1);
     assert!(fastest > 0.1 && (near - fastest).abs() < 0.03 * fastest, "{near} {fastest}");
-    assert_eq!(swing(0.5).0, 0.0, "that far from it nobody is near");
+    assert_eq!(swing(0.5).0, 0.0, "too far from the person");
 }
 
 #[test]
@@ -883,13 +893,13 @@ fn least_distance_of_the_arms_is_kept() {
         servo.plant.verdict().exertion.arms_apart.unwrap()
     };
     let [first, nearer, again] = [0.0, 0.05, 0.0].map(&mut least_after);
-    // The arm is set 50 mm on at once, and swings beyond.
+    // The arm is moved 50 mm at once, and swings beyond.
     assert!(nearer > 0.0 && (0.045..0.1).contains(&(first - nearer)), "{first} {nearer} m");
     assert_eq!(again, nearer, "the least is kept");
 }
 
 #[test]
-fn truth_stays_near_belief_at_the_pivot_and_its_spread_is_as_told() {
+fn base_error_at_pivot_has_configured_spread() {
     let belief = cell();
     let errors = ErrorSpreads::default();
     let (mut sum, mut turned) = (0.0, 0.0);
@@ -907,7 +917,7 @@ fn truth_stays_near_belief_at_the_pivot_and_its_spread_is_as_told() {
 }
 
 #[test]
-fn a_grasp_error_displaces_the_second_tool_by_just_that() {
+fn grasp_error_displaces_second_tool_exactly() {
     let belief = cell();
     let meeting = world_from_tool(&belief.arms[1]);
     let grasp = GraspError { lateral: 2e-3, axial: -2e-3, tilt: 0.035, world_from_tool: meeting };

@@ -1,13 +1,13 @@
-//! Truth drawn around the controller's belief: what a workshop measures wrongly.
+//! Truth of a cell, drawn around the controller's belief: the errors of a workshop's measurements.
 //!
 //! - in: the cell as believed, spreads, a seed
-//! - out: the cell as it is
-//! - every spread is a standard deviation per component, clipped at three of it
+//! - out: the true cell
+//! - each spread is a standard deviation per component, clipped at three of it
 //!
-//! The second arm's base is displaced *about a pivot* in the common workspace: a workshop calibrates two arms
-//! by letting their hands meet there, so the error of orientation turns about that place and the error of
-//! position is what is left of it there. A rotation of 0.5 deg about the base itself would be 15 mm at the
-//! hands, which nobody who had seen the hands meet would believe.
+//! The second arm's base is displaced *about a pivot* in the common workspace. A workshop
+//! calibrates two arms where their hands meet, so the error of orientation turns about that place,
+//! and the error of position is its rest there. A rotation of 0.5 deg about the base itself would
+//! be 15 mm at the hands, which a workshop would notice.
 
 use crate::cell::{Cell, Mount};
 use crate::spatial::Pose;
@@ -17,14 +17,14 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 use std::f64::consts::TAU;
 
-/// Standard deviations; SI.
+/// Standard deviations of the errors; SI.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ErrorSpreads {
     /// Between the bases, each axis, at the pivot (m).
     pub base: f64,
     /// Between the bases, each axis (rad).
     pub base_tilt: f64,
-    /// Where the arms were let meet, in the world (m).
+    /// Place in the world where the workshop brought the hands of both arms together (m).
     pub pivot: Point3<f64>,
     /// Focal lengths, relative (both the same).
     pub focal: f64,
@@ -40,9 +40,9 @@ pub struct ErrorSpreads {
     pub cube: f64,
     /// Weight beyond the sensors (N).
     pub weight: f64,
-    /// Its centre, each axis (m).
+    /// Centre of that weight, each axis (m).
     pub weight_centre: f64,
-    /// A grasp that starts wrong on purpose.
+    /// Deliberate error of the second arm's grasp.
     pub grasp: GraspError,
 }
 
@@ -66,7 +66,7 @@ impl Default for ErrorSpreads {
 }
 
 impl ErrorSpreads {
-    /// Nothing is wrong.
+    /// Returns spreads of 0: no errors.
     #[must_use]
     pub fn none() -> Self {
         Self {
@@ -85,7 +85,8 @@ impl ErrorSpreads {
     }
 }
 
-/// The second arm's tool is off by just this at a given meeting pose: sizes are exact, directions seeded.
+/// Exact error of the second arm's tool at a given meeting pose: sizes are exact, directions
+/// seeded.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GraspError {
     /// Sideways, in a seeded direction across the tool's z (m).
@@ -106,16 +107,19 @@ impl Default for GraspError {
     }
 }
 
-/// The cell as it really is. Sensor biases are not part of a cell: see [`super::SensorNoise`].
+/// Draws the true cell. Sensor biases are not part of a cell: see [`super::SensorNoise`].
 #[must_use]
 pub fn draw(belief: &Cell, errors: &ErrorSpreads, seed: u64) -> Cell {
     let mut truth = belief.clone();
     let mut chance = Chance(Pcg64::new(u128::from(seed), 0x0074_7275_7468));
+    // The order of the draws is part of a seed's meaning: a new one belongs at the end.
     let (base, base_tilt) = (chance.vector(errors.base), chance.vector(errors.base_tilt));
     if let Some(arm) = truth.arms.get_mut(1) {
+        // The error in axes of the world at the pivot.
         let at = Pose::from_parts(errors.pivot.coords.into(), UnitQuaternion::identity());
         arm.world_from_base = at * small(base, base_tilt) * at.inverse() * arm.world_from_base;
     }
+    // Both focal lengths share one error, that of the lens.
     for camera in &mut truth.cameras {
         let scale = 1.0 + chance.normal(errors.focal);
         let optics = &mut camera.intrinsics;
@@ -135,10 +139,12 @@ pub fn draw(belief: &Cell, errors: &ErrorSpreads, seed: u64) -> Cell {
     }
     truth.cube.edge += chance.normal(errors.cube);
     let grasp = &errors.grasp;
+    // Drawn last and in any case, so that a deliberate error changes no other one.
     let (sideways, tilted) = (chance.across(), chance.across());
     if let Some(arm) = truth.arms.get_mut(1) {
         let linear = sideways * grasp.lateral + Vector3::z() * grasp.axial;
         let off = small(linear, tilted * grasp.tilt);
+        // In axes of the tool at the meeting, where the size of the error is exact.
         let tool = grasp.world_from_tool;
         arm.world_from_base = tool * off * tool.inverse() * arm.world_from_base;
     }
@@ -161,7 +167,7 @@ impl Chance {
         Vector3::new(self.normal(spread), self.normal(spread), self.normal(spread))
     }
 
-    /// A unit vector across z.
+    /// Returns a random unit vector at right angles to z.
     fn across(&mut self) -> Vector3<f64> {
         let (s, c) = libm::sincos(self.0.random_range(0.0..TAU));
         Vector3::new(c, s, 0.0)

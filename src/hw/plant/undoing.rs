@@ -1,5 +1,5 @@
-//! How long a fault undoes a turn: the layers slip back until that turn is over, and in no other
-//! one.
+//! Duration of a fault that undoes a turn: the layers slip back until that turn is over, and in no
+//! other turn.
 //!
 //! - in: whether the fault acts, and which turn is under way
 //! - out: whether the layers slip back in this period
@@ -9,7 +9,7 @@ use super::balance::Split;
 /// State of a fault that undoes a turn.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) enum Undoing {
-    /// There is no such fault, or nothing turns yet.
+    /// No fault of this kind acts, or nothing turns yet.
     #[default]
     Not,
     /// It undoes this turn.
@@ -22,6 +22,7 @@ impl Undoing {
     /// Returns the state one period later. `acts` says whether the fault acts in that period,
     /// `turns` which turn is under way.
     pub(super) fn after(self, acts: bool, turns: Option<Split>) -> Self {
+        // A fault by time alone ended in the middle of a half turn, or undid the next turn as well.
         match (self, turns) {
             _ if !acts => Self::Not,
             (Self::Not, Some(split)) => Self::Turn(split),

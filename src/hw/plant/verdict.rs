@@ -1,56 +1,56 @@
-//! What really happened: the plant's account of a run, for summaries and tests, never for the controller.
+//! The plant's true account of a run: for summaries and tests, never for the controller.
 
 use crate::cube::{Axis, Face, Keeper};
 use crate::spatial::Pose;
 
-/// Most events that are kept; later ones are only counted.
+/// Greatest number of events that are kept; later ones are only counted.
 pub const MOST_EVENTS: usize = 256;
 
-/// The state and the history of the plant.
+/// State and history of the plant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Verdict {
     /// Servo periods done.
     pub period: u64,
-    /// Stickers URFDLB by position, each named by the centre of its colour, layers at their nearest quarter.
+    /// Stickers URFDLB by position, each named by the centre of its colour, layers at their nearest
+    /// quarter.
     pub facelets: [u8; 54],
-    /// Where the cube is.
+    /// Place of the cube.
     pub cube: Whereabouts,
     /// Middle layer's pose.
     pub world_from_cube: Pose,
-    /// The operator has the cube back.
+    /// Whether the operator has the cube back.
     pub returned: bool,
-    /// Who is to have the cube in the end; where it is the table, no person is in the cell.
+    /// Owner of the cube in the end; where it is the table, no person is in the cell.
     pub keeper: Keeper,
-    /// Both arms hold the cube.
+    /// Whether both arms hold the cube.
     pub both_hold: bool,
-    /// The axis that layers turn about, or were turned about last.
+    /// Axis that layers turn about, or were turned about last.
     pub turning: Axis,
     /// Angles of the negative and the positive outer layer of that axis against the middle layer
     /// (rad), since the axis became active.
     pub layer_angles: [f64; 2],
-    /// Relative rotation of the two grasped parts about that axis since both hold, of the second arm's part
-    /// against the first's, right-handed about the cube's axis (rad).
+    /// Relative rotation of the two grasped parts about that axis since both hold, of the second
+    /// arm's part against the first's, right-handed about the cube's axis (rad).
     pub turned: f64,
-    /// How often.
+    /// Numbers of events by kind.
     pub counts: Counts,
     /// Jaw closings on the cube, per arm.
     pub grasps: [u32; 2],
-    /// Norms of the contact wrench at a tool while both arms hold the cube, grip squeeze excluded
-    /// (N, Nm).
+    /// Greatest contact force at a tool while both arms hold the cube, grip squeeze excluded (N).
     pub peak_force: f64,
-    /// As above.
+    /// Greatest contact torque at a tool while both arms hold the cube (Nm).
     pub peak_torque: f64,
-    /// Per arm, whenever it touches the cube (N).
+    /// Greatest contact force of each arm on the cube in the whole run (N).
     pub arm_peak_force: [f64; 2],
-    /// Per arm, whenever it touches the cube (Nm).
+    /// Greatest contact torque of each arm on the cube in the whole run (Nm).
     pub arm_peak_torque: [f64; 2],
-    /// How much the arms exerted themselves.
+    /// Greatest loads of motors and arms.
     pub exertion: Exertion,
-    /// What happened, in order; at most [`MOST_EVENTS`].
+    /// Events in order; at most [`MOST_EVENTS`].
     pub events: Vec<Event>,
 }
 
-/// How hard a run was for motors and arms: over all of them the greatest of each.
+/// Greatest loads of a run, over all motors and arms.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Exertion {
     /// Current, as a share of what trips a motor's power stage.
@@ -62,42 +62,42 @@ pub struct Exertion {
     /// Speed of a tool within [`Exertion::NEAR`] of the place where a person holds the cube (m/s).
     pub near_person: f64,
     /// Least distance of a part of one arm from a part of the other (m): fingers, palms, hands,
-    /// wrists, forearms; none where the arms were never near to each other. At each grasp fingers
+    /// wrists, forearms; `None` where the arms were never near to each other. At each grasp fingers
     /// are some millimetres from the other palm.
     pub arms_apart: Option<f64>,
 }
 
 impl Exertion {
-    /// A tool is near the person's place within this distance (m): fingers, cube or palm may then
-    /// touch a hand there.
+    /// Distance from the person's place within which a tool is near it (m): fingers, cube or palm
+    /// may then touch a hand there.
     pub const NEAR: f64 = 0.175;
 }
 
 /// Numbers of events.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Counts {
-    /// A loaded layer stood still for 3 s away from every quarter.
+    /// Loaded layers that stood still for 3 s away from every quarter.
     pub stuck: u32,
-    /// A grip slipped by more than 3 deg or 1 mm while its jaws were not opening.
+    /// Grips that slipped by more than 3 deg or 1 mm while their jaws were not opening.
     pub slips: u32,
-    /// The cube fell.
+    /// Falls of the cube.
     pub drops: u32,
-    /// The cube popped: tilt above 3 Nm or a pull above 50 N.
+    /// Pops of the cube: tilt above 3 Nm or a pull above 50 N.
     pub pops: u32,
-    /// A squeeze above 150 N.
+    /// Squeezes above 150 N.
     pub crushed: u32,
-    /// Something touched what it should not.
+    /// Contacts between parts that should not touch.
     pub collisions: u32,
-    /// A wrist sensor left its range.
+    /// Readings of a wrist sensor at the end of its range, counted when they begin.
     pub saturations: u32,
 }
 
-/// Where the cube is.
+/// Place of the cube.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Whereabouts {
     /// In the operator's hand alone.
     Hand,
-    /// In grippers, perhaps with the hand: which arms.
+    /// In the grippers of these arms, perhaps with the operator's hand.
     Arms([bool; 2]),
     /// In the air.
     Falling,
@@ -105,64 +105,65 @@ pub enum Whereabouts {
     Tray {
         /// Face that lies down, by position in the cube frame.
         down: Face,
-        /// It came there by a fall; else it has lain there from the beginning, or was laid down.
+        /// Whether it came there by a fall; else it has lain there from the beginning, or was laid
+        /// down.
         fell: bool,
     },
 }
 
-/// What happened when.
+/// Event with its time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Event {
     /// Servo period.
     pub period: u64,
-    /// What.
+    /// Kind of the event.
     pub what: Incident,
 }
 
-/// What may happen.
+/// Kind of an event.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Incident {
     /// Jaws closed on the cube.
     Grasped {
-        /// Which arm.
+        /// Index of the arm.
         arm: usize,
     },
     /// Jaws let go of it.
     Released {
-        /// Which arm.
+        /// Index of the arm.
         arm: usize,
     },
-    /// A loaded layer stood still for 3 s at this angle (rad).
+    /// A loaded layer stood still for 3 s away from every quarter.
     Stuck {
         /// Axis of the layer.
         axis: Axis,
-        /// Distance from the nearest quarter (rad).
+        /// Angle from the nearest quarter turn (rad).
         angle: f64,
         /// Torque on it (Nm).
         torque: f64,
     },
-    /// A grip slipped: by so much since closing (m, rad).
+    /// A grip slipped since closing.
     Slip {
-        /// Which arm.
+        /// Index of the arm.
         arm: usize,
-        /// In the plane of the pads (m).
+        /// Slip in the plane of the pads (m).
         distance: f64,
-        /// (rad)
+        /// Slip angle (rad).
         angle: f64,
     },
     /// The grasp is lost: it slipped by more than 5 mm or 20 deg.
     GraspLost {
-        /// Which arm.
+        /// Index of the arm.
         arm: usize,
     },
-    /// The cube fell out of this arm's hand (or the operator's: `None`).
+    /// The cube fell out of this arm's hand, or of the operator's (`None`).
     Drop {
-        /// Who had it last.
+        /// Index of the last arm that had it.
         arm: Option<usize>,
     },
     /// An arm has laid the cube down and let go of it.
     LaidDown {
-        /// Which arm.
+        /// Index of the arm.
         arm: usize,
         /// Face that lies down.
         down: Face,
@@ -172,43 +173,43 @@ pub enum Incident {
         /// Face that lies down.
         down: Face,
     },
-    /// The cube popped under this tilt (Nm) and pull (N).
+    /// The cube popped.
     Pop {
-        /// Torque.
+        /// Torque across the axis (Nm).
         tilt: f64,
-        /// Force.
+        /// Force along the axis (N).
         pull: f64,
     },
-    /// Crushed by this squeeze (N).
+    /// An arm crushed the cube.
     Crush {
-        /// Which arm.
+        /// Index of the arm.
         arm: usize,
-        /// Force.
+        /// Force of the squeeze (N).
         squeeze: f64,
     },
-    /// Two things met.
+    /// Two parts met that should not.
     Collision {
-        /// One.
+        /// First part.
         what: Part,
-        /// The other.
+        /// Second part.
         with: Part,
-        /// How far they overlapped at first (m).
+        /// Overlap at first (m).
         depth: f64,
     },
     /// A wrist sensor left its range.
     Saturation {
-        /// Which arm.
+        /// Index of the arm.
         arm: usize,
     },
     /// The operator let go of the cube, or took it.
     Operator {
-        /// Has it now.
+        /// Whether the operator has the cube now.
         has_cube: bool,
     },
 }
 
 impl Incident {
-    /// Whether it should not have happened, by whoever's doing.
+    /// Returns whether the event is an accident, independent of its cause.
     #[must_use]
     pub fn is_accident(&self) -> bool {
         match self {
@@ -228,7 +229,7 @@ impl Incident {
         }
     }
 
-    /// In words, with the names of the arms.
+    /// Returns the event in words, with the names of the arms.
     #[must_use]
     pub fn words(&self, arms: &[&str]) -> String {
         let name = |arm: usize| arms.get(arm).copied().unwrap_or("?");
@@ -240,11 +241,12 @@ impl Incident {
             Part::Cube => "the cube".to_owned(),
             Part::Table => "the table".to_owned(),
         };
+        // People read this: mm and deg instead of SI units.
         match *self {
             Self::Grasped { arm } => format!("{} closes on the cube", name(arm)),
             Self::Released { arm } => format!("{} lets go of the cube", name(arm)),
             Self::Stuck { axis, angle, torque } => format!(
-                "a layer about {axis:?} stands {:.1} deg off a quarter under {torque:.2} Nm",
+                "a layer about {axis:?} is {:.1} deg off a quarter turn under {torque:.2} Nm",
                 angle.to_degrees()
             ),
             Self::Slip { arm, distance, angle } => format!(
@@ -276,7 +278,7 @@ impl Incident {
     }
 }
 
-/// What can collide.
+/// Part of the cell that can collide.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Part {
     /// Finger of an arm.
@@ -294,7 +296,8 @@ pub enum Part {
 }
 
 impl Verdict {
-    /// Whether the cube is where it is to be in the end: with the person, or laid down where no person is.
+    /// Checks whether the cube is at its final place: with the person, or laid down where no person
+    /// is.
     #[must_use]
     pub fn is_back(&self) -> bool {
         self.returned
@@ -302,7 +305,7 @@ impl Verdict {
                 && matches!(self.cube, Whereabouts::Tray { fell: false, .. })
     }
 
-    /// The same in words.
+    /// Returns the cube's final place in words.
     #[must_use]
     pub fn place(&self) -> &'static str {
         match (self.keeper, self.is_back()) {
@@ -315,13 +318,17 @@ impl Verdict {
 
     /// Returns the events, each with its time (s), whether it is an accident, and in words. `arms`
     /// are the names of the arms, `period` is the length of a period (s).
-    pub fn told(&self, arms: &[&str], period: f64) -> impl Iterator<Item = (f64, bool, String)> {
+    pub fn described_events(
+        &self,
+        arms: &[&str],
+        period: f64,
+    ) -> impl Iterator<Item = (f64, bool, String)> {
         self.events.iter().map(move |Event { period: at, what }| {
             (*at as f64 * period, what.is_accident(), what.words(arms))
         })
     }
 
-    /// Before anything happened.
+    /// Returns the verdict of a run without events.
     pub(super) fn empty(world_from_cube: &Pose, keeper: Keeper) -> Self {
         Self {
             period: 0,
@@ -341,6 +348,7 @@ impl Verdict {
             arm_peak_force: [0.0; 2],
             arm_peak_torque: [0.0; 2],
             exertion: Exertion::default(),
+            // A period must not allocate, so the list has its room from the start.
             events: Vec::with_capacity(MOST_EVENTS),
         }
     }
@@ -351,7 +359,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn incidents_are_told_with_the_names_of_the_arms() {
+    fn incident_words_have_names_of_arms() {
         let arms = ["left", "right"];
         let bump =
             Incident::Collision { what: Part::Finger(1), with: Part::Palm(0), depth: 2.5e-4 };

@@ -1,43 +1,57 @@
-//! One axis behind its serial line: what goes out in a period, and what of an answer can be believed.
+//! One axis behind its serial line: the order of each period, and the judgement of each answer.
 //!
-//! - in: what the servo wants of the axis; the bytes that came, or none
-//! - out: one [`Order`] a period; the axis's reading; an [`AxisFault`] when the line must be given up
-//! - a parameter takes the place of a pulse width for one period and counts as taken when it is answered; three tries
-//! - while answers are missed, the counter is taken to go on as before: an axis that seems to stand still for a period
-//!   and then to go twice as far makes its regulator brake fully in between, which trips a power stage at speed
-//!   (measured: one answer in a thousand missed ended every mission)
-//! - source: the original's rules: three answers missed in a row, or a counter that jumps by more than 1000, are a
-//!   fault; a switch is believed when two answers in a row show it; four answers settle a start.
-//!   Different from the original: a frame has no check sum, so one impossible answer is taken for a spoilt one, like
-//!   a missed one, and only the third in a row for the truth; and limit switches, over-current and loss of
-//!   synchronisation must show twice as well.
+//! An answer has no checksum, so it counts only if a motor can have made its counter true. While
+//! answers are missed, the counter is extrapolated by its last step. Otherwise an axis would seem
+//! to stop for a period and then to make a double step, and its regulator would brake fully in
+//! between, which trips a power stage at speed. Measured: with one answer in a thousand missed,
+//! every mission failed.
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | answers missed or impossible in a row | [`Rules::misses`] | single ones are disturbances |
+//! | jump of the counter in a period | [`Rules::jump`] | no motor is faster |
+//! | counter off its extrapolation | `LEAP`, unless confirmed | a motor gains no more in a period |
+//! | extrapolation | `GOES_ON` | it is off by too much after that |
+//! | answer of an earlier order | `CLEARLY`, `LATE` in a row | an axis that brakes looks late |
+//! | switches, over-current, error, loss of zero | two answers in a row | one bit may be wrong |
+//! | answers that settle a start | `SETTLING` that agree | one of them may be corrupt |
+//! | parameter without an answer | [`Rules::tries`] | one order may be lost |
+//!
+//! - in: the drive of the axis; the bytes of its answer, or none
+//! - out: one [`Order`] in each period; the readings of the axis; an [`AxisFault`] if the line must
+//!   be given up
+//! - A parameter replaces the pulse width of one period. It counts as taken once it is answered.
+//! - source: the rules of the original, in which three missed answers in a row and a jump by more
+//!   than 1000 are faults, switches must show twice, and four answers settle a start. In the
+//!   original one impossible answer is a fault, and limit switches, over-current and loss of
+//!   synchronisation need to show only once.
 
 use super::frame::{Mode, Order, Parameter, STATUS, Status};
 use crate::servo::lateness::Interval;
 
-/// What the servo wants of an axis in a period.
+/// Drive of an axis in a period.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AxisDrive {
-    /// Power stage on.
+    /// Whether the power stage is on.
     pub enabled: bool,
     /// Pulse width, -255..=255.
     pub width: i16,
     /// Digital outputs.
     pub outputs: u8,
-    /// Limit of the motor current (mA), where the servo sets one.
+    /// Limit of the motor current (mA), if the servo sets one.
     pub max_current: Option<u16>,
-    /// The counter becomes zero at the next zero of the encoder.
+    /// Whether the counter becomes zero at the next zero of the encoder.
     pub synchronise: bool,
 }
 
 /// Rules of an axis's line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Rules {
-    /// Answers that are missed or impossible in a row, after which the line is given up.
+    /// Number of missed or impossible answers in a row after which the line is given up.
     pub misses: u32,
-    /// No counter goes further in a period.
+    /// Largest motion of a counter in a period (increments).
     pub jump: i32,
-    /// Tries of a parameter.
+    /// Number of times that a parameter is sent without an answer before the line is given up.
     pub tries: u32,
 }
 
@@ -47,49 +61,49 @@ impl Default for Rules {
     }
 }
 
-/// What became of an answer.
+/// Result of judging an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Answer {
-    /// It was taken.
+    /// Answer that was taken.
     Taken,
-    /// Nothing came, so many times in a row.
+    /// No answer, for this number of times in a row.
     Missed(u32),
-    /// What came cannot be true, so many times in a row.
+    /// Answer that cannot be true, for this number of times in a row.
     Impossible(u32),
-    /// What came was owed to an earlier order.
+    /// Answer that belongs to an earlier order.
     Late,
 }
 
-/// Why a line is given up.
+/// Reason for giving up a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum AxisFault {
-    /// Nothing comes any more.
+    /// No answers for this number of periods.
     #[error("no answer for {0} periods")]
     Silent(u32),
-    /// What comes cannot be true.
+    /// Answers that cannot be true.
     #[error(
         "{times} impossible answers in a row, the last with the counter at {count} after {before}"
     )]
     Impossible {
-        /// In a row.
+        /// Number of them in a row.
         times: u32,
-        /// Counter told last.
+        /// Counter in the last answer.
         count: i32,
-        /// Counter believed last.
+        /// Last counter that was believed.
         before: i32,
     },
-    /// The controller has switched itself off.
+    /// Error mode, into which the controller has switched itself.
     #[error("the axis controller is in its error mode")]
     Error,
-    /// It has forgotten where it is: it was reset.
+    /// Loss of the synchronisation, which shows that the controller was reset.
     #[error("the axis controller has lost its synchronisation: it was reset")]
     Reset,
-    /// A parameter was never answered.
-    #[error("the axis controller does not take {0:?}")]
+    /// Parameter that was never answered.
+    #[error("the axis controller rejects {0:?}")]
     Untaken(Parameter),
 }
 
-/// A flag that is believed when it shows twice.
+/// A flag that changes when two answers in a row show it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Twice {
     last: bool,
@@ -106,33 +120,35 @@ impl Twice {
     }
 }
 
-/// An axis and its line's history.
+/// An axis, and the history of its line.
 #[derive(Debug, Clone)]
 pub struct Axis {
     rules: Rules,
-    /// Latest believed answer.
+    /// Latest answer that was believed.
     status: Status,
-    /// Counter of that answer, carried on since, and how far it goes in a period.
+    /// Counter of that answer, extrapolated since then, and its step per period (increments).
     count: i32,
     step: f64,
-    /// Periods by the clock since that answer, and those of them since the order before the last.
+    /// Time since that answer by the clock, and the part of it since the previous order (periods).
     interval: Interval,
     passed: f64,
-    /// How far it went in a period before the last gap.
+    /// Speed before the last gap (increments per period).
     fast: f64,
-    /// Counter of the answer from which the step is reckoned, and periods since: the last one, but while that may be
-    /// older than it seems the one before the gap.
+    /// Counter of the answer from which the step is computed, and the time since then (periods). It
+    /// is the last answer, except while that one may be older than it seems; then it is the one
+    /// before the gap.
     from: i32,
     age: f64,
-    /// Answers taken, as far as they settle the start.
+    /// Number of answers that count towards settling the start.
     settled: u32,
-    /// First byte of its answers, once one has come.
+    /// First byte of this controller's answers, once one has come.
     begins: Option<u8>,
     misses: u32,
-    /// Answers in a row that were taken for an earlier order's.
+    /// Number of answers in a row that were taken for an earlier order's.
     late: u32,
     impossible: u32,
-    /// Counter of the last answer, when it was off by more than a motor could be: another one may confirm it.
+    /// Counter of the last answer, if no motor could have reached it: another answer may confirm
+    /// it.
     doubted: Option<i32>,
     upper: Twice,
     lower: Twice,
@@ -142,34 +158,38 @@ pub struct Axis {
     error: Twice,
     synchronised: Twice,
     was_synchronised: bool,
-    /// The controller was asked to synchronise: its counter may jump, and it forgets that it was synchronised.
+    /// Whether the controller was asked to synchronise: its counter may jump, and it reports that
+    /// it is not synchronised.
     synchronising: bool,
-    /// What the controller is known to have taken.
+    /// Mode and current limit that the controller has confirmed.
     mode: Option<Mode>,
     max_current: Option<u16>,
+    /// Parameter of the last order, and the number of times that it was sent in vain.
     sent: Option<Parameter>,
     tries: u32,
 }
 
-/// Steps of a counter up to this say nothing of the time (increments).
+/// Largest step of a counter that shows nothing about the time of an answer (increments).
 const NOISE: f64 = 8.0;
-/// Periods for which a counter goes on as before.
+/// Number of periods for which a counter is extrapolated.
 const GOES_ON: f64 = 10.0;
-/// How far a counter may be off where it was expected a period later, for all that a motor can gain
-/// in it (increments).
+/// Largest distance of a counter from its extrapolation over one period: the most that a motor can
+/// gain in it (increments).
 const LEAP: f64 = 64.0;
-/// Answers nearer together than this say nothing of the speed (periods).
+/// Smallest time between two answers that show a speed (periods).
 const APART: f64 = 0.5;
-/// So many times nearer to where the axis was expected a period before is what counts as late. One that brakes is somewhat
-/// nearer, too; what is passed over then makes it seem to have run on, and its regulator brakes even harder.
+/// Factor by which an answer must be nearer to where the axis was expected a period earlier, to
+/// count as late. An axis that brakes is somewhat nearer as well. If its answer were ignored, the
+/// axis would seem to have moved on, and its regulator would brake even harder.
 const CLEARLY: f64 = 3.0;
-/// Answers in a row that may be an earlier order's. An axis that brakes looks late, too, and what is owed may be lost.
+/// Largest number of answers in a row that count as an earlier order's. An axis that brakes looks
+/// late as well, and an answer that is still due may be lost.
 const LATE: u32 = 2;
-/// Answers that settle a start, when they agree.
+/// Number of answers that settle a start if they agree.
 const SETTLING: u32 = 4;
 
 impl Axis {
-    /// Before the first exchange.
+    /// Makes an axis before its first exchange.
     #[must_use]
     pub fn new(rules: Rules) -> Self {
         Self {
@@ -204,18 +224,22 @@ impl Axis {
         }
     }
 
-    /// What goes out in this period.
+    /// Returns the order of this period.
     pub fn order(&mut self, drive: &AxisDrive) -> Order {
         self.synchronising = drive.synchronise;
         if drive.synchronise {
+            // The search for the zero makes the controller report that it is not synchronised,
+            // which would look like a reset.
             self.was_synchronised = false;
         }
         let mode = if drive.enabled { Mode::Pwm } else { Mode::Manual };
+        // The current limit precedes the mode, so it applies when the power comes on.
         let wanted = drive
             .max_current
             .filter(|limit| self.max_current != Some(*limit))
             .map(Parameter::MaxCurrent)
             .or((self.mode != Some(mode)).then_some(Parameter::Mode(mode)));
+        // Each new parameter has all its tries.
         if self.sent != wanted {
             self.tries = 0;
         }
@@ -230,8 +254,8 @@ impl Axis {
         }
     }
 
-    /// So many periods have passed by the clock since the order before: the counter goes on as before, for a while. A
-    /// machine that was kept from running has not stopped the motors.
+    /// Adds the time by the clock since the order before (periods), and extrapolates the counter
+    /// for a while. A delay of this machine has not stopped the motors.
     pub fn pass(&mut self, periods: f64) {
         self.passed = periods;
         self.age += periods;
@@ -239,37 +263,43 @@ impl Axis {
         self.count = self.expected(self.interval.since());
     }
 
+    /// Returns the counter that is expected this time after the last answer (periods).
     fn expected(&self, since: f64) -> i32 {
         self.status.count.wrapping_add((self.step * since.clamp(0.0, GOES_ON)).round() as i32)
     }
 
-    /// Whether what came while an answer was owed is that one rather than the last order's: the axis seems to stand
-    /// clearly where it was expected then.
+    /// Returns whether an answer belongs to an earlier order that was not answered yet: its counter
+    /// is clearly nearer to where the axis was expected then.
     #[must_use]
     pub fn is_late(&self, answer: &[u8; STATUS]) -> bool {
+        // A corrupt answer shows no time. After two late answers the one that is due counts as
+        // lost.
         if self.begins != Some(answer[0]) || self.late >= LATE {
             return false;
         }
-        let told = Status::decode(answer);
-        let off = |count: i32| f64::from(told.count.wrapping_sub(count)).abs();
+        let reading = Status::decode(answer);
+        let off = |count: i32| f64::from(reading.count.wrapping_sub(count)).abs();
         let since = self.interval.since();
+        // An axis at rest has the same counter in both periods.
         self.step.abs() > NOISE
             && off(self.expected(since - self.passed)) * CLEARLY < off(self.expected(since))
     }
 
-    /// What came was an earlier order's ([`Self::is_late`]): nothing is known of this period, but the line speaks.
-    pub fn overlook(&mut self) -> Answer {
+    /// Ignores an answer for which [`Self::is_late`] returned true. It shows nothing about this
+    /// period, but the line is alive.
+    pub fn ignore_late(&mut self) -> Answer {
         self.late += 1;
         self.misses = 0;
         Answer::Late
     }
 
-    /// Judges what came in answer to the last order.
+    /// Judges the answer to the last order.
     ///
     /// # Errors
-    /// The line must be given up.
+    /// Returns an [`AxisFault`] if the line must be given up.
     pub fn take(&mut self, answer: Option<&[u8; STATUS]>) -> Result<Answer, AxisFault> {
         let Some(bytes) = answer else {
+            // No answer.
             self.misses += 1;
             if self.misses >= self.rules.misses {
                 return Err(AxisFault::Silent(self.misses));
@@ -278,80 +308,90 @@ impl Axis {
             return Ok(Answer::Missed(self.misses));
         };
         (self.misses, self.late) = (0, 0);
-        // What answers a parameter need not be a reading.
+        // The answer to a parameter. It need not be a reading.
         if self.sent.is_some() && self.begins.is_none_or(|first| first == bytes[0]) {
             self.confirm();
             return Ok(Answer::Taken);
         }
         let settled = self.has_settled();
-        // The controllers' first byte is whatever they all begin with.
+        // The source does not specify the first byte, so it is learned from the first answers.
         if !settled && self.begins != Some(bytes[0]) {
             (self.begins, self.settled) = (Some(bytes[0]), 0);
         }
-        let told = (self.begins == Some(bytes[0])).then(|| Status::decode(bytes));
-        match told.filter(|now| self.is_possible(now, settled)) {
+        // A reading, if it begins like the others.
+        let reading = (self.begins == Some(bytes[0])).then(|| Status::decode(bytes));
+        match reading.filter(|now| self.is_possible(now, settled)) {
             Some(now) => self.believe(now, settled),
-            None => self.doubt(told),
+            None => self.doubt(reading),
         }
     }
 
-    /// How far no counter goes until a reading of now.
+    /// Returns the largest distance that a counter can have moved up to a present reading
+    /// (increments).
     fn most(&self) -> f64 {
         f64::from(self.rules.jump) * self.interval.longest()
     }
 
-    /// Returns whether a reading can be true; notes one that a motor cannot show, as another one
-    /// may confirm it.
+    /// Returns whether a reading can be true, and remembers the counter of one that no motor can
+    /// show.
     ///
-    /// Answers have no checksum: one wrong bit would throw an axis about. A motor that was really
-    /// carried off shows so again, somewhere near.
+    /// Answers have no checksum, and one wrong bit would make an axis jump. If a motor was really
+    /// displaced, the next answer shows a counter near this one.
     fn is_possible(&mut self, now: &Status, settled: bool) -> bool {
+        // A motor can stop or double its step, and what it gains by acceleration grows with the
+        // square of the time.
         let plain = self.step.abs() + LEAP * self.interval.since().max(1.0).powi(2);
         let jump = f64::from(self.rules.jump);
+        // After a gap the last reading may be older than it seems; its step then appears at once.
         let hidden = (self.fast + 2.0 * LEAP).min(jump) * self.interval.older();
         let off = |count: i32| f64::from(now.count.wrapping_sub(count)).abs();
         let most = self.most();
         let confirmed = self.doubted.is_some_and(|at| off(at) <= 0.5 * most);
         let odd = off(self.count) > plain + hidden && !confirmed;
         self.doubted = odd.then_some(now.count);
+        // A start has no counter to compare with, and the zero of a synchronisation makes the
+        // counter jump.
         !settled || self.finds_zero(now) || (!odd && off(self.count) <= most)
     }
 
-    /// Passes over an answer that cannot be true, until too many of them have come in a row.
-    fn doubt(&mut self, told: Option<Status>) -> Result<Answer, AxisFault> {
-        if told.is_none() {
+    /// Ignores an answer that cannot be true, until too many of them have come in a row.
+    fn doubt(&mut self, reading: Option<Status>) -> Result<Answer, AxisFault> {
+        // Without a counter there is none to confirm.
+        if reading.is_none() {
             self.doubted = None;
         }
         self.impossible += 1;
         self.count_try()?;
-        // A controller that was reset counts from zero and says that it is not synchronised.
-        let reset = told.is_some_and(|now| !now.synchronised) && self.was_synchronised;
+        // A controller that was reset counts from zero and reports that it is not synchronised.
+        let reset = reading.is_some_and(|now| !now.synchronised) && self.was_synchronised;
         if self.impossible < self.rules.misses {
             Ok(Answer::Impossible(self.impossible))
         } else if reset {
             Err(AxisFault::Reset)
         } else {
-            let count = told.map_or(0, |now| now.count);
+            let count = reading.map_or(0, |now| now.count);
             let before = self.status.count;
             Err(AxisFault::Impossible { times: self.impossible, count, before })
         }
     }
 
-    /// Takes a reading for true: the counter, the speed from it, the flags.
+    /// Accepts a reading as true: the counter, the speed from it, and the flags.
     fn believe(&mut self, now: Status, settled: bool) -> Result<Answer, AxisFault> {
         self.impossible = 0;
         let near = f64::from(now.count.wrapping_sub(self.status.count)).abs() <= self.most();
         if !settled && !near {
-            // One of the two is spoilt: neither says where the axis stands until others agree with it.
+            // One of the two answers is corrupt. Others must agree before the position is known.
             self.settled = 0;
         }
         self.settled = self.settled.saturating_add(1);
+        // A jump to zero is no motion, and neither is the first counter.
         if !settled || self.finds_zero(&now) {
             self.step = 0.0;
             self.interval = Interval::default();
         } else {
             self.learn_speed(&now);
         }
+        // The time of this reading is sure, so the next step is computed from it.
         if self.interval.older() == 0.0 {
             (self.from, self.age) = (now.count, 0.0);
         }
@@ -360,28 +400,34 @@ impl Axis {
         self.see_flags(&now)
     }
 
-    /// Takes the step in a period from a reading, and whether the reading shows what a gap hid.
+    /// Computes the step per period from a reading, and decides whether the reading shows the step
+    /// of a gap.
     fn learn_speed(&mut self, now: &Status) {
         let gone = f64::from(now.count.wrapping_sub(self.status.count)).abs();
         let since = self.interval.since();
         if self.interval.older() == 0.0 {
+            // After a gap the speed before it is kept, since the readings may not show one.
             self.fast = self.step.abs();
         }
+        // Two answers that come close together, because one was delayed, show no speed.
         if self.age > APART {
             self.step = f64::from(now.count.wrapping_sub(self.from)) / self.age;
         }
-        // One that shows half of what a gap hid, or what the time since the last one does not
-        // explain, is of now. Periods by the clock are never quite one.
+        // A reading is of the present if it shows half of the step that a gap hid, or more than the
+        // time since the last reading explains. Two readings are never exactly one period apart,
+        // hence `APART`.
         let gap = since > 1.0 + APART;
         let explained = (self.fast + 2.0 * LEAP) * since.max(1.0);
         self.interval.read(gap && gone > 0.5 * self.fast * since || gone > explained);
     }
 
-    /// The counter jumps in the very answer that says so.
+    /// Returns whether a reading reports the zero of a synchronisation. Its counter has jumped
+    /// already.
     fn finds_zero(&self, now: &Status) -> bool {
         self.synchronising && now.synchronised && !self.synchronised.is
     }
 
+    /// Records that the controller has received the last parameter.
     fn confirm(&mut self) {
         match self.sent.take() {
             Some(Parameter::Mode(mode)) => self.mode = Some(mode),
@@ -391,6 +437,7 @@ impl Axis {
         self.tries = 0;
     }
 
+    /// Counts a try of the last parameter that was not answered.
     fn count_try(&mut self) -> Result<(), AxisFault> {
         let Some(parameter) = self.sent else { return Ok(()) };
         self.tries += 1;
@@ -400,22 +447,24 @@ impl Axis {
         Ok(())
     }
 
+    /// Stores the flags of a reading; reports an error mode and a reset.
     fn see_flags(&mut self, now: &Status) -> Result<Answer, AxisFault> {
         self.upper.see(now.upper);
         self.lower.see(now.lower);
         self.over_current.see(now.over_current);
         self.sync_switch.see(now.sync_switch);
         self.stage_fault.see(now.stage_fault);
-        // Until it has taken its first mode, a controller may still be in the error mode of the last run.
+        // Before its first mode a controller may still be in the error mode of the last run.
         if self.error.see(now.error) && self.mode.is_some() && self.settled >= SETTLING {
             return Err(AxisFault::Error);
         }
         if self.synchronising {
-            // The counter jumps in the very answer that says so.
+            // The counter jumps in the same answer, so the flag counts at once.
             self.synchronised = Twice { last: now.synchronised, is: now.synchronised };
             return Ok(Answer::Taken);
         }
         self.synchronised.see(now.synchronised);
+        // A controller forgets its zero by a reset only.
         if self.was_synchronised && !self.synchronised.is {
             return Err(AxisFault::Reset);
         }
@@ -423,61 +472,61 @@ impl Axis {
         Ok(Answer::Taken)
     }
 
-    /// Encoder counter, carried on while answers are missed.
+    /// Returns the encoder counter, extrapolated while answers are missed (increments).
     #[must_use]
     pub fn count(&self) -> i64 {
         i64::from(self.count)
     }
 
-    /// Whether the counter is carried on: the last order was not answered.
+    /// Returns whether the counter is extrapolated, because the last order was not answered.
     #[must_use]
     pub fn is_extrapolated(&self) -> bool {
         self.interval.since() > 0.0
     }
 
-    /// Motor current (A).
+    /// Returns the motor current (A).
     #[must_use]
     pub fn current(&self) -> f64 {
         f64::from(self.status.current) * 1e-3
     }
 
-    /// Whether the upper and the lower limit switch are hit.
+    /// Returns whether the upper and the lower limit switch are hit.
     #[must_use]
     pub fn at_limits(&self) -> (bool, bool) {
         (self.upper.is, self.lower.is)
     }
 
-    /// Whether the power stage reports over-current.
+    /// Returns whether the power stage reports over-current.
     #[must_use]
     pub fn over_current(&self) -> bool {
         self.over_current.is
     }
 
-    /// Whether the power stage reports a fault of its own.
+    /// Returns whether the power stage reports a fault of its own.
     #[must_use]
     pub fn stage_fault(&self) -> bool {
         self.stage_fault.is
     }
 
-    /// Whether the synchronisation switch is closed.
+    /// Returns whether the synchronisation switch is closed.
     #[must_use]
     pub fn sync_switch(&self) -> bool {
         self.sync_switch.is
     }
 
-    /// Whether the encoder's zero has passed in the last answer.
+    /// Returns whether the encoder's zero has passed in the last answer.
     #[must_use]
     pub fn sync_zero(&self) -> bool {
         self.status.sync_zero
     }
 
-    /// Whether the counter counts from the synchronisation switch.
+    /// Returns whether the counter counts from the synchronisation switch.
     #[must_use]
     pub fn synchronised(&self) -> bool {
         self.synchronised.is
     }
 
-    /// Whether enough answers have come to believe the counter.
+    /// Returns whether enough answers have come to believe the counter.
     #[must_use]
     pub fn has_settled(&self) -> bool {
         self.settled >= SETTLING
@@ -500,7 +549,7 @@ mod tests {
         axis.take(answer)
     }
 
-    /// An axis that runs and stands at 5000.
+    /// Makes an axis with power on, at rest at 5000 increments.
     fn running() -> Axis {
         let mut axis = Axis::new(Rules::default());
         for _ in 0..6 {
@@ -511,12 +560,16 @@ mod tests {
     }
 
     #[test]
-    fn the_mode_goes_first_then_pulse_widths() {
+    fn mode_precedes_pulse_widths() {
         let mut axis = Axis::new(Rules::default());
 
         assert_eq!(axis.order(&ON), Order::Set(Parameter::Mode(Mode::Pwm)));
         assert_eq!(after_a_period(&mut axis, None), Ok(Answer::Missed(1)));
-        assert_eq!(axis.order(&ON), Order::Set(Parameter::Mode(Mode::Pwm)), "it was not answered");
+        assert_eq!(
+            axis.order(&ON),
+            Order::Set(Parameter::Mode(Mode::Pwm)),
+            "the order was not answered"
+        );
         after_a_period(&mut axis, Some(&at(7).encode())).unwrap();
         assert_eq!(axis.order(&ON), Order::Pwm { width: 100, outputs: 0, synchronise: false });
         let off = AxisDrive { enabled: false, ..ON };
@@ -524,7 +577,7 @@ mod tests {
     }
 
     #[test]
-    fn a_new_current_limit_takes_the_place_of_one_pulse_width() {
+    fn current_limit_replaces_one_pulse_width() {
         let mut axis = running();
         let limited = AxisDrive { max_current: Some(54), ..ON };
 
@@ -533,8 +586,9 @@ mod tests {
         assert!(matches!(axis.order(&limited), Order::Pwm { .. }));
     }
 
+    /// One corrupt answer at any place of the start delays it, but its counter is never believed.
     #[test]
-    fn a_spoilt_answer_settles_no_start() {
+    fn corrupt_answer_delays_start_but_is_ignored() {
         let (good, spoilt) = (at(5000).encode(), at(5000 + (1 << 30)).encode());
         for spoilt_one in 0..SETTLING {
             let mut axis = Axis::new(Rules::default());
@@ -548,7 +602,7 @@ mod tests {
     }
 
     #[test]
-    fn three_missed_answers_in_a_row_are_a_fault_and_two_are_not() {
+    fn third_missed_answer_is_a_fault() {
         let mut axis = running();
         let miss = |axis: &mut Axis| {
             axis.order(&ON);
@@ -565,7 +619,7 @@ mod tests {
     }
 
     #[test]
-    fn an_answer_of_the_period_before_is_told_by_its_counter() {
+    fn counter_shows_that_an_answer_is_late() {
         let mut axis = Axis::new(Rules::default());
         let at = |count| Status { count, ..Status::default() }.encode();
         for k in 0..20 {
@@ -578,7 +632,8 @@ mod tests {
         assert!(!axis.is_late(&at(300 * 21 - 5)));
     }
 
-    /// What becomes of the answers to an axis that went 20 increments a period, after one was lost.
+    /// Sends counters to an axis that moved by 20 increments per period, after one answer was lost.
+    /// Returns the result of each.
     fn after_a_lost_answer(counts: [i32; 3]) -> [Answer; 3] {
         let mut axis = Axis::new(Rules::default());
         let at = |count| Status { count, ..Status::default() }.encode();
@@ -590,24 +645,27 @@ mod tests {
         counts.map(|count| {
             axis.pass(1.0);
             let late = axis.is_late(&at(count));
-            if late { axis.overlook() } else { axis.take(Some(&at(count))).unwrap() }
+            if late { axis.ignore_late() } else { axis.take(Some(&at(count))).unwrap() }
         })
     }
 
+    /// An answer that looks late does not count as missed, and after two of them the counter is
+    /// believed.
     #[test]
-    fn what_seems_late_is_no_silence_and_is_believed_soon() {
+    fn seemingly_late_answers_are_accepted_after_two() {
         use Answer::{Late, Taken};
 
-        // It stands where it was expected a period before: nothing tells that from an answer that is late.
+        // An axis that has stopped gives the same answer as a late one.
         assert_eq!(after_a_lost_answer([400, 400, 400]), [Late, Taken, Taken]);
-        // Always a period behind: what is owed is not to come.
+        // Each answer is one period behind, so the one that is due will not come.
         assert_eq!(after_a_lost_answer([400, 420, 440]), [Late, Late, Taken]);
         assert_eq!(after_a_lost_answer([420, 440, 460]), [Taken; 3]);
     }
 
+    /// A braking axis is nearer to its earlier place, but not clearly. At the end of the braking,
+    /// below 80 increments per period, both cases look alike, and little depends on the difference.
     #[test]
-    fn an_axis_that_brakes_hard_is_read_at_once_after_a_lost_answer() {
-        // At the end of it, below 80 increments a period, it is anybody's guess, and little depends on it.
+    fn braking_axis_does_not_look_late() {
         for lost in 1..9 {
             let mut axis = Axis::new(Rules::default());
             let at = |count| Status { count, ..Status::default() }.encode();
@@ -617,7 +675,7 @@ mod tests {
                 after_a_period(&mut axis, Some(&at(count))).unwrap();
             }
             for k in 1..12 {
-                // A track that brakes as fast as it may, in 20 ms.
+                // A track that brakes as fast as it may, within 20 ms.
                 count += 190 - 16 * k;
                 axis.pass(1.0);
                 if k == lost {
@@ -630,8 +688,10 @@ mod tests {
         }
     }
 
+    /// The counter is extrapolated over the delay, and the next reading may be anywhere on that
+    /// way.
     #[test]
-    fn a_motor_goes_on_while_this_machine_is_kept_from_running() {
+    fn counter_extrapolates_over_a_delay() {
         let mut axis = Axis::new(Rules::default());
         let at = |count| Status { count, ..Status::default() }.encode();
         for k in 0..20 {
@@ -640,14 +700,16 @@ mod tests {
 
         axis.pass(8.0);
         assert_eq!(axis.count(), 300 * 27);
-        assert_eq!(axis.take(Some(&at(300 * 23))), Ok(Answer::Taken), "it was braked meanwhile");
+        assert_eq!(axis.take(Some(&at(300 * 23))), Ok(Answer::Taken), "the axis braked meanwhile");
         axis.pass(1.0);
         assert_eq!(axis.count(), 300 * 23 + 150, "4 steps in 8 periods");
         assert!(matches!(axis.take(Some(&at(300 * 60))), Ok(Answer::Impossible(1))));
     }
 
+    /// The first answer after a delay may be from its beginning. The next one then shows the whole
+    /// step.
     #[test]
-    fn what_a_standstill_of_the_machine_hid_may_show_an_answer_later() {
+    fn delayed_step_may_show_one_reading_later() {
         let mut axis = Axis::new(Rules::default());
         let at = |count| Status { count, ..Status::default() }.encode();
         for k in 0..20 {
@@ -656,21 +718,30 @@ mod tests {
 
         axis.pass(12.0);
         let old = at(300 * 20);
-        assert_eq!(axis.take(Some(&old)), Ok(Answer::Taken), "from when the standstill began");
+        assert_eq!(
+            axis.take(Some(&old)),
+            Ok(Answer::Taken),
+            "from the beginning of the standstill"
+        );
         for k in 32..40 {
             let taken = after_a_period(&mut axis, Some(&at(300 * k)));
-            assert_eq!(taken, Ok(Answer::Taken), "now is told of now");
-            // The extrapolation after it is right at once.
+            assert_eq!(taken, Ok(Answer::Taken), "a reading of this period");
+            // The extrapolation after the reading is right at once.
             let mut guess = axis.clone();
             after_a_period(&mut guess, None).unwrap();
             assert!((guess.count() - i64::from(300 * (k + 1))).abs() <= 2, "{}", guess.count());
         }
         let far = at(300 * 39 + 1400);
-        assert_eq!(after_a_period(&mut axis, Some(&far)), Ok(Answer::Impossible(1)), "no more");
+        assert_eq!(
+            after_a_period(&mut axis, Some(&far)),
+            Ok(Answer::Impossible(1)),
+            "the tolerance is over"
+        );
     }
 
+    /// The step of a delay may come in two parts.
     #[test]
-    fn a_line_that_catches_up_may_show_a_little_first() {
+    fn delayed_step_may_show_in_two_readings() {
         let mut axis = Axis::new(Rules::default());
         let at = |count| Status { count, ..Status::default() }.encode();
         for k in 0..20 {
@@ -686,7 +757,7 @@ mod tests {
     }
 
     #[test]
-    fn a_counter_goes_on_while_answers_are_missed() {
+    fn counter_extrapolates_while_answers_are_missed() {
         let mut axis = running();
         after_a_period(&mut axis, Some(&at(5100).encode())).unwrap();
         after_a_period(&mut axis, Some(&at(5200).encode())).unwrap();
@@ -701,8 +772,10 @@ mod tests {
         assert_eq!(axis.count(), 5604, "101 a period");
     }
 
+    /// A corrupt answer is ignored. A jump that a second answer confirms is believed, unless it
+    /// exceeds the limit.
     #[test]
-    fn one_spoilt_answer_is_passed_over_and_a_lasting_jump_is_a_fault() {
+    fn lasting_jump_is_a_fault() {
         let mut axis = running();
         let jumped = at(5000 + 1001).encode();
 
@@ -710,8 +783,12 @@ mod tests {
         assert_eq!(axis.count(), 5000);
         assert_eq!(after_a_period(&mut axis, Some(&at(5100).encode())), Ok(Answer::Taken));
         assert_eq!(after_a_period(&mut axis, Some(b"$1234567")), Ok(Answer::Impossible(1)));
-        for told in [Ok(Answer::Impossible(2)), Ok(Answer::Taken)] {
-            assert_eq!(after_a_period(&mut axis, Some(&at(5800).encode())), told, "said twice");
+        for judged in [Ok(Answer::Impossible(2)), Ok(Answer::Taken)] {
+            assert_eq!(
+                after_a_period(&mut axis, Some(&at(5800).encode())),
+                judged,
+                "reported twice"
+            );
         }
         for _ in 0..2 {
             assert!(matches!(
@@ -726,7 +803,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flag_counts_when_it_shows_twice() {
+    fn flag_counts_after_two_consecutive_answers() {
         let mut axis = running();
         let hit = Status { upper: true, over_current: true, ..at(5000) };
 
@@ -739,7 +816,7 @@ mod tests {
     }
 
     #[test]
-    fn a_controller_that_was_reset_is_found_out() {
+    fn reset_of_the_controller_is_detected() {
         let mut axis = running();
         let near = Status { synchronised: false, ..at(4950) };
         assert_eq!(after_a_period(&mut axis, Some(&near.encode())), Ok(Answer::Taken));
@@ -753,7 +830,7 @@ mod tests {
     }
 
     #[test]
-    fn a_parameter_that_is_never_answered_is_a_fault() {
+    fn parameter_without_an_answer_is_a_fault() {
         let mut axis = running();
         let off = AxisDrive { enabled: false, ..ON };
         for answer in [None, Some(b"$1234567")] {
@@ -768,7 +845,7 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_that_synchronises_may_jump_and_forget() {
+    fn counter_may_jump_while_axis_synchronises() {
         let mut axis = running();
         let homing = AxisDrive { synchronise: true, ..ON };
         let lost = Status { synchronised: false, ..at(5010) };
@@ -784,8 +861,9 @@ mod tests {
         assert_eq!(after_a_period(&mut axis, Some(&at(4).encode())), Ok(Answer::Taken));
     }
 
+    /// The first byte of the answers is learned at the start.
     #[test]
-    fn answers_begin_with_whatever_they_began_with() {
+    fn axis_learns_first_byte_of_its_answers() {
         let begun_with = |first: u8, bytes: [u8; STATUS]| [&[first], &bytes[1..]].concat();
         let mut axis = Axis::new(Rules::default());
         for _ in 0..6 {

@@ -1,32 +1,37 @@
 //! The frames between the bridge and a serial axis controller, as pure functions.
 //!
-//! - out: an [`Order`], 10 bytes: four zeros, `#`, command and parameter in one byte, four bytes of value
-//! - in: a [`Status`], 8 bytes: `#`, flags, current (mA) in 16 bits, encoder counter in 32 bits
-//! - numbers are little-endian two's complement; a frame bears no check sum, so that whoever receives one must
-//!   judge by itself whether it can be true (see [`super::axis`])
-//! - source: `hi_moxa` of the original's later sources (921600 baud, 8N2, one line an axis). The start byte of the
-//!   answer and the digital outputs in the third byte of a pulse width's value are this project's.
+//! - out: an [`Order`] of 10 bytes: four zeros, `#`, command and parameter in one byte, four bytes
+//!   of value
+//! - in: a [`Status`] of 8 bytes: `#`, flags, current (mA) in 16 bits, encoder counter in 32 bits
+//! - Numbers are little-endian two's complement. A frame has no checksum, so the receiver must
+//!   judge whether it can be true (see [`super::axis`]).
+//! - source: `hi_moxa` of the original's later sources (921600 baud, 8N2, one line per axis). The
+//!   start byte of the answer and the digital outputs in the third byte of a pulse width's value
+//!   are this project's.
 
-/// Bytes of an order.
+/// Length of an order (bytes).
 pub const ORDER: usize = 10;
-/// Bytes of an answer.
+/// Length of an answer (bytes).
 pub const STATUS: usize = 8;
 
 const START: u8 = b'#';
-/// The pulse width's scale on the line: 1000 is full.
+/// Full pulse width on the line.
 const FULL: i32 = 1000;
+/// Full pulse width in an [`Order`].
 const WIDEST: i32 = 255;
 
-/// What an axis controller is told.
+/// An order to an axis controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
     /// Pulse width, -255..=255.
     Pwm {
-        /// Of the motor.
+        /// Pulse width of the motor.
         width: i16,
-        /// Digital outputs beside the motor; bit 0 of a jaw's: the palm's stops lie at two layers.
+        /// Digital outputs beside the motor. Bit 0 of a jaw's outputs moves the palm's stops to two
+        /// layers.
         outputs: u8,
-        /// The controller looks for the encoder's zero after the synchronisation switch.
+        /// Whether the controller searches for the encoder's zero behind the synchronisation
+        /// switch.
         synchronise: bool,
     },
     /// Wanted motor current (mA).
@@ -48,40 +53,40 @@ pub enum Parameter {
     PositionGain(u8, i16),
     /// P, I or D (0..=2) of the current regulator.
     CurrentGain(u8, i16),
-    /// What the power stage does.
+    /// Mode of the power stage.
     Mode(Mode),
 }
 
-/// What a power stage does.
+/// Mode of a power stage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mode {
     /// Off, brake on.
     Manual,
     /// Follows orders of pulse width.
     Pwm,
-    /// Off, brake on, until it is told otherwise.
+    /// Off, brake on, until another mode is ordered.
     Error,
 }
 
-/// What an axis controller answers.
+/// Answer of an axis controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[allow(clippy::struct_excessive_bools, reason = "bits of a word, as the hardware has them")]
 pub struct Status {
-    /// Upper limit switch.
+    /// Whether the upper limit switch is hit.
     pub upper: bool,
-    /// Lower limit switch.
+    /// Whether the lower limit switch is hit.
     pub lower: bool,
-    /// Synchronisation switch.
+    /// Whether the synchronisation switch is closed.
     pub sync_switch: bool,
-    /// The encoder's zero has passed.
+    /// Whether the encoder's zero has passed.
     pub sync_zero: bool,
-    /// The power stage reports a fault.
+    /// Whether the power stage reports a fault.
     pub stage_fault: bool,
-    /// The current limit was exceeded.
+    /// Whether the current limit was exceeded.
     pub over_current: bool,
-    /// The controller is in [`Mode::Error`].
+    /// Whether the controller is in [`Mode::Error`].
     pub error: bool,
-    /// The counter counts from the synchronisation switch.
+    /// Whether the counter counts from the synchronisation switch.
     pub synchronised: bool,
     /// Motor current (mA).
     pub current: i16,
@@ -90,17 +95,19 @@ pub struct Status {
 }
 
 impl Order {
-    /// The order as it goes over the line.
+    /// Returns the bytes of the order.
     #[must_use]
     pub fn encode(&self) -> [u8; ORDER] {
         let (command, value) = match *self {
             Self::Pwm { width, outputs, synchronise } => {
+                // The first two bytes are the width, the third one the outputs.
                 let [low, high] = scaled(i32::from(width), FULL, WIDEST).to_le_bytes();
                 (if synchronise { 0x10 } else { 0x00 }, [low, high, outputs, 0])
             }
             Self::Current(milliamperes) => (0x01, i32::from(milliamperes).to_le_bytes()),
             Self::Position(count) => (0x02, count.to_le_bytes()),
             Self::Set(parameter) => {
+                // The low half of the byte marks a parameter, the high half names it.
                 let (which, value) = parameter.encode();
                 (0x0f | which, value.to_le_bytes())
             }
@@ -112,7 +119,7 @@ impl Order {
         bytes
     }
 
-    /// The order of these bytes; `None` when they are none.
+    /// Returns the order of these bytes, or `None` if they are none.
     #[must_use]
     pub fn decode(bytes: &[u8; ORDER]) -> Option<Self> {
         if bytes[..4] != [0; 4] || bytes[4] != START {
@@ -122,6 +129,8 @@ impl Order {
         let whole = i32::from_le_bytes(value);
         let half = i16::from_le_bytes([value[0], value[1]]);
         match bytes[5] {
+            // A pulse width, with the flag that searches for the zero. More than full is a wrong
+            // byte.
             command @ (0x00 | 0x10) => (i32::from(half).abs() <= FULL).then(|| Self::Pwm {
                 width: scaled(i32::from(half), WIDEST, FULL),
                 outputs: value[2],
@@ -135,7 +144,7 @@ impl Order {
     }
 }
 
-/// `value * to / from`, to the nearest.
+/// Returns `value * to / from`, rounded to the nearest.
 fn scaled(value: i32, to: i32, from: i32) -> i16 {
     let half = from / 2 * value.signum();
     ((value * to + half) / from).clamp(-1000, 1000) as i16
@@ -156,6 +165,7 @@ impl Parameter {
 
     fn decode(which: u8, value: i32) -> Option<Self> {
         Some(match (which, value) {
+            // Values beyond the range of a parameter are wrong bytes and no order.
             (0x10, 0 | 1) => Self::Synchronised(value == 1),
             (0x20, _) => Self::MaxCurrent(u16::try_from(value).ok()?),
             (0x30..=0x50, _) => Self::PositionGain((which - 0x30) >> 4, i16::try_from(value).ok()?),
@@ -169,7 +179,7 @@ impl Parameter {
 }
 
 impl Status {
-    /// The answer as it goes over the line.
+    /// Returns the bytes of the answer.
     #[must_use]
     pub fn encode(&self) -> [u8; STATUS] {
         let flags =
@@ -179,7 +189,8 @@ impl Status {
         [START, flags, c0, c1, p0, p1, p2, p3]
     }
 
-    /// The answer of these bytes. With what an answer begins the source does not say: see [`super::axis`].
+    /// Returns the answer of these bytes. The first byte is ignored, because the source does not
+    /// specify it (see [`super::axis`]).
     #[must_use]
     pub fn decode(bytes: &[u8; STATUS]) -> Self {
         let [_, flags, c0, c1, p0, p1, p2, p3] = *bytes;
@@ -235,12 +246,12 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_order_comes_back_from_its_bytes(order in orders()) {
+        fn decoded_order_equals_encoded_order(order in orders()) {
             prop_assert_eq!(Order::decode(&order.encode()), Some(order));
         }
 
         #[test]
-        fn every_answer_comes_back_from_its_bytes(
+        fn encoding_decoded_answer_restores_its_bytes(
             bytes in any::<[u8; STATUS]>()
         ) {
             let mut bytes = bytes;
@@ -249,8 +260,10 @@ mod tests {
             prop_assert_eq!(Status::decode(&bytes).encode(), bytes);
         }
 
+        /// Other bytes than this program encodes may decode to an order, which then keeps its
+        /// meaning.
         #[test]
-        fn foreign_bytes_are_no_order_or_one_that_says_the_same(bytes in any::<[u8; ORDER]>()) {
+        fn order_decoded_from_arbitrary_bytes_round_trips(bytes in any::<[u8; ORDER]>()) {
             if let Some(order) = Order::decode(&bytes) {
                 prop_assert_eq!(Order::decode(&order.encode()), Some(order));
             }
@@ -258,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bytes_are_those_of_the_original() {
+    fn bytes_match_the_original() {
         let width = Order::Pwm { width: -255, outputs: 0, synchronise: false };
         assert_eq!(width.encode(), [0, 0, 0, 0, b'#', 0x00, 0x18, 0xfc, 0, 0]);
         let homing = Order::Pwm { width: 51, outputs: 0, synchronise: true };
@@ -273,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn an_order_that_begins_otherwise_is_none() {
+    fn order_with_another_beginning_is_refused() {
         assert_eq!(Order::decode(&[0, 0, 1, 0, b'#', 0, 0, 0, 0, 0]), None);
     }
 }

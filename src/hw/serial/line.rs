@@ -1,9 +1,10 @@
-//! Serial lines, all of them served at once: each order goes out, each answer comes in, before one deadline.
+//! Serial lines that are served together: all orders go out and all answers come in before one
+//! deadline.
 //!
-//! - the lines are file descriptors that never block; nothing is allocated in an exchange
-//! - an answer that came too late is thrown away before the next order goes out, or, where it comes even later, gives
-//!   way to the one behind it: answers have no number, and one that is a period old taken for a new one would make an
-//!   axis at speed seem to stand and then to jump
+//! - The lines are file descriptors that never block. An exchange allocates no memory.
+//! - Answers have no number. If an answer that is one period old were taken for a new one, a fast
+//!   axis would seem to stop and then to jump. So a late answer is thrown away before the next
+//!   order is sent. If it comes even later, the next answer replaces it.
 
 use super::frame::{ORDER, STATUS};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -15,25 +16,26 @@ use rustix::termios::{
 use std::os::fd::{AsFd, OwnedFd};
 use std::time::{Duration, Instant};
 
-/// Bits a second of the axis controllers' lines.
+/// Speed of the axis controllers' lines (bit/s).
 pub const AXIS_BAUD: u32 = 921_600;
-/// The most lines that are served at once.
+/// Largest number of lines that are served together.
 pub const MOST: usize = 32;
 
-/// A serial line that never blocks. When it is closed it is set as it was before.
+/// A serial line that never blocks. When it is closed, its former settings return.
 #[derive(Debug)]
 pub struct Line {
     path: String,
     fd: OwnedFd,
-    /// How it was set, where that could be read.
+    /// Former settings, if they could be read.
     before: Option<Termios>,
 }
 
 impl Line {
-    /// Opens a device with 8 data bits, no parity and 1 or 2 stop bits, and throws away what has come.
+    /// Opens a device with 8 data bits, no parity and 1 or 2 stop bits, and throws away waiting
+    /// bytes.
     ///
     /// # Errors
-    /// What the operating system says, with the device's name.
+    /// Returns the error of the operating system with the name of the device.
     pub fn open(path: &str, baud: u32, two_stop_bits: bool) -> Result<Self, String> {
         let fail = |what: &str, errno: Errno| format!("{path}: {what}: {errno}");
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
@@ -47,18 +49,18 @@ impl Line {
         Ok(line)
     }
 
-    /// The device's name.
+    /// Returns the name of the device.
     #[must_use]
     pub fn path(&self) -> &str {
         &self.path
     }
 
-    /// Throws away what has come, and says how many bytes that was.
+    /// Throws away the bytes that have come and returns their number.
     #[must_use]
     pub fn drain(&self) -> usize {
         let mut rest = [0; 64];
         let mut gone = 0;
-        // Bounded: a line that never stops talking must not hold up the period.
+        // The number of reads is limited: a line that sends without end must not delay the period.
         for _ in 0..8 {
             let Ok(n) = read(&self.fd, &mut rest) else { break };
             gone += n;
@@ -69,16 +71,17 @@ impl Line {
         gone
     }
 
-    /// Writes all bytes, or says that it could not.
+    /// Writes bytes. Returns whether all of them were written.
     #[must_use]
     pub fn write(&self, bytes: &[u8]) -> bool {
         matches!(write(&self.fd, bytes), Ok(n) if n == bytes.len())
     }
 
-    /// Reads what is there; 0 when nothing is, `None` when the line is dead.
+    /// Reads the bytes that have come. Returns their number, 0 if there are none, and `None` if the
+    /// line is dead.
     pub fn read(&self, into: &mut [u8]) -> Option<usize> {
         match read(&self.fd, into) {
-            // A line never comes to its end, unless it is a pseudo-terminal whose other side is gone.
+            // Only a pseudo-terminal whose other end is gone comes to its end.
             Ok(0) => None,
             Ok(n) => Some(n),
             Err(Errno::AGAIN | Errno::INTR) => Some(0),
@@ -90,15 +93,16 @@ impl Line {
 impl Drop for Line {
     fn drop(&mut self) {
         if let Some(before) = &self.before {
-            // The last orders go out at the speed that they were written for: they take 0.4 ms. To wait until they are
-            // gone might take for ever. A line that is gone has no settings.
+            // The last orders must leave at the speed for which they were written, which takes 0.4
+            // ms. Waiting until the line is empty might take for ever.
             std::thread::sleep(Duration::from_millis(5));
+            // A line that is dead has no settings, so an error is ignored.
             let _ = tcsetattr(&self.fd, OptionalActions::Now, before);
         }
     }
 }
 
-/// Raw bytes, this speed, no flow control.
+/// Sets a line to raw bytes at this speed (bit/s) without flow control.
 pub(crate) fn set_up(fd: impl AsFd, baud: u32, two_stop_bits: bool) -> Result<(), Errno> {
     let mut modes = tcgetattr(&fd)?;
     modes.make_raw();
@@ -109,58 +113,63 @@ pub(crate) fn set_up(fd: impl AsFd, baud: u32, two_stop_bits: bool) -> Result<()
     tcsetattr(&fd, OptionalActions::Now, &modes)
 }
 
-/// Lines of axis controllers with what is under way on each.
+/// Lines of axis controllers, with the answers that are being received.
 #[derive(Debug)]
 pub struct Lines {
     lines: Vec<Line>,
     answers: Vec<Partial>,
 }
 
-/// The most answers of one line that are kept apart: the last order's and late ones before it. What stood still for as
-/// long as a bridge waits (20 periods) says it all at once, and only the last of it is of now.
+/// Largest number of answers of one line that are kept apart: the last order's and the late ones
+/// before it. A device that was stopped for as long as a bridge waits (20 periods) sends all
+/// answers at once, and only the last one is up to date.
 const MOST_DUE: usize = 24;
 
-/// Answers as far as they have come.
+/// Answers of a line, as far as they have come.
 #[derive(Debug, Clone)]
 struct Partial {
     bytes: [u8; MOST_DUE * STATUS],
     length: usize,
     dead: bool,
-    /// How many may come: one, and those that earlier orders were not given.
+    /// Number of answers that may come: one, and those of earlier orders that were not answered.
     due: usize,
-    /// The last one that came is known to be an earlier order's.
+    /// Whether the last answer that came belongs to an earlier order.
     late: bool,
 }
 
 impl Partial {
-    /// Nothing is due.
+    /// State before the first order.
     const NONE: Self =
         Self { bytes: [0; MOST_DUE * STATUS], length: 0, dead: false, due: 0, late: false };
 
-    /// An order has gone out, or could not; so many answers are due now.
+    /// Starts to receive after an order. `due` answers may come; the line is `dead` if the order
+    /// could not be written.
     fn begin(&mut self, due: usize, dead: bool) {
         (self.length, self.late) = (0, false);
         (self.due, self.dead) = (due, dead);
     }
 
-    /// Whole answers.
+    /// Returns the number of complete answers.
     fn received(&self) -> usize {
         self.length / STATUS
     }
 
-    /// Whether nothing more is to be expected.
+    /// Returns whether no more bytes are expected.
     fn is_done(&self) -> bool {
         self.dead || self.received() == self.due
     }
 
-    /// The last answer that is complete.
+    /// Returns the last complete answer, unless it is late.
     fn answer(&self) -> Option<&[u8; STATUS]> {
         let last = self.received().checked_sub(1).filter(|_| !self.late)?;
         self.bytes[last * STATUS..].first_chunk()
     }
 
-    /// How many are still to come, after `gone` bytes were thrown away.
+    /// Returns the number of answers that are still to come, after `gone` more bytes were thrown
+    /// away.
     fn outstanding(&self, gone: usize) -> usize {
+        // After an answer in time, the missing ones are lost and not late: answers keep their
+        // order.
         if self.dead || (self.received() > 0 && !self.late) {
             return 0;
         }
@@ -169,8 +178,10 @@ impl Partial {
 }
 
 impl Lines {
+    /// Makes an exchange on these lines.
+    ///
     /// # Panics
-    /// For more than [`MOST`] lines.
+    /// Panics for more than [`MOST`] lines.
     #[must_use]
     pub fn new(lines: Vec<Line>) -> Self {
         assert!(lines.len() <= MOST, "at most {MOST} lines");
@@ -178,36 +189,39 @@ impl Lines {
         Self { lines, answers }
     }
 
-    /// Name of a line's device.
+    /// Returns the name of a line's device.
     #[must_use]
     pub fn path(&self, line: usize) -> &str {
         self.lines[line].path()
     }
 
-    /// Number of lines.
+    /// Returns the number of lines.
     #[must_use]
     pub fn len(&self) -> usize {
         self.lines.len()
     }
 
-    /// Whether there is none.
+    /// Returns whether there are no lines.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.lines.is_empty()
     }
 
-    /// Sends an order; what an earlier one left behind is thrown away.
+    /// Sends an order, after the remains of earlier answers are thrown away.
     pub fn send(&mut self, line: usize, order: &[u8; ORDER]) {
         let gone = self.lines[line].drain();
+        // Bytes that are thrown away here are answers that no longer have to come.
         let due = (self.answers[line].outstanding(gone) + 1).min(MOST_DUE);
         let dead = !self.lines[line].write(order);
         self.answers[line].begin(due, dead);
     }
 
-    /// Waits until every line has answered, and no longer than the deadline. Where an answer is owed from before, the
-    /// first one to come may be that, and another one is waited for: a lost answer costs that once.
+    /// Waits until every line has answered, at most until the deadline.
+    ///
+    /// If an earlier answer is still due, the first answer to come may be that one, so a second one
+    /// is waited for. A lost answer costs this wait once.
     pub fn gather(&mut self, deadline: Instant) {
-        // What came while this thread was kept from running counts: hence one look after the deadline.
+        // Bytes that came while this thread was delayed count, so it reads once after the deadline.
         while !self.answers.iter().all(Partial::is_done) {
             let left = deadline.saturating_duration_since(Instant::now());
             self.wait(left);
@@ -218,32 +232,34 @@ impl Lines {
         }
     }
 
-    /// Whether a line's answer may be the one to the order before.
+    /// Returns whether the answer of a line may belong to an earlier order.
     #[must_use]
-    pub fn is_doubtful(&self, line: usize) -> bool {
+    pub fn may_be_late(&self, line: usize) -> bool {
         self.answers[line].received() < self.answers[line].due
     }
 
-    /// The line's answer was that of an earlier order: this order's is still to come.
-    pub fn owe(&mut self, line: usize) {
+    /// Marks the answer of a line as that of an earlier order, so that the last order's is still
+    /// due.
+    pub fn mark_late(&mut self, line: usize) {
         self.answers[line].late = true;
     }
 
-    /// Whether a line is gone: nothing will ever come from it again.
+    /// Returns whether a line is dead, so that no answer will ever come from it.
     #[must_use]
     pub fn is_dead(&self, line: usize) -> bool {
         self.answers[line].dead
     }
 
-    /// The answer of a line, if it is complete.
+    /// Returns the answer of a line if it is complete.
     #[must_use]
     pub fn answer(&self, line: usize) -> Option<&[u8; STATUS]> {
         self.answers[line].answer()
     }
 
-    /// Sleeps until a line from which something may come has something to say.
+    /// Sleeps until bytes come from a line that is not done, at most for `time`.
     fn wait(&self, time: Duration) {
         let Some(first) = self.lines.first() else { return };
+        // The array has a fixed size, and its unused entries are not polled.
         let mut waiting = 0;
         let mut fds: [PollFd<'_>; MOST] =
             std::array::from_fn(|_| PollFd::new(&first.fd, PollFlags::IN));
@@ -254,15 +270,18 @@ impl Lines {
             }
         }
         let time = Timespec { tv_sec: 0, tv_nsec: time.as_nanos().min(999_999_999) as i64 };
-        // An interruption ends the wait early, which the caller's loop takes care of.
+        // An interruption ends the wait early, and the loop of the caller waits again.
         let _ = poll(&mut fds[..waiting], Some(&time));
     }
 
+    /// Reads the bytes that have come from all lines.
     fn read(&mut self) {
         for (line, answer) in self.lines.iter().zip(&mut self.answers) {
             if answer.is_done() {
                 continue;
             }
+            // Bytes beyond the answers that are due stay in the line and are thrown away with the
+            // next order.
             let room = answer.due * STATUS;
             match line.read(&mut answer.bytes[answer.length..room]) {
                 Some(n) => answer.length += n,
@@ -277,7 +296,7 @@ mod tests {
     use super::*;
     use crate::hw::emulator::pty::Pty;
 
-    /// A line whose first order was not answered in time, and then has its second.
+    /// Makes a line that did not answer its first order in time, and has received its second one.
     fn late() -> (Pty, Lines) {
         let far = Pty::open().unwrap();
         let near = Line::open(far.path(), AXIS_BAUD, true).unwrap();
@@ -294,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_is_set_as_before_when_it_is_closed() {
+    fn closed_line_has_its_former_settings() {
         let far = Pty::open().unwrap();
         let look = || {
             let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
@@ -311,8 +330,9 @@ mod tests {
         assert_eq!(look(), (38_400, false));
     }
 
+    /// The first of two answers belongs to the first order.
     #[test]
-    fn an_answer_that_comes_after_the_next_order_gives_way_to_the_one_behind_it() {
+    fn late_answer_is_replaced_by_the_next() {
         let (far, mut lines) = late();
 
         assert!(far.write(&[1; STATUS]) && far.write(&[2; STATUS]));
@@ -322,15 +342,15 @@ mod tests {
     }
 
     #[test]
-    fn after_a_lost_answer_the_next_one_counts() {
+    fn answer_after_a_lost_one_counts() {
         let (far, mut lines) = late();
 
         assert!(far.write(&[2; STATUS]));
         lines.gather(Instant::now() + Duration::from_millis(20));
 
         assert_eq!(lines.answer(0), Some(&[2; STATUS]));
-        assert!(lines.is_doubtful(0));
-        // From then on nothing is owed.
+        assert!(lines.may_be_late(0));
+        // From then on no earlier answer is due.
         lines.send(0, &[0; ORDER]);
         assert!(far.write(&[3; STATUS]));
         lines.gather(soon());
@@ -338,8 +358,9 @@ mod tests {
         assert_eq!(lines.answers[0].due, 1);
     }
 
+    /// A device that was stopped answers all orders at once.
     #[test]
-    fn however_many_answers_are_late_the_last_one_counts() {
+    fn last_of_many_late_answers_counts() {
         for orders in [3, 21] {
             let (far, mut lines) = late();
             for _ in 2..orders {
@@ -354,30 +375,31 @@ mod tests {
         }
     }
 
+    /// If the one answer that came was late, two are due after the next order.
     #[test]
-    fn what_is_known_to_be_late_leaves_its_successor_owed() {
+    fn answer_after_late_one_is_still_expected() {
         let (far, mut lines) = late();
         assert!(far.write(&[1; STATUS]));
         lines.gather(Instant::now() + Duration::from_millis(20));
 
-        lines.owe(0);
+        lines.mark_late(0);
         lines.send(0, &[0; ORDER]);
         assert!(far.write(&[2; STATUS]) && far.write(&[3; STATUS]));
         lines.gather(soon());
 
         assert_eq!(lines.answer(0), Some(&[3; STATUS]));
-        assert!(!lines.is_doubtful(0));
+        assert!(!lines.may_be_late(0));
     }
 
     #[test]
-    fn an_answer_that_came_before_the_next_order_is_thrown_away() {
+    fn answer_before_the_next_order_is_dropped() {
         let far = Pty::open().unwrap();
         let near = Line::open(far.path(), AXIS_BAUD, true).unwrap();
         let mut lines = Lines::new(vec![near]);
         lines.send(0, &[0; ORDER]);
         lines.gather(Instant::now());
         assert!(far.write(&[1; STATUS]));
-        // A pseudo-terminal hands over in its own time.
+        // A pseudo-terminal delivers bytes with a delay.
         lines.wait(Duration::from_secs(5));
 
         lines.send(0, &[0; ORDER]);

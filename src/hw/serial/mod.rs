@@ -1,9 +1,10 @@
-//! Arms behind serial axis controllers: one line an axis, all of them exchanged in every servo period.
+//! Arms behind serial axis controllers, with one line per axis and an exchange on all lines in each
+//! servo period.
 //!
 //! - [`frame`]: orders and answers as bytes
-//! - [`axis`]: what to send to an axis, and what of its answers to believe
+//! - [`axis`]: the order for an axis, and the judgement of its answers
 //! - [`line`](Line): the lines themselves
-//! - [`SerialPort`]: the whole bridge: axes, jaws and force sensors of all arms
+//! - [`SerialPort`]: the whole bridge, with the axes, jaws and force sensors of all arms
 
 pub mod axis;
 pub mod frame;
@@ -13,4 +14,4 @@ mod port;
 pub(crate) use line::set_up;
 pub use line::{AXIS_BAUD, Line, Lines, MOST};
 pub use port::{SerialArm, SerialPort};
-pub(crate) use port::{axis_drive, hand_over};
+pub(crate) use port::{axis_drive, write_reading};

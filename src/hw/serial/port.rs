@@ -1,96 +1,109 @@
 //! The bridge to arms behind serial axis controllers.
 //!
-//! - in: the drives of a period; out: the readings that the controllers give in answer, within the period
-//! - all lines are served at once; what has not answered by the deadline is missed, and reads as it did before
-//! - lines do not fail in the same period by themselves: where several are silent at once, what they all hang on is late,
-//!   and is waited for longer than one of them
-//! - a line that must be given up is a fault of the whole bridge: every controller of every arm is put into its error
-//!   mode, power off and brakes on, since a cube may join the arms, and told so in every period until the run ends
-//! - when the bridge ends, every controller is put into its manual mode
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | single silent line | [`Rules::misses`] | the rule of the original |
+//! | silent lines in the same period | `SEVERAL` | they do not fail at once by themselves |
+//! | periods with silent lines | `MOST_TOGETHER` | this machine or an adapter was delayed |
+//! | periods in which all lines are dead | `ALL_GONE` | a line that is dead is not late |
+//! | exchange | [`SerialPort::PATIENCE`] | 0.5 ms of a period are left for the servo |
+//! | start of all axes | `FIRST` | a controller may still be booting |
+//!
+//! - in: the drives of a period; out: the readings that the controllers answer within the period
+//! - All lines are exchanged together. A line that has not answered by the deadline is missed, and
+//!   its counter is extrapolated.
+//! - A line that must be given up is a fault of the whole bridge, because a cube may join the arms.
+//!   Every controller of every arm is then put into its error mode, power off and brakes on, again
+//!   in each period until the run ends.
+//! - When the bridge ends, every controller is put into its manual mode.
 
 use super::axis::{Answer, Axis, AxisDrive, AxisFault, Rules};
 use super::frame::{Mode, Order, Parameter};
 use super::line::{Line, Lines};
 use crate::hw::force::ForceSource;
-use crate::hw::note::{Notes, What};
+use crate::hw::note::{NoteKind, Notes};
 use crate::hw::port::{Port, PortFault};
 use crate::motion::{AXES, Depth, PERIOD};
 use crate::servo::io::{ArmDrive, ArmReading};
 use std::time::{Duration, Instant};
 
-/// Time for every axis to answer and settle at the start.
+/// Longest time for every axis to answer and settle at the start.
 const FIRST: Duration = Duration::from_secs(1);
-/// Times that the last order is sent until all have answered.
+/// Largest number of times that the last order is sent, until all controllers have answered.
 const LAST: u32 = 3;
 /// An arm's lines and its force sensor.
 pub struct SerialArm {
     /// Name of the effector, for messages.
     pub name: String,
-    /// Its axes with their lines: 0 the track, 1..=6, 7 the jaw; an axis that is not there has none.
+    /// Lines of the axes: 0 is the track, 7 the jaw. An axis that does not exist has none.
     pub axes: [Option<Line>; AXES + 1],
     /// Motor current at which each controller stops (A), the jaw's last.
     pub max_currents: [f64; AXES + 1],
-    /// Its force sensor.
+    /// Force sensor of the arm.
     pub force: Box<dyn ForceSource>,
 }
 
 struct Arm {
     name: String,
-    /// Line of each axis.
+    /// Index of each axis's line.
     lines: [Option<usize>; AXES + 1],
     axes: [Axis; AXES + 1],
     max_currents: [u16; AXES + 1],
     force: Box<dyn ForceSource>,
 }
 
-/// What silence means.
+/// Meaning of a silent line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Phase {
-    /// A line that has not answered yet has time until the start is over.
+    /// The line has time until the start is over.
     Start,
-    /// It is a fault after a few periods.
+    /// The line is at fault after a few periods.
     Run,
-    /// It says nothing of a line that is still there: others are silent with it.
+    /// Other lines are silent with it, so it is not at fault unless it is dead.
     Together,
 }
 
-/// All arms.
+/// The bridge to all arms.
 pub struct SerialPort {
     arms: Vec<Arm>,
     lines: Lines,
     notes: Notes,
-    /// How long an exchange may last.
+    /// Longest time of an exchange.
     patience: Duration,
     fault: Option<PortFault>,
     begun: bool,
-    /// When the last orders went out.
+    /// Time at which the last orders were sent.
     asked: Option<Instant>,
     rules: Rules,
-    /// For how many periods in a row each line has been silent.
+    /// Number of periods in a row in which each line has been silent.
     silent: Vec<u32>,
-    /// No line at all answered in the last one.
+    /// Whether no line answered in the last period.
     all_missed: bool,
 }
 
-/// So many lines that are silent in the same period are late rather than dead: this machine was kept from running, or
-/// whatever they hang on was (measured: all lines of one arm for 3 periods, those of the other one not for one).
+/// Number of lines that are late, not dead, if they are silent in the same period. This machine was
+/// delayed then, or a device that they share. Measured: all lines of one arm for 3 periods, and
+/// none of the other arm.
 const SEVERAL: usize = 3;
-/// So many such periods in a row of one of them are a fault, or as many as of a line alone, where those are more.
+/// Number of silent periods in a row of one line that are a fault although others are silent with
+/// it, or [`Rules::misses`] if that is more.
 const MOST_TOGETHER: u32 = 20;
-/// The same of lines that are all gone.
+/// Number of silent periods in a row that are a fault if all silent lines are dead.
 const ALL_GONE: u32 = 3;
 
 impl SerialPort {
-    /// Time that an exchange may take: 0.5 ms of a period are left for the servo.
+    /// Longest time of an exchange: 0.5 ms of a period are left for the servo.
     pub const PATIENCE: Duration = Duration::from_micros(1500);
 
-    /// Joins arms to one bridge; `rules` are those of every line.
+    /// Joins arms to one bridge. `rules` are those of every line.
     #[must_use]
     pub fn new(arms: Vec<SerialArm>, rules: Rules, notes: Notes) -> Self {
         let mut lines = Vec::new();
         let arms = arms
             .into_iter()
             .map(|arm| {
+                // The lines of all arms are numbered in one list, because they are exchanged
+                // together.
                 let axes = arm.axes.map(|line| {
                     line.map(|line| {
                         lines.push(line);
@@ -120,15 +133,17 @@ impl SerialPort {
         }
     }
 
-    /// Why the bridge was given up.
+    /// Returns the reason why the bridge was given up.
     #[must_use]
     pub fn fault(&self) -> Option<&PortFault> {
         self.fault.as_ref()
     }
 
-    /// Sends an order for every axis and gathers the answers.
+    /// Sends an order to every axis and gathers the answers.
     fn talk(&mut self, drives: &[ArmDrive]) {
         let begun = Instant::now();
+        // By the clock and not by the count of periods: motors move on while this thread is
+        // delayed.
         let passed = self.asked.map_or(1.0, |last| (begun - last).as_secs_f64() / PERIOD);
         self.asked = Some(begun);
         for (arm, drive) in self.arms.iter_mut().zip(drives) {
@@ -139,10 +154,11 @@ impl SerialPort {
                 self.lines.send(line, &order.encode());
             }
         }
+        // The deadline counts from the first order, so that sending uses up its share of the time.
         self.lines.gather(begun + self.patience);
     }
 
-    /// Judges the answers; returns the first line that must be given up.
+    /// Judges the answers of a period; returns the fault of the first line that must be given up.
     fn judge(&mut self, period: u64) -> Result<(), PortFault> {
         let all = self.lines.len();
         let (mut missed, mut late) = (0, 0);
@@ -152,29 +168,34 @@ impl SerialPort {
             missed += usize::from(is_silent);
             late += usize::from(is_silent && !self.lines.is_dead(line));
         }
+        // A single line alone cannot be silent together with others.
         self.all_missed = all > 1 && missed == all;
         if !self.all_missed && late < SEVERAL {
             return self.judge_each(period, Phase::Run);
         }
-        // Lines that are gone are not late.
+        // Lines that are dead are not late.
         let most = if late == 0 { ALL_GONE } else { MOST_TOGETHER.max(self.rules.misses) };
+        // The longest silence of one line decides, since lines that are late in turn are only slow.
         let longest = self.silent.iter().copied().max().unwrap_or_default();
         if longest >= most {
             return Err(self.silent_together(period, missed, longest));
         }
         for (effector, arm) in self.arms.iter().enumerate() {
             let silent = |line: &Option<usize>| line.is_some_and(|line| self.silent[line] > 0);
+            // An arm with several silent lines gives one entry of the log, not one for each axis.
             if arm.lines.iter().filter(|line| silent(line)).count() >= SEVERAL.min(all) {
-                self.notes.tell(period, effector, What::MissedTogether);
+                self.notes.push(period, effector, NoteKind::MissedTogether);
                 continue;
             }
             for axis in (0..=AXES).filter(|&axis| silent(&arm.lines[axis])) {
-                self.notes.tell(period, effector, What::Missed { axis });
+                self.notes.push(period, effector, NoteKind::Missed { axis });
             }
         }
+        // Without any answer there is nothing to judge.
         if self.all_missed { Ok(()) } else { self.judge_each(period, Phase::Together) }
     }
 
+    /// Judges each line by itself; returns the fault of the first one that must be given up.
     fn judge_each(&mut self, period: u64, phase: Phase) -> Result<(), PortFault> {
         let mut first: Option<(usize, usize, AxisFault)> = None;
         let mut others = 0;
@@ -182,35 +203,40 @@ impl SerialPort {
             for index in 0..=AXES {
                 let Some(line) = arm.lines[index] else { continue };
                 let is_silent = self.lines.answer(line).is_none();
+                // A silent line among several is not judged, unless it is dead.
                 if phase == Phase::Together && is_silent && !self.lines.is_dead(line) {
                     continue;
                 }
-                let late = self.lines.is_doubtful(line)
-                    && self.lines.answer(line).is_some_and(|told| arm.axes[index].is_late(told));
+                // While an earlier answer is due, the counter decides to which order this one
+                // belongs.
+                let late = self.lines.may_be_late(line)
+                    && self.lines.answer(line).is_some_and(|bytes| arm.axes[index].is_late(bytes));
                 let became = if late {
-                    self.lines.owe(line);
-                    Ok(arm.axes[index].overlook())
+                    self.lines.mark_late(line);
+                    Ok(arm.axes[index].ignore_late())
                 } else {
                     arm.axes[index].take(self.lines.answer(line))
                 };
                 let what = match became {
                     Ok(Answer::Taken) => continue,
-                    // A controller that is still booting is silent and takes nothing.
+                    // A controller that is still booting is silent and takes no parameter.
                     Ok(Answer::Missed(_)) | Err(AxisFault::Silent(_) | AxisFault::Untaken(_))
                         if phase == Phase::Start =>
                     {
                         continue;
                     }
-                    Ok(Answer::Missed(_)) => What::Missed { axis: index },
-                    Ok(Answer::Late) => What::Late { axis: index },
-                    Ok(Answer::Impossible(_)) => What::Impossible { axis: index },
+                    Ok(Answer::Missed(_)) => NoteKind::Missed { axis: index },
+                    Ok(Answer::Late) => NoteKind::Late { axis: index },
+                    Ok(Answer::Impossible(_)) => NoteKind::Impossible { axis: index },
                     Err(fault) => {
+                        // All lines are judged before the fault is returned, so that it can count
+                        // the others.
                         others += u32::from(first.is_some());
                         first.get_or_insert((effector, index, fault));
                         continue;
                     }
                 };
-                self.notes.tell(period, effector, what);
+                self.notes.push(period, effector, what);
             }
         }
         let Some((effector, index, fault)) = first else { return Ok(()) };
@@ -224,7 +250,7 @@ impl SerialPort {
         Err(PortFault { effector, reason })
     }
 
-    /// Effector, axis and device of a line, for people.
+    /// Returns the effector, axis and device of a line, for messages.
     fn line_of(&self, effector: usize, index: usize) -> String {
         let arm = &self.arms[effector];
         let path = arm.lines[index].map_or("", |line| self.lines.path(line));
@@ -232,10 +258,12 @@ impl SerialPort {
         format!("{}, {axis} ({path})", arm.name)
     }
 
-    /// Why lines that are silent together must be given up: one of them has been for the `longest`.
+    /// Returns the fault of lines that are silent together, the `longest` of them for this number
+    /// of periods.
     fn silent_together(&self, period: u64, missed: usize, longest: u32) -> PortFault {
         let at = period as f64 * PERIOD;
         let end = format!("no answer for {longest} periods, in period {period} ({at:.3} s)");
+        // No line is the cause if all are silent, so the message names the range of devices.
         if self.all_missed {
             let names: Vec<&str> = self.arms.iter().map(|arm| arm.name.as_str()).collect();
             let (first, last) = (self.lines.path(0), self.lines.path(self.lines.len() - 1));
@@ -251,23 +279,24 @@ impl SerialPort {
         let (line, others) = (self.line_of(effector, axis), missed.saturating_sub(1));
         PortFault {
             effector,
-            reason: format!("{line}: {end}; {others} other lines are silent, too"),
+            reason: format!("{line}: {end}; {others} other lines are silent as well"),
         }
     }
 
-    /// Puts every controller into a mode; none is waited for.
-    fn tell_all(&mut self, mode: Mode) {
+    /// Puts every controller into a mode without waiting for the answers.
+    fn order_all(&mut self, mode: Mode) {
         let order = Order::Set(Parameter::Mode(mode)).encode();
         for line in 0..self.lines.len() {
             self.lines.send(line, &order);
         }
     }
 
-    /// Exchanges until every axis has settled, power off. What is not known then must not be taken for a robot that
-    /// stands at zero and was never synchronised.
+    /// Exchanges with power off until every axis has settled.
+    ///
+    /// Unknown readings must not look like a robot that is at zero and was never synchronised.
     ///
     /// # Errors
-    /// The lines that have not answered within a second.
+    /// Returns the lines that have not answered within a second.
     fn begin(&mut self) -> Result<(), PortFault> {
         let off = vec![ArmDrive::OFF; self.arms.len()];
         let begun = Instant::now();
@@ -278,6 +307,7 @@ impl SerialPort {
             if self.unsettled().is_empty() {
                 return Ok(());
             }
+            // The controllers get their orders at the usual rate.
             std::thread::sleep(Duration::from_secs_f64(PERIOD).saturating_sub(turn.elapsed()));
         }
         let silent = self.unsettled();
@@ -288,7 +318,7 @@ impl SerialPort {
         Err(PortFault { effector, reason })
     }
 
-    /// Axes that have not shown yet where they stand: effector and axis.
+    /// Returns effector and axis of each line whose counter is not known yet.
     fn unsettled(&self) -> Vec<(usize, usize)> {
         let axes = (0..self.arms.len()).flat_map(|arm| (0..=AXES).map(move |axis| (arm, axis)));
         axes.filter(|&(arm, axis)| {
@@ -303,7 +333,7 @@ fn milliamperes(amperes: f64) -> u16 {
     (amperes * 1e3).round().clamp(0.0, 65_535.0) as u16
 }
 
-/// What a drive means to one axis.
+/// Returns the drive of one axis.
 pub(crate) fn axis_drive(
     drive: &ArmDrive,
     index: usize,
@@ -312,6 +342,7 @@ pub(crate) fn axis_drive(
     let enabled = drive.enabled;
     let synchronise = drive.synchronise >> index & 1 == 1;
     let max_current = Some(max_currents[index]);
+    // The jaw has a pulse width of its own, and its controller moves the palm's stops as well.
     let (width, outputs) = if index == AXES {
         (drive.jaw_pwm, u8::from(drive.stops == Depth::Two))
     } else {
@@ -327,6 +358,7 @@ impl Port for SerialPort {
         drives: &[ArmDrive],
         readings: &mut [ArmReading],
     ) -> Result<(), PortFault> {
+        // A bridge that was given up stays so until the run ends.
         if let Some(fault) = &self.fault {
             return Err(fault.clone());
         }
@@ -338,13 +370,15 @@ impl Port for SerialPort {
             self.begin()
         };
         if let Err(fault) = done {
-            self.tell_all(Mode::Error);
+            self.order_all(Mode::Error);
+            // `repeat_stop` repeats the order in each period, in case a controller missed it.
             self.fault = Some(fault.clone());
             return Err(fault);
         }
         for (effector, (arm, reading)) in self.arms.iter_mut().zip(readings).enumerate() {
-            hand_over(&arm.axes, arm.lines[0].is_some(), reading);
-            // Where nothing at all gets through, its silence is not the sensor's: the last wrench holds meanwhile.
+            write_reading(&arm.axes, arm.lines[0].is_some(), reading);
+            // If no line answers, this machine was delayed, so the silence of the sensor does not
+            // count. The last wrench is held.
             if self.all_missed {
                 reading.wrench_is_old = true;
                 continue;
@@ -355,19 +389,19 @@ impl Port for SerialPort {
         Ok(())
     }
 
-    fn each_counts(&self) -> bool {
+    fn needs_each_period(&self) -> bool {
         false
     }
 
-    fn insist(&mut self) {
+    fn repeat_stop(&mut self) {
         if self.fault.is_some() {
-            self.tell_all(Mode::Error);
+            self.order_all(Mode::Error);
         }
     }
 }
 
-/// What the axes of an arm showed last, as the servo reads it; the wrench stays.
-pub(crate) fn hand_over(axes: &[Axis; AXES + 1], has_track: bool, reading: &mut ArmReading) {
+/// Writes the latest state of an arm's axes into a reading, and keeps its wrench.
+pub(crate) fn write_reading(axes: &[Axis; AXES + 1], has_track: bool, reading: &mut ArmReading) {
     *reading = ArmReading { wrench_on_sensor: reading.wrench_on_sensor, ..ArmReading::default() };
     for (index, axis) in axes.iter().enumerate().skip(usize::from(!has_track)) {
         let bit = |is: bool| u8::from(is) << index;
@@ -376,11 +410,13 @@ pub(crate) fn hand_over(axes: &[Axis; AXES + 1], has_track: bool, reading: &mut 
         reading.power_faults |= bit(axis.stage_fault());
         reading.sync_switches |= bit(axis.sync_switch());
         reading.encoder_zeros |= bit(axis.sync_zero());
+        // The default is synchronised, so that a track that does not exist counts as synchronised.
         reading.synchronised &= !bit(!axis.synchronised());
         let (upper, lower) = axis.at_limits();
         reading.upper_limits |= bit(upper);
         reading.lower_limits |= bit(lower);
         reading.extrapolated |= bit(axis.is_extrapolated());
+        // Lines have no other estimate: an axis is extrapolated only if its order was not answered.
         reading.no_answer = reading.extrapolated;
         if index == AXES {
             reading.jaw_count = axis.count();
@@ -393,9 +429,9 @@ pub(crate) fn hand_over(axes: &[Axis; AXES + 1], has_track: bool, reading: &mut 
 impl Drop for SerialPort {
     fn drop(&mut self) {
         let mode = if self.fault.is_none() { Mode::Manual } else { Mode::Error };
-        // Nothing comes after this, and a controller may keep the last width that it was told.
+        // No order comes after this one, and a controller may keep the last width that it received.
         for _ in 0..LAST {
-            self.tell_all(mode);
+            self.order_all(mode);
             self.lines.gather(Instant::now() + self.patience);
             if (0..self.lines.len()).all(|line| self.lines.answer(line).is_some()) {
                 break;
@@ -422,7 +458,7 @@ mod tests {
     use std::sync::atomic::{AtomicBool, Ordering};
     use std::thread::JoinHandle;
 
-    /// An arm of one axis, whose controller boots after a while: what it was told before is lost.
+    /// Makes an arm of one axis whose controller boots after a while. Earlier orders are lost.
     fn booting(after: Duration, stop: &Arc<AtomicBool>) -> (SerialArm, JoinHandle<Pty>) {
         let far = Pty::open().unwrap();
         let mut axes = [const { None }; AXES + 1];
@@ -436,7 +472,7 @@ mod tests {
             while !stop.load(Ordering::Acquire) {
                 let length = far.read(&mut bytes);
                 for byte in &bytes[..length] {
-                    if let Some(answer) = controller.hear(*byte, 1.0) {
+                    if let Some(answer) = controller.receive(*byte, 1.0) {
                         assert!(far.write(&answer.encode()));
                     }
                 }
@@ -448,8 +484,9 @@ mod tests {
         (SerialArm { name, axes, max_currents: [1.0; AXES + 1], force }, thread)
     }
 
+    /// The start waits for the last controller, of any arm.
     #[test]
-    fn a_controller_that_boots_later_than_the_others_is_waited_for_whatever_arm_it_is_of() {
+    fn start_waits_for_the_last_controller() {
         let stop = Arc::new(AtomicBool::new(false));
         let (begun, late) = (Instant::now(), Duration::from_millis(300));
         let (arms, threads): (Vec<_>, Vec<_>) = [Duration::ZERO, Duration::ZERO, late]
@@ -472,7 +509,7 @@ mod tests {
     }
 
     #[test]
-    fn once_it_has_begun_a_line_that_falls_silent_is_a_fault() {
+    fn line_silent_after_the_start_is_a_fault() {
         let stops = [false; 2].map(|stops| Arc::new(AtomicBool::new(stops)));
         let (arms, mut threads): (Vec<_>, Vec<_>) =
             stops.iter().map(|stop| booting(Duration::ZERO, stop)).unzip();
@@ -492,8 +529,9 @@ mod tests {
         threads.remove(0).join().unwrap();
     }
 
+    /// Many lines are silent in each period, but none of them for long.
     #[test]
-    fn lines_that_are_late_in_turn_are_not_given_up() {
+    fn lines_that_alternate_in_lateness_cause_no_fault() {
         let mut port = SerialPort::new(Vec::new(), Rules::default(), Notes::none());
         let far: Vec<Pty> = (0..2 * SEVERAL).map(|_| Pty::open().unwrap()).collect();
         let lines = far.iter().map(|far| Line::open(far.path(), AXIS_BAUD, true).unwrap());
@@ -504,7 +542,7 @@ mod tests {
             for (line, far) in far.iter().enumerate() {
                 port.lines.send(line, &[0; ORDER]);
                 if (line < SEVERAL) == (period % 2 == 0) {
-                    // What is owed from before comes, too.
+                    // The answer to an earlier order comes as well.
                     assert!(far.write(&[0; 2 * STATUS]));
                 }
             }
@@ -513,8 +551,10 @@ mod tests {
         }
     }
 
+    /// When several lines fall silent together, the port reads the other lines and reports a fault
+    /// only after 20 periods.
     #[test]
-    fn lines_that_fall_silent_together_are_waited_for_while_the_others_are_read() {
+    fn port_tolerates_several_silent_lines_for_20_periods() {
         const ARMS: usize = SEVERAL + 1;
         let stops = [false; ARMS].map(|stops| Arc::new(AtomicBool::new(stops)));
         let (arms, threads): (Vec<_>, Vec<_>) =
@@ -538,12 +578,12 @@ mod tests {
             assert!(readings[1..].iter().all(silent));
             read += u64::from(readings[0].extrapolated == 0);
         }
-        assert!(read > most / 2, "this processor may be another's for some of them");
+        assert!(read > most / 2, "other programs may take some periods");
         port.patience = Duration::from_millis(500);
         let fault = port.exchange(most, &drives, &mut readings).unwrap_err();
 
         assert!(fault.reason.contains("no answer for 20 periods"), "{fault}");
-        assert!(fault.reason.contains("2 other lines are silent, too"), "{fault}");
+        assert!(fault.reason.contains("2 other lines are silent as well"), "{fault}");
         assert_eq!(fault.effector, 1);
         drop(port);
         stops[0].store(true, Ordering::Release);

@@ -1,6 +1,6 @@
-//! Classes of times: how often each was measured.
+//! Histogram of times: classes with their counts, as a recording holds them.
 
-/// `nanoseconds:count` in rising order.
+/// Parses classes from `nanoseconds:count` pairs in rising order. Other words are left out.
 pub(super) fn classes(text: &str) -> Vec<(u64, u64)> {
     let pair = |word: &str| {
         let (nanos, count) = word.split_once(':')?;
@@ -11,10 +11,11 @@ pub(super) fn classes(text: &str) -> Vec<(u64, u64)> {
 
 /// Returns the number of times in all classes.
 pub(super) fn count(classes: &[(u64, u64)]) -> u64 {
+    // A file may hold any numbers, so the sum saturates.
     classes.iter().fold(0, |sum, (_, count)| sum.saturating_add(*count))
 }
 
-/// Returns the time that a share of all counts does not exceed (ns).
+/// Returns the time that a share of all counts does not exceed (ns); 0 without classes.
 pub(super) fn quantile(classes: &[(u64, u64)], share: f64) -> u64 {
     let total = count(classes);
     let mut seen: u64 = 0;

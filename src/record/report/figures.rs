@@ -1,26 +1,36 @@
-//! The figures of a run beside those of the 2007 paper (pp. 370-375).
+//! Table that compares the figures of a run with those of the 2007 paper (pp. 370-375).
+//!
+//! | figure | source in the recording |
+//! |---|---|
+//! | servo period | `period_ns`; on the wall clock the jitter of the timing |
+//! | visual servo period | median time between two looks of the stand-alone camera |
+//! | localisation | 95 % of the looks at a cube slower than `REST`, against the plant |
+//! | reading one face | median of the measured times |
+//! | solution and plan | phase "plan" |
+//! | grasping and turning one face | phases of manipulation, divided by the turns |
+//! | whole run | summary |
 
 use super::classes::{classes, quantile};
 use super::story::Story;
 use crate::record::calibration;
 use nalgebra::{Point3, Vector3};
 
-/// A cube slower than this is at rest (m/s): a hand trembles.
+/// Largest speed of a cube at rest (m/s). A hand that holds it trembles.
 const REST: f64 = 0.01;
 
-/// A row of the table: what, the paper's word, this run's, a remark.
+/// Row of the table.
 pub(super) struct Figure {
-    /// What.
+    /// Name of the figure.
     pub what: &'static str,
-    /// In the paper.
+    /// Value in the paper.
     pub paper: &'static str,
-    /// In this run.
+    /// Value in this run.
     pub here: String,
-    /// How it was found.
+    /// Remark on how the value was found.
     pub remark: String,
 }
 
-/// Returns the figures that the recording tells, in the order of the table.
+/// Returns the figures that the recording contains, in the order of the table.
 pub(super) fn figures(story: &Story) -> Vec<Figure> {
     [
         Some(servo_period(story)),
@@ -58,6 +68,7 @@ fn servo_period(story: &Story) -> Figure {
 }
 
 fn visual_servo_period(story: &Story) -> Option<Figure> {
+    // A median, since the camera pauses between two phases of tracking.
     let mut steps: Vec<u64> = story.looks.windows(2).map(|w| w[1].saturating_sub(w[0])).collect();
     steps.sort_unstable();
     let step = steps.get(steps.len() / 2)?;
@@ -76,8 +87,8 @@ fn localised(story: &Story) -> Option<Figure> {
         paper: "\u{b1}1 mm, \u{b1}5 mm",
         here: format!("\u{b1}{across:.1} mm, \u{b1}{along:.1} mm"),
         remark: format!(
-            "95 % of {count} looks at the cube at rest, against the plant's, about their mean; the \
-             paper at 100x100 px"
+            "95 % of {count} looks at the cube at rest, compared with the plant, about their mean; \
+             the paper at 100x100 px"
         ),
     })
 }
@@ -88,6 +99,8 @@ fn reading(story: &Story) -> Option<Figure> {
         return None;
     }
     let label = &story.label;
+    // The time that the scenario declares is no measurement. Without a measurement the value is a
+    // dash.
     let looks = format!("{read} of {} looks read a face", story.faces.len());
     let measured = number(label.of("vision", "face_median_s")) * 1e3;
     let how = match (measured.is_nan(), is_real_time(story)) {
@@ -109,6 +122,7 @@ fn reading(story: &Story) -> Option<Figure> {
 fn planning(story: &Story) -> Option<Figure> {
     let phases = &story.summary.as_ref()?.phases;
     let plan = phases.iter().find(|p| p.name.starts_with("plan"))?;
+    // In virtual time planning takes a declared time, so the wall clock has the true one.
     let time = if is_real_time(story) { plan.sim_time_s } else { plan.wall_time_s };
     Some(Figure {
         what: "solution and plan",
@@ -152,10 +166,10 @@ fn number(text: &str) -> f64 {
     text.parse().unwrap_or(f64::NAN)
 }
 
-/// Number of looks, and the errors across and along the camera's axis that 95 % of them do not
-/// exceed (mm).
+/// Returns the number of looks at a resting cube, and the errors across and along the line of sight
+/// that 95 % of them do not exceed (mm). `None` for fewer than 10 looks.
 fn localisation(story: &Story) -> Option<(usize, f64, f64)> {
-    // Where the controller believed it: by its calibration, if there was one.
+    // The camera is where the controller believed it: after a calibration, its result.
     let found = story.label.of(calibration::NAME, "standalone_xyz");
     let eye = or(found, story.label.fact("standalone_xyz"));
     let eye: Vec<f64> = eye.split_whitespace().map(number).collect();
@@ -172,7 +186,7 @@ fn localisation(story: &Story) -> Option<(usize, f64, f64)> {
     if errors.len() < 10 {
         return None;
     }
-    // What all looks share is the camera's calibration, which the scenario spoils on purpose.
+    // The mean error is that of the camera's calibration, which the scenario disturbs on purpose.
     let mean = errors.iter().map(|e| e.0).sum::<Vector3<f64>>() / errors.len() as f64;
     let (mut across, mut along): (Vec<f64>, Vec<f64>) = errors
         .iter()
@@ -188,10 +202,12 @@ fn localisation(story: &Story) -> Option<(usize, f64, f64)> {
     Some((errors.len(), across[at], along[at]))
 }
 
-/// Where the cube was at a time, between two views of the plant, and how fast it went (m/s).
+/// Returns the true centre of the cube (m) and its speed (m/s) at a time (s), interpolated between
+/// two positions in the recording.
 fn truth(story: &Story, time: f64) -> Option<(Point3<f64>, f64)> {
     let after = story.cube.partition_point(|(t, _)| *t < time);
     let (b, a) = (story.cube.get(after)?, story.cube.get(after.checked_sub(1)?)?);
+    // Two positions may have equal times. The bound prevents a division by zero.
     let passed = (b.0 - a.0).max(1e-9);
     let way = b.1 - a.1;
     Some((a.1 + (time - a.0) / passed * way, way.norm() / passed))
@@ -212,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn the_time_of_reading_a_face_is_what_was_measured_or_a_dash() {
+    fn face_time_is_measured_or_a_dash() {
         let mut story = Story::default();
         story.faces.push((1.0, "vsp gs1".into(), None));
         let here = |story: &Story| {
@@ -222,14 +238,14 @@ mod tests {
         let declared = [("declared_face_s".to_owned(), "0.01".to_owned())].into();
         story.label.metadata.insert("rubik_robot".into(), declared);
 
-        assert_eq!(here(&story), "-", "what was declared is no measurement");
+        assert_eq!(here(&story), "-", "a declared time is no measurement");
         let measured = [("face_median_s".to_owned(), "0.0042".to_owned())].into();
         story.label.metadata.insert("vision".into(), measured);
         assert_eq!(here(&story), "4.20 ms");
     }
 
     #[test]
-    fn localisation_is_held_against_the_true_cube_between_two_views() {
+    fn localisation_is_compared_with_the_true_cube() {
         let mut story = Story::default();
         let facts = std::collections::BTreeMap::from([("standalone_xyz".into(), "0 0 0".into())]);
         story.label.metadata.insert("rubik_robot".into(), facts);
@@ -237,7 +253,7 @@ mod tests {
             let t = f64::from(i) * 0.04;
             let slow = 0.005 * t;
             story.cube.push((t, Point3::new(1.0 + slow, 0.0, 0.0)));
-            // Half a millimetre across, two along, to and fro; and a constant error of calibration.
+            // Errors that alternate by 0.5 mm across and 2 mm along, and a constant one of 10 mm.
             let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
             let (along, across) = (0.010 + 0.002 * sign, 0.0005 * sign);
             story.seen.push((t + 0.02, Point3::new(1.0001 + slow + along, across, 0.0)));
@@ -245,7 +261,7 @@ mod tests {
 
         let (count, across, along) = localisation(&story).unwrap();
 
-        assert_eq!(count, 99, "the last look is behind the last view");
+        assert_eq!(count, 99, "the last look is after the last view");
         assert!((across - 0.5).abs() < 0.05 && (along - 2.0).abs() < 0.1, "{across} {along}");
     }
 }

@@ -1,7 +1,7 @@
-//! The report of a run: one page that needs nothing else, made of a recording.
+//! Report of a run: one self-contained HTML page, made from a recording.
 //!
 //! - in: a recording, whole or cut off
-//! - out: HTML with pictures and curves in it, for a screen in light or dark and for paper; no
+//! - out: HTML with pictures and curves in it, for light and dark screens and for paper, without
 //!   scripts
 
 mod classes;
@@ -15,7 +15,7 @@ pub(crate) use html::{HEAD, STYLE, escaped};
 pub use story::{Story, gather};
 pub(crate) use svg::{number, step};
 
-/// The page.
+/// Returns the report of a run as an HTML page.
 #[must_use]
 pub fn page(story: &Story) -> String {
     page::page(story)

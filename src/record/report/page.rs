@@ -1,4 +1,6 @@
-//! The page of a report.
+//! HTML page of a report: a function for each section, in the order of the page.
+//!
+//! All texts of the recording are escaped, since it may come from anywhere.
 
 use super::classes::{classes, count, quantile};
 use super::figures::figures;
@@ -10,10 +12,11 @@ use crate::record::reading::End;
 use crate::record::summary::{Outcome, Summary};
 use std::fmt::Write;
 
-/// Writes it.
+/// Returns the report of a run as an HTML page.
 pub(super) fn page(story: &Story) -> String {
     let title = title(story);
     let mut html = String::with_capacity(1 << 20);
+    // Writing to a string cannot fail, here and below.
     let _ = write!(
         html,
         "{HEAD}<title>{}</title>\n<style>\n{STYLE}</style></head>\n<body><main>\n",
@@ -33,12 +36,14 @@ pub(super) fn page(story: &Story) -> String {
     html
 }
 
+/// Returns name of the scenario and seed.
 fn title(story: &Story) -> String {
     let path = story.label.fact("scenario");
     let name = std::path::Path::new(path).file_stem().map(|s| s.to_string_lossy().into_owned());
     format!("{}, seed {}", name.unwrap_or_else(|| "run".to_owned()), story.label.fact("seed"))
 }
 
+/// Writes verdict, warnings about the recording, cubes and main figures.
 fn head(html: &mut String, story: &Story, title: &str) {
     let (class, word, reason) = verdict(story);
     let _ = write!(
@@ -52,10 +57,11 @@ fn head(html: &mut String, story: &Story, title: &str) {
         let how = format!("{:#}", flaw.after(story.end));
         let _ = write!(
             html,
-            "<p class=warn>The recording is {}. What is here is what was saved.</p>",
+            "<p class=warn>The recording is {}. This page shows what was saved.</p>",
             escaped(&how)
         );
     }
+    // Gaps come before the figures that they affect.
     for why in incomplete(story) {
         let _ = write!(html, "<p class=warn>{}</p>", escaped(&why));
     }
@@ -66,8 +72,9 @@ fn head(html: &mut String, story: &Story, title: &str) {
     html.push_str("</header>\n");
 }
 
-/// Returns the class of the verdict, its word, and the reason.
+/// Returns the CSS class of the verdict, its word, and the reason.
 fn verdict(story: &Story) -> (&'static str, &'static str, String) {
+    // The summary is the last item of a run: without it the end of the run is unknown.
     let Some(summary) = &story.summary else {
         let damaged = matches!(story.file_end, Some(End::Damaged(_)));
         let word = if damaged { "Damaged" } else { "Cut off" };
@@ -83,12 +90,15 @@ fn verdict(story: &Story) -> (&'static str, &'static str, String) {
     (class, word, summary.reason.clone())
 }
 
-/// Draws the nets of the cube at the start, as read and at the end, those that are known.
+/// Draws the nets of the cube at the start, as it was read, and at the end. Unknown ones are left
+/// out.
 fn cubes(html: &mut String, story: &Story) {
     html.push_str("<div class=cubes>");
     let start = story.label.fact("cube_start");
     let [read, believed, truth] = &story.letters;
+    // On hardware there is no true cube, only the believed one.
     let end = if truth.is_empty() { believed } else { truth };
+    // The summary has the reading that counts. A recording that is cut off has only its messages.
     let summary_read = story.summary.as_ref().and_then(|s| s.identified.clone());
     let read = summary_read.as_ref().unwrap_or(read);
     for (words, letters) in
@@ -105,6 +115,7 @@ fn cubes(html: &mut String, story: &Story) {
     html.push_str("</div>");
 }
 
+/// Writes the main figures of the run. Those that only a plant knows are missing on hardware.
 fn facts(html: &mut String, summary: &Summary) {
     html.push_str("<dl class=facts>");
     let mut fact = |name: &str, value: String| {
@@ -122,7 +133,7 @@ fn facts(html: &mut String, summary: &Summary) {
         fact("jams, slips, drops", format!("{jams}, {slips}, {drops}"));
     }
     if summary.recoveries > 0 {
-        fact("read and planned anew", summary.recoveries.to_string());
+        fact("recoveries", summary.recoveries.to_string());
     }
     if let Some(angle) = summary.turned_deg {
         fact("layer turned by", format!("{angle:.1}\u{b0}"));
@@ -130,25 +141,30 @@ fn facts(html: &mut String, summary: &Summary) {
     html.push_str("</dl>");
 }
 
-/// Returns what the recording lacks.
+/// Returns a sentence for each gap in the recording.
 fn incomplete(story: &Story) -> Vec<String> {
     let mut whys = Vec::new();
     let lost = story.label.of("recording", "lost");
     if !matches!(lost, "" | "0") {
         whys.push(format!(
-            "The recorder did not keep up: {lost} messages of this run are not here, and curves and pictures have holes."
+            "The recorder did not keep up: {lost} messages of this run are missing, and curves and \
+             pictures have gaps."
         ));
     }
     for arm in story.arms.iter().filter(|arm| arm.missing > 0) {
         let (name, missing) = (&arm.name, arm.missing);
         let all = arm.ticks.saturating_add(missing);
-        whys.push(format!("{missing} of {all} servo periods of {name} are not here."));
+        whys.push(format!("{missing} of {all} servo periods of {name} are missing."));
     }
     whys
 }
 
+/// Writes the comparison with the paper.
 fn table(html: &mut String, story: &Story) {
-    html.push_str("<section><h2>Beside the paper</h2><table class=paper><thead><tr><th>figure<th>paper, 2007<th>this run<th class=how>how</tr></thead><tbody>");
+    html.push_str(
+        "<section><h2>Beside the paper</h2><table class=paper><thead>\
+         <tr><th>figure<th>paper, 2007<th>this run<th class=how>how</tr></thead><tbody>",
+    );
     for figure in figures(story) {
         let _ = write!(
             html,
@@ -162,11 +178,13 @@ fn table(html: &mut String, story: &Story) {
     html.push_str("</tbody></table></section>\n");
 }
 
-/// Phases without the last, "end".
+/// Returns beginning (s) and name of the phases, without the last one, "end".
 fn phases(story: &Story) -> Vec<(f64, String)> {
     story.phases.iter().filter(|(_, name)| name != "end").cloned().collect()
 }
 
+/// Draws phases, holders of the cube, the operator's inputs and messages over time, with the phases
+/// as a legend.
 fn timeline(html: &mut String, story: &Story) {
     let mut rows = vec![phase_row(story)];
     rows.extend(holder_rows(story));
@@ -178,9 +196,11 @@ fn timeline(html: &mut String, story: &Story) {
     rows.extend(message_rows(story));
     let drawn = svg::timeline(&rows, story.end);
     let _ = write!(html, "<section><h2>What happened when</h2>{drawn}");
+    // Short phases have no room for their names in the chart, so a legend repeats them.
     if let Some(summary) = story.summary.as_ref().filter(|s| !s.phases.is_empty()) {
         html.push_str("<ol class=legend>");
         for (i, phase) in summary.phases.iter().enumerate() {
+            // The style sheet has eight colours for phases.
             let _ = write!(
                 html,
                 "<li><i class=p{}></i>{} <span>{:.1} s</span></li>",
@@ -194,6 +214,7 @@ fn timeline(html: &mut String, story: &Story) {
     html.push_str("</section>\n");
 }
 
+/// Returns the row of the phases. Each phase lasts until the next one begins.
 fn phase_row(story: &Story) -> Row {
     let phases = phases(story);
     let until = |index: usize| phases.get(index + 1).map_or(story.end, |p| p.0);
@@ -218,6 +239,7 @@ fn holder_rows(story: &Story) -> Vec<Row> {
             if !(holders.contains(name) || holders.is_empty() && lane == last) {
                 continue;
             }
+            // A change of the other hand does not interrupt a piece.
             match pieces.last_mut() {
                 Some(before) if (before.1 - begin).abs() < 1e-9 => before.1 = until(i),
                 _ => pieces.push((*begin, until(i), escaped(name), format!("h{lane}"))),
@@ -233,33 +255,40 @@ fn holder_rows(story: &Story) -> Vec<Row> {
     lanes.iter().enumerate().map(row).collect()
 }
 
-/// Returns a row for each rank of messages that the run has: injected faults, warnings, errors.
+/// Returns a row for each group of messages that is not empty: injected faults, warnings, errors.
 fn message_rows(story: &Story) -> Vec<Row> {
-    const TRUTH: &str = "injected faults: the truth, which no part of the controller heard";
+    const TRUTH: &str = "injected faults: the truth, which the controller does not know";
+    // The plant logs the faults that the scenario injects.
     let rank = |class: Class, who: &str| match (who, class) {
         ("plant", _) => TRUTH,
         (_, Class::Info | Class::Warning) => "warnings",
         (_, Class::NonFatal | Class::Fatal | Class::System) => "errors",
     };
     let row = |name: &'static str| {
-        let told = story.messages.iter().filter(|(_, class, who, _)| rank(*class, who) == name);
+        let group = story.messages.iter().filter(|(_, class, who, _)| rank(*class, who) == name);
         let class = if name == "warnings" { "wa" } else { "er" };
         let piece = |(t, _, who, what): &(f64, Class, String, String)| {
             (*t, *t, escaped(&format!("{who}: {what}")), class.to_owned())
         };
-        let pieces: Vec<_> = told.map(piece).collect();
+        let pieces: Vec<_> = group.map(piece).collect();
         (!pieces.is_empty()).then(|| Row { name: name.to_owned(), pieces })
     };
     [TRUTH, "warnings", "errors"].into_iter().filter_map(row).collect()
 }
 
+/// Draws force, torque and grip of each arm.
 fn forces(html: &mut String, story: &Story) {
     let label = &story.label;
+    // A limit that the recording does not have, or that is no number, has no line.
     let limit = |name: &str, unit: &str| {
         let value = label.fact(name).parse::<f64>().ok()?;
         Some((value, format!("limit {value} {unit}")))
     };
-    html.push_str("<section><h2>At the wrists</h2><p class=lead>The largest value in each 20 ms, of every servo period: what the tool exerts on its surroundings, its own weight taken off. The bands are the phases.</p>");
+    html.push_str(
+        "<section><h2>At the wrists</h2><p class=lead>The largest value in each 20 ms, of every \
+         servo period: the wrench that the tool exerts on its surroundings, without its own \
+         weight. The bands are the phases.</p>",
+    );
     let phases = phases(story);
     for arm in story.arms.iter().filter(|arm| !arm.force.is_empty()) {
         let ArmStory { force, torque, grip, .. } = arm;
@@ -282,29 +311,42 @@ fn forces(html: &mut String, story: &Story) {
             svg::curves(&panels, &phases, story.end)
         );
     }
-    html.push_str("<p class=note>The limits break a step with contact off; free motion, where inertia is felt, has none.</p></section>\n");
+    html.push_str(
+        "<p class=note>The limits stop a step with contact; free motion, where inertia is \
+         measured, has none.</p></section>\n",
+    );
 }
 
+/// Writes the timing of the servo: histograms on the wall clock, on the virtual clock the computing
+/// time of a period.
 fn timing(html: &mut String, story: &Story) {
     html.push_str("<section><h2>Timing of the servo</h2>");
     let label = &story.label;
     if label.fact("pace") != "real-time" {
-        html.push_str("<p>This run was on the virtual clock: each servo period is exactly as long as it should be, and the run repeats to the bit. <code>run --pace real-time --record</code> brings a histogram here.</p>");
+        html.push_str(
+            "<p>This run was on the virtual clock: each servo period is exact, and the run repeats \
+             to the bit. <code>run --pace real-time --record</code> gives a histogram here.</p>",
+        );
         if let Some(summary) = &story.summary {
             let periods = story.arms.iter().map(|arm| arm.ticks).max().unwrap_or(0);
             let _ = write!(
                 html,
-                "<p>{periods} periods of both arms, plant, cameras and recording took {:.1} s on this machine: {:.0} us a period.</p>",
+                "<p>{periods} periods of both arms, plant, cameras and recording took {:.1} s on \
+                 this machine: {:.0} us a period.</p>",
                 summary.wall_time_s,
                 summary.wall_time_s / periods.max(1) as f64 * 1e6
             );
         }
     } else if !label.metadata.contains_key("timing") {
-        html.push_str("<p>The recording ends before the servo told how punctual it was.</p>");
+        // The metadata come at the end of the run: the file is cut off, or the recorder failed.
+        html.push_str("<p>The recording ends before the servo reported its timing.</p>");
     } else {
         for (name, words) in [
-            ("wake_up_ns", "from the time set to the beginning of a period"),
-            ("jitter_ns", "how far the time between two beginnings is from a period"),
+            ("wake_up_ns", "from the set time to the beginning of a period"),
+            (
+                "jitter_ns",
+                "difference between a period and the time from one beginning to the next",
+            ),
             ("work_ns", "work of a period"),
         ] {
             let classes = classes(label.of("timing", name));
@@ -329,14 +371,15 @@ fn timing(html: &mut String, story: &Story) {
     html.push_str("</section>\n");
 }
 
-/// Pictures that tell the run: the stand-alone camera's when it found the cube and its last one
-/// before the grasp; faces that were read, most of them when the cube was new and the last ones of
-/// the run; each with the phase it is of. The cameras look only when they are asked to, which they
-/// are not while a layer is turned.
+/// Selects pictures that show the course of the run, with captions, in the order of time: the
+/// picture in which the stand-alone camera found the cube, its last one, the first `FACES.0` faces
+/// that were read, and the last `FACES.1`. There are none of the turns, since the cameras look only
+/// on request.
 fn chosen(story: &Story) -> Vec<(&Shot, String)> {
-    /// Faces from the beginning and from the end.
+    /// Number of faces from the beginning and from the end of the run.
     const FACES: (usize, usize) = (6, 3);
     let mut chosen = Vec::new();
+    // Pictures and results have times of their own, so the nearest picture is taken.
     let standalone: Vec<_> = story.shots.iter().filter(|s| s.camera == "standalone").collect();
     if let Some((found, _)) = story.seen.first()
         && let Some(shot) = standalone
@@ -355,6 +398,7 @@ fn chosen(story: &Story) -> Vec<(&Shot, String)> {
             format!("the last look, in the phase \u{201c}{}\u{201d}", phase(last.time)),
         ));
     }
+    // A picture shows a face that was read if the look nearest in time succeeded.
     let read = |shot: &Shot| {
         let near = story
             .faces
@@ -364,6 +408,7 @@ fn chosen(story: &Story) -> Vec<(&Shot, String)> {
     };
     let faces: Vec<_> =
         story.shots.iter().filter(|s| s.camera != "standalone" && read(s)).collect();
+    // The bound keeps a face of a short run from appearing in both groups.
     let last = faces.len().saturating_sub(FACES.1).max(FACES.0);
     for (index, shot) in faces.iter().enumerate() {
         if index < FACES.0 || index >= last {
@@ -376,6 +421,7 @@ fn chosen(story: &Story) -> Vec<(&Shot, String)> {
     chosen
 }
 
+/// Writes the selected pictures. They are part of the page, which loads nothing.
 fn pictures(html: &mut String, story: &Story) {
     let chosen = chosen(story);
     if chosen.is_empty() {
@@ -385,7 +431,8 @@ fn pictures(html: &mut String, story: &Story) {
     for (shot, words) in chosen {
         let _ = write!(
             html,
-            "<figure><img alt=\"{} at {:.1} s\" src=\"data:image/jpeg;base64,{}\"><figcaption><b>{:.1} s</b> {}: {words}</figcaption></figure>",
+            "<figure><img alt=\"{} at {:.1} s\" src=\"data:image/jpeg;base64,{}\">\
+             <figcaption><b>{:.1} s</b> {}: {words}</figcaption></figure>",
             escaped(&shot.camera),
             shot.time,
             base64(&shot.jpeg),
@@ -397,23 +444,30 @@ fn pictures(html: &mut String, story: &Story) {
     html.push_str("</div></section>\n");
 }
 
-/// Where the arms work no camera looks: what was going on there is drawn.
+/// Writes the drawings, which show the arms at work, where no camera looks. The page calls them
+/// drawings, so that no reader takes them for photographs.
 fn drawings(html: &mut String, story: &Story) {
     if story.drawn.is_empty() {
         return;
     }
-    html.push_str("<section><h2>Drawn from the recording</h2><p class=lead>No photographs: the arms where their encoders had them, the cube as the controller believed it, once more and larger in the corner.</p><div class=shots>");
+    html.push_str(
+        "<section><h2>Drawn from the recording</h2><p class=lead>Drawings, not photographs: the \
+         arms at their encoders' positions, the cube as the controller believed it, and again, \
+         larger, in the corner.</p><div class=shots>",
+    );
     for (time, words, jpeg) in &story.drawn {
         let words = escaped(words);
         let _ = write!(
             html,
-            "<figure><img alt=\"Drawing: {words}\" src=\"data:image/jpeg;base64,{}\"><figcaption><b>{time:.1} s</b> {words}</figcaption></figure>",
+            "<figure><img alt=\"Drawing: {words}\" src=\"data:image/jpeg;base64,{}\">\
+             <figcaption><b>{time:.1} s</b> {words}</figcaption></figure>",
             base64(jpeg)
         );
     }
     html.push_str("</div></section>\n");
 }
 
+/// Writes the solution, the turns that were carried out, and each plan.
 fn plan(html: &mut String, story: &Story) {
     let summary = story.summary.as_ref();
     if story.plans.is_empty() && summary.is_none_or(|s| s.executed.is_empty()) {
@@ -432,10 +486,14 @@ fn plan(html: &mut String, story: &Story) {
             );
         }
     }
+    // A run plans again after a failure. A new plan must not hide the one before it.
     for (number, (time, steps)) in story.plans.iter().enumerate() {
-        let anew = if number == 0 { "Made" } else { "Made anew" };
+        let anew = if number == 0 { "Made" } else { "Made again" };
         let _ = write!(html, "<h3>{anew} at {time:.1} s</h3>");
-        html.push_str("<table class=plan><thead><tr><th><th>what<th class=how>why<th class=n>planned</tr></thead><tbody>");
+        html.push_str(
+            "<table class=plan><thead><tr><th><th>what<th class=how>why<th class=n>planned</tr>\
+             </thead><tbody>",
+        );
         for (index, step) in steps.iter().enumerate() {
             let _ = write!(
                 html,
@@ -451,6 +509,7 @@ fn plan(html: &mut String, story: &Story) {
     html.push_str("</section>\n");
 }
 
+/// Writes all messages above information.
 fn messages(html: &mut String, story: &Story) {
     html.push_str("<section><h2>Messages above information</h2>");
     if story.messages.is_empty() {
@@ -459,6 +518,7 @@ fn messages(html: &mut String, story: &Story) {
     }
     html.push_str("<table><thead><tr><th class=n>time<th>class<th>who<th>what</tr></thead><tbody>");
     for (time, class, who, what) in &story.messages {
+        // The colour has four levels, the text names the class of the paper.
         let (look, class) = match class {
             Class::Info => ("info", "info"),
             Class::Warning => ("warning", "warning"),
@@ -476,9 +536,10 @@ fn messages(html: &mut String, story: &Story) {
     html.push_str("</tbody></table></section>\n");
 }
 
+/// Writes build, options, hashes and scenario of the run: all that is needed to repeat it.
 fn origin(html: &mut String, story: &Story) {
     let label = &story.label;
-    html.push_str("<section class=origin><h2>Where this comes from</h2><table><tbody>");
+    html.push_str("<section class=origin><h2>Origin</h2><table><tbody>");
     let mut row = |name: &str, value: &str| {
         if !value.is_empty() {
             let _ = write!(html, "<tr><th>{name}<td><code>{}</code></tr>", escaped(value));
@@ -503,6 +564,7 @@ fn origin(html: &mut String, story: &Story) {
     row("begun", &utc(label.fact("started_unix_s").parse().unwrap_or(0)));
     if let Some(summary) = &story.summary {
         row("hash of the run", &summary.hash);
+        // Summaries of older builds have no servo hash.
         if !summary.servo_hash.is_empty() {
             row("hash of its motion", &summary.servo_hash);
         }
@@ -513,13 +575,15 @@ fn origin(html: &mut String, story: &Story) {
     html.push_str("</pre></section>\n");
 }
 
-/// Seconds since 1970 as a date; by days since 0000-03-01, a calendar that begins its years after
-/// the leap day.
+/// Formats Unix time (s) as a date in UTC. Days count from 0000-03-01: in a calendar whose years
+/// begin in March the leap day is the last of its year.
 fn utc(seconds: u64) -> String {
+    // 719,468 days lie between 0000-03-01 and 1970-01-01. An era has 400 years or 146,097 days.
     let (days, rest) = (seconds / 86_400 + 719_468, seconds % 86_400);
     let (era, day_of_era) = (days / 146_097, days % 146_097);
     let year = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
     let day_of_year = day_of_era - (365 * year + year / 4 - year / 100);
+    // Months from March: five of them have 153 days, at 31, 30, 31, 30, 31.
     let shifted = (5 * day_of_year + 2) / 153;
     let day = day_of_year - (153 * shifted + 2) / 5 + 1;
     let month = if shifted < 10 { shifted + 3 } else { shifted - 9 };
@@ -527,11 +591,13 @@ fn utc(seconds: u64) -> String {
     format!("{year}-{month:02}-{day:02} {:02}:{:02} UTC", rest / 3600, rest % 3600 / 60)
 }
 
+/// Returns the text with a capital letter at its beginning.
 fn capital(text: &str) -> String {
     let mut letters = text.chars();
     letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }
 
+/// Encodes bytes as base64 with padding (RFC 4648).
 fn base64(bytes: &[u8]) -> String {
     const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
@@ -552,7 +618,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bytes_become_letters() {
+    fn base64_encodes_and_pads() {
         assert_eq!(base64(b""), "");
         assert_eq!(base64(b"M"), "TQ==");
         assert_eq!(base64(b"Ma"), "TWE=");
@@ -561,27 +627,27 @@ mod tests {
     }
 
     #[test]
-    fn seconds_become_dates() {
+    fn utc_formats_dates_and_leap_days() {
         assert_eq!(utc(0), "1970-01-01 00:00 UTC");
         assert_eq!(utc(951_782_400), "2000-02-29 00:00 UTC");
         assert_eq!(utc(1_795_291_200), "2026-11-21 20:00 UTC");
     }
 
     #[test]
-    fn what_comes_from_outside_cannot_become_markup() {
+    fn text_of_a_recording_never_becomes_markup() {
         let mut story = Story::default();
         story.messages.push((1.0, Class::NonFatal, "<script>".into(), "a < b & c".into()));
         story.label.scenario = "</pre><script>alert(1)</script>".into();
         let evil = "\"><script>alert(1)</script>";
         let letters = format!("{evil:U<54}");
         story.letters = [letters.clone(), letters.clone(), letters.clone()];
-        let told =
+        let evils =
             |names: &[&str]| names.iter().map(|n| ((*n).to_owned(), evil.to_owned())).collect();
         let timing = ["missed", "missed_in_a_row", "late_readings", "wake_up_ns", "jitter_ns"];
-        story.label.metadata.insert("timing".into(), told(&timing));
-        story.label.metadata.insert("recording".into(), told(&["lost"]));
+        story.label.metadata.insert("timing".into(), evils(&timing));
+        story.label.metadata.insert("recording".into(), evils(&["lost"]));
         let facts = ["version", "scenario", "seed", "arms", "force_limit_n", "standalone_xyz"];
-        story.label.metadata.insert("rubik_robot".into(), told(&facts));
+        story.label.metadata.insert("rubik_robot".into(), evils(&facts));
         if let Some(facts) = story.label.metadata.get_mut("rubik_robot") {
             facts.insert("pace".into(), "real-time".into());
             facts.insert("cube_start".into(), letters);
@@ -595,14 +661,15 @@ mod tests {
         assert!(html.contains("<td>non-fatal error<td>&lt;script&gt;"), "{html}");
     }
 
+    /// Each plan is listed with its time. The style sheet hides no remark on a narrow screen.
     #[test]
-    fn every_plan_is_told_with_its_time_and_each_remark_stays_on_a_phone() {
+    fn page_lists_each_plan_with_its_time() {
         let step = |what: &str| Step { what: what.into(), why: "so".into(), seconds: 1.0 };
         let plans = vec![(5.0, vec![step("turn R")]), (71.5, vec![step("turn U")])];
 
         let html = page(&Story { plans, ..Story::default() });
 
-        let [first, second] = ["Made at 5.0 s", "Made anew at 71.5 s"].map(|w| html.find(w));
+        let [first, second] = ["Made at 5.0 s", "Made again at 71.5 s"].map(|w| html.find(w));
         assert!(first.is_some() && first < second, "{html}");
         assert!(html.contains("<td>turn R") && html.contains("<td>turn U"), "{html}");
         assert!(html.contains("<th class=how>why") && html.contains("<th class=how>how"));
@@ -610,7 +677,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_drawn_is_called_so() {
+    fn report_labels_drawings_as_drawn() {
         let drawn = vec![(12.5, "turn R by 90\u{b0}".to_owned(), vec![0xff, 0xd8])];
 
         let html = page(&Story { drawn, ..Story::default() });
@@ -621,7 +688,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_in_the_recording_is_told_at_the_top() {
+    fn page_warns_of_lost_messages_and_periods() {
         let mut story = Story::default();
         assert!(!page(&story).contains("class=warn"));
 
@@ -630,12 +697,13 @@ mod tests {
         story.arms.push(arm);
         let html = page(&story);
 
-        assert!(html.contains("17 messages of this run are not here"), "{html}");
-        assert!(html.contains("10 of 100 servo periods of track are not here"), "{html}");
+        assert!(html.contains("17 messages of this run are missing"), "{html}");
+        assert!(html.contains("10 of 100 servo periods of track are missing"), "{html}");
     }
 
+    /// The numbers of a recording may be any of 64 bits. Their sums do not overflow.
     #[test]
-    fn numbers_at_their_ends_are_added_up_as_far_as_they_go() {
+    fn sums_of_extreme_numbers_saturate() {
         let (most, last) = (u64::MAX, u64::MAX);
         let arm = ArmStory { ticks: 3, missing: most, last, ..ArmStory::default() };
         let mut story = Story { arms: vec![arm], looks: vec![0, most], ..Story::default() };
@@ -653,22 +721,24 @@ mod tests {
     }
 
     #[test]
-    fn how_the_file_ends_is_told_at_the_top() {
+    fn page_warns_of_cut_and_damaged_files() {
         let ends =
             |file_end| page(&Story { file_end: Some(file_end), end: 1.5, ..Story::default() });
 
         assert!(!ends(End::Whole).contains("class=warn"));
         let cut = ends(End::Cut("no more".into()));
         assert!(cut.contains("<b>Cut off</b>"), "{cut}");
-        assert!(cut.contains("The recording is cut off after 1.5 s (no more). What"), "{cut}");
+        assert!(cut.contains("The recording is cut off after 1.5 s (no more). This"), "{cut}");
         let damaged = ends(End::Damaged("before byte 7: <b>".into()));
         assert!(damaged.contains("<b>Damaged</b>"), "{damaged}");
-        let told = "The recording is damaged after 1.5 s (before byte 7: &lt;b&gt;). What";
-        assert!(damaged.contains(told), "{damaged}");
+        let warning = "The recording is damaged after 1.5 s (before byte 7: &lt;b&gt;). This";
+        assert!(damaged.contains(warning), "{damaged}");
     }
 
+    /// A cube that no hand holds may have fallen, so the page does not say that the operator has
+    /// it.
     #[test]
-    fn a_cube_that_nobody_holds_is_not_said_to_be_with_the_operator() {
+    fn cube_without_holder_is_with_neither_hand() {
         let mut story = Story { end: 9.0, ..Story::default() };
         story.holders = vec![(0.0, vec!["track".into()]), (5.0, vec![])];
 
@@ -679,7 +749,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_are_of_the_beginning_and_of_the_end() {
+    fn pictures_show_beginning_and_end() {
         let mut story = Story {
             phases: vec![(0.0, "identify".into()), (50.0, "inspect".into())],
             ..Story::default()

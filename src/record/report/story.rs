@@ -1,4 +1,4 @@
-//! What a report tells, gathered from a recording in one pass.
+//! Data of a report, gathered from a recording in one pass.
 
 use crate::operator::{Class, Input};
 use crate::record::cdr::{Malformed, Reader};
@@ -10,77 +10,78 @@ use crate::record::tick::Tick;
 use nalgebra::Point3;
 use std::io::Read;
 
-/// Time of a bin of a curve (s).
+/// Length of a bin of a curve (s).
 pub(super) const BIN: f64 = 0.02;
-/// Bins of a curve: a day. A recording's times are not believed beyond it, so that no file takes unbounded memory.
+/// Largest number of bins of a curve: a day. Later times of a recording are not trusted, so that no
+/// file takes unbounded memory.
 const LONGEST: usize = 24 * 3600 * 50;
-/// Time between two pictures of the stand-alone camera that are kept (s).
+/// Smallest time between two pictures of one camera that are kept (s).
 const APART: f64 = 1.0;
 
-/// What a report tells.
+/// Data of a report. Times count from the first message of the recording.
 #[derive(Debug, Default)]
 pub struct Story {
-    /// What the recording says of itself.
+    /// Metadata and scenario of the recording.
     pub label: Label,
-    /// What the run came to; `None` when the recording ends before.
+    /// Summary of the run; `None` if the recording ends before the run does.
     pub summary: Option<Summary>,
-    /// Phases: when each begins (s), its name; the last is "end".
+    /// Phases: beginning (s), name. The last is "end".
     pub phases: Vec<(f64, String)>,
-    /// Who holds the cube from when on.
+    /// Holders of the cube at each change: time (s), names of the effectors.
     pub holders: Vec<(f64, Vec<String>)>,
-    /// Every effector.
+    /// Curves of each effector.
     pub arms: Vec<ArmStory>,
-    /// Pictures: when, by which camera, as JPEG.
+    /// Pictures of the cameras.
     pub shots: Vec<Shot>,
-    /// Pictures that no camera took, drawn from the recording: when, what of, as JPEG.
+    /// Drawings made from the recording: time (s), description, JPEG.
     pub drawn: Vec<(f64, String, Vec<u8>)>,
-    /// When the stand-alone camera found the cube (s), and where its centre was by it (m).
+    /// Cubes that the stand-alone camera found: time (s), measured centre (m).
     pub seen: Vec<(f64, Point3<f64>)>,
-    /// When a face was read or not: sensor, and why not.
+    /// Looks at a face: time (s), sensor, and the reason if the face was not read.
     pub faces: Vec<(f64, String, Option<String>)>,
-    /// Times of exposures of the tracking camera, in servo periods of 2 ms.
+    /// Times of the tracking camera's looks (periods of 2 ms).
     pub looks: Vec<u64>,
-    /// Where the cube really was: time (s), its centre (m).
+    /// True positions of the cube: time (s), centre (m).
     pub cube: Vec<(f64, Point3<f64>)>,
-    /// Each plan, and when it was made (s).
+    /// Plans: time at which each was made (s), steps.
     pub plans: Vec<(f64, Vec<Step>)>,
-    /// Letters as read, believed, and in the plant; empty where unknown.
+    /// Colours of the cube as letters: as read, as believed, in the plant. Empty if unknown.
     pub letters: [String; 3],
-    /// Messages above info: when, how grave, who, what.
+    /// Messages above information: time (s), class, source, text.
     pub messages: Vec<(f64, Class, String, String)>,
-    /// The operator's words.
+    /// Inputs of the operator: time (s), description.
     pub operator: Vec<(f64, String)>,
-    /// When the recording ends (s).
+    /// Time of the last message (s).
     pub end: f64,
-    /// How its file ends.
+    /// End of the file.
     pub file_end: Option<End>,
-    /// Messages in the recording.
+    /// Number of messages in the recording.
     pub count: u64,
 }
 
-/// A step of a plan.
+/// Step of a plan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Step {
-    /// What is done.
+    /// Action.
     pub what: String,
-    /// Why.
+    /// Reason.
     pub why: String,
     /// Planned time (s).
     pub seconds: f64,
 }
 
-/// A picture.
+/// Picture of a camera.
 #[derive(Debug, Clone)]
 pub struct Shot {
-    /// When (s).
+    /// Time (s).
     pub time: f64,
     /// Name of the camera.
     pub camera: String,
-    /// The file.
+    /// File of the picture.
     pub jpeg: Vec<u8>,
 }
 
-/// An effector's curves: the largest value in each bin of 20 ms.
+/// Curves of an effector: the largest value in each bin of 20 ms.
 #[derive(Debug, Default)]
 pub struct ArmStory {
     /// Name.
@@ -93,15 +94,15 @@ pub struct ArmStory {
     pub grip: Vec<f32>,
     /// Largest distance of a rotary joint from its set value (rad).
     pub following: Vec<f32>,
-    /// Servo periods in the recording.
+    /// Number of servo periods in the recording.
     pub ticks: u64,
-    /// Servo periods before the last one that are not.
+    /// Number of servo periods before the last one that are not in the recording.
     pub missing: u64,
-    /// The last one that is.
+    /// Last servo period in the recording.
     pub(super) last: u64,
 }
 
-/// Gathers the story of a recording.
+/// Gathers the data of a report from a recording.
 ///
 /// # Errors
 /// [`Unreadable`].
@@ -112,12 +113,14 @@ pub fn gather<R: Read>(from: R) -> Result<Story, Unreadable> {
     for piece in reading.by_ref() {
         story.label.take(&piece);
         let Piece::Message(message) = piece else { continue };
+        // The metadata with the names comes before the first message.
         if story.arms.is_empty() {
             let names = story.label.fact("arms").split_whitespace();
             story.arms =
                 names.map(|n| ArmStory { name: n.to_owned(), ..ArmStory::default() }).collect();
         }
         story.count += 1;
+        // On the wall clock times count from 1970.
         let start = *start.get_or_insert(message.time);
         let time = message.time.saturating_sub(start) as f64 * 1e-9;
         story.end = story.end.max(time);
@@ -125,6 +128,7 @@ pub fn gather<R: Read>(from: R) -> Result<Story, Unreadable> {
             .take(time, &message)
             .map_err(|why| Unreadable::Message { topic: message.channel.topic.clone(), why })?;
     }
+    // An MCAP file of another program is no recording.
     if story.label.fact("version").is_empty() {
         return Err(Unreadable::Missing("not a recording of this program".to_owned()));
     }
@@ -134,6 +138,7 @@ pub fn gather<R: Read>(from: R) -> Result<Story, Unreadable> {
 }
 
 impl Story {
+    /// Adds a message. Topics that the report does not use are left out.
     fn take(&mut self, time: f64, message: &Message) -> Result<(), Malformed> {
         let topic = message.channel.topic.as_str();
         let data = &message.data;
@@ -149,6 +154,7 @@ impl Story {
                 let (believed, truth) = (from.string()?.to_owned(), from.string()?.to_owned());
                 let holders = from.string_sequence()?.into_iter().map(str::to_owned).collect();
                 self.letters = [identified, believed, truth];
+                // The message also comes when only the colours change.
                 if self.holders.last().is_none_or(|(_, before)| *before != holders) {
                     self.holders.push((time, holders));
                 }
@@ -185,9 +191,11 @@ impl Story {
         Ok(())
     }
 
+    /// Adds the answer of a sensor: a look of the tracking camera or at a face.
     fn sensed(&mut self, time: f64, sensed: &Sensed) {
         let exposed = sensed.period as f64 * 0.002;
-        // Faces are asked for with a view, the tracker with a window.
+        // The text of the request is the `Debug` form of its type: `Sensing` for the tracking
+        // camera, a view for a face.
         let tracks = sensed.asked.starts_with("Sensing");
         if tracks {
             self.looks.push(sensed.period);
@@ -200,14 +208,15 @@ impl Story {
         }
     }
 
+    /// Adds a servo tick to the curves of its arm.
     fn tick(&mut self, time: f64, tick: &Tick) {
         let Some(arm) = self.arms.get_mut(usize::from(tick.arm)) else { return };
         arm.ticks += 1;
-        // A file may say that a period has any number.
+        // A file may hold any number as a period, so the sums saturate.
         let between = tick.period.saturating_sub(arm.last.saturating_add(1));
         arm.missing = arm.missing.saturating_add(between);
         arm.last = tick.period;
-        // What comes later than any run is drawn at the curves' end.
+        // Later times than those of any run fall into the last bin.
         let bin = ((time / BIN) as usize).min(LONGEST);
         let most = |curve: &mut Vec<f32>, value: f64| {
             if curve.len() <= bin {
@@ -218,13 +227,15 @@ impl Story {
         most(&mut arm.force, tick.wrench_in_tool.force.norm());
         most(&mut arm.torque, tick.wrench_in_tool.torque.norm());
         most(&mut arm.grip, tick.jaw_force);
+        // Joint 0 is the track, in m: it has no place in a curve in rad.
         let apart = (1..7).map(|i| (tick.joints[i] - tick.desired_joints[i]).abs());
         most(&mut arm.following, apart.fold(0.0, f64::max));
     }
 
-    /// Where the cube is, of all transforms.
+    /// Adds the position of the cube if the message has its transform.
     fn transforms(&mut self, time: f64, data: &[u8]) -> Result<(), Malformed> {
         let mut from = Reader::new(data)?;
+        // The cube comes alone in its message, the links of an arm together.
         if from.u32()? != 1 {
             return Ok(());
         }
@@ -236,6 +247,7 @@ impl Story {
         Ok(())
     }
 
+    /// Adds a picture, unless its camera has one that is younger than [`APART`].
     fn shot(&mut self, time: f64, topic: &str, data: &[u8]) -> Result<(), Malformed> {
         let camera = topic.trim_start_matches('/').trim_end_matches("/image").to_owned();
         let last = self.shots.iter().rev().find(|shot| shot.camera == camera);
@@ -251,6 +263,7 @@ impl Story {
     }
 }
 
+/// Returns a reader that begins after the time stamp of a message.
 fn stamped(data: &[u8]) -> Result<Reader<'_>, Malformed> {
     let mut from = Reader::new(data)?;
     from.time()?;

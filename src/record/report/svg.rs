@@ -1,51 +1,55 @@
-//! Pictures of a report: curves, bars, a timeline, the net of a cube, as SVG that takes its colours
-//! from the page.
+//! Charts of a report as SVG: curves, histograms, a timeline, the net of a cube. The style sheet of
+//! the page gives the colours.
 
 use super::html::escaped;
 use std::fmt::Write;
 
-/// Width of every picture (px).
+/// Width of each chart (px).
 const WIDTH: f64 = 960.0;
-/// Room for numbers at the left.
+/// Margin at the left, for numbers (px).
 const LEFT: f64 = 56.0;
-/// Room at the right.
+/// Margin at the right (px).
 const RIGHT: f64 = 12.0;
-/// Points of a curve.
+/// Largest number of points of a curve: about one for each pixel.
 const COLUMNS: usize = 900;
 
-/// A curve over time with a limit.
+/// Curve over time with a limit.
 pub(super) struct Curve<'a> {
-    /// What, with its unit.
+    /// Quantity with its unit.
     pub title: &'a str,
     /// Largest value in each bin.
     pub values: &'a [f32],
-    /// Time of a bin (s).
+    /// Length of a bin (s).
     pub bin: f64,
-    /// A dashed line, and what it says.
+    /// Value and label of a dashed line.
     pub limit: Option<(f64, String)>,
-    /// Class of the line.
+    /// CSS class of the line.
     pub class: &'a str,
 }
 
-/// Where a time stands in a picture.
+/// Returns the x coordinate of a time (px). `end` is the end of the scale.
 fn x(time: f64, end: f64) -> f64 {
     LEFT + (WIDTH - LEFT - RIGHT) * if end > 0.0 { (time / end).clamp(0.0, 1.0) } else { 0.0 }
 }
 
-/// A step of a scale: 1, 2 or 5 times a power of ten, at most `most` of them.
+/// Returns the step of a scale: 1, 2 or 5 times a power of ten, so that `range` has at most `most`
+/// steps.
 pub(crate) fn step(range: f64, most: f64) -> f64 {
+    // The bound keeps the logarithm finite for an empty range.
     let least = (range / most).max(1e-9);
     let ten = 10_f64.powf(least.log10().floor());
     [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * ten).find(|s| *s >= least).unwrap_or(10.0 * ten)
 }
 
+/// Formats a number with at most three decimals.
 pub(crate) fn number(value: f64) -> String {
     let text = format!("{value:.3}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// Curves below each other on one scale of time, the phases behind them.
+/// Draws curves below each other on one scale of time, over bands for the phases.
 pub(super) fn curves(curves: &[Curve<'_>], phases: &[(f64, String)], end: f64) -> String {
+    // All lengths in this module are in px.
     let (panel, gap, top) = (130.0, 34.0, 22.0);
     let height = top + curves.len() as f64 * (panel + gap) + 6.0;
     let mut svg = open(height, "curves");
@@ -54,7 +58,8 @@ pub(super) fn curves(curves: &[Curve<'_>], phases: &[(f64, String)], end: f64) -
         bands(&mut svg, phases, end, y0, panel);
         let largest = curve.values.iter().fold(0.0_f64, |m, v| m.max(f64::from(*v)));
         let limit = curve.limit.as_ref().map_or(0.0, |(value, _)| 1.08 * value);
-        // A scale has an end, whatever was recorded.
+        // The limit is always visible. The upper bound keeps the scale finite if a recorded value
+        // is not.
         let most = (1.05 * largest).max(limit).clamp(1e-3, 1e12);
         let y = |value: f64| y0 + panel * (1.0 - (value / most).clamp(0.0, 1.0));
         let by = step(most, 4.0);
@@ -63,7 +68,8 @@ pub(super) fn curves(curves: &[Curve<'_>], phases: &[(f64, String)], end: f64) -
             let at = y(tick);
             let _ = write!(
                 svg,
-                "<line class=grid x1={LEFT} x2={:.0} y1={at:.1} y2={at:.1} /><text class=tick x={:.0} y={:.1} text-anchor=end>{}</text>",
+                "<line class=grid x1={LEFT} x2={:.0} y1={at:.1} y2={at:.1} />\
+                 <text class=tick x={:.0} y={:.1} text-anchor=end>{}</text>",
                 WIDTH - RIGHT,
                 LEFT - 6.0,
                 at + 4.0,
@@ -85,19 +91,23 @@ pub(super) fn curves(curves: &[Curve<'_>], phases: &[(f64, String)], end: f64) -
             let at = y(*value);
             let _ = write!(
                 svg,
-                "<line class=limit x1={LEFT} x2={:.0} y1={at:.1} y2={at:.1} /><text class=limitname x={:.0} y={:.1} text-anchor=end>{words}</text>",
+                "<line class=limit x1={LEFT} x2={:.0} y1={at:.1} y2={at:.1} />\
+                 <text class=limitname x={:.0} y={:.1} text-anchor=end>{words}</text>",
                 WIDTH - RIGHT,
                 WIDTH - RIGHT - 4.0,
                 at - 4.0
             );
         }
+        // The numbers of the time axis are below the last curve only.
         times(&mut svg, end, y0 + panel, index + 1 == curves.len());
     }
     svg.push_str("</svg>");
     svg
 }
 
+/// Returns the path of a curve.
 fn path(curve: &Curve<'_>, end: f64, y: impl Fn(f64) -> f64) -> String {
+    // A long curve is thinned by maxima, so that a peak of one bin remains visible.
     let per = curve.values.len().div_ceil(COLUMNS).max(1);
     let mut d = String::new();
     for (index, values) in curve.values.chunks(per).enumerate() {
@@ -109,6 +119,7 @@ fn path(curve: &Curve<'_>, end: f64, y: impl Fn(f64) -> f64) -> String {
     d
 }
 
+/// Draws the bands of the phases behind a curve.
 fn bands(svg: &mut String, phases: &[(f64, String)], end: f64, y: f64, height: f64) {
     for (index, (begin, _)) in phases.iter().enumerate() {
         let until = phases.get(index + 1).map_or(end, |p| p.0);
@@ -122,6 +133,7 @@ fn bands(svg: &mut String, phases: &[(f64, String)], end: f64, y: f64, height: f
     }
 }
 
+/// Draws the axis of time at `y`, with numbers if `numbers`.
 fn times(svg: &mut String, end: f64, y: f64, numbers: bool) {
     let by = step(end, 12.0);
     let mut tick = 0.0;
@@ -144,15 +156,15 @@ fn times(svg: &mut String, end: f64, y: f64, numbers: bool) {
         write!(svg, "<line class=axis x1={LEFT} x2={:.0} y1={y:.1} y2={y:.1} />", WIDTH - RIGHT);
 }
 
-/// A row of a timeline: its name, and what is when: begin, end (s), words, class.
+/// Row of a timeline.
 pub(super) struct Row {
-    /// What.
+    /// Name, escaped.
     pub name: String,
-    /// Pieces.
+    /// Pieces: begin (s), end (s), escaped text, CSS class.
     pub pieces: Vec<(f64, f64, String, String)>,
 }
 
-/// Rows of pieces over time.
+/// Draws rows of pieces over time.
 pub(super) fn timeline(rows: &[Row], end: f64) -> String {
     let (row, gap) = (26.0, 20.0);
     let mut svg = open(rows.len() as f64 * (row + gap) + 26.0, "timeline");
@@ -161,7 +173,7 @@ pub(super) fn timeline(rows: &[Row], end: f64) -> String {
         let _ = write!(svg, "<text class=name x={LEFT} y={:.1}>{}</text>", y - 4.0, line.name);
         for (begin, until, words, class) in &line.pieces {
             let (a, b) = (x(*begin, end), x(*until, end));
-            // What has no length is a mark.
+            // An event without a duration is a mark of 3 px. Its title has one more decimal.
             let (width, when) = if until > begin {
                 ((b - a).max(0.5), format!("{begin:.1} to {until:.1} s"))
             } else {
@@ -169,9 +181,10 @@ pub(super) fn timeline(rows: &[Row], end: f64) -> String {
             };
             let _ = write!(
                 svg,
-                "<g><title>{words}: {when}</title><rect class=\"piece {class}\" x={a:.1} y={y:.1} width={width:.1} height={row} rx=2 />"
+                "<g><title>{words}: {when}</title><rect class=\"piece {class}\" x={a:.1} y={y:.1} \
+                 width={width:.1} height={row} rx=2 />"
             );
-            // About 6.3 px a letter.
+            // The text is inside its piece if it fits, at about 6.3 px per letter.
             if words.len() as f64 * 6.3 < width - 8.0 {
                 let _ = write!(
                     svg,
@@ -189,9 +202,10 @@ pub(super) fn timeline(rows: &[Row], end: f64) -> String {
     svg
 }
 
-/// Bars over a logarithmic scale of time: classes of (ns) and their counts.
+/// Draws a histogram on a logarithmic scale of time. A class is a time (ns) and its count.
 pub(super) fn histogram(title: &str, classes: &[(u64, u64)]) -> String {
     const BARS: usize = 70;
+    // The scale begins and ends at powers of ten, below at 100 ns or later, above at 1 us or later.
     let (Some(first), Some(last)) = (classes.first(), classes.last()) else { return String::new() };
     let low = (first.0.max(100) as f64).log10().floor();
     let high = (last.0.max(1000) as f64).log10().ceil();
@@ -204,7 +218,7 @@ pub(super) fn histogram(title: &str, classes: &[(u64, u64)]) -> String {
     }
     let (top, panel) = (22.0, 120.0);
     let most = bars.iter().copied().max().unwrap_or(1).max(1) as f64;
-    // One count among thousands is to be seen: it is what matters.
+    // Heights are logarithmic: a single late period among thousands must be visible.
     let height = |count: u64| panel * (count as f64).ln_1p() / most.ln_1p();
     let mut svg = open(top + panel + 24.0, "histogram");
     let _ = write!(svg, "<text class=name x={LEFT} y={:.0}>{title}</text>", top - 7.0);
@@ -213,7 +227,8 @@ pub(super) fn histogram(title: &str, classes: &[(u64, u64)]) -> String {
         let (at, tall) = (LEFT + index as f64 * width, height(*count).max(1.0));
         let _ = write!(
             svg,
-            "<rect class=bar x={at:.1} y={:.1} width={:.1} height={tall:.1}><title>{count}</title></rect>",
+            "<rect class=bar x={at:.1} y={:.1} width={:.1} height={tall:.1}>\
+             <title>{count}</title></rect>",
             top + panel - tall,
             width - 1.0
         );
@@ -236,7 +251,7 @@ pub(super) fn histogram(title: &str, classes: &[(u64, u64)]) -> String {
     svg
 }
 
-/// Draws the axis at `bottom`, with a time for each power of ten.
+/// Draws the axis of times at `bottom`, with a label for each power of ten from `low` to `high`.
 fn decades(svg: &mut String, (low, high): (f64, f64), bottom: f64) {
     let mut decade = low;
     while decade <= high {
@@ -263,7 +278,7 @@ fn decades(svg: &mut String, (low, high): (f64, f64), bottom: f64) {
     );
 }
 
-/// The net of a cube from 54 letters URFDLB; others are grey.
+/// Draws the net of a cube from 54 letters URFDLB. Tiles with other letters are grey.
 pub(super) fn net(letters: &str) -> String {
     let size = 15.0;
     // Column and row of each face in the net, in the order URFDLB.
@@ -293,6 +308,7 @@ pub(super) fn net(letters: &str) -> String {
     svg
 }
 
+/// Returns the opening tag of a chart.
 fn open(height: f64, class: &str) -> String {
     format!("<svg class=\"wide {class}\" viewBox=\"0 0 {WIDTH:.0} {height:.0}\" role=img>")
 }
@@ -308,8 +324,9 @@ mod tests {
         assert_eq!(step(130.0, 12.0), 20.0);
     }
 
+    /// Thinning a curve keeps a peak of one bin.
     #[test]
-    fn a_peak_of_one_bin_is_in_the_curve() {
+    fn thinned_curve_keeps_a_short_peak() {
         let mut values = vec![0.0_f32; 20_000];
         values[12_345] = 7.0;
         let curve = Curve { title: "", values: &values, bin: 0.02, limit: None, class: "a" };
@@ -320,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn an_infinite_value_has_a_scale() {
+    fn infinite_value_has_a_finite_scale() {
         let values = [1.0, f32::INFINITY, f32::NAN];
         let curve = Curve { title: "", values: &values, bin: 0.02, limit: None, class: "a" };
 
@@ -328,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn a_single_late_period_shows_among_thousands() {
+    fn histogram_shows_a_single_late_period() {
         let svg = histogram("wake-up", &[(10_000, 50_000), (45_000_000, 1)]);
 
         assert!(svg.contains("<title>1</title>"));

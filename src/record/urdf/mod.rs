@@ -1,4 +1,4 @@
-//! The cell as links and joints, and as URDF.
+//! Model of the cell as links and joints, and its URDF text.
 
 mod model;
 mod xml;

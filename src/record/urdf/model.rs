@@ -1,12 +1,12 @@
-//! The cell as links and joints, from the table that the kinematics use: for URDF and for
-//! transforms.
+//! Model of the cell as links and joints, for URDF and for transforms. It uses the dimensions of
+//! the kinematics.
 //!
 //! - in: a [`Cell`] (arms with their lengths, limits, tools, sensors, cameras), joint positions,
 //!   jaw openings
-//! - out: a [`Model`]: its joints give [`Model::moving`] and [`Model::fixed`] transforms, `xml`
+//! - out: a [`Model`]; its joints give [`Model::moving`] and [`Model::fixed`] transforms, and `xml`
 //!   writes it as URDF
-//! - source: the axes of [`crate::kinematics`]: in the pose in which all variables are zero the
-//!   lower arm points along the base's x, the upper arm hangs down, the wrist below it
+//! - source: the axes of [`crate::kinematics`]. If all variables are zero, the lower arm points
+//!   along the base's x, and the upper arm hangs down with the wrist below it
 //!
 //! Frames: `world`, per arm `NAME_base`, `NAME_link0` (the carriage, on a track), `NAME_link1..6`,
 //! `NAME_flange`, `NAME_sensor`, `NAME_tool`, `NAME_finger_left/right`; per camera `NAME_optical`;
@@ -20,7 +20,7 @@ use nalgebra::{Point3, Translation3, Unit, UnitQuaternion, Vector3};
 /// Bodies and joints of a cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Model {
-    /// Name of the whole.
+    /// Name of the model.
     pub name: String,
     /// Links, the root first.
     pub links: Vec<Link>,
@@ -28,88 +28,89 @@ pub struct Model {
     pub joints: Vec<Joint>,
 }
 
-/// A body.
+/// Rigid body with a frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Link {
-    /// Name, which is that of its frame.
+    /// Name of the link and of its frame.
     pub name: String,
-    /// What it is made of.
+    /// Solids of the link; none for a frame without a body.
     pub solids: Vec<Solid>,
 }
 
-/// A primitive body in its link's frame.
+/// Primitive solid in the frame of its link.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solid {
-    /// Where its centre is.
+    /// Pose of its centre.
     pub link_from_solid: Pose,
-    /// Its shape.
+    /// Shape.
     pub shape: Shape,
-    /// Red, green, blue, 0..=1.
+    /// Red, green, blue, each 0 to 1.
     pub colour: [f64; 3],
 }
 
-/// A primitive shape, its centre in the origin.
+/// Primitive shape with its centre in the origin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Shape {
-    /// Lengths of the edges (m).
+    /// Box with these edges (m).
     Box([f64; 3]),
-    /// About z: radius and length (m).
+    /// Cylinder about z: radius and length (m).
     Cylinder(f64, f64),
 }
 
-/// A joint between two links.
+/// Joint between two links.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Joint {
     /// Name.
     pub name: String,
-    /// Frame that it stands in.
+    /// Frame to which the joint is attached.
     pub parent: String,
-    /// Frame that it moves.
+    /// Frame that the joint moves.
     pub child: String,
-    /// `parent_from_child` when the variable is zero.
+    /// `parent_from_child` if the variable is zero.
     pub origin: Pose,
-    /// How it moves.
+    /// Kind of motion.
     pub kind: JointKind,
 }
 
-/// How a joint moves.
+/// Motion that a joint allows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum JointKind {
-    /// Not at all.
+    /// None.
     Fixed,
-    /// Any way: the cube.
+    /// Any motion: the cube.
     Floating,
-    /// About an axis of the child's frame (rad).
+    /// Rotation about an axis of the child's frame (rad).
     Turns(Drive),
-    /// Along an axis (m).
+    /// Translation along an axis of the child's frame (m).
     Slides(Drive),
 }
 
-/// What moves a joint.
+/// Axis of a moving joint, and the variable that moves it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Drive {
     /// Unit vector in the child's frame.
     pub axis: [f64; 3],
-    /// Least and largest value.
+    /// Smallest and largest value (rad or m).
     pub limits: (f64, f64),
-    /// Index of the arm in the cell, and what moves it.
+    /// Index of the arm in the cell, and its variable.
     pub by: (usize, Variable),
 }
 
-/// A variable of an arm.
+/// Variable of an arm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Variable {
     /// Entry of [`JointPositions`].
     Joint(usize),
-    /// Half the opening of the jaws.
+    /// Half of the opening of the jaws.
     HalfOpening,
 }
 
+// Colours of the solids: red, green, blue, each 0 to 1.
 const PAINT: [f64; 3] = [0.93, 0.55, 0.14];
 const STEEL: [f64; 3] = [0.62, 0.65, 0.68];
 const DARK: [f64; 3] = [0.18, 0.19, 0.21];
 const TABLE: [f64; 3] = [0.80, 0.77, 0.70];
-/// White, red, green, yellow, orange, blue: faces U R F D L B.
+/// Colours of the stickers on the faces U R F D L B: white, red, green, yellow, orange, blue.
 const STICKERS: [[f64; 3]; 6] = [
     [0.95, 0.95, 0.95],
     [0.80, 0.08, 0.10],
@@ -120,9 +121,10 @@ const STICKERS: [[f64; 3]; 6] = [
 ];
 
 impl Model {
-    /// The whole cell, or one of its arms on its own base; with the cube when `cube`.
+    /// Makes the model of the whole cell, with the cube if `cube`; or of one arm on its own base.
     #[must_use]
     pub fn of(cell: &Cell, arm: Option<usize>, cube: bool) -> Self {
+        // The first link is the root: the world, or the base of the only arm.
         let mut model = Self { name: "rubik_robot".to_owned(), links: vec![], joints: vec![] };
         if let Some((index, arm)) = arm.and_then(|i| Some((i, cell.arms.get(i)?))) {
             model.name.clone_from(&arm.name);
@@ -138,6 +140,7 @@ impl Model {
         }
         for camera in &cell.cameras {
             let name = format!("{}_optical", camera.name);
+            // The model of one arm has the cameras on its flange only.
             let (parent, place) = match camera.mount {
                 Mount::World { world_from_camera } if arm.is_none() => {
                     ("world".to_owned(), world_from_camera)
@@ -149,6 +152,7 @@ impl Model {
                 }
                 Mount::World { .. } | Mount::Flange { .. } => continue,
             };
+            // The origin of the frame is in the lens and z points forward, so the body is behind.
             let body = solid([0.0, 0.0, -0.015], Shape::Box([0.03, 0.03, 0.03]), DARK);
             let lens = solid([0.0, 0.0, 0.004], Shape::Cylinder(0.009, 0.008), STEEL);
             model.link(&name, vec![body, lens]);
@@ -160,14 +164,14 @@ impl Model {
         model
     }
 
-    /// `parent_from_child` of every joint that does not move: parent, child, pose.
+    /// Returns parent, child and `parent_from_child` of each fixed joint.
     pub fn fixed(&self) -> impl Iterator<Item = (&str, &str, Pose)> {
         let fixed = self.joints.iter().filter(|j| j.kind == JointKind::Fixed);
         fixed.map(|j| (j.parent.as_str(), j.child.as_str(), j.origin))
     }
 
-    /// The same of every joint that a drive moves. `joints` and `openings` (m) have an entry for
-    /// each arm of the cell.
+    /// Returns parent, child and `parent_from_child` of each joint that a drive moves. `joints` and
+    /// `openings` (m) have an entry for each arm of the cell.
     pub fn moving<'a>(
         &'a self,
         joints: &'a [JointPositions],
@@ -179,14 +183,17 @@ impl Model {
         })
     }
 
+    /// Adds a link.
     fn link(&mut self, name: &str, solids: Vec<Solid>) {
         self.links.push(Link { name: name.to_owned(), solids });
     }
 
+    /// Adds a fixed joint.
     fn fix(&mut self, parent: &str, child: &str, origin: Pose) {
         self.joint(parent, child, origin, JointKind::Fixed);
     }
 
+    /// Adds a joint, with the name of its child.
     fn joint(&mut self, parent: &str, child: &str, origin: Pose, kind: JointKind) {
         self.joints.push(Joint {
             name: format!("{child}_joint"),
@@ -197,7 +204,10 @@ impl Model {
         });
     }
 
+    /// Adds the table.
     fn table(&mut self, cell: &Cell) {
+        // The scenario gives the height of the table only. The plate is drawn beside the place
+        // where the hand holds the cube.
         let centre = cell.hand.world_from_cube.translation.vector;
         let top = 0.03;
         let place = [centre.x - 0.15, centre.y + 0.6, cell.table_height - 0.5 * top];
@@ -205,6 +215,7 @@ impl Model {
         self.fix("world", "table", Pose::translation(place[0], place[1], place[2]));
     }
 
+    /// Adds a solved cube. Its stickers do not follow the turns: colours in URDF are fixed.
     fn cube(&mut self, edge: f64) {
         let mut solids = vec![solid([0.0; 3], Shape::Box([edge; 3]), DARK)];
         // Normals of U R F D L B in the cube's frame: R +x, B +y, U +z.
@@ -217,6 +228,8 @@ impl Model {
             [0.0, 1.0, 0.0],
         ];
         for (normal, colour) in normals.iter().zip(STICKERS) {
+            // A sticker is a thin plate across its normal, smaller than the face, so that the dark
+            // body is visible between two of them.
             let plate = normal.map(|n: f64| if n == 0.0 { 0.92 * edge } else { 0.0006 });
             solids.push(solid(normal.map(|n| 0.5 * edge * n), Shape::Box(plate), colour));
         }
@@ -224,6 +237,7 @@ impl Model {
         self.joint("world", "cube", Pose::identity(), JointKind::Floating);
     }
 
+    /// Adds an arm from its base to its flange, then its gripper.
     fn arm(&mut self, index: usize, arm: &Arm) {
         let [a2, a3, d5] = arm.model.links;
         let h = arm.model.shoulder_height;
@@ -237,12 +251,15 @@ impl Model {
         let along_x = |length: f64, x: f64, size: f64| {
             solid([x, 0.0, 0.0], Shape::Box([length, size, size]), PAINT)
         };
+        // The hub of an axis about y: a cylinder is about z, so it is turned by 90 degrees about x.
         let hub = |radius: f64, length: f64| Solid {
             link_from_solid: Pose::rotation(Vector3::new(std::f64::consts::FRAC_PI_2, 0.0, 0.0)),
             shape: Shape::Cylinder(radius, length),
             colour: STEEL,
         };
 
+        // The base is the root of an arm. On a track it is the rail, which reaches 0.2 m beyond the
+        // travel at both ends, and the carriage is link 0.
         let (mut below, foot) = (name("base"), 0.25);
         let stand = solid([0.0, 0.0, 0.5 * foot], Shape::Box([0.34, 0.34, foot]), DARK);
         if arm.model.has_track {
@@ -258,9 +275,11 @@ impl Model {
         } else {
             self.link(&below, vec![stand]);
         }
+        // Link 1: the column, from the foot up to the shoulder. It turns about z.
         let column = h - foot;
         self.link(&name("link1"), vec![up(column, foot + 0.5 * column)]);
         self.joint(&below, &name("link1"), Pose::identity(), turns([0.0, 0.0, 1.0], 1));
+        // Links 2 to 4: lower arm, upper arm, wrist. They turn about parallel axes y.
         self.link(&name("link2"), vec![hub(0.085, 0.24), along_x(a2, 0.5 * a2, 0.10)]);
         let shoulder = Pose::translation(0.0, 0.0, h);
         self.joint(&name("link1"), &name("link2"), shoulder, turns([0.0, 1.0, 0.0], 2));
@@ -271,6 +290,8 @@ impl Model {
         self.link(&name("link4"), vec![hub(0.05, 0.13)]);
         let wrist = Pose::translation(0.0, 0.0, -a3);
         self.joint(&name("link3"), &name("link4"), wrist, turns([0.0, 1.0, 0.0], 4));
+        // Links 5 and 6: the hand hangs down from the wrist, so its axis is -z. Link 6 is a frame
+        // only: the body at its end is the flange.
         let hand = solid([0.0, 0.0, -0.5 * d5], Shape::Cylinder(0.045, d5), PAINT);
         self.link(&name("link5"), vec![hand]);
         self.joint(&name("link4"), &name("link5"), Pose::identity(), turns([0.0, 0.0, -1.0], 5));
@@ -278,8 +299,8 @@ impl Model {
         let roll = Pose::translation(0.0, 0.0, -d5);
         self.joint(&name("link5"), &name("link6"), roll, turns([0.0, 1.0, 0.0], 6));
 
-        // In the zero pose the flange's x points along the base's x, its y down, its z along the
-        // base's y.
+        // If all variables are zero, the flange's x points along the base's x, its y down and its z
+        // along the base's y.
         let flange = pose_from_axes(Vector3::x(), -Vector3::z(), Vector3::y(), Point3::origin());
         let plate = solid([0.0, 0.0, 0.01], Shape::Cylinder(0.04, 0.02), STEEL);
         self.link(&name("flange"), vec![plate]);
@@ -287,6 +308,7 @@ impl Model {
         self.gripper(index, arm);
     }
 
+    /// Adds the force sensor, the palm with its neck, and the two fingers.
     fn gripper(&mut self, index: usize, arm: &Arm) {
         let name = |part: &str| format!("{}_{part}", arm.name);
         let sensor = arm.sensor.flange_from_sensor;
@@ -294,9 +316,11 @@ impl Model {
         self.link(&name("sensor"), vec![disc]);
         self.fix(&name("flange"), &name("sensor"), sensor);
         let g = &arm.gripper;
+        // The frame of the tool is between the pads with z forward, so the palm is at negative z.
         let palm_at = -(g.palm + 0.01);
         let reach = arm.flange_from_tool.translation.vector.z;
         let plate = Shape::Box([2.0 * g.palm_half_width, 2.0 * g.palm_half_width, 0.02]);
+        // The neck fills the gap from the flange to the palm. A box must have a positive length.
         let neck = (reach - g.palm - 0.02).max(0.02);
         let tool = vec![
             solid([0.0, 0.0, palm_at], plate, DARK),
@@ -304,6 +328,8 @@ impl Model {
         ];
         self.link(&name("tool"), tool);
         self.fix(&name("flange"), &name("tool"), arm.flange_from_tool);
+        // A finger reaches from the palm to its tip. Its inner side is at y = 0, so that the pads
+        // meet at an opening of 0.
         let length = g.palm + g.finger_tip;
         let limits = (0.5 * g.opening.0, 0.5 * g.opening.1);
         for (side, sign) in [("left", 1.0), ("right", -1.0)] {
@@ -319,8 +345,8 @@ impl Model {
 }
 
 impl Joint {
-    /// `parent_from_child` where the arms stand so. `joints` and `openings` (m) have an entry for
-    /// each arm of the cell.
+    /// Returns `parent_from_child` for these positions of the arms. `joints` and `openings` (m)
+    /// have an entry for each arm of the cell.
     #[must_use]
     pub fn place(&self, joints: &[JointPositions], openings: &[f64]) -> Pose {
         self.kind.displacement(joints, openings).map_or(self.origin, |moved| self.origin * moved)
@@ -328,7 +354,7 @@ impl Joint {
 }
 
 impl JointKind {
-    /// What moves the joint, if anything does.
+    /// Returns the drive of the joint, if it has one.
     #[must_use]
     pub fn drive(&self) -> Option<&Drive> {
         match self {
@@ -337,6 +363,7 @@ impl JointKind {
         }
     }
 
+    /// Returns the displacement from the zero position; `None` if no drive moves the joint.
     fn displacement(&self, joints: &[JointPositions], openings: &[f64]) -> Option<Pose> {
         let drive = self.drive()?;
         let (arm, variable) = drive.by;
@@ -357,6 +384,7 @@ impl JointKind {
     }
 }
 
+/// Makes a solid that is not rotated.
 fn solid(centre: [f64; 3], shape: Shape, colour: [f64; 3]) -> Solid {
     Solid { link_from_solid: Pose::translation(centre[0], centre[1], centre[2]), shape, colour }
 }
@@ -372,7 +400,7 @@ mod tests {
     }
 
     #[test]
-    fn the_frames_are_where_the_kinematics_put_them() {
+    fn frames_agree_with_the_kinematics() {
         let cell = cell();
         let model = Model::of(&cell, None, true);
         let joints: Vec<_> = cell.arms.iter().map(|arm| arm.start).collect();
@@ -403,7 +431,7 @@ mod tests {
     }
 
     #[test]
-    fn every_joint_has_its_links_and_every_link_one_joint_but_the_root() {
+    fn links_and_joints_form_a_tree() {
         let cell = cell();
         for (arm, cube) in [(None, true), (None, false), (Some(0), false), (Some(1), true)] {
             let model = Model::of(&cell, arm, cube);

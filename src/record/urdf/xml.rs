@@ -1,4 +1,4 @@
-//! A [`Model`] as URDF text.
+//! Writer of a [`Model`] as URDF text.
 //!
 //! - source: the URDF specification of ROS (link, joint, visual, collision, limit); lengths in m,
 //!   angles in rad
@@ -7,13 +7,14 @@ use super::model::{JointKind, Link, Model, Shape};
 use crate::spatial::Pose;
 use std::fmt::{self, Write};
 
-/// Efforts are not known; the format wants a number (N or Nm).
+/// Effort limit of each joint (N or Nm). The format requires a number, and the true limits are
+/// unknown.
 const EFFORT: f64 = 100.0;
-/// The fastest that a set value may be asked to go is a motor's speed; as joints about 1.5 rad/s
-/// (rad/s or m/s).
+/// Speed limit of each joint (rad/s or m/s). The real limits are those of the motors, which allow
+/// about 1.5 rad/s at the joints.
 const SPEED: f64 = 1.5;
 
-/// Writes the model.
+/// Returns the model as URDF text.
 #[must_use]
 pub fn xml(model: &Model) -> String {
     let mut text = String::new();
@@ -22,6 +23,7 @@ pub fn xml(model: &Model) -> String {
     text
 }
 
+/// Writes the links, then the joints.
 fn write(model: &Model, to: &mut String) -> fmt::Result {
     writeln!(to, "<?xml version=\"1.0\"?>")?;
     writeln!(to, "<robot name=\"{}\">", escaped(&model.name))?;
@@ -39,13 +41,15 @@ fn write(model: &Model, to: &mut String) -> fmt::Result {
         writeln!(to, "    <parent link=\"{}\"/>", escaped(&joint.parent))?;
         writeln!(to, "    <child link=\"{}\"/>", escaped(&joint.child))?;
         writeln!(to, "    {}", origin(&joint.origin))?;
+        // Axis and limits belong to joints that move; the format requires limits for them.
         if let Some(drive) = joint.kind.drive() {
             let [x, y, z] = drive.axis;
             let (low, high) = drive.limits;
             writeln!(to, "    <axis xyz=\"{x} {y} {z}\"/>")?;
             writeln!(
                 to,
-                "    <limit lower=\"{low}\" upper=\"{high}\" effort=\"{EFFORT}\" velocity=\"{SPEED}\"/>"
+                "    <limit lower=\"{low}\" upper=\"{high}\" effort=\"{EFFORT}\" \
+                 velocity=\"{SPEED}\"/>"
             )?;
         }
         writeln!(to, "  </joint>")?;
@@ -53,6 +57,7 @@ fn write(model: &Model, to: &mut String) -> fmt::Result {
     writeln!(to, "</robot>")
 }
 
+/// Writes a link. Each of its solids is both visual and collision geometry.
 fn write_link(link: &Link, to: &mut String) -> fmt::Result {
     if link.solids.is_empty() {
         return writeln!(to, "  <link name=\"{}\"/>", escaped(&link.name));
@@ -70,6 +75,7 @@ fn write_link(link: &Link, to: &mut String) -> fmt::Result {
         writeln!(to, "    <visual>")?;
         writeln!(to, "      {place}")?;
         writeln!(to, "      <geometry>{shape}</geometry>")?;
+        // A viewer shares materials by name, so each solid has a name of its own.
         let name = escaped(&link.name);
         writeln!(
             to,
@@ -84,8 +90,10 @@ fn write_link(link: &Link, to: &mut String) -> fmt::Result {
     writeln!(to, "  </link>")
 }
 
+/// Returns the element of a pose.
 fn origin(pose: &Pose) -> String {
     let t = pose.translation.vector;
+    // URDF and nalgebra agree: fixed-axis roll, pitch, yaw, that is Rz(yaw) Ry(pitch) Rx(roll).
     let (roll, pitch, yaw) = pose.rotation.euler_angles();
     format!("<origin xyz=\"{} {} {}\" rpy=\"{roll} {pitch} {yaw}\"/>", t.x, t.y, t.z)
 }

@@ -1,47 +1,51 @@
-//! The backlog that the watchdog of the following error allows for after a gap.
+//! The part of a following error that gaps explain.
 //!
-//! - in: the way that a motor can have gone in a gap; the backlog of its regulator
+//! A motor that kept moving during a gap is not at fault, and the regulator works off the distance.
+//! While the position of the motor is in doubt, the watchdog allows for this distance in both
+//! directions; afterwards only for the part that is in the regulator's backlog. Gaps that follow
+//! each other allow for the backlog of all of them, but beyond the backlog only for the distance of
+//! the last gap.
+//!
+//! - in: the distance that a motor can have moved in a gap; the backlog of its regulator
 //! - out: the part of the backlog that is no error
-//! - a motor that went on during a gap is not at fault, and the servo works the way off: as much as
-//!   the motor can have gone while its place is not known, and on the side on which it is as soon
-//!   as that is known. Gaps that follow each other allow for the backlog of all of them, but beyond
-//!   it no more than the last of them hides
 
 use super::StepFilter;
 use crate::servo::period::Length;
 
-/// Way that a motor can have gone in gaps and that may still be in its regulator's backlog (rad of
-/// the motor).
+/// Distance that a motor can have moved in gaps and that its regulator's backlog may still contain
+/// (rad of the motor).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Allowance {
-    way: f64,
-    /// How much of it drains between two readings.
+    distance: f64,
+    /// Part of it that drains between two readings.
     drain: f64,
 }
 
 impl Allowance {
-    /// Allows for nothing yet.
+    /// Makes an allowance of zero.
     #[must_use]
     pub fn new(period: Length) -> Self {
-        Self { way: 0.0, drain: StepFilter::DRAIN * period.ratio() }
+        Self { distance: 0.0, drain: StepFilter::DRAIN * period.ratio() }
     }
 
-    /// Notes a reading: the motor can have gone `hidden` in the gap before it. Returns the whole
-    /// allowance.
+    /// Adds a reading: the motor can have moved by `hidden` in the gap before it. Returns the whole
+    /// allowance (rad).
     pub fn read(&mut self, hidden: f64) -> f64 {
-        self.way = (self.way - self.drain).max(0.0) + hidden;
-        self.way
+        // The backlog drains at this rate, and the allowance must not outlast it.
+        self.distance = (self.distance - self.drain).max(0.0) + hidden;
+        self.distance
     }
 
     /// Returns the part of the `backlog` that the gaps explain.
     #[must_use]
     pub fn of(&self, backlog: f64) -> f64 {
-        backlog.max(-self.way).min(self.way)
+        // `clamp` would panic on a bound that is NaN.
+        backlog.max(-self.distance).min(self.distance)
     }
 
-    /// Forgets all gaps.
+    /// Drops the allowance of all gaps.
     pub fn reset(&mut self) {
-        self.way = 0.0;
+        self.distance = 0.0;
     }
 }
 

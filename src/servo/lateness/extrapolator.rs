@@ -1,17 +1,25 @@
 //! Readings of all arms for each period, from readings that come late.
 //!
-//! - in: the number of the period, and the latest readings with the period of theirs; missed
+//! A late reading is extrapolated by the mean step of each counter, and marked. Watchdogs do not
+//! judge a reading that is marked `extrapolated`. If a bridge is late steadily, or if no reading
+//! could be judged for 0.1 s, the late readings are judged: otherwise the watchdogs would never
+//! detect a fault behind this bridge.
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | lost bridge | `LOST` | a busy processor delays an ordinary user's threads for over 10 ms |
+//! | extrapolation | `GOES_ON` | a stop of one period would make the regulator brake fully |
+//! | steadily late bridge | `CLOSE` for `GOES_ON` | further extrapolation is off by too much |
+//! | readings after missed periods | `UNSURE` | these may show the steps of the missed periods |
+//!
+//! - in: the number of the period; the latest readings with the number of their period; missed
 //!   periods
-//! - out: the readings for this period: late ones carried on by the mean step of each counter, and
-//!   marked
-//! - a reading that is `extrapolated` is not judged by watchdogs until the counter is read again.
-//!   If a bridge is late steadily, or nothing could be judged for 0.1 s, its late readings are all
-//!   that there is and are judged: otherwise the watchdogs would look away for ever
+//! - out: the readings of all arms for this period
 
 use crate::motion::AXES;
 use crate::servo::io::ArmReading;
 
-/// The most effectors that cross a bridge: all that crosses it has a fixed size.
+/// Largest number of effectors behind a bridge: all data that cross it have a fixed size.
 pub const MOST_ARMS: usize = 4;
 
 /// Readings of all arms of one period.
@@ -19,50 +27,51 @@ pub const MOST_ARMS: usize = 4;
 pub struct Readings {
     /// The period at the end of which they were read.
     pub period: u64,
-    /// One reading an arm; arms that do not exist have the default.
+    /// One reading per arm; arms that do not exist have the default.
     pub arms: [ArmReading; MOST_ARMS],
 }
 
-/// Late readings and the mean steps by which counters are carried on.
+/// Memory of the latest readings and of the mean step of each counter.
 #[derive(Debug, Clone, Copy)]
 pub struct Extrapolator {
     /// The latest readings.
     seen: Readings,
-    /// How far each counter goes in a period, the jaw's last.
+    /// Mean step of each counter in a period, the jaw's last (increments).
     steps: [[i64; AXES + 1]; MOST_ARMS],
     /// Length of a period (ns).
     length: u64,
-    /// Number of periods in a row in which nothing new came.
+    /// Number of periods in a row without a new reading.
     silent: u64,
-    /// Number of new readings in a row that all were late, by a few periods only.
+    /// Number of new readings in a row that were late by at most [`Extrapolator::CLOSE`].
     steadily_late: u64,
     /// Periods since readings were last judged.
     unjudged: u64,
-    /// How many of the next readings may span missed periods, and the most missed periods that one
-    /// of them can span.
+    /// Number of the next readings that may span missed periods, and the most missed periods that
+    /// one of them can span.
     unsure: u32,
     missed: u64,
 }
 
 impl Extrapolator {
-    /// Time without a new reading after which the bridge counts as lost (ns). The original's 10 ms
-    /// would trip wherever an ordinary user's threads wait for a busy processor.
+    /// Time without a new reading after which the bridge counts as lost (ns). The 10 ms of the
+    /// original would trip wherever an ordinary user's threads wait for a busy processor.
     const LOST: u64 = 100_000_000;
-    /// Periods for which a counter is taken to go on as before while readings are late. An axis
-    /// that stands still for a period and then goes twice as far would make its regulator brake
+    /// Number of periods for which a counter continues by its mean step while readings are late. A
+    /// counter that stops for a period and then makes a double step would make the regulator brake
     /// fully in between, which trips a power stage at speed.
     const GOES_ON: u64 = 10;
-    /// Periods by which readings may be late if a bridge is to count as steadily late. A counter
-    /// that is carried on farther is off by more than watchdogs allow for.
+    /// Largest lateness of the readings of a bridge that counts as steadily late (periods). A
+    /// longer extrapolation is off by more than the watchdogs allow for.
     const CLOSE: u64 = 3;
-    /// Number of steps over which their mean is taken, about: a step that was read late and then
-    /// early says nothing about the speed.
+    /// Approximate number of steps in their mean. A single step may be too short or too long,
+    /// because a reading was early or late.
     const STEPS: i64 = 3;
-    /// New readings after missed periods that may show the steps of these periods: one that was not
-    /// fetched yet, one of an exchange that had begun, and the one after it.
+    /// Number of new readings after missed periods that may show the steps of these periods: one
+    /// that was not fetched yet, one of an exchange that had begun, and the one after it.
     const UNSURE: u32 = 3;
 
-    /// Begins with the readings of the period before the first one. A period lasts `length` (ns).
+    /// Makes an extrapolator from the readings of the period before the first one. A period lasts
+    /// `length` (ns).
     #[must_use]
     pub fn new(first: Readings, length: u64) -> Self {
         Self {
@@ -77,14 +86,14 @@ impl Extrapolator {
         }
     }
 
-    /// Notes that periods were missed before the next one. Missed periods have no numbers, and
-    /// readings are numbered by periods.
-    pub fn skipped(&mut self, missed: u64) {
+    /// Registers periods that were missed before the next one. Missed periods have no numbers, so
+    /// the numbers of the readings do not show them.
+    pub fn add_missed_periods(&mut self, missed: u64) {
         self.unjudged += missed;
         self.missed = self.missed.max(missed);
         self.unsure = Self::UNSURE;
-        // The first readings may be off. They are judged again soon, because periods may be missed
-        // again and again.
+        // The first readings may be off, so the bridge must show again that it is steadily late. A
+        // few readings are enough for that, or repeated stalls would blind the watchdogs.
         self.steadily_late = self.steadily_late.min(Self::GOES_ON - u64::from(Self::UNSURE));
     }
 
@@ -99,6 +108,7 @@ impl Extrapolator {
         self.silent = if new || fresh { 0 } else { self.silent + 1 };
         let late_by = period.saturating_sub(self.seen.period + 1);
         let judged = self.is_judged(late_by, new);
+        // After ten periods without a reading the extrapolated counters stop.
         let behind = late_by.min(Self::GOES_ON) as i64;
         let arms = self.seen.arms.iter().zip(&self.steps);
         for (reading, (seen, steps)) in readings.iter_mut().zip(arms) {
@@ -110,40 +120,41 @@ impl Extrapolator {
             if !judged {
                 reading.extrapolated = u8::MAX;
             }
-            // A bridge that is always a period behind brings news in each period, and its readings
-            // are carried on.
+            // A bridge that is always a period behind answers in each period although its readings
+            // are extrapolated, so `late_by > 0` is not the condition.
             if !new {
                 reading.no_answer = u8::MAX;
-                // A wrench counts once: no mean and no zero is made of one that was read before.
+                // Each wrench counts once in a mean or a zero.
                 reading.wrench_is_old = true;
             }
         }
     }
 
-    /// Returns the number of periods in a row in which nothing new came.
+    /// Returns the number of periods in a row without a new reading.
     #[must_use]
     pub fn silent(&self) -> u64 {
         self.silent
     }
 
-    /// Returns whether nothing new has come for 0.1 s.
+    /// Returns whether the bridge is lost: no new reading has come for 0.1 s.
     #[must_use]
     pub fn is_lost(&self) -> bool {
         self.silent * self.length > Self::LOST
     }
 
-    /// Returns whether watchdogs judge the readings of this period, which are `late_by` so many
-    /// periods; `new` ones have come in it.
+    /// Returns whether watchdogs judge the readings of this period. The readings are late by
+    /// `late_by` periods, and `new` says whether they came in this period.
     ///
-    /// After readings that came in time, counters are carried on for a while and judged when they
-    /// are read again. Where all readings are late, or have been late for long, they are what there
-    /// is to judge.
+    /// After readings that came in time, the counters are extrapolated for a while and judged when
+    /// they are read again. If all readings are late, or were late for long, the late ones are
+    /// judged.
     fn is_judged(&mut self, late_by: u64, new: bool) -> bool {
         let late = late_by > 0;
         self.steadily_late =
             if late && late_by <= Self::CLOSE { self.steadily_late + u64::from(new) } else { 0 };
         self.unjudged += 1;
         let waits = self.unjudged * self.length <= Self::LOST;
+        // Without a new reading there is no evidence to judge, only the estimate.
         let judged = !late || new && (self.steadily_late > Self::GOES_ON || !waits);
         if judged {
             self.unjudged = 0;
@@ -151,9 +162,10 @@ impl Extrapolator {
         judged
     }
 
-    /// Takes new readings, and the speed of each counter from them.
+    /// Stores new readings and updates the mean step of each counter.
     fn learn(&mut self, mut latest: Readings) {
-        // A reading that was not fetched in time may have begun when nothing came.
+        // A reading has the number of the period in which its exchange began. After a silence it
+        // may have been taken later, so its step may span all silent periods.
         let numbers = latest.period - self.seen.period;
         let periods = numbers.max(self.silent + 1) as i64;
         if self.unsure == 0 {
@@ -163,14 +175,15 @@ impl Extrapolator {
         let most = periods + self.missed as i64;
         let pairs = latest.arms.iter_mut().zip(&self.seen.arms);
         for (steps, (now, before)) in self.steps.iter_mut().zip(pairs) {
-            // A wrench that came between two fetches is not lost.
+            // The bridge marks a wrench as old in the exchange after it came. If that exchange is
+            // the one fetched, the wrench is still new here.
             if now.wrench_on_sensor.is_finite() && now.wrench_on_sensor != before.wrench_on_sensor {
                 now.wrench_is_old = false;
             }
             let zeroed = now.synchronised & !before.synchronised;
             for (i, mean) in steps.iter_mut().enumerate() {
                 if zeroed & (1 << i) != 0 {
-                    // The counter was set, the axis has not moved.
+                    // The counter was set to zero, and the axis has not moved.
                     *mean = 0;
                     continue;
                 }
@@ -181,15 +194,15 @@ impl Extrapolator {
         self.seen = latest;
     }
 
-    /// Returns by how much the mean of a counter's step changes with a reading that shows that it
-    /// has `gone` so far in the least and the most `periods`.
+    /// Returns the change of a counter's `mean` step by a reading that shows a distance `gone` in
+    /// at least `periods.0` and at most `periods.1` periods.
     ///
-    /// If missed periods may be among them, a step that agrees with the mean so far changes
+    /// If missed periods may be among these, a distance that agrees with the present mean changes
     /// nothing.
     fn change(mean: i64, gone: i64, periods: (i64, i64)) -> i64 {
         let (fast, slow) = (gone / periods.0, gone / periods.1);
         let change = mean.clamp(fast.min(slow), fast.max(slow)) - mean;
-        // By one at least: a counter that stands must not keep a mean of one or two.
+        // The mean changes by one at least: that of a counter at rest must not stay at one or two.
         if change / Self::STEPS == 0 { change.signum() } else { change / Self::STEPS }
     }
 }

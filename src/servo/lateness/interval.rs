@@ -1,20 +1,25 @@
-//! The time in which the step between two readings of a counter may have been made.
+//! The time in which a motor can have made the step between two readings of its counter.
 //!
-//! - in: periods that pass, missed ones too; readings, when they come
-//! - out: the longest time for the next step; by how much the last reading may be older than it
-//!   seems
-//! - after a gap it is not known at which end of the gap the first reading was taken: a device, or
-//!   the answer of a line, may have stood still together with this machine. This reading shows next
-//!   to no step, and the one after it shows the whole step of the gap
+//! After a gap it is not known at which end of the gap the first reading was taken: a device, or
+//! the answer of a line, may have stopped together with this machine. This reading shows next to no
+//! step, and the one after it shows the whole step of the gap.
+//!
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | pause between readings | `GAP` | in shorter pauses single answers were missed |
+//! | readings after a gap | `DOUBTFUL_READINGS` | each of them may be as old as the gap is long |
+//!
+//! - in: periods that pass, including missed ones; readings, when they come
+//! - out: the longest time for the next step; the time by which the last reading may be older than
+//!   it seems
 
 /// Number of readings after a gap that may still be as old as the gap.
 const DOUBTFUL_READINGS: u32 = 4;
-/// A gap is longer by this than the period between readings that follow each other, or more
-/// (periods). In shorter gaps single answers were missed: the machine did not stand still, and the
-/// step that they show is believed.
+/// Smallest excess of a gap over the one period between two usual readings (periods). In shorter
+/// pauses single answers were missed: this machine kept running, so the step is a true one.
 const GAP: f64 = 2.5;
 
-/// Time between the readings of one counter (periods).
+/// Time between two readings of one counter (periods).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Interval {
     since: f64,
@@ -29,32 +34,35 @@ impl Interval {
         self.since += periods;
     }
 
-    /// Returns the time since the last reading, if that was as new as it seemed (periods).
+    /// Returns the time since the last reading, on the assumption that the reading was as new as it
+    /// seemed (periods).
     #[must_use]
     pub fn since(&self) -> f64 {
         self.since
     }
 
-    /// Returns by how much the last reading may be older than it seemed (periods).
+    /// Returns the time by which the last reading may be older than it seemed (periods).
     #[must_use]
     pub fn older(&self) -> f64 {
         self.older
     }
 
-    /// Returns the longest time in which the step to a reading of now can have been made, at least
-    /// one period (periods).
+    /// Returns the longest time in which a motor can have made the step to a reading of now, at
+    /// least one period (periods).
     #[must_use]
     pub fn longest(&self) -> f64 {
         self.since.max(1.0) + self.older
     }
 
-    /// Notes that the counter was read. If the reading `shows_gap`, that is, the step that a gap
+    /// Registers a reading of the counter. If the reading `shows_gap`, which is the step that a gap
     /// hid, the readings after it are as new as they seem.
     pub fn read(&mut self, shows_gap: bool) {
         let gap = self.since - 1.0;
         if shows_gap {
+            // The step has appeared, so no later reading can show it again.
             (self.older, self.doubtful) = (0.0, 0);
         } else if gap > GAP {
+            // A shorter gap must not replace a longer one whose step has not appeared yet.
             (self.older, self.doubtful) = (self.older.max(gap), DOUBTFUL_READINGS);
         } else {
             self.doubtful = self.doubtful.saturating_sub(1);
@@ -82,7 +90,7 @@ mod tests {
 
     /// The step of a gap may show in one of the next four readings.
     #[test]
-    fn gap_leaves_four_readings_in_doubt() {
+    fn four_readings_after_gap_may_be_old() {
         let mut interval = Interval::default();
         interval.pass(8.0);
         assert_eq!(interval.longest(), 8.0);
@@ -101,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn reading_that_shows_the_gap_ends_doubt() {
+    fn reading_with_step_of_gap_is_new() {
         let mut interval = Interval::default();
         interval.pass(8.0);
         interval.read(true);
@@ -111,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn shorter_gap_keeps_the_longer_one() {
+    fn age_of_longer_gap_outlasts_shorter_gap() {
         let mut interval = Interval::default();
         interval.pass(8.0);
         interval.read(false);

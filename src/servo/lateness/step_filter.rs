@@ -1,8 +1,14 @@
-//! The step of an axis as its regulator gets it: a step that no motor can make is late news, not a
-//! motion.
+//! The step of an axis as its regulator gets it. A step that no motor can make is a late reading
+//! and not a motion.
 //!
-//! - in: how far the counter went since the last period, whatever lies between: missed periods,
-//!   late answers, an order that the controller read a little early or late
+//! | case | threshold | reason |
+//! |---|---|---|
+//! | implausible step | `CHANGE`, `REST` | drive, speed and load explain no larger change |
+//! | implausible steps in a row | `GOES_ON` | a lasting change is a motion of the axis |
+//! | backlog | `SHARE`, `DRAIN` | it drains without tripping a power stage |
+//!
+//! - in: the change of the counter since the last period, with all causes: missed periods, late
+//!   answers, an order that the controller read a little early or late
 //! - out: a step that a motor can have made; the rest is the backlog, which drains into the
 //!   following steps, so that nothing is lost
 
@@ -15,38 +21,41 @@ pub struct StepFilter {
     backlog: f64,
     /// Number of periods in a row in which the counter showed a step that no motor can make.
     implausible: u32,
-    /// The most by which a step differs from the one before under full drive.
+    /// Largest change of the step from period to period under full drive.
     change: f64,
-    /// A step at full speed.
+    /// Step at full speed.
     fastest: f64,
-    /// The most of the backlog that drains in a period, and the share of it.
+    /// Largest part of the backlog that drains in a period, and the usual share of it.
     drain: f64,
     share: f64,
 }
 
 impl StepFilter {
-    /// Most change of a motor's step from one period of 2 ms to the next (rad): the fastest motors
-    /// reach their speed of 330 rad/s in 40 ms, 0.033 rad; they stop more softly than that.
+    /// Largest change of a motor's step from one period of 2 ms to the next (rad). The fastest
+    /// motors reach their speed of 330 rad/s in 40 ms, a change of 0.033 rad in each period, and
+    /// they stop more softly.
     const CHANGE: f64 = 0.06;
-    /// A motor's step of 2 ms at full speed (rad).
+    /// Step of a motor in 2 ms at full speed (rad).
     const FASTEST: f64 = 0.66;
-    /// Share of that change which is believed of a motor at rest without drive: the load may move
-    /// it.
+    /// Share of [`StepFilter::CHANGE`] that is plausible for a motor at rest without drive, which
+    /// the load may move.
     const REST: f64 = 0.15;
     /// Resolution of the encoder, with a margin (increments).
     const ENCODER: f64 = 3.0;
-    /// Periods for which an axis is taken to go on as before. After these the counter is believed,
-    /// as fast as a motor could change its speed.
+    /// Periods for which an axis is assumed to continue its last step. After these the filter
+    /// follows the counter, at the largest change of speed that a motor can make.
     const GOES_ON: u32 = 3;
     /// Share of the backlog that drains in 2 ms.
     const SHARE: f64 = 0.04;
-    /// Most of the backlog that drains in 2 ms (rad): a tenth of what trips a power stage.
+    /// Largest part of the backlog that drains in 2 ms (rad): a tenth of the step that trips a
+    /// power stage.
     pub(super) const DRAIN: f64 = 0.015;
 
     /// Makes the filter of an axis at rest. A revolution of its motor has this many `increments`.
     #[must_use]
     pub fn new(increments: f64, period: Length) -> Self {
         let (ratio, radian) = (period.ratio(), increments / std::f64::consts::TAU);
+        // A step grows with the length of the period, and its change with the square of it.
         Self {
             last: 0.0,
             backlog: 0.0,
@@ -58,17 +67,20 @@ impl StepFilter {
         }
     }
 
-    /// Returns the step for the regulator, from the counter's `step` (increments). The motor was
-    /// driven by `drive`, a share of the full pulse width: drive, speed and friction together bound
-    /// by how much a step can change.
+    /// Returns the step for the regulator, from the counter's `step` (increments). `drive` is the
+    /// pulse width of the last period as a share of 255. Drive, speed and friction together bound
+    /// the change of a step.
     pub fn filter(&mut self, step: f64, drive: f64) -> f64 {
         let share = (Self::REST + drive.abs() + (self.last / self.fastest).abs()).min(1.0);
         let change = self.change * share + Self::ENCODER;
         let (low, high) = (self.last - change, self.last + change);
+        // A single implausible step is a late reading: the axis keeps its speed. After some in a
+        // row the counter does move like this, and the step follows it within the bounds.
         let implausible = !(low..=high).contains(&step);
         self.implausible = if implausible { self.implausible.saturating_add(1) } else { 0 };
         let goes_on = implausible && self.implausible <= Self::GOES_ON;
         let likely = if goes_on { self.last } else { step.clamp(low, high) };
+        // The counter has moved by `step` in any case, so the rest must reach the regulator later.
         self.last = likely;
         self.backlog += step - likely;
         // The last increment drains at once, so that rounding leaves no backlog.
@@ -81,19 +93,19 @@ impl StepFilter {
         likely + drained
     }
 
-    /// Returns how far the motor is ahead of the steps that the regulator was given, or behind them
-    /// (increments).
+    /// Returns the distance by which the motor is ahead of the steps that the regulator was given,
+    /// negative if it is behind (increments).
     #[must_use]
     pub fn backlog(&self) -> f64 {
         self.backlog
     }
 
-    /// Drops the backlog: set values begin anew from what is measured.
+    /// Drops the backlog, because the set values restart from the measured ones.
     pub fn clear(&mut self) {
         self.backlog = 0.0;
     }
 
-    /// Forgets the past: the axis stands, without a backlog.
+    /// Clears the memory, as for an axis at rest.
     pub fn reset(&mut self) {
         (self.last, self.backlog, self.implausible) = (0.0, 0.0, 0);
     }
@@ -129,10 +141,10 @@ mod tests {
     }
 
     #[test]
-    fn filter_ignores_a_leap_at_rest() {
+    fn filter_ignores_a_jump_at_rest() {
         let mut filter = StepFilter::new(4000.0, Length::default());
 
-        // A wrong bit of a counter.
+        // One wrong bit of a counter changes it for a period.
         let steps = [0.0, 16.0, -16.0, 0.0, 0.0].map(|step| filter.filter(step, 0.02));
         assert!(steps.iter().all(|step| step.abs() < 1.0), "{steps:?}");
 

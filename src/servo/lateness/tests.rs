@@ -1,4 +1,5 @@
-//! All four parts together: a servo and its bridge, with the watchdog that judges what comes out.
+//! Tests of all four parts together: a servo and its bridge, with the watchdog that judges the
+//! result.
 
 use super::*;
 use crate::motion::{AXES, ArmFault, MotorPositions};
@@ -8,7 +9,7 @@ use crate::servo::regulator::{IRP6, ServoGains};
 use crate::servo::watch::{Wanted, Watch};
 use crate::spatial::Wrench;
 
-/// A bridge without a thread: readings of one arm as they come, and as the servo gets them.
+/// Bridge without a thread: readings of one arm as they come, and as the servo gets them.
 struct Link {
     latest: Readings,
     extrapolator: Extrapolator,
@@ -61,7 +62,7 @@ fn late_counter_is_extrapolated_for_ten_periods() {
 }
 
 #[test]
-fn steadily_late_bridge_is_judged_by_its_readings() {
+fn constantly_late_readings_are_still_checked() {
     let mut link = Link::default();
     for period in 1..=10 {
         link.write(read(period, 90 * period as i64, u8::MAX));
@@ -70,7 +71,7 @@ fn steadily_late_bridge_is_judged_by_its_readings() {
     }
     let mut counts = vec![];
     for period in 11..=60 {
-        // Every other period brings nothing, as from a line that is slower than the servo.
+        // Every other period has no new reading, as on a line that is slower than the servo.
         let new = period < 40 || period % 2 == 0;
         if new {
             link.write(read(period, 90 * period as i64, u8::MAX));
@@ -80,7 +81,7 @@ fn steadily_late_bridge_is_judged_by_its_readings() {
         assert_eq!((reading.extrapolated, reading.no_answer), (bits, bits), "{period}");
         counts.push(reading.counts[3]);
     }
-    // No step that watchdogs would take for a jump, at the end neither.
+    // No step looks like a jump to the watchdogs, not even the last one.
     link.write(read(62, 90 * 62, u8::MAX));
     counts.push(link.fetch(63).counts[3]);
     assert!(counts.windows(2).all(|c| (80..=100).contains(&(c[1] - c[0]))), "{counts:?}");
@@ -92,7 +93,7 @@ fn steadily_late_bridge_is_judged_by_its_readings() {
 }
 
 #[test]
-fn first_reading_after_silence_is_not_judged() {
+fn first_reading_after_silence_is_not_checked() {
     for late in [0, 1] {
         for stall in [4, 11, 20, 40] {
             for left in [1, 2, 15] {
@@ -105,7 +106,7 @@ fn first_reading_after_silence_is_not_judged() {
                 for period in from..from + stall {
                     link.fetch(period);
                 }
-                // The bridge has caught up but for some periods.
+                // The bridge has caught up except for some periods.
                 let period = from + stall - 1 - left.min(stall - 2);
                 link.write(read(period, 90 * period as i64, u8::MAX));
                 let reading = link.fetch(from + stall);
@@ -116,18 +117,17 @@ fn first_reading_after_silence_is_not_judged() {
     }
 }
 
-/// A servo and a bridge whose exchanges take time, on a machine that sometimes stands still; times
-/// in periods.
+/// Servo and bridge with exchanges that take time, on a machine that sometimes stalls; times in
+/// periods.
 struct Machine<E> {
     /// Length of an exchange, by the period in which it begins, and the share of it at which
     /// counters are read.
     exchange: E,
     sampled: f64,
-    /// Time at which both threads stand still first, for how long, and after how many periods
-    /// again.
-    stands: (f64, f64, f64),
-    /// Speed of a motor (rad/s); the time from which it differs from the set value's, and the speed
-    /// then.
+    /// Stalls of both threads: time of the first one, length, time from one to the next.
+    stalls: (f64, f64, f64),
+    /// Speed of a motor (rad/s); the time from which it differs from the speed of the set value,
+    /// and the speed from then on.
     speed: f64,
     runaway: (f64, f64),
 }
@@ -136,23 +136,23 @@ impl<E: Fn(u64) -> f64> Machine<E> {
     const INCREMENTS: f64 = 4000.0;
     const PERIODS: u64 = 600;
 
-    /// Returns how far the motor has gone (rad).
+    /// Returns the distance that the motor has moved (rad).
     fn motor(&self, time: f64) -> f64 {
         let (from, speed) = self.runaway;
         (self.speed * time.min(from) + speed * (time - from).max(0.0)) * 0.002
     }
 
-    /// Returns the first fault of a watchdog with its time, and the longest time in which nothing
-    /// is judged.
+    /// Returns the first fault of a watchdog with its time, and the longest time without a reading
+    /// that is judged.
     fn run(&self) -> (Option<(f64, ArmFault)>, f64) {
         let mut link = Link::default();
         let gains = ServoGains::parse(IRP6).unwrap();
         let mut watch = Watch::new(&gains, &[Self::INCREMENTS; AXES], [0; AXES], Length::default());
         let radian = Self::INCREMENTS / std::f64::consts::TAU;
-        let (first, stands, every) = self.stands;
+        let (first, lasts, every) = self.stalls;
         let frozen = |begun: f64, end: f64| {
-            let stand = first + every * ((begun - first) / every).ceil().max(0.0);
-            if begun <= stand && stand < end { end + stands } else { end }
+            let stall = first + every * ((begun - first) / every).ceil().max(0.0);
+            if begun <= stall && stall < end { end + lasts } else { end }
         };
         // The present exchange: its number, when its counters are read, when it ends.
         let mut going: Option<(u64, f64, f64)> = None;
@@ -168,30 +168,30 @@ impl<E: Fn(u64) -> f64> Machine<E> {
             while let Some((number, sampled, end)) = going.filter(|(.., end)| *end <= now) {
                 let count = (self.motor(sampled) * radian).floor() as i64;
                 link.write(read(number, count, u8::MAX));
-                // It goes on with the newest order that was there then.
+                // The bridge begins its next exchange with the newest order of that time.
                 going = (number + 1 < period).then(|| begin(period - 1, end));
             }
             next += 1.0;
             let missed = if now < next { 0.0 } else { (now - next).floor() + 1.0 };
             if missed > 0.0 {
                 next += missed;
-                link.extrapolator.skipped(missed as u64);
-                watch.skipped(missed as u64);
+                link.extrapolator.add_missed_periods(missed as u64);
+                watch.add_missed_periods(missed as u64);
             }
             let reading = link.fetch(period);
             if reading.extrapolated == 0 {
                 judged = now;
             }
             unjudged = unjudged.max(now - judged);
-            let told = if now <= self.runaway.0 { self.speed * 0.002 } else { 0.0 };
+            let set_step = if now <= self.runaway.0 { self.speed * 0.002 } else { 0.0 };
             let (mut measured, mut wanted) = (MotorPositions::default(), MotorPositions::default());
             let (mut steps, mut backlog) = ([0.0; AXES], [0.0; AXES]);
             measured.0[3] = reading.counts[3] as f64 / radian;
-            // The way of missed periods is backlog.
+            // The distance of the missed periods is in the backlog.
             let behind = now.min(self.runaway.0).floor() - period as f64;
-            (backlog[3], steps[3]) = (behind.max(0.0) * self.speed * 0.002, told);
+            (backlog[3], steps[3]) = (behind.max(0.0) * self.speed * 0.002, set_step);
             wanted.0[3] = set;
-            set += told;
+            set += set_step;
             let wanted = Wanted { set: &wanted, steps: &steps, backlog: &backlog };
             let fault = watch.check(&reading, &measured, &wanted, 1);
             if let Some(fault) = fault {
@@ -218,7 +218,7 @@ const LENGTHS: [(f64, f64); 9] = [
     (4.6, 9.0),
 ];
 
-/// For how long the machine stands still, and after how many periods again.
+/// Length of a stall of the machine, and the time from one stall to the next (periods).
 const STALLS: [(f64, f64); 6] =
     [(0.0, 1e9), (1.5, 1e9), (4.5, 1e9), (9.5, 1e9), (18.5, 1e9), (1.5, 9.25)];
 
@@ -232,13 +232,14 @@ fn late_exchanges_and_stalls_are_no_fault() {
                         let machine = Machine {
                             exchange: |number| if number % 37 == 0 { long } else { usual },
                             sampled,
-                            stands: (120.0 + f64::from(phase) / 8.0, stands, every),
+                            stalls: (120.0 + f64::from(phase) / 8.0, stands, every),
                             speed,
                             runaway: (f64::INFINITY, 0.0),
                         };
                         let (fault, unjudged) = machine.run();
                         let case = format!(
-                            "{usual} or {long}, read at {sampled}, {speed} rad/s, {stands} of stall every {every}, phase {phase}"
+                            "{usual} or {long}, read at {sampled}, {speed} rad/s, \
+                             {stands} of stall every {every}, phase {phase}"
                         );
                         assert_eq!(fault, None, "{case}");
                         assert!(unjudged <= 65.0 + stands, "{unjudged} periods unjudged: {case}");
@@ -250,7 +251,7 @@ fn late_exchanges_and_stalls_are_no_fault() {
 }
 
 #[test]
-fn watchdog_finds_runaway_behind_late_exchanges() {
+fn watchdog_detects_runaway_despite_late_exchanges() {
     for (usual, long) in LENGTHS {
         for (runaway, (stands, every)) in
             [60.0, 240.0].into_iter().flat_map(|runaway| STALLS.map(|stall| (runaway, stall)))
@@ -259,7 +260,7 @@ fn watchdog_finds_runaway_behind_late_exchanges() {
             let machine = Machine {
                 exchange: |number| if number % 37 == 0 { long } else { usual },
                 sampled: 0.5,
-                stands: (120.0, stands, every),
+                stalls: (120.0, stands, every),
                 speed: 100.0,
                 runaway: (from, runaway),
             };
@@ -269,7 +270,7 @@ fn watchdog_finds_runaway_behind_late_exchanges() {
             );
             let (found, _) = fault.expect(&case);
             let gone = runaway * 0.002 * (found - from);
-            // If it is judged every tenth of a second only, it may have gone on for two of these.
+            // If a reading is judged only every 0.1 s, the motor may have run for twice that time.
             let unjudged = if usual > 2.0 { 26.0 + 51.0 * 0.002 * runaway } else { 0.0 };
             assert!(found > from && gone < 16.0 + unjudged, "{gone} rad: {case}");
         }
@@ -279,24 +280,24 @@ fn watchdog_finds_runaway_behind_late_exchanges() {
 #[test]
 fn wrench_between_two_fetches_is_not_lost() {
     let mut link = Link::default();
-    let told = |period, newtons, wrench_is_old| {
+    let with_wrench = |period, newtons, wrench_is_old| {
         let mut readings = read(period, 0, 0);
         readings.arms[0].wrench_on_sensor =
             Wrench::from_directions([newtons, 0.0, 0.0, 0.0, 0.0, 0.0]);
         readings.arms[0].wrench_is_old = wrench_is_old;
         readings
     };
-    link.write(told(1, 1.0, false));
+    link.write(with_wrench(1, 1.0, false));
     assert!(!link.fetch(2).wrench_is_old);
-    link.write(told(2, 2.0, false));
-    link.write(told(3, 2.0, true));
+    link.write(with_wrench(2, 2.0, false));
+    link.write(with_wrench(3, 2.0, true));
     assert!(!link.fetch(4).wrench_is_old);
-    link.write(told(4, 2.0, true));
+    link.write(with_wrench(4, 2.0, true));
     assert!(link.fetch(5).wrench_is_old);
 }
 
 #[test]
-fn standing_counter_is_not_carried_on() {
+fn counter_at_rest_is_not_extrapolated() {
     let mut link = Link::default();
     for period in 1..=60 {
         link.write(read(period, 90 * period.min(30) as i64, u8::MAX));
@@ -306,7 +307,7 @@ fn standing_counter_is_not_carried_on() {
 }
 
 #[test]
-fn zeroed_counter_has_no_step() {
+fn zeroing_a_counter_shows_no_step() {
     let mut link = Link::default();
     for period in 1..=20 {
         link.write(read(period, 50_000, 0));

@@ -1,19 +1,21 @@
-//! Fills a pattern database, breadth first.
+//! Builder of a pattern database, breadth first from the solved state.
 //!
 //! - in: a pattern
-//! - out: its states' distances from the solved one, two in a byte, the first in the lower half
+//! - out: the distances of its states, two in a byte, the first in the lower half
 //!
-//! While the last states found are fewer than those not found yet, their neighbours are marked; afterwards, those not
-//! found look among their neighbours for one of the last.
+//! A level is built in the cheaper of two directions. While the last level has fewer states than
+//! are still unknown, it *pushes*: each of its states marks its neighbours. Later, each unknown
+//! state *pulls*: it looks for a neighbour in the last level.
 
 use super::pattern::Pattern;
 use crate::table::{Progress, Workers};
 use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 
-/// Not found yet.
+/// Mark of a state whose distance is not known yet.
 const UNKNOWN: u8 = 15;
 
-/// Distances of all states of a pattern; those further away than `deepest` stay at `deepest + 1`.
+/// Computes the distances of all states of a pattern. States further away than `deepest` get
+/// `deepest + 1`.
 pub(super) fn fill(
     pattern: &impl Pattern,
     deepest: u8,
@@ -22,6 +24,7 @@ pub(super) fn fill(
 ) -> Vec<u8> {
     let (rows, columns) = (pattern.rows(), pattern.columns());
     let states = rows * columns;
+    // A byte a state during the build: two workers may write the two halves of one byte at once.
     let distances: Vec<AtomicU8> =
         std::iter::repeat_with(|| AtomicU8::new(UNKNOWN)).take(states).collect();
     distances[pattern.number(&crate::cube::Cube::SOLVED)].store(0, Ordering::Relaxed);
@@ -44,12 +47,14 @@ pub(super) fn fill(
             break;
         }
     }
+    // An incomplete table stays admissible: `deepest + 1` is a lower bound for the rest.
     let far = deepest.min(UNKNOWN - 1) + 1;
     let half = |d: &AtomicU8| d.load(Ordering::Relaxed).min(far);
     distances.chunks(2).map(|pair| half(&pair[0]) | pair.get(1).map_or(0, half) << 4).collect()
 }
 
-/// Marks the neighbours of a row's states at the distance before; returns how many were marked.
+/// Marks the unknown neighbours of those states of a row that are in the last level. Returns the
+/// number of states marked.
 fn push(pattern: &impl Pattern, distances: &[AtomicU8], row: usize, distance: u8) -> u64 {
     let columns = pattern.columns();
     let own = &distances[row * columns..][..columns];
@@ -62,6 +67,8 @@ fn push(pattern: &impl Pattern, distances: &[AtomicU8], row: usize, distance: u8
         for &(to, permutation) in steps.get_or_insert_with(|| pattern.steps(row)).iter() {
             let column = pattern.column(permutation, column);
             let state = &distances[to as usize * columns + column];
+            // Several workers may reach a state; the exchange lets exactly one count it. The load
+            // before it avoids an exchange for each state that is known.
             if state.load(Ordering::Relaxed) == UNKNOWN
                 && state.swap(distance, Ordering::Relaxed) == UNKNOWN
             {
@@ -72,7 +79,8 @@ fn push(pattern: &impl Pattern, distances: &[AtomicU8], row: usize, distance: u8
     marked
 }
 
-/// Marks a row's unknown states that have a neighbour at the distance before; returns how many.
+/// Marks the unknown states of a row that have a neighbour in the last level. Returns the number of
+/// states marked.
 fn pull(pattern: &impl Pattern, distances: &[AtomicU8], row: usize, distance: u8) -> u64 {
     let columns = pattern.columns();
     let own = &distances[row * columns..][..columns];
@@ -82,6 +90,7 @@ fn pull(pattern: &impl Pattern, distances: &[AtomicU8], row: usize, distance: u8
         if state.load(Ordering::Relaxed) != UNKNOWN {
             continue;
         }
+        // Turns have inverses, so the neighbours by turns are also those that lead here.
         let near = steps.get_or_insert_with(|| pattern.steps(row)).iter().any(|&(to, p)| {
             let neighbour = to as usize * columns + pattern.column(p, column);
             distances[neighbour].load(Ordering::Relaxed) == distance - 1
@@ -94,11 +103,12 @@ fn pull(pattern: &impl Pattern, distances: &[AtomicU8], row: usize, distance: u8
     marked
 }
 
-/// How many states are at each distance.
+/// Counts the states at each distance.
 pub(super) fn count(table: &[u8], workers: &dyn Workers) -> [u64; 16] {
     const PART: usize = 1 << 16;
     let counts = [const { AtomicU64::new(0) }; 16];
     workers.run(table.len().div_ceil(PART), &|part| {
+        // Whole bytes first: one addition for two states.
         let mut bytes = [0_u64; 256];
         let part = &table[part * PART..table.len().min((part + 1) * PART)];
         for &byte in part {
@@ -112,7 +122,7 @@ pub(super) fn count(table: &[u8], workers: &dyn Workers) -> [u64; 16] {
     counts.map(AtomicU64::into_inner)
 }
 
-/// The distance of a state.
+/// Reads the distance of a state.
 #[inline]
 pub(super) fn distance(table: &[u8], state: usize) -> u8 {
     table[state / 2] >> (state % 2 * 4) & 15

@@ -1,15 +1,19 @@
-//! Korf's solver, the paper's: IDA* with three pattern databases.
+//! Korf's solver, which the robot of 2007 used: IDA* with three pattern databases.
 //!
-//! - in: a [`Cube`], the databases of [`TABLES`], [`Limits`], [`Workers`], a flag that stops
+//! - in: a [`Cube`], the databases of [`TABLES`], [`Limits`], [`Workers`], a flag that stops the
+//!   search
 //! - out: an [`Answer`]
-//! - source: R. Korf, "Finding optimal solutions to Rubik's cube using pattern databases", AAAI 1997; Zieliński et al.
-//!   (2007), p. 376, where it solves what needs up to about 16 turns
+//! - source: R. Korf, "Finding optimal solutions to Rubik's cube using pattern databases", AAAI
+//!   1997; Zieliński et al. (2007), p. 376, where it solves cubes that need up to about 16 turns
 //!
-//! One database has the distance of each state of the eight corners, the other two those of six edges each. The bound
-//! for a cube is the greatest of the three, and depth-first searches to more and more turns go on until one succeeds.
-//! It is kept as it was, as the baseline; [`super::optimal`] is what to use.
+//! One database has the distance of each state of the eight corners, the other two those of six
+//! edges each. The greatest of the three distances is a lower bound for the cube. Depth-first
+//! searches to one more turn at a time go on until one succeeds.
 //!
-//! `pattern` numbers the pieces' states, `fill` makes the databases.
+//! The solver is a baseline and deliberately has no improvements of later years; [`super::optimal`]
+//! is much faster.
+//!
+//! `pattern` numbers the states of the pieces, `fill` builds the databases.
 
 mod fill;
 mod pattern;
@@ -23,17 +27,17 @@ use pattern::{Corners, EdgeMoves, Edges, edge_moves, edge_states, edges_number};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-/// Corners at each distance: as the table in Korf's paper has them.
+/// Number of states of the corners at each distance, as in the table of Korf's paper.
 const CORNERS: [u64; 12] =
     [1, 18, 243, 2874, 28000, 205416, 1168516, 5402628, 20776176, 45391616, 15139616, 64736];
-/// UR, UF, UL, UB, DR, DF at each distance.
+/// Number of states of the edges UR, UF, UL, UB, DR, DF at each distance.
 const FIRST_EDGES: [u64; 11] =
     [1, 18, 230, 2747, 30847, 308783, 2508618, 13189082, 23497569, 3039786, 239];
-/// DL, DB, FR, FL, BL, BR at each distance.
+/// Number of states of the edges DL, DB, FR, FL, BL, BR at each distance.
 const LAST_EDGES: [u64; 11] =
     [1, 15, 190, 2360, 27139, 281416, 2380459, 13065209, 23961831, 2859244, 56];
 
-/// The pattern databases; all three are needed.
+/// Pattern databases; the solver needs all three.
 pub const TABLES: [TableSpec; 3] = [
     TableSpec {
         name: "korf-corners",
@@ -61,6 +65,10 @@ pub const TABLES: [TableSpec; 3] = [
     },
 ];
 
+/// Counts the states at each distance and compares the counts with the known ones.
+///
+/// # Errors
+/// A message with both, or with both sizes.
 fn verify(
     table: &[u8],
     states: usize,
@@ -79,15 +87,15 @@ fn verify(
     }
 }
 
-/// A database has the wrong size.
+/// Error: a database has the wrong size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("the pattern database {name} has {bytes} bytes instead of {expected}")]
 pub struct WrongSize {
-    /// Its name.
+    /// Name of the database.
     pub name: &'static str,
-    /// Its size.
+    /// Size of the database (bytes).
     pub bytes: usize,
-    /// What that should be.
+    /// Size that it should have (bytes).
     pub expected: usize,
 }
 
@@ -96,14 +104,14 @@ pub struct WrongSize {
 pub struct Korf<'a> {
     corners: &'a [u8],
     edges: [&'a [u8]; 2],
-    /// `[order * 18 + turn]`.
+    /// Order of the corners after a turn: `[order * 18 + turn]`.
     orders: Vec<u16>,
-    /// `[twist * 18 + turn]`.
+    /// Twists after a turn: `[twist * 18 + turn]`.
     twists: Vec<u16>,
     edge_moves: EdgeMoves,
 }
 
-/// A cube as the databases see it.
+/// A cube in the coordinates of the databases.
 #[derive(Debug, Clone, Copy)]
 struct State {
     order: u16,
@@ -112,23 +120,23 @@ struct State {
     edges: [u8; 12],
 }
 
-/// Turns that are left to search, and those made.
+/// Part of a search: the state after some turns, and these turns.
 #[derive(Debug, Clone)]
 struct Task {
     state: State,
     made: Vec<u8>,
 }
 
-/// States between two looks at whether to stop.
+/// Number of states that a worker visits between two checks of the limits.
 const PATIENCE: u64 = 1 << 14;
-/// Turns at which the search is divided into tasks.
+/// Number of turns after which the search is divided into tasks.
 const TASK_DEPTH: u8 = 2;
 
 impl<'a> Korf<'a> {
-    /// Takes the three [`TABLES`], in their order.
+    /// Makes a solver from the three [`TABLES`], in their order.
     ///
     /// # Errors
-    /// Where one has another size.
+    /// [`WrongSize`] for the first table of another size.
     pub fn new(tables: [&'a [u8]; 3]) -> Result<Self, WrongSize> {
         for (table, spec) in tables.iter().zip(&TABLES) {
             if table.len() != spec.bytes {
@@ -148,8 +156,8 @@ impl<'a> Korf<'a> {
         })
     }
 
-    /// Finds a shortest solution. Its length is the same whatever the number of workers; with one worker, so are the
-    /// turns.
+    /// Finds a shortest solution. Its length does not depend on the number of workers; its turns
+    /// are reproducible with one worker only.
     #[must_use]
     pub fn solve(
         &self,
@@ -165,6 +173,7 @@ impl<'a> Korf<'a> {
         };
         let least = self.bound(&root);
         let mut answer = Answer { turns: None, at_least: least, nodes: 0 };
+        // Iterative deepening: a round without a solution proves that the next length is a bound.
         for length in least..=limits.max_length {
             let round = Round {
                 tasks: self.tasks(root, TASK_DEPTH.min(length)),
@@ -187,6 +196,7 @@ impl<'a> Korf<'a> {
         answer
     }
 
+    /// Returns the greatest of the three distances.
     fn bound(&self, state: &State) -> u8 {
         self.corner_distance(state)
             .max(self.edge_distance(state, 0))
@@ -215,7 +225,7 @@ impl<'a> Korf<'a> {
         }
     }
 
-    /// The states after each row of turns of a length.
+    /// Returns the states after each sequence of `depth` turns.
     fn tasks(&self, root: State, depth: u8) -> Vec<Task> {
         let mut tasks = vec![Task { state: root, made: Vec::new() }];
         for _ in 0..depth {
@@ -233,7 +243,7 @@ impl<'a> Korf<'a> {
         tasks
     }
 
-    /// Takes tasks until there are none.
+    /// Takes and searches tasks until there are none, or until the round has ended.
     fn work(&self, round: &Round<'_>) {
         let mut walk = Walk { korf: self, round, made: Vec::new(), nodes: 0 };
         while let Some(task) = round.tasks.get(round.taken.fetch_add(1, Ordering::Relaxed)) {
@@ -254,20 +264,22 @@ impl<'a> Korf<'a> {
     }
 }
 
-/// One search to one number of turns, by all workers.
+/// One search to a given number of turns, by all workers.
 struct Round<'a> {
     tasks: Vec<Task>,
+    /// Number of turns that are left at the start of each task.
     left: u8,
+    /// Number of tasks that workers have taken.
     taken: AtomicUsize,
     nodes: AtomicU64,
     max_nodes: u64,
     stop: &'a AtomicBool,
-    /// Solved, stopped, or at the end of the nodes.
+    /// Whether the round is over: solved, stopped, or out of nodes.
     ended: AtomicBool,
     found: Mutex<Option<Vec<Turn>>>,
 }
 
-/// One worker's way.
+/// Depth-first walk of one worker.
 struct Walk<'a> {
     korf: &'a Korf<'a>,
     round: &'a Round<'a>,
@@ -276,10 +288,11 @@ struct Walk<'a> {
 }
 
 impl Walk<'_> {
-    /// Whether a state is solved by just as many turns as are left; then they are in `made`.
+    /// Searches for exactly `left` turns that solve the state. Returns whether there are any;
+    /// `made` has them then.
     fn search(&mut self, state: &State, left: u8, last: Option<u8>) -> bool {
         if left == 0 {
-            // All three distances are 0, so nothing is out of place.
+            // The caller has checked that all three distances are 0, so each piece is in its place.
             return true;
         }
         for turn in 0..18 {
@@ -291,6 +304,8 @@ impl Walk<'_> {
             if self.nodes == PATIENCE {
                 self.report();
             }
+            // The child has `left - 1` turns. The corners come first because their distances are
+            // the greatest on average and reject the most states.
             if self.korf.corner_distance(&next) >= left
                 || self.korf.edge_distance(&next, 0) >= left
                 || self.korf.edge_distance(&next, 1) >= left
@@ -309,6 +324,7 @@ impl Walk<'_> {
         false
     }
 
+    /// Adds the nodes of this worker to the total, and ends the round at its limits.
     fn report(&mut self) {
         let nodes = self.round.nodes.fetch_add(self.nodes, Ordering::Relaxed) + self.nodes;
         self.nodes = 0;
@@ -318,7 +334,8 @@ impl Walk<'_> {
     }
 }
 
-/// Whether a face may be turned after another: never the same, and of opposite ones the first of the six first.
+/// Returns whether the search turns `face` after `last`. It never turns one face twice in a row,
+/// and turns opposite faces, whose turns commute, only in the order U D, R L, F B.
 fn follows(last: Option<u8>, face: u8) -> bool {
     last.is_none_or(|last| face != last && face + 3 != last)
 }
@@ -331,7 +348,7 @@ mod tests {
     use std::collections::HashMap;
     use std::sync::LazyLock;
 
-    /// The databases up to distance 4, as 5 from there on: quick to make, and as admissible.
+    /// Databases up to distance 4, with 5 for all further states: quick to build and admissible.
     static NEAR: LazyLock<[Vec<u8>; 3]> = LazyLock::new(|| {
         [
             fill(&Corners::new(), 4, &InTurn, &|_| ()),
@@ -348,7 +365,7 @@ mod tests {
         korf.solve(cube, limits, &InTurn, &AtomicBool::new(false))
     }
 
-    /// All cubes within three turns, with their distances.
+    /// Returns all cubes within three turns of a cube, with their distances.
     fn within_three(cube: Cube) -> HashMap<Cube, u8> {
         let mut distances = HashMap::from([(cube, 0)]);
         let mut last = vec![cube];
@@ -365,7 +382,7 @@ mod tests {
     }
 
     #[test]
-    fn databases_begin_with_the_known_numbers_of_states() {
+    fn databases_begin_with_known_counts() {
         for (table, known) in NEAR.iter().zip([&CORNERS[..], &FIRST_EDGES, &LAST_EDGES]) {
             let counts = count(table, &InTurn);
 
@@ -374,8 +391,10 @@ mod tests {
         }
     }
 
+    /// The reference is a search without bounds that meets in the middle: three turns from each
+    /// side.
     #[test]
-    fn solutions_are_as_short_as_a_search_from_both_sides_finds_them() {
+    fn solutions_match_search_from_both_sides() {
         let (korf, from_solved) = (near(), within_three(Cube::SOLVED));
         for text in
             ["", "R", "U2 D", "F R U' L2", "R U2 F' D L", "B2 U L' D F2 R'", "R2 U2 R2 U2 R2 U2"]
@@ -394,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn a_limit_or_a_flag_ends_the_search_with_what_is_proven() {
+    fn limit_or_flag_ends_search_with_proven_bound() {
         let cube = Cube::SOLVED.apply_all(&parse_turns("R U2 F' D L B").unwrap());
 
         let short = solve(&near(), &cube, Limits { max_length: 5, ..Limits::NONE });
@@ -410,7 +429,7 @@ mod tests {
     }
 
     #[test]
-    fn databases_of_other_sizes_are_refused() {
+    fn new_rejects_databases_of_other_sizes() {
         let wrong = Korf::new([&NEAR[1], &NEAR[1], &NEAR[2]]).unwrap_err();
 
         assert_eq!(wrong.name, "korf-corners");
@@ -419,7 +438,7 @@ mod tests {
     /// About 10 s: `cargo test --release --lib korf -- --ignored`.
     #[test]
     #[ignore = "makes all three databases and solves a cube of thirteen turns"]
-    fn whole_databases_hold_the_known_numbers_and_solve() {
+    fn whole_databases_have_known_counts_and_solve() {
         let tables = TABLES.map(|spec| {
             let table = (spec.build)(&InTurn, &|_| ());
             (spec.verify)(&table, &InTurn).unwrap();

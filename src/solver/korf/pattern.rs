@@ -1,45 +1,47 @@
-//! The patterns: all corners, and six edges. What they are numbered by, and what turns do to the numbers.
+//! Patterns, all corners or six edges: the numbers of their states, and the changes by turns.
 //!
-//! - in: a cube, or the number of a state of the pattern's pieces
+//! - in: a cube, or the number of a state of the pieces of a pattern
 //! - out: the number; the numbers after each turn
-//! - source: R. Korf (1997); the pieces left out are as if their stickers were peeled off
+//! - source: R. Korf (1997); all other pieces are ignored, as if they had no stickers
 //!
-//! A number is row * columns + column. A turn carries a row as a whole to another row, and permutes its columns in one
-//! of a few ways. That keeps the filling of a table within a few thousand bytes at a time.
+//! A number is row * columns + column. A turn carries each row as a whole to another row and
+//! permutes its columns in one of a few ways. The build of a table therefore works on a few
+//! thousand bytes at a time.
 
 use crate::coordinates::{PERMUTATIONS, TWISTS, corner_moves, rank, twist, twist_moves};
 use crate::cube::{Cube, Turn};
 
-/// Where a turn carries a row, and how it permutes the columns.
+/// Row to which a turn carries a row, and index of the permutation of the columns.
 pub(super) type Step = (u32, u16);
 
 /// Some pieces of the cube.
 pub(super) trait Pattern: Sync {
-    /// Rows of its table.
+    /// Returns the number of rows of the table.
     fn rows(&self) -> usize;
-    /// Columns of its table.
+    /// Returns the number of columns of the table.
     fn columns(&self) -> usize;
-    /// Where each turn carries a row.
+    /// Returns the row and permutation of a row after each turn.
     fn steps(&self, row: usize) -> [Step; 18];
-    /// What a permutation of the columns does to one.
+    /// Returns the image of a column under a permutation of the columns.
     fn column(&self, permutation: u16, column: usize) -> usize;
-    /// Number of a cube's state.
+    /// Returns the index of a cube's state.
     fn number(&self, cube: &Cube) -> usize;
 }
 
 /// All corners: a row for each order, a column for each twist.
 #[derive(Debug, Clone)]
 pub(super) struct Corners {
-    /// `[turn * PERMUTATIONS + order]`.
+    /// Order after a turn: `[turn * PERMUTATIONS + order]`.
     orders: Vec<u16>,
-    /// `[turn * TWISTS + twist]`.
+    /// Twists after a turn: `[turn * TWISTS + twist]`.
     twists: Vec<u16>,
 }
 
 impl Corners {
-    /// States of the corners.
+    /// Number of states of the corners.
     pub(super) const STATES: usize = PERMUTATIONS * TWISTS;
 
+    /// Computes the moves of the corners.
     pub(super) fn new() -> Self {
         Self { orders: corner_moves(), twists: twist_moves() }
     }
@@ -55,6 +57,7 @@ impl Pattern for Corners {
     }
 
     fn steps(&self, row: usize) -> [Step; 18] {
+        // A turn changes twists independently of the order, so its number is the permutation's.
         std::array::from_fn(|turn| (u32::from(self.orders[turn * PERMUTATIONS + row]), turn as u16))
     }
 
@@ -68,7 +71,8 @@ impl Pattern for Corners {
     }
 }
 
-/// `COUNT` edges from number `first` on: a row for their places, a column for their flips.
+/// `COUNT` edges from number `first` on: a row for each arrangement of their places, a column for
+/// each state of their flips.
 #[derive(Debug, Clone)]
 pub(super) struct Edges<const COUNT: usize> {
     first: u8,
@@ -76,7 +80,7 @@ pub(super) struct Edges<const COUNT: usize> {
 }
 
 impl<const COUNT: usize> Edges<COUNT> {
-    /// Places of these edges in order.
+    /// Number of arrangements of these edges: 12 x 11 x ...
     const ROWS: usize = {
         let (mut rows, mut k) = (1, 0);
         while k < COUNT {
@@ -85,9 +89,10 @@ impl<const COUNT: usize> Edges<COUNT> {
         }
         rows
     };
-    /// States of these edges.
+    /// Number of states of these edges.
     pub(super) const STATES: usize = Self::ROWS << COUNT;
 
+    /// Computes the moves of the edges from number `first` on.
     pub(super) fn new(first: u8) -> Self {
         Self { first, moves: edge_moves() }
     }
@@ -103,6 +108,7 @@ impl<const COUNT: usize> Pattern for Edges<COUNT> {
     }
 
     fn steps(&self, row: usize) -> [Step; 18] {
+        // Turned without flips, the edges show the new places and which flips the turn inverts.
         let edges: [u8; COUNT] = places::<COUNT>(row).map(|place| place * 2);
         std::array::from_fn(|turn| {
             let number = edges_number(&edges.map(|e| self.moves[turn][usize::from(e)]));
@@ -121,9 +127,10 @@ impl<const COUNT: usize> Pattern for Edges<COUNT> {
     }
 }
 
-/// `[turn][2 * place + flip]`: the same after the turn.
+/// State 2 * place + flip of an edge after a turn: `[turn][2 * place + flip]`.
 pub(super) type EdgeMoves = [[u8; 24]; 18];
 
+/// Computes the moves of a single edge.
 pub(super) fn edge_moves() -> EdgeMoves {
     std::array::from_fn(|turn| {
         let turned = Cube::SOLVED.apply(Turn::from_index(turn));
@@ -138,7 +145,7 @@ pub(super) fn edge_moves() -> EdgeMoves {
     })
 }
 
-/// For each edge 2 * its place + its flip.
+/// Returns 2 * place + flip of each edge.
 pub(super) fn edge_states(cube: &Cube) -> [u8; 12] {
     let mut states = [0; 12];
     for (place, (&edge, &flip)) in cube.edges().iter().zip(cube.flips()).enumerate() {
@@ -147,8 +154,8 @@ pub(super) fn edge_states(cube: &Cube) -> [u8; 12] {
     states
 }
 
-/// Number of the states 2 * place + flip of some edges: places as a mixed-radix number, each counted among those
-/// still free, then a bit for each flip.
+/// Returns the index of a combination of edge states, each 2 * place + flip: the places as a
+/// mixed-radix number, each counted among the places still free, then a bit for each flip.
 #[inline]
 pub(super) fn edges_number<const COUNT: usize>(states: &[u8; COUNT]) -> usize {
     let (mut row, mut flips, mut taken) = (0, 0, 0_u32);
@@ -162,14 +169,17 @@ pub(super) fn edges_number<const COUNT: usize>(states: &[u8; COUNT]) -> usize {
     row << COUNT | flips
 }
 
-/// The places of a row.
+/// Returns the places of the edges in a row.
 fn places<const COUNT: usize>(mut row: usize) -> [u8; COUNT] {
+    // The inverse of `edges_number`: first the digits, then from each digit, counted among the free
+    // places, the place itself.
     let mut places = [0; COUNT];
     for k in (0..COUNT).rev() {
         places[k] = (row % (12 - k)) as u8;
         row /= 12 - k;
     }
     for k in 1..COUNT {
+        // In ascending order, each earlier place at or below this one pushes it up by one.
         let mut earlier = [u8::MAX; COUNT];
         earlier[..k].copy_from_slice(&places[..k]);
         earlier.sort_unstable();
@@ -184,7 +194,7 @@ fn places<const COUNT: usize>(mut row: usize) -> [u8; COUNT] {
 mod tests {
     use super::*;
 
-    fn numbers_follow_turns(pattern: &impl Pattern) {
+    fn check_steps(pattern: &impl Pattern) {
         assert_eq!(pattern.number(&Cube::SOLVED), pattern.number(&Cube::SOLVED.inverse()));
         for seed in 0..50 {
             let cube = Cube::scrambled(seed);
@@ -200,15 +210,15 @@ mod tests {
     }
 
     #[test]
-    fn numbers_after_a_turn_are_those_of_the_turned_cube() {
-        numbers_follow_turns(&Corners::new());
-        numbers_follow_turns(&Edges::<6>::new(0));
-        numbers_follow_turns(&Edges::<6>::new(6));
-        numbers_follow_turns(&Edges::<3>::new(5));
+    fn steps_match_turns_of_cubes() {
+        check_steps(&Corners::new());
+        check_steps(&Edges::<6>::new(0));
+        check_steps(&Edges::<6>::new(6));
+        check_steps(&Edges::<3>::new(5));
     }
 
     #[test]
-    fn tables_have_korfs_numbers_of_states() {
+    fn tables_have_published_counts_by_distance() {
         assert_eq!(Corners::STATES, 88_179_840);
         assert_eq!(Edges::<6>::STATES, 42_577_920);
     }

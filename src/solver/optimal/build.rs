@@ -1,19 +1,30 @@
-//! Fills a table, one distance after the other, 256 to 2048 states at a time.
+//! Builder of a table, distance by distance, 256 to 2048 states at a time.
 //!
-//! - in: the cosets' numbers, the distance up to which a table does not tell states apart
-//! - out: the table's bytes, and how many cosets there are at each distance
-//! - source: two bits an entry relative to a base and a bound for what is below it in the same line: T. Rokicki, nxopt
+//! - in: the numbers of the cosets, the base: the distance up to which all cosets have one code
+//! - out: the bytes of the table, and the number of cosets at each distance
+//! - source: T. Rokicki, nxopt, for two bits an entry relative to a base, with a bound for smaller
+//!   distances in the same line
 //!
-//! Each row is pulled from those of its eighteen neighbours: what was reached before, carried over as sets of flips.
-//! Two sets take turns, so that all rows of a distance can be made side by side.
+//! Each row is pulled from the rows of its eighteen neighbours: it takes over the cosets that these
+//! have reached, as sets of flips. Rows are read from one set of cosets and written to another, so
+//! that workers can build all rows of a distance in parallel.
 //!
-//! A line of 64 bytes has the first bits of 256 entries and then their second bits: (1, 1) for `base` and less, (0, 1)
-//! for one more, (1, 0) for two more, (0, 0) for all above. Its first two entries give their room to four bits that
-//! tell the least distance in the line.
+//! A line of 64 bytes is one cache line. It has the first bits of 256 entries and then their second
+//! bits:
+//!
+//! | first, second bit | distance |
+//! |---|---|
+//! | 1, 1 | `base` and less |
+//! | 0, 1 | `base + 1` |
+//! | 1, 0 | `base + 2` |
+//! | 0, 0 | `base + 3` and more |
+//!
+//! The four bits of the first two entries hold the least distance in the line instead.
 
 #![allow(
     clippy::inline_always,
-    reason = "vector instructions are usable only where all is compiled into one function for that processor"
+    reason = "vector instructions need all callees inlined into one function compiled for that \
+              processor"
 )]
 
 use super::coset::{
@@ -26,23 +37,23 @@ use crate::table::{Progress, Workers};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-/// Bytes of a line, which is what a processor fetches at once.
+/// Size of a line: a cache line of the processor (bytes).
 pub(super) const LINE: usize = 64;
-/// Entries of a line.
+/// Number of entries of a line.
 const ENTRIES: usize = 256;
-/// Words of one of a line's two halves.
+/// Length of one of the two halves of a line (words).
 const HALF: usize = ENTRIES / 64;
 
-/// A table, as it is made.
+/// A table with its counts.
 #[derive(Debug)]
 pub(super) struct Filled {
-    /// Its bytes.
+    /// Bytes of the table.
     pub(super) table: Vec<u8>,
-    /// How many cosets there are at each distance up to `base + 2`.
+    /// Number of cosets at each distance up to `base + 2`.
     pub(super) counts: Vec<u64>,
 }
 
-/// Makes a table.
+/// Builds a table.
 pub(super) fn fill(
     cosets: &Cosets,
     base: u8,
@@ -56,20 +67,22 @@ pub(super) fn fill(
     }
 }
 
-/// Bytes of a row.
+/// Returns the size of a row (bytes).
 pub(super) const fn row_bytes(shape: Shape) -> usize {
     SLICES * shape.words() / HALF * LINE
 }
 
-/// What a turn and then a symmetry do to the edges.
+/// Map of the edges by a turn and then a symmetry.
 #[derive(Debug, Clone)]
 struct Motion {
+    /// Maps of sets of flips, each with its matrix.
     carriers: Vec<([u16; BITS], Carrier)>,
-    /// For each slice: which it becomes, which carrier takes its flips there, and the offset.
+    /// Image of each slice, number of the carrier for its flips, and offset.
     slices: Vec<(u16, u16, u16)>,
 }
 
 impl Motion {
+    /// Computes the map of a turn that is followed by a symmetry.
     fn new(cosets: &Cosets, turn: &Cube, symmetry: usize) -> Self {
         let mut motion = Self { carriers: Vec::new(), slices: Vec::with_capacity(SLICES) };
         let bits = cosets.shape.words().trailing_zeros() as usize + 6;
@@ -78,12 +91,14 @@ impl Motion {
                 let edges = turned_edges(cosets.edges(slice, number), turn);
                 cosets.edges_image(edges, symmetry)
             };
+            // The map is affine: its matrix has the images of single bits, less the image of 0.
             let zero = image(0);
             let offset = cosets.flip_number(zero);
             let columns = std::array::from_fn(|k| {
                 let bit = 1 << k;
                 if k < bits { cosets.flip_number(image(bit)) ^ offset } else { bit }
             });
+            // Slices with equal matrices share a carrier and differ in the offset only.
             let known = motion.carriers.iter().position(|(c, _)| *c == columns);
             let carrier = known.unwrap_or_else(|| {
                 motion.carriers.push((columns, Carrier::new(&columns)));
@@ -96,28 +111,34 @@ impl Motion {
     }
 }
 
-/// The work on one table, whose sets of flips have so many words.
+/// Builder of one table, with `WORDS` words in a set of flips.
 struct Filler<'a, const WORDS: usize> {
     cosets: &'a Cosets,
+    /// Map of the edges by each turn and symmetry: `[turn * UPRIGHT + symmetry]`.
     motions: Vec<Motion>,
-    /// For each row where each turn leads: row and symmetry.
+    /// Row after each turn, and the symmetry that leads to it, for each row.
     neighbours: Vec<[(usize, usize); 18]>,
 }
 
 /// One step: from the cosets up to a distance to those one further away.
 struct Step<'a> {
+    /// Distance of the new cosets (turns).
     distance: u8,
-    /// Whether new cosets are added to the set instead of all that are reached.
+    /// Whether the step adds the new cosets to the target set. Otherwise the target becomes all
+    /// cosets that are reached.
     only_new: bool,
     from: &'a [u64],
-    /// Which rows of `from` have anything in them.
+    /// Whether each row of `from` has any cosets.
     filled: &'a [bool],
 }
 
 impl<'a, const WORDS: usize> Filler<'a, WORDS> {
+    /// Length of a row (words).
     const ROW: usize = SLICES * WORDS;
+    /// Number of lines of a row.
     const LINES: usize = Self::ROW / HALF;
 
+    /// Computes the maps and neighbours.
     fn new(cosets: &'a Cosets) -> Self {
         let turns = turns();
         let motions = (0..18 * UPRIGHT)
@@ -131,6 +152,7 @@ impl<'a, const WORDS: usize> Filler<'a, WORDS> {
         Self { cosets, motions, neighbours }
     }
 
+    /// Builds the table up to `base + 2`.
     fn fill(&self, base: u8, workers: &dyn Workers, progress: Progress<'_>) -> Filled {
         let rows = self.neighbours.len();
         let (mut near, mut next) = (vec![0_u64; rows * Self::ROW], vec![0_u64; rows * Self::ROW]);
@@ -143,8 +165,10 @@ impl<'a, const WORDS: usize> Filler<'a, WORDS> {
         let mut counts = vec![1];
         let done = AtomicUsize::new(0);
         for distance in 1..=base + 2 {
+            // Up to the base, both sets are exchanged after each step. Then `near` has the cosets
+            // up to the base, and `next` gets those up to base + 1. The last step reads `next` and
+            // adds those at base + 2 to `near`. The two sets are then the two bits of all entries.
             let last = distance == base + 2;
-            // In the last step `near` keeps what is up to the base, and gets what is two further away.
             let (from, into) = if last { (&next, &mut near) } else { (&near, &mut next) };
             let step = Step { distance, only_new: last, from, filled: &filled };
             let touched: Vec<AtomicBool> = filled.iter().map(|&f| AtomicBool::new(f)).collect();
@@ -176,19 +200,23 @@ impl<'a, const WORDS: usize> Filler<'a, WORDS> {
         Filled { table: lines(&near, &next, &least), counts }
     }
 
-    /// Where the solved cube stands, as a word.
+    /// Returns the position of the word that has the solved cube, as its lowest bit.
     fn start(&self) -> usize {
         let (row, symmetry) = self.cosets.row(&corners_of(&Cube::SOLVED));
         let (slice, _) = self.cosets.edges_image(edges_of(&Cube::SOLVED), symmetry);
         row * Self::ROW + usize::from(self.cosets.slice_of[usize::from(slice)]) * WORDS
     }
 
-    /// Makes one row; returns how many of its states are new.
+    /// Builds one row. Returns the number of its new cosets.
     fn pull(&self, step: &Step<'_>, row: usize, into: &mut [u64], least: &mut [u8]) -> u64 {
+        // Compiled twice: with AVX2, each operation on words handles four of them.
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") {
-            #[allow(unsafe_code, reason = "the processor has what the function needs")]
-            // SAFETY: checked the line before.
+            #[allow(
+                unsafe_code,
+                reason = "the processor supports the instructions of the function"
+            )]
+            // SAFETY: the condition above checks that the processor has AVX2.
             return unsafe { self.pull_with_avx2(step, row, into, least) };
         }
         self.pull_anywhere(step, row, into, least)
@@ -224,11 +252,14 @@ impl<'a, const WORDS: usize> Filler<'a, WORDS> {
                 sources.push((from, &self.motions[turn * UPRIGHT + symmetry]));
             }
         }
+        // Turns have inverses, so the neighbours by turns are also those that lead to this row. The
+        // motion from here to a neighbour gives the index at which its set is read.
         for slice in 0..SLICES {
             let mut set = own[slice];
             for (from, motion) in &sources {
                 let (at, carrier, offset) = motion.slices[slice];
                 let source = &from[usize::from(at)];
+                // At small distances most sets are empty.
                 if source.iter().fold(0, |any, word| any | word) == 0 {
                     continue;
                 }
@@ -238,6 +269,7 @@ impl<'a, const WORDS: usize> Filler<'a, WORDS> {
                     *word |= more;
                     all &= *word;
                 }
+                // At great distances a set is full before all neighbours are read.
                 if all == u64::MAX {
                     break;
                 }
@@ -260,11 +292,12 @@ impl<'a, const WORDS: usize> Filler<'a, WORDS> {
     }
 }
 
+/// Splits a row into its sets of flips, one for each slice.
 fn sets<const WORDS: usize>(row: &[u64]) -> &[[u64; WORDS]] {
     row.as_chunks().0
 }
 
-/// Puts the two bits of each entry, and the least distance, into lines.
+/// Combines the two bits of each entry and the least distances into lines.
 fn lines(first: &[u64], second: &[u64], least: &[u8]) -> Vec<u8> {
     let mut table = Vec::with_capacity(first.len() * 16);
     for (line, least) in least.iter().enumerate() {
@@ -277,8 +310,8 @@ fn lines(first: &[u64], second: &[u64], least: &[u8]) -> Vec<u8> {
     table
 }
 
-/// How many cosets a table has up to `base`, one further away, two, and more; those without room of their own are
-/// left out.
+/// Counts the cosets of a table up to `base`, one further away, two, and more. Cosets without an
+/// entry of their own do not count.
 pub(super) fn count(cosets: &Cosets, table: &[u8], workers: &dyn Workers) -> [u64; 4] {
     let counts = [const { AtomicU64::new(0) }; 4];
     let row_bytes = row_bytes(cosets.shape);
@@ -286,6 +319,7 @@ pub(super) fn count(cosets: &Cosets, table: &[u8], workers: &dyn Workers) -> [u6
         let mut found = [0; 4];
         for line in table[row * row_bytes..][..row_bytes].chunks_exact(LINE) {
             let (halves, _) = line.as_chunks::<8>();
+            // The first two bits of each half belong to the least distance.
             for (k, mask) in [!3, u64::MAX, u64::MAX, u64::MAX].into_iter().enumerate() {
                 let (a, b) = (u64::from_le_bytes(halves[k]), u64::from_le_bytes(halves[k + HALF]));
                 for (n, set) in [a & b, !a & b, a & !b, !a & !b].into_iter().enumerate() {

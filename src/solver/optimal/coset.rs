@@ -1,56 +1,62 @@
-//! What a table looks at: a row by the corners, a place in the row by the edges.
+//! Cosets: the classes of cubes that a table distinguishes, and their numbers.
 //!
-//! - in: the corners' twists, which corners are of which tetrad, where the middle layer's edges are, flips
-//! - out: numbers; sixteen symmetric states of the corners share a row, to which the edges are carried along
-//! - source: Kociemba's phase 1 for twists, flips and the middle layer; H48 (S. Tronto) for the tetrads, T. Rokicki's
-//!   nxopt for three axes and two directions in one table
+//! The corners of a cube select a row of the table, its edges a position in the row.
 //!
-//! A tetrad is four corners no two of which are neighbours. Half turns keep the two tetrads, the middle layer, twists
-//! and flips. So two states are one here that differ by a half turn before all others, or by the sense of a quarter:
-//! of eighteen turns that may come first, six lead nowhere and twelve lead to six cosets. Splitting the corners into
-//! upper and lower ones, as nxopt does, frees the six turns of U and D instead, and no more. With equally large tables
-//! (1.3 GB) four cubes of 16 turns took 2.7 million states and 4.9 million bounds with tetrads, 3.6 and 8.5 with layers.
+//! - in: the twists of the corners, the tetrad of each corner, the places of the middle-layer
+//!   edges, the flips
+//! - out: numbers; up to sixteen symmetric states of the corners share a row, and the edges are
+//!   mapped by the symmetry that leads to it
+//! - source: H. Kociemba's phase 1 for twists, flips and the middle layer; S. Tronto's H48 for the
+//!   tetrads; T. Rokicki's nxopt for three axes and two directions in one table
+//!
+//! A tetrad is four corners of which no two are neighbours. Half turns keep the two tetrads, the
+//! middle layer, the twists and the flips. Two cubes therefore have one coset if they differ by a
+//! half turn before all other turns, or by the sense of a quarter turn there. Eighteen turns may
+//! come first: six keep the coset, and twelve lead to only six others.
+//!
+//! The alternative of nxopt splits the corners into upper and lower ones. Then the six turns of U
+//! and D keep the coset, but the other twelve lead to up to twelve others. With tables of equal
+//! size (1.3 GB), four cubes of 16 turns took 2.7 million states and 4.9 million bounds with
+//! tetrads, 3.6 and 8.5 million with layers.
 
 use super::flips::BITS;
 use super::geometry::{Symmetry, UPRIGHT, upright};
 use crate::cube::{Cube, Turn};
 
-/// Twists of the corners.
+/// Number of states of the corners' twists.
 const TWISTS: usize = 2187;
-/// Places of the middle layer's four edges.
+/// Number of sets of places of the four middle-layer edges.
 pub(super) const SLICES: usize = 495;
 
-/// What a table knows of the tetrads.
+/// Distinction of the tetrads in a table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Tetrads {
-    /// Nothing: with all flips that is Kociemba's phase 1, whose distances are known.
-    #[cfg_attr(
-        not(test),
-        allow(dead_code, reason = "small enough for tests, too weak for solving")
-    )]
+    /// No distinction: with all flips this is Kociemba's phase 1, whose distances are known.
+    #[cfg_attr(not(test), allow(dead_code, reason = "the small tables serve tests only"))]
     Ignored,
-    /// Which corners are of one tetrad: 35 splits.
+    /// Split of the corners into two tetrads without names: 35 splits.
     Unnamed,
-    /// And of which: 70.
+    /// Split of the corners into the first and the second tetrad: 70 splits.
     Named,
 }
 
-/// Which of a cube's features a table tells apart.
+/// Features of a cube that a table distinguishes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Shape {
-    /// Of the corners, besides their twists.
+    /// Feature of the corners besides their twists.
     pub(super) tetrads: Tetrads,
     /// Whether all flips count (2048) or only those of the edges outside the middle layer (256).
     pub(super) full: bool,
 }
 
 impl Shape {
-    /// 64-bit words with a bit for each state of the flips.
+    /// Returns the number of 64-bit words that have one bit for each state of the flips.
     pub(super) const fn words(self) -> usize {
         if self.full { 32 } else { 4 }
     }
 
-    /// Rows of the table: classes of the corners' states under sixteen symmetries.
+    /// Returns the number of rows of the table: classes of states of the corners under sixteen
+    /// symmetries.
     pub(super) const fn rows(self) -> usize {
         match self.tetrads {
             Tetrads::Ignored => 168,
@@ -60,33 +66,37 @@ impl Shape {
     }
 }
 
-/// Corners as a row sees them: twists, and a bit for each place that has a corner of the first tetrad.
+/// State of the corners that selects a row: twists, and a bit for each place that has a corner of
+/// the first tetrad.
 pub(super) type Corners = ([u8; 8], u8);
-/// Edges as a row sees them: a bit for each place of a middle edge, a bit for each flipped one.
+/// State of the edges that selects a position in a row: a bit for each place of a middle edge, and
+/// a bit for each place with a flipped edge.
 pub(super) type Edges = (u16, u16);
 
 /// Numbers of the states of corners and edges.
 #[derive(Debug, Clone)]
 pub(super) struct Cosets {
     pub(super) shape: Shape,
-    /// Splits into tetrads.
+    /// Number of splits of the corners into tetrads.
     pub(super) splits: usize,
-    /// Number of a split by its bits.
+    /// Number of each split by its bits.
     pub(super) split_of: Vec<u8>,
-    /// `[twist * splits + split]`: 16 * row + the symmetry that carries there.
+    /// 16 * row + the symmetry that maps the corners to those of the row:
+    /// `[twist * splits + split]`.
     pub(super) rows: Vec<u32>,
-    /// For each row its corners.
+    /// Corners of each row.
     pub(super) representatives: Vec<Corners>,
-    /// How many states of the corners share each row.
+    /// Number of states of the corners that share each row.
     pub(super) sizes: Vec<u8>,
-    /// The middle edges' places by number, as bits.
+    /// Places of the middle edges by number, as bits.
     pub(super) slices: Vec<u16>,
-    /// And their number by the bits.
+    /// Number of the places of the middle edges by their bits.
     pub(super) slice_of: Vec<u16>,
     pub(super) upright: [Symmetry; UPRIGHT],
 }
 
 impl Cosets {
+    /// Numbers the cosets of a shape.
     pub(super) fn new(shape: Shape) -> Self {
         let mut split_of = vec![u8::MAX; 256];
         let mut masks = Vec::new();
@@ -96,6 +106,7 @@ impl Cosets {
             }
             let number = masks.len() as u8;
             masks.push(bits);
+            // Unnamed tetrads give a set and its complement one number.
             match shape.tetrads {
                 Tetrads::Ignored => split_of.fill(number),
                 Tetrads::Unnamed => split_of[usize::from(!bits)] = number,
@@ -121,6 +132,7 @@ impl Cosets {
         cosets
     }
 
+    /// Assigns the rows: the first state of a class in the order of its number represents it.
     fn classify(&mut self, masks: &[u8]) {
         let inverses = self.upright.each_ref().map(|a| {
             let undoes =
@@ -138,6 +150,8 @@ impl Cosets {
                 let mut size = 0;
                 for (s, &back) in inverses.iter().enumerate() {
                     let image = self.number(&self.corners_image(&corners, s));
+                    // The inverse leads from the image back to the representative. States with
+                    // symmetries of their own meet an image twice, which makes the class smaller.
                     if self.rows[image] == u32::MAX {
                         self.rows[image] = row * UPRIGHT as u32 + back as u32;
                         size += 1;
@@ -149,20 +163,22 @@ impl Cosets {
         }
     }
 
-    /// Position of a state of the corners in `rows`.
+    /// Returns the index of a state of the corners in `rows`.
     fn number(&self, corners: &Corners) -> usize {
         let twist = (0..7).rev().fold(0, |n, i| n * 3 + usize::from(corners.0[i]));
         twist * self.splits + usize::from(self.split_of[usize::from(corners.1)])
     }
 
-    /// The row of a state of the corners, and the symmetry that carries there.
+    /// Returns the row of a state of the corners, and the symmetry that leads to it.
     pub(super) fn row(&self, corners: &Corners) -> (usize, usize) {
         let row = self.rows[self.number(corners)] as usize;
         (row / UPRIGHT, row % UPRIGHT)
     }
 
+    /// Returns the image of the corners under a symmetry that keeps the up-down axis.
     fn corners_image(&self, (twists, mask): &Corners, s: usize) -> Corners {
         let symmetry = &self.upright[s];
+        // A symmetry may exchange the tetrads. Then the corners of the second one are the first's.
         let exchanges = of_first_tetrad(symmetry.corners[0]) != of_first_tetrad(0);
         let (mut image, mut bits) = ([0; 8], 0);
         for (i, (&to, twist)) in symmetry.corners.iter().zip(twists).enumerate() {
@@ -172,9 +188,11 @@ impl Cosets {
         (image, if exchanges { !bits } else { bits })
     }
 
+    /// Returns the image of the edges under a symmetry that keeps the up-down axis.
     pub(super) fn edges_image(&self, (slice, flips): Edges, s: usize) -> Edges {
         let symmetry = &self.upright[s];
-        // A piece's turn depends only on whether it is of the middle layer.
+        // The flip of the image is turn(place) + flip - turn(piece), modulo 2 (see `geometry`). The
+        // turn of a piece depends only on whether it belongs to the middle layer.
         let exchanges = u16::from(symmetry.edge_turns[8]);
         (0..12).fold((0, 0), |image, i| {
             let (to, inside) = (symmetry.edges[i], slice >> i & 1);
@@ -183,12 +201,14 @@ impl Cosets {
         })
     }
 
-    /// Number of the flips of some edges.
+    /// Returns the index of the flips of some edges.
     pub(super) fn flip_number(&self, (slice, flips): Edges) -> u16 {
+        // All flips: the twelfth follows. Otherwise: those outside the middle layer, moved
+        // together.
         if self.shape.full { flips & 0x7ff } else { gathered(flips, !slice & 0xfff) }
     }
 
-    /// The edges with the middle ones at `slice` and the flips of a number.
+    /// Returns the edges with the middle ones at `slice` and the flips of a number.
     pub(super) fn edges(&self, slice: u16, number: u16) -> Edges {
         if self.shape.full {
             let last = number.count_ones() as u16 & 1;
@@ -199,18 +219,19 @@ impl Cosets {
     }
 }
 
-/// The bits of `value` where `mask` has ones, moved together.
+/// Moves the bits of `value` where `mask` has ones together.
 pub(super) fn gathered(value: u16, mask: u16) -> u16 {
     let places = (0..16).filter(|i| mask >> i & 1 == 1);
     places.enumerate().fold(0, |bits, (k, i)| bits | (value >> i & 1) << k)
 }
 
-/// URF and the three corners that half turns bring to its place.
+/// Returns whether a corner belongs to the first tetrad: URF and the three corners that half turns
+/// bring to its place.
 pub(super) fn of_first_tetrad(corner: u8) -> bool {
     [0, 2, 5, 7].contains(&corner)
 }
 
-/// The twists with a number.
+/// Returns the twists with a number. The last twist makes the sum a multiple of 3.
 fn twists(mut number: usize) -> [u8; 8] {
     let mut twists = [0; 8];
     for twist in &mut twists[..7] {
@@ -221,32 +242,32 @@ fn twists(mut number: usize) -> [u8; 8] {
     twists
 }
 
-/// The turns as cubes, in the order of [`Turn::index`].
+/// Returns the turns as cubes, in the order of [`Turn::index`].
 pub(super) fn turns() -> [Cube; 18] {
     std::array::from_fn(|t| Cube::SOLVED.apply(Turn::from_index(t)))
 }
 
-/// The corners of a cube as a row sees them.
+/// Returns the state of the corners of a cube.
 pub(super) fn corners_of(cube: &Cube) -> Corners {
     let first = |i: usize| u8::from(of_first_tetrad(cube.corners()[i]));
     (*cube.twists(), (0..8).fold(0, |bits, i| bits | first(i) << i))
 }
 
-/// The edges of a cube as a row sees them.
+/// Returns the state of the edges of a cube.
 pub(super) fn edges_of(cube: &Cube) -> Edges {
     (0..12).fold((0, 0), |bits, i| {
         (bits.0 | u16::from(cube.edges()[i] >= 8) << i, bits.1 | u16::from(cube.flips()[i]) << i)
     })
 }
 
-/// The corners after a turn.
+/// Returns the corners after a turn.
 pub(super) fn turned_corners((twists, mask): &Corners, turn: &Cube) -> Corners {
     let from = turn.corners().map(usize::from);
     let bits = (0..8).fold(0, |bits, i| bits | (mask >> from[i] & 1) << i);
     (std::array::from_fn(|i| (twists[from[i]] + turn.twists()[i]) % 3), bits)
 }
 
-/// The edges after a turn.
+/// Returns the edges after a turn.
 pub(super) fn turned_edges((slice, flips): Edges, turn: &Cube) -> Edges {
     (0..12).fold((0, 0), |bits, i| {
         let from = turn.edges()[i];
@@ -266,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn classes_share_out_all_states_of_the_corners() {
+    fn classes_cover_all_states_of_the_corners() {
         for shape in shapes() {
             let cosets = Cosets::new(shape);
 
@@ -295,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn flips_are_read_back_from_their_number() {
+    fn flips_survive_the_round_trip() {
         for full in [false, true] {
             let cosets = Cosets::new(Shape { tetrads: Tetrads::Unnamed, full });
             for number in 0..cosets.shape.words() as u16 * 64 {
@@ -306,7 +327,7 @@ mod tests {
         }
     }
 
-    /// The cosets reached by so many turns, counted without rows, symmetries and tables.
+    /// Counts the new cosets after 0 to 4 turns, without rows, symmetries and tables.
     fn reached(shape: Shape) -> Vec<usize> {
         let cosets = Cosets::new(shape);
         let key = |cube: &Cube| {
@@ -326,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn distances_begin_as_turns_of_whole_cubes_give_them() {
+    fn known_distances_match_turns_of_cubes() {
         for design in [crate::optimal::SMALL, crate::optimal::STANDARD] {
             let known: Vec<usize> = design.distances[..=4].iter().map(|&n| n as usize).collect();
             assert_eq!(reached(design.shape), known);

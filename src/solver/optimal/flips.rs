@@ -1,21 +1,25 @@
-//! Sets of flips as bits, and what turns and symmetries make of a whole set at once.
+//! Sets of flips as bits, and the image of a whole set under a turn or symmetry.
 //!
-//! - in: a linear map of the bits that number the flips
-//! - out: a short list of exchanges of words and of bits within words, which carries a set to its image
+//! - in: an affine map of the numbers of flips, over the integers modulo 2
+//! - out: a short list of exchanges of words, and of bits within words, that carries a set to its
+//!   image
 //!
-//! A turn permutes flips and inverts some; where all twelve are known, the twelfth is the sum of the others. So the map
-//! is a permutation of bits, but for one bit that may be the sum of all. Flips number `64 w + b` are bit `b` of word
-//! `w`. Treating 2048 states with some hundred instructions is what makes the tables cheap to build.
+//! A set has one bit for each of the 2048 numbers of flips: number `64 w + b` is bit `b` of word
+//! `w`. A turn permutes the flips and inverts some of them. If all eleven independent flips count,
+//! the twelfth is the sum of the others. The map of the numbers therefore permutes their bits,
+//! except that one bit may be the sum of all. A few hundred instructions move 2048 states at once,
+//! which makes the tables cheap to build.
 
 #![allow(
     clippy::inline_always,
-    reason = "vector instructions are usable only where all is compiled into one function for that processor"
+    reason = "vector instructions need all callees inlined into one function compiled for that \
+              processor"
 )]
 
-/// Bits of the longest numbers.
+/// Number of bits of the longest numbers.
 pub(super) const BITS: usize = 11;
 
-/// Positions within a word whose bit `p` is 0.
+/// Masks of the positions within a word whose bit `p` is 0.
 const LOW: [u64; 6] = [
     0x5555_5555_5555_5555,
     0x3333_3333_3333_3333,
@@ -25,7 +29,7 @@ const LOW: [u64; 6] = [
     0x0000_0000_ffff_ffff,
 ];
 
-/// One step: `new[i] = old[e(i)]`.
+/// One step of a map of sets: `new[i] = old[e(i)]`.
 #[derive(Debug, Clone, Copy)]
 enum Step {
     /// Exchanges bits `p` and `q` of the number, `p < q`.
@@ -34,21 +38,23 @@ enum Step {
     Add(u8, u16),
 }
 
-/// Takes `set` to `image`, `image[i] = set[matrix * i + offset]`.
+/// Map of sets, `image[i] = set[matrix * i + offset]`, as a list of steps.
 #[derive(Debug, Clone)]
 pub(super) struct Carrier {
     steps: Vec<Step>,
 }
 
 impl Carrier {
-    /// From the matrix by columns, `columns[k]` being the image of bit `k`; all but one of its rows have a single bit.
+    /// Makes the map from its matrix by columns: `columns[k]` is the image of bit `k`. All rows of
+    /// the matrix but one have a single bit.
     pub(super) fn new(columns: &[u16; BITS]) -> Self {
-        // rows[p]: which bits of the argument sum up to bit p of the image.
+        // rows[p]: the bits of the argument that sum up to bit p of the image.
         let mut rows: [u16; BITS] =
             std::array::from_fn(|p| (0..BITS).fold(0, |row, k| row | (columns[k] >> p & 1) << k));
         let mut steps = Vec::new();
-        // matrix = steps[0] * steps[1] * ...; each step is taken off from the left, by its own
-        // inverse.
+        // matrix = steps[0] * steps[1] * ...; each step is removed from the left by its inverse,
+        // which is the step itself. First the row with several bits is reduced to the one bit that
+        // no other row has; the rest of it is a sum of other rows.
         if let Some(p) = rows.iter().position(|r| r.count_ones() > 1) {
             let single = (0..BITS).find(|&k| rows.iter().all(|r| *r != 1 << k)).unwrap_or(0);
             let others = rows[p] & !(1 << single);
@@ -58,6 +64,7 @@ impl Carrier {
             rows[p] = 1 << single;
             steps.push(Step::Add(p as u8, sum));
         }
+        // The remaining permutation, sorted by exchanges.
         for p in 0..BITS {
             let q = rows.iter().position(|r| *r == 1 << p).unwrap_or(p);
             if q != p {
@@ -68,13 +75,15 @@ impl Carrier {
         Self { steps }
     }
 
-    /// `image[i] = set[matrix * i + offset]`.
+    /// Returns the image of a set: `image[i] = set[matrix * i + offset]`.
     #[inline(always)]
     pub(super) fn carry<const WORDS: usize>(
         &self,
         set: &[u64; WORDS],
         offset: u16,
     ) -> [u64; WORDS] {
+        // The offset inverts bits of the number. Bits from 6 on exchange whole words, lower ones
+        // exchange neighbouring groups of bits in each word.
         let high = usize::from(offset >> 6);
         let mut words: [u64; WORDS] = std::array::from_fn(|w| set[w ^ high]);
         for (p, low) in LOW.iter().enumerate() {
@@ -95,10 +104,12 @@ impl Carrier {
     }
 }
 
+/// Exchanges bits `p` and `q` of the numbers, `p < q`: numbers with only `p` set change places with
+/// those that have only `q` set.
 #[inline(always)]
 fn swap<const WORDS: usize>(words: &mut [u64; WORDS], p: u8, q: u8) {
     if q < 6 {
-        // Numbers with p set and q not change places with those with q set and p not.
+        // Both within a word: the exchange is a masked shift.
         let mask = !LOW[usize::from(p)] & LOW[usize::from(q)];
         let shift = (1_u32 << q) - (1 << p);
         for word in words {
@@ -106,6 +117,8 @@ fn swap<const WORDS: usize>(words: &mut [u64; WORDS], p: u8, q: u8) {
             *word ^= change ^ change << shift;
         }
     } else if p < 6 {
+        // One bit selects the word, the other the half of each group: pairs of words exchange
+        // halves.
         let (apart, mask, shift) = (1 << (q - 6), LOW[usize::from(p)], 1_u32 << p);
         for w in 0..WORDS {
             if w & apart == 0 {
@@ -116,6 +129,7 @@ fn swap<const WORDS: usize>(words: &mut [u64; WORDS], p: u8, q: u8) {
             }
         }
     } else {
+        // Both select the word: whole words change places.
         let (p, q) = (p - 6, q - 6);
         for w in 0..WORDS {
             if w >> p & 1 == 1 && w >> q & 1 == 0 {
@@ -125,9 +139,12 @@ fn swap<const WORDS: usize>(words: &mut [u64; WORDS], p: u8, q: u8) {
     }
 }
 
-/// `new[i] = old[i + sum(i) * 2^p]`, where `sum(i)` is the sum of the bits `sum` of `i`, of which `p` is none.
+/// Adds the sum modulo 2 of the bits `sum` of a number to its bit `p`, which is none of them:
+/// `new[i] = old[i + sum(i) * 2^p]`.
 #[inline(always)]
 fn add<const WORDS: usize>(words: &mut [u64; WORDS], p: u8, sum: u16) {
+    // One part of the sum depends on the position within the word: a mask. The other part depends
+    // on the number of the word and inverts that mask.
     let within = (0..64_u64)
         .fold(0, |mask, b| mask | u64::from((b as u16 & sum & 63).count_ones() & 1) << b);
     let between = sum >> 6;
@@ -156,6 +173,7 @@ fn add<const WORDS: usize>(words: &mut [u64; WORDS], p: u8, sum: u16) {
 mod tests {
     use super::*;
 
+    /// Compares the image of a set with the product of matrix and number, for each number.
     fn check<const WORDS: usize>(columns: [u16; BITS], offset: u16) {
         let carrier = Carrier::new(&columns);
         let set: [u64; WORDS] = std::array::from_fn(|w| {
@@ -172,16 +190,16 @@ mod tests {
     }
 
     #[test]
-    fn permutations_of_bits_carry_each_number_to_its_place() {
+    fn carrier_applies_permutation_of_bits() {
         check::<32>(std::array::from_fn(|k| 1 << k), 0b101_0010_1101);
         check::<32>(std::array::from_fn(|k| 1 << (k * 7 % 11)), 0b110_0110_0011);
         check::<32>(std::array::from_fn(|k| 1 << (10 - k)), 1);
         check::<4>(std::array::from_fn(|k| if k < 8 { 1 << (7 - k) } else { 1 << k }), 0b1011_0110);
     }
 
-    /// The bit that goes out to the place of the twelfth flip stands in no other place but in the sum.
+    /// The bit that moves to the place of the twelfth flip occurs in the sum only.
     #[test]
-    fn a_bit_may_be_the_sum_of_all() {
+    fn carrier_applies_sum_of_all_bits() {
         for sum in [0, 3, 6, 10] {
             let columns = std::array::from_fn(|k| {
                 let alone = match (k, (k + 6) % 11) {

@@ -1,34 +1,34 @@
-//! The 48 symmetries of a cube on the cubie level: where each place goes, and how its stickers turn on the way.
+//! The 48 symmetries of a cube as permutations of its places, with the turns of the stickers.
 //!
-//! - in: what a symmetry does to the six faces
-//! - out: permutations of places with the turns of their stickers
-//! - source: Kociemba's conventions for twists and flips, of which [`crate::cube::Cube`] is made
+//! - in: the images of the six faces under a symmetry
+//! - out: permutations of places, and for each place the turn of its stickers
+//! - source: the conventions of H. Kociemba for twists and flips, which [`crate::cube::Cube`] uses
 //!
-//! A piece `p` with twist `o` on place `i` has its first sticker on the `o`-th facelet of `i`. A symmetry carries
-//! that facelet to number `turn(i) + sense * o` of the image of `i`, hence the image has the piece `image(p)` with
-//! the twist `turn(i) + sense * o - turn(p)`.
+//! A piece `p` with twist `o` on place `i` has its first sticker on the `o`-th facelet of `i`. A
+//! symmetry carries that facelet to number `turn(i) + sense * o` of the image of `i`. The image
+//! therefore has the piece `image(p)` with the twist `turn(i) + sense * o - turn(p)`.
 
 use crate::cube::{CORNERS, EDGES, Face};
 
 /// A rotation or reflection of the cube onto itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Symmetry {
-    /// Where each face goes, in the order of [`Face::ALL`].
+    /// Image of each face, in the order of [`Face::ALL`].
     faces: [Face; 6],
-    /// Where each corner place goes.
+    /// Image of each corner place.
     pub(super) corners: [u8; 8],
-    /// On which facelet of its new place the first facelet of each corner place comes to lie.
+    /// Facelet of the image on which the first facelet of each corner place lies.
     pub(super) corner_turns: [u8; 8],
-    /// Where each edge place goes.
+    /// Image of each edge place.
     pub(super) edges: [u8; 12],
-    /// On which facelet of its new place the first facelet of each edge place comes to lie.
+    /// Facelet of the image on which the first facelet of each edge place lies.
     pub(super) edge_turns: [u8; 12],
-    /// Whether it reflects, so that twists count the other way round.
+    /// Whether it is a reflection, which reverses the twists.
     pub(super) mirrors: bool,
 }
 
 impl Symmetry {
-    /// The symmetry that carries each face to `faces[face]`.
+    /// Makes the symmetry that carries each face to `faces[face]`.
     fn new(faces: [Face; 6]) -> Self {
         let carry = |f: Face| faces[f.index()];
         let corners = CORNERS.map(|c| place(&CORNERS, c.map(carry), carry(c[0])));
@@ -40,30 +40,31 @@ impl Symmetry {
             corner_turns: corners.map(|(_, turn)| turn),
             edges: edges.map(|(place, _)| place),
             edge_turns: edges.map(|(_, turn)| turn),
-            // U x R = B on a cube that is no mirror image.
+            // U x R = B on a cube that is no mirror image, and B points away from F.
             mirrors: u.cross(&r).dot(&f) > 0.0,
         }
     }
 
-    /// First this, then the other.
+    /// Returns the product: first this symmetry, then the other.
     pub(super) fn then(&self, other: &Self) -> Self {
         Self::new(self.faces.map(|f| other.faces[f.index()]))
     }
 }
 
-/// The place with these faces, and which of its facelets is on the face `first`.
+/// Returns the place with these faces, and the number of its facelet on the face `first`.
 fn place<const N: usize>(places: &[[Face; N]], faces: [Face; N], first: Face) -> (u8, u8) {
     let found = places.iter().position(|p| faces.iter().all(|f| p.contains(f))).unwrap_or(0);
     let turn = places[found].iter().position(|&f| f == first).unwrap_or(0);
     (found as u8, turn as u8)
 }
 
-/// How many symmetries keep the up-down axis.
+/// Number of symmetries that keep the up-down axis.
 pub(super) const UPRIGHT: usize = 16;
 
-/// The symmetries that keep the up-down axis; number 0 changes nothing.
+/// Returns the symmetries that keep the up-down axis; number 0 is the identity.
 pub(super) fn upright() -> [Symmetry; UPRIGHT] {
     use Face::{B, D, F, L, R, U};
+    // Images of U, R, F, D, L, B: a quarter about U-D, a half about F-B, a reflection of R and L.
     let quarter = [U, F, L, D, B, R];
     let half_over = [D, L, F, U, R, B];
     let mirror = [U, L, F, D, R, B];
@@ -79,7 +80,8 @@ pub(super) fn upright() -> [Symmetry; UPRIGHT] {
     })
 }
 
-/// The three rotations about the corner URF: number `k` brings axis `k` (0: U-D, 1: R-L, 2: F-B) upright.
+/// Returns the three rotations about the corner URF: number `k` brings axis `k` (0: U-D, 1: R-L,
+/// 2: F-B) upright.
 pub(super) fn tilts() -> [Symmetry; 3] {
     use Face::{B, D, F, L, R, U};
     // R to U, F to R, U to F.
@@ -92,7 +94,7 @@ mod tests {
     use super::*;
     use crate::cube::{Cube, Turn};
 
-    /// The image of a cube: pieces and places carried alike.
+    /// Returns the image of a cube, by the formula in the head of the module.
     fn image(symmetry: &Symmetry, cube: &Cube) -> Cube {
         let (mut corners, mut twists, mut edges, mut flips) = ([0; 8], [0; 8], [0; 12], [0; 12]);
         for i in 0..8 {
@@ -111,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn images_of_turns_are_turns() {
+    fn symmetries_map_turns_to_turns() {
         let turns: Vec<Cube> = Turn::all().map(|t| Cube::SOLVED.apply(t)).collect();
         for upright in upright() {
             for tilt in tilts() {
@@ -127,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn each_tilt_brings_its_axis_upright() {
+    fn tilts_turn_each_axis_upright() {
         for (tilt, face) in tilts().iter().zip([Face::U, Face::R, Face::F]) {
             assert_eq!(tilt.faces[face.index()].axis(), Face::U.axis());
         }

@@ -1,40 +1,41 @@
-//! Sixteen bytes at once: what the search asks of a processor, with vector instructions where it has them.
+//! Operations on sixteen bytes at once, by vector instructions where the processor has them.
 //!
-//! The search is written once, for any [`Lanes`]. `Vector` must be used only where the processor has AVX2 and BMI2, and
-//! within a function compiled for them, into which everything here is inlined.
+//! The search is written once, for any [`Lanes`]. `Vector` requires a processor with AVX2 and BMI2,
+//! and a function compiled for these, into which everything here is inlined.
 
 #![allow(
     clippy::inline_always,
-    reason = "vector instructions are usable only where all is compiled into one function for that processor"
+    reason = "vector instructions need all callees inlined into one function compiled for that \
+              processor"
 )]
 
 /// Sixteen bytes that are looked up, added and compared at once.
 pub(super) trait Lanes: Copy {
-    /// Reads sixteen bytes.
+    /// Loads sixteen bytes.
     fn load(bytes: &[u8; 16]) -> Self;
-    /// Writes them.
+    /// Stores the sixteen bytes.
     fn store(self) -> [u8; 16];
-    /// Byte `i` is `self[index[i] & 15]`; indices are below 128.
+    /// Looks up bytes: byte `i` of the result is `self[index[i] & 15]`; indices are below 128.
     fn look_up(self, index: Self) -> Self;
-    /// Bit by bit.
+    /// Computes the conjunction, bit by bit.
     fn and(self, other: Self) -> Self;
-    /// Bit by bit.
+    /// Computes the exclusive or, bit by bit.
     fn xor(self, other: Self) -> Self;
-    /// Byte by byte, modulo 256.
+    /// Adds byte by byte, modulo 256.
     fn add(self, other: Self) -> Self;
-    /// Byte by byte the smaller of `self` and `self - modulus` (modulo 256).
+    /// Returns byte by byte the smaller of `self` and `self - modulus` (modulo 256).
     fn wrap(self, modulus: Self) -> Self;
-    /// Bit `7 - LEFT` of each byte, byte 0 first.
+    /// Returns bit `7 - LEFT` of each byte, that of byte 0 as the lowest bit.
     fn bits<const LEFT: i32>(self) -> u32;
-    /// Bits 4 and 5 of the first seven bytes as digits in base 3, byte 0 being the last digit.
+    /// Reads bits 4 and 5 of the first seven bytes as digits in base 3, byte 0 as the lowest digit.
     fn ternary(self) -> u32;
-    /// The bits of `value` where `mask` has ones, moved together.
+    /// Moves the bits of `value` where `mask` has ones together.
     fn gathered(value: u32, mask: u32) -> u32;
-    /// Says that a line will be read soon.
+    /// Requests a cache line of the table for a later read.
     fn prefetch(table: &[u8], at: usize);
 }
 
-/// For any processor.
+/// Lanes for any processor.
 #[derive(Clone, Copy)]
 pub(super) struct Plain([u8; 16]);
 
@@ -106,7 +107,8 @@ pub(super) use x86::Vector;
 mod x86 {
     #![allow(
         unsafe_code,
-        reason = "vector instructions: `Vector` is used only below a check that the processor has AVX2"
+        reason = "vector instructions: `Vector` is used only below a check that the processor has \
+                  AVX2"
     )]
 
     use super::Lanes;
@@ -117,7 +119,7 @@ mod x86 {
         _mm_storeu_si128, _mm_sub_epi8, _mm_xor_si128, _pext_u32,
     };
 
-    /// For x86-64 with AVX2.
+    /// Lanes for x86-64 with AVX2 and BMI2.
     #[derive(Clone, Copy)]
     pub(in super::super) struct Vector(__m128i);
 
@@ -161,11 +163,15 @@ mod x86 {
 
         #[inline(always)]
         fn bits<const LEFT: i32>(self) -> u32 {
+            // `movemask` collects the top bits of all bytes. The shift is of 16-bit words, since
+            // there is none of bytes; bits that cross into the upper byte stay below its top bit.
             unsafe { _mm_movemask_epi8(_mm_slli_epi16::<LEFT>(self.0)) as u32 }
         }
 
         #[inline(always)]
         fn ternary(self) -> u32 {
+            // Two digits, then four, then all: a tree of multiplications instead of seven steps.
+            // The digits stay shifted by 4 bits until the end.
             unsafe {
                 let digits = _mm_and_si128(self.0, _mm_set1_epi8(0x30));
                 let pairs = _mm_maddubs_epi16(
@@ -185,6 +191,7 @@ mod x86 {
 
         #[inline(always)]
         fn prefetch(table: &[u8], at: usize) {
+            // Non-temporal: a line of a table of 1 GB is hardly ever read twice.
             unsafe { _mm_prefetch::<_MM_HINT_NTA>(table.as_ptr().wrapping_add(at).cast()) };
         }
     }

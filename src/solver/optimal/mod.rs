@@ -1,13 +1,22 @@
-//! Shortest solutions, proven to be such: IDA* with one large table that is asked six times a state.
+//! Search for shortest solutions with proof: IDA* with one large table and six look-ups per state.
 //!
 //! - in: a [`Cube`], the bytes of a table of [`TABLES`], [`Limits`], [`Workers`], a flag that stops
-//! - out: an [`Answer`]: turns, or a number of turns below which there are none
-//! - source: R. Korf, "Finding optimal solutions to Rubik's cube using pattern databases" (1997); T. Rokicki, nxopt;
-//!   S. Tronto, H48; A. Skalski, vcube. What differs is told in `coset` and `search`.
+//!   the search
+//! - out: an [`Answer`]: turns, or a length below which no solution exists
+//! - source: R. Korf, "Finding optimal solutions to Rubik's cube using pattern databases" (1997);
+//!   T. Rokicki, nxopt; S. Tronto, H48; A. Skalski, vcube. `coset` and `search` describe the
+//!   differences.
 //!
-//! `geometry` knows the cube's symmetries, `coset` numbers what a table looks at, `flips` moves whole sets of
-//! states, `build` fills tables with them, `lanes` are the processor's vectors, `probe` finds a cube's entry,
-//! `search` walks, `rounds` shares the walk out.
+//! | module | purpose |
+//! |---|---|
+//! | `geometry` | the 48 symmetries of a cube |
+//! | `coset` | numbers of the features of a cube that a table distinguishes |
+//! | `flips` | sets of 2048 states as bits, moved as a whole |
+//! | `build` | builder of a table |
+//! | `lanes` | vector instructions |
+//! | `probe` | the entry of a cube |
+//! | `search` | depth-first search to a given number of turns |
+//! | `rounds` | rounds of growing length, shared out among workers |
 
 mod build;
 mod coset;
@@ -29,17 +38,22 @@ use search::Searcher;
 use std::ops::ControlFlow;
 use std::sync::atomic::AtomicBool;
 
-/// A table's design: what it looks at, and the distance up to which it does not tell states apart.
+/// Design of a table.
 #[derive(Debug, Clone, Copy)]
 struct Design {
+    /// Features that the table distinguishes.
     shape: Shape,
+    /// Distance up to which all cosets have one code (turns).
     base: u8,
-    /// Cosets at each distance up to `base + 2`, as they were when the table was first made.
+    /// Number of cosets at each distance up to `base + 2`, as the first build counted them. The
+    /// first five are tested against turns of whole cubes.
     distances: &'static [u64],
-    /// Cosets with an entry of their own at the base and below, one further away, two, and more.
+    /// Number of cosets with an entry of their own: at the base and below, one further away, two,
+    /// and more.
     counts: [u64; 4],
 }
 
+/// Small table: named tetrads, flips of eight edges; 317 MB.
 const SMALL: Design = Design {
     shape: Shape { tetrads: Tetrads::Named, full: false },
     base: 8,
@@ -58,6 +72,7 @@ const SMALL: Design = Design {
     ],
     counts: [230_242_653, 2_167_386_670, 10_828_160_289, 6_022_216_088],
 };
+/// Standard table: unnamed tetrads, all flips; 1.21 GiB.
 const STANDARD: Design = Design {
     shape: Shape { tetrads: Tetrads::Unnamed, full: true },
     base: 9,
@@ -77,7 +92,8 @@ const STANDARD: Design = Design {
     ],
     counts: [2_502_714_296, 19_862_003_756, 49_257_371_894, 5_369_932_854],
 };
-/// The tables that can be had, from the smallest; one is enough, and the largest that the memory holds is the best.
+/// Tables to choose from, the smallest first. The solver needs one; the largest that fits into the
+/// memory is the fastest.
 pub static TABLES: [TableSpec; 2] = [
     TableSpec {
         name: "optimal-small",
@@ -98,16 +114,23 @@ pub static TABLES: [TableSpec; 2] = [
 ];
 
 impl Design {
+    /// Returns the size of the table (bytes).
     const fn bytes(self) -> usize {
         self.shape.rows() * row_bytes(self.shape)
     }
 
+    /// Builds the table.
+    ///
+    /// # Panics
+    /// Panics if the number of cosets at a distance is not the known one.
     fn build(self, workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
         let filled = fill(&Cosets::new(self.shape), self.base, workers, progress);
+        // An entry above the true distance would make a search prove a false bound.
         assert_eq!(filled.counts, self.distances, "cosets at each distance");
         filled.table
     }
 
+    /// Counts the entries by code and compares the counts with the known ones.
     fn verify(self, table: &[u8], workers: &dyn Workers) -> Result<Vec<u64>, String> {
         if table.len() != self.bytes() {
             return Err(format!("{} bytes instead of {}", table.len(), self.bytes()));
@@ -121,40 +144,40 @@ impl Design {
     }
 }
 
-/// A table is none of [`TABLES`].
+/// Error: a table is none of [`TABLES`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("{bytes} bytes are the size of no table for shortest solutions")]
+#[error("no table for shortest solutions has {bytes} bytes")]
 pub struct NoSuchTable {
-    /// Its size.
+    /// Size of the table (bytes).
     pub bytes: usize,
 }
 
-/// When to give up.
+/// Limits of a search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
-    /// Longer solutions are not looked for.
+    /// Length of the longest solution that the search looks for (turns).
     pub max_length: u8,
-    /// States to look at, give or take a batch for each worker.
+    /// Number of states after which the search ends, give or take a batch for each worker.
     pub max_nodes: u64,
 }
 
 impl Limits {
-    /// No cube needs more than 20 turns.
+    /// No limits: no cube needs more than 20 turns.
     pub const NONE: Self = Self { max_length: 20, max_nodes: u64::MAX };
 }
 
-/// What is known at the end.
+/// Result of a search.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Answer {
-    /// A shortest solution; none for want of a short enough one, or because the search was stopped.
+    /// Shortest solution; `None` if it is longer than the limit or the search was stopped.
     pub turns: Option<Vec<Turn>>,
-    /// No solution is shorter than this: proven.
+    /// Proven lower bound on the length of all solutions (turns).
     pub at_least: u8,
-    /// States that were looked at.
+    /// Number of states visited.
     pub nodes: u64,
 }
 
-/// Finds shortest solutions with one table.
+/// Solver that finds shortest solutions with one table.
 #[derive(Debug)]
 pub struct Optimal<'a> {
     prober: Prober,
@@ -163,15 +186,16 @@ pub struct Optimal<'a> {
 }
 
 impl<'a> Optimal<'a> {
-    /// Takes one of [`TABLES`]; which, is told by the size.
+    /// Makes a solver from one of [`TABLES`], which it recognises by the size.
     ///
     /// # Errors
-    /// Where there is none of that size.
+    /// [`NoSuchTable`] if there is none of that size.
     pub fn new(table: &'a [u8]) -> Result<Self, NoSuchTable> {
         let design = [SMALL, STANDARD].into_iter().find(|d| d.bytes() == table.len());
         design.map(|d| Self::with(d, table)).ok_or(NoSuchTable { bytes: table.len() })
     }
 
+    /// Makes a solver from a table of a design.
     fn with(design: Design, table: &'a [u8]) -> Self {
         Self { prober: Prober::new(&Cosets::new(design.shape)), table, base: design.base }
     }
@@ -180,8 +204,8 @@ impl<'a> Optimal<'a> {
         Searcher { prober: &self.prober, table: self.table, base: self.base }
     }
 
-    /// Finds a shortest solution. Its length is the same whatever the number of workers; with one worker, so are the
-    /// turns.
+    /// Finds a shortest solution. Its length does not depend on the number of workers; its turns
+    /// are reproducible with one worker only.
     #[must_use]
     pub fn solve(
         &self,
@@ -196,6 +220,7 @@ impl<'a> Optimal<'a> {
         let mut answer = Answer { turns: None, at_least: least, nodes: 0 };
         let mut tasks = Tasks::new(&searcher, root);
         let ends = Ends { max_nodes: limits.max_nodes, stop };
+        // Iterative deepening: a round without a solution proves that the next length is a bound.
         for length in least..=limits.max_length {
             let ended = tasks.search(length, workers, ends, &mut answer.nodes);
             if let ControlFlow::Break(turns) = ended {
@@ -216,14 +241,14 @@ mod tests {
     use crate::table::InTurn;
     use std::sync::LazyLock;
 
-    /// Tables of the same making that do not look at the tetrads: 168 rows, which is quick.
+    /// Design without tetrads: 168 rows, which are quick to build.
     const FEW_FLIPS: Design = Design {
         shape: Shape { tetrads: Tetrads::Ignored, full: false },
         base: 6,
         distances: &[],
         counts: [0; 4],
     };
-    /// This one is phase 1 of Kociemba's algorithm.
+    /// Design without tetrads and with all flips: phase 1 of Kociemba's algorithm.
     const PHASE_1: Design =
         Design { shape: Shape { full: true, ..FEW_FLIPS.shape }, base: 8, ..FEW_FLIPS };
 
@@ -236,7 +261,7 @@ mod tests {
         TABLES_OF_TEST.each_ref().map(|(design, filled)| Optimal::with(*design, &filled.table))
     }
 
-    /// Two threads.
+    /// Workers that are two threads.
     struct Two;
 
     impl Workers for Two {
@@ -259,17 +284,17 @@ mod tests {
 
     static RUN: AtomicBool = AtomicBool::new(false);
 
-    /// A watch that lets go on.
+    /// Watch that never ends a search.
     struct Patient;
 
     impl Watch for Patient {
-        fn goes_on(&mut self, _: &[(u16, u32)]) -> bool {
+        fn add_shares(&mut self, _: &[(u16, u32)]) -> bool {
             true
         }
     }
 
     impl Optimal<'_> {
-        /// A solution of this length, found without vectors.
+        /// Finds a solution of this length without vector instructions.
         fn plainly(&self, cube: &Cube, length: u8) -> Option<Vec<Turn>> {
             let mut root = self.searcher().root::<Plain>(cube);
             root.left = length;
@@ -279,9 +304,10 @@ mod tests {
         }
     }
 
-    /// Kociemba's page; Scherphuis.
+    /// A table without tetrads distinguishes the states of phase 1 of the two-phase search. Its
+    /// numbers of states by distance are known from the pages of H. Kociemba and J. Scherphuis.
     #[test]
-    fn without_tetrads_it_is_phase_1_with_its_known_distances() {
+    fn table_without_tetrads_has_known_distance_counts() {
         let known =
             [1, 4, 50, 592, 7156, 87236, 1043817, 12070278, 124946368, 821605960, 1199128738];
         let (design, filled) = &TABLES_OF_TEST[1];
@@ -295,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn no_bound_is_above_the_turns_that_lead_to_a_cube() {
+    fn bounds_never_exceed_turns_made() {
         for solver in solvers() {
             let searcher = solver.searcher();
             for seed in 0..200 {
@@ -312,7 +338,7 @@ mod tests {
         }
     }
 
-    /// Lengths by a search without bounds, from both sides.
+    /// The expected lengths are from a search without bounds, from both sides.
     #[test]
     fn solutions_are_shortest_with_any_lanes_and_workers() {
         for (text, length) in [
@@ -340,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn divided_searches_find_as_short_solutions() {
+    fn divided_search_finds_solution_of_same_length() {
         let cube = after("L D' B2 R F U2 L' B R D2 F L' U");
         let solver = &solvers()[1];
 
@@ -355,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn a_limit_or_a_flag_ends_the_search_with_what_is_proven() {
+    fn limit_or_flag_ends_search_with_proven_bound() {
         let solver = &solvers()[1];
         let cube = after("R' D R U R' D' R U'");
 
@@ -373,7 +399,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_of_no_known_size_are_refused() {
+    fn new_rejects_table_of_unknown_size() {
         assert_eq!(Optimal::new(&[0; 64]).unwrap_err(), NoSuchTable { bytes: 64 });
         assert!(SMALL.verify(&[0; 64], &InTurn).is_err());
     }
@@ -381,7 +407,7 @@ mod tests {
     /// A minute and 3 GB: `cargo test --release --lib optimal -- --ignored`.
     #[test]
     #[ignore = "makes both tables"]
-    fn whole_tables_hold_the_known_numbers_and_solve() {
+    fn whole_tables_have_known_counts_and_solve() {
         for spec in &TABLES {
             let table = (spec.build)(&InTurn, &|_| ());
             (spec.verify)(&table, &InTurn).unwrap();

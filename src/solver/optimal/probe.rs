@@ -1,12 +1,13 @@
-//! A cube as bytes: how it turns, and where it stands in a table.
+//! A cube as two vectors of bytes: its turns, and its entry in a table.
 //!
-//! - in: a cube, a turn at either of its ends, an axis that is taken for upright
-//! - out: the cube turned; the line and the bit of its entry
-//! - source: a cube in two vectors, turned by one look-up each: A. Skalski, vcube
+//! - in: a cube, a turn after or before all others, an axis that is made upright
+//! - out: the turned cube; the line and the bit of its entry
+//! - source: A. Skalski, vcube, for a cube in two vectors, each turned by one look-up
 
 #![allow(
     clippy::inline_always,
-    reason = "vector instructions are usable only where all is compiled into one function for that processor"
+    reason = "vector instructions need all callees inlined into one function compiled for that \
+              processor"
 )]
 
 use super::build::{LINE, row_bytes};
@@ -15,7 +16,8 @@ use super::geometry::{UPRIGHT, tilts};
 use super::lanes::Lanes;
 use crate::cube::Cube;
 
-/// A cube: for each place its piece + 16 * twist or flip. Places that are none keep a piece that is none.
+/// A cube: for each place its piece + 16 * twist or flip. The bytes after the last place hold their
+/// own numbers, which turns keep.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(C, align(32))]
 pub(super) struct Bytes {
@@ -24,6 +26,7 @@ pub(super) struct Bytes {
 }
 
 impl Bytes {
+    /// Converts a cube.
     pub(super) fn new(cube: &Cube) -> Self {
         let mut bytes = Self { edges: NONE, corners: NONE };
         for i in 0..12 {
@@ -36,55 +39,63 @@ impl Bytes {
     }
 }
 
-/// Each place has the piece of its own number.
+/// Identity: each place has the piece of its own number.
 const NONE: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 const PIECE: u8 = 0x0f;
 const FLIP: [u8; 16] = [0x10; 16];
-/// All that a twist may be; also one more than the greatest twist.
+/// Mask of the bits of a twist; also the modulus of twists, 3 * 16.
 const TWIST: [u8; 16] = [0x30; 16];
 
-/// A turn, as it is done to a cube and as it is done before all others.
+/// A turn in the forms that [`Prober::turned`] and [`Prober::preceded_by`] need.
 #[derive(Debug, Clone, Copy)]
 struct TurnBytes {
+    /// Place from which each place gets its piece.
     from: Bytes,
+    /// Twist or flip that is added at each place.
     add: Bytes,
+    /// Both in one byte.
     whole: Bytes,
 }
 
-/// A symmetry: what it makes of each piece, from where each place gets its image, and what is added there.
+/// A symmetry.
 #[derive(Debug, Clone, Copy)]
 struct Image {
+    /// Image of each piece, with the twist or flip that its change of name adds.
     pieces: [u8; 16],
+    /// Place from which each place gets its piece.
     from: [u8; 16],
+    /// Twist or flip that is added at each place.
     add: [u8; 16],
 }
 
-/// Where the bound for a cube stands.
+/// Position of the entry of a cube in the table.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Entry {
     /// First byte of the line.
     pub(super) line: u32,
-    /// Number in the line.
+    /// Number of the entry in the line.
     pub(super) bit: u8,
 }
 
-/// What is needed to turn cubes and to find their entries.
+/// Tables that turn cubes and find their entries.
 #[derive(Debug, Clone)]
 pub(super) struct Prober {
     full: bool,
     turns: [TurnBytes; 18],
+    /// Rotation that makes each axis upright, for the corners.
     tilted_corners: [Image; 3],
-    /// `[axis * 16 + symmetry]`.
+    /// That rotation followed by a symmetry, for the edges: `[axis * 16 + symmetry]`.
     edges: [Image; 3 * UPRIGHT],
-    /// `[twist * splits + split]`: first byte of the row + the symmetry that carries there.
+    /// First byte of the row + the symmetry that leads to it: `[twist * splits + split]`.
     rows: Vec<u32>,
     splits: u32,
     split_of: [u8; 256],
-    /// By the middle edges' places as bits: first byte in the row.
+    /// First byte within a row, by the places of the middle edges as bits.
     slices: Box<[u32; 4096]>,
 }
 
 impl Prober {
+    /// Computes the tables for the cosets of a design.
     pub(super) fn new(cosets: &Cosets) -> Self {
         let tilts = tilts();
         let row = row_bytes(cosets.shape) as u32;
@@ -106,6 +117,7 @@ impl Prober {
             edges: std::array::from_fn(|q| {
                 let symmetry = tilts[q / UPRIGHT].then(&cosets.upright[q % UPRIGHT]);
                 let mut image = Image { pieces: [0; 16], from: NONE, add: [0; 16] };
+                // The table only distinguishes middle edges from others: bit 7 marks them.
                 for i in 0..12 {
                     let (to, turn) = (symmetry.edges[i], symmetry.edge_turns[i]);
                     image.pieces[i] = turn << 4 | u8::from(to >= 8) << 7;
@@ -114,6 +126,7 @@ impl Prober {
                 }
                 image
             }),
+            // Rows are multiples of 64 bytes, so the lowest four bits are free for the symmetry.
             rows: cosets.rows.iter().map(|r| r / upright * row + r % upright).collect(),
             splits: cosets.splits as u32,
             split_of: std::array::from_fn(|bits| cosets.split_of[bits]),
@@ -121,7 +134,7 @@ impl Prober {
         }
     }
 
-    /// The cube after a turn.
+    /// Returns the cube after a turn.
     #[inline(always)]
     pub(super) fn turned<L: Lanes>(&self, cube: &Bytes, turn: usize) -> Bytes {
         let TurnBytes { from, add, .. } = &self.turns[turn];
@@ -133,9 +146,11 @@ impl Prober {
         Bytes { edges: edges.store(), corners: corners.store() }
     }
 
-    /// The cube with a turn before all others.
+    /// Returns the cube with a turn before all others.
     #[inline(always)]
-    pub(super) fn begun<L: Lanes>(&self, cube: &Bytes, turn: usize) -> Bytes {
+    pub(super) fn preceded_by<L: Lanes>(&self, cube: &Bytes, turn: usize) -> Bytes {
+        // An earlier turn renames the pieces: each piece of the cube becomes the one that the turn
+        // has brought to its place, and their twists add up.
         let whole = &self.turns[turn].whole;
         let (edges, corners) = (L::load(&cube.edges), L::load(&cube.corners));
         let turned_edges = L::load(&whole.edges).look_up(edges).xor(edges.and(L::load(&FLIP)));
@@ -146,9 +161,11 @@ impl Prober {
         Bytes { edges: turned_edges.store(), corners: turned_corners.store() }
     }
 
-    /// Where the bound for a cube stands that is looked at along an axis: 0 U-D, 1 R-L, 2 F-B.
+    /// Computes the entry of a cube with an axis upright: 0 U-D, 1 R-L, 2 F-B.
     #[inline(always)]
     pub(super) fn entry<L: Lanes>(&self, cube: &Bytes, axis: usize) -> Entry {
+        // The corners first, because their row decides which symmetry maps the edges. They need the
+        // rotation only: `rows` has the effect of the symmetry on them.
         let mut corners = L::load(&cube.corners);
         if axis != 0 {
             let image = &self.tilted_corners[axis];
@@ -160,7 +177,7 @@ impl Prober {
                 .add(L::load(&image.add))
                 .wrap(L::load(&TWIST));
         }
-        // Corners 0, 2, 5, 7 are those whose lowest and third bit are equal.
+        // Corners 0, 2, 5, 7, the first tetrad, are those whose lowest and third bit are equal.
         let split = self.split_of[(!(corners.bits::<5>() ^ corners.bits::<7>()) & 255) as usize];
         let row = self.rows[(corners.ternary() * self.splits + u32::from(split)) as usize];
         let image = &self.edges[axis * UPRIGHT + row as usize % UPRIGHT];
@@ -173,6 +190,7 @@ impl Prober {
         let slice = edges.bits::<0>() & 0xfff;
         let flips = edges.bits::<3>();
         let line = row / UPRIGHT as u32 * UPRIGHT as u32 + self.slices[slice as usize];
+        // A line has 256 entries: 8 lines for the 2048 states of all flips, one for 256.
         if self.full {
             Entry { line: line + (flips >> 8 & 7) * LINE as u32, bit: flips as u8 }
         } else {
@@ -181,6 +199,7 @@ impl Prober {
     }
 }
 
+/// Converts a turn.
 fn turn_bytes(turn: &Cube) -> TurnBytes {
     let whole = Bytes::new(turn);
     let part = |mask: u8| Bytes {
@@ -190,13 +209,15 @@ fn turn_bytes(turn: &Cube) -> TurnBytes {
     TurnBytes { from: part(PIECE), add: part(!PIECE), whole }
 }
 
-/// The bound that stands at an entry.
+/// Reads the bound of an entry: a lower bound on the distance of the cube (turns).
 #[inline(always)]
 pub(super) fn bound(table: &[u8], base: u8, entry: Entry) -> u8 {
     let line = &table[entry.line as usize..][..LINE];
     let (byte, shift) = (usize::from(entry.bit >> 3), entry.bit & 7);
     let first = line[byte] >> shift & 1;
     let second = line[byte + LINE / 2] >> shift & 1;
+    // At the base and below, the least distance in the line is the best bound at hand; its four
+    // bits lie in the room of the first two entries.
     if first & second == 1 || entry.bit < 2 {
         line[0] & 3 | (line[LINE / 2] & 3) << 2
     } else {
@@ -217,8 +238,9 @@ mod tests {
             .map(|full| Prober::new(&Cosets::new(Shape { tetrads: Tetrads::Unnamed, full })))
     }
 
+    /// A turn after or before all other turns changes the bytes as it changes the cube.
     #[test]
-    fn bytes_turn_as_cubes_do_at_either_end() {
+    fn turned_bytes_equal_bytes_of_turned_cube() {
         let prober = &probers()[0];
         for seed in 0..20 {
             let cube = Cube::scrambled(seed);
@@ -226,15 +248,15 @@ mod tests {
                 let turned = prober.turned::<Plain>(&Bytes::new(&cube), number);
                 assert_eq!(turned, Bytes::new(&cube.apply(turn)));
 
-                let begun = prober.begun::<Plain>(&Bytes::new(&cube), number);
+                let begun = prober.preceded_by::<Plain>(&Bytes::new(&cube), number);
                 assert_eq!(begun, Bytes::new(&Cube::SOLVED.apply(turn).then(&cube)));
             }
         }
     }
 
-    /// Half turns before all others, and the sense of a quarter, change no entry.
+    /// A half turn before all other turns, and the sense of a quarter turn there, change no entry.
     #[test]
-    fn cosets_do_not_see_half_turns_at_the_other_end() {
+    fn entries_ignore_half_turns_before_all_others() {
         for prober in probers() {
             for seed in 0..20 {
                 let cube = Bytes::new(&Cube::scrambled(seed));
@@ -244,8 +266,9 @@ mod tests {
                         (entry.line, entry.bit)
                     };
                     for face in 0..6 {
-                        let after =
-                            |turn: usize| entry(&prober.begun::<Plain>(&cube, face * 3 + turn));
+                        let after = |turn: usize| {
+                            entry(&prober.preceded_by::<Plain>(&cube, face * 3 + turn))
+                        };
                         assert_eq!(after(1), entry(&cube));
                         assert_eq!(after(0), after(2));
                     }
@@ -256,7 +279,7 @@ mod tests {
 
     #[cfg(target_arch = "x86_64")]
     #[test]
-    fn vectors_find_what_plain_bytes_find() {
+    fn vectors_find_same_entries_as_plain_bytes() {
         use super::super::lanes::Vector;
         if !is_x86_feature_detected!("avx2") || !is_x86_feature_detected!("bmi2") {
             return;
@@ -267,8 +290,8 @@ mod tests {
                 for turn in 0..18 {
                     let turned = prober.turned::<Vector>(&cube, turn);
                     assert_eq!(turned, prober.turned::<Plain>(&cube, turn));
-                    let begun = prober.begun::<Vector>(&cube, turn);
-                    assert_eq!(begun, prober.begun::<Plain>(&cube, turn));
+                    let begun = prober.preceded_by::<Vector>(&cube, turn);
+                    assert_eq!(begun, prober.preceded_by::<Plain>(&cube, turn));
                 }
                 for axis in 0..3 {
                     let fast = prober.entry::<Vector>(&cube, axis);

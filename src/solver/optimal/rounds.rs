@@ -1,8 +1,8 @@
-//! One search to one number of turns after another, shared out among workers.
+//! Rounds of the search, each to a given number of turns, shared out among workers.
 //!
-//! - in: a searcher, a cube's state
-//! - out: a solution, or how many states were looked at in vain
-//! - source: the order of the tasks, S. Tronto, H48, and A. Skalski, vcube
+//! - in: a searcher, the state of a cube
+//! - out: a solution, or the number of states visited without one
+//! - source: S. Tronto, H48, and A. Skalski, vcube, for the order of the tasks
 
 use super::lanes::{Lanes, Plain};
 use super::search::{Node, Searcher, Watch};
@@ -12,23 +12,25 @@ use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-/// Turns at which the search is divided into tasks.
+/// Number of turns after which the search is divided into tasks.
 const TASK_DEPTH: u8 = 3;
-/// Searches of fewer turns are not worth dividing.
+/// Length from which on a search is worth dividing (turns).
 const UNDIVIDED: u8 = 12;
-/// Tasks that a worker takes at once.
+/// Number of tasks that a worker takes at once.
 const SHARE: usize = 16;
 
-/// Where a search is divided, and in which order its parts are searched.
+/// Tasks of a search and their order.
 pub(super) struct Tasks<'a> {
     searcher: &'a Searcher<'a>,
+    /// State at the start of each task.
     nodes: Vec<Node>,
+    /// Tasks in the order in which workers take them.
     order: Vec<u16>,
-    /// Turns made before each.
+    /// Number of turns made before each task.
     depth: u8,
 }
 
-/// What ends a search before its time.
+/// Conditions that end a search early.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Ends<'a> {
     pub(super) max_nodes: u64,
@@ -41,8 +43,8 @@ impl<'a> Tasks<'a> {
         Self { searcher, nodes: vec![root], order: vec![0], depth: 0 }
     }
 
-    /// Searches all tasks to a number of turns. Breaks where that was ended early, with a solution or without. `nodes`
-    /// counts on.
+    /// Searches all tasks to a number of turns and adds the visited states to `nodes`. Breaks if
+    /// the round ended early, with a solution or without.
     pub(super) fn search(
         &mut self,
         length: u8,
@@ -88,9 +90,11 @@ impl<'a> Tasks<'a> {
         Self { searcher, nodes, order, depth: TASK_DEPTH }
     }
 
-    /// Where the last search found most to look at, the next is most likely to find a solution (S. Tronto: a gain of
-    /// 40 %). After U, R and F more may follow than after D, L and B: there, more is less of a sign.
+    /// Sorts the tasks for the next round by the states of the last one, the most first. A solution
+    /// is most likely there; S. Tronto reports a gain of 40 %.
     fn sort(&mut self, shares: &[u32]) {
+        // More turns may follow U, R and F (15) than D, L and B (12), so those tasks have more
+        // states anyway: the weights correct that.
         let promise = |task: u16| {
             let weight = if self.nodes[usize::from(task)].last_face() < 3 { 9 } else { 11 };
             u64::from(shares[usize::from(task)]) * weight
@@ -99,24 +103,24 @@ impl<'a> Tasks<'a> {
     }
 }
 
-/// One search to one number of turns, by all workers.
+/// One search to a given number of turns, by all workers.
 struct Round<'a> {
     tasks: &'a Tasks<'a>,
-    /// Turns left at the start of a task.
+    /// Number of turns left at the start of a task.
     left: u8,
-    /// How many tasks have been taken.
+    /// Number of tasks that workers have taken.
     taken: AtomicUsize,
-    /// States looked at for each task.
+    /// Number of states visited for each task.
     shares: Vec<AtomicU32>,
     nodes: AtomicU64,
     ends: Ends<'a>,
-    /// Solved, stopped, or at the end of the nodes.
+    /// Whether the round is over: solved, stopped, or out of nodes.
     ended: AtomicBool,
     found: Mutex<Option<Vec<Turn>>>,
 }
 
 impl Watch for &Round<'_> {
-    fn goes_on(&mut self, shares: &[(u16, u32)]) -> bool {
+    fn add_shares(&mut self, shares: &[(u16, u32)]) -> bool {
         let mut sum = 0;
         for &(task, nodes) in shares {
             self.shares[usize::from(task)].fetch_add(nodes, Ordering::Relaxed);
@@ -130,12 +134,13 @@ impl Watch for &Round<'_> {
     }
 }
 
-/// Takes tasks until there are none.
+/// Takes and searches tasks until there are none, or until the round has ended.
 fn work(searcher: &Searcher<'_>, round: &Round<'_>) {
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi2") {
-        #[allow(unsafe_code, reason = "the processor has what the function needs")]
-        // SAFETY: checked the line before.
+        #[allow(unsafe_code, reason = "the processor supports the instructions of the function")]
+        // SAFETY: the condition above checks AVX2 and BMI2; all processors with these also have
+        // BMI1 and POPCNT.
         return unsafe { work_with_avx2(searcher, round) };
     }
     work_with::<Plain>(searcher, round);
@@ -147,7 +152,7 @@ fn work_with_avx2(searcher: &Searcher<'_>, round: &Round<'_>) {
     work_with::<super::lanes::Vector>(searcher, round);
 }
 
-#[allow(clippy::inline_always, reason = "compiled once for each kind of lanes")]
+#[allow(clippy::inline_always, reason = "inlined into one function for each type of lanes")]
 #[inline(always)]
 fn work_with<L: Lanes>(searcher: &Searcher<'_>, round: &Round<'_>) {
     let mut stack = Vec::new();
@@ -155,6 +160,8 @@ fn work_with<L: Lanes>(searcher: &Searcher<'_>, round: &Round<'_>) {
         let taken = round.taken.fetch_add(SHARE, Ordering::Relaxed);
         let Some(tasks @ [_, ..]) = round.tasks.order.get(taken..) else { return };
         stack.clear();
+        // Reversed, because the search takes from the top of the stack, and the first task is the
+        // most likely to have a solution.
         for &task in tasks[..SHARE.min(tasks.len())].iter().rev() {
             let mut node = round.tasks.nodes[usize::from(task)];
             node.left = round.left;

@@ -1,92 +1,101 @@
-//! Depth-first search to a given number of turns, many states at a time.
+//! Depth-first search to a given number of turns, for many states at a time.
 //!
 //! - in: a state, a table, the number of turns
-//! - out: turns that solve the state, or the certainty that so many do not
-//! - source: R. Korf, IDA*; T. Rokicki, nxopt, for both ends of the solution, six bounds a state, and the shorter list
-//!   of turns; the batches, and the pairs of opposite quarters, are ours
+//! - out: turns that solve the state, or the proof that no solution has exactly that number of
+//!   turns
+//! - source: R. Korf, IDA*; T. Rokicki, nxopt, for both ends of the solution, six bounds per state,
+//!   and the choice of the end with fewer turns; the batches and the pairs of opposite quarter
+//!   turns are new here
 //!
-//! A state has two ends: turns may be added to its solution's start (they turn the cube) or to its end (they turn the
-//! inverse cube). Six bounds belong to it: cube and inverse, along three axes. A turn changes all three bounds of its
-//! own end. At the other end, a half turn changes none, and opposite quarters have the same three. So
-//! - where a bound of one end is as great as what is left, no half turn is tried at the other;
-//! - the two quarters of a face are looked up, and rejected, together.
+//! A state has two ends. A turn extends the start of its solution, which turns the cube, or the end
+//! of its solution, which turns the inverse cube. Six bounds belong to a state: of the cube and of
+//! the inverse, along three axes each. A turn changes all three bounds of its own end. At the other
+//! end a half turn changes none of them, and both quarter turns of a face lead to the same three.
+//! Therefore
+//! - if a bound of one end is as great as the number of turns left, the search tries no half turn
+//!   at the other end;
+//! - it reads the bounds of the two quarter turns of a face once, and rejects both together.
 //!
-//! A bound that is in no cache takes 200 to 300 ns to arrive (measured), but many can be under way. So a batch of states
-//! is taken from the stack, and all of its continuations are looked up in rounds: all places first, then all reads.
+//! A bound that is in no cache takes 200 to 300 ns to arrive (measured), but many reads can be
+//! under way at once. The search takes a batch of states from the stack and looks up all of their
+//! continuations in passes: it computes the positions of all entries first and reads them
+//! afterwards.
 
 #![allow(
     clippy::inline_always,
-    reason = "vector instructions are usable only where all is compiled into one function for that processor"
+    reason = "vector instructions need all callees inlined into one function compiled for that \
+              processor"
 )]
 
 use super::lanes::Lanes;
 use super::probe::{Bytes, Entry, Prober, bound};
 use crate::cube::{Cube, Turn};
 
-/// States taken from the stack at once.
+/// Number of states taken from the stack at once.
 const BATCH: usize = 48;
-/// No face was turned yet.
+/// Mark for no face turned yet.
 const NO_FACE: u8 = 6;
 
-/// A state on the way.
+/// A state of the search.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Node {
     /// The cube and its inverse.
     ends: [Bytes; 2],
-    /// Turns so far: 6 bits each, the last ones lowest: 2 * (number of the turn + 1) + the end.
+    /// Turns made, 6 bits each, the latest in the lowest bits: 2 * (number of the turn + 1) + end.
     path: u128,
-    /// Bounds: of the cube along three axes, of its inverse along three axes.
+    /// Bounds of the cube along three axes, then of its inverse along three axes (turns).
     pub(super) bounds: [u8; 6],
-    /// Turns that are left.
+    /// Number of turns that are left.
     pub(super) left: u8,
-    /// The face turned last, at each end.
+    /// Face of the latest turn at each end.
     last: [u8; 2],
-    /// Whose share this is.
+    /// Task that the state belongs to.
     pub(super) task: u16,
 }
 
 impl Node {
-    /// The face that the cube was last turned at; 6 for none.
+    /// Returns the face of the latest turn of the cube; 6 for none.
     pub(super) fn last_face(&self) -> u8 {
         self.last[0]
     }
 }
 
-/// What the six bounds of a state say about the order of looking.
+/// Order of the look-ups for a state, from its six bounds.
 #[derive(Debug, Clone, Copy, Default)]
 struct Plan {
-    /// The end at which turns are tried.
+    /// End at which the search tries turns.
     end: u8,
-    /// Axes by falling bounds, for that end and the other one.
+    /// Axes by falling bounds, of that end and of the other one.
     axes: [[u8; 3]; 2],
-    /// How many axes of the other end may reject.
+    /// Number of axes of the other end whose bounds may reject a continuation.
     useful: u8,
 }
 
-/// One continuation, or both quarters of a face.
+/// One continuation of a state, or both quarter turns of a face.
 #[derive(Debug, Clone, Copy)]
 struct Try {
     entry: Entry,
     node: u8,
     turn: u8,
-    /// 0..3: the other end of both quarters; 3..6: this end; 6..: the rest of the other end.
+    /// Next look-up. 0..3: the other end, for both quarter turns; 3..6: this end; from 6 on: the
+    /// remaining axes of the other end.
     stage: u8,
     bounds: [u8; 6],
 }
 
-/// The states taken from the stack at once, each with its plan.
+/// States taken from the stack at once, each with its plan.
 struct Batch {
     nodes: Vec<Node>,
     plans: [Plan; BATCH],
 }
 
-/// Whoever counts, and may end the search.
+/// Observer that counts states and may end the search.
 pub(super) trait Watch {
-    /// So many more states were looked at for a task; false ends the search.
-    fn goes_on(&mut self, shares: &[(u16, u32)]) -> bool;
+    /// Adds numbers of visited states by task. Returns false to end the search.
+    fn add_shares(&mut self, shares: &[(u16, u32)]) -> bool;
 }
 
-/// Searches with one table.
+/// Depth-first search with one table.
 #[derive(Debug)]
 pub(super) struct Searcher<'a> {
     pub(super) prober: &'a Prober,
@@ -95,7 +104,7 @@ pub(super) struct Searcher<'a> {
 }
 
 impl Searcher<'_> {
-    /// The state of a cube.
+    /// Returns the state of a cube with its bounds.
     pub(super) fn root<L: Lanes>(&self, cube: &Cube) -> Node {
         let ends = [Bytes::new(cube), Bytes::new(&cube.inverse())];
         let mut node = Node { ends, path: 0, bounds: [0; 6], left: 0, last: [NO_FACE; 2], task: 0 };
@@ -103,7 +112,7 @@ impl Searcher<'_> {
         node
     }
 
-    /// The states after each turn of the cube that may follow.
+    /// Returns the states after each turn of the cube that may follow.
     pub(super) fn children<L: Lanes>(&self, node: &Node) -> Vec<Node> {
         let turns = allowed(node.last[0]);
         let child = |turn| {
@@ -114,6 +123,7 @@ impl Searcher<'_> {
         (0..18).filter(|turn| turns >> turn & 1 == 1).map(child).collect()
     }
 
+    /// Reads the six lower bounds of a state from the table: three axes at both ends.
     fn look<L: Lanes>(&self, node: &mut Node) {
         for j in 0..6 {
             let entry = self.prober.entry::<L>(&node.ends[j / 3], j % 3);
@@ -121,18 +131,21 @@ impl Searcher<'_> {
         }
     }
 
+    /// Returns the state after a turn at an end, with the bounds of `node`.
     #[inline(always)]
     fn after<L: Lanes>(&self, node: &Node, end: usize, turn: usize) -> Node {
         let mut next = *node;
+        // (C T)^-1 = T^-1 C^-1: a turn after the one is the inverse turn before the other.
         next.ends[end] = self.prober.turned::<L>(&node.ends[end], turn);
-        next.ends[1 - end] = self.prober.begun::<L>(&node.ends[1 - end], inverse(turn));
+        next.ends[1 - end] = self.prober.preceded_by::<L>(&node.ends[1 - end], inverse(turn));
         next.path = node.path << 6 | (turn as u128 + 1) << 1 | end as u128;
         next.last[end] = (turn / 3) as u8;
         next.left = node.left.wrapping_sub(1);
         next
     }
 
-    /// Looks for a solution of just as many turns as are left, from each of the states on the stack.
+    /// Searches for a solution with exactly as many turns as are left, from each state on the
+    /// stack.
     #[inline(always)]
     pub(super) fn search<L: Lanes>(
         &self,
@@ -146,6 +159,7 @@ impl Searcher<'_> {
         let mut shares = Vec::with_capacity(BATCH);
         while !stack.is_empty() {
             batch.nodes.clear();
+            // From the top of the stack: depth first, so the stack stays short.
             batch.nodes.extend_from_slice(&stack[stack.len().saturating_sub(BATCH)..]);
             stack.truncate(stack.len() - batch.nodes.len());
             shares.clear();
@@ -162,14 +176,15 @@ impl Searcher<'_> {
                 shares.push((node.task, turns.count_ones()));
                 propose(n, node, plan, turns, &mut tries);
             }
-            if !watch.goes_on(&shares) {
+            if !watch.add_shares(&shares) {
                 return None;
             }
             while !tries.is_empty() {
                 for t in &mut tries {
                     t.entry = self.locate::<L>(&batch, t);
                 }
-                // Apart from the loop above: mixed, a prefetch held up the stores, at twice the time.
+                // A loop of its own: prefetches between the stores of the loop above held these up
+                // and doubled the time.
                 for t in &tries {
                     L::prefetch(self.table, t.entry.line as usize);
                 }
@@ -183,21 +198,22 @@ impl Searcher<'_> {
         None
     }
 
-    /// Returns where the next bound of a continuation stands.
+    /// Returns the position of the next bound of a continuation.
     #[inline(always)]
     fn locate<L: Lanes>(&self, batch: &Batch, t: &Try) -> Entry {
         let (node, plan) = batch.of(t);
         let (other, axis) = plan.look(t.stage);
         let end = usize::from(plan.end) ^ usize::from(other);
         let cube = if other {
-            self.prober.begun::<L>(&node.ends[end], inverse(usize::from(t.turn)))
+            self.prober.preceded_by::<L>(&node.ends[end], inverse(usize::from(t.turn)))
         } else {
             self.prober.turned::<L>(&node.ends[end], usize::from(t.turn))
         };
         self.prober.entry::<L>(&cube, axis)
     }
 
-    /// Reads the bound, and rejects the continuation, keeps it for another look, or puts it on the stack.
+    /// Reads the bound of a continuation and rejects the continuation, keeps it for another
+    /// look-up, or puts it on the stack.
     #[inline(always)]
     fn judge<L: Lanes>(
         &self,
@@ -208,17 +224,21 @@ impl Searcher<'_> {
     ) {
         let (node, plan) = batch.of(&t);
         let found = bound(self.table, self.base, t.entry);
+        // After the turn, `left - 1` turns remain.
         if found >= node.left {
             return;
         }
         let (other, axis) = plan.look(t.stage);
         t.bounds[(usize::from(plan.end) ^ usize::from(other)) * 3 + axis] = found;
         t.stage += 1;
+        // The other end has rejected neither quarter turn: from here on each is alone.
         if t.stage == plan.useful {
             t.stage = 3;
             kept.push(t);
             t.turn += 2;
             kept.push(t);
+        // A half turn keeps the bounds of the other end, so it is complete after stage 5. A quarter
+        // turn still needs those axes of the other end that were not useful.
         } else if t.stage < 6 || t.turn % 3 != 1 && t.stage < 9 - plan.useful {
             kept.push(t);
         } else {
@@ -238,7 +258,7 @@ impl Batch {
 }
 
 impl Plan {
-    /// Whether a stage looks at the other end, and along which axis.
+    /// Returns whether a stage reads a bound of the other end, and the axis of that bound.
     #[inline(always)]
     fn look(self, stage: u8) -> (bool, usize) {
         let (other, rank) = match stage {
@@ -250,26 +270,31 @@ impl Plan {
     }
 }
 
-/// Which end to turn, in which order to look, and the turns.
+/// Plans the look-ups for a state: the end with fewer turns to try, the order of the axes, and the
+/// turns.
 #[inline(always)]
 fn plan(node: &Node, allowed: &[u32; 7]) -> (Plan, u32) {
     const HALF_TURNS: u32 = 0o222_222;
     let of_end = |end: usize| [0, 1, 2].map(|axis| node.bounds[end * 3 + axis]);
     let turns = |end: usize| {
+        // A half turn at this end keeps the bounds of the other end. If one of these is `left`
+        // already, the state after it cannot be solved in `left - 1` turns.
         let tight = of_end(1 - end).iter().any(|&b| b >= node.left);
         allowed[usize::from(node.last[end])] & if tight { !HALF_TURNS } else { u32::MAX }
     };
     let sum = |end: usize| of_end(end).iter().sum::<u8>();
     let (both, sums) = ([turns(0), turns(1)], [sum(0), sum(1)]);
     let counts = both.map(u32::count_ones);
-    // With as many turns at either end, the one whose opposite promises more.
+    // On equal numbers of turns, the end whose opposite has the greater bounds: these reject both
+    // quarter turns of a face together.
     let end = usize::from(counts[1] < counts[0] || counts[1] == counts[0] && sums[0] > sums[1]);
+    // A turn changes a bound by at most 1, so smaller bounds cannot reach `left`.
     let useful = of_end(1 - end).iter().filter(|&&b| b + 1 >= node.left).count() as u8;
     let axes = [falling(of_end(end)), falling(of_end(1 - end))];
     (Plan { end: end as u8, axes, useful }, both[end])
 }
 
-/// The axes by falling bounds.
+/// Returns the axes in descending order of their bounds.
 #[inline(always)]
 fn falling(bounds: [u8; 3]) -> [u8; 3] {
     let mut axes = [0, 1, 2];
@@ -281,12 +306,13 @@ fn falling(bounds: [u8; 3]) -> [u8; 3] {
     axes
 }
 
-/// Makes the continuations of a state.
+/// Adds the continuations of a state to `tries`.
 #[inline(always)]
 fn propose(n: usize, node: &Node, plan: Plan, mut turns: u32, tries: &mut Vec<Try>) {
     while turns != 0 {
         let turn = turns.trailing_zeros() as u8;
         turns &= turns - 1;
+        // Two quarter turns of a face are one try as long as the other end may reject them.
         let single = turn % 3 == 1 || plan.useful == 0;
         if !single && turn % 3 == 2 {
             continue;
@@ -297,18 +323,22 @@ fn propose(n: usize, node: &Node, plan: Plan, mut turns: u32, tries: &mut Vec<Tr
     }
 }
 
-/// The turns that may follow one of a face, as bits; of two opposite faces, the first of the six goes first.
+/// Returns the turns that may follow a turn of a face, as bits. Turns of opposite faces commute, so
+/// they are searched only in the order U D, R L, F B.
 fn allowed(last: u8) -> u32 {
     let follows = |face: &u8| last == NO_FACE || *face != last && face + 3 != last;
     (0..6).filter(follows).fold(0, |mask, face| mask | 0b111 << (3 * face))
 }
 
+/// Returns the index of the inverse turn.
 fn inverse(turn: usize) -> usize {
     turn / 3 * 3 + 2 - turn % 3
 }
 
-/// The solution from the turns done at either end.
+/// Returns the solution from the turns made at both ends.
 fn solution(mut path: u128) -> Vec<Turn> {
+    // The latest turn is read first. Turns of the inverse cube are inverted; the latest of them is
+    // the first one after the turns of the cube.
     let (mut starts, mut ends) = (Vec::new(), Vec::new());
     while path != 0 {
         let turn = Turn::from_index((path as usize >> 1 & 31) - 1);

@@ -1,21 +1,22 @@
-//! What the turns of each face do to a distance, packed; and the small tables made of it.
+//! Packed effects of the turns of each face on a distance, and the small tables that hold them.
 
 use super::super::coordinates::{QUADS, SLICES, TWISTS, quad_moves};
 use super::super::symmetry::CLASSES;
 use super::frames::Frames;
 
-/// All turns.
+/// Set of all turns, as bits.
 pub(crate) const ALL_TURNS: u32 = (1 << 18) - 1;
 
-/// What turns do to a distance, packed: four bits a face in the order U D, R L, F B.
+/// Decoder of packed entries: four bits a face in the order U D, R L, F B.
 ///
-/// The four states of a face's turns have two neighbouring distances at most. Case 0..8: this state
-/// is the nearer, and bit q - 1 says that q quarters lead farther; case 7 + b, b in 1..8: bit q - 1
-/// of b says that q lead nearer.
+/// A state and its three neighbours by turns of one face lie within one step of each other, so they
+/// have at most two distances, `d` and `d + 1`. In the cases 0..8 the state itself is at `d`, and
+/// bit `q - 1` is set if `q` quarter turns lead farther. In the case `7 + b`, `b` in 1..8, the
+/// state is at `d + 1`, and bit `q - 1` of `b` is set if `q` quarter turns lead nearer.
 #[derive(Debug)]
 pub(crate) struct FaceCases {
-    /// `[pair * 256 + two cases]`: turns that lead nearer in bits 0..18, not farther in bits
-    /// 32..50.
+    /// `[pair * 256 + two cases]`: turns that lead nearer in bits 0..18, turns that do not lead
+    /// farther in bits 32..50.
     masks: Vec<u64>,
 }
 
@@ -23,6 +24,8 @@ pub(crate) struct FaceCases {
 pub(super) const CASE_FACES: [usize; 6] = [0, 3, 1, 4, 2, 5];
 
 impl FaceCases {
+    /// Builds the table of masks, one for each byte of an entry: 256 pairs of cases, three pairs of
+    /// faces.
     pub(crate) fn build() -> Self {
         let mut masks = vec![0; 3 * 256];
         for (at, mask) in masks.iter_mut().enumerate() {
@@ -36,7 +39,7 @@ impl FaceCases {
         Self { masks }
     }
 
-    /// Turns that lead nearer, and those that do not lead farther.
+    /// Returns the turns that lead nearer, and those that do not lead farther.
     #[inline]
     pub(super) fn masks(&self, entry: u32) -> (u32, u32) {
         let [a, b, c, _] = entry.to_le_bytes().map(usize::from);
@@ -44,8 +47,8 @@ impl FaceCases {
         (masks as u32, (masks >> 32) as u32)
     }
 
-    /// Turns after which a state is at most `left` away, from its cases and, in the uppermost byte,
-    /// its distance.
+    /// Returns the turns after which a state is at most `left` away. `entry` has the cases and, in
+    /// its uppermost byte, the distance of the state.
     #[inline]
     pub(super) fn within(&self, entry: u32, left: u8) -> u32 {
         let distance = (entry >> 24) as u8;
@@ -53,6 +56,7 @@ impl FaceCases {
             return ALL_TURNS;
         }
         let (nearer, not_farther) = self.masks(entry);
+        // A turn changes the distance by at most 1.
         match distance - left {
             0 => not_farther,
             1 => nearer,
@@ -60,7 +64,7 @@ impl FaceCases {
         }
     }
 
-    /// Packs what the turns do: `distances[turn]` beside `distance`.
+    /// Packs the effects of all turns: `distances[turn]` compared with `distance`.
     fn pack(distance: u8, distances: &[u8; 18]) -> u32 {
         CASE_FACES.iter().enumerate().fold(0, |entry, (i, face)| {
             let of = |q: usize| distances[face * 3 + q];
@@ -72,8 +76,8 @@ impl FaceCases {
     }
 }
 
-/// Distances that look at two of the three coordinates only: [`FaceCases`] and the distance, for
-/// each class of slice and flips, and for each slice and twist.
+/// Two small tables, each of two of the three coordinates: (slice, flip) by class, and (slice,
+/// twist). An entry has the cases of [`FaceCases`] and the distance; both are lower bounds.
 #[derive(Debug)]
 pub(crate) struct Small {
     pub(super) flips: Vec<u32>,
@@ -81,6 +85,7 @@ pub(crate) struct Small {
 }
 
 impl Small {
+    /// Builds both tables.
     pub(crate) fn build(frames: &Frames) -> Self {
         let slices: Vec<u16> = {
             let quads = quad_moves();
@@ -96,13 +101,15 @@ impl Small {
         Self { flips: packed(CLASSES, flips), twists: packed(SLICES * TWISTS, twists) }
     }
 
+    /// Returns the memory of both tables (bytes).
     pub(crate) fn bytes(&self) -> usize {
         (self.flips.len() + self.twists.len()) * 4
     }
 }
 
-/// Cases and distances of all states, by what each turn does to them.
+/// Computes the cases and distances of all states. `turned` returns the state after a turn.
 fn packed(states: usize, turned: impl Fn(usize, usize) -> usize) -> Vec<u32> {
+    // Breadth first from the goal, which is state 0.
     let mut distances = vec![u8::MAX; states];
     distances[0] = 0;
     let (mut frontier, mut next, mut depth) = (vec![0], Vec::new(), 0);

@@ -1,4 +1,7 @@
-//! How the tables of phase 1 are made and checked.
+//! Builders and checks of the tables of phase 1.
+//!
+//! A table is built breadth first from the goal. It is checked by the number of states at each
+//! distance, which is known.
 
 use super::super::coordinates::{TWISTS, twist_moves};
 use super::super::symmetry::{CLASSES, Classes, SYMMETRIES};
@@ -9,31 +12,33 @@ use super::guide::{FAR, NEAR_ROW, WIDE, near_code};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::{LazyLock, Mutex, PoisonError};
 
-/// States of phase 1 at each distance (Kociemba's page; Scherphuis).
+/// Number of states of phase 1 at each distance (pages of H. Kociemba and J. Scherphuis).
 const KNOWN: [u64; 13] = [
     1, 4, 50, 592, 7156, 87236, 1043817, 12070278, 124946368, 821605960, 1199128738, 58202444, 476,
 ];
 
+/// Builds [`NEAR`](super::NEAR) with coordinates of its own.
 pub(super) fn build_near(workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
     near(&Frames::build(), workers, progress)
 }
 
-/// Builds [`NEAR`](super::NEAR): breadth first from the goal, up to the last level that is told
-/// apart.
+/// Builds [`NEAR`](super::NEAR) up to the last level that its codes distinguish.
 pub(crate) fn near(frames: &Frames, workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
     levels(frames, FAR - 1, workers, progress)
 }
 
-/// Distances modulo 3 up to a deepest one, [`NEAR_ROW`] bytes a class, breadth first from the goal.
+/// Computes the distances modulo 3 up to `deepest`, [`NEAR_ROW`] bytes a class, breadth first from
+/// the goal.
 ///
-/// Each row is written by one worker, which looks at the newest entries of its class's 18
-/// neighbours: so no worker waits for another, and classes with symmetries of their own need no
-/// care.
+/// One worker writes each row. It reads the newest entries of the 18 neighbours of the class, so no
+/// worker waits for another. Classes with symmetries of their own need no special treatment, since
+/// each symmetric entry is reached from entries of its own.
 fn levels(frames: &Frames, deepest: u8, workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
     let back = Backwards::new(frames);
     let mut table = vec![u8::MAX; CLASSES * NEAR_ROW];
+    // The goal is entry 0; all other codes are 3, which means unfilled.
     table[0] = !3;
-    // For each class the twists of the last level.
+    // The twists of the last level by class: the next level pulls from these alone.
     let mut newest: Vec<Vec<u16>> = vec![Vec::new(); CLASSES];
     newest[0].push(0);
     for depth in 1..=deepest {
@@ -45,7 +50,8 @@ fn levels(frames: &Frames, deepest: u8, workers: &dyn Workers, progress: Progres
             .map(|(rows, found)| Mutex::new(Chunk { rows, found }))
             .collect();
         workers.run(chunks.len(), &|number| {
-            // Each task has a chunk of its own; the lock only says so.
+            // Each task has a chunk of its own. The lock is never contended; it proves that to the
+            // compiler.
             let mut chunk = chunks[number].lock().unwrap_or_else(PoisonError::into_inner);
             let Chunk { rows, found } = &mut *chunk;
             for (k, row) in rows.chunks_mut(NEAR_ROW).enumerate() {
@@ -54,6 +60,7 @@ fn levels(frames: &Frames, deepest: u8, workers: &dyn Workers, progress: Progres
         });
         drop(chunks);
         newest = next;
+        // The known counts give the share exactly, without a count of the entries.
         let done: u64 = KNOWN[..=usize::from(depth)].iter().sum();
         let all: u64 = KNOWN[..=usize::from(deepest)].iter().sum();
         progress(done as f64 / all as f64);
@@ -61,21 +68,21 @@ fn levels(frames: &Frames, deepest: u8, workers: &dyn Workers, progress: Progres
     table
 }
 
-/// Classes that one task takes.
+/// Number of classes that one task takes.
 const CHUNK: usize = 64;
 
-/// Rows of some classes, and the twists that are found for each.
+/// Rows of some classes, and the twists found for each.
 struct Chunk<'a> {
     rows: &'a mut [u8],
     found: &'a mut [Vec<u16>],
 }
 
-/// What leads from a neighbour's twist back to one's own.
+/// Inverse tables, which lead from the twist of a neighbour back to that of a state.
 struct Backwards<'a> {
     frames: &'a Frames,
-    /// `[turn * TWISTS + twist]`: the twist before that turn.
+    /// Twist before a turn: `[turn * TWISTS + twist]`.
     before: Vec<u16>,
-    /// `[symmetry * TWISTS + twist]`: the twist whose image it is.
+    /// Twist whose image a twist is: `[symmetry * TWISTS + twist]`.
     origin: Vec<u16>,
 }
 
@@ -96,28 +103,31 @@ impl<'a> Backwards<'a> {
     }
 }
 
-/// One level of the search from the goal, and what its entries are found from.
+/// One level of the search from the goal.
 struct Level<'a> {
     back: &'a Backwards<'a>,
     /// Distance of the level from the goal.
     depth: u8,
-    /// For each class the twists of the level before.
+    /// Twists of the level before, by class.
     newest: &'a [Vec<u16>],
 }
 
 impl Level<'_> {
-    /// Gives the level's depth to all unfilled entries of a class with a neighbour that is one
-    /// nearer.
+    /// Writes the depth of this level into all unfilled entries of a class that have a neighbour in
+    /// the level before.
     fn pull(&self, class: usize, row: &mut [u8], found: &mut Vec<u16>) {
         let Self { back, depth, newest } = *self;
+        // An unfilled code is 0b11; clearing these bits leaves `depth % 3`.
         let filled = 3 ^ (depth % 3);
-        // No branch on what is filled already: it would be guessed wrongly every third time.
+        // No branch on filled entries: the processor would mispredict a third of them. Instead each
+        // twist is stored, and `count` moves on only if the entry was unfilled.
         let (mut marked, mut count) = ([0_u16; TWISTS + 1], 0);
         for turn in 0..18 {
             let entry = back.frames.class_moves[class * 18 + turn] as usize;
             let before: &[u16; TWISTS] = rows(&back.before, turn);
             let origin: &[u16; TWISTS] = rows(&back.origin, entry & 15);
             for &twist in &newest[entry >> 4] {
+                // Forwards it is the turn, then the symmetry; so back is the symmetry first.
                 let twist = before[usize::from(origin[usize::from(twist)])];
                 let (byte, shift) = (&mut row[usize::from(twist / 4)], twist % 4 * 2);
                 let unfilled = u8::from(*byte >> shift & 3 == 3);
@@ -130,15 +140,16 @@ impl Level<'_> {
     }
 }
 
-/// The row with this number.
+/// Returns the row with this number. Its constant length removes bounds checks from inner loops.
 fn rows(table: &[u16], number: usize) -> &[u16; TWISTS] {
     table.as_chunks().0.get(number).unwrap_or(&[0; TWISTS])
 }
 
-/// Builds [`WIDE_TABLE`](super::WIDE_TABLE): all distances modulo 3 first, then what each turn does
-/// to each.
+/// Builds [`WIDE_TABLE`](super::WIDE_TABLE): first all distances modulo 3, then the effect of each
+/// turn on each.
 pub(super) fn build_wide(workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
     let frames = Frames::build();
+    // No state of phase 1 is more than 12 turns from the goal, so no entry stays unfilled.
     let distances = levels(&frames, 12, workers, &|done| progress(done * 0.5));
     let packer = Packer::new(&frames, &distances);
     let row = TWISTS * WIDE;
@@ -146,7 +157,7 @@ pub(super) fn build_wide(workers: &dyn Workers, progress: Progress<'_>) -> Vec<u
     let rows: Vec<Mutex<&mut [u8]>> = table.chunks_mut(row * CHUNK).map(Mutex::new).collect();
     let done = AtomicUsize::new(0);
     workers.run(rows.len(), &|chunk| {
-        // Each task has a chunk of its own; the lock only says so.
+        // As in `levels`, the lock is never contended.
         let mut out = rows[chunk].lock().unwrap_or_else(PoisonError::into_inner);
         for (k, out) in out.chunks_mut(row).enumerate() {
             packer.row(chunk * CHUNK + k, out);
@@ -158,13 +169,14 @@ pub(super) fn build_wide(workers: &dyn Workers, progress: Progress<'_>) -> Vec<u
     table
 }
 
-/// What turns do to the states of one class.
+/// Packer of the effects of all turns on the states of a class.
 struct Packer<'a> {
     frames: &'a Frames,
     distances: &'a [u8],
-    /// `[turn * TWISTS + twist]`.
+    /// Twist after a turn: `[turn * TWISTS + twist]`.
     twist_moves: Vec<u16>,
-    /// What three turns of a face do, two bits each (0 nothing, 1 farther, 2 nearer), as its case.
+    /// Case of the three turns of a face, by their effects of two bits each (0 neither, 1 farther,
+    /// 2 nearer).
     cases: [u8; 64],
 }
 
@@ -179,9 +191,11 @@ impl<'a> Packer<'a> {
         Self { frames, distances, twist_moves: twist_moves(), cases }
     }
 
+    /// Packs the row of a class, [`WIDE`] bytes for each twist.
     fn row(&self, class: usize, out: &mut [u8]) {
         let own = &self.distances[class * NEAR_ROW..][..NEAR_ROW];
-        // Two bits a turn; modulo 3 is enough, as neighbours differ by one at most.
+        // Two bits a turn. Distances modulo 3 suffice because neighbours differ by at most 1. Turn
+        // by turn, so that all reads of one pass lie in two rows.
         let mut changes = vec![0_u64; TWISTS];
         for turn in 0..18 {
             let entry = self.frames.class_moves[class * 18 + turn] as usize;
@@ -204,7 +218,7 @@ impl<'a> Packer<'a> {
     }
 }
 
-/// Three codes of two bits, each less a fourth, modulo 3: `[the fourth][three]`.
+/// Differences modulo 3 of three codes, two bits each, and one subtrahend: `[subtrahend][three]`.
 static LESS: LazyLock<[[usize; 64]; 3]> = LazyLock::new(|| {
     std::array::from_fn(|own| {
         std::array::from_fn(|three| {
@@ -216,12 +230,13 @@ static LESS: LazyLock<[[usize; 64]; 3]> = LazyLock::new(|| {
     })
 });
 
-/// How many raw states an entry of a class stands for.
+/// Returns the number of states (slice, flip) in a class: 16 over the order of its stabiliser.
 fn class_size(classes: &Classes, class: usize) -> u64 {
     16 / u64::from(classes.stabilisers[class].count_ones())
 }
 
-/// Counts by distance modulo 3, and 3 for far: four numbers.
+/// Counts the states by code, distance modulo 3 or far, and compares the four numbers with the
+/// known ones.
 pub(super) fn verify_near(table: &[u8], _: &dyn Workers) -> Result<Vec<u64>, String> {
     let classes = Classes::build();
     let mut found = [0_u64; 4];
@@ -235,8 +250,8 @@ pub(super) fn verify_near(table: &[u8], _: &dyn Workers) -> Result<Vec<u64>, Str
     compare(&found, &known)
 }
 
-/// Finds the distances again, counts them by what they are modulo 3, and compares what each turn
-/// does.
+/// Computes the distances again, compares their counts modulo 3 with the known ones, and compares
+/// the effect of each turn with the table.
 pub(super) fn verify_wide(table: &[u8], workers: &dyn Workers) -> Result<Vec<u64>, String> {
     let frames = Frames::build();
     let distances = levels(&frames, 12, workers, &|_| ());
@@ -264,7 +279,10 @@ pub(super) fn verify_wide(table: &[u8], workers: &dyn Workers) -> Result<Vec<u64
     compare(&sizes[..3], &[sum(0), sum(1), sum(2)])
 }
 
-/// The counts, if they are as known.
+/// Returns the counts if they are equal to the known ones.
+///
+/// # Errors
+/// A message with both.
 pub(crate) fn compare(found: &[u64], known: &[u64]) -> Result<Vec<u64>, String> {
     if found == known {
         return Ok(found.to_vec());

@@ -1,8 +1,8 @@
-//! The moves of a walk's places: class of slice and flips, twist, and the symmetry through which
-//! the walk looks at the cube.
+//! Moves of the states of phase 1: class of (slice, flip), twist, and the symmetry that leads from
+//! the cube to the representative of the class.
 //!
 //! - in: the coordinates and classes of the cube
-//! - out: [`Frames`], the moves of all places; [`Place`]
+//! - out: [`Frames`], the moves of all states; [`Place`], a state
 
 use super::super::coordinates::{
     FLIPS, QUADS, TWISTS, flip, flip_moves, quad, quad_moves, twist, twist_moves,
@@ -11,7 +11,8 @@ use super::super::symmetry::{CLASSES, Classes, Turned, twist_images};
 use super::super::table::prefetch;
 use crate::cube::Cube;
 
-/// Where the walk stands: class, twist, and the symmetry through which it looks at the cube.
+/// State of phase 1: the representative of its class, the twist of the image under the symmetry,
+/// and the symmetry.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Place {
     pub(crate) class: u32,
@@ -19,22 +20,24 @@ pub(crate) struct Place {
     pub(crate) symmetry: u8,
 }
 
-/// The moves of all places.
+/// Moves of all states.
 #[derive(Debug)]
 pub(crate) struct Frames {
-    /// `[class * 18 + turn]`: 16 * class + the symmetry that makes the neighbour its class's
-    /// representative.
+    /// 16 * class of the neighbour + the symmetry that makes the neighbour the representative of
+    /// that class: `[class * 18 + turn]`.
     pub(super) class_moves: Vec<u32>,
-    /// `[twist * 18 + turn]`.
+    /// Twist after a turn: `[twist * 18 + turn]`.
     pub(super) twist_moves: Vec<u16>,
-    /// `[symmetry * TWISTS + twist]`.
+    /// Twist of the image: `[symmetry * TWISTS + twist]`.
     pub(super) twist_images: Vec<u16>,
+    /// Slice of each class.
     pub(super) slice_of_class: Vec<u16>,
     pub(crate) classes: Classes,
     pub(crate) turned: Turned,
 }
 
 impl Frames {
+    /// Computes the moves of all states.
     pub(crate) fn build() -> Self {
         let mut classes = Classes::build();
         let (flips, quads) = (flip_moves(), quad_moves());
@@ -47,8 +50,9 @@ impl Frames {
                 class_moves[class * 18 + turn] = classes.of[slice * FLIPS + flip];
             }
         }
-        // A root is sought among the representatives: 4 MB less to keep.
+        // `Classes::find` searches the representatives for the root, which saves 4 MB of memory.
         classes.of = Vec::new();
+        // By state, then by turn: the moves of one state share a cache line.
         let by_turn = twist_moves();
         let twist_moves = (0..TWISTS * 18).map(|i| by_turn[i % 18 * TWISTS + i / 18]).collect();
         let slice_of_class =
@@ -63,6 +67,7 @@ impl Frames {
         }
     }
 
+    /// Returns the memory of all moves (bytes).
     pub(crate) fn bytes(&self) -> usize {
         self.class_moves.len() * 4
             + (self.twist_moves.len() + self.twist_images.len() + self.slice_of_class.len()) * 2
@@ -70,22 +75,24 @@ impl Frames {
             + self.classes.stabilisers.len() * 2
     }
 
-    /// Where a cube stands.
+    /// Returns the state of a cube.
     pub(crate) fn place(&self, cube: &Cube) -> Place {
         let (class, symmetry) = self.classes.find(quad(cube, 8) / 24, flip(cube));
         let twist = self.twist_images[usize::from(symmetry) * TWISTS + twist(cube)];
         Place { class, twist, symmetry }
     }
 
-    /// Fetches what [`Frames::step`] needs of a class, before it is asked for.
+    /// Prefetches the moves of a class for a later [`Frames::step`].
     #[inline]
-    pub(super) fn expect(&self, class: u32) {
+    pub(super) fn prefetch_moves(&self, class: u32) {
         let row = class as usize * 18;
+        // A row of 72 bytes touches two cache lines.
         prefetch(&self.class_moves, row);
         prefetch(&self.class_moves, row + 17);
     }
 
-    /// The place after a turn as the walk sees it; the symmetry is the step's alone.
+    /// Returns the state after a turn of the representative. Its symmetry is that of this step
+    /// alone.
     #[inline]
     pub(super) fn step(&self, class: u32, twist: u16, turn: usize) -> Place {
         let entry = self.class_moves[class as usize * 18 + turn];

@@ -1,45 +1,47 @@
-//! The two tables of phase 1 at work: which turns lead a walk nearer.
+//! Look-up in the two tables of phase 1: the turns after which the goal is near enough.
 //!
-//! - in: a place, its distance, the turns in question
-//! - out: by [`Guide`], the neighbours that are near enough; [`Wide`] and [`Near`] lead the same
-//!   walk
+//! - in: a state, its distance, the turns in question
+//! - out: the neighbours that are near enough, by [`Guide`]; [`Wide`] and [`Near`] give equal ones
+//!   where less than [`FAR`] turns are left
 
 use super::super::coordinates::TWISTS;
 use super::faces::{ALL_TURNS, FaceCases, Small};
 use super::frames::{Frames, Place};
 
-/// Bytes of a class's row of twists in [`Near`].
+/// Size of a class in [`Near`]: two bits for each of 2187 twists, rounded up to 8 bytes (bytes).
 pub(super) const NEAR_ROW: usize = 552;
-/// Bytes of a state in [`Wide`].
+/// Size of a state in [`Wide`] (bytes).
 pub(super) const WIDE: usize = 3;
-/// The distance that stands for itself and all above in [`Near`].
+/// Distance from which on [`Near`] has one code for all (turns).
 pub(crate) const FAR: u8 = 10;
 
 /// A neighbour that is near enough.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Child {
-    /// Its symmetry is the step's alone.
+    /// State after the turn; its symmetry is that of the step alone.
     pub(crate) place: Place,
-    /// As the walk sees it.
+    /// Turn of the representative.
     pub(crate) turn: u8,
     pub(crate) distance: u8,
-    /// What the table says of the child's own turns.
+    /// Entry of the child, which describes its turns.
     pub(crate) entry: u32,
 }
 
-/// A table that leads the walk.
+/// A table of phase 1. `at` is a state, its entry and its distance.
 pub(crate) trait Guide: Sync {
-    /// What the table says of the turns from a place.
+    /// Reads the entry of a state: for each turn, whether it leads nearer to the goal. It is 0 if
+    /// the table has no entries.
     fn entry(&self, place: Place) -> u32;
-    /// The neighbours by `turns` that are at most `left` from the goal, and how many.
+    /// Writes the neighbours by `turns` that are at most `left` from the goal, and returns their
+    /// number.
     fn children(&self, at: (Place, u32, u8), turns: u32, left: u8, into: &mut [Child]) -> usize;
-    /// Those of `turns` that lead from a place one turn away to the goal.
+    /// Returns those of `turns` that lead from a state one turn away to the goal.
     fn last(&self, at: (Place, u32, u8), turns: u32) -> u32;
-    /// The distance of a place.
+    /// Computes the distance of a state.
     fn distance(&self, place: Place) -> u8;
 }
 
-/// [`WIDE_TABLE`](super::WIDE_TABLE) at work.
+/// Look-up in [`WIDE_TABLE`](super::WIDE_TABLE).
 #[derive(Clone, Copy)]
 pub(crate) struct Wide<'a> {
     pub(crate) frames: &'a Frames,
@@ -64,6 +66,7 @@ impl Guide for Wide<'_> {
         into: &mut [Child],
     ) -> usize {
         let (nearer, not_farther) = self.faces.masks(entry);
+        // The search visits a state only if it is at most `left + 1` from the goal.
         let mut mask = turns
             & match (left + 1).wrapping_sub(distance) {
                 0 => nearer,
@@ -75,12 +78,13 @@ impl Guide for Wide<'_> {
             let turn = mask.trailing_zeros();
             mask &= mask - 1;
             let place = self.frames.step(place.class, place.twist, turn as usize);
+            // A turn that leads nearer has both bits: the distance changes by +1, 0 or -1.
             let (a, b) = (nearer >> turn & 1, not_farther >> turn & 1);
             let distance = distance + 1 - (a + b) as u8;
-            // Read here, so that all neighbours wait for memory together.
+            // The entries of all neighbours are read here, so that they wait for memory together.
             let entry = if left > 0 { self.entry(place) } else { 0 };
             if left > 1 {
-                self.frames.expect(place.class);
+                self.frames.prefetch_moves(place.class);
             }
             into[count] = Child { place, turn: turn as u8, distance, entry };
             count += 1;
@@ -94,6 +98,7 @@ impl Guide for Wide<'_> {
     }
 
     fn distance(&self, mut place: Place) -> u8 {
+        // The entries hold no distances: count the turns of a path that always leads nearer.
         let mut distance = 0;
         while (place.class, place.twist) != (0, 0) {
             let (nearer, _) = self.faces.masks(self.entry(place));
@@ -104,7 +109,7 @@ impl Guide for Wide<'_> {
     }
 }
 
-/// [`NEAR`](super::NEAR) at work.
+/// Look-up in [`NEAR`](super::NEAR).
 #[derive(Clone, Copy)]
 pub(crate) struct Near<'a> {
     pub(crate) frames: &'a Frames,
@@ -114,10 +119,11 @@ pub(crate) struct Near<'a> {
 }
 
 impl Near<'_> {
-    /// Turns after which a place may be at most `left` away, for all that the small tables know.
+    /// Returns the turns that the small tables do not reject: after any other, the state is more
+    /// than `left` away.
     #[inline]
     fn near_enough(&self, place: Place, left: u8) -> u32 {
-        // So far away, they know nothing: neither has a distance above 9, and few of 8.
+        // Neither small table has a distance above 9, and few of 8, so they would reject nothing.
         if left > 7 {
             return ALL_TURNS;
         }
@@ -126,13 +132,14 @@ impl Near<'_> {
             & self.faces.within(self.small.twists[slice * TWISTS + usize::from(place.twist)], left)
     }
 
-    /// The distance modulo 3, or 3 for [`FAR`] and more.
+    /// Returns the distance modulo 3, or 3 for [`FAR`] and more.
     #[inline]
     fn code(&self, class: u32, twist: u16) -> u8 {
         near_code(&self.table[class as usize * NEAR_ROW..], twist)
     }
 }
 
+/// Reads the code of a twist from a row of [`Near`].
 #[inline]
 pub(super) fn near_code(row: &[u8], twist: u16) -> u8 {
     row[usize::from(twist >> 2)] >> (twist % 4 * 2) & 3
@@ -158,10 +165,11 @@ impl Guide for Near<'_> {
             let turn = mask.trailing_zeros();
             mask &= mask - 1;
             let place = self.frames.step(place.class, place.twist, turn as usize);
-            // All read before any is judged, so that they wait for memory together.
+            // All codes are read before any is compared, so that they wait for memory together.
             read[count] = (place, turn as u8, self.code(place.class, place.twist));
             count += 1;
         }
+        // No branch: a child that is too far is overwritten by the next one.
         let mut kept = 0;
         for &(place, turn, code) in &read[..count] {
             let distance = neighbour_distance(distance, code);
@@ -173,7 +181,8 @@ impl Guide for Near<'_> {
 
     #[inline]
     fn last(&self, (place, _, _): (Place, u32, u8), turns: u32) -> u32 {
-        // No flips and no twists, and the slice in its place: that is the goal.
+        // Both small tables at 0 mean no flips, no twists and the slice in its place: the goal. No
+        // read of the large table is needed.
         turns & self.near_enough(place, 0)
     }
 
@@ -182,6 +191,7 @@ impl Guide for Near<'_> {
         if self.code(place.class, place.twist) == 3 {
             return FAR;
         }
+        // As in `Wide`: count the turns of a path that always leads nearer, here by codes one less.
         while (place.class, place.twist) != (0, 0) {
             let nearer = (self.code(place.class, place.twist) + 2) % 3;
             let next = (0..18)
@@ -197,12 +207,14 @@ impl Guide for Near<'_> {
     }
 }
 
-/// The distance of a neighbour of a state at `distance`, from its code.
+/// Returns the distance of a neighbour of a state at `distance`. The code of the neighbour is its
+/// distance modulo 3, or 3 for [`FAR`] and more.
 #[inline]
 fn neighbour_distance(distance: u8, code: u8) -> u8 {
     if code == 3 {
         return FAR;
     }
+    // `FAR` means FAR or more, so the nearest neighbour with a code of its own is at FAR - 1.
     if distance == FAR {
         return FAR - 1;
     }

@@ -1,18 +1,20 @@
-//! Phase 1: how far a cube is from the group <U, D, R2, L2, F2, B2>, and which turns lead nearer.
+//! Phase 1: distances of cubes from the group <U, D, R2, L2, F2, B2>, and the turns that lead
+//! nearer.
 //!
-//! The walk stands always on the representative of its class: after each turn it looks at the cube
-//! through the symmetry that makes it one again, and remembers that symmetry. So a state is (class
-//! of slice and flips, twist), 64430 x 2187, a turn is two reads, and what the table says of the
-//! turns holds as it stands.
+//! The search always works on the representative of a class of (slice, flip). After each turn it
+//! applies the symmetry that makes the state a representative again, and remembers that symmetry. A
+//! state therefore is (class of slice and flips, twist), 64430 x 2187 states; a turn takes two
+//! reads; and the entry of a state describes its turns without a conversion.
 //!
-//! Two tables know the same distances, and so lead the same walk:
-//! - `Near` (36 MB): two bits a state, the distance modulo 3, and 3 for `FAR` or more. The walk
-//!   knows its own distance, and a neighbour's differs by at most 1, so two bits are enough;
-//!   leaving the last levels (three entries of five) unfilled halves the time to build. Two small
-//!   tables, of slice and flips and of slice and twists, spare most reads.
-//! - `Wide` (423 MB): three bytes a state, which say of each turn whether it leads nearer, farther
-//!   or neither. The four states that turns of one face carry into each other lie within one step,
-//!   so 15 cases, four bits, hold what the three turns of a face do.
+//! Two tables hold the same distances, so the search visits the same states with either:
+//!
+//! - `Near` (36 MB) has two bits a state: the distance modulo 3, or 3 for `FAR` and more. Two bits
+//!   suffice because the search knows the distance of its state, and that of a neighbour differs by
+//!   at most 1. The last levels, three entries of five, stay unfilled, which halves the time to
+//!   build. Two small tables, of slice and flips and of slice and twists, save most reads.
+//! - `Wide` (423 MB) has three bytes a state: for each turn nearer, farther or neither. So no
+//!   neighbour is read only to be rejected. The four states that turns of one face exchange lie
+//!   within one step of each other, so 15 cases (four bits) describe the three turns of a face.
 
 use super::coordinates::TWISTS;
 use super::symmetry::CLASSES;
@@ -31,7 +33,7 @@ pub(crate) use frames::Frames;
 pub(super) use frames::Place;
 pub(super) use guide::{Child, FAR, Guide, Near, Wide};
 
-/// The two-bit table of phase 1.
+/// Table of phase 1 with two bits a state.
 pub(crate) static NEAR: TableSpec = TableSpec {
     name: "phase1",
     version: 1,
@@ -41,12 +43,12 @@ pub(crate) static NEAR: TableSpec = TableSpec {
     verify: fill::verify_near,
 };
 
-/// The table of phase 1 that knows what each turn does.
+/// Table of phase 1 with the effect of each turn.
 pub(crate) static WIDE_TABLE: TableSpec = TableSpec {
     name: "phase1-large",
     version: 1,
     bytes: CLASSES * TWISTS * WIDE,
-    purpose: "two-phase, large set: what each turn does to the distance of the first phase",
+    purpose: "two-phase, large set: change of the distance of the first phase by each turn",
     build: fill::build_wide,
     verify: fill::verify_wide,
 };

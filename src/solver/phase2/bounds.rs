@@ -1,26 +1,27 @@
-//! The tables of phase 2 at work: bounds from below of a state's distance.
+//! Look-up in the tables of phase 2: lower bounds on the distance of a state.
 
 use super::super::coordinates::{PERMUTATIONS, PHASE2_TURNS};
 use super::orders::{CORNER_CLASSES, Orders, ROW, State};
 
-/// Bytes before corners with the middle edges.
+/// First byte of the corners with the middle edges in [`BOUNDS`](super::BOUNDS).
 pub(super) const MIDDLE: usize = CORNER_CLASSES * ROW;
-/// Bytes of [`BOUNDS`](super::BOUNDS).
+/// Size of [`BOUNDS`](super::BOUNDS) (bytes).
 pub(super) const BYTES: usize = MIDDLE + PERMUTATIONS * 24;
-/// The distance that stands for itself and all above in [`EIGHT`](super::EIGHT).
+/// Distance from which on [`EIGHT`](super::EIGHT) has one code for all (turns): the greatest of
+/// four bits.
 pub(super) const FARTHEST: u8 = 15;
 
-/// The tables at work.
+/// The tables of phase 2 with the moves of its states.
 #[derive(Clone, Copy)]
 pub(crate) struct Bounds<'a> {
     pub(crate) orders: &'a Orders,
     pub(crate) table: &'a [u8],
-    /// [`EIGHT`](super::EIGHT), where it is there.
+    /// [`EIGHT`](super::EIGHT), if the set has it.
     pub(crate) eight: Option<&'a [u8]>,
 }
 
 impl Bounds<'_> {
-    /// A bound from the corners and the eight edges.
+    /// Returns a bound from the corners and the eight edges.
     #[inline]
     pub(crate) fn of_eight(&self, corners: u16, fours: (u16, u16)) -> u8 {
         let ([upper, lower], entry) = self.orders.entries(corners, fours);
@@ -30,21 +31,24 @@ impl Bounds<'_> {
         }
     }
 
-    /// A bound from the corners and the upper (0) or lower (1) edges.
+    /// Returns a bound from the corners and the upper (0) or lower (1) edges.
     #[inline]
     pub(crate) fn of_four(&self, corners: u16, lower: usize, four: u16) -> u8 {
         self.table[self.orders.entry(corners, lower, four)]
     }
 
-    /// A bound from the corners and the middle edges.
+    /// Returns a bound from the corners and the middle edges.
     #[inline]
     pub(crate) fn of_middle(&self, corners: u16, middle: u8) -> u8 {
         self.table[MIDDLE + usize::from(corners) * 24 + usize::from(middle)]
     }
 
-    /// The state after the `k`-th turn of phase 2, if it may be solved in `left` more.
+    /// Returns the state after the `k`-th turn of phase 2, unless a bound says that it is more than
+    /// `left` turns from solved.
     #[inline]
     pub(crate) fn turned(&self, state: State, k: usize, left: u8) -> Option<State> {
+        // Each coordinate is computed only after the bounds of the ones before have accepted the
+        // state. The table of eight edges, if present, makes those of four superfluous.
         let orders = self.orders;
         let corners = orders.corner_moves[usize::from(state.corners) * 18 + PHASE2_TURNS[k]];
         let upper = orders.four_moves[usize::from(state.upper) * 10 + k];

@@ -1,4 +1,7 @@
-//! How the tables of phase 2 are made and checked.
+//! Builders and checks of the tables of phase 2.
+//!
+//! The tables are built breadth first from the solved cube, by marking the neighbours of the last
+//! level. Their counts are not published, so a check verifies each entry by its neighbours.
 
 use super::super::coordinates::{PERMUTATIONS, PHASE2_TURNS, QUADS, quad_places};
 use super::super::phase1::compare;
@@ -14,12 +17,15 @@ pub(crate) fn build(orders: &Orders, workers: &dyn Workers, progress: Progress<'
     table.resize_with(BYTES, || AtomicU8::new(u8::MAX));
     let (fours, middle) = table.split_at(MIDDLE);
     let fours = FourTable { orders, table: fours };
-    let home = orders.home();
-    for (lower, four) in [home.upper, home.lower].into_iter().enumerate() {
+    let solved = orders.solved();
+    for (lower, four) in [solved.upper, solved.lower].into_iter().enumerate() {
         fours.mark_four(0, lower, four, 0);
     }
     middle[0].store(0, Relaxed);
     for depth in 1.. {
+        // Workers write to rows of other classes, so the entries are atomic. Two that mark one
+        // entry write the same depth; only the count of marked entries, which ends the loop, may be
+        // too high then, but never wrongly zero.
         let next = AtomicUsize::new(0);
         let marked = AtomicUsize::new(0);
         workers.run(workers.count(), &|_| {
@@ -36,6 +42,7 @@ pub(crate) fn build(orders: &Orders, workers: &dyn Workers, progress: Progress<'
             marked.fetch_add(count, Relaxed);
         });
         let more = mark_middles(orders, middle, depth);
+        // 14 levels is an estimate; a wrong one would only make the progress uneven.
         progress((f64::from(depth) / 14.0).min(1.0));
         if marked.into_inner() + more == 0 {
             break;
@@ -44,15 +51,16 @@ pub(crate) fn build(orders: &Orders, workers: &dyn Workers, progress: Progress<'
     table.into_iter().map(AtomicU8::into_inner).collect()
 }
 
-/// The distances of corners with the upper or the lower four edges, while they are being filled.
+/// Table of the corners with the upper or the lower four edges, under construction.
 struct FourTable<'a> {
     orders: &'a Orders,
-    /// A row for each class of corners; `u8::MAX` stands for a distance that is not known yet.
+    /// Distances, a row for each class of corners; `u8::MAX` means that a distance is not known
+    /// yet.
     table: &'a [AtomicU8],
 }
 
 impl FourTable<'_> {
-    /// Marks the neighbours of the states of a class that are one nearer; returns the number of
+    /// Marks the neighbours of the states of a class at `depth - 1`. Returns the number of newly
     /// marked states.
     fn mark_class(&self, class: usize, depth: u8) -> usize {
         let Self { orders, table } = *self;
@@ -74,8 +82,8 @@ impl FourTable<'_> {
         count
     }
 
-    /// Gives a state its distance if it has none, and the states that are the same by symmetry;
-    /// returns 1 if it had none.
+    /// Gives a state and its symmetric states in the same row the distance `depth`, unless the
+    /// state has one. Returns the number of marked states without symmetric ones, 0 or 1.
     #[inline]
     fn mark_four(&self, corners: u16, lower: usize, four: u16, depth: u8) -> usize {
         let Self { orders, table } = *self;
@@ -84,6 +92,8 @@ impl FourTable<'_> {
             return 0;
         }
         table[entry].store(depth, Relaxed);
+        // A representative with symmetries of its own has several entries for symmetric states. A
+        // later look-up uses only one of the symmetries and may read any of them.
         let class = entry / ROW;
         let (_, own) = orders.representatives[class];
         if own != 1 {
@@ -98,7 +108,10 @@ impl FourTable<'_> {
     }
 }
 
+/// Marks the neighbours of the states of corners with middle edges at `depth - 1`. Returns the
+/// number of newly marked states.
 fn mark_middles(orders: &Orders, table: &[AtomicU8], depth: u8) -> usize {
+    // With fewer than a million states this table needs neither symmetries nor workers.
     let mut count = 0;
     for (state, distance) in table.iter().enumerate() {
         if distance.load(Relaxed) != depth - 1 {
@@ -117,27 +130,34 @@ fn mark_middles(orders: &Orders, table: &[AtomicU8], depth: u8) -> usize {
     count
 }
 
-/// No reference is known to us for these. That each state but the first has a neighbour nearer by
-/// one, and none by two, says that the numbers are distances; then the states, symmetric ones each
-/// for itself, are counted.
+/// Checks that each entry of [`BOUNDS`](super::BOUNDS) is a distance, and counts the states at each
+/// distance.
+///
+/// No reference for the counts is known. Entries are distances if the solved state has 0 and the
+/// nearest neighbour of each other state is nearer by exactly one. Symmetric states count
+/// separately.
+///
+/// # Errors
+/// The number of entries that are no distances.
 pub(super) fn verify(table: &[u8], workers: &dyn Workers) -> Result<Vec<u64>, String> {
     let orders = Orders::build();
     let bounds = Bounds { orders: &orders, table, eight: None };
     let wrong = AtomicUsize::new(0);
-    let home = orders.home();
+    let solved = orders.solved();
     workers.run(CORNER_CLASSES, &|class| {
         let corners = orders.representatives[class].0;
         for state in 0..ROW {
             let (lower, four) = (state / FOURS, state % FOURS);
-            let solved = class == 0 && four == usize::from([home.upper, home.lower][lower]);
+            let is_solved = class == 0 && four == usize::from([solved.upper, solved.lower][lower]);
             let nearest = PHASE2_TURNS.into_iter().enumerate().map(|(k, turn)| {
                 let four = orders.four_moves[four * 10 + k];
                 bounds.of_four(orders.corners(corners, turn as u8), lower, four)
             });
             let (own, nearest) = (table[class * ROW + state], nearest.min().unwrap_or(0));
-            let right = if solved { own == 0 } else { own == nearest + 1 };
+            let right = if is_solved { own == 0 } else { own == nearest + 1 };
             wrong.fetch_add(usize::from(!right), Relaxed);
         }
+        // The orders of the table with the middle edges, shared out among the same tasks.
         for order in (class..PERMUTATIONS).step_by(CORNER_CLASSES) {
             for middle in 0..24 {
                 let nearest = PHASE2_TURNS.into_iter().enumerate().map(|(k, turn)| {
@@ -153,23 +173,26 @@ pub(super) fn verify(table: &[u8], workers: &dyn Workers) -> Result<Vec<u64>, St
     });
     let wrong = wrong.into_inner();
     if wrong > 0 {
-        return Err(format!("{wrong} entries are no distances"));
+        return Err(format!("{wrong} entries are not distances"));
     }
     let mut counts = [0_u64; 32];
     for (class, (_, own)) in orders.representatives.iter().enumerate() {
         let size = 16 / u64::from(own.count_ones());
         table[class * ROW..][..ROW].iter().for_each(|&d| counts[usize::from(d)] += size);
     }
-    // Both kinds of four come to all orders of corners with all fours.
+    // Each of the two halves of the rows must have all orders of corners with all places of four
+    // edges: a wrong class size would change the sum.
     compare(&[counts.iter().sum()], &[(2 * PERMUTATIONS * FOURS) as u64])?;
     Ok(counts.into_iter().take_while(|&c| c > 0).collect())
 }
 
-/// What turns do to the eight edges as numbered in [`EIGHT`](super::EIGHT): `[number * 10 + k]`,
-/// and symmetries: `[symmetry * PERMUTATIONS + number]`.
+/// Computes the indices of the eight edges in [`EIGHT`](super::EIGHT) after turns, `[number * 10 +
+/// k]`, and under symmetries, `[symmetry * PERMUTATIONS + number]`.
+///
+/// The index of eight edges is 24 x (index of the four upper ones) + order of the lower ones.
 fn eight_tables(orders: &Orders) -> (Vec<u16>, Vec<u16>) {
     let choice = |four: usize| four / 24;
-    // The choice that the lower edges are at when the upper ones are at this one.
+    // The set of places of the lower edges follows from that of the upper ones: its complement.
     let quads: Vec<usize> =
         (0..QUADS).filter(|&q| orders.four_of_set[q / 24] != u16::MAX).collect();
     let places = |four: usize| quad_places(quads[four]);
@@ -205,18 +228,22 @@ fn eight_tables(orders: &Orders) -> (Vec<u16>, Vec<u16>) {
     (moves, images)
 }
 
+/// Builds [`EIGHT`](super::EIGHT).
 pub(super) fn build_eight(workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
     let orders = Orders::build();
     let (moves, images) = eight_tables(&orders);
-    let home = orders.home();
+    let solved = orders.solved();
+    // A byte a state during the build: two workers may write the two halves of one byte at once.
     let mut table = Vec::with_capacity(CORNER_CLASSES * PERMUTATIONS);
     table.resize_with(CORNER_CLASSES * PERMUTATIONS, || AtomicU8::new(u8::MAX));
-    table[usize::from(home.upper * 24 + home.lower % 24)].store(0, Relaxed);
+    table[usize::from(solved.upper * 24 + solved.lower % 24)].store(0, Relaxed);
     for depth in 1.. {
         let marked = AtomicUsize::new(0);
         workers.run(CORNER_CLASSES, &|class| {
             let mut count = 0;
             let row = &table[class * PERMUTATIONS..][..PERMUTATIONS];
+            // Collected first, because the loop below goes turn by turn: all its writes for one
+            // turn lie in the row of one class.
             let near: Vec<usize> =
                 (0..PERMUTATIONS).filter(|&e| row[e].load(Relaxed) == depth - 1).collect();
             if near.is_empty() {
@@ -239,6 +266,7 @@ pub(super) fn build_eight(workers: &dyn Workers, progress: Progress<'_>) -> Vec<
                     }
                     row[image].store(depth, Relaxed);
                     count += 1;
+                    // As in `mark_four`: the entries of symmetric states.
                     for s in (1..SYMMETRIES).filter(|s| own >> s & 1 == 1) {
                         row[usize::from(images[s * PERMUTATIONS + image])].store(depth, Relaxed);
                     }
@@ -255,12 +283,15 @@ pub(super) fn build_eight(workers: &dyn Workers, progress: Progress<'_>) -> Vec<
     table.chunks(2).map(|two| four_bits(&two[0]) | four_bits(&two[1]) << 4).collect()
 }
 
-/// As [`verify`]: each state has a neighbour nearer by one and none by two. Then they are counted.
+/// Checks [`EIGHT`](super::EIGHT) as [`verify`] does, and counts the states at each distance.
+///
+/// # Errors
+/// The number of entries that are no distances.
 pub(super) fn verify_eight(table: &[u8], workers: &dyn Workers) -> Result<Vec<u64>, String> {
     let orders = Orders::build();
     let (moves, images) = eight_tables(&orders);
-    let home = orders.home();
-    let home = usize::from(home.upper * 24 + home.lower % 24);
+    let solved = orders.solved();
+    let solved = usize::from(solved.upper * 24 + solved.lower % 24);
     let at = |entry: usize| table[entry / 2] >> (entry % 2 * 4) & 15;
     let wrong = AtomicUsize::new(0);
     let counts: Vec<AtomicUsize> = (0..16).map(|_| AtomicUsize::new(0)).collect();
@@ -277,7 +308,9 @@ pub(super) fn verify_eight(table: &[u8], workers: &dyn Workers) -> Result<Vec<u6
             });
             let (distance, nearest) =
                 (at(class * PERMUTATIONS + edges), nearest.min().unwrap_or(0));
-            let right = if class == 0 && edges == home {
+            // The code of `FARTHEST` has all distances from there on, so its states may have
+            // neighbours of the same code only.
+            let right = if class == 0 && edges == solved {
                 distance == 0
             } else {
                 distance == (nearest + 1).min(FARTHEST)
@@ -291,7 +324,7 @@ pub(super) fn verify_eight(table: &[u8], workers: &dyn Workers) -> Result<Vec<u6
     });
     let wrong = wrong.into_inner();
     if wrong > 0 {
-        return Err(format!("{wrong} entries are no distances"));
+        return Err(format!("{wrong} entries are not distances"));
     }
     let counts: Vec<u64> = counts.into_iter().map(|c| c.into_inner() as u64).collect();
     compare(&[counts.iter().sum()], &[(PERMUTATIONS * PERMUTATIONS) as u64])?;

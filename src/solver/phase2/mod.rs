@@ -1,10 +1,17 @@
-//! Phase 2: how far a cube of the group <U, D, R2, L2, F2, B2> is from solved.
+//! Phase 2: lower bounds on the distance of a cube of the group <U, D, R2, L2, F2, B2> from the
+//! solved cube.
 //!
-//! A state is the order of the corners, where the four upper and the four lower edges are among
-//! eight places, and the order of the middle ones. No table knows all; the farthest of three is a
-//! bound from below: corners with the upper edges, corners with the lower ones (67.7 million states
-//! each, folded by 16 symmetries: 2768 classes of corners), and corners with the middle edges. The
-//! large set knows corners with all eight edges (1626 million).
+//! A state is the order of the corners, the places of the four upper and of the four lower edges
+//! among eight places, and the order of the middle edges. No table has all of these. The greatest
+//! of the distances in several tables is a lower bound:
+//!
+//! | table | states | entry |
+//! |---|---|---|
+//! | corners and upper edges; corners and lower edges | 67.7 million each | a byte |
+//! | corners and middle edges | 0.97 million | a byte |
+//! | large set: corners and all eight edges | 1626 million | four bits |
+//!
+//! Symmetries reduce the 40320 orders of the corners to 2768 classes in all tables but the second.
 
 use super::coordinates::PERMUTATIONS;
 use super::table::TableSpec;
@@ -19,7 +26,7 @@ pub(super) use fill::build;
 pub(crate) use orders::Orders;
 pub(super) use orders::{Quads, State};
 
-/// The tables of phase 2, a byte a state.
+/// Bounds from the corners and four edges, a byte a state.
 pub(crate) static BOUNDS: TableSpec = TableSpec {
     name: "phase2",
     version: 2,
@@ -29,7 +36,7 @@ pub(crate) static BOUNDS: TableSpec = TableSpec {
     verify: fill::verify,
 };
 
-/// Corners with all eight upper and lower edges, four bits a state.
+/// Distances of the corners with all eight upper and lower edges, four bits a state.
 pub(crate) static EIGHT: TableSpec = TableSpec {
     name: "phase2-large",
     version: 1,

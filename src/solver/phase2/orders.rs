@@ -1,7 +1,11 @@
-//! The states of phase 2 under turns and symmetries, and the numbers of these states in the tables.
+//! States of phase 2: their changes by turns and symmetries, and their numbers in the tables.
+//!
+//! A *quad* is the number of the places of four edges among twelve (11880 values). In phase 2 the
+//! four upper and the four lower edges stay on eight places; a *four* is the number of four edges
+//! among these (1680 values).
 //!
 //! - in: the coordinates and symmetries of the cube
-//! - out: [`Orders`]; [`State`]
+//! - out: [`Orders`], the moves of all states; [`State`]
 
 use super::super::coordinates::{
     PERMUTATIONS, PHASE2_TURNS, QUADS, corner_moves, quad, quad_moves, quad_places, rank, unrank,
@@ -9,41 +13,43 @@ use super::super::coordinates::{
 };
 use super::super::symmetry::{SYMMETRIES, places};
 
-/// Where four edges are among eight places, in order.
+/// Number of arrangements of four edges among eight places: 8 x 7 x 6 x 5.
 pub(super) const FOURS: usize = 1680;
-/// Classes of corners.
+/// Number of classes of orders of the corners under 16 symmetries.
 pub(super) const CORNER_CLASSES: usize = 2768;
-/// A class's row: upper edges, then lower ones.
+/// Length of the row of a class: upper edges, then lower ones.
 pub(super) const ROW: usize = 2 * FOURS;
 
-/// Orders of the corners, and of four edges each: what turns and symmetries do to them.
+/// Changes of the order of the corners and of four edges each, by turns and symmetries.
 #[derive(Debug)]
 pub(crate) struct Orders {
-    /// `[order * 18 + turn]`.
+    /// Corners after a turn: `[order * 18 + turn]`.
     pub(super) corner_moves: Vec<u16>,
-    /// `[quad * 18 + turn]`.
+    /// Quad after a turn: `[quad * 18 + turn]`.
     quad_moves: Vec<u16>,
-    /// `[four * 10 + k]`, k a turn of phase 2.
+    /// Four after the k-th turn of phase 2: `[four * 10 + k]`.
     pub(super) four_moves: Vec<u16>,
-    /// `[order * 10 + k]`.
+    /// Order of the middle edges after the k-th turn of phase 2: `[order * 10 + k]`.
     pub(super) middle_moves: Vec<u8>,
-    /// The four of each set of places of a quad, its own order aside; `u16::MAX` where the places
-    /// are not the eight.
+    /// First four of each set of places, without the order within it; `u16::MAX` where the set is
+    /// not within the eight places.
     pub(super) four_of_set: Vec<u16>,
-    /// `[order]`: 16 * class + the symmetry that carries it to the class's representative.
+    /// For each order of the corners: 16 * class + the symmetry that carries it to the
+    /// representative of its class.
     pub(super) corner_class: Vec<u16>,
-    /// `[(symmetry * 2 + lower) * FOURS + four]`.
+    /// Image of a four: `[(symmetry * 2 + lower) * FOURS + four]`.
     pub(super) four_images: Vec<u16>,
-    /// Which symmetries exchange up and down.
+    /// Whether each symmetry exchanges up and down.
     pub(super) swaps: [bool; SYMMETRIES],
-    /// For each class of corners its representative, and its symmetries as bits.
+    /// Representative of each class of corners, and the symmetries that map it to itself, as bits.
     pub(super) representatives: Vec<(u16, u16)>,
 }
 
-/// Order of corners, and quads of the edges from 0, 4, 8.
+/// Order of the corners, and quads of the edges from 0, 4 and 8 on.
 pub(crate) type Quads = [u16; 4];
 
-/// A state of phase 2: corners, upper, lower and middle edges.
+/// A state of phase 2: order of the corners, fours of the upper and lower edges, order of the
+/// middle ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct State {
     pub(crate) corners: u16,
@@ -52,6 +58,8 @@ pub(crate) struct State {
     pub(crate) middle: u8,
 }
 
+/// Reorders a table `[turn][state]` as `[state][turn]`, so that the moves of a state share a cache
+/// line.
 fn transposed<T: Copy + Default>(by_turn: &[T], turns: usize) -> Vec<T> {
     let states = by_turn.len() / turns;
     let mut table = vec![T::default(); by_turn.len()];
@@ -64,12 +72,13 @@ fn transposed<T: Copy + Default>(by_turn: &[T], turns: usize) -> Vec<T> {
 }
 
 impl Orders {
+    /// Computes all tables of this struct: moves, images under symmetries, and classes.
     pub(crate) fn build() -> Self {
         let corner_moves = transposed(&corner_moves(), 18);
         let quad_moves = transposed(&quad_moves(), 18);
-        // The middle layer's own set of places is 0, so in phase 2 the number is the order alone.
+        // The set of places of the middle layer is 0, so in phase 2 a quad is the order alone.
         let middle = |i: usize| quad_moves[i / 10 * 18 + PHASE2_TURNS[i % 10]] as u8;
-        // Numbers of fours follow those of quads, places beyond the eight left out.
+        // Fours are numbered in the order of the quads that lie within the eight places.
         let quads: Vec<usize> =
             (0..QUADS).filter(|&q| quad_places(q).iter().all(|&p| p < 8)).collect();
         let mut four_of_set = vec![u16::MAX; QUADS / 24];
@@ -84,13 +93,14 @@ impl Orders {
             .flat_map(|q| PHASE2_TURNS.map(|t| four_of(usize::from(quad_moves[q * 18 + t]))))
             .collect();
         let (corner_places, edge_places) = places();
+        // Edge place 0 is in the upper layer, places 4..8 are the lower layer.
         let swaps = edge_places.map(|edges| edges[0] >= 4);
         let mut four_images = Vec::with_capacity(SYMMETRIES * ROW);
         for edges in &edge_places {
             for lower in [0, 4] {
                 for &q in &quads {
-                    // Edges 8..12 of the cube stand for the four; they are renamed as the symmetry
-                    // says.
+                    // Edges 8..12 of the cube represent the four. The symmetry moves the places and
+                    // also renames the pieces: upper edges may become lower ones.
                     let cube = with_quad(q);
                     let mut image = [u8::MAX; 12];
                     let swapped = if edges[lower] >= 4 { 4 } else { 0 };
@@ -118,6 +128,7 @@ impl Orders {
         }
     }
 
+    /// Returns the memory of all moves, images and classes (bytes).
     pub(crate) fn bytes(&self) -> usize {
         let words = [
             &self.corner_moves,
@@ -132,26 +143,26 @@ impl Orders {
             + self.representatives.len() * 4
     }
 
-    /// Corners after a turn.
+    /// Returns the order of the corners after a turn.
     #[inline]
     pub(crate) fn corners(&self, corners: u16, turn: u8) -> u16 {
         self.corner_moves[usize::from(corners) * 18 + usize::from(turn)]
     }
 
-    /// A quad after a turn.
+    /// Returns a quad after a turn.
     #[inline]
     pub(crate) fn quad(&self, quad: u16, turn: u8) -> u16 {
         self.quad_moves[usize::from(quad) * 18 + usize::from(turn)]
     }
 
-    /// Where the four edges of a quad are among the eight places of phase 2.
+    /// Converts a quad within the eight places of phase 2 into a four.
     #[inline]
     pub(crate) fn four(&self, quad: u16) -> u16 {
         self.four_of_set[usize::from(quad / 24)] + quad % 24
     }
 
-    /// The numbers of a state in [`BOUNDS`](super::BOUNDS), corners with the upper and with the
-    /// lower edges, and in [`EIGHT`](super::EIGHT).
+    /// Returns the indices of a state in [`BOUNDS`](super::BOUNDS), for the corners with the upper
+    /// and with the lower edges, and its number in [`EIGHT`](super::EIGHT).
     #[inline]
     pub(super) fn entries(&self, corners: u16, (upper, lower): (u16, u16)) -> ([usize; 2], usize) {
         let class = usize::from(self.corner_class[usize::from(corners)]);
@@ -159,15 +170,17 @@ impl Orders {
         let images = &self.four_images[symmetry * ROW..][..ROW];
         let mut images =
             [images[usize::from(upper)], images[FOURS + usize::from(lower)]].map(usize::from);
+        // With up and down exchanged, the image of the lower edges is the four of the upper ones.
         if self.swaps[symmetry] {
             images.swap(0, 1);
         }
-        // Where the upper ones are, the lower ones are not: their order says all.
+        // The set of places of the lower edges is the complement, so their order is enough.
         let eight = class * PERMUTATIONS + images[0] * 24 + images[1] % 24;
         ([class * ROW + images[0], class * ROW + FOURS + images[1]], eight)
     }
 
-    /// The number of a state in the table: corners and the four upper (0) or lower (1) edges.
+    /// Returns the number in [`BOUNDS`](super::BOUNDS) of corners with the upper (0) or lower (1)
+    /// edges.
     #[inline]
     pub(super) fn entry(&self, corners: u16, lower: usize, four: u16) -> usize {
         let class = usize::from(self.corner_class[usize::from(corners)]);
@@ -177,16 +190,15 @@ impl Orders {
         (class >> 4) * ROW + lower * FOURS + usize::from(image)
     }
 
-    /// The four of the lower edges of a solved cube; that of the upper ones is 0, too, by its own
-    /// count.
-    pub(crate) fn home(&self) -> State {
+    /// Returns the solved state. Its upper four is not 0: the set of the lower places is the first.
+    pub(crate) fn solved(&self) -> State {
         let cube = crate::cube::Cube::SOLVED;
         let four = |first: u8| self.four(quad(&cube, first) as u16);
         State { corners: 0, upper: four(0), lower: four(4), middle: 0 }
     }
 }
 
-/// [`Orders::corner_class`] and [`Orders::representatives`].
+/// Computes [`Orders::corner_class`] and [`Orders::representatives`].
 fn corner_classes(corner_places: &[[u8; 8]; SYMMETRIES]) -> (Vec<u16>, Vec<(u16, u16)>) {
     let mut class_of = vec![u16::MAX; PERMUTATIONS];
     let mut representatives = Vec::with_capacity(CORNER_CLASSES);
@@ -195,6 +207,7 @@ fn corner_classes(corner_places: &[[u8; 8]; SYMMETRIES]) -> (Vec<u16>, Vec<(u16,
         corner_places.iter().position(undone).unwrap_or(0) as u16
     };
     let inverses: [u16; SYMMETRIES] = std::array::from_fn(inverse);
+    // As for the classes of phase 1, the first order that this loop meets represents its class.
     for order in 0..PERMUTATIONS {
         if class_of[order] != u16::MAX {
             continue;
@@ -203,6 +216,7 @@ fn corner_classes(corner_places: &[[u8; 8]; SYMMETRIES]) -> (Vec<u16>, Vec<(u16,
         let corners: [u8; 8] = unrank(order);
         let mut own = 0;
         for (s, places) in corner_places.iter().enumerate() {
+            // Conjugation: the symmetry moves the places and renames the pieces.
             let mut image = [0; 8];
             for (place, &corner) in corners.iter().enumerate() {
                 image[usize::from(places[place])] = places[usize::from(corner)];
@@ -213,7 +227,7 @@ fn corner_classes(corner_places: &[[u8; 8]; SYMMETRIES]) -> (Vec<u16>, Vec<(u16,
                 class_of[image] = class << 4 | inverses[s];
             }
         }
-        // By its first symmetry, which changes nothing.
+        // The identity, number 0, carries the representative to itself.
         class_of[order] = class << 4;
         representatives.push((order as u16, own));
     }

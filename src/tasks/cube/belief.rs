@@ -1,11 +1,20 @@
-//! Where the controller believes the cube and the postument's base to be, and how sure it is.
+//! The filter that estimates the postument's base and the place of the cube in each hand.
 //!
-//! - in: arm states; what contact shows (closed pads, palm stops) and what the cameras in the hands see
+//! - in: arm states; contacts (closed pads, palm stops); faces seen by the cameras in the hands
 //! - out: poses of the cube in the hands, of the cube's faces in a camera, of the next grasp
-//! - method: an extended Kalman filter over ten numbers: the error of the postument's base (translation and rotation
-//!   about the place where the arms were calibrated), and for each hand how far the cube lies along the finger's width
-//!   and how it is tilted about the jaw axis. The rest of a hold is known: pads centre the cube across the jaws and
-//!   align it with them, the stops of the palm fix its depth. Jacobians by differences: ten columns, some microseconds.
+//! - method: an iterated extended Kalman filter over ten numbers: the error of the postument's base
+//!   (translation and rotation about the place where the arms were calibrated), and for each hand
+//!   the offset of the cube along the finger's width and its tilt about the jaw axis. The rest of a
+//!   hold is known: the pads centre the cube across the jaws and align it with them, and the palm's
+//!   stops fix its depth. Jacobians are differences: ten columns, some microseconds.
+//!
+//! | standard deviations | constant | what they cover |
+//! |---|---|---|
+//! | base before any measurement | `BASE` | the calibration of the arms against each other |
+//! | cube taken from the operator | `TAKEN` | it is given by hand |
+//! | cube in a hand that has just closed | `CLOSED` | wide: the contact that follows decides |
+//! | contact of a secured hold | `CONTACT` | sag of the arms, give of the pads |
+//! | a face in a camera's picture | `SIGHT` | mostly the error of the camera's own pose |
 
 use super::hold::{Hand, Hold};
 use super::settings::ArmBelief;
@@ -21,36 +30,37 @@ type State = SVector<f64, STATES>;
 type Covariance = SMatrix<f64, STATES, STATES>;
 type Residual = SVector<f64, 6>;
 
-/// Standard deviations of what is believed at first: base (m), (rad).
+/// Standard deviations of the base's error at first: translation (m), rotation (rad).
 const BASE: (f64, f64) = (0.0015, 0.009);
-/// The cube in a hand that has just taken it from the operator: along the finger's width (m), tilt
-/// (rad).
+/// Standard deviations of the cube in a hand that has just taken it from the operator: along the
+/// finger's width (m), tilt (rad).
 const TAKEN: (f64, f64) = (0.004, 0.03);
-/// A hand that has just closed while the partner held: before the kinematics say more.
+/// Standard deviations of the cube in a hand that has just closed while the partner held (m, rad),
+/// before the contact is taken into account.
 const CLOSED: (f64, f64) = (0.03, 0.2);
 /// Standard deviations of the place of the cube in a closed and secured hold: x, y, z (m), about x,
-/// y, z (rad). The arms' sag and the give of the pads are in these.
+/// y, z (rad). They include the arms' sag and the give of the pads.
 const CONTACT: [f64; 6] = [0.0007, 0.0005, 0.001, 0.008, 0.008, 0.008];
 /// Standard deviations of the place of a face that a camera in a hand sees: across, across, along
 /// the line of sight (m), about the same axes (rad). Most of it is the error of the camera's own
-/// place.
+/// pose.
 const SIGHT: [f64; 6] = [0.0013, 0.0013, 0.002, 0.012, 0.012, 0.006];
 
 /// A hold of the cube by one hand.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Held {
-    /// As planned.
+    /// The hold as planned.
     pub hold: Hold,
-    /// Which of the two equivalent tool frames.
+    /// Whether the tool frame is the second of the two equivalent ones.
     pub half_roll: bool,
 }
 
-/// The controller's picture of arms and cube.
+/// The estimated poses of arms and cube.
 #[derive(Debug, Clone)]
 pub struct Belief {
-    /// The two arms as measured by the workshop.
+    /// The two arms as calibrated by the workshop.
     arms: [ArmBelief; 2],
-    /// Who holds the cube, and how.
+    /// Hold of each hand; `None` for a hand that holds nothing.
     pub held: [Option<Held>; 2],
     edge: f64,
     pivot: Point3<f64>,
@@ -59,7 +69,8 @@ pub struct Belief {
 }
 
 impl Belief {
-    /// Nothing is held. `pivot` is where the arms were calibrated against each other.
+    /// Makes a filter in which no hand holds anything. `pivot` is the place where the arms were
+    /// calibrated against each other, in the world (m).
     #[must_use]
     pub fn new(arms: [ArmBelief; 2], edge: f64, pivot: Point3<f64>) -> Self {
         let mut covariance = Covariance::zeros();
@@ -70,39 +81,44 @@ impl Belief {
         Self { arms, held: [None, None], edge, pivot, state: State::zeros(), covariance }
     }
 
-    /// `world_from_base` as believed now.
+    /// Returns `world_from_base` as believed now.
     #[must_use]
     pub fn world_from_base(&self, hand: Hand) -> Pose {
         self.base(&self.state, hand)
     }
 
     fn base(&self, state: &State, hand: Hand) -> Pose {
+        // The track's base defines the world: only the error between both bases can be observed.
         let measured = self.arms[hand.index()].world_from_base;
         if hand == Hand::Track {
             return measured;
         }
+        // About the pivot, not about the base: there a rotation of 0.009 rad would move the hands,
+        // a metre away, by 9 mm, and translation and rotation would be strongly correlated.
         let turn = UnitQuaternion::from_scaled_axis(Vector3::new(state[3], state[4], state[5]));
         let shift = Vector3::new(state[0], state[1], state[2]);
         let about = Translation3::from(self.pivot.coords);
         about * Translation3::from(shift) * turn * about.inverse() * measured
     }
 
-    /// `world_from_tool` as set (not as measured: set values are free of the servo's lag).
+    /// Returns `world_from_tool` as set. Set values, unlike measured ones, are free of the servo's
+    /// lag.
     fn tool(&self, state: &State, hand: Hand, arms: &[ArmState]) -> Pose {
         self.base(state, hand) * arms[hand.index()].desired_base_from_tool
     }
 
-    /// `tool_from_cube`, if the hand holds it.
+    /// Returns `tool_from_cube`, if the hand holds it.
     fn in_tool(&self, state: &State, hand: Hand) -> Option<Pose> {
         let held = self.held[hand.index()]?;
         let nominal = held.hold.cube_from_tool(held.half_roll, self.edge).inverse();
         let (x, tilt) = (state[6 + 2 * hand.index()], state[7 + 2 * hand.index()]);
+        // Only these two are unknown: the pads and the palm's stops fix the other four.
         let tilt = UnitQuaternion::from_scaled_axis(Vector3::new(0.0, tilt, 0.0));
         let place = nominal.translation.vector + Vector3::new(x, 0.0, 0.0);
         Some(Pose::from_parts(place.into(), tilt * nominal.rotation))
     }
 
-    /// The cube in a hand as believed now, if the hand holds it.
+    /// Returns `tool_from_cube` as believed now, if the hand holds the cube.
     #[must_use]
     pub fn tool_from_cube(&self, hand: Hand) -> Option<Pose> {
         self.in_tool(&self.state, hand)
@@ -112,7 +128,8 @@ impl Belief {
         Some(self.tool(state, holder, arms) * self.in_tool(state, holder)?)
     }
 
-    /// `base_from_tool` at which `hand` has the cube in `hold`, the partner holding it now.
+    /// Returns the `base_from_tool` at which `hand` would have the cube in `hold`; the partner
+    /// holds the cube now.
     #[must_use]
     pub fn grasp_pose(
         &self,
@@ -126,8 +143,8 @@ impl Belief {
         Some(self.world_from_base(hand).inverse() * world_from_tool)
     }
 
-    /// Returns the standard deviation of the way to the partner's cube along the tool's z of a hand
-    /// that is to grasp it there (m), by the covariance of the filter.
+    /// Returns the standard deviation of the distance to the partner's cube along the tool's z, for
+    /// a hand that is to grasp it there (m). It follows from the covariance of the filter.
     #[must_use]
     pub fn doubt_ahead(
         &self,
@@ -145,11 +162,12 @@ impl Belief {
             ))
         };
         let (_, slope) = self.linearised(&seen, &self.state)?;
+        // The third row is the derivative of the cube's z in the hand's tool by each state.
         let ahead = slope.row(2);
         Some((ahead * self.covariance * ahead.transpose())[0].max(0.0).sqrt())
     }
 
-    /// Where the centre of the cube that the partner holds is in the tool of `hand` (m).
+    /// Returns the centre of the cube that the partner holds, in the tool of `hand` (m).
     #[must_use]
     pub fn centre_in_tool(&self, hand: Hand, arms: &[ArmState]) -> Option<Vector3<f64>> {
         let world_from_cube = self.cube(&self.state, hand.other(), arms)?;
@@ -157,7 +175,7 @@ impl Belief {
         Some((world_from_tool.inverse() * world_from_cube).translation.vector)
     }
 
-    /// `camera_from_face` of a face of the held cube in the camera of `viewer`.
+    /// Returns `camera_from_face` of a face of the held cube, for the camera of `viewer`.
     #[must_use]
     pub fn face_in_camera(&self, viewer: Hand, face: Face, arms: &[ArmState]) -> Option<Pose> {
         self.face_at(&self.state, viewer, face, arms)
@@ -171,14 +189,16 @@ impl Belief {
         Some(world_from_camera.inverse() * world_from_cube * self.cube_from_face(face))
     }
 
-    /// Frame of a face: origin in its centre, x along columns, y along rows, z into the cube.
+    /// Returns the frame of a face: origin in its centre, x along columns, y along rows, z into the
+    /// cube.
     #[must_use]
     pub fn cube_from_face(&self, face: Face) -> Pose {
         let (x, y) = face.reading_axes();
         pose_from_axes(x, y, x.cross(&y), Point3::from(face.normal() * self.edge / 2.0))
     }
 
-    /// The rotation of the turner's tool axis in the body's tool frame: 0, 1 or 2 for x, y, z.
+    /// Returns the axis of the body's tool frame about which the turner turns: 0, 1 or 2 for x, y,
+    /// z.
     #[must_use]
     pub fn turn_axis(&self, turner: Hand) -> Option<usize> {
         let body = self.in_tool(&self.state, turner.other())?;
@@ -186,16 +206,17 @@ impl Belief {
         Some((body.rotation * turner.rotation.inverse() * Vector3::z()).iamax())
     }
 
-    /// `hand` has taken the cube from the operator, or holds it when the run begins.
+    /// Records that `hand` has taken the cube from the operator, or holds it when the run begins.
     pub fn taken(&mut self, hand: Hand, hold: Hold, half_roll: bool) {
         self.held[hand.index()] = Some(Held { hold, half_roll });
         self.forget(hand, TAKEN);
     }
 
-    /// `hand` has closed and secured its hold while the partner went on holding.
+    /// Takes into account that `hand` has closed and secured its hold while the partner held.
     ///
-    /// Returns where contact shows the cube against where it had been expected, in the hand's tool
-    /// (m). Along the finger's width contact shows nothing: x is 0.
+    /// Returns the displacement of the cube, as the contact shows it, from the place where it was
+    /// expected, in the hand's tool (m). Contact shows no displacement along the finger's width, so
+    /// x is 0.
     pub fn secured(
         &mut self,
         hand: Hand,
@@ -205,7 +226,8 @@ impl Belief {
     ) -> Vector3<f64> {
         self.held[hand.index()] = Some(Held { hold, half_roll });
         self.forget(hand, CLOSED);
-        // The cube by this hand and the cube by the partner are one.
+        // There is one cube: its pose by this hand's contact and its pose by the partner must
+        // agree.
         let residual = |belief: &Self, state: &State| {
             let by_partner = belief.cube(state, hand.other(), arms)?;
             let by_kinematics = belief.tool(state, hand, arms).inverse() * by_partner;
@@ -217,18 +239,18 @@ impl Belief {
         miss
     }
 
-    /// `hand` has opened.
+    /// Records that `hand` has opened.
     pub fn released(&mut self, hand: Hand) {
         self.held[hand.index()] = None;
     }
 
-    /// `hand` has turned the face in its palm: it now stands otherwise to the body of the cube. Where the cube lies in
-    /// the tool stays the same.
+    /// Records that `hand` has turned the face in its palm. The hold has another rotation relative
+    /// to the body of the cube, but the cube's offset and tilt in the tool are unchanged.
     pub fn turned(&mut self, hand: Hand, hold: Hold, half_roll: bool) {
         self.held[hand.index()] = Some(Held { hold, half_roll });
     }
 
-    /// The camera of `viewer` has seen `face` at `camera_from_face`.
+    /// Takes into account that the camera of `viewer` has seen `face` at `camera_from_face`.
     pub fn seen(&mut self, viewer: Hand, face: Face, camera_from_face: &Pose, arms: &[ArmState]) {
         let residual = |belief: &Self, state: &State| {
             Some(difference(&belief.face_at(state, viewer, face, arms)?, camera_from_face))
@@ -236,7 +258,8 @@ impl Belief {
         self.update(&residual, &SIGHT);
     }
 
-    /// Renames the faces after the cube's colours are known; `rotation` carries old directions to new ones.
+    /// Renames the faces once the cube's colours are known; `rotation` carries old directions to
+    /// new ones.
     pub fn renamed(&mut self, rotation: Rotation24) {
         for held in self.held.iter_mut().flatten() {
             let (hold, half_roll) = held.hold.renamed(held.half_roll, rotation);
@@ -244,43 +267,47 @@ impl Belief {
         }
     }
 
-    /// The place of the cube in a hand is anew known only so well.
+    /// Resets the cube's offset and tilt in a hand to zero, with these standard deviations.
     fn forget(&mut self, hand: Hand, (x, tilt): (f64, f64)) {
         for (offset, sigma) in [(0, x), (1, tilt)] {
             let i = 6 + 2 * hand.index() + offset;
             self.state[i] = 0.0;
+            // A new grasp is independent of the last one, so the correlations are dropped as well.
             self.covariance.row_mut(i).fill(0.0);
             self.covariance.column_mut(i).fill(0.0);
             self.covariance[(i, i)] = sigma * sigma;
         }
     }
 
-    /// One measurement: `residual` is what is measured minus what the state says. An iterated update: two rounds
-    /// suffice, as it is nearly linear.
+    /// Takes a measurement into account; `residual` is the measured value minus the predicted one.
     fn update(&mut self, residual: &dyn Fn(&Self, &State) -> Option<Residual>, sigma: &[f64; 6]) {
         let prior = self.state;
         let variances = Residual::from_iterator(sigma.iter().map(|s| s * s));
         let noise = SMatrix::<f64, 6, 6>::from_diagonal(&variances);
         let mut state = prior;
         let mut covariance = self.covariance;
+        // The measurement is nearly linear in the state, so two iterations suffice.
         for _ in 0..2 {
             let Some((at, slope)) = self.linearised(residual, &state) else { return };
             let spread = slope * self.covariance * slope.transpose() + noise;
+            // A singular or undefined measurement leaves the belief as it was.
             let Some(inverse) = spread.try_inverse() else { return };
             let gain = self.covariance * slope.transpose() * inverse;
+            // Iterated update: the slope is taken at the new state, the correction from the prior.
             state = prior + gain * (at - slope * (prior - state));
             // Joseph's form keeps the covariance symmetric and positive.
             let left = Covariance::identity() - gain * slope;
             covariance =
                 left * self.covariance * left.transpose() + gain * noise * gain.transpose();
         }
+        // A NaN in a measurement must not spoil the belief for the rest of the mission.
         if state.iter().all(|c| c.is_finite()) {
             self.state = state;
             self.covariance = covariance;
         }
     }
 
-    /// The residual at a state, and the slope of the prediction there.
+    /// Returns the residual at a state, and the slope of the prediction there.
     fn linearised(
         &self,
         residual: &dyn Fn(&Self, &State) -> Option<Residual>,
@@ -299,7 +326,8 @@ impl Belief {
     }
 }
 
-/// `measured` against `predicted`: difference of the origins and rotation vector, in the common outer frame.
+/// Returns the difference of `measured` and `predicted`: of the origins, and the rotation vector,
+/// both in the common outer frame.
 fn difference(predicted: &Pose, measured: &Pose) -> Residual {
     let shift = measured.translation.vector - predicted.translation.vector;
     let turn = (measured.rotation * predicted.rotation.inverse()).scaled_axis();
@@ -334,7 +362,7 @@ mod tests {
         pose_from_axes(x, z.cross(&x), z, Point3::from(from))
     }
 
-    /// The truth as another belief, whose base error is known.
+    /// Returns the truth as another belief, whose base error is known.
     fn truth(belief: &Belief, base: [f64; 6], x: f64) -> Belief {
         let mut truth = belief.clone();
         for (i, error) in base.into_iter().enumerate() {
@@ -345,12 +373,12 @@ mod tests {
     }
 
     #[test]
-    fn looks_find_the_error_of_the_base_and_of_the_first_grasp() {
+    fn camera_views_correct_base_and_first_grasp() {
         let mut belief = Belief::new([arm(0.0), arm(2.0)], 0.057, pivot());
         let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
         belief.taken(Hand::Track, hold, false);
         let truth = truth(&belief, [0.001, -0.002, 0.0015, 0.006, -0.004, 0.008], 0.003);
-        // What counts is how well the next grasp is aimed.
+        // The measure is how well the next grasp is aimed.
         let next = Hold { palm: Face::U, jaws: Axis::X, depth: Depth::One };
         let place = Vector3::new(-0.2, 0.9, 1.4);
         let waiting = [posed(look_at(place, place + Vector3::y())), posed(Pose::identity())];
@@ -387,7 +415,7 @@ mod tests {
     }
 
     #[test]
-    fn a_secured_grasp_teaches_where_the_partner_stands() {
+    fn secured_grasp_corrects_partner_base() {
         let mut belief = Belief::new([arm(0.0), arm(2.0)], 0.057, pivot());
         let first = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
         let second = Hold { palm: Face::U, jaws: Axis::X, depth: Depth::One };
@@ -408,8 +436,9 @@ mod tests {
         assert!(off < 0.0015, "the next grasp is aimed better: {off}");
     }
 
+    /// The predicted standard deviation is that of worlds drawn from the filter's covariance.
     #[test]
-    fn doubt_ahead_is_how_far_off_cubes_are() {
+    fn predicted_deviation_matches_sampled_worlds() {
         let mut belief = Belief::new([arm(0.0), arm(2.0)], 0.057, pivot());
         let first = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
         let second = Hold { palm: Face::U, jaws: Axis::X, depth: Depth::One };
@@ -434,10 +463,10 @@ mod tests {
         }
 
         let found = (squares / 2000.0).sqrt();
-        assert!((doubt / found - 1.0).abs() < 0.06, "{doubt} m told, {found} m found");
+        assert!((doubt / found - 1.0).abs() < 0.06, "{doubt} m estimated, {found} m found");
     }
 
-    /// Numbers that are distributed normally, from a generator of Lehmer.
+    /// Normally distributed numbers from a generator of Lehmer.
     struct Drawn(u64);
 
     impl Drawn {
@@ -453,7 +482,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turn_leaves_the_cube_where_it_lies_in_the_tool() {
+    fn turn_keeps_place_of_cube_in_tool() {
         let mut belief = Belief::new([arm(0.0), arm(2.0)], 0.057, pivot());
         let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
         belief.taken(Hand::Track, hold, false);

@@ -1,7 +1,8 @@
-//! How a hand holds the cube, and the steps of a two-handed plan.
+//! The grasps of the cube by one hand, and the steps of a two-handed plan.
 //!
-//! A hold is a palm face, a jaw axis across it and a depth. The tool's z points from the palm into the cube,
-//! its y along the jaw axis; a gripper looks the same after half a roll, so each hold has two tool frames.
+//! A [`Hold`] is a palm face, a jaw axis across it and a depth. The tool's z points from the palm
+//! into the cube, its y along the jaw axis. A gripper looks the same after half a roll, so each
+//! hold has two tool frames; a [`Grip`] is a hold with one of them.
 
 use crate::cube::{Axis, Face, Rotation24, Turn};
 use crate::motion::Depth;
@@ -9,7 +10,7 @@ use crate::spatial::{Pose, pose_from_axes};
 use nalgebra::{Point3, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 
-/// Which arm.
+/// One of the two arms, with its hand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Hand {
     /// The arm on the track (effector 0).
@@ -31,7 +32,7 @@ impl Hand {
         }
     }
 
-    /// The partner.
+    /// Returns the other hand of the robot.
     #[must_use]
     pub fn other(self) -> Self {
         match self {
@@ -40,7 +41,7 @@ impl Hand {
         }
     }
 
-    /// Position in lists of effectors.
+    /// Returns the position in lists of effectors.
     #[must_use]
     pub fn index(self) -> usize {
         self as usize
@@ -59,9 +60,9 @@ pub struct Hold {
 }
 
 impl Hold {
-    /// `cube_from_tool` of this hold; `half_roll` picks the second of the two equivalent tool
-    /// frames. `edge` is the cube's edge (m). The tool point lies on the palm's axis, in the outer
-    /// layer's centre plane (one layer) or in the middle layer's (two).
+    /// Returns `cube_from_tool` of this hold. `half_roll` picks the second of the two equivalent
+    /// tool frames; `edge` is the cube's edge (m). The tool point lies on the palm's axis, in the
+    /// centre plane of the outer layer (one layer) or of the middle layer (two).
     #[must_use]
     pub fn cube_from_tool(self, half_roll: bool, edge: f64) -> Pose {
         let z = -self.palm.normal();
@@ -73,79 +74,84 @@ impl Hold {
         pose_from_axes(y.cross(&z), y, z, Point3::from(self.palm.normal() * out))
     }
 
-    /// The rotation of [`Hold::cube_from_tool`].
+    /// Returns the rotation of [`Hold::cube_from_tool`].
     #[must_use]
     pub fn rotation(self, half_roll: bool) -> Rotation24 {
+        // The edge does not matter for a rotation.
         Rotation24::nearest(&self.cube_from_tool(half_roll, 1.0).rotation)
     }
 
-    /// The hold, and whether half a roll, of a tool that stands like this in the cube frame.
+    /// Returns the hold of a tool with this rotation in the cube frame, and whether its frame is
+    /// the second of the two.
     #[must_use]
     pub fn from_rotation(cube_from_tool: Rotation24, depth: Depth) -> (Self, bool) {
+        // A rotation maps U (+z) to where the tool's z points, and B (+y) to where its y points.
         let (along, across) = (cube_from_tool.face(Face::U), cube_from_tool.face(Face::B));
         let jaws = across.axis();
         (Self { palm: along.opposite(), jaws, depth }, across != jaws.positive_face())
     }
 
-    /// The same from any rotation near one of the 24.
+    /// Returns what [`Hold::from_rotation`] returns for the nearest of the 24 rotations of a cube.
     #[must_use]
     pub fn from_tool_rotation(cube_from_tool: &UnitQuaternion<f64>, depth: Depth) -> (Self, bool) {
         Self::from_rotation(Rotation24::nearest(cube_from_tool), depth)
     }
 
-    /// The hold after this hand turned the layer under its palm: the tool rolls along with the layer, which
-    /// clockwise from outside is positive about its own z, since that points into the cube.
+    /// Returns the hold after this hand has turned the layer under its palm. The tool rolls
+    /// together with the layer. A layer's clockwise sense, seen from outside, is positive about the
+    /// tool's z, which points into the cube.
     #[must_use]
     pub fn after_turn(self, half_roll: bool, quarters: u8) -> (Self, bool) {
+        // D is the face whose outward normal is -z: its clockwise quarter is positive about +z.
         let quarter = Rotation24::quarter(Face::D);
         let rotation = (0..quarters).fold(self.rotation(half_roll), |r, _| r.after(quarter));
         Self::from_rotation(rotation, self.depth)
     }
 
-    /// The same hold in another cube frame: `rotation` carries the old frame's directions into the new one's, as
-    /// [`Facelets::normalised`](crate::cube::Facelets::normalised) tells it.
+    /// Returns this hold in another cube frame; `rotation` carries the old frame's directions to
+    /// the new one's, as [`Facelets::normalised`](crate::cube::Facelets::normalised) returns it.
     #[must_use]
     pub fn renamed(self, half_roll: bool, rotation: Rotation24) -> (Self, bool) {
         Self::from_rotation(rotation.after(self.rotation(half_roll)), self.depth)
     }
 }
 
-/// A hold with the choice of its tool frame: how one hand holds the cube now.
+/// A hold with one of its two tool frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Grip {
-    /// How.
+    /// The hold.
     pub hold: Hold,
-    /// Which of the two equivalent tool frames.
+    /// Whether the tool frame is the second of the two equivalent ones.
     pub half_roll: bool,
 }
 
 impl Grip {
-    /// All 24 of a depth.
+    /// Iterates over all 24 grips of a depth.
     pub fn all(depth: Depth) -> impl Iterator<Item = Self> {
         Rotation24::all().map(move |r| Self::from_rotation(r, depth))
     }
 
-    /// Of a tool that stands like this in the cube frame.
+    /// Returns the grip of a tool with this rotation in the cube frame.
     #[must_use]
     pub fn from_rotation(cube_from_tool: Rotation24, depth: Depth) -> Self {
         let (hold, half_roll) = Hold::from_rotation(cube_from_tool, depth);
         Self { hold, half_roll }
     }
 
-    /// The tool's rotation in the cube frame.
+    /// Returns the tool's rotation in the cube frame.
     #[must_use]
     pub fn rotation(self) -> Rotation24 {
         self.hold.rotation(self.half_roll)
     }
 
-    /// After this hand turned the layer under its palm.
+    /// Returns the grip after this hand has turned the layer under its palm.
     #[must_use]
     pub fn after_turn(self, quarters: u8) -> Self {
         let (hold, half_roll) = self.hold.after_turn(self.half_roll, quarters);
         Self { hold, half_roll }
     }
 
-    /// In another cube frame: see [`Hold::renamed`].
+    /// Returns this grip in another cube frame: see [`Hold::renamed`].
     #[must_use]
     pub fn renamed(self, rotation: Rotation24) -> Self {
         let (hold, half_roll) = self.hold.renamed(self.half_roll, rotation);
@@ -153,10 +159,10 @@ impl Grip {
     }
 }
 
-/// What both hands hold, by [`Hand::index`].
+/// Grips of both hands, by [`Hand::index`]; `None` for a hand that holds nothing.
 pub type Hands = [Option<Grip>; 2];
 
-/// What both hands hold after a step, whether it was allowed or not.
+/// Returns the grips of both hands after a step. It does not check whether the step is allowed.
 #[must_use]
 pub fn hands_after(mut hands: Hands, step: &Step) -> Hands {
     match *step {
@@ -176,32 +182,34 @@ pub fn hands_after(mut hands: Hands, step: &Step) -> Hands {
 /// One step of a plan. Between steps at least one hand holds the cube.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Step {
-    /// `hand` (letting go first if it holds) comes to `hold` and closes; the other holds meanwhile.
+    /// `hand` lets go if it holds, moves to `hold` and closes; the other hand holds meanwhile.
     Grasp {
-        /// Who.
+        /// The hand that grasps.
         hand: Hand,
-        /// How.
+        /// Its hold afterwards.
         hold: Hold,
         /// Which of the two equivalent tool frames: see [`Hold::cube_from_tool`].
         half_roll: bool,
     },
-    /// The camera in the hand of `viewer`, which holds nothing, looks at `face` of the cube in the other hand.
+    /// The camera in the hand of `viewer`, which holds nothing, looks at `face` of the cube in the
+    /// other hand.
     Look {
-        /// Who looks.
+        /// The hand with the camera.
         viewer: Hand,
-        /// At what.
+        /// The face to be read.
         face: Face,
     },
-    /// `hand` opens and leaves; the other goes on holding alone.
+    /// `hand` opens and leaves; the other holds alone.
     Leave {
-        /// Who.
+        /// The hand that opens.
         hand: Hand,
     },
-    /// `turner`, whose palm is on `turn.face` with one layer, turns it; the other hand holds the body.
+    /// `turner`, whose palm is on `turn.face` with one layer, turns that face; the other hand holds
+    /// the body.
     Turn {
-        /// Who.
+        /// The hand that turns.
         turner: Hand,
-        /// What.
+        /// The turn.
         turn: Turn,
     },
 }
@@ -211,7 +219,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rotations_and_holds_belong_together() {
+    fn grip_survives_round_trip_through_its_rotation() {
         for depth in [Depth::One, Depth::Two] {
             for grip in Grip::all(depth) {
                 assert_ne!(grip.hold.palm.axis(), grip.hold.jaws);
@@ -220,9 +228,9 @@ mod tests {
         }
     }
 
-    /// The finger that was on the right goes with the layer to the front side when up turns clockwise.
+    /// A finger that is on the right moves with the layer to the front when up turns clockwise.
     #[test]
-    fn the_tool_rolls_along_with_the_layer() {
+    fn tool_rolls_with_the_turning_layer() {
         let grip = Grip {
             hold: Hold { palm: Face::U, jaws: Axis::X, depth: Depth::One },
             half_roll: false,
@@ -240,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hold_in_another_frame_is_on_the_same_stickers() {
+    fn renamed_hold_covers_same_stickers() {
         for rotation in Rotation24::all() {
             for grip in Grip::all(Depth::Two) {
                 let renamed = grip.renamed(rotation);

@@ -1,43 +1,47 @@
-//! The looks that show all six faces, or those that are wanted, with as few hand-overs as the reach allows.
+//! The looks that show all six faces, or the wanted ones, with as few hand-overs as the reach
+//! allows.
 //!
-//! - in: who holds the cube and how, which views and grasps are within reach, which faces were seen, and which stay
-//!   hidden in which hold
-//! - out: steps that begin with the one hand's grip and end with one hand holding alone, every face looked at once
+//! - in: the hand that holds the cube and its grip, the views and grasps within reach, the wanted
+//!   faces, and the faces that stay hidden in some hold
+//! - out: steps that begin with the one hand's grip and end with one hand holding alone; each
+//!   wanted face is looked at once
+//! - method: a shortest path over holder, grip and set of seen faces
 //!
-//! A held cube shows the face opposite the palm and the two that are not under the jaws; which of them the camera
-//! in the other hand can be brought before is data. Without limits one hand-over is enough: the second palm on the
-//! face opposite the first, its jaws across.
+//! A held cube shows the face opposite the palm and the two that are not under the jaws. The table
+//! of meetings says before which of them the camera in the other hand can be brought. If it reaches
+//! all three, one hand-over is enough: the second palm on the face opposite the first, its jaws
+//! across.
 
 use super::hold::{Grip, Hand, Hold, Step};
 use super::plan::{Depths, NoPlan, Reach, Rule, Terms, compatible};
 use crate::cube::{Face, Rotation24};
 use crate::motion::Depth;
 
-/// Grips of one layer, then of two.
+/// Number of grips of a hand: 24 over one layer, then 24 over two.
 const GRIPS: usize = 48;
-/// Hand and grip.
+/// Number of pairs of hand and grip.
 const STATES: usize = 2 * GRIPS;
-/// Sets of faces.
+/// Number of sets of seen faces.
 const SETS: usize = 64;
 
-/// What looks are to show.
+/// Faces that looks have to show.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Wanted {
-    /// Faces, in the order URFDLB.
+    /// Wanted faces, in the order URFDLB.
     pub faces: [bool; 6],
-    /// Faces that cannot be read while a hand holds the cube so.
+    /// Faces that cannot be read while a hand has the cube in this hold.
     pub hidden: Vec<(Hand, Hold, Face)>,
 }
 
 impl Default for Wanted {
-    /// All, and nothing is hidden.
+    /// Returns a request for all faces, of which none is hidden.
     fn default() -> Self {
         Self { faces: [true; 6], hidden: Vec::new() }
     }
 }
 
-/// The cheapest looks from a start in which one hand holds the cube alone. Every [`Step::Look`] stands where its
-/// viewer holds nothing; after a hand-over the former holder leaves first.
+/// Finds the cheapest looks from a start in which one hand holds the cube alone. A [`Step::Look`]
+/// comes only while its viewer holds nothing; after a hand-over the former holder leaves first.
 ///
 /// # Errors
 /// When no sequence of grasps within reach shows all faces that are wanted.
@@ -51,6 +55,7 @@ pub fn looks(
     let seen = |hand: Hand, grip: Grip| {
         views(hand, grip, wanted, reach).fold(0, |s, f| s | 1 << f.index())
     };
+    // An unwanted face counts as seen from the beginning, so every goal is the full set.
     let known = (0..6).filter(|&f| !wanted.faces[f]).fold(0, |s, f| s | 1 << f);
     let number = |(hand, grip): (Hand, Grip)| {
         let deep = if grip.hold.depth == Depth::Two { 24 } else { 0 };
@@ -61,12 +66,15 @@ pub fn looks(
     let mut settled = vec![false; STATES * SETS];
     let first = number(start) * SETS + (known | seen(start.0, start.1));
     best[first] = 0.0;
+    // Dijkstra's algorithm over 96 * 64 states. A scan for the cheapest is quick enough here: one
+    // search a reading, unlike the thousands of the planner.
     loop {
         let open = (0..best.len()).filter(|&n| !settled[n] && best[n].is_finite());
         let Some(at) = open.min_by(|&a, &b| best[a].total_cmp(&best[b])) else {
             return Err(NoPlan::Unseen);
         };
         if at % SETS == SETS - 1 {
+            // The full set: all looks are made on the path to it.
             return Ok(written(at, &from, &grips, wanted, reach));
         }
         settled[at] = true;
@@ -78,7 +86,8 @@ pub fn looks(
             }
             let next = (hand.other(), grip);
             let after = number(next) * SETS + ((at % SETS) | seen(next.0, next.1));
-            // The way to the meeting differs by a second or two: not worth a state of its own here.
+            // The path to the meeting is left out: it differs by a second or two between meetings,
+            // and the planner's state for it is not worth its size here.
             let cost = best[at] + terms.costs.grasp + terms.costs.leave;
             if cost < best[after] - 1e-9 {
                 (best[after], from[after]) = (cost, Some(at));
@@ -87,17 +96,19 @@ pub fn looks(
     }
 }
 
+/// Returns the grips of the allowed depths, which come first.
 fn choices(grips: &[Grip], depths: Depths) -> &[Grip] {
     if depths == Depths::One { &grips[..24] } else { grips }
 }
 
+/// Returns whether a hand with this grip can join the one that holds the cube.
 fn can_meet((hand, held): (Hand, Grip), newcomer: Grip, rule: Rule, reach: &impl Reach) -> bool {
     let (track, postument) = if hand == Hand::Track { (held, newcomer) } else { (newcomer, held) };
     compatible(held.hold, newcomer.hold, rule)
         && reach.grasp(track.rotation().quaternion(), postument.rotation().quaternion()).is_some()
 }
 
-/// The faces of a held cube that are wanted and that the other hand's camera can see.
+/// Iterates over the wanted faces of a held cube that the other hand's camera can see.
 fn views(
     holder: Hand,
     grip: Grip,
@@ -105,7 +116,7 @@ fn views(
     reach: &impl Reach,
 ) -> impl Iterator<Item = Face> {
     let rotation: Rotation24 = grip.rotation();
-    // The sides of the table of meetings: +z, +x, -x of the holder's tool.
+    // The order of the sides in the table of meetings: +z, +x, -x of the holder's tool.
     [Face::U, Face::R, Face::L]
         .into_iter()
         .enumerate()
@@ -116,7 +127,7 @@ fn views(
         })
 }
 
-/// The steps that lead to a node.
+/// Returns the steps that lead to a state.
 fn written(
     end: usize,
     from: &[Option<usize>],
@@ -129,6 +140,7 @@ fn written(
         nodes.push(before);
     }
     let (mut steps, mut seen) = (Vec::new(), Vec::new());
+    // A face that several holds of the path show is looked at in the first of them.
     for (i, &node) in nodes.iter().rev().enumerate() {
         let hand = if node / SETS < GRIPS { Hand::Track } else { Hand::Postument };
         let grip = grips[node / SETS % GRIPS];
@@ -148,7 +160,7 @@ fn written(
 
 #[cfg(test)]
 mod tests {
-    use super::super::plan::{Everywhere, RollLimits, Stand};
+    use super::super::plan::{ArmsAt, Everywhere, RollLimits};
     use super::super::replay::replay;
     use super::*;
     use crate::cube::{Axis, Facelets};
@@ -164,7 +176,7 @@ mod tests {
         fn view(&self, _: Hand, side: usize) -> bool {
             side == self.0
         }
-        fn travel(&self, from: Option<Stand>, newcomer: Hand, meeting: u8) -> f64 {
+        fn travel(&self, from: Option<ArmsAt>, newcomer: Hand, meeting: u8) -> f64 {
             Everywhere.travel(from, newcomer, meeting)
         }
     }
@@ -187,8 +199,9 @@ mod tests {
         faces
     }
 
+    /// The cameras reach all three sides here.
     #[test]
-    fn one_hand_over_shows_all_faces_where_the_cameras_reach_three_sides() {
+    fn one_regrasp_shows_all_faces() {
         for (rule, depth) in [(Rule::Strict, Depth::Two), (Rule::Clearance, Depth::One)] {
             let steps =
                 looks(start(depth), &Wanted::default(), &Terms::of(rule), &Everywhere).unwrap();
@@ -202,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn with_a_single_side_each_face_needs_its_own_hold() {
+    fn single_side_needs_one_hold_per_face() {
         for side in 0..3 {
             let reach = OneSide(side);
 
@@ -216,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_view_there_is_no_way() {
+    fn planner_reports_unseen_faces_of_blind_cameras() {
         let blind = OneSide(7);
 
         let answer =
@@ -226,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn a_face_that_stays_hidden_in_a_hold_is_shown_in_another() {
+    fn hidden_face_is_shown_in_another_hold() {
         let (hand, grip) = start(Depth::One);
         let terms = Terms::of(Rule::Clearance);
         for hidden in [Face::U, Face::R, Face::L] {
@@ -245,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_looked_at_when_nothing_is_wanted() {
+    fn plan_without_wanted_faces_is_empty() {
         let wanted = Wanted { faces: [false; 6], hidden: Vec::new() };
 
         let steps =

@@ -1,7 +1,9 @@
 //! The Rubik's cube task of Zieliński et al. (2007).
 //!
-//! [`mission`] is the kernel of MP; [`belief`] where it thinks the cube is; [`plan`] and [`identify`] turn solutions
-//! and looks into steps of two hands ([`hold`]), which [`replay`] checks; [`think`] is the long work.
+//! - [`mission`] is the kernel of MP; [`belief`] estimates where the cube and the arms' bases are
+//! - [`plan`] and [`identify`] turn solutions and looks into steps of two hands ([`hold`]), which
+//!   [`replay`] checks
+//! - [`think`] is the long work: colours to cube to plan
 
 pub mod belief;
 pub mod hold;

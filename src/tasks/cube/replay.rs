@@ -1,9 +1,13 @@
 //! A plan replayed on a cube of stickers with two hands: the last check before arms move.
 //!
-//! It shares no rule with the planner. Fingers, palms and layers fill cells of a grid whose step is one cubie: the
-//! cube's own are -1..=1 along x, y, z; a finger on a face fills cells at 2 along that face's normal; a palm that
-//! touches fills the nine cells at 2 above its face, one that stands off those at 3. Two hands may not fill one
-//! cell, and a turning layer sweeps the ring of cells around it.
+//! It shares no rule with the planner. Fingers, palms and layers fill cells of a grid whose step is
+//! one cubie:
+//!
+//! - the cube's own cells are -1..=1 along x, y, z
+//! - a finger on a face fills cells at 2 along that face's normal
+//! - a palm that touches fills the nine cells at 2 above its face, one with clearance those at 3
+//!
+//! Two hands may not fill one cell, and a turning layer sweeps the ring of cells around it.
 
 use super::hold::{Grip, Hand, Hands, Hold, Step, hands_after};
 use super::plan::terms::Rule;
@@ -13,55 +17,55 @@ use crate::motion::Depth;
 /// A cell of the grid.
 type Cell = [i8; 3];
 
-/// Why a step must not be done.
+/// A step that must not be done, and the reason.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("step {step}: {fault}")]
 pub struct Illegal {
-    /// Position in the plan, from 0.
+    /// Number of the step in the plan, from 0.
     pub step: usize,
-    /// What is wrong.
+    /// Reason why it must not be done.
     pub fault: Fault,
 }
 
-/// What is wrong with a step.
+/// Reason why a step must not be done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Fault {
-    /// Nobody would hold the cube.
-    #[error("the {0:?} hand lets go and no one holds the cube")]
+    /// No hand would hold the cube.
+    #[error("the {0:?} hand lets go and no hand holds the cube")]
     Dropped(Hand),
-    /// Jaws along the palm's own axis.
+    /// The jaws lie along the palm's own axis.
     #[error("the jaws of the {0:?} hand close along its palm's axis")]
     Jaws(Hand),
-    /// The hands are in each other's way.
-    #[error("the hands are in each other's way at cell {0:?}")]
+    /// Both hands fill one cell.
+    #[error("the hands collide at cell {0:?}")]
     Collision(Cell),
-    /// The hand is to do something that it can only do while it holds.
-    #[error("the {0:?} hand holds nothing")]
+    /// The hand holds nothing, but the step needs its hold.
+    #[error("the {0:?} hand holds no cube")]
     Empty(Hand),
-    /// The hand is to look while it holds.
-    #[error("the {0:?} hand holds the cube and sees nothing of it")]
+    /// The hand holds the cube and so cannot look at it.
+    #[error("the {0:?} hand holds the cube and cannot look at it")]
     Busy(Hand),
-    /// The turner's palm is elsewhere, or it holds more than the layer.
+    /// The turner's palm is on another face, or it holds more than the layer.
     #[error("the {0:?} hand holds other layers than the one that it turns")]
     Turner(Hand),
-    /// The other hand holds the layer that turns, or not the middle one.
+    /// The other hand holds the layer that turns, or does not hold the middle one.
     #[error("the {0:?} hand does not hold the body alone")]
     Body(Hand),
-    /// A turn that needs more than one roll of a wrist between two grasps.
+    /// The turn is the hand's second one in a grasp, and the wrist has room for one.
     #[error("the {0:?} hand turns twice without letting go")]
     TurnedTwice(Hand),
-    /// A turn by nothing or by more than three quarters.
-    #[error("a turn by {0} quarters")]
+    /// The turn is by no quarter or by more than three.
+    #[error("a turn by {0} quarter turns instead of 1, 2 or 3")]
     Quarters(u8),
-    /// The face that is to be seen is under the palm or the jaws.
-    #[error("face {} is covered by the hand that holds", .0.letter())]
+    /// The face is under the palm or the jaws of the hand that holds.
+    #[error("face {} is covered by the hand that holds the cube", .0.letter())]
     Covered(Face),
 }
 
-/// The cube and the hands after all steps, each of which was found to be possible.
+/// Returns the cube and the grips after all steps, each of which is checked.
 ///
 /// # Errors
-/// With the first step that is not.
+/// The first step that must not be done.
 pub fn replay(
     start: Facelets,
     hands: Hands,
@@ -74,21 +78,25 @@ pub fn replay(
         hands = hands_after(hands, action);
         if let Step::Turn { turn, .. } = action {
             cube = cube.turned(*turn);
+            // The turner's fingers have moved with the layer, and may now meet the body's.
             apart(hands, rule).map_err(|fault| Illegal { step, fault })?;
         }
     }
     Ok((cube, hands))
 }
 
+/// Checks one step; `turned` holds which hands have turned since the last grasp.
 fn check(hands: Hands, step: Step, rule: Rule, turned: &mut [bool; 2]) -> Result<(), Fault> {
     match step {
         Step::Grasp { hand, hold, .. } => {
+            // A hand that grasps lets go first, so the other hand must hold the cube meanwhile.
             if hands[hand.other().index()].is_none() {
                 return Err(Fault::Dropped(hand));
             }
             if hold.palm.axis() == hold.jaws {
                 return Err(Fault::Jaws(hand));
             }
+            // A new grasp begins at a new meeting, from which both wrists have room again.
             *turned = [false; 2];
             apart(hands_after(hands, &step), rule)
         }
@@ -99,6 +107,7 @@ fn check(hands: Hands, step: Step, rule: Rule, turned: &mut [bool; 2]) -> Result
                 None => Err(Fault::Dropped(hand)),
             }
         }
+        // The gripper's own parts cover the face under the palm and the two under the jaws.
         Step::Look { viewer, face } => {
             if hands[viewer.index()].is_some() {
                 return Err(Fault::Busy(viewer));
@@ -112,6 +121,8 @@ fn check(hands: Hands, step: Step, rule: Rule, turned: &mut [bool; 2]) -> Result
     }
 }
 
+/// Checks a turn: the turner holds its layer alone, the body hand holds the middle layer, and no
+/// part of the body hand is in the ring that the layer sweeps.
 fn turns(
     hands: Hands,
     turner: Hand,
@@ -122,6 +133,7 @@ fn turns(
     if !(1..=3).contains(&turn.quarters) {
         return Err(Fault::Quarters(turn.quarters));
     }
+    // Height of a cell along the turning face's normal: 1 is the layer, 0 the middle layer.
     let layer = |cell: &Cell| {
         cell.iter().zip(turn.face.normal().iter()).map(|(&c, n)| c * *n as i8).sum::<i8>()
     };
@@ -134,14 +146,16 @@ fn turns(
     }
     let body = turner.other();
     let other = hands[body.index()].ok_or(Fault::Empty(body))?.hold;
+    // A palm at 3 is outside the ring that the layer's corners sweep.
     let around = |c: &Cell| c.iter().all(|k| k.abs() <= 2);
     let mut filled = fingers(other).into_iter().chain(palm(other, own, rule));
     let in_the_way = filled.any(|c| layer(&c) >= 1 && around(&c));
+    // A body hand on the far layer alone would leave the middle one free to turn along.
     let holds_middle = fingers(other).iter().any(|c| layer(c) == 0);
     if in_the_way || !holds_middle { Err(Fault::Body(body)) } else { Ok(()) }
 }
 
-/// That no cell is filled by both hands.
+/// Checks that no cell is filled by both hands.
 fn apart(hands: Hands, rule: Rule) -> Result<(), Fault> {
     let [Some(Grip { hold: a, .. }), Some(Grip { hold: b, .. })] = hands else { return Ok(()) };
     let of_a = [fingers(a), palm(a, b, rule)].concat();
@@ -152,7 +166,7 @@ fn apart(hands: Hands, rule: Rule) -> Result<(), Fault> {
     }
 }
 
-/// The cells of both fingers, from the palm's height inwards.
+/// Returns the cells of both fingers, from the palm's height inwards.
 fn fingers(hold: Hold) -> Vec<Cell> {
     let reach: &[i8] = match hold.depth {
         Depth::One => &[2, 1],
@@ -170,7 +184,8 @@ fn fingers(hold: Hold) -> Vec<Cell> {
     cells
 }
 
-/// The cells of the palm, which stands off only with clearance and when both hands reach over one layer.
+/// Returns the cells of the palm, which has clearance only if the rule says so and both hands reach
+/// over one layer.
 fn palm(hold: Hold, partner: Hold, rule: Rule) -> Vec<Cell> {
     let stands_off =
         rule == Rule::Clearance && hold.depth == Depth::One && partner.depth == Depth::One;
@@ -203,9 +218,9 @@ mod tests {
         Grip { hold: Hold { palm, jaws, depth }, half_roll: false }
     }
 
-    /// Two statements of the same rules, by axes in the planner and by cells here.
+    /// States the same rules twice: by axes in the planner, by cells here.
     #[test]
-    fn cells_and_axes_agree_on_every_pair_of_holds() {
+    fn cells_and_axes_agree_on_all_holds() {
         let all: Vec<Grip> = Grip::all(Depth::One).chain(Grip::all(Depth::Two)).collect();
         let mut legal = 0;
         for rule in [Rule::Strict, Rule::Clearance] {
@@ -237,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn a_layer_turns_only_while_the_middle_one_is_held() {
+    fn layer_turns_only_with_middle_layer_held() {
         let turn = Step::Turn { turner: Hand::Track, turn: Turn { face: Face::U, quarters: 1 } };
         let turner = grip(Face::U, Axis::X, Depth::One);
         let try_with =

@@ -1,24 +1,26 @@
-//! Which solution of a cube is carried out, and the tables for finding it.
+//! The choice of the solution that the arms carry out, and the tables for finding it.
 
 use crate::solver::Tables;
 use crate::solver::tables::Bytes;
 use std::sync::LazyLock;
 
-/// The tables of two-phase, had from wherever they are kept when a cube first needs them. They are the default set: what
-/// a search finds, and how long it is declared to take, must not depend on what else was kept.
+/// The tables of two-phase, loaded or built when a cube first needs them. They are the default set:
+/// the solutions that a search finds, and its declared time, must not depend on which other tables
+/// are on the disk.
 pub type TwoPhase = &'static LazyLock<Tables>;
 
-/// Which solution of the cube is carried out.
+/// Rule by which one of the cube's solutions is chosen.
 #[derive(Clone)]
 pub enum Strategy {
-    /// Of many that two-phase finds, the one that takes two arms the least time.
+    /// The one of many two-phase solutions that takes the two arms the least time.
     Robot {
-        /// Of two-phase.
+        /// Tables of two-phase.
         tables: TwoPhase,
     },
-    /// The paper's (p. 374): Korf's search up to 16 turns, and two-phase where that takes too long.
+    /// The paper's rule (p. 374): Korf's search up to 16 turns, and two-phase where that takes too
+    /// long.
     Paper {
-        /// Of two-phase.
+        /// Tables of two-phase.
         tables: TwoPhase,
         /// Korf's tables, in the order of [`korf::TABLES`](crate::solver::korf::TABLES).
         korf: [Bytes; 3],

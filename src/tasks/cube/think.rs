@@ -1,7 +1,8 @@
 //! The long work of the cube task: colours -> cube -> turns -> steps of two hands.
 //!
-//! - in: 54 measured colours by position, the hold at hand, where the arms can meet
-//! - out: the cube as read, the plan, or why there is none
+//! - in: 54 measured colours by position, the hold of the hand that has the cube, where the arms
+//!   can meet
+//! - out: the cube as read and the plan, or the reason why there is none
 
 use super::hold::{Grip, Hand, Step};
 use super::plan::Planner;
@@ -17,49 +18,49 @@ use crate::tasks::Effort;
 use crate::vision::colours::{self, Decision, Undecided};
 use std::sync::atomic::AtomicBool;
 
-/// The longest solution that Korf's search is asked for.
+/// Longest solution that Korf's search looks for, as in the paper (p. 374).
 const KORF_LENGTH: u8 = 16;
 
-/// What to think about.
+/// Input of the long work.
 #[derive(Debug, Clone)]
 pub struct Thought {
     /// Measured colours, by facelet of the cube frame at acquisition.
     pub rgb: [[f64; 3]; 54],
-    /// The cube's colours as the operator gave them: nothing is left to decide.
+    /// The cube's colours, if the operator has given them; the measured ones are not used then.
     pub given: Option<Facelets>,
-    /// Who holds the cube, and how, in the same frame.
+    /// The hand that holds the cube and its grip, in the same frame.
     pub start: (Hand, Grip),
-    /// Which solution is carried out.
+    /// Rule by which the solution is chosen.
     pub strategy: Strategy,
-    /// What the arms may do, and what it costs them.
+    /// Planner of the two arms: their reach, and what motions cost.
     pub planner: Planner,
     /// Nodes that the solver may visit.
     pub nodes: u64,
     /// Declared time of a node (s).
     pub seconds_per_node: f64,
-    /// Solutions among which the regrasps choose.
+    /// Largest number of solutions among which the planner chooses.
     pub candidates: usize,
 }
 
-/// The result, or the reason why there is none.
+/// The plan, or the reason why there is none.
 #[derive(Debug)]
 pub struct Conclusion(pub Result<Answer, NoAnswer>);
 
 /// Why there is no plan.
 #[derive(Debug, Clone, PartialEq)]
 pub enum NoAnswer {
-    /// What was seen is no cube, or not for certain: another look may help, or the operator.
+    /// The colours make no cube, or are not certain. Another look may help, or the operator.
     Unread(Box<Doubt>),
-    /// The cube is clear, and yet there is no plan.
+    /// The colours are certain, and yet there is no plan.
     Unplanned(String),
 }
 
-/// What is not certain of a cube.
+/// The uncertainty of a reading.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Doubt {
-    /// In words.
+    /// Description of it.
     pub reason: String,
-    /// The likeliest colours; `None` when there is not even a guess.
+    /// The likeliest colours; `None` when vision has no guess.
     pub read: Option<Facelets>,
     /// Facelets that may have another colour.
     pub doubtful: Vec<usize>,
@@ -72,7 +73,7 @@ pub struct Doubt {
 pub struct Answer {
     /// 54 letters, named by the centres' colours.
     pub identified: String,
-    /// How sure each facelet is, 0..=1, in the frame of acquisition.
+    /// Confidence of each facelet, 0..=1, in the frame of acquisition.
     pub margins: [f64; 54],
     /// The colours, in the frame of acquisition.
     pub read: Facelets,
@@ -80,30 +81,33 @@ pub struct Answer {
     pub rotation: Rotation24,
     /// Face turns.
     pub turns: Vec<Turn>,
-    /// What the hands do.
+    /// Steps of the hands.
     pub steps: Vec<Step>,
-    /// The same in words.
+    /// Description of each step.
     pub lines: Vec<Line>,
     /// Time that the steps are expected to take (s).
     pub expected: f64,
 }
 
-/// Does it. A pure function: the same thought has the same conclusion and the same effort.
+/// Decides the colours, solves the cube and plans the regrasps. It is a pure function: equal
+/// thoughts have equal conclusions and equal efforts.
 #[must_use]
 pub fn think(thought: &Thought) -> (Conclusion, Effort) {
-    match reason(thought) {
+    // Each thought is declared to take 0.2 s, and more only where a solution was searched for.
+    match conclude(thought) {
         Ok((answer, seconds)) => (Conclusion(Ok(answer)), Effort(0.2 + seconds)),
         Err(refusal) => (Conclusion(Err(refusal)), Effort(0.2)),
     }
 }
 
-/// Declared time in which the grasps of one solution are tried (s), as
-/// `cargo bench --bench planner` tells it: 164 and 239 us each at 1866 and 975 solutions a cube.
+/// Declared time of trying one solution (s). `cargo bench --bench planner` measures 164 and 239 us
+/// each at 1866 and 975 solutions a cube.
 const SECONDS_PER_CANDIDATE: f64 = 2e-4;
 
-/// The plan, if what was seen is certain enough.
-fn reason(thought: &Thought) -> Result<(Answer, f64), NoAnswer> {
+/// Returns the plan and its declared time (s), or a doubt if the colours are not certain enough.
+fn conclude(thought: &Thought) -> Result<(Answer, f64), NoAnswer> {
     if let Some(given) = thought.given {
+        // The operator's colours need no margins, but they may still make an impossible cube.
         let possible = given.normalised().and_then(|(named, _)| Cube::try_from(named));
         if let Err(reason) = possible {
             let reason = format!("this cube cannot exist: {reason}");
@@ -111,37 +115,44 @@ fn reason(thought: &Thought) -> Result<(Answer, f64), NoAnswer> {
             let doubt = Doubt { reason, read, doubtful: Vec::new(), possible: false };
             return Err(NoAnswer::Unread(Box::new(doubt)));
         }
-        return named(thought, *given.colours(), [1.0; 54]).map_err(NoAnswer::Unplanned);
+        return plan_for(thought, *given.colours(), [1.0; 54]).map_err(NoAnswer::Unplanned);
     }
     let decision = colours::decide_cube(&thought.rgb).map_err(undecided)?;
     if let Some(doubt) = doubt(&decision) {
         return Err(NoAnswer::Unread(Box::new(doubt)));
     }
-    named(thought, decision.colours, decision.margins).map_err(NoAnswer::Unplanned)
+    plan_for(thought, decision.colours, decision.margins).map_err(NoAnswer::Unplanned)
 }
 
-/// There is no decision: what is left for somebody who sees better.
+/// Makes a doubt from a reading for which vision has no decision; another look or the operator
+/// resolves it.
 fn undecided(why: Undecided) -> NoAnswer {
     let reason = why.to_string();
     let (read, doubtful) = match why {
+        // Each reason comes with the facelets that a second look should read again.
         Undecided::Impossible { facelets, doubtful, .. } => {
             (Facelets::try_from(*facelets).ok(), doubtful)
         }
         Undecided::SameCentres { first, second, .. } => {
+            // Two centres of one colour: at least one of them is misread. Without centres no other
+            // facelet has a name.
             (None, vec![9 * first.index() + 4, 9 * second.index() + 4])
         }
+        // A defect of one reading: that facelet alone.
         Undecided::NotANumber(facelet) => (None, vec![facelet]),
+        // Pictures in black and white: every facelet is equally unknown.
         Undecided::NoColour => (None, Vec::new()),
     };
     NoAnswer::Unread(Box::new(Doubt { reason, read, doubtful, possible: false }))
 }
 
-/// The facelets that might have another colour.
+/// Returns a doubt about the facelets whose margins vision calls small, if there are any.
 fn doubt(decision: &Decision) -> Option<Doubt> {
     let mut doubtful = decision.doubtful.clone();
     if doubtful.is_empty() {
         return None;
     }
+    // By position, so that the message reads in the order of the faces.
     doubtful.sort_unstable();
     let names: Vec<String> = doubtful.iter().map(|&i| facelet_place(i).to_string()).collect();
     let reason = format!("stickers {} are not certain", names.join(", "));
@@ -149,13 +160,14 @@ fn doubt(decision: &Decision) -> Option<Doubt> {
     Some(Doubt { reason, read, doubtful, possible: true })
 }
 
-/// The plan for a cube of these colours, and the declared time of finding it (s).
-fn named(
+/// Returns the plan for a cube of these colours, and the declared time of finding it (s).
+fn plan_for(
     thought: &Thought,
     colours: [u8; 54],
     margins: [f64; 54],
 ) -> Result<(Answer, f64), String> {
-    // Named by the colours themselves, so that the words do not depend on how the cube is held.
+    // Faces are named by their centres' colours, so that the words do not depend on how the cube is
+    // held.
     let read = Facelets::try_from(colours).map_err(|e| e.to_string())?;
     let (named, rotation) = read.normalised().map_err(|e| e.to_string())?;
     let cube = Cube::try_from(named).map_err(|e| e.to_string())?;
@@ -163,14 +175,17 @@ fn named(
     let (hand, grip) = thought.start;
     let (candidates, nodes) = match &thought.strategy {
         Strategy::Robot { tables } => {
+            // `candidates` reports no count of nodes, so the whole budget is declared as searched.
             let budget = Budget { nodes: thought.nodes, max_length: 0 };
             (solver::candidates(&cube, tables, &budget, thought.candidates), thought.nodes)
         }
         Strategy::Paper { tables, korf, nodes } => {
+            // One solution only: the paper chooses by its length, not by what the hands do with it.
             let (turns, nodes) = papers_rule(&cube, tables, korf, *nodes, thought.nodes)?;
             (vec![turns], nodes)
         }
     };
+    // The solver's turns are in the frame of the colours' names, and so must the grip be.
     let plan = thought
         .planner
         .of(&candidates, (hand, grip.renamed(rotation)))
@@ -185,12 +200,13 @@ fn named(
         lines: plan.lines,
         expected: plan.cost,
     };
+    // A declared time, not a measured one: the virtual clock must not depend on the machine.
     let seconds =
         nodes as f64 * thought.seconds_per_node + candidates.len() as f64 * SECONDS_PER_CANDIDATE;
     Ok((answer, seconds))
 }
 
-/// The paper's choice of turns, and the nodes that it took.
+/// Returns the paper's choice of turns, and the nodes that both searches visited.
 fn papers_rule(
     cube: &Cube,
     two_phase: TwoPhase,
@@ -201,12 +217,13 @@ fn papers_rule(
     let korf = [0, 1, 2].map(|i| (*korf[i]).as_ref());
     let korf = Korf::new(korf).map_err(|e| e.to_string())?;
     let limits = Limits { max_length: KORF_LENGTH, max_nodes: korf_nodes };
+    // On this thread, and never stopped from outside: the result must be a function of the inputs.
     let exact = korf.solve(cube, limits, &InTurn, &AtomicBool::new(false));
     let two_phase = || solver::solve(cube, two_phase, &Budget { nodes, max_length: 0 });
     Ok(or_two_phase(exact, two_phase))
 }
 
-/// Korf's solution, or that of two-phase where Korf's search was given up; and the nodes of both.
+/// Returns Korf's solution, or that of two-phase if Korf's search gave up, and the nodes of both.
 fn or_two_phase(exact: Exact, two_phase: impl FnOnce() -> Solution) -> (Vec<Turn>, u64) {
     if let Some(turns) = exact.turns {
         return (turns, exact.nodes);
@@ -221,7 +238,7 @@ mod tests {
     use crate::cube::parse_turns;
 
     #[test]
-    fn two_phase_works_only_where_korf_was_given_up() {
+    fn two_phase_runs_only_after_korf_gave_up() {
         let (short, long) = (parse_turns("F' U2 R'").unwrap(), parse_turns("F U R B L D").unwrap());
         let exact = Exact { turns: Some(short.clone()), at_least: 3, nodes: 50 };
         let given_up = Exact { turns: None, at_least: 14, nodes: 100 };
@@ -232,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn what_vision_calls_doubtful_is_doubted_by_its_name() {
+    fn reason_lists_doubtful_facelets() {
         let colours = *Facelets::solved().colours();
         let mut decision =
             Decision { colours, facelets: colours, margins: [1.0; 54], doubtful: Vec::new() };

@@ -1,8 +1,9 @@
-//! The cube as pieces: eight corners and twelve edges, each somewhere and somehow turned.
+//! The cube as eight corners and twelve edges, each with a position and an orientation.
 //!
 //! - in: facelets, turns, a seed
-//! - out: a [`Cube`], which is always one that can be solved; [`super::legality`] tells why stickers are no such cube
-//! - source: Kociemba's cubie level; a state is written as a product, position by position
+//! - out: a [`Cube`], which can always be solved; [`super::legality`] names the reason why stickers
+//!   do not form one
+//! - source: Kociemba's cubie level; the products are written position by position
 
 use super::{Face, Facelets, Turn};
 use rand::seq::SliceRandom;
@@ -13,29 +14,29 @@ use std::sync::LazyLock;
 /// A cube that can be reached from the solved one by face turns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Cube {
-    /// Which corner is at each position, in the order of [`CORNERS`].
+    /// Index of the corner at each position, in the order of [`CORNERS`].
     pub(super) corners: [u8; 8],
-    /// How often the corner there is turned clockwise, 0..3.
+    /// Clockwise thirds of a turn by which the corner at each position is twisted, 0..3.
     pub(super) twists: [u8; 8],
-    /// Which edge is at each position, in the order of [`EDGES`].
+    /// Index of the edge at each position, in the order of [`EDGES`].
     pub(super) edges: [u8; 12],
-    /// Whether the edge there is turned over.
+    /// 1 if the edge at each position is flipped, else 0.
     pub(super) flips: [u8; 12],
 }
 
-/// The three faces of each corner clockwise, up or down first.
+/// Faces of each corner in clockwise order; up or down comes first.
 pub const CORNERS: [[Face; 3]; 8] = {
     use Face::{B, D, F, L, R, U};
     [[U, R, F], [U, F, L], [U, L, B], [U, B, R], [D, F, R], [D, L, F], [D, B, L], [D, R, B]]
 };
 
-/// The two faces of each edge: up or down first, in the middle layer front or back first.
+/// Faces of each edge; up or down comes first, in the middle layer front or back.
 pub const EDGES: [[Face; 2]; 12] = {
     use Face::{B, D, F, L, R, U};
     [[U, R], [U, F], [U, L], [U, B], [D, R], [D, F], [D, L], [D, B], [F, R], [F, L], [B, L], [B, R]]
 };
 
-/// Numbers of the stickers of each corner, in the order of [`CORNERS`].
+/// Indices of the stickers of each corner, in the order of [`CORNERS`] and of their faces.
 pub(super) const CORNER_FACELETS: [[usize; 3]; 8] = [
     [8, 9, 20],
     [6, 18, 38],
@@ -47,7 +48,7 @@ pub(super) const CORNER_FACELETS: [[usize; 3]; 8] = [
     [35, 17, 51],
 ];
 
-/// Numbers of the stickers of each edge, in the order of [`EDGES`].
+/// Indices of the stickers of each edge, in the order of [`EDGES`] and of their faces.
 pub(super) const EDGE_FACELETS: [[usize; 2]; 12] = [
     [5, 10],
     [7, 19],
@@ -63,8 +64,10 @@ pub(super) const EDGE_FACELETS: [[usize; 2]; 12] = [
     [48, 14],
 ];
 
-/// The six clockwise quarter turns, in the order of [`Face::ALL`].
+/// Clockwise quarter turns as cubes, in the order of [`Face::ALL`].
 static QUARTERS: LazyLock<[Cube; 6]> = LazyLock::new(|| {
+    // The turns of stickers, which follow from geometry, define those of the pieces. A turned
+    // solved cube is always possible, so the default is never used.
     Face::ALL.map(|face| {
         let turned = Facelets::solved().turned(Turn { face, quarters: 1 });
         Cube::try_from(turned).unwrap_or(Cube::SOLVED)
@@ -80,10 +83,11 @@ impl Cube {
         flips: [0; 12],
     };
 
-    /// Takes the pieces as they are: for coordinates, which number parts of a cube.
+    /// Makes a cube from its pieces without a check.
     ///
-    /// Nothing is checked: [`Cube::try_from`] is the way to a cube that can be solved. The searches
-    /// end without a solution, or panic, on one that cannot.
+    /// The coordinates of the solver, which number parts of a cube, need this. On a cube that
+    /// cannot be solved the searches end without a solution, or panic; [`Cube::try_from`] refuses
+    /// it.
     #[must_use]
     pub const fn from_pieces(
         corners: [u8; 8],
@@ -94,47 +98,50 @@ impl Cube {
         Self { corners, twists, edges, flips }
     }
 
-    /// Returns which corner is at each position, in the order of [`CORNERS`].
+    /// Returns the index of the corner at each position, in the order of [`CORNERS`].
     #[inline]
     #[must_use]
     pub const fn corners(&self) -> &[u8; 8] {
         &self.corners
     }
 
-    /// Returns how often the corner at each position is turned clockwise, 0..3.
+    /// Returns the clockwise thirds by which the corner at each position is twisted, 0..3.
     #[inline]
     #[must_use]
     pub const fn twists(&self) -> &[u8; 8] {
         &self.twists
     }
 
-    /// Returns which edge is at each position, in the order of [`EDGES`].
+    /// Returns the index of the edge at each position, in the order of [`EDGES`].
     #[inline]
     #[must_use]
     pub const fn edges(&self) -> &[u8; 12] {
         &self.edges
     }
 
-    /// Returns whether the edge at each position is turned over, 0 or 1.
+    /// Returns 1 for each position whose edge is flipped, else 0.
     #[inline]
     #[must_use]
     pub const fn flips(&self) -> &[u8; 12] {
         &self.flips
     }
 
-    /// Whether a cube with these stickers (0..=5, order URFDLB, centres in order) can exist.
+    /// Checks whether a cube with these stickers can exist. Colours are 0..=5 in the order URFDLB,
+    /// and each centre must have the colour of its own face.
     #[must_use]
     pub fn is_possible(colours: &[u8; 54]) -> bool {
         Facelets::try_from(*colours).is_ok_and(|facelets| Self::try_from(facelets).is_ok())
     }
 
-    /// Drawn uniformly from all 4.3e19 states.
+    /// Draws a cube uniformly from all 4.3e19 states.
     #[must_use]
     pub fn scrambled(seed: u64) -> Self {
         let mut random = Pcg64::seed_from_u64(seed);
         let mut cube = Self::SOLVED;
         cube.corners.shuffle(&mut random);
         cube.edges.shuffle(&mut random);
+        // Turns change the parities of corners and edges together. The swap pairs each impossible
+        // draw with one possible cube, so all states stay equally likely.
         if odd(&cube.corners) != odd(&cube.edges) {
             cube.edges.swap(0, 1);
         }
@@ -144,34 +151,39 @@ impl Cube {
         for flip in &mut cube.flips[..11] {
             *flip = random.random_range(0..2);
         }
+        // Turns keep the sum of twists a multiple of 3 and the sum of flips even, so the last ones
+        // follow from the others.
         cube.twists[7] = (3 - cube.twists.iter().sum::<u8>() % 3) % 3;
         cube.flips[11] = cube.flips.iter().sum::<u8>() % 2;
         cube
     }
 
-    /// The cube after a turn.
+    /// Returns the cube after a turn.
     #[must_use]
     pub fn apply(&self, turn: Turn) -> Self {
         let quarter = &QUARTERS[turn.face.index()];
         (0..turn.quarters).fold(*self, |cube, _| cube.then(quarter))
     }
 
-    /// The cube after several turns.
+    /// Returns the cube after several turns.
     #[must_use]
     pub fn apply_all(&self, turns: &[Turn]) -> Self {
         turns.iter().fold(*self, |cube, &turn| cube.apply(turn))
     }
 
-    /// The state that the turns leading to `other` from the solved cube make of this one.
+    /// Returns the product: the state of this cube after the turns that lead from the solved cube
+    /// to `other`.
     #[must_use]
     pub fn then(&self, other: &Self) -> Self {
         let mut product = Self::SOLVED;
         for i in 0..8 {
+            // `other` moves the corner from position `from` to position i and adds its own twist.
             let from = usize::from(other.corners[i]);
             product.corners[i] = self.corners[from];
             product.twists[i] = (self.twists[from] + other.twists[i]) % 3;
         }
         for i in 0..12 {
+            // Flips are added modulo 2.
             let from = usize::from(other.edges[i]);
             product.edges[i] = self.edges[from];
             product.flips[i] = self.flips[from] ^ other.flips[i];
@@ -179,11 +191,12 @@ impl Cube {
         product
     }
 
-    /// The state whose turns undo this one's.
+    /// Returns the state whose turns undo those of this one.
     #[must_use]
     pub fn inverse(&self) -> Self {
         let mut inverse = Self::SOLVED;
         for i in 0..8 {
+            // The inverse takes the corner back to its home and undoes its twist modulo 3.
             let to = usize::from(self.corners[i]);
             inverse.corners[to] = i as u8;
             inverse.twists[to] = (3 - self.twists[i]) % 3;
@@ -191,12 +204,13 @@ impl Cube {
         for i in 0..12 {
             let to = usize::from(self.edges[i]);
             inverse.edges[to] = i as u8;
+            // A flip is its own inverse.
             inverse.flips[to] = self.flips[i];
         }
         inverse
     }
 
-    /// Whether nothing is left to do.
+    /// Checks whether the cube is solved.
     #[must_use]
     pub fn is_solved(&self) -> bool {
         *self == Self::SOLVED
@@ -209,7 +223,7 @@ impl Default for Cube {
     }
 }
 
-/// Whether a permutation is odd.
+/// Checks whether a permutation is odd.
 pub(super) fn odd(permutation: &[u8]) -> bool {
     let inversions = (0..permutation.len())
         .map(|i| permutation[i + 1..].iter().filter(|&&p| p < permutation[i]).count())
@@ -219,8 +233,10 @@ pub(super) fn odd(permutation: &[u8]) -> bool {
 
 impl From<&Cube> for Facelets {
     fn from(cube: &Cube) -> Self {
+        // Only the centres keep these colours; the pieces set all others.
         let mut faces: [Face; 54] = std::array::from_fn(|i| Face::ALL[i / 9]);
         for (i, places) in CORNER_FACELETS.iter().enumerate() {
+            // Both lists run clockwise, so a twist shifts the colours along the stickers.
             for (k, colour) in CORNERS[usize::from(cube.corners[i])].into_iter().enumerate() {
                 faces[places[(k + usize::from(cube.twists[i])) % 3]] = colour;
             }
@@ -246,10 +262,11 @@ mod tests {
     }
 
     #[test]
-    fn the_stickers_of_each_piece_follow_from_geometry() {
+    fn sticker_tables_follow_from_geometry() {
         for (faces, places) in CORNERS.iter().zip(CORNER_FACELETS) {
             assert_eq!(places, faces.map(|f| facelet_at(cell(faces), f)));
-            // Clockwise seen from outside: the triple product of the normals is negative.
+            // The faces are clockwise seen from outside if the triple product of their normals is
+            // negative.
             let [a, b, c] = faces.map(Face::normal);
             assert!(a.cross(&b).dot(&c) < 0.0);
         }
@@ -259,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn the_superflip_takes_its_known_twenty_turns() {
+    fn superflip_takes_its_known_twenty_turns() {
         let turns = parse_turns("U R2 F B R B2 R U2 L B2 R U' D' R2 F R' L B2 U2 F2").unwrap();
 
         let cube = Cube::SOLVED.apply_all(&turns);
@@ -280,7 +297,9 @@ mod tests {
 
     proptest! {
         #[test]
-        fn turning_pieces_is_turning_stickers(seed: u64, turns in prop::collection::vec(0..18usize, 0..30)) {
+        fn piece_turns_agree_with_sticker_turns(
+            seed: u64, turns in prop::collection::vec(0..18usize, 0..30)
+        ) {
             let start = Cube::scrambled(seed);
             let turns: Vec<Turn> = turns.into_iter().map(Turn::from_index).collect();
 

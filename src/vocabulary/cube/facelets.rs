@@ -1,7 +1,8 @@
-//! The 54 stickers of a cube, and where they are.
+//! The 54 stickers of a cube and their places.
 //!
 //! - in: text in the order URFDLB, or colours that were read face by face
-//! - out: [`Facelets`], which know the laws of turning but not whether the cube is possible: that is [`super::Cube`]'s
+//! - out: [`Facelets`], which can be turned but need not form a possible cube; [`super::Cube`]
+//!   checks that
 
 use super::{Face, Rotation24, Turn};
 use nalgebra::{Point3, Vector3};
@@ -10,52 +11,56 @@ use std::fmt;
 use std::str::FromStr;
 use std::sync::LazyLock;
 
-/// Colours of the 54 stickers in the order URFDLB, each face in reading order; a colour is the number (0..=5 in
-/// [`Face::ALL`]) of the face whose centre has it on a solved cube: 0 white, 1 red, 2 green, 3 yellow, 4 orange, 5 blue.
+/// Colours of the 54 stickers in the order URFDLB, each face in reading order.
+///
+/// A colour is the number (0..=5 in [`Face::ALL`]) of the face whose centre has it on a solved
+/// cube: 0 white, 1 red, 2 green, 3 yellow, 4 orange, 5 blue.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Facelets([u8; 54]);
 
-/// Why a text is no cube.
+/// Reason why a text does not describe a cube.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum ParseFacelets {
-    /// Not 54 letters.
+    /// The text does not have 54 letters.
     #[error("{0} letters instead of 54")]
     Length(usize),
-    /// Not one of URFDLB.
-    #[error("letter {letter:?} at position {position} ({place}) is none of U, R, F, D, L, B")]
+    /// A letter is none of URFDLB.
+    #[error("letter {letter:?} at position {position} ({place}) is not one of U, R, F, D, L, B")]
     Letter {
-        /// From 1.
+        /// Position in the text, counted from 1.
         position: usize,
-        /// Which sticker that is.
+        /// Place of the sticker that the letter describes.
         place: FaceletPlace,
-        /// What stands there.
+        /// Letter at that position.
         letter: char,
     },
 }
 
-/// A sticker's place on the cube.
+/// Place of a sticker on the cube.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FaceletPlace {
-    /// The face that it lies on.
+    /// Face on which the sticker lies.
     pub face: Face,
-    /// 0..3 in reading order, from the top.
+    /// Row in reading order, from the top, 0..3.
     pub row: u8,
-    /// 0..3 in reading order, from the left.
+    /// Column in reading order, from the left, 0..3.
     pub col: u8,
 }
 
-/// Row, column and face of the facelet with this number, 0..54.
+/// Returns row, column and face of the facelet with this index, 0..54.
 #[must_use]
 pub fn facelet_place(index: usize) -> FaceletPlace {
     let within = (index % 9) as u8;
     FaceletPlace { face: Face::ALL[index / 9], row: within / 3, col: within % 3 }
 }
 
-/// The number of the facelet on `face` of the cubie at `cell` (components -1, 0, 1 along x, y, z).
+/// Returns the index of the facelet on `face` of the cubie at `cell` (components -1, 0, 1 along x,
+/// y, z).
 #[must_use]
 pub fn facelet_at(cell: [i8; 3], face: Face) -> usize {
     let (col_axis, row_axis) = face.reading_axes();
+    // Rows and columns count from 0, the components of a cell from -1.
     let along = |axis: Vector3<f64>| {
         let sum: f64 = (0..3).map(|k| axis[k] * f64::from(cell[k])).sum();
         (sum + 1.0) as usize
@@ -64,15 +69,15 @@ pub fn facelet_at(cell: [i8; 3], face: Face) -> usize {
 }
 
 impl FaceletPlace {
-    /// The cubie that carries it: -1, 0 or 1 along x, y, z.
+    /// Returns the cell of the cubie that carries the sticker: -1, 0 or 1 along x, y, z.
     #[must_use]
     pub fn cell(self) -> [i8; 3] {
-        // With an edge of 3 cubies, the sticker lies half a cubie outside its cubie's centre.
+        // With an edge of 3 cubies, the sticker lies half a cubie outside the centre of its cubie.
         let cubie = self.centre(3.0).coords - self.face.normal() * 0.5;
         [0, 1, 2].map(|k| cubie[k].round() as i8)
     }
 
-    /// Its centre in the cube frame of a cube with this edge (m).
+    /// Returns the centre of the sticker in the cube frame (m), for a cube with this edge (m).
     #[must_use]
     pub fn centre(self, edge: f64) -> Point3<f64> {
         let (col_axis, row_axis) = self.face.reading_axes();
@@ -81,13 +86,13 @@ impl FaceletPlace {
         Point3::from(self.face.normal() * (edge / 2.0) + across * (edge / 3.0))
     }
 
-    /// Outward normal in the cube frame.
+    /// Returns the outward normal in the cube frame.
     #[must_use]
     pub fn normal(self) -> Vector3<f64> {
         self.face.normal()
     }
 
-    /// Its number, 0..54.
+    /// Returns the index of the sticker, 0..54.
     #[must_use]
     pub fn index(self) -> usize {
         self.face.index() * 9 + usize::from(self.row) * 3 + usize::from(self.col)
@@ -100,7 +105,8 @@ impl fmt::Display for FaceletPlace {
     }
 }
 
-/// For each turn (face x quarters - 1) and each place, the place from which the sticker comes.
+/// Index of the place from which the sticker comes, for each turn ([`Turn::index`]) and each
+/// place.
 static TURNED_FROM: LazyLock<[[u8; 54]; 18]> = LazyLock::new(|| {
     std::array::from_fn(|turn| {
         let (face, quarters) = (Face::ALL[turn / 3], turn % 3 + 1);
@@ -108,10 +114,12 @@ static TURNED_FROM: LazyLock<[[u8; 54]; 18]> = LazyLock::new(|| {
         let mut from: [u8; 54] = std::array::from_fn(|i| i as u8);
         for (index, source) in from.iter_mut().enumerate() {
             let place = facelet_place(index);
+            // A turn moves only the outer layer on its face.
             if (Vector3::from(place.cell().map(f64::from))).dot(&face.normal()) < 0.5 {
                 continue;
             }
-            // Going back one clockwise quarter is going on three.
+            // The sticker comes from where the inverse turn leads, and 4 - `quarters` clockwise
+            // quarters are the inverse.
             let (mut cell, mut side) = (place.cell(), place.face);
             for _ in 0..(4 - quarters) {
                 (cell, side) = (clockwise.cell(cell), clockwise.face(side));
@@ -123,38 +131,38 @@ static TURNED_FROM: LazyLock<[[u8; 54]; 18]> = LazyLock::new(|| {
 });
 
 impl Facelets {
-    /// Each face in its own colour.
+    /// Returns the solved cube: each face in its own colour.
     #[must_use]
     pub fn solved() -> Self {
         Self(std::array::from_fn(|i| (i / 9) as u8))
     }
 
-    /// From the colours, face by face in the order URFDLB.
+    /// Makes facelets from the colours, face by face in the order URFDLB.
     #[must_use]
     pub fn from_faces(colours: [Face; 54]) -> Self {
         Self(colours.map(|c| c.index() as u8))
     }
 
-    /// The colour of a facelet, named by the face whose centre has it on a solved cube.
+    /// Returns the colour of a facelet, named by the face whose centre has it on a solved cube.
     #[must_use]
     pub fn colour(&self, index: usize) -> Face {
         Face::ALL[usize::from(self.0[index])]
     }
 
-    /// All colours as numbers 0..=5.
+    /// Returns all colours as numbers 0..=5.
     #[must_use]
     pub fn colours(&self) -> &[u8; 54] {
         &self.0
     }
 
-    /// After a turn of one face.
+    /// Returns the stickers after a turn of one face.
     #[must_use]
     pub fn turned(&self, turn: Turn) -> Self {
         let from = &TURNED_FROM[turn.index()];
         Self(std::array::from_fn(|i| self.0[usize::from(from[i])]))
     }
 
-    /// The stickers after the whole cube was turned over: colours travel, the frame stays.
+    /// Returns the stickers after a rotation of the whole cube: the colours move, the frame stays.
     #[must_use]
     pub fn rotated(&self, rotation: Rotation24) -> Self {
         let mut moved = [0; 54];
@@ -165,7 +173,7 @@ impl Facelets {
         Self(moved)
     }
 
-    /// Whether each face has one colour, in any orientation.
+    /// Checks whether each face has one colour, in any orientation.
     #[must_use]
     pub fn is_solved(&self) -> bool {
         self.0.chunks(9).all(|face| face.iter().all(|c| *c == face[4]))
@@ -181,6 +189,8 @@ impl TryFrom<[u8; 54]> for Facelets {
             Some(at) => Err(ParseFacelets::Letter {
                 position: at + 1,
                 place: facelet_place(at),
+                // The error shows a character. The number of the colour becomes a digit, or a
+                // letter from 10.
                 letter: char::from_digit(u32::from(colours[at]), 36).unwrap_or('?'),
             }),
         }
@@ -193,6 +203,8 @@ impl FromStr for Facelets {
     fn from_str(text: &str) -> Result<Self, ParseFacelets> {
         let mut colours = [0; 54];
         let text = text.trim();
+        // A wrong letter is reported before a wrong length, because it says more about the mistake.
+        // Only the first 54 letters have a place on the cube.
         for (at, letter) in text.chars().enumerate().take(54) {
             let face =
                 Face::from_letter(letter.to_ascii_uppercase()).ok_or(ParseFacelets::Letter {
@@ -241,7 +253,7 @@ mod tests {
     use crate::cube::parse_turns;
 
     #[test]
-    fn places_and_numbers_are_inverse_and_lie_on_their_face() {
+    fn places_and_numbers_are_inverse() {
         for index in 0..54 {
             let place = facelet_place(index);
 
@@ -255,19 +267,19 @@ mod tests {
     }
 
     #[test]
-    fn a_turn_right_carries_front_stickers_up() {
+    fn right_turn_carries_front_stickers_up() {
         let turned = parse_turns("R").unwrap().iter().fold(Facelets::solved(), |f, &t| f.turned(t));
 
         assert_eq!(turned.to_string(), "UUFUUFUUFRRRRRRRRRFFDFFDFFDDDBDDBDDBLLLLLLLLLUBBUBBUBB");
     }
 
     #[test]
-    fn a_wrong_letter_is_told_with_its_place() {
+    fn wrong_letter_is_reported_with_its_place() {
         let text = Facelets::solved().to_string().replacen('R', "X", 1);
 
         let message = text.parse::<Facelets>().unwrap_err().to_string();
 
-        assert_eq!(message, "letter 'X' at position 10 (R1) is none of U, R, F, D, L, B");
+        assert_eq!(message, "letter 'X' at position 10 (R1) is not one of U, R, F, D, L, B");
         assert_eq!("UUU".parse::<Facelets>(), Err(ParseFacelets::Length(3)));
     }
 }

@@ -1,19 +1,22 @@
-//! Why stickers are no cube that can be solved: `Cube::try_from(Facelets)`.
+//! The check whether stickers form a cube that can be solved: `Cube::try_from(Facelets)`.
 //!
 //! - in: facelets, perhaps named in another orientation: [`Facelets::normalised`]
-//! - out: the cube, or an [`ImpossibleCube`] that names what is wrong and, where it can be known,
-//!   which piece
+//! - out: the cube, or an [`ImpossibleCube`] that names the fault and, where it can be known, the
+//!   piece
 //!
-//! Colours that no piece has, and pieces that are there twice, say where they are. A flipped edge,
-//! a twisted corner and two swapped pieces do not: once the cube is scrambled, any edge may be the
-//! one. So a piece is named only where the others vouch for it: [`names`] asks that at least half
-//! of the cube stands at home.
+//! | fault | place |
+//! |---|---|
+//! | count of a colour, centres, colours that no piece has, a piece twice | always known |
+//! | flipped edge, twisted corner, two swapped pieces | known only if [`mostly_home`] |
+//!
+//! On a scrambled cube any edge may be the flipped one, so the second row needs a cube of which at
+//! least half the pieces are at home.
 
 use super::cubies::{CORNER_FACELETS, EDGE_FACELETS, odd};
 use super::{CORNERS, Cube, EDGES, Face, FaceletPlace, Facelets, Rotation24};
 use std::fmt;
 
-/// Some stickers, named by their faces' letters: a position or a piece.
+/// Position or piece, named by the letters of its faces.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Piece {
     faces: [Option<Face>; 3],
@@ -37,79 +40,89 @@ impl fmt::Debug for Piece {
     }
 }
 
-/// Why stickers are no cube that can be solved.
+/// Reason why stickers do not form a cube that can be solved.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum ImpossibleCube {
-    /// A colour is there more or less than nine times.
+    /// A colour occurs more or less than nine times.
     #[error("{count} stickers have the colour of face {}, not 9", colour.letter())]
     ColourCount {
         /// The face whose centre has this colour on a solved cube.
         colour: Face,
-        /// How many there are.
+        /// Number of stickers with this colour.
         count: usize,
     },
-    /// Two centres have one colour.
-    #[error("the centres of {} and {} both have the colour of face {}", first.letter(), second.letter(), colour.letter())]
+    /// Two centres have the same colour.
+    #[error(
+        "the centres of {} and {} both have the colour of face {}",
+        first.letter(), second.letter(), colour.letter()
+    )]
     CentreTwice {
-        /// That colour.
+        /// Colour of both centres.
         colour: Face,
-        /// On this face
+        /// Face of the first centre.
         first: Face,
-        /// and on this.
+        /// Face of the second centre.
         second: Face,
     },
-    /// Six centres, but not as on any cube, however it is turned: opposite colours stand side by
-    /// side, or mirrored.
-    #[error("the centres stand to each other as on no cube")]
+    /// The centres have six colours, but in an arrangement that no cube has in any orientation:
+    /// opposite colours are neighbours, or the cube is mirrored.
+    #[error("no cube has its centres in this arrangement")]
     CentresMisplaced,
-    /// The centres are those of a cube that lies in another orientation: see
-    /// [`Facelets::normalised`].
-    #[error("the centre of {} has colour {}: the cube is named in another orientation", face.letter(), colour.letter())]
+    /// The centres are those of a cube in another orientation: see [`Facelets::normalised`].
+    #[error(
+        "the centre of {} has colour {}: the cube is given in another orientation",
+        face.letter(), colour.letter()
+    )]
     CentreElsewhere {
-        /// On this face
+        /// Face of the centre.
         face: Face,
-        /// there is this colour.
+        /// Colour of the centre.
         colour: Face,
     },
-    /// Colours side by side that no piece has.
-    #[error("position {position} has colours {colours}: no piece has these, in this order")]
+    /// A position has colours that no piece has.
+    #[error("position {position} has colours {colours}: no piece has these colours in this order")]
     NoSuchPiece {
-        /// Where.
+        /// Position of the colours.
         position: Piece,
-        /// What was found there, in the order of the position's letters.
+        /// Colours at the position, in the order of its letters.
         colours: Piece,
     },
-    /// One piece in two places.
+    /// A piece occurs twice.
     #[error("piece {piece} is in two places: {first} and {second}")]
     PieceTwice {
-        /// Which.
+        /// Piece that occurs twice.
         piece: Piece,
-        /// Here
+        /// First position of the piece.
         first: Piece,
-        /// and here.
+        /// Second position of the piece.
         second: Piece,
     },
-    /// An odd number of edges is turned over.
+    /// The number of flipped edges is odd.
     #[error("{}", odd_one(*edge, "edge", "flipped"))]
     EdgeFlipped {
-        /// The piece at home that is turned over, where the rest of the cube leaves no other.
+        /// Edge at home that is flipped, if only one edge can be meant.
         edge: Option<Piece>,
     },
-    /// The corners' twists do not cancel.
-    #[error("{}", odd_one(*corner, "corner", if *clockwise { "twisted clockwise" } else { "twisted anticlockwise" }))]
+    /// The twists of the corners do not add up to whole turns.
+    #[error("{}", odd_one(
+        *corner,
+        "corner",
+        if *clockwise { "twisted clockwise" } else { "twisted anticlockwise" }
+    ))]
     CornerTwisted {
-        /// The piece at home that is twisted, where the rest of the cube leaves no other.
+        /// Corner at home that is twisted, if only one corner can be meant.
         corner: Option<Piece>,
-        /// Seen from outside.
+        /// Whether the twist is clockwise, seen from outside.
         clockwise: bool,
     },
-    /// An odd permutation of the pieces.
+    /// The permutation of the pieces is odd.
     #[error("{}", match pieces {
         Some((a, b)) => format!("pieces {a} and {b} are swapped"),
-        None => "two pieces are swapped; any two corners or any two edges may be the ones".to_owned(),
+        None => "two pieces are swapped: \
+                 they can be any two corners or any two edges".to_owned(),
     })]
     Swapped {
-        /// The two that stand in each other's home, where the rest of the cube leaves no others.
+        /// Pieces in each other's home, if only one pair can be meant.
         pieces: Option<(Piece, Piece)>,
     },
 }
@@ -117,12 +130,12 @@ pub enum ImpossibleCube {
 fn odd_one(piece: Option<Piece>, kind: &str, how: &str) -> String {
     match piece {
         Some(piece) => format!("{kind} {piece} is {how} in its place"),
-        None => format!("one {kind} is {how} in its place; any of them may be the one"),
+        None => format!("one {kind} is {how} in its place: it can be any {kind}"),
     }
 }
 
 impl ImpossibleCube {
-    /// The kind in one word, for programs.
+    /// Returns the kind of the fault in one word, for programs.
     #[must_use]
     pub fn kind(&self) -> &'static str {
         match self {
@@ -138,7 +151,8 @@ impl ImpossibleCube {
         }
     }
 
-    /// The positions, stickers or pieces that it is about; none where the cube does not tell.
+    /// Returns the positions, stickers or pieces that are at fault; none if the cube does not show
+    /// them.
     #[must_use]
     pub fn places(&self) -> Vec<String> {
         let centre = |f: Face| FaceletPlace { face: f, row: 1, col: 1 }.to_string();
@@ -163,6 +177,8 @@ impl TryFrom<Facelets> for Cube {
     type Error = ImpossibleCube;
 
     fn try_from(facelets: Facelets) -> Result<Self, ImpossibleCube> {
+        // From here on the pieces can be compared by colour, since each face has the colour of its
+        // own centre.
         check_colours(&facelets)?;
         let mut cube = Self::SOLVED;
         let corners = pieces(&facelets, &CORNERS, &CORNER_FACELETS)?;
@@ -179,9 +195,10 @@ impl TryFrom<Facelets> for Cube {
 }
 
 impl Cube {
-    /// The cube with stickers that are known to be possible.
+    /// Makes a cube from stickers that are known to be possible.
     #[must_use]
     pub fn from_possible(facelets: &Facelets) -> Self {
+        // Impossible stickers would give a meaningless cube instead of a panic.
         let corners = pieces(facelets, &CORNERS, &CORNER_FACELETS).unwrap_or_default();
         let edges = pieces(facelets, &EDGES, &EDGE_FACELETS).unwrap_or_default();
         Self {
@@ -194,15 +211,17 @@ impl Cube {
 }
 
 impl Facelets {
-    /// Re-expresses a reading whose frame lay anyhow on the cube in the frame in which each centre
-    /// has the colour of its own face, with the rotation that carries the old frame's directions
-    /// into the new frame.
+    /// Converts a reading in any frame into the frame in which each centre has the colour of its
+    /// own face. Returns it with the rotation that takes directions of the old frame to the new
+    /// frame.
     ///
     /// # Errors
-    /// When the centres are not six colours in one of the 24 orientations of a cube.
+    /// If the centres are not six colours in one of the 24 orientations of a cube.
     pub fn normalised(&self) -> Result<(Self, Rotation24), ImpossibleCube> {
         let centres = Face::ALL.map(|f| self.colour(f.index() * 9 + 4));
         for (i, first) in Face::ALL.iter().enumerate() {
+            // This fault has its own report, because the search of a rotation could not name the
+            // two faces.
             if let Some(j) = (i + 1..6).find(|&j| centres[i] == centres[j]) {
                 return Err(ImpossibleCube::CentreTwice {
                     colour: centres[i],
@@ -217,8 +236,8 @@ impl Facelets {
         Ok((self.rotated(rotation), rotation))
     }
 
-    /// The same cube held alike, each colour named by the face on whose centre it is now: what
-    /// slices and rotations make of a cube is so a matter of face turns again.
+    /// Renames the colours of a cube that stays in place: each colour is named by the face on whose
+    /// centre it is. A cube after slices and rotations becomes one that face turns can make.
     ///
     /// # Errors
     /// As [`Facelets::normalised`].
@@ -231,6 +250,7 @@ impl Facelets {
 }
 
 fn check_colours(facelets: &Facelets) -> Result<(), ImpossibleCube> {
+    // The centres come first: a cube in another orientation would have only wrong pieces.
     facelets.normalised()?;
     for face in Face::ALL {
         let colour = facelets.colour(face.index() * 9 + 4);
@@ -245,7 +265,7 @@ fn check_colours(facelets: &Facelets) -> Result<(), ImpossibleCube> {
     Ok(())
 }
 
-/// Which piece is at each position, and by how many places it is turned.
+/// Returns for each position the index of its piece and its turn in places.
 fn pieces<const N: usize, const P: usize>(
     facelets: &Facelets,
     all: &[[Face; N]; P],
@@ -267,7 +287,8 @@ fn pieces<const N: usize, const P: usize>(
     Ok(found)
 }
 
-/// The piece with these colours in this cyclic order, and by how many places it is turned.
+/// Finds the piece with these colours in this cyclic order. Returns its number and its turn in
+/// places.
 fn find<const N: usize>(pieces: &[[Face; N]], colours: [Face; N]) -> Option<(usize, usize)> {
     (0..N).find_map(|turn| {
         let mut straight = colours;
@@ -277,38 +298,42 @@ fn find<const N: usize>(pieces: &[[Face; N]], colours: [Face; N]) -> Option<(usi
 }
 
 fn check_sums(cube: &Cube) -> Result<(), ImpossibleCube> {
+    // A turn flips an even number of edges.
     if cube.flips.iter().sum::<u8>() % 2 == 1 {
         let flipped = |i: &usize| usize::from(cube.edges[*i]) == *i && cube.flips[*i] == 1;
-        let edge = only((0..12).filter(flipped)).filter(|_| names(cube));
+        let edge = only((0..12).filter(flipped)).filter(|_| mostly_home(cube));
         return Err(ImpossibleCube::EdgeFlipped { edge: edge.map(|i| Piece::of(&EDGES[i])) });
     }
+    // A turn keeps the sum of the twists a multiple of 3.
     let excess = cube.twists.iter().sum::<u8>() % 3;
     if excess != 0 {
+        // A single twisted corner has the whole excess.
         let twisted = |i: &usize| usize::from(cube.corners[*i]) == *i && cube.twists[*i] == excess;
-        let corner = only((0..8).filter(twisted)).filter(|_| names(cube));
+        let corner = only((0..8).filter(twisted)).filter(|_| mostly_home(cube));
         let corner = corner.map(|i| Piece::of(&CORNERS[i]));
         return Err(ImpossibleCube::CornerTwisted { corner, clockwise: excess == 1 });
     }
+    // A quarter turn is an odd permutation of both corners and edges.
     if odd(&cube.corners) != odd(&cube.edges) {
         let pairs = exchanged(&cube.corners)
             .map(|(a, b)| (Piece::of(&CORNERS[a]), Piece::of(&CORNERS[b])))
             .chain(
                 exchanged(&cube.edges).map(|(a, b)| (Piece::of(&EDGES[a]), Piece::of(&EDGES[b]))),
             );
-        return Err(ImpossibleCube::Swapped { pieces: only(pairs).filter(|_| names(cube)) });
+        return Err(ImpossibleCube::Swapped { pieces: only(pairs).filter(|_| mostly_home(cube)) });
     }
     Ok(())
 }
 
-/// Whether so much of the cube stands at home that a piece which does not is the odd one: half of
-/// the 20 pieces, where a scrambled cube has one on average.
-fn names(cube: &Cube) -> bool {
+/// Checks whether at least half of the 20 pieces are at home, so that a single piece which is not
+/// must be the odd one. A scrambled cube has one piece at home on average.
+fn mostly_home(cube: &Cube) -> bool {
     let corners = (0..8).filter(|&i| usize::from(cube.corners[i]) == i && cube.twists[i] == 0);
     let edges = (0..12).filter(|&i| usize::from(cube.edges[i]) == i && cube.flips[i] == 0);
     corners.count() + edges.count() >= 10
 }
 
-/// Pairs that stand in each other's place.
+/// Returns the pairs of pieces that are in each other's place.
 fn exchanged(order: &[u8]) -> impl Iterator<Item = (usize, usize)> {
     (0..order.len()).filter_map(|i| {
         let other = usize::from(order[i]);
@@ -316,7 +341,7 @@ fn exchanged(order: &[u8]) -> impl Iterator<Item = (usize, usize)> {
     })
 }
 
-/// The item, if there is just one.
+/// Returns the item if there is exactly one.
 fn only<T>(mut items: impl Iterator<Item = T>) -> Option<T> {
     items.next().filter(|_| items.next().is_none())
 }
@@ -336,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn each_impossible_cube_is_told_its_own_reason() {
+    fn each_impossible_cube_has_its_reason() {
         let reason = |facelets: Facelets| Cube::try_from(facelets).unwrap_err().to_string();
 
         let mut nine = *Facelets::solved().colours();
@@ -352,10 +377,9 @@ mod tests {
         );
         assert_eq!(
             reason(swapped(&[(8, 20)])),
-            "position URF has colours FRU: no piece has these, in this order"
+            "position URF has colours FRU: no piece has these colours in this order"
         );
-        // The front sticker of UF and the right one of UR exchanged with their upper ones' help: UF
-        // twice.
+        // The sticker F of UF gets the colour of R, so piece UR occurs twice.
         assert_eq!(reason(swapped(&[(10, 19), (10, 12)])).split(' ').next(), Some("piece"));
         assert_eq!(reason(swapped(&[(7, 19)])), "edge UF is flipped in its place");
         assert_eq!(
@@ -370,18 +394,15 @@ mod tests {
     }
 
     #[test]
-    fn a_scrambled_cube_does_not_tell_which_piece_is_odd() {
+    fn error_of_scrambled_cube_names_no_piece() {
         let turns = parse_turns("R U2 F' L D B2 R' U F D2 L' B").unwrap();
         for (pairs, message) in [
-            (&[(7, 19)][..], "one edge is flipped in its place; any of them may be the one"),
+            (&[(7, 19)][..], "one edge is flipped in its place: it can be any edge"),
             (
                 &[(8, 9), (9, 20)],
-                "one corner is twisted anticlockwise in its place; any of them may be the one",
+                "one corner is twisted anticlockwise in its place: it can be any corner",
             ),
-            (
-                &[(10, 19)],
-                "two pieces are swapped; any two corners or any two edges may be the ones",
-            ),
+            (&[(10, 19)], "two pieces are swapped: they can be any two corners or any two edges"),
         ] {
             let scrambled = turns.iter().fold(swapped(pairs), |f, &t| f.turned(t));
 
@@ -393,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cube_named_in_another_orientation_is_refused_with_its_centre() {
+    fn rotated_cube_is_refused_with_its_centre() {
         let turned = Facelets::solved().rotated(crate::cube::Rotation24::quarter(Face::U));
 
         assert_eq!(
@@ -403,7 +424,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reading_in_any_orientation_is_brought_home() {
+    fn reading_in_any_orientation_is_normalised() {
         let scrambled = Facelets::from(&Cube::scrambled(7));
 
         for rotation in Rotation24::all() {
@@ -416,7 +437,7 @@ mod tests {
     }
 
     #[test]
-    fn colours_named_by_position_undo_only_the_names() {
+    fn naming_by_position_keeps_the_cube() {
         let scrambled = Facelets::from(&Cube::scrambled(7));
         for rotation in Rotation24::all() {
             let named = scrambled.rotated(rotation).named_by_position().unwrap();
@@ -424,8 +445,8 @@ mod tests {
             assert!(Cube::try_from(named).is_ok());
             assert_eq!(named.is_solved(), scrambled.is_solved());
         }
-        // After a slice, the outer layers are where they were: by their names it is the other two
-        // that turned.
+        // A slice moves the centres. By the names of the new centres, the two outer layers turned
+        // the other way.
         let slice =
             crate::cube::after_moves(&Facelets::solved(), &crate::cube::parse_moves("M").unwrap());
         let outer =
@@ -434,7 +455,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mirrored_reading_has_no_orientation() {
+    fn mirrored_reading_has_no_orientation() {
         let mut colours = *Facelets::solved().colours();
         colours[9..18].fill(4);
         colours[36..45].fill(1);
@@ -446,12 +467,16 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_stickers_are_a_cube_or_have_a_reason(colours in prop::array::uniform32(0..6u8), more in prop::array::uniform22(0..6u8)) {
+        fn any_stickers_give_cube_or_reason(
+            colours in prop::array::uniform32(0..6u8), more in prop::array::uniform22(0..6u8)
+        ) {
             let all: Vec<u8> = colours.into_iter().chain(more).collect();
             let facelets = Facelets::try_from(<[u8; 54]>::try_from(all).unwrap()).unwrap();
             match Cube::try_from(facelets) {
                 Ok(cube) => prop_assert_eq!(Facelets::from(&cube), facelets),
-                Err(reason) => prop_assert!(!reason.to_string().is_empty() && !reason.kind().is_empty()),
+                Err(reason) => prop_assert!(
+                    !reason.to_string().is_empty() && !reason.kind().is_empty()
+                ),
             }
         }
     }

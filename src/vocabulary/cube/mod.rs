@@ -1,8 +1,9 @@
 //! The cube as a puzzle: faces, facelets, turns, legal states.
 //!
-//! Cube frame: origin in the centre; R is +x, B is +y, U is +z (L -x, F -y, D -z), so that with F towards
-//! the viewer x points right, y away, z up. Facelet strings have 54 letters in the order URFDLB, each face
-//! in reading order as in the usual net; a letter names the face whose centre has that colour.
+//! Cube frame: the origin is in the centre; R is +x, B is +y, U is +z (L -x, F -y, D -z). With F
+//! towards the viewer, x points right, y away and z up. Facelet strings have 54 letters in the
+//! order URFDLB, each face in reading order as in the usual net. A letter names the face whose
+//! centre has that colour.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -23,12 +24,12 @@ pub use repair::{Repair, StickerChange};
 pub use rotation::{Rotation24, rotation_index, rotations};
 pub use turn::{ParseTurns, format_turns, parse_turns};
 
-/// Who or what has the cube before the robot takes it, and is given it back.
+/// Keeper of the cube before the robot takes it and after the robot gives it back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Keeper {
-    /// A person's hand.
+    /// Hand of a person.
     Person,
-    /// The table on which it lies.
+    /// Table on which the cube lies.
     Table,
 }
 
@@ -50,10 +51,10 @@ pub enum Face {
 }
 
 impl Face {
-    /// In the order of facelet strings.
+    /// All faces in the order of facelet strings.
     pub const ALL: [Self; 6] = [Self::U, Self::R, Self::F, Self::D, Self::L, Self::B];
 
-    /// Outward normal in the cube frame.
+    /// Returns the outward normal in the cube frame.
     #[must_use]
     pub fn normal(self) -> Vector3<f64> {
         match self {
@@ -66,7 +67,7 @@ impl Face {
         }
     }
 
-    /// The face on the other side.
+    /// Returns the face on the other side.
     #[must_use]
     pub fn opposite(self) -> Self {
         match self {
@@ -79,19 +80,19 @@ impl Face {
         }
     }
 
-    /// Position in [`Face::ALL`].
+    /// Returns the position in [`Face::ALL`].
     #[must_use]
     pub fn index(self) -> usize {
         self as usize
     }
 
-    /// The face with this letter, upper case.
+    /// Finds the face with this upper-case letter.
     #[must_use]
     pub fn from_letter(letter: char) -> Option<Self> {
         Self::ALL.into_iter().find(|f| f.letter() == letter)
     }
 
-    /// The axis that the normal lies on.
+    /// Returns the axis along which the normal points.
     #[must_use]
     pub fn axis(self) -> Axis {
         match self {
@@ -101,9 +102,12 @@ impl Face {
         }
     }
 
-    /// Direction of increasing column and of increasing row in reading order, in the cube frame.
+    /// Returns the directions of increasing column and of increasing row, in reading order, in the
+    /// cube frame.
     #[must_use]
     pub fn reading_axes(self) -> (Vector3<f64>, Vector3<f64>) {
+        // In the net the faces L, F, R, B lie in a row with U above F and D below it, so every side
+        // face has its top row at U, and the top row of U meets B, that of D meets F.
         let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
         match self {
             Self::U => (x, -y),
@@ -115,7 +119,7 @@ impl Face {
         }
     }
 
-    /// Its letter.
+    /// Returns the letter of the face.
     #[must_use]
     pub fn letter(self) -> char {
         match self {
@@ -132,19 +136,19 @@ impl Face {
 /// An axis of the cube frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Axis {
-    /// L-R.
+    /// From L to R.
     X,
-    /// F-B.
+    /// From F to B.
     Y,
-    /// D-U.
+    /// From D to U.
     Z,
 }
 
 impl Axis {
-    /// All three.
+    /// All three axes.
     pub const ALL: [Self; 3] = [Self::X, Self::Y, Self::Z];
 
-    /// The face at its positive end.
+    /// Returns the face at the positive end.
     #[must_use]
     pub fn positive_face(self) -> Face {
         match self {
@@ -154,7 +158,7 @@ impl Axis {
         }
     }
 
-    /// Unit vector.
+    /// Returns the unit vector along the axis, in the cube frame.
     #[must_use]
     pub fn unit(self) -> Vector3<f64> {
         match self {
@@ -165,11 +169,11 @@ impl Axis {
     }
 }
 
-/// A turn of one face: quarter turns clockwise seen from outside; 1, 2 or 3 (= -1).
+/// Turn of one face.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Turn {
-    /// Which face.
+    /// Face that turns.
     pub face: Face,
-    /// 1 clockwise, 2 half, 3 anticlockwise.
+    /// Clockwise quarter turns seen from outside: 1, 2 or 3 (= -1).
     pub quarters: u8,
 }

@@ -1,24 +1,26 @@
-//! The least that must change before stickers are a cube that can be solved.
+//! The smallest change of stickers that makes a cube which can be solved.
 //!
 //! - in: any facelets
-//! - out: a [`Repair`]: the fewest stickers to recolour, and in how many ways so few would do
+//! - out: a [`Repair`]: the fewest stickers to recolour, and the number of repairs of that size
 //!
-//! Exact: over all ways to give the eight corner positions the eight corners, each turned anyhow, and the twelve edge
-//! positions the edges, by dynamic programming over the set of pieces already given, the sum of twists or flips and
-//! the parity. A misread sticker shows as one way; a flipped edge as two stickers in twelve ways.
+//! The search is exact for the orientation that the centres give. It covers every assignment of the
+//! eight corners and the twelve edges to their positions, each with every twist or flip. It is a
+//! dynamic program over the set of pieces already assigned, the sum of their twists or flips, and
+//! the parity of their order. A misread sticker usually has one repair of one sticker; a flipped
+//! edge has twelve repairs of two.
 
 use super::cubies::{CORNER_FACELETS, EDGE_FACELETS};
 use super::{CORNERS, Cube, EDGES, Face, Facelets, Rotation24, facelet_at, facelet_place};
 use std::fmt;
 
-/// A sticker that should have another colour.
+/// Sticker that needs another colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StickerChange {
     /// Number of the sticker, 0..54.
     pub sticker: usize,
-    /// What it has.
+    /// Present colour.
     pub from: Face,
-    /// What it should have.
+    /// Colour that it needs.
     pub to: Face,
 }
 
@@ -29,13 +31,13 @@ impl fmt::Display for StickerChange {
     }
 }
 
-/// The fewest stickers whose colours must change.
+/// Repair with the fewest changes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Repair {
-    /// One way to do it; empty for a cube that can be solved.
+    /// Changes of one of these repairs; empty for a cube that can be solved.
     pub changes: Vec<StickerChange>,
-    /// How many ways there are with so few stickers.
-    pub ways: u64,
+    /// Number of repairs with this number of changes; `u64::MAX` if it overflows.
+    pub count: u64,
 }
 
 impl fmt::Display for Repair {
@@ -47,21 +49,22 @@ impl fmt::Display for Repair {
         };
         let changes: Vec<String> = self.changes.iter().map(StickerChange::to_string).collect();
         let changes = changes.join(", ");
-        match self.ways {
+        match self.count {
             1 => write!(f, "{stickers} to change: {changes}"),
             u64::MAX => {
-                write!(f, "{stickers} to change, in one of very many ways; one is {changes}")
+                write!(f, "{stickers} to change, in one of very many ways, for example {changes}")
             }
-            ways => write!(f, "{stickers} to change, in one of {ways} ways; one is {changes}"),
+            ways => write!(f, "{stickers} to change, in one of {ways} ways, for example {changes}"),
         }
     }
 }
 
 impl Repair {
-    /// The least repair of a cube; about 5 ms.
+    /// Finds the smallest repair of a cube, in about 5 ms.
     #[must_use]
     pub fn of(facelets: &Facelets) -> Self {
-        // In the orientation that most centres speak for, as it is where several do.
+        // The orientation in which the fewest centres are wrong is the most likely one. In a tie
+        // the first one counts.
         let wrong = |r: &Rotation24| {
             let centre = |f: &Face| facelets.colour(f.index() * 9 + 4);
             Face::ALL.iter().filter(|f| r.face(**f) != centre(f)).count()
@@ -70,6 +73,7 @@ impl Repair {
         let home = facelets.rotated(rotation);
         let corners = fit(&home, &CORNERS, &CORNER_FACELETS);
         let edges = fit(&home, &EDGES, &EDGE_FACELETS);
+        // Corners and edges of a possible cube have the same parity, so only these two sums count.
         let costs = [0, 1].map(|p| corners.of_parity(p).cost + edges.of_parity(p).cost);
         let least = costs[0].min(costs[1]);
         let ways = [0, 1].into_iter().filter(|&p| costs[p] == least).fold(0_u64, |n, p| {
@@ -81,34 +85,38 @@ impl Repair {
         (cube.edges, cube.flips) = edges.trace(parity);
         let repaired = Facelets::from(&cube);
         let changes = (0..54).filter_map(|sticker| {
-            // Where the sticker lies in the home orientation.
+            // Place of the sticker in the home orientation.
             let place = facelet_place(sticker);
             let there = facelet_at(rotation.cell(place.cell()), rotation.face(place.face));
             let (from, to) = (facelets.colour(sticker), repaired.colour(there));
             (from != to).then_some(StickerChange { sticker, from, to })
         });
-        Self { changes: changes.collect(), ways }
+        Self { changes: changes.collect(), count: ways }
     }
 }
 
-/// The best way to give the first positions a set of pieces.
+/// Best assignment of a set of pieces to the first positions.
 #[derive(Debug, Clone, Copy)]
 struct Best {
-    /// Stickers that differ.
+    /// Number of stickers that differ.
     cost: u16,
     ways: u64,
-    /// The last piece and how it is turned.
+    /// Number of the piece at the last of these positions.
     piece: u8,
+    /// Turn of that piece.
     turn: u8,
 }
 
+/// Mark of a state that no assignment reaches. No assignment changes more than 24 stickers.
 const NONE: Best = Best { cost: 1000, ways: 0, piece: 0, turn: 0 };
 
-/// The best of every set of pieces, sum of turns and parity: `[(set * N + sum) * 2 + parity]`.
+/// Best assignment for each set of pieces, sum of turns and parity, at the index `(set * N + sum) *
+/// 2 + parity`.
 struct Fit<const N: usize, const P: usize> {
     best: Vec<Best>,
 }
 
+/// Computes the best assignments of pieces with N stickers to P positions.
 fn fit<const N: usize, const P: usize>(
     facelets: &Facelets,
     pieces: &[[Face; N]; P],
@@ -116,15 +124,19 @@ fn fit<const N: usize, const P: usize>(
 ) -> Fit<N, P> {
     let mut best = vec![NONE; (1 << P) * N * 2];
     best[0] = Best { cost: 0, ways: 1, piece: 0, turn: 0 };
-    // A set comes after its subsets; its size says which position is next.
+    // A set has a larger number than each of its subsets, so `best` of this set is final. Its size
+    // is the number of the next position.
     for set in 0..(1_usize << P) - 1 {
         let colours = places[set.count_ones() as usize].map(|p| facelets.colour(p));
         for piece in (0..P).filter(|p| set >> p & 1 == 0) {
+            // Inversions that this piece adds: the pieces with higher numbers at earlier positions.
+            // Their sum modulo 2 is the parity of the permutation.
             let crossed = (set >> piece).count_ones() as usize;
             for turn in 0..N {
                 let differs = |k: &usize| colours[(k + turn) % N] != pieces[piece][*k];
                 let price = (0..N).filter(differs).count() as u16;
                 for from in 0..N * 2 {
+                    // `from` is the pair of sum and parity that the smaller set has.
                     let (sum, parity) = ((from / 2 + turn) % N, (from + crossed) % 2);
                     let to = ((set | 1 << piece) * N + sum) * 2 + parity;
                     let before = best[set * N * 2 + from];
@@ -132,6 +144,8 @@ fn fit<const N: usize, const P: usize>(
                     if before.ways > 0 && cost < best[to].cost {
                         let (piece, turn) = (piece as u8, turn as u8);
                         best[to] = Best { cost, ways: before.ways, piece, turn };
+                    // Equal costs by different assignments are different repairs, so their counts
+                    // add up.
                     } else if before.ways > 0 && cost == best[to].cost {
                         best[to].ways = best[to].ways.saturating_add(before.ways);
                     }
@@ -143,16 +157,17 @@ fn fit<const N: usize, const P: usize>(
 }
 
 impl<const N: usize, const P: usize> Fit<N, P> {
-    /// All pieces, turns that cancel.
+    /// Returns the best assignment of all pieces with this parity and turns that cancel.
     fn of_parity(&self, parity: usize) -> Best {
         self.best[((1 << P) - 1) * N * 2 + parity]
     }
 
-    /// Which piece is at each position, and how it is turned.
+    /// Returns the piece at each position and its turn, for this parity.
     fn trace(&self, mut parity: usize) -> ([u8; P], [u8; P]) {
         let (mut pieces, mut turns) = ([0; P], [0; P]);
         let (mut set, mut sum) = ((1_usize << P) - 1, 0);
         for position in (0..P).rev() {
+            // From the last position backwards, this undoes the updates of `fit`.
             let Best { piece, turn, .. } = self.best[(set * N + sum) * 2 + parity];
             (pieces[position], turns[position]) = (piece, turn);
             set &= !(1 << piece);
@@ -186,16 +201,16 @@ mod tests {
     }
 
     #[test]
-    fn a_cube_that_can_be_solved_needs_nothing() {
+    fn solvable_cube_needs_no_repair() {
         for seed in 0..3 {
             let repair = Repair::of(&Facelets::from(&Cube::scrambled(seed)));
 
-            assert_eq!(repair, Repair { changes: Vec::new(), ways: 1 });
+            assert_eq!(repair, Repair { changes: Vec::new(), count: 1 });
         }
     }
 
     #[test]
-    fn one_misread_sticker_is_found() {
+    fn repair_finds_one_misread_sticker() {
         let cube = Facelets::from(&Cube::scrambled(4));
         for sticker in [0, 5, 17, 33, 40, 53] {
             let wrong = (cube.colours()[sticker] + 1) % 6;
@@ -204,21 +219,21 @@ mod tests {
 
             assert_eq!(repair.changes.len(), 1, "{repair}");
             assert_eq!(applied(&repair, &with(&cube, &[(sticker, wrong)])), cube);
-            assert_eq!(repair.ways, 1);
+            assert_eq!(repair.count, 1);
         }
     }
 
     #[test]
-    fn a_flipped_edge_may_be_any_of_twelve_and_a_twisted_corner_any_of_eight() {
+    fn repair_counts_flipped_edges_and_twisted_corners() {
         let flipped = with(&Facelets::solved(), &[(7, 2), (19, 0)]);
         let twisted = with(&Facelets::solved(), &[(8, 1), (9, 2), (20, 0)]);
 
         let (edge, corner) = (Repair::of(&flipped), Repair::of(&twisted));
 
-        assert_eq!((edge.changes.len(), edge.ways), (2, 12));
-        assert_eq!((corner.changes.len(), corner.ways), (3, 8));
+        assert_eq!((edge.changes.len(), edge.count), (2, 12));
+        assert_eq!((corner.changes.len(), corner.count), (3, 8));
         assert_eq!(
-            edge.to_string().split(';').next(),
+            edge.to_string().split(", for").next(),
             Some("2 stickers to change, in one of 12 ways")
         );
     }
@@ -226,7 +241,10 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(24))]
         #[test]
-        fn a_repaired_cube_can_be_solved(seed: u64, wrong in prop::collection::vec((0..54usize, 0..6u8), 0..6), turn in 0..24usize) {
+        fn repaired_cube_is_solvable(
+            seed: u64, wrong in prop::collection::vec((0..54usize, 0..6u8), 0..6),
+            turn in 0..24usize
+        ) {
             let rotation = Rotation24::from_index(turn).unwrap();
             let broken = with(&Facelets::from(&Cube::scrambled(seed)), &wrong).rotated(rotation);
 

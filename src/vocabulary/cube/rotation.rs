@@ -1,33 +1,38 @@
-//! The 24 rotations of a cube onto itself: how a reading lies on the cube, and how one tool stands to another.
+//! The 24 rotations of a cube onto itself.
+//!
+//! A rotation gives the orientation of a reading on the cube, or of one tool relative to the other.
 
 use super::{Axis, Face};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use std::fmt;
 use std::sync::LazyLock;
 
-/// A rotation that takes a cube onto itself. Numbered 4 x (number of the face that U goes to) + (which of the
-/// four faces around that, in the order of [`Face::ALL`], R goes to); 0 is the identity.
+/// Rotation that maps a cube onto itself.
+///
+/// Its index is 4 x (index of the face to which U moves) + (position of the face to which R moves
+/// among the four faces around that one, in the order of [`Face::ALL`]). 0 is the identity.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Rotation24(u8);
 
-/// What a rotation does to each face.
+/// Face to which each face moves, for each rotation.
 static FACES: LazyLock<[[Face; 6]; 24]> = LazyLock::new(|| {
     std::array::from_fn(|index| {
         let up = Face::ALL[index / 4];
         let mut around = Face::ALL.into_iter().filter(|f| f.axis() != up.axis());
         let right = around.nth(index % 4).unwrap_or(up);
-        // U x R = B: z x x = y.
+        // B = U x R, since y = z x x.
         let back = face_towards(&up.normal().cross(&right.normal()));
-        // In the order of Face::ALL: U R F D L B.
+        // The order is that of Face::ALL: U R F D L B.
         [up, right, back.opposite(), up.opposite(), right.opposite(), back]
     })
 });
 
-/// The products, and the inverse of each.
+/// Index of the product a * b of any two rotations: first b, then a.
 static PRODUCTS: LazyLock<[[u8; 24]; 24]> = LazyLock::new(|| {
     std::array::from_fn(|a| {
         std::array::from_fn(|b| {
             let through = |f: Face| FACES[a][FACES[b][f.index()].index()];
+            // The images of two adjacent faces determine a rotation.
             let product = Rotation24::all().find(|r| {
                 r.face(Face::U) == through(Face::U) && r.face(Face::R) == through(Face::R)
             });
@@ -36,7 +41,7 @@ static PRODUCTS: LazyLock<[[u8; 24]; 24]> = LazyLock::new(|| {
     })
 });
 
-/// The face whose normal is nearest to a direction.
+/// Returns the face whose normal is nearest to a direction.
 fn face_towards(direction: &Vector3<f64>) -> Face {
     let mut nearest = Face::U;
     for face in Face::ALL {
@@ -48,29 +53,31 @@ fn face_towards(direction: &Vector3<f64>) -> Face {
 }
 
 impl Rotation24 {
-    /// Leaves everything where it is.
+    /// Identity.
     pub const IDENTITY: Self = Self(0);
 
-    /// All, in the order of their numbers.
+    /// Returns all rotations in the order of their indices.
     pub fn all() -> impl Iterator<Item = Self> {
         (0..24).map(Self)
     }
 
-    /// The number, 0..24.
+    /// Returns the index, 0..24.
     #[must_use]
     pub fn index(self) -> usize {
         usize::from(self.0)
     }
 
-    /// The rotation with this number; `None` from 24 on.
+    /// Returns the rotation with this index; `None` from 24 on.
     #[must_use]
     pub fn from_index(index: usize) -> Option<Self> {
         (index < 24).then_some(Self(index as u8))
     }
 
-    /// The one nearest to any rotation.
+    /// Finds the nearest of the 24 rotations.
     #[must_use]
     pub fn nearest(rotation: &UnitQuaternion<f64>) -> Self {
+        // The directions of U and R determine the rotation; the sum of their cosines measures how
+        // well they match.
         let likeness = |r: &Self| {
             let (up, right) = (Vector3::z(), Vector3::x());
             r.face(Face::U).normal().dot(&(rotation * up))
@@ -85,26 +92,27 @@ impl Rotation24 {
         best
     }
 
-    /// A quarter turn of the whole cube, clockwise when one looks at `face` from outside.
+    /// Returns the quarter turn of the whole cube, clockwise as seen from outside of `face`.
     #[must_use]
     pub fn quarter(face: Face) -> Self {
         let axis = nalgebra::Unit::new_unchecked(face.normal());
+        // Clockwise as seen against the normal is a negative angle about it.
         Self::nearest(&UnitQuaternion::from_axis_angle(&axis, -std::f64::consts::FRAC_PI_2))
     }
 
-    /// Where a face goes.
+    /// Returns the face to which a face moves.
     #[must_use]
     pub fn face(self, face: Face) -> Face {
         FACES[self.index()][face.index()]
     }
 
-    /// Where an axis goes, its sense aside.
+    /// Returns the axis to which an axis moves, without its sense.
     #[must_use]
     pub fn axis(self, axis: Axis) -> Axis {
         self.face(axis.positive_face()).axis()
     }
 
-    /// Where the cubie at `cell` (components -1, 0, 1 along x, y, z) goes.
+    /// Returns the cell to which the cubie at `cell` moves (components -1, 0, 1 along x, y, z).
     #[must_use]
     pub fn cell(self, cell: [i8; 3]) -> [i8; 3] {
         let mut moved = [0; 3];
@@ -116,19 +124,19 @@ impl Rotation24 {
         moved
     }
 
-    /// First `other`, then this one.
+    /// Returns the product: first `other`, then this one.
     #[must_use]
     pub fn after(self, other: Self) -> Self {
         Self(PRODUCTS[self.index()][other.index()])
     }
 
-    /// The way back.
+    /// Returns the inverse rotation.
     #[must_use]
     pub fn inverse(self) -> Self {
         Self::all().find(|r| r.after(self) == Self::IDENTITY).unwrap_or(self)
     }
 
-    /// As a quaternion.
+    /// Returns the rotation as a quaternion.
     #[must_use]
     pub fn quaternion(self) -> UnitQuaternion<f64> {
         let columns = [Face::R, Face::B, Face::U].map(|f| self.face(f).normal());
@@ -144,13 +152,13 @@ impl fmt::Debug for Rotation24 {
     }
 }
 
-/// The 24 proper rotations of a cube, in the order of [`Rotation24`].
+/// Returns the 24 rotations in the order of [`Rotation24`].
 #[must_use]
 pub fn rotations() -> [UnitQuaternion<f64>; 24] {
     std::array::from_fn(|i| Rotation24(i as u8).quaternion())
 }
 
-/// The number of the rotation of a cube that is nearest to this one.
+/// Returns the index of the rotation of a cube that is nearest to this one.
 #[must_use]
 pub fn rotation_index(rotation: &UnitQuaternion<f64>) -> usize {
     Rotation24::nearest(rotation).index()
@@ -178,14 +186,14 @@ mod tests {
     }
 
     #[test]
-    fn numbers_and_quaternions_belong_together() {
+    fn rotation_index_inverts_list_of_rotations() {
         for (index, rotation) in rotations().iter().enumerate() {
             assert_eq!(rotation_index(rotation), index);
         }
     }
 
     #[test]
-    fn faces_axes_and_cells_turn_alike() {
+    fn rotation_moves_faces_axes_and_cells_consistently() {
         for r in Rotation24::all() {
             for face in Face::ALL {
                 let moved = r.quaternion() * face.normal();

@@ -4,43 +4,44 @@ use super::{Face, Turn};
 use std::fmt;
 use std::str::FromStr;
 
-/// What cannot be read as face turns.
+/// Reason why a text cannot be read as face turns.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{found:?} at position {position} is no face turn: expected U, R, F, D, L or B, then nothing, 2 or '"
+    "{found:?} at position {position} is not a face turn: \
+     expected U, R, F, D, L or B, then nothing, 2 or '"
 )]
 pub struct ParseTurns {
-    /// From 1, in letters.
+    /// Position of the character in the text, counted from 1.
     pub position: usize,
-    /// What stands there.
+    /// Character at that position.
     pub found: char,
 }
 
 impl Turn {
-    /// All 18: three of each face.
+    /// Returns all 18 turns, three of each face.
     pub fn all() -> impl Iterator<Item = Self> {
         (0..18).map(Self::from_index)
     }
 
-    /// A turn by `quarters` clockwise quarters, counted modulo 4; `None` where nothing turns.
+    /// Makes a turn by `quarters` clockwise quarters, counted modulo 4; `None` if nothing turns.
     #[must_use]
     pub fn new(face: Face, quarters: u8) -> Option<Self> {
         (!quarters.is_multiple_of(4)).then_some(Self { face, quarters: quarters % 4 })
     }
 
-    /// Three times the face's number + quarters - 1, so 0..18.
+    /// Returns the index of the turn, 0..18: three times the index of the face + quarters - 1.
     #[must_use]
     pub fn index(self) -> usize {
         self.face.index() * 3 + usize::from(self.quarters) - 1
     }
 
-    /// The turn with that number, 0..18.
+    /// Returns the turn with this index, 0..18.
     #[must_use]
     pub fn from_index(index: usize) -> Self {
         Self { face: Face::ALL[index / 3], quarters: (index % 3) as u8 + 1 }
     }
 
-    /// The turn that undoes this one.
+    /// Returns the turn that undoes this one.
     #[must_use]
     pub fn inverse(self) -> Self {
         Self { face: self.face, quarters: 4 - self.quarters }
@@ -68,7 +69,7 @@ impl FromStr for Turn {
 /// Reads face turns, with or without spaces between them: `R U2 F'`, `RU2F'`.
 ///
 /// # Errors
-/// With the position of the first letter that is no part of a face turn.
+/// The position of the first character that is not part of a face turn.
 pub fn parse_turns(text: &str) -> Result<Vec<Turn>, ParseTurns> {
     let mut turns = Vec::new();
     let mut letters = text.chars().enumerate().peekable();
@@ -80,13 +81,14 @@ pub fn parse_turns(text: &str) -> Result<Vec<Turn>, ParseTurns> {
             Face::from_letter(letter).ok_or(ParseTurns { position: at + 1, found: letter })?;
         let quarters = match letters.peek() {
             Some((_, '2')) => 2,
+            // Typesetting turns the prime into a quotation mark, and 3 quarters are the same turn.
             Some((_, '\'' | '’' | '3')) => 3,
             _ => 1,
         };
         if quarters != 1 {
             letters.next();
         }
-        // Some write a half turn that goes anticlockwise as 2'.
+        // A half turn anticlockwise is sometimes written as 2'.
         if quarters == 2 && matches!(letters.peek(), Some((_, '\'' | '’'))) {
             letters.next();
         }
@@ -95,7 +97,7 @@ pub fn parse_turns(text: &str) -> Result<Vec<Turn>, ParseTurns> {
     Ok(turns)
 }
 
-/// The turns with spaces between them.
+/// Formats turns with spaces between them.
 #[must_use]
 pub fn format_turns(turns: &[Turn]) -> String {
     turns.iter().map(Turn::to_string).collect::<Vec<_>>().join(" ")
@@ -115,13 +117,13 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_turn_is_told_with_its_position() {
+    fn wrong_turn_is_reported_with_its_position() {
         assert_eq!(parse_turns("R x"), Err(ParseTurns { position: 3, found: 'x' }));
         assert_eq!(parse_turns("2R"), Err(ParseTurns { position: 1, found: '2' }));
     }
 
     #[test]
-    fn a_turn_and_its_inverse_make_four_quarters() {
+    fn turn_and_inverse_make_four_quarters() {
         for turn in Turn::all() {
             assert_eq!(turn.inverse().inverse(), turn);
             assert_eq!(turn.quarters + turn.inverse().quarters, 4);

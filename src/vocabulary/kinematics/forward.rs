@@ -1,4 +1,4 @@
-//! Joint positions -> poses, link points and the Jacobian.
+//! The forward kinematics: from joint positions to poses, link points and the Jacobian.
 
 use super::ArmModel;
 use crate::motion::JointPositions;
@@ -6,18 +6,18 @@ use crate::spatial::Pose;
 use nalgebra::{OMatrix, Point3, Quaternion, Translation3, U6, U7, UnitQuaternion, Vector3};
 use std::f64::consts::FRAC_PI_2;
 
-/// Velocity of the tool point, linear then angular, per joint velocity d0, q1..q6.
+/// Jacobian of the tool point: its linear, then its angular velocity per joint velocity d0, q1..q6.
 pub type Matrix6x7 = OMatrix<f64, U6, U7>;
 
-/// Sines and cosines of the angles that the closed form is written in.
+/// Sines and cosines of the angles in which the closed form is written.
 struct Angles {
-    /// Of q1.
+    /// Sine and cosine of q1.
     one: (f64, f64),
-    /// Of q2: pitch of the lower arm.
+    /// Sine and cosine of q2, the pitch of the lower arm.
     two: (f64, f64),
-    /// Of t3: pitch of the upper arm in space.
+    /// Sine and cosine of t3, the pitch of the upper arm in space.
     three: (f64, f64),
-    /// Of t4: pitch of the wrist in space.
+    /// Sine and cosine of t4, the pitch of the wrist in space.
     four: (f64, f64),
 }
 
@@ -34,40 +34,44 @@ impl Angles {
 }
 
 impl ArmModel {
-    /// `base_from_flange`. d0 is ignored by an arm without a track.
+    /// Computes `base_from_flange`. An arm without a track ignores d0.
     #[must_use]
     pub fn base_from_flange(&self, joints: &JointPositions) -> Pose {
         let q = &joints.0;
         let t3 = q[2] + q[3] + FRAC_PI_2;
+        // Half angles give the quaternion directly, instead of by a rotation matrix.
         let (sa, ca) = libm::sincos(0.5 * q[1]);
         let (sb, cb) = libm::sincos(0.5 * (t3 + q[4]));
         let (sc, cc) = libm::sincos(0.5 * q[5]);
         let (sd, cd) = libm::sincos(0.5 * q[6]);
-        // Rz(q1) Ry(t4) Rx(q5), then the flange's own axes (x -> z, y -> x, z -> y), then Rz(q6).
+        // Rz(q1) Ry(t4) Rx(q5), then the constant axes of the flange (x -> z, y -> x, z -> y), then
+        // Rz(q6).
         let arm = Quaternion::new(ca, 0.0, 0.0, sa)
             * Quaternion::new(cb, 0.0, sb, 0.0)
             * Quaternion::new(cc, sc, 0.0, 0.0);
         let flange = Quaternion::new(0.5, -0.5, -0.5, -0.5) * Quaternion::new(cd, 0.0, 0.0, sd);
         let rotation = UnitQuaternion::new_normalize(arm * flange);
 
+        // The double angle formulas save two calls of sincos.
         let (s1, c1) = (2.0 * sa * ca, 1.0 - 2.0 * sa * sa);
         let (s4, c4) = (2.0 * sb * cb, 1.0 - 2.0 * sb * sb);
         let ((s2, c2), (s3, c3)) = (libm::sincos(q[2]), libm::sincos(t3));
         let [a2, a3, d5] = self.links;
+        // A link at pitch t points along (cos t, -sin t): a positive pitch points downwards.
         let r = a2 * c2 + a3 * c3 + d5 * c4;
         let z = self.shoulder_height - a2 * s2 - a3 * s3 - d5 * s4;
         Pose::from_parts(Translation3::new(c1 * r, s1 * r + self.track(joints), z), rotation)
     }
 
-    /// Origins in the base frame (m): on the floor below the shoulder, shoulder, elbow, wrist pitch centre,
-    /// flange.
+    /// Returns the origins in the base frame (m): the floor below the shoulder, shoulder, elbow,
+    /// wrist pitch centre, flange.
     #[must_use]
     pub fn points(&self, joints: &JointPositions) -> [Point3<f64>; 5] {
         self.points_at(joints, &Angles::of(joints))
     }
 
-    /// Jacobian of the tool point: linear (m/s) then angular (rad/s) velocity in base axes, per d0 (m/s) and
-    /// q1..q6 (rad/s). The first column of an arm without a track is zero.
+    /// Computes the Jacobian of the tool point: linear (m/s), then angular (rad/s) velocity in base
+    /// axes, per d0 (m/s) and q1..q6 (rad/s). The first column of an arm without a track is zero.
     #[must_use]
     pub fn jacobian(&self, joints: &JointPositions, flange_from_tool: &Pose) -> Matrix6x7 {
         let angles = Angles::of(joints);
@@ -77,6 +81,8 @@ impl ArmModel {
         let ((s1, c1), (s4, c4)) = (angles.one, angles.four);
         let pitch = Vector3::new(-s1, c1, 0.0);
         let roll = Vector3::new(c1 * c4, s1 * c4, -s4);
+        // Each rotary joint as a unit vector along its axis and a point on the axis. q3 and q4 are
+        // relative to the link before, so elbow and wrist have axes of their own.
         let axes = [
             (Vector3::z(), shoulder),
             (pitch, shoulder),
@@ -88,6 +94,7 @@ impl ArmModel {
 
         let mut jacobian = Matrix6x7::zeros();
         if self.has_track {
+            // The track moves the whole arm along y.
             jacobian[(1, 0)] = 1.0;
         }
         for (column, (axis, origin)) in axes.iter().enumerate() {
@@ -98,11 +105,12 @@ impl ArmModel {
         jacobian
     }
 
-    /// d0 (m), 0 without a track.
+    /// Returns d0 (m), or 0 for an arm without a track.
     pub(super) fn track(&self, joints: &JointPositions) -> f64 {
         if self.has_track { joints.0[0] } else { 0.0 }
     }
 
+    /// Computes the points of [`ArmModel::points`] from the sines and cosines.
     fn points_at(&self, joints: &JointPositions, angles: &Angles) -> [Point3<f64>; 5] {
         let [a2, a3, d5] = self.links;
         let (s1, c1) = angles.one;
@@ -126,7 +134,7 @@ mod tests {
     use nalgebra::{Matrix3, Unit};
     use proptest::prelude::*;
 
-    /// Any joint positions inside the joint limits of the arm.
+    /// Generates joint positions inside the joint limits of the arm.
     fn any_joints(model: &ArmModel) -> impl Strategy<Value = JointPositions> + use<> {
         let limits = model.joint_limits;
         prop::array::uniform7(0.0..1.0f64).prop_map(move |u| {
@@ -136,9 +144,9 @@ mod tests {
         })
     }
 
-    /// The flange by a product of exponentials: each axis a screw in the pose in which all variables are
-    /// zero (`t3 = pi/2`: upper arm hangs down from the stretched lower arm). Shares nothing with the
-    /// closed form but the lengths.
+    /// Computes the pose of the flange by a product of exponentials. Each axis is a screw in the
+    /// pose in which all variables are zero (`t3 = pi/2`: the upper arm hangs down from the
+    /// stretched lower arm). It shares only the lengths with the closed form.
     fn by_screws(model: &ArmModel, q: &JointPositions) -> Pose {
         let [a2, a3, d5] = model.links;
         let h = model.shoulder_height;
@@ -157,8 +165,8 @@ mod tests {
             let origin = Translation3::from(through.coords);
             pose *= origin * rotation * origin.inverse();
         }
-        // In the zero pose the wrist points down, so that the flange's x points along the base's x, its y
-        // down, and its z along the base's y.
+        // In the zero pose the wrist points down. The x of the flange then points along x of the
+        // base, its y down, and its z along y of the base.
         let zero = crate::spatial::pose_from_axes(
             Vector3::x(),
             -Vector3::z(),
@@ -169,8 +177,8 @@ mod tests {
     }
 
     #[test]
-    fn poses_of_the_original_are_reproduced() {
-        // Facts of the original system: joints -> flange above the shoulder (rows N, O, A, P).
+    fn forward_kinematics_reproduces_poses_of_the_original() {
+        // Data of the original system: joints -> flange above the shoulder (rows N, O, A, P).
         let rows: [([f64; 6], [[f64; 3]; 4]); 4] = [
             (
                 [0.0, -1.57, 0.0, 1.56, 1.57, -1.57],
@@ -225,7 +233,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_closed_form_agrees_with_the_product_of_exponentials(
+        fn closed_form_matches_product_of_exponentials(
             q in any_joints(&builtin("irp6_track").unwrap())
         ) {
             let model = builtin("irp6_track").unwrap();
@@ -239,7 +247,7 @@ mod tests {
         }
 
         #[test]
-        fn the_jacobian_agrees_with_finite_differences(
+        fn jacobian_matches_finite_differences(
             q in any_joints(&builtin("irp6_track").unwrap())
         ) {
             let model = builtin("irp6_track").unwrap();
@@ -254,7 +262,8 @@ mod tests {
                 let (mut more, mut less) = (q, q);
                 more.0[axis] += step;
                 less.0[axis] -= step;
-                let (a, b) = (model.base_from_flange(&less) * tool, model.base_from_flange(&more) * tool);
+                let (a, b) =
+                    (model.base_from_flange(&less) * tool, model.base_from_flange(&more) * tool);
                 let linear = (b.translation.vector - a.translation.vector) / (2.0 * step);
                 let angular = (b.rotation * a.rotation.inverse()).scaled_axis() / (2.0 * step);
 

@@ -1,12 +1,14 @@
-//! Pose -> joint positions, in closed form.
+//! The inverse kinematics: from a pose to joint positions, in closed form.
 //!
-//! The wrist's pitch t4 in space fixes the wrist centre, the plane of the arm and with it everything else.
-//! A pose has at most four solutions with the elbow up: the arm reaches forwards or over its own column
-//! (q1, q1 + pi), and the wrist's roll has either sign (t4 and q6 differ by pi). The elbow-down solutions lie
-//! far outside the limits of q3. The track's d0 is not solved for: it is given.
+//! The pitch t4 of the wrist in space fixes the wrist centre and the plane of the arm, and these
+//! fix all other joints. A pose has at most four solutions with the elbow up: the arm reaches
+//! forwards or over its own column (q1, q1 + pi), and the roll q5 of the wrist has either sign (t4
+//! and q6 differ by pi). The elbow-down solutions are far outside the limits of q3. The track
+//! position d0 is an input.
 //!
-//! Unlike the original, q5 and q6 follow from t4 through terms that are never small together, so that the
-//! orientation is exact even next to the wrist's singularity sin q5 = 0; there t4 itself is kept.
+//! The original takes q5 from a root, which loses digits near the singularity sin q5 = 0 of the
+//! wrist. Here q5 and q6 follow from t4 by arguments of atan2 that are never both small, so the
+//! orientation is exact even there. In the singularity itself t4 keeps its old value.
 
 use super::ArmModel;
 use crate::motion::{JointPositions, MoveRefused};
@@ -14,11 +16,11 @@ use crate::spatial::Pose;
 use nalgebra::{Rotation3, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-/// Below this |sin q5| the wrist's pitch cannot be told from the pose; the error of the approach axis that
-/// comes from keeping the old pitch is not larger than this (rad).
+/// Value of |sin q5| below which the pose does not determine the pitch of the wrist. Keeping the
+/// old pitch causes an error of the approach axis of at most this angle (rad).
 const SINGULAR: f64 = 1e-11;
 
-/// All joint positions of a pose inside the joint limits.
+/// Joint positions inside the joint limits that reach a pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Branches {
     found: [JointPositions; Self::MOST],
@@ -26,10 +28,11 @@ pub struct Branches {
 }
 
 impl Branches {
-    /// Two shoulders, two wrists, two full turns of q5, two of q6.
+    /// Capacity: two shoulders, two wrists, two full turns of q5, two of q6.
     const MOST: usize = 16;
 
-    /// The solutions, nearest full turn first within a branch.
+    /// Returns the solutions; within a branch the turns nearest to the middle of the limits come
+    /// first.
     #[must_use]
     pub fn as_slice(&self) -> &[JointPositions] {
         &self.found[..self.count]
@@ -43,18 +46,18 @@ impl Branches {
     }
 }
 
-/// A pose seen in the vertical plane of the arm.
+/// Pose as seen in the vertical plane of the arm.
 struct Plane {
-    /// Rotation columns N, O, A with x along the arm, y across it, z up.
+    /// Columns N, O, A of the rotation, with x along the arm, y across it, z up.
     n: Vector3<f64>,
     o: Vector3<f64>,
     a: Vector3<f64>,
-    /// Flange along the arm and upwards from the shoulder (m).
+    /// Position of the flange along the arm and upwards, from the shoulder (m).
     reach: f64,
     height: f64,
 }
 
-/// q1, t4, q5, q6 of one solution.
+/// Wrist angles of one solution (rad).
 #[derive(Clone, Copy)]
 struct Wrist {
     t4: f64,
@@ -64,12 +67,12 @@ struct Wrist {
 }
 
 impl ArmModel {
-    /// The joint positions of `base_from_flange` that lie nearest to `near`, with the d0 of `near`. Full
-    /// turns of q5 and q6 are those nearest to `near`. Limits are not checked.
+    /// Finds the joint positions of `base_from_flange` that are nearest to `near`. d0 is that of
+    /// `near`, and q5 and q6 take the full turns nearest to `near`. It does not check limits.
     ///
     /// # Errors
-    /// [`MoveRefused::OutOfReach`] when the wrist centre is too far from, or too near to, the shoulder;
-    /// [`MoveRefused::NotANumber`] when an input is not finite.
+    /// [`MoveRefused::OutOfReach`] if the wrist centre is too far from, or too near to, the
+    /// shoulder; [`MoveRefused::NotANumber`] if an input is not finite.
     pub fn inverse(
         &self,
         base_from_flange: &Pose,
@@ -83,6 +86,8 @@ impl ArmModel {
             return Err(MoveRefused::NotANumber);
         }
         let d0 = self.track(near);
+        // The arm lies in a vertical plane, so q1 is the direction of the flange or the opposite
+        // one.
         let forwards = libm::atan2(position.y - d0, position.x);
         let q1 = nearest_turn(forwards, near.0[1]);
         let backwards = nearest_turn(forwards + PI, near.0[1]);
@@ -90,6 +95,7 @@ impl ArmModel {
             if (backwards - near.0[1]).abs() < (q1 - near.0[1]).abs() { backwards } else { q1 };
 
         let plane = self.plane(base_from_flange, q1, d0);
+        // Both wrists give the same pose; the nearer one avoids a flip of the wrist.
         let near_t4 = near.0[2] + near.0[3] + FRAC_PI_2 + near.0[4];
         let distance = |w: &Wrist| {
             (w.t4 - near_t4).abs() + (w.q5 - near.0[5]).abs() + (w.q6 - near.0[6]).abs()
@@ -99,13 +105,15 @@ impl ArmModel {
         self.arm(&plane, &wrist, q1, near.0[0])
     }
 
-    /// Every solution of `base_from_flange` inside the joint limits at the given d0: both shoulders, both
-    /// signs of the wrist, every full turn of q5 and q6. Motor limits are not checked. In the wrist's
-    /// singularity, where solutions are not isolated, the one with t4 = 0 stands for them.
+    /// Finds every solution of `base_from_flange` inside the joint limits at the given d0: both
+    /// shoulders, both signs of the wrist, every full turn of q5 and q6. It does not check motor
+    /// limits. In the singularity of the wrist, where solutions are not isolated, those with `t4 =
+    /// 0` represent all others.
     #[must_use]
     pub fn branches(&self, base_from_flange: &Pose, d0: f64) -> Branches {
         let mut branches =
             Branches { found: [JointPositions::default(); Branches::MOST], count: 0 };
+        // The turns nearest to the middle of the limits are the most likely to be inside them.
         let middle = JointPositions(std::array::from_fn(|i| match i {
             0 => d0,
             _ => 0.5 * (self.joint_limits[i].0 + self.joint_limits[i].1),
@@ -117,9 +125,11 @@ impl ArmModel {
             let plane = self.plane(base_from_flange, q1, self.track(&middle));
             for wrist in plane.wrists(0.0) {
                 let wrist = wrist.turned_near(0.0, &middle);
+                // A wrist may be out of reach although the other one is not.
                 let Ok(first) = self.arm(&plane, &wrist, q1, d0) else { continue };
                 let mut joints = first;
                 joints.0[4] = nearest_turn(first.0[4], middle.0[4]);
+                // Only the wrist may have more than one full turn inside its limits.
                 if !(0..5).all(|axis| axis < self.first_axis() || self.allows(axis, joints.0[axis]))
                 {
                     continue;
@@ -137,6 +147,7 @@ impl ArmModel {
         branches
     }
 
+    /// Expresses a pose in the vertical plane of an arm with this q1 and d0.
     fn plane(&self, base_from_flange: &Pose, q1: f64, d0: f64) -> Plane {
         let (s1, c1) = libm::sincos(q1);
         let turn = |v: Vector3<f64>| Vector3::new(c1 * v.x + s1 * v.y, c1 * v.y - s1 * v.x, v.z);
@@ -152,7 +163,7 @@ impl ArmModel {
         }
     }
 
-    /// Lower and upper arm for a wrist.
+    /// Completes the joint positions with the lower and upper arm for a wrist.
     fn arm(
         &self,
         plane: &Plane,
@@ -162,22 +173,25 @@ impl ArmModel {
     ) -> Result<JointPositions, MoveRefused> {
         let [a2, a3, d5] = self.links;
         let (s4, c4) = wrist.sin_cos_t4;
-        // The wrist centre in the arm's plane: e along, f downwards.
+        // Wrist centre in the plane of the arm: e along it, f downwards.
         let (e, f) = (plane.reach - d5 * c4, -plane.height - d5 * s4);
         let square = e * e + f * f;
         let distance = square.sqrt();
+        // The error says by how much the pose is out of reach (m).
         if distance > a2 + a3 {
             return Err(MoveRefused::OutOfReach(distance - a2 - a3));
         }
         if distance < (a3 - a2).abs() || distance == 0.0 {
             return Err(MoveRefused::OutOfReach((a3 - a2).abs() - distance));
         }
-        // Angle at the shoulder between the lower arm and the line to the wrist centre.
+        // Angle at the shoulder between the lower arm and the line to the wrist centre, by the
+        // cosine rule. The positive sine is the solution with the elbow up.
         let cosine = (square + a2 * a2 - a3 * a3) / (2.0 * a2 * distance);
         let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
         let q2 = libm::atan2(f, e) - libm::atan2(sine, cosine);
         let (s2, c2) = libm::sincos(q2);
         let t3 = libm::atan2(f - a2 * s2, e - a2 * c2);
+        // The limits of q2 lie around -pi/2, those of q3 and q4 around 0.
         let q2 = nearest_turn(q2, -FRAC_PI_2);
         let q3 = nearest_turn(t3 - q2 - FRAC_PI_2, 0.0);
         let q4 = nearest_turn(wrist.t4 - t3, 0.0);
@@ -190,18 +204,20 @@ impl ArmModel {
     }
 }
 
-/// The full turns that may be added to q5 and q6.
+/// Full turns that may be added to q5 and q6 (rad).
 const TURNS: [f64; 3] = [0.0, TAU, -TAU];
 
 impl Plane {
-    /// Both wrists; in the singularity the one that keeps `t4`, and its mirror image.
+    /// Returns both wrists. In the singularity they are the one that keeps `t4` and its mirror
+    /// image.
     fn wrists(&self, t4: f64) -> [Wrist; 2] {
-        // A = (s4 s5, c5, c4 s5)
+        // A = (s4 s5, c5, c4 s5), so its part in the plane has the length |s5| and the direction
+        // t4.
         let sine = libm::hypot(self.a.x, self.a.z);
         let t4 = if sine > SINGULAR { libm::atan2(self.a.x, self.a.z) } else { t4 };
         let (s4, c4) = libm::sincos(t4);
-        // Along the wrist's normal in the plane (c4, 0, -s4): N gives s6, O gives c6; along (s4, 0, c4): A
-        // gives s5.
+        // (c4, 0, -s4) is normal to the wrist in the plane: N along it is s6 and O is c6. A along
+        // (s4, 0, c4) is s5.
         let q5 = libm::atan2(s4 * self.a.x + c4 * self.a.z, self.a.y);
         let q6 = libm::atan2(c4 * self.n.x - s4 * self.n.z, c4 * self.o.x - s4 * self.o.z);
         [
@@ -212,6 +228,7 @@ impl Plane {
 }
 
 impl Wrist {
+    /// Returns the wrist with the full turns nearest to `t4` and to q5, q6 of `near`.
     fn turned_near(self, t4: f64, near: &JointPositions) -> Self {
         Self {
             t4: nearest_turn(self.t4, t4),
@@ -222,10 +239,10 @@ impl Wrist {
     }
 }
 
-/// `angle` plus the full turns that bring it nearest to `to`.
+/// Returns `angle` plus the full turns that bring it nearest to `to` (rad).
 fn nearest_turn(angle: f64, to: f64) -> f64 {
     let turns = libm::rint((to - angle) / TAU);
-    // Adding 0.0 * TAU would not change the value, but skipping it keeps -0.0 and is free.
+    // The skip of 0.0 * TAU keeps -0.0 and costs nothing.
     if turns == 0.0 { angle } else { angle + turns * TAU }
 }
 
@@ -252,10 +269,10 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(2000))]
 
         #[test]
-        fn the_inverse_of_a_pose_near_its_joints_is_those_joints(q in any_joints()) {
+        fn inverse_returns_the_joints_of_the_pose(q in any_joints()) {
             prop_assume!(q.0[5].sin().abs() > 1e-4);
             let model = builtin("irp6_track").unwrap();
-            // Above the column q1 cannot be told.
+            // Above the column the pose does not determine q1.
             let flange = model.points(&q)[4];
             prop_assume!(libm::hypot(flange.x, flange.y - q.0[0]) > 1e-4);
 
@@ -265,7 +282,7 @@ mod tests {
         }
 
         #[test]
-        fn every_branch_reaches_the_pose_and_the_joints_are_one_of_them(q in any_joints()) {
+        fn branches_reach_the_pose_and_contain_the_joints(q in any_joints()) {
             prop_assume!(q.0[5].sin().abs() > 1e-4);
             let model = builtin("irp6_track").unwrap();
             let flange = model.points(&q)[4];
@@ -285,7 +302,7 @@ mod tests {
         }
 
         #[test]
-        fn next_to_the_singularity_the_pose_is_still_exact(
+        fn inverse_is_exact_next_to_singularity(
             q in any_joints(), exponent in -20.0..-3.0f64, half in 0..2i32
         ) {
             let model = builtin("irp6_track").unwrap();
@@ -301,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn in_the_singularity_the_pitch_stays_where_it_was() {
+    fn inverse_keeps_pitch_in_singularity() {
         let model = builtin("irp6_postument").unwrap();
         let q = JointPositions([0.0, 0.3, -1.5, 0.1, 0.4, 0.0, 0.2]);
 
@@ -311,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn full_turns_of_the_wrist_stay_near() {
+    fn inverse_keeps_full_turns_of_the_wrist() {
         let model = builtin("irp6_track").unwrap();
         let q = JointPositions([0.4, 0.3, -1.5, 0.1, 0.4, 0.3 + TAU, 0.2 - TAU]);
 
@@ -321,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_far_or_no_number_is_refused() {
+    fn inverse_refuses_distant_and_nan_poses() {
         let model = builtin("irp6_postument").unwrap();
         let near = JointPositions([0.0, 0.0, -1.57, 0.0, 1.56, 1.57, -1.57]);
 

@@ -1,10 +1,10 @@
-//! What of an arm's joint and motor limits is exceeded.
+//! The check of joint and motor positions against the limits of an arm.
 
 use super::ArmModel;
 use crate::motion::{AXES, JointPositions, MotorPositions, MoveRefused};
 
 impl ArmModel {
-    /// Whether all joints are inside their limits.
+    /// Checks that all joints are inside their limits.
     ///
     /// # Errors
     /// The first joint that is not: [`MoveRefused::JointLimit`], or [`MoveRefused::NotANumber`].
@@ -12,7 +12,7 @@ impl ArmModel {
         self.joint_excesses(joints).next().map_or(Ok(()), Err)
     }
 
-    /// Whether all motors are inside their limits.
+    /// Checks that all motors are inside their limits.
     ///
     /// # Errors
     /// The first motor that is not: [`MoveRefused::MotorLimit`], or [`MoveRefused::NotANumber`].
@@ -20,16 +20,16 @@ impl ArmModel {
         self.motor_excesses(motors).next().map_or(Ok(()), Err)
     }
 
-    /// Whether joints and the motors that stand for them are inside their limits.
+    /// Checks that the joints and their motors are inside their limits.
     ///
     /// # Errors
-    /// As [`ArmModel::check_joints`], then [`ArmModel::check_motors`].
+    /// The error of [`ArmModel::check_joints`], else that of [`ArmModel::check_motors`].
     pub fn check(&self, joints: &JointPositions) -> Result<(), MoveRefused> {
         self.check_joints(joints)?;
         self.check_motors(&self.motors(joints))
     }
 
-    /// Every joint outside its limits.
+    /// Returns every joint that is outside its limits.
     pub fn joint_excesses(&self, joints: &JointPositions) -> impl Iterator<Item = MoveRefused> {
         excesses(self.first_axis(), joints.0, self.joint_limits).map(|(axis, value, low, high)| {
             if value.is_finite() {
@@ -40,7 +40,7 @@ impl ArmModel {
         })
     }
 
-    /// Every motor outside its limits.
+    /// Returns every motor that is outside its limits.
     pub fn motor_excesses(&self, motors: &MotorPositions) -> impl Iterator<Item = MoveRefused> {
         excesses(self.first_axis(), motors.0, self.motor_limits).map(|(axis, value, low, high)| {
             if value.is_finite() {
@@ -51,18 +51,19 @@ impl ArmModel {
         })
     }
 
-    /// Whether a joint is inside its limits.
+    /// Returns whether a joint is inside its limits.
     pub(super) fn allows(&self, axis: usize, value: f64) -> bool {
         let (low, high) = self.joint_limits[axis];
         (low..=high).contains(&value)
     }
 
-    /// An arm without a track has no axis 0.
+    /// Returns the index of the first axis: 1 for an arm without a track, else 0.
     pub(super) fn first_axis(&self) -> usize {
         usize::from(!self.has_track)
     }
 }
 
+/// Returns axis, value, low and high limit of each value outside its limits.
 fn excesses(
     first: usize,
     values: [f64; AXES],
@@ -70,7 +71,7 @@ fn excesses(
 ) -> impl Iterator<Item = (usize, f64, f64, f64)> {
     (first..AXES)
         .map(move |axis| (axis, values[axis], limits[axis].0, limits[axis].1))
-        // Not within also catches what is not a number.
+        // The negated range is also true for a NaN, which two comparisons would let pass.
         .filter(|(_, value, low, high)| !(low..=high).contains(&value))
 }
 
@@ -80,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn all_exceeded_limits_are_named() {
+    fn excesses_contain_every_exceeded_limit() {
         let model = builtin("irp6_track").unwrap();
         let q = JointPositions([2.0, 0.0, -1.57, 0.0, 1.0, 1.0, 3.5]);
 
@@ -93,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_may_be_inside_the_joint_limits_and_outside_the_motor_limits() {
+    fn check_refuses_motor_limit_inside_joint_limits() {
         let model = builtin("irp6_postument").unwrap();
         let q = JointPositions([0.0, 0.5, -1.2, 0.3, 0.4, 1.0, -0.5]);
 
@@ -102,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_is_refused() {
+    fn check_refuses_nan() {
         let model = builtin("irp6_postument").unwrap();
         let mut q = JointPositions([0.0, 0.0, -1.57, 0.0, 1.0, 1.0, 0.0]);
         q.0[4] = f64::NAN;

@@ -1,12 +1,15 @@
-//! Motor <-> joint <-> pose of an IRp-6.
+//! Conversions between motor positions, joint positions and poses of an IRp-6.
 //!
-//! - in: an arm's constants ([`ArmModel`], data of `scenarios/arms`), motor or joint positions, poses
+//! - in: the constants of an arm ([`ArmModel`], data of `scenarios/arms`), motor or joint
+//!   positions, poses
 //! - out: poses, joint and motor positions, the Jacobian, and every limit that is exceeded
-//! - source: the `IRp-6` kinematics of the original system (Zieliński et al. 2007); joint variables as in its
-//!   later Denavit-Hartenberg form: q3, q4 relative, `t3 = q2 + q3 + pi/2`, `t4 = t3 + q4`
+//! - source: the `IRp-6` kinematics of the original system (Zieliński et al. 2007). The joint
+//!   variables are those of its later Denavit-Hartenberg form: q3, q4 relative, `t3 = q2 + q3 +
+//!   pi/2`, `t4 = t3 + q4`
 //!
-//! The base frame stands on the floor, z up; on the track it stays at d0 = 0 while the arm moves along y.
-//! Everything here is closed form and free of allocation, since the servo calls it in each 2 ms period.
+//! The base frame is on the floor with z up. On the track it stays at d0 = 0 while the arm moves
+//! along y. All functions are in closed form and free of allocation, since the servo calls them in
+//! each 2 ms period.
 
 mod forward;
 mod inverse;
@@ -23,11 +26,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ArmModel {
-    /// Lower arm a2, upper arm a3, wrist d5 (m).
+    /// Lengths of lower arm a2, upper arm a3 and wrist d5 (m).
     pub links: [f64; 3],
     /// Height of the shoulder above the base frame (m).
     pub shoulder_height: f64,
-    /// Whether the arm stands on a track along the base's y.
+    /// Whether the arm is on a track along y of the base.
     pub has_track: bool,
     /// Joint limits, low and high (m or rad).
     pub joint_limits: [(f64, f64); AXES],
@@ -35,18 +38,18 @@ pub struct ArmModel {
     pub motor_limits: [(f64, f64); AXES],
     /// Encoder increments per motor revolution.
     pub increments: [f64; AXES],
-    /// Motor angle per joint variable of the geared axes (rad/m or rad/rad); entries of the screw axes 2, 3
-    /// are per mm of screw length.
+    /// Motor angle per joint variable of the geared axes (rad/m or rad/rad). The entries of the
+    /// screw axes 2 and 3 are per screw length (rad/mm).
     pub gears: [f64; AXES],
     /// Motor position at the synchronisation pose (rad).
     pub sync: [f64; AXES],
-    /// Joint offsets th1..th6 of the calibrated models; 0 in the nominal one (rad).
+    /// Joint offsets th1..th6 of the calibrated models (rad); 0 in the nominal one.
     pub offsets: [f64; AXES],
-    /// Lower-arm screw: sl (mm2), mi (mm2), ni (mm2), l0 (mm).
+    /// Constants of the lower-arm screw: sl (mm2), mi (mm2), ni (mm2), l0 (mm).
     pub lower_screw: [f64; 4],
-    /// Upper-arm screw, the same.
+    /// Constants of the upper-arm screw, in the same order.
     pub upper_screw: [f64; 4],
-    /// Largest speed of a set value (rad/s of motor).
+    /// Largest speed of a set value (rad/s of the motor).
     pub motor_speed_limit: f64,
 }
 

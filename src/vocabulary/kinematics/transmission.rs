@@ -1,14 +1,15 @@
-//! Motor shafts <-> joints: gears, ball screws and the coupled wrist.
+//! The transmissions between motor shafts and joints: gears, ball screws and the coupled wrist.
 //!
-//! The linkage keeps the upper arm's and the wrist's pitch in space when the joints before them move, so
-//! motors 3 and 4 drive the absolute pitches t3 and t4; motor 5 sits behind motor 4 and turns with it.
+//! The linkage keeps the pitch of the upper arm and of the wrist in space while the joints before
+//! them move. So motors 3 and 4 drive the absolute pitches t3 and t4. Motor 5 is coupled behind
+//! motor 4 and turns with it.
 
 use super::ArmModel;
 use crate::motion::{JointPositions, MotorPositions, MoveRefused};
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 impl ArmModel {
-    /// Motor positions (rad) of joint positions. Limits are not checked.
+    /// Computes the motor positions (rad) of joint positions. It does not check limits.
     #[must_use]
     pub fn motors(&self, joints: &JointPositions) -> MotorPositions {
         let (q, g, sync, th) = (&joints.0, &self.gears, &self.sync, &self.offsets);
@@ -16,18 +17,20 @@ impl ArmModel {
         let t4 = t3 + q[4];
         let geared = |axis: usize, angle: f64| g[axis] * (angle - th[axis]) + sync[axis];
         let m0 = if self.has_track { geared(0, q[0]) } else { 0.0 };
+        // The ball screws drive the lower arm at q2 and the upper arm at t3.
         let m2 = g[2] * screw_length(&self.lower_screw, q[2] - th[2]) + sync[2];
         let m3 = g[3] * screw_length(&self.upper_screw, t3 - th[3]) + sync[3];
         let m4 = geared(4, t4);
+        // The travel of motor 4 from its synchronisation position, m4 - sync[4], adds to motor 5.
         let m5 = geared(5, q[5]) - sync[4] + m4;
         MotorPositions([m0, geared(1, q[1]), m2, m3, m4, m5, geared(6, q[6])])
     }
 
-    /// Joint positions of motor positions.
+    /// Computes the joint positions of motor positions.
     ///
     /// # Errors
-    /// [`MoveRefused::MotorLimit`] outside the motor limits, where a screw has a second, wrong answer;
-    /// [`MoveRefused::NotANumber`].
+    /// [`MoveRefused::MotorLimit`] outside the motor limits, where a screw has a second, wrong
+    /// solution; [`MoveRefused::NotANumber`].
     pub fn joints(&self, motors: &MotorPositions) -> Result<JointPositions, MoveRefused> {
         self.check_motors(motors)?;
         let joints = self.joints_unchecked(motors);
@@ -38,9 +41,10 @@ impl ArmModel {
         }
     }
 
-    /// [`ArmModel::joints`] without the check of limits: for arms that stand a little outside them. Within
-    /// 6 rad of the limits of the screws' motors the answer is right; far outside a screw takes its wrong
-    /// branch (not finite where the screw is longer than the linkage).
+    /// Computes the joint positions like [`ArmModel::joints`], but without a check of limits, for
+    /// arms that are a little outside them. The result is right within 6 rad of the limits of the
+    /// screw motors. Far outside, a screw takes its wrong branch; the result is not finite if the
+    /// screw is longer than the linkage.
     #[must_use]
     pub fn joints_unchecked(&self, motors: &MotorPositions) -> JointPositions {
         let (m, g, sync, th) = (&motors.0, &self.gears, &self.sync, &self.offsets);
@@ -49,6 +53,7 @@ impl ArmModel {
         let q2 = screw_angle(&self.lower_screw, (m[2] - sync[2]) / g[2]) + th[2];
         let t3 = screw_angle(&self.upper_screw, (m[3] - sync[3]) / g[3]) + th[3];
         let t4 = angle(4, m[4]);
+        // The linkage gives absolute pitches; q3 and q4 are relative.
         let q3 = t3 - q2 - FRAC_PI_2;
         JointPositions([
             d0,
@@ -62,15 +67,18 @@ impl ArmModel {
     }
 }
 
-/// Extension of a ball screw beyond l0 (mm) at a link angle (rad): the cosine rule over its two anchors.
+/// Computes the extension of a ball screw beyond l0 (mm) at a link angle (rad), by the cosine rule
+/// for its two anchors.
 fn screw_length(&[sl, mi, ni, l0]: &[f64; 4], angle: f64) -> f64 {
     let (s, c) = libm::sincos(angle);
     (sl + mi * c - ni * s).sqrt() - l0
 }
 
-/// Link angle (rad) of a ball screw's extension beyond l0 (mm), in -pi..pi.
+/// Computes the link angle (rad, -pi..pi) at the extension of a ball screw beyond l0 (mm).
 fn screw_angle(&[sl, mi, ni, l0]: &[f64; 4], extension: f64) -> f64 {
     let length = extension + l0;
+    // c = mi cos a - ni sin a is a line in (cos a, sin a), which meets the unit circle twice, at
+    // the two signs of d. Inside the motor limits the linkage has the solution with this sign.
     let c = length * length - sl;
     let d = (mi * mi + ni * ni - c * c).sqrt();
     let angle = libm::atan2(-(ni * c + mi * d), mi * c - ni * d);
@@ -84,8 +92,8 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn motor_positions_of_the_original_are_reproduced() {
-        // Facts of the original system, 2012 synchronisation constants.
+    fn transmission_reproduces_motor_positions_of_the_original() {
+        // Data of the original system, with the synchronisation constants of 2012.
         let rows: [([f64; 6], [f64; 6]); 4] = [
             (
                 [0.0, -FRAC_PI_2, 0.0, 0.0, FRAC_PI_2, 0.0],
@@ -119,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn the_home_pose_of_2008_has_its_motor_counters_at_zero() {
+    fn home_pose_of_2008_has_zero_counters() {
         let model = builtin("irp6_postument_2008").unwrap();
         let q = [0.0, -0.100633, -1.54194, 0.0197377, 1.14914, 2.10098, -2.7312];
 
@@ -129,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn outside_the_motor_limits_there_is_no_answer() {
+    fn joints_outside_motor_limits_are_refused() {
         let model = builtin("irp6_postument").unwrap();
         let mut motors = model.motors(&JointPositions([0.0, 0.0, -1.57, 0.0, 0.0, 1.0, 0.0]));
         motors.0[3] = 105.0;
@@ -141,7 +149,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn motors_come_back_from_joints_everywhere_inside_the_motor_limits(
+        fn motors_and_joints_convert_both_ways_inside_limits(
             u in prop::array::uniform7(0.0..1.0f64), track in any::<bool>()
         ) {
             let name = if track { "irp6_track" } else { "irp6_postument" };

@@ -1,11 +1,14 @@
-// Live curves. Each point is the largest value since the snapshot before, so that no peak falls between two of them.
+// Live curves. Each point is the largest value since the last snapshot, so that no peak is lost.
 
-/** The newest points are kept as they are; of older ones one in each span [s], for the longest time that is shown [s]. */
+/**
+ * Number of the newest points that are all kept. Older points are merged into one per SPAN (s), and
+ * are dropped after LONGEST (s), the longest time that is shown.
+ */
 const NEW = 2400;
 const SPAN = 0.25;
 const LONGEST = 600;
 
-/** The largest of both. */
+/** Merges two points into one with the larger value of each quantity. */
 function merged(a, b) {
   const most = (k, j) => Math.max(a.arms[k].peak[j], b.arms[k].peak[j]);
   const arms = b.arms.map((arm, k) => ({ peak: [most(k, 0), most(k, 1)], following: Math.max(a.arms[k].following, arm.following) }));
@@ -15,7 +18,7 @@ function merged(a, b) {
   return { time: b.time, arms, servo };
 }
 
-/** Fewer points with the same peaks. */
+/** Returns fewer points with the same peaks. */
 export function thinned(points) {
   const fine = points.length - NEW;
   const from = points.at(-1).time - LONGEST;
@@ -79,7 +82,7 @@ export class Curves {
     this.due();
   }
 
-  /** Curves are drawn five times a second: the eye needs no more. */
+  /** Draws the curves if 250 ms have passed since the last drawing, which is smooth enough. */
   due() {
     const now = performance.now();
     if (now - (this.drawn ?? 0) < 250) return;

@@ -1,9 +1,12 @@
-// The line to the robot: one WebSocket, opened again when it breaks.
+// Connection to the robot: one WebSocket, which is reopened after it closes.
 
 const HEART_BEAT = 4000;
 
 export class Link {
-  /** `on` has a function for each kind of message: stage, snapshot, plan, messages, seat, refused, line. */
+  /**
+   * `on` has a function for each kind of message: stage, snapshot, plan, messages, seat, refused;
+   * and `line`, which gets whether the connection is open.
+   */
   constructor(on) {
     this.on = on;
     this.wait = 400;

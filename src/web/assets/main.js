@@ -1,4 +1,4 @@
-// The page: what comes in is shown, what is pressed goes out.
+// Entry point of the page: shows the messages of the program and sends the commands of the buttons.
 
 import { Link } from "./link.js";
 import { Scene } from "./scene.js";
@@ -9,7 +9,7 @@ import * as panels from "./panels.js";
 
 const $ = (id) => document.getElementById(id);
 const STATES = {
-  waiting: ["waits for start", "warn"], running: ["running", "main"], paused: ["paused", "warn"],
+  waiting: ["waiting for start", "warn"], running: ["running", "main"], paused: ["paused", "warn"],
   terminated: ["ending", "warn"], ended: ["ended", ""],
 };
 
@@ -35,14 +35,14 @@ const link = new Link({
     panels.setCameras(stage.cameras);
   },
   plan: panels.showPlan,
-  messages: panels.tell,
+  messages: panels.addMessages,
   snapshot(fresh) {
     snapshot = fresh;
     show();
   },
   seat(fresh) {
     met = true;
-    // Whoever fell asleep while commanding goes on commanding, if nobody has taken over meanwhile.
+    // A page that the browser had suspended commands again, unless another page has taken over.
     if (seat.own && !fresh.taken) link.say({ seat: "take" });
     seat = fresh;
     show();
@@ -53,7 +53,7 @@ const link = new Link({
   line(up) {
     line = up;
     if (!up) {
-      $("state").textContent = "no line";
+      $("state").textContent = "no connection";
       $("state").className = "badge bad";
     }
     show();
@@ -64,7 +64,7 @@ const manual = new Manual((command) => link.say(command));
 function show() {
   const s = snapshot;
   const own = line && seat.own;
-  $("seat").textContent = !line ? "The program does not answer; trying again." : seat.taken ? "Another page commands; this one watches." : "No page commands.";
+  $("seat").textContent = !line ? "The program does not answer; reconnecting." : seat.taken ? "Another page commands; this page only watches." : "No page commands.";
   $("watching").hidden = own || !met;
   $("take").hidden = !line;
   document.body.classList.toggle("watching", !own);
@@ -79,7 +79,7 @@ function show() {
     [$("state").textContent, $("state").className] = [shown[0], `badge ${shown[1]}`];
   }
   $("phase").textContent = control === "ended" ? "" : s.phase;
-  // The arms hold on after the end: what counts is when the work was over.
+  // The run goes on holding the arms after its task, so the clock shows the time of the task.
   const time = (control === "ended" ? s.outcome?.time : null) ?? s.time;
   $("time").textContent = `${time.toFixed(1)} s`;
   $("factor").textContent = control === "ended" ? "" : `${s.factor.toFixed(s.factor < 10 ? 1 : 0)}×`;
@@ -91,7 +91,7 @@ function show() {
   if (control === "ended") $("sure").close();
   $("start").hidden = replay || control === "ended" || (control !== "waiting" && s.time > 0);
   $("pause").hidden = $("resume").hidden = control === "ended";
-  // A recording has nothing that could be stopped, and may be closed at any time.
+  // A replay has no motion to stop, and can be closed at any time.
   $("terminate").hidden = control === "ended" || replay;
   document.querySelector(".stop").hidden = replay;
   $("quit").hidden = control !== "ended" && !replay;
@@ -125,7 +125,7 @@ function show() {
   panels.showOutcome(s.outcome);
   panels.showFaults(s.arms);
   panels.showLatest(control === "ended");
-  // Whatever makes the plan's room smaller comes before its scrolling.
+  // The panels above change the height of the plan, so the plan scrolls after them.
   panels.showStep(s.step, control === "ended" && !!s.outcome?.good);
   panels.showCameras(s.cameras);
   panels.showQuestion(s.question, s.time, own, (command) => link.say(command));
@@ -142,7 +142,7 @@ function notice(text) {
 for (const name of ["start", "pause", "resume", "quit"]) $(name).onclick = () => link.command(name);
 $("terminate").onclick = () => $("sure").showModal();
 $("sure-yes").onclick = () => link.command("terminate");
-// A dialog makes everything behind it unreachable: each has an emergency stop of its own.
+// A modal dialog blocks the rest of the page, so each dialog has its own emergency stop.
 const stops = document.querySelectorAll("button.emergency");
 for (const button of stops) button.onclick = () => { link.command("emergency_stop"); $("sure").close(); };
 $("take").onclick = () => link.say({ seat: "take" });
@@ -150,7 +150,7 @@ $("speed").onchange = () => link.command("speed", { factor: Number($("speed").va
 let seeking = false;
 $("seek").onpointerdown = () => { seeking = true; };
 $("seek").onpointerup = $("seek").onpointercancel = () => { seeking = false; };
-// A finger on the bar has a new wish with each pixel: one is sent every 100 ms, and the last one always.
+// Dragging fires an event for each pixel: one time is sent every 100 ms, and always the last one.
 let [sought, later] = [null, 0];
 function seek() {
   later = 0;
@@ -172,7 +172,7 @@ for (const button of document.querySelectorAll("[data-window]")) {
 }
 setInterval(() => {
   const rate = scene.renderer && document.visibilityState === "visible" ? scene.rate() : 0;
-  $("rate").textContent = rate ? `${rate.toFixed(0)} pictures/s` : "";
+  $("rate").textContent = rate ? `${rate.toFixed(0)} frames/s` : "";
 }, 1000);
-// For tests: what the page knows.
+// State of the page, for the tests.
 window.page = { scene, panels, get snapshot() { return snapshot; }, link };

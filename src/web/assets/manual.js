@@ -1,4 +1,5 @@
-// By hand: synchronise, jog by motor, joint or tool axis, jaws, named poses. Only while the task is idle.
+// Manual motion: synchronise, jog by motor, joint or tool axis, jaws, named poses. Only in the task
+// `idle`.
 
 const $ = (id) => document.getElementById(id);
 const el = (tag, props = {}, ...children) => {
@@ -16,7 +17,7 @@ const MODES = {
 };
 const TOOL = ["x", "y", "z", "about x", "about y", "about z"];
 
-/** A number for people, without a zero below zero. */
+/** Formats a number, without the sign of a negative zero. */
 const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1");
 
 export class Manual {
@@ -40,7 +41,7 @@ export class Manual {
     this.send({ command: "manual", effector: this.arm, order });
   }
 
-  /** Step of an axis in SI units, and in words. */
+  /** Returns the step of an axis in SI units and as text. */
   size(axis) {
     const [length, angle] = MODES[this.mode].steps[this.step];
     if (this.mode === "motor") return [angle, `${angle} rad`];
@@ -96,7 +97,7 @@ export class Manual {
     if (this.last) this.show(...this.last);
   }
 
-  /** `moves`: whether orders are taken now. */
+  /** Shows the positions. `moves` is whether the robot accepts motions now. */
   show(snapshot, moves) {
     this.last = [snapshot, moves];
     const arm = snapshot.arms[this.arm];

@@ -1,8 +1,8 @@
-// The cube's net: shown with how sure each facelet is, or edited when the controller asks.
+// Net of the cube: shows each facelet with its confidence, or edits the colours for a question.
 
 import { COLOURS, COLOUR_NAMES, LETTERS } from "./scene.js";
 
-// Column and row of each face's first tile in a grid of 12 x 9.
+// Column and row of the first tile of each face in a grid of 12 x 9.
 const PLACES = [[3, 0], [6, 3], [3, 3], [3, 6], [0, 3], [9, 3]];
 const KEYS = "wrgyob";
 const UNSURE = 0.5;
@@ -43,8 +43,8 @@ export class NetView {
       tile.style.background = read ? COLOURS[read.colour] : "";
       const dim = read && read.confidence < UNSURE;
       tile.classList.toggle("dim", !!dim);
-      tile.title = read ? `${nameOf(i)}: ${COLOUR_NAMES[read.colour]}, ${(read.confidence * 100).toFixed(0)} % sure` : `${nameOf(i)}: not read`;
-      // A finger and a keyboard have no tooltip.
+      tile.title = read ? `${nameOf(i)}: ${COLOUR_NAMES[read.colour]}, confidence ${(read.confidence * 100).toFixed(0)} %` : `${nameOf(i)}: not read`;
+      // A touch screen and a keyboard show no tooltip.
       tile.setAttribute("aria-label", tile.title);
       tile.textContent = dim ? (read.confidence * 100).toFixed(0) : "";
       if (dim) tile.tabIndex = 0;
@@ -52,13 +52,13 @@ export class NetView {
       known += read ? 1 : 0;
       unsure += dim ? 1 : 0;
     });
-    const doubts = unsure ? `, ${unsure} not sure (% in them)` : "";
-    this.note.textContent = !known ? "not read yet" : net.decided ? `decided as a whole${doubts}` : `${known} of 54 read${doubts}`;
-    this.net.setAttribute("aria-label", `The cube's net: ${this.note.textContent}`);
+    const doubts = unsure ? `, ${unsure} uncertain (confidence in %)` : "";
+    this.note.textContent = !known ? "not read yet" : net.decided ? `all 54 decided${doubts}` : `${known} of 54 read${doubts}`;
+    this.net.setAttribute("aria-label", `Net of the cube: ${this.note.textContent}`);
   }
 }
 
-/** A net to be corrected; `stickers()` has the 54 letters. */
+/** Net that the operator corrects; `stickers()` returns the 54 letters. */
 export class NetEditor {
   constructor(place, read, doubtful, changed) {
     this.colours = [...read].map((letter) => LETTERS.indexOf(letter));

@@ -1,4 +1,4 @@
-// Panels of plain text: actors, phases, plan, console, cameras, and the controller's questions.
+// Text panels: actors, phases, plan, console, cameras, and the questions of the controller.
 
 import { COLOURS } from "./scene.js";
 import { NetEditor } from "./net.js";
@@ -11,7 +11,7 @@ const el = (tag, props = {}, ...children) => {
 };
 
 const STATES = {
-  absent: ["not there", ""], not_synchronised: ["not synchronised", "warn"], idle: ["idle", ""],
+  absent: ["absent", ""], not_synchronised: ["not synchronised", "warn"], idle: ["idle", ""],
   running: ["running", "main"], held: ["held", "good"], fault: ["fault", "bad"],
 };
 
@@ -51,7 +51,7 @@ export function showPlan(lines) {
 }
 
 let stepShown;
-/** Marks the plan's present step, or all of them once they are done: the run has ended well. */
+/** Marks the current step of the plan, or all steps after the run has succeeded. */
 export function showStep(step, well) {
   const all = step !== null && plan.length > 0 && (step >= plan.length || (well && step === plan.length - 1));
   const done = all ? plan.length : step ?? 0;
@@ -83,8 +83,8 @@ export function showOutcome(outcome) {
   box.replaceChildren(el("strong", { textContent: outcome.verdict }), el("p", { textContent: outcome.reason }), list);
 }
 
-/** Which arm has stopped, why, and what is to be done. */
 let faultsShown = "";
+/** Shows the arms that have stopped, with the fault and the remedy. */
 export function showFaults(arms) {
   const stopped = arms.filter((arm) => arm.fault);
   const key = JSON.stringify(stopped.map((arm) => [arm.name, arm.fault]));
@@ -102,12 +102,12 @@ const RANK = { info: 0, warning: 1, non_fatal: 2, fatal: 3, system: 3 };
 const NAMES = { info: "info", warning: "warning", non_fatal: "non-fatal", fatal: "fatal", system: "system" };
 let messages = [];
 let latest = false;
-/** The latest message above information, until the outcome says it all. */
+/** Shows the latest warning or error until the outcome replaces it. */
 export function showLatest(over) {
   $("latest").hidden = !latest || over;
 }
 
-export function tell(fresh) {
+export function addMessages(fresh) {
   if (!fresh.length || (messages.length && fresh[0].number <= messages.at(-1).number)) {
     messages = [];
     $("messages").replaceChildren();
@@ -168,7 +168,7 @@ export function setCameras(cameras) {
   if (!cameras.length) $("cameras").append(el("p", { className: "empty", textContent: "this cell has no cameras" }));
 }
 
-/** What was found in this many pictures is kept for those that come late. */
+/** Number of frames whose findings are kept for pictures that arrive late. */
 const KNOWN = 8;
 
 export function showCameras(cameras) {
@@ -177,14 +177,14 @@ export function showCameras(cameras) {
     if (!view || !camera.frame) return;
     view.known.set(camera.frame, camera);
     if (view.known.size > KNOWN) view.known.delete(view.known.keys().next().value);
-    // A picture came before the word of what is in it.
+    // The picture arrived before the snapshot with its findings.
     if (view.waits?.frame === camera.frame) show(view, view.waits.image, camera.frame);
     if (view.busy || view.frame === camera.frame) return;
     view.busy = true;
     try {
       const answer = await fetch(`/camera/${i}?f=${camera.frame}`);
       if (!answer.ok) throw new Error(answer.statusText);
-      // The answer is the camera's latest picture, which may be another than the one that was asked for.
+      // The answer is the latest picture of the camera, which may be newer than the requested one.
       const frame = Number(answer.headers.get("x-frame"));
       const image = await createImageBitmap(await answer.blob());
       view.frame = camera.frame;
@@ -198,7 +198,7 @@ export function showCameras(cameras) {
   });
 }
 
-/** Paints a picture with what was found in it; where that is not known yet, without. */
+/** Paints a picture, with its findings if they have arrived. */
 function show(view, image, frame) {
   const found = view.known.get(frame);
   if (view.waits && view.waits.image !== image) view.waits.image.close();
@@ -271,24 +271,24 @@ export function showQuestion(question, time, commands, send) {
         buttons.push(el("button", { textContent: option, className: k ? "" : "main", onclick: () => answer({ answer: "choice", option: k }) }));
       });
     } else {
-      const ok = el("button", { id: "question-send", textContent: "These are the colours", className: "main" });
+      const ok = el("button", { id: "question-send", textContent: "Send these colours", className: "main" });
       const { read, doubtful } = question.subject;
       const editor = new NetEditor($("question-net"), read, doubtful, (right) => { ok.disabled = !right; });
       ok.onclick = () => answer({ answer: "stickers", stickers: editor.stickers() });
       buttons.push(el("button", { id: "question-decline", textContent: "I do not know", onclick: () => answer({ answer: "declined" }) }), ok);
     }
-    // A dialog lies over the page, with its button to take over.
+    // The dialog covers the button of the page, so it has its own.
     const take = el("button", { id: "question-take", textContent: "Take over", className: "main", hidden: true, onclick: () => send({ seat: "take" }) });
     $("question-buttons").replaceChildren(take, ...buttons);
     box.classList.remove("watching");
     if (!box.open) box.showModal();
     ($("question-net").querySelector("[tabindex='0'].tile") ?? buttons[0])?.focus();
   }
-  // A browser closes it at the second Escape, whatever the page says.
+  // The browser closes a dialog at the second Escape, although the page prevents it.
   if (!box.open) box.showModal();
   const left = Math.max(0, question.until - time);
-  const who = commands ? "" : " Another page commands: only that one can answer.";
-  const how = question.subject.subject === "stickers" ? " Choose a colour, then the stickers; or arrow keys and W R G Y O B." : "";
+  const who = commands ? "" : " Another page commands; only that page can answer.";
+  const how = question.subject.subject === "stickers" ? " Choose a colour, then its stickers; or use the arrow keys and W R G Y O B." : "";
   $("question-note").textContent = `${left.toFixed(0)} s left; ${question.otherwise}.${how}${who}`;
   if (box.classList.contains("watching") === commands) {
     box.classList.toggle("watching", !commands);

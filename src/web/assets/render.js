@@ -94,7 +94,7 @@ function cylinder(parts = 24) {
 }
 
 const UNMOVED = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
-// Everything pressed flat along the light.
+// Projection of all solids onto the floor along the light, for their shadows.
 const PRESSED = [1, 0, 0, 0, 0, 1, 0, 0, -0.35 / 0.85, 0.55 / 0.85, 0, 0, 0, 0, 0.002, 1];
 const FLOOR = { matrix: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.6, 0.6, -0.012, 1], scale: [24, 24, 0.02] };
 // Floats of one solid: matrix, scale, colour.
@@ -137,7 +137,7 @@ function look(eye, at) {
   return [x[0], y[0], z[0], 0, x[1], y[1], z[1], 0, x[2], y[2], z[2], 0, -dot(x, eye), -dot(y, eye), -dot(z, eye), 1];
 }
 
-/** Whether pictures are computed without a graphics processor. */
+/** Returns whether the browser renders without a graphics processor. */
 function software() {
   const gl = document.createElement("canvas").getContext("webgl2");
   const info = gl?.getExtension("WEBGL_debug_renderer_info");
@@ -177,7 +177,7 @@ export class Renderer {
       }
     };
     const slot = (name) => gl.getAttribLocation(program, name);
-    // A shape, and a buffer of all solids of that shape: they are drawn at once.
+    // One buffer for the shape and one for all solids of that shape, so that one call draws them.
     const mesh = (data) => {
       const vao = gl.createVertexArray();
       gl.bindVertexArray(vao);
@@ -196,11 +196,14 @@ export class Renderer {
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
   }
 
-  /** Draws solids { mesh, matrix, scale, colour: [r, g, b] 0..1, shadow } as seen from `eye` towards `target`. */
+  /**
+   * Draws solids { mesh, matrix, scale, colour: [r, g, b] 0..1, shadow } as seen from `eye` towards
+   * `target`.
+   */
   draw(solids, eye, target, floor, haze, detail) {
     const { gl, at, canvas } = this;
     const own = window.devicePixelRatio || 1;
-    // Without smooth edges, pixels that the browser draws together make them.
+    // Without antialiasing, a larger picture that the browser scales down smooths the edges.
     const ratio = detail.fine && this.software ? 2 * own : Math.min(own, detail.ratio);
     const [w, h] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
     if (!w || !h) return;
@@ -208,13 +211,13 @@ export class Renderer {
     gl.viewport(0, 0, w, h);
     gl.clearColor(...haze, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
-    // A narrow view shows as much to the sides as a wide one.
+    // A narrow view shows the same width of the cell as a wide one.
     const angle = w / h < 1.2 ? 2 * Math.atan(Math.tan(0.36) * 1.2 * (h / w)) : 0.72;
     const view = multiply(perspective(angle, w / h, 0.05, 40), look(eye, target));
     gl.uniformMatrix4fv(at.view, false, view);
     gl.uniform3fv(at.eye, eye);
     gl.uniform3fv(at.haze, haze);
-    // Of each shape: those with a shadow, those without, those that shine through.
+    // Solids of each shape in order: with a shadow, without one, transparent.
     const parts = Object.keys(this.meshes).map((name) => {
       const own = name === "floor" ? [{ ...FLOOR, colour: floor }] : solids.filter((solid) => solid.mesh === name);
       const rank = (solid) => (solid.alpha ? 2 : solid.shadow ? 0 : 1);
@@ -244,12 +247,12 @@ export class Renderer {
     gl.uniformMatrix4fv(at.press, false, UNMOVED);
     gl.uniform1i(at.kind, 0);
     for (const part of [boxes, cylinders]) some(part, 0, part.ends[1]);
-    // The floor comes after what stands on it: hidden pixels cost nothing.
+    // The floor is drawn after the solids, so its hidden pixels cost nothing.
     gl.uniform1i(at.kind, 1);
     some(ground, 0, 1);
     gl.enable(gl.BLEND);
     if (detail.shadows) {
-      // Each pixel is darkened once.
+      // The stencil darkens each pixel only once.
       gl.uniform1i(at.kind, 2);
       gl.uniformMatrix4fv(at.press, false, PRESSED);
       gl.enable(gl.STENCIL_TEST);

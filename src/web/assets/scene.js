@@ -1,4 +1,4 @@
-// The cell in three dimensions, as the controller believes it: arms, jaws, cube with its turned layer, hand.
+// 3-D view of the cell as believed by the controller: arms, jaws, cube with its turned layer, hand.
 
 import { Renderer, matrix, multiply } from "./render.js";
 
@@ -7,7 +7,7 @@ export const COLOUR_NAMES = ["white", "red", "green", "yellow", "orange", "blue"
 export const LETTERS = "URFDLB";
 
 const NORMALS = [[0, 0, 1], [1, 0, 0], [0, -1, 0], [0, 0, -1], [-1, 0, 0], [0, 1, 0]];
-// Directions of columns and rows of each face in reading order.
+// Directions of the columns and rows of each face in reading order.
 const COLUMNS = [[1, 0, 0], [0, 1, 0], [1, 0, 0], [1, 0, 0], [0, -1, 0], [-1, 0, 0]];
 const ROWS = [[0, -1, 0], [0, 0, -1], [0, 0, -1], [0, 1, 0], [0, 0, -1], [0, 0, -1]];
 
@@ -69,7 +69,7 @@ export class Scene {
     this.now = this.before = this.seen = undefined;
   }
 
-  /** The whole cell: between the bases and the tools of all arms. */
+  /** Shows the whole cell, centred between the bases and tools of all arms. */
   aim() {
     const arms = this.now.arms.map((arm) => [arm.frames[0].translation, arm.frames[6].translation]).flat();
     const mean = (i) => arms.reduce((sum, p) => sum + p[i], 0) / arms.length;
@@ -91,7 +91,10 @@ export class Scene {
     if (first) this.aim();
   }
 
-  /** Whether anything looks otherwise than in the snapshot that was shown last: encoders and cameras never rest. */
+  /**
+   * Returns whether the snapshot differs visibly from the last one that was shown. Encoder noise
+   * does not count.
+   */
   moved(snapshot) {
     const { cube, hand, arms } = snapshot;
     const poses = [cube.world_from_cube, hand?.world_from_cube].flatMap((p) => (p ? [...p.translation, ...p.rotation] : [9]));
@@ -110,7 +113,7 @@ export class Scene {
     this.goal = view;
   }
 
-  /** Between the tools, or at the only one. */
+  /** Returns the point between the tools, or the only tool. */
   tools() {
     const at = this.now?.arms.map((arm) => arm.frames[6].translation);
     if (!at?.length) return null;
@@ -168,7 +171,7 @@ export class Scene {
     });
   }
 
-  /** Glides to a chosen view. */
+  /** Moves the camera one step towards the chosen view. */
   glide() {
     if (!this.goal) return;
     const { view, goal } = this;
@@ -184,9 +187,9 @@ export class Scene {
   draw() {
     if (!this.stage || !this.now || !this.renderer) return;
     const begun = performance.now();
-    // A processor that draws has other work, too: twenty pictures a second are as many as there are snapshots.
+    // Rendering in software takes CPU time from the robot; 20 frames/s match the rate of snapshots.
     if (this.renderer.software && begun - (this.frames.at(-1) ?? 0) < 44) return;
-    // What stands still is not drawn again.
+    // A scene without motion is not drawn again.
     const dark = matchMedia("(prefers-color-scheme: dark)").matches;
     const size = `${this.canvas.clientWidth} ${this.canvas.clientHeight}`;
     const still = begun - this.since > 150 && !this.goal && this.drawn === JSON.stringify([this.view, size, this.since, dark]);
@@ -222,7 +225,7 @@ export class Scene {
     while (this.frames[0] < begun - 2000) this.frames.shift();
   }
 
-  /** Colours of the page, asked for again when it becomes light or dark. */
+  /** Returns the colours of the page, read again after a change between light and dark. */
   colours(dark) {
     if (this.shades?.dark !== dark) {
       const style = getComputedStyle(this.canvas);
@@ -232,7 +235,7 @@ export class Scene {
     return this.shades;
   }
 
-  /** How finely to draw: where the machine draws slowly, pixels are fewer and shadows go. */
+  /** Returns the level of detail: a slow machine gets fewer pixels, then no shadows. */
   detail() {
     const now = performance.now();
     this.level ??= this.renderer.software ? 1 : 0;
@@ -241,15 +244,15 @@ export class Scene {
     if (now - this.judged > 2500 && this.frames.length > 3 && rate) {
       this.judged = now;
       if (rate < 12) this.level = Math.min(3, this.level + 1);
-      // What was slow for a moment need not stay coarse: one level finer is tried when there is room.
+      // The load may have been temporary, so a finer level is tried after 20 s.
       else if (rate > 18 && this.level > 1 && now - (this.tried ?? 0) > 20000) [this.level, this.tried] = [this.level - 1, now];
     }
-    // The last picture before everything stands still is a good one.
+    // The last frame before the motion stops is drawn in full detail.
     if (this.drawn) return { ratio: 2, shadows: true, fine: true };
     return [{ ratio: 2, shadows: true }, { ratio: 1, shadows: true }, { ratio: 1, shadows: false }, { ratio: 0.75, shadows: false }][this.level];
   }
 
-  /** Frames per second over the last two seconds; 0 while the scene stands still and nothing is drawn. */
+  /** Returns the frames per second over the last 2 s; 0 while no motion is drawn. */
   rate() {
     const [first, last] = [this.frames[0], this.frames.at(-1)];
     if (this.frames.length < 2 || performance.now() - last > 2000) return 0;
@@ -307,7 +310,7 @@ export class Scene {
     }
   }
 
-  /** The hand is believed behind the cube, where the robot is not. */
+  /** Draws the hand behind the cube, on the side away from the robot. */
   hand(solids, at) {
     const half = this.stage.edge / 2;
     const skin = [0.85, 0.65, 0.53];
@@ -323,7 +326,7 @@ export class Scene {
     });
   }
 
-  /** Where the hand is expected. */
+  /** Draws a transparent cube where the hand is expected. */
   wanted(solids, pose) {
     const e = this.stage.edge;
     const at = pose.translation ?? pose;

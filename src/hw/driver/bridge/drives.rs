@@ -3,7 +3,7 @@
 use crate::servo::io::ArmDrive;
 use crate::servo::lateness::MOST_ARMS;
 
-/// Drives of all arms for one period.
+/// Drive commands of all arms for one period.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Drives {
     pub(super) period: u64,
@@ -11,8 +11,8 @@ pub(super) struct Drives {
 }
 
 impl Drives {
-    /// Merges `earlier` drives that were not carried out into these: an order to switch off and an
-    /// order to synchronise must not be left out.
+    /// Merges `earlier` drive commands that were not carried out into these, because an order to
+    /// switch off and an order to synchronise must not get lost.
     pub(super) fn instead_of(mut self, earlier: &Self) -> Self {
         for (drive, earlier) in self.drives.iter_mut().zip(&earlier.drives) {
             drive.enabled &= earlier.enabled;

@@ -1,10 +1,14 @@
 //! The loop of the bridge thread: one exchange with the port for each period's drives.
 //!
-//! - in: drives, by a ring; the newest only, unless the port counts each
+//! - in: drives, by a ring; only the newest are carried out, unless the port counts each
 //! - out: readings, by a triple buffer; the port and its fault when the loop ends
-//! - the drives are switched off when the servo has been silent for 0.2 s, and when its side is
-//!   dropped
-//! - a port that failed repeats its stop in each period until the run is over
+//!
+//! | event | threshold | reaction |
+//! |---|---|---|
+//! | the servo is silent | [`SILENCE`] | drives off, again after each further silence |
+//! | the servo's side is dropped | - | drives off, the loop ends |
+//! | the port fails | first fault | it repeats its stop in each period until the run is over |
+//! | a fault follows a gap in the orders | [`STALL`], [`LATELY`] | the fault's text names the gap |
 
 use super::drives::Drives;
 use crate::hw::port::{Port, PortFault};
@@ -15,20 +19,20 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Time without drives after which the arms are switched off: the servo is stuck.
+/// Time without drive commands after which the arms are switched off, because the servo is stuck.
 pub(super) const SILENCE: Duration = Duration::from_millis(200);
 
-/// Time without drives after which controllers may have stopped by themselves.
+/// Time without drive commands after which serial controllers may have stopped by themselves.
 pub(super) const STALL: Duration = Duration::from_millis(40);
 
-/// Time after a stall in which it may be the cause of a fault: lines believe a controller's error
-/// mode the second time.
+/// Time after a stall in which the stall may be the cause of a fault. It is not zero, because a
+/// serial line believes a controller's error mode only the second time.
 const LATELY: Duration = Duration::from_millis(40);
 
-/// Longest sleep while no drives come.
+/// Longest sleep while no drive commands come.
 const NAP: Duration = Duration::from_millis(10);
 
-/// What the bridge thread works with.
+/// State of the bridge thread.
 pub(super) struct Exchange<P, H> {
     pub(super) port: P,
     /// Called after each exchange.
@@ -47,19 +51,19 @@ pub(super) struct Exchange<P, H> {
     pub(super) over: Arc<AtomicBool>,
 }
 
-/// When the servo and the port were last at work.
+/// Times of the last orders.
 struct Times {
-    /// When drives last came from the servo, or were switched off in its place.
+    /// Time of the last drive commands from the servo, or of the last switch-off in its place.
     heard: Instant,
-    /// When drives last went out. `None` before the first order: the arms are not driven while the
-    /// servo gets its rights.
+    /// Time of the last drive commands to the port. `None` before the first order: the arms are not
+    /// driven while the servo thread acquires its real-time rights.
     driven: Option<Instant>,
-    /// When the last stall ended, and how long it was.
+    /// End and duration of the last stall.
     stall: Option<(Instant, Duration)>,
 }
 
 impl Times {
-    /// Returns the time since drives last went out.
+    /// Returns the time since the last drive commands to the port.
     fn gap(&self, now: Instant) -> Duration {
         self.driven.map_or(Duration::ZERO, |at| now - at)
     }
@@ -86,7 +90,7 @@ impl<P: Port, H: FnMut(u64, &mut P)> Exchange<P, H> {
         }
     }
 
-    /// Sends drives to the port and its readings to the servo.
+    /// Sends drive commands to the port and its readings to the servo.
     fn carry_out(&mut self, mut next: Drives, times: &mut Times) -> Flow {
         let now = Instant::now();
         let gap = times.gap(now);
@@ -94,7 +98,9 @@ impl<P: Port, H: FnMut(u64, &mut P)> Exchange<P, H> {
         if gap > STALL {
             times.stall = Some((now, gap));
         }
-        while !self.port.each_counts()
+        // Drives that waited while this thread was kept from running are old. Motors get the newest
+        // only; the simulated plant gets each, or its time would lag.
+        while !self.port.needs_each_period()
             && let Ok(newer) = self.incoming.pop()
         {
             next = newer.instead_of(&next);
@@ -111,12 +117,12 @@ impl<P: Port, H: FnMut(u64, &mut P)> Exchange<P, H> {
         Flow::Continue(())
     }
 
-    /// Waits for drives; switches the arms off when the servo is silent for too long or gone.
+    /// Waits for drive commands; switches the arms off when the servo is gone or silent too long.
     fn wait(&mut self, times: &mut Times) -> Flow {
         let gone = self.incoming.is_abandoned();
         if gone || times.heard.elapsed() > SILENCE {
             let gap = times.gap(Instant::now());
-            // The servo no longer drives the arms: brakes on.
+            // The servo no longer drives the arms, so their brakes close.
             match self.exchange(self.latest.period + 1, &[ArmDrive::OFF; MOST_ARMS]) {
                 Err(mut fault) => {
                     fault.reason += &after_stall(gap);
@@ -127,6 +133,8 @@ impl<P: Port, H: FnMut(u64, &mut P)> Exchange<P, H> {
             }
             times.heard = Instant::now();
         }
+        // `BridgePort::send` unparks this thread at once. The timeout is for a servo that is gone
+        // or silent.
         std::thread::park_timeout(NAP);
         Flow::Continue(())
     }
@@ -140,15 +148,15 @@ impl<P: Port, H: FnMut(u64, &mut P)> Exchange<P, H> {
     fn give_up(mut self, fault: PortFault) -> (P, Option<PortFault>) {
         self.broken.store(true, Ordering::Release);
         while !self.over.load(Ordering::Acquire) {
-            self.port.insist();
+            self.port.repeat_stop();
             std::thread::park_timeout(Duration::from_nanos(self.length));
         }
         (self.port, Some(fault))
     }
 }
 
-/// Returns what a fault's reason ends with if no order had gone out for long before it: controllers
-/// stop by themselves then.
+/// Returns the last part of a fault's reason: the gap before it, if controllers may have stopped
+/// by themselves in that gap; else nothing.
 fn after_stall(gap: Duration) -> String {
     if gap > STALL {
         format!("; before that this machine sent nothing for {} ms", gap.as_millis())

@@ -1,8 +1,8 @@
 //! The bridge: a thread that owns the port, so that the servo thread never waits for a device.
 //!
-//! Drives go over by a ring, the latest readings come back by a triple buffer. The exchange of
-//! period k takes place within that period, so its readings are there for period k + 1, just as on
-//! the virtual driver. The hook after each exchange (scenes, the witness) costs this thread's time,
+//! A ring carries the drives to it, a triple buffer the latest readings back. The exchange of
+//! period k takes place within that period, so its readings are there for period k + 1, as on the
+//! virtual driver. The hook after each exchange (scenes, the witness) costs this thread's time,
 //! never the servo's.
 //!
 //! - [`Bridge`]: the running thread, for the owner of the driver
@@ -27,26 +27,28 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 
-/// Number of drives that the ring holds.
+/// Number of periods whose drive commands the ring holds.
 const RING: usize = 64;
 
 /// The running bridge thread.
 #[derive(Debug)]
 pub struct Bridge<P> {
     thread: Option<JoinHandle<(P, Option<PortFault>)>>,
-    /// The run is over: a port that failed no longer needs to repeat its stop.
+    /// Set at the end of the run: a port that failed no longer needs to repeat its stop.
     over: Arc<AtomicBool>,
 }
 
 impl<P: Port + 'static> Bridge<P> {
-    /// Starts the thread under `SCHED_FIFO` at `priority`, if it may. `first` are the readings of
-    /// period 0, `length` that of a period (ns); `hook` is called after each exchange.
+    /// Starts the thread, under `SCHED_FIFO` at `priority` if the system allows it.
+    ///
+    /// `first` are the readings of period 0, `length` is that of a period (ns). The thread calls
+    /// `hook` after each exchange.
     ///
     /// # Errors
-    /// What the operating system says.
+    /// The error of the operating system if the thread cannot be started.
     ///
     /// # Panics
-    /// For more than four effectors.
+    /// With more than four effectors.
     pub fn spawn(
         port: P,
         first: &[ArmReading],
@@ -77,6 +79,7 @@ impl<P: Port + 'static> Bridge<P> {
             exchange.run()
         };
         let thread = std::thread::Builder::new().name("bridge".into()).spawn(work)?;
+        // The servo's side needs the thread's handle to wake it.
         let bridge = thread.thread().clone();
         let port = BridgePort::new(drives, readings, (broken, bridge), start, length);
         Ok((Self { thread: Some(thread), over }, port))

@@ -1,7 +1,7 @@
 //! The servo's side of the bridge: it never waits.
 //!
 //! - in: the drives of a period
-//! - out: the readings for a period, late ones carried on and marked: see
+//! - out: the readings for a period; missing ones are extrapolated and marked, see
 //!   [`crate::servo::lateness`]
 
 use super::drives::Drives;
@@ -16,25 +16,26 @@ use std::thread::Thread;
 pub struct BridgePort {
     drives: rtrb::Producer<Drives>,
     readings: triple_buffer::Output<Readings>,
-    /// The port has failed.
+    /// Set when the port has failed.
     broken: Arc<AtomicBool>,
+    /// The bridge thread, for its wake-up.
     bridge: Thread,
     extrapolator: Extrapolator,
-    /// Periods in which no new reading was there.
+    /// Number of periods in which no new reading was there.
     late: u64,
 }
 
-/// The bridge does not answer.
+/// Error of a bridge that does not answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("no reading from the bridge for {periods} periods")]
 pub struct BridgeLost {
-    /// How long.
+    /// Length of its silence (periods).
     pub periods: u64,
 }
 
 impl BridgePort {
-    /// Makes the servo's side of both channels; `first` are the readings of the period before the
-    /// first one, a period lasts `length` (ns).
+    /// Makes the servo's side of both channels. `first` are the readings of period 0, `length` is
+    /// that of a period (ns).
     pub(super) fn new(
         drives: rtrb::Producer<Drives>,
         readings: triple_buffer::Output<Readings>,
@@ -46,19 +47,21 @@ impl BridgePort {
         Self { drives, readings, broken, bridge, extrapolator, late: 0 }
     }
 
-    /// Notes that periods were missed before the next one.
-    pub fn skipped(&mut self, missed: u64) {
-        self.extrapolator.skipped(missed);
+    /// Informs the extrapolator that periods were missed before the next one.
+    pub fn add_missed_periods(&mut self, missed: u64) {
+        self.extrapolator.add_missed_periods(missed);
     }
 
-    /// Copies the readings for `period`, at its beginning: those of the period before, or late ones
-    /// carried on by the counters' mean steps.
+    /// Copies the readings for `period`, at its beginning: those of the period before, or older
+    /// ones extrapolated by the counters' mean steps.
     ///
     /// # Errors
-    /// The bridge has failed or been silent for 0.1 s.
+    /// [`BridgeLost`] when the port has failed or the bridge has been silent for 0.1 s.
     pub fn fetch(&mut self, period: u64, readings: &mut [ArmReading]) -> Result<(), BridgeLost> {
         let latest = self.readings.read();
-        debug_assert!(latest.period < period, "readings of a period that is still to come");
+        debug_assert!(latest.period < period, "readings of a future period");
+        // Readings are written even if the bridge is lost: the servo computes its last period, in
+        // which it trips the arms, from them.
         self.extrapolator.read(period, latest, readings);
         self.late += u64::from(latest.period + 1 != period);
         if self.broken.load(Ordering::Acquire) || self.extrapolator.is_lost() {
@@ -67,10 +70,13 @@ impl BridgePort {
         Ok(())
     }
 
-    /// Hands over the drives of `period`; drives for which the ring has no room are left out.
+    /// Hands the drive commands of `period` to the bridge. They are dropped if the ring has no
+    /// room.
     pub fn send(&mut self, period: u64, drives: &[ArmDrive]) {
         let mut all = Drives { period, drives: [ArmDrive::OFF; MOST_ARMS] };
         all.drives[..drives.len()].copy_from_slice(drives);
+        // A bridge that leaves the drives of 64 periods in the ring delivers no readings either,
+        // so `fetch` reports it.
         let _ = self.drives.push(all);
         self.bridge.unpark();
     }

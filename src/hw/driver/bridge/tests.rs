@@ -4,7 +4,7 @@ use crate::servo::io::ArmDrive;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// Makes the servo's side alone, and the place where a bridge would put its readings.
+/// Makes the servo's side alone, with the buffer into which a bridge would write its readings.
 fn port() -> (triple_buffer::Input<Readings>, BridgePort) {
     let (drives, _) = rtrb::RingBuffer::<Drives>::new(RING);
     let start = Readings::default();
@@ -19,7 +19,7 @@ fn fetch(port: &mut BridgePort, period: u64) -> Result<ArmReading, BridgeLost> {
 }
 
 #[test]
-fn silent_bridge_is_lost_but_a_late_one_is_not() {
+fn silent_bridge_is_lost_but_late_one_not() {
     let (mut bridge, mut servo) = port();
     for period in 1..=200 {
         bridge.write(Readings { period, ..Readings::default() });
@@ -32,8 +32,8 @@ fn silent_bridge_is_lost_but_a_late_one_is_not() {
     assert_eq!(lost, Some(203 + 50));
 }
 
-/// A port that answers until its second order to stop, as a line does whose controller has stopped
-/// by itself.
+/// A port that fails at its second order to stop, like a line whose controller has stopped by
+/// itself.
 #[derive(Default)]
 struct Stopped(u32);
 
@@ -74,7 +74,7 @@ fn fault_names_only_a_stall_just_before_it() {
         let begun = Instant::now();
         servo.send(1, &[ArmDrive { enabled: true, ..ArmDrive::OFF }]);
         while !heard.load(Ordering::Acquire) {
-            assert!(begun.elapsed() < Duration::from_secs(30), "it never hears");
+            assert!(begun.elapsed() < Duration::from_secs(30), "the port gets no drives");
             std::thread::sleep(Duration::from_millis(1));
         }
         std::thread::sleep(pause);
@@ -90,7 +90,7 @@ fn fault_names_only_a_stall_just_before_it() {
 }
 
 #[test]
-fn newer_drives_keep_an_overtaken_stop() {
+fn newer_drive_commands_keep_unsent_stop() {
     let on = ArmDrive { enabled: true, ..ArmDrive::OFF };
     let zero = ArmDrive { synchronise: 1 << 2, ..on };
     let of = |drive| Drives { period: 1, drives: [drive; MOST_ARMS] };
@@ -100,7 +100,7 @@ fn newer_drives_keep_an_overtaken_stop() {
     assert_eq!(of(on).instead_of(&of(zero)).drives[3].synchronise, 1 << 2);
 }
 
-/// A port that keeps the time of each order, and whether it was to drive.
+/// A port that records the time of each order, and whether the order enabled the drives.
 #[derive(Clone, Default)]
 struct Told(Arc<Mutex<Vec<(Instant, bool)>>>);
 
@@ -126,14 +126,14 @@ fn silent_or_dropped_servo_switches_drives_off() {
         let begun = Instant::now();
         loop {
             let told = told.0.lock().unwrap();
-            // A slow start may be a silence, too.
+            // A slow start is also a silence, so orders before the first drive do not count.
             let driven = told.iter().skip_while(|(_, on)| !on);
             let offs: Vec<_> = driven.filter(|(_, on)| !on).map(|(at, _)| *at).collect();
             if offs.len() >= count {
                 return offs[count - 1];
             }
             drop(told);
-            assert!(begun.elapsed() < Duration::from_secs(30), "it is never told to stop");
+            assert!(begun.elapsed() < Duration::from_secs(30), "the port gets no stop");
             std::thread::sleep(Duration::from_millis(5));
         }
     };

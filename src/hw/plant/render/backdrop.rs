@@ -1,7 +1,10 @@
-//! What is behind everything: floor, walls and ceiling of a room, with things of awkward colours on them.
+//! Background of the cameras: floor, walls and ceiling of a room, with red, orange and yellow
+//! shapes on the walls.
 //!
 //! - in: a ray in the world
 //! - out: linear colour, lit
+//!
+//! The shapes have colours of the cube, so that the detector meets regions that are not stickers.
 
 use super::look::{Look, Rgb};
 use super::solids::Setting;
@@ -9,7 +12,7 @@ use nalgebra::{Point3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// The room.
+/// Room around the cell.
 #[derive(Debug, Clone)]
 pub(super) struct Backdrop {
     low: Point3<f64>,
@@ -19,20 +22,24 @@ pub(super) struct Backdrop {
     light: f32,
 }
 
-/// Something flat on a wall.
+/// Flat rectangle or ellipse on a wall.
 #[derive(Debug, Clone)]
 struct Shape {
-    /// 0 x low, 1 x high, 2 y low, 3 y high.
+    /// Number of the wall: 0 low x, 1 high x, 2 low y, 3 high y.
     wall: usize,
-    /// Along the wall and up (m).
+    /// Centre along the wall and up (m).
     centre: (f64, f64),
+    /// Half the size along the wall and up (m).
     half: (f64, f64),
+    /// Whether the shape is an ellipse.
     round: bool,
     paint: Rgb,
 }
 
 impl Backdrop {
+    /// Makes the room of a setting, with the shapes and the light of a look.
     pub(super) fn new(setting: &Setting, look: &Look) -> Self {
+        // "wall" in ASCII: the shapes must not repeat the numbers of another use of the seed.
         let mut rng = Pcg64::seed_from_u64(look.distractor_seed ^ 0x7761_6c6c);
         let (low, high) = setting.room;
         let paints: [Rgb; 3] = [[0.50, 0.03, 0.03], [0.80, 0.20, 0.02], [0.75, 0.58, 0.03]];
@@ -50,12 +57,15 @@ impl Backdrop {
                 }
             })
             .collect();
+        // The room is shaded by its sides, not by the angle to the lamp, so a share of the lamp
+        // counts for all of them.
         let light = look.light.ambient + 0.35 * look.light.key;
         Self { low, high, shapes, cast: look.light.cast(), light }
     }
 
-    /// Colour where a ray from `eye` meets the room.
+    /// Returns the colour where a ray from `eye` meets the room.
     pub(super) fn colour(&self, eye: &Point3<f64>, ray: &Vector3<f64>) -> Rgb {
+        // From inside a box, a ray leaves through the nearest of the three planes it moves towards.
         let mut t = f64::MAX;
         let mut side = 0;
         for axis in 0..3 {
@@ -69,8 +79,10 @@ impl Backdrop {
                 (t, side) = (hit, index);
             }
         }
+        // Bounded for an eye outside the room, whose ray may meet no plane.
         let p = eye + ray * t.min(1e3);
         let (paint, shade) = match side {
+            // Each side is lit a little differently, so that the corners of the room are edges.
             4 => (floor(&p), 0.75),
             5 => ([0.70, 0.70, 0.68], 0.9),
             wall => (self.wall(wall, &p), [0.95, 0.90, 1.0, 0.85][wall]),
@@ -78,6 +90,7 @@ impl Backdrop {
         std::array::from_fn(|c| paint[c] * shade * self.light * self.cast[c])
     }
 
+    /// Returns the paint of a wall at a point: a shape, or one of three stripes.
     fn wall(&self, wall: usize, p: &Point3<f64>) -> Rgb {
         let along = if wall < 2 { p.y } else { p.x };
         for shape in self.shapes.iter().filter(|s| s.wall == wall) {
@@ -99,6 +112,7 @@ impl Backdrop {
     }
 }
 
+/// Returns the paint of the floor: tiles of 0.5 m with seams.
 fn floor(p: &Point3<f64>) -> Rgb {
     let tile = |x: f64| (x / 0.5).rem_euclid(1.0);
     let seam = tile(p.x).min(tile(p.y)) < 0.012;

@@ -1,7 +1,8 @@
-//! How things look: materials, light, lens and sensor of a rendered camera.
+//! Materials, light, lens and sensor of a rendered camera.
 //!
-//! The plant's own numbers, unknown to the controller: nothing in `vision` may use them. Reflectances are linear
-//! (not gamma coded), 0..=1. Everything is a field, so that a scenario can set it; [`Look::draw`] varies mildly.
+//! These numbers belong to the plant. The controller does not know them, and no module of `vision`
+//! may use them. Reflectances are linear (not gamma coded), 0..=1. Each number is a field, so that
+//! a scenario can set it; [`Look::draw`] draws mild variations.
 
 use nalgebra::{Point3, Vector3};
 use rand::{Rng, SeedableRng};
@@ -10,7 +11,7 @@ use rand_pcg::Pcg64;
 /// Linear reflectance of red, green, blue.
 pub type Rgb = [f32; 3];
 
-/// All that the picture depends on beside geometry.
+/// Properties on which a picture depends beside the geometry.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Look {
     /// The cube's stickers and body.
@@ -19,7 +20,7 @@ pub struct Look {
     pub light: Light,
     /// Optics beside the intrinsics.
     pub lens: Lens,
-    /// Photosites to 8 bits.
+    /// Image sensor.
     pub sensor: Sensor,
     /// The operator's hand.
     pub hand: HandLook,
@@ -27,9 +28,9 @@ pub struct Look {
     pub arm: Rgb,
     /// Number of red, orange and yellow things on the walls.
     pub distractors: usize,
-    /// Where they are.
+    /// Seed of the places of these things.
     pub distractor_seed: u64,
-    /// The cap is on the lens: read noise only.
+    /// Whether the cap is on the lens, so that pictures show read noise only.
     pub lens_cap: bool,
 }
 
@@ -42,14 +43,14 @@ pub struct CubeLook {
     pub corner: f64,
     /// Plastic between the stickers.
     pub body: Rgb,
-    /// The six colours in the order white, red, green, yellow, orange, blue.
+    /// Paints of the stickers in the order white, red, green, yellow, orange, blue.
     pub stickers: [Rgb; 6],
-    /// Strength of the mirrored key light; above about 0.5 it clips.
+    /// Strength of the mirrored lamp; above about 0.5 the highlight is overexposed.
     pub gloss: f32,
 }
 
 impl CubeLook {
-    /// The six colours of a 2007 cube with glossy stickers.
+    /// Paints of a cube of 2007 with glossy stickers.
     const STICKERS: [Rgb; 6] = [
         [0.80, 0.80, 0.77],
         [0.46, 0.022, 0.028],
@@ -59,7 +60,7 @@ impl CubeLook {
         [0.012, 0.065, 0.37],
     ];
 
-    /// Black plastic with stickers.
+    /// Returns the look of black plastic with stickers.
     #[must_use]
     pub fn black() -> Self {
         Self {
@@ -71,7 +72,7 @@ impl CubeLook {
         }
     }
 
-    /// White plastic with stickers.
+    /// Returns the look of white plastic with stickers.
     #[must_use]
     pub fn white() -> Self {
         Self { body: [0.70, 0.70, 0.68], ..Self::black() }
@@ -83,26 +84,26 @@ impl CubeLook {
 pub struct Light {
     /// Colour temperature of lamp and room (K), 2700..=7500.
     pub temperature: f64,
-    /// Temperature that the camera's white balance assumes (K).
+    /// Colour temperature that the camera's white balance assumes (K).
     pub balanced_for: f64,
-    /// Remaining gain error of red, green, blue (1 = none).
+    /// Remaining gain error of red, green, blue as a factor (1 = none).
     pub tint: Rgb,
-    /// Irradiance from all around; with `key` about 1 in sum.
+    /// Irradiance from all around; the sum with `key` is about 1.
     pub ambient: f32,
     /// Irradiance of the lamp on a surface that faces it.
     pub key: f32,
-    /// Towards the lamp, in the world.
+    /// Direction towards the lamp, in the world.
     pub key_direction: Vector3<f64>,
-    /// An edge beyond which the lamp does not reach.
+    /// Edge of a shadow, if the lamp casts one.
     pub shadow: Option<Shadow>,
 }
 
-/// The straight edge of a shadow.
+/// Straight edge of a shadow.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Shadow {
     /// A point on the edge's plane, in the world (m).
     pub point: Point3<f64>,
-    /// Points on this side of the plane are dark.
+    /// Normal of the edge's plane, in the world; points on its side are dark.
     pub normal: Vector3<f64>,
     /// Width of the transition (m).
     pub softness: f64,
@@ -119,33 +120,35 @@ pub struct Lens {
     pub defocus: f64,
 }
 
-/// From irradiance to 8 bits.
+/// Image sensor, from irradiance to 8 bits.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sensor {
-    /// Nominal time of exposure (s): motion blur, and the unit of `exposure` in `render`.
+    /// Nominal exposure time (s), over which motion blurs; the unit of `exposure` in `render`.
     pub exposure_time: f64,
     /// Signal (1 = full scale) of a white surface of irradiance 1 at the nominal exposure.
     pub gain: f32,
-    /// Coded value = signal^(1/gamma); 1 is a linear camera.
+    /// Exponent of the tone curve: coded value = signal^(1/gamma); 1 is a linear camera.
     pub gamma: f64,
-    /// One colour a pixel (RGGB) with bilinear demosaicing, or three.
+    /// Whether a pixel measures one colour of an RGGB mosaic, which is interpolated, or three.
     pub bayer: bool,
     /// Standard deviation of the noise in the dark (of 255), before demosaicing.
     pub read_noise: f64,
-    /// Standard deviation at full scale that comes on top, by the root of the value (of 255).
+    /// Standard deviation of the shot noise at full scale (of 255), before demosaicing; it grows
+    /// with the root of the coded value.
     pub shot_noise: f64,
 }
 
 /// The operator's hand.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HandLook {
-    /// Skin.
+    /// Reflectance of the skin.
     pub skin: Rgb,
-    /// Sleeve.
+    /// Reflectance of the sleeve.
     pub sleeve: Rgb,
-    /// Fingertips on the side of the hand frame's -y, where the stand-alone camera looks: 0..=3.
+    /// Number of fingertips on the -y side of the hand frame, which the stand-alone camera sees:
+    /// 0..=3.
     pub front_fingers: u8,
-    /// How far the fingertips reach over the cube from its +x edge (m).
+    /// Distance by which the fingertips reach over the cube from its +x edge (m).
     pub reach: f64,
     /// Shift of the fingers along the hand's z (m).
     pub height: f64,
@@ -189,11 +192,13 @@ impl Default for Look {
 }
 
 impl Look {
-    /// No noise, blur, shadow, reflections, vignette or mosaic, even light: geometry alone.
+    /// Returns a look that shows geometry alone: even light without noise, blur, shadow,
+    /// reflections, vignette and mosaic.
     #[must_use]
     pub fn studio() -> Self {
         let mut look = Self::default();
         look.cube.gloss = 0.0;
+        // Equal temperatures make white paper white. Without a lamp the shading is constant.
         look.light = Light {
             temperature: 5500.0,
             balanced_for: 5500.0,
@@ -202,6 +207,7 @@ impl Look {
             ..look.light
         };
         look.lens = Lens { vignette: 0.0, defocus: 0.0 };
+        // The exposure time only blurs motion; the brightness does not depend on it.
         look.sensor = Sensor {
             exposure_time: 0.0,
             gamma: 1.0,
@@ -213,9 +219,11 @@ impl Look {
         look
     }
 
-    /// Mild variations of the default, for a run's seed.
+    /// Returns random mild variations of the default look, from a run's seed.
     #[must_use]
     pub fn draw(seed: u64) -> Self {
+        // "Look" in ASCII: the draws must not repeat the numbers of another use of the seed. Their
+        // order is part of the result: a new one in between would change the pictures of all seeds.
         let mut rng = Pcg64::seed_from_u64(seed ^ 0x4c6f_6f6b);
         let mut look = Self::default();
         let mut within = |low: f64, high: f64| rng.random_range(low..high);
@@ -240,6 +248,7 @@ impl Look {
         look.sensor.shot_noise = within(2.0, 4.0);
         look.hand.reach = within(0.008, 0.016);
         look.hand.height = within(-0.004, 0.004);
+        // One factor for all channels keeps the hue, from dark to light skin.
         let tone = within(0.55, 1.15) as f32;
         look.hand.skin = look.hand.skin.map(|c| c * tone);
         look.hand.front_fingers = within(0.0, 2.0) as u8;
@@ -249,7 +258,8 @@ impl Look {
 }
 
 impl Light {
-    /// Relative strength of red, green, blue of white paper in the image: lamp over white balance.
+    /// Returns the relative strength of red, green and blue of white paper in the picture: lamp
+    /// over white balance.
     #[must_use]
     pub(super) fn cast(&self) -> Rgb {
         let lamp = black_body(self.temperature);
@@ -258,10 +268,12 @@ impl Light {
     }
 }
 
-/// Red, green, blue of a black body in the limit of narrow bands at 610, 540 and 465 nm, green = 1.
+/// Returns red, green and blue of a black body by Planck's law, relative to green, in narrow bands
+/// at 610, 540 and 465 nm.
 fn black_body(temperature: f64) -> [f64; 3] {
     /// Second radiation constant, h c / k (m K).
     const C2: f64 = 0.014_387_769;
+    // The constant factor of the law cancels in the ratio.
     let planck =
         |wavelength: f64| wavelength.powi(-5) / (libm::exp(C2 / (wavelength * temperature)) - 1.0);
     let green = planck(540e-9);
@@ -273,7 +285,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn warm_light_that_is_not_balanced_is_reddish() {
+    fn unbalanced_warm_light_is_reddish() {
         let light = Light { temperature: 3000.0, balanced_for: 5000.0, ..Look::default().light };
 
         let [r, g, b] = light.cast();
@@ -282,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn a_seed_draws_one_look() {
+    fn equal_seeds_draw_equal_looks() {
         assert_eq!(Look::draw(7), Look::draw(7));
         assert_ne!(Look::draw(7), Look::draw(8));
     }

@@ -1,16 +1,19 @@
-//! The ray caster: which surface each pixel's ray meets first, and how bright it is there.
+//! Ray caster: finds the surface that each pixel's ray meets first, and its brightness there.
 //!
-//! A plate is met where three linear functions of the ray's direction say so: the reciprocal depth `w` and the
-//! plate's coordinates times `w` (its inverse homography), so no division is needed for visibility. A rod is met
-//! where a quadratic has a root. Edges between surfaces are resolved by 4x4 or 2x2 samples spread over the
-//! pixel's aperture (the pixel widened by the defocus); edges of stickers by their signed distance over the same
-//! aperture, which is exact for straight edges and costs one sample.
+//! Three linear functions of the ray's direction decide whether a ray meets a plate: the reciprocal
+//! depth `w`, and the plate's coordinates times `w` (the inverse homography of the plate). So
+//! visibility needs no division. For a rod the root of a quadratic equation decides.
+//!
+//! The aperture of a pixel is the pixel widened by the defocus. Edges between surfaces are resolved
+//! by 4x4 or 2x2 samples that are spread over the aperture. Edges of stickers are resolved by their
+//! signed distance over the same aperture, which costs one sample and is exact for straight edges
+//! along rows and columns of the picture.
 //!
 //! - in: the rays of a camera, [`Solids`] and `camera_from_world`, a [`Look`]
 //! - out: per touched pixel a linear colour, 1 = full scale before exposure
 
-#![allow(clippy::inline_always, reason = "the inner loops are these functions")]
-#![allow(clippy::needless_bitwise_bool, reason = "branches keep the loops from becoming vectors")]
+#![allow(clippy::inline_always, reason = "these functions are in the inner loops")]
+#![allow(clippy::needless_bitwise_bool, reason = "branches would prevent vector instructions")]
 
 mod lamp;
 mod resolve;
@@ -25,7 +28,7 @@ use lamp::Lamp;
 use nalgebra::{Point3, Vector3};
 use vector::{V3, dot, v3};
 
-/// Surfaces seen by a camera, and who is in front at each pixel.
+/// Surfaces that a camera sees, and the one that is in front at each pixel.
 #[derive(Debug, Clone)]
 pub(super) struct View {
     facets: Vec<Facet>,
@@ -39,20 +42,21 @@ pub(super) struct View {
     sticker: (f32, f32),
     /// Side of the aperture (px).
     aperture: f32,
-    /// Nearest reciprocal depth and surface (0 none, then facets, then rounds) of each pixel.
+    /// Largest reciprocal depth at each pixel (1/m), that of the nearest surface.
     depth: Vec<f32>,
+    /// Number of the nearest surface at each pixel: 0 for none, then the facets, then the rounds.
     surface: Vec<u32>,
-    /// Touched pixels of each row.
+    /// Touched pixels of each row, from the first to before the second.
     spans: Vec<(usize, usize)>,
     /// Whether the last cast was of [`Extent::All`].
     is_whole: bool,
-    /// Of one row: not 0 where a pixel lies beside another surface.
+    /// Marks of one row: not 0 where a pixel lies beside another surface.
     edges: Vec<u32>,
-    /// Colours of a run of neighbours.
+    /// Colours of a run of neighbours; a field so that rows share its memory.
     colours: Vec<Rgb>,
 }
 
-/// A camera at its place: the rays of its pixels, its pose, and how things look to it.
+/// A camera at its place: the rays of its pixels, its pose, and the look of the scene.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Eye<'a> {
     pub(super) rays: &'a Rays,
@@ -60,19 +64,20 @@ pub(super) struct Eye<'a> {
     pub(super) look: &'a Look,
 }
 
-/// Which pixels a cast is about.
+/// Pixels that a cast covers.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Extent<'a> {
-    /// All, before nothing.
+    /// All pixels, in front of an infinitely distant background.
     All,
-    /// Those that see a solid, before what is there already (its reciprocal depths).
+    /// Pixels that see a solid, in front of a background with these reciprocal depths (1/m).
     Before(Option<&'a [f32]>),
-    /// The same inside a rectangle.
+    /// Pixels of a rectangle that see a solid, in front of a background with these reciprocal
+    /// depths (1/m).
     Inside(Window, Option<&'a [f32]>),
 }
 
 impl View {
-    /// For rays of this number.
+    /// Makes a view for a camera with these rays.
     pub(super) fn new(rays: &Rays) -> Self {
         let pixels = rays.width * rays.height;
         Self {
@@ -123,7 +128,8 @@ impl View {
             self.cast_round(index, self.windows[self.facets.len() + index], rays);
         }
         if let Some(clip) = clip {
-            // The outermost pixels lack neighbours; nothing has changed there.
+            // Edges look at the neighbours of a pixel, which the outermost pixels lack. The margin
+            // of the window covers them, so nothing has changed there.
             let inner = clip.inner(rays);
             for (row, span) in self.spans.iter_mut().enumerate() {
                 let inside = (inner.y0..inner.y1).contains(&row);
@@ -137,6 +143,7 @@ impl View {
         self.facets.clear();
         self.rounds.clear();
         self.windows.clear();
+        // The windows are in the order of the surfaces' numbers: facets, then rounds.
         for plate in &solids.plates {
             if let Some((facet, window)) = self.facet(plate, eye) {
                 let Some(window) = window.within(clip) else { continue };
@@ -155,10 +162,10 @@ impl View {
         }
     }
 
-    /// Puts the pixels that will be touched back to what is behind them.
+    /// Resets the pixels that will be touched to the background.
     fn clear_rows(&mut self, rays: &Rays, behind: Option<&[f32]>) {
         for row in 0..rays.height {
-            // As wide as the spans of the neighbour rows, which edges look at.
+            // Edges also look at the rows above and below, one pixel beyond the span of each.
             let beside = &self.spans[row.max(1) - 1..(row + 2).min(rays.height)];
             let from = beside.iter().map(|span| span.0).min().unwrap_or(0);
             let to = beside.iter().map(|span| span.1).max().unwrap_or(0);
@@ -175,8 +182,8 @@ impl View {
         }
     }
 
-    /// Returns the pixels that may see what differs between two lists of the same solids; `None`
-    /// when nothing does.
+    /// Returns the pixels that may see a difference between two lists of the same solids, in the
+    /// same order, or `None` if there is no difference.
     pub(super) fn changed(
         &mut self,
         eye: Eye<'_>,
@@ -188,6 +195,7 @@ impl View {
         let mut changed = None;
         for (a, b) in before.plates.iter().zip(&after.plates) {
             if a.corners() != b.corners() {
+                // Not by `facet`: a plate that shows its back in one list is also a difference.
                 for plate in [a, b] {
                     let corners = plate.corners().map(|p| camera_from_world * p);
                     changed =
@@ -206,24 +214,26 @@ impl View {
         changed
     }
 
-    /// Touched pixels of a row, `from..to`; empty when `from >= to`.
+    /// Returns the touched pixels of a row, `from..to`; they are none if `from >= to`.
     pub(super) fn span(&self, row: usize) -> (usize, usize) {
         self.spans[row]
     }
 
-    /// Reciprocal depth of a pixel, 0 where nothing is.
+    /// Returns the reciprocal depth of each pixel (1/m), 0 where it sees no solid. Pixels outside
+    /// the spans keep the values of earlier casts.
     pub(super) fn depth(&self) -> &[f32] {
         &self.depth
     }
 
-    /// Windows have margins of two pixels, so all that an aperture may see of a solid is inside.
+    /// Adds a window to the spans of its rows. A window has a margin of two pixels, and half of the
+    /// widest aperture is 1.5 pixels, so an aperture outside the spans sees no solid.
     fn touch(&mut self, window: Window) {
         for span in &mut self.spans[window.y0..window.y1] {
             *span = (span.0.min(window.x0), span.1.max(window.x1));
         }
     }
 
-    /// Returns a plate as the camera sees it, and its window; `None` if it shows its back or is
+    /// Returns a plate as the camera sees it, and its window, or `None` if it shows its back or is
     /// outside the picture.
     fn facet(&self, plate: &Plate, eye: Eye<'_>) -> Option<(Facet, Window)> {
         let Eye { rays, camera_from_world, .. } = eye;
@@ -236,12 +246,18 @@ impl View {
         }
         let corners = plate.corners().map(|p| camera_from_world * p);
         let window = window_of_polygon(&corners, rays)?;
+        // On the plate's plane `normal . p = distance`, so the ray r = (x, y, 1) meets it at the
+        // depth 1 / (w . r). There u . (p - origin) = (u . r) / (w . r) - u . origin, which becomes
+        // linear in r when multiplied by w . r; the same is true of v.
         let w = normal / distance;
         let (u, v) = (rotation * plate.u, rotation * plate.v);
         let lamp = &self.lamp;
         let facing = normal.dot(&lamp.towards);
+        // A mirrored ray meets the lamp at the angle at which the ray meets the mirrored lamp, and
+        // the mirrored lamp is the same for the whole plate.
         let mirror =
             if facing > 0.0 { lamp.towards - normal * (2.0 * facing) } else { Vector3::zeros() };
+        // Stickers have got the colour of the light once for all faces, in `set_light`.
         let skin = match plate.skin {
             Skin::Plain(rgb, gloss) => {
                 Skin::Plain(std::array::from_fn(|c| rgb[c] * lamp.cast[c]), gloss)
@@ -250,6 +266,7 @@ impl View {
         };
         let ambient = lamp.sky(normal.dot(&lamp.up) as f32);
         let key = lamp.key * facing.max(0.0) as f32;
+        // Without a highlight and without the edge of a shadow, one paint has one colour all over.
         let flat = match skin {
             Skin::Plain(rgb, gloss) if (gloss == 0.0 || key == 0.0) && lamp.shadow.is_none() => {
                 Some(rgb.map(|c| c * (ambient + key)))
@@ -270,8 +287,8 @@ impl View {
         Some((facet, window))
     }
 
-    /// Returns a rod as the camera sees it, and its window; `None` if it is outside the picture or
-    /// the camera is inside it.
+    /// Returns a rod as the camera sees it, and its window, or `None` if it is outside the picture
+    /// or contains the camera.
     fn round(&self, rod: &Rod, eye: Eye<'_>) -> Option<(Round, Window)> {
         let Eye { rays, camera_from_world, .. } = eye;
         let (a, b) = (camera_from_world * rod.a, camera_from_world * rod.b);
@@ -281,10 +298,11 @@ impl View {
         let start = -along.dot(&a.coords);
         let nearest = a + along * start.clamp(0.0, length);
         if nearest.coords.norm() <= r + 1e-6 {
-            // The camera is inside.
+            // From inside the rod the ray enters it behind the camera.
             return None;
         }
         let before = |p: &Point3<f64>| p.z > r + NEAR;
+        // Spheres that reach the camera's plane have no bounded extent in the picture.
         let ends_extent = (before(&a) && before(&b)).then(|| {
             [a, b].map(|p| {
                 let ((x0, x1), (y0, y1)) = (sphere_extent(p.x, p.z, r), sphere_extent(p.y, p.z, r));
@@ -296,7 +314,7 @@ impl View {
         } else if a.z < -r && b.z < -r {
             return None;
         } else {
-            // Reaches the camera's plane: rare, so no effort.
+            // A rod that reaches the camera's plane is too rare to be worth clipping.
             Window { x0: 0, x1: rays.width, y0: 0, y1: rays.height }
         };
         let round = Round {
@@ -320,6 +338,7 @@ impl View {
         Some((round, window))
     }
 
+    /// Enters a facet at the pixels of a window where it is nearest.
     fn cast_facet(&mut self, index: usize, window: Window, rays: &Rays) {
         let facet = &self.facets[index];
         let id = index as u32 + 1;
@@ -332,6 +351,8 @@ impl View {
                 let (x, y) = (*x, *y);
                 let near = dot(&w, x, y);
                 let (du, dv) = (dot(&u, x, y), dot(&v, x, y));
+                // `&` and selects instead of branches let the compiler use vector instructions. A
+                // plane behind the camera has a negative `near`, which is never above the depth.
                 let seen = (near > *depth)
                     & (du >= u0 * near)
                     & (du <= u1 * near)
@@ -343,8 +364,9 @@ impl View {
         }
     }
 
+    /// Enters a rod at the pixels of a window where it is nearest.
     fn cast_round(&mut self, index: usize, window: Window, rays: &Rays) {
-        // A copy, so that the loop's stores cannot be taken for changes of it.
+        // A copy, because the compiler must otherwise assume that the loop's stores change it.
         let round = self.rounds[index];
         let id = (self.facets.len() + index) as u32 + 1;
         for row in window.y0..window.y1 {
@@ -362,24 +384,28 @@ impl View {
     }
 }
 
-/// A plate as seen by the camera.
+/// A plate as the camera sees it, in linear functions of the ray (x, y, 1).
 #[derive(Debug, Clone)]
 struct Facet {
+    /// Reciprocal depth (1/m).
     w: V3,
+    /// Plate coordinates times the reciprocal depth.
     u: V3,
     v: V3,
     bounds: [f32; 4],
     skin: Skin,
-    /// Irradiance from all around and from the lamp.
+    /// Irradiance from all around.
     ambient: f32,
+    /// Irradiance from the lamp, without shadow.
     key: f32,
-    /// The mirrored lamp: the cosine of its angle to a ray is the product with the ray.
+    /// Direction of the mirrored lamp; its product with a ray of unit length is the cosine of the
+    /// angle between them.
     mirror: V3,
-    /// The colour, where it is the same all over.
+    /// Colour of the whole plate, if it has only one.
     flat: Option<Rgb>,
 }
 
-/// A rod as seen by the camera; `along` is the unit vector from a to b.
+/// A rod as the camera sees it; `along` is the unit vector from a to b (m).
 #[derive(Debug, Clone, Copy)]
 struct Round {
     a: V3,
@@ -387,23 +413,30 @@ struct Round {
     along: V3,
     length: f32,
     per_radius: f32,
-    /// -along . a; a . a - (along . a)^2 - r^2; |a|^2 - r^2; |b|^2 - r^2.
+    /// Place of the camera along the axis, from a: `-along . a` (m).
     start: f32,
+    /// Constant term of the equation of the cylinder: `a . a - (along . a)^2 - r^2` (m2).
     body: f32,
+    /// Constant terms of the equations of the end spheres: `a . a - r^2`, `b . b - r^2` (m2).
     ends: (f32, f32),
-    /// Products of a and of along with the direction of the lamp, and with upwards.
+    /// Products of a and of `along` with the direction of the lamp.
     lamp: (f32, f32),
+    /// Products of a and of `along` with the upward direction.
     sky: (f32, f32),
     paint: Rgb,
     gloss: f32,
-    /// Directions of the two ends: low and high x, low and high y; `None` near the camera's plane.
+    /// Extents of the directions to both end spheres: low and high x, low and high y; `None` near
+    /// the camera's plane.
     ends_extent: Option<[[f64; 4]; 2]>,
 }
 
 impl Round {
-    /// Reciprocal depth where the ray (x, y, 1) enters, or 0. Without branches, so that rows become vectors.
+    /// Returns the reciprocal depth at which the ray (x, y, 1) enters the rod, or 0 if it does not.
+    /// The function has no branches, so that the compiler turns a row into vector instructions.
     #[inline(always)]
     fn meet(&self, x: f32, y: f32) -> f32 {
+        // `ba` is the unit axis, `rd` the ray, `oa` the vector from a to the camera. The ray enters
+        // the infinite cylinder at the smaller root of a t^2 + 2 b t + body = 0.
         let bard = dot(&self.along, x, y);
         let rdoa = -dot(&self.a, x, y);
         let rdrd = x * x + (y * y + 1.0);
@@ -412,16 +445,21 @@ impl Round {
         let h = b * b - a * self.body;
         let ahead = -b - h.max(0.0).sqrt();
         let along = self.start + bard * ahead / a;
+        // Before a, or beyond b, the ray may enter the sphere at that end:
+        // rdrd t^2 + 2 end_b t + end_c = 0.
         let beyond = along > 0.0;
         let end_b = if beyond { -dot(&self.b, x, y) } else { rdoa };
         let end_c = if beyond { self.ends.1 } else { self.ends.0 };
         let end_h = end_b * end_b - rdrd * end_c;
         let end_ahead = -end_b - end_h.max(0.0).sqrt();
-        // Positive between the ends.
+        // `between` is positive where the cylinder is met between the ends.
         let between = if beyond { self.length - along } else { along };
+        // The reciprocal depth 1 / t is a / ahead on the cylinder, rdrd / end_ahead on a sphere.
         let over = if between > 0.0 { a } else { rdrd };
         let under = if between > 0.0 { ahead } else { end_ahead };
         let end_h = if between > 0.0 { h } else { end_h };
+        // A ray that misses the cylinder misses the spheres inside it, so no discriminant may be
+        // negative. The last line turns NaN and roots behind the camera into 0.
         let worse = if h < end_h { h } else { end_h };
         let near = if worse >= 0.0 { over / under } else { 0.0 };
         if near > 0.0 { near } else { 0.0 }

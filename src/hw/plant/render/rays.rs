@@ -1,4 +1,4 @@
-//! Rays of a camera's pixels, and rectangles of pixels that may see something.
+//! Rays of a camera's pixels, and rectangles of pixels that may see a given solid.
 //!
 //! - in: [`Intrinsics`]
 //! - out: directions with the distortion undone; windows around polygons and rods
@@ -6,14 +6,14 @@
 use crate::cell::Intrinsics;
 use nalgebra::Point3;
 
-/// Directions of all pixels' rays, z = 1, distortion undone.
+/// Directions of the rays of all pixels, with z = 1 and without distortion.
 #[derive(Debug, Clone)]
 pub(super) struct Rays {
     pub(super) width: usize,
     pub(super) height: usize,
     pub(super) x: Vec<f32>,
     pub(super) y: Vec<f32>,
-    /// A pixel's step in x and y near the axis.
+    /// Step of one pixel in x and y near the optical axis.
     pub(super) step: (f32, f32),
     intrinsics: Intrinsics,
     /// Extent of the directions: low and high x, low and high y.
@@ -21,7 +21,7 @@ pub(super) struct Rays {
 }
 
 impl Rays {
-    /// Of a camera.
+    /// Computes the rays of a camera.
     pub(super) fn new(intrinsics: &Intrinsics) -> Self {
         let (width, height) = (intrinsics.width as usize, intrinsics.height as usize);
         let (mut x, mut y) = (vec![0.0; width * height], vec![0.0; width * height]);
@@ -39,15 +39,19 @@ impl Rays {
         Self { width, height, x, y, step, intrinsics: *intrinsics, extent }
     }
 
-    /// Pixels `[x0, x1) x [y0, y1)` that may see points whose directions lie in a rectangle.
+    /// Returns the pixels that may see points whose directions lie in a rectangle, with a margin of
+    /// two pixels, or `None` if the rectangle is outside the picture.
     pub(super) fn window(&self, low: (f64, f64), high: (f64, f64)) -> Option<Window> {
         let [x0, x1, y0, y1] = self.extent;
         if high.0 < x0 || low.0 > x1 || high.1 < y0 || low.1 > y1 {
             return None;
         }
+        // Clipped before it is projected: far outside the picture the polynomial of the distortion
+        // turns back, and would project the corners into the picture.
         let (x0, x1) = (low.0.max(x0), high.0.min(x1));
         let (y0, y1) = (low.1.max(y0), high.1.min(y1));
         let (xm, ym) = (f64::midpoint(x0, x1), f64::midpoint(y0, y1));
+        // The distortion bends the rectangle's sides, so their middles count as well as corners.
         let (mut left, mut right) = (f64::MAX, f64::MIN);
         let (mut top, mut bottom) = (f64::MAX, f64::MIN);
         for (x, y) in
@@ -67,22 +71,26 @@ impl Rays {
 }
 
 impl Rays {
-    /// Columns of a row that may see a rod: the hull of the two ends' extents.
+    /// Returns the columns of a row that may see a rod with these extents of its ends: low and high
+    /// x, low and high y of the directions. Without `ends` these are the columns of `window`.
     pub(super) fn columns_of(
         &self,
         ends: Option<[[f64; 4]; 2]>,
         row: usize,
         window: Window,
     ) -> Option<(usize, usize)> {
-        // `ends`: low and high x, low and high y of the directions to either end.
+        // A rod's image is the convex hull of the images of its end spheres, so it lies in the hull
+        // of their two rectangles. For a slanted rod this is far smaller than its window.
         let Some([a, b]) = ends else { return Some((window.x0, window.x1)) };
+        // With distortion the pixels of a row have different y: these are sampled at three columns.
         let line = row * self.width;
         let y = [window.x0, usize::midpoint(window.x0, window.x1), window.x1 - 1]
             .map(|column| f64::from(self.y[line + column]));
         let margin = f64::from(self.step.1);
         let low = y[0].min(y[1]).min(y[2]) - margin;
         let high = y[0].max(y[1]).max(y[2]) + margin;
-        // Shares s of the way from a to b whose extent meets low..high: two linear inequalities.
+        // Shares s of the path from a to b at which the rectangle overlaps low..high. Its low side
+        // must be below `high`, its high side above `low`: two linear inequalities in s.
         let (mut from, mut to) = (0.0_f64, 1.0_f64);
         for (at_a, at_b) in [(high - a[2], high - b[2]), (a[3] - low, b[3] - low)] {
             if at_a < 0.0 && at_b < 0.0 {
@@ -111,7 +119,7 @@ impl Rays {
     }
 }
 
-/// A rectangle of pixels, without x1 and y1.
+/// Rectangle of pixels `[x0, x1) x [y0, y1)`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Window {
     pub(super) x0: usize,
@@ -121,7 +129,7 @@ pub(super) struct Window {
 }
 
 impl Window {
-    /// The common part with another.
+    /// Returns the intersection with another rectangle, or `None` if it is empty.
     pub(super) fn within(self, other: Option<Self>) -> Option<Self> {
         let Some(other) = other else { return Some(self) };
         let (x0, x1) = (self.x0.max(other.x0), self.x1.min(other.x1));
@@ -129,7 +137,7 @@ impl Window {
         (x0 < x1 && y0 < y1).then_some(Self { x0, x1, y0, y1 })
     }
 
-    /// Without the outermost pixels, except at the picture's border.
+    /// Returns the rectangle without its outermost pixels, except those on the picture's border.
     pub(super) fn inner(self, rays: &Rays) -> Self {
         Self {
             x0: if self.x0 == 0 { 0 } else { self.x0 + 1 },
@@ -139,12 +147,12 @@ impl Window {
         }
     }
 
-    /// Columns and rows.
+    /// Returns the columns and the rows.
     pub(super) fn ranges(self) -> (std::ops::Range<usize>, std::ops::Range<usize>) {
         (self.x0..self.x1, self.y0..self.y1)
     }
 
-    /// The rectangle around both.
+    /// Returns the smallest rectangle that contains both.
     pub(super) fn hull(self, other: Option<Self>) -> Self {
         let Some(other) = other else { return self };
         Self {
@@ -156,10 +164,11 @@ impl Window {
     }
 }
 
-/// Least depth that is drawn (m).
+/// Smallest depth that is drawn (m).
 pub(super) const NEAR: f64 = 0.01;
 
-/// The pixels that may see a polygon of four corners in the camera frame, clipped at [`NEAR`].
+/// Returns the pixels that may see a polygon of four corners in the camera frame, clipped at
+/// [`NEAR`].
 pub(super) fn window_of_polygon(corners: &[Point3<f64>; 4], rays: &Rays) -> Option<Window> {
     let (mut low, mut high) = ((f64::MAX, f64::MAX), (f64::MIN, f64::MIN));
     let mut take = |p: &Point3<f64>| {
@@ -172,6 +181,7 @@ pub(super) fn window_of_polygon(corners: &[Point3<f64>; 4], rays: &Rays) -> Opti
         if a.z > NEAR {
             take(a);
         }
+        // A side that crosses the clipping plane is visible up to the crossing.
         if (a.z > NEAR) != (b.z > NEAR) {
             take(&(a + (b - a) * ((NEAR - a.z) / (b.z - a.z))));
         }
@@ -179,8 +189,10 @@ pub(super) fn window_of_polygon(corners: &[Point3<f64>; 4], rays: &Rays) -> Opti
     rays.window(low, high)
 }
 
-/// Extent of a sphere's directions x/z: tangents from the eye in the x-z plane.
+/// Returns the smallest and the largest direction x/z to a sphere of radius r in front of the eye
+/// (z > r).
 pub(super) fn sphere_extent(x: f64, z: f64, r: f64) -> (f64, f64) {
+    // Slopes k of the tangents from the eye in the x-z plane: (x - k z)^2 = r^2 (1 + k^2).
     let (d2, root) = (z * z - r * r, libm::sqrt(x * x + z * z - r * r));
     ((x * z - r * root) / d2, (x * z + r * root) / d2)
 }

@@ -1,10 +1,11 @@
-//! The sensor: linear colours -> mosaic, noise, 8 bits, demosaicing.
+//! Image sensor: turns linear colours into an 8-bit picture with mosaic and noise.
 //!
-//! - in: linear colours (1 = full scale at the nominal exposure), the row's random offset
+//! - in: linear colours (1 = full scale at the nominal exposure), a source of random numbers
 //! - out: an RGB picture
 //!
-//! Noise is drawn once as a long list of Gaussian numbers; each row of each frame reads it from a random place.
-//! It is added to the coded value, in whose units it is given. Values carry four more bits than the picture.
+//! The noise is drawn once as a long list of Gaussian numbers, which each row of each frame reads
+//! from a random place. It is added to the coded value, in whose units it is given. Values have
+//! four more bits than the picture, so that the sums of the demosaicing keep their fractions.
 
 use super::look::{Rgb, Sensor};
 use image::RgbImage;
@@ -12,13 +13,13 @@ use rand::{Rng, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
-/// One in the stored values.
+/// One step of the picture (1/255 of full scale) in stored values.
 const ONE: i16 = 16;
-/// Full scale of the stored values.
+/// Full scale of stored values.
 const FULL: i16 = 255 * ONE;
-/// Steps of a linear signal in the table of codes.
+/// Number of steps of a linear signal in the table of codes.
 const STEPS: usize = 4096;
-/// Length of the list of noise.
+/// Number of values in the list of noise.
 const NOISE: usize = 1 << 17;
 
 /// Returns the channel that a photosite of an RGGB mosaic sees: 0 red, 1 green, 2 blue.
@@ -31,18 +32,22 @@ fn mosaic(row: usize, column: usize) -> usize {
     }
 }
 
-/// Tables of a sensor, made once.
+/// Tables of a sensor, which are made once.
 #[derive(Debug, Clone)]
 pub(super) struct Converter {
-    /// Table by linear signal: the coded value, and the standard deviation of its noise in eighths.
+    /// Coded value of each linear signal, and the standard deviation of its noise in eighths (of
+    /// 255).
     codes: Vec<(i16, i16)>,
-    /// Gaussian numbers in 32nds.
+    /// Gaussian numbers of variance 1, in 32nds.
     noise: Vec<i16>,
     pub(super) bayer: bool,
 }
 
 impl Converter {
+    /// Makes the tables; `seed` chooses the noise.
     pub(super) fn new(sensor: &Sensor, seed: u64) -> Self {
+        // Noise times deviation must fit into 16 bits, of which a vector instruction takes twice as
+        // many as of 32 bits: 200 (25 of 255) times 160 (5 standard deviations) is 32000.
         let deviation = |value: i16| {
             let shot = sensor.shot_noise.powi(2) * f64::from(value / ONE) / 255.0;
             (8.0 * libm::sqrt(sensor.read_noise.powi(2) + shot)).min(200.0).round() as i16
@@ -65,20 +70,21 @@ impl Converter {
         Self { codes, noise, bayer: sensor.bayer }
     }
 
-    /// Values a pixel in the raw picture.
+    /// Returns the number of values of a pixel in the raw picture.
     pub(super) fn channels(&self) -> usize {
         if self.bayer { 1 } else { 3 }
     }
 
-    /// Returns coded value and deviation of a linear signal.
+    /// Returns the coded value of a linear signal and the deviation of its noise.
     #[inline]
     fn code(&self, signal: f32) -> (i16, i16) {
-        // By way of 32 bits, which one instruction converts to.
+        // To 32 bits, because one instruction converts to them. The cast saturates, and turns NaN
+        // into 0.
         let step = (signal * STEPS as f32 + 0.5) as i32;
         self.codes[step.clamp(0, STEPS as i32) as usize]
     }
 
-    /// Stores a pixel's colour, times `gain`, in raw picture and table of noise.
+    /// Stores the colour of a pixel, times `gain`, with the deviation of its noise.
     #[inline]
     pub(super) fn put(&self, raw: &mut Raw, site: Photosite, colour: Rgb, gain: f32) {
         let Photosite { row, column } = site;
@@ -94,7 +100,7 @@ impl Converter {
         }
     }
 
-    /// Stores the colours of neighbours in a row, `site` and on, each times its `gain` and the
+    /// Stores the colours of neighbours in a row, from `site` on, each times its gain and the
     /// exposure.
     #[inline]
     pub(super) fn put_run(
@@ -112,6 +118,8 @@ impl Converter {
             }
             return;
         }
+        // A row of the mosaic alternates between two channels, so the run swaps them instead of
+        // looking up the channel of each photosite.
         let start = row * raw.width + column;
         let range = start..start + colours.len();
         let stored = raw.value[range.clone()].iter_mut().zip(&mut raw.deviation[range]);
@@ -122,7 +130,8 @@ impl Converter {
         }
     }
 
-    /// Adds noise and makes the picture; the raw picture stays as it is.
+    /// Makes the picture with noise. The raw picture is not changed, because the background of a
+    /// fixed camera stays in it.
     pub(super) fn develop(&self, raw: &Raw, rng: &mut Pcg64) -> RgbImage {
         let (w, h) = (raw.width, raw.height);
         let mut pixels = vec![0_u8; w * h * 3];
@@ -132,6 +141,7 @@ impl Converter {
             let mut line = vec![0; 3 * w];
             for (row, out) in pixels.chunks_exact_mut(3 * w).enumerate() {
                 self.expose(raw, row, rng, &mut line);
+                // Rounds to the nearest step.
                 for (out, value) in out.iter_mut().zip(&line) {
                     *out = ((value + ONE / 2) / ONE) as u8;
                 }
@@ -140,23 +150,25 @@ impl Converter {
         RgbImage::from_raw(w as u32, h as u32, pixels).unwrap_or_default()
     }
 
-    /// A row's values with noise.
+    /// Writes the values of a row with noise into `line`.
     fn expose(&self, raw: &Raw, row: usize, rng: &mut Pcg64, line: &mut [i16]) {
         let stride = line.len();
         let range = row * stride..(row + 1) * stride;
+        // One random number for a row, instead of a Gaussian number for each of its values.
         let start = rng.random_range(0..NOISE - stride);
         let noise = &self.noise[start..start + stride];
         let values = raw.value[range.clone()].iter().zip(&raw.deviation[range]);
         for ((noisy, (value, deviation)), noise) in line.iter_mut().zip(values).zip(noise) {
-            // 1/32 times 1/8 times ONE.
+            // The product is in 1/32 times 1/8, the value in 1/16: a shift by 4, with rounding.
             *noisy = (value + ((noise * deviation + 8) >> 4)).clamp(0, FULL);
         }
     }
 
-    /// Bilinear interpolation of an RGGB mosaic; borders mirror.
+    /// Interpolates an RGGB mosaic bilinearly; its borders are mirrored.
     fn demosaic(&self, raw: &Raw, rng: &mut Pcg64, pixels: &mut [u8]) {
         let (w, h) = (raw.width, raw.height);
-        // Three rows, each with a mirrored pixel on either side.
+        // Three rows, each with a mirrored pixel on either side. Mirrored about the outermost
+        // pixel, a neighbour has the channel that the mosaic would have there.
         let mut lines = [vec![0_i16; w + 2], vec![0; w + 2], vec![0; w + 2]];
         let mut fill = |row: usize, line: &mut Vec<i16>| {
             self.expose(raw, row, rng, &mut line[1..=w]);
@@ -173,6 +185,7 @@ impl Converter {
         for (row, out) in pixels.chunks_exact_mut(3 * w).enumerate() {
             interpolate(row, up, mid, down, &mut packed);
             store(&packed, out);
+            // The rows move up by one; the row below the last one mirrors the row above it.
             std::mem::swap(up, mid);
             std::mem::swap(mid, down);
             if row + 2 < h {
@@ -184,20 +197,25 @@ impl Converter {
     }
 }
 
-/// Pixels of a row as 0x00BBGGRR; the lines have one more value on either side.
+/// Interpolates the pixels of a row, packed as 0x00BBGGRR; the lines have one more value on either
+/// side.
 fn interpolate(row: usize, up: &[i16], mid: &[i16], down: &[i16], packed: &mut [u32]) {
     let w = packed.len();
     let (u0, u1, u2) = (&up[..w], &up[1..=w], &up[2..w + 2]);
     let (m0, m1, m2) = (&mid[..w], &mid[1..=w], &mid[2..w + 2]);
     let (d0, d1, d2) = (&down[..w], &down[1..=w], &down[2..w + 2]);
-    // Red and green rows alternate with green and blue rows; `own` is the row's own colour.
+    // Rows of red and green alternate with rows of green and blue. `own` is the row's own colour
+    // (red or blue), `other` the one that its neighbour rows have. Slices of equal length let the
+    // compiler drop the checks of the indices.
     let (own_shift, other_shift) = if row & 1 == 0 { (0, 16) } else { (16, 0) };
     for k in 0..w {
         let vertical = u1[k] + d1[k];
         let horizontal = m0[k] + m2[k];
         let diagonal = u0[k] + u2[k] + (d0[k] + d2[k]);
+        // A sum of 1, 2 or 4 values becomes 8 bits by a shift of 4, 5 or 6, with rounding. The
+        // largest sum, 4 times 4080, fits into 16 bits.
         let here = (m1[k] + 8) >> 4;
-        // All ones where the photosite has the row's own colour.
+        // A mask instead of a branch: all ones where the photosite has the row's own colour.
         let site = -(((k + row + 1) & 1) as i16);
         let pick = |a: i16, b: i16| ((a & site) | (b & !site)) as u32;
         let own = pick(here, (horizontal + 16) >> 5);
@@ -211,6 +229,7 @@ fn interpolate(row: usize, up: &[i16], mid: &[i16], down: &[i16], packed: &mut [
 fn store(packed: &[u32], out: &mut [u8]) {
     for (p, out) in packed.chunks(4).zip(out.chunks_mut(12)) {
         if let ([a, b, c, d], 12) = (p, out.len()) {
+            // Four pixels of three bytes are three words of four bytes, without gaps.
             out[0..4].copy_from_slice(&(a | b << 24).to_le_bytes());
             out[4..8].copy_from_slice(&(b >> 8 | c << 16).to_le_bytes());
             out[8..12].copy_from_slice(&(c >> 16 | d << 8).to_le_bytes());
@@ -229,22 +248,25 @@ pub(super) struct Photosite {
     pub(super) column: usize,
 }
 
-/// A picture before demosaicing, with the noise that it will get.
+/// Picture before demosaicing, with the deviation of the noise of each value.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Raw {
     width: usize,
     height: usize,
+    /// Coded values, `ONE` for each step of the picture.
     value: Vec<i16>,
+    /// Standard deviations of the noise, in eighths (of 255).
     deviation: Vec<i16>,
 }
 
 impl Raw {
+    /// Makes a black picture without noise.
     pub(super) fn new(width: usize, height: usize, channels: usize) -> Self {
         let size = width * height * channels;
         Self { width, height, value: vec![0; size], deviation: vec![0; size] }
     }
 
-    /// Takes columns of a row over from another of the same size.
+    /// Copies columns of a row from another picture of the same size.
     pub(super) fn restore(&mut self, other: &Self, row: usize, columns: std::ops::Range<usize>) {
         let channels = self.value.len() / (self.width * self.height);
         let from = (row * self.width + columns.start) * channels;
@@ -260,7 +282,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn neighbours_are_stored_as_each_alone_is() {
+    fn put_run_equals_put_of_each_pixel() {
         let mut rng = Pcg64::seed_from_u64(1);
         let colours: Vec<Rgb> = (0..40).map(|_| rng.random()).collect();
         let gains: Vec<f32> = (0..40).map(|_| rng.random()).collect();
@@ -282,8 +304,10 @@ mod tests {
         }
     }
 
+    /// Signals below 0 and NaN give the lowest level; signals above 1, also infinite ones, give the
+    /// highest.
     #[test]
-    fn signals_beyond_the_scale_have_its_ends() {
+    fn signals_outside_scale_saturate() {
         let converter = Converter::new(&Look::default().sensor, 1);
         let [dark, full] = [0.0, 1.0].map(|signal| converter.code(signal));
 

@@ -1,7 +1,8 @@
-//! What there is to be seen, as flat plates and round rods in the world frame.
+//! Visible bodies of the cell, as flat plates and round rods in the world frame.
 //!
 //! - in: a [`Scene`], the [`Setting`] that does not move, the [`Look`] of the cube and the hand
-//! - out: [`Solids`]; a box is six plates, the cube one box, or three slabs while a layer is turned
+//! - out: [`Solids`]; a box is six plates, the cube is one box, or three slabs while a layer is
+//!   turned
 
 use super::look::{CubeLook, HandLook, Look, Rgb};
 use crate::cell::{Cell, Gripper};
@@ -10,7 +11,7 @@ use crate::hw::scene::{Scene, SceneArm, SceneCube};
 use crate::spatial::Pose;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 
-/// What stands in the cell and does not move, and the sizes of the grippers.
+/// Fixed bodies of the cell, and the sizes of the grippers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Setting {
     /// True sizes of the grippers, in the order of effectors.
@@ -19,14 +20,15 @@ pub struct Setting {
     pub table: Point3<f64>,
     /// Size of the table top along x and y (m).
     pub table_size: (f64, f64),
-    /// Inner size of the tray on the table along x and y (m); it lies in the table's middle.
+    /// Inner size of the tray along x and y (m); it lies in the middle of the table.
     pub tray_size: (f64, f64),
-    /// By how much the tray's felt stands above the table top (m): it is let in where the cube lies
-    /// on the table.
+    /// Height of the tray's felt above the table top (m); the felt is sunk into the table if the
+    /// cube lies on it.
     pub felt: f64,
-    /// Inner corners of the room's walls and ceiling: low and high (m); the floor is z = 0.
+    /// Inner corners of the room with the lowest and the highest coordinates, in the world (m); the
+    /// floor is z = 0.
     pub room: (Point3<f64>, Point3<f64>),
-    /// Optical frames of the cameras that stand in the cell: drawn in the overview only.
+    /// Optical frames of the fixed cameras, which only the overview draws.
     pub cameras: Vec<Pose>,
 }
 
@@ -57,7 +59,8 @@ impl Default for Setting {
 }
 
 impl Setting {
-    /// Of a cell: the grippers, the table under the place of hand-over, the cameras that stand.
+    /// Makes the setting of a cell: its grippers, the table under the place of the hand-over, and
+    /// its fixed cameras.
     #[must_use]
     pub fn of(cell: &Cell) -> Self {
         let mut setting = Self::default();
@@ -66,9 +69,12 @@ impl Setting {
         }
         let hand = cell.hand.world_from_cube.translation.vector;
         setting.table = Point3::new(hand.x, hand.y, cell.table_height);
+        // The plant carries the cube at the table top, so the felt must not hide the cube's lower
+        // edge. It keeps 0.2 mm, because rounding would decide between two surfaces at one height.
         if cell.keeper == Keeper::Table {
             setting.felt = 2e-4;
         }
+        // The walls keep 3 m from both bases, so that no arm reaches through them.
         let reach = Vector3::new(3.0, 3.0, 0.0);
         for base in cell.arms.iter().map(|arm| arm.world_from_base.translation.vector) {
             let (low, high) = &mut setting.room;
@@ -85,19 +91,19 @@ impl Setting {
     }
 }
 
-/// What covers a surface.
+/// Cover of a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Skin {
-    /// One paint: reflectance and gloss.
+    /// One paint with its reflectance and its gloss.
     Plain(Rgb, f32),
-    /// Nine stickers in reading order, colours 0..=5; side of a cubie (m).
+    /// Nine stickers in reading order, by colours 0..=5, and the side of a cubie (m).
     Stickers([u8; 9], f64),
 }
 
-/// A flat rectangle seen from its front.
+/// Flat rectangle that is visible from its front.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Plate {
-    /// Origin of `u`, `v`.
+    /// Origin of the plate coordinates u and v.
     pub(super) origin: Point3<f64>,
     /// Unit vector to the right.
     pub(super) u: Vector3<f64>,
@@ -105,24 +111,25 @@ pub(super) struct Plate {
     pub(super) v: Vector3<f64>,
     /// Outward normal.
     pub(super) normal: Vector3<f64>,
-    /// Low and high bound of u, then of v (m).
+    /// Lower and upper bound of u, then of v (m).
     pub(super) bounds: [f64; 4],
     /// Surface.
     pub(super) skin: Skin,
 }
 
 impl Plate {
-    /// Point at (u, v).
+    /// Returns the point at the plate coordinates (u, v).
     pub(super) fn at(&self, u: f64, v: f64) -> Point3<f64> {
         self.origin + self.u * u + self.v * v
     }
 
-    /// The four corners, around.
+    /// Returns the four corners, in the order of the outline.
     pub(super) fn corners(&self) -> [Point3<f64>; 4] {
         let [u0, u1, v0, v1] = self.bounds;
         [self.at(u0, v0), self.at(u1, v0), self.at(u1, v1), self.at(u0, v1)]
     }
 
+    /// Transforms the plate into another frame.
     fn moved(mut self, to_from: &Pose) -> Self {
         self.origin = to_from * self.origin;
         self.u = to_from.rotation * self.u;
@@ -132,12 +139,12 @@ impl Plate {
     }
 }
 
-/// A cylinder with round ends.
+/// Cylinder with hemispheres as ends.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rod {
-    /// Centre of one end.
+    /// Centre of the sphere at one end.
     pub(super) a: Point3<f64>,
-    /// Centre of the other.
+    /// Centre of the sphere at the other end.
     pub(super) b: Point3<f64>,
     /// Radius (m).
     pub(super) radius: f64,
@@ -147,28 +154,33 @@ pub(super) struct Rod {
     pub(super) gloss: f32,
 }
 
-/// Everything, in the world frame.
+/// Bodies of a picture, in the world frame.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Solids {
     pub(super) plates: Vec<Plate>,
     pub(super) rods: Vec<Rod>,
 }
 
+/// Reflectance of fingers, flange and rims.
 const STEEL: Rgb = [0.30, 0.31, 0.33];
+/// Reflectance of axles, palms, legs and rails.
 const DARK: Rgb = [0.045, 0.047, 0.05];
+/// Reflectance of the pads.
 const RUBBER: Rgb = [0.03, 0.03, 0.03];
+/// Reflectance of the table top.
 const WOOD: Rgb = [0.42, 0.33, 0.24];
+/// Reflectance of the tray's bottom.
 const FELT: Rgb = [0.12, 0.14, 0.15];
 
 impl Solids {
-    /// Empties the lists, keeping their memory.
+    /// Empties the lists and keeps their memory.
     pub(super) fn clear(&mut self) {
         self.plates.clear();
         self.rods.clear();
     }
 
-    /// All that moves. `own` is the arm that carries the camera: only its gripper is drawn, since its
-    /// links are behind the camera.
+    /// Adds the bodies that move. `own` is the arm that carries the camera, of which only the
+    /// gripper is added: its links are behind the camera.
     pub(super) fn add_moving(
         &mut self,
         scene: &Scene,
@@ -188,7 +200,7 @@ impl Solids {
         }
     }
 
-    /// Table and tray.
+    /// Adds the table and the tray.
     pub(super) fn add_furniture(&mut self, setting: &Setting) {
         let (top, (w, d)) = (setting.table, setting.table_size);
         let at = |x: f64, y: f64, z: f64| Pose::translation(top.x + x, top.y + y, top.z + z);
@@ -200,6 +212,7 @@ impl Solids {
             self.add_box(&place, half(0.02, 0.02, leg), DARK, 0.0);
         }
         let (tw, td) = setting.tray_size;
+        // A box of 2 mm whose top is the felt; the rest of it lies inside the table.
         self.add_box(
             &at(0.0, 0.0, setting.felt - 0.001),
             half(tw / 2.0, td / 2.0, 0.001),
@@ -223,7 +236,7 @@ impl Solids {
         }
     }
 
-    /// A box of one paint, given by the pose of its centre and half its sides.
+    /// Adds a box of one paint, given by the pose of its centre and half its sides (m).
     pub(super) fn add_box(
         &mut self,
         world_from_box: &Pose,
@@ -231,6 +244,7 @@ impl Solids {
         paint: Rgb,
         gloss: f32,
     ) {
+        // The faces of the cube also serve as the six sides of a box.
         for face in Face::ALL {
             let (u, v) = face.reading_axes();
             let normal = face.normal();
@@ -247,11 +261,12 @@ impl Solids {
         }
     }
 
-    /// The cube: one box, or three slabs when a layer is turned.
+    /// Adds the cube: one box, or three slabs if a layer is turned.
     pub(super) fn add_cube(&mut self, cube: &SceneCube, look: &CubeLook) {
         let (axis, low, high) = cube.turned;
         let stickers = |face: Face| {
             let first = face as usize * 9;
+            // Bounded, because the colours are indices into the look's stickers.
             let colours = std::array::from_fn(|i| cube.facelets[first + i].min(5));
             Skin::Stickers(colours, cube.edge / 3.0)
         };
@@ -273,6 +288,8 @@ impl Solids {
             }
             return;
         }
+        // Each layer is a slab. The angles of the outer ones are relative to the middle one, whose
+        // pose is that of the cube.
         let cut = cube.edge / 6.0;
         let inside = Skin::Plain(look.body, 0.2 * look.gloss);
         for (angle, from, to) in [(low, -whole, -cut), (0.0, -cut, cut), (high, cut, whole)] {
@@ -282,6 +299,8 @@ impl Solids {
             for face in Face::ALL {
                 let mut plate = side(face);
                 if face.axis() == axis {
+                    // The face moves along the axis to the end of its slab. It keeps its stickers
+                    // only on the outside of the cube.
                     let along = face.normal().dot(&axis.unit());
                     let out = if along > 0.0 { to } else { -from };
                     plate.origin = Point3::from(face.normal() * out);
@@ -289,6 +308,7 @@ impl Solids {
                         plate.skin = inside;
                     }
                 } else {
+                    // The stickers keep their places, so a slab shows a strip of the whole face.
                     plate.bounds = slab_bounds(&plate, axis, from, to);
                 }
                 self.plates.push(plate.moved(&world_from_slab));
@@ -296,17 +316,19 @@ impl Solids {
         }
     }
 
-    /// Fingers, pads and palm plate.
+    /// Adds the fingers, pads and palm plate of a gripper.
     pub(super) fn add_gripper(&mut self, arm: &SceneArm, gripper: &Gripper) {
         let pose = &arm.world_from_tool;
         let pad = 0.002;
         let (low, high) = (-gripper.palm, gripper.finger_tip);
         let (w, t) = (gripper.finger_width / 2.0, gripper.finger_thickness);
         for side in [-1.0, 1.0] {
+            // The opening is measured between the pads, so a finger begins behind its pad.
             let y = side * (arm.opening / 2.0 + pad + (t - pad) / 2.0);
             let finger = pose * Pose::translation(0.0, y, f64::midpoint(low, high));
             let half = Vector3::new(w, (t - pad) / 2.0, (high - low) / 2.0);
             self.add_box(&finger, half, STEEL, 0.25);
+            // A pad reaches 28.5 mm, half an edge of the cube, from the tool point to the palm.
             let length = (high + 0.0285).min(high - low);
             let rubber = pose
                 * Pose::translation(0.0, side * (arm.opening + pad) / 2.0, high - length / 2.0);
@@ -314,18 +336,20 @@ impl Solids {
         }
         let plate = 0.006;
         let p = gripper.palm_half_width;
+        // The front of the plate is at `palm`. It is at least as wide as the open fingers.
         let palm = pose * Pose::translation(0.0, 0.0, -gripper.palm - plate);
         self.add_box(&palm, Vector3::new(p, p.max(arm.opening / 2.0 + t), plate), DARK, 0.1);
     }
 
-    /// Column, lower and upper arm, wrist and the gripper's body.
+    /// Adds the column, lower and upper arm, wrist and the gripper's body of an arm.
     pub(super) fn add_links(&mut self, arm: &SceneArm, gripper: &Gripper, paint: Rgb) {
         let [base, shoulder, elbow, wrist, flange] = arm.points;
         let mut rod =
             |a, b, radius, paint| self.rods.push(Rod { a, b, radius, paint, gloss: 0.15 });
         let up = Vector3::z();
         rod(base + up * 0.36, shoulder - up * 0.10, 0.13, paint);
-        // The shoulder's and the elbow's axles lie across the arm's plane.
+        // The axles of shoulder, elbow and wrist are normal to the plane of the arm. A straight arm
+        // spans no plane, and then any direction will do.
         let across = (elbow - shoulder).cross(&(wrist - elbow));
         let across = across.try_normalize(1e-9).unwrap_or_else(Vector3::x);
         rod(shoulder - across * 0.13, shoulder + across * 0.13, 0.09, DARK);
@@ -336,22 +360,25 @@ impl Solids {
         rod(wrist, flange, 0.042, STEEL);
         let palm = arm.world_from_tool * Point3::new(0.0, 0.0, -gripper.palm - 0.045);
         rod(flange, palm, 0.034, STEEL);
+        // The base is below the shoulder, so `along` is zero up to the tilt of a true base.
         let along = base.xy() - shoulder.xy();
         let foot = Pose::translation(base.x + along.x, base.y + along.y, base.z + 0.18);
         self.add_box(&foot, Vector3::new(0.20, 0.20, 0.18), STEEL, 0.0);
     }
 
-    /// The rails that the first arm's foot slides on, along the world's y.
+    /// Adds the rails on which the foot of the first arm slides along the world's y.
     pub(super) fn add_track(&mut self, arm: &SceneArm) {
         let base = arm.points[0];
         for side in [-0.13, 0.13] {
+            // The rails do not follow the foot, unless it is at a negative y.
             let rail = Pose::translation(base.x + side, base.y.min(0.0) + 0.5, base.z + 0.03);
             self.add_box(&rail, Vector3::new(0.03, 0.95, 0.03), DARK, 0.2);
         }
     }
 
-    /// A pole with a camera on top, which looks along its z.
+    /// Adds a camera, which looks along its z, on a tripod.
     pub(super) fn add_camera_stand(&mut self, world_from_camera: &Pose) {
+        // The body is behind the optical centre, so it does not hide what the camera sees.
         let behind = world_from_camera * Point3::new(0.0, 0.0, -0.07);
         let lens = world_from_camera * Point3::new(0.0, 0.0, -0.03);
         let body = world_from_camera * Pose::translation(0.0, 0.0, -0.09);
@@ -366,7 +393,8 @@ impl Solids {
         }
     }
 
-    /// Fingertips on both sides of the cube, the palm beyond its +x face, the forearm.
+    /// Adds the operator's hand: fingertips on both sides of the cube, the palm beyond its +x face,
+    /// and the forearm. The origin of the hand frame is taken as the centre of the cube.
     pub(super) fn add_hand(&mut self, world_from_hand: &Pose, look: &HandLook, edge: f64) {
         let half = edge / 2.0;
         let mut rod = |a: Vector3<f64>, b: Vector3<f64>, radius: f64, paint: Rgb| {
@@ -374,7 +402,8 @@ impl Solids {
             self.rods.push(Rod { a, b, radius, paint, gloss: 0.05 });
         };
         let tip = half - look.reach;
-        // A finger lies on the surface from its tip to a knuckle beyond the edge, then bends to the palm.
+        // A finger lies on the surface from its tip to a knuckle beyond the edge and then bends to
+        // the palm. It is pressed flat: its axis is 0.85 of its radius above the surface.
         let mut finger = |side: f64, z: f64, radius: f64, lie: Vector3<f64>| {
             let on = lie * (side * (half + radius * 0.85));
             let across = if lie.y == 0.0 { Vector3::y() } else { Vector3::z() } * z;
@@ -391,12 +420,13 @@ impl Solids {
             _ => &[-0.019, 0.0, 0.019],
         };
         if spread.is_empty() {
-            // Held from above and below, so that the front stays free.
+            // Fingers above and below the cube leave the front free.
             finger(-1.0, 0.006, 0.0095, Vector3::z());
             for y in [-0.002, 0.016] {
                 finger(1.0, y, 0.008, Vector3::z());
             }
         } else {
+            // A single fingertip in front is the thumb; two or three are fingers and thinner.
             let thumb = if spread.len() == 1 { 0.0095 } else { 0.0075 };
             for z in spread {
                 finger(-1.0, z + look.height, thumb, Vector3::y());
@@ -405,6 +435,7 @@ impl Solids {
                 finger(1.0, z + look.height, 0.008, Vector3::y());
             }
         }
+        // Three rods across the palm, then the wrist and the sleeve, which hangs down a little.
         let z = look.height;
         for dz in [-0.022, 0.0, 0.022] {
             rod(
@@ -429,10 +460,11 @@ impl Solids {
     }
 }
 
-/// Bounds of a side plate of the slab between `from` and `to` along `axis`.
+/// Returns the bounds of a side plate of the slab between `from` and `to` along `axis` (m).
 fn slab_bounds(plate: &Plate, axis: Axis, from: f64, to: f64) -> [f64; 4] {
     let [u0, u1, v0, v1] = plate.bounds;
     let (du, dv) = (plate.u.dot(&axis.unit()), plate.v.dot(&axis.unit()));
+    // A plate coordinate that runs against the axis has the bounds with swapped signs.
     let range = |d: f64| if d > 0.0 { (from, to) } else { (-to, -from) };
     if du == 0.0 {
         let (low, high) = range(dv);

@@ -1,3 +1,6 @@
+//! Tests of the renderer: geometry against the projection and a second ray tracer, and each fault
+//! of lens, light and sensor by itself.
+
 use super::*;
 use crate::cell::Intrinsics;
 
@@ -11,7 +14,7 @@ fn intrinsics(width: u32, height: u32, focal: f64) -> Intrinsics {
     Intrinsics { width, height, focal: (focal, focal), centre, distortion: (0.0, 0.0) }
 }
 
-/// A camera 1.1 m above the world's origin that looks along +y, x to the right.
+/// Returns a camera 1.1 m above the world's origin that looks along +y, with x to the right.
 fn standing() -> Camera {
     let world_from_camera =
         pose_from_axes(Vector3::x(), -Vector3::z(), Vector3::y(), Point3::new(0.0, 0.0, HEIGHT));
@@ -30,12 +33,14 @@ fn mixed() -> [u8; 54] {
     std::array::from_fn(|i| ((i * 7 + i / 5) % 6) as u8)
 }
 
-/// The cube `depth` in front of the standing camera, turned by a rotation vector.
+/// Returns the pose of a cube at `depth` (m) in front of the fixed camera, turned by a rotation
+/// vector.
 fn facing(depth: f64, turn: [f64; 3]) -> Pose {
     Pose::new(Vector3::new(0.0, depth, HEIGHT), Vector3::from(turn))
 }
 
-/// Two arms, hand over the cube at `world_from_cube`; the track's gripper comes from -x.
+/// Makes a scene in which a hand holds the cube and the track's gripper comes from -x, `distance`
+/// (m) short of its grasp.
 fn hand_over(world_from_cube: Pose, distance: f64) -> Scene {
     let mut scene = cube_alone(world_from_cube, EDGE, mixed());
     scene.arm_count = 2;
@@ -64,7 +69,8 @@ fn arm(world_from_tool: Pose, base: Point3<f64>, opening: f64) -> SceneArm {
     SceneArm { points, world_from_tool, world_from_flange, opening }
 }
 
-/// The postument's hand camera looks from 0.2 m at the face opposite the track's palm.
+/// Makes the hand camera of the postument, which looks from 0.2 m at the face opposite the track's
+/// palm, and its scene.
 fn in_hand() -> (Camera, Scene) {
     let world_from_cube = facing(0.9, [0.0; 3]);
     let mut scene = hand_over(world_from_cube, 0.0);
@@ -98,6 +104,7 @@ fn setting() -> Setting {
     }
 }
 
+/// Makes a renderer that shows geometry alone, except for a change of its look.
 fn studio(camera: Camera, change: impl FnOnce(&mut Look)) -> Renderer {
     let mut look = Look::studio();
     change(&mut look);
@@ -108,7 +115,8 @@ fn brightness(image: &RgbImage, x: u32, y: u32) -> f64 {
     image.get_pixel(x, y).0.iter().map(|c| f64::from(*c)).sum::<f64>() / 3.0
 }
 
-/// Centre of a white patch's image: points of the patch, weighted by the area of their images.
+/// Computes the centre of a white patch's image (px): the mean of points of the patch, weighted by
+/// the area of their images.
 fn centre_of_image(project: impl Fn(f64, f64) -> (f64, f64), half: f64) -> (f64, f64) {
     let (mut sum, mut sx, mut sy) = (0.0, 0.0, 0.0);
     let n = 80;
@@ -126,8 +134,10 @@ fn centre_of_image(project: impl Fn(f64, f64) -> (f64, f64), half: f64) -> (f64,
     (sx / sum, sy / sum)
 }
 
+/// The centroids match with distortion and defocus as well, since the detector relies on this
+/// accuracy.
 #[test]
-fn stickers_lie_where_the_projection_says() {
+fn sticker_centroids_match_projection() {
     let mut camera = standing();
     camera.intrinsics.distortion = (-0.09, 0.02);
     let Mount::World { world_from_camera } = camera.mount else { unreachable!() };
@@ -140,7 +150,7 @@ fn stickers_lie_where_the_projection_says() {
         (0.5, Vector3::new(0.12, 0.40, HEIGHT - 0.08), Vector3::new(-0.3, 0.2, -0.6)),
     ] {
         let world_from_cube = Pose::new(place, turn);
-        // White stickers and black all around, so that brightness is coverage.
+        // White stickers on black, so that the brightness of a pixel is the share they cover.
         let mut renderer = studio(camera.clone(), |look| {
             look.cube.corner = 0.0;
             look.cube.sticker = share;
@@ -176,7 +186,7 @@ fn stickers_lie_where_the_projection_says() {
                         let hit =
                             ray * (normal.dot(&plane.coords) / normal.dot(&ray)) - plane.coords;
                         let hit = camera_from_cube.rotation.inverse() * hit;
-                        // Nearly to the cell's border, short of what lies behind the cube.
+                        // Up to 0.47 of the cell's side, so that neighbours and background are out.
                         if hit.dot(&u).abs().max(hit.dot(&v).abs()) < 0.47 * pitch {
                             let weight = brightness(&image, x, y);
                             sum += weight;
@@ -194,8 +204,9 @@ fn stickers_lie_where_the_projection_says() {
     }
 }
 
+/// The reference is [`picture`], which intersects each solid in `f64`.
 #[test]
-fn depths_agree_with_a_plain_ray_tracer() {
+fn depths_agree_with_plain_ray_tracer() {
     let mut camera = standing();
     camera.intrinsics.distortion = (-0.12, 0.03);
     let Mount::World { world_from_camera } = camera.mount else { unreachable!() };
@@ -226,12 +237,12 @@ fn depths_agree_with_a_plain_ray_tracer() {
             differ += usize::from((f64::from(got) - expected).abs() > 1e-3 * expected);
         }
     }
-    // Rounding may decide otherwise on the very edge of a solid.
+    // On the edge of a solid the rounding to `f32` may decide otherwise.
     assert!(seen > 8000 && differ <= seen / 2000, "{differ} of {seen} differ");
 }
 
 #[test]
-fn a_gripper_hides_the_cube_from_the_front_only() {
+fn gripper_hides_cube_from_front_only() {
     let world_from_cube = facing(0.5, [0.0; 3]);
     let mut renderer = studio(standing(), |_| ());
     let free = renderer.render(&cube_alone(world_from_cube, EDGE, [3; 54]), 1.0);
@@ -252,8 +263,9 @@ fn a_gripper_hides_the_cube_from_the_front_only() {
     assert_ne!(*before.get_pixel(320, 240), yellow);
 }
 
+/// Without a fingertip in front no tile is covered, with one to three at least one is.
 #[test]
-fn fingertips_cover_as_many_tiles_as_asked() {
+fn fingertips_cover_three_tiles_at_most() {
     let world_from_cube = facing(0.35, [0.0; 3]);
     for fingers in 0..=3 {
         let mut renderer = studio(standing(), |look| {
@@ -286,9 +298,9 @@ fn fingertips_cover_as_many_tiles_as_asked() {
     }
 }
 
+/// At 45 degrees the corners of the front layer project beyond the edges of the cube.
 #[test]
-fn a_turned_layer_shows_its_stickers_turned() {
-    // Front layer turned by 45 degrees: its corners stand out beyond the cube's edges.
+fn turned_layer_moves_its_stickers() {
     let world_from_cube = facing(0.4, [0.0; 3]);
     let mut scene = cube_alone(world_from_cube, EDGE, solved());
     let mut renderer = studio(standing(), |_| ());
@@ -304,13 +316,13 @@ fn a_turned_layer_shows_its_stickers_turned() {
         rgb[1] > 60 && rgb[0] < 20
     };
     assert!(!is_green(&straight) && is_green(&turned));
-    // The centre stays.
+    // The centre of the layer does not move.
     assert_eq!(straight.get_pixel(320, 240), turned.get_pixel(320, 240));
 }
 
+/// The cube is turned by -0.4 rad and both outer layers by 0.4 rad, so only the middle layer turns.
 #[test]
-fn a_quarter_turn_of_all_stickers_is_the_turned_cube() {
-    // All layers turned by a quarter about z, or the whole cube: the same picture.
+fn outer_layers_turn_against_the_middle() {
     let mut turned = cube_alone(facing(0.4, [0.2, 0.1, 0.3]), EDGE, mixed());
     let mut whole = turned;
     let quarter = std::f64::consts::FRAC_PI_2;
@@ -321,14 +333,14 @@ fn a_quarter_turn_of_all_stickers_is_the_turned_cube() {
 
     let (a, b) = (renderer.render(&whole, 1.0), renderer.render(&turned, 1.0));
 
-    // Top and bottom layers coincide with the whole cube's; only the middle differs.
+    // The outer layers coincide with those of the straight cube.
     let differ = a.pixels().zip(b.pixels()).filter(|(a, b)| a != b).count();
     let cube = 60 * 60;
     assert!(differ > 200 && differ < cube, "{differ}");
 }
 
 #[test]
-fn a_capped_camera_sees_only_read_noise() {
+fn capped_camera_sees_only_read_noise() {
     let mut look = Look { lens_cap: true, ..Look::default() };
     look.sensor.bayer = false;
     let mut renderer = Renderer::new(standing(), look, 5);
@@ -336,7 +348,7 @@ fn a_capped_camera_sees_only_read_noise() {
 
     let mean =
         image.as_raw().iter().map(|c| f64::from(*c)).sum::<f64>() / image.as_raw().len() as f64;
-    // Half of a Gaussian of 2.5: the negative half is clipped.
+    // The mean of a Gaussian of 2.5 whose negative half is clipped to 0.
     assert!((mean - 2.5 / std::f64::consts::TAU.sqrt()).abs() < 0.1, "{mean}");
     assert!(*image.as_raw().iter().max().unwrap() < 20);
 }
@@ -370,7 +382,7 @@ fn brightness_follows_the_exposure() {
 }
 
 #[test]
-fn noise_has_the_size_that_was_asked_for() {
+fn noise_matches_its_setting() {
     for read in [2.0, 6.0, 12.0] {
         let mut renderer = studio(standing(), |look| look.sensor.read_noise = read);
         let image = renderer.render(&cube_alone(facing(0.12, [0.0; 3]), EDGE, [5; 54]), 1.0);
@@ -385,7 +397,7 @@ fn noise_has_the_size_that_was_asked_for() {
 }
 
 #[test]
-fn a_shadow_takes_the_lamp_away_beyond_its_edge() {
+fn shadow_blocks_lamp_beyond_its_edge() {
     let scene = cube_alone(facing(0.35, [0.0; 3]), EDGE, [0; 54]);
     let mut renderer = studio(standing(), |look| {
         look.light.ambient = 0.4;
@@ -401,17 +413,17 @@ fn a_shadow_takes_the_lamp_away_beyond_its_edge() {
 
     let image = renderer.render(&scene, 1.0);
 
-    // The left and the right column of stickers; without the lamp there are 0.82 of the ambient light.
+    // The left and the right column of stickers. A vertical face gets 0.82 of the ambient light.
     let (lit, dark) = (brightness(&image, 284, 240), brightness(&image, 355, 240));
     let expected = (0.82 * 0.4 + 0.6) / (0.82 * 0.4);
     assert!((lit / dark / expected - 1.0).abs() < 0.03, "{lit} {dark}");
 }
 
 #[test]
-fn motion_blurs_by_speed_times_exposure() {
+fn motion_blurs_over_speed_times_exposure() {
     let mut scene = cube_alone(facing(0.4, [0.0; 3]), EDGE, [0; 54]);
     let mut renderer = studio(standing(), |look| look.sensor.exposure_time = 0.01);
-    // Width of the left border from its brightness: the integral of (1 - b) b is that of a ramp over 6.
+    // A ramp from 0 to 1 of width w has the integral w / 6 of (1 - b) b over its brightness b.
     let mut width = |speed: f64| {
         scene.cube.velocity.linear.x = speed;
         let image = renderer.render(&scene, 1.0);
@@ -423,12 +435,12 @@ fn motion_blurs_by_speed_times_exposure() {
 
     let (still, moving) = (width(0.0), width(0.25));
 
-    // 2.5 mm at 0.3715 m are 4.04 px.
+    // 0.25 m/s over 10 ms are 2.5 mm, which at 0.3715 m are 4.04 px.
     assert!(moving - still > 2.0 && moving < 6.5, "{still} {moving}");
 }
 
 #[test]
-fn a_mosaic_keeps_flat_colours() {
+fn mosaic_keeps_flat_colours() {
     let scene = cube_alone(facing(0.12, [0.0; 3]), EDGE, [4; 54]);
     let plain = studio(standing(), |_| ()).render(&scene, 1.0);
     let mosaic = studio(standing(), |look| look.sensor.bayer = true).render(&scene, 1.0);
@@ -444,7 +456,7 @@ fn a_mosaic_keeps_flat_colours() {
 }
 
 #[test]
-fn nothing_of_an_earlier_frame_stays() {
+fn frames_do_not_depend_on_earlier_scenes() {
     let mut busy = hand_over(facing(0.5, [0.1, 0.0, 0.2]), 0.1);
     busy.cube.velocity.linear = Vector3::new(0.4, 0.0, 0.2);
     let calm = cube_alone(facing(0.7, [0.0; 3]), EDGE, mixed());
@@ -462,12 +474,12 @@ fn nothing_of_an_earlier_frame_stays() {
 }
 
 #[test]
-fn a_camera_in_hand_sees_the_held_cube_and_needs_its_arm() {
+fn hand_camera_sees_cube_and_requires_its_arm() {
     let (camera, mut scene) = in_hand();
     let mut renderer = studio(camera.clone(), |_| ());
     let image = renderer.render(&scene, 1.0);
 
-    // The face opposite the palm, 57 mm at 0.20 m: 120 px with f = 420 px.
+    // The face opposite the palm is 57 mm wide at 0.20 m: 120 px with f = 420 px.
     let corner = [(-55, -55), (55, -55), (-55, 55), (55, 55)];
     for (dx, dy) in corner {
         let rgb = image.get_pixel((192 + dx) as u32, (144 + dy) as u32).0;
@@ -485,7 +497,8 @@ fn a_camera_in_hand_sees_the_held_cube_and_needs_its_arm() {
     assert!(source.grab(80, 0.0).is_err());
 }
 
-/// Run with `cargo test --release --lib render::tests::samples -- --ignored --nocapture` and look at them.
+/// Writes sample pictures to look at. Run with
+/// `cargo test --release --lib render::tests::samples -- --ignored --nocapture`.
 #[test]
 #[ignore = "writes pictures into the temporary folder and measures time"]
 fn samples() {
@@ -533,7 +546,8 @@ fn samples() {
     }
 }
 
-/// A cell like the original's: the track arm at the origin, the postument arm 2.11 m to its left.
+/// Makes a cell like the original: the track arm at the origin, the postument arm 2.11 m to its
+/// left.
 fn whole_cell() -> (Scene, Setting) {
     let world_from_cube = Pose::translation(0.95, 0.55, 1.05);
     let mut scene = hand_over(world_from_cube, 0.09);
@@ -549,7 +563,7 @@ fn whole_cell() -> (Scene, Setting) {
     (scene, Setting { table, cameras: vec![camera], ..Setting::default() })
 }
 
-/// Run like `samples`.
+/// Writes the overview. Run like `samples`.
 #[test]
 #[ignore = "writes a picture into the temporary folder"]
 fn overview() {

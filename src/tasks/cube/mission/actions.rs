@@ -1,13 +1,15 @@
-//! The motions of the mission: one method each, and the orders that they send.
+//! The motions of the mission: one method per motion, and the orders that it sends.
 //!
-//! - in: where a hand is to go, or what it is to grasp
-//! - out: its outcome, or the failure that it came to
+//! - in: the target of a hand, or the grip that it takes
+//! - out: the outcome of the motion, or a [`Failure`]
 //!
 //! | limit | value | reason |
 //! |---|---|---|
-//! | [`MOST_CONTACTS`] | 3 | obstacles on one way before the mission stops trying |
-//! | [`MOST_STRAINED`] | 6 | jaws that are strained try to open; opening relieves the strain |
-//! | [`EASE_SECONDS`] | 0.6 s | a hand that gives way about its own z is rid of a torque then |
+//! | [`MOST_CONTACTS`] | 3 | obstacles on one path before the mission stops trying |
+//! | [`MOST_STRAINED`] | 6 | retries of strained jaws to open; opening relieves the strain |
+//! | [`EASE_SECONDS`] | 0.6 s | a hand that yields about its own z has lost its torque by then |
+//! | [`DEVIATIONS`] | 3.5 | in 153 grasps no cube was nearer by more standard deviations |
+//! | [`SHORT_TURN`], [`GENTLE`] | 0.2 rad, 1 rad/s2 | a jammed motor looked frozen at 3 rad/s2 |
 
 use super::failure::{Alarm, Failure, alarm};
 use super::failure::{Orders, Outcomes, alone};
@@ -15,65 +17,67 @@ use super::robot::{LEAST_WIDTH, Robot, Trust, UNSURE};
 use super::shared::Doing;
 use crate::generators::{Behaviour, Outcome, visual_servo};
 use crate::motion::{Depth, JawCommand, JointPositions};
-use crate::reach::Way;
+use crate::reach::MeetingPath;
 use crate::spatial::Pose;
 use crate::tasks::Until;
 use crate::tasks::cube::hold::{Grip, Hand, Hold};
 use crate::tasks::cube::settings::{ComplianceChoice, CompliantArm};
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// How often a hand gives way to what it meets on one way.
+/// Number of times that a hand yields to obstacles on one path.
 const MOST_CONTACTS: u32 = 3;
-/// How long a hand gives way to what it met (s).
+/// Time in which a hand yields to an obstacle (s).
 pub(super) const GIVE_WAY_SECONDS: f64 = 1.0;
-/// How long a hand gives way about its own z to be rid of a torque (s).
+/// Time in which a hand yields about its own z, until it has lost its torque (s).
 const EASE_SECONDS: f64 = 0.6;
-/// How often strained jaws try to open again, and how long they give way in between (s).
+/// Retries of strained jaws to open, and the time in which the hand yields between them (s).
 pub(super) const MOST_STRAINED: u32 = 6;
 const STRAINED_SECONDS: f64 = 0.3;
-/// Jaws stand open if they are narrower than they are to be by less (m).
+/// Greatest shortfall of the opening at which jaws count as open (m).
 const OPEN_ENOUGH: f64 = 0.0015;
-/// Room for an arm that stops before a cube (m): it swings, and its gears have play.
-const SURE: f64 = 0.0025;
-/// Deviation of the cube's place by play and by a cube that lies askew on the palm's stops (m). The
-/// filter of [`super::super::belief`] does not model them.
+/// Margin of an arm that stops before a cube (m): the arm swings, and its gears have play.
+const STOP_MARGIN: f64 = 0.0025;
+/// Standard deviation of the cube's position by play and by a cube that lies tilted on the palm's
+/// stops (m). The filter of [`super::super::belief`] does not model them.
 const UNMODELLED: f64 = 0.0005;
-/// An approach begins so many standard deviations before the cube, with [`SURE`], and at most
-/// [`UNSURE`] before it. Of 153 grasps in ten cells none was nearer by more than that.
-const MOST_OFF: f64 = 3.5;
-/// Turns that are shorter (rad) ease a layer that stood still, and speed up by no more than this
-/// (rad/s2). At 3 rad/s2 a motor that a jam holds stood still behind its set value for so long that
-/// its encoder was taken for frozen: 19 of 60 seeds of `faults/jam.toml`, at 1.7 rad/s2 none.
+/// Standard deviations before the cube at which an approach begins; [`STOP_MARGIN`] is added, and
+/// [`UNSURE`] is the most. In 153 grasps of ten cells no cube was nearer than this.
+const DEVIATIONS: f64 = 3.5;
+/// Length below which a turn eases a stalled layer (rad), and its greatest acceleration (rad/s2).
+/// At 3 rad/s2 a jammed motor stopped behind its set value until its encoder counted as frozen, on
+/// 19 of 60 seeds of `faults/jam.toml`. At 1.7 rad/s2 none did.
 const SHORT_TURN: f64 = 0.2;
 const GENTLE: f64 = 1.0;
-/// Length of the small pull that tells whether somebody holds the cube (m).
-const PULL_WAY: f64 = 0.02;
-/// How long the cube is held out (s).
+/// Length of the small pull that detects a person's hold of the cube (m).
+const PULL_DISTANCE: f64 = 0.02;
+/// Time in which the cube is held out (s).
 const PRESENT_SECONDS: f64 = 20.0;
 
-/// How the jaws close on a cube.
+/// State of the cube on which jaws close.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Closing {
-    /// On a cube whose layers are in line.
+    /// All layers are in line.
     Straight,
-    /// On a layer that may still be misaligned: the smaller width is the cube's.
+    /// The layer between the jaws may be misaligned, so that the smaller width is the cube's.
     OnLayer,
 }
 
 impl Robot {
-    /// Follows a way to its end. A hand that meets something gives way and goes on, a few times.
-    pub(super) async fn follow(
+    /// Follows a path to its end. A hand that meets an obstacle yields and then retries, up to
+    /// [`MOST_CONTACTS`] times.
+    pub(super) async fn execute(
         &mut self,
         orders: Orders,
         until: Until,
         doing: Doing,
     ) -> Result<(), Failure> {
         let outcomes = self.behave(orders, until, doing).await?;
-        self.go_on(outcomes, orders, doing).await
+        self.retry_after_contact(outcomes, orders, doing).await
     }
 
-    /// Has a hand that met something on a way give way and go on to the end, a few times.
-    async fn go_on(
+    /// Yields and repeats the orders while their outcomes contain an alarm, up to
+    /// [`MOST_CONTACTS`] times.
+    async fn retry_after_contact(
         &mut self,
         mut outcomes: Outcomes,
         orders: Orders,
@@ -84,22 +88,23 @@ impl Robot {
                 return Err(Failure::Final(met.why));
             }
             self.give_way(met).await?;
+            // The journal has this motion already: a retry costs no second entry.
             outcomes = self.behave(orders, Until::All, Doing::Adjusting).await?;
         }
         self.contacts = 0;
         Ok(())
     }
 
-    /// Whether what a hand meets may be given way to once more.
+    /// Returns whether a hand may yield once more to an obstacle.
     pub(super) fn may_give_way(&self) -> bool {
         self.contacts < MOST_CONTACTS
     }
 
-    /// Lets the hand that met something give way, until nothing presses it any more.
+    /// Lets the hand that met an obstacle yield, until no force presses it any more.
     async fn give_way(&mut self, mut met: Alarm) -> Result<(), Failure> {
         loop {
             self.contacts += 1;
-            self.note(format!("{}: the hand gives way, and goes on", met.why));
+            self.note(format!("{}: the hand yields and continues", met.why));
             let outcomes = self.wait(met.hand, GIVE_WAY_SECONDS).await?;
             match alarm(&outcomes, Doing::GivingWay) {
                 None => return Ok(()),
@@ -109,24 +114,26 @@ impl Robot {
         }
     }
 
-    /// Lets a hand give way to whatever pulls, for a while (s).
+    /// Lets a hand yield to any pull during `seconds`.
     pub(super) async fn wait(&mut self, hand: Hand, seconds: f64) -> Result<Outcomes, Failure> {
         let selector = self.settings.grasp_selector();
+        // No force reaches an infinite pull, so that only the time or an overload ends this.
         let yields = Behaviour::Present { pull: f64::INFINITY, selector, seconds };
         self.behave_alone(hand, yields, Doing::GivingWay).await
     }
 
-    /// Lets a hand give way about its own z, too, until no torque is left.
-    pub(super) async fn ease(&mut self, hand: Hand) -> Result<Outcomes, Failure> {
+    /// Lets a hand yield, also about its own z, until no torque is left.
+    pub(super) async fn yield_torque(&mut self, hand: Hand) -> Result<Outcomes, Failure> {
         let mut selector = self.settings.grasp_selector();
         selector[5] = true;
         let yields = Behaviour::Present { pull: f64::INFINITY, selector, seconds: EASE_SECONDS };
         self.behave_alone(hand, yields, Doing::GivingWay).await
     }
 
-    /// Lets both hands stand where they are (s).
-    pub(super) async fn stand(&mut self, seconds: f64) -> Result<(), Failure> {
+    /// Holds both hands in place during `seconds`.
+    pub(super) async fn hold_still(&mut self, seconds: f64) -> Result<(), Failure> {
         let speed = self.settings.speed;
+        // A motion to the present set values is stiff, and `seconds` is its least duration.
         let orders = self
             .arms
             .map(|arm| Some(Behaviour::Joints { target: arm.desired_joints, speed, seconds }));
@@ -142,32 +149,33 @@ impl Robot {
         &mut self,
         targets: [Option<JointPositions>; 2],
     ) -> Result<(), Failure> {
-        self.follow(self.joint_orders(targets), Until::All, Doing::Travelling).await
+        self.execute(self.joint_orders(targets), Until::All, Doing::Travelling).await
     }
 
-    /// Moves joints by a way that may be too near to something. `false`: it was refused, and
-    /// neither arm has moved.
+    /// Moves joints along a path that may be too near to an obstacle. Returns `false` if it was
+    /// refused; neither arm has moved then.
     pub(super) async fn joints_unless_refused(
         &mut self,
         targets: [Option<JointPositions>; 2],
     ) -> Result<bool, Failure> {
         let orders = self.joint_orders(targets);
-        let Some(outcomes) = self.travel_if_free(orders, "the hands go farther apart").await?
+        let Some(outcomes) = self.travel_if_free(orders, "the hands move farther apart").await?
         else {
             return Ok(false);
         };
-        self.go_on(outcomes, orders, Doing::Travelling).await?;
+        self.retry_after_contact(outcomes, orders, Doing::Travelling).await?;
         Ok(true)
     }
 
-    /// Has both arms go a way. `None`: it was refused, neither arm has moved, and a note says what
-    /// is done instead.
+    /// Moves both arms along a path. Returns `None` if it was refused: neither arm has moved then,
+    /// and a note names what follows `instead`.
     async fn travel_if_free(
         &mut self,
         orders: Orders,
         instead: &str,
     ) -> Result<Option<Outcomes>, Failure> {
         match self.behave(orders, Until::All, Doing::Travelling).await {
+            // The guard of MP checks a path before it begins, and refuses it as trouble.
             Err(Failure::Final(why)) => {
                 self.note(format!("{why}: {instead}"));
                 Ok(None)
@@ -176,11 +184,11 @@ impl Robot {
         }
     }
 
-    /// Orders both arms to joint positions, evenly.
+    /// Makes orders for both arms to joint positions, with one duration for both.
     fn joint_orders(&self, targets: [Option<JointPositions>; 2]) -> Orders {
         let (speed, speeds) = (self.settings.speed, &self.settings.speeds);
-        // The ways between meetings are free of collisions when both arms go evenly: the quicker
-        // one waits for the other at every point.
+        // The paths between meetings are free of collisions only while both arms have covered the
+        // same share of them. With a time for each arm a cube was torn out of a hand (seed 49).
         let seconds = targets
             .iter()
             .zip(&self.arms)
@@ -190,14 +198,14 @@ impl Robot {
         targets.map(|to| to.map(|target| Behaviour::Joints { target, speed, seconds }))
     }
 
-    /// Moves the track alone, as fast as the scenario lets it.
+    /// Moves the track alone, as fast as the scenario allows.
     async fn track_joints(&mut self, target: JointPositions, doing: Doing) -> Result<(), Failure> {
         let order = Behaviour::Joints { target, speed: self.settings.speed, seconds: 0.0 };
         let until = Until::Effector(Hand::Track.index());
-        self.follow(alone(Hand::Track, order), until, doing).await
+        self.execute(alone(Hand::Track, order), until, doing).await
     }
 
-    /// Retracts the track from the meeting, unless it is apart already.
+    /// Retracts the track from the meeting, unless it is retracted already.
     pub(super) async fn move_apart(&mut self) -> Result<(), Failure> {
         if self.apart {
             return Ok(());
@@ -205,21 +213,23 @@ impl Robot {
         self.separate(self.settings.meetings.separation).await
     }
 
-    /// Retracts the track from where it stands (m).
+    /// Retracts the track from its present position, `by` this distance (m).
     pub(super) async fn separate(&mut self, by: f64) -> Result<(), Failure> {
         self.check_hold()?;
         self.apart = true;
+        // An order without a distance would still cost a journal entry.
         if by == 0.0 {
             return Ok(());
         }
         let mut target = self.arms[Hand::Track.index()].desired_joints;
         let back = target.0[0] - by;
+        // A resumed mission begins anywhere on the track: it stops where every meeting is cleared.
         target.0[0] = self.least_track.map_or(back, |least| back.max(least));
         self.track_joints(target, Doing::Travelling).await
     }
 
-    /// Returns how far the track stands back from a meeting at least, on an even way of both arms
-    /// between there and where they are apart (m); `None` where none is known.
+    /// Returns the shortest distance by which the track must retract from a meeting (m), so that
+    /// both arms can then move together to or from the joint positions `apart`; `None` if unknown.
     pub(super) fn least_separation(
         &self,
         apart: &[JointPositions; 2],
@@ -229,11 +239,11 @@ impl Robot {
         self.settings.ways.as_ref()?.least_separation(apart, met, newcomer.index())
     }
 
-    /// Brings both arms from one meeting to another in one go. `false`: the way was refused, or
-    /// they met something on it and gave way to it, and stand there.
-    pub(super) async fn cross(
+    /// Moves both arms from one meeting to another in one motion. Returns `false` if the path was
+    /// refused, or if a hand met an obstacle, yielded, and stopped there.
+    pub(super) async fn move_across(
         &mut self,
-        way: &Way,
+        way: &MeetingPath,
         to: [JointPositions; 2],
     ) -> Result<bool, Failure> {
         let from = [0, 1].map(|arm: usize| self.arms[arm].desired_joints);
@@ -241,8 +251,10 @@ impl Robot {
         let seconds = way.least_seconds(speeds, &from, &to);
         let orders =
             way.legs(speeds, &from, &to).map(|legs| Some(Behaviour::Legs { legs, seconds }));
-        // The way is one of the table's, and the arms do not stand quite where it begins.
-        let Some(outcomes) = self.travel_if_free(orders, "the hands go apart first").await? else {
+        // The table holds the path from one meeting to another, but the arms are only near its
+        // beginning: the filter has corrected the last grasp. So the guard may refuse it.
+        let Some(outcomes) = self.travel_if_free(orders, "the hands move apart first").await?
+        else {
             return Ok(false);
         };
         let Some(met) = alarm(&outcomes, Doing::Travelling) else { return Ok(true) };
@@ -253,13 +265,14 @@ impl Robot {
         Ok(false)
     }
 
-    /// Moves the track up to the meeting from where it stands back from it by so much (m).
+    /// Moves the track forward to the meeting, from which it was retracted by `separation` (m).
     pub(super) async fn move_together(
         &mut self,
         track: JointPositions,
         separation: f64,
     ) -> Result<(), Failure> {
-        // The arms are near to each other already where the separation is small.
+        // Set before the hold is checked: with a small separation the arms are near already, and
+        // after a loss they would otherwise leave sideways without retracting.
         self.apart = false;
         self.check_hold()?;
         if separation == 0.0 {
@@ -268,17 +281,17 @@ impl Robot {
         self.track_joints(track, Doing::Adjusting).await
     }
 
-    /// Orders a line to a place of the tool.
+    /// Makes an order for a straight line of the tool to a pose.
     pub(super) fn line(&self, target: Pose) -> Behaviour {
         Behaviour::Line { target, speed: self.settings.speed }
     }
 
-    /// Orders a line to or from where the operator's hand may be.
+    /// Makes an order for a slow straight line, where the operator's hand may be.
     pub(super) fn gentle_line(&self, target: Pose) -> Behaviour {
         Behaviour::Line { target, speed: self.settings.gentle }
     }
 
-    /// Follows a line that is ordered to a pose relative to the set one of the tool.
+    /// Follows a line to the tool's set pose moved `by` this displacement.
     async fn relative(
         &mut self,
         hand: Hand,
@@ -287,18 +300,19 @@ impl Robot {
         doing: Doing,
     ) -> Result<(), Failure> {
         let line = order(self, self.arms[hand.index()].desired_base_from_tool * by);
-        self.follow(alone(hand, line), Until::Effector(hand.index()), doing).await
+        self.execute(alone(hand, line), Until::Effector(hand.index()), doing).await
     }
 
-    /// Moves a hand along its tool's own z (m) where the operator's hand may be.
-    pub(super) async fn along_gently(&mut self, hand: Hand, way: f64) -> Result<(), Failure> {
-        let by = Pose::translation(0.0, 0.0, way);
+    /// Moves a hand slowly along its tool's own z (m), where the operator's hand may be.
+    pub(super) async fn along_gently(&mut self, hand: Hand, distance: f64) -> Result<(), Failure> {
+        let by = Pose::translation(0.0, 0.0, distance);
         self.relative(hand, by, Self::gentle_line, Doing::Travelling).await
     }
 
     /// Moves a hand along its tool's own z (m).
-    pub(super) async fn along(&mut self, hand: Hand, way: f64) -> Result<(), Failure> {
-        self.relative(hand, Pose::translation(0.0, 0.0, way), Self::line, Doing::Travelling).await
+    pub(super) async fn along(&mut self, hand: Hand, distance: f64) -> Result<(), Failure> {
+        self.relative(hand, Pose::translation(0.0, 0.0, distance), Self::line, Doing::Travelling)
+            .await
     }
 
     /// Moves a hand along its tool's axes by a small step (m).
@@ -313,22 +327,24 @@ impl Robot {
         self.relative(hand, by, Self::line, Doing::Adjusting).await
     }
 
-    /// Moves a hand to where its guarded approach to the partner's cube begins.
+    /// Moves a hand to the beginning of its guarded approach to the partner's cube.
     pub(super) async fn pre_grasp(&mut self, hand: Hand, grip: Grip) -> Result<(), Failure> {
         let seat = self.grasp_pose(hand, grip)?;
         let short = self.short_of_cube(hand, grip);
         let line = self.line(seat * Pose::translation(0.0, 0.0, -short));
         let until = Until::Effector(hand.index());
-        self.follow(alone(hand, line), until, Doing::Adjusting).await
+        self.execute(alone(hand, line), until, Doing::Adjusting).await
     }
 
-    /// Returns how far short of the cube its guarded approach begins (m): the cube may stand nearer
-    /// than it is believed to, by the filter's own doubt and by what the last grasps were off.
+    /// Returns the distance before the cube at which its guarded approach begins (m). The cube may
+    /// be nearer than believed, by the filter's uncertainty and by the error of the last grasps.
     fn short_of_cube(&self, hand: Hand, grip: Grip) -> f64 {
         let least = self.settings.pre_grasp;
+        // The last errors alone are not enough: the filter was uncertain by 2 mm before an error of
+        // 4.6 mm, and a line of 450 mm/s hit the cube with 20 N.
         let doubt = self.belief.doubt_ahead(hand, grip.hold, grip.half_roll, &self.arms);
-        let off = doubt.map_or(UNSURE, |deviation| MOST_OFF * deviation.hypot(UNMODELLED));
-        (off.max(self.miss) + SURE).clamp(least, least.max(UNSURE))
+        let off = doubt.map_or(UNSURE, |deviation| DEVIATIONS * deviation.hypot(UNMODELLED));
+        (off.max(self.miss) + STOP_MARGIN).clamp(least, least.max(UNSURE))
     }
 
     fn grasp_pose(&self, hand: Hand, grip: Grip) -> Result<Pose, Failure> {
@@ -336,14 +352,16 @@ impl Robot {
         Ok(pose.ok_or("the partner does not hold the cube")?)
     }
 
-    /// Moves an open hand onto the partner's cube, until the palm touches.
+    /// Moves an open hand onto the partner's cube, until the palm touches it.
     pub(super) async fn approach(&mut self, hand: Hand, grip: Grip) -> Result<(), Failure> {
         let s = &self.settings;
         let order = if s.compliance == ComplianceChoice::None {
+            // Position control has no contact to stop at: the slow line ends at the believed pose.
             Behaviour::Line { target: self.grasp_pose(hand, grip)?, speed: 0.2 * s.speed }
         } else {
             Behaviour::Approach {
                 speed: s.approach_speed,
+                // An approach without contact 15 mm beyond the believed place has missed the cube.
                 distance: self.short_of_cube(hand, grip) + 0.015,
                 force: s.touch,
                 selector: [false; 6],
@@ -365,7 +383,7 @@ impl Robot {
         }
     }
 
-    /// Orders the jaws to close on a cube.
+    /// Makes an order for jaws that close on a cube.
     pub(super) fn jaws_close(&self, stops: Depth) -> Behaviour {
         let s = &self.settings;
         Behaviour::Grasp {
@@ -391,17 +409,19 @@ impl Robot {
             return Err(Failure::NotGrasped { hand, why: met.why });
         }
         match outcomes[hand.index()] {
+            // The jaws hold a cube. A misaligned layer reads too wide, so the smaller width counts.
             Some(Outcome::Grasped(width)) if width > LEAST_WIDTH * self.settings.edge => {
                 self.log.grasps += 1;
                 let known = self.widths[hand.index()].filter(|_| closing == Closing::OnLayer);
                 self.widths[hand.index()] = Some(known.map_or(width, |known| known.min(width)));
                 Ok(())
             }
-            // Jaws that were opening when the other run ended looked like jaws on a cube.
+            // The other run ended while it opened these jaws: they passed the width of a cube, and
+            // the person has the cube.
             Some(Outcome::Empty(_))
                 if hand == Hand::Track && self.maybe_offered.is_some_and(|cube| cube.opening) =>
             {
-                Err(Failure::WithOperator("the jaws close on nothing".to_owned()))
+                Err(Failure::WithOperator("the jaws closed without a cube".to_owned()))
             }
             other => {
                 let (name, found) = (hand.name(), Outcome::words(other));
@@ -411,7 +431,7 @@ impl Robot {
         }
     }
 
-    /// Presses the cube into the palm and the partner's, and learns where the partner stands.
+    /// Presses the cube into the palm and the partner's palm, and measures the partner's position.
     pub(super) async fn secure(&mut self, hand: Hand, grip: Grip) -> Result<(), Failure> {
         let Grip { hold, half_roll } = grip;
         let s = &self.settings;
@@ -428,6 +448,7 @@ impl Robot {
             return Err(Failure::NotGrasped { hand, why: met.why });
         }
         let miss = self.belief.secured(hand, hold, half_roll, &self.arms);
+        // One good grasp does not prove the next: a larger error fades over several grasps.
         self.miss = miss.z.abs().max(0.5 * self.miss);
         if miss.norm() > 0.004 {
             let (name, mm) = (hand.name(), miss.norm() * 1e3);
@@ -438,19 +459,20 @@ impl Robot {
         Ok(())
     }
 
-    /// Opens the jaws of a hand. Whether what strains them hinders depends on who holds the cube.
+    /// Opens the jaws of a hand. An overload stops them only until the cube was given back.
     pub(super) async fn open(&mut self, hand: Hand, stops: Depth) -> Result<(), Failure> {
         self.open_to(hand, stops, self.given_back).await
     }
 
-    /// Opens the jaws. `theirs`: the person who takes the cube, however hard, gets it.
+    /// Opens the jaws. With `theirs` no overload stops them: the cube belongs to the person who
+    /// pulls it.
     pub(super) async fn open_to(
         &mut self,
         hand: Hand,
         stops: Depth,
         theirs: bool,
     ) -> Result<(), Failure> {
-        // Opening relieves what strains the jaws: they try again after giving way for a while.
+        // Opening relieves the strain, so the jaws retry after the hand has yielded for a while.
         for tries in 0.. {
             self.check_hold()?;
             let order = self.jaws_open(hand, stops, theirs);
@@ -460,50 +482,52 @@ impl Robot {
             if tries >= MOST_STRAINED {
                 return Err(Failure::Final(met.why));
             }
-            self.note(format!("{}: once more", met.why));
+            self.note(format!("{}: retry", met.why));
             self.wait(hand, STRAINED_SECONDS).await?;
         }
         Ok(())
     }
 
-    /// Whether the jaws of a hand stand open beside the partner's cube, and the palm's stops where
-    /// they are wanted.
-    pub(super) fn stands_open(&self, hand: Hand, stops: Depth) -> bool {
+    /// Returns whether the jaws of a hand are open enough beside the partner's cube, and the palm's
+    /// stops are at `stops`.
+    pub(super) fn is_open(&self, hand: Hand, stops: Depth) -> bool {
         let (i, s) = (hand.index(), &self.settings);
         self.stops[i] == stops && self.arms[i].jaw_opening > s.regrasp_opening - OPEN_ENOUGH
     }
 
     fn jaws_open(&self, hand: Hand, stops: Depth, theirs: bool) -> Behaviour {
-        // While the partner or the operator holds the cube too, what is strained between the hands
-        // gives way before the pads do.
+        // While the partner or the operator holds the cube as well, a strain between the hands
+        // moves the compliant arm before it moves the pads. A doubted sensor may steer no arm.
         let partner_holds = self.belief.held[hand.other().index()].is_some();
         let chained = partner_holds && !self.apart;
         let yields = (chained || theirs) && self.trust == Trust::Believed;
         let s = &self.settings;
-        // Between the hands it is known to a millimetre or two where the cube is.
+        // Between two hands the cube's position is known to a millimetre or two.
         let opening = if partner_holds { s.regrasp_opening } else { s.opening };
         Behaviour::Jaw {
             jaw: JawCommand { opening, force_limit: s.grip, stops },
             seconds: s.jaw_leave,
             selector: if yields { s.grasp_selector() } else { [false; 6] },
-            // A strain that is only believed does not hinder either.
+            // A doubted sensor may report an overload that is not there.
             strained: theirs || self.trust == Trust::Doubted,
         }
     }
 
-    /// Orders the visual servo to the cube that is held out or lies on the table.
+    /// Makes an order for the visual servo to the cube that is held out or lies on the table.
     pub(super) fn servo_to_cube(&self) -> Behaviour {
         let (s, visual) = (&self.settings, self.settings.visual);
         Behaviour::VisualServo(visual_servo::Order {
             world_from_base: self.belief.world_from_base(Hand::Track),
+            // With one layer between the fingers the tool point ends in that layer's centre plane.
             seat: s.edge / 3.0,
-            patience: self.seeks.map_or(visual.patience, |time| time.min(visual.patience)),
+            patience: self.seek_time.map_or(visual.patience, |time| time.min(visual.patience)),
             ..visual
         })
     }
 
-    /// Pulls a little at the cube in the track hand, and returns how that ended: touched means that
-    /// somebody holds it. `share` is the force that tells, as a share of the operator's pull.
+    /// Pulls a little at the cube in the track hand, and returns the outcome: `Touched` means that
+    /// a person holds the cube. `share` is the force that counts, as a share of the force with
+    /// which an operator pulls.
     pub(super) async fn pull(
         &mut self,
         share: f64,
@@ -511,10 +535,11 @@ impl Robot {
     ) -> Result<Option<Outcome>, Failure> {
         let s = &self.settings;
         let mut selector = s.grasp_selector();
+        // The pull itself is along z: a z that yields would follow the person's hand.
         selector[2] = false;
         let order = Behaviour::Withdraw {
             speed: s.approach_speed,
-            distance: PULL_WAY,
+            distance: PULL_DISTANCE,
             force: share * s.pull,
             selector,
         };
@@ -531,7 +556,8 @@ impl Robot {
         self.behave_alone(Hand::Track, order, Doing::HandingBack).await
     }
 
-    /// Turns a layer while the partner gives way; the turn stands still at a torque (Nm).
+    /// Turns a layer by `angle` (rad) while the other arm or this one yields; the turn stalls at
+    /// `torque` (Nm).
     pub(super) async fn turn(
         &mut self,
         turner: Hand,
@@ -541,7 +567,8 @@ impl Robot {
         self.straight = self.straight.or_else(|| self.straight_now(turner));
         let s = &self.settings;
         let body = turner.other();
-        let axis = self.belief.turn_axis(turner).ok_or("a hand is empty in a turn")?;
+        let axis =
+            self.belief.turn_axis(turner).ok_or("one of the hands in a turn holds no cube")?;
         let (turner_selector, body_selector) = match s.compliant_arm {
             CompliantArm::Body => ([false; 6], s.turn_selector(axis)),
             CompliantArm::Turner => (s.turn_selector(2), [false; 6]),
@@ -551,7 +578,8 @@ impl Robot {
             turner,
             Behaviour::Turn {
                 angle,
-                // A hand that is to yield to less turns slower: its admittance stays.
+                // The admittance is speed over torque. A lower stall torque at full speed would
+                // raise it and excite the tool, so the turn is slower instead.
                 speed: s.turn_speed * (torque / s.turn_torque).min(1.0),
                 acceleration: s.turn_acceleration.min(most),
                 torque,
@@ -577,20 +605,20 @@ mod tests {
     use crate::tasks::cube::think::{Conclusion, Thought};
     use crate::tasks::{Action, Event};
 
-    /// Plays a motion with the cube in the track hand, or a procedure of motions. Returns the word
-    /// of each action, and whether an entry for another run was published before it. Nobody takes a
-    /// cube that is held out, and a pull finds a holder.
-    fn noted(
+    /// Plays a motion, or a procedure of motions, with the cube in the track hand. Returns the word
+    /// of each action, and whether a journal entry was published before it. No person takes the
+    /// cube that is held out, and a test pull finds a holder.
+    fn journaled(
         keeper: Keeper,
         motion: impl AsyncFnOnce(&mut Robot) -> Result<(), Failure>,
     ) -> Vec<(&'static str, bool)> {
         let mut stage = Stage::holding(CubeSettings { keeper, ..settings() });
         stage.robot.hand_over = Some(JointPositions([0.3; 7]));
         let port = stage.port.clone();
-        let mut noted = Vec::new();
+        let mut journaled = Vec::new();
         let (end, _) = stage.play(motion, &mut |action, arms| {
             let word = words(std::slice::from_ref(action))[0];
-            noted.push((word, port.state(|shared| shared.entry.is_some())));
+            journaled.push((word, port.state(|shared| shared.entry.is_some())));
             match order(action) {
                 Some(Behaviour::Present { pull, .. }) if pull.is_finite() => {
                     track(Outcome::TimedOut(20.0))
@@ -600,45 +628,45 @@ mod tests {
             }
         });
         assert!(end.is_ok(), "{end:?}");
-        noted
+        journaled
     }
 
-    /// Checks that a single motion is noted, or not.
-    macro_rules! assert_noted {
-        ($word:literal, $is_noted:literal, $robot:ident, $motion:expr) => {
+    /// Checks whether a single motion has a journal entry.
+    macro_rules! assert_entry {
+        ($word:literal, $has_entry:literal, $robot:ident, $motion:expr) => {
             let motion = async |$robot: &mut Robot| $motion.await.map(drop);
-            assert_eq!(noted(Keeper::Person, motion), [($word, $is_noted)]);
+            assert_eq!(journaled(Keeper::Person, motion), [($word, $has_entry)]);
         };
     }
 
     #[test]
-    fn motion_is_noted_before_it_begins() {
+    fn motion_is_journaled_before_it_begins() {
         let hand = Hand::Postument;
-        assert_noted!("line", true, robot, robot.along(Hand::Track, -0.05));
-        assert_noted!("joints", true, robot, robot.joints([None, Some(JointPositions([0.1; 7]))]));
-        assert_noted!("joints", true, robot, {
+        assert_entry!("line", true, robot, robot.along(Hand::Track, -0.05));
+        assert_entry!("joints", true, robot, robot.joints([None, Some(JointPositions([0.1; 7]))]));
+        assert_entry!("joints", true, robot, {
             robot.apart = false;
             robot.move_apart()
         });
-        assert_noted!("close", true, robot, robot.close(hand, taken(), Closing::Straight));
-        assert_noted!("open", true, robot, robot.open(hand, Depth::One));
-        assert_noted!("turn", true, robot, {
+        assert_entry!("close", true, robot, robot.close(hand, taken(), Closing::Straight));
+        assert_entry!("open", true, robot, robot.open(hand, Depth::One));
+        assert_entry!("turn", true, robot, {
             robot.hold(hand);
             robot.turn(Hand::Track, 1.0, 2.0)
         });
-        assert_noted!("present", true, robot, robot.present());
+        assert_entry!("present", true, robot, robot.present());
     }
 
-    /// A journal entry costs a write to the disk: small and repeated ways do without.
+    /// A journal entry costs a write to the disk, so small and repeated motions have none.
     #[test]
-    fn small_motion_is_not_noted() {
-        assert_noted!("line", false, robot, robot.nudge(Hand::Track, [0.001, 0.0, 0.0]));
-        assert_noted!("line", false, robot, robot.roll(Hand::Track, 0.1));
-        assert_noted!("give way", false, robot, robot.wait(Hand::Track, 1.0));
+    fn small_motion_is_not_journaled() {
+        assert_entry!("line", false, robot, robot.nudge(Hand::Track, [0.001, 0.0, 0.0]));
+        assert_entry!("line", false, robot, robot.roll(Hand::Track, 0.1));
+        assert_entry!("yield", false, robot, robot.wait(Hand::Track, 1.0));
     }
 
     #[test]
-    fn hand_back_is_noted_at_each_motion() {
+    fn hand_back_is_journaled_at_each_motion() {
         let solved = async |robot: &mut Robot| give_back::solved(robot).await.map(drop);
         let handed_back = [
             ("hand back", false),
@@ -651,7 +679,7 @@ mod tests {
             ("open", true),
             ("line", true),
         ];
-        assert_eq!(noted(Keeper::Person, solved), handed_back);
+        assert_eq!(journaled(Keeper::Person, solved), handed_back);
 
         let solved = async |robot: &mut Robot| give_back::solved(robot).await.map(drop);
         let laid_down = [
@@ -664,11 +692,11 @@ mod tests {
             ("open", true),
             ("line", true),
         ];
-        assert_eq!(noted(Keeper::Table, solved), laid_down);
+        assert_eq!(journaled(Keeper::Table, solved), laid_down);
     }
 
     #[test]
-    fn cube_that_was_off_is_approached_from_farther() {
+    fn displaced_cube_is_approached_from_farther() {
         let distance = |miss: f64, pre_grasp: f64| {
             let mut stage = Stage::holding(CubeSettings { pre_grasp, ..settings() });
             stage.robot.miss = miss;
@@ -688,17 +716,18 @@ mod tests {
         };
         let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
         let doubted = distance(0.0, 0.004);
-        assert!(doubted > 0.006 && doubted < UNSURE, "{doubted} m by what the filter knows");
-        near(distance(0.009, 0.004), 0.009 + SURE);
+        assert!(doubted > 0.006 && doubted < UNSURE, "{doubted} m by the filter's estimate");
+        near(distance(0.009, 0.004), 0.009 + STOP_MARGIN);
         near(distance(UNSURE, 0.004), UNSURE);
         near(distance(0.0, UNSURE), UNSURE);
         near(distance(0.0, 0.03), 0.03);
     }
 
-    /// Brings the hands to a grasp by a way whose legs come to this event. Returns the words of the
-    /// orders, and how the way ended.
+    /// Brings the hands to a grasp along a path whose legs end with this event. Returns the words
+    /// of the orders, and the end of the path.
     fn meets(legs: Event<Conclusion>) -> (Vec<&'static str>, Result<(), Failure>) {
-        let way = Way { separation: 0.1, stroke: 0.3, across: 0.1, ramp: 0.1, seconds: 2.0 };
+        let way =
+            MeetingPath { separation: 0.1, stroke: 0.3, across: 0.1, ramp: 0.1, seconds: 2.0 };
         let mut settings = settings();
         settings.meetings.ways = vec![Some(way); 30 * 30 * 2];
         let mut stage = Stage::holding(settings);
@@ -715,7 +744,7 @@ mod tests {
             let goes_across = matches!(sent, [Some(Behaviour::Legs { .. }), ..]);
             orders.push(match sent {
                 _ if goes_across => "legs",
-                [Some(Behaviour::Present { .. }), ..] => "gives way",
+                [Some(Behaviour::Present { .. }), ..] => "yields",
                 _ => "joints",
             });
             match legs.take_if(|_| goes_across) {
@@ -726,20 +755,20 @@ mod tests {
         (orders, end)
     }
 
-    /// Conditions of a way between a meeting and a place apart.
+    /// Conditions of a path between a meeting and a place apart.
     #[derive(Clone)]
     struct Conditions {
-        /// Finds how near the arms may go to each other.
+        /// Finder of the least distance between the arms.
         ways: Option<WayFinder>,
-        /// MP refuses the first try.
+        /// Whether MP refuses the first try.
         refused: bool,
-        /// The track has lost the cube at its end.
+        /// Whether the track has lost the cube at the end of the path.
         lost: bool,
     }
 
-    /// Goes with the cube in the track hand from `begin` to a meeting at `end`, or back to where
-    /// the track stands at `end`. The arms go where they are sent. Returns the stage, how the way
-    /// ended, and where the track was sent.
+    /// Moves the track hand with the cube from `begin` to a meeting at `end`, or back to the joint
+    /// positions of the track at `end`. The arms reach every target. Returns the stage, the end of
+    /// the path, and the targets of the track.
     fn goes(
         begin: [JointPositions; 2],
         end: [JointPositions; 2],
@@ -758,7 +787,7 @@ mod tests {
         let mut shell = |action: &Action<Thought>, arms: &mut [ArmState; 2]| {
             let Action::Behave { orders, .. } = action else { return goes_well(action, arms) };
             let Some(Behaviour::Joints { target, .. }) = orders[0] else { panic!("{action:?}") };
-            // All but the track's own way from or to the meeting.
+            // All but the track's own motion from or to the meeting.
             if (orders[1].is_some() || !meets && target == track) && std::mem::take(&mut refused) {
                 return Event::Trouble("too near".to_owned());
             }
@@ -779,7 +808,7 @@ mod tests {
     }
 
     #[test]
-    fn hands_go_no_farther_apart_than_needed() {
+    fn track_retracts_no_farther_than_needed() {
         let finder = WayFinder::of_example();
         let (met, by) = finder.example_place();
         let [apart, _] = WayFinder::example_start();
@@ -809,19 +838,21 @@ mod tests {
         }
     }
 
+    /// Arms that are near must retract before they leave, also after they lost the cube.
     #[test]
-    fn lost_cube_leaves_hands_that_are_near() {
+    fn lost_cube_keeps_arms_marked_as_near() {
         let apart = WayFinder::example_start();
         let lost = Conditions { ways: Some(WayFinder::of_example()), refused: false, lost: true };
 
         let (stage, end, _) = goes(apart, apart, true, lost);
 
         assert_eq!(end, Err(Failure::Lost(Hand::Track)));
-        assert!(!stage.robot.apart, "nothing stands back");
+        assert!(!stage.robot.apart, "the arms are not apart");
     }
 
+    /// A refused or blocked path is replaced by three motions: apart, across, together.
     #[test]
-    fn way_that_is_refused_is_gone_in_turn() {
+    fn refused_path_is_split_into_three_motions() {
         let in_turn = ["joints"; 3];
         let (orders, end) = meets(Event::Behaved([Some(Outcome::Reached); 2]));
         assert!(end.is_ok() && orders == ["legs"], "{orders:?}");
@@ -831,7 +862,7 @@ mod tests {
 
         let met = Event::Behaved([Some(Outcome::OverForce(2, 31.0)), Some(Outcome::Ended)]);
         let (orders, end) = meets(met);
-        let way = [&["legs", "gives way"][..], &in_turn].concat();
+        let way = [&["legs", "yields"][..], &in_turn].concat();
         assert!(end.is_ok() && orders == way, "{orders:?}");
     }
 }

@@ -1,44 +1,45 @@
-//! The assignment of a mission: its goal, and what it begins with.
+//! Assignment of a mission: its goal, and its state at the beginning.
 
 use crate::tasks::Entry;
 use crate::tasks::cube::hold::{Hand, Hold};
 
-/// What the kernel is to do.
+/// Goal of the kernel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Goal {
-    /// Everything: from the operator's hand, or the table, and back to it, solved.
+    /// Whole mission: takes the cube from the operator's hand or the table, solves and returns it.
     Solve,
-    /// Take the cube and give it back.
+    /// Acquisition alone: takes the cube and gives it back.
     Acquire,
-    /// Both hands hold the cube; turn the face in the track's palm by this angle about its tool's z
-    /// (rad).
+    /// Turn of the face in the track's palm by this angle about its tool's z (rad), while the
+    /// postument's hand holds the cube.
     FaceTurn(f64),
 }
 
-/// What a mission begins with.
+/// Goal of a mission, and its state at the beginning.
 #[derive(Debug, Clone)]
 pub struct Assignment {
-    /// What is to be done.
+    /// Goal of the mission.
     pub goal: Goal,
-    /// The hand that holds the cube, and how, for `FaceTurn`.
+    /// Hand that holds the cube, its hold, and whether by half a roll, for `FaceTurn`.
     pub held: Option<(Hand, Hold, bool)>,
-    /// Time that the operator has for an answer (s); `None` when nobody can be asked.
+    /// Time that the operator has for an answer (s); `None` without an operator.
     pub patience: Option<f64>,
-    /// What an earlier run noted last, if this one goes on from there.
+    /// Last journal entry of the run that this one resumes.
     pub earlier: Option<Entry>,
 }
 
 impl Assignment {
-    /// Begins with empty hands and nobody to ask.
+    /// Makes an assignment with empty hands and without an operator.
     #[must_use]
     pub fn new(goal: Goal) -> Self {
         Self { goal, held: None, patience: None, earlier: None }
     }
 
-    /// Goes on where another run was broken off, at whatever moment. `last` is what that run noted
-    /// last, if anything.
+    /// Returns the assignment to resume a run that was broken off at any moment. `last` is the last
+    /// entry of that run's journal, if it has one.
     #[must_use]
     pub fn resumed(self, last: Option<Entry>) -> Self {
+        // Also without an entry the mission takes stock: the hands may hold a cube.
         let nothing = || Entry { doing: "nothing yet".to_owned(), ..Entry::default() };
         Self { earlier: Some(last.unwrap_or_else(nothing)), ..self }
     }

@@ -1,8 +1,7 @@
-//! Why a procedure of the mission could not go on.
+//! Failures that stop a procedure of the mission.
 //!
-//! A failure travels by `?` to the place that can mend it: [`super::realign`] catches what fails
-//! while a layer is brought back into line, [`super::read`] a hidden face, [`super::mend`]
-//! everything else.
+//! A failure travels by `?` to the place that handles it: [`super::realign`] catches failures of a
+//! realignment, [`super::read`] a hidden face, [`super::recover`] all others.
 
 use super::shared::Doing;
 use crate::cube::Face;
@@ -13,53 +12,53 @@ use std::fmt::Debug;
 
 /// Behaviours of both hands; `None` leaves a hand as it is.
 pub(super) type Orders = [Option<Behaviour>; 2];
-/// How the behaviours ended.
+/// Outcomes of the behaviours of both hands.
 pub(super) type Outcomes = [Option<Outcome>; 2];
 
-/// Orders a behaviour of one hand.
+/// Makes orders for one hand alone.
 pub(super) fn alone(hand: Hand, behaviour: Behaviour) -> Orders {
     let mut orders = [None, None];
     orders[hand.index()] = Some(behaviour);
     orders
 }
 
-/// Why a procedure stopped.
+/// Reason for which a procedure stopped.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Failure {
-    /// The mission ends where it stands, for this reason.
+    /// End of the mission without a further motion, for this reason.
     Final(String),
-    /// The jaws of this hand have closed farther than on a cube.
+    /// Loss of the cube: the jaws of this hand have closed farther than on it.
     Lost(Hand),
-    /// This hand did not get hold of the cube that its partner holds.
+    /// Failed grasp of this hand; its partner holds the cube.
     NotGrasped { hand: Hand, why: String },
-    /// A hand that gave way was pressed beyond its limits all the same.
+    /// Overload of a hand although it yielded.
     Strained(String),
-    /// A face cannot be read in the grasp in which the cube is held.
+    /// Face that cannot be read in the present grasp.
     Hidden { face: Face, why: String },
-    /// A turn of the plan did not go through; the layer may be misaligned.
+    /// Failed turn of the plan; the layer may be misaligned.
     TurnFailed { turner: Hand },
-    /// The cube is read and planned anew, after this hand has let go.
-    ReadAnew { release: Option<Hand> },
-    /// The cube goes back as it is, after this hand has let go; the reason is known already.
+    /// Need to read and plan again, after this hand has let go.
+    ReadAgain { release: Option<Hand> },
+    /// Return of the cube as it is, after this hand has let go; the reason is stored already.
     GiveUp { release: Option<Hand> },
-    /// The cube goes back as it is, for this reason.
+    /// Return of the cube as it is, for this reason.
     GiveBack(String),
-    /// The cube cannot be taken, or is not let go: it stays with the operator, for this reason.
+    /// Cube that stays with the operator for this reason: it cannot be taken, or is not let go.
     Left(String),
-    /// A cube that an earlier run was handing back is in somebody's hand.
+    /// Cube of an earlier run's hand-back, which a person holds.
     WithOperator(String),
-    /// A cube that an earlier run was handing back is not held out again.
+    /// Cube of an earlier run's hand-back, which no person holds out again.
     NotHeldOut,
 }
 
 impl Failure {
-    /// Reports an event that does not answer the action, a defect of the shell.
+    /// Returns the failure for an event that does not answer the action, a defect of the shell.
     pub(super) fn unexpected<C: Debug>(event: &Event<C>) -> Self {
         Self::Final(format!("the shell answered with {event:?}"))
     }
 }
 
-/// A reason alone ends the mission where it stands: what `?` makes of a text.
+/// Conversion by `?`: a reason without a kind ends the mission.
 impl From<String> for Failure {
     fn from(why: String) -> Self {
         Self::Final(why)
@@ -72,13 +71,13 @@ impl From<&str> for Failure {
     }
 }
 
-/// An outcome that ends the partner's behaviour, too.
+/// Outcome that also ends the partner's behaviour.
 #[derive(Debug)]
 pub(super) struct Alarm {
-    /// The hand that reported it.
+    /// Hand that reported it.
     pub(super) hand: Hand,
     pub(super) outcome: Outcome,
-    /// The alarm, the hand and what it was doing, in words.
+    /// Outcome, hand and action in words.
     pub(super) why: String,
 }
 

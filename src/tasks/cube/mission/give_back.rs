@@ -1,14 +1,18 @@
-//! The cube goes back: to the operator's hand, or onto the table.
+//! Return of the cube to the operator's hand, or onto the table.
 //!
-//! - in: pulls at the cube, what is met on the way out, the table's touch
-//! - out: the cube let go, and the end of the mission
-//! - source: Zieliński et al. (2007), p. 374; the pulls that tell who holds the cube: own work
+//! - in: pulls at the cube, contacts on the way out, the touch of the table
+//! - out: the cube released, and the end of the mission
+//! - source: Zieliński et al. (2007), p. 374; pulls that detect a holder: own work
 //!
-//! | situation | decision |
-//! |---|---|
-//! | a contact on the way out or back | the hand gives way, then a small pull tells whether somebody holds the cube; the force of a bump does not |
-//! | somebody holds it | the jaws let go |
-//! | nobody takes it for 20 s | a pull tells whether somebody holds it; if not, it is drawn back and held out once more ([`PRESENTED`] times in all) |
+//! A small pull detects a person who holds the cube. The force of a contact does not: an obstacle
+//! has the same force.
+//!
+//! | situation | threshold | decision |
+//! |---|---|---|
+//! | a contact on the path | `control.hand_force_n` | the hand yields, then pulls a little |
+//! | a person holds the cube | the pull is touched | the jaws let go |
+//! | no person takes it | 20 s | the hand pulls; if no person holds it, it retracts and retries |
+//! | no person takes it again | [`MOST_OFFERS`] | the mission ends with the cube in the hand |
 
 use super::actions::GIVE_WAY_SECONDS;
 use super::failure::{Alarm, Failure, alarm};
@@ -23,20 +27,21 @@ use crate::tasks::Finish;
 use crate::tasks::cube::hold::Hand;
 use crate::tasks::cube::plan::Planner;
 
-/// How often the cube is held out.
-const PRESENTED: u32 = 2;
-/// What is known of a cube that an earlier run was handing back, and that nobody holds out again.
-pub(super) const UNSEEN: &str = "by the other run's journal the cube was being handed back, no hand \
-                                 of the robot holds it, and nobody has held it out since: the \
-                                 operator has it";
+/// Number of times that the cube is held out.
+const MOST_OFFERS: u32 = 2;
+/// Reason for the end of a mission in which no person holds out again the cube that an earlier run
+/// was handing back.
+pub(super) const UNSEEN: &str = "by the journal of the earlier run the cube was being handed back, \
+                                 no hand of the robot holds it, and no person has held it out \
+                                 again: the operator has it";
 
-/// Who holds the cube that is handed back.
+/// Holder of the cube that is handed back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Holder {
     /// The track hand alone.
     Robot,
-    /// Somebody has taken hold of it: the jaws are to let go.
-    Somebody,
+    /// A person has taken hold of the cube: the jaws must let go.
+    Person,
 }
 
 /// Gives the cube back solved, or as the task wants it.
@@ -50,6 +55,7 @@ pub(super) async fn unsolved(robot: &mut Robot, why: String) -> Result<Finish, F
     robot.note(format!("{why}: the cube {}", robot.goes_back()));
     robot.log.grasps = 0;
     let holder = robot.held_alone()?;
+    // A plan without turns has only the grasps that bring the cube into the track hand.
     let way = Planner::new(&robot.settings).of(&[Vec::new()], holder);
     let steps = way.map_err(|e| format!("{why}; {e}"))?.steps;
     robot.failure = Some(why);
@@ -58,11 +64,11 @@ pub(super) async fn unsolved(robot: &mut Robot, why: String) -> Result<Finish, F
     finish(robot, false)
 }
 
-/// Ends the mission with the cube out of its hands.
+/// Ends the mission after it has released the cube.
 pub(super) fn finish(robot: &mut Robot, achieved: bool) -> Result<Finish, Failure> {
     robot.check_hold()?;
     robot.publish(Doing::Over);
-    let sought = robot.seeks.is_some();
+    let sought = robot.seek_time.is_some();
     let back = match robot.settings.keeper {
         Keeper::Person if sought => UNSEEN,
         Keeper::Person => "the cube was handed back",
@@ -76,10 +82,10 @@ pub(super) fn finish(robot: &mut Robot, achieved: bool) -> Result<Finish, Failur
     Ok(Finish { achieved, reason })
 }
 
-/// Brings the cube to where it was taken, and leaves it there.
+/// Brings the cube to the place of hand-over, and releases it there.
 async fn hand_back(robot: &mut Robot) -> Result<(), Failure> {
     robot.check_hold()?;
-    let place = robot.hand_over.ok_or("the place of the hand-over is not known")?;
+    let place = robot.hand_over.ok_or("the place of hand-over is unknown")?;
     match robot.settings.keeper {
         Keeper::Person => {
             robot.phase("hand back").await?;
@@ -90,6 +96,7 @@ async fn hand_back(robot: &mut Robot) -> Result<(), Failure> {
             robot.phase("lay down").await?;
             regrasp::return_to(robot, place).await?;
             robot.along(Hand::Track, robot.way_back() - before_the_table(robot)).await?;
+            // The zero is taken after the free motion and before the contact.
             robot.zero_forces([true, false]).await?;
             lay_down(robot).await?;
         }
@@ -97,7 +104,7 @@ async fn hand_back(robot: &mut Robot) -> Result<(), Failure> {
     regrasp::let_go(robot, Hand::Track).await
 }
 
-/// Returns how far above the table a cube that is laid down is lowered by touch alone (m).
+/// Returns the height above the table below which the cube is lowered by touch (m).
 fn before_the_table(robot: &Robot) -> f64 {
     robot.settings.pre_grasp.max(UNSURE)
 }
@@ -107,7 +114,7 @@ async fn lay_down(robot: &mut Robot) -> Result<(), Failure> {
     robot.check_hold()?;
     robot.given_back = true;
     let s = &robot.settings;
-    // A table that was not touched by then is not there.
+    // Without a contact by this distance there is no table.
     let distance = before_the_table(robot) + s.edge / 3.0 + 0.01;
     let order = Behaviour::Approach {
         speed: s.approach_speed,
@@ -123,34 +130,35 @@ async fn lay_down(robot: &mut Robot) -> Result<(), Failure> {
         Some(Outcome::Touched(_)) => Ok(()),
         other => {
             let felt = Outcome::words(other);
-            Err(format!("the cube could not be laid down, no table was felt: {felt}").into())
+            Err(format!("the cube could not be laid down, no contact with the table: {felt}")
+                .into())
         }
     }
 }
 
-/// The way on which the cube is held out: `base_from_tool` of the track at its beginning and end.
+/// Path on which the cube is held out: `base_from_tool` of the track at both ends.
 #[derive(Debug, Clone, Copy)]
-struct WayOut {
+struct OfferPath {
     begin: Pose,
     end: Pose,
 }
 
-/// Holds the cube out to the operator until somebody has hold of it.
+/// Holds the cube out to the operator until a person has hold of it.
 async fn offer(robot: &mut Robot) -> Result<(), Failure> {
     let begin = robot.arms[Hand::Track.index()].desired_base_from_tool;
     let end = begin * Pose::translation(0.0, 0.0, robot.way_back());
-    let way = WayOut { begin, end };
-    if hold_out(robot, way).await? == Holder::Somebody {
+    let way = OfferPath { begin, end };
+    if hold_out(robot, way).await? == Holder::Person {
         return Ok(());
     }
     robot.zero_forces([true, false]).await?;
+    // The loop ends with a holder, or with the failure of the last try.
     for tries in 1.. {
-        if wait_for_a_pull(robot, tries).await? == Holder::Somebody {
+        if wait_for_a_pull(robot, tries).await? == Holder::Person {
             break;
         }
-        robot.note("nobody holds it: it is drawn back and held out once more");
-        if withdraw(robot).await? == Holder::Somebody
-            || hold_out(robot, way).await? == Holder::Somebody
+        robot.note("no person holds the cube yet: it is retracted and held out again");
+        if withdraw(robot).await? == Holder::Person || hold_out(robot, way).await? == Holder::Person
         {
             break;
         }
@@ -159,29 +167,32 @@ async fn offer(robot: &mut Robot) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Presents the cube; where nobody takes it a small pull tells whether somebody holds it.
+/// Presents the cube and waits for a pull. After a wait in vain a small pull detects a holder.
 async fn wait_for_a_pull(robot: &mut Robot, tries: u32) -> Result<Holder, Failure> {
     let outcomes = robot.present().await?;
     match (alarm(&outcomes, Doing::HandingBack), outcomes[Hand::Track.index()]) {
-        // Nobody else is there who could strain it.
+        // Only a person can strain a hand that yields in free air.
         (Some(Alarm { outcome: Outcome::OverForce(..), why, .. }), _) => {
             robot.note(format!("{why}: the jaws let go"));
-            Ok(Holder::Somebody)
+            Ok(Holder::Person)
         }
+        // An oscillation is a fault of the force control and no sign of a person.
         (Some(met), _) => Err(Failure::Final(met.why)),
-        (None, Some(Outcome::Pulled)) => Ok(Holder::Somebody),
+        // The operator pulls at the cube.
+        (None, Some(Outcome::Pulled)) => Ok(Holder::Person),
+        // The wait was in vain.
         (None, Some(Outcome::TimedOut(seconds))) => {
-            robot.note(format!("nobody took the cube for {seconds:.0} s"));
-            // The pull is to be felt from here on.
+            robot.note(format!("the cube was not taken within {seconds:.0} s"));
+            // The pull is measured against the force at its beginning.
             robot.zero_forces([true, false]).await?;
             match robot.pull(0.5, Doing::HandingBack).await? {
-                Some(Outcome::NotTouched) if tries >= PRESENTED => {
-                    Err("the cube was not taken back: nobody pulls at it".into())
+                Some(Outcome::NotTouched) if tries >= MOST_OFFERS => {
+                    Err("the cube was not taken back: no pull detected".into())
                 }
                 Some(Outcome::NotTouched) => Ok(Holder::Robot),
                 _ => {
-                    robot.note("somebody holds it: the jaws let go");
-                    Ok(Holder::Somebody)
+                    robot.note("a person holds the cube: the jaws let go");
+                    Ok(Holder::Person)
                 }
             }
         }
@@ -191,24 +202,24 @@ async fn wait_for_a_pull(robot: &mut Robot, tries: u32) -> Result<Holder, Failur
     }
 }
 
-/// Draws the cube back farther than it was held out: an operator who has not seen it leave may not
-/// see that it is there again.
+/// Retracts the cube farther than it was held out: an operator who did not see it leave may not
+/// see that it is back.
 async fn withdraw(robot: &mut Robot) -> Result<Holder, Failure> {
-    let goes = robot.free_way(Hand::Track, 2.0 * robot.settings.back);
+    let goes = robot.free_retraction(Hand::Track, 2.0 * robot.settings.back);
     let from = robot.arms[Hand::Track.index()].desired_base_from_tool;
     let line = robot.gentle_line(from * Pose::translation(0.0, 0.0, -goes));
     let outcomes = robot.behave_alone(Hand::Track, line, Doing::Travelling).await?;
-    // A person who takes hold of a cube that is drawn back is to have it.
+    // A person who takes hold of a cube that retracts gets it.
     if let Some(met) = alarm(&outcomes, Doing::Travelling) {
-        somebody_has_hold(robot, &met.why);
-        return Ok(Holder::Somebody);
+        release_to_person(robot, &met.why);
+        return Ok(Holder::Person);
     }
     robot.contacts = 0;
     Ok(Holder::Robot)
 }
 
-/// Moves the cube to where it is held out.
-async fn hold_out(robot: &mut Robot, way: WayOut) -> Result<Holder, Failure> {
+/// Moves the cube to the end of its path, and retries after each obstacle.
+async fn hold_out(robot: &mut Robot, way: OfferPath) -> Result<Holder, Failure> {
     loop {
         let Some(met) = move_track(robot, way.end).await? else {
             robot.contacts = 0;
@@ -217,67 +228,70 @@ async fn hold_out(robot: &mut Robot, way: WayOut) -> Result<Holder, Failure> {
         if !robot.may_give_way() {
             return Err(Failure::Final(met.why));
         }
-        robot.note(format!("{}: it goes no farther", met.why));
-        if feel_for_a_holder(robot).await? == Holder::Somebody
-            || draw_in(robot, way).await? == Holder::Somebody
+        robot.note(format!("{}: the motion stops", met.why));
+        // An obstacle is never pushed: the cube moves back to the beginning before the retry.
+        if probe_for_holder(robot).await? == Holder::Person
+            || move_in(robot, way).await? == Holder::Person
         {
-            return Ok(Holder::Somebody);
+            return Ok(Holder::Person);
         }
     }
 }
 
-/// Moves the cube back to where the way out begins.
-async fn draw_in(robot: &mut Robot, way: WayOut) -> Result<Holder, Failure> {
+/// Moves the cube back to the beginning of its path.
+async fn move_in(robot: &mut Robot, way: OfferPath) -> Result<Holder, Failure> {
     loop {
         let Some(met) = move_track(robot, way.begin).await? else { return Ok(Holder::Robot) };
         if !robot.may_give_way() {
             return Err(Failure::Final(met.why));
         }
-        robot.note(format!("{}: it gives way", met.why));
-        if feel_for_a_holder(robot).await? == Holder::Somebody {
-            return Ok(Holder::Somebody);
+        robot.note(format!("{}: the hand yields", met.why));
+        if probe_for_holder(robot).await? == Holder::Person {
+            return Ok(Holder::Person);
         }
     }
 }
 
-/// Moves the track along a line, and returns what it met.
+/// Moves the track along a line, and returns the obstacle that it met.
 async fn move_track(robot: &mut Robot, target: Pose) -> Result<Option<Alarm>, Failure> {
     let line = robot.gentle_line(target);
     let outcomes = robot.behave_alone(Hand::Track, line, Doing::Travelling).await?;
     Ok(alarm(&outcomes, Doing::Travelling))
 }
 
-/// Finds out whether somebody holds a cube that met something on its way: once it presses no more,
-/// a small pull tells.
-async fn feel_for_a_holder(robot: &mut Robot) -> Result<Holder, Failure> {
+/// Yields after a contact until the cube presses no more, then detects a holder by a small pull.
+async fn probe_for_holder(robot: &mut Robot) -> Result<Holder, Failure> {
     loop {
         robot.contacts += 1;
-        // The pull tells, whatever alarm ends the wait.
+        // An alarm of this wait is not looked at, since the pull measures what follows.
         robot.wait(Hand::Track, GIVE_WAY_SECONDS).await?;
-        // The hand presses perhaps what it met, and its force was zeroed a while ago.
+        // The hand may still press the obstacle, and its last zero is old. So the pull counts from
+        // twice the force of a pull with a fresh zero.
         match robot.pull(1.0, Doing::HandingBack).await? {
+            // The cube comes along freely.
             Some(Outcome::NotTouched) => {
-                robot.note("nobody has hold of it: it is drawn back and held out once more");
+                robot.note("no person holds the cube yet: it is retracted and held out again");
                 return Ok(Holder::Robot);
             }
+            // A person holds it.
             Some(Outcome::Touched(_)) => {
-                somebody_has_hold(robot, "somebody has hold of it");
-                return Ok(Holder::Somebody);
+                release_to_person(robot, "a person holds the cube");
+                return Ok(Holder::Person);
             }
+            // The obstacle still presses, so that no pull is possible: the hand yields again.
             Some(Outcome::OverForce(..)) if robot.may_give_way() => {}
+            // An obstacle that stays keeps the jaws closed: they once opened here, and the cube
+            // fell.
             other => {
                 let felt = Outcome::words(other);
-                return Err(format!(
-                    "something is in the way of the cube that is handed back: {felt}"
-                )
-                .into());
+                return Err(format!("an obstacle blocks the hand-back of the cube: {felt}").into());
             }
         }
     }
 }
 
-/// Notes that somebody has hold of a cube on its way: that person is to have it.
-fn somebody_has_hold(robot: &mut Robot, why: &str) {
+/// Marks the cube as given back to a person who has taken hold of it on its path.
+fn release_to_person(robot: &mut Robot, why: &str) {
     robot.note(format!("{why}: the jaws let go"));
     robot.given_back = true;
 }
@@ -290,10 +304,10 @@ mod tests {
     use super::*;
     use crate::motion::JointPositions;
     use crate::tasks::Action;
-    use crate::tasks::cube::mission::mend;
+    use crate::tasks::cube::mission::recover;
     use crate::tasks::cube::think::Thought;
 
-    /// A stage with the cube in the track hand, and a place where it was taken.
+    /// Makes a stage with the cube in the track hand, and a known place of hand-over.
     fn stage() -> Stage {
         let mut stage = Stage::holding(settings());
         stage.robot.hand_over = Some(JointPositions([0.3; 7]));
@@ -301,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn untaken_cube_is_pulled_each_time_and_kept() {
+    fn untaken_cube_is_probed_twice_and_kept() {
         let mut stage = stage();
 
         let (end, actions) =
@@ -314,14 +328,14 @@ mod tests {
         let again = ["line", "line"];
         assert_eq!(words(&actions), [&["line"][..], &once, &again, &once].concat());
         let Err(failure) = end else { panic!() };
-        let mend = async |robot: &mut Robot| mend::mend(robot, failure).await;
-        let (end, _) = stage.play(mend, &mut goes_well);
+        let recover = async |robot: &mut Robot| recover::recover(robot, failure).await;
+        let (end, _) = stage.play(recover, &mut goes_well);
         let told = format!("{end:?}");
-        assert!(told.contains("nobody pulls at it; the track hand holds"), "{told}");
+        assert!(told.contains("no pull detected; the track hand holds"), "{told}");
     }
 
     #[test]
-    fn cube_seized_while_drawn_back_is_let_go() {
+    fn cube_seized_in_retraction_is_released() {
         let mut stage = stage();
         let mut lines = 0;
 
@@ -330,7 +344,7 @@ mod tests {
                 lines += i32::from(matches!(order(action), Some(Behaviour::Line { .. })));
                 match order(action) {
                     Some(Behaviour::Present { .. }) => track(Outcome::TimedOut(20.0)),
-                    // The first line holds the cube out, the second one draws it back.
+                    // The first line holds the cube out, the second one retracts it.
                     Some(Behaviour::Line { .. }) if lines == 2 => met(),
                     _ => goes_well(action, arms),
                 }
@@ -343,14 +357,14 @@ mod tests {
         assert!(stage.notes().iter().any(|note| note.ends_with("the jaws let go")));
     }
 
-    /// Returns whether the jaws open, whatever strains them.
+    /// Returns whether the jaws open under any strain.
     fn opens_strained(actions: &[Action<Thought>]) -> bool {
         let opens = |action| matches!(order(action), Some(Behaviour::Jaw { strained: true, .. }));
         actions.iter().any(opens)
     }
 
-    /// Hands the cube back; each line and each pull ends as told, in turn, and well afterwards.
-    /// Jaws that let go open whatever strains them.
+    /// Hands the cube back. The lines and the pulls end with these outcomes in order, and well
+    /// afterwards. Checks that jaws which let go open under any strain.
     fn held_out(
         lines: &[Outcome],
         pulls: &[Outcome],
@@ -377,45 +391,46 @@ mod tests {
 
     const MET: Outcome = Outcome::OverForce(2, 31.0);
 
+    /// A contact on the way out may be a person who takes the cube.
     #[test]
-    fn obstacle_on_the_way_out_may_hold_the_cube() {
-        // What still presses after a while is given way to once more.
+    fn contact_on_the_way_out_detects_holder() {
+        // The hand yields once more to an obstacle that still presses after a while.
         let (end, words, _) = held_out(&[MET], &[MET, Outcome::Touched(0.003)]);
 
         assert_eq!(end, Ok(()));
-        let felt = ["line", "give way", "pull", "give way", "pull"];
+        let felt = ["line", "yield", "pull", "yield", "pull"];
         assert_eq!(words, [&felt[..], &["open", "line"]].concat());
     }
 
     #[test]
-    fn obstacle_that_leaves_lets_the_cube_pass() {
+    fn hand_back_succeeds_after_obstacle_leaves() {
         let (end, words, targets) = held_out(&[MET], &[Outcome::NotTouched]);
 
         assert_eq!(end, Ok(()));
-        let drawn_in = ["line", "give way", "pull", "line", "line", "zero", "present"];
+        let drawn_in = ["line", "yield", "pull", "line", "line", "zero", "present"];
         assert_eq!(words, [&drawn_in[..], &["open", "line"]].concat());
-        assert_eq!(targets[0], targets[2], "to the same place");
+        assert_eq!(targets[0], targets[2], "both motions have one target");
     }
 
     #[test]
-    fn obstacle_on_the_way_back_is_felt_for() {
+    fn contact_on_the_way_in_detects_holder() {
         let (end, words, _) = held_out(&[MET, MET], &[Outcome::NotTouched, Outcome::Touched(0.0)]);
 
         assert_eq!(end, Ok(()));
-        let felt = ["line", "give way", "pull", "line", "give way", "pull"];
+        let felt = ["line", "yield", "pull", "line", "yield", "pull"];
         assert_eq!(words, [&felt[..], &["open", "line"]].concat());
     }
 
     #[test]
-    fn obstacle_that_stays_leaves_the_cube_held() {
+    fn persistent_obstacle_leaves_cube_in_hand() {
         let (end, ..) = held_out(&[MET, Outcome::Reached].repeat(5), &[]);
 
         let Err(Failure::Final(why)) = end else { panic!("{end:?}") };
         assert!(why.contains("over-force"), "{why}");
         // The mission ends with the cube in its hand.
         let mut stage = stage();
-        let mend = async |robot: &mut Robot| mend::mend(robot, Failure::Final(why)).await;
-        let (end, actions) = stage.play(mend, &mut goes_well);
+        let recover = async |robot: &mut Robot| recover::recover(robot, Failure::Final(why)).await;
+        let (end, actions) = stage.play(recover, &mut goes_well);
         assert!(actions.is_empty(), "{actions:?}");
         assert!(format!("{end:?}").contains("the track hand holds the cube"), "{end:?}");
     }
@@ -430,7 +445,7 @@ mod tests {
         };
 
         let (end, mut stage) = presents(Outcome::OverForce(0, 60.0));
-        assert_eq!(end, Ok(Holder::Somebody));
+        assert_eq!(end, Ok(Holder::Person));
         let lets_go = async |robot: &mut Robot| regrasp::let_go(robot, Hand::Track).await;
         let (_, actions) = stage.play(lets_go, &mut goes_well);
         assert!(matches!(order(&actions[0]), Some(Behaviour::Jaw { strained: true, .. })));
@@ -445,7 +460,7 @@ mod tests {
 
         let (end, _) = stage.play(async |robot| hand_back(robot).await, &mut goes_well);
 
-        assert_eq!(end, Err("the place of the hand-over is not known".into()));
+        assert_eq!(end, Err("the place of hand-over is unknown".into()));
     }
 
     #[test]
@@ -460,7 +475,7 @@ mod tests {
 
         assert!(end.achieved && end.reason == "the cube was handed back", "{}", end.reason);
         let take = ["acquire", "open", "watch", "zero", "servo", "close"];
-        let release = ["give way", "pull", "watch", "line"];
+        let release = ["yield", "pull", "watch", "line"];
         let back = ["hand back", "joints", "line", "zero", "present", "open", "line"];
         assert_eq!(words(&actions), [&take[..], &release, &back].concat());
         assert_eq!(mission.whereabouts(), "the operator has the cube");

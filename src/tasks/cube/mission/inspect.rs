@@ -1,20 +1,20 @@
-//! The sides of the cube that the free hand can see are compared with what the turns should have
-//! made of them.
+//! Inspection of the cube: the free hand's camera compares three sides with the expected colours.
 //!
-//! Any single layer that stands otherwise shows on one of these three sides. A cube that could not
-//! be looked at is not called done: it is looked at once more, then the operator is asked, and else
-//! it goes back with the reason.
+//! A wrong angle of any single layer shows on one of these three sides. A cube that could not be
+//! inspected never counts as done. It is inspected once more, then the operator is asked, and
+//! without an answer it goes back with the reason.
 //!
-//! - in: readings of three sides, the cube as it should look
-//! - out: `Ok`, or the failure that has it read anew or given back
+//! - in: readings of three sides, the cube as the turns should have left it
+//! - out: `Ok`, or the failure that has the cube read again or given back
 //! - source: own work
 //!
 //! | limit | value | reason |
 //! |---|---|---|
-//! | [`CLEARLY`] | 0.6 | a sticker looks otherwise when another colour is nearer than this share of the way to its own |
-//! | [`ODD_STICKERS`] | 2 | a turn of a layer changes three stickers on a side, a reflection changes one |
+//! | [`CLEARLY`] | 0.6 | another colour is clearly nearer below this share of the own distance |
+//! | [`ODD_STICKERS`] | 2 | a turn changes three stickers on a side, a reflection changes one |
 //! | [`ROW_SEEN`] | 2 of 3 | a turn changes all three stickers of a row at the rim |
-//! | [`CHECK_TRIES`], [`INSPECTIONS`] | 3, 2 | looks at a side; inspections before the operator is asked |
+//! | [`CHECK_TRIES`] | 3 | looks at a side, each from another place |
+//! | [`INSPECTIONS`], [`REPEAT_AFTER`] | 2, 5 s | an obstacle before a camera may leave meanwhile |
 
 use super::failure::Failure;
 use super::look::{NUDGES, exposure};
@@ -28,31 +28,32 @@ use crate::tasks::cube::hold::Hand;
 use crate::vision::sensor::FaceReading;
 use nalgebra::Vector3;
 
-/// Looks at one side before it goes uninspected.
+/// Looks at one side before it counts as uninspected.
 const CHECK_TRIES: u32 = 3;
 /// Inspections before the operator is asked, or the cube goes back as it is.
 const INSPECTIONS: u32 = 2;
-/// Time between inspections, in which what hides the cube may pass (s).
-const LATER: f64 = 5.0;
+/// Time between inspections, in which an obstacle in front of a camera may leave (s).
+const REPEAT_AFTER: f64 = 5.0;
 /// Stickers of a row at the rim of a side that must be seen.
 const ROW_SEEN: usize = 2;
 /// The rows at the rim of a side, in reading order.
 const ROWS: [[usize; 3]; 4] = [[0, 1, 2], [6, 7, 8], [0, 3, 6], [2, 5, 8]];
-/// Share of the way to a sticker's own colour within which another colour is clearly nearer.
+/// Share of the distance to a sticker's own colour below which another colour is clearly nearer.
 const CLEARLY: f64 = 0.6;
-/// Stickers that must look otherwise before the cube is read anew.
+/// Unexpected stickers from which on the cube is read again.
 const ODD_STICKERS: usize = 2;
 
-/// What the looks at the sides brought.
+/// Result of the looks at the sides.
 #[derive(Debug, Default)]
 struct Inspection {
-    /// Stickers that do not look as the turns should have left them.
+    /// Stickers with another colour than the turns should have left.
     unexpected: Vec<(Face, usize)>,
-    /// Why a side could not be inspected, the first reason.
+    /// First reason for which a side could not be inspected.
     uninspected: Option<String>,
 }
 
-/// Inspects the cube in the hand that holds it alone. `turns_remain`: the plan goes on afterwards.
+/// Inspects the cube in the hand that holds it alone. With `turns_remain` the plan continues after
+/// this inspection.
 pub(super) async fn inspect(robot: &mut Robot, turns_remain: bool) -> Result<(), Failure> {
     let mut inspections = 0;
     loop {
@@ -62,15 +63,17 @@ pub(super) async fn inspect(robot: &mut Robot, turns_remain: bool) -> Result<(),
             return Err(not_as_turned(robot, &unexpected));
         }
         let Some(why) = uninspected else { break };
+        // The inspection at the end of the plan covers this side again.
         if turns_remain {
-            robot.note(format!("{why}: it is, before the cube goes back"));
+            robot.note(format!("{why}: the inspection is repeated before the cube goes back"));
             break;
         }
         inspections += 1;
         if inspections < INSPECTIONS {
-            robot.note(format!("{why}: the cube is inspected once more"));
-            robot.stand(LATER).await?;
+            robot.note(format!("{why}: the cube is inspected again"));
+            robot.hold_still(REPEAT_AFTER).await?;
         } else {
+            // The operator wants another look, so the inspection has its repetition again.
             questions::ask_for_inspection(robot, why).await?;
             inspections = 0;
         }
@@ -78,28 +81,29 @@ pub(super) async fn inspect(robot: &mut Robot, turns_remain: bool) -> Result<(),
     if turns_remain { robot.phase("solve").await } else { Ok(()) }
 }
 
-/// Decides what becomes of a cube that is not as the turns should have left it.
+/// Returns the failure of a cube that is not as the turns should have left it.
 fn not_as_turned(robot: &mut Robot, unexpected: &[(Face, usize)]) -> Failure {
     let names: Vec<String> =
         unexpected.iter().map(|(face, i)| format!("{}{i}", face.letter())).collect();
-    let why = format!("stickers {} are not as the turns should have left them", names.join(", "));
+    let why =
+        format!("stickers {} do not have the colours expected after the turns", names.join(", "));
     if !robot.may_recover() {
         return Failure::GiveBack(why);
     }
-    robot.note(format!("{why}: the cube is read anew"));
-    Failure::ReadAnew { release: None }
+    robot.note(format!("{why}: the cube is read again"));
+    Failure::ReadAgain { release: None }
 }
 
 /// Looks at the sides that the free hand sees without another grasp.
 async fn look_at_sides(robot: &mut Robot) -> Result<Inspection, Failure> {
     let holder = robot.holder()?;
     let viewer = holder.other();
-    let held = robot.belief.held[holder.index()].ok_or("nobody holds the cube")?;
+    let held = robot.belief.held[holder.index()].ok_or("no hand holds the cube")?;
     let rotation = held.hold.cube_from_tool(held.half_roll, robot.settings.edge).rotation;
     let sides = [Vector3::z(), Vector3::x(), -Vector3::x()];
     let views = robot.settings.meetings.views[holder.index()];
-    // A layer beside the palm's axis shows on the side before it, one across it on either of the
-    // others.
+    // Turns about the palm's axis show on either lateral side, and turns about another axis show on
+    // the side opposite the palm.
     let enough = views[0].is_some() && (views[1].is_some() || views[2].is_some());
     let none = || "the cube could not be inspected: the cell has no pose for the looks".to_owned();
     let mut inspection = Inspection { uninspected: (!enough).then(none), unexpected: Vec::new() };
@@ -109,6 +113,7 @@ async fn look_at_sides(robot: &mut Robot) -> Result<Inspection, Failure> {
         .iter()
         .zip(views)
         .filter_map(|(side, meeting)| {
+            // Normals of faces differ by right angles, so only one face passes.
             let normal = rotation * side;
             let face = Face::ALL.into_iter().find(|f| f.normal().dot(&normal) > 0.9);
             face.zip(meeting)
@@ -122,8 +127,7 @@ async fn look_at_sides(robot: &mut Robot) -> Result<Inspection, Failure> {
     Ok(inspection)
 }
 
-/// Returns the number of the look to which the way is the shortest, the first one where none is
-/// known.
+/// Returns the index of the look with the quickest path, or the first one if no path is known.
 fn nearest(robot: &Robot, viewer: Hand, looks: &[(Face, Meeting)]) -> Option<usize> {
     let seconds = |to: &Meeting| {
         let way = robot.settings.meetings.way(robot.meeting.as_ref()?, to, viewer.index())?;
@@ -133,7 +137,7 @@ fn nearest(robot: &Robot, viewer: Hand, looks: &[(Face, Meeting)]) -> Option<usi
     seconds.enumerate().min_by(|a, b| a.1.total_cmp(&b.1)).map(|(number, _)| number)
 }
 
-/// Compares one side with what it should look like, each time from elsewhere.
+/// Compares one side with its expected colours, with each retry from another place.
 async fn check_side(
     robot: &mut Robot,
     viewer: Hand,
@@ -146,6 +150,7 @@ async fn check_side(
         let reading = robot.look(viewer, face, exposure).await?;
         match reading.and_then(|reading| compare(robot, face, reading)) {
             Ok((reading, unexpected)) => {
+                // The pose of the face is also a measurement of the cube in the hand.
                 robot.belief.seen(viewer, face, &reading.camera_from_face, &robot.arms);
                 inspection.unexpected.extend(unexpected.into_iter().map(|i| (face, i)));
                 break;
@@ -154,6 +159,8 @@ async fn check_side(
                 robot.note(format!("face {letter} could not be inspected ({reason}), try {tries}"));
                 robot.nudge(viewer, NUDGES[tries as usize - 1]).await?;
             }
+            // The other sides are inspected all the same: two odd stickers there have the cube read
+            // again at once.
             Err(reason) => {
                 let why = format!("face {letter} could not be inspected: {reason}");
                 inspection.uninspected.get_or_insert(why);
@@ -164,24 +171,25 @@ async fn check_side(
     Ok(())
 }
 
-/// Returns the stickers of a side that look otherwise than they should, with the reading itself.
+/// Returns the stickers of a side with unexpected colours, and the reading itself.
 fn compare(
     robot: &Robot,
     face: Face,
     reading: FaceReading,
 ) -> Result<(FaceReading, Vec<usize>), String> {
-    if let Some(why) = hides(&reading) {
+    // A covered row could hide a turned layer, so that the look would pass without a proof.
+    if let Some(why) = reason_hidden(&reading) {
         return Err(why);
     }
     let known = robot.palette.zip(robot.shown.facelets);
-    let (palette, facelets) = known.ok_or("nothing is known of the cube")?;
+    let (palette, facelets) = known.ok_or("the colours of the cube are unknown")?;
     let expected = std::array::from_fn(|i| facelets.colours()[face as usize * 9 + i]);
-    let unexpected = otherwise(&reading, &expected, &palette);
+    let unexpected = unexpected_stickers(&reading, &expected, &palette);
     Ok((reading, unexpected))
 }
 
-/// Says why a reading does not tell how each layer stands, if too much is covered.
-fn hides(reading: &FaceReading) -> Option<String> {
+/// Returns the reason for which a reading does not show the angle of each layer, if there is one.
+fn reason_hidden(reading: &FaceReading) -> Option<String> {
     let seen = |row: &[usize; 3]| row.iter().filter(|&&i| !reading.occluded[i]).count();
     if ROWS.iter().all(|row| seen(row) >= ROW_SEEN) {
         return None;
@@ -191,10 +199,10 @@ fn hides(reading: &FaceReading) -> Option<String> {
     Some(format!("stickers {} are covered", covered.join(", ")))
 }
 
-/// Returns the stickers of a face, 1..=9, that clearly have another colour than they should. The
-/// centre, which no turn moves, tells how bright the face is.
-fn otherwise(reading: &FaceReading, expected: &[u8; 9], palette: &Palette) -> Vec<usize> {
+/// Returns the stickers of a face, 1..=9, that clearly have another colour than expected.
+fn unexpected_stickers(reading: &FaceReading, expected: &[u8; 9], palette: &Palette) -> Vec<usize> {
     let norm = |rgb: &[f64; 3]| Vector3::from(*rgb).norm();
+    // No turn moves the centre, so its known colour gives the brightness of the face.
     let centre = norm(&palette[usize::from(expected[4])]);
     let gain = norm(&reading.rgb[4]) / centre.max(1.0);
     let far = |i: usize, colour: usize| {
@@ -219,12 +227,12 @@ mod tests {
     use crate::generators::{Behaviour, Outcome};
     use crate::motion::{Depth, JointPositions};
     use crate::operator::Answer;
-    use crate::reach::Way;
+    use crate::reach::MeetingPath;
     use crate::tasks::cube::hold::{Hold, Step};
     use crate::tasks::{Action, Event};
 
     #[test]
-    fn nearest_side_is_looked_at_first() {
+    fn nearest_side_is_inspected_first() {
         let mut stage = stage(None);
         let at = |track: f64| {
             let meeting = stage.robot.settings.meetings.grasps[0].unwrap();
@@ -237,9 +245,10 @@ mod tests {
         table.grasps[0] = Some(here);
         table.views[0] = [0, 1, 2].map(|side: usize| Some(looks[side].1));
         stage.robot.meeting = Some(here);
-        assert_eq!(nearest(&stage.robot, Hand::Track, &looks), Some(0), "no way is known");
+        assert_eq!(nearest(&stage.robot, Hand::Track, &looks), Some(0), "no path is known");
 
-        let way = |seconds| Way { separation: 0.1, stroke: 0.3, across: 0.1, ramp: 0.1, seconds };
+        let way =
+            |seconds| MeetingPath { separation: 0.1, stroke: 0.3, across: 0.1, ramp: 0.1, seconds };
         let seconds = |i: usize| match i / 2 {
             24 => 3.0,
             25 => 1.0,
@@ -254,7 +263,7 @@ mod tests {
 
     const SOLVED: &str = "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB";
 
-    /// The turns are made, so that each side has one colour; the track holds the cube.
+    /// Makes a stage after all turns: each side has one colour, and the track holds the cube.
     fn stage(patience: Option<f64>) -> Stage {
         let mut stage = Stage::holding(settings());
         stage.robot.palette = Some(PALETTE);
@@ -263,8 +272,8 @@ mod tests {
         stage
     }
 
-    /// Inspects the cube; `look` knows how often it looked before. Returns the end, the looks and
-    /// the questions.
+    /// Inspects the cube; `look` has the number of earlier looks. Returns the end, the number of
+    /// looks and the number of questions.
     fn inspects(
         stage: &mut Stage,
         mut answers: Vec<Option<Answer>>,
@@ -304,7 +313,7 @@ mod tests {
                 if black { ": the picture is black" } else { "1, 2, 3, 4, 5, 6, 7, 8, 9 are" };
             assert!(why.contains("could not be inspected") && why.contains(reason), "{why}");
         }
-        // One side is enough to doubt it.
+        // One side that cannot be inspected is enough.
         let look = |_, face| if face == Face::U { dark() } else { Ok(one_colour(face)) };
         let (end, ..) = inspects(&mut stage(None), vec![], look);
         let Err(Failure::GiveBack(why)) = end else { panic!("{end:?}") };
@@ -312,11 +321,11 @@ mod tests {
     }
 
     #[test]
-    fn too_few_views_inspect_no_cube() {
+    fn too_few_views_fail_the_inspection() {
         let meeting = settings().meetings.views[0][0];
         for (views, enough) in [
             ([meeting; 3], true),
-            // A layer shows on either of both.
+            // Either of both sides shows the layers across the palm's axis.
             ([meeting, None, meeting], true),
             ([meeting, meeting, None], true),
             ([meeting, None, None], false),
@@ -333,9 +342,9 @@ mod tests {
     }
 
     #[test]
-    fn two_odd_stickers_are_a_turned_layer() {
+    fn two_odd_stickers_show_a_turned_layer() {
         for (covered, anew) in [(0, true), (1, true), (2, false)] {
-            // One sticker is a reflection. Some of the three at the rim may be covered.
+            // One odd sticker counts as a reflection. Some of the three at the rim may be covered.
             let look = |looks, face: Face| {
                 let own = face as u8;
                 let other = (own + 1) % 6;
@@ -350,7 +359,7 @@ mod tests {
 
             let (end, ..) = inspects(&mut stage(None), vec![], look);
 
-            let expected = if anew { Err(Failure::ReadAnew { release: None }) } else { Ok(()) };
+            let expected = if anew { Err(Failure::ReadAgain { release: None }) } else { Ok(()) };
             assert_eq!(end, expected, "{covered}");
         }
     }
@@ -366,13 +375,13 @@ mod tests {
     }
 
     #[test]
-    fn operator_has_a_hidden_cube_inspected_again() {
+    fn operator_answer_repeats_inspection_of_hidden_cube() {
         let again = || Some(Answer::Choice { option: 0 });
         let look = |looks, face| if looks < 18 { dark() } else { Ok(one_colour(face)) };
         let (end, looks, asked) = inspects(&mut stage(Some(30.0)), vec![again()], look);
         assert_eq!((end, looks, asked), (Ok(()), 21, 1));
 
-        // The operator is asked again only after as many looks in vain.
+        // A second question comes only after as many looks in vain.
         let look = |looks, face| if looks < 27 { dark() } else { Ok(one_colour(face)) };
         let (end, looks, asked) = inspects(&mut stage(Some(30.0)), vec![again()], look);
         assert_eq!((end, looks, asked), (Ok(()), 30, 1));
@@ -385,13 +394,13 @@ mod tests {
     }
 
     #[test]
-    fn unturned_row_is_seen_at_any_brightness() {
+    fn unturned_row_is_detected_at_any_brightness() {
         for gain in [0.5, 1.0, 1.15] {
             let expected = [4; 9];
-            assert!(otherwise(&reading(expected, gain), &expected, &PALETTE).is_empty());
+            assert!(unexpected_stickers(&reading(expected, gain), &expected, &PALETTE).is_empty());
 
             let seen = [1, 1, 1, 4, 4, 4, 4, 4, 4];
-            assert_eq!(otherwise(&reading(seen, gain), &expected, &PALETTE), [1, 2, 3]);
+            assert_eq!(unexpected_stickers(&reading(seen, gain), &expected, &PALETTE), [1, 2, 3]);
         }
     }
 
@@ -400,23 +409,23 @@ mod tests {
         let mut covered = reading([1, 1, 1, 4, 4, 4, 4, 4, 4], 1.0);
         covered.occluded[..3].fill(true);
 
-        assert!(otherwise(&covered, &[4; 9], &PALETTE).is_empty());
+        assert!(unexpected_stickers(&covered, &[4; 9], &PALETTE).is_empty());
     }
 
     #[test]
-    fn given_colour_looks_as_usual() {
+    fn given_colour_has_the_usual_appearance() {
         let colours = std::array::from_fn(|i| (i / 9) as u8);
         let seen = std::array::from_fn(|i| (i >= 9).then(|| PALETTE[i / 9]));
         let palette = sight::palette(&seen, &colours);
 
         assert_eq!(palette[1..], PALETTE[1..]);
-        assert!(otherwise(&reading([0; 9], 1.0), &[0; 9], &palette).is_empty());
+        assert!(unexpected_stickers(&reading([0; 9], 1.0), &[0; 9], &palette).is_empty());
         let seen = [0, 0, 0, 3, 3, 3, 3, 3, 3];
-        assert_eq!(otherwise(&reading(seen, 1.0), &[3; 9], &palette), [1, 2, 3]);
+        assert_eq!(unexpected_stickers(&reading(seen, 1.0), &[3; 9], &palette), [1, 2, 3]);
     }
 
-    /// Carries out turns that undo each other, the first one in two goes if it stalls, with grasps
-    /// between them. Returns how often it looked, and how that ended.
+    /// Carries out turns that undo each other, with grasps between them; the first turn takes two
+    /// motions if it stalls. Returns the number of looks, and the end.
     fn turns_twice(stalls: bool, seen: Facelets) -> (usize, Result<(), Failure>) {
         let mut stage = stage(None);
         let robot = &mut stage.robot;
@@ -429,7 +438,7 @@ mod tests {
             |quarters| Step::Turn { turner: Hand::Track, turn: Turn { face: Face::U, quarters } };
         let hand = Hand::Track;
         let grasp = Step::Grasp { hand, hold: hold(Face::U), half_roll: false };
-        // At the second grasp everything is as it should be, whatever was before the first.
+        // At the second grasp the cube is as expected, for both states before the first grasp.
         let steps = [turn(1), grasp, turn(3), grasp, turn(1), turn(3)];
 
         let (port, mut looks, mut turns) = (stage.port.clone(), 0, 0);
@@ -467,8 +476,8 @@ mod tests {
 
         assert_eq!(turns_twice(false, after), (3, Ok(())));
         assert_eq!(turns_twice(true, after), (6, Ok(())));
-        // The layer has not gone along: all faces are read anew.
-        assert_eq!(turns_twice(true, solved), (3, Err(Failure::ReadAnew { release: None })));
+        // The layer did not follow the hand, so all faces are read again.
+        assert_eq!(turns_twice(true, solved), (3, Err(Failure::ReadAgain { release: None })));
     }
 
     #[test]
@@ -488,7 +497,7 @@ mod tests {
         });
 
         let side = ["joints", "joints", "look"];
-        // Both arms stand apart at first.
+        // Both arms are apart at first.
         let again = ["joints", "joints", "joints", "look"];
         let all = [&["inspect"][..], &side, &again, &again, &["solve"]].concat();
         assert_eq!((end, words(&actions)), (Ok(()), all));

@@ -1,9 +1,9 @@
-//! One face is shown to a camera in a hand, and read.
+//! Look at one face by the camera in a hand.
 //!
-//! A sticker that something covers is looked at from beside, and is never guessed.
+//! A covered sticker is looked at from beside, and is never guessed.
 //!
 //! - in: the face, the hand that looks, readings at several exposures
-//! - out: the stickers' light in [`super::sight`]; a hidden face as a failure
+//! - out: the light of the stickers in [`super::sight`]; a hidden face as a failure
 //! - source: Zieliński et al. (2007), pp. 372-373; heuristics: own work
 //!
 //! | limit | value | reason |
@@ -20,9 +20,10 @@ use crate::vision::sensor::FaceReading;
 
 /// Looks at one face in one grasp before it counts as hidden there.
 pub(super) const LOOK_TRIES: u32 = 6;
-/// Exposures of the looks at one face: glare and shadow each hide stickers at one of them.
+/// Exposures of the looks at one face, as multiples of the nominal one: glare and shadow each hide
+/// stickers at one of them.
 const EXPOSURES: [f64; 3] = [1.0, 0.6, 1.6];
-/// Steps between looks at one face, in the viewer's tool axes (m).
+/// Steps between looks at one face, in the viewer's tool axes (m): nearer, then to each side.
 pub(super) const NUDGES: [[f64; 3]; 5] = [
     [0.0, 0.0, 0.012],
     [0.0, 0.014, -0.024],
@@ -35,7 +36,7 @@ pub(super) const NUDGES: [[f64; 3]; 5] = [
 pub(super) async fn show(robot: &mut Robot, viewer: Hand, face: Face) -> Result<(), Failure> {
     let holder = viewer.other();
     let held =
-        robot.belief.held[holder.index()].ok_or("the partner of the viewer holds nothing")?;
+        robot.belief.held[holder.index()].ok_or("the partner of the viewing hand holds no cube")?;
     // The side of the holder's tool that the face is on.
     let in_tool = held.hold.cube_from_tool(held.half_roll, robot.settings.edge).rotation.inverse()
         * face.normal();
@@ -43,6 +44,7 @@ pub(super) async fn show(robot: &mut Robot, viewer: Hand, face: Face) -> Result<
         n if n.z > 0.9 => 0,
         n if n.x > 0.9 => 1,
         n if n.x < -0.9 => 2,
+        // The planner orders no look at these faces.
         _ => {
             return Err(format!("face {} is under a jaw or the palm", face.letter()).into());
         }
@@ -53,20 +55,22 @@ pub(super) async fn show(robot: &mut Robot, viewer: Hand, face: Face) -> Result<
     regrasp::free(robot, viewer).await?;
     regrasp::meet(robot, viewer, meeting, Coming::ToLook).await?;
     if robot.rounds > 1 {
-        // A doubt has the face seen from nearer, beside another exposure.
+        // The second round looks from nearer and at another exposure: from the first place a look
+        // would show the same reflections.
         robot.nudge(viewer, NUDGES[0]).await?;
     }
     read_face(robot, viewer, face).await
 }
 
-/// Looks at a face, each time from elsewhere: other reflections, other sampling, past what covers a
-/// sticker.
+/// Looks at a face up to [`LOOK_TRIES`] times, each time from another place: reflections and
+/// sampling differ, and an obstacle covers other stickers.
 async fn read_face(robot: &mut Robot, viewer: Hand, face: Face) -> Result<(), Failure> {
     for tries in 1.. {
         let exposure = exposure(robot, tries);
         let reading = robot.look(viewer, face, exposure).await?;
         match reading.and_then(|reading| keep(robot, face, exposure, reading)) {
             Ok(reading) => {
+                // The pose of the face is also a measurement of the cube in the hand.
                 robot.belief.seen(viewer, face, &reading.camera_from_face, &robot.arms);
                 break;
             }
@@ -89,8 +93,8 @@ pub(super) fn exposure(robot: &Robot, tries: u32) -> f64 {
     EXPOSURES[(tries + robot.rounds - 2) as usize % EXPOSURES.len()]
 }
 
-/// Keeps what a reading shows of the stickers; refuses it while a sticker of the face was never
-/// seen, since what is covered is never guessed.
+/// Stores the stickers that a reading shows. Refuses the reading while a sticker of the face was
+/// never seen, since a covered sticker is never guessed.
 fn keep(
     robot: &mut Robot,
     face: Face,

@@ -1,7 +1,7 @@
-//! The kernel of MP for the cube: acquire, identify, plan, turn, hand back or lay down.
+//! Kernel of MP for the cube: acquires, reads, plans, turns, inspects, and hands back or lays down.
 //!
 //! The mission is a procedure ([`crate::tasks::procedure`]): `mission` is its outermost loop, and
-//! each file below it says one part in the order in which it happens.
+//! each file below has one part of it, in the order of its actions.
 //!
 //! - in: the event that ends an action, the states of both arms
 //! - out: the next action for the shell
@@ -9,19 +9,21 @@
 //!
 //! | file | part |
 //! |---|---|
-//! | `take` | the cube is taken from the operator, or from the table |
-//! | `read` | the six faces are read, decided and planned |
-//! | `steps`, `regrasp`, `look`, `turn` | the steps of the plan |
-//! | `inspect` | what the turns made of the cube is checked |
-//! | `give_back` | the cube goes back |
-//! | `mend`, `realign` | what becomes of a failure; a layer is brought back into line |
-//! | `resume` | an earlier run is gone on with |
-//! | `robot`, `actions` | what is known, and each motion |
-//! | `shared`, `sight`, `questions`, `failure` | what is shown and noted, seen, asked, and what can fail |
-//! | `assignment`, `station`, `turn_in_progress` | what is to be done, and how far it is |
+//! | `take` | acquisition of the cube from the operator, or from the table |
+//! | `read` | reading of the six faces, decision and plan |
+//! | `steps`, `regrasp`, `look`, `turn` | steps of the plan |
+//! | `inspect` | inspection of the cube after the turns |
+//! | `give_back` | return of the cube |
+//! | `recover`, `realign` | decisions after a failure; realignment of a layer |
+//! | `resume` | resumption of an earlier run |
+//! | `robot`, `actions` | knowledge of the mission; its motions |
+//! | `shared`, `sight` | state that others read; stickers that the cameras saw |
+//! | `questions`, `failure` | questions to the operator; reasons to stop a procedure |
+//! | `assignment`, `station`, `turn_in_progress` | goal, progress of the mission and of a turn |
 //!
-//! A file uses those after it only: `mod`, `mend`, `resume`, `realign`, `give_back`, `read`,
-//! `steps`, the parts of a step with `take` and `questions`, `actions`, `robot`, the types.
+//! A file uses only files after it in this order: `mod`, `recover`, `resume`, `realign`,
+//! `give_back`, `read`, `steps`, the parts of a step with `take` and `questions`, `actions`,
+//! `robot`, the types.
 
 mod actions;
 mod assignment;
@@ -29,10 +31,10 @@ mod failure;
 mod give_back;
 mod inspect;
 mod look;
-mod mend;
 mod questions;
 mod read;
 mod realign;
+mod recover;
 mod regrasp;
 mod resume;
 mod robot;
@@ -57,7 +59,7 @@ pub use shared::MissionLog;
 use shared::{Doing, Shared};
 use station::Station;
 
-/// The kernel.
+/// Kernel of the cube task.
 #[derive(Debug)]
 pub struct Mission {
     procedure: Procedure<Thought, Conclusion, Shared>,
@@ -69,12 +71,12 @@ impl Mission {
     pub fn new(settings: CubeSettings, assignment: Assignment) -> Self {
         let port = Port::new(Shared::default());
         let mut robot = Robot::new(port.clone(), settings, assignment);
-        // Where the cube is can be asked before anything happens.
+        // A page may ask for the place of the cube before the first event.
         robot.publish(Doing::Nothing);
         Self { procedure: Procedure::new(port, mission(robot)) }
     }
 
-    /// Returns where the cube is, as the controller believes.
+    /// Returns the place of the cube in words, as the controller believes.
     #[must_use]
     pub fn whereabouts(&self) -> String {
         self.procedure.port().state(|shared| shared.whereabouts.clone())
@@ -87,10 +89,11 @@ impl Mission {
     }
 }
 
-/// Carries out the assignment, station by station, and mends what fails where that is possible.
+/// Carries out the assignment, station by station, and recovers from failures if possible.
 async fn mission(mut robot: Robot) -> Finish {
     robot.read_arms();
     let mut next = begin(&mut robot).await;
+    // A mended failure may lead to any station, or to another failure: the loop ends at `Over`.
     loop {
         next = match next {
             Ok(Station::Take) => take(&mut robot).await,
@@ -100,7 +103,7 @@ async fn mission(mut robot: Robot) -> Finish {
                 give_back::unsolved(&mut robot, why).await.map(Station::Over)
             }
             Ok(Station::Over(finish)) => return finish,
-            Err(failure) => mend::mend(&mut robot, failure).await,
+            Err(failure) => recover::recover(&mut robot, failure).await,
         };
     }
 }
@@ -114,14 +117,14 @@ async fn begin(robot: &mut Robot) -> Result<Station, Failure> {
     }
 }
 
-/// Takes the cube, to solve it or to give it back at once.
+/// Takes the cube. It is then solved, or given back at once.
 async fn take(robot: &mut Robot) -> Result<Station, Failure> {
     take::acquire(robot).await?;
     let solves = robot.goal == Goal::Solve;
     Ok(if solves { Station::Read { phase: "identify" } } else { Station::Return })
 }
 
-/// Reads the cube, carries the plan out, and checks what became of the cube.
+/// Reads the cube, carries out the plan, and inspects the result.
 async fn read_and_solve(robot: &mut Robot, phase: &'static str) -> Result<Station, Failure> {
     robot.phase(phase).await?;
     let steps = read::read_and_plan(robot).await?;

@@ -3,7 +3,7 @@
 //! - in: the reason, and what the operator can do about it
 //! - out: `Ok` to try again, or the failure that follows without a helpful answer
 //!
-//! An operator who did not answer is not asked again.
+//! After a question without an answer the operator counts as absent.
 
 use super::failure::Failure;
 use super::robot::Robot;
@@ -11,18 +11,18 @@ use crate::cube::{Face, Keeper};
 use crate::operator::{Answer, Question, Subject};
 use crate::tasks::cube::think::Doubt;
 
-/// The first option of a choice, and its index.
+/// First option of a choice, and its index.
 const AGAIN: &str = "look again";
 pub(super) const LOOK_AGAIN: usize = 0;
 
-/// What an operator may see to, in the words of a question.
+/// Words of a question that the operator answers after a look at the cell.
 struct Choice<'a> {
     why: &'a str,
-    /// What the operator is to look at.
+    /// Things that the operator must check.
     see: &'a str,
-    /// What follows without an answer.
+    /// Consequence of no answer.
     otherwise: String,
-    /// The option that ends the attempt.
+    /// Option that ends the attempt.
     end: &'a str,
 }
 
@@ -59,7 +59,7 @@ pub(super) async fn ask_for_inspection(robot: &mut Robot, why: String) -> Result
     }
 }
 
-/// Asks, and returns whether the robot is to look again.
+/// Asks the operator, and returns whether the robot must look again.
 async fn ask_to_see_to_it(
     robot: &mut Robot,
     choice: Choice<'_>,
@@ -78,14 +78,15 @@ async fn ask_to_see_to_it(
     robot.note(format!("{why}: the operator is asked"));
     let answer = robot.ask(question).await?;
     let again = answer == Some(Answer::Choice { option: LOOK_AGAIN });
+    // An operator who is away would cost each further question its whole time.
     if !again {
         robot.patience = None;
     }
     Ok(again)
 }
 
-/// Asks for the colours that the cameras cannot decide, if somebody is there. Without an answer the
-/// cube goes back as it is.
+/// Asks for the colours that the cameras cannot decide, if an operator is there. Without an answer
+/// the cube goes back as it is.
 pub(super) async fn ask_for_colours(robot: &mut Robot, doubt: Doubt) -> Result<(), Failure> {
     let Some(seconds) = robot.patience else { return Err(Failure::GiveBack(doubt.reason)) };
     robot.questions += 1;
@@ -110,11 +111,11 @@ pub(super) async fn ask_for_colours(robot: &mut Robot, doubt: Doubt) -> Result<(
     Err(Failure::GiveBack(doubt.reason))
 }
 
-/// Returns the 54 letters that the operator starts from, `-` where nothing was seen.
+/// Returns the 54 letters from which the operator starts, `-` for a sticker that was not seen.
 fn likely_colours(robot: &Robot, doubt: &Doubt) -> String {
     let net = |i: usize| robot.shown.net.facelets.get(i).copied().flatten();
-    // An impossible cube is read by the faces whose centres have the colours: named as the centres
-    // look.
+    // The letters of an impossible cube name positions of centres. The operator sees colours, so
+    // each letter becomes the colour that the centre in that position has.
     let names: Vec<usize> =
         (0..6).filter_map(|f| net(f * 9 + 4)).map(|r| usize::from(r.colour.min(5))).collect();
     let mut sorted = names.clone();

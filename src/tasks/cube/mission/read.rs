@@ -1,7 +1,7 @@
-//! The six faces are read by the cameras in the hands, and the cube is decided and planned.
+//! Reading of the six faces by the cameras in the hands, until the cube is decided and planned.
 //!
-//! A face that stays hidden is looked at in another grasp; a doubt about stickers has their faces
-//! looked at again, and no others.
+//! A face that stays hidden is looked at in another grasp. After a doubt about stickers only their
+//! faces are looked at again.
 //!
 //! - in: the looks that the planner finds; the conclusion of the long work
 //! - out: the steps of the plan
@@ -10,7 +10,7 @@
 //! | limit | value | reason |
 //! |---|---|---|
 //! | [`LOOK_ROUNDS`] | 2 | rounds of looks, the second at another exposure |
-//! | [`MOST_HIDDEN`] | 3 | hidden faces before no other grasp is tried |
+//! | [`MOST_HIDDEN`] | 3 | hidden faces from which on no other grasp is tried |
 
 use super::failure::Failure;
 use super::robot::Robot;
@@ -23,7 +23,7 @@ use crate::tasks::cube::think::{Answer, Conclusion, Doubt, NoAnswer, Thought};
 
 /// Rounds of looks, the second at another exposure.
 const LOOK_ROUNDS: u32 = 2;
-/// Faces that stay hidden in the grasp in which they were looked at, before no other is tried.
+/// Number of faces found hidden in a grasp from which on no other grasp is tried.
 const MOST_HIDDEN: usize = 3;
 
 /// Reads the cube in the hand that holds it, and returns the steps of the plan.
@@ -33,6 +33,7 @@ pub(super) async fn read_and_plan(robot: &mut Robot) -> Result<Vec<Step>, Failur
     show_all(robot, steps).await?;
     robot.phase("plan").await?;
     loop {
+        // Stickers that no look has shown are asked for, and never guessed.
         if let Some(doubt) = unreadable(robot) {
             questions::ask_for_colours(robot, doubt).await?;
             continue;
@@ -40,7 +41,9 @@ pub(super) async fn read_and_plan(robot: &mut Robot) -> Result<Vec<Step>, Failur
         let thought = thought(robot)?;
         match robot.think(thought).await? {
             Conclusion(Ok(answer)) => return Ok(decide(robot, answer)),
+            // The colours are clear, so that neither a look nor the operator would help.
             Conclusion(Err(NoAnswer::Unplanned(why))) => return Err(Failure::GiveBack(why)),
+            // A second round of looks comes first, then the operator is asked.
             Conclusion(Err(NoAnswer::Unread(doubt))) => match looks_again(robot, &doubt) {
                 Some(steps) => {
                     robot.phase("identify again").await?;
@@ -53,15 +56,15 @@ pub(super) async fn read_and_plan(robot: &mut Robot) -> Result<Vec<Step>, Failur
     }
 }
 
-/// Returns the looks that show what was not seen yet.
+/// Returns the looks that show the stickers not seen yet.
 fn missing_looks(robot: &mut Robot) -> Result<Vec<Step>, String> {
     let start = robot.held_alone()?;
     let planner = Planner::new(&robot.settings);
     planner.looks_at(start, robot.sight.wanted()).map_err(|e| e.to_string())
 }
 
-/// Carries out looks. A face that stays hidden is looked at in another grasp, with all that is
-/// still missing.
+/// Carries out looks. After a face that stays hidden the looks are planned again, with other grasps
+/// for that face.
 async fn show_all(robot: &mut Robot, mut steps: Vec<Step>) -> Result<(), Failure> {
     let mut next = 0;
     while let Some(step) = steps.get(next) {
@@ -78,14 +81,14 @@ async fn show_all(robot: &mut Robot, mut steps: Vec<Step>) -> Result<(), Failure
     Ok(())
 }
 
-/// Returns looks in other grasps at a face that is hidden in this one. Without any the face stays
-/// unread if somebody can be asked about it.
+/// Returns looks in other grasps at a face that is hidden in this one. If there are none, the face
+/// stays unread, and the operator is asked about it later.
 fn other_looks(robot: &mut Robot, face: Face, why: String) -> Result<Option<Vec<Step>>, Failure> {
     let (holder, grip) = robot.held_alone()?;
     if robot.sight.hide(holder, grip.hold, face) < MOST_HIDDEN
         && let Ok(steps) = missing_looks(robot)
     {
-        robot.note(format!("{why}: the cube is grasped otherwise"));
+        robot.note(format!("{why}: the cube is regrasped"));
         return Ok(Some(steps));
     }
     if robot.patience.is_none() {
@@ -95,7 +98,7 @@ fn other_looks(robot: &mut Robot, face: Face, why: String) -> Result<Option<Vec<
     Ok(None)
 }
 
-/// Returns the doubt about stickers that were never seen, if somebody can be asked about them.
+/// Returns the doubt about stickers that were never seen, if an operator can be asked about them.
 fn unreadable(robot: &Robot) -> Option<Doubt> {
     let missing = robot.sight.missing();
     if robot.given.is_some() || robot.patience.is_none() || missing.is_empty() {
@@ -106,10 +109,11 @@ fn unreadable(robot: &Robot) -> Option<Doubt> {
     Some(Doubt { reason, read: None, doubtful: missing, possible: false })
 }
 
-/// Collects what the long work needs.
+/// Returns the input of the long work.
 fn thought(robot: &Robot) -> Result<Thought, String> {
     let mut rgb = [[0.0; 3]; 54];
     for (i, seen) in robot.sight.levels().into_iter().enumerate() {
+        // The colours that the operator gave need no measurement: black fills the gaps.
         let given = robot.given.map(|_| [0.0; 3]);
         rgb[i] = seen.or(given).ok_or_else(|| format!("sticker {i} was never seen"))?;
     }
@@ -126,12 +130,12 @@ fn thought(robot: &Robot) -> Result<Thought, String> {
     })
 }
 
-/// Takes a plan over, and returns its steps.
+/// Stores a plan, and returns its steps.
 fn decide(robot: &mut Robot, answer: Answer) -> Vec<Step> {
     robot.shown.decide(&answer);
     let levels = robot.sight.levels();
     robot.palette = Some(sight::palette(&levels, answer.read.colours()));
-    // The summary tells what the mission found and planned at first.
+    // The summary shows the first reading and the first plan.
     if robot.log.identified.is_none() {
         robot.log.identified = Some(answer.identified);
         robot.log.solution = answer.turns;
@@ -139,21 +143,25 @@ fn decide(robot: &mut Robot, answer: Answer) -> Vec<Step> {
         robot.log.plan = answer.lines;
         robot.log.grasps = 0;
     }
+    // From here on the cube frame is named by the colours of the centres, not by the first grasp.
     robot.belief.renamed(answer.rotation);
     robot.sight.rename();
     answer.steps
 }
 
-/// Returns the looks at the faces in doubt, in the first round; forgets their stickers for that.
+/// Forgets the stickers of the faces in doubt and returns the looks at them; `None` after the last
+/// round, or if no looks are possible.
 fn looks_again(robot: &mut Robot, doubt: &Doubt) -> Option<Vec<Step>> {
     if robot.rounds >= LOOK_ROUNDS {
         return None;
     }
+    // A doubt that names no sticker concerns all faces.
     let mut again = [doubt.doubtful.is_empty(); 6];
     doubt.doubtful.iter().for_each(|facelet| again[facelet / 9] = true);
     let before = robot.sight.clone();
     robot.sight.forget(again);
     let Ok(steps) = missing_looks(robot) else {
+        // The stickers of the first round are still the best for the question to the operator.
         robot.sight = before;
         return None;
     };
@@ -174,7 +182,7 @@ mod tests {
     use crate::tasks::{Action, Event};
     use crate::vision::sensor::FaceReading;
 
-    /// A look at a face in a hold, and whether the camera moved aside or nearer for it.
+    /// Look at a face in a hold, and whether the camera moved aside or nearer for it.
     #[derive(Debug, Clone, Copy, PartialEq)]
     struct Look {
         face: Face,
@@ -182,17 +190,17 @@ mod tests {
         nudged: bool,
     }
 
-    /// What a reading came to.
+    /// Result of a reading.
     #[derive(Debug)]
     struct Read {
         end: Result<Vec<Step>, Failure>,
-        /// Looks before each thought; the last ones are those after the last thought.
+        /// Looks before each thought, and those after the last thought.
         looks: Vec<Vec<Look>>,
         questions: Vec<String>,
     }
 
-    /// Reads the cube on a stage. `hides` says which stickers of a face cannot be seen in a hold.
-    /// The doubts are the conclusions of the first thoughts, in turn; the next one finds no plan.
+    /// Reads the cube on a stage. `hides` returns the stickers of a face that are hidden in a hold.
+    /// The first thoughts conclude with the doubts, the last one first; the next one finds no plan.
     fn read(
         stage: &mut Stage,
         mut doubts: Vec<Doubt>,
@@ -237,7 +245,7 @@ mod tests {
         Read { end, looks, questions }
     }
 
-    /// Sticker 3 of the upper face is covered as long as the palm is on the lower one.
+    /// Covers sticker 3 of the upper face as long as the palm is on the lower one.
     fn under_a_finger(face: Face, hold: Hold) -> [bool; 9] {
         std::array::from_fn(|i| i == 2 && face == Face::U && hold.palm == Face::D)
     }
@@ -247,18 +255,18 @@ mod tests {
     }
 
     #[test]
-    fn covered_sticker_is_seen_in_another_grasp() {
+    fn covered_sticker_is_read_in_another_grasp() {
         let mut stage = Stage::holding(settings());
 
         let Read { looks, .. } = read(&mut stage, vec![], under_a_finger);
 
-        assert_eq!(looks.len(), 2, "one thought");
+        assert_eq!(looks.len(), 2, "the planner is asked once");
         assert!(stage.robot.sight.missing().is_empty());
         let upper = upper(&looks[0]);
         let covered = upper.iter().filter(|hold| hold.palm == Face::D).count();
-        assert_eq!(covered, LOOK_TRIES as usize, "not twice in one hold");
+        assert_eq!(covered, LOOK_TRIES as usize, "no hold is tried twice");
         assert_eq!(upper.len(), covered + 1);
-        // The other faces are looked at once each.
+        // Each of the other faces is looked at once.
         assert_eq!(looks[0].len(), upper.len() + 5, "{looks:?}");
     }
 
@@ -281,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn doubt_has_only_its_faces_read_again() {
+    fn doubtful_stickers_repeat_only_their_faces() {
         let doubt = || Doubt {
             reason: "red?".into(),
             read: None,
@@ -297,8 +305,8 @@ mod tests {
         let mut faces: Vec<Face> = looks[1].iter().map(|look| look.face).collect();
         faces.sort_unstable();
         assert_eq!(faces, [Face::R, Face::L]);
-        assert!(looks[1].iter().all(|look| look.nudged), "from elsewhere: {looks:?}");
-        // The same doubt once more, and nobody can be asked.
+        assert!(looks[1].iter().all(|look| look.nudged), "from another place: {looks:?}");
+        // The doubt repeats, and there is no operator.
         assert!(looks[2].is_empty(), "{looks:?}");
         assert_eq!(end, Err(Failure::GiveBack("red?".to_owned())));
     }

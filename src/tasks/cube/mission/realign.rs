@@ -1,23 +1,26 @@
-//! A layer that a failed turn left misaligned is brought back into line, before anything else is
-//! done with the cube.
+//! Realignment of a layer that a failed turn left misaligned, before any other use of the cube.
 //!
-//! Flat jaws know how a layer stands: between pads that lie flat it is where the roll of the hand
-//! is, to the nearest quarter; what stands misaligned between them forces them apart, by an angle
-//! that their distance tells. So the hand turns back by its own roll, less what the whole cube has
-//! turned along in the partner's jaws.
+//! Jaws measure the angle of a layer. Between pads that lie flat, the layer's angle is the roll of
+//! the hand, to the nearest quarter turn. A misaligned layer forces the pads apart, and their
+//! distance gives the angle. So the hand turns back by its own roll, less the angle by which the
+//! whole cube has turned along in the partner's jaws.
 //!
 //! - in: rolls, jaw distances and forces of both hands, the turn that failed
-//! - out: the hand that is to let go of an aligned layer; a failure where the layer stays misaligned
+//! - out: the hand that lets go of the aligned layer; a failure if the layer stays misaligned
 //! - source: own work
 //!
-//! | situation | decision |
-//! |---|---|
-//! | before each try | both hands give way, since what strains a layer may pass |
-//! | the forces of both hands contradict each other ([`CONTRADICTION`]) | both hands stand once ([`STAND`]); then the sensors are doubted and the layer is taken anew |
-//! | in line within [`IN_LINE`] | the partner lets go if it holds badly, else the turner |
-//! | misaligned | the hand turns back, gently ([`GENTLE`]) |
-//! | still misaligned after [`BEFORE_ANEW`] tries, or lost | the hand lets go, zeroes its force in free air, and closes at the roll at which the layer stands |
-//! | still misaligned after [`MOST_TRIES`] tries | the layer stays as it is, and the cube goes back with the reason |
+//! | situation | threshold | decision |
+//! |---|---|---|
+//! | before each try | [`WAITS`], [`WEAK_GRIP_WAIT`] | both hands yield, since a strain may pass |
+//! | the hands' forces contradict | [`CONTRADICTION`] | both hold still once ([`STAND_SECONDS`]) |
+//! | they contradict later | from the second try on | the hand regrasps with new zeros |
+//! | the layer is in line | [`IN_LINE`] | a partner with a bad grip lets go, else the turner |
+//! | the layer is misaligned | | the hand turns back with little torque ([`GENTLE`]) |
+//! | still misaligned | [`EARLY_TRIES`] tries | the hand regrasps the layer at its roll |
+//! | the turner lost the layer | | the hand regrasps the layer at its last known roll |
+//! | still misaligned | [`MOST_TRIES`] tries | the cube goes back with the reason |
+//!
+//! A regrasp opens the hand, zeroes the forces in free air, and closes at the roll of the layer.
 
 use super::actions::Closing;
 use super::failure::{Alarm, Failure, alarm};
@@ -30,64 +33,66 @@ use crate::motion::Depth;
 use crate::tasks::cube::hold::{Grip, Hand};
 use std::f64::consts::FRAC_PI_4;
 
-/// A layer that stands off by less is in line (rad).
+/// Angle below which a layer is in line (rad).
 const IN_LINE: f64 = 0.03;
-/// How long the hands give way while the cube stands misaligned in one: a weak grip that turns back
-/// slips on (s).
-const WEAK: f64 = 5.0;
-/// What turns between pads by less does not force them apart: their rubber gives (rad). Half and
-/// nearly twice as much were tried; slips are undone with them as well.
+/// Time in which the hands yield while the cube is misaligned in one of them: a weak grip that
+/// turns back at once slips on (s).
+const WEAK_GRIP_WAIT: f64 = 5.0;
+/// Angle that the rubber of the pads absorbs before it forces the jaws apart (rad). Slips are
+/// undone as well with half of it, and with nearly twice as much.
 const PAD_GIVE: f64 = 0.015;
-/// The torque at which a turn back stands still: less than pads of rubber carry about any axis (Nm).
+/// Torque at which a turn back stalls (Nm): less than rubber pads transmit about any axis.
 const GENTLE: f64 = 1.0;
-/// A force from which on what only one of two hands feels is not the cube's (N).
+/// Least sum of both hands' forces that the cube between them cannot explain (N).
 const CONTRADICTION: f64 = 8.0;
-/// How long both hands stand and wait for a contradiction to pass (s).
-const STAND: f64 = 1.5;
-/// Jaws at rest that are farther apart than they were do not lie flat (m).
+/// Time in which both hands hold still, for a contradiction to pass (s).
+const STAND_SECONDS: f64 = 1.5;
+/// Increase of the jaw distance from which on jaws at rest do not lie flat (m).
 const MISALIGNED: f64 = 0.00025;
-/// Tries to turn back before the hand lets go and takes the layer anew, and in all.
-const BEFORE_ANEW: u32 = 2;
+/// Number of tries to turn back before the hand regrasps the layer, and of all tries.
+const EARLY_TRIES: u32 = 2;
 const MOST_TRIES: u32 = 6;
-/// How long the hands give way before a try (s): at first as a push lasts, then as a jam may.
+/// Times in which the hands yield before each try (s): first the length of a push, later of a jam.
 const WAITS: [f64; MOST_TRIES as usize] = [1.5, 3.0, 1.0, 3.0, 4.0, 4.0];
 
-/// What is done in one try.
+/// Move of one try.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Move {
-    /// The layer is in line: this hand lets go.
+    /// End of the tries: the layer is in line, and this hand lets go.
     Done(Hand),
-    /// The layer stays as it is.
+    /// End of the tries: the layer stays misaligned.
     Stay { contradict: bool },
-    /// Both hands stand until a contradiction of the sensors passes.
-    Stand,
-    /// Both hands give way (s).
+    /// Wait of both hands, stiff, until a contradiction of the sensors passes.
+    HoldStill,
+    /// Yielding of both hands for this time (s).
     Ease(f64),
-    /// The hand turns the layer back (rad).
+    /// Turn of the layer back by this angle (rad).
     TurnBack(f64),
-    /// The hand takes the layer anew.
-    TakeAnew { doubt: bool },
+    /// Regrasp of the layer. With `doubt` no force is believed until the new zero.
+    Regrasp { doubt: bool },
 }
 
-/// Where the tries stand.
+/// State of the tries.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Try {
     /// Number of the try, from 1.
     number: u32,
-    /// Both hands have given way already.
+    /// Whether both hands have yielded already in this try.
     eased: bool,
 }
 
-/// Brings the turner's layer back into line. Returns the hand that is to let go then.
+/// Brings the turner's layer back into line. Returns the hand that must let go then.
 pub(super) async fn bring_into_line(robot: &mut Robot, turner: Hand) -> Result<Hand, Failure> {
     let mut now = Try { number: 1, eased: false };
     loop {
+        // The failed turn may have torn the layer out of the turner: a regrasp recovers it.
         if let Err(failure) = robot.check_hold() {
             now = retry(robot, turner, now, failure).await?;
             continue;
         }
         robot.find_layer(turner)?;
         let step = robot.decide(turner, now);
+        // Yielding prepares a move and is no try of its own.
         let next = match step {
             Move::Ease(_) => Try { number: now.number, eased: true },
             _ => Try { number: now.number + 1, eased: false },
@@ -95,13 +100,13 @@ pub(super) async fn bring_into_line(robot: &mut Robot, turner: Hand) -> Result<H
         let done = match step {
             Move::Done(leaves) => return Ok(leaves),
             Move::Stay { contradict } => return Err(leave_misaligned(robot, contradict)),
-            Move::Stand => {
-                robot.note("the force sensors contradict each other: both hands stand");
-                robot.stand(STAND).await
+            Move::HoldStill => {
+                robot.note("the force sensors contradict each other: both hands wait");
+                robot.hold_still(STAND_SECONDS).await
             }
-            Move::Ease(seconds) => ease(robot, turner, seconds).await,
+            Move::Ease(seconds) => yield_both(robot, turner, seconds).await,
             Move::TurnBack(angle) => turn_back(robot, turner, angle, now.number).await,
-            Move::TakeAnew { doubt } => take_anew(robot, turner, doubt).await,
+            Move::Regrasp { doubt } => regrasp_layer(robot, turner, doubt).await,
         };
         now = match done {
             Ok(()) => next,
@@ -118,33 +123,37 @@ async fn retry(
     failure: Failure,
 ) -> Result<Try, Failure> {
     match failure {
-        // The layer is taken anew where it stood last.
+        // A lost layer is regrasped at its last known roll. One hand alone strains no layer, so
+        // there is no wait before that.
         Failure::Lost(hand)
             if hand == turner && robot.belief.held[turner.other().index()].is_some() =>
         {
             robot.remember_layer(turner);
             robot.belief.released(hand);
             robot.note(format!(
-                "the cube has slipped out of the {} hand: the layer is taken anew",
+                "the cube has slipped out of the {} hand: the layer is regrasped",
                 hand.name()
             ));
             release(robot, hand).await?;
             Ok(Try { number: next.number + 1, eased: true })
         }
+        // The partner still holds the cube: the hand opens for the next try.
         Failure::NotGrasped { hand, why } => {
             robot.note(why);
             release(robot, hand).await?;
             Ok(next)
         }
+        // The tries go on: the cause of the strain may be gone by the next one.
         Failure::Strained(why) => {
             robot.note(why);
             Ok(next)
         }
+        // A cube that the partner lost, and a trouble of the shell, end the realignment.
         other => Err(other),
     }
 }
 
-/// Lets go; a strain that does not pass is left to the next try.
+/// Lets go of the layer, and leaves a strain that does not pass to the next try.
 async fn release(robot: &mut Robot, hand: Hand) -> Result<(), Failure> {
     match let_go(robot, hand).await {
         Err(Failure::Strained(why)) => {
@@ -155,19 +164,19 @@ async fn release(robot: &mut Robot, hand: Hand) -> Result<(), Failure> {
     }
 }
 
-/// Lets both hands give way: what is strained would seem to stand misaligned.
-async fn ease(robot: &mut Robot, turner: Hand, seconds: f64) -> Result<(), Failure> {
+/// Lets both hands yield: a strained layer would measure as misaligned.
+async fn yield_both(robot: &mut Robot, turner: Hand, seconds: f64) -> Result<(), Failure> {
     let outcomes = robot.wait(turner.other(), seconds).await?;
-    unstrained(alarm(&outcomes, Doing::GivingWay))?;
-    let outcomes = robot.ease(turner).await?;
-    unstrained(alarm(&outcomes, Doing::GivingWay))
+    fail_if_strained(alarm(&outcomes, Doing::GivingWay))?;
+    let outcomes = robot.yield_torque(turner).await?;
+    fail_if_strained(alarm(&outcomes, Doing::GivingWay))
 }
 
-fn unstrained(met: Option<Alarm>) -> Result<(), Failure> {
+fn fail_if_strained(met: Option<Alarm>) -> Result<(), Failure> {
     met.map_or(Ok(()), |met| Err(Failure::Strained(met.why)))
 }
 
-/// Turns the hand back (rad), gently, with the layer or without.
+/// Turns the hand back by `angle` (rad) with little torque, with the layer or without it.
 async fn turn_back(
     robot: &mut Robot,
     turner: Hand,
@@ -180,34 +189,37 @@ async fn turn_back(
     let outcomes = robot.turn(turner, angle, torque).await?;
     if let Some(met) = alarm(&outcomes, Doing::Turning) {
         if let (Outcome::ForcedApart(_), Some(turn)) = (met.outcome, &mut robot.turn_in_progress) {
-            // What it turned lags behind it the other way now.
+            // The layer now lags behind the hand in the sense of the turn back.
             turn.sense = angle.signum();
         }
         return Err(Failure::Strained(met.why));
     }
     match outcomes[turner.index()] {
+        // None of the three fails the try: the jaws measure afterwards how far the layer followed.
         Some(ended @ (Outcome::Turned(_) | Outcome::Stalled(..) | Outcome::Slipped(..))) => {
             if let Some(turn) = &mut robot.turn_in_progress {
-                turn.alone = matches!(ended, Outcome::Slipped(..));
+                // A slip says already that the layer stayed behind, should it be lost next.
+                turn.layer_left_behind = matches!(ended, Outcome::Slipped(..));
             }
             Ok(())
         }
-        other => Err(format!("the turn ended otherwise: {}", Outcome::words(other)).into()),
+        other => Err(format!("the turn ended unexpectedly: {}", Outcome::words(other)).into()),
     }
 }
 
-/// Has the turner let go, zero its force in free air, and close at the roll at which the layer
-/// stands.
-async fn take_anew(robot: &mut Robot, turner: Hand, doubt: bool) -> Result<(), Failure> {
+/// Opens the turner, zeroes the forces in free air, and closes the turner at the roll of the layer.
+async fn regrasp_layer(robot: &mut Robot, turner: Hand, doubt: bool) -> Result<(), Failure> {
     if doubt {
         robot.trust = Trust::Doubted;
     }
-    robot.note(format!("the {} hand takes the layer anew", turner.name()));
+    robot.note(format!("the {} hand regrasps the layer", turner.name()));
     let turn = robot.turn_in_progress.as_ref().ok_or("no turn is in progress")?;
-    let (grip, off) = turn.stood;
+    let (grip, off) = turn.last_seen;
     regrasp::free(robot, turner).await?;
     robot.zero_forces([true, true]).await?;
     robot.pre_grasp(turner, grip).await?;
+    // Jaws that closed at the quarter over a layer of unknown angle dropped the cube, or pressed it
+    // with up to 800 N.
     robot.roll(turner, off).await?;
     robot.approach(turner, grip).await?;
     robot.close(turner, grip.hold, Closing::OnLayer).await?;
@@ -216,13 +228,13 @@ async fn take_anew(robot: &mut Robot, turner: Hand, doubt: bool) -> Result<(), F
     Ok(())
 }
 
-/// Leaves a layer misaligned. The track, which hands back, keeps the cube as it holds it, since no
-/// jaws may close over such a layer. Where it has none of it, or holds badly, no hand lets go, and
-/// somebody must help.
+/// Leaves a layer misaligned, and returns the failure that follows. The track keeps the cube and
+/// hands it back, since no jaws may close over a misaligned layer. If the track does not hold the
+/// cube, or holds it badly, no hand lets go, and a person must help.
 fn leave_misaligned(robot: &mut Robot, contradict: bool) -> Failure {
-    robot.note("the layer could not be brought back into line");
+    robot.note("the layer could not be realigned");
     if contradict {
-        // A hand that gives way while it lets go must not follow a sensor that lies.
+        // A compliant hand that lets go must not follow a wrong sensor.
         robot.trust = Trust::Doubted;
     }
     let held = |robot: &Robot, hand: Hand| robot.belief.held[hand.index()].is_some();
@@ -231,89 +243,94 @@ fn leave_misaligned(robot: &mut Robot, contradict: bool) -> Failure {
         return Failure::GiveUp { release };
     }
     let why = robot.turn_in_progress.take().and_then(TurnInProgress::into_why);
-    let why = why.unwrap_or_else(|| "a layer stands askew".to_owned());
+    let why = why.unwrap_or_else(|| "a layer is misaligned".to_owned());
     robot.failure = None;
-    Failure::Final(format!("{why}; the layer is still askew"))
+    Failure::Final(format!("{why}; the layer is still misaligned"))
 }
 
-/// Returns by how much a square of a side (m) stands misaligned between fingers of a width that it
-/// holds `opening` apart (m, rad).
+/// Returns the angle (rad) of a square with this side (m) between fingers of width `finger` (m),
+/// which it holds `opening` apart (m).
 fn misaligned_between(opening: f64, side: f64, finger: f64) -> f64 {
-    // (side + finger sin a) / cos a = opening
+    // The sides of a square tilted by a touch the fingers at opposite edges of their width:
+    //     (side + finger sin a) / cos a = opening
+    // so that side = reach cos(a + slant), which is solved for a.
     let (reach, slant) = (opening.hypot(finger), libm::atan2(finger, opening));
     (libm::acos((side / reach).min(1.0)) - slant).clamp(0.0, FRAC_PI_4)
 }
 
 impl Robot {
-    /// Finds out where the layer stands while the turner has it, and believes that grip.
+    /// Measures the angle of the layer while the turner holds it, and believes the grip that fits.
     fn find_layer(&mut self, turner: Hand) -> Result<(), Failure> {
         let turn = self.turn_in_progress.as_ref().ok_or("no turn is in progress")?;
         if self.belief.held[turner.index()].is_some() {
-            let stood = self.layer(turner, turn);
-            self.belief.turned(turner, stood.0.hold, stood.0.half_roll);
+            let seen = self.layer(turner, turn);
+            self.belief.turned(turner, seen.0.hold, seen.0.half_roll);
             if let Some(turn) = &mut self.turn_in_progress {
-                (turn.stood, turn.alone) = (stood, false);
+                (turn.last_seen, turn.layer_left_behind) = (seen, false);
             }
         }
         Ok(())
     }
 
-    /// Keeps where the layer stood when the turner lost it, unless it stayed behind before.
+    /// Stores the angle that the layer had when the turner lost it.
     fn remember_layer(&mut self, turner: Hand) {
-        let stood = self.turn_in_progress.as_ref().map(|turn| self.layer(turner, turn));
-        if let (Some(turn), Some(stood)) = (&mut self.turn_in_progress, stood)
-            && !turn.alone
+        let seen = self.turn_in_progress.as_ref().map(|turn| self.layer(turner, turn));
+        // A layer that stayed behind the hand is where it was measured before.
+        if let (Some(turn), Some(seen)) = (&mut self.turn_in_progress, seen)
+            && !turn.layer_left_behind
         {
-            turn.stood = stood;
+            turn.last_seen = seen;
         }
     }
 
-    /// Decides what a try does.
+    /// Chooses the move of a try.
     fn decide(&self, turner: Hand, now: Try) -> Move {
         let Try { number, eased } = now;
         let body = turner.other();
         let holds = self.belief.held[turner.index()].is_some();
-        let off = self.turn_in_progress.as_ref().map_or(0.0, |turn| turn.stood.1);
+        let off = self.turn_in_progress.as_ref().map_or(0.0, |turn| turn.last_seen.1);
         let in_line = holds && off.abs() < IN_LINE;
         let contradict = self.contradiction() > CONTRADICTION;
         let holds_badly = |hand: Hand| self.forced_apart(hand) > MISALIGNED;
+        // The last try counts only after easing, which may have shown the layer in line.
         if number > MOST_TRIES && (!holds || contradict || eased && !in_line) {
             return Move::Stay { contradict };
         }
         if !eased && contradict {
-            // Neither hand gives way to a force that only one of them feels: something pushes, or a
-            // sensor lies.
-            return if number == 1 { Move::Stand } else { Move::TakeAnew { doubt: true } };
+            // No hand yields to a force that only one of them measures: an obstacle pushes, which
+            // may pass, or a sensor is wrong, which only a new zero in free air corrects.
+            return if number == 1 { Move::HoldStill } else { Move::Regrasp { doubt: true } };
         }
         if !eased {
             let slips = [turner, body]
                 .into_iter()
                 .any(|hand| self.belief.held[hand.index()].is_some() && holds_badly(hand));
             let wait = WAITS[(number as usize - 1).min(WAITS.len() - 1)];
-            return Move::Ease(if slips { WEAK } else { wait });
+            return Move::Ease(if slips { WEAK_GRIP_WAIT } else { wait });
         }
         if in_line {
             return Move::Done(if holds_badly(body) { body } else { turner });
         }
-        // A hand that holds badly is not left alone with the cube.
-        if holds && (holds_badly(body) || number != BEFORE_ANEW + 1) {
+        // A hand that holds badly must not hold the cube alone, so the turner keeps it. Otherwise
+        // one try is a regrasp, and the tries after it turn back again.
+        if holds && (holds_badly(body) || number != EARLY_TRIES + 1) {
             return Move::TurnBack(-off);
         }
-        Move::TakeAnew { doubt: false }
+        Move::Regrasp { doubt: false }
     }
 
-    /// Returns the turner's grip at the quarter nearest to which the layer stands, and how far off
-    /// it (rad).
+    /// Returns the turner's grip at the quarter nearest to the layer, and the layer's angle from
+    /// there (rad).
     fn layer(&self, turner: Hand, turn: &TurnInProgress) -> (Grip, f64) {
         let roll = self.arms[turner.index()].desired_joints.0[6];
         let along = self.turned_along(turner, self.forced_apart(turner.other()));
-        // Where the layer stands misaligned between the turner's jaws, it lags behind the hand.
+        // A layer that is misaligned between the turner's jaws lags behind the hand.
         let lag = self.misaligned_about_palm(turner, self.forced_apart(turner));
         turn.nearest(roll, along + lag)
     }
 
-    /// Returns how far what a hand holds stands misaligned about the palm's axis, when it has forced
-    /// the jaws apart by this much (m, rad).
+    /// Returns the angle (rad) about the palm's axis of the cube in a hand, from the distance
+    /// `apart` by which it has forced the jaws apart (m).
     fn misaligned_about_palm(&self, hand: Hand, apart: f64) -> f64 {
         if apart <= MISALIGNED {
             return 0.0;
@@ -322,14 +339,14 @@ impl Robot {
         misaligned_between(width + apart, width, self.settings.finger_width) + PAD_GIVE
     }
 
-    /// Returns by how much jaws are farther apart than when they closed (m).
+    /// Returns the increase of a hand's jaw distance since its jaws closed (m).
     fn forced_apart(&self, hand: Hand) -> f64 {
         let width = self.widths[hand.index()].unwrap_or(self.settings.edge);
         self.arms[hand.index()].jaw_opening - width
     }
 
-    /// Returns what both hands feel of the cube between them, together (N): nothing but its weight,
-    /// where both sensors are right and nobody else is there.
+    /// Returns the norm of the sum of both hands' forces on the cube between them (N). It is the
+    /// cube's weight if both sensors are right and no other object touches the cube.
     fn contradiction(&self) -> f64 {
         let felt = |hand: Hand| {
             let arm = &self.arms[hand.index()];
@@ -342,20 +359,23 @@ impl Robot {
         if both { (track + postument).norm() } else { 0.0 }
     }
 
-    /// Returns how far the cube has turned in the jaws of the body's hand, which it has forced apart
-    /// by this much (m, rad).
+    /// Returns the angle (rad) by which the cube has turned in the jaws of the turner's partner,
+    /// from the distance `apart` by which it has forced them apart (m).
     fn turned_along(&self, turner: Hand, apart: f64) -> f64 {
         let body = turner.other();
         let Some(held) = self.belief.held[body.index()].filter(|_| apart > MISALIGNED) else {
             return 0.0;
         };
         match self.belief.turn_axis(turner) {
-            // Along the fingers' width: the pads lie on it as deep as the fingers reach.
+            // About the axis along the fingers' width the pads touch the cube over the depth of the
+            // fingers, so the depth is the lever.
             Some(0) => {
                 let depth = self.settings.finger_depth[usize::from(held.hold.depth == Depth::Two)];
                 libm::asin((apart / depth).min(1.0)) + PAD_GIVE
             }
+            // About the palm's axis the fingers' width is the lever.
             Some(2) => self.misaligned_about_palm(body, apart),
+            // About the jaws' axis the cube slides between parallel pads and forces none apart.
             _ => 0.0,
         }
     }
@@ -366,7 +386,7 @@ mod tests {
     use super::super::assignment::Goal;
     use super::super::robot::MOST_RECOVERIES;
     use super::super::testing::{Stage, goes_well, order, settings, words};
-    use super::super::{mend, turn};
+    use super::super::{recover, turn};
     use super::*;
     use crate::cube::{Axis, Face, Turn};
     use crate::generators::Behaviour;
@@ -380,14 +400,14 @@ mod tests {
     const WIDTH: f64 = 0.0567;
     const TURN: Turn = Turn { face: Face::U, quarters: 3 };
 
-    /// Both hands hold the cube, and the track hand's quarter turn against the clock has slipped
-    /// after `rolled` (rad).
+    /// Makes a stage on which both hands hold the cube, and the track hand's anticlockwise quarter
+    /// turn has slipped after `rolled` (rad).
     fn failed(rolled: f64) -> Stage {
         let mut stage = Stage::new(settings());
         let robot = &mut stage.robot;
         let hold = |palm: Face| Hold { palm, jaws: Axis::X, depth: Depth::One };
         robot.belief.taken(Hand::Track, hold(Face::U), false);
-        // The turn's axis is along the fingers' width of the hand that holds the body.
+        // The turn's axis is along the fingers' width of the partner.
         robot.belief.taken(Hand::Postument, hold(Face::F), false);
         robot.widths = [Some(WIDTH); 2];
         robot.apart = false;
@@ -404,7 +424,7 @@ mod tests {
         stage
     }
 
-    /// Returns what a try decides, from the layer as it stands.
+    /// Returns the move that a try chooses from the present angle of the layer.
     fn decides(stage: &mut Stage, number: u32, eased: bool) -> Move {
         stage.robot.find_layer(Hand::Track).unwrap();
         stage.robot.decide(Hand::Track, Try { number, eased })
@@ -428,7 +448,7 @@ mod tests {
     }
 
     #[test]
-    fn cube_turned_along_is_not_turned_back() {
+    fn realigning_leaves_cube_that_turned_with_layer() {
         let tilted = 0.1;
         let stands = |rolled: f64| {
             let mut stage = failed(rolled);
@@ -439,30 +459,30 @@ mod tests {
 
         let step = stands(-0.5);
         assert!((back(step) - (0.5 - tilted)).abs() < 1e-6, "{step:?}");
-        // The partner, whose grip is worse, lets go.
+        // The partner has the worse grip and lets go.
         assert_eq!(stands(-tilted), Move::Done(Hand::Postument));
     }
 
     #[test]
-    fn stubborn_layer_is_taken_anew_where_it_stands() {
+    fn stubborn_layer_is_regrasped_at_its_angle() {
         let mut stage = failed(-0.5);
-        assert_eq!(decides(&mut stage, BEFORE_ANEW + 1, true), Move::TakeAnew { doubt: false });
-        assert!((stage.robot.turn_in_progress.as_ref().unwrap().stood.1 + 0.5).abs() < 1e-9);
+        assert_eq!(decides(&mut stage, EARLY_TRIES + 1, true), Move::Regrasp { doubt: false });
+        assert!((stage.robot.turn_in_progress.as_ref().unwrap().last_seen.1 + 0.5).abs() < 1e-9);
 
         // The layer lags behind a hand whose jaws it has forced apart.
         let mut stage = failed(-0.5);
         stage.robot.arms[0].jaw_opening = jaws_forced_apart(0.2);
-        decides(&mut stage, BEFORE_ANEW + 1, true);
-        let off = stage.robot.turn_in_progress.as_ref().unwrap().stood.1;
+        decides(&mut stage, EARLY_TRIES + 1, true);
+        let off = stage.robot.turn_in_progress.as_ref().unwrap().last_seen.1;
         assert!((off - (-0.5 + 0.2 + PAD_GIVE)).abs() < 1e-9, "{off}");
     }
 
     #[test]
-    fn layer_taken_anew_is_closed_upon_at_its_roll() {
+    fn regrasp_closes_jaws_at_the_layers_roll() {
         let mut stage = failed(-0.5);
         decides(&mut stage, 1, true);
 
-        let takes = async |robot: &mut Robot| take_anew(robot, Hand::Track, false).await;
+        let takes = async |robot: &mut Robot| regrasp_layer(robot, Hand::Track, false).await;
         let (end, actions) = stage.play(takes, &mut goes_well);
 
         assert_eq!(end, Ok(()));
@@ -479,18 +499,19 @@ mod tests {
     }
 
     #[test]
-    fn hopeless_layer_goes_back_with_the_track() {
+    fn track_hand_returns_cube_with_misaligned_layer() {
         let mut stage = failed(-0.5);
         let last = decides(&mut stage, MOST_TRIES + 1, true);
         assert_eq!(last, Move::Stay { contradict: false });
         let leaves = leave_misaligned(&mut stage.robot, false);
         assert_eq!(leaves, Failure::GiveUp { release: Some(Hand::Postument) });
 
-        // A hand that holds badly is not left alone with it, and none closes over such a layer.
+        // A hand that holds badly must not hold the cube alone, and no jaws may close over a
+        // misaligned layer.
         let mut stage = failed(-0.5);
         stage.robot.arms[0].jaw_opening = jaws_forced_apart(0.2);
         let Failure::Final(why) = leave_misaligned(&mut stage.robot, false) else { panic!() };
-        assert!(why.ends_with("the layer is still askew"), "{why}");
+        assert!(why.ends_with("the layer is still misaligned"), "{why}");
     }
 
     #[test]
@@ -499,8 +520,8 @@ mod tests {
         assert!(matches!(decides(&mut stage, MOST_TRIES + 1, false), Move::Ease(_)));
     }
 
-    /// Plays the realignment; the first `turns` turns end as told, in turn, and well afterwards. A
-    /// turn that ends well brings the layer along.
+    /// Plays the realignment. The first turns end with the outcomes `turns`, the last one first,
+    /// and later turns succeed. A turn that succeeds moves the layer along.
     fn realigns(
         stage: &mut Stage,
         mut turns: Vec<(Outcome, Option<f64>)>,
@@ -531,14 +552,15 @@ mod tests {
         let (end, actions) = realigns(&mut failed(-0.5), vec![]);
 
         assert_eq!(end, Ok(Hand::Track));
-        let eases = ["give way", "give way"];
+        let eases = ["yield", "yield"];
         assert_eq!(words(&actions), [&eases[..], &["turn"], &eases].concat());
     }
 
     #[test]
-    fn lost_layer_is_taken_anew_where_it_stood() {
-        // A hand that turned back with the layer left it in line, one without left it where it was.
-        for (outcome, stood) in [(Outcome::Turned(0.5), 0.0), (Outcome::Slipped(0.5, 0.01), -0.5)] {
+    fn lost_layer_is_regrasped_at_last_known_angle() {
+        // A hand that turned back with the layer left it in line. A hand that slipped did not move
+        // it.
+        for (outcome, seen) in [(Outcome::Turned(0.5), 0.0), (Outcome::Slipped(0.5, 0.01), -0.5)] {
             let mut stage = failed(-0.5);
             let (end, actions) = realigns(&mut stage, vec![(outcome, Some(WIDTH - 0.01))]);
 
@@ -551,23 +573,23 @@ mod tests {
                 _ => None,
             });
             let rolls: Vec<f64> = roll.collect();
-            assert!((rolls[2] - stood).abs() < 1e-9, "{rolls:?} {stood}");
+            assert!((rolls[2] - seen).abs() < 1e-9, "{rolls:?} {seen}");
         }
     }
 
     #[test]
-    fn alarm_on_the_way_back_is_tried_again() {
+    fn alarm_in_turn_back_starts_another_try() {
         let mut stage = failed(-0.5);
 
         let (end, actions) = realigns(&mut stage, vec![(Outcome::OverForce(0, 30.0), None)]);
 
         assert_eq!(end, Ok(Hand::Track));
         assert!(stage.notes().iter().any(|note| note.contains("over-force")));
-        assert_eq!(words(&actions).iter().filter(|word| **word == "give way").count(), 4);
+        assert_eq!(words(&actions).iter().filter(|word| **word == "yield").count(), 4);
     }
 
     #[test]
-    fn slip_on_the_way_back_lags_the_other_way() {
+    fn slip_while_turning_back_reverses_lag() {
         let mut stage = failed(-0.5);
         decides(&mut stage, 1, true);
         let turns = async |robot: &mut Robot| turn_back(robot, Hand::Track, 0.5, 1).await;
@@ -584,14 +606,14 @@ mod tests {
     }
 
     #[test]
-    fn released_layer_is_found_where_it_stood() {
+    fn released_layer_keeps_its_last_angle() {
         let mut stage = failed(-0.5);
         decides(&mut stage, 1, false);
         stage.robot.belief.released(Hand::Track);
         stage.robot.arms[0].desired_joints.0[6] = 2.0;
 
-        assert_eq!(decides(&mut stage, 4, true), Move::TakeAnew { doubt: false });
-        let off = stage.robot.turn_in_progress.as_ref().unwrap().stood.1;
+        assert_eq!(decides(&mut stage, 4, true), Move::Regrasp { doubt: false });
+        let off = stage.robot.turn_in_progress.as_ref().unwrap().last_seen.1;
         assert!((off + 0.5).abs() < 1e-9, "{off}");
     }
 
@@ -606,10 +628,10 @@ mod tests {
             decides(&mut stage, number, false)
         };
 
-        // The settings have both tools stand alike.
+        // In these settings both tools have the same orientation.
         assert!(matches!(begins(30.0, -30.0, 1), Move::Ease(_)));
-        assert_eq!(begins(30.0, 0.0, 1), Move::Stand);
-        assert_eq!(begins(0.0, -30.0, 2), Move::TakeAnew { doubt: true });
+        assert_eq!(begins(30.0, 0.0, 1), Move::HoldStill);
+        assert_eq!(begins(0.0, -30.0, 2), Move::Regrasp { doubt: true });
         assert_eq!(begins(0.0, -30.0, MOST_TRIES + 1), Move::Stay { contradict: true });
         let mut stage = failed(0.0);
         leave_misaligned(&mut stage.robot, true);
@@ -617,7 +639,7 @@ mod tests {
     }
 
     #[test]
-    fn other_tasks_realign_nothing() {
+    fn other_tasks_realign_no_layer() {
         let mut stage = failed(0.0);
         stage.robot.goal = Goal::FaceTurn(1.0);
         stage.robot.arms = [ArmState { jaw_opening: WIDTH, ..ArmState::default() }; 2];
@@ -631,33 +653,33 @@ mod tests {
     }
 
     #[test]
-    fn realigned_cube_is_read_anew_while_recoveries_last() {
+    fn realigned_cube_is_reread_while_recoveries_remain() {
         for (recoveries, anew) in [(0, true), (MOST_RECOVERIES, false)] {
             let mut stage = failed(0.0);
             stage.robot.recoveries = recoveries;
             let failure = Failure::TurnFailed { turner: Hand::Track };
-            let mends = async |robot: &mut Robot| mend::mend(robot, failure).await;
+            let recovers = async |robot: &mut Robot| recover::recover(robot, failure).await;
 
-            let (end, _) = stage.play(mends, &mut |action, arms| match order(action) {
+            let (end, _) = stage.play(recovers, &mut |action, arms| match order(action) {
                 Some(Behaviour::Present { .. }) => Event::Behaved([None, None]),
                 _ => goes_well(action, arms),
             });
 
             let release = Some(Hand::Track);
             let expected =
-                if anew { Failure::ReadAnew { release } } else { Failure::GiveUp { release } };
+                if anew { Failure::ReadAgain { release } } else { Failure::GiveUp { release } };
             assert_eq!(end, Err(expected));
         }
     }
 
     #[test]
-    fn layer_lost_in_failed_turn_is_taken_anew() {
+    fn layer_lost_in_failed_turn_is_regrasped() {
         let mut stage = failed(-0.5);
         stage.robot.arms[0].jaw_opening = WIDTH - 0.01;
         let failure = Failure::TurnFailed { turner: Hand::Track };
-        let mends = async |robot: &mut Robot| mend::mend(robot, failure).await;
+        let recovers = async |robot: &mut Robot| recover::recover(robot, failure).await;
 
-        let (_, actions) = stage.play(mends, &mut |action, arms| match order(action) {
+        let (_, actions) = stage.play(recovers, &mut |action, arms| match order(action) {
             Some(Behaviour::Present { .. }) => Event::Behaved([None, None]),
             Some(Behaviour::Grasp { .. }) => {
                 arms[0].jaw_opening = WIDTH;
@@ -668,16 +690,19 @@ mod tests {
 
         let anew = ["open", "line", "zero", "line", "line", "approach", "close"];
         assert_eq!(words(&actions)[..7], anew);
-        assert!(stage.notes().iter().any(|note| note.ends_with("the layer is taken anew")));
+        assert!(stage.notes().iter().any(|note| note.ends_with("the layer is regrasped")));
     }
 
     #[test]
-    fn jaws_tell_how_a_square_stands() {
+    fn jaw_opening_gives_angle_of_square_cube() {
         for angle in [0.0, 0.1, 0.5] {
             let opening = (0.057 + 0.012 * libm::sin(angle)) / libm::cos(angle);
             let found = misaligned_between(opening, 0.057, 0.012);
             assert!((found - angle).abs() < 1e-6, "{angle}");
         }
-        assert!(misaligned_between(0.05, 0.057, 0.012).abs() < 1e-9, "narrower than any");
+        assert!(
+            misaligned_between(0.05, 0.057, 0.012).abs() < 1e-9,
+            "jaws narrower than the square"
+        );
     }
 }

@@ -1,23 +1,32 @@
-//! A mission goes on where another run was broken off, at whatever moment.
+//! Resumption of a mission that another run left unfinished, at any moment.
 //!
-//! The jaws tell what the hands hold, the tools which layer is misaligned, and the cameras what has
-//! become of the cube; the other run's journal only says what cannot be seen.
+//! The jaws show which hands hold the cube, the tools show which layer is misaligned, and the
+//! cameras read the cube. The other run's journal gives only the facts that no sensor measures.
 //!
-//! - in: the last entry of the journal, both arms as they stand
-//! - out: the station at which the mission goes on
+//! - in: the last entry of the journal, the states of both arms
+//! - out: the station at which the mission continues
 //! - source: own work
 //!
 //! | limit | value | reason |
 //! |---|---|---|
-//! | [`GONE`] | 0.945 edge | jaws nearer than this hold no cube: less than a held cube's least width, more than closed jaws |
-//! | [`STRAIGHT`] | 0.1 rad | a layer that stands off by less is straightened by the jaws that close over it |
-//! | [`TAKEN_BACK`], [`SEEKS`] | 3 s, 5 s | a cube is left to whoever takes it back, and then looked for |
+//! | [`LEAST_HELD`] | 0.945 edge | between closed jaws and the least width of a held cube |
+//! | [`STRAIGHT`] | 0.1 rad | closing jaws straighten a layer with a smaller angle |
+//! | [`TAKE_BACK_SECONDS`] | 3 s | the operator may take the cube that was being handed back |
+//! | [`SEEK_SECONDS`] | 5 s | an operator who wants it solved holds that cube out again |
+//!
+//! | hands that hold | decision |
+//! |---|---|
+//! | none, the journal says "handing back" | the cube is looked for, then counts as returned |
+//! | none, the journal says "over" | the mission is over |
+//! | none | the cube is taken again |
+//! | one | a possible holder is detected by pulls, then the cube is read |
+//! | both | a misaligned layer is turned into line, the turner lets go, the cube is read |
 
 use super::actions::Closing;
 use super::failure::Failure;
 use super::robot::{MOST_CLOSER, MOST_WIDER, MaybeOffered, Robot};
 use super::station::Station;
-use super::take::{CLEAR, draw_back_with_cube, wait_for_release};
+use super::take::{CLEAR, retract_with_cube, wait_for_release};
 use super::turn_in_progress::TurnInProgress;
 use super::{give_back, regrasp, turn};
 use crate::cube::{Axis, Face, Keeper, rotations};
@@ -26,55 +35,59 @@ use crate::tasks::Entry;
 use crate::tasks::cube::hold::{Grip, Hand, Hold};
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// Jaws nearer than this share of the edge hold no cube.
-const GONE: f64 = 0.945;
-/// A layer that stands off by less is straightened by the jaws that close over it (rad).
+/// Jaw distance below which jaws hold no cube, as a share of the edge.
+const LEAST_HELD: f64 = 0.945;
+/// Angle of a layer below which closing jaws straighten it (rad).
 const STRAIGHT: f64 = 0.1;
-/// A way that is not worth a motion (m).
-const NEARLY: f64 = 1e-3;
-/// How long a cube is left to whoever takes it back, and how long it is looked for then (s).
-const TAKEN_BACK: f64 = 3.0;
-const SEEKS: f64 = 5.0;
+/// Distance that is not worth a motion (m).
+const NEGLIGIBLE: f64 = 1e-3;
+/// Time that the operator has to take the cube, and the time of the search for it after that (s).
+const TAKE_BACK_SECONDS: f64 = 3.0;
+const SEEK_SECONDS: f64 = 5.0;
 
-/// Finds out which hands hold the cube, and goes on from there.
+/// Determines which hands hold the cube, and prepares the station that follows.
 pub(super) async fn take_stock(robot: &mut Robot, last: Entry) -> Result<Station, Failure> {
     restore(robot, &last);
-    robot.note(format!("the other run was broken off while {}", last.doing));
+    robot.note(format!("the earlier run was interrupted while {}", last.doing));
     let edge = robot.settings.edge;
+    // A kill may come between a journal entry and its motion, so the jaws decide and not the entry.
     let holds = |hand: Hand| {
         let gap = robot.arms[hand.index()].jaw_opening;
-        gap > GONE * edge && gap < edge + MOST_WIDER
+        gap > LEAST_HELD * edge && gap < edge + MOST_WIDER
     };
     match Hand::BOTH.map(holds) {
         [false, false] if last.over || last.handing_back => was_handed_back(robot, last).await,
-        [false, false] => take_anew(robot).await,
+        [false, false] => take_again(robot).await,
         [true, true] => both_hold(robot, &last).await,
         [true, false] => one_holds(robot, Hand::Track, &last).await,
         [false, true] => one_holds(robot, Hand::Postument, &last).await,
     }
 }
 
-/// Takes over what the other run noted.
+/// Takes over the facts of the other run's last entry.
 fn restore(robot: &mut Robot, last: &Entry) {
     (robot.hand_over, robot.taken_at) = (last.hand_over, last.taken_at);
     robot.retract_shortfall = last.short;
     robot.stops = Hand::BOTH.map(|hand| depth(last, hand));
     let meetings = &robot.settings.meetings;
+    // The track coordinate that clears every meeting of the table by the whole separation.
     let places = meetings.grasps.iter().flatten().map(|m| m.track_back.0[0]);
     let least = places.fold(f64::INFINITY, f64::min) - meetings.separation;
     let track = robot.arms[Hand::Track.index()].desired_joints.0[0];
-    // An arm that was on one of the short ways is not as far back as any way needs it.
+    // On a path with a small separation the track does not retract far enough for any other path,
+    // so it counts as apart only near the least coordinate.
     let share = if meetings.ways.is_empty() { 0.5 } else { 0.1 };
     robot.apart = track < least + share * meetings.separation;
     robot.least_track = Some(least);
 }
 
-/// Returns the hold that a hand most likely has, as deep as was noted.
-fn usual(last: &Entry, hand: Hand) -> Hold {
+/// Returns the hold that is assumed for a hand, with the depth of the journal. The looks name the
+/// faces later, so that any palm face will do.
+fn assumed(last: &Entry, hand: Hand) -> Hold {
     Hold { palm: Face::D, jaws: Axis::Y, depth: depth(last, hand) }
 }
 
-/// Returns how deep a hand holds, as far as that was noted.
+/// Returns the depth of a hand's hold by the journal, else one layer.
 fn depth(last: &Entry, hand: Hand) -> Depth {
     last.held[hand.index()].or(last.stops[hand.index()]).unwrap_or(Depth::One)
 }
@@ -83,14 +96,15 @@ fn depth(last: &Entry, hand: Hand) -> Depth {
 async fn was_handed_back(robot: &mut Robot, last: Entry) -> Result<Station, Failure> {
     robot.given_back = true;
     robot.failure = last.undone;
-    let way = robot.free_way(Hand::Track, robot.settings.back);
+    let distance = robot.free_retraction(Hand::Track, robot.settings.back);
+    // Empty jaws do not prove that the operator has the cube, unless the other run was over.
     let seeks = !last.over && robot.settings.keeper == Keeper::Person;
     if seeks {
         begin_to_seek(robot);
     }
     robot.phase("take stock").await?;
     if !last.over {
-        back_off(robot, way).await?;
+        back_off(robot, distance).await?;
     }
     if seeks {
         return seek(robot).await;
@@ -99,45 +113,46 @@ async fn was_handed_back(robot: &mut Robot, last: Entry) -> Result<Station, Fail
     give_back::finish(robot, achieved).map(Station::Over)
 }
 
-/// Takes a cube anew that no hand holds.
-async fn take_anew(robot: &mut Robot) -> Result<Station, Failure> {
-    robot.note("no hand holds the cube: it is taken anew");
+/// Prepares to take a cube that no hand holds.
+async fn take_again(robot: &mut Robot) -> Result<Station, Failure> {
+    robot.note("no hand holds the cube: it is taken again");
     robot.forget_hand_over();
-    let way = robot.free_way(Hand::Track, robot.settings.back);
+    let distance = robot.free_retraction(Hand::Track, robot.settings.back);
     robot.phase("take stock").await?;
-    back_off(robot, way).await?;
+    back_off(robot, distance).await?;
     robot.move_apart().await?;
     Ok(Station::Take)
 }
 
-/// Moves the track hand out of the way (m), before it goes sideways or its force is zeroed: it may
-/// have its fingers beside a cube that somebody else has, and press it.
-async fn back_off(robot: &mut Robot, way: f64) -> Result<(), Failure> {
+/// Opens the track hand and retracts it by `distance` (m), before it moves sideways or its force is
+/// zeroed. Its fingers may be beside a cube that a person holds, and press it.
+async fn back_off(robot: &mut Robot, distance: f64) -> Result<(), Failure> {
     robot.open(Hand::Track, Depth::One).await?;
-    robot.along(Hand::Track, -way).await
+    robot.along(Hand::Track, -distance).await
 }
 
-/// Begins to look for a cube that the other run was about to hand back, since no entry says that it
-/// was taken.
+/// Begins the search for a cube that the other run was handing back: no entry says that it was
+/// taken.
 fn begin_to_seek(robot: &mut Robot) {
-    robot.note("the cube was being handed back: it is looked for");
-    robot.seeks = Some(SEEKS);
+    robot.note("the cube was being handed back: the camera looks for it");
+    robot.seek_time = Some(SEEK_SECONDS);
+    // The operator may hold the cube out elsewhere.
     robot.forget_hand_over();
 }
 
-/// Gives the operator time to take the cube, and then takes it where it is held out.
+/// Gives the operator time to take the cube, and then has the visual servo look for it.
 async fn seek(robot: &mut Robot) -> Result<Station, Failure> {
     robot.move_apart().await?;
-    robot.stand(TAKEN_BACK).await?;
+    robot.hold_still(TAKE_BACK_SECONDS).await?;
     Ok(Station::Take)
 }
 
-/// Leaves the cube to the person who has it, or holds it and does not let go.
+/// Leaves the cube to a person who has it, or who does not let go of it.
 pub(super) async fn leave_to_the_operator(
     robot: &mut Robot,
     why: String,
 ) -> Result<Station, Failure> {
-    robot.note(format!("{why}: whoever it was handed back to has it"));
+    robot.note(format!("{why}: the operator has the cube"));
     robot.given_back = true;
     robot.failure = robot.earlier.as_ref().and_then(|last| last.undone.clone());
     begin_to_seek(robot);
@@ -145,21 +160,23 @@ pub(super) async fn leave_to_the_operator(
     seek(robot).await
 }
 
-/// Goes on with the cube in one hand.
+/// Continues with the cube in one hand.
 async fn one_holds(robot: &mut Robot, hand: Hand, last: &Entry) -> Result<Station, Failure> {
     robot.note(format!("the {} hand holds the cube", hand.name()));
-    let (other, hold) = (hand.other(), usual(last, hand));
+    let (other, hold) = (hand.other(), assumed(last, hand));
     robot.belief.taken(hand, hold, false);
     let left = robot.way_back_left();
     if hand == Hand::Track && robot.settings.keeper == Keeper::Person {
-        let is_out = last.hand_over.is_some() && left > Some(NEARLY);
+        // The journal says "handing back" only once the cube is out, so its position counts too.
+        let is_out = last.hand_over.is_some() && left > Some(NEGLIGIBLE);
         let gap = robot.arms[Hand::Track.index()].jaw_opening;
+        // At this distance the jaws may have begun to open when the other run ended.
         let opening = last.handing_back && gap > robot.settings.edge - MOST_CLOSER;
         robot.maybe_offered = (last.handing_back || is_out).then_some(MaybeOffered { opening });
     }
     let clear = way_to_clear(robot, other);
     robot.phase("take stock").await?;
-    // What a sensor reported before this run began is relative to a zero that nobody knows.
+    // The other run's zero is unknown, and the hand must not yield to a force of that zero.
     robot.zero_forces([hand == Hand::Track, hand == Hand::Postument]).await?;
     robot.close(hand, hold, Closing::Straight).await?;
     let stops = robot.stops[other.index()];
@@ -167,88 +184,92 @@ async fn one_holds(robot: &mut Robot, hand: Hand, last: &Entry) -> Result<Statio
     if let Some(way) = clear {
         robot.along(other, -way).await?;
     }
-    settle(robot, hand, left).await
+    retreat(robot, hand, left).await
 }
 
-/// Returns what is left of the way back for an empty hand that may have its fingers beside the
-/// cube (m): a limit of the arm may be near behind that.
+/// Returns the rest of the retraction of an empty hand whose fingers may be beside the cube (m);
+/// `None` if the hand is clear. A joint limit may be near behind that distance.
 fn way_to_clear(robot: &mut Robot, hand: Hand) -> Option<f64> {
     let (edge, back) = (robot.settings.edge, robot.settings.back);
     let place = robot.belief.centre_in_tool(hand, &robot.arms)?;
     if place.norm() >= 3.0 * edge {
         return None;
     }
-    // Where it would have had one layer, the lesser way of the two.
+    // The distance already retracted from a hold of one layer. From two layers it is longer, so the
+    // rest is enough for both. The whole retraction again took 7 of 200 killed runs to a limit.
     let gone = place.z - edge / 3.0;
     let left = (back - gone).clamp(0.0, back);
-    (left >= NEARLY).then(|| robot.folds(hand, left, CLEAR * back - gone))
+    (left >= NEGLIGIBLE).then(|| robot.retraction(hand, left, CLEAR * back - gone))
 }
 
-/// Brings the cube clear of the place of hand-over, with `left` of the way back to go (m). Without a
-/// place to hand it back, the operator may still have hold of it.
-async fn settle(robot: &mut Robot, holder: Hand, left: Option<f64>) -> Result<Station, Failure> {
+/// Brings the cube clear of the place of hand-over, with `left` of the retraction to go (m).
+async fn retreat(robot: &mut Robot, holder: Hand, left: Option<f64>) -> Result<Station, Failure> {
     match (robot.hand_over, holder, robot.settings.keeper) {
+        // The other run had not retracted yet: the operator may still hold the cube.
         (None, Hand::Track, _) => {
             let way = left.unwrap_or(robot.way_back());
-            draw_back_with_cube(robot, way).await?;
+            retract_with_cube(robot, way).await?;
         }
+        // The cube may be held out: pulls must find no holder before it moves.
         (Some(place), _, _) if robot.maybe_offered.is_some() => {
             wait_for_release(robot).await?;
-            if left > Some(NEARLY) {
+            if left > Some(NEGLIGIBLE) {
                 robot.joints([Some(place), None]).await?;
             }
-            // It was zeroed where somebody may have had hold of it.
+            // A person may have held the cube at the zero before.
             robot.zero_forces([true, false]).await?;
         }
-        // It may stand on the table, or just above: not along it, but up from there.
+        // The cube may lie on the table or just above it, so it moves up before it moves sideways.
         (_, Hand::Track, Keeper::Table) => {
             if let Some(left) = left.filter(|left| *left > 0.0) {
                 robot.along(holder, -left).await?;
             }
         }
+        // The cube is clear already.
         _ => {}
     }
     Ok(Station::Read { phase: "identify" })
 }
 
-/// Goes on with the cube in both hands, perhaps in the middle of a turn.
+/// Continues with the cube in both hands, perhaps in the middle of a turn.
 async fn both_hold(robot: &mut Robot, last: &Entry) -> Result<Station, Failure> {
     robot.note("both hands hold the cube");
     robot.apart = false;
     robot.phase("take stock").await?;
     for hand in Hand::BOTH {
-        robot.close(hand, usual(last, hand), Closing::Straight).await?;
+        robot.close(hand, assumed(last, hand), Closing::Straight).await?;
     }
     robot.check_hold()?;
     let Misaligned { turner, by, grip } = find_misaligned(robot, last);
     let body = turner.other();
-    robot.belief.taken(body, usual(last, body), false);
+    robot.belief.taken(body, assumed(last, body), false);
     robot.belief.taken(turner, grip.hold, grip.half_roll);
     let left = robot.way_back_left();
+    // The jaws of the next grasp straighten a smaller angle.
     if by.abs() > STRAIGHT {
         let degrees = by.to_degrees();
         let name = turner.name();
-        robot.note(format!("a layer stands askew: the {name} hand turns it by {degrees:.0} deg"));
+        robot.note(format!("a layer is misaligned: the {name} hand turns it by {degrees:.0} deg"));
         let roll = robot.arms[turner.index()].desired_joints.0[6] + by;
         robot.turn_in_progress = Some(TurnInProgress::new(turner, grip, roll, by.signum()));
         turn::turn_through(robot, turner, by).await?;
     }
     regrasp::let_go(robot, turner).await?;
-    settle(robot, body, left).await
+    retreat(robot, body, left).await
 }
 
 /// A layer that may be misaligned between both hands.
 #[derive(Debug)]
 struct Misaligned {
-    /// The hand that has the layer.
+    /// Hand that holds the layer.
     turner: Hand,
-    /// By how much more about its own z the layer is in line (rad).
+    /// Angle about the turner's own z that brings the layer into line (rad).
     by: f64,
-    /// Its grip then, as seen from the usual hold of its partner.
+    /// Grip of the turner after that, relative to the assumed hold of its partner.
     grip: Grip,
 }
 
-/// Finds out by how the tools stand to each other which layer is misaligned.
+/// Finds the misaligned layer from the orientations of both tools.
 fn find_misaligned(robot: &Robot, last: &Entry) -> Misaligned {
     let tool = |hand: Hand| {
         robot.belief.world_from_base(hand).rotation
@@ -257,16 +278,17 @@ fn find_misaligned(robot: &Robot, last: &Entry) -> Misaligned {
     let (track, postument) = (tool(Hand::Track), tool(Hand::Postument));
     let (turner, by) = misaligned(&track, &postument);
     let (own, other) = if turner == Hand::Track { (track, postument) } else { (postument, track) };
+    // The partner's hold is assumed, and the tools' orientations give the turner's hold from it.
     let straight = own * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), by);
-    let body = usual(last, turner.other()).cube_from_tool(false, robot.settings.edge).rotation;
+    let body = assumed(last, turner.other()).cube_from_tool(false, robot.settings.edge).rotation;
     let cube_from_turner = body * other.inverse() * straight;
     let (hold, half_roll) = Hold::from_tool_rotation(&cube_from_turner, depth(last, turner));
     Misaligned { turner, by, grip: Grip { hold, half_roll } }
 }
 
-/// Returns which hand turns a layer, and by how much more about its own z the layer is in line
-/// (rad): of the 24 ways in which two straight tools stand to each other the nearest, over a roll of
-/// one of them.
+/// Returns the hand that turns a layer, and the angle about its own z that brings the layer into
+/// line (rad). Among the 24 orientations of two aligned tools it takes the one that a roll of one
+/// tool reaches best.
 fn misaligned(track: &UnitQuaternion<f64>, postument: &UnitQuaternion<f64>) -> (Hand, f64) {
     let mut best = (f64::INFINITY, Hand::Track, 0.0);
     for (hand, own, other) in [(Hand::Track, track, postument), (Hand::Postument, postument, track)]
@@ -274,10 +296,11 @@ fn misaligned(track: &UnitQuaternion<f64>, postument: &UnitQuaternion<f64>) -> (
         for straight in rotations() {
             // own * roll = other * straight
             let off = own.inverse() * other * straight;
+            // The twist of `off` about z (swing-twist decomposition), in -pi..pi.
             let roll = 2.0 * libm::atan2(off.k, off.w);
             let roll = roll - (roll / std::f64::consts::TAU).round() * std::f64::consts::TAU;
             let rest = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -roll) * off;
-            // A small roll with a small rest; the rest weighs more, since only rolls are real.
+            // The rest weighs more than the roll: a turn rolls a tool, and only errors tilt it.
             let cost = 10.0 * rest.angle() + roll.abs();
             if cost < best.0 {
                 best = (cost, hand, roll);
@@ -293,7 +316,7 @@ mod tests {
     use super::super::testing::{
         Stage, WIDTH, goes_well, order, play_mission, settings, track, words,
     };
-    use super::super::{Mission, mend};
+    use super::super::{Mission, recover};
     use super::*;
     use crate::generators::{Behaviour, Outcome};
     use crate::motion::{ArmState, JointPositions};
@@ -303,7 +326,7 @@ mod tests {
     use crate::tasks::cube::think::Thought;
     use crate::tasks::{Action, Event, Finish, Forces, Readings, Task};
 
-    /// Notes of a run that had taken the cube there, and lowered it again.
+    /// Returns the last entry of a run that had taken the cube and lowered it again.
     fn lowering() -> Entry {
         Entry {
             doing: "laying it down".to_owned(),
@@ -315,7 +338,7 @@ mod tests {
         }
     }
 
-    /// A robot that goes on from an entry, with empty hands.
+    /// Makes a robot that resumes from an entry, with empty hands.
     fn stage(settings: CubeSettings, last: &Entry) -> Stage {
         let assignment = Assignment::new(Goal::Solve).resumed(Some(last.clone()));
         Stage::with(settings, assignment)
@@ -329,7 +352,7 @@ mod tests {
         stage.play(async |robot| take_stock(robot, last).await, &mut goes_well)
     }
 
-    /// Goes on from an entry with the cube in the track hand, `above` where it was taken (m).
+    /// Resumes from an entry with the cube in the track hand, `above` the place of the grasp (m).
     fn goes_on(keeper: Keeper, last: &Entry, above: f64) -> (Stage, Vec<Action<Thought>>) {
         let mut stage = stage(CubeSettings { keeper, ..settings() }, last);
         stage.robot.arms[0].jaw_opening = WIDTH;
@@ -339,7 +362,7 @@ mod tests {
         (stage, actions)
     }
 
-    /// Returns how far the track moves along its z, in turn (m).
+    /// Returns the distances of the track's motions along its z, in order (m).
     fn ways(stage: &Stage, actions: &[Action<Thought>]) -> Vec<f64> {
         let from = stage.robot.arms[0].desired_base_from_tool;
         let way = |action: &Action<Thought>| match action {
@@ -360,13 +383,13 @@ mod tests {
         let back = settings().back;
         for above in [0.0, 0.02] {
             for short in [0.0, 0.01] {
-                // The arm did not fold farther than it had.
+                // The arm could not retract by all of the distance.
                 let last = Entry { short, ..lowering() };
                 let (stage, actions) = goes_on(Keeper::Table, &last, above);
 
                 let [way] = ways(&stage, &actions)[..] else { panic!("{:?}", words(&actions)) };
                 assert!((way + (back - short - above)).abs() < 1e-12, "{way}");
-                // It is closed upon first, and the place of hand-over is known.
+                // The jaws close first, and the place of hand-over is known.
                 let words = words(&actions);
                 assert!(position(&words, "close") < position(&words, "line"), "{words:?}");
                 assert_eq!(stage.robot.hand_over, last.hand_over);
@@ -376,15 +399,15 @@ mod tests {
             let (stage, actions) = goes_on(Keeper::Table, &lowering(), above);
             assert!(ways(&stage, &actions).is_empty(), "{above}");
         }
-        // No table is below a cube that a person is given back.
+        // A cube that goes back to a person has no table below it.
         let (stage, actions) = goes_on(Keeper::Person, &lowering(), 0.02);
         assert!(ways(&stage, &actions).is_empty());
     }
 
     #[test]
-    fn offered_cube_is_pulled_at_before_it_is_drawn_back() {
+    fn resume_probes_for_holder_before_retracting() {
         let back = settings().back;
-        // The entry of a cube on its way out, and of one that had been held out.
+        // Entries of a cube on its way out, and of a cube that was held out.
         for handing_back in [false, true] {
             let last = Entry { handing_back, ..lowering() };
             let words = words(&goes_on(Keeper::Person, &last, 0.02).1);
@@ -394,7 +417,7 @@ mod tests {
             assert!(zeroed.is_some() && zeroed < close && close < pull, "{words:?}");
             assert!(pull < back_at && back_at.is_some(), "{words:?}");
 
-            // Drawn back already, or farther.
+            // The cube was retracted already, or farther.
             let words = super::super::testing::words(&goes_on(Keeper::Person, &last, 1.5 * back).1);
             assert_eq!(position(&words, "pull").is_some(), handing_back, "{words:?}");
             assert_eq!(position(&words, "joints"), None, "{words:?}");
@@ -402,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn track_goes_the_rest_of_the_way_back() {
+    fn track_retracts_by_the_remaining_distance() {
         let back = settings().back;
         let taking = Entry { hand_over: None, handing_back: false, ..lowering() };
         let nowhere = Entry { taken_at: None, ..taking.clone() };
@@ -424,7 +447,7 @@ mod tests {
     #[test]
     fn empty_hand_clears_its_partners_cube() {
         let (desired_joints, stand) = Fold::example_stand();
-        let goes = settings().folds[1].way(&stand, &desired_joints, 0.3);
+        let goes = settings().folds[1].retractable(&stand, &desired_joints, 0.3);
         let (back, edge) = (goes / 0.6, settings().edge);
         let way = |gone: f64| {
             let mut stage = stage(CubeSettings { back, ..settings() }, &lowering());
@@ -432,24 +455,24 @@ mod tests {
             stage.robot.arms[0].desired_base_from_tool = cube;
             stage.robot.arms[1].desired_base_from_tool = stand;
             stage.robot.arms[1].desired_joints = desired_joints;
-            stage.robot.belief.taken(Hand::Track, usual(&lowering(), Hand::Track), false);
+            stage.robot.belief.taken(Hand::Track, assumed(&lowering(), Hand::Track), false);
             way_to_clear(&mut stage.robot, Hand::Postument)
         };
         let near = |way: Option<f64>, wanted: f64| way.is_some_and(|w| (w - wanted).abs() < 1e-9);
 
         assert!(near(way(0.0), back), "the cube stays between its fingers: the arm refuses");
-        assert!(near(way(0.1 * back), goes), "far enough in all");
+        assert!(near(way(0.1 * back), goes), "the whole distance is enough");
         assert!(near(way(0.5 * back), 0.5 * back));
-        assert!(near(way(-0.1 * back), back), "deeper than it ever holds");
-        assert_eq!(way(back), None, "it has gone");
-        assert_eq!(way(3.0 * edge), None, "far from it");
+        assert!(near(way(-0.1 * back), back), "deeper than any hold");
+        assert_eq!(way(back), None, "the hand is clear of the cube");
+        assert_eq!(way(3.0 * edge), None, "far from the cube");
     }
 
     #[test]
-    fn empty_hand_backs_off_before_it_zeroes() {
+    fn empty_hand_retracts_before_zeroing() {
         let (desired_joints, desired_base_from_tool) = Fold::example_stand();
         let settings = CubeSettings { back: 0.3, ..settings() };
-        let goes = settings.folds[0].way(&desired_base_from_tool, &desired_joints, 0.3);
+        let goes = settings.folds[0].retractable(&desired_base_from_tool, &desired_joints, 0.3);
         let taking = Entry { held: [None; 2], hand_over: None, handing_back: false, ..lowering() };
         let mut stage = stage(settings, &taking);
         let arm = ArmState { desired_joints, desired_base_from_tool, ..stage.robot.arms[0] };
@@ -461,11 +484,11 @@ mod tests {
         assert_eq!(words(&actions)[..3], ["take stock", "open", "line"]);
         let [way] = ways(&stage, &actions)[..] else { panic!() };
         assert!((way + goes).abs() < 1e-9 && goes < 0.3, "{way} {goes}");
-        assert_eq!(stage.robot.hand_over, None, "nothing is known of the next place");
+        assert_eq!(stage.robot.hand_over, None, "the next place of hand-over is unknown");
     }
 
     #[test]
-    fn released_cube_is_left_before_the_end() {
+    fn resumed_hand_leaves_released_cube_before_end() {
         let ends = |over: bool| {
             let last = Entry { held: [None; 2], over, ..lowering() };
             let mut stage = stage(settings(), &last);
@@ -474,15 +497,15 @@ mod tests {
         };
 
         let (end, words) = ends(false);
-        assert_eq!(end, Ok(Station::Take), "it is looked for");
+        assert_eq!(end, Ok(Station::Take), "the camera looks for the cube");
         assert_eq!(words[..3], ["take stock", "open", "line"]);
         let (end, words) = ends(true);
         assert!(matches!(end, Ok(Station::Over(Finish { achieved: true, .. }))), "{end:?}");
-        assert_eq!(words, ["take stock"], "it had left the cube");
+        assert_eq!(words, ["take stock"], "the hand had left the cube");
     }
 
-    /// Plays a mission that goes on from an entry, with the track's jaws `gap` apart (m), whose
-    /// behaviours end as told.
+    /// Plays a mission that resumes from an entry, with the track's jaws `gap` apart (m). Its
+    /// behaviours end with the outcomes that `ends` returns, and else well.
     fn played(
         last: Entry,
         gap: f64,
@@ -508,7 +531,8 @@ mod tests {
         (end, words(&actions))
     }
 
-    /// Plays the end of a hand-back: the jaws end so at first, and then a small pull each time.
+    /// Plays the end of a hand-back: the jaws end with the outcome `closed`, and each small pull
+    /// ends with the outcome `pulled`.
     fn offered(gap: f64, closed: Outcome, pulled: Outcome) -> (Finish, Vec<&'static str>) {
         let last = Entry { doing: "handing back".to_owned(), ..lowering() };
         played(last, gap, |order| match order {
@@ -520,18 +544,18 @@ mod tests {
     }
 
     #[test]
-    fn holder_of_an_offered_cube_keeps_it() {
+    fn person_holding_offered_cube_keeps_it() {
         use super::super::take::RELEASE_TRIES;
-        // Opened after they had closed, and before the cube is looked for.
+        // Whether the jaws opened after they had closed and before the search for the cube.
         let opened = |words: &[&str]| {
             let closed = position(words, "close").unwrap();
             let sought = position(words, "acquire").unwrap_or(words.len());
             let hands = words[closed..sought].iter().filter(|word| **word == "open").count();
-            // The empty postument hand opens, too, once the cube is known to be held.
+            // The empty postument hand opens as well, once the cube is known to be held.
             hands > usize::from(words[closed..sought].contains(&"pull"))
         };
 
-        // Jaws that were opening, and close on nothing.
+        // Jaws that were opening close without a cube.
         let (end, words) = offered(0.058, Outcome::Empty(0.053), Outcome::NotTouched);
         assert!(end.achieved && end.reason == give_back::UNSEEN, "{}", end.reason);
         assert!(opened(&words) && position(&words, "pull").is_none(), "{words:?}");
@@ -539,19 +563,20 @@ mod tests {
         let (end, words) = offered(0.055, Outcome::Empty(0.053), Outcome::NotTouched);
         assert!(!end.achieved && end.reason.contains("do not hold"), "{}", end.reason);
         assert!(!opened(&words), "{words:?}");
-        // A cube that is pressed while they close is not let go.
+        // Jaws that are pressed while they close do not open.
         let (end, words) = offered(0.057, Outcome::OverForce(2, 25.0), Outcome::NotTouched);
         assert!(!end.achieved && !opened(&words), "{}", end.reason);
-        // Somebody holds on to it.
+        // A person holds on to the cube.
         let (end, words) = offered(0.057, Outcome::Grasped(0.057), Outcome::Touched(0.001));
         assert!(end.achieved && end.reason == give_back::UNSEEN, "{}", end.reason);
         let pulls = words.iter().filter(|word| **word == "pull").count();
         assert!(opened(&words) && pulls > RELEASE_TRIES as usize, "{pulls}");
     }
 
+    /// The journal says "handing back" only from the offer on. Jaws that hold no cube before that
+    /// have lost it.
     #[test]
-    fn closed_jaws_on_the_way_out_were_not_opening() {
-        // The journal does not yet tell this of as handing back.
+    fn empty_jaws_before_hand_back_mean_loss() {
         let last = Entry { handing_back: false, ..lowering() };
 
         let (end, _) = played(last, 0.0565, |order| match order {
@@ -563,7 +588,7 @@ mod tests {
     }
 
     #[test]
-    fn offered_cube_that_is_pulled_out_did_not_fall() {
+    fn offered_cube_pulled_out_counts_as_taken() {
         let mut stage = stage(settings(), &lowering());
         stage.robot.hold(Hand::Track);
         stage.robot.maybe_offered = Some(MaybeOffered { opening: false });
@@ -571,8 +596,8 @@ mod tests {
         let mut failure = Failure::Lost(Hand::Track);
         let end = loop {
             let now = failure.clone();
-            let mends = async |robot: &mut Robot| mend::mend(robot, now).await;
-            match stage.play(mends, &mut goes_well).0 {
+            let recovers = async |robot: &mut Robot| recover::recover(robot, now).await;
+            match stage.play(recovers, &mut goes_well).0 {
                 Err(next) => failure = next,
                 Ok(station) => break station,
             }
@@ -580,7 +605,7 @@ mod tests {
 
         assert_eq!(end, Station::Take);
         assert_eq!((stage.robot.log.drops, stage.robot.given_back), (0, true));
-        assert!(stage.robot.seeks.is_some() && stage.robot.drop_site.is_none());
+        assert!(stage.robot.seek_time.is_some() && stage.robot.drop_site.is_none());
     }
 
     #[test]
@@ -595,7 +620,8 @@ mod tests {
         assert!(!end.achieved && end.reason.contains("does not let go"), "{}", end.reason);
     }
 
-    /// Plays a mission whose cube an earlier run was handing back: the visual servo ends so.
+    /// Plays a mission whose cube an earlier run was handing back. The visual servo ends with the
+    /// outcome `ended`.
     fn sought(undone: Option<&str>, ended: Outcome) -> (Finish, Vec<&'static str>, Option<f64>) {
         let undone = undone.map(str::to_owned);
         let doing = "opening the jaws".to_owned();
@@ -615,21 +641,21 @@ mod tests {
     fn cube_of_an_earlier_run_is_looked_for() {
         for nobody in [Outcome::LostSight(5.0), Outcome::OutOfZone(5.0)] {
             let (end, _, patience) = sought(None, nobody);
-            assert!(end.achieved && end.reason.contains("nobody has held it out"));
-            assert_eq!(patience, Some(SEEKS));
+            assert!(end.achieved && end.reason.contains("no person has held it out"));
+            assert_eq!(patience, Some(SEEK_SECONDS));
 
             let (end, ..) = sought(Some("face U cannot be read"), nobody);
-            let told = "face U cannot be read; by the other run's journal";
+            let told = "face U cannot be read; by the journal of the earlier run";
             assert!(!end.achieved && end.reason.starts_with(told), "{}", end.reason);
         }
-        // Held out again, it is taken and read.
+        // A cube that is held out again is taken and read.
         let (end, words, _) = sought(Some("face U cannot be read"), Outcome::Touched(3.0));
         assert!(words.contains(&"look"), "{words:?}");
-        assert!(!end.reason.starts_with("face U cannot be read; by the other"), "{}", end.reason);
+        assert!(!end.reason.starts_with("face U cannot be read; by the journal"), "{}", end.reason);
     }
 
     #[test]
-    fn place_of_a_lost_cube_is_not_noted_again() {
+    fn journal_entry_omits_place_of_lost_cube() {
         let last = Entry { handing_back: false, short: 0.02, ..lowering() };
         let assignment = Assignment::new(Goal::Solve).resumed(Some(last));
         let mut mission = Mission::new(settings(), assignment);
@@ -646,12 +672,12 @@ mod tests {
     }
 
     #[test]
-    fn resumed_mission_does_not_know_where_the_cube_is() {
+    fn resumed_mission_reports_cube_place_as_unknown() {
         let begun = Mission::new(settings(), Assignment::new(Goal::Solve));
         assert_eq!(begun.whereabouts(), "the operator has the cube");
 
         let resumed = Mission::new(settings(), Assignment::new(Goal::Solve).resumed(None));
-        assert!(resumed.whereabouts().ends_with("is not known"), "{}", resumed.whereabouts());
+        assert!(resumed.whereabouts().ends_with("is unknown"), "{}", resumed.whereabouts());
     }
 
     #[test]
@@ -676,7 +702,7 @@ mod tests {
                 Some(Behaviour::Turn { angle, .. }) => Some(*angle),
                 _ => None,
             });
-            // The jaws straighten a layer that is off by little.
+            // The jaws straighten a layer with a small angle.
             match turn {
                 Some(angle) => assert!(by.abs() > STRAIGHT && (angle + by).abs() < 1e-9, "{angle}"),
                 None => assert!(by.abs() < STRAIGHT, "{by}"),
@@ -692,14 +718,14 @@ mod tests {
             let postument = track * straight;
             let z = track.inverse() * (postument * Vector3::z());
             if z.z > 0.9 {
-                continue; // One palm under the other: no such grasp.
+                continue; // No grasp has both palms on one face.
             }
             for by in [-0.7, -0.3, 0.2, 0.6] {
                 let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), by);
 
                 let (hand, found) = misaligned(&(track * roll), &postument);
 
-                // Palms on opposite sides roll about one axis: either hand may undo it.
+                // Palms on opposite faces roll about one axis, so either hand may turn back.
                 let opposite = z.z < -0.9;
                 assert!(opposite || hand == Hand::Track, "{hand:?}");
                 assert!((found.abs() - by.abs()).abs() < 1e-6, "{found} {by}");

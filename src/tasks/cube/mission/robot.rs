@@ -1,16 +1,18 @@
-//! The mission's knowledge, and its way to have an action carried out.
+//! Knowledge of the mission about cube and arms, and the requests of actions to the shell.
 //!
 //! - in: the states of both arms and the event that ends an action, by the port
-//! - out: actions; a [`Failure`] where an action did not bring what it should
+//! - out: actions; a [`Failure`] if an action has not the result that it should have
 //!
-//! Before each action the jaws are compared with the cube that they hold ([`Robot::check_hold`]), so a
-//! lost cube interrupts a procedure at its next action, wherever that is.
+//! Before each action the jaws are compared with the cube that they hold ([`Robot::check_hold`]).
+//! So a lost cube interrupts every procedure at its next action.
 //!
 //! | limit | value | reason |
 //! |---|---|---|
-//! | [`LEAST_WIDTH`] | 0.948 edge | a cube under the grip reads 56.5 mm, 1 mm less with a wrong zero of the jaws; jaws that met nothing close to 53 mm; each by 0.3 mm rms |
+//! | [`LEAST_WIDTH`] | 0.948 edge | a clenched cube reads 56.5 mm, closed jaws 53 mm (0.3 mm rms) |
 //! | [`MOST_WIDER`] | 6 mm | a layer that is misaligned by 7 deg makes the cube wider by this |
-//! | [`MOST_CLOSER`] | 1.2 mm | jaws that closed farther since they took the cube hold it no more; pads of rubber give by a fifth of it |
+//! | [`MOST_CLOSER`] | 1.2 mm | the rubber of the pads gives by a fifth of it |
+//!
+//! A wrong zero of the jaws makes a clenched cube read 1 mm less.
 
 use super::assignment::{Assignment, Goal};
 use super::failure::{Failure, Orders, Outcomes, alone};
@@ -35,17 +37,17 @@ use std::sync::Arc;
 /// The port of the mission's procedure.
 pub(super) type MissionPort = Port<Thought, Conclusion, Shared>;
 
-/// How often the cube is read anew before the mission gives up.
+/// Number of times that the cube is read again before the mission gives up.
 pub(super) const MOST_RECOVERIES: u32 = 3;
-/// Letters of a reason that the journal keeps.
-const MOST_NOTED: usize = 500;
-/// How far off a cube may be that no grasp has found yet (m).
+/// Letters of a reason that the journal stores.
+const MOST_LETTERS: usize = 500;
+/// Greatest error of the position of a cube that no grasp has measured yet (m).
 pub(super) const UNSURE: f64 = 0.012;
 /// Least width of a cube between the jaws, as a share of its edge.
 pub(super) const LEAST_WIDTH: f64 = 0.948;
-/// A cube that is given may be wider than its edge by this (m).
+/// Greatest width of a given cube beyond its edge (m).
 pub(super) const MOST_WIDER: f64 = 0.006;
-/// Jaws that are closer than when they closed on the cube by more than this have lost it (m).
+/// Decrease of the jaw distance since the grasp from which on the cube counts as lost (m).
 pub(super) const MOST_CLOSER: f64 = 0.0012;
 
 /// Whether the force sensors are believed.
@@ -59,80 +61,81 @@ pub(super) enum Trust {
 /// A cube that an earlier run may have held out to a person.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct MaybeOffered {
-    /// The jaws stood as they do when they begin to open, too.
+    /// Whether the jaw distance leaves it possible that the jaws had begun to open.
     pub(super) opening: bool,
 }
 
-/// The mission's knowledge, and its way to act.
+/// Knowledge of the mission, and its methods to act.
 #[derive(Debug)]
 pub(super) struct Robot {
     port: MissionPort,
     pub(super) settings: CubeSettings,
     pub(super) goal: Goal,
-    /// Both arms as the shell knew them at the last event.
+    /// States of both arms at the last event.
     pub(super) arms: [ArmState; 2],
     pub(super) belief: Belief,
-    /// The meeting in which the hands are, or were last.
+    /// Present or last meeting of the hands.
     pub(super) meeting: Option<Meeting>,
-    /// The track stands back from the meeting by as much as the next way needs, or is on its way.
+    /// Whether the track is retracted from the meeting by as much as the next path needs, or is on
+    /// its way there.
     pub(super) apart: bool,
-    /// What the cameras saw of the stickers.
+    /// Stickers as the cameras saw them.
     pub(super) sight: Sight,
-    /// How often all faces were looked at.
+    /// Rounds of looks at the faces.
     pub(super) rounds: u32,
-    /// The cube as the operator gave it.
+    /// Colours that the operator gave.
     pub(super) given: Option<Facelets>,
-    /// How the cube's colours look, once they were decided.
+    /// Appearance of the cube's colours, once they were decided.
     pub(super) palette: Option<Palette>,
-    /// Where the track stood when it had taken the cube.
+    /// Joint positions of the track after it had taken the cube and retracted.
     pub(super) hand_over: Option<JointPositions>,
-    /// Where the track's tool closed on the cube, in its base (m).
+    /// Position of the track's tool when it closed on the cube, in the track's base (m).
     pub(super) taken_at: Option<[f64; 3]>,
-    /// By how much less than usual the track retracted from there (m).
+    /// Part of the usual retraction from there that the track's joints did not allow (m).
     pub(super) retract_shortfall: f64,
     /// Distance of the jaws when they had closed on the cube (m).
     pub(super) widths: [Option<f64>; 2],
-    /// Where the palms' stops were put last.
+    /// Last position of the stops of each palm.
     pub(super) stops: [Depth; 2],
-    /// Where the cube fell, in words.
+    /// Place where the cube fell, in words.
     pub(super) drop_site: Option<String>,
-    /// The cube is still where it was given.
+    /// Whether the cube is still in the place where it was given.
     pub(super) untouched: bool,
-    /// The cube was offered to the operator, or stands on the table.
+    /// Whether the cube was offered to the operator, or is on the table.
     pub(super) given_back: bool,
-    /// Why the cube goes back unsolved.
+    /// Reason for which the cube goes back unsolved.
     pub(super) failure: Option<String>,
-    /// The turn of the plan that is carried out.
+    /// Turn of the plan that is in progress.
     pub(super) turning: Option<Turn>,
-    /// The turning hand, its layer's face, and `cube_from_tool` while the layer is in line.
+    /// Turning hand, its layer's face, and `cube_from_tool` with the layer in line.
     pub(super) straight: Option<(Hand, Face, UnitQuaternion<f64>)>,
-    /// The turn that is carried out, or undone.
+    /// Turn that is in progress, or that is undone.
     pub(super) turn_in_progress: Option<TurnInProgress>,
-    /// A turn that stalled on its way: the cube is inspected as soon as one hand holds it alone.
+    /// Turn that stalled on its way. The cube is inspected as soon as one hand holds it alone.
     pub(super) stalled: Option<Turn>,
-    /// How often the cube was read and planned anew.
+    /// Number of times that the cube was read and planned again.
     pub(super) recoveries: u32,
-    /// How often something was met on the present way.
+    /// Contacts on the present path.
     pub(super) contacts: u32,
-    /// How far off the last grasps found the cube, along the hand's z (m).
+    /// Error of the cube's position in the last grasps, along the hand's z (m).
     pub(super) miss: f64,
     pub(super) trust: Trust,
-    /// Time that the operator has for an answer (s); `None` when nobody can be asked.
+    /// Time that the operator has for an answer (s); `None` without an operator.
     pub(super) patience: Option<f64>,
-    /// Questions asked so far.
+    /// Number of questions to the operator.
     pub(super) questions: u64,
-    /// What an earlier run may have held out, until it is known whether somebody holds it.
+    /// Cube that an earlier run may have held out, until pulls show whether a person holds it.
     pub(super) maybe_offered: Option<MaybeOffered>,
-    /// How long a cube is looked for that an earlier run was handing back (s).
-    pub(super) seeks: Option<f64>,
-    /// What an earlier run noted last, if this one goes on from there.
+    /// Time of the search for a cube that an earlier run was handing back (s).
+    pub(super) seek_time: Option<f64>,
+    /// Last journal entry of an earlier run that this one resumes.
     pub(super) earlier: Option<Entry>,
-    /// The track retracts no farther than this (m); known to a mission that goes on from anywhere.
+    /// Least coordinate of the track in a retraction (m), for a resumed mission.
     pub(super) least_track: Option<f64>,
-    /// What is shown of the cube and the plan.
+    /// Cube and plan as the operator sees them.
     pub(super) shown: Shown,
     pub(super) log: MissionLog,
-    /// Notes for the operator that were not published yet.
+    /// Notes for the operator that are not published yet.
     notes: Vec<String>,
 }
 
@@ -144,6 +147,7 @@ impl Robot {
         if let Some((hand, hold, half_roll)) = held {
             belief.taken(hand, hold, half_roll);
         }
+        // The cube of a resumed mission, or of a single turn, may have been moved before.
         let fresh = earlier.is_none() && (goal == Goal::Solve || goal == Goal::Acquire);
         Self {
             port,
@@ -177,7 +181,7 @@ impl Robot {
             patience,
             questions: 0,
             maybe_offered: None,
-            seeks: None,
+            seek_time: None,
             earlier,
             least_track: None,
             shown: Shown::default(),
@@ -191,12 +195,13 @@ impl Robot {
         self.arms = self.port.state(|shared| shared.arms);
     }
 
-    /// Keeps a note for the operator; it is published with the next action.
+    /// Stores a note for the operator, which is published with the next action.
     pub(super) fn note(&mut self, text: impl Into<String>) {
         self.notes.push(text.into());
     }
 
-    /// Publishes what page, journal and summary show: the action that begins, and what is believed.
+    /// Publishes the state that page, journal and summary show: the action that begins, and the
+    /// belief.
     pub(super) fn publish(&mut self, doing: Doing) {
         let (entry, picture) = (self.entry(doing), self.picture(doing));
         let (whereabouts, log) = (self.whereabouts(), self.log.clone());
@@ -208,9 +213,10 @@ impl Robot {
         });
     }
 
-    /// Returns what must be durable before an action. Only a mission that solves can be resumed.
+    /// Returns the entry that must be durable before an action. Only a mission that solves can be
+    /// resumed.
     pub(super) fn entry(&self, doing: Doing) -> Option<Entry> {
-        let noted = self.goal == Goal::Solve && doing.is_noted();
+        let noted = self.goal == Goal::Solve && doing.needs_entry();
         noted.then(|| Entry {
             doing: doing.word().to_owned(),
             held: self.belief.held.map(|held| held.map(|held| held.hold.depth)),
@@ -219,13 +225,14 @@ impl Robot {
             short: self.retract_shortfall,
             stops: self.stops.map(Some),
             handing_back: self.given_back,
-            undone: self.failure.as_ref().map(|why| why.chars().take(MOST_NOTED).collect()),
+            undone: self.failure.as_ref().map(|why| why.chars().take(MOST_LETTERS).collect()),
             over: doing == Doing::Over,
         })
     }
 
-    /// Returns what is believed of the cube and the arms while an action lasts.
+    /// Returns the belief about cube and arms during an action.
     pub(super) fn picture(&self, doing: Doing) -> Picture {
+        // `straight` stays set between the motions of a turn, but only a moving layer is shown.
         let turning = self.straight.filter(|_| doing == Doing::Turning);
         Picture {
             world_from_base: Hand::BOTH.map(|hand| Some(self.belief.world_from_base(hand))),
@@ -268,13 +275,14 @@ impl Robot {
         self.act(Action::Phase(name), Doing::Nothing).await.map(drop)
     }
 
-    /// Lets the stand-alone camera's sensor begin or end to watch for the cube.
+    /// Starts or ends the stand-alone camera's watch for the cube.
     pub(super) async fn watch(&mut self, on: bool) -> Result<(), Failure> {
         self.act(Action::Watch(on), Doing::Nothing).await.map(drop)
     }
 
-    /// Zeroes force sensors. Zeroing both ends a doubt about them.
+    /// Zeroes force sensors. A zero of both ends a doubt about them.
     pub(super) async fn zero_forces(&mut self, which: [bool; 2]) -> Result<(), Failure> {
+        // Checked here as well: the doubt must last if the cube is lost and no zero follows.
         self.check_hold()?;
         if which == [true; 2] {
             self.trust = Trust::Believed;
@@ -282,7 +290,7 @@ impl Robot {
         self.act(Action::Bias(which), Doing::Nothing).await.map(drop)
     }
 
-    /// Has the long work done.
+    /// Requests the long work, and returns its conclusion.
     pub(super) async fn think(&mut self, thought: Thought) -> Result<Conclusion, Failure> {
         match self.act(Action::Think(thought), Doing::Nothing).await? {
             Event::Thought(conclusion) => Ok(conclusion),
@@ -290,7 +298,7 @@ impl Robot {
         }
     }
 
-    /// Asks the operator; `None` means that no answer came in time.
+    /// Asks the operator, and returns the answer, or `None` if none came in time.
     pub(super) async fn ask(&mut self, question: Question) -> Result<Option<Answer>, Failure> {
         match self.act(Action::Ask(question), Doing::Nothing).await? {
             Event::Answered(answer) => Ok(answer),
@@ -298,7 +306,8 @@ impl Robot {
         }
     }
 
-    /// Looks at a face from where the viewer's camera is; the inner error says why it was not read.
+    /// Looks at a face from the present position of the viewer's camera. The inner error is the
+    /// reason for which the face was not read.
     pub(super) async fn look(
         &mut self,
         viewer: Hand,
@@ -319,7 +328,7 @@ impl Robot {
         }
     }
 
-    /// Has behaviours carried out and returns how they ended, alarms included.
+    /// Requests behaviours, and returns their outcomes, alarms included.
     pub(super) async fn behave(
         &mut self,
         orders: Orders,
@@ -332,7 +341,7 @@ impl Robot {
         }
     }
 
-    /// Has one hand carry out a behaviour while the other one stays as it is.
+    /// Requests a behaviour of one hand, while the other one stays as it is.
     pub(super) async fn behave_alone(
         &mut self,
         hand: Hand,
@@ -342,36 +351,38 @@ impl Robot {
         self.behave(alone(hand, behaviour), Until::Effector(hand.index()), doing).await
     }
 
-    /// Whether there is a plan that can be made anew.
+    /// Returns whether the cube may be read and planned once more.
     pub(super) fn may_recover(&self) -> bool {
         self.goal == Goal::Solve && self.recoveries < MOST_RECOVERIES
     }
 
-    /// Forgets all that was read and planned.
+    /// Forgets the colours and the plan.
     pub(super) fn forget_cube(&mut self) {
         self.recoveries += 1;
         self.log.recoveries += 1;
+        // The failure may have moved the cube in the hand.
         self.miss = UNSURE;
         self.sight = Sight::default();
         (self.given, self.given_back) = (None, false);
         self.maybe_offered = None;
         self.rounds = 1;
-        // What goes back unsolved may yet be solved.
+        // A cube on its way back unsolved may still be solved.
         self.failure = None;
         self.stalled = None;
         (self.turning, self.straight, self.turn_in_progress) = (None, None, None);
         self.shown.net = Net::default();
     }
 
-    /// Forgets where the cube was taken.
+    /// Forgets the place of hand-over.
     pub(super) fn forget_hand_over(&mut self) {
         (self.hand_over, self.taken_at, self.retract_shortfall) = (None, None, 0.0);
     }
 
-    /// Ends the mission where it stands. A person who comes to help must know where the cube is.
+    /// Ends the mission without a further motion, and returns the reason. It includes the place of
+    /// the cube, for the person who comes to help.
     pub(super) fn failed(&mut self, why: String) -> Finish {
         self.publish(Doing::Nothing);
-        // Why it all began.
+        // The first failure names the cause, and `why` a consequence.
         let mut reason = match &self.failure {
             Some(failure) => format!("{failure}; {why}"),
             None => why,
@@ -382,15 +393,20 @@ impl Robot {
         Finish { achieved: false, reason }
     }
 
-    /// Returns how the turner's tool stands to the cube while its layer is in line.
+    /// Returns the turner, its layer's face, and `cube_from_tool` with the layer in line.
     pub(super) fn straight_now(&self, turner: Hand) -> Option<(Hand, Face, UnitQuaternion<f64>)> {
         let held = self.belief.held[turner.index()]?;
         let cube_from_tool = held.hold.cube_from_tool(held.half_roll, self.settings.edge);
         Some((turner, held.hold.palm, cube_from_tool.rotation))
     }
 
-    /// Checks whether a hand has lost what it held: its jaws have closed farther than on a cube.
+    /// Checks that no hand has lost the cube, by jaws that have closed farther than on it.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Lost`] with the hand.
     pub(super) fn check_hold(&self) -> Result<(), Failure> {
+        // The grip closes the jaws as soon as the cube is gone.
         let lost = |hand: &Hand| {
             let (i, gap) = (hand.index(), self.arms[hand.index()].jaw_opening);
             self.belief.held[i].is_some()
@@ -402,17 +418,17 @@ impl Robot {
     /// Returns the hand that holds the cube, the track if both do.
     pub(super) fn holder(&self) -> Result<Hand, String> {
         let holds = |hand: &Hand| self.belief.held[hand.index()].is_some();
-        Hand::BOTH.into_iter().find(holds).ok_or_else(|| "nobody holds the cube".to_owned())
+        Hand::BOTH.into_iter().find(holds).ok_or_else(|| "no hand holds the cube".to_owned())
     }
 
     /// Returns the hand that holds the cube, with its grip.
     pub(super) fn held_alone(&self) -> Result<(Hand, Grip), String> {
         let holder = self.holder()?;
-        let held = self.belief.held[holder.index()].ok_or("nobody holds the cube")?;
+        let held = self.belief.held[holder.index()].ok_or("no hand holds the cube")?;
         Ok((holder, Grip { hold: held.hold, half_roll: held.half_roll }))
     }
 
-    /// Returns what becomes of a cube that goes back, in words.
+    /// Returns the verb phrase for the return of the cube, for messages.
     pub(super) fn goes_back(&self) -> &'static str {
         match self.settings.keeper {
             Keeper::Person => "is handed back",
@@ -420,7 +436,7 @@ impl Robot {
         }
     }
 
-    /// Returns where the cube is, as the mission believes.
+    /// Returns the place of the cube, as the mission believes.
     pub(super) fn whereabouts(&self) -> String {
         match self.belief.held.map(|held| held.is_some()) {
             [true, true] => "both hands hold the cube".to_owned(),
@@ -429,7 +445,7 @@ impl Robot {
             [false, false] => match (&self.drop_site, self.settings.keeper) {
                 (Some(site), _) => site.clone(),
                 (None, _) if !self.given_back && !self.untouched => {
-                    "no hand of the robot holds the cube, and where it is is not known".to_owned()
+                    "no hand of the robot holds the cube, and its place is unknown".to_owned()
                 }
                 (None, Keeper::Person) => "the operator has the cube".to_owned(),
                 (None, Keeper::Table) => "the cube lies on the table".to_owned(),
@@ -444,13 +460,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn entry_carries_what_another_run_needs() {
+    fn journal_entry_holds_state_needed_to_resume() {
         let mut stage = Stage::holding(settings());
         let robot = &mut stage.robot;
         (robot.given_back, robot.retract_shortfall) = (true, 0.02);
         (robot.taken_at, robot.stops) = (Some([0.5, 0.1, 0.7]), [Depth::Two, Depth::One]);
         robot.hand_over = Some(JointPositions::default());
-        robot.failure = Some("a layer stands askew".to_owned());
+        robot.failure = Some("a layer is misaligned".to_owned());
 
         let entry = robot.entry(Doing::Turning).unwrap();
         assert!(!entry.over && entry.handing_back);
@@ -458,12 +474,12 @@ mod tests {
         assert_eq!(entry.hand_over, Some(JointPositions::default()));
         assert_eq!((entry.taken_at, entry.short), (Some([0.5, 0.1, 0.7]), 0.02));
         assert_eq!(entry.stops, [Some(Depth::Two), Some(Depth::One)]);
-        assert_eq!(entry.undone.as_deref(), Some("a layer stands askew"));
+        assert_eq!(entry.undone.as_deref(), Some("a layer is misaligned"));
         assert!(robot.entry(Doing::Over).is_some_and(|entry| entry.over));
     }
 
     #[test]
-    fn only_a_solving_mission_is_noted() {
+    fn only_solving_mission_has_journal_entries() {
         let mut stage = Stage::holding(settings());
         stage.robot.goal = Goal::Acquire;
 

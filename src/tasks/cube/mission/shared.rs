@@ -1,7 +1,7 @@
-//! State behind the mission's port: noted before an action, shown while it lasts, summed up.
+//! State behind the mission's port, for the journal, the operator and the summary.
 //!
-//! The robot publishes it with each action, and page,
-//! journal, recording and summary read it there, whatever becomes of the procedure.
+//! The robot publishes it with each action. Page, journal, recording and summary read it there, so
+//! that it outlives a procedure that is terminated.
 
 #[cfg(test)]
 use crate::cube::Face;
@@ -18,24 +18,24 @@ use std::sync::Arc;
 /// State behind the port.
 #[derive(Debug, Default)]
 pub(super) struct Shared {
-    /// Both arms as the shell delivered them with the last event.
+    /// States of both arms, as the shell delivered them with the last event.
     pub(super) arms: [ArmState; 2],
-    /// What must be durable before the present action.
+    /// Journal entry that must be durable before the present action.
     pub(super) entry: Option<Entry>,
     pub(super) picture: Option<Picture>,
     pub(super) whereabouts: String,
     pub(super) log: MissionLog,
     /// Notes that the shell has not taken yet.
     pub(super) notes: Vec<String>,
-    /// The face that is looked at, and the grips of both hands: tests cannot see the robot.
+    /// Face that is looked at, and the grips of both hands, for tests, which cannot see the robot.
     #[cfg(test)]
     pub(super) looking: Option<(Face, [Option<Held>; 2])>,
 }
 
-/// The controller's account of its work, as it believes.
+/// Account of the mission's work, as the controller believes.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct MissionLog {
-    /// Colours read, letters URFDLB by the centres' colours.
+    /// Colours that were read, in letters URFDLB by the centres' colours.
     pub identified: Option<String>,
     /// Face turns of the first plan.
     pub solution: Vec<Turn>,
@@ -45,22 +45,22 @@ pub struct MissionLog {
     pub executed: Vec<Turn>,
     /// Jaw closings on the cube between identification and hand-back.
     pub grasps: u32,
-    /// How often the cube was read and planned anew after a failure.
+    /// Number of times that the cube was read and planned again after a failure.
     pub recoveries: u32,
-    /// How often the jaws reported that the cube had fallen.
+    /// Number of times that the jaws reported a fallen cube.
     pub drops: u32,
-    /// The plan's steps in words.
+    /// Steps of the first plan in words.
     pub plan: Vec<Line>,
 }
 
-/// The cube as read, and the plan.
+/// Cube and plan as the operator sees them.
 #[derive(Debug, Default)]
 pub(super) struct Shown {
     pub(super) net: Net,
     pub(super) plan: Arc<Vec<PlanLine>>,
-    /// How many steps of the plan have begun.
+    /// Number of steps of the plan that have begun.
     pub(super) step: Option<usize>,
-    /// Named by the centres' colours, after the turns that were carried out.
+    /// Facelets after the turns that were carried out, named by the centres' colours.
     pub(super) facelets: Option<Facelets>,
 }
 
@@ -70,6 +70,7 @@ impl Shown {
         let (colours, rotation) = (answer.read.colours(), answer.rotation);
         self.net = Net { facelets: vec![None; 54], decided: true };
         for (index, (colour, confidence)) in colours.iter().zip(answer.margins).enumerate() {
+            // The answer's colours are in the frame of acquisition, the plan in the named one.
             let place = facelet_place(index);
             let to = facelet_at(rotation.cell(place.cell()), rotation.face(place.face));
             self.net.facelets[to] = Some(Reading { colour: *colour, confidence });
@@ -90,14 +91,14 @@ impl Shown {
     }
 }
 
-/// What a hand does in an action: a word for messages, and whether the journal notes it before.
+/// Kind of an action: it gives a word for messages, and decides whether there is a journal entry.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Doing {
     /// No motion.
     Nothing,
-    /// A way that another run must know of.
+    /// Motion that needs a journal entry.
     Travelling,
-    /// A small or repeated way.
+    /// Small or repeated motion, without a journal entry.
     Adjusting,
     Approaching,
     ClosingJaws,
@@ -120,7 +121,7 @@ impl Doing {
             Self::ClosingJaws => "closing the jaws",
             Self::Securing => "securing",
             Self::OpeningJaws => "opening the jaws",
-            Self::GivingWay => "giving way",
+            Self::GivingWay => "yielding",
             Self::Turning => "turning",
             Self::HandingBack => "handing back",
             Self::LayingDown => "laying it down",
@@ -128,9 +129,9 @@ impl Doing {
         }
     }
 
-    /// Whether another run must know that this was about to be done: whatever moves the cube, or a
-    /// hand at it.
-    pub(super) fn is_noted(self) -> bool {
+    /// Returns whether the action needs a journal entry: it moves the cube, or a hand at the cube,
+    /// so that a run which resumes must know of it.
+    pub(super) fn needs_entry(self) -> bool {
         match self {
             Self::Travelling
             | Self::ClosingJaws

@@ -1,10 +1,10 @@
-//! What the cameras in the hands have seen of the cube's stickers.
+//! Light of the cube's stickers, as the cameras in the hands have seen it.
 //!
-//! A sticker is kept as light, not as a level of one picture: looks at several exposures are decided
-//! together.
+//! A sticker is stored as light and not as the level of one picture, so that looks at several
+//! exposures are decided together.
 //!
 //! - in: readings of faces, each at its exposure
-//! - out: the light of 54 stickers, and how each colour of this cube looks
+//! - out: the light of 54 stickers, and the appearance of each colour on this cube
 //! - source: own work
 
 use crate::cube::Face;
@@ -12,10 +12,10 @@ use crate::tasks::cube::hold::{Hand, Hold};
 use crate::tasks::cube::identify::Wanted;
 use crate::vision::colours::{CLIPPED, to_level, to_linear};
 
-/// Colours as this cube's stickers look, by face (0..=255 each).
+/// Red, green and blue of each colour on this cube, by face (0..=255 each).
 pub(super) type Palette = [[f64; 3]; 6];
 
-/// How a sticker looks whose colour was never seen on this cube, since the operator has given it.
+/// Usual appearance of a colour that was never seen on this cube, since the operator has given it.
 const USUAL: Palette = [
     [225.0, 225.0, 220.0],
     [180.0, 30.0, 35.0],
@@ -25,7 +25,7 @@ const USUAL: Palette = [
     [20.0, 60.0, 160.0],
 ];
 
-/// Returns the mean of what was seen of each colour.
+/// Returns the mean appearance of each colour.
 pub(super) fn palette(seen: &[Option<[f64; 3]>; 54], colours: &[u8; 54]) -> Palette {
     let (mut sums, mut counts) = ([[0.0; 3]; 6], [0_u32; 6]);
     for (rgb, &colour) in seen.iter().zip(colours) {
@@ -42,21 +42,21 @@ pub(super) fn palette(seen: &[Option<[f64; 3]>; 54], colours: &[u8; 54]) -> Pale
     })
 }
 
-/// All stickers as far as they were seen, and which of them are wanted.
+/// Stickers that were seen, and the faces that are still wanted.
 #[derive(Debug, Clone)]
 pub(super) struct Sight {
-    /// By facelet of the cube frame at acquisition.
+    /// Stickers by facelet of the cube frame at acquisition.
     stickers: [Option<Sticker>; 54],
-    /// What is wanted of the looks, and what they are not to be tried in.
+    /// Faces that the looks must show, and holds in which they are hidden.
     wanted: Wanted,
 }
 
-/// What was seen of a sticker.
+/// Light of a sticker.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Sticker {
     /// Linear light; 1 is full scale at the nominal exposure.
     light: [f64; 3],
-    /// The exposure at which a channel was clipped: there was more light than this.
+    /// Exposure at which a channel was clipped, so that the true light is more.
     clipped_at: Option<f64>,
 }
 
@@ -67,19 +67,20 @@ impl Default for Sight {
 }
 
 impl Sight {
-    /// Keeps a sticker's levels, 0..=255, seen at an exposure. A clipped level of a picture that is
-    /// exposed for longer than usual says nothing, and one of another picture only as long as no
-    /// picture says more.
+    /// Stores a sticker's levels, 0..=255, seen at an exposure. A clipped level counts only if the
+    /// exposure is at most the nominal one, and until a look shows more.
     pub(super) fn see(&mut self, facelet: usize, levels: [f64; 3], exposure: f64) {
         let light = levels.map(|v| to_linear(v) / exposure);
         let clipped_at = levels.iter().any(|&v| v >= CLIPPED).then_some(exposure);
         let known = self.stickers[facelet].map(|s| s.clipped_at);
-        let tells = match (clipped_at, known) {
+        let counts = match (clipped_at, known) {
             (None, _) => true,
+            // A long exposure clips light below full scale, and would give too low a value.
             (Some(_), None) => exposure <= 1.0,
+            // The shorter of two clipped exposures gives the higher lower bound of the light.
             (Some(now), Some(before)) => before.is_some_and(|before| now <= before),
         };
-        if tells {
+        if counts {
             self.stickers[facelet] = Some(Sticker { light, clipped_at });
         }
     }
@@ -89,29 +90,28 @@ impl Sight {
         (0..54).filter(|&i| self.stickers[i].is_none()).collect()
     }
 
-    /// Returns levels as one picture of the whole cube would have them, 0..=255, whose brightest
-    /// channel is not clipped.
+    /// Returns the levels of all stickers, 0..=255, in one picture whose exposure does not clip the
+    /// brightest channel.
     pub(super) fn levels(&self) -> [Option<[f64; 3]>; 54] {
         let all = self.stickers.iter().flatten().flat_map(|s| s.light);
         let brightest = all.fold(1.0, f64::max);
         self.stickers.map(|s| s.map(|s| s.light.map(|v| to_level(v / brightest))))
     }
 
-    /// Takes note that the cube's faces have other names from now on: holds are no longer those in
-    /// which something was hidden.
+    /// Forgets the holds in which faces were hidden, since faces and holds have other names now.
     pub(super) fn rename(&mut self) {
         self.wanted.hidden.clear();
     }
 
-    /// Forgets the stickers of the faces marked.
+    /// Forgets the stickers of the marked faces.
     pub(super) fn forget(&mut self, faces: [bool; 6]) {
         for facelet in (0..54).filter(|facelet| faces[facelet / 9]) {
             self.stickers[facelet] = None;
         }
     }
 
-    /// Returns what the looks are to show: the faces that were not seen wholly, in holds in which
-    /// they are not hidden.
+    /// Returns the faces that the looks must show, since they were not seen wholly, and the holds
+    /// in which they are hidden.
     pub(super) fn wanted(&mut self) -> &Wanted {
         self.wanted.faces = [false; 6];
         for facelet in self.missing() {
@@ -120,7 +120,7 @@ impl Sight {
         &self.wanted
     }
 
-    /// Keeps that a face is hidden in a hold; returns how many such pairs are known.
+    /// Stores that a face is hidden in a hold, and returns the number of pairs that are known.
     pub(super) fn hide(&mut self, hand: Hand, hold: Hold, face: Face) -> usize {
         self.wanted.hidden.push((hand, hold, face));
         self.wanted.hidden.len()
@@ -132,7 +132,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sticker_looks_alike_at_every_exposure() {
+    fn sticker_level_does_not_depend_on_exposure() {
         let light = [0.5, 0.2, 0.05];
         for exposure in [0.6, 1.0, 1.6] {
             let mut sight = Sight::default();
@@ -166,7 +166,7 @@ mod tests {
 
         sight.see(0, [255.0, 100.0, 100.0], 1.0);
         assert_eq!(light(&sight), Some(seen));
-        // More light than a picture at the nominal exposure can tell, and yet not clipped for the decision.
+        // The light exceeds full scale at the nominal exposure, but the decision sees no clipping.
         assert!(sight.levels()[0].unwrap().iter().all(|v| (0.0..=255.0).contains(v)));
     }
 }

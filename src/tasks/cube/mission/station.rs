@@ -1,22 +1,22 @@
-//! Where a mission stands between two procedures.
+//! Stations of a mission, the states between two procedures.
 
 use crate::tasks::Finish;
 
-/// Where a mission stands between two procedures. A resumed one enters at a station, or at a turn
+/// State of a mission between two procedures. A resumed mission enters at a station, or at a turn
 /// that fails while it takes stock.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Station {
-    /// The track stands before the place of hand-over, and the cube is to be taken.
+    /// Acquisition: the track is before the place of hand-over, and the cube is taken next.
     Take,
-    /// One hand holds the cube alone, and nothing is known of its faces.
+    /// Reading: one hand holds the cube alone, and its faces are unknown.
     Read {
         /// Name of the phase that begins.
         phase: &'static str,
     },
-    /// The cube goes back as the task wants it.
+    /// Return of the cube in the state that the task wants.
     Return,
-    /// The cube goes back as it is, for this reason.
+    /// Return of the cube as it is, for this reason.
     Unsolved(String),
-    /// The mission is over.
+    /// End of the mission.
     Over(Finish),
 }

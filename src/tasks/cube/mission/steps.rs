@@ -1,7 +1,7 @@
-//! The steps of a plan are carried out, one after the other.
+//! Execution of a plan, one step after the other.
 //!
 //! - in: steps of two hands
-//! - out: the cube as the steps leave it; the failure of the step that did not go through
+//! - out: the cube after the steps, or the failure of one of them
 
 use super::failure::Failure;
 use super::inspect::inspect;
@@ -18,27 +18,28 @@ pub(super) async fn carry_out(robot: &mut Robot, steps: &[Step]) -> Result<(), F
     Ok(())
 }
 
-/// Carries out one step. After a turn that stalled on its way the cube is inspected first, as soon
-/// as the step begins with a hand that lets go, since the other one holds the cube alone then.
-/// Without another turn the plan ends with an inspection anyhow.
+/// Carries out one step. After a turn that stalled the cube is inspected first, as soon as a step
+/// begins with a hand that lets go. `turns_remain`: later steps include a turn.
 pub(super) async fn carry_out_step(
     robot: &mut Robot,
     step: Step,
     turns_remain: bool,
 ) -> Result<(), Failure> {
     robot.check_hold()?;
+    // An inspection needs a free hand. Without another turn the plan ends with one anyhow.
     if turns_remain
         && let Some(hand) = leaving_hand(step)
         && robot.belief.held.iter().all(Option::is_some)
         && let Some(turn) = robot.stalled.take()
     {
-        robot.note(format!("turn {turn} stood still in between: the cube is inspected"));
+        robot.note(format!("turn {turn} stalled before its end: the cube is inspected"));
         let leaves = matches!(step, Step::Leave { .. });
         if leaves {
             robot.shown.begin_step();
         }
         regrasp::let_go(robot, hand).await?;
         inspect(robot, true).await?;
+        // The step was to let go, and that is done.
         if leaves {
             return Ok(());
         }
@@ -55,7 +56,7 @@ pub(super) async fn carry_out_step(
     }
 }
 
-/// Returns the hand that lets go at the beginning of a step, if one may.
+/// Returns the hand that lets go at the beginning of a step, if there is one.
 fn leaving_hand(step: Step) -> Option<Hand> {
     match step {
         Step::Leave { hand } | Step::Grasp { hand, .. } | Step::Look { viewer: hand, .. } => {

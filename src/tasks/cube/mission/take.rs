@@ -1,14 +1,14 @@
-//! The cube is taken from the operator's hand, or from the table.
+//! Acquisition of the cube from the operator's hand, or from the table.
 //!
 //! - in: the visual servo's outcome, the width between the jaws, small pulls at the cube
-//! - out: the cube in the track hand, drawn back; or the failure that leaves it where it is
+//! - out: the cube in the retracted track hand; or the failure that leaves the cube in its place
 //! - source: Zieliński et al. (2007), pp. 371-372
 //!
 //! | limit | value | reason |
 //! |---|---|---|
 //! | [`TAKE_TRIES`] | 3 | approaches, and closings of the jaws |
-//! | [`RELEASE_TRIES`] | 20 | pulls of 20 mm, 1.2 s apart: half a minute for the operator to let go |
-//! | [`CLEAR`] | 2/3 of the way back | nobody else's fingers are where the hand is then |
+//! | [`RELEASE_TRIES`] | 20 | pulls of 20 mm, 1.2 s apart: half a minute in which to let go |
+//! | [`CLEAR`] | 2/3 of the retraction | the operator's fingers do not reach farther |
 
 use super::failure::Failure;
 use super::questions;
@@ -20,15 +20,15 @@ use crate::motion::Depth;
 use crate::tasks::cube::hold::{Hand, Hold};
 use nalgebra::Vector3;
 
-/// How often the cube is approached, and how often the jaws close on it.
+/// Number of approaches to the cube, and of closings of the jaws on it.
 const TAKE_TRIES: u32 = 3;
-/// Time between two small pulls (s), and how many there are.
+/// Time between two small pulls (s), and the number of pulls.
 pub(super) const RELEASE_WAIT: f64 = 1.2;
 pub(super) const RELEASE_TRIES: u32 = 20;
-/// Share of the way back after which the hand is clear of where the cube was taken.
+/// Share of the retraction after which the hand is clear of the place of the grasp.
 pub(super) const CLEAR: f64 = 2.0 / 3.0;
 
-/// Takes the cube and draws it back from where it was given.
+/// Takes the cube and retracts with it.
 pub(super) async fn acquire(robot: &mut Robot) -> Result<(), Failure> {
     robot.phase("acquire").await?;
     robot.open(Hand::Track, Depth::One).await?;
@@ -42,10 +42,10 @@ pub(super) async fn acquire(robot: &mut Robot) -> Result<(), Failure> {
         }
         robot.note(format!("the jaws did not hold the cube ({why}), try {tries}"));
         robot.open(Hand::Track, Depth::One).await?;
-        draw_back(robot, robot.settings.back).await?;
+        retract(robot, robot.settings.back).await?;
         robot.zero_forces([true, false]).await?;
     }
-    draw_back_with_cube(robot, robot.settings.back).await
+    retract_with_cube(robot, robot.settings.back).await
 }
 
 /// Lets the visual servo lead the open hand onto the cube until the palm touches it.
@@ -56,38 +56,43 @@ async fn approach(robot: &mut Robot) -> Result<(), Failure> {
         let outcomes = robot.behave_alone(Hand::Track, servo, Doing::Approaching).await?;
         let outcome = outcomes[Hand::Track.index()];
         match outcome {
+            // The palm is at the cube. A cube that an earlier run was handing back is in the
+            // operator's hand, who wants it solved after all.
             Some(Outcome::Touched(_)) => {
-                if robot.seeks.take().is_some() {
-                    robot.note("the cube is held out again: it is taken anew");
+                if robot.seek_time.take().is_some() {
+                    robot.note("a person holds the cube out again: the robot takes it");
                     (robot.given_back, robot.failure) = (false, None);
                     robot.maybe_offered = None;
                 }
                 return Ok(());
             }
-            // An operator who has the cube of an earlier run and keeps it does not hold it out.
+            // The operator keeps the cube that an earlier run was handing back.
             Some(Outcome::LostSight(_) | Outcome::OutOfZone(_) | Outcome::TimedOut(_))
-                if robot.seeks.is_some() =>
+                if robot.seek_time.is_some() =>
             {
                 return Err(Failure::NotHeldOut);
             }
+            // The camera sees no cube in reach: only the operator can change that.
             Some(unseen @ (Outcome::LostSight(_) | Outcome::OutOfZone(_))) => {
                 let why = not_in_reach(robot.settings.keeper, unseen);
                 questions::ask_to_show_the_cube(robot, why).await?;
                 tries = 1;
             }
+            // The hand missed the cube or hit an obstacle: it retracts and retries.
             Some(Outcome::NotTouched | Outcome::OverForce(..)) if tries < TAKE_TRIES => {
                 let why = match outcome {
                     Some(met @ Outcome::OverForce(..)) => {
-                        format!("{met}, while approaching: the hand draws back")
+                        format!("{met}, while approaching: the hand retracts")
                     }
                     _ => "the cube was not where it was seen".to_owned(),
                 };
                 robot.note(format!("{why}, try {tries}"));
-                draw_back(robot, robot.settings.back).await?;
-                // The force may have been zeroed while something pushed.
+                retract(robot, robot.settings.back).await?;
+                // The last zero may include the push of an obstacle.
                 robot.zero_forces([true, false]).await?;
                 tries += 1;
             }
+            // The approach has failed too often, or in a way that a retry does not solve.
             other => {
                 let found = Outcome::words(other);
                 return Err(leave(robot, format!("the cube could not be approached: {found}")));
@@ -96,14 +101,14 @@ async fn approach(robot: &mut Robot) -> Result<(), Failure> {
     }
 }
 
-/// Says why no cube can be taken where one was looked for.
+/// Returns the reason for which no cube is in reach, in words.
 fn not_in_reach(keeper: Keeper, unseen: Outcome) -> String {
     match (unseen, keeper) {
         (Outcome::OutOfZone(seconds), Keeper::Person) => format!(
             "no cube in reach: it was seen, but outside the place of hand-over for {seconds:.1} s"
         ),
         (Outcome::OutOfZone(seconds), Keeper::Table) => format!(
-            "no cube in reach: it was seen, but not on the part of the table where it is to lie, \
+            "no cube in reach: it was seen, but outside the part of the table where it must lie, \
              for {seconds:.1} s"
         ),
         (Outcome::LostSight(seconds), _) => {
@@ -113,7 +118,7 @@ fn not_in_reach(keeper: Keeper, unseen: Outcome) -> String {
     }
 }
 
-/// Closes the jaws on the cube that is given; returns why they do not hold it, if so.
+/// Closes the jaws on the cube that is given; returns the reason if they do not hold it.
 async fn close(robot: &mut Robot) -> Result<Option<String>, Failure> {
     robot.check_hold()?;
     robot.stops[Hand::Track.index()] = Depth::One;
@@ -121,10 +126,12 @@ async fn close(robot: &mut Robot) -> Result<Option<String>, Failure> {
     let outcomes = robot.behave_alone(Hand::Track, grasp, Doing::ClosingJaws).await?;
     let edge = robot.settings.edge;
     match outcomes[Hand::Track.index()] {
-        // Something wider is a cube with somebody's finger beside it.
+        // A greater width is a cube with a person's finger beside it.
         Some(Outcome::Grasped(width))
             if width > LEAST_WIDTH * edge && width < edge + MOST_WIDER =>
         {
+            // The cube frame begins with this hold: the faces have their names only when all are
+            // read.
             let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
             robot.belief.taken(Hand::Track, hold, false);
             robot.widths[Hand::Track.index()] = Some(width);
@@ -136,30 +143,32 @@ async fn close(robot: &mut Robot) -> Result<Option<String>, Failure> {
     }
 }
 
-/// Gives the cube up: the mission leaves it to the operator. Returns the failure.
+/// Leaves the cube to the operator, and returns the failure that ends the mission.
 pub(super) fn leave(robot: &mut Robot, why: String) -> Failure {
     robot.belief.released(Hand::Track);
     robot.failure = Some(why.clone());
     Failure::Left(why)
 }
 
-/// Draws the hand back with the cube, once the operator has let go. A table lets go by itself.
-pub(super) async fn draw_back_with_cube(robot: &mut Robot, way: f64) -> Result<(), Failure> {
+/// Retracts the track hand with the cube by `distance` (m), after the operator has let go of it. If
+/// the cube was taken from the table, there is no wait.
+pub(super) async fn retract_with_cube(robot: &mut Robot, distance: f64) -> Result<(), Failure> {
     if robot.settings.keeper == Keeper::Person {
         wait_for_release(robot).await?;
     }
     robot.watch(false).await?;
-    draw_back(robot, way).await?;
+    retract(robot, distance).await?;
     robot.check_hold()?;
     robot.hand_over = Some(robot.arms[Hand::Track.index()].desired_joints);
     Ok(())
 }
 
-/// Pulls at the cube a little, again and again, until nobody holds it any more.
+/// Pulls at the cube a little, again and again, until no person holds it.
 pub(super) async fn wait_for_release(robot: &mut Robot) -> Result<(), Failure> {
     for tries in 1..=RELEASE_TRIES {
-        // A person who still pulls is given these tries, so an alarm counts for nothing here.
+        // The tries are for a person who still pulls, so an alarm of this wait ends none of them.
         robot.wait(Hand::Track, RELEASE_WAIT).await?;
+        // A fixed wait of 2.6 s instead retracted the arm against a holder with up to 35 N.
         match robot.pull(0.5, Doing::Adjusting).await? {
             Some(Outcome::Touched(_) | Outcome::OverForce(..)) => {
                 if tries == 1 {
@@ -169,23 +178,25 @@ pub(super) async fn wait_for_release(robot: &mut Robot) -> Result<(), Failure> {
             other => return released(robot, other),
         }
     }
-    // A person who holds it pulls at it again, a sensor that lies does not.
+    // With a new zero a holder still resists the pull, while a wrong sensor does not.
     robot.zero_forces([true, false]).await?;
     let last = robot.pull(0.5, Doing::Adjusting).await?;
     released(robot, last)?;
-    // The force was zeroed in the operator's hand: it is zeroed again out of it.
+    // That zero may include the operator's hand, so the force is zeroed again without it.
     robot.zero_forces([true, false]).await
 }
 
-/// Judges the pull that was the last one.
+/// Checks the last pull: `Ok` means that no person holds the cube.
 fn released(robot: &mut Robot, pull: Option<Outcome>) -> Result<(), Failure> {
     let why = match pull {
+        // The cube came along: the hand holds it alone.
         Some(Outcome::NotTouched) => {
             robot.maybe_offered = None;
             return Ok(());
         }
+        // An earlier run was handing this cube back, so its holder keeps it.
         Some(Outcome::Touched(_) | Outcome::OverForce(..)) if robot.maybe_offered.is_some() => {
-            return Err(Failure::WithOperator("somebody holds the cube".to_owned()));
+            return Err(Failure::WithOperator("a person holds the cube".to_owned()));
         }
         Some(Outcome::Touched(_)) => "the operator does not let go of the cube".to_owned(),
         other => format!("the cube could not be taken away: {}", Outcome::words(other)),
@@ -193,71 +204,73 @@ fn released(robot: &mut Robot, pull: Option<Outcome>) -> Result<(), Failure> {
     Err(leave(robot, why))
 }
 
-/// Draws the track hand back, as far as its arm folds (m).
-pub(super) async fn draw_back(robot: &mut Robot, way: f64) -> Result<(), Failure> {
+/// Retracts the track hand by `distance`, or as far as its joints allow (m).
+pub(super) async fn retract(robot: &mut Robot, distance: f64) -> Result<(), Failure> {
     robot.check_hold()?;
-    let goes = robot.track_folds(way);
-    // Without a cube nothing is drawn back from where one was taken. A run that goes on may hold it
-    // without knowing where that was.
+    let goes = robot.track_retraction(distance);
+    // The shortfall belongs to the cube's retraction from the grasp, so it counts only with a cube.
+    // The place of the grasp may be unknown to a resumed run, and is not needed here.
     if robot.belief.held[Hand::Track.index()].is_some() {
-        robot.retract_shortfall += way - goes;
+        robot.retract_shortfall += distance - goes;
     }
     robot.along_gently(Hand::Track, -goes).await
 }
 
 impl Robot {
-    /// Returns how far an arm retracts: `way`, or less if its joints allow less but at least
-    /// `least`. Below `least` it returns `way`, so that the servo reports the limit (m).
-    pub(super) fn folds(&mut self, hand: Hand, way: f64, least: f64) -> f64 {
-        let goes = self.free_way(hand, way);
-        if goes >= way || goes < least {
-            return way;
+    /// Returns the distance by which an arm retracts (m): `distance`, or less if its joints allow
+    /// less but at least `least`. Below `least` it returns `distance`, so that the servo reports
+    /// the limit.
+    pub(super) fn retraction(&mut self, hand: Hand, distance: f64, least: f64) -> f64 {
+        let goes = self.free_retraction(hand, distance);
+        if goes >= distance || goes < least {
+            return distance;
         }
-        let (short, all) = (goes * 1e3, way * 1e3);
+        let (short, all) = (goes * 1e3, distance * 1e3);
         self.note(format!(
-            "the {} arm folds no farther: drawn back by {short:.0} of {all:.0} mm",
+            "the joints of the {} arm limit its retraction to {short:.0} of {all:.0} mm",
             hand.name()
         ));
         goes
     }
 
-    /// Returns how much of a way back an arm's joints allow (m).
-    pub(super) fn free_way(&self, hand: Hand, way: f64) -> f64 {
+    /// Returns the part of the retraction `distance` that an arm's joints allow (m).
+    pub(super) fn free_retraction(&self, hand: Hand, distance: f64) -> f64 {
         let (fold, arm) = (&self.settings.folds[hand.index()], &self.arms[hand.index()]);
-        fold.way(&arm.desired_base_from_tool, &arm.desired_joints, way)
+        fold.retractable(&arm.desired_base_from_tool, &arm.desired_joints, distance)
     }
 
-    /// Returns how far the track arm retracts (m). Nearer than two thirds of the usual way to where
-    /// it took the cube, the cube is still in the operator's hand; fingers that have let go are
-    /// clear of it after an edge.
-    pub(super) fn track_folds(&mut self, way: f64) -> f64 {
+    /// Returns the distance by which the track arm retracts (m). A cube must leave the operator's
+    /// hand by two thirds of the usual retraction. Fingers that have let go of the cube are clear
+    /// of it after the length of its edge.
+    pub(super) fn track_retraction(&mut self, distance: f64) -> f64 {
         let holds = self.belief.held[Hand::Track.index()].is_some();
         let least = if self.given_back && !holds {
             self.settings.edge
         } else {
+            // An earlier try may have retracted by a part already.
             let gone = self.distance_from_grasp().filter(|_| holds).unwrap_or(0.0);
             CLEAR * self.settings.back - gone
         };
-        self.folds(Hand::Track, way, least)
+        self.retraction(Hand::Track, distance, least)
     }
 
-    /// Returns how far the track retracts with the cube from where it closed on it (m).
+    /// Returns the distance of the track's retraction with the cube from the grasp (m).
     pub(super) fn way_back(&self) -> f64 {
         self.settings.back - self.retract_shortfall
     }
 
-    /// Returns how far the track's tool is from where it closed on the cube (m).
+    /// Returns the distance of the track's tool from the place where it grasped the cube (m).
     pub(super) fn distance_from_grasp(&self) -> Option<f64> {
         let from = Vector3::from(self.taken_at?);
         Some((self.track_place() - from).norm())
     }
 
-    /// Returns what is left of the way back from where the track took the cube (m).
+    /// Returns the rest of the track's retraction from the place of the grasp (m).
     pub(super) fn way_back_left(&self) -> Option<f64> {
         self.distance_from_grasp().map(|gone| (self.way_back() - gone).max(0.0))
     }
 
-    /// Returns where the track's tool is set to be, in its base (m).
+    /// Returns the set position of the track's tool, in its base (m).
     pub(super) fn track_place(&self) -> Vector3<f64> {
         self.arms[Hand::Track.index()].desired_base_from_tool.translation.vector
     }
@@ -269,7 +282,7 @@ mod tests {
     use super::super::testing::{
         Stage, count, goes_well, met, order, play_mission, settings, track, words,
     };
-    use super::super::{Mission, mend};
+    use super::super::{Mission, recover};
     use super::*;
     use crate::generators::Behaviour;
     use crate::motion::ArmState;
@@ -283,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn blocked_approach_draws_back_and_leaves_finally() {
+    fn blocked_approach_retracts_and_finally_leaves() {
         let mut stage = Stage::new(settings());
 
         let (end, actions) =
@@ -299,8 +312,8 @@ mod tests {
         let again = ["line", "zero", "servo"];
         assert_eq!(words(&actions), [&way[..], &again, &again].concat());
         let Err(failure) = end else { panic!("{end:?}") };
-        let mend = async |robot: &mut Robot| mend::mend(robot, failure).await;
-        let (end, actions) = stage.play(mend, &mut goes_well);
+        let recover = async |robot: &mut Robot| recover::recover(robot, failure).await;
+        let (end, actions) = stage.play(recover, &mut goes_well);
         assert_eq!(words(&actions), ["open", "line"]);
         let Some(Behaviour::Line { target, .. }) = order(&actions[1]) else { panic!() };
         assert!(target.translation.vector.z < 0.0, "{target:?}");
@@ -310,12 +323,12 @@ mod tests {
     }
 
     #[test]
-    fn hand_draws_back_from_the_operator_gently() {
+    fn hand_retracts_from_the_operator_slowly() {
         let mut stage = Stage::new(settings());
         let (gentle, full) = (stage.robot.settings.gentle, stage.robot.settings.speed);
 
         let draws_back = async |robot: &mut Robot| {
-            draw_back(robot, 0.05).await?;
+            retract(robot, 0.05).await?;
             robot.along(Hand::Track, -0.05).await
         };
         let (end, actions) = stage.play(draws_back, &mut goes_well);
@@ -347,7 +360,8 @@ mod tests {
         assert_eq!((end, words(&actions)), (Ok(()), vec!["servo", "line", "zero", "servo"]));
     }
 
-    /// Waits for a release where `holds` pulls are held on to, the last one ends as told.
+    /// Waits for a release while a person holds on to [`RELEASE_TRIES`] pulls; the pull after them
+    /// ends with the outcome `last`.
     fn release(last: Outcome) -> (Result<(), Failure>, Vec<&'static str>, Stage) {
         let mut stage = Stage::holding(settings());
         let mut pulls = 0;
@@ -364,13 +378,15 @@ mod tests {
         (end, words(&actions), stage)
     }
 
+    /// Each pull measures a force, until the sensor is zeroed before the last one: no person holds
+    /// the cube, and the force was an error of the zero.
     #[test]
-    fn stuck_force_is_zeroed_before_the_last_pull() {
+    fn persistent_force_is_zeroed_before_last_pull() {
         let (end, words, mut stage) = release(Outcome::NotTouched);
 
         assert_eq!(end, Ok(()));
-        let pulls = ["give way", "pull"].repeat(RELEASE_TRIES as usize);
-        // In free air it is zeroed again.
+        let pulls = ["yield", "pull"].repeat(RELEASE_TRIES as usize);
+        // The force is zeroed again in free air.
         assert_eq!(words, [&pulls[..], &["zero", "pull", "zero"]].concat());
         assert_eq!(stage.robot.whereabouts(), "the track hand holds the cube");
         assert_eq!(stage.notes(), ["the operator still holds the cube"]);
@@ -381,15 +397,15 @@ mod tests {
         let (end, _, mut stage) = release(Outcome::Touched(3.0));
 
         let Err(failure) = end else { panic!() };
-        let mend = async |robot: &mut Robot| mend::mend(robot, failure).await;
-        let (_, actions) = stage.play(mend, &mut goes_well);
+        let recover = async |robot: &mut Robot| recover::recover(robot, failure).await;
+        let (_, actions) = stage.play(recover, &mut goes_well);
         let Some(Behaviour::Jaw { strained, jaw, .. }) = order(&actions[0]) else { panic!() };
-        assert!(*strained && jaw.opening > 0.08, "whatever strains them, the jaws open");
-        assert!(stage.robot.whereabouts().contains("not known"));
+        assert!(*strained && jaw.opening > 0.08, "the jaws open under any strain");
+        assert!(stage.robot.whereabouts().contains("unknown"));
     }
 
     #[test]
-    fn jaws_keep_only_widths_of_a_cube() {
+    fn jaws_accept_only_widths_of_a_cube() {
         for (width, kept) in [(0.0565, true), (0.062, true), (0.065, false), (0.053, false)] {
             let mut stage = Stage::new(settings());
 
@@ -401,7 +417,8 @@ mod tests {
         }
     }
 
-    /// Plays a mission that sees no cube, with somebody who answers once, or nobody.
+    /// Plays a mission that sees no cube. With `patience` an operator is there, who gives `answer`
+    /// once.
     fn unseen(patience: Option<f64>, answer: Option<Answer>) -> (Vec<&'static str>, String) {
         let assignment = Assignment { patience, ..Assignment::new(Goal::Solve) };
         let mut mission = Mission::new(settings(), assignment);
@@ -420,7 +437,7 @@ mod tests {
     }
 
     #[test]
-    fn operator_has_an_unseen_cube_looked_for_again() {
+    fn operator_answer_repeats_search_for_unseen_cube() {
         let (words, _) = unseen(Some(30.0), Some(Answer::Choice { option: 0 }));
         assert_eq!(words[4..], ["servo", "ask", "servo", "ask"]);
 
@@ -429,19 +446,19 @@ mod tests {
             assert_eq!(words[4..], ["servo", "ask"]);
         }
         let (words, _) = unseen(None, None);
-        assert_eq!(words[4..], ["servo"], "nobody is there");
+        assert_eq!(words[4..], ["servo"], "no operator is there");
     }
 
-    /// An arm that folds by a part of the way back only, and that part (m).
+    /// Returns an arm that folds by a part of the retraction only, and that part (m).
     fn folding() -> (ArmState, f64) {
         let (desired_joints, desired_base_from_tool) = Fold::example_stand();
-        let goes = settings().folds[0].way(&desired_base_from_tool, &desired_joints, 0.3);
+        let goes = settings().folds[0].retractable(&desired_base_from_tool, &desired_joints, 0.3);
         let arm = ArmState { desired_joints, desired_base_from_tool, ..ArmState::default() };
         (arm, goes)
     }
 
     #[test]
-    fn shortfall_counts_only_with_a_cube() {
+    fn retraction_shortfall_counts_only_while_holding() {
         let (arm, goes) = folding();
         for (holds, known) in [(true, true), (true, false), (false, false)] {
             let mut stage = Stage::new(CubeSettings { back: 1.2 * goes, ..settings() });
@@ -452,7 +469,7 @@ mod tests {
             let place = stage.robot.track_place().into();
             stage.robot.taken_at = known.then_some(place);
 
-            let draws = async |robot: &mut Robot| draw_back(robot, 1.2 * goes).await;
+            let draws = async |robot: &mut Robot| retract(robot, 1.2 * goes).await;
             let (end, _) = stage.play(draws, &mut goes_well);
 
             assert_eq!(end, Ok(()));
@@ -462,7 +479,7 @@ mod tests {
     }
 
     #[test]
-    fn retraction_counts_the_way_already_gone() {
+    fn retraction_counts_the_distance_already_covered() {
         let (arm, goes) = folding();
         let back = goes / 0.6;
         let drawn = |before: f64| {
@@ -470,21 +487,21 @@ mod tests {
             stage.robot.arms[0] = arm;
             let taken_at = arm.desired_base_from_tool * nalgebra::Point3::new(0.0, 0.0, before);
             stage.robot.taken_at = Some(taken_at.into());
-            stage.robot.track_folds(back)
+            stage.robot.track_retraction(back)
         };
 
         assert_eq!(drawn(0.0), back, "the cube would stay in the operator's hand: the arm refuses");
-        assert_eq!(drawn(0.1 * back), goes, "far enough in all");
+        assert_eq!(drawn(0.1 * back), goes, "the whole distance is enough");
     }
 
     #[test]
-    fn empty_fingers_are_clear_after_an_edge() {
+    fn empty_hand_may_stop_retracting_after_one_edge() {
         let (arm, goes) = folding();
         let drawn = |edge: f64| {
             let mut stage = Stage::new(CubeSettings { back: 2.0 * goes, edge, ..settings() });
             stage.robot.arms[0] = arm;
             (stage.robot.given_back, stage.robot.taken_at) = (true, Some([0.0; 3]));
-            stage.robot.track_folds(2.0 * goes)
+            stage.robot.track_retraction(2.0 * goes)
         };
 
         assert_eq!(drawn(0.9 * goes), goes);
@@ -492,7 +509,7 @@ mod tests {
     }
 
     #[test]
-    fn blocked_way_is_followed_again_three_times() {
+    fn blocked_path_is_tried_again_three_times() {
         let mut stage = Stage::new(settings());
         let to = crate::motion::JointPositions([0.4; 7]);
         let goes = async |robot: &mut Robot| robot.joints([Some(to), Some(to)]).await;
@@ -502,7 +519,7 @@ mod tests {
             _ => track(Outcome::TimedOut(1.0)),
         });
 
-        let again = ["give way", "joints"].repeat(3);
+        let again = ["yield", "joints"].repeat(3);
         assert_eq!(words(&actions), [&["joints"][..], &again].concat());
         let joints: Vec<_> =
             actions.iter().filter(|a| count(&[(*a).clone()], "joints") == 1).collect();
@@ -515,7 +532,7 @@ mod tests {
     }
 
     #[test]
-    fn strained_jaws_try_as_often_each_time() {
+    fn each_opening_allows_equal_number_of_retries() {
         use super::super::actions::MOST_STRAINED;
         let mut stage = Stage::new(settings());
         let open = |stage: &mut Stage, strained: u32| {

@@ -1,4 +1,4 @@
-//! A stage for the mission's own tests: settings, a robot, and a shell that answers its actions.
+//! Stage for the mission's own tests: settings, a robot, and a shell that answers its actions.
 
 use super::Mission;
 use super::assignment::{Assignment, Goal};
@@ -26,7 +26,7 @@ use std::task::{Context, Poll, Waker};
 
 static TABLES: LazyLock<Tables> = LazyLock::new(Tables::build);
 
-/// A cell whose hands can meet everywhere.
+/// Returns the settings of a cell whose hands can meet everywhere.
 pub(super) fn settings() -> CubeSettings {
     let arm = ArmBelief {
         world_from_base: Pose::identity(),
@@ -97,7 +97,7 @@ pub(super) fn settings() -> CubeSettings {
     }
 }
 
-/// Returns the order with which the visual servo takes the cube.
+/// Returns the order of the visual servo in which the cube is taken.
 fn take_order() -> visual_servo::Order {
     visual_servo::Order {
         world_from_base: Pose::identity(),
@@ -126,7 +126,7 @@ pub(super) const WIDTH: f64 = 0.057;
 /// Actions before a procedure counts as endless.
 const MOST_ACTIONS: usize = 2000;
 
-/// How the stickers of a cube look.
+/// Appearance of the stickers of a cube.
 pub(super) const PALETTE: Palette = [
     [220.0, 220.0, 215.0],
     [180.0, 30.0, 35.0],
@@ -136,7 +136,7 @@ pub(super) const PALETTE: Palette = [
     [20.0, 60.0, 160.0],
 ];
 
-/// A reading of a face with these colours, at a brightness.
+/// Makes a reading of a face with these colours, at the brightness `gain`.
 pub(super) fn reading(colours: [u8; 9], gain: f64) -> FaceReading {
     FaceReading {
         rgb: colours.map(|c| PALETTE[usize::from(c)].map(|v| gain * v + 3.0)),
@@ -149,28 +149,28 @@ pub(super) fn reading(colours: [u8; 9], gain: f64) -> FaceReading {
     }
 }
 
-/// A reading of a face of the solved cube.
+/// Makes a reading of a face of the solved cube.
 pub(super) fn one_colour(face: Face) -> FaceReading {
     reading([face as u8; 9], 1.0)
 }
 
-/// The hold in which the track takes the cube.
+/// Returns the hold in which the track takes the cube.
 pub(super) fn taken() -> Hold {
     Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One }
 }
 
-/// A robot with its port. Its procedures are played without a mission around them.
+/// Robot with its port. Its procedures are played without a mission around them.
 pub(super) struct Stage {
     pub(super) robot: Robot,
     pub(super) port: MissionPort,
 }
 
-/// Answers an action, and perhaps moves the arms.
+/// Shell that answers an action, and may move the arms.
 pub(super) type Shell<'a> =
     dyn FnMut(&Action<Thought>, &mut [ArmState; 2]) -> Event<Conclusion> + 'a;
 
 impl Stage {
-    /// A robot that is to solve the cube, with empty hands and nobody to ask.
+    /// Makes a stage for a mission that solves, with empty hands and without an operator.
     pub(super) fn new(settings: CubeSettings) -> Self {
         Self::with(settings, Assignment::new(Goal::Solve))
     }
@@ -182,14 +182,14 @@ impl Stage {
         Self { robot, port }
     }
 
-    /// The same with the cube in the track hand.
+    /// Makes a stage for a mission that solves, with the cube in the track hand.
     pub(super) fn holding(settings: CubeSettings) -> Self {
         let mut stage = Self::new(settings);
         stage.robot.hold(Hand::Track);
         stage
     }
 
-    /// Plays a procedure to its end, and returns how it ended and its actions.
+    /// Plays a procedure to its end, and returns its result and its actions.
     pub(super) fn play<R>(
         &mut self,
         procedure: impl AsyncFnOnce(&mut Robot) -> R,
@@ -215,7 +215,7 @@ impl Stage {
         panic!("the procedure never ends: {:?}", words(&actions));
     }
 
-    /// The notes so far.
+    /// Returns the notes that were not read yet.
     pub(super) fn notes(&mut self) -> Vec<String> {
         self.robot.publish(Doing::Nothing);
         self.port.state(|shared| std::mem::take(&mut shared.notes))
@@ -231,7 +231,7 @@ impl Robot {
     }
 }
 
-/// Plays a whole mission with the arms as they stand, and returns its end and its actions.
+/// Plays a whole mission that begins with these arm states, and returns its end and its actions.
 pub(super) fn play_mission(
     mission: &mut Mission,
     mut arms: [ArmState; 2],
@@ -249,7 +249,7 @@ pub(super) fn play_mission(
     panic!("the mission never ends: {:?}", words(&actions));
 }
 
-/// Answers an action so that all goes well; jaws move as they are told. There are no faces to read.
+/// Answers an action with success; jaws reach their set opening. No face can be read.
 pub(super) fn goes_well(action: &Action<Thought>, arms: &mut [ArmState; 2]) -> Event<Conclusion> {
     match action {
         Action::Behave { orders, .. } => {
@@ -262,7 +262,7 @@ pub(super) fn goes_well(action: &Action<Thought>, arms: &mut [ArmState; 2]) -> E
             }
             Event::Behaved(orders.map(|order| order.as_ref().map(ends_well)))
         }
-        Action::Look { .. } => Event::Looked(Err("nobody shows a face".to_owned())),
+        Action::Look { .. } => Event::Looked(Err("no face is in view".to_owned())),
         Action::Ask(_) => Event::Answered(None),
         _ => Event::Done,
     }
@@ -289,7 +289,7 @@ pub(super) fn track(outcome: Outcome) -> Event<Conclusion> {
     Event::Behaved([Some(outcome), None])
 }
 
-/// An alarm of the track: it met something.
+/// Makes an alarm of the track, which met an obstacle.
 pub(super) fn met() -> Event<Conclusion> {
     track(Outcome::OverForce(2, 31.0))
 }
@@ -310,7 +310,7 @@ pub(super) fn words(actions: &[Action<Thought>]) -> Vec<&'static str> {
         (_, Some(Behaviour::Secure { .. })) => "secure",
         (_, Some(Behaviour::Approach { .. })) => "approach",
         (_, Some(Behaviour::Withdraw { .. })) => "pull",
-        (_, Some(Behaviour::Present { pull, .. })) if pull.is_infinite() => "give way",
+        (_, Some(Behaviour::Present { pull, .. })) if pull.is_infinite() => "yield",
         (_, Some(Behaviour::Present { .. })) => "present",
         (_, Some(Behaviour::VisualServo(_))) => "servo",
         (_, Some(Behaviour::Turn { .. } | Behaviour::Comply { .. })) => "turn",
@@ -325,7 +325,7 @@ pub(super) fn words(actions: &[Action<Thought>]) -> Vec<&'static str> {
     actions.iter().map(word).collect()
 }
 
-/// Returns how often an action has this word.
+/// Returns the number of actions with this word.
 pub(super) fn count(actions: &[Action<Thought>], word: &str) -> usize {
     words(actions).into_iter().filter(|w| *w == word).count()
 }

@@ -1,14 +1,14 @@
-//! One layer is turned, while the partner's arm gives way.
+//! Turn of one layer, while the partner's arm yields.
 //!
 //! - in: a turn of the plan, or an angle
-//! - out: the layer turned; a [`Failure::TurnFailed`] where it jammed or slipped in a mission that
+//! - out: the turned layer; after a jam or a slip a [`Failure::TurnFailed`] in a mission that
 //!   solves, a [`Failure::Final`] in the task `face_turn`
 //! - source: Zieliński et al. (2007), p. 373
 //!
 //! | limit | value | reason |
 //! |---|---|---|
-//! | [`TURN_TRIES`] | 2 | a layer that stalls is eased back and turned on, this often |
-//! | [`EASE_BACK`] | 0.09 rad | what a stalled layer is turned back by, at most |
+//! | [`TURN_TRIES`] | 2 | retries of a layer that stalls, each after it was eased back |
+//! | [`EASE_BACK`] | 0.09 rad | the most by which a stalled layer is turned back |
 
 use super::actions::Closing;
 use super::assignment::Goal;
@@ -24,18 +24,18 @@ use crate::tasks::Finish;
 use crate::tasks::cube::hold::{Grip, Hand, Hold};
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// How often a stalled turn is tried again.
+/// Number of retries of a stalled turn.
 const TURN_TRIES: u32 = 2;
-/// The angle by which a stalled layer is eased back at most (rad).
+/// Greatest angle by which a stalled layer is eased back (rad).
 const EASE_BACK: f64 = 0.09;
 
-/// Turns a layer as the plan says. The belief takes the turn for done from its beginning: what
-/// fails is brought back into line from there.
+/// Turns a layer of the plan. From the beginning the belief has the hold after the turn: a failed
+/// turn is brought back into line from there.
 pub(super) async fn turn_layer(robot: &mut Robot, turner: Hand, turn: Turn) -> Result<(), Failure> {
     robot.straight = robot.straight_now(turner);
     let angle = turn_angle(robot, turner, turn.quarters)?;
     robot.turning = Some(turn);
-    let held = robot.belief.held[turner.index()].ok_or("the turner holds nothing")?;
+    let held = robot.belief.held[turner.index()].ok_or("the turning hand holds no cube")?;
     let grip = Grip { hold: held.hold, half_roll: held.half_roll };
     let roll = robot.arms[turner.index()].desired_joints.0[6];
     robot.turn_in_progress = Some(TurnInProgress::new(turner, grip, roll, angle.signum()));
@@ -44,47 +44,49 @@ pub(super) async fn turn_layer(robot: &mut Robot, turner: Hand, turn: Turn) -> R
     turn_through(robot, turner, angle).await.map(drop)
 }
 
-/// Turns by an angle in as many goes as it takes, and returns the angle of all of them (rad).
+/// Turns by an angle, with retries after stalls, and returns the sum of their angles (rad).
 pub(super) async fn turn_through(
     robot: &mut Robot,
     turner: Hand,
     angle: f64,
 ) -> Result<f64, Failure> {
     let mut turned = 0.0;
-    // What is left to turn, the next go last, each with the number of its try.
-    let mut goes = vec![(angle, 1)];
-    while let Some((angle, tries)) = goes.pop() {
+    // A stack of the remaining angles, the next one last, each with the number of its try.
+    let mut angles_left = vec![(angle, 1)];
+    while let Some((angle, tries)) = angles_left.pop() {
         let outcomes = robot.turn(turner, angle, robot.settings.turn_torque).await?;
         if let Some(met) = alarm(&outcomes, Doing::Turning) {
             return Err(failed(robot, turner, &met.why));
         }
         match outcomes[turner.index()] {
             Some(Outcome::Turned(by)) => turned += by,
+            // An early stall: a small turn back frees the layer, then the rest follows.
             Some(Outcome::Stalled(by, torque)) if tries <= TURN_TRIES => {
                 let (done, all) = (by.to_degrees(), angle.to_degrees());
                 robot.note(format!(
-                    "the face stood still after {done:.0} deg of {all:.0} under {torque:.1} Nm: \
-                     eased back, try {tries}"
+                    "the face stalled after {done:.0} deg of {all:.0} under {torque:.1} Nm: eased \
+                     back, try {tries}"
                 ));
                 turned += by;
                 robot.stalled = robot.turning.or(robot.stalled);
                 let ease = -angle.signum() * EASE_BACK.min(by.abs());
-                // A stall on the way back is one more try of the same turn.
-                goes.push((angle - by - ease, tries + 1));
-                goes.push((ease, tries + 1));
+                // A stall of the turn back counts as a try of the whole turn.
+                angles_left.push((angle - by - ease, tries + 1));
+                angles_left.push((ease, tries + 1));
             }
+            // The layer has stalled too often: it is jammed.
             Some(Outcome::Stalled(by, torque)) => {
                 let degrees = (turned + by).to_degrees();
-                let why = format!(
-                    "jam: the face stands still after {degrees:.0} deg under {torque:.1} Nm"
-                );
+                let why =
+                    format!("jam: the face stalled after {degrees:.0} deg under {torque:.1} Nm");
                 return Err(failed(robot, turner, &why));
             }
+            // The grip slipped over the layer, which is somewhere behind the hand.
             Some(slipped @ Outcome::Slipped(..)) => {
                 return Err(failed(robot, turner, &slipped.to_string()));
             }
             other => {
-                let why = format!("the turn ended otherwise: {}", Outcome::words(other));
+                let why = format!("the turn ended unexpectedly: {}", Outcome::words(other));
                 return Err(Failure::Final(why));
             }
         }
@@ -97,21 +99,22 @@ pub(super) async fn turn_through(
     Ok(turned)
 }
 
-/// Reports a turn that did not go through: its layer is to be brought back into line.
+/// Returns the failure of a turn that did not end, after which its layer must be realigned.
 fn failed(robot: &mut Robot, turner: Hand, why: &str) -> Failure {
+    // The task `face_turn` has no plan to go back to, so its failure is final.
     let solves = robot.goal == Goal::Solve;
     let Some(turn) = robot.turn_in_progress.as_mut().filter(|turn| solves && turn.is_of(turner))
     else {
         return Failure::Final(why.to_owned());
     };
     turn.failed(why);
-    robot.note(format!("{why}: the layer is brought back into line"));
+    robot.note(format!("{why}: the layer is realigned"));
     (robot.turning, robot.straight) = (None, None);
     Failure::TurnFailed { turner }
 }
 
-/// Returns the roll of the turner's tool for a number of clockwise quarter turns (rad). The tool's z
-/// points into the cube, so clockwise seen from outside is positive about it.
+/// Returns the roll of the turner's tool for a number of clockwise quarter turns (rad). The tool's
+/// z points into the cube, so clockwise seen from outside is positive about it.
 fn turn_angle(robot: &Robot, turner: Hand, quarters: u8) -> Result<f64, String> {
     let meeting = robot.meeting.ok_or("the arms have not met")?;
     let room = match turner {
@@ -125,7 +128,7 @@ fn turn_angle(robot: &Robot, turner: Hand, quarters: u8) -> Result<f64, String> 
     })
 }
 
-/// Returns a half turn in the sense in which the wrist has room (rad).
+/// Returns a half turn in the sense in which the wrist has more room (rad).
 fn half_turn(room: (f64, f64)) -> f64 {
     if room.1 > -room.0 { PI } else { -PI }
 }
@@ -133,7 +136,7 @@ fn half_turn(room: (f64, f64)) -> f64 {
 /// Grasps the cube in the postument's hand, turns the layer under the track's palm by an angle, and
 /// lets go: the task `face_turn`.
 pub(super) async fn turn_face(robot: &mut Robot, angle: f64) -> Result<Finish, Failure> {
-    let held = robot.belief.held[Hand::Postument.index()].ok_or("nobody holds the cube")?;
+    let held = robot.belief.held[Hand::Postument.index()].ok_or("no hand holds the cube")?;
     let hold = Hold { palm: held.hold.palm.opposite(), depth: Depth::One, ..held.hold };
     let grip = Grip { hold, half_roll: false };
     robot.apart = false;
@@ -168,7 +171,8 @@ mod tests {
     use crate::tasks::Event;
     use crate::tasks::cube::settings::CubeSettings;
 
-    /// Both hands hold the cube, and the track turns by a quarter; each go ends as told, in turn.
+    /// Turns the track by a quarter while both hands hold the cube. The turns end with these
+    /// outcomes in order, and well afterwards. Returns the end, and the ordered angles.
     fn turns(ends: &[Outcome]) -> (Result<f64, Failure>, Vec<f64>) {
         let mut stage = Stage::holding(settings());
         stage.robot.hold(Hand::Postument);
@@ -185,8 +189,10 @@ mod tests {
         (end, angles)
     }
 
+    /// The layer is eased back slowly: at 3 rad/s2 the short turn of a jammed motor made its
+    /// encoder look frozen.
     #[test]
-    fn layer_that_stood_still_is_eased_gently() {
+    fn stalled_layer_is_eased_back_slowly() {
         let mut stage = Stage::holding(CubeSettings { turn_acceleration: 3.0, ..settings() });
         stage.robot.hold(Hand::Postument);
         let (mut stalls, mut seen) = (true, Vec::new());
@@ -216,23 +222,23 @@ mod tests {
     }
 
     #[test]
-    fn layer_that_stalls_thrice_is_jammed() {
+    fn layer_counts_as_jammed_after_third_stall() {
         let stall = Outcome::Stalled(0.5, 2.0);
 
         let (end, angles) = turns(&[stall, Outcome::Turned(-0.09), stall, stall]);
 
         let Err(Failure::Final(why)) = end else { panic!("{end:?}") };
-        assert!(why.starts_with("jam: the face stands still"), "{why}");
+        assert!(why.starts_with("jam: the face stalled"), "{why}");
         assert_eq!(angles.len(), 4, "{angles:?}");
     }
 
     #[test]
-    fn half_turn_goes_where_the_wrist_has_room() {
+    fn half_turn_takes_the_sense_with_more_room() {
         assert_eq!((half_turn((-1.0, 3.5)), half_turn((-3.5, 1.0))), (PI, -PI));
     }
 
     #[test]
-    fn face_is_turned_and_let_go() {
+    fn face_turn_turns_and_releases_the_face() {
         for (turned, achieved) in [(FRAC_PI_2, true), (1.0, false)] {
             let goal = Goal::FaceTurn(FRAC_PI_2);
             let held = Some((Hand::Postument, taken(), false));

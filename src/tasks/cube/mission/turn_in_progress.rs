@@ -1,53 +1,62 @@
-//! A turn of a layer from its beginning, until the layer is in line again.
+//! Record of a turn from its beginning until the layer is in line again.
 
 use crate::tasks::cube::hold::{Grip, Hand};
 use std::f64::consts::FRAC_PI_2;
 
-/// A turn that has begun.
+/// Turn that has begun.
 #[derive(Debug, Clone)]
 pub(super) struct TurnInProgress {
-    /// The hand that turns.
+    /// Hand that turns.
     turner: Hand,
-    /// Its grip while the layer was in line.
+    /// Grip of the hand while the layer was in line.
     grip: Grip,
-    /// Where its last joint stood then (rad).
+    /// Position of the hand's last joint while the layer was in line (rad).
     roll: f64,
-    /// The sense in which what the jaws hold lags behind the turning hand, 1 or -1.
+    /// Sense in which the layer lags behind the turning hand, 1 or -1.
     pub(super) sense: f64,
-    /// The grip at the quarter that was nearest to the layer when the turner last had it, and how
-    /// far off it the layer stood (rad).
-    pub(super) stood: (Grip, f64),
-    /// The turner has gone on since without the layer.
-    pub(super) alone: bool,
-    /// Why it is being turned back.
+    /// Last measurement of the layer while the turner held it: the grip at the nearest quarter, and
+    /// the layer's angle from there (rad).
+    pub(super) last_seen: (Grip, f64),
+    /// Whether the turner has moved without the layer since then.
+    pub(super) layer_left_behind: bool,
+    /// Reason for which the layer is turned back.
     why: Option<String>,
 }
 
 impl TurnInProgress {
     /// Makes a turn whose layer is in line when the turner's last joint is at `roll` (rad).
     pub(super) fn new(turner: Hand, grip: Grip, roll: f64, sense: f64) -> Self {
-        Self { turner, grip, roll, sense, stood: (grip, 0.0), alone: false, why: None }
+        Self {
+            turner,
+            grip,
+            roll,
+            sense,
+            last_seen: (grip, 0.0),
+            layer_left_behind: false,
+            why: None,
+        }
     }
 
-    /// Whether this hand turns.
+    /// Returns whether this hand turns.
     pub(super) fn is_of(&self, turner: Hand) -> bool {
         self.turner == turner
     }
 
-    /// Keeps why the turn failed.
+    /// Stores the reason for which the turn failed.
     pub(super) fn failed(&mut self, why: &str) {
         self.why = Some(why.to_owned());
     }
 
-    /// Returns why the turn failed.
+    /// Returns the reason for which the turn failed.
     pub(super) fn into_why(self) -> Option<String> {
         self.why
     }
 
-    /// Returns the grip at the quarter that is nearest to a roll, and how far the roll is off it
-    /// (rad). `in_vain`: the angle by which the hand turned while what it or its partner holds
-    /// stayed behind (rad).
+    /// Returns the grip at the quarter that is nearest to the layer, and the layer's angle from
+    /// there (rad), for this roll of the hand. `in_vain` is the part of the hand's turn that the
+    /// layer did not follow (rad).
     pub(super) fn nearest(&self, roll: f64, in_vain: f64) -> (Grip, f64) {
+        // The layer is behind the hand in the sense of its last turn.
         let off = roll - self.roll - self.sense * in_vain;
         let quarters = (off / FRAC_PI_2).round();
         let clockwise = (quarters as i64).rem_euclid(4);

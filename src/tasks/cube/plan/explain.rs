@@ -1,4 +1,12 @@
-//! A plan in words: each step with its time, who holds what, and why a new grasp is needed.
+//! A plan in words: each step with its time, the holds meanwhile, and the reason for each new
+//! grasp.
+//!
+//! - in: the episodes of the cheapest plan, the terms and the reach that they were found with
+//! - out: the steps, and for each a [`Line`] for people
+//!
+//! The reason of a grasp is the first rule that forbids the next turn with the present grips: palm,
+//! wrist that has rolled already, depth of the turner, fingers of the body hand, fingers of both
+//! hands after the turn, room of the wrist.
 
 use super::super::hold::{Grip, Hand, Hands, Hold, Step, hands_after};
 use super::search::Episode;
@@ -9,14 +17,14 @@ use crate::motion::Depth;
 use serde::Serialize;
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// A step for people.
+/// A step, described for people.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Line {
-    /// What is done, and who holds what meanwhile.
+    /// The action, and the holds meanwhile.
     pub what: String,
-    /// Why it is needed.
+    /// Reason for the step.
     pub why: String,
-    /// How long it takes, as planned (s).
+    /// Planned duration (s).
     pub seconds: f64,
 }
 
@@ -24,9 +32,9 @@ pub struct Line {
 pub(super) struct Written {
     /// The face turns in the order in which they are made.
     pub(super) turns: Vec<Turn>,
-    /// The hands' steps.
+    /// Steps of the hands.
     pub(super) steps: Vec<Step>,
-    /// For each step who holds what, and why.
+    /// Description of each step.
     pub(super) lines: Vec<Line>,
 }
 
@@ -58,7 +66,7 @@ pub(super) fn written(
     Written { turns, steps, lines }
 }
 
-/// A plan that is being written, and how the hands hold the cube where it stands.
+/// A plan that is being written, with the grips of the hands after the last step.
 struct Writer<'a, R> {
     terms: &'a Terms,
     reach: &'a R,
@@ -67,9 +75,9 @@ struct Writer<'a, R> {
     /// Turns that are written already.
     made: usize,
     hands: Hands,
-    /// The grips in which the hands met last: their wrists' room counts from there.
+    /// Grips at the last meeting, from which the wrists' ranges count.
     met: Hands,
-    /// The hands that have turned since they met.
+    /// Whether each hand has turned since that meeting.
     rolled: [bool; 2],
     /// The hand that keeps the cube until the next grasp.
     holder: Hand,
@@ -103,9 +111,10 @@ impl<'a, R: Reach> Writer<'a, R> {
         let partner = self.hands[self.holder.index()].unwrap_or(self.start.1);
         let why = match self.turns.get(self.made) {
             Some(next) => self.needed(*next, episode),
-            None => format!("{} is to hold the cube in the end", episode.stays.0.name()),
+            None => format!("{} must hold the cube at the end", episode.stays.0.name()),
         };
         let costs = &self.terms.costs;
+        // The episode's time includes its turns, which have lines of their own.
         let turning = episode.turns.iter().flatten().map(|(_, turn)| seconds_of(*turn, costs));
         let (own, other) = (described(grip.hold), described(partner.hold));
         self.lines.push(Line {
@@ -138,7 +147,7 @@ impl<'a, R: Reach> Writer<'a, R> {
         self.made += 1;
     }
 
-    /// Writes that the hand which does not keep the cube leaves.
+    /// Writes the last step, in which the hand that does not keep the cube leaves.
     fn leave(&mut self) {
         let hand = self.holder.other();
         self.steps.push(Step::Leave { hand });
@@ -149,15 +158,16 @@ impl<'a, R: Reach> Writer<'a, R> {
         });
     }
 
-    /// Says why the next turn cannot be made as the hands hold, and what the new grasp is for.
+    /// Returns the reason why the next turn cannot be made with the present grips, and the purpose
+    /// of the new grasp.
     fn needed(&self, next: Turn, episode: &Episode) -> String {
         let turn = format_turns(&[next]);
         let obstacle = self.obstacle(next).unwrap_or_else(|| {
-            "the hands could make it as they are; grasped anew it costs less in the end".to_owned()
+            "the hands could make it as they are, but a regrasp costs less in total".to_owned()
         });
         let purpose = match episode.turns[0] {
             Some((turner, _)) if turner == episode.newcomer.0 => String::new(),
-            Some(_) => ", and now the body is held for it".to_owned(),
+            Some(_) => ", and the new grasp holds the body".to_owned(),
             None => {
                 format!(": a hand-over, so that {} can let go", episode.newcomer.0.other().name())
             }
@@ -165,7 +175,8 @@ impl<'a, R: Reach> Writer<'a, R> {
         format!("{turn} is next: {obstacle}{purpose}")
     }
 
-    /// Says what is in the way of a turn, if anything.
+    /// Returns the first rule that forbids a turn with the present grips, if any does.
+    // The rules are in the order of the module's table, so the first that fails is the plainest.
     fn obstacle(&self, turn: Turn) -> Option<String> {
         let face = turn.face.letter();
         let [Some(track), Some(postument)] = self.hands else {
@@ -184,24 +195,25 @@ impl<'a, R: Reach> Writer<'a, R> {
             ));
         }
         if own.hold.depth == Depth::Two {
-            return Some(format!("{turner_name} reaches over two layers"));
+            return Some(format!("{turner_name} holds two layers"));
         }
         if !turnable(own.hold, body.hold, self.terms.rule) {
             return Some(format!("{body_name}'s fingers are not on the middle layer of that axis"));
         }
         let after = own.after_turn(turn.quarters);
         if !compatible(after.hold, body.hold, self.terms.rule) {
-            return Some(format!("{turner_name}'s fingers would run into {body_name}'s"));
+            return Some(format!("{turner_name}'s fingers would hit {body_name}'s"));
         }
         self.wrist_room(turner, turn)
     }
 
-    /// Says that the turner's wrist has no room for a turn where the hands meet, if so.
+    /// Returns a reason if the turner's wrist has no room for a turn where the hands meet.
     fn wrist_room(&self, turner: Hand, turn: Turn) -> Option<String> {
         let [Some(track), Some(postument)] = self.met else { return None };
         let (track, postument) = (track.rotation(), postument.rotation());
         let limits = self.reach.grasp(track.quaternion(), postument.quaternion())?;
         let (low, high) = if turner == Hand::Track { limits.track } else { limits.postument };
+        // The sense in which the wrist would roll, as in `rolls_within` of the search.
         let angle = match turn.quarters {
             1 => FRAC_PI_2,
             3 => -FRAC_PI_2,
@@ -210,14 +222,16 @@ impl<'a, R: Reach> Writer<'a, R> {
         };
         let turner = turner.name();
         (!(low..=high).contains(&angle))
-            .then(|| format!("{turner}'s wrist has no room for it where the hands meet"))
+            .then(|| format!("{turner}'s wrist has no range for it where the hands meet"))
     }
 }
 
+/// Returns the planned time of a turn (s).
 fn seconds_of(turn: Turn, costs: &Costs) -> f64 {
     if turn.quarters == 2 { costs.half } else { costs.quarter }
 }
 
+/// Describes a hold, as in "U with jaws L-R, one layer".
 fn described(hold: Hold) -> String {
     let positive = hold.jaws.positive_face();
     let layers = if hold.depth == Depth::One { "one layer" } else { "two layers" };

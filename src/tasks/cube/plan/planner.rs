@@ -1,11 +1,11 @@
-//! The planner of a cell: solver and regrasps together.
+//! The planner of a cell: it solves the cube and plans the regrasps in one step.
 //!
-//! - in: a cube, who holds it, the solver's tables, how much may be searched
-//! - out: the plan of least time over all solutions that were found on the way
+//! - in: a cube, the hand that holds it, the solver's tables, the effort of the search
+//! - out: the plan of least time over all solutions that the search found
 //!
-//! The shortest solution is seldom the one that two hands make in the least time, so every solution that the two-phase
-//! search meets, up to three turns longer than the shortest, is tried for its grasps; a try ends as soon as it costs more
-//! than the best plan so far.
+//! The shortest solution is seldom the quickest for two hands. The planner therefore tries every
+//! solution that the two-phase search finds, up to three turns longer than the shortest. A try ends
+//! as soon as it costs more than the best plan before it.
 
 use super::super::hold::{Grip, Hand, Hold, Step, hands_after};
 use super::super::identify::{self, Wanted};
@@ -17,23 +17,23 @@ use crate::cube::{Axis, Cube, Face, Turn};
 use crate::motion::Depth;
 use crate::solver::{self, Budget, Tables};
 
-/// What two arms of a cell may do with a cube, and what it costs them.
+/// The reach of the two arms of a cell, and the terms of their plans.
 #[derive(Debug, Clone)]
 pub struct Planner {
     reach: Reachable,
     terms: Terms,
 }
 
-/// How much is searched.
+/// Effort of the search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Effort {
-    /// Nodes of the two-phase search.
+    /// Nodes that the two-phase search may visit.
     pub nodes: u64,
-    /// Solutions that are tried.
+    /// Largest number of solutions that are tried.
     pub candidates: usize,
 }
 
-/// The hold in which the track arm takes the cube from the operator.
+/// Returns the hold in which the track arm takes the cube from the operator.
 #[must_use]
 pub fn taken() -> (Hand, Grip) {
     let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
@@ -41,7 +41,7 @@ pub fn taken() -> (Hand, Grip) {
 }
 
 impl Planner {
-    /// Of the cell and the manners that the task was told.
+    /// Makes a planner from the settings of the task.
     #[must_use]
     pub fn new(settings: &CubeSettings) -> Self {
         Self {
@@ -50,7 +50,8 @@ impl Planner {
         }
     }
 
-    /// The same arms by another rule.
+    /// Returns a planner for the same arms and costs by another rule, with that rule's usual
+    /// depths.
     #[must_use]
     pub fn by_rule(&self, rule: Rule) -> Self {
         let Terms { finish_depths, costs, .. } = self.terms;
@@ -58,13 +59,14 @@ impl Planner {
         Self { terms, ..self.clone() }
     }
 
-    /// The rule.
+    /// Returns the rule of its plans.
     #[must_use]
     pub fn rule(&self) -> Rule {
         self.terms.rule
     }
 
-    /// The looks at all six faces, and who holds the cube after them, in the frame of the start.
+    /// Returns the looks at all six faces, and the hand that holds the cube after them with its
+    /// grip, in the frame of the start.
     ///
     /// # Errors
     /// When not all faces can be shown.
@@ -79,7 +81,7 @@ impl Planner {
         Ok((steps, holder.unwrap_or(start)))
     }
 
-    /// The looks at the faces that are wanted.
+    /// Returns the looks at the wanted faces.
     ///
     /// # Errors
     /// When not all of them can be shown.
@@ -87,7 +89,7 @@ impl Planner {
         identify::looks(start, wanted, &self.terms, &self.reach)
     }
 
-    /// The plan of least time over the solutions that the search meets.
+    /// Returns the plan of least time over the solutions that the search finds.
     ///
     /// # Errors
     /// When the reach allows none.
@@ -103,7 +105,7 @@ impl Planner {
         self.of(&list, start)
     }
 
-    /// The plan of least time over given solutions.
+    /// Returns the plan of least time over given solutions.
     ///
     /// # Errors
     /// When the reach allows none.

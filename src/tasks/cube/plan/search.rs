@@ -1,33 +1,36 @@
-//! The cheapest episodes that make the turns of one solution.
+//! The search for the cheapest episodes that make the turns of one solution.
 //!
-//! - in: turns, what is allowed ([`Terms`]), what is within reach and how far apart ([`Reach`])
+//! - in: turns, the terms of the plan ([`Terms`]), the reach of the arms and the times between
+//!   meetings ([`Reach`])
 //! - out: episodes, each a grasp and at most one turn by each hand
-//! - method: between two grasps both hands hold the cube, and each may turn the face under its own palm once: an
-//!   episode. After it one hand lets go and grasps anew, so what is to be decided is, from one hand's grip to the next,
-//!   where the free hand closes, which of the next turns are made, and who lets go: a shortest path, by dynamic
-//!   programming over the turns that are done and the grip of the hand that stays.
+//! - method: a shortest path. Between two grasps both hands hold the cube, and each may turn the
+//!   face under its own palm once: an episode. After it one hand lets go and grasps again. An
+//!   episode is the choice of the grip in which the free hand closes, of the next turns that are
+//!   made, and of the hand that stays. A state of the path is the number of turns done and the grip
+//!   of the hand that stays; dynamic programming goes over the turns, and Dijkstra's algorithm over
+//!   the states within one number of turns
 
 use super::super::hold::{Grip, Hand, Hold};
 use super::terms::{Depths, Rule, Terms, compatible, turnable};
-use super::travel::{Reach, Stand};
+use super::travel::{ArmsAt, Reach};
 use crate::cube::{Face, Rotation24, Turn, rotation_index};
 use crate::motion::Depth;
 use std::f64::consts::FRAC_PI_2;
 
-/// From one grasp to the next.
+/// The actions from one grasp to the next.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Episode {
-    /// Who grasps, and how.
+    /// The hand that grasps, and its grip.
     pub(super) newcomer: (Hand, Grip),
-    /// What is turned while both hold, and by whom.
+    /// Turns that are made while both hands hold, each with its turner.
     pub(super) turns: [Option<(Hand, Turn)>; 2],
-    /// Who holds alone after it, and how.
+    /// The hand that holds alone afterwards, and its grip.
     pub(super) stays: (Hand, Grip),
-    /// What it takes, from the way to the meeting to the last turn (s).
+    /// Time from the path to the meeting to the last turn (s).
     pub(super) seconds: f64,
 }
 
-/// What both hands hold within an episode, and how far their wrists have rolled.
+/// Grips of both hands within an episode, and the rolls of their wrists since its grasp.
 #[derive(Debug, Clone, Copy)]
 struct Now {
     grips: [usize; 2],
@@ -39,62 +42,70 @@ const GRIPS: usize = 48;
 /// Number of states with one hand: two hands.
 const STATES: usize = 2 * GRIPS;
 
+/// Returns the index of a grip: first those over one layer.
 fn grip_number(grip: Grip) -> usize {
     grip.rotation().index() + if grip.hold.depth == Depth::Two { 24 } else { 0 }
 }
 
+/// Returns the index of a state in which one hand holds alone.
 fn state_number((hand, grip): (Hand, Grip)) -> usize {
     hand.index() * GRIPS + grip_number(grip)
 }
 
-/// All that does not depend on the solution.
+/// All data of the search that do not depend on the solution.
 pub(super) struct Moves<'a, R: Reach> {
     reach: &'a R,
     terms: Terms,
     start: usize,
     /// Whether a hand may ever reach over two layers.
     deep: bool,
-    /// Grip of each number.
+    /// Grips by their numbers.
     grips: Vec<Grip>,
-    /// `after[grip][quarters]`.
+    /// Indices of the grips after a turn: `after[grip][quarters]`.
     after: Vec<[usize; 4]>,
-    /// Pairs of grips of the track and the postument: whether both can hold so.
+    /// Whether both hands can hold in these grips: `[track grip * GRIPS + postument grip]`.
     pairs: Vec<bool>,
-    /// The meeting of two grips: `[track grip * GRIPS + postument grip]`; `None` where the arms do not meet.
+    /// Meeting of two grips, indexed in the same manner; `None` where the arms do not meet.
     places: Vec<Option<Place>>,
-    /// `turnable[turner grip * GRIPS + body grip]`.
+    /// Whether the first of two grips can turn its face: `[turner grip * GRIPS + body grip]`.
     turnable: Vec<bool>,
 }
 
 /// A meeting of two grips.
 #[derive(Debug, Clone, Copy)]
 struct Place {
+    /// Number of the meeting, as in [`ArmsAt`].
     meeting: u8,
-    /// How each wrist rolls for 1, 2, 3 clockwise quarters; 0 where it has no room.
+    /// Roll of each wrist for 1, 2, 3 clockwise quarters, in quarters; 0 where it has no room.
     rolls: [[i8; 3]; 2],
 }
 
-/// The best way to a state.
+/// The cheapest path to a state.
 #[derive(Debug, Clone, Copy)]
 struct Best {
+    /// Cost of the path (s).
     cost: f64,
-    /// Where the arms then stand. Of two ways to a state the cheaper one is kept although the other might stand better
-    /// for the next meeting: the difference is a second or two, another factor of twenty in states is not worth it.
-    stand: Option<Stand>,
-    /// Node and state before; itself at the start.
+    /// Configuration of the arms at its end. Only that of the cheapest path is kept, although
+    /// another one might suit the next meeting better: the difference is a second or two, and
+    /// states with configurations would be twenty times as many.
+    arms_at: Option<ArmsAt>,
+    /// Node and state before this one; itself at the start.
     from: (u16, u16),
+    /// Whether all episodes from this state have been tried.
     settled: bool,
 }
 
-/// Memory that one search leaves to the next: there are thousands of them.
+/// Memory that one search leaves to the next: a plan takes thousands of searches.
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
+    /// Cheapest path to each state of each node.
     best: Vec<[Best; STATES]>,
-    /// Least seconds from each node to the end, by the palm of the hand that holds alone.
+    /// Least time from each node to the end, by the palm of the hand that holds alone (s).
     tail: Vec<[f64; 6]>,
 }
 
 impl<'a, R: Reach> Moves<'a, R> {
+    /// Tabulates the terms and the reach over all pairs of grips, once for all solutions.
     pub(super) fn new(terms: &Terms, start: (Hand, Grip), reach: &'a R) -> Self {
         let grips: Vec<Grip> = Grip::all(Depth::One).chain(Grip::all(Depth::Two)).collect();
         let after =
@@ -107,6 +118,8 @@ impl<'a, R: Reach> Moves<'a, R> {
             table(&|a, b| compatible(a, b, terms.rule)),
             table(&|a, b| turnable(a, b, terms.rule)),
         );
+        // The arms' meeting depends on the rotations alone, so depths share it: 576 inquiries
+        // instead of 2304.
         let meet = |a: usize, b: usize| {
             let [a, b] = [a, b]
                 .map(|g| Rotation24::from_index(g).unwrap_or(Rotation24::IDENTITY).quaternion());
@@ -115,6 +128,7 @@ impl<'a, R: Reach> Moves<'a, R> {
             Some(Place { meeting, rolls: [limits.track, limits.postument].map(rolls_within) })
         };
         let by_rotation: Vec<_> = (0..24 * 24).map(|i| meet(i / 24, i % 24)).collect();
+        // Grips of both depths are numbered by their rotation modulo 24.
         let places =
             (0..GRIPS * GRIPS).map(|i| by_rotation[i / GRIPS % 24 * 24 + i % GRIPS % 24]).collect();
         Self {
@@ -130,42 +144,47 @@ impl<'a, R: Reach> Moves<'a, R> {
         }
     }
 
-    /// The cheapest episodes that make the turns of a solution, if they cost less than `bound`.
+    /// Returns the cheapest episodes that make the turns of a solution, if they cost less than
+    /// `bound`.
     pub(super) fn shortest(
         &self,
         turns: &[Turn],
         bound: f64,
         Scratch { best, tail }: &mut Scratch,
     ) -> Option<(f64, Vec<Episode>)> {
-        let ways = ways(turns, self.terms.rule);
-        let last = ways.len() - 1;
-        self.tails(&ways, tail);
+        let graph = turn_graph(turns, self.terms.rule);
+        let last = graph.len() - 1;
+        self.tails(&graph, tail);
+        // The search of a candidate ends here if it cannot undercut the best plan.
         let palm = |state: usize| self.grips[state % GRIPS].hold.palm.index();
         if tail[0][palm(self.start)] >= bound {
             return None;
         }
-        let none = Best { cost: f64::INFINITY, stand: None, from: (0, 0), settled: false };
+        let none = Best { cost: f64::INFINITY, arms_at: None, from: (0, 0), settled: false };
         best.clear();
-        best.resize(ways.len(), [none; STATES]);
+        best.resize(graph.len(), [none; STATES]);
         best[0][self.start].cost = 0.0;
         best[0][self.start].from = (0, self.start as u16);
-        for node in 0..ways.len() {
+        // A turn leads to a later node, a grasp without a turn to another state of this one. So
+        // nodes are taken in order, and within a node the states by their cost.
+        for node in 0..graph.len() {
             while let Some(state) = cheapest(&best[node]) {
                 best[node][state].settled = true;
-                let Best { cost, stand, .. } = best[node][state];
+                let Best { cost, arms_at, .. } = best[node][state];
                 if cost + tail[node][palm(state)] >= bound {
                     continue;
                 }
                 self.expand(
-                    &ways,
-                    (node, state, stand),
-                    |next_node, next_state, stand, seconds, _| {
+                    &graph,
+                    (node, state, arms_at),
+                    |next_node, next_state, arms_at, seconds, _| {
                         let reached = &mut best[next_node][next_state];
+                        // Costs that differ by rounding alone keep the earlier path.
                         if cost + seconds < reached.cost - 1e-9 {
                             let from = (node as u16, state as u16);
                             *reached = Best {
                                 cost: cost + seconds,
-                                stand: Some(stand),
+                                arms_at: Some(arms_at),
                                 from,
                                 settled: false,
                             };
@@ -174,38 +193,43 @@ impl<'a, R: Reach> Moves<'a, R> {
                 );
             }
         }
+        // The hand that gives the cube back, over the depth that its receiver allows.
         let finishers = (0..STATES).filter(|s| {
             self.terms.finish.is_none_or(|hand| hand.index() == s / GRIPS)
-                && s % GRIPS < choices(self.terms.finish_depths)
+                && s % GRIPS < grip_count(self.terms.finish_depths)
         });
         let end = finishers.min_by(|&a, &b| best[last][a].cost.total_cmp(&best[last][b].cost))?;
-        let begun = best[last][end].stand.is_some();
+        // No episode at all: the cube is solved and in the right hand, so no hand has to leave.
+        let begun = best[last][end].arms_at.is_some();
         let cost = best[last][end].cost + if begun { self.terms.costs.leave } else { 0.0 };
         if cost >= bound || cost.is_infinite() {
             return None;
         }
-        Some((cost, self.traced(&ways, best, (last, end))))
+        Some((cost, self.traced(&graph, best, (last, end))))
     }
 
-    /// The episodes that led to a state: each is found again among those of the state before it.
+    /// Returns the episodes that led to a state. States keep no episode, so each is searched again
+    /// among those of the state before.
     fn traced(
         &self,
-        ways: &[Vec<(Turn, usize)>],
+        graph: &[Vec<(Turn, usize)>],
         best: &[[Best; STATES]],
         mut at: (usize, usize),
     ) -> Vec<Episode> {
         let mut episodes = Vec::new();
-        while best[at.0][at.1].stand.is_some() {
+        while best[at.0][at.1].arms_at.is_some() {
             let reached = best[at.0][at.1];
             let from = (usize::from(reached.from.0), usize::from(reached.from.1));
             let before = best[from.0][from.1];
             let mut found = None;
             self.expand(
-                ways,
-                (from.0, from.1, before.stand),
-                |node, state, stand, seconds, how| {
+                graph,
+                (from.0, from.1, before.arms_at),
+                |node, state, arms_at, seconds, how| {
+                    // The sums are made of the same numbers in the same order, so equality is
+                    // exact.
                     let same = (node, state) == at
-                        && reached.stand == Some(stand)
+                        && reached.arms_at == Some(arms_at)
                         && before.cost + seconds == reached.cost;
                     if same && found.is_none() {
                         found = Some(how());
@@ -219,15 +243,18 @@ impl<'a, R: Reach> Moves<'a, R> {
         episodes
     }
 
-    /// Least seconds from each node to the end, by the palm of the hand that holds alone: of the rules only that a
-    /// hand turns the face under its palm, and of the ways only the shortest.
-    fn tails(&self, ways: &[Vec<(Turn, usize)>], tail: &mut Vec<[f64; 6]>) {
+    /// Fills `tail` with lower bounds of the time from each node to the end, by the palm of the
+    /// hand that holds alone. The bound keeps only one of the rules, that a hand turns the face
+    /// under its palm, and takes each path for the shortest.
+    fn tails(&self, graph: &[Vec<(Turn, usize)>], tail: &mut Vec<[f64; 6]>) {
         let grasp = self.terms.costs.grasp + self.reach.least_travel();
-        let leave = if ways.len() > 1 { self.terms.costs.leave } else { 0.0 };
+        // A solved cube may need no grasp at all, so its bound is 0.
+        let leave = if graph.len() > 1 { self.terms.costs.leave } else { 0.0 };
         tail.clear();
-        tail.resize(ways.len(), [leave; 6]);
-        for (node, ways_on) in ways.iter().enumerate().rev().skip(1) {
+        tail.resize(graph.len(), [leave; 6]);
+        for (node, next_turns) in graph.iter().enumerate().rev().skip(1) {
             let mut least = [f64::INFINITY; 6];
+            // Every pair of palms that an episode could have, and the turns that either could make.
             for stays in Face::ALL {
                 for comes in Face::ALL.into_iter().filter(|&f| f != stays) {
                     let palms = [stays, comes];
@@ -236,13 +263,15 @@ impl<'a, R: Reach> Moves<'a, R> {
                         a.min(b)
                     };
                     let mut of_pair = f64::INFINITY;
-                    for &(first, next) in ways_on {
+                    for &(first, next) in next_turns {
                         if !self.may_turn(first, palms) {
                             continue;
                         }
                         let seconds = self.turn_cost(first);
                         of_pair = of_pair.min(seconds + end(next));
-                        for &(second, after) in &ways[next] {
+                        // Two turns in one grasp: one by each hand, which only the rule with
+                        // clearance allows.
+                        for &(second, after) in &graph[next] {
                             let both =
                                 self.terms.rule == Rule::Clearance && second.face != first.face;
                             if both && self.may_turn(second, palms) {
@@ -261,7 +290,7 @@ impl<'a, R: Reach> Moves<'a, R> {
         }
     }
 
-    /// Whether the rule lets one of two hands make a turn, as far as the palms say.
+    /// Returns whether the palms let one of two hands make a turn; jaws are left out of account.
     fn may_turn(&self, turn: Turn, palms: [Face; 2]) -> bool {
         let opposite = palms[0] == palms[1].opposite();
         palms.contains(&turn.face)
@@ -269,17 +298,18 @@ impl<'a, R: Reach> Moves<'a, R> {
             && (self.deep || !opposite)
     }
 
-    /// All episodes from a state: to where, how the arms then stand, how.
+    /// Passes all episodes from a state to `reached`: node and state after it, configuration of the
+    /// arms, time (s), and the episode itself, which is made on request.
     fn expand(
         &self,
-        ways: &[Vec<(Turn, usize)>],
-        (node, state, stand): (usize, usize, Option<Stand>),
-        mut reached: impl FnMut(usize, usize, Stand, f64, &dyn Fn() -> Episode),
+        graph: &[Vec<(Turn, usize)>],
+        (node, state, arms_at): (usize, usize, Option<ArmsAt>),
+        mut reached: impl FnMut(usize, usize, ArmsAt, f64, &dyn Fn() -> Episode),
     ) {
         let (holder, held) = (hand_of(state), state % GRIPS);
         let hand = holder.other();
-        let choices = choices(self.terms.depths);
-        for grip in 0..choices {
+        let count = grip_count(self.terms.depths);
+        for grip in 0..count {
             let both = if holder == Hand::Track { [held, grip] } else { [grip, held] };
             let pair = both[0] * GRIPS + both[1];
             let Some(place) = self.places[pair].filter(|_| self.pairs[pair]) else { continue };
@@ -291,31 +321,36 @@ impl<'a, R: Reach> Moves<'a, R> {
                 for stays in [Hand::Track, Hand::Postument] {
                     if self.original_stays(hand, stays) {
                         let grip = now.grips[stays.index()];
-                        let stand = Stand { meeting: place.meeting, rolled: now.rolled };
+                        let arms_at = ArmsAt { meeting: place.meeting, rolled: now.rolled };
                         let how = || Episode {
                             newcomer,
                             turns,
                             stays: (stays, self.grips[grip]),
                             seconds,
                         };
-                        reached(node, stays.index() * GRIPS + grip, stand, seconds, &how);
+                        reached(node, stays.index() * GRIPS + grip, arms_at, seconds, &how);
                     }
                 }
             };
             let start = Now { grips: both, rolled: [0; 2] };
-            let seconds = self.terms.costs.grasp + self.reach.travel(stand, hand, place.meeting);
+            let seconds = self.terms.costs.grasp + self.reach.travel(arms_at, hand, place.meeting);
+            // A grasp without a turn: a hand-over, or a step towards a grip that can turn.
             found(node, seconds, start, [None; 2]);
+            // The original's track arm only takes the cube over; its turns follow the postument's
+            // grasp.
             if self.terms.rule == Rule::Original && hand == Hand::Track {
                 continue;
             }
-            for &(first, after_first) in &ways[node] {
+            for &(first, after_first) in &graph[node] {
                 let Some((turner, now)) = self.turned(start, place, first, None) else { continue };
                 let seconds = seconds + self.turn_cost(first);
                 found(after_first, seconds, now, [Some((turner, first)), None]);
                 if self.terms.rule == Rule::Original {
                     continue;
                 }
-                for &(second, after_second) in &ways[after_first] {
+                // The second turn is by the other hand: a wrist has room for one turn from a
+                // meeting.
+                for &(second, after_second) in &graph[after_first] {
                     let again = self.turned(now, place, second, Some(turner));
                     let Some((other, now)) = again else { continue };
                     let seconds = seconds + self.turn_cost(second);
@@ -330,7 +365,7 @@ impl<'a, R: Reach> Moves<'a, R> {
         }
     }
 
-    /// Who can make a turn now, and how both hold after it.
+    /// Returns the hand that can make a turn now, and the state of both hands after it.
     fn turned(
         &self,
         now: Now,
@@ -353,42 +388,47 @@ impl<'a, R: Reach> Moves<'a, R> {
         let mut after = now;
         after.grips[t] = self.after[now.grips[t]][usize::from(turn.quarters)];
         after.rolled[t] = roll;
+        // The turner's fingers have moved with its layer and may now be in the body's way.
         self.pairs[after.grips[0] * GRIPS + after.grips[1]].then_some((turner, after))
     }
 
+    /// Returns the planned time of a turn (s).
     fn turn_cost(&self, turn: Turn) -> f64 {
         if turn.quarters == 2 { self.terms.costs.half } else { self.terms.costs.quarter }
     }
 
-    /// The original's track arm changes faces at right angles, its postument arm grasps opposite.
+    /// Returns whether the original's rule allows this meeting: its track arm changes faces with
+    /// palms at right angles, its postument arm grasps opposite.
     fn original_meets(&self, newcomer: Hand, both: [usize; 2]) -> bool {
         let [a, b] = both.map(|g| self.grips[g].hold.palm);
         self.terms.rule != Rule::Original || (a == b.opposite()) == (newcomer == Hand::Postument)
     }
 
-    /// In the original the newcomer always keeps the cube: the track arm after a change, the other after a turn.
+    /// Returns whether this hand may keep the cube. By the original's rule it is always the
+    /// newcomer: the track arm after a face change, the postument arm after a face turn.
     fn original_stays(&self, newcomer: Hand, stays: Hand) -> bool {
         self.terms.rule != Rule::Original || newcomer == stays
     }
 }
 
+/// Returns the hand that holds alone in a state.
 fn hand_of(state: usize) -> Hand {
     if state < GRIPS { Hand::Track } else { Hand::Postument }
 }
 
-/// The grips of these depths are the first so many.
-fn choices(depths: Depths) -> usize {
+/// Returns the number of grips of these depths, which are numbered first.
+fn grip_count(depths: Depths) -> usize {
     if depths == Depths::One { 24 } else { GRIPS }
 }
 
-/// The unsettled state of least cost.
+/// Returns the unsettled state of least cost.
 fn cheapest(states: &[Best; STATES]) -> Option<usize> {
     let open = (0..STATES).filter(|&s| !states[s].settled && states[s].cost.is_finite());
     open.min_by(|&a, &b| states[a].cost.total_cmp(&states[b].cost))
 }
 
-/// How a wrist rolls for 1, 2, 3 clockwise quarters within its interval; 0 where it cannot. A half turn goes where
-/// there is more room, as in the mission.
+/// Returns the roll of a wrist for 1, 2 and 3 clockwise quarters within its range, in quarters; 0
+/// where it has no room. A half turn rolls to the side with more room, as in the mission.
 fn rolls_within((low, high): (f64, f64)) -> [i8; 3] {
     let within = |quarters: i8| {
         let angle = f64::from(quarters) * FRAC_PI_2;
@@ -397,26 +437,28 @@ fn rolls_within((low, high): (f64, f64)) -> [i8; 3] {
     [within(1), within(if high > -low { 2 } else { -2 }), within(-1)]
 }
 
-/// The orders in which the turns can be made: from each node the turns that may come next, and where they lead.
-/// Node 0 is the start, the last node the end. Opposite neighbours may change places, but not by the original.
-fn ways(turns: &[Turn], rule: Rule) -> Vec<Vec<(Turn, usize)>> {
-    let mut ways: Vec<Vec<(Turn, usize)>> = Vec::with_capacity(turns.len() * 2 + 1);
+/// Returns the orders in which the turns can be made, as a graph: for each node the turns that may
+/// come next, each with the node after it. Node 0 is the start, the last node the end.
+fn turn_graph(turns: &[Turn], rule: Rule) -> Vec<Vec<(Turn, usize)>> {
+    let mut graph: Vec<Vec<(Turn, usize)>> = Vec::with_capacity(turns.len() * 2 + 1);
     let mut at = 0;
     while at < turns.len() {
-        let node = ways.len();
+        let node = graph.len();
         match turns.get(at + 1) {
             Some(&next) if next.face == turns[at].face.opposite() && rule != Rule::Original => {
-                ways.push(vec![(turns[at], node + 1), (next, node + 2)]);
-                ways.push(vec![(next, node + 3)]);
-                ways.push(vec![(turns[at], node + 3)]);
+                // Opposite layers turn independently, so either may be first: a diamond of four
+                // nodes. The original keeps the solver's order.
+                graph.push(vec![(turns[at], node + 1), (next, node + 2)]);
+                graph.push(vec![(next, node + 3)]);
+                graph.push(vec![(turns[at], node + 3)]);
                 at += 2;
             }
             _ => {
-                ways.push(vec![(turns[at], node + 1)]);
+                graph.push(vec![(turns[at], node + 1)]);
                 at += 1;
             }
         }
     }
-    ways.push(Vec::new());
-    ways
+    graph.push(Vec::new());
+    graph
 }

@@ -1,70 +1,91 @@
-//! The terms of a plan: which holds and turns are allowed, and what motions cost.
+//! The terms of a plan: the holds and turns that are allowed, and what motions cost.
+//!
+//! Palms are never on one face, nor jaws along their own palm's axis. Further rules for two holds:
+//!
+//! | palms | jaws | both can hold if |
+//! |---|---|---|
+//! | opposed | across each other | always |
+//! | opposed | on one axis | at most three layers in sum |
+//! | adjacent | both on the third axis | at most three layers in sum |
+//! | adjacent | one hand's finger under the other's palm | palms have clearance, one layer each |
+//! | adjacent | each hand's finger under the other's palm | never: two fingers cross |
+//!
+//! A layer turns between opposed hands if the body hand reaches over two layers. With clearance it
+//! also turns between adjacent hands, if the body hand's jaws are on the third axis: its fingers
+//! then hold the middle layer. `replay` states these rules a second time by cells of a grid, and a
+//! test holds both together.
 
 use crate::motion::Depth;
 use crate::tasks::cube::hold::{Hand, Hold};
 use serde::{Deserialize, Serialize};
 
-/// Which pairs of holds and which turns are allowed.
+/// Rule by which pairs of holds and turns are allowed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Rule {
-    /// As in 2007: only the track arm turns; a face change and a face turn for each, two of both for the face
-    /// opposite the last one.
+    /// The rule of 2007: only the track arm turns. A turn needs a face change and a face turn, and
+    /// two of both for the face opposite the last one.
     Original,
-    /// Palms touch the cube: no finger under the other's palm, layers turn between opposed hands.
+    /// Palms that touch the cube: no finger under the other's palm; layers turn between opposed
+    /// hands.
     Strict,
-    /// Palms stand off: fingers pass under the other's palm, layers turn between hands at right angles, too.
+    /// Palms with clearance: fingers pass under the other's palm, and layers turn between hands at
+    /// right angles as well.
     Clearance,
 }
 
-/// How deep the hands may reach.
+/// Depths to which the hands may reach.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Depths {
-    /// Over one layer only: the palms' stops never move.
+    /// One layer only: the palms' stops never move.
     One,
-    /// Over one or two.
+    /// One layer or two.
     Both,
 }
 
-/// What motions cost (s).
+/// Times that motions cost (s).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Costs {
-    /// Let go, draw back, come again, close.
+    /// A new grasp: letting go, retracting, approaching and closing (s), without the path to the
+    /// meeting.
     pub grasp: f64,
-    /// A quarter turn of a layer.
+    /// A quarter turn of a layer (s).
     pub quarter: f64,
-    /// A half turn of a layer.
+    /// A half turn of a layer (s).
     pub half: f64,
-    /// Open and leave at the end.
+    /// Opening and leaving at the end (s).
     pub leave: f64,
-    /// One look at one face.
+    /// A look at one face (s).
     pub look: f64,
 }
 
 impl Default for Costs {
+    // Round values of the first, slow profile, for comparisons of rules without a cell.
     fn default() -> Self {
         Self { grasp: 14.0, quarter: 4.0, half: 7.0, leave: 6.0, look: 5.0 }
     }
 }
 
-/// What a plan must keep to.
+/// Conditions that a plan must meet.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Terms {
-    /// Which rule.
+    /// Rule of holds and turns.
     pub rule: Rule,
-    /// How deep the hands may reach.
+    /// Depths to which the hands may reach.
     pub depths: Depths,
-    /// Who holds the cube in the end, alone; `None`: whoever.
+    /// Hand that holds the cube in the end, alone; `None` for either.
     pub finish: Option<Hand>,
-    /// How deep that hand may reach then: fingers over two layers are too near a table to lay the cube down.
+    /// Depths to which that hand may reach then: fingers over two layers are too near a table to
+    /// lay the cube down.
     pub finish_depths: Depths,
-    /// What motions cost.
+    /// Times that motions cost.
     pub costs: Costs,
 }
 
 impl Terms {
-    /// The usual terms of a rule: the track arm hands back; with clearance one layer is enough.
+    /// Returns the usual terms of a rule: the track arm gives the cube back, and with clearance one
+    /// layer is enough.
     #[must_use]
     pub fn of(rule: Rule) -> Self {
         let depths = if rule == Rule::Clearance { Depths::One } else { Depths::Both };
@@ -78,7 +99,7 @@ impl Terms {
     }
 }
 
-/// Whether two hands can hold the cube like this at the same time.
+/// Returns whether two hands can have these holds at the same time.
 #[must_use]
 pub fn compatible(a: Hold, b: Hold, rule: Rule) -> bool {
     if a.palm == b.palm || a.palm.axis() == a.jaws || b.palm.axis() == b.jaws {
@@ -87,24 +108,32 @@ pub fn compatible(a: Hold, b: Hold, rule: Rule) -> bool {
     let both_one = a.depth == Depth::One && b.depth == Depth::One;
     let both_two = a.depth == Depth::Two && b.depth == Depth::Two;
     if a.palm == b.palm.opposite() {
+        // Opposed fingers on one pair of faces reach towards each other over three layers.
         return a.jaws != b.jaws || !both_two;
     }
     match (a.jaws == b.palm.axis(), b.jaws == a.palm.axis()) {
-        // The fingers of both would cross beside the edge between the palms.
+        // Each hand has a finger under the other's palm; these two cross beside the edge between
+        // the palms.
         (true, true) => false,
+        // Both pairs of fingers are on the third axis, side by side from two adjacent palms.
         (false, false) => !both_two,
+        // One finger passes under the other's palm.
         _ => rule == Rule::Clearance && both_one,
     }
 }
 
-/// Whether of two compatible holds the first can turn its face while the second holds the body.
+/// Returns whether the first of two compatible holds can turn its face while the second holds the
+/// body.
 #[must_use]
 pub fn turnable(turner: Hold, body: Hold, rule: Rule) -> bool {
     if turner.depth == Depth::Two {
         return false;
     }
     if turner.palm == body.palm.opposite() {
+        // Over one layer the body hand would leave the middle layer free to turn along.
         return body.depth == Depth::Two;
     }
+    // The body's fingers on the third axis hold the middle layer; on the turning axis they would
+    // hold the layer that turns.
     rule == Rule::Clearance && body.depth == Depth::One && body.jaws != turner.palm.axis()
 }

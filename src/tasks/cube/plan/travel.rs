@@ -1,12 +1,12 @@
-//! Where the arms can meet, and how long they take from one meeting to the next.
+//! The reach of the planner: where the arms can meet, and how long they take between meetings.
 //!
 //! - in: the cell's table of meetings, the arms' full speeds
-//! - out: for each pair of grips how far both wrists can roll there ([`Reach::grasp`]); seconds from meeting to
-//!   meeting ([`Reach::travel`])
+//! - out: for each pair of grips the range in which both wrists can roll there ([`Reach::grasp`]);
+//!   seconds from meeting to meeting ([`Reach::travel`])
 //!
-//! Between two meetings the track draws back, both arms go to their new places together, and the
-//! track comes up again: see the mission's `regrasp`. The wrists start as the last turns have left
-//! them.
+//! Between two meetings the track retracts, both arms move to their new places together, and the
+//! track advances again: see the mission's `regrasp`. The wrists start from where the last turns
+//! have left them.
 
 use super::super::hold::Hand;
 use crate::cube::rotation_index;
@@ -16,44 +16,45 @@ use crate::reach::{Meeting, MeetingTable};
 use nalgebra::UnitQuaternion;
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// How far both tools can roll about their own axes where the arms meet, relative (rad); both
-/// contain 0.
+/// Ranges in which both tools can roll about their own axes where the arms meet, relative (rad);
+/// both contain 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RollLimits {
-    /// Of the track arm.
+    /// Range of the track arm (rad).
     pub track: (f64, f64),
-    /// Of the postument arm.
+    /// Range of the postument arm (rad).
     pub postument: (f64, f64),
 }
 
-/// Where both arms stand at the end of an episode.
+/// Configuration of both arms at the end of an episode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Stand {
-    /// Which meeting: the index of the rotation of the postument's tool in the track's.
+pub struct ArmsAt {
+    /// Number of the meeting: the index of the rotation of the postument's tool in the track's.
     pub meeting: u8,
-    /// How far the wrists have rolled since then, in quarter turns -2..=2, the track's first.
+    /// Rolls of the wrists since then, in quarter turns -2..=2, the track's first.
     pub rolled: [i8; 2],
 }
 
-/// Where the arms can meet, and how long it takes.
+/// The places where the arms can meet, and the times between them.
 pub trait Reach {
-    /// How far both can roll when both hold the cube with these rotations `cube_from_tool`; `None` where they
-    /// cannot hold it so.
+    /// Returns the ranges in which both wrists can roll when both hands hold the cube with these
+    /// rotations `cube_from_tool`; `None` where they cannot hold it so.
     fn grasp(
         &self,
         track: UnitQuaternion<f64>,
         postument: UnitQuaternion<f64>,
     ) -> Option<RollLimits>;
 
-    /// Whether the camera of the other hand can be brought before a side of a cube that `holder` holds; the side
-    /// is the face's outward normal in the holder's tool frame: 0 is +z, 1 is +x, 2 is -x.
+    /// Returns whether the camera of the other hand can be brought before a side of a cube that
+    /// `holder` holds. The side is the face's outward normal in the holder's tool frame: 0 is +z, 1
+    /// is +x, 2 is -x.
     fn view(&self, holder: Hand, side: usize) -> bool;
 
-    /// Seconds from where the arms stand, `newcomer` drawn back from the cube, to a meeting, `newcomer` before the
-    /// cube; `None` as a start stands for anywhere.
-    fn travel(&self, from: Option<Stand>, newcomer: Hand, meeting: u8) -> f64;
+    /// Returns the time of the path to a meeting (s): from `from`, with `newcomer` retracted from
+    /// the cube, until `newcomer` is before the cube again. `None` stands for an unknown start.
+    fn travel(&self, from: Option<ArmsAt>, newcomer: Hand, meeting: u8) -> f64;
 
-    /// No way is shorter (s).
+    /// Returns a time that no path is shorter than (s).
     fn least_travel(&self) -> f64 {
         0.0
     }
@@ -63,8 +64,8 @@ pub trait Reach {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Everywhere;
 
-/// Seconds of a way where nothing is known of the arms.
-const TYPICAL: f64 = 15.0;
+/// Time of a path where the arms are unknown (s).
+const TYPICAL_SECONDS: f64 = 15.0;
 
 impl Reach for Everywhere {
     fn grasp(&self, _: UnitQuaternion<f64>, _: UnitQuaternion<f64>) -> Option<RollLimits> {
@@ -75,12 +76,12 @@ impl Reach for Everywhere {
         true
     }
 
-    fn travel(&self, _: Option<Stand>, _: Hand, _: u8) -> f64 {
-        TYPICAL
+    fn travel(&self, _: Option<ArmsAt>, _: Hand, _: u8) -> f64 {
+        TYPICAL_SECONDS
     }
 
     fn least_travel(&self) -> f64 {
-        TYPICAL
+        TYPICAL_SECONDS
     }
 }
 
@@ -88,27 +89,30 @@ impl Reach for Everywhere {
 #[derive(Clone)]
 pub struct Reachable {
     table: MeetingTable,
-    /// [`Reach::travel`] by [`slot`], and the least of them.
+    /// Results of [`Reach::travel`] by [`slot`] (s).
     seconds: Vec<f32>,
+    /// Least of them (s).
     least: f64,
-    /// Mean of them, for the first way, which begins at no meeting.
+    /// Mean of the known ones, for the first path, which begins at no meeting (s).
     mean: f64,
 }
 
-/// Roll that is kept free at both ends: a wrist goes on by the twist of the grips, and stands otherwise than at the
-/// nominal meeting where the cube lies askew in a hand (rad).
+/// Roll that stays free at both ends of a range (rad). The wrist rolls on by the twist between the
+/// grips, and it is not at the nominal meeting where the cube is tilted in a hand. It is less than
+/// the margin with which the search for meetings keeps quarter turns (0.15 rad).
 const ROLL_MARGIN: f64 = 0.12;
 
-/// Quarter turns that a wrist may have rolled: -2..=2.
+/// Number of rolls that a wrist may have made: -2..=2 quarter turns.
 const ROLLED: usize = 5;
 
-fn slot(from: Stand, newcomer: Hand, meeting: u8) -> usize {
+/// Returns the place of a path in the list of times.
+fn slot(from: ArmsAt, newcomer: Hand, meeting: u8) -> usize {
     let rolled = from.rolled.map(|q| (q + 2) as usize);
     let from = (usize::from(from.meeting) * ROLLED + rolled[0]) * ROLLED + rolled[1];
     (from * 2 + newcomer.index()) * 24 + usize::from(meeting)
 }
 
-/// Leaves out the times, which follow from the rest: the run's hash covers a thought in words.
+/// Prints no times: they follow from the table, and the run's hash covers the text of a thought.
 impl std::fmt::Debug for Reachable {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Reachable").field("table", &self.table).finish_non_exhaustive()
@@ -116,34 +120,40 @@ impl std::fmt::Debug for Reachable {
 }
 
 impl Reachable {
-    /// With the times of all ways between meetings.
+    /// Computes the times of all paths between meetings.
     #[must_use]
     pub fn new(table: MeetingTable, speeds: &Speeds) -> Self {
-        let mut seconds = vec![TYPICAL as f32; 24 * ROLLED * ROLLED * 2 * 24];
+        let mut seconds = vec![TYPICAL_SECONDS as f32; 24 * ROLLED * ROLLED * 2 * 24];
         let (mut sum, mut known) = (0.0, 0_u32);
         for meeting in 0..24 {
             for to in 0..24 {
                 for newcomer in [Hand::Track, Hand::Postument] {
                     for rolls in 0..ROLLED * ROLLED {
                         let rolled = [(rolls / ROLLED) as i8 - 2, (rolls % ROLLED) as i8 - 2];
-                        let from = Stand { meeting, rolled };
-                        if let Some(way) = way(&table, speeds, from, newcomer, to) {
-                            seconds[slot(from, newcomer, to)] = way as f32;
-                            (sum, known) = (sum + way, known + 1);
+                        let from = ArmsAt { meeting, rolled };
+                        if let Some(time) = seconds_between(&table, speeds, from, newcomer, to) {
+                            seconds[slot(from, newcomer, to)] = time as f32;
+                            (sum, known) = (sum + time, known + 1);
                         }
                     }
                 }
             }
         }
-        let least = seconds.iter().copied().fold(TYPICAL as f32, f32::min);
-        let mean = if known > 0 { sum / f64::from(known) } else { TYPICAL };
+        let least = seconds.iter().copied().fold(TYPICAL_SECONDS as f32, f32::min);
+        let mean = if known > 0 { sum / f64::from(known) } else { TYPICAL_SECONDS };
         Self { table, seconds, least: f64::from(least), mean }
     }
 }
 
-/// Returns the seconds of one way between meetings, as [`Reach::travel`]; `None` if the table lacks
-/// one of them.
-fn way(table: &MeetingTable, speeds: &Speeds, from: Stand, newcomer: Hand, to: u8) -> Option<f64> {
+/// Returns the time of one path between meetings (s), as [`Reach::travel`]; `None` if the table
+/// lacks one of them.
+fn seconds_between(
+    table: &MeetingTable,
+    speeds: &Speeds,
+    from: ArmsAt,
+    newcomer: Hand,
+    to: u8,
+) -> Option<f64> {
     let meeting = |number: u8| table.grasps.get(usize::from(number))?.as_ref();
     let (start, end) = (meeting(from.meeting)?, meeting(to)?);
     let quick = table.way_between(usize::from(from.meeting), usize::from(to), newcomer.index());
@@ -155,10 +165,12 @@ fn way(table: &MeetingTable, speeds: &Speeds, from: Stand, newcomer: Hand, to: u
         both
     };
     let (start, end) = (place(start, from.rolled), place(end, [0; 2]));
+    // The table's path is quicker than the usual one, and is known to be free of collisions.
     if let Some(quick) = quick {
         let rolls = [0, 1].map(|arm: usize| end[arm].0[ROLL] - start[arm].0[ROLL]);
         return Some(quick.seconds_with_rolls(speeds, rolls));
     }
+    // The usual path: apart by the whole separation, across, and together again.
     let together = start.iter().zip(&end).map(|(a, b)| speeds.joints_seconds(a, b, 1.0));
     let mut apart = JointPositions::default();
     apart.0[0] = table.separation;
@@ -184,7 +196,7 @@ impl Reach for Reachable {
         self.table.views[holder.index()].get(side).is_some_and(Option::is_some)
     }
 
-    fn travel(&self, from: Option<Stand>, newcomer: Hand, meeting: u8) -> f64 {
+    fn travel(&self, from: Option<ArmsAt>, newcomer: Hand, meeting: u8) -> f64 {
         from.map_or(self.mean, |from| f64::from(self.seconds[slot(from, newcomer, meeting)]))
     }
 

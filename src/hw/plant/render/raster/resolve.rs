@@ -1,4 +1,5 @@
-//! From who is in front to colours: runs of one surface, and edges mixed from samples of the aperture.
+//! Colours of a row from its nearest surfaces: runs of one surface, and edges that are mixed from
+//! samples of the aperture.
 
 use super::View;
 use super::vector::dot;
@@ -8,8 +9,9 @@ use crate::hw::plant::render::solids::Skin;
 use std::ops::Range;
 
 impl View {
-    /// Colours a touched row: `put(column, colours)` for neighbours, `column` and on, that differ
-    /// from the background, and after a cast of [`super::Extent::All`] for the background, too.
+    /// Colours a touched row. Calls `put(column, colours)` for each run of neighbours; `column` is
+    /// its first. `colours` is empty for a run of the background, except after a cast of
+    /// [`super::Extent::All`].
     pub(in crate::hw::plant::render) fn colour_row(
         &mut self,
         rays: &Rays,
@@ -21,6 +23,7 @@ impl View {
         if from >= to {
             return;
         }
+        // Taken out, so that `self` can be borrowed while they are filled.
         let mut edges = std::mem::take(&mut self.edges);
         let mut colours = std::mem::take(&mut self.colours);
         self.find_edges(row, rays.width, &mut edges);
@@ -30,6 +33,8 @@ impl View {
             let marks = &edges[column..to];
             let ids = &self.surface[line + column..line + to];
             let (id, mixed) = (ids[0], marks[0] != 0);
+            // A run is of one kind: all on edges, or all inside one surface. The choice of the
+            // surface is then made once a run instead of once a pixel.
             let same =
                 |(mark, other): &(&u32, &u32)| (**mark != 0) == mixed && (mixed || **other == id);
             let end = column + marks.iter().zip(ids).take_while(same).count();
@@ -69,15 +74,18 @@ impl View {
         }
     }
 
-    /// Marks the pixels of a row's span some of whose eight neighbours show another surface.
+    /// Marks the pixels of a row's span that have a neighbour with another surface, among eight.
     fn find_edges(&self, row: usize, width: usize, edges: &mut Vec<u32>) {
         let (from, to) = self.spans[row];
         edges.resize(width, 0);
         let (left, right) = (from.max(1), to.min(width - 1));
         let height = self.spans.len();
         let own = &self.surface[row * width..(row + 1) * width];
+        // The first and the last column of the picture lack neighbours and count as no edge.
         edges[from] = 0;
         edges[to - 1] = 0;
+        // Three rows, each shifted by -1, 0, 1: a loop without branches over the columns, in which
+        // a number that differs leaves a bit.
         let mut first = true;
         for beside in row.max(1) - 1..(row + 2).min(height) {
             let other = &self.surface[beside * width..(beside + 1) * width];
@@ -102,6 +110,7 @@ impl View {
             y0: row.max(1) - 1,
             y1: (row + 2).min(rays.height),
         };
+        // The first entry is the background, which every list has. `at` prefers the pixel itself.
         let mut ids = [0_u32; MAX_SURFACES];
         let mut at = [pixel; MAX_SURFACES];
         let mut count = 1;
@@ -112,6 +121,7 @@ impl View {
                 let near = row * rays.width + column;
                 let id = self.surface[near];
                 open |= id == 0;
+                // The depth of the background is known only where no solid has overwritten it.
                 if id == 0 && near == pixel {
                     far = self.depth[near];
                 }
@@ -129,17 +139,20 @@ impl View {
         if count == 1 {
             return background;
         }
+        // The joint of two rods of one paint is a crease, which needs no samples.
         if !open && self.one_body(&ids[1..count]) {
             return self.shade(rays, pixel, self.surface[pixel]);
         }
         let around = Neighbours { ids: &ids[..count], at: &at[..count], background, far };
         let (x, y) = (rays.x[pixel], rays.y[pixel]);
         let step = (rays.step.0 * self.aperture, rays.step.1 * self.aperture);
+        // Edges of the cube get 16 samples, because the detector measures them; others get 4.
         if !ids[1..count].iter().any(|id| self.is_sticker_face(*id)) {
             let who = self.winners(&around, [x, y], step, &SAMPLES_4);
             return self.mix(rays, pixel, &around, &who);
         }
-        // Most pixels beside an edge have it outside their aperture: the corners tell.
+        // The edge lies outside the aperture of most pixels beside it. If the four corner samples
+        // agree, they replace all 16.
         let corners = self.winners(&around, [x, y], step, &SAMPLES_CORNERS);
         if corners.iter().all(|who| *who == corners[0]) {
             return self.mix(rays, pixel, &around, &corners[..1]);
@@ -148,14 +161,14 @@ impl View {
         self.mix(rays, pixel, &around, &who)
     }
 
-    /// Whether all are rods of one paint: where two of them meet there is a crease, not an edge.
+    /// Checks whether all surfaces are rods of one paint.
     fn one_body(&self, ids: &[u32]) -> bool {
         let round = |id: u32| self.rounds.get((id as usize).wrapping_sub(self.facets.len() + 1));
         let Some(first) = round(ids[0]) else { return false };
         ids.iter().all(|id| round(*id).is_some_and(|other| other.paint == first.paint))
     }
 
-    /// Colour of a surface at a pixel that shows it.
+    /// Returns the colour of a surface at a pixel that shows it.
     #[inline(always)]
     fn shade(&self, rays: &Rays, pixel: usize, id: u32) -> Rgb {
         let (x, y) = (rays.x[pixel], rays.y[pixel]);
@@ -168,7 +181,8 @@ impl View {
         }
     }
 
-    /// Returns the mean colour of the samples' winners.
+    /// Returns the mean colour of the surfaces that the samples meet, `winners`, given by their
+    /// places in the list of neighbours.
     #[inline(always)]
     fn mix(&self, rays: &Rays, pixel: usize, around: &Neighbours<'_>, winners: &[u32]) -> Rgb {
         let mut weights = [0_u32; MAX_SURFACES];
@@ -182,9 +196,11 @@ impl View {
                 let own = if k == 0 {
                     around.background
                 } else if let Some(facet) = self.facets.get(index) {
+                    // A plane can be shaded at this pixel even if the pixel shows another surface.
                     let (x, y) = (rays.x[pixel], rays.y[pixel]);
                     facet.flat.unwrap_or_else(|| self.shade_facet(facet, x, y, rays.step))
                 } else {
+                    // A rod needs its own depth, so a neighbour that shows it is shaded instead.
                     let round = &self.rounds[index - self.facets.len()];
                     let at = around.at[k];
                     self.shade_round(round, rays.x[at], rays.y[at], self.depth[at])
@@ -198,7 +214,8 @@ impl View {
         colour.map(|c| c * share)
     }
 
-    /// Which of the neighbours' surfaces each sample of an aperture meets first.
+    /// Finds the surface that each sample of an aperture meets first, as its place in the list of
+    /// neighbours.
     #[inline(always)]
     fn winners<const N: usize>(
         &self,
@@ -211,6 +228,8 @@ impl View {
         let dy: [f32; N] = std::array::from_fn(|k| y + step.1 * samples[1][k]);
         let mut best = [around.far; N];
         let mut who = [0_u32; N];
+        // Surface by surface over all samples, because N is a constant and the inner loops become
+        // vector instructions. A sample that meets no surface keeps 0, the background.
         for (mark, id) in around.ids.iter().enumerate().skip(1) {
             let index = *id as usize - 1;
             let mut near = [0.0_f32; N];
@@ -240,26 +259,26 @@ impl View {
         who
     }
 
+    /// Checks whether a surface is a face of the cube.
     fn is_sticker_face(&self, id: u32) -> bool {
         let index = (id as usize).wrapping_sub(1);
         self.facets.get(index).is_some_and(|f| matches!(f.skin, Skin::Stickers(..)))
     }
 }
 
-/// Surfaces that one pixel's neighbourhood can tell apart.
+/// Greatest number of surfaces that are distinguished around a pixel, with the background.
 const MAX_SURFACES: usize = 8;
 
-/// The surfaces around a pixel; the first is the background, with its colour and its reciprocal
-/// depth.
+/// Surfaces around a pixel; the first is the background, with its colour and reciprocal depth.
 struct Neighbours<'a> {
     ids: &'a [u32],
-    /// A pixel where each can be seen.
+    /// A pixel that shows each surface.
     at: &'a [usize],
     background: Rgb,
     far: f32,
 }
 
-/// Places of samples in the aperture: columns and rows.
+/// Places of 4x4 samples in the aperture, in its sides from its middle: columns and rows.
 const SAMPLES_16: [[f32; 16]; 2] = {
     let mut samples = [[0.0; 16]; 2];
     let mut k = 0;
@@ -270,6 +289,8 @@ const SAMPLES_16: [[f32; 16]; 2] = {
     }
     samples
 };
+/// Places of 2x2 samples.
 const SAMPLES_4: [[f32; 4]; 2] = [[-0.25, 0.25, -0.25, 0.25], [-0.25, -0.25, 0.25, 0.25]];
+/// Places of the four outermost of [`SAMPLES_16`].
 const SAMPLES_CORNERS: [[f32; 4]; 2] =
     [[-0.375, 0.375, -0.375, 0.375], [-0.375, -0.375, 0.375, 0.375]];

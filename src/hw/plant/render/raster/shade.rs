@@ -1,4 +1,5 @@
-//! How bright a surface is where a ray meets it: lamp, sky, mirrored lamp, shadow edge, stickers.
+//! Shading: the colour of a surface where a ray meets it, from lamp, sky, mirrored lamp, shadow
+//! edge and stickers.
 
 use super::lamp::Lamp;
 use super::vector::{V3, dot, v3};
@@ -8,8 +9,8 @@ use crate::hw::plant::render::solids::Skin;
 use crate::spatial::Pose;
 use nalgebra::Vector3;
 
-/// A ray (x, y, 1) that meets a surface at `t` times this; `step` is how far the neighbour rays are
-/// in x and y.
+/// A ray (x, y, 1) that meets a surface at `t` (x, y, 1); `step` is the distance of the neighbour
+/// rays in x and y.
 struct Ray {
     x: f32,
     y: f32,
@@ -18,7 +19,7 @@ struct Ray {
 }
 
 impl View {
-    /// Takes the light over into the camera frame.
+    /// Sets the light, in the camera frame, and the look of the cube under it.
     pub(super) fn set_light(&mut self, camera_from_world: &Pose, look: &Look) {
         let rotation = &camera_from_world.rotation;
         let light = &look.light;
@@ -32,6 +33,7 @@ impl View {
             key: light.key,
             cast: light.cast(),
             shadow: light.shadow.as_ref().map(|s| {
+                // Distances from the edge are then in widths of the transition.
                 let normal = rotation * s.normal.try_normalize(1e-9).unwrap_or_else(Vector3::x)
                     / s.softness.max(1e-6);
                 let offset = normal.dot(&(camera_from_world * s.point).coords);
@@ -42,11 +44,14 @@ impl View {
         self.stickers = look.cube.stickers.map(cast);
         self.body = cast(look.cube.body);
         self.gloss = look.cube.gloss;
+        // The corner is given as a share of the sticker's side, and is kept as a share of a cubie's
+        // side. Beyond half a sticker it would not be a corner.
         let half = look.cube.sticker as f32 / 2.0;
         self.sticker = (half, (look.cube.corner as f32 * 2.0 * half).min(half));
         self.aperture = aperture(look.lens.defocus);
     }
 
+    /// Returns the colour of a facet where the ray (x, y, 1) meets it.
     #[inline(always)]
     pub(super) fn shade_facet(&self, facet: &Facet, x: f32, y: f32, step: (f32, f32)) -> Rgb {
         let near = dot(&facet.w, x, y);
@@ -59,6 +64,7 @@ impl View {
                 (self.stickers_at(facet, colours, *pitch as f32, &ray), self.gloss)
             }
         };
+        // A highlight has the colour of the lamp, not that of the paint.
         let light = facet.ambient + facet.key * lit;
         let shine = gloss * lit * self.lamp.key * highlight(&facet.mirror, x, y);
         std::array::from_fn(|c| albedo[c] * light + shine * self.lamp.cast[c])
@@ -72,7 +78,7 @@ impl View {
         let (u, v) = (dot(&facet.u, x, y) * t, dot(&facet.v, x, y) * t);
         let per = 1.0 / pitch;
         let (u, v) = (u * per, v * per);
-        // Cell -1, 0, 1, and the place in it, -0.5..0.5.
+        // Cell -1, 0 or 1, and the place in it, -0.5..0.5 or more beyond the face's border.
         let cell = |w: f32| f32::from(i8::from(w > 0.5) - i8::from(w < -0.5));
         let (column, row) = (cell(u), cell(v));
         let (du, dv) = (u - column, v - row);
@@ -83,16 +89,21 @@ impl View {
         };
         let core = half - corner;
         let (distance, _, _) = rounded(du, dv, core, corner);
-        // Size of the aperture on the face, in cells: the gradient of (u, v) over the image.
+        // Extent of the aperture on the face, in cells: the gradient of (u, v) over the image. With
+        // u = (U . r) / (W . r) the gradient is (U - u W) / (W . r), and likewise for v.
         let (gu, gv) = (per * t * self.aperture * step.0, per * t * self.aperture * step.1);
         let ux = (facet.u[0] - u * pitch * facet.w[0]) * gu;
         let uy = (facet.u[1] - u * pitch * facet.w[1]) * gv;
         let vx = (facet.v[0] - v * pitch * facet.w[0]) * gu;
         let vy = (facet.v[1] - v * pitch * facet.w[1]) * gv;
+        // The Frobenius norm bounds the reach of the aperture in any direction. A sticker whose
+        // edge is farther away fills the aperture; this is the usual case.
         let most = (ux * ux + uy * uy + vx * vx + vy * vy).sqrt() * 0.5;
         if distance < -most {
             return colour(column, row);
         }
+        // Share of the aperture that a sticker covers: a linear ramp, as wide as the aperture is
+        // across the sticker's edge.
         let cover = |du: f32, dv: f32| {
             let (distance, nu, nv) = rounded(du, dv, core, corner);
             let (gx, gy) = (nu * ux + nv * vx, nu * uy + nv * vy);
@@ -113,18 +124,22 @@ impl View {
                 }
             }
         };
+        // An aperture may also reach the nearest sticker beside this one and the nearest above or
+        // below. The diagonal one is farther away and is neglected. The rest shows the body.
         add(column, row);
         add(column + if du > 0.0 { 1.0 } else { -1.0 }, row);
         add(column, row + if dv > 0.0 { 1.0 } else { -1.0 });
         std::array::from_fn(|c| rgb[c] + rest * self.body[c])
     }
 
-    /// The normal n is (p - a - s along) / r; its products are formed without n itself.
+    /// Returns the colour of a rod where the ray (x, y, 1) meets it, at the reciprocal depth
+    /// `near`. The normal n is (p - a - s along) / r; its products are computed without n itself.
     #[inline(always)]
     pub(super) fn shade_round(&self, round: &Round, x: f32, y: f32, near: f32) -> Rgb {
         let lamp = &self.lamp;
         let t = 1.0 / near;
         let (along, ahead) = (dot(&round.along, x, y), dot(&lamp.towards_f32, x, y));
+        // Clamped to the ends, s gives the normal of the end spheres as well.
         let s = (round.start + t * along).clamp(0.0, round.length);
         let per = round.per_radius;
         let facing = (t * ahead - round.lamp.0 - s * round.lamp.1) * per;
@@ -134,6 +149,7 @@ impl View {
         let mut shine = 0.0;
         if facing > 0.0 && round.gloss > 0.0 {
             let square = x * x + (y * y + 1.0);
+            // `inward` is n . ray; the mirrored ray is ray - 2 (n . ray) n.
             let inward = (t * square - dot(&round.a, x, y) - s * along) * per;
             let mirrored = ahead - 2.0 * inward * facing;
             shine = round.gloss * lit * lamp.key * power(mirrored, square);
@@ -142,16 +158,17 @@ impl View {
     }
 }
 
-/// The 32nd power of the cosine between a ray and the mirrored lamp.
+/// Returns the 32nd power of the cosine between the ray (x, y, 1) and the mirrored lamp.
 #[inline(always)]
 fn highlight(mirror: &V3, x: f32, y: f32) -> f32 {
     power(dot(mirror, x, y), x * x + y * y + 1.0)
 }
 
-/// The 32nd power of `along` over the root of `square`.
+/// Returns the 32nd power of `along` over the root of `square`, or 0 if `along` is negative.
 #[inline(always)]
 fn power(along: f32, square: f32) -> f32 {
     let along = along.max(0.0);
+    // 0.6^16 is 0.0003 of the lamp, which is not visible. Most rays end here, before the division.
     if along * along < 0.6 * square {
         return 0.0;
     }
@@ -162,7 +179,8 @@ fn power(along: f32, square: f32) -> f32 {
     p16 * p16
 }
 
-/// Signed distance to a square with round corners and its gradient; `core` is half the side without corners.
+/// Returns the signed distance to a square with round corners, and its gradient; `core` is half the
+/// side without the corners.
 #[inline(always)]
 fn rounded(u: f32, v: f32, core: f32, corner: f32) -> (f32, f32, f32) {
     let (qu, qv) = (u.abs() - core, v.abs() - core);
@@ -176,7 +194,8 @@ fn rounded(u: f32, v: f32, core: f32, corner: f32) -> (f32, f32, f32) {
     }
 }
 
-/// Side of the square whose variance is that of a pixel blurred by `defocus` (px).
+/// Returns the side of the square that has the variance of a pixel blurred by `defocus` (px).
 fn aperture(defocus: f64) -> f32 {
+    // A square of side s has the variance s^2 / 12 along each axis.
     libm::sqrt(1.0 + 12.0 * defocus.clamp(0.0, 0.8).powi(2)) as f32
 }

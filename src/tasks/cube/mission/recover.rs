@@ -1,37 +1,38 @@
-//! Decisions after a failure: which hand lets go of the cube, and where the mission goes on.
+//! Decisions after a failure: the hand that lets go of the cube, and the station that follows.
 //!
-//! - in: the failure that ended a procedure, what both hands hold
-//! - out: the station at which the mission goes on, or the failure that takes its place
+//! - in: the failure that ended a procedure, the holds of both hands
+//! - out: the station at which the mission continues, or the failure that replaces the first one
 //!
 //! | failure | decision |
 //! |---|---|
-//! | a hand lost the cube, the partner holds it | read anew, or given back by the partner |
-//! | the cube fell | the hand goes to the place of hand-over, and takes it again |
-//! | a grasp failed | the partner, who holds the cube, has it read anew |
-//! | a turn failed | the layer is brought back into line, then the cube is read anew |
-//! | [`MOST_RECOVERIES`] were not enough | the cube goes back as it is |
-//! | the operator does not let go | the cube is left to the operator, and the mission ends |
-//! | somebody has a cube that an earlier run held out | it is left to that person, and looked for |
+//! | a hand lost the cube, the partner holds it | the cube is read again, or goes back |
+//! | the cube fell | the hand moves to the place of hand-over, and takes it again |
+//! | a grasp failed, the partner holds the cube | the cube is read again, or goes back |
+//! | a turn failed | the layer is brought back into line, then the cube is read again |
+//! | [`MOST_RECOVERIES`] recoveries failed | the cube goes back as it is |
+//! | the operator does not let go | the operator keeps the cube, and the mission ends |
+//! | a person has a cube that an earlier run held out | the person keeps it, and it is looked for |
+//! | a hand is pressed beyond its limits | the mission ends without a motion |
 //!
-//! So little is believed after a failure that a mission which was broken off anywhere goes on in the
-//! same way: see [`super::resume`].
+//! After a failure the mission trusts the jaws and the cameras alone. So a mission that another run
+//! left unfinished continues with the same stations: see [`super::resume`].
 
 use super::assignment::Goal;
 use super::failure::Failure;
 use super::robot::{MOST_RECOVERIES, Robot};
 use super::station::Station;
-use super::take::draw_back;
+use super::take::retract;
 use super::turn_in_progress::TurnInProgress;
 use super::{give_back, realign, regrasp, resume};
 use crate::cube::Keeper;
 use crate::motion::{Depth, JointPositions};
 use crate::tasks::cube::hold::Hand;
 
-/// Mends a failure, or replaces it by another one.
-pub(super) async fn mend(robot: &mut Robot, failure: Failure) -> Result<Station, Failure> {
-    // A hand that has lost the cube meanwhile matters more, unless the mission ends anyhow: a hand
-    // that is pressed beyond its limits stays where it is. A turner that has lost its layer in a
-    // turn that failed takes it anew: the realignment checks for that.
+/// Recovers from a failure, or replaces it by another one.
+pub(super) async fn recover(robot: &mut Robot, failure: Failure) -> Result<Station, Failure> {
+    // The loss of the cube outweighs most failures. It does not if the mission ends anyhow: a hand
+    // that is pressed beyond its limits must not move on to look for the cube. A turner that lost
+    // its layer in a failed turn regrasps it: the realignment checks for that.
     let looks_at_hold = !matches!(
         failure,
         Failure::Final(_) | Failure::Lost(_) | Failure::Strained(_) | Failure::TurnFailed { .. }
@@ -40,20 +41,23 @@ pub(super) async fn mend(robot: &mut Robot, failure: Failure) -> Result<Station,
         robot.check_hold()?;
     }
     match failure {
+        // No rule recovers from these.
         Failure::Final(why) | Failure::Strained(why) | Failure::Hidden { why, .. } => {
             Ok(Station::Over(robot.failed(why)))
         }
         Failure::Lost(hand) => lost(robot, hand).await,
         Failure::NotGrasped { hand, why } => Err(not_grasped(robot, hand, why)),
+        // Even the last recovery realigns, since a misaligned layer cannot be grasped.
         Failure::TurnFailed { turner } => {
             let release = Some(realign::bring_into_line(robot, turner).await?);
             Err(if robot.recoveries < MOST_RECOVERIES {
-                Failure::ReadAnew { release }
+                Failure::ReadAgain { release }
             } else {
                 Failure::GiveUp { release }
             })
         }
-        Failure::ReadAnew { release } => {
+        // A recovery: one hand holds the cube, and all six faces are read again.
+        Failure::ReadAgain { release } => {
             if let Some(hand) = release {
                 regrasp::let_go(robot, hand).await?;
             }
@@ -61,6 +65,7 @@ pub(super) async fn mend(robot: &mut Robot, failure: Failure) -> Result<Station,
             robot.forget_cube();
             Ok(Station::Read { phase: "identify again" })
         }
+        // The recoveries are used up.
         Failure::GiveUp { release } => {
             if let Some(hand) = release {
                 regrasp::let_go(robot, hand).await?;
@@ -69,14 +74,15 @@ pub(super) async fn mend(robot: &mut Robot, failure: Failure) -> Result<Station,
             Ok(Station::Unsolved(robot.reason_to_give_up()))
         }
         Failure::GiveBack(why) => Ok(Station::Unsolved(why)),
+        // The operator keeps the cube, so no strain of the pull may stop the jaws.
         Failure::Left(why) => {
-            // The hand opens, whatever strains it.
             robot.open_to(Hand::Track, Depth::One, true).await?;
-            draw_back(robot, robot.settings.back).await?;
+            retract(robot, robot.settings.back).await?;
             robot.failure = None;
             Ok(Station::Over(robot.failed(why)))
         }
         Failure::WithOperator(why) => resume::leave_to_the_operator(robot, why).await,
+        // The operator has the cube back, solved unless the other run says otherwise.
         Failure::NotHeldOut => {
             let achieved = robot.failure.is_none();
             robot.watch(false).await?;
@@ -85,31 +91,33 @@ pub(super) async fn mend(robot: &mut Robot, failure: Failure) -> Result<Station,
     }
 }
 
-/// Decides what follows when a hand has lost what it held.
+/// Decides the next step after a hand has lost the cube.
 async fn lost(robot: &mut Robot, hand: Hand) -> Result<Station, Failure> {
     let lost = format!("the cube has slipped out of the {} hand", hand.name());
     robot.belief.released(hand);
+    // A cube that may have been held out was pulled out of the jaws.
     if hand == Hand::Track && robot.maybe_offered.is_some() {
         return Err(Failure::WithOperator(lost));
     }
+    // No other hand holds it, so it fell.
     if robot.belief.held[hand.other().index()].is_none() {
         return fallen(robot, hand, lost).await;
     }
     if !robot.may_recover() {
         return Err(returned_by_partner(robot, hand, lost));
     }
-    robot.note(format!("{lost}: the cube is read anew"));
-    Err(Failure::ReadAnew { release: Some(hand) })
+    robot.note(format!("{lost}: the cube is read again"));
+    Err(Failure::ReadAgain { release: Some(hand) })
 }
 
-/// Notes where the cube fell, and takes it again where it is held out once more.
+/// Reports the place where the cube fell, and waits for it at the place of hand-over.
 async fn fallen(robot: &mut Robot, hand: Hand, lost: String) -> Result<Station, Failure> {
     robot.log.drops += 1;
     let tool = robot.belief.world_from_base(hand) * robot.arms[hand.index()].base_from_tool;
     let [x, y, _] = tool.translation.vector.map(|place| place * 1e3).into();
     robot.drop_site = Some(format!(
-        "it fell from the {} hand and lies below where that was, at x {x:.0} mm, y {y:.0} mm of \
-         the world",
+        "it fell from the {} hand and lies below the last position of that hand, x {x:.0} mm, y \
+         {y:.0} mm in the world frame",
         hand.name()
     ));
     let Some(hand_over) = robot.hand_over.filter(|_| robot.may_recover()) else {
@@ -117,16 +125,16 @@ async fn fallen(robot: &mut Robot, hand: Hand, lost: String) -> Result<Station, 
     };
     let next = match robot.settings.keeper {
         Keeper::Person => "pick it up and hold it out again, please",
-        Keeper::Table => "it is looked for on the table",
+        Keeper::Table => "the camera looks for it on the table",
     };
-    robot.note(format!("{lost} and lies below it: {next}"));
+    robot.note(format!("{lost} and has fallen: {next}"));
     robot.forget_cube();
     robot.forget_hand_over();
     wait_for_the_cube(robot, hand, hand_over).await?;
     Ok(Station::Take)
 }
 
-/// Opens the hand that lost the cube, and brings the track to where it took it.
+/// Opens the hand that lost the cube, and moves the track to the place of hand-over.
 async fn wait_for_the_cube(
     robot: &mut Robot,
     hand: Hand,
@@ -137,7 +145,7 @@ async fn wait_for_the_cube(
     regrasp::return_to(robot, hand_over).await
 }
 
-/// Decides what follows when a hand did not get hold of the cube.
+/// Returns the failure that replaces a failed grasp.
 fn not_grasped(robot: &mut Robot, hand: Hand, why: String) -> Failure {
     if robot.belief.held[hand.other().index()].is_none() {
         return Failure::Final(why);
@@ -145,12 +153,12 @@ fn not_grasped(robot: &mut Robot, hand: Hand, why: String) -> Failure {
     if !robot.may_recover() {
         return returned_by_partner(robot, hand, why);
     }
-    robot.note(format!("{why}: the cube is read anew"));
-    Failure::ReadAnew { release: Some(hand) }
+    robot.note(format!("{why}: the cube is read again"));
+    Failure::ReadAgain { release: Some(hand) }
 }
 
-/// Decides that the partner gives the cube back as it is, since it was read anew too often. What
-/// fails on that way ends the mission.
+/// Returns the failure with which the partner gives the cube back as it is, since the recoveries
+/// are used up. A second failure on the way back ends the mission.
 fn returned_by_partner(robot: &mut Robot, hand: Hand, why: String) -> Failure {
     if robot.goal != Goal::Solve || robot.failure.is_some() {
         return Failure::Final(why);
@@ -160,11 +168,11 @@ fn returned_by_partner(robot: &mut Robot, hand: Hand, why: String) -> Failure {
 }
 
 impl Robot {
-    /// Returns why the cube goes back with a layer that may be misaligned.
+    /// Returns the reason for which the cube goes back with a layer that may be misaligned.
     fn reason_to_give_up(&mut self) -> String {
         let turn = self.turn_in_progress.take().and_then(TurnInProgress::into_why);
         let why = turn.or_else(|| self.failure.take());
-        why.unwrap_or_else(|| "a layer stands askew".to_owned())
+        why.unwrap_or_else(|| "a layer is misaligned".to_owned())
     }
 }
 
@@ -175,27 +183,30 @@ mod tests {
     use crate::cube::{Face, Turn};
     use crate::tasks::cube::settings::CubeSettings;
 
-    fn mends(stage: &mut Stage, failure: Failure) -> (Result<Station, Failure>, Vec<&'static str>) {
-        let mends = async |robot: &mut Robot| mend(robot, failure).await;
-        let (end, actions) = stage.play(mends, &mut goes_well);
+    fn recovers(
+        stage: &mut Stage,
+        failure: Failure,
+    ) -> (Result<Station, Failure>, Vec<&'static str>) {
+        let recovers = async |robot: &mut Robot| recover(robot, failure).await;
+        let (end, actions) = stage.play(recovers, &mut goes_well);
         (end, words(&actions))
     }
 
     #[test]
-    fn failed_grasp_has_the_cube_read_anew() {
+    fn failed_grasp_has_the_cube_read_again() {
         let mut stage = Stage::holding(settings());
         let failure = Failure::NotGrasped { hand: Hand::Postument, why: "missed".to_owned() };
 
-        let (end, _) = mends(&mut stage, failure);
-        assert_eq!(end, Err(Failure::ReadAnew { release: Some(Hand::Postument) }));
-        let (end, words) = mends(&mut stage, end.unwrap_err());
+        let (end, _) = recovers(&mut stage, failure);
+        assert_eq!(end, Err(Failure::ReadAgain { release: Some(Hand::Postument) }));
+        let (end, words) = recovers(&mut stage, end.unwrap_err());
 
         assert_eq!(end, Ok(Station::Read { phase: "identify again" }));
         assert_eq!((words, stage.robot.recoveries), (vec!["open", "line"], 1));
     }
 
     #[test]
-    fn recoveries_run_out_and_the_partner_returns_the_cube() {
+    fn partner_returns_cube_after_last_recovery() {
         for holder in [Hand::Track, Hand::Postument] {
             let mut stage = Stage::new(settings());
             stage.robot.hold(holder);
@@ -203,40 +214,40 @@ mod tests {
             let hand = holder.other();
             let failure = || Failure::NotGrasped { hand, why: "missed".to_owned() };
 
-            let (end, _) = mends(&mut stage, failure());
+            let (end, _) = recovers(&mut stage, failure());
             assert_eq!(end, Err(Failure::GiveUp { release: Some(hand) }));
-            let (end, _) = mends(&mut stage, end.unwrap_err());
+            let (end, _) = recovers(&mut stage, end.unwrap_err());
             assert_eq!(end, Ok(Station::Unsolved("missed".to_owned())));
 
-            // On its way back already, it fails for good.
-            stage.robot.failure = Some("a layer stands askew".to_owned());
-            let (end, _) = mends(&mut stage, failure());
-            let (end, _) = mends(&mut stage, end.unwrap_err());
+            // A failure on the way back is final.
+            stage.robot.failure = Some("a layer is misaligned".to_owned());
+            let (end, _) = recovers(&mut stage, failure());
+            let (end, _) = recovers(&mut stage, end.unwrap_err());
             let Ok(Station::Over(finish)) = end else { panic!("{end:?}") };
             assert!(!finish.achieved);
-            assert!(finish.reason.starts_with("a layer stands askew; missed; the "));
+            assert!(finish.reason.starts_with("a layer is misaligned; missed; the "));
             assert!(finish.reason.ends_with(" hand holds the cube"), "{}", finish.reason);
         }
     }
 
     #[test]
-    fn fallen_cube_is_waited_for_where_it_was_taken() {
+    fn track_waits_for_fallen_cube_at_hand_over() {
         for (keeper, told) in [
             (Keeper::Person, "hold it out again, please"),
-            (Keeper::Table, "looked for on the table"),
+            (Keeper::Table, "looks for it on the table"),
         ] {
             let mut stage = Stage::holding(CubeSettings { keeper, ..settings() });
             stage.robot.hand_over = Some(JointPositions([0.3; 7]));
 
-            let (end, words) = mends(&mut stage, Failure::Lost(Hand::Track));
+            let (end, words) = recovers(&mut stage, Failure::Lost(Hand::Track));
 
             assert_eq!(end, Ok(Station::Take));
             assert_eq!(words, ["wait for the cube", "open", "joints"]);
-            assert_eq!(stage.robot.hand_over, None, "it may be held out elsewhere");
+            assert_eq!(stage.robot.hand_over, None, "the next place of hand-over may differ");
             assert_eq!(
                 stage.robot.whereabouts(),
-                "it fell from the track hand and lies below where that was, at x 0 mm, y 0 mm of \
-                 the world"
+                "it fell from the track hand and lies below the last position of that hand, x 0 \
+                 mm, y 0 mm in the world frame"
             );
             assert!(stage.notes().iter().any(|note| note.ends_with(told)));
             assert_eq!((stage.robot.log.drops, stage.robot.recoveries), (1, 1));
@@ -247,29 +258,29 @@ mod tests {
     fn fallen_cube_without_a_place_ends_the_mission() {
         let mut stage = Stage::holding(settings());
 
-        let (end, _) = mends(&mut stage, Failure::Lost(Hand::Track));
+        let (end, _) = recovers(&mut stage, Failure::Lost(Hand::Track));
 
         let lost = "the cube has slipped out of the track hand";
         assert_eq!(end, Err(Failure::Final(lost.to_owned())));
     }
 
     #[test]
-    fn loss_outweighs_another_failure() {
+    fn lost_cube_takes_precedence_over_other_failures() {
         let mut stage = Stage::holding(settings());
         stage.robot.arms[0].jaw_opening = 0.053;
 
-        let (end, _) = mends(&mut stage, Failure::GiveBack("no plan".to_owned()));
+        let (end, _) = recovers(&mut stage, Failure::GiveBack("no plan".to_owned()));
 
         assert_eq!(end, Err(Failure::Lost(Hand::Track)));
     }
 
-    /// The arm is pressed beyond its limits: it does not move on to look for the cube.
+    /// An arm that is pressed beyond its limits does not move on to look for the cube.
     #[test]
-    fn strained_hand_outweighs_loss() {
+    fn strained_hand_takes_precedence_over_lost_cube() {
         let mut stage = Stage::holding(settings());
         stage.robot.arms[0].jaw_opening = 0.053;
 
-        let (end, words) = mends(&mut stage, Failure::Strained("pressed".to_owned()));
+        let (end, words) = recovers(&mut stage, Failure::Strained("pressed".to_owned()));
 
         let Ok(Station::Over(finish)) = end else { panic!("{end:?}") };
         assert!(finish.reason.starts_with("pressed"), "{}", finish.reason);
@@ -277,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn reading_anew_forgets_what_was_read() {
+    fn recovery_forgets_the_last_reading() {
         let mut stage = Stage::holding(settings());
         let robot = &mut stage.robot;
         robot.failure = Some("face U cannot be read".to_owned());

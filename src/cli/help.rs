@@ -1,0 +1,153 @@
+//! Text of `rubik-robot --help`, with the commands in groups.
+//!
+//! clap has one heading for all subcommands, so this module writes the list itself, from the
+//! description that each command gives of itself.
+
+use clap::Command;
+use std::fmt::Write as _;
+
+/// Headings of the list, each with its commands.
+const GROUPS: [(&str, &[&str]); 6] = [
+    ("Run", &["run", "check", "keys"]),
+    ("Measure", &["campaign", "benchmark", "weigh", "doctor"]),
+    ("Cube", &["solve", "plan", "scramble", "tables"]),
+    ("Vision", &["vision", "calibrate", "picture"]),
+    ("Hardware", &["emulate", "kinematics"]),
+    ("Files", &["replay", "report", "film", "recover", "urdf", "schema", "completions", "man"]),
+];
+
+/// Sets a help text of `program` that lists its commands in groups. The help of the commands stays
+/// as it is.
+pub(super) fn with_groups(program: Command) -> Command {
+    let commands = commands(&program);
+    let header = program.get_styles().get_header();
+    let options = format!("{header}Options:{header:#}");
+    // Braces are doubled for the names that clap replaces.
+    let template = format!(
+        "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{commands}\
+         {options}\n{{options}}{{after-help}}"
+    );
+    program.help_template(template)
+}
+
+/// Returns the list of commands: a heading, then a line for each command of the group.
+fn commands(program: &Command) -> String {
+    let names = GROUPS.iter().flat_map(|(_, names)| names.iter());
+    let width = names.map(|name| name.len()).max().unwrap_or_default();
+    let header = program.get_styles().get_header();
+    let mut text = String::new();
+    for (heading, names) in GROUPS {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "{header}{heading}:{header:#}");
+        for name in names {
+            let about = program.find_subcommand(name).and_then(Command::get_about);
+            let about = about.map(ToString::to_string).unwrap_or_default();
+            let _ = writeln!(text, "  {name:width$}  {about}");
+        }
+        text.push('\n');
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::Cli;
+    use clap::CommandFactory as _;
+
+    /// Calls `check` for each command and subcommand, with the words that call it.
+    fn for_each(command: &Command, words: &str, check: &mut dyn FnMut(&str, &Command)) {
+        for sub in command.get_subcommands() {
+            let words = format!("{words} {}", sub.get_name());
+            check(&words, sub);
+            for_each(sub, &words, check);
+        }
+    }
+
+    /// Returns the example lines of a command's help.
+    fn examples(command: &Command) -> Vec<String> {
+        let help = command.get_after_long_help().or_else(|| command.get_after_help());
+        let help = help.map(ToString::to_string).unwrap_or_default();
+        let is_example =
+            |line: &&str| line.starts_with("  rubik-robot ") || line.contains("| rubik-robot ");
+        help.lines().filter(is_example).map(str::to_owned).collect()
+    }
+
+    /// Returns the words of each call of the program in an example line, as a shell splits them.
+    fn calls(line: &str) -> Vec<Vec<String>> {
+        let mut calls = vec![vec![String::new()]];
+        let mut quote = None;
+        for c in line.chars() {
+            let call = calls.last_mut().unwrap();
+            match (quote, c) {
+                (Some(end), _) if c == end => quote = None,
+                (None, '\'' | '"') => quote = Some(c),
+                // The name after `>` or `<` is no word of the call, nor is a comment.
+                (None, '|' | '>' | '<') => calls.push(vec![String::new()]),
+                (None, '#') => break,
+                (None, ' ') => call.push(String::new()),
+                _ => call.last_mut().unwrap().push(c),
+            }
+        }
+        for call in &mut calls {
+            call.retain(|word| !word.is_empty());
+        }
+        calls.retain(|call| call.first().is_some_and(|word| word == "rubik-robot"));
+        calls
+    }
+
+    #[test]
+    fn each_command_is_in_one_group() {
+        let program = Cli::command();
+        let mut grouped: Vec<&str> =
+            GROUPS.iter().flat_map(|(_, names)| names.iter().copied()).collect();
+        let mut commands: Vec<&str> = program.get_subcommands().map(Command::get_name).collect();
+        grouped.sort_unstable();
+        commands.sort_unstable();
+
+        assert_eq!(grouped, commands);
+    }
+
+    #[test]
+    fn help_shows_each_group_and_description() {
+        let help = with_groups(Cli::command()).render_help().to_string();
+
+        for (heading, _) in GROUPS {
+            assert!(help.contains(&format!("\n\n{heading}:\n")), "no {heading} in\n{help}");
+        }
+        for command in Cli::command().get_subcommands() {
+            let about = command.get_about().unwrap().to_string();
+            let line = help.lines().find(|line| line.ends_with(&format!("  {about}")));
+            let name = format!("  {} ", command.get_name());
+            assert!(line.is_some_and(|line| line.starts_with(&name)), "no {about} in\n{help}");
+        }
+        assert!(help.contains("\n\nOptions:\n") && help.contains("--version"), "{help}");
+        assert!(help.contains("\n\nTry these") && help.contains("Exit codes"), "{help}");
+    }
+
+    #[test]
+    fn each_command_has_two_examples() {
+        for_each(&Cli::command(), "rubik-robot", &mut |words, command| {
+            let count = examples(command).len();
+            assert!(count >= 2, "{words} --help has {count} examples");
+        });
+    }
+
+    /// Values are checked as well, as far as their own parser can.
+    #[test]
+    fn examples_are_valid_calls() {
+        let mut count = 0;
+        for_each(&Cli::command(), "rubik-robot", &mut |_, command| {
+            for line in examples(command) {
+                let calls = calls(&line);
+                assert!(!calls.is_empty(), "{line}");
+                for call in calls {
+                    let parsed = Cli::command().try_get_matches_from(&call);
+                    assert!(parsed.is_ok(), "{line}: {}", parsed.unwrap_err());
+                    count += 1;
+                }
+            }
+        });
+        assert!(count > 100, "only {count} calls");
+    }
+}
