@@ -7,14 +7,14 @@
 //! | case | constant | reason |
 //! |---|---|---|
 //! | channel clips | [`CLIPPED`] | encoders do not leave it at 255 |
-//! | colour of the light | [`GAINS`], log s.d. 0.25 | daylight to lamps |
-//! | exposure | [`EXPOSURES`] | the brightest tile need not be white |
-//! | weakest channel of a sticker | [`PALE`] | no dye absorbs all of its light |
-//! | haze on a coloured tile | [`GLARE`] | adds white light, which turns red into orange |
-//! | white under a tint | [`TINT`] | the light is estimated only roughly |
-//! | shades on one cube | [`WITHIN`] | makers differ more than the stickers of a cube |
-//! | clipped channel | [`STRENGTH`], [`CHANNEL`], [`SHADE`] | it shows only a lower bound |
-//! | tile clips in all channels | [`YELLOW`], [`RIM`] | its blurred rim shows white or yellow |
+//! | colour of the light | `GAINS`, log s.d. 0.25 | daylight to lamps |
+//! | exposure | `EXPOSURES` | the brightest tile need not be white |
+//! | weakest channel of a sticker | `PALE` | no dye absorbs all of its light |
+//! | haze on a coloured tile | `GLARE` | adds white light, which turns red into orange |
+//! | white under a tint | `TINT` | the light is estimated only roughly |
+//! | shades on one cube | `WITHIN` | makers differ more than the stickers of a cube |
+//! | clipped channel | `STRENGTH`, `CHANNEL`, `SHADE` | it shows only a lower bound |
+//! | tile clips in all channels | `YELLOW`, `RIM` | its blurred rim shows white or yellow |
 //! | tile resembles no colour | squared distance 16 | a finger must not bend the light |
 //! | ... its confidence | falls to 1/e at 30 | the best of bad guesses is not certain |
 //!

@@ -5,8 +5,8 @@
 //!
 //! | case | threshold | reason |
 //! |---|---|---|
-//! | face is off its prediction | [`ASTRAY`] = 1 pitch | error of the take, see the constant |
-//! | window | 0.6 of its width around the face | room for [`ASTRAY`] and the outline |
+//! | face is off its prediction | `ASTRAY` = 1 pitch | error of the take, see the constant |
+//! | window | 0.6 of its width around the face | room for `ASTRAY` and the outline |
 //! | picture is dark | brightest hundredth < 20 of 255 | edges are lost in the noise |
 //! | picture is overexposed | > 50 % clip, no match | colours and grooves are lost |
 //! | region may be a tile | 0.25..1.1 of a cell's area | half tiles vote as well |

@@ -7,11 +7,11 @@
 //!
 //! | case | threshold | reason |
 //! |---|---|---|
-//! | prediction is stale | [`FRESH`] | edges are found only near their true place |
-//! | pose by edges alone | residual [`FOLLOWED`] | edges do not prove that there is a cube |
-//! | pose by detection | residual [`RESIDUAL`] | tiles and lattice prove that there is one |
-//! | face is too small | edge [`LEAST_EDGE`] | outside the work-space (the paper, p. 373) |
-//! | least uncertainty | [`FLOOR`], [`FLOOR_ANGLE`] | calibration and blur leave no residual |
+//! | prediction is stale | `FRESH` | edges are found only near their true place |
+//! | pose by edges alone | residual `FOLLOWED` | edges do not prove that there is a cube |
+//! | pose by detection | residual `RESIDUAL` | tiles and lattice prove that there is one |
+//! | face is too small | edge `LEAST_EDGE` | outside the work-space (the paper, p. 373) |
+//! | least uncertainty | `FLOOR`, `FLOOR_ANGLE` | calibration and blur leave no residual |
 //!
 //! - in: an image and its time; believed optics and place of the camera; the cube's edge (m)
 //! - out: filtered `world_from_cube`, up to the cube's own symmetry, and speed, or a [`Refusal`]
