@@ -15,6 +15,10 @@ run:
 long *PARTS:
     .ci/long {{PARTS}}
 
+# Measures parts of the figures and writes docs/figures.md and the README's table: `just figures turns`
+figures *PARTS:
+    scripts/figures {{PARTS}}
+
 # Compares this build with the golden file; `just hash full OLD NEW` compares two builds thoroughly
 hash *ARGS='quick':
     scripts/hash {{ARGS}}
