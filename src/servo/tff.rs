@@ -196,7 +196,7 @@ pub fn self_excitation(admittance: f64, inertia: f64, arm: &Mechanics) -> f64 {
 
 /// Time in which the speed of a set value falls to 1/e after an abrupt stop of a motion (s). A set
 /// value that stops dead trips the power stages.
-pub(super) const FALLS: f64 = 0.035;
+const FALLS: f64 = 0.035;
 
 /// Returns the velocity of this period, which falls off with the time constant [`FALLS`] if
 /// `velocity` is far below the speed of the `last` period. A motion that is aborted must not stop
