@@ -283,7 +283,7 @@ impl Path {
     }
 
     /// Continues position-force control until period `end`, without velocity and with zero as the
-    /// wanted force. The speed falls off within [`YIELD_FALLS`], because set values that stop dead
+    /// wanted force. The speed falls off within `YIELD_FALLS`, because set values that stop dead
     /// trip the power stages.
     pub fn yield_until(&mut self, end: u64) {
         self.end = end;
