@@ -49,6 +49,9 @@ const STEPS: u32 = 24;
 /// Motion between two places that are not checked in between (m). Two bodies that pass each other
 /// come nearer by a tenth of it at most, if they are 5 mm apart at both places.
 const FINE: f64 = 0.004;
+/// Share of a path that is not divided any more: a line jumps where the inverse changes its branch,
+/// and halving would never end there.
+const LEAST_SHARE: f64 = 1e-4;
 /// Distance that the arms keep on a path beyond the one at which they are stopped (m).
 const MARGIN_ON_PATH: f64 = 0.001;
 /// Distance from the operator's zone within which a hand is slow (m).
@@ -374,7 +377,8 @@ impl Guard {
         let may_dip = |((a, b), least): ((Option<f64>, Option<f64>), f64)| {
             a.zip(b).is_some_and(|(a, b)| a + b - moved < 2.0 * least)
         };
-        if moved > FINE && pairs.into_iter().any(may_dip) {
+        let divisible = to.part - from.part > LEAST_SHARE;
+        if divisible && moved > FINE && pairs.into_iter().any(may_dip) {
             let middle = self.place(courses, f64::midpoint(from.part, to.part));
             self.check_between(courses, from, &middle, check)?;
             return self.check_between(courses, &middle, to, check);

@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | fault of a watchdog, emergency stop | - | drives off and brakes on until a reset |
 //! | motion that is refused on its path | - | the set values stop at once |
-//! | order to brake, from outside | `FADE`, `BRAKING` | the speed of the set values fades out |
+//! | order to brake, from outside | `FADE` | the speed of the set values fades out |
 //! | motion that ends or is replaced at speed | `SUDDEN` | the same |
 //! | stopped partner, under force control | `YIELD_NANOS` | the arm yields to forces, then holds |
 //! | stopped partner, any other motion | `FADE` | as an order to brake |
@@ -92,10 +92,6 @@ impl ArmServo {
     pub const EARLY: u64 = 2;
     /// Share of a speed that is left after 2 ms of braking: 1.5 % is left after 0.1 s.
     const FADE: f64 = 0.92;
-    /// Largest deceleration of a motor that brakes (rad/s2). The roll of a wrist that turns a layer
-    /// at 200 rad/s reached 2100: set values that faded at 8000 were 8.2 rad ahead, which was a
-    /// following error.
-    const BRAKING: f64 = 2500.0;
     /// Time for which an arm whose partner is stopped yields before it holds (ns). The forces
     /// between the arms fall off, and a zero that is slightly wrong does not carry the arm away.
     const YIELD_NANOS: u64 = 500_000_000;
@@ -213,7 +209,7 @@ impl ArmServo {
         self.hold(period);
     }
 
-    /// Brings the arm to rest within about 0.15 s, because set values that stop dead trip the power
+    /// Brings the arm to rest within about 0.1 s, because set values that stop dead trip the power
     /// stages.
     fn brake(&mut self, period: u64, why: MoveRefused) {
         // An arm without a motion has no command to refuse.
@@ -546,12 +542,8 @@ impl ArmServo {
                 None => self.jaw.turn(step.step),
             }
         }
-        let least = self.fade;
-        let most_loss = Self::BRAKING * self.config.period.seconds().powi(2);
+        let fade = self.fade;
         if let Some(steps) = &mut self.braking {
-            // All motors lose the same share, so the arm stays on its path.
-            let fastest = steps.iter().fold(0.0_f64, |fastest, step| fastest.max(step.abs()));
-            let fade = least.max(1.0 - most_loss / fastest);
             for (motor, step) in motors.0.iter_mut().zip(steps.iter_mut()) {
                 *step *= fade;
                 *motor += *step;

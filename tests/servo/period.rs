@@ -321,8 +321,7 @@ fn motion_into_a_limit_ends_there() {
     assert!(end.fault.is_none());
 }
 
-/// A hold brings motors of more than 60 rad/s to rest within 0.25 s. They decelerate as slowly as
-/// a wrist can that turns a layer.
+/// A hold brings motors of more than 60 rad/s to rest within 0.2 s, without a jump of speed.
 #[test]
 fn hold_stops_fast_motion_smoothly() {
     let mut arm = Ideal::new();
@@ -337,12 +336,11 @@ fn hold_stops_fast_motion_smoothly() {
     assert!(fast > 60.0, "{fast} rad/s");
 
     states.push(arm.step(Some(go(Motion::Hold, 500))));
-    states.extend((0..125).map(|_| arm.step(None)));
+    states.extend((0..100).map(|_| arm.step(None)));
 
     let end = &states[states.len() - 2..];
     let changes = states[198..].windows(3).map(|w| speed(&w[0], &w[1]) - speed(&w[1], &w[2]));
-    let deceleration = changes.fold(0.0, f64::max) / PERIOD;
-    assert!(deceleration < 3000.0, "the arm was stopped abruptly: {deceleration} rad/s2");
+    assert!(changes.fold(0.0, f64::max) < 0.15 * fast, "the arm was stopped abruptly");
     assert!(speed(&end[0], &end[1]) < 0.1, "the arm continues");
     assert!(states.iter().all(|state| state.fault.is_none() && state.refused.is_none()));
 }
