@@ -22,8 +22,6 @@ use color_quant::NeuQuant;
 use gif::{DisposalMethod, Encoder, Frame, Repeat};
 use image::RgbImage;
 use std::borrow::Cow;
-use std::fs::File;
-use std::io::BufReader;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -73,13 +71,10 @@ pub(super) fn run(args: &FilmArgs, output: &mut Output) -> anyhow::Result<u8> {
     }
     // The label of the recording has the scenario with the cell that is drawn.
     let (_, scenario) = replay::load(&args.recording).map_err(refuse)?;
-    let unread =
-        |why: &dyn std::fmt::Display| refuse(format!("{}: {why}", args.recording.display()));
-    let file = File::open(&args.recording).map_err(|why| unread(&why))?;
-    let show = Show::read(BufReader::with_capacity(1 << 20, file), &scenario, "")
-        .map_err(|why| unread(&why))?;
+    let show = replay::read(&args.recording, &scenario).map_err(refuse)?;
     let size = (args.width, args.width * 5 / 8);
-    let shots = shots(&show, &scenario.controller, size).map_err(|why| unread(&why))?;
+    let shots = shots(&show, &scenario.controller, size)
+        .map_err(|why| refuse(format!("{}: {why}", args.recording.display())))?;
     let pictures: Vec<Vec<RgbImage>> =
         shots.iter().map(|shot| shot.drawn(&scenario.controller, size)).collect();
     let film = encoded(&pictures, size)?;

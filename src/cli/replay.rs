@@ -93,10 +93,7 @@ fn show(args: &ReplayArgs, scenario: &Scenario) -> anyhow::Result<u8> {
             "--speed: must be a factor of 0.01 or more, or 0 for as fast as possible",
         ));
     }
-    let file = BufReader::with_capacity(1 << 20, File::open(&args.recording)?);
-    let title = args.recording.display().to_string();
-    let show =
-        Show::read(file, scenario, &title).map_err(|why| refuse(format!("{title}: {why}")))?;
+    let show = read(&args.recording, scenario).map_err(refuse)?;
     let desk = Desk::default();
     let ui = match args.ui.kind(args.json) {
         UiKind::None => Ui::None,
@@ -141,6 +138,17 @@ fn json(verified: &Verified) -> String {
         "cut": verified.cut,
     })
     .to_string()
+}
+
+/// Reads a recording of this scenario to be shown.
+///
+/// # Errors
+/// The reason, with the recording's name.
+pub(super) fn read(path: &Path, scenario: &Scenario) -> Result<Show, String> {
+    let title = path.display().to_string();
+    let file = File::open(path).map_err(|why| format!("{title}: {why}"))?;
+    let file = BufReader::with_capacity(1 << 20, file);
+    Show::read(file, scenario, &title).map_err(|why| format!("{title}: {why}"))
 }
 
 /// Reads the label of a recording, and its scenario.

@@ -8,7 +8,6 @@ use super::{picture, replay};
 use crate::operator::Snapshot;
 use crate::record::reading::{End, Label};
 use crate::record::report::{gather, page};
-use crate::run::show::Show;
 use clap::Args;
 use image::codecs::jpeg::JpegEncoder;
 use std::fs::File;
@@ -71,11 +70,8 @@ type Drawing = (f64, String, Vec<u8>);
 /// # Errors
 /// Reason why there are no drawings.
 fn drawn(recording: &Path, label: &Label) -> Result<Vec<Drawing>, String> {
-    let unread = |why: &dyn std::fmt::Display| format!("{}: {why}", recording.display());
     let scenario = replay::scenario_of(label, recording)?;
-    let file = File::open(recording).map_err(|why| unread(&why))?;
-    let file = BufReader::with_capacity(1 << 20, file);
-    let show = Show::read(file, &scenario, "").map_err(|why| unread(&why))?;
+    let show = replay::read(recording, &scenario)?;
     // A step without a scene has no drawing: the belief may lack the cube.
     let drawing = |(time, words, snapshot): (f64, String, Arc<Snapshot>)| {
         let scene = picture::during(&snapshot, &scenario.controller)?;

@@ -192,16 +192,18 @@ pub enum PlannedMotion {
 struct Place {
     /// Share of the paths.
     part: f64,
+    joints: [Option<JointPositions>; 2],
     bodies: [Option<Bodies>; 2],
     distances: Distances,
 }
 
 impl Place {
-    /// Returns the longest distance by which bodies have moved since `before` relative to bodies of
-    /// the other arm (m): the sum of both arms.
+    /// Returns the longest distance by which two bodies may have approached each other since
+    /// `before` (m): both may have moved as far as the one that moved farthest.
     fn moved_since(&self, before: &Self) -> f64 {
         let pairs = self.bodies.iter().zip(&before.bodies);
-        pairs.filter_map(|(now, then)| Some(now.as_ref()?.moved_since(then.as_ref()?))).sum()
+        let moves = pairs.filter_map(|(now, then)| Some(now.as_ref()?.moved_since(then.as_ref()?)));
+        2.0 * moves.fold(0.0, f64::max)
     }
 }
 
@@ -339,20 +341,16 @@ impl Guard {
         from: [Option<&JointPositions>; 2],
         ways: [&PlannedMotion; 2],
     ) -> Result<(), Near> {
-        let apart = self.keep_apart(from, ways);
+        let mut courses = self.courses(from, ways);
+        let places = self.places(&mut courses);
+        let apart = self.stay_apart(&places);
         // Hands that are to meet may touch with fingers and cube, on all of the path.
         let as_meant = |distances: Distances| if apart { distances } else { distances.meeting() };
-        let mut courses = self.courses(from, ways);
-        let mut last = self.place(&mut courses, 0.0);
-        let before = as_meant(last.distances);
+        let before = as_meant(places[0].distances);
         let check =
             |distances: Distances| self.within(&before, &as_meant(distances), &Tolerance::ON_PATH);
-        for step in 1..=STEPS {
-            let next = self.place(&mut courses, f64::from(step) / f64::from(STEPS));
-            self.check_between(&mut courses, &last, &next, &check)?;
-            last = next;
-        }
-        Ok(())
+        let mut pairs = places.iter().zip(&places[1..]);
+        pairs.try_for_each(|(last, next)| self.check_between(&mut courses, last, next, &check))
     }
 
     /// Checks the paths between two places.
@@ -379,6 +377,12 @@ impl Guard {
         };
         let divisible = to.part - from.part > LEAST_SHARE;
         if divisible && moved > FINE && pairs.into_iter().any(may_dip) {
+            // As the servo does, the inverse of a line continues from the place before.
+            for (course, joints) in courses.iter_mut().zip(from.joints) {
+                if let (Some(course), Some(joints)) = (course, joints) {
+                    course.last = joints;
+                }
+            }
             let middle = self.place(courses, f64::midpoint(from.part, to.part));
             self.check_between(courses, from, &middle, check)?;
             return self.check_between(courses, &middle, to, check);
@@ -394,19 +398,19 @@ impl Guard {
         from: [Option<&JointPositions>; 2],
         ways: [&PlannedMotion; 2],
     ) -> bool {
-        let begin = self.distances(from);
-        let ends_apart = || {
-            let mut courses = self.courses(from, ways);
-            // A line is followed place by place, so that the inverse stays on its branch.
-            for step in 1..STEPS {
-                let part = f64::from(step) / f64::from(STEPS);
-                for course in courses.iter_mut().flatten() {
-                    course.at(part);
-                }
-            }
-            self.place(&mut courses, 1.0).distances.apart()
-        };
-        self.never_meet && begin.hands.is_some() || begin.apart() && ends_apart()
+        self.stay_apart(&self.places(&mut self.courses(from, ways)))
+    }
+
+    /// Returns whether the hands must stay apart on paths with these places.
+    fn stay_apart(&self, places: &[Place]) -> bool {
+        let (begin, end) = (&places[0].distances, &places[places.len() - 1].distances);
+        self.never_meet && begin.hands.is_some() || begin.apart() && end.apart()
+    }
+
+    /// Returns the places at which every path is checked, with the beginning. A line is followed
+    /// place by place, so that the inverse stays on its branch.
+    fn places(&self, courses: &mut [Option<Course<'_>>; 2]) -> Vec<Place> {
+        (0..=STEPS).map(|step| self.place(courses, f64::from(step) / f64::from(STEPS))).collect()
     }
 
     /// Returns the courses of both arms along their paths; `None` for an arm whose joints are
@@ -422,9 +426,8 @@ impl Guard {
     /// Returns the place of both arms after the same share of their paths.
     fn place(&self, courses: &mut [Option<Course<'_>>; 2], part: f64) -> Place {
         let joints = courses.each_mut().map(|course| course.as_mut().map(|course| course.at(part)));
-        let joints = joints.each_ref().map(Option::as_ref);
-        let bodies = self.bodies_of_both(joints);
-        Place { part, bodies, distances: self.distances_of(&bodies) }
+        let bodies = self.bodies_of_both(joints.each_ref().map(Option::as_ref));
+        Place { part, joints, bodies, distances: self.distances_of(&bodies) }
     }
 
     /// Returns the course of an arm along a path that begins at `from`.
@@ -560,6 +563,7 @@ impl Course<'_> {
 mod tests {
     use super::super::{MeetingTable, ReachSettings, example_cell};
     use super::*;
+    use nalgebra::Vector3;
     use rand::{Rng as _, SeedableRng as _};
     use rand_pcg::Pcg64;
 
@@ -690,6 +694,29 @@ mod tests {
         );
 
         assert!(matches!(refused, Err(Near::Arms(_) | Near::Hands(_))), "{refused:?}");
+    }
+
+    /// Lines of drawn arms, of which some jump where the inverse changes its branch: halving alone
+    /// would never end there.
+    #[test]
+    fn check_of_jumping_line_ends() {
+        let cell = example_cell();
+        let guard = Guard::of(&cell, 0.25);
+        let track = &cell.arms[0];
+        let mut random = Pcg64::seed_from_u64(2);
+        let mut refused = 0;
+        for _ in 0..2000 {
+            let mut from = track.start;
+            for (joint, (low, high)) in from.0.iter_mut().zip(&track.model.joint_limits) {
+                *joint = random.random_range(*low..*high);
+            }
+            let mut drawn = |most: f64| Vector3::from_fn(|_, _| random.random_range(-most..most));
+            let tool = track.model.base_from_flange(&from) * track.flange_from_tool;
+            let to = PlannedMotion::Line(tool * Pose::new(drawn(0.2), drawn(0.6)));
+            let checked = guard.check_paths([Some(&from), None], [&to, &PlannedMotion::Stays]);
+            refused += u32::from(checked.is_err());
+        }
+        assert!((1..2000).contains(&refused), "{refused} of 2000 are refused");
     }
 
     /// Hands that begin and end apart may not meet in between. Hands that end at one cube may.

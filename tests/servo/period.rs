@@ -345,6 +345,33 @@ fn hold_stops_fast_motion_smoothly() {
     assert!(states.iter().all(|state| state.fault.is_none() && state.refused.is_none()));
 }
 
+/// An arm whose partner stops yields without a velocity of its own. Its motors lose their speed as
+/// slowly as a wrist can that turns a layer.
+#[test]
+fn yielding_arm_slows_down_gently() {
+    let mut arm = Ideal::new();
+    let config = arm.config.clone();
+    let speed = |pair: &[ArmState]| largest_step(&config, pair) / PERIOD;
+    let turn = Direction::Guarded { velocity: 0.8, admittance: 0.3, inertia: 0.1 };
+    // The partner stops in the middle of the motion.
+    let mut states = vec![arm.step(Some(go(task(Frame::Tool, &[(5, turn)]), 400)))];
+    states.extend((1..200).map(|_| arm.step(None)));
+    let fast = speed(&states[198..]);
+    assert!(fast > 60.0, "{fast} rad/s");
+
+    let outside = Outside { stands_by: true, ..Outside::default() };
+    states.extend((0..200).map(|_| {
+        arm.servo.apply_outside(arm.period + 1, &outside);
+        arm.step(None)
+    }));
+
+    let changes = states[198..].windows(3).map(|w| speed(&w[..2]) - speed(&w[1..]));
+    let deceleration = changes.fold(0.0, f64::max) / PERIOD;
+    // 12.5 1/s is the rate of a time constant of 80 ms; one of 35 ms has 28.
+    assert!(deceleration < 13.0 * fast, "{deceleration} rad/s2 from {fast} rad/s");
+    assert!(speed(&states[states.len() - 2..]) < 0.02 * fast, "the arm continues");
+}
+
 #[test]
 fn too_fast_task_motion_is_refused() {
     let mut arm = Ideal::new();

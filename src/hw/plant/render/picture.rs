@@ -25,11 +25,10 @@ pub struct View {
 
 impl View {
     /// Returns a view from the open side of the cell. The picture contains both arms, table, cube
-    /// and hand in all `scenes`. `aspect` is its width over its height.
+    /// and hand of the scene. `aspect` is its width over its height.
     #[must_use]
-    pub fn of_cell(scenes: &[Scene], setting: &Setting, aspect: f64) -> Self {
-        let points: Vec<_> = scenes.iter().flat_map(|scene| outline(scene, setting)).collect();
-        Self::around(&points, aspect)
+    pub fn of_cell(scene: &Scene, setting: &Setting, aspect: f64) -> Self {
+        Self::around(&outline(scene, setting), aspect)
     }
 
     /// Returns a view from the open side of the cell whose picture contains all of `points`.
@@ -159,7 +158,7 @@ fn hands(scene: &Scene) -> Vec<Point3<f64>> {
 pub fn cell(scene: &Scene, setting: &Setting, width: u32, height: u32) -> RgbImage {
     let world = World::new(scene, setting, &Look::default());
     let aspect = f64::from(width) / f64::from(height);
-    let view = View::of_cell(std::slice::from_ref(scene), setting, aspect);
+    let view = View::of_cell(scene, setting, aspect);
     let side = (height.min(width) * 3 / 10).max(1);
     let (left, top) = (width - side - side / 20, height - side - side / 20);
     let cube = Point3::from(scene.cube.world_from_cube.translation.vector);
