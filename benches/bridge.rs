@@ -37,7 +37,8 @@ impl Port for Still {
     }
 }
 
-/// Returns an arm with a built-in model; the other values do not matter here.
+/// Returns an arm with the built-in kinematic model `irp6_{name}`. The emulator needs an arm, but
+/// its poses, gripper and sensor do not affect the measured times.
 fn arm(name: &str) -> Arm {
     Arm {
         name: name.to_owned(),

@@ -42,11 +42,11 @@ fn main() {
     println!("|---|---|---|---|---|---|---|---|");
     let baseline = row("original, shortest", cubes, |cube| {
         let budget = Budget { nodes: effort.nodes, max_length: 0 };
-        of(&planner.by_rule(Rule::Original), &[solve(cube, &tables, &budget).turns])
+        plan_fastest(&planner.by_rule(Rule::Original), &[solve(cube, &tables, &budget).turns])
     });
     row("strict, shortest", cubes, |cube| {
         let budget = Budget { nodes: effort.nodes, max_length: 0 };
-        of(&planner.by_rule(Rule::Strict), &[solve(cube, &tables, &budget).turns])
+        plan_fastest(&planner.by_rule(Rule::Strict), &[solve(cube, &tables, &budget).turns])
     });
     for rule in [Rule::Strict, Rule::Clearance] {
         let planner = planner.by_rule(rule);
@@ -74,13 +74,17 @@ fn main() {
     }
 }
 
-/// Plans one of some solutions, from the state after the looks.
-fn of(planner: &Planner, list: &[Vec<rubik_robot::cube::Turn>]) -> Option<Plan> {
+/// Returns the fastest plan by which the two arms execute one of the `solutions`, each a sequence
+/// of turns. The plan begins with the grips that the hands have once all six faces have been read.
+/// Returns `None` if the arms can execute none of the solutions.
+fn plan_fastest(planner: &Planner, solutions: &[Vec<rubik_robot::cube::Turn>]) -> Option<Plan> {
     let (_, start) = planner.looks(taken()).ok()?;
-    planner.of(list, start).ok()
+    planner.of(solutions, start).ok()
 }
 
-/// Plans all cubes and prints the means. Returns the mean number of grasps.
+/// Calls `plan` for the cubes that the seeds 0 to `cubes` - 1 scramble, and prints the row `name`
+/// of the table: means over the cubes of the turns, the grasps and the times. Returns the mean
+/// number of grasps of a plan.
 fn row(name: &str, cubes: u64, plan: impl Fn(&Cube) -> Option<Plan>) -> f64 {
     let (mut turns, mut grasps, mut most, mut seconds) = (0.0, 0.0, 0, 0.0);
     let (mut whole, mut longest, mut missing) = (0.0, 0.0_f64, 0);

@@ -57,7 +57,8 @@ fn main() {
     }
 }
 
-/// Returns the run with the least median, because other work on the machine only adds time.
+/// Calls `run` three times and returns the histogram with the least median, because other work on
+/// the machine only adds time.
 fn best(mut run: impl FnMut() -> Histogram<u64>) -> Histogram<u64> {
     let mut runs: Vec<_> = (0..3).map(|_| run()).collect();
     runs.sort_by_key(|times| times.value_at_quantile(0.5));
@@ -108,8 +109,8 @@ impl Rig {
         Self { core, links, timed, period: 0 }
     }
 
-    /// Makes a rig in which arm 0 holds the cube and yields, while arm 1 turns the outer layer that
-    /// it has grasped.
+    /// Makes a rig in which arm 0 holds the cube and is compliant in its three translations, while
+    /// arm 1 turns the outer layer that it has grasped.
     fn holding() -> Self {
         let tool = world_from_tool(&cell().arms[0]);
         let ahead = Translation3::new(0.0, 0.0, EDGE / 3.0);
@@ -161,8 +162,9 @@ impl Rig {
     }
 }
 
-/// Makes a cell whose arms meet at the cube: arm 1 is turned by half a turn and moved so that its
-/// tool is two thirds of an edge in front of that of arm 0.
+/// Makes a cell in which the tools of both arms face each other at the arms' start poses. The base
+/// of arm 1 is rotated by half a turn and moved until the two tool points are two thirds of the
+/// cube's edge apart, so that a cube between them is in both hands.
 fn cell() -> Cell {
     let q = FRAC_PI_2;
     let starts = [[0.5, 0.0, -q, 0.0, q, q, -q], [0.0, 0.0, -q, 0.0, q, q, 0.0]];
@@ -204,7 +206,7 @@ fn cell() -> Cell {
     }
 }
 
-/// Returns the pose of the tool at the start of an arm.
+/// Returns the pose of an arm's tool in the world when the arm's joints are at `arm.start`.
 fn world_from_tool(arm: &Arm) -> Pose {
     arm.world_from_base * arm.model.base_from_flange(&arm.start) * arm.flange_from_tool
 }

@@ -178,7 +178,8 @@ fn name(kind: &Kind) -> String {
     format!("{}{}", kind.name, if kind.loaded { ", loaded" } else { "" })
 }
 
-/// Returns the median over the rounds of the ratio of the 99th percentiles.
+/// Returns by what factor the lateness of `ours` exceeds that of `theirs`: the median, over the
+/// rounds, of the ratio of their 99th percentiles. Returns `None` if either has no rounds.
 fn ratio(ours: &Kind, theirs: &Kind) -> Option<f64> {
     let mut ratios: Vec<f64> =
         ours.p99.iter().zip(&theirs.p99).map(|(a, b)| a / b.max(1.0)).collect();
@@ -186,8 +187,10 @@ fn ratio(ours: &Kind, theirs: &Kind) -> Option<f64> {
     ratios.get(ratios.len() / 2).copied()
 }
 
-/// Runs the wall driver for a round, as a run starts it. Adds its times to the histograms and
-/// returns the number of missed periods.
+/// Runs the servo's real-time thread for one second, with the options of an ordinary run except
+/// that the thread spins for the last `spin` ns before each period. Adds the lateness of each
+/// wake-up, the jitter of the period and the computing time to the histograms; returns the number
+/// of missed periods.
 fn servo(spin: u64, [late, jitter, work]: [&mut Histogram<u64>; 3]) -> u64 {
     let (mut links, ends): (Vec<_>, Vec<_>) = (0..2).map(|_| link()).unzip();
     let mut port = rig::Still::new();
@@ -210,8 +213,9 @@ fn servo(spin: u64, [late, jitter, work]: [&mut Histogram<u64>; 3]) -> u64 {
     timing.missed
 }
 
-/// Runs `cyclictest` for a round, with the period and priority of the servo. It holds
-/// `/dev/cpu_dma_latency` at 0, as the servo does.
+/// Runs `cyclictest` for one second, with the period and priority of the servo, and adds the
+/// lateness of its wake-ups to `late`. `cyclictest` holds `/dev/cpu_dma_latency` at 0, as the servo
+/// does. Without `cyclictest` on the machine `late` stays empty.
 fn cyclictest(late: &mut Histogram<u64>) {
     let loops = SECOND.as_nanos() as u64 / PERIOD_NANOS;
     let done = Command::new("cyclictest")
@@ -264,7 +268,7 @@ impl Drop for Load {
     }
 }
 
-/// Prints a histogram as bars, with a class for each half decade.
+/// Prints a histogram of lateness as one bar for each half decade, from below 0.1 us up.
 fn draw(late: &Histogram<u64>) {
     let mut from = 0;
     for edge in [100, 300, 1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000, u64::MAX] {
@@ -279,7 +283,8 @@ fn draw(late: &Histogram<u64>) {
     }
 }
 
-/// Returns the facts about the machine that explain its lateness.
+/// Returns facts about the machine that explain how late its threads wake up: number of cores,
+/// kernel version, whether it is a real-time kernel, isolated cores and load.
 fn kernel() -> Vec<String> {
     let read = |path: &str| fs::read_to_string(path).unwrap_or_default().trim().to_owned();
     let real_time = read("/sys/kernel/realtime") == "1";

@@ -51,10 +51,10 @@ fn main() {
     if !["servo_step", "servo_period", "servo_parts"].iter().any(|name| rig::is_selected(name)) {
         return;
     }
-    let warm = Measured::of(50_000, || {});
+    let warm = Measured::measure(50_000, || {});
     // In a run other programs use the caches between two periods: the sweep imitates them.
     let mut sweep = vec![0u8; 16 << 20];
-    let cold = Measured::of(500, || {
+    let cold = Measured::measure(500, || {
         for line in sweep.iter_mut().step_by(64) {
             *line = line.wrapping_add(1);
         }
@@ -97,8 +97,9 @@ struct Measured {
 }
 
 impl Measured {
-    /// Measures `periods` periods, with `between` before each, which does not count.
-    fn of(periods: u64, mut between: impl FnMut()) -> Self {
+    /// Measures the time and the allocations of `periods` servo periods, after 200 unmeasured ones.
+    /// Calls `between` before each period; its time does not count.
+    fn measure(periods: u64, mut between: impl FnMut()) -> Self {
         let mut pair = Pair::new();
         let mut times = rig::histogram();
         let mut allocations = 0;
@@ -138,7 +139,7 @@ impl Pair {
         Self { core, links, records, port, period: 0 }
     }
 
-    /// Runs one period and returns its time (ns).
+    /// Runs one servo period of both arms and returns the time that the servo computed (ns).
     fn step(&mut self) -> u64 {
         self.period += 1;
         let begun = Instant::now();
@@ -156,7 +157,7 @@ impl Pair {
     }
 }
 
-/// Measures the parts of a period one by one.
+/// Measures the computations of a servo period one by one: kinematics, force law, regulators.
 fn parts(c: &mut Criterion) {
     let model = rig::model("irp6_track");
     let mut group = c.benchmark_group("servo_parts");

@@ -89,7 +89,7 @@ fn main() {
     planner(&default);
 }
 
-/// Reads a list of cubes.
+/// Reads cubes from a file that has the 54 facelet letters of one cube in each line.
 fn read(file: &str) -> Vec<Cube> {
     let text = std::fs::read_to_string(file).expect("a list of cubes");
     let facelets =
@@ -104,7 +104,10 @@ fn header() {
     );
 }
 
-/// Prints a row and returns the mean time (ms).
+/// Prints the row `name` of the table: mean, median, 99th percentile and maximum of the `times`
+/// that a solver took, one for each cube (ms), the mean length of its solutions, and how many times
+/// faster it is than a peer with the mean time `theirs` (ms). `turns` is the sum of the lengths.
+/// Returns the mean time (ms).
 fn row(name: &str, mut times: Vec<f64>, turns: usize, theirs: Option<f64>) -> f64 {
     let count = times.len();
     times.sort_by(f64::total_cmp);
@@ -121,7 +124,9 @@ fn row(name: &str, mut times: Vec<f64>, turns: usize, theirs: Option<f64>) -> f6
     mean
 }
 
-/// Measures this solver with both sets of tables.
+/// Measures this project's solver and prints a row for each of its two sets of tables; `large` is
+/// `None` if that set has not been built. `what` names the kind of search in the row, and `theirs`
+/// is the mean time of the peer to compare with (ms).
 fn ours(
     cubes: &[Cube],
     what: &str,
@@ -148,7 +153,8 @@ fn ours(
     }
 }
 
-/// Measures a solver that takes and returns text.
+/// Measures another project's solver, prints its row and returns its mean time (ms). `solve` takes
+/// the 54 facelet letters of a cube and returns the turns of a solution, separated by blanks.
 fn peer(cubes: &[Cube], name: &str, solve: impl Fn(String) -> String) -> f64 {
     // The first call builds its tables, which must not count.
     solve(Facelets::from(&Cube::scrambled(1)).to_string());
@@ -163,7 +169,7 @@ fn peer(cubes: &[Cube], name: &str, solve: impl Fn(String) -> String) -> f64 {
     row(name, times, turns, None)
 }
 
-/// Measures `kewb`, whose tables are an argument.
+/// Measures the solver of the crate `kewb`, prints its row and returns its mean time (ms).
 fn peer_kewb(cubes: &[Cube]) -> f64 {
     let table = kewb::DataTable::default();
     let (mut times, mut turns) = (Vec::new(), 0);
@@ -180,7 +186,8 @@ fn peer_kewb(cubes: &[Cube]) -> f64 {
     row(&format!("kewb 0.4.3, <= 23 ({} cubes)", cubes.len()), times, turns, None)
 }
 
-/// Prints the mean length of the best solutions that a search finds in `time` by the clock.
+/// Solves each cube with `threads` threads, stops the search after `time` of wall clock, and prints
+/// the mean number of turns of the best solutions found until then.
 fn best_in(cubes: &[Cube], time: Duration, threads: usize, tables: &Tables) {
     let mut turns = 0;
     for cube in cubes {
@@ -206,7 +213,8 @@ fn best_in(cubes: &[Cube], time: Duration, threads: usize, tables: &Tables) {
     );
 }
 
-/// Prints the mean times for shortest solutions, with each table that the store has.
+/// Measures the search for a provably shortest solution of each cube, once with each pruning table
+/// that is in the cache folder, and prints the mean CPU time by length of the solution.
 fn proven(cubes: &[Cube], store: &Store, tables: &Tables) {
     let all = Threads::all();
     for spec in &optimal::TABLES {
@@ -233,7 +241,8 @@ fn proven(cubes: &[Cube], store: &Store, tables: &Tables) {
     }
 }
 
-/// Prints the time to plan for two arms, by rule.
+/// Measures the planner of the two arms: prints, for each rule of grasping, the time to choose one
+/// of 24 solutions of a cube, and the number of grasps of the chosen plan.
 fn planner(tables: &Tables) {
     let budget = Budget { nodes: 100_000, max_length: 20 };
     let list = candidates(&Cube::scrambled(1), tables, &budget, 24);
@@ -252,7 +261,7 @@ fn planner(tables: &Tables) {
     }
 }
 
-/// Returns the CPU time of this thread (s).
+/// Returns the CPU time that the calling thread has used until now (s).
 #[allow(unsafe_code, reason = "the standard library has no clock of a thread's CPU time")]
 fn cpu() -> f64 {
     let mut now = libc::timespec { tv_sec: 0, tv_nsec: 0 };

@@ -27,7 +27,8 @@ use std::path::Path;
 
 const EDGE: f64 = 0.057;
 
-/// Renders a frame, and returns it with its camera, `world_from_camera` and `world_from_cube`.
+/// Renders a picture of a cube that is `shift` m to the right of its usual place. Returns the
+/// picture, the camera's intrinsics, `world_from_camera` and `world_from_cube`.
 fn frame(width: u32, height: u32, shift: f64) -> (RgbImage, Intrinsics, Pose, Pose) {
     let world_from_camera =
         pose_from_axes(Vector3::x(), -Vector3::z(), Vector3::y(), Point3::new(0.0, 0.0, 1.1));
@@ -99,8 +100,8 @@ struct Photograph {
     camera_from_cube: Option<Pose>,
 }
 
-/// Reads the photographs of a folder, scaled to `width` in their own proportions, or to a smaller
-/// width if they would be higher than `height`.
+/// Reads the photographs of a folder, scales each to the largest size that fits into `width` by
+/// `height` px without distortion, and keeps those in which a face is detected.
 fn photographs(folder: &Path, width: u32, height: u32, lens: &Lens) -> Vec<Photograph> {
     let entries = std::fs::read_dir(folder).into_iter().flatten();
     let mut files: Vec<_> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
@@ -128,7 +129,8 @@ fn photographs(folder: &Path, width: u32, height: u32, lens: &Lens) -> Vec<Photo
         .collect()
 }
 
-/// Measures tracking in photographs, from the window and pose that a detection has found before.
+/// Measures how long it takes to track the cube in each photograph, beginning with the window and
+/// the pose that a detection in the same photograph has found.
 fn on_photographs(c: &mut Criterion) {
     let Some(folder) = std::env::var_os("RUBIK_PHOTOGRAPHS") else { return };
     for (width, height) in [(640, 480), (1280, 960)] {

@@ -36,7 +36,8 @@ const STICKERS: [[f64; 3]; 6] = [
 
 const SIZES: [(u32, u32); 2] = [(640, 480), (1280, 960)];
 
-/// Renders frames of a cube of 100 px to 200 px, each in another light and at another pose.
+/// Renders eight pictures of a cube that appears 100 px to 200 px wide, each in another light, at
+/// another pose and with another scramble. `width` and `height` are those of the picture (px).
 fn rendered(width: u32, height: u32) -> Vec<RgbImage> {
     let scale = f64::from(width) / 640.0;
     let camera = Camera {
@@ -69,7 +70,7 @@ fn rendered(width: u32, height: u32) -> Vec<RgbImage> {
         .collect()
 }
 
-/// Reads the photographs of a folder and scales them.
+/// Reads the photographs of a folder and scales each to `width` by `height` px.
 fn photographs(folder: &Path, width: u32, height: u32) -> Vec<RgbImage> {
     let mut files: Vec<_> = std::fs::read_dir(folder)
         .into_iter()
@@ -116,13 +117,14 @@ fn whole_frame(c: &mut Criterion) {
     }
 }
 
-/// Detects the faces in pictures.
+/// Returns all cube faces that are detected in the pictures, in one list.
 fn faces(images: &[RgbImage]) -> Vec<FaceSighting> {
     let found = |image| detect(image, None, &DetectorSettings::default()).ok();
     images.iter().filter_map(found).flatten().collect()
 }
 
-/// Reads the cubes that were measured in photographs.
+/// Reads the JSON files of a folder; each has the colours of a cube's 54 tiles (sRGB), as measured
+/// in photographs.
 fn measured(folder: &Path) -> Vec<[[f64; 3]; 54]> {
     let mut files: Vec<_> = std::fs::read_dir(folder)
         .into_iter()
@@ -134,8 +136,8 @@ fn measured(folder: &Path) -> Vec<[[f64; 3]; 54]> {
     texts.filter_map(|text| measured_squares(&text).ok()).collect()
 }
 
-/// Makes cubes of the colours in [`STICKERS`], with a shade for each face and a deviation for each
-/// tile.
+/// Makes 50 scrambled cubes, each as the colours of its 54 tiles (sRGB): those in [`STICKERS`],
+/// made darker by a factor for each face and changed by a deviation for each tile.
 fn made_up() -> Vec<[[f64; 3]; 54]> {
     let cube = |seed: u64| {
         let facelets = *Facelets::from(&Cube::scrambled(seed)).colours();

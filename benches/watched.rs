@@ -90,14 +90,15 @@ fn main() {
     report(&kinds, seconds);
 }
 
-/// Returns the scenario of all rounds.
+/// Returns the path of the scenario that all rounds run: the option `--scenario`, or the default.
 fn scenario() -> String {
     let named = std::env::args().find_map(|arg| Some(arg.strip_prefix("--scenario=")?.to_owned()));
     named.unwrap_or_else(|| "scenarios/acquire.toml".to_owned())
 }
 
-/// Runs the program, interrupts it after `seconds`, and returns the figures that its servo has
-/// printed.
+/// Runs the program with a page, a recorder, both or neither, as `kind` says. Interrupts it after
+/// `seconds` and returns the timing figures that its servo has printed. `file` is the path of the
+/// recording.
 fn run(kind: &Kind, seconds: f64, file: &std::path::Path) -> Result<Round, String> {
     let mut command = Command::new(env!("CARGO_BIN_EXE_rubik-robot"));
     command.args(["run", &scenario(), "--json", "--pace", "real-time"]);
@@ -152,7 +153,8 @@ fn run(kind: &Kind, seconds: f64, file: &std::path::Path) -> Result<Round, Strin
     if round.wake_up.p99 > 0.0 { Ok(round) } else { Err("the servo told nothing".to_owned()) }
 }
 
-/// Reads all messages to a page until the run ends. Returns the number of snapshots.
+/// Connects to the WebSocket `address` as an operator's page does and reads all messages until the
+/// run ends. Returns the number of snapshots received after the start of the run.
 fn watch(address: &str) -> Result<f64, String> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     runtime.map_err(|e| e.to_string())?.block_on(async {
@@ -171,7 +173,8 @@ fn watch(address: &str) -> Result<f64, String> {
     })
 }
 
-/// Parses a line as `p50 1.0 us, p99 2.0 us, ..., max 9.0 us, 500 periods`.
+/// Returns the quantiles that a line of the form
+/// `p50 1.0 us, p99 2.0 us, ..., max 9.0 us, 500 periods` contains (us); NaN for a missing one.
 fn quantiles(text: &str) -> Quantiles {
     let of = |name: &str| {
         let found = text.split(", ").find_map(|part| part.strip_prefix(name));
@@ -190,8 +193,8 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
-/// Returns the median over the rounds of the ratio of a value to that of the run alone in the same
-/// round.
+/// Returns by what factor a page or recorder raises a figure of the servo: the median, over the
+/// rounds, of `of` in the run of `kind` divided by `of` in the run `alone` of the same round.
 fn ratio(kind: &Kind, alone: &Kind, of: impl Fn(&Round) -> f64) -> f64 {
     let pairs = kind.rounds.iter().zip(&alone.rounds);
     median(pairs.filter_map(|(with, without)| Some(of(with.as_ref()?) / of(without.as_ref()?))))

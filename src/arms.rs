@@ -36,7 +36,7 @@ mod tests {
     use crate::motion::AXES;
 
     #[test]
-    fn every_builtin_profile_parses_with_limits_in_order() {
+    fn builtin_arm_profiles_have_lower_limits_below_upper() {
         for name in BUILTIN {
             let model: ArmModel = toml::from_str(builtin_text(name).unwrap()).unwrap();
 

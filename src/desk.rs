@@ -160,7 +160,8 @@ impl RunEnd {
         self.signal.clone()
     }
 
-    /// Takes the inputs until the returned value is dropped; `None` while they are taken elsewhere.
+    /// Returns the only receiver of the inputs, or `None` while another holder has it. Dropping it
+    /// makes it available again.
     #[must_use]
     pub fn take_inputs(&self) -> Option<Inputs> {
         // No code under this lock can panic, so even a poisoned lock holds a sound value.
@@ -206,7 +207,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn emergency_stop_passes_a_full_queue() {
+    fn emergency_stop_works_when_input_queue_is_full() {
         let (ui, run) = Desk::default().ends();
         while ui.send(Input::Pause) {}
 

@@ -58,7 +58,8 @@ impl Error {
     }
 }
 
-/// Returns the period of a state as a part of an error's text; empty without a state.
+/// Returns the servo period of an arm's last state, for the text of an error; empty without a
+/// state.
 fn when(last: Option<&ArmState>) -> String {
     last.map_or_else(String::new, |state| format!(", period {}", state.period))
 }
@@ -78,9 +79,9 @@ pub enum NonFatal {
     /// The loss of an arm's synchronisation in a mission that is resumed: its jaws may hold the
     /// cube.
     #[error(
-        "{effector} does not know where it is, and its jaws may hold the cube: nothing moves. \
-         Take the cube out, synchronise the arm by hand (this scenario with --set task=idle and \
-         a face), then resume, or start a new run"
+        "{effector} is not synchronised, and its jaws may hold the cube: nothing moves. Take the \
+         cube out, synchronise the arm by hand (run this scenario with --set task=idle and a UI), \
+         then resume, or start a new run"
     )]
     Lost {
         /// Name of the effector.
@@ -108,7 +109,8 @@ pub enum NonFatal {
     Arguments(String),
 }
 
-/// Returns unit and direction of a component of a wrench.
+/// Returns unit and axis of a component of a wrench (0 to 2 forces, 3 to 5 torques), for the text
+/// of an error.
 fn along(direction: usize) -> &'static str {
     // The remainder keeps any index within the table: the text of an error must not panic.
     ["N along x", "N along y", "N along z", "Nm about x", "Nm about y", "Nm about z"][direction % 6]

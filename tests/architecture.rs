@@ -73,7 +73,7 @@ const MAY_USE_THE_PLANT: &[&str] = &[
 ];
 
 #[test]
-fn dependencies_point_down_and_pure_code_is_pure() {
+fn no_module_uses_higher_layer_or_forbidden_path() {
     let files = as_one_crate(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"));
     assert!(files.len() > 20, "only {} files were found", files.len());
 
@@ -82,8 +82,9 @@ fn dependencies_point_down_and_pure_code_is_pure() {
     assert!(found.is_empty(), "\n{}\n", found.join("\n"));
 }
 
-/// A reader cannot read the files of a circle one after the other. `CIRCLES_OF=FOLDER` counts the
-/// circles of another source tree and checks nothing.
+/// Files that depend on each other in a circle cannot be read one after the other, so the number of
+/// files in circles may only fall. `CIRCLES_OF=FOLDER` counts the circles of another source tree
+/// and checks nothing.
 #[test]
 fn dependency_circles_do_not_grow() {
     let other = std::env::var_os("CIRCLES_OF");
@@ -106,7 +107,7 @@ fn layer(module: &str) -> Option<usize> {
     LAYERS.iter().position(|l| l.contains(&module))
 }
 
-/// Returns all violations of the rules, as `file: reason`.
+/// Returns all violations of the rules for layers, purity and the plant, as `file: reason`.
 fn violations(files: &[File]) -> Vec<String> {
     let mut found = Vec::new();
     let mut arrows: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
@@ -143,7 +144,8 @@ fn violations(files: &[File]) -> Vec<String> {
     found
 }
 
-/// Checks a dependency on the plant; returns the reason if the file must not use the plant.
+/// Checks whether `path`, which the code of `file` names, leads into the simulated plant. Returns
+/// the reason if the file must not use the plant.
 fn plant_arrow(file: &str, module: &str, path: &[String]) -> Option<String> {
     let plant = path.iter().skip(1).take(2).eq(["hw", "plant"]);
     let allowed = matches!(module, "hw" | "scenario") || MAY_USE_THE_PLANT.contains(&file);
@@ -151,7 +153,8 @@ fn plant_arrow(file: &str, module: &str, path: &[String]) -> Option<String> {
         .then(|| format!("`{}`: only for code that makes or judges the plant", path.join("::")))
 }
 
-/// Adds a dependency within the crate to `arrows`; returns the reason if a rule forbids it.
+/// Adds the dependency of `module` on the module to which `path` leads to `arrows`; returns the
+/// reason if a rule forbids it. `from` is the layer of `module`, counted from the top.
 fn crate_arrow(
     module: &str,
     from: usize,
@@ -186,8 +189,8 @@ fn crate_arrow(
     None
 }
 
-/// Checks a dependency on the standard library or on another crate; returns the reason if a rule
-/// forbids it.
+/// Checks a `path` into the standard library or another crate; returns the reason if a rule forbids
+/// it in `module`. `from` is the layer of `module`, counted from the top.
 fn foreign(module: &str, from: usize, path: &[String]) -> Option<String> {
     let shown = path.join("::");
     if path[0] == "anyhow" && module != "cli" {
@@ -198,7 +201,8 @@ fn foreign(module: &str, from: usize, path: &[String]) -> Option<String> {
     (pure && impure).then(|| format!("`{shown}` below the line"))
 }
 
-/// Returns whether the code has `word`, not as the beginning of a longer name or as a call.
+/// Returns whether `word` occurs in the code, other than as the beginning of a longer name or as
+/// the name of a called function.
 fn names(code: &str, word: &str) -> bool {
     code.match_indices(word).any(|(at, _)| {
         let after = code[at + word.len()..].chars().next();
@@ -206,7 +210,7 @@ fn names(code: &str, word: &str) -> bool {
     })
 }
 
-/// Returns the cycles between modules, each of them once.
+/// Returns the cycles of dependencies between modules, each once, as `a -> b -> a`.
 fn cycles(arrows: &BTreeMap<String, BTreeSet<String>>) -> Vec<String> {
     fn walk(
         at: &str,
@@ -235,8 +239,8 @@ fn cycles(arrows: &BTreeMap<String, BTreeSet<String>>) -> Vec<String> {
     found.into_iter().collect()
 }
 
-/// Returns all paths that begin at the crate, at a `super` that leaves the module, or at a foreign
-/// crate.
+/// Returns all paths in the code of `file` that leave its module: those that begin with `crate`,
+/// with enough `super`, or with the name of another crate.
 fn paths(code: &str, file: &str) -> Vec<Vec<String>> {
     let tokens = tokens(code);
     let depth = file.trim_end_matches("/mod.rs").split('/').count();
@@ -294,7 +298,7 @@ mod checker_tests {
     }
 
     #[test]
-    fn clean_code_is_accepted() {
+    fn comments_strings_tests_and_downward_dependencies_are_accepted() {
         let text = "use crate::{spatial::{Pose, Wrench}, motion};\nuse super::io;\n\
                     // use crate::cli;\nconst A: &str = \"crate::hw\"; const B: char = '{';\n\
                     fn f<'a>(x: &'a str) {}\n#[cfg(test)]\nmod tests { use crate::cli; }\n";
@@ -346,7 +350,7 @@ mod checker_tests {
     }
 
     #[test]
-    fn geometry_in_tasks_and_generators_is_reported() {
+    fn geometry_import_in_tasks_or_generators_is_reported() {
         for module in ["tasks/a/mod.rs", "generators/turn.rs"] {
             for text in [
                 "use crate::hw::camera::Frame;",
@@ -361,7 +365,7 @@ mod checker_tests {
     }
 
     #[test]
-    fn plant_in_the_controller_is_reported() {
+    fn use_of_plant_by_controller_is_reported() {
         let text = "fn f(s: &Scenario) -> f64 { s.plant.keys.grasp_error }";
         assert!(one("actors/mp/mod.rs", text).contains("only the plant may read"));
         assert!(

@@ -73,7 +73,7 @@ impl Rig {
         Self::late(arms, options, Some(Duration::ZERO))
     }
 
-    /// Starts an emulator that begins to listen after the time `by`, or never.
+    /// Starts an emulator that answers on its lines only after the time `by`; `None` means never.
     fn late(arms: usize, options: EmulatorOptions, by: Option<Duration>) -> Self {
         let seen = Arc::new(Mutex::new(Seen::default()));
         let world = World { motors: Motors::new(arms), seen: Arc::clone(&seen) };
@@ -130,8 +130,8 @@ fn on(pwm: i16) -> ArmDrive {
     ArmDrive { enabled: true, pwm: [pwm; AXES], jaw_pwm: -pwm, stops: Depth::Two, ..ArmDrive::OFF }
 }
 
-/// Exchanges drives and readings every 2 ms; returns the period in which `until` accepts the
-/// readings, or the period and the fault of the port.
+/// Exchanges drives and readings with the bridge every 2 ms, from the period `from` on. Returns the
+/// period in which `until` accepts the readings, or the period and the fault if the bridge fails.
 fn exchange(
     port: &mut SerialPort,
     drives: &[ArmDrive],
@@ -154,7 +154,7 @@ fn exchange(
 }
 
 /// A robot that answers late must not look like one whose counters are at zero. A robot that never
-/// answers is a fault that names its lines.
+/// answers causes a fault that names its lines.
 #[test]
 fn bridge_waits_for_first_answer_of_robot() {
     let first = |rig: &Rig| {
@@ -263,8 +263,8 @@ fn move_over_serial_lines_reaches_its_goal() {
     assert!(!rig.seen.lock().unwrap().drives[0].enabled);
 }
 
-/// Runs two arms until a fault of their lines; returns the period, the fault, the notes and the
-/// rig.
+/// Runs two arms over lines with injected faults until the bridge reports a fault. Returns the
+/// period, the fault, the notes of the bridge and the rig.
 fn into_a_fault(faults: LineFaults) -> (u64, PortFault, Vec<Note>, Rig) {
     let rig = Rig::start(2, EmulatorOptions { faults, ..EmulatorOptions::default() });
     let (to, mut from) = notes();
@@ -282,7 +282,7 @@ fn into_a_fault(faults: LineFaults) -> (u64, PortFault, Vec<Note>, Rig) {
 
 #[test]
 #[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
-fn unplugged_line_is_reported_and_arms_brake() {
+fn unplugged_serial_line_is_reported_and_disables_drives() {
     let faults = LineFaults {
         unplugged: vec![At { effector: 1, axis: 3, time: 0.2 }],
         ..LineFaults::default()
@@ -303,7 +303,7 @@ fn unplugged_line_is_reported_and_arms_brake() {
 
 #[test]
 #[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
-fn controller_reset_is_detected_and_arms_brake() {
+fn reset_axis_controller_is_reported_and_disables_drives() {
     let faults = LineFaults {
         resets: vec![At { effector: 0, axis: 5, time: 0.2 }],
         ..LineFaults::default()
@@ -380,7 +380,7 @@ fn silent_force_sensor_reads_nan_and_is_reported() {
 
 #[test]
 #[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
-fn bridge_ends_soon_after_killed_emulator() {
+fn bridge_reports_killed_emulator_within_half_a_second() {
     let mut rig = Rig::start(2, EmulatorOptions::default());
     let mut port = rig.bridge(3, Notes::none());
     let mut readings = [ArmReading::default(); 2];

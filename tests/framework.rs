@@ -84,7 +84,8 @@ fn rig(coordination: Coordination) -> Rig {
     rig_with_journal(coordination, |_| None)
 }
 
-/// Makes a rig with a journal. `journal` gets the scene, so that its disk can observe the plant.
+/// Makes a rig whose MP keeps the journal that `journal` returns. The closure gets the scene of the
+/// plant, so that a test can observe the arm at each write.
 fn rig_with_journal(
     coordination: Coordination,
     journal: impl FnOnce(&Arc<Mutex<Scene>>) -> Option<Journal>,
@@ -157,7 +158,8 @@ fn furthest(a: &JointPositions, b: &JointPositions) -> f64 {
     a.0.iter().zip(b.0).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
-/// Runs the task to its end; returns the ending and the set joints before and after.
+/// Runs a task that moves one arm by [`SHIFT`]. Returns the ending of the run, and the set joint
+/// positions before and after it.
 async fn whole_run(coordination: Coordination) -> (Ending, JointPositions, JointPositions) {
     let rig = rig(coordination);
     let from = rig.edp.state().await.unwrap().desired_joints;
@@ -169,10 +171,10 @@ async fn whole_run(coordination: Coordination) -> (Ending, JointPositions, Joint
     (ending, from, to.desired_joints)
 }
 
-/// One effector without sensors runs a task that is not the cube's, under both schemes of
+/// One effector without sensors runs a task that handles no cube, under both schemes of
 /// coordination.
 #[tokio::test(start_paused = true)]
-async fn one_arm_runs_a_task_under_both_schemes() {
+async fn one_arm_runs_task_under_both_coordination_schemes() {
     for coordination in [Coordination::Sporadic, Coordination::Continuous] {
         let (ending, from, to) = whole_run(coordination).await;
 
@@ -224,7 +226,7 @@ async fn pause_stops_arm_and_resume_finishes_motion() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn terminate_ends_run_without_finish_or_error() {
+async fn operators_terminate_ends_run_without_result_or_error() {
     for coordination in [Coordination::Sporadic, Coordination::Continuous] {
         let Rig { mp, edp, control, mut notices, .. } = rig(coordination);
         let mission = tokio::spawn(async move { mp.run(&mut Shift(SHIFT)).await });
@@ -297,8 +299,8 @@ async fn failed_effector_ends_run_with_fatal_error() {
     assert!(told.ends_with(": emergency stop"), "{told}");
 }
 
-/// Moves with a velocity in one direction of a frame for one second; returns the pose of the tool
-/// in the plant before and after.
+/// Moves the arm for one second with a velocity in one of the six directions of a frame. Returns
+/// the pose of the tool in the plant before and after.
 async fn moved(rig: &Rig, frame: Frame, direction: usize, velocity: f64) -> (Pose, Pose) {
     let before = rig.world_from_tool();
     let mut directions = [Direction::HOLD; 6];
@@ -313,7 +315,7 @@ async fn moved(rig: &Rig, frame: Frame, direction: usize, velocity: f64) -> (Pos
 /// A velocity in the frame of the base moves the tool along the base, one in the frame of the tool
 /// along the tool.
 #[tokio::test(start_paused = true)]
-async fn velocity_follows_the_axes_of_its_frame() {
+async fn velocity_moves_tool_along_axes_of_its_frame() {
     let rig = rig(Coordination::Sporadic);
     rig.hold(100).await;
     for direction in 0..3 {

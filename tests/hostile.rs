@@ -54,12 +54,14 @@ const MEMORY: usize = 256 << 20;
 /// Time that a reader may take.
 const TIME: Duration = Duration::from_secs(10);
 
-/// Gives an input from a file to a reader, with limits of memory and time.
+/// Calls the reader `read` with an input from the file `name`. Fails if the reader takes too much
+/// memory or hangs.
 fn give(name: &str, input: &[u8], read: &dyn Fn(&[u8])) {
     limited(Input::by_name(name), name, input, read);
 }
 
-/// Gives a generated input to a reader, with limits of memory and time.
+/// Calls the reader `read` with a generated input. Fails if the reader takes too much memory or
+/// hangs; an input with which it hangs is written to the corpus of its `kind`.
 fn give_found(kind: &'static str, input: &[u8], read: &dyn Fn(&[u8])) {
     let bytes = input.to_vec();
     limited(Input::generated(kind, move || bytes.clone()), kind, input, read);
@@ -115,7 +117,7 @@ const NUMBERS: [&str; 20] = [
     "null",
 ];
 
-/// Returns the ranges of the numbers in a text.
+/// Returns the ranges of bytes at which the numbers in a text are written.
 fn numbers(bytes: &[u8]) -> Vec<std::ops::Range<usize>> {
     let mut found = Vec::new();
     let mut at = 0;
@@ -183,13 +185,15 @@ fn corrupted(bytes: &[u8], corruptions: &[Corruption]) -> Vec<u8> {
     bytes
 }
 
-/// Gives a reader the corpus, then random bytes, corrupted files and text of an alphabet.
+/// Tests a reader with all files in the corpus of its `kind`, then with `cases` generated inputs:
+/// random bytes, corrupted files of the corpus, and random text of the letters in `alphabet`.
 fn hostile(kind: &'static str, alphabet: &str, cases: u32, read: &dyn Fn(&[u8])) {
     hostile_to(kind, alphabet, cases, Vec::new(), |bytes| bytes, read);
 }
 
-/// Gives a reader the inputs of [`hostile`], with further files in the corpus. `mend` restores the
-/// checksums of half of the corrupted files, so that they reach the code behind the check.
+/// Tests a reader as [`hostile`] does, with the contents of further files, `more`, added to the
+/// corpus. `mend` removes or restores the checksums in half of the corrupted files, so that they
+/// reach the code behind the check.
 fn hostile_to(
     kind: &'static str,
     alphabet: &str,
@@ -300,7 +304,8 @@ fn without_checksums(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
-/// Returns the first 400 pieces of a recording, in chunks without compression.
+/// Returns an uncompressed recording of the first 400 messages, metadata and attachments of another
+/// recording.
 fn plain(recording: &[u8]) -> Vec<u8> {
     let options = mcap::WriteOptions::new().compression(None).chunk_size(Some(4000));
     let mut writer = options.create(std::io::Cursor::new(Vec::new())).unwrap();
@@ -366,7 +371,7 @@ fn malformed_recordings_do_not_panic() {
 }
 
 #[test]
-fn long_schema_of_many_channels_is_kept_once() {
+fn recording_reader_stores_schema_shared_by_channels_once() {
     let text = |bytes: &[u8]| [&(bytes.len() as u32).to_le_bytes(), bytes].concat();
     let record = |opcode: u8, parts: &[&[u8]]| {
         let body = parts.concat();
@@ -504,8 +509,8 @@ fn malformed_page_messages_do_not_panic() {
     });
 }
 
-/// Returns the input that a page's text describes, read without the types of the socket. The
-/// arguments beside the name move below the name, as in a recording.
+/// Returns the operator's input that the message of a page describes, read by other code than the
+/// server's: `{"command": NAME, ...}` becomes `{NAME: {...}}`, as in a recording.
 fn input_of(text: &str) -> Option<operator::Input> {
     let mut message: serde_json::Map<String, serde_json::Value> =
         serde_json::from_str(text).ok()?;
@@ -514,7 +519,8 @@ fn input_of(text: &str) -> Option<operator::Input> {
     serde_json::from_value(with_arguments).or_else(|_| serde_json::from_value(name.into())).ok()
 }
 
-/// Returns a panel that waits for an order to one of two arms: one with an axis 0, one without.
+/// Returns a kernel for orders by hand, which waits for an order to one of two arms. Only the first
+/// arm has an axis 0.
 fn panel() -> Panel {
     let limits = |has_track| ArmLimits {
         has_track,
@@ -528,15 +534,15 @@ fn panel() -> Panel {
     panel
 }
 
-/// Returns the panel's next action after this event.
+/// Gives the kernel for orders by hand an event and returns its next action.
 fn answered(panel: &mut Panel, event: Event<()>) -> Action<()> {
     let arms = [ArmState::default(); 2];
     panel.next(event, &Readings { arms: &arms, forces: Forces::default() })
 }
 
-/// Checks the action of a waiting panel for an order: only existing arms move, to existing places,
-/// at most by the limit of one order, and a refusal has its reason. Afterwards the panel waits
-/// again.
+/// Gives an order to the waiting kernel for orders by hand and checks its action: only an existing
+/// arm moves, to an existing pose and at most by the limit of one order, and a refusal has a
+/// reason. Afterwards the kernel waits again.
 fn ordered(panel: &mut Panel, input: &operator::Input) {
     assert!(!input.describe().is_empty());
     let operator::Input::Manual { effector, order } = input else { return };
@@ -612,7 +618,7 @@ fn malformed_manual_orders_do_not_panic() {
     });
 }
 
-/// Returns an input with arguments as a page writes it: `{"command": NAME, ...}`.
+/// Returns the message `{"command": NAME, ...}` by which a page sends an input with arguments.
 fn page_message(input: &operator::Input) -> Vec<u8> {
     let serde_json::Value::Object(named) = serde_json::to_value(input).unwrap() else {
         panic!("{input:?} has no arguments")

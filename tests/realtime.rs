@@ -205,8 +205,8 @@ fn commands() -> Vec<ServoCommand> {
     ]
 }
 
-/// Runs the servo's thread with all commands; returns the numbers of allocations, system calls and
-/// records.
+/// Runs the servo's real-time thread with all commands, while its record sink commits `violation`.
+/// Returns the numbers of allocations, forbidden system calls and records.
 fn run(violation: Violation) -> [u64; 3] {
     let seen: Arc<[AtomicU64; 3]> = Arc::default();
     let watch = Watch { violation, seen: Arc::clone(&seen), armed: false };
@@ -259,7 +259,7 @@ fn run(violation: Violation) -> [u64; 3] {
 
 /// This file has a single test because its counters belong to the process.
 #[test]
-fn period_needs_no_allocation_lock_or_other_syscall() {
+fn servo_period_needs_no_allocation_lock_or_syscall() {
     let [allocations, calls, records] = run(Violation::None);
     assert!(records > 300, "{records} records");
     assert_eq!(allocations, 0);

@@ -31,7 +31,8 @@ fn files(folders: &[&str]) -> Vec<File> {
     files
 }
 
-/// Prints each place that breaks a rule, and checks the number of places.
+/// Prints each place in the project's files that breaks a rule, as `of_file` finds them, and checks
+/// that their number does not exceed the one in `counts.txt`.
 fn count(rule: &str, of_file: impl Fn(&str) -> Vec<(usize, String)>) {
     count_in(&["src", "tests", "benches", "examples"], rule, of_file);
 }
@@ -55,7 +56,7 @@ fn comment_sentences_name_their_subject() {
 }
 
 #[test]
-fn lines_end_at_100_columns() {
+fn lines_have_at_most_100_columns() {
     count("lines of more than 100 columns", long_lines);
 }
 
@@ -65,11 +66,11 @@ fn test_names_have_at_most_eight_words() {
 }
 
 #[test]
-fn functions_are_short() {
+fn functions_exceed_neither_70_lines_nor_5_arguments() {
     count_in(&["src"], "functions of more than 70 lines or 5 arguments", large_functions);
 }
 
-/// Returns the functions that are too large. Their lines are counted without test items.
+/// Returns the functions with too many lines or arguments, by line. Leaves out the test items.
 fn large_functions(text: &str) -> Vec<(usize, String)> {
     let code = without_tests(&without_comments_and_strings(text));
     let word = |c: char| c.is_alphanumeric() || c == '_';
@@ -85,7 +86,8 @@ fn large_functions(text: &str) -> Vec<(usize, String)> {
     found
 }
 
-/// Returns arguments and lines of the function whose name the text follows; `None` without a body.
+/// Returns the numbers of arguments and lines of a function; `None` if it has no body. `text` is
+/// the code that follows the function's name.
 fn size(text: &str) -> Option<(usize, usize)> {
     // Open brackets, and open angles up to the end of the arguments.
     let (mut depth, mut angles) = (0, 0);
@@ -120,8 +122,8 @@ fn size(text: &str) -> Option<(usize, usize)> {
     None
 }
 
-/// Returns the sentences of a file's comments that begin with one of [`HEADLESS`], by the last line
-/// of their block.
+/// Returns the sentences in a file's comments that begin with a word of [`HEADLESS`], each with the
+/// number of the last line of its block of comments.
 fn headless(text: &str) -> Vec<(usize, String)> {
     let mut found = Vec::new();
     let mut block = String::new();
@@ -187,7 +189,7 @@ mod counter_tests {
     use super::*;
 
     #[test]
-    fn headless_finds_sentences_without_subject() {
+    fn sentences_without_subject_are_found_in_comments() {
         // Each line by itself: a line of this file that begins with slashes would count.
         let text = [
             "/// Returns it. What is left",
@@ -203,13 +205,13 @@ mod counter_tests {
     }
 
     #[test]
-    fn long_lines_counts_characters() {
+    fn line_length_is_counted_in_characters_not_bytes() {
         let text = format!("{}\n{}\n", "\u{e4}".repeat(100), "b".repeat(101));
         assert_eq!(long_lines(&text), [(1, "b".repeat(101))]);
     }
 
     #[test]
-    fn large_functions_counts_lines_and_arguments() {
+    fn large_functions_are_found_by_lines_and_arguments() {
         let six =
             "fn six<F: Fn(u8) -> u8>(&self, a: [u8; 2], b: (u8, u8), c: M<u8, u8>, d: F, e: u8,)";
         let long = "x;\n".repeat(69);
@@ -224,7 +226,7 @@ mod counter_tests {
     }
 
     #[test]
-    fn long_test_names_ignores_other_functions() {
+    fn only_test_names_over_eight_words_are_found() {
         let text = "#[test]\nfn a_b_c_d_e_f_g_h() {}\nfn a_b_c_d_e_f_g_h_i() {}\n\
                     #[test]\n#[ignore]\nfn a_b_c_d_e_f_g_h_j() {}\n";
         assert_eq!(long_test_names(text), [(5, "a_b_c_d_e_f_g_h_j".to_owned())]);

@@ -35,7 +35,8 @@ const TIME: Duration = Duration::from_secs(5);
 /// can shrink an input that is only slow before it reports it.
 const HANGS: Duration = Duration::from_secs(60);
 
-/// Runs a reader with limits of memory and time.
+/// Runs `read` and fails if it takes `memory` bytes or [`TIME`]. `what` names the input in the
+/// failure.
 fn limited(what: &str, memory: usize, read: impl FnOnce()) {
     limited_to(Input::by_name(what), what, memory, read);
 }
@@ -76,7 +77,8 @@ fn look(image: &RgbImage) {
     let _ = stages.square();
 }
 
-/// Gives bytes to the decoder, and the picture to vision if they are one.
+/// Decodes `bytes`, and runs vision on the picture if they are one. Fails if this takes `memory`
+/// bytes or [`TIME`]. `what` names the input in the failure.
 fn give(what: &str, bytes: &[u8], memory: usize) {
     give_to(Input::by_name(what), what, bytes, memory);
 }
@@ -162,7 +164,7 @@ fn mended(mut bytes: Vec<u8>) -> Vec<u8> {
 }
 
 #[test]
-fn pictures_decode_before_they_are_corrupted() {
+fn uncorrupted_test_pictures_decode_without_error() {
     for (i, picture) in pictures().iter().enumerate() {
         assert!(decode(picture).is_ok(), "{i}: {:?}", decode(picture));
         give("whole", picture, SMALL);
@@ -171,7 +173,7 @@ fn pictures_decode_before_they_are_corrupted() {
 }
 
 #[test]
-fn size_in_header_takes_no_excess_memory() {
+fn false_size_in_header_takes_no_excess_memory() {
     let small = file(&face().into(), ImageFormat::Png);
     for (width, height) in
         [(0, 0), (0, 5), (1, u32::MAX), (u32::MAX, u32::MAX), (20_000, 20_000), (50_000, 1000)]
@@ -264,7 +266,7 @@ fn corpus() -> Vec<Vec<u8>> {
 }
 
 #[test]
-fn corrupted_bytes_do_not_panic() {
+fn corrupted_picture_bytes_do_not_panic() {
     let mut all = corpus();
     for bytes in &all {
         give("corpus", bytes, LARGE);
@@ -319,7 +321,7 @@ impl Hard {
 }
 
 #[test]
-fn drawn_lattices_do_not_panic_or_hang() {
+fn random_lattice_pictures_do_not_panic_or_hang() {
     let lattice = (
         (2.0..60.0f64, -20.0..20.0f64, -50.0..300.0f64),
         (-20.0..20.0f64, 2.0..60.0f64, -50.0..300.0f64),
@@ -342,7 +344,7 @@ fn drawn_lattices_do_not_panic_or_hang() {
 }
 
 #[test]
-fn chessboards_and_noise_end_in_time() {
+fn vision_of_chessboards_and_noise_ends_in_time() {
     for pitch in [1, 2, 3, 5, 8, 13] {
         let board = RgbImage::from_fn(960, 720, |x, y| {
             let odd = (x / pitch + y / pitch) % 2 == 1;
@@ -358,7 +360,7 @@ fn chessboards_and_noise_end_in_time() {
 }
 
 #[test]
-fn paper_stages_of_large_picture_bound_memory() {
+fn method_of_2007_bounds_memory_on_large_picture() {
     // The lock comes before the picture, because the memory allows one of this size at a time.
     let _alone = memory::lock_process();
     let (width, height) = (8000usize, 6000usize);

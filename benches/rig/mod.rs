@@ -19,22 +19,24 @@ use std::f64::consts::TAU;
 pub const COMPLIANT: Direction =
     Direction::Guarded { velocity: 0.0, admittance: 0.001, inertia: 20.0 };
 
-/// Returns the model of a built-in profile.
+/// Returns the kinematic model of the built-in arm profile `name`.
 pub fn model(name: &str) -> ArmModel {
     builtin(name).unwrap_or_else(|| unreachable!("a built-in profile"))
 }
 
-/// Returns the configurations of the two arms of the cell.
+/// Returns the servo configurations of the two arms of the cell: track arm, postument.
 pub fn configs() -> Vec<ServoConfig> {
     ["irp6_track", "irp6_postument"].map(config).into()
 }
 
-/// Returns the arm of the servo's tests with the geometry of a built-in profile.
+/// Returns the servo configuration that the servo's tests use, but with the kinematic model of the
+/// built-in arm profile `name`.
 fn config(name: &str) -> ServoConfig {
     ServoConfig { model: model(name), ..servo_rig::config() }
 }
 
-/// Returns a command for position-force control without an end: five directions yield, one holds.
+/// Returns a position-force command that never ends: five directions of the tool frame are
+/// compliant, and the rotation about y is position-controlled.
 pub fn yielding() -> ServoCommand {
     let mut directions = [COMPLIANT; 6];
     directions[4] = Direction::HOLD;
@@ -47,7 +49,7 @@ pub fn yielding() -> ServoCommand {
 pub struct Still(Vec<ArmReading>);
 
 impl Still {
-    /// Makes readings of the arms at [`START`].
+    /// Makes a port whose encoder counts always are those of both arms at [`START`].
     pub fn new() -> Self {
         let readings = configs().into_iter().map(|config| {
             let motors = config.model.motors(&START);
@@ -80,30 +82,34 @@ impl Port for Still {
     }
 }
 
-/// Returns whether the command line selects this bench, as in `cargo bench -- plant`: a word that
-/// is no option occurs in its name, or there is no such word.
+/// Returns whether the command line selects the bench `name`. The arguments that do not begin with
+/// `-` are filters, as `plant` in `cargo bench -- plant`: a bench is selected if its name contains
+/// a filter, or if there are no filters.
 pub fn is_selected(name: &str) -> bool {
     let filters: Vec<String> =
         std::env::args().skip(1).filter(|arg| !arg.starts_with('-')).collect();
     filters.is_empty() || filters.iter().any(|f| name.contains(f.as_str()))
 }
 
-/// Returns whether the output is one line of JSON.
+/// Returns whether the command line has the option `--json`, with which a bench prints one line of
+/// JSON.
 pub fn json() -> bool {
     std::env::args().any(|arg| arg == "--json")
 }
 
-/// Makes a histogram of times up to a second, with an error of at most a thousandth (ns).
+/// Makes an empty histogram for times in ns. It counts times up to 1 s with a relative error of at
+/// most 0.001.
 pub fn histogram() -> Histogram<u64> {
     Histogram::new_with_bounds(1, 1_000_000_000, 3).unwrap_or_else(|_| unreachable!("fixed bounds"))
 }
 
-/// Returns a quantile of the times (us).
+/// Returns a quantile, in us, of times that were recorded in ns. `share` is 0.5 for the median.
 pub fn us(times: &Histogram<u64>, share: f64) -> f64 {
     times.value_at_quantile(share) as f64 / 1000.0
 }
 
-/// Formats an object of JSON, values rounded to three decimals.
+/// Formats the names and values in `fields` as a JSON object, with values rounded to three
+/// decimals and `null` for `None`.
 pub fn object(fields: &[(&str, Option<f64>)]) -> String {
     let mut map = serde_json::Map::new();
     for (name, value) in fields {

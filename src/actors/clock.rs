@@ -36,7 +36,8 @@ impl Clock {
         self.late.store(late, Ordering::Release);
     }
 
-    /// Returns the beginning of a period. It moves when the servo misses more periods.
+    /// Returns the time at which the servo period `period` begins or began. Periods that the servo
+    /// misses have no number, so each of them delays this time by one period.
     #[must_use]
     pub fn instant(&self, period: u64) -> Instant {
         // `Duration` multiplies by `u32`: 2^32 periods are 99 days.
@@ -60,12 +61,14 @@ impl Clock {
         }
     }
 
-    /// Orders all servos to stop their arms and to hold them, or releases them from that.
+    /// Orders all servos to stop their arms and keep them at rest if `holds` is `true`; revokes
+    /// that order if it is `false`.
     pub(crate) fn hold(&self, holds: bool) {
         self.switches.hold.store(holds, Ordering::Release);
     }
 
-    /// Returns the delay of the periods against the origin.
+    /// Returns how much later than `origin + period * 2 ms` a period begins: the late start of the
+    /// servo plus the time of all periods that it has missed.
     fn behind(&self) -> Duration {
         let late = self.late.load(Ordering::Acquire);
         Duration::from_nanos(late.saturating_add(self.switches.punctual.missed_nanos()))
@@ -77,7 +80,7 @@ mod tests {
     use super::*;
 
     #[tokio::test(start_paused = true)]
-    async fn late_servo_begins_with_period_zero() {
+    async fn clock_counts_periods_from_a_late_servo_start() {
         let clock = Clock::new(Instant::now(), Arc::default());
         let another = clock.clone();
         tokio::time::sleep(Duration::from_millis(300)).await;
@@ -88,7 +91,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn missed_periods_are_not_counted() {
+    async fn missed_periods_are_subtracted_from_clock_period() {
         let switches = Arc::new(Switches::default());
         let clock = Clock::new(Instant::now(), Arc::clone(&switches));
         clock.until(100).await;

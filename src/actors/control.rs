@@ -21,7 +21,8 @@ pub enum Control {
 }
 
 impl Control {
-    /// Returns the input that leads to this state; `None` for the first one.
+    /// Returns the input of the operator that brings a run into this state; `None` for `Waiting`,
+    /// in which a run begins.
     #[must_use]
     pub fn input(self) -> Option<Input> {
         match self {
@@ -37,7 +38,7 @@ impl Control {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Terminated;
 
-/// Waits while the run is paused; returns at once otherwise.
+/// Waits while the run is paused or has not been started; returns at once while it proceeds.
 ///
 /// # Errors
 /// [`Terminated`] when the operator terminates the run, or when no sender is left.
@@ -59,7 +60,8 @@ pub async fn permission(control: &mut watch::Receiver<Control>) -> Result<(), Te
 /// must not wait for a person.
 pub(crate) const LOOK: Duration = Duration::from_millis(20);
 
-/// Waits as [`permission`] does, for 20 ms at most; `None` when it is time to check the arms.
+/// Waits as [`permission`] does, but for 20 ms at most. Returns `None` if the run is still paused
+/// then, so that the caller can check the arms for faults.
 pub async fn permission_soon(
     control: &mut watch::Receiver<Control>,
 ) -> Option<Result<(), Terminated>> {
@@ -81,7 +83,8 @@ pub enum Attended {
 /// Lowest speed of simulated time, as a multiple of real time. A lower one would sleep for hours.
 pub const SLOWEST: f64 = 0.01;
 
-/// Returns whether `factor` is a valid speed of simulated time; 0 is as fast as it computes.
+/// Returns whether `factor` is a valid limit of the speed of simulated time, as a multiple of real
+/// time: 0, which stands for no limit, or at least [`SLOWEST`].
 #[must_use]
 pub fn is_speed(factor: f64) -> bool {
     factor == 0.0 || factor.is_finite() && factor >= SLOWEST
@@ -104,19 +107,21 @@ struct TempoState {
 }
 
 impl Tempo {
-    /// Sets the limit, as a multiple of real time: 0 for none, at least [`SLOWEST`] otherwise.
+    /// Sets the largest speed of simulated time to `factor`, a multiple of real time: 0 for no
+    /// limit, at least [`SLOWEST`] otherwise.
     pub fn set(&self, factor: f64) {
         let factor = if factor.is_finite() && factor > 0.0 { factor.max(SLOWEST) } else { 0.0 };
         self.0.limit.store(factor.to_bits(), Ordering::Relaxed);
     }
 
-    /// Returns the limit, as a multiple of real time; 0 for none.
+    /// Returns the largest speed of simulated time, as a multiple of real time; 0 for no limit.
     #[must_use]
     pub fn limit(&self) -> f64 {
         f64::from_bits(self.0.limit.load(Ordering::Relaxed))
     }
 
-    /// Adds a time for which the run waited for a person or was slowed down.
+    /// Reports that the run has waited for a person, or was slowed down on purpose, for the time
+    /// `waited`. [`Tempo::working_time`] leaves this time out.
     pub fn held_back(&self, waited: Duration) {
         // `as_nanos` is 128 bits wide; 64 bits are 584 years.
         let nanos = u64::try_from(waited.as_nanos()).unwrap_or(u64::MAX);
@@ -132,7 +137,8 @@ impl Tempo {
         now.checked_sub(Duration::from_nanos(waited)).unwrap_or(now)
     }
 
-    /// Sets the reason for which time passes in real time, while MP waits for the operator.
+    /// Sets why simulated time must not pass faster than real time at present: because MP waits
+    /// for an answer or an order of the operator, or [`Attended::No`] if it may.
     pub fn attend(&self, attended: Attended) {
         self.0.attended.store(attended as u8, Ordering::Relaxed);
     }

@@ -57,7 +57,8 @@ pub struct EcpHandle {
 }
 
 impl EcpHandle {
-    /// Passes a command on to the EDP (continuous coordination).
+    /// Passes a command of MP on to the EDP (continuous coordination) and returns the state of the
+    /// arm with which the EDP answers.
     ///
     /// # Errors
     /// The errors of the EDP.
@@ -65,7 +66,8 @@ impl EcpHandle {
         self.ask("transmit", |reply| Request::Transmit { command, reply }).await
     }
 
-    /// Carries out a behaviour to its end (sporadic coordination).
+    /// Carries out a behaviour to its end (sporadic coordination). Returns its outcome and the
+    /// state of the arm at the end.
     ///
     /// # Errors
     /// The errors of the EDP.
@@ -73,7 +75,8 @@ impl EcpHandle {
         self.ask("behave", |reply| Request::Behave { behaviour, reply }).await
     }
 
-    /// Ends the behaviour under way at its next macrostep.
+    /// Ends the behaviour that the ECP is carrying out: at its next macrostep, or for a fast motion
+    /// once it has slowed down to rest.
     ///
     /// # Errors
     /// System when the ECP is gone.
@@ -81,7 +84,7 @@ impl EcpHandle {
         self.mailbox.send(Request::End).await.map_err(|_| self.closed("end"))
     }
 
-    /// Requests that the EDP sets the force sensor to zero.
+    /// Zeroes the arm's force sensor under its present load and returns the state of the arm.
     ///
     /// # Errors
     /// The errors of the EDP.
@@ -89,7 +92,7 @@ impl EcpHandle {
         self.ask("bias", |reply| Request::Bias { reply }).await
     }
 
-    /// Requests that the EDP finds the synchronisation position.
+    /// Homes the arm, axis by axis, if it is not synchronised yet, and returns its state.
     ///
     /// # Errors
     /// The errors of the EDP.
@@ -105,7 +108,8 @@ impl EcpHandle {
         self.ask("state", |reply| Request::State { reply }).await
     }
 
-    /// Switches the tracking of the stand-alone camera that belongs to this ECP, if one does.
+    /// Switches the tracking of the cube by the stand-alone camera on or off. Does nothing if the
+    /// camera does not belong to this ECP.
     ///
     /// # Errors
     /// System when the ECP is gone.
@@ -113,7 +117,8 @@ impl EcpHandle {
         self.mailbox.send(Request::Watch { on }).await.map_err(|_| self.closed("watch"))
     }
 
-    /// Reads a face with the camera in the effector's hand.
+    /// Reads the face of the cube that the camera in the effector's hand sees. `view` says where
+    /// the face is expected, and the exposure.
     ///
     /// # Errors
     /// Non-fatal when no hand camera belongs to this ECP or the camera finds no face.
@@ -121,12 +126,13 @@ impl EcpHandle {
         self.ask("look", |reply| Request::Look { view, reply }).await
     }
 
-    /// Makes the error of an ECP that is gone.
+    /// Makes the error for a request to an ECP that has ended; `place` names the request.
     fn closed(&self, place: &'static str) -> Error {
         Error::System { actor: self.name.clone(), place, cause: System::Closed(self.name.clone()) }
     }
 
-    /// Sends a request and waits for its answer while the ECP gives signs of life.
+    /// Sends a request to the ECP and waits for its answer. Fails if the ECP has ended, or if it
+    /// gives no sign of life for `patience`; `place` names the request in the error.
     async fn ask<T>(
         &self,
         place: &'static str,
@@ -316,7 +322,7 @@ impl Ecp {
         }
     }
 
-    /// Reads a face with the camera in the hand.
+    /// Reads a face with the camera in the effector's hand, if one belongs to this ECP.
     async fn look(&self, view: View) -> Result<FaceReading, Error> {
         match &self.parts.hand_camera {
             Some(camera) => camera.look(view).await,

@@ -82,7 +82,8 @@ pub struct EdpHandle {
 }
 
 impl EdpHandle {
-    /// Executes a move and returns the state two periods before its end.
+    /// Executes a move. Returns the state of the arm two servo periods before the end of the move,
+    /// so that the next one can follow without a gap.
     ///
     /// # Errors
     /// Non-fatal when the command is refused, fatal when the arm has stopped.
@@ -110,8 +111,8 @@ impl EdpHandle {
         self.ask("bias", Some(SERVICE + REST), |reply| Request::Bias { reply }).await
     }
 
-    /// Finds the synchronisation position, axis by axis. Returns at once if the arm knows it.
-    /// Before that the arm accepts only relative motions of its motors.
+    /// Homes the arm, axis by axis, and returns its state; returns at once if the arm is
+    /// synchronised already. An arm that is not accepts only relative motions of its motors.
     ///
     /// # Errors
     /// Fatal when the arm does not find a switch or an encoder's zero, or another fault stops it.
@@ -121,7 +122,7 @@ impl EdpHandle {
         self.ask("synchronise", None, |reply| Request::Synchronise { reply }).await
     }
 
-    /// Returns the present state.
+    /// Returns the present state of the arm.
     ///
     /// # Errors
     /// Fatal when the arm has stopped.
@@ -247,14 +248,14 @@ impl Edp {
         self.link.send(command).map_err(|_| self.silent(place))
     }
 
-    /// Makes the error of a servo that does not answer.
+    /// Makes the error for a servo that does not answer; `place` names the request that failed.
     fn silent(&self, place: &'static str) -> Error {
         let cause = System::Silent { who: "the servo".into(), seconds: SILENCE };
         Error::System { actor: self.name.clone(), place, cause }
     }
 
-    /// Sends a move to the servo, right after the move before it, and waits for the time of its
-    /// answer.
+    /// Sends a move to the servo that begins where the move before it ends. Waits until two periods
+    /// before the end of the move and returns the state of the arm.
     async fn execute(&mut self, command: MoveCommand) -> Result<ArmState, Error> {
         if command.periods == 0 {
             let cause = NonFatal::Arguments("a move command must last at least one period".into());
@@ -280,7 +281,8 @@ impl Edp {
         self.check("execute")
     }
 
-    /// Sends a command without a motion, and waits until it has acted for some periods.
+    /// Waits until a command without a motion has been in effect for `periods` periods, and returns
+    /// the state of the arm. `sent` is the result of sending the command.
     async fn after(&mut self, sent: Result<u64, Error>, periods: u64) -> Result<ArmState, Error> {
         let ticket = sent?;
         self.done("service", ticket, self.free.max(self.clock.period()) + periods).await?;
@@ -362,8 +364,9 @@ impl Edp {
         }
     }
 
-    /// Waits until a period has begun and the servo has finished with a command. Under the wall
-    /// clock the servo's periods and the runtime's time differ a little, so it polls the servo.
+    /// Waits until `period` has begun and the servo has at most [`EARLY`] periods left of the
+    /// command with the number `ticket`. Polls the servo, because under the wall clock the servo's
+    /// periods and the runtime's time differ a little. `place` names the request in an error.
     async fn done(&mut self, place: &'static str, ticket: u64, period: u64) -> Result<(), Error> {
         self.heartbeat.away(self.clock.until(period)).await;
         let patience = (SILENCE / POLL.as_secs_f64()) as u64;
@@ -379,8 +382,8 @@ impl Edp {
         Err(self.silent(place))
     }
 
-    /// Returns the servo's latest state, or the error that it reports, and publishes the state in
-    /// either case.
+    /// Publishes the latest state of the arm and returns it, or returns the error that the state
+    /// reports. `place` names the request in an error.
     fn check(&mut self, place: &'static str) -> Result<ArmState, Error> {
         let state = *self.link.state();
         // The lookout and the UI need the state of an arm with a fault as well.
@@ -418,15 +421,17 @@ impl Edp {
     }
 }
 
-/// Returns whether the arm was at rest, from its measured joints [`REST_PERIODS`] apart.
+/// Returns whether an arm is at rest: its measured joints have hardly moved from `before` to `now`,
+/// which are [`REST_PERIODS`] apart.
 fn is_still(before: &JointPositions, now: &JointPositions) -> bool {
     let moved = |axis: usize| (now.0[axis] - before.0[axis]).abs();
     moved(ROLL) < ROLL_STILL && (0..ROLL).all(|axis| moved(axis) < STILL)
 }
 
-/// Returns the direction whose sensor zero has changed most, with the change (N, Nm); `None` if no
-/// change exceeds [`ZERO_MOVED`]. A force comes before a torque, since a force on the tool also
-/// causes a torque about the tool point.
+/// Returns the direction (0 to 5) in which the zero of a force sensor has changed most, with the
+/// change; `None` if no change exceeds [`ZERO_MOVED`]. `by` holds the changes of three forces (N)
+/// and three torques (Nm). A force comes before a torque, since a force on the tool also causes a
+/// torque about the tool point.
 fn moved_most(by: &[f64; 6]) -> Option<(usize, f64)> {
     let farthest = |first: usize| {
         let moved = (first..first + 3).map(|i| (i, by[i].abs()));
@@ -461,7 +466,7 @@ mod tests {
     }
 
     #[test]
-    fn arm_is_still_while_only_its_roll_settles() {
+    fn arm_rest_check_allows_more_wrist_roll_motion() {
         let moved = |axis: usize, by: f64| {
             let mut now = JointPositions([0.5; 7]);
             now.0[axis] += by;
@@ -474,9 +479,10 @@ mod tests {
         }
     }
 
-    /// A zero that has moved far is reported with its direction; drift alone is not reported.
+    /// A change of a force sensor's zero is reported with its direction if it is larger than drift
+    /// explains.
     #[test]
-    fn zero_beyond_the_drift_is_reported_with_direction() {
+    fn force_sensor_zero_shift_beyond_drift_names_direction() {
         assert_eq!(moved_most(&[3.7, -2.0, 3.0, 0.3, -0.2, 0.1]), None);
         assert_eq!(moved_most(&[f64::NAN; 6]), None);
 

@@ -30,7 +30,8 @@ pub(crate) struct ActorFault {
 }
 
 impl ActorFault {
-    /// Lets the fault occur, or delays the message, before an actor handles it.
+    /// Applies the injected faults at the point at which an actor is about to handle a message: a
+    /// panic, a hang, a spin, or a delay of the message.
     ///
     /// # Panics
     /// If a panic is injected.
@@ -43,7 +44,8 @@ impl ActorFault {
         }
     }
 
-    /// Lets the fault occur within the work of an actor: a panic, a hang or a spin.
+    /// Applies an injected panic, hang or spin at this point of an actor's work. Returns at once if
+    /// none is injected.
     ///
     /// # Panics
     /// If a panic is injected.
@@ -58,12 +60,14 @@ impl ActorFault {
         }
     }
 
-    /// Returns whether the message is lost, and clears that fault.
+    /// Returns whether the message that has just arrived must be dropped as lost. Clears the fault,
+    /// so that it hits one message only.
     pub(crate) fn is_lost(&self) -> bool {
         self.lost.swap(false, Ordering::AcqRel)
     }
 
-    /// Returns whether the next message to the servo comes twice, and clears that fault.
+    /// Returns whether the next command must reach the servo twice. Clears the fault, so that it
+    /// hits one command only.
     pub(crate) fn is_doubled(&self) -> bool {
         self.twice.swap(0, Ordering::AcqRel) > 0
     }

@@ -18,11 +18,11 @@ const BRAKES: u64 = 75;
 /// Message to the operator about an arm that was stopped.
 pub(crate) const STOPPED_MESSAGE: &str = "the arm is stopped and not synchronised";
 
-/// Waits for an arm that is being synchronised. Returns `false` if the operator's control stopped
-/// it before it was done.
+/// Waits until an arm is synchronised and returns `true`. If the operator pauses or terminates the
+/// run before that, stops the arm and returns `false`. `synchronises` is the request under way.
 ///
 /// # Errors
-/// The errors of the arm's driver.
+/// The errors of the arm's EDP.
 pub(crate) async fn wait_for_homing(
     synchronises: impl Future<Output = Result<ArmState, Error>>,
     control: &mut watch::Receiver<Control>,

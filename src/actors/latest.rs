@@ -62,7 +62,7 @@ pub struct Peaks {
 }
 
 impl Peaks {
-    /// Adds the state of one period.
+    /// Raises each peak to the value in the state of one more period, if that is larger.
     pub fn take(&mut self, state: &ArmState) {
         // `f64::max` ignores NaN, so a silent force sensor leaves the peaks as they are.
         let (set, is) = (&state.desired_base_from_tool, &state.base_from_tool);
@@ -73,7 +73,7 @@ impl Peaks {
         });
     }
 
-    /// Adds the peaks of other periods.
+    /// Raises each peak to that of `other`, the peaks over other periods, if that is larger.
     pub fn merge(&mut self, other: &Self) {
         self.force = self.force.max(other.force);
         self.torque = self.torque.max(other.torque);
@@ -110,7 +110,8 @@ impl LatestValues {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Adds peaks of an effector that lie between the states that are shown.
+    /// Merges `peaks` into those of an arm: they come from states that are not shown themselves. An
+    /// arm without a state yet ignores them.
     pub fn peaked(&self, arm: usize, peaks: &Peaks) {
         // An arm whose first state has not come is not shown, and neither are its peaks.
         if let Some(arm) = self.lock().arms.get_mut(arm) {
@@ -118,7 +119,7 @@ impl LatestValues {
         }
     }
 
-    /// Replaces the latest picture of a camera's VSP.
+    /// Replaces the latest picture of a camera, with the result of vision in it.
     pub fn saw(&self, camera: usize, sight: Sight) {
         let mut latest = self.lock();
         // The number of cameras is unknown here, so the list grows with the first picture of each.
@@ -128,12 +129,14 @@ impl LatestValues {
         latest.sights[camera] = Some(sight);
     }
 
-    /// Replaces the orders of both effectors.
+    /// Replaces the texts that name the behaviours of the two effectors; `None` is an effector
+    /// without an order.
     pub fn ordered(&self, orders: &[Option<Behaviour>; 2]) {
         self.lock().orders = [0, 1].map(|i| orders[i].as_ref().map(words));
     }
 
-    /// Replaces the state of an arm and adds it to its peaks.
+    /// Replaces the latest state of the arm that `record` names, and includes it in the arm's
+    /// peaks.
     fn arm(&self, record: &ServoRecord) {
         let (index, state) = (usize::from(record.arm), &record.state);
         let mut latest = self.lock();
@@ -165,7 +168,7 @@ impl<S: RecordSink> RecordSink for Seen<S> {
     }
 }
 
-/// Returns a behaviour in words.
+/// Returns the short text by which the user interfaces show a behaviour.
 fn words(behaviour: &Behaviour) -> &'static str {
     match behaviour {
         Behaviour::Joints { .. } | Behaviour::Legs { .. } => "joint motion",

@@ -25,7 +25,7 @@ const INTERVAL: Duration = Duration::from_millis(20);
 pub struct Apart(Arc<AtomicBool>);
 
 impl Apart {
-    /// Sets the flag.
+    /// Sets whether the lookout must keep the hands apart; if not, they may touch.
     pub fn set(&self, apart: bool) {
         self.0.store(apart, Ordering::Release);
     }
@@ -105,13 +105,14 @@ mod tests {
     use crate::reach::{MeetingTable, ReachSettings, example_cell};
     use crate::record::run_hash::RunHash;
 
-    /// Returns the warning if both arms are stopped when they move from one place to another in
-    /// 0.1 s.
+    /// Moves both arms from the joint positions `from` to `to` in 0.1 s, while the hands may meet.
+    /// Returns the warning of the lookout if it stops the arms.
     async fn stopped(from: [JointPositions; 2], to: [JointPositions; 2]) -> Option<String> {
         stopped_when(false, from, to).await
     }
 
-    /// Returns the warning as [`stopped`] does, with a flag whether the hands are to keep apart.
+    /// Moves both arms as [`stopped`] does. `keeps_apart` says whether the lookout must keep the
+    /// hands apart.
     async fn stopped_when(
         keeps_apart: bool,
         from: [JointPositions; 2],
@@ -124,7 +125,8 @@ mod tests {
         Some(warning)
     }
 
-    /// Returns the index of the state at which both arms are stopped as they pass all `states`.
+    /// Passes `states` of both arms to the lookout one after the other. Returns the index of the
+    /// first at which it stops the arms.
     async fn stopped_at(keeps_apart: bool, states: &[[ArmState; 2]]) -> Option<usize> {
         watched(keeps_apart, states).await.map(|(number, ..)| number)
     }
@@ -134,7 +136,8 @@ mod tests {
         ArmState { desired_joints: joints, synchronisation, period, ..ArmState::default() }
     }
 
-    /// Returns the index of the state at which both arms are stopped, the cause and the warning.
+    /// Passes `states` of both arms to the lookout one after the other. Returns the index of the
+    /// first at which it stops the arms, the cause of the stop and the warning to the operator.
     async fn watched(
         keeps_apart: bool,
         states: &[[ArmState; 2]],
@@ -175,7 +178,7 @@ mod tests {
 
     /// An arm that begins too near an obstacle may leave, and must not return.
     #[tokio::test(start_paused = true)]
-    async fn arm_that_left_an_obstacle_stays_away() {
+    async fn arm_may_leave_an_obstacle_but_not_return() {
         let table = MeetingTable::compute(&example_cell(), &ReachSettings::default());
         let meeting = table.grasps.iter().flatten().next().unwrap();
         let mut low = meeting.postument;
@@ -188,10 +191,10 @@ mod tests {
         assert_eq!(stopped_at(false, &back).await, Some(2));
     }
 
-    /// The first known place of an arm is no motion: the place before it is unknown, so it has no
-    /// speed.
+    /// The lookout computes no speed from the first known position of an arm, because the position
+    /// before it is unknown.
     #[tokio::test(start_paused = true)]
-    async fn first_known_place_implies_no_speed() {
+    async fn first_known_arm_position_implies_no_speed() {
         let table = MeetingTable::compute(&example_cell(), &ReachSettings::default());
         let postument = table.grasps.iter().flatten().next().unwrap().postument;
         // Past the operator's hand, where 0.2 m in a fifth of a second are too fast.
@@ -251,7 +254,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn near_or_fast_arm_stops_both() {
+    async fn nearby_obstacle_or_excess_speed_stops_both_arms() {
         let cell = example_cell();
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
         let meeting = table.grasps.iter().flatten().next().unwrap();

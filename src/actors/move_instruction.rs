@@ -64,7 +64,8 @@ pub struct Manner {
     pub hand: Option<NearHand>,
 }
 
-/// Returns a manner for tests and examples; scenarios own the real numbers.
+/// Returns the parameters of an effector's generators (compliance, speeds) for tests and examples.
+/// In a run they come from the scenario.
 #[doc(hidden)]
 #[must_use]
 pub fn example_manner() -> Manner {
@@ -108,7 +109,8 @@ impl NearHand {
     /// with the braking distance of an arm (m).
     const NEAR: f64 = 0.15;
 
-    /// Returns the outcome of a tool that is near the zone and reads more force than allowed there.
+    /// Returns the over-force outcome if the tool is near the zone of the operator's hand and
+    /// `force` (N) exceeds the limit that holds there; `None` otherwise.
     fn excess(&self, arm: &ArmState, force: &Vector3<f64>) -> Option<Outcome> {
         let (base_from_zone, half) = &self.zone;
         let tool = Point3::from(arm.desired_base_from_tool.translation.vector);
@@ -120,7 +122,8 @@ impl NearHand {
 }
 
 impl Manner {
-    /// Returns the duration of a motion along a known path (s); 0 for any other behaviour.
+    /// Returns how long a motion along a known path takes from the set position of `arm` (s); 0 for
+    /// any other behaviour.
     #[must_use]
     pub fn seconds(&self, order: &Behaviour, arm: &ArmState) -> f64 {
         match *order {
@@ -155,7 +158,8 @@ impl Manner {
     }
 }
 
-/// Returns whether an order keeps an arm where its set values are.
+/// Returns whether an order is a joint motion to the position at which the arm is set already, so
+/// that the arm does not move.
 fn stays(order: &Behaviour, arm: &ArmState) -> bool {
     let Behaviour::Joints { target, .. } = order else { return false };
     target.0.iter().zip(arm.desired_joints.0).all(|(to, from)| (to - from).abs() < 1e-4)
@@ -169,7 +173,7 @@ fn tool_distance(arm: &ArmState, target: &Pose) -> (f64, f64) {
 }
 
 impl MoveInstruction {
-    /// Begins a behaviour, at full pace.
+    /// Creates the move instruction that carries out a behaviour. It begins at full pace.
     #[must_use]
     pub fn begin(behaviour: &Behaviour, manner: &Manner) -> Self {
         let macrostep = f64::from(manner.compliance.macrostep) * PERIOD;
@@ -193,14 +197,14 @@ impl MoveInstruction {
         Self { generator, ramp, pace: ramp, ending: false, hand, free_limit, begun }
     }
 
-    /// Returns whether [`MoveInstruction::set_pace`] has brought it to rest.
+    /// Returns whether [`MoveInstruction::set_pace`] has brought the motion to rest.
     #[must_use]
     pub fn rests(&self) -> bool {
         self.pace == 0
     }
 
-    /// Ends it at the request of the superior actor. Returns `true` if it is over at once, `false`
-    /// if it first slows down.
+    /// Ends the motion at the request of the superior actor. Returns `true` if the motion is over
+    /// at once, `false` if it is fast and first slows down.
     pub fn end(&mut self) -> bool {
         // The others are slow or yield to forces. The servo smooths what is left of their speed.
         self.ending = matches!(
@@ -214,13 +218,14 @@ impl MoveInstruction {
         !self.ending || self.pace == 0
     }
 
-    /// Returns whether it has been ended and has come to rest.
+    /// Returns whether the motion has been ended and has come to rest.
     #[must_use]
     pub fn has_ended(&self) -> bool {
         self.ending && self.pace == 0
     }
 
-    /// Changes the pace by one macrostep towards full pace or towards rest, as the operator wants.
+    /// Changes the pace by the share of one macrostep: towards full pace while the operator lets
+    /// the run proceed, towards rest during a pause, and faster to rest after an end.
     pub fn set_pace(&mut self, control: Control) {
         // A resume does not revive a motion that has been ended.
         if self.ending {
@@ -233,7 +238,9 @@ impl MoveInstruction {
         };
     }
 
-    /// Returns the next command, and the sensor's new configuration if the generator has one.
+    /// Calls the generator once. Returns the command for the next macrostep, and a configuration
+    /// for the stand-alone camera if the generator wants another one. `target` is the latest pose
+    /// of the cube that this camera has seen.
     ///
     /// # Errors
     /// The [`Outcome`] of a motion that has ended.
@@ -271,8 +278,8 @@ impl MoveInstruction {
         }
     }
 
-    /// Returns whether the error is a refusal of its last command after which its generator
-    /// continues.
+    /// Returns whether `error` is a refusal of the last command by the servo that the generator can
+    /// handle, so that the motion continues with the next macrostep.
     #[must_use]
     pub fn tolerates(&self, error: &Error) -> bool {
         match error {
@@ -302,7 +309,8 @@ mod tests {
         Manner { speeds, hand, ..example_manner() }
     }
 
-    /// Returns the outcome of the last step of a behaviour under these forces (N), at x (m).
+    /// Runs one macrostep of a behaviour for each of the `forces` on the tool along y (N), with the
+    /// tool at `x` (m). Returns the outcome if the last macrostep ends the behaviour.
     fn ends<const N: usize>(behaviour: &Behaviour, x: f64, forces: [f64; N]) -> Option<Outcome> {
         let mut motion = MoveInstruction::begin(behaviour, &manner());
         let mut ended = None;
@@ -323,7 +331,7 @@ mod tests {
     /// A change of the force ends a motion through free space. A constant offset of the sensor does
     /// not, nor does a push against an arm that only keeps its place.
     #[test]
-    fn change_of_force_ends_a_free_motion() {
+    fn force_change_above_limit_ends_free_space_motion() {
         let target = JointPositions([0.5; AXES]);
         let joints = Behaviour::Joints { target, speed: 1.0, seconds: 5.0 };
         let line = Behaviour::Line { target: Pose::translation(0.3, 0.2, 1.0), speed: 1.0 };
@@ -349,7 +357,7 @@ mod tests {
 
     /// Near the operator a lower limit ends a motion, except one that yields or opens the jaws.
     #[test]
-    fn lower_force_ends_motions_near_the_operator() {
+    fn force_limit_is_lower_near_the_operator() {
         let target = JointPositions([0.5; AXES]);
         let joints = Behaviour::Joints { target, speed: 1.0, seconds: 5.0 };
         let present = Behaviour::Present { pull: 50.0, selector: [true; 6], seconds: 5.0 };
@@ -372,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn motion_that_is_ended_comes_to_rest_first() {
+    fn cancelled_motion_slows_to_rest_before_it_ends() {
         let target = JointPositions([0.5; AXES]);
         let joints = Behaviour::Joints { target, speed: 1.0, seconds: 0.0 };
         let mut motion = MoveInstruction::begin(&joints, &manner());

@@ -46,7 +46,8 @@ impl Services {
         }
     }
 
-    /// Returns the services of an actor into which `fault` may be injected.
+    /// Returns these services for one actor, with the `fault` through which a test can make this
+    /// actor fail; `None` if no fault is planned for it.
     pub(crate) fn under(&self, fault: Option<&Arc<ActorFault>>) -> Self {
         let mut services = self.clone();
         services.supervision.fault = fault.cloned().unwrap_or_default();

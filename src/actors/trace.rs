@@ -45,7 +45,8 @@ pub(crate) struct Look<'a> {
 }
 
 impl Trace {
-    /// Creates the trace of a run, and the receiver of its notices.
+    /// Creates the trace of a run, which writes to `hash`, `recorder` and `latest`, and the
+    /// receiver of the notices that it sends to the UI.
     #[must_use]
     pub fn new(
         hash: RunHash,
@@ -83,7 +84,8 @@ impl Trace {
         let _ = self.notices.blocking_send(notice);
     }
 
-    /// Writes the activity of MP and the belief of its kernel.
+    /// Writes what MP is doing, for the UI, and what the task's kernel believes, for the UI and the
+    /// recording. `picture` makes the belief and is called only if either needs it.
     pub(crate) fn believes(
         &self,
         period: u64,
@@ -101,34 +103,34 @@ impl Trace {
             .record_some(period, || picture().map(|picture| Entry::Belief(Box::new(picture))));
     }
 
-    /// Writes the orders of both effectors.
+    /// Writes the behaviours that the two effectors are carrying out, for the UI.
     pub(crate) fn ordered(&self, orders: &[Option<Behaviour>; 2]) {
         if let Some(latest) = &self.latest {
             latest.ordered(orders);
         }
     }
 
-    /// Writes the question that the operator is asked; `None` when it is closed.
+    /// Writes the question that the operator is asked, for the UI; `None` when it is closed.
     pub(crate) fn asks(&self, question: Option<Question>) {
         if let Some(latest) = &self.latest {
             latest.lock().question = question;
         }
     }
 
-    /// Writes that the operator may move arms by hand from now on.
+    /// Writes, for the UI, that the operator may move arms by hand from now on.
     pub(crate) fn takes_orders(&self) {
         if let Some(latest) = &self.latest {
             latest.lock().manual = true;
         }
     }
 
-    /// Writes the measured time of reading a face (s). Only the report uses it: in a virtual run
-    /// the time that the scenario declares counts.
+    /// Records how long it took to read a face, by the wall clock (s). Only the report uses it: in
+    /// a virtual run the time that the scenario declares counts.
     pub(crate) fn face_took(&self, period: u64, seconds: f64) {
         self.recorder.record(period, || Entry::FaceTook(seconds));
     }
 
-    /// Writes the result of a look, which is delivered at period `now`.
+    /// Records the result of vision for the request `look`, which is delivered in period `now`.
     pub(crate) fn sensed(&self, now: u64, look: &Look<'_>, found: &dyn Fn() -> Found) {
         // Request and period are kept beside the result: a verification compares them.
         self.recorder.record(now, || {
@@ -145,8 +147,8 @@ impl Trace {
         });
     }
 
-    /// Writes the picture of a look: to the recording if `keeps`, and to the UI with the result of
-    /// vision.
+    /// Writes a picture of a camera: to the recording if `keeps` is `true`, and to the UI together
+    /// with the result of vision in it.
     pub(crate) fn saw(&self, camera: usize, frame: Frame, keeps: bool, found: &dyn Fn() -> Found) {
         // The recording gets a copy, the UI the pixels themselves.
         if keeps {

@@ -168,7 +168,7 @@ impl Shell {
     }
 }
 
-/// Waits for the next input; forever if another taker has the inputs.
+/// Waits for the operator's next input; forever if another receiver has taken the inputs.
 async fn next(inputs: &mut Option<Inputs>) -> Option<Input> {
     match inputs {
         Some(inputs) => inputs.recv().await,
@@ -248,7 +248,7 @@ fn apply(input: &Input, controls: &OperatorControls) -> Result<bool, &'static st
 }
 
 /// Starts a thread that reads keys from stdin. It ends with the process, since a read from stdin
-/// cannot be cancelled.
+/// cannot be cancelled. `alone` means that there is no other UI.
 fn listen_to_stdin(desk: UiEnd, alone: bool) {
     let mut err = std::io::stderr().lock();
     let _ = writeln!(
@@ -258,7 +258,8 @@ fn listen_to_stdin(desk: UiEnd, alone: bool) {
     std::thread::spawn(move || listen(std::io::stdin().lock(), &desk, alone));
 }
 
-/// Sends an input for each line until the lines end. `alone` means that there is no other UI.
+/// Sends the operator's input that each line names, until the lines end. `alone` means that there
+/// is no other UI: then the end of the lines starts the run.
 fn listen(lines: impl BufRead, desk: &UiEnd, alone: bool) {
     for line in lines.lines().map_while(Result::ok) {
         let input = match line.trim() {
@@ -304,18 +305,18 @@ mod tests {
     }
 
     #[test]
-    fn emergency_stop_reaches_the_servos_at_once() {
+    fn emergency_stop_line_presses_the_stop_signal() {
         assert_eq!(after("s\ne\n", true), (Control::Running, true));
     }
 
     #[test]
-    fn emergency_stop_needs_no_start() {
+    fn emergency_stop_works_before_the_run_starts() {
         assert_eq!(after("e\n", false), (Control::Running, true));
         assert_eq!(after("p\ne\nt\n", false), (Control::Terminated, true));
     }
 
     #[test]
-    fn speeds_below_the_slowest_are_refused() {
+    fn invalid_or_too_slow_speed_factor_is_refused() {
         let (controls, _task) = controls(Control::Running);
         for factor in [1e-300, 1e-6, -1.0, f64::NAN, f64::INFINITY] {
             assert!(apply(&Input::Speed { factor }, &controls).is_err(), "{factor}");
@@ -327,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn end_of_stdin_starts_run_without_other_operator() {
+    fn end_of_stdin_starts_run_without_web_page() {
         assert_eq!(after("", true), (Control::Running, false));
         assert_eq!(after("s\np\n", true), (Control::Running, false));
         assert_eq!(after("what\n", true), (Control::Running, false));

@@ -88,7 +88,8 @@ impl VspHandle {
         *self.target.borrow()
     }
 
-    /// Reads a face with the camera.
+    /// Reads the face of the cube that the camera sees. `view` says where the face is expected, and
+    /// the exposure.
     ///
     /// # Errors
     /// Non-fatal with the reason when the camera finds no face.
@@ -206,7 +207,8 @@ pub(crate) fn spawn(name: &str, parts: Parts) -> VspHandle {
 }
 
 impl Vsp {
-    /// Answers looks and, while tracking, takes a frame at each point of its grid.
+    /// Answers requests to read a face and, while tracking, looks for the cube in one picture every
+    /// `frame_periods` servo periods.
     async fn run(mut self) {
         let mut next_frame = 0;
         loop {
@@ -246,7 +248,8 @@ impl Vsp {
         }
     }
 
-    /// Looks for the cube in the picture of a period and publishes its pose.
+    /// Looks for the cube in the picture that the camera delivers in `period`, and publishes the
+    /// pose of the cube.
     async fn localise(&mut self, period: u64) {
         let (Some(mut source), Some(mut watcher)) = (self.source.take(), self.watcher.take())
         else {
@@ -316,7 +319,7 @@ impl Vsp {
         }
     }
 
-    /// Publishes the pose of the cube in the period of the exposure.
+    /// Publishes the pose and speed of the cube; `period` is that of the picture's exposure.
     fn publish(&self, sensing: &Sensing, seen: &Watched, period: u64) {
         self.services.trace.message(&self.name, "look", sensing);
         let target = Target { world_from_cube: seen.world_from_cube, speed: seen.speed, period };
@@ -324,13 +327,13 @@ impl Vsp {
         self.target.send_replace(Some(target));
     }
 
-    /// Makes the error of a worker that panicked on its thread.
+    /// Makes the error for image processing that panicked on its thread; `place` names the request.
     fn worker_died(&self, place: &'static str) -> Error {
         let cause = System::Closed("the image worker".into());
         Error::System { actor: self.name.clone(), place, cause }
     }
 
-    /// Reads a face and answers the request.
+    /// Reads a face as the request `look` asks, and answers the request.
     async fn answer(&mut self, look: Look) {
         // Without a camera the request is dropped, and its sender sees a closed channel.
         let Some(mut source) = self.source.take() else { return };
@@ -404,8 +407,9 @@ fn unusable(frame: &Frame, period: u64) -> Option<String> {
 }
 
 impl Vsp {
-    /// Reports to the operator, once each, that the camera has delivered no usable picture for
-    /// [`STALE`], and that it delivers again.
+    /// Tells the operator once when the camera has delivered no usable picture for [`STALE`], and
+    /// once when pictures arrive again. `frame` is the picture of `period`, if one came; `reason`
+    /// says why the cube was not found in it.
     fn report_absence(&mut self, period: u64, frame: Option<&Frame>, reason: Option<&String>) {
         let seconds = period as f64 * PERIOD;
         if frame.is_some_and(|frame| unusable(frame, period).is_none()) {
@@ -427,15 +431,17 @@ impl Vsp {
         }
     }
 
-    /// Reports a look that the recording under verification does not hold.
+    /// Reports, if `unrecorded` is `true`, that the recording under verification has no answer to
+    /// the request `asked` in `period`.
     fn report_unrecorded(&self, unrecorded: bool, period: u64, asked: &str) {
         if let (true, Some(playback)) = (unrecorded, &self.services.playback) {
             playback.report_unrecorded_look(&self.name, period, asked);
         }
     }
 
-    /// Records and shows a picture and the result of vision. The picture is recorded if the last
-    /// recorded one is at least `apart` periods old.
+    /// Records and shows a picture and the result of vision in it. The first parameter has the
+    /// period of the request, the request itself and the period of the exposure. The picture is
+    /// recorded only if the last recorded one is at least `apart` periods old.
     fn record_and_show(
         &mut self,
         (period, asked, exposed): (u64, &str, u64),
@@ -457,13 +463,15 @@ impl Vsp {
     }
 }
 
-/// Returns the reason why a picture is no news: one of its period or of a later one came before.
+/// Returns the reason why a picture must not be searched again: a picture that was exposed in the
+/// same or a later period, `taken`, has been searched already. Returns `None` for a new picture.
 fn repeated(frame: &Frame, taken: Option<u64>) -> Option<String> {
     let taken = taken.filter(|taken| frame.period <= *taken)?;
     Some(format!("the picture of period {} arrived again after that of {taken}", frame.period))
 }
 
-/// Returns the cube as a recording delivers it, with the period of the light.
+/// Returns the cube that a recording holds in place of the camera's result, with the period of the
+/// exposure; or the recorded reason why no cube was found.
 fn recorded_cube(played: Played) -> Result<(Watched, u64), String> {
     match played {
         Played::Answer(Ok(kept::Found::Cube { world_from_cube, speed, exposed })) => {
@@ -474,7 +482,8 @@ fn recorded_cube(played: Played) -> Result<(Watched, u64), String> {
     }
 }
 
-/// Returns a face as a recording delivers it.
+/// Returns the face that a recording holds in place of the camera's result, or the recorded reason
+/// why no face was found.
 fn recorded_face(played: Played) -> Result<FaceReading, String> {
     match played {
         Played::Answer(Ok(kept::Found::Face(reading))) => Ok(reading),
@@ -483,7 +492,7 @@ fn recorded_face(played: Played) -> Result<FaceReading, String> {
     }
 }
 
-/// Returns the refusal of a look that the recording does not hold.
+/// Returns the error text for a request to vision that the recording does not contain.
 fn not_recorded<T>() -> Result<T, String> {
     Err("the recording does not contain this look".to_owned())
 }
@@ -592,7 +601,7 @@ mod tests {
     }
 
     #[test]
-    fn recorded_cube_keeps_the_period_of_exposure() {
+    fn replayed_cube_sighting_keeps_its_exposure_period() {
         let found = kept::Found::Cube { world_from_cube: Pose::identity(), speed: 0.1, exposed: 7 };
 
         let (seen, exposed) = recorded_cube(Played::Answer(Ok(found))).unwrap();

@@ -41,7 +41,8 @@ impl Supervision {
     /// Patience under virtual time, where no actor is late.
     const VIRTUAL: Duration = Duration::from_millis(100);
 
-    /// Returns the supervision of a new run, without faults.
+    /// Returns the supervision of a new run, without injected faults. Answers may take longer under
+    /// the wall clock than under virtual time.
     pub(crate) fn of(pace: Pace) -> Self {
         let patience = if pace == Pace::Virtual { Self::VIRTUAL } else { Self::PATIENCE };
         Self { watchdog: Watchdog::default(), fault: Arc::default(), patience }
@@ -57,7 +58,8 @@ impl Default for Supervision {
 /// Length of the last part of each wait for an answer.
 const LAST: Duration = Duration::from_millis(50);
 
-/// Waits for the answer of an actor, at most for `limit`.
+/// Waits for the answer of the actor `who` to a request, at most for `limit`, or without a limit if
+/// it is `None`. `place` names the request in an error.
 ///
 /// # Errors
 /// System when the actor is silent for longer or its mailbox is closed; otherwise the answer's own.
@@ -104,7 +106,8 @@ impl Heartbeat {
         }
     }
 
-    /// Waits for a future of others, and begins the next work item afterwards.
+    /// Awaits `other`, the work of another actor, during which this actor counts as waiting.
+    /// Begins the next work item afterwards.
     pub(crate) async fn away<T>(&self, other: impl Future<Output = T>) -> T {
         self.waits();
         let answer = other.await;
@@ -172,7 +175,7 @@ impl Samples {
     }
 }
 
-/// Makes the error of an actor that stays at one work item.
+/// Makes the error for the actor `who`, which has been busy with one work item for `time`.
 fn silent(who: String, time: Duration) -> Error {
     let cause = System::Silent { who, seconds: time.as_secs_f64() };
     Error::System { actor: "supervisor".into(), place: "watch", cause }
@@ -251,7 +254,7 @@ impl Watchdog {
         Outside(ends)
     }
 
-    /// Raises an error. Only the first one counts: the later ones follow from it.
+    /// Reports an error that ends the run. Only the first error counts: later ones follow from it.
     pub(crate) fn raise(&self, error: Error) {
         self.first.send_if_modified(|first| {
             let is_first = first.is_none();
@@ -323,7 +326,7 @@ mod tests {
     /// An actor that stays at one work item is silent. One that waits is not, nor is one that
     /// finishes each item in time.
     #[tokio::test(start_paused = true)]
-    async fn actor_busy_with_one_item_counts_as_silent() {
+    async fn actor_stuck_on_one_work_item_is_reported() {
         let watchdog = Watchdog::default();
         let [waits, works, hangs] =
             ["edp a", "ecp b", "vsp c"].map(|name| watchdog.heartbeat(name));
@@ -349,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn outside_watch_reports_an_actor_that_hangs() {
+    fn watchdog_thread_reports_a_hanging_actor() {
         let watchdog = Watchdog::default();
         let (waits, hangs) = (watchdog.heartbeat("edp a"), watchdog.heartbeat("mp"));
         let (to, reports) = std::sync::mpsc::channel();

@@ -13,7 +13,8 @@ use std::time::Duration;
 pub struct Work(pub Pace);
 
 impl Work {
-    /// Does the work and returns its result; `None` if the work panicked on the blocking pool.
+    /// Does long work and returns its result; `None` if the work panicked on the blocking pool.
+    /// Under virtual time the declared effort passes before the result is returned.
     pub async fn run<T: Send + 'static>(
         self,
         work: impl FnOnce() -> (T, Effort) + Send + 'static,

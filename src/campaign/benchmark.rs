@@ -33,7 +33,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// Returns the number of trials.
+    /// Returns the number of trials in the benchmark.
     #[must_use]
     pub fn trials(self) -> u64 {
         match self {
@@ -41,7 +41,8 @@ impl Kind {
         }
     }
 
-    /// Returns the name for people: "Rubiks-5-20".
+    /// Returns the name of the benchmark for people: "Rubiks-5-20" for 5 trials of 20 moves each,
+    /// or "100 missions".
     #[must_use]
     pub fn name(self) -> String {
         match self {
@@ -56,7 +57,7 @@ const MOST: u64 = 1_000_000;
 /// Largest number of moves in a trial.
 const MOST_MOVES: u64 = 1000;
 
-/// Parses a tier: `5-20`.
+/// Parses a tier `M-N`, as in `5-20`: M consecutive trials, each with a cube scrambled by N moves.
 ///
 /// # Errors
 /// A message, if the text is not a tier.
@@ -111,7 +112,8 @@ pub struct Score {
     pub turn_s: Spread,
 }
 
-/// Scores trials. A trial passes if it is solved within `limit` of simulated time (s).
+/// Computes accuracy and speed of the trials. A trial passes if its cube is solved within `limit`
+/// of simulated time (s).
 #[must_use]
 pub fn score(tally: &Tally, limit: f64) -> Score {
     let passed = |run: &RunResult| {
@@ -201,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn tier_accepts_two_numbers_and_rejects_others() {
+    fn tier_text_needs_trials_and_moves_in_range() {
         assert_eq!(tier("5-20"), Ok(Kind::Tier { trials: 5, moves: 20 }));
         for wrong in ["", "5", "0-20", "5-0", "5-", "-5-20", "5-20-1", "5-1001", "99999999999-1"] {
             assert!(tier(wrong).is_err(), "{wrong}");

@@ -24,7 +24,8 @@ const LISTED: usize = 500;
 /// Number of runs above which a strip shows only a part of the solved ones.
 const DOTS: usize = 2000;
 
-/// Writes the page. `aim` is the demanded share of solved runs (`--at-least`).
+/// Returns the report of a campaign as an HTML page. `aim` is the demanded share of solved runs
+/// (`--at-least`).
 #[must_use]
 pub fn page(tally: &Tally, aim: Option<f64>) -> String {
     let name = std::path::Path::new(&tally.header.scenario);
@@ -65,7 +66,8 @@ fn grouped(value: u64) -> String {
     text
 }
 
-/// Appends the verdict, the interval and the most important figures.
+/// Appends the head of the page: the share of solved runs with its 95 % interval, and the most
+/// important figures. `aim` is the demanded share (`--at-least`).
 fn head(html: &mut String, tally: &Tally, title: &str, aim: Option<f64>) {
     let failed = tally.runs() - tally.solved;
     let [low, high] = tally.interval;
@@ -126,7 +128,7 @@ fn head(html: &mut String, tally: &Tally, title: &str, aim: Option<f64>) {
     html.push_str("</dl></header>\n");
 }
 
-/// Returns the runs that have figures, each with its figures.
+/// Returns the runs whose summary gave figures (forces, turns, times), each with these figures.
 fn figures(tally: &Tally) -> impl Iterator<Item = (&RunResult, &Figures)> {
     tally.results.iter().filter_map(|r| Some((r, r.figures.as_ref()?)))
 }
@@ -309,8 +311,8 @@ struct Bars {
 }
 
 impl Bars {
-    /// Counts values in bars as wide as a round step. Each whole number has its own bar where there
-    /// is room.
+    /// Counts `values`, each with whether its run was solved, in bars whose width is a round
+    /// number. If the values are whole numbers (`whole`), each has its own bar where there is room.
     fn of(values: &[(f64, bool)], whole: bool) -> Self {
         let low = values.iter().fold(f64::INFINITY, |m, v| m.min(v.0));
         let high = values.iter().fold(f64::NEG_INFINITY, |m, v| m.max(v.0));
@@ -338,7 +340,7 @@ impl Bars {
         Self { from, by, counts, most, width }
     }
 
-    /// Draws the horizontal lines with their numbers of runs.
+    /// Draws the horizontal lines, each labelled with the number of runs at its height.
     fn draw_grid(&self, svg: &mut String) {
         let lines = step(self.most, 3.0).max(1.0);
         let mut line = 0.0;
@@ -357,7 +359,7 @@ impl Bars {
         }
     }
 
-    /// Draws the bars, each with its value and number as a tooltip.
+    /// Draws the bars, each with its smallest value and its number of runs as a tooltip.
     fn draw(&self, svg: &mut String) {
         let inner = (self.width - 1.0).clamp(0.6, 60.0);
         for (index, (solved, failed)) in
@@ -381,7 +383,8 @@ impl Bars {
         }
     }
 
-    /// Draws the values below the axis. A whole number is centred below its bar.
+    /// Draws round values below the axis. If each whole number has its own bar, its value is
+    /// centred below the bar.
     fn draw_marks(&self, svg: &mut String, whole: bool) {
         let (from, by, count) = (self.from, self.by, self.counts.len() as f64);
         let marks = step(by * count, 6.0).max(if whole { 1.0 } else { 0.0 });
@@ -425,7 +428,7 @@ fn mishaps(html: &mut String, tally: &Tally) {
     html.push_str("</section>\n");
 }
 
-/// Appends the drawn keys, each with a strip that has a dot for each run.
+/// Appends the keys that `--vary` draws, each with a strip of dots, one for each run.
 fn drawn(html: &mut String, tally: &Tally) {
     if tally.header.vary.is_empty() {
         return;
@@ -450,12 +453,13 @@ fn drawn(html: &mut String, tally: &Tally) {
     html.push_str("</section>\n");
 }
 
-/// Returns the value that was drawn for a key of a run.
+/// Returns the value that `--vary` drew for the key in this run.
 fn value<'a>(run: &'a RunResult, key: &str) -> Option<&'a str> {
     run.set.iter().find_map(|option| option.strip_prefix(key)?.strip_prefix('='))
 }
 
-/// Draws the runs over the value of a key. A key with listed values becomes a table instead.
+/// Draws the strip of a key: a dot for each run, at the value that was drawn for the key. A key
+/// with listed values gets a table instead.
 fn strip(tally: &Tally, key: &str, distribution: &Distribution) -> String {
     if let Distribution::OneOf(values) = distribution {
         return table_of(tally, key, values);
@@ -659,7 +663,7 @@ mod tests {
     }
 
     #[test]
-    fn large_numbers_are_grouped() {
+    fn large_numbers_get_thousands_separators() {
         assert_eq!(grouped(1_234_567), "1\u{202f}234\u{202f}567");
         assert_eq!((grouped(999).as_str(), percent(0.995).as_str()), ("999", "99.5"));
     }

@@ -42,7 +42,7 @@ pub(crate) struct Setup {
 }
 
 impl Setup {
-    /// Returns the place of the cube at the start, for people.
+    /// Returns where the cube is at the start, in words for people.
     #[must_use]
     pub(crate) fn start(&self) -> &'static str {
         match self.keeper {
@@ -52,7 +52,7 @@ impl Setup {
     }
 }
 
-/// Writes the protocol, field by field of the template.
+/// Returns the protocol of a benchmark in Markdown, with all fields of the YCB template.
 #[must_use]
 pub(crate) fn protocol(setup: &Setup, tally: &Tally, score: &Score) -> String {
     let mut t = String::new();
@@ -76,8 +76,8 @@ fn line(t: &mut String, text: &str) {
     t.push('\n');
 }
 
-/// Returns the verb for the hand-back of the cube.
-fn returns(setup: &Setup) -> &'static str {
+/// Returns the words for the hand-back of the cube: to a person, or onto the table.
+fn hand_back_words(setup: &Setup) -> &'static str {
     match setup.keeper {
         Keeper::Person => "hands it back",
         Keeper::Table => "lays it down",
@@ -112,7 +112,7 @@ fn purpose(t: &mut String) {
 }
 
 fn task(t: &mut String, setup: &Setup) {
-    let returns = returns(setup);
+    let returns = hand_back_words(setup);
     line(t, "\n## Task\n");
     let text = match setup.kind {
         Kind::Tier { trials, moves } => format!(
@@ -222,7 +222,7 @@ fn robot(t: &mut String, setup: &Setup, tally: &Tally) {
 
 fn procedure(t: &mut String, setup: &Setup) {
     line(t, "\n## Procedure\n");
-    let returns = returns(setup);
+    let returns = hand_back_words(setup);
     let (begins, ends) = match setup.keeper {
         Keeper::Person => ("The person's hand brings the cube", "the person has the cube again"),
         Keeper::Table => ("The cube lies on the table", "the hand has let go of the cube"),
@@ -341,7 +341,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn protocol_has_the_templates_fields_and_both_starts() {
+    fn benchmark_protocol_has_template_sections_matching_the_setup() {
         let header = header(2, "1/1");
         let results = header.seeds().map(|s| (s, result(s, Verdict::Solved, 3.0))).collect();
         let tally = Tally::of(&State { header, results, whole: 0, torn: false });

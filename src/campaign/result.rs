@@ -28,7 +28,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// Returns the verdict for people.
+    /// Returns the verdict in words for people.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {
@@ -138,7 +138,7 @@ pub struct Mishaps {
 }
 
 impl Mishaps {
-    /// Returns each kind with its name and number.
+    /// Returns the name and the count of each kind of mishap.
     #[must_use]
     pub fn named(&self) -> [(&'static str, u32); 6] {
         [
@@ -285,8 +285,8 @@ impl RunResult {
     }
 }
 
-/// Returns the verdict and its reason. A summary that claims a solved cube must also hold a solved
-/// cube of the plant.
+/// Returns the verdict on a run and its reason. A mission counts as solved only if its summary also
+/// says that the cube in the plant is solved.
 fn judged(summary: &Summary) -> (Verdict, String) {
     let solved = |letters: &str| letters.parse::<Facelets>().is_ok_and(|f| f.is_solved());
     match (summary.outcome, summary.ended_by) {
@@ -318,7 +318,8 @@ fn phase(stderr: &str) -> &str {
     found.map_or("", str::trim)
 }
 
-/// Returns the message of a panic, or else the last line of the log that is not a phase.
+/// Returns the message of a panic in `stderr`, or else the last line that does not name a phase.
+/// The text begins with a semicolon, to follow a reason; it is empty if there is no line.
 fn tail(stderr: &str) -> String {
     let mut lines = stderr.lines();
     let panicked = lines.by_ref().find(|line| line.contains("panicked at"));
@@ -375,7 +376,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn run_is_solved_if_the_plants_cube_is() {
+    fn run_is_solved_only_if_simulated_cube_is() {
         let mut reported = summary(3);
         let good = process(&format!("noise\n{}\n", reported.json()), "", Ended::Code(0));
         assert_eq!((good.verdict, good.wall_time_s), (Verdict::Solved, 1.5));
@@ -387,7 +388,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn panic_signal_and_hang_fail_with_a_reason() {
+    fn panic_signal_or_timeout_gives_failure_with_reason() {
         let log = "     0.00 s  acquire\n    12.50 s  solve\n    13.00 s  ! non-fatal\n\
                    thread 'main' panicked at src/a.rs:1:2:\nindex out of bounds\nnote: run with\n";
 
@@ -413,14 +414,14 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn summary_of_another_run_is_refused() {
+    fn summary_contradicting_seed_or_exit_code_is_refused() {
         for (reported, code) in [(summary(4).json(), 0), (summary(3).json(), 1)] {
             assert_eq!(process(&reported, "", Ended::Code(code)).verdict, Verdict::Died);
         }
     }
 
     #[test]
-    fn largest_contact_and_unnoticed_drop_are_found() {
+    fn result_shows_peak_contact_force_and_unnoticed_drops() {
         let mut reported = summary(3);
         (reported.force_limit_n, reported.drops, reported.drops_noticed) =
             (Some(20.0), Some(2), Some(1));
@@ -447,7 +448,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn missing_fields_of_earlier_builds_are_unknown() {
+    fn missing_result_fields_are_read_as_unknown() {
         let mut old = result(7, Verdict::Solved, 12.0);
         if let Some(f) = &mut old.figures {
             (f.peak_contact_n, f.force_limit_n, f.drops_noticed) = (None, None, None);

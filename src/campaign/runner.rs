@@ -49,10 +49,10 @@ pub(crate) struct Runner {
 }
 
 impl Runner {
-    /// Performs all jobs and passes each result to `keep` on this thread. An error of `keep` stops
-    /// the rest. `unchanged` checks before and after each run that the scenario has not changed;
-    /// its error stops the rest as well, and a run during which the scenario changed leaves no
-    /// result.
+    /// Performs the runs of all jobs and passes each result to `keep` on the calling thread.
+    /// Setting `stop`, or an error of `keep`, kills the processes of the current runs and starts no
+    /// more. `unchanged` checks before and after each run that the scenario has not changed; its
+    /// error stops the runs as well, and a run during which the scenario changed leaves no result.
     ///
     /// # Errors
     /// An error of `keep` or `unchanged`, or of the operating system when it starts or waits for a
@@ -153,8 +153,8 @@ impl Runner {
         }))
     }
 
-    /// Waits for the end of a process and kills it after its time. Returns `None` if it was
-    /// stopped.
+    /// Waits for the end of a run's process, and kills it at the time limit, counted from `begun`.
+    /// Returns `None` if `stopped` became true earlier, which kills the process as well.
     fn wait(
         &self,
         child: &mut Child,
@@ -208,7 +208,7 @@ mod tests {
     use super::*;
     use std::os::unix::fs::PermissionsExt as _;
 
-    /// Returns a runner of a shell script that replaces the program.
+    /// Returns a runner that starts this shell script for each run instead of the program.
     fn runner(name: &str, script: &str) -> Runner {
         let folder =
             std::env::temp_dir().join(format!("rubik-runner-{}-{name}", std::process::id()));

@@ -57,7 +57,8 @@ pub(crate) struct Soak {
 }
 
 impl Soak {
-    /// Returns the growth of the memory between the second and the last tenth (MiB).
+    /// Returns how much the memory of the process grew from the end of the second tenth of the soak
+    /// to the end of the last one (MiB).
     #[must_use]
     pub(crate) fn growth_mib(&self) -> Option<f64> {
         Some(self.tenths.last()?.resident_mib? - self.tenths.get(1)?.resident_mib?)
@@ -130,8 +131,9 @@ impl Soak {
         })
     }
 
-    /// Adds a result and returns its drift (s). `firsts` holds the figures of the first mission
-    /// with each seed.
+    /// Adds the result of a mission. Returns its drift: how far its simulated time is from that of
+    /// the first mission with the same seed (s). `firsts` holds the figures of these first missions
+    /// by seed.
     fn take(&mut self, result: RunResult, firsts: &mut BTreeMap<u64, Option<Figures>>) -> f64 {
         let mut drift = 0.0;
         if let Some(first) = firsts.get(&result.seed) {
@@ -252,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn memory_growth_after_the_second_tenth_is_found() {
+    fn memory_growth_after_first_fifth_fails_the_soak() {
         let of = |last: f64| {
             let tenths = [50.0, 100.0].into_iter().chain([104.0; 7]).chain([last]).map(tenth);
             Soak { tenths: tenths.collect(), repeated: (1, 0), ..Soak::default() }
@@ -267,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_memory_is_not_steady() {
+    fn soak_with_unknown_memory_is_not_steady() {
         let tenths = [50.0; PARTS].map(tenth).into();
         let mut soak = Soak { tenths, repeated: (1, 0), ..Soak::default() };
         assert!(soak.is_steady());
@@ -306,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn a_soak_that_compared_nothing_is_not_steady() {
+    fn soak_without_repeated_missions_is_not_steady() {
         let mut soak = Soak { tenths: [50.0; PARTS].map(tenth).into(), ..Soak::default() };
         assert!(soak.unsteady_reason().unwrap().contains("none was compared"));
         soak.repeated = (1, 0);
@@ -316,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn idle_missions_repeat_without_drift() {
+    fn repeated_idle_missions_give_identical_results() {
         let text = "task = \"idle\"\ncamera = []\nvsp = []\n[idle]\ntime_s = 2\n[[effector]]\n\
                     name = \"postument\"\n";
         let scenario = crate::scenario::read(std::path::Path::new("t"), text, &[]).unwrap();

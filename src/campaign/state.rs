@@ -116,7 +116,7 @@ impl Header {
         runs.checked_sub(first + 1).map_or(0, |others| others / step + 1)
     }
 
-    /// Returns the limit that the campaign exceeds, if any.
+    /// Returns a message about the limit of runs or shards that the campaign exceeds, if any.
     fn excess(&self) -> Option<String> {
         let most = |what: &str, count| {
             (count > MOST_RUNS).then(|| format!("{count} {what} exceed the limit of {MOST_RUNS}"))
@@ -212,21 +212,21 @@ pub enum Unusable {
     },
 }
 
-/// Returns the first line of a new file, with its line break.
+/// Returns the header as the first line of a new state file, with its line break.
 #[must_use]
 pub(crate) fn first_line(header: &Header) -> String {
     let first = First { campaign: header.clone() };
     serde_json::to_string(&first).map_or_else(|_| String::new(), |line| line + "\n")
 }
 
-/// Returns the line of a result, with its line break.
+/// Returns a result as a line of the state file, with its line break.
 #[must_use]
 pub fn line(result: &RunResult) -> String {
     serde_json::to_string(result).map_or_else(|_| String::new(), |line| line + "\n")
 }
 
 impl State {
-    /// Reads a file. A last line that is cut off or holds no result is left out.
+    /// Reads a state file. A last line that is cut off or holds no result is left out.
     ///
     /// # Errors
     /// [`Unusable`], if the file cannot be read, has no header, or has an invalid line that is not
@@ -278,8 +278,8 @@ impl State {
         Ok(state)
     }
 
-    /// Extends the campaign if the line is a second header with more runs. Returns whether it is
-    /// one.
+    /// Takes the number of runs from a line that is a later header of the same campaign, with as
+    /// many runs or more. Returns `false` for any other line, which changes nothing.
     fn extend(&mut self, line: &[u8]) -> bool {
         let Ok(First { campaign: later }) = serde_json::from_slice(line) else { return false };
         let extends = self.header.is_extended_by(&later) && later.excess().is_none();
@@ -289,9 +289,9 @@ impl State {
         extends
     }
 
-    /// Widens the state to the whole campaign. Returns the shards that have no result or miss some,
-    /// given the shards that were merged; nothing if these divide the campaign differently, since
-    /// 1/2 and 1/3 have no numbering in common.
+    /// Makes this the state of the whole campaign. Returns the shards that lack all or some of
+    /// their results. `shards` are those of the merged files. If they divide the campaign into
+    /// different numbers of parts, as 1/2 and 1/3 do, no shard is returned.
     #[must_use]
     pub fn missing_shards(&mut self, shards: &[Shard]) -> MissingShards {
         self.header.shard = Shard::default();
@@ -326,8 +326,8 @@ impl State {
         }
     }
 
-    /// Adds a result. Files that overlap have a seed twice, and must agree about it: a run repeats
-    /// to the bit.
+    /// Adds a result. A seed that is already known counts once. The error is a seed of another
+    /// campaign, or a known seed with a different result: a run repeats to the bit.
     fn take(&mut self, result: RunResult) -> Result<(), String> {
         let seed = result.seed;
         if !self.header.holds(seed) {
@@ -382,8 +382,8 @@ fn contradiction(seed: u64) -> String {
     format!("seed {seed} has two different results: were the programs different?")
 }
 
-/// Reads the next line into `into`. Returns whether a line break ends it; `None` at the end of the
-/// file.
+/// Reads the next line of a state file into `into`. Returns whether the line ends with a line
+/// break, or `None` at the end of the file. `line` is the number of the line, for the error.
 fn next(from: &mut impl BufRead, into: &mut Vec<u8>, line: u64) -> Result<Option<bool>, Unusable> {
     // A file without line breaks must not fill the memory.
     into.clear();
@@ -424,7 +424,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn shards_divide_the_seeds() {
+    fn shards_partition_the_campaign_seeds() {
         let mut all: Vec<u64> =
             (1..=3).flat_map(|k| header(10, &format!("{k}/3")).seeds()).collect();
         all.sort_unstable();
@@ -449,7 +449,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn read_stops_at_the_last_whole_line() {
+    fn read_ignores_a_line_that_is_cut_off() {
         let text = file(&[5, 6, 7]);
         let ends: Vec<usize> = text.match_indices('\n').map(|(i, _)| i + 1).collect();
         for cut in 0..=text.len() {
@@ -542,7 +542,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn seed_counts_once_and_belongs_to_the_campaign() {
+    fn repeated_seed_counts_once_and_foreign_is_refused() {
         assert_eq!(State::read(file(&[5, 5, 6]).as_bytes()).unwrap().results.len(), 2);
         let error = State::read(file(&[5, 99]).as_bytes()).unwrap_err().to_string();
         assert!(error.contains("seed 99 does not belong"), "{error}");
@@ -556,7 +556,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn read_refuses_other_files() {
+    fn read_refuses_files_without_campaign_header() {
         for text in ["hello\n", "{\"campaign\":3}\n", "[]", "\u{1}\n"] {
             assert!(matches!(State::read(text.as_bytes()), Err(Unusable::Line { line: 1, .. })));
         }

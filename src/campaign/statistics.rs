@@ -56,7 +56,8 @@ impl Spread {
     /// Headings of the columns in a table.
     pub const COLUMNS: [&str; 5] = ["min", "median", "95 %", "99 %", "max"];
 
-    /// Returns the figures in the order of [`Self::COLUMNS`].
+    /// Returns minimum, median, 95 % quantile, 99 % quantile and maximum, as [`Self::COLUMNS`]
+    /// names them.
     #[must_use]
     pub fn values(&self) -> [f64; 5] {
         [self.min, self.median, self.p95, self.p99, self.max]
@@ -106,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn interval_of_only_successes_has_known_lower_bound() {
+    fn interval_of_only_successes_matches_closed_form() {
         // n / (n + z^2)
         near(wilson(1000, 1000), 1000.0 / 1003.841459, 1.0);
         assert_eq!(wilson(0, 0), [0.0, 1.0]);

@@ -108,7 +108,8 @@ impl Tally {
         self.solved as f64 / self.runs().max(1) as f64
     }
 
-    /// Returns the distribution of a quantity over the runs that know it.
+    /// Returns the distribution of a quantity over the runs in which it is known. `of` takes the
+    /// quantity from the figures of a run.
     #[must_use]
     pub fn spread(&self, of: fn(&Figures) -> Option<f64>) -> Spread {
         Spread::of(self.figures().filter_map(of))
@@ -259,8 +260,8 @@ impl Tally {
         }
     }
 
-    /// Returns the checksums of the plants, each once. There is one if all runs had the same
-    /// drives, trips and pads.
+    /// Returns the hashes of the plants' parameters, each once. There is only one if the plants of
+    /// all runs had the same drives, trip limits, friction and pads.
     pub(crate) fn plants(&self) -> Vec<&str> {
         let figures = self.results.iter().filter_map(|r| r.figures.as_ref());
         let plants: BTreeSet<&str> = figures.filter_map(|f| f.plant_hash.as_deref()).collect();
@@ -324,8 +325,8 @@ pub(super) fn phase(run: &RunResult) -> &str {
     if run.phase.is_empty() { "the start" } else { &run.phase }
 }
 
-/// Formats a value with `decimals` decimals, or with one if a median lies between two whole
-/// numbers.
+/// Formats a value with `decimals` decimals. A value that is not whole, as a median of whole
+/// numbers may be, gets one decimal at least.
 pub(super) fn figure(value: f64, decimals: usize) -> String {
     // A result stores infinity and NaN as `f64::MAX`, which JSON can hold.
     if value.abs() >= 1e12 {
@@ -369,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn merged_shards_equal_the_whole() {
+    fn merged_shards_equal_the_unsharded_campaign() {
         let whole = Tally::of(&state(20, "1/1")).json().to_string();
         for order in [["1/3", "2/3", "3/3"], ["3/3", "1/3", "2/3"]] {
             let mut merged = state(20, order[0]);
@@ -417,7 +418,7 @@ mod tests {
     }
 
     #[test]
-    fn object_has_the_documented_fields() {
+    fn json_of_tally_has_the_documented_fields() {
         let tally = Tally::of(&state(20, "1/1"));
         let object = tally.json();
 
@@ -452,7 +453,7 @@ mod tests {
     }
 
     #[test]
-    fn mishaps_drops_and_unknowns_are_counted_by_run() {
+    fn runs_with_mishaps_or_unknown_forces_are_counted() {
         let mut state = state(20, "1/1");
         let mut of = |seed: u64, change: &dyn Fn(&mut Figures)| {
             let figures = state.results.get_mut(&seed).and_then(|run| run.figures.as_mut());
@@ -509,7 +510,7 @@ mod tests {
     }
 
     #[test]
-    fn median_shows_its_half_despite_rounding() {
+    fn median_between_integers_is_printed_with_its_half() {
         assert_eq!((figure(14.5, 0).as_str(), figure(14.0, 0).as_str()), ("14.5", "14"));
         assert_eq!((figure(2.0, 1).as_str(), figure(2.345, 2).as_str()), ("2.0", "2.35"));
     }

@@ -89,7 +89,7 @@ pub struct Drawn {
 }
 
 impl Drawn {
-    /// Returns the argument of `--set`.
+    /// Returns the key with its drawn value, as an argument of `--set`: `KEY=VALUE`.
     #[must_use]
     pub fn option(&self) -> String {
         format!("{}={}", self.key, self.value)
@@ -97,7 +97,7 @@ impl Drawn {
 }
 
 impl Variations {
-    /// Reads the text of a file. `path` names it in messages.
+    /// Reads the text of a `--vary` file. `path` names the file in messages.
     ///
     /// # Errors
     /// All faults of the text. The scenario checks later whether the keys exist.
@@ -147,7 +147,8 @@ fn mixed(key: &str, seed: u64) -> u64 {
 }
 
 impl Distribution {
-    /// Draws a value. Returns it with its place in the file, if it is one of a list.
+    /// Draws a value. Returns it as text; a value that was chosen from a list comes with the place
+    /// in the file where the list has it.
     fn draw(&self, random: &mut Pcg64) -> (String, Option<&str>) {
         let value = match self {
             Self::Uniform(low, high) => number(random.random_range(*low..=*high), (*low, *high)),
@@ -196,7 +197,7 @@ impl Distribution {
 }
 
 /// Formats a value with six digits, so that people can read the command that repeats a run.
-/// Rounding does not leave the range.
+/// Rounding does not leave the range from `low` to `high`.
 fn number(value: f64, (low, high): (f64, f64)) -> String {
     let short: f64 = format!("{value:.5e}").parse().unwrap_or(value);
     let text = format!("{}", short.clamp(low, high));
@@ -204,7 +205,8 @@ fn number(value: f64, (low, high): (f64, f64)) -> String {
     if text.contains(['.', 'e']) { text } else { format!("{text}.0") }
 }
 
-/// Collects the keys of a table and its subtables.
+/// Collects the keys with their distributions from the table `path` and its subtables; adds what is
+/// wrong to `faults`.
 fn gather(node: &Node, path: &str, keys: &mut Vec<Key>, faults: &mut Faults) {
     let Value::Table(entries) = &node.value else {
         let reason = format!("`{path}` is {}, not a distribution", node.describe());
@@ -233,7 +235,7 @@ fn gather(node: &Node, path: &str, keys: &mut Vec<Key>, faults: &mut Faults) {
     }
 }
 
-/// Reads a distribution.
+/// Reads the distribution of the key `path` from its table, and adds what is wrong to `faults`.
 fn distribution(node: &Node, path: &str, faults: &mut Faults) -> Option<Distribution> {
     let Value::Table(entries) = &node.value else { return None };
     let (mut distribution, mut within) = (None, None);
@@ -414,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn drawn_list_of_faults_fits_one_line() {
+    fn drawn_fault_list_is_written_on_one_line() {
         let text = "fault = { one_of = [[],\n  [ # mended\n    { kind = \"jam\", magnitude = 3, \
                     event = \"turned\",\n      turned_deg = 30 },\n  ],\n  [{ kind = \"slip\", \
                     arm = \"\"\"\ntrack\"\"\", magnitude = 0.1, at_s = 9 }],\n] }\n";
@@ -445,7 +447,7 @@ mod tests {
     }
 
     #[test]
-    fn read_reports_all_faults_with_their_places() {
+    fn read_reports_all_errors_with_line_and_column() {
         let wrong = read(
             "seed = { uniform = [1, 2] }\ncontrol.grip_n = 30\na.b = { uniform = [2, 1] }\n\
              c = { normal = [1, -1] }\nd = { one_of = [] }\n\
@@ -473,7 +475,7 @@ mod tests {
     }
 
     #[test]
-    fn drawn_value_stays_in_improbable_range() {
+    fn truncated_normal_draw_stays_within_its_range() {
         let vary = read("a = { normal = [0, 1e-9], within = [0, 1] }").unwrap();
         for seed in 0..50 {
             let value: f64 = of(&vary, seed, "a").parse().unwrap();

@@ -46,7 +46,7 @@ pub(super) struct BenchmarkArgs {
     /// Override of a key in all trials; repeatable
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Seed of the first trial; the next ones have the next seeds
+    /// Seed of the first trial; the next trials have the next seeds
     #[arg(long, value_name = "S", default_value_t = 1,
           value_parser = clap::value_parser!(u64).range(..=LAST_SEED))]
     seed: u64,
@@ -113,7 +113,9 @@ fn kind(args: &BenchmarkArgs) -> anyhow::Result<Kind> {
     match (args.mission, args.tier) {
         (Some(trials), None) => Ok(Kind::Mission { trials }),
         (None, Some(kind)) => Ok(kind),
-        _ => Err(refuse("give --mission K or --tier M-N")),
+        _ => Err(refuse(
+            "give either --mission K (number of missions) or --tier M-N (turns of scramble)",
+        )),
     }
 }
 
@@ -140,7 +142,8 @@ fn check_clearance(args: &BenchmarkArgs, setup: &Setup) -> anyhow::Result<()> {
     )))
 }
 
-/// Prepares the trials; each trial of a tier has a cube of its own.
+/// Prepares the trials as a campaign with the scenario `from`. Each trial of a tier has a cube of
+/// its own, which the trial's seed scrambles.
 fn campaign(args: &BenchmarkArgs, kind: Kind, from: &ScenarioArgs) -> anyhow::Result<Campaign> {
     let shape = Shape {
         seed: args.seed,
@@ -160,13 +163,13 @@ fn campaign(args: &BenchmarkArgs, kind: Kind, from: &ScenarioArgs) -> anyhow::Re
     Campaign::prepare(from, &shape, String::new(), draw).map_err(refuse)
 }
 
-/// Writes the protocol to a file, unless no trial has a result.
+/// Writes the protocol `text` to a file, unless no trial has a result.
 fn keep(path: &Path, text: &str, tally: &Tally) -> anyhow::Result<()> {
     if tally.runs() > 0 {
         save(path, text.as_bytes())?;
         complain(&format!("protocol: {}", path.display()));
     } else {
-        complain(&format!("no trial has a result: {} stays as it is", path.display()));
+        complain(&format!("no trial has a result: the file {} is not written", path.display()));
     }
     Ok(())
 }
@@ -224,8 +227,8 @@ fn setup(args: &BenchmarkArgs, kind: Kind, from: &ScenarioArgs, scenario: &Scena
     }
 }
 
-/// Returns name and kind of each arm, and the distance of its tool at the start from the nearest
-/// point where the centre of the cube may be (m).
+/// Returns for each arm its name, its description, and the distance (m) of its tool at the start
+/// from the nearest point where the centre of the cube may be.
 fn effectors(cell: &Cell) -> Vec<(String, String, f64)> {
     let zone = &cell.hand;
     let of = |arm: &crate::cell::Arm| {
@@ -245,7 +248,7 @@ fn effectors(cell: &Cell) -> Vec<(String, String, f64)> {
     cell.arms.iter().map(of).collect()
 }
 
-/// Describes the place of a camera.
+/// Describes where a camera is mounted: fixed in the world, or in the gripper of an arm.
 fn mounted(cell: &Cell, mount: &Mount) -> String {
     match mount {
         Mount::World { world_from_camera } => {

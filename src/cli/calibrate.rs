@@ -66,7 +66,9 @@ pub(super) fn calibrate(args: &CalibrateArgs, output: &mut Output) -> anyhow::Re
             let Some(index) = cameras.iter().position(|c| c.name == *name) else {
                 let names: Vec<&str> = cameras.iter().map(|c| c.name.as_str()).collect();
                 let names = names.join(", ");
-                return Err(refuse(format!("--camera {name}: the scenario has {names}")));
+                return Err(refuse(format!(
+                    "--camera {name}: no camera of the scenario, which has {names}"
+                )));
             };
             Some(index)
         }
@@ -88,7 +90,8 @@ pub(super) fn calibrate(args: &CalibrateArgs, output: &mut Output) -> anyhow::Re
         if reports.iter().any(|report| report.found.is_ok()) {
             save(path, section(&scenario.controller, &reports).as_bytes())?;
         } else {
-            complain(&format!("no camera was calibrated: {} stays as it is", path.display()));
+            let path = path.display();
+            complain(&format!("no camera was calibrated: the file {path} is not written"));
         }
     }
     Ok(u8::from(reports.iter().any(|r| r.found.is_err())))
@@ -134,7 +137,8 @@ fn object(cell: &Cell, report: &Report) -> Value {
     object
 }
 
-/// Returns roll, pitch and yaw of the camera (deg).
+/// Returns roll, pitch and yaw of a calibrated camera (deg): in the world, or on the flange for a
+/// camera on an arm.
 fn rpy(found: &Calibrated) -> [f64; 3] {
     let (roll, pitch, yaw) = found.setup.camera.rotation.euler_angles();
     [roll, pitch, yaw].map(f64::to_degrees)
@@ -233,7 +237,8 @@ fn error_words(label: &str, e: &Errors) -> String {
     )
 }
 
-/// Returns the distance of the hand from its pose by the encoders, and from that in the picture.
+/// Describes how far the moving hand was from the position that its encoders gave, and from the one
+/// that the camera and the encoders together predict, before and after the calibration.
 fn hand_words(report: &Report) -> String {
     let [x, y, z] = report.sag.map(|s| s * 1e3);
     let sag = format!("  the hand was {x:+.2} {y:+.2} {z:+.2} mm from its pose by the encoders");
@@ -251,8 +256,9 @@ fn hand_words(report: &Report) -> String {
     sag + &seen + "\n"
 }
 
-/// Returns the sections of all cameras, the calibrated ones with their new values, and the errors
-/// that the plant should draw around them.
+/// Returns TOML for a scenario: the sections of all cameras, the calibrated ones with their new
+/// values, and a section with the size of the errors that a calibration leaves, for the simulated
+/// plant.
 fn section(config: &ControllerConfig, reports: &[Report]) -> String {
     let mut text = String::from(
         "# Cameras by `rubik-robot calibrate`. A scenario with a list of cameras replaces the \
@@ -290,7 +296,8 @@ fn section(config: &ControllerConfig, reports: &[Report]) -> String {
     text
 }
 
-/// Returns the section of a camera, with the values of its calibration if it has one.
+/// Returns the TOML section of a camera, with the values of its calibration (`found`) if there is
+/// one. `source` is where its pictures come from; `arm` returns the name of the arm with an index.
 fn camera_section(
     camera: &Camera,
     source: &str,
@@ -345,7 +352,7 @@ mod tests {
     /// The reported s.d. of the fixed camera covers its true error, and the written section draws
     /// errors of that size.
     #[test]
-    fn reported_errors_cover_the_true_errors() {
+    fn camera_error_is_below_three_reported_deviations() {
         for seed in [1, 2, 3] {
             let text = format!("seed = {seed}");
             let scenario = scenario::read(Path::new("test.toml"), &text, &[]).unwrap();
@@ -375,7 +382,7 @@ mod tests {
     }
 
     #[test]
-    fn written_section_reads_back_as_equal_cameras() {
+    fn written_calibration_reads_back_as_equal_cameras() {
         let path = Path::new("test.toml");
         let built_in = scenario::read(path, "", &[]).unwrap();
 

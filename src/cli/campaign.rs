@@ -81,7 +81,7 @@ pub(super) struct CampaignArgs {
     /// Number of processes at a time [default: the number of cores]
     #[arg(long, value_name = "J", value_parser = clap::value_parser!(u16).range(1..))]
     jobs: Option<u16>,
-    /// Draw values of more keys at random for each run, as in scenarios/vary/cell.toml
+    /// Draw values for the keys in FILE at random for each run, as scenarios/vary/cell.toml does
     #[arg(long, value_name = "FILE")]
     vary: Option<PathBuf>,
     /// Perform part K of N; campaign merge joins the parts
@@ -100,11 +100,12 @@ pub(super) struct CampaignArgs {
     result: ResultArgs,
     /// Run missions one after the other in one process for HOURS of simulated time
     ///
-    /// The soak reports the growth of memory, and the drift between missions of one seed.
+    /// The soak reports how much the memory grows, and whether missions with the same seed drift
+    /// apart in time.
     #[arg(long, value_name = "HOURS",
           conflicts_with_all = ["runs", "jobs", "vary", "shard", "state", "output"])]
     soak: Option<f64>,
-    /// Number of seeds of a soak, which are repeated in turn
+    /// Number of seeds of a soak: its missions take them in turn and repeat them
     #[arg(long, value_name = "N", default_value_t = 4, requires = "soak",
           value_parser = clap::value_parser!(u64).range(1..=1000))]
     soak_seeds: u64,
@@ -113,7 +114,7 @@ pub(super) struct CampaignArgs {
 /// Options of the report.
 #[derive(Debug, Args)]
 pub(super) struct ResultArgs {
-    /// Exit with 1 if a smaller share is solved [default of a soak: 1]
+    /// Exit with 1 if a smaller share of the runs is solved [default of a soak: 1]
     #[arg(long, value_name = "SHARE")]
     at_least: Option<f64>,
     /// Write the report to FILE (HTML)
@@ -266,7 +267,8 @@ impl ResultArgs {
                 save(path, page::page(tally, self.at_least).as_bytes())?;
                 complain(&format!("report: {}", path.display()));
             } else {
-                complain(&format!("no run has a result: {} stays as it is", path.display()));
+                let path = path.display();
+                complain(&format!("no run has a result: the file {path} is not written"));
             }
         }
         let Some(share) = self.at_least else { return Ok(0) };
@@ -340,9 +342,9 @@ pub(super) struct Shape {
 pub(super) enum Performed {
     /// All runs have a result.
     Whole,
-    /// A signal ended it.
+    /// A signal ended the campaign.
     Interrupted,
-    /// The scenario has changed meanwhile, which was reported.
+    /// The scenario changed during the campaign; the change has been reported.
     Changed,
 }
 
@@ -361,7 +363,8 @@ struct Given {
 }
 
 impl Given {
-    /// Checks that the scenario and the files that it names are unchanged.
+    /// Checks that the scenario and the files that it names are as they were when the campaign
+    /// began.
     fn still(&self) -> std::io::Result<()> {
         // A file that cannot be read any more has changed as well.
         let now = self.from.load(&[]).ok().and_then(|now| sum(&self.from.scenario, &now).ok());
@@ -408,8 +411,8 @@ pub(super) struct Campaign {
 }
 
 impl Campaign {
-    /// Checks the scenario of each run before the first one starts. `draw` returns the values that
-    /// are drawn for a seed.
+    /// Prepares a campaign: checks the scenario of each run before the first run starts. `vary` is
+    /// the text of the `--vary` file; `draw` returns the values that are drawn for a seed.
     pub(super) fn prepare(
         args: &ScenarioArgs,
         shape: &Shape,
@@ -493,7 +496,8 @@ impl Campaign {
         Ok(())
     }
 
-    /// Takes the results that a file has, if they are of this campaign.
+    /// Takes over the results `found` in a state file, if the file is of this campaign. Cuts off an
+    /// incomplete last line, so that new results can be appended.
     fn continue_from(
         &mut self,
         mut found: State,

@@ -40,12 +40,13 @@ pub(super) struct EmulateArgs {
     /// State of the cube: 54 letters URFDLB, each face in reading order
     #[arg(long, value_name = "FACELETS")]
     cube: Option<String>,
-    /// Write the file of devices to FILE [default: bridge.devices]
+    /// Write the list of emulated devices to FILE, from which `run` opens them
     ///
-    /// `run` reads the file. Without the key bridge.devices both use its default path.
+    /// Without this option, FILE is the value of the scenario's key `bridge.devices`, and `run`
+    /// finds it there.
     #[arg(long, value_name = "FILE")]
     devices: Option<PathBuf>,
-    /// Interface of the force sensors
+    /// Way in which the force sensors send their readings
     #[arg(long, value_enum, default_value_t = SensorWord::NetFt)]
     sensors: SensorWord,
     /// Share of axis answers that are not sent (0 to 1)
@@ -87,7 +88,7 @@ pub(super) struct EmulateArgs {
 enum SensorWord {
     /// ATI Net F/T, over UDP datagrams
     NetFt,
-    /// Stand-alone controller, over a serial line
+    /// A sensor controller, over a serial line
     Controller,
 }
 
@@ -158,7 +159,8 @@ fn options(args: &EmulateArgs, faults: LineFaults, seed: u64) -> EmulatorOptions
     }
 }
 
-/// Returns the faults of the lines, or the error of the option that gives one.
+/// Returns the transmission faults that the options ask for, or a message about the first wrong
+/// option.
 fn faults(args: &EmulateArgs, arms: &[Arm]) -> Result<LineFaults, String> {
     // The parser of clap checks numbers only; a share has a range of its own.
     for (option, share) in [
@@ -303,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn places_and_times_of_faults_are_read() {
+    fn fault_argument_names_arm_axis_and_time() {
         let arms = scenario::read(std::path::Path::new("a"), "", &[]).unwrap().controller.cell.arms;
 
         assert_eq!(at("track.3@20", &arms, true), Ok(At { effector: 0, axis: 3, time: 20.0 }));

@@ -41,7 +41,7 @@ pub(super) enum Mode {
     Korf,
     /// Proven shortest solution
     Optimal,
-    /// Solution that the two arms perform soonest, among many of the two-phase search
+    /// Solution that takes the two arms the least time, among many of the two-phase search
     Robot,
 }
 
@@ -106,7 +106,8 @@ enum Exact {
 }
 
 impl Engine {
-    /// Obtains the tables of a mode. Reports on stderr if one must be built.
+    /// Makes the engine of a mode, with the tables that the mode needs. Reports on stderr if a
+    /// table must be built.
     pub(super) fn new(mode: Mode, limits: Limits, threads: usize, store: &Store) -> Self {
         let workers = Threads::new(threads);
         let (tables, large) = two_phase_tables(store, workers);
@@ -215,7 +216,7 @@ impl Engine {
     }
 
     /// Returns the solution whose plan takes the least time in the built-in cell. The plan begins
-    /// with the grasp in which a mission ends its looks at the faces.
+    /// with the grasp in which the cube is held after all its faces have been read.
     fn for_arms(&self, cube: &Cube) -> Result<solver::Solution, Unsolved> {
         if cube.is_solved() {
             return Ok(solver::Solution { turns: Vec::new(), nodes: 0, proven: true });
@@ -247,9 +248,9 @@ pub(super) struct PlanSearch<'a> {
 }
 
 impl PlanSearch<'_> {
-    /// Returns the best plan, and the number of states of the last search. Without a time limit
-    /// there is one search with the whole effort. With one, each search has twice the effort of the
-    /// last, until the next would exceed the time.
+    /// Returns the best plan from the grasp `start`, and the number of states of the last search.
+    /// Without a time limit there is a single search with the whole effort. With a limit, each
+    /// search has twice the effort of the one before, until the next would exceed the time.
     pub(super) fn best(&self, cube: &Cube, start: (Hand, Grip)) -> Result<(Plan, u64), NoPlan> {
         let begun = Instant::now();
         let mut effort = if self.time.is_some() { FIRST } else { self.effort };
@@ -275,7 +276,7 @@ fn planner() -> Option<Planner> {
     run::planner(&scenario.controller).ok()
 }
 
-/// Calls `work`, and sets `stop` if the time is over before it returns.
+/// Calls `work`, and sets `stop` if `work` has not returned within `time`.
 fn within<T>(time: Option<Duration>, stop: &AtomicBool, work: impl FnOnce() -> T) -> T {
     let Some(time) = time else { return work() };
     let (done, over) = channel::<()>();

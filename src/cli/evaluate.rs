@@ -56,7 +56,7 @@ struct Tally {
 }
 
 impl Tally {
-    /// Adds the counts of another group.
+    /// Adds the counts of another group of faces.
     fn add(&mut self, other: &Self) {
         self.faces += other.faces;
         self.found += other.found;
@@ -82,8 +82,9 @@ struct Evaluation {
     misses: Vec<String>,
 }
 
-/// Evaluates a manifest; returns a table, or one JSON object. With `misses` the table is followed
-/// by each face that was not read right.
+/// Detects the faces in the pictures of a manifest and compares them with the true faces, which the
+/// manifest lists. Returns the counts as a table, or one JSON object. With `misses` the table is
+/// followed by each face that was missed or misread, and by each report of a face where none is.
 ///
 /// # Errors
 /// Unreadable manifest or picture.
@@ -92,7 +93,7 @@ pub fn evaluate(manifest: &Path, json: bool, misses: bool) -> Result<String> {
     Ok(if json { evaluation.json() } else { evaluation.text(misses) })
 }
 
-/// Reads the faces of a manifest, by picture.
+/// Reads a manifest; returns the true faces of each picture by the picture's name.
 fn truths(manifest: &Path) -> Result<BTreeMap<String, Vec<Truth>>> {
     let text =
         text::read(manifest, text::LIST).with_context(|| format!("{}", manifest.display()))?;
@@ -112,7 +113,8 @@ fn truths(manifest: &Path) -> Result<BTreeMap<String, Vec<Truth>>> {
     Ok(by_image)
 }
 
-/// Returns the sighting in the reading order that fits a face of the manifest, if one does.
+/// Returns the sighting, in that of its four reading orders whose tile centres are near those of a
+/// true face; `None` if there is no such order.
 fn fitting(sighting: &FaceSighting, truth: &Truth) -> Option<FaceSighting> {
     let reach = 0.25 * smallest_pitch(&truth.all_centres);
     let near = |s: &FaceSighting| {
@@ -140,7 +142,7 @@ impl Evaluation {
         Ok(all)
     }
 
-    /// Counts the reports of one picture.
+    /// Compares the detected faces of one picture with its true faces, and counts both.
     fn count(&mut self, name: &str, sightings: &[FaceSighting], truths: &[Truth]) {
         self.reports += sightings.len();
         for sighting in sightings {
@@ -184,7 +186,7 @@ impl Evaluation {
         }
     }
 
-    /// Returns the sum of all groups.
+    /// Returns the sums of the counts over all groups of faces.
     fn total(&self) -> Tally {
         self.groups.values().fold(Tally::default(), |mut sum, t| {
             sum.add(t);
@@ -192,7 +194,7 @@ impl Evaluation {
         })
     }
 
-    /// Returns the quantile `p` of the times (ms).
+    /// Returns the quantile `p` (0 to 1) of the detection times of the pictures (ms).
     fn time(&self, p: f64) -> f64 {
         // The times are sorted, so a quantile is an element.
         let last = self.times.len().saturating_sub(1);
@@ -291,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn a_face_counts_in_any_reading_order() {
+    fn rotated_reading_of_a_face_counts_as_correct() {
         let mut all = Evaluation::default();
 
         all.count("set/a.png", &[sighting().turned(3)], &[truth()]);
@@ -302,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn face_off_by_0_3_pitches_is_wrong() {
+    fn face_0_3_tile_pitches_off_is_wrong() {
         let mut all = Evaluation::default();
         let mut off = sighting();
         off.centres.iter_mut().for_each(|c| c.0 += 3.0);
@@ -313,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_colour_is_counted_by_tile() {
+    fn face_with_wrong_tile_is_found_not_read() {
         let mut all = Evaluation::default();
         let mut face = sighting();
         face.colours[4] = 0;

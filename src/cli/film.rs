@@ -97,7 +97,8 @@ struct Shot {
 }
 
 impl Shot {
-    /// Draws the pictures, on all cores: each costs half a second of one.
+    /// Draws the pictures of the shot on all cores, since a picture takes one core half a second.
+    /// `size` is width and height (px).
     fn drawn(&self, controller: &ControllerConfig, size: (u32, u32)) -> Vec<RgbImage> {
         let setting = Setting::of(&controller.cell);
         // Each core draws a part of consecutive scenes, which keeps their order.
@@ -181,9 +182,10 @@ fn first_turn(show: &Show, (begin, end): (f64, f64)) -> Option<(f64, f64)> {
     Some((times[first], times[first + count - 1]))
 }
 
-/// Returns the scene of a moment. `colours` are the cube's facelets at the start of the solution,
-/// for the time before the controller has read them. `last` is the cube's last known pose, for the
-/// time when the person has it back. The person's hand is where no arm holds the cube.
+/// Returns the scene of a snapshot. `colours` are the cube's facelets at the start of the solution,
+/// for the time before the controller has read them. `last` keeps the cube's last known pose, for
+/// the time when the person has it back. While no arm holds the cube, it is in the hand of the
+/// person, if the cell has one.
 fn scene(
     snapshot: &Snapshot,
     colours: &str,
@@ -208,7 +210,7 @@ fn scene(
     Some(scene)
 }
 
-/// Returns an animated GIF of pictures, shot by shot.
+/// Returns an animated GIF of the pictures of all shots, one shot after the other.
 fn encoded(shots: &[Vec<RgbImage>], (width, height): (u32, u32)) -> anyhow::Result<Vec<u8>> {
     let palette = Palette::of(shots);
     let mut film = Vec::new();
@@ -255,7 +257,7 @@ impl Palette {
     /// The index that leaves a pixel as it is: the one after the last colour.
     const TRANSPARENT: u8 = (COLOURS - 1) as u8;
 
-    /// Learns the colours from the middle picture of each shot.
+    /// Chooses the colours that suit the middle pictures of all shots.
     fn of(shots: &[Vec<RgbImage>]) -> Self {
         let middle = shots.iter().filter_map(|shot| shot.get(shot.len() / 2));
         let pixels: Vec<u8> =

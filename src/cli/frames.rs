@@ -117,14 +117,14 @@ impl Optics {
     }
 }
 
-/// Returns the path of the truth of all frames in a folder.
+/// Returns the path of the file in a folder that has the truth of all frames.
 fn frames_of(folder: &Path) -> PathBuf {
     folder.join("frames.jsonl")
 }
 
 type Rows = [[f64; 4]; 3];
 
-/// Returns a pose as three rows of four (m).
+/// Returns a pose as the upper three rows of its homogeneous matrix (m).
 pub(super) fn rows(pose: &Pose) -> Rows {
     let m = pose.to_homogeneous();
     std::array::from_fn(|i| std::array::from_fn(|j| m[(i, j)]))
@@ -190,7 +190,8 @@ impl FrameTruth {
     }
 }
 
-/// Writes the folder. Returns the text for stdout and the exit code.
+/// Renders the frames and writes them with their truth to the output folder. Returns the text for
+/// stdout and the exit code.
 pub(super) fn render(args: &RenderArgs) -> Result<(String, u8)> {
     let scenario = match args.scenario.load(&[]) {
         Ok(scenario) => scenario,
@@ -202,7 +203,11 @@ pub(super) fn render(args: &RenderArgs) -> Result<(String, u8)> {
     let cameras = &scenario.controller.cell.cameras;
     let Some(camera) = cameras.iter().find(|c| c.name == args.camera) else {
         let names: Vec<&str> = cameras.iter().map(|c| c.name.as_str()).collect();
-        complain(&format!("--camera {}: the scenario has {}", args.camera, names.join(", ")));
+        complain(&format!(
+            "--camera {}: no camera of the scenario, which has {}",
+            args.camera,
+            names.join(", ")
+        ));
         return Ok((String::new(), WRONG));
     };
     let edge = scenario.controller.cell.cube.edge;
@@ -251,8 +256,10 @@ pub(super) fn render(args: &RenderArgs) -> Result<(String, u8)> {
     Ok((summary, 0))
 }
 
-/// Returns a random pose of a cube that is completely in the picture, with its dominant face tilted
-/// by at most `tilt_deg` from the line of sight. Returns `None` if no pose fits.
+/// Returns a random pose (`camera_from_cube`) of a cube that is completely in the picture, or
+/// `None` if no pose fits. The centre of its dominant face is at `distance` (m) from the camera,
+/// and the face is tilted by at most `tilt_deg` from the line of sight. `edge` is the cube's edge
+/// (m).
 fn draw_pose(
     random: &mut Pcg64,
     camera: &Camera,
@@ -303,7 +310,7 @@ struct Shot<'a> {
     facelets: [u8; 54],
 }
 
-/// Renders a shot with the look of its number.
+/// Renders a frame. The seed of `args` and the frame's `number` determine its look and its noise.
 fn picture(
     args: &RenderArgs,
     scenario: &Scenario,
@@ -375,7 +382,8 @@ impl Shot<'_> {
         }
     }
 
-    /// Returns how much a face looks at the camera, and its truth; `None` if it is not visible.
+    /// Returns the truth of a face, preceded by the cosine between the line of sight and the face's
+    /// inward normal; `None` if the face is not visible. `index` is in the order URFDLB.
     fn face(&self, index: usize, lens: &Lens) -> Option<(f64, FaceTruth)> {
         let (letter, normal, columns, lines) = FACES[index];
         let (normal, x, y) = (Vector3::from(normal), Vector3::from(columns), Vector3::from(lines));
@@ -449,16 +457,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn faces_are_right_handed_seen_from_outside() {
+    fn cross_product_of_face_axes_points_into_cube() {
         for (letter, normal, columns, rows) in FACES {
             let (x, y) = (Vector3::from(columns), Vector3::from(rows));
             assert_eq!(x.cross(&y), -Vector3::from(normal), "{letter}");
         }
     }
 
-    /// The dominant face has the distance that gives its width, and is inside the picture.
+    /// The dominant face has the demanded distance, which gives its width, and is in the picture.
     #[test]
-    fn drawn_poses_keep_width_and_picture() {
+    fn random_poses_keep_distance_and_fit_the_picture() {
         let camera = Camera {
             name: "c".into(),
             mount: Mount::World { world_from_camera: Pose::identity() },

@@ -75,7 +75,7 @@ pub fn decode(bytes: &[u8]) -> Result<RgbImage> {
     }
     // The decoder fills the missing part of a picture with grey.
     if format == ImageFormat::Jpeg && !jpeg_ends(bytes) {
-        bail!("{damaged}: the file ends before its picture");
+        bail!("{damaged}: the file ends before the picture is complete");
     }
     // A picture without a readable tag is upright.
     let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
@@ -134,7 +134,7 @@ pub(super) mod tests {
     use super::*;
 
     #[test]
-    fn palette_with_part_of_a_colour_is_damage() {
+    fn palette_that_ends_within_a_colour_is_refused() {
         let bytes = include_bytes!("../../tests/corpus/image/palette-of-four-bytes.png");
 
         let why = format!("{:#}", decode(bytes).unwrap_err());
@@ -159,7 +159,7 @@ pub(super) mod tests {
         }
     }
 
-    /// Encodes a picture.
+    /// Encodes a picture in a file format.
     pub(in crate::cli) fn bytes(picture: &image::DynamicImage, format: ImageFormat) -> Vec<u8> {
         let mut out = std::io::Cursor::new(Vec::new());
         picture.write_to(&mut out, format).unwrap();
@@ -171,7 +171,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn errors_name_the_fault_of_the_file() {
+    fn decode_error_tells_damaged_file_from_non_picture() {
         let good = bytes(&image::DynamicImage::new_rgb8(60, 40), ImageFormat::Png);
 
         assert!(reason("text.png", b"not a picture at all").contains("not a picture"));
@@ -179,7 +179,10 @@ pub(super) mod tests {
         assert!(reason("short.png", &good[..good.len() / 2]).contains("damaged"));
         assert!(reason("head.jpg", &[0xFF, 0xD8, 0xFF, 0xE0]).contains("damaged"));
         let jpeg = bytes(&image::DynamicImage::new_rgb8(60, 40), ImageFormat::Jpeg);
-        assert!(reason("short.jpg", &jpeg[..jpeg.len() - 2]).contains("ends before its picture"));
+        assert!(
+            reason("short.jpg", &jpeg[..jpeg.len() - 2])
+                .contains("ends before the picture is complete")
+        );
         // A header that promises more pixels than any memory holds.
         let mut vast = good.clone();
         vast[16..24].copy_from_slice(&[0, 0, 0x4E, 0x20, 0, 0, 0x4E, 0x20]);

@@ -43,7 +43,7 @@ pub(crate) enum Question {
     Motors,
 }
 
-/// Answers the rows of stdin; returns the exit code.
+/// Answers the question of `args` for each row of numbers on stdin; returns the exit code.
 pub(super) fn run(args: &KinematicsArgs, output: &mut Output) -> anyhow::Result<u8> {
     // The built-in cell is a scenario that sets no key.
     let loaded = match &args.scenario {
@@ -55,7 +55,10 @@ pub(super) fn run(args: &KinematicsArgs, output: &mut Output) -> anyhow::Result<
     let Some(arm) = arms.iter().find(|a| a.name == args.arm) else {
         let names: Vec<&str> = arms.iter().map(|a| a.name.as_str()).collect();
         let names = names.join(" and ");
-        return Err(refuse(format!("--arm {}: the scenario has {names}", args.arm)));
+        return Err(refuse(format!(
+            "--arm {}: no arm of the scenario, which has {names}",
+            args.arm
+        )));
     };
     let rows = std::io::stdin().lock();
     output.write(|to| stream(args.question, &arm.model, &arm.flange_from_tool, rows, to))?;
@@ -142,7 +145,8 @@ pub(crate) fn answer(
     Some(answered.unwrap_or_else(|error| json(&Refusal { error })))
 }
 
-/// Returns the poses of flange and tool of a row of joints.
+/// Returns the JSON answer to a row of joint positions: the poses of flange and tool in the frame
+/// of the base.
 fn forward(model: &ArmModel, flange_from_tool: &Pose, line: &str) -> Result<String, String> {
     let joints = joints_of(model, &numbers(line, axes(model), "joints")?);
     let base_from_flange = model.base_from_flange(&joints);
@@ -153,7 +157,8 @@ fn forward(model: &ArmModel, flange_from_tool: &Pose, line: &str) -> Result<Stri
     }))
 }
 
-/// Returns the joints that reach the pose of a row.
+/// Returns the JSON answer to a row with a pose of the tool and the current joint positions: the
+/// joint positions near these that reach the pose.
 fn inverse(model: &ArmModel, flange_from_tool: &Pose, line: &str) -> Result<String, String> {
     let what = "numbers: base_from_tool by rows (12), then the current joints";
     let numbers = numbers(line, 12 + axes(model), what)?;
@@ -166,7 +171,7 @@ fn inverse(model: &ArmModel, flange_from_tool: &Pose, line: &str) -> Result<Stri
     Ok(json(&Joints { joints: &joints.0[AXES - axes(model)..], limits: limits(model, &joints) }))
 }
 
-/// Returns the motor positions of a row of joints.
+/// Returns the JSON answer to a row of joint positions: the motor positions.
 fn motors(model: &ArmModel, line: &str) -> Result<String, String> {
     let joints = joints_of(model, &numbers(line, axes(model), "joints")?);
     let motors = model.motors(&joints);
@@ -178,7 +183,7 @@ fn axes(model: &ArmModel) -> usize {
     if model.has_track { AXES } else { AXES - 1 }
 }
 
-/// Parses a row of `count` finite numbers.
+/// Parses a row of `count` finite numbers, which `what` names in an error.
 fn numbers(line: &str, count: usize, what: &str) -> Result<Vec<f64>, String> {
     let numbers = line
         .split(',')
@@ -204,7 +209,7 @@ fn joints_of(model: &ArmModel, numbers: &[f64]) -> JointPositions {
     joints
 }
 
-/// Returns the pose of three rows of four, if it is a rigid motion.
+/// Returns the pose whose homogeneous matrix has these upper three rows, if it is a rigid motion.
 fn pose_of(m: &[f64]) -> Result<Pose, String> {
     let matrix = Matrix3::new(m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]);
     let error = (matrix.transpose() * matrix - Matrix3::identity()).amax();
@@ -220,7 +225,7 @@ fn pose_of(m: &[f64]) -> Result<Pose, String> {
     Ok(Pose::from_parts(Translation3::new(m[3], m[7], m[11]), rotation))
 }
 
-/// Returns a pose as three rows of four.
+/// Returns a pose as the upper three rows of its homogeneous matrix.
 fn rows(pose: &Pose) -> [[f64; 4]; 3] {
     let m = pose.to_homogeneous();
     std::array::from_fn(|row| std::array::from_fn(|column| m[(row, column)]))
@@ -264,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn row_beyond_limits_is_answered_with_their_names() {
+    fn input_row_beyond_limits_names_exceeded_limits() {
         let pose = ask(Question::Fk, "irp6_track", "2.0,0.5,-1.2,0.3,0.4,1.0,-0.5");
 
         let limits: Vec<_> = pose["limits"].as_array().unwrap().iter().collect();

@@ -110,7 +110,7 @@ const LEAST_CONFIDENCE: f64 = 0.45;
 /// Largest mean distance of the edges in the picture from those of the pose (px).
 const RESIDUAL: f64 = 2.0;
 
-/// Locates the cube in a picture.
+/// Locates a cube whose edge has the length `edge` (m) in a picture.
 ///
 /// # Errors
 /// Reason why there is no pose.
@@ -124,7 +124,7 @@ fn find(image: &image::RgbImage, lens: &Lens, edge: f64) -> Result<CubeLocation>
     // Optics that are wrong, or another object, leave a large residual.
     if location.residual_px > RESIDUAL {
         let off = location.residual_px;
-        bail!("a face was found, but its edges are {off:.1} px from a cube's: check the optics");
+        bail!("a face was found, but its edges are {off:.1} px off a cube's: check the optics");
     }
     Ok(location)
 }
@@ -244,7 +244,8 @@ struct Errors {
 }
 
 impl Errors {
-    /// Adds the error of a point that was found.
+    /// Adds the error of a point, split into the parts across and along the line of sight. Both
+    /// points are in the camera's frame (m).
     fn push(&mut self, found: Point3<f64>, truth: Point3<f64>) {
         let sight = truth.coords.normalize();
         let error = found - truth;
@@ -266,7 +267,7 @@ impl Errors {
             "depth_rms_mm": c, "depth_p95_mm": d })
     }
 
-    /// Returns the line of the table.
+    /// Returns these errors as a line of the table of accuracy, which begins with `name`.
     fn line(&self, name: &str) -> String {
         if self.depth.is_empty() {
             return format!("{name:<38} {:6}\n", 0);
@@ -433,8 +434,9 @@ fn face_nearest(truth: &Pose, edge: f64, to: &Point3<f64>) -> Point3<f64> {
     best.1
 }
 
-/// Returns the small motion from the true pose to the pose that was found, in the camera's axes.
-/// The axes of the cube can be named in 24 ways; the nearest way counts.
+/// Returns the error of a pose in the camera's axes: translation (m), then rotation vector (rad). A
+/// cube without regard to its colours has 24 equal orientations; the one nearest to the truth
+/// counts.
 fn error_of(found: &Pose, truth: &Pose) -> Vector6<f64> {
     let relative = found.rotation.inverse() * truth.rotation;
     let named_alike = found.rotation * nearest_of_24(&relative);

@@ -294,7 +294,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn command_line_is_consistent() {
+    fn clap_accepts_the_command_line_definition() {
         Cli::command().debug_assert();
     }
 

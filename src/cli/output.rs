@@ -272,7 +272,7 @@ mod tests {
 
     /// Checks paths, links, hard links and files that do not exist yet.
     #[test]
-    fn clash_check_recognises_file_under_other_name() {
+    fn output_path_aliasing_another_file_is_refused() {
         let folder = std::env::temp_dir().join(format!("rubik-robot-clash-{}", std::process::id()));
         std::fs::create_dir_all(folder.join("sub")).unwrap();
         let there = folder.join("s.toml");

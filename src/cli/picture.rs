@@ -31,10 +31,10 @@ pub(super) struct PictureArgs {
     /// Draw the view of this camera instead of the cell from outside
     #[arg(long)]
     camera: Option<String>,
-    /// Width of the picture from outside (px)
+    /// Width of the view of the whole cell (px)
     #[arg(long, default_value_t = 1280, value_parser = clap::value_parser!(u32).range(16..=4096))]
     width: u32,
-    /// Height of the picture from outside (px)
+    /// Height of the view of the whole cell (px)
     #[arg(long, default_value_t = 800, value_parser = clap::value_parser!(u32).range(16..=4096))]
     height: u32,
 }
@@ -59,7 +59,9 @@ pub(super) fn picture(args: &PictureArgs, output: &mut Output) -> anyhow::Result
             let Some(camera) = cell.cameras.iter().find(|c| c.name == *name) else {
                 let names: Vec<&str> = cell.cameras.iter().map(|c| c.name.as_str()).collect();
                 let names = names.join(", ");
-                return Err(refuse(format!("--camera {name}: the scenario has {names}")));
+                return Err(refuse(format!(
+                    "--camera {name}: no camera of the scenario, which has {names}"
+                )));
             };
             let look = Look { lens_cap: scenario.plant.keys.lens_cap, ..Look::default() };
             Renderer::new(camera.clone(), look, scenario.seed)
@@ -84,7 +86,7 @@ pub(super) fn outside(
 }
 
 /// Returns the scene of a snapshot, as the controller believed it to be. Returns `None` if the
-/// belief has no place of the cube, or no colours.
+/// controller did not know the pose or the colours of the cube.
 pub(super) fn during(snapshot: &Snapshot, controller: &ControllerConfig) -> Option<Scene> {
     let cell = &controller.cell;
     let arm = |view: &ArmView| {

@@ -23,7 +23,7 @@ use std::time::{Duration, Instant};
 pub(super) struct PlanArgs {
     /// State of the cube: 54 letters URFDLB, each face in reading order
     cube: String,
-    /// Rule for which two grips may hold the cube at the same time
+    /// Rule that says in which pairs of grips both hands may hold the cube at the same time
     ///
     /// The default is the rule of the cell's grippers.
     #[arg(long, value_enum)]
@@ -47,11 +47,12 @@ pub(super) struct PlanArgs {
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum RuleWord {
-    /// Rule of 2007: two grasps for a turn, four for a turn of the opposite face
+    /// As in the paper of 2007: two grasps for each turn, four if it turns the face opposite the
+    /// last one
     Original,
-    /// Palms touch the cube
+    /// Palms touch the cube: only hands on opposite faces can turn a layer
     Strict,
-    /// Palms keep a distance: layers turn also between hands at right angles
+    /// Palms keep a distance from the cube: hands on adjacent faces can turn a layer as well
     Clearance,
 }
 
@@ -123,7 +124,8 @@ struct Work {
     time: Duration,
 }
 
-/// Plans the cube, and the same cube by the rule of the original robot.
+/// Plans the solution of a cube, and for comparison its shortest solution by the rule of the
+/// original robot.
 fn work(search: &PlanSearch<'_>, cube: &Cube) -> Result<Work, NoPlan> {
     let planner = search.planner;
     let begun = Instant::now();
@@ -178,7 +180,7 @@ impl Work {
         text
     }
 
-    /// Writes the steps if `explain`, then the comparison and the turns.
+    /// Writes the steps of the plan if `explain`, then the comparison of both plans and the turns.
     fn write(&self, text: &mut String, explain: bool) -> std::fmt::Result {
         let plan = &self.plan;
         if explain {

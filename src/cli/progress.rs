@@ -73,7 +73,8 @@ impl Bar {
     }
 }
 
-/// Prints a report of a store to stderr.
+/// Prints to stderr what a store of tables reports about a table: that it builds the table, waits
+/// for it, or cannot keep it.
 pub(super) fn print_news(spec: &TableSpec, news: &News<'_>) {
     let size = megabytes(spec.bytes);
     complain(&match news {

@@ -21,7 +21,8 @@ pub(super) struct Begun {
     pub(super) resumed: bool,
 }
 
-/// Starts a recording in a file.
+/// Starts a recording in a file. `place` has the temporary and the final path of the file, as
+/// [`Place::create`] returns them.
 pub(super) fn begin(
     (file, place): (File, Place),
     scenario: &Scenario,

@@ -67,8 +67,8 @@ pub(super) fn run(args: &ReplayArgs, output: &mut Output) -> anyhow::Result<u8> 
     // The start of a resumed run is in files that change later.
     if label.fact("resumed") == "true" {
         return Err(refuse(format!(
-            "{}: a resumed run cannot be verified: its start is in its journal and world, not in \
-             the recording",
+            "{}: a resumed run cannot be verified: its start is in the files of --journal and \
+             --world, not in the recording",
             args.recording.display()
         )));
     }
@@ -151,7 +151,7 @@ pub(super) fn read(path: &Path, scenario: &Scenario) -> Result<Show, String> {
     Show::read(file, scenario, &title).map_err(|why| format!("{title}: {why}"))
 }
 
-/// Reads the label of a recording, and its scenario.
+/// Reads the label of a recording (version, options and other facts), and its scenario.
 pub(super) fn load(path: &Path) -> Result<(Label, Scenario), String> {
     let mut label = Label::default();
     let reading = open(path).map_err(|e| format!("{}: {e}", path.display()))?;

@@ -51,7 +51,11 @@ pub(super) fn run(args: &ReportArgs) -> anyhow::Result<u8> {
         let path = args.recording.display();
         complain(&format!("{path}: {flaw}; the report covers the part that could be read"));
     }
-    complain(&format!("{}: report of {} messages", args.output.display(), story.count));
+    complain(&format!(
+        "{}: written, the report of {} recorded messages",
+        args.output.display(),
+        story.count
+    ));
     Ok(0)
 }
 
@@ -65,7 +69,8 @@ const QUALITY: u8 = 75;
 /// Time of a drawing (s), its words, and its file.
 type Drawing = (f64, String, Vec<u8>);
 
-/// Draws steps of the plan. It reads the recording a second time; `label` is that of the first.
+/// Draws the cell in several steps of the plan. The recording is read a second time for it; `label`
+/// is the recording's label from the first time.
 ///
 /// # Errors
 /// Reason why there are no drawings.
@@ -89,7 +94,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn error_says_why_nothing_is_drawn() {
+    fn error_says_why_recording_cannot_be_drawn() {
         let nowhere = Path::new("/nowhere/run.mcap");
         let why = |scenario: &str| {
             let facts = [("version".to_owned(), "0".to_owned())].into();

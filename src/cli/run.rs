@@ -205,7 +205,8 @@ impl RunArgs {
         }
     }
 
-    /// Starts the recording if `--record` is given.
+    /// Starts the recording if `--record` is given. `more` are the overrides by other options than
+    /// `--set`; `attended` says whether an operator can be asked.
     fn recorder(
         &self,
         scenario: &Scenario,

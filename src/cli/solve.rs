@@ -93,7 +93,8 @@ pub(super) enum Refusal {
     Impossible(ImpossibleCube, Option<Repair>),
     Moves(ParseMoves),
     Unsolved(Unsolved),
-    /// A cube in another orientation, and its name by the colours of its centres.
+    /// Cube that is held in another orientation, so that the centre of face U is not on top, say;
+    /// and its facelets in the usual orientation.
     Turned(ImpossibleCube, Facelets),
 }
 
@@ -174,7 +175,8 @@ pub(super) fn read(text: &str) -> Result<(Cube, Facelets), Refusal> {
     Ok((cube, facelets))
 }
 
-/// Returns the cube that moves make of a solved one, named as it is held after them.
+/// Returns the cube that moves make of a solved one. Moves may also turn the centres; each colour
+/// is named by the face on whose centre it is after the moves.
 fn scrambled(text: &str) -> Result<(Cube, Facelets), Refusal> {
     let moves = parse_moves(text).map_err(Refusal::Moves)?;
     // Rotations turn the centres as well, so the cube is named as it is held after the moves.

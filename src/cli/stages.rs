@@ -28,7 +28,7 @@ pub(super) struct StagesArgs {
     /// Picture files (PNG, JPEG)
     #[arg(required = true)]
     images: Vec<PathBuf>,
-    /// Write the pictures of the stages to FOLDER
+    /// Write a picture of each stage of the image processing to FOLDER
     #[arg(short, long, value_name = "FOLDER")]
     out: Option<PathBuf>,
     /// Focal length along x (px), to compute the pose of the square
@@ -124,7 +124,7 @@ struct Found {
     files: Vec<String>,
 }
 
-/// Returns a pose as three rows of four (m).
+/// Returns a pose as the upper three rows of its homogeneous matrix (m).
 fn rows(pose: &Pose) -> Value {
     let matrix = pose.to_homogeneous();
     (0..3).map(|r| json!((0..4).map(|c| matrix[(r, c)]).collect::<Vec<f64>>())).collect()
@@ -300,7 +300,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_stage_and_the_result_become_a_file() {
+    fn each_vision_stage_and_result_is_saved() {
         let folder = std::env::temp_dir().join(format!("rubik-stages-{}", std::process::id()));
         let picture = folder.join("in.png");
         std::fs::create_dir_all(&folder).unwrap();
@@ -328,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn marks_beyond_the_border_are_left_out() {
+    fn drawing_outside_the_picture_does_not_panic() {
         let mut picture = RgbImage::new(5, 5);
 
         outline(&mut picture, &[(-9.0, -9.0), (9e9, 2.0), (3.0, 3.0), (f64::NAN, 0.0)], [255; 3]);

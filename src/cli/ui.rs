@@ -45,7 +45,7 @@ pub(super) enum UiKind {
     Web,
     /// In this terminal, also over ssh
     Tui,
-    /// Lines on stderr
+    /// Messages as lines of text on stderr
     None,
 }
 
@@ -61,8 +61,8 @@ impl UiArgs {
         }
     }
 
-    /// Opens a UI at a desk and prints the address of the page. If no option asks for the page and
-    /// no port is free, there is none.
+    /// Opens a UI at a desk and prints the address of the page. If the page cannot be served and no
+    /// option asks for it, the run has no UI.
     pub(super) fn open(&self, kind: UiKind, desk: UiEnd) -> anyhow::Result<Ui> {
         match kind {
             UiKind::None => Ok(Ui::None),
@@ -120,7 +120,7 @@ fn address(text: &str) -> Option<SocketAddr> {
 /// An open UI.
 #[derive(Debug)]
 pub(super) enum Ui {
-    /// Lines on stderr, or nothing.
+    /// No page and no panels: messages are lines on stderr.
     None,
     /// The page.
     Web(Server),
@@ -205,8 +205,9 @@ impl Terminal {
         }
     }
 
-    /// Returns the result of the thread. A thread that should end and does not within a second is
-    /// abandoned: its terminal is gone and never answers.
+    /// Waits for the terminal's thread and returns its result. A thread that is told to leave and
+    /// does not end within a second is abandoned, because its terminal is gone and never answers;
+    /// then the result is `None`.
     fn left(&mut self) -> Option<std::thread::Result<std::io::Result<()>>> {
         const LOOK: Duration = Duration::from_millis(20);
         let thread = self.thread.take()?;
@@ -227,7 +228,7 @@ impl Drop for Terminal {
     }
 }
 
-/// Waits for a signal, or until the operator ends the page.
+/// Waits for a signal to this process, or for the page's button that ends the program.
 fn wait(run_end: &RunEnd) -> anyhow::Result<()> {
     let signalled = Arc::new(AtomicBool::new(false));
     for signal in SIGNALS {

@@ -18,7 +18,7 @@ Examples:
 
 Links, axes and limits are those of the controller; shapes are boxes and cylinders.")]
 pub(super) struct UrdfArgs {
-    /// Name of one effector, to print it alone; the built-in cell has track and postument
+    /// Print only the effector with this name; the built-in cell has `track` and `postument`
     #[arg(long)]
     arm: Option<String>,
     /// Scenario with the cell [default: the built-in cell]
@@ -41,7 +41,9 @@ pub(super) fn run(args: &UrdfArgs, output: &mut Output) -> anyhow::Result<u8> {
             if index.is_none() {
                 let names: Vec<_> = cell.arms.iter().map(|arm| arm.name.as_str()).collect();
                 let names = names.join(" and ");
-                return Err(refuse(format!("--arm {name}: the scenario has {names}")));
+                return Err(refuse(format!(
+                    "--arm {name}: no arm of the scenario, which has {names}"
+                )));
             }
             index
         }

@@ -40,7 +40,10 @@ pub(super) fn run(args: &WeighArgs, output: &mut Output) -> anyhow::Result<u8> {
     let Some(arm) = arms.iter().position(|a| a.name == args.arm) else {
         let names: Vec<&str> = arms.iter().map(|a| a.name.as_str()).collect();
         let names = names.join(" and ");
-        return Err(refuse(format!("--arm {}: the scenario has {names}", args.arm)));
+        return Err(refuse(format!(
+            "--arm {}: no arm of the scenario, which has {names}",
+            args.arm
+        )));
     };
     let progress =
         |index: usize, count: usize| complain(&format!("orientation {} of {count}", index + 1));

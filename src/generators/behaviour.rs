@@ -147,7 +147,8 @@ enum Kind {
 }
 
 impl Behaviour {
-    /// Makes the generator. `speeds` are the full speeds of position control.
+    /// Makes the generator that carries out this behaviour. `speeds` are the full speeds of
+    /// position control.
     #[must_use]
     pub fn generator(&self, compliance: &Compliance, speeds: &position::Speeds) -> Generator {
         let kind = match *self {
@@ -211,8 +212,9 @@ impl Behaviour {
 }
 
 impl Generator {
-    /// Returns the set values of the next macrostep, or the end; and, for a generator that uses the
-    /// visual sensor, how it should look from now on.
+    /// Returns the command of the next macrostep, or how the behaviour ended; and, from a generator
+    /// that uses the visual sensor, where in the picture and at which exposure the sensor must look
+    /// from now on.
     pub fn next(&mut self, inputs: &Inputs<'_>) -> (Next, Option<Sensing>) {
         debug_assert!(is_rigid(&inputs.arm.desired_base_from_tool), "{:?}", inputs.arm);
         debug_assert!((0.0..=1.0).contains(&inputs.pace), "pace: {}", inputs.pace);
@@ -242,16 +244,17 @@ impl Generator {
         (next, None)
     }
 
-    /// Returns whether the generator can continue although its last command was refused for this
-    /// reason, which `inputs.arm.refused` shows.
+    /// Returns whether the generator can continue although its last command was refused for the
+    /// reason `why`, which `inputs.arm.refused` shows.
     #[must_use]
     pub fn tolerates(&self, why: &MoveRefused) -> bool {
         matches!(self.kind, Kind::VisualServo(_)) && visual_servo::VisualServo::tolerates(why)
     }
 }
 
-/// Returns the same command at the pace of the inputs, which scales velocities, and steps from the
-/// present set value.
+/// Slows a command down by the factor `inputs.pace` (0..=1), which multiplies the velocities of a
+/// task motion and the step from the present set pose to the next one. The end of a behaviour stays
+/// as it is.
 fn slowed(next: Next, inputs: &Inputs<'_>) -> Next {
     let Next::Go(mut command) = next else { return next };
     match &mut command.motion {

@@ -37,8 +37,9 @@ pub struct Compliance {
 /// that turns between fingers of 12 mm about the palm's axis is tilted by 6 deg then.
 pub const FORCED_APART: f64 = 0.001;
 
-/// Returns the admittance of a direction that moves at a speed (m/s) until it meets a force (N). In
-/// contact it would settle at speed over admittance, which is twice that force (m/(s N)).
+/// Returns the admittance (m/(s N)) of a direction that moves at `speed` (m/s) until it meets a
+/// contact of `force` (N). If the motion went on in contact, its force would settle at speed over
+/// admittance, which is twice `force`.
 #[must_use]
 pub fn guarded_admittance(speed: f64, force: f64) -> f64 {
     speed / (2.0 * force)
@@ -48,14 +49,15 @@ pub fn guarded_admittance(speed: f64, force: f64) -> f64 {
 pub type Selector = [bool; 6];
 
 impl Compliance {
-    /// Returns the directions of a task in which the selected ones seek zero force and the others
+    /// Returns the six directions of a task motion: the selected ones seek zero force, the others
     /// hold.
     #[must_use]
     pub fn yielding(&self, selector: &Selector) -> [Direction; 6] {
         std::array::from_fn(|i| if selector[i] { self.contact(i, 0.0) } else { Direction::HOLD })
     }
 
-    /// Returns a direction that seeks a force (N) or torque (Nm).
+    /// Returns the law of a direction (0 to 2 linear, 3 to 5 angular) that seeks the `wanted` force
+    /// (N) or torque (Nm).
     #[must_use]
     pub fn contact(&self, direction: usize, wanted: f64) -> Direction {
         let (admittance, inertia) = if direction < 3 {
@@ -66,8 +68,8 @@ impl Compliance {
         Direction::Contact { wanted, admittance, inertia }
     }
 
-    /// Returns a linear direction that moves at a velocity (m/s) and stops at contact (see
-    /// [`guarded_admittance`]).
+    /// Returns the law of a linear direction that moves at `velocity` (m/s) and yields to a
+    /// contact, whose expected force is `force` (N): see [`guarded_admittance`].
     #[must_use]
     pub fn guarded(&self, velocity: f64, force: f64) -> Direction {
         Direction::Guarded {
@@ -77,7 +79,8 @@ impl Compliance {
         }
     }
 
-    /// Returns a task motion in the tool frame for one macrostep.
+    /// Returns the command for one macrostep of a task motion in the tool frame, with set values
+    /// for the jaws if they are to move.
     #[must_use]
     pub fn task(&self, directions: [Direction; 6], jaw: Option<JawCommand>) -> MoveCommand {
         MoveCommand {
@@ -87,9 +90,10 @@ impl Compliance {
         }
     }
 
-    /// Returns an outcome if the cube between the jaws has forced them apart since the turn began.
-    /// `jaws` keeps their least distance since then (m). A cube that was tilted when the turn began
-    /// lies flat first, before it forces the jaws apart the other way.
+    /// Returns [`Outcome::ForcedApart`] if the jaws are more than 1 mm wider than their least
+    /// distance since the behaviour began, which `jaws` keeps (m): the cube then turns between
+    /// them. The least distance counts, because a cube that was tilted at first lets the jaws close
+    /// before it forces them apart.
     pub(super) fn forced_apart(jaws: &mut Option<f64>, arm: &ArmState) -> Option<Outcome> {
         let least = jaws.map_or(arm.jaw_opening, |least| least.min(arm.jaw_opening));
         *jaws = Some(least);
@@ -97,14 +101,15 @@ impl Compliance {
         (apart > FORCED_APART).then_some(Outcome::ForcedApart(apart))
     }
 
-    /// Returns an over-force if the wrench exceeds a limit in any direction.
+    /// Returns [`Outcome::OverForce`] if the measured force or torque exceeds its limit.
     #[must_use]
     pub fn excess(&self, arm: &ArmState) -> Option<Outcome> {
         self.unyielding(&[false; 6], arm)
     }
 
-    /// Returns an over-force if a limit is exceeded and the direction with the largest component
-    /// does not yield. The force is checked before the torque.
+    /// Returns [`Outcome::OverForce`] if the measured force or torque exceeds its limit and its
+    /// largest component lies in a direction that does not yield by `selector`. The force is
+    /// checked before the torque.
     #[must_use]
     pub fn unyielding(&self, selector: &Selector, arm: &ArmState) -> Option<Outcome> {
         let Wrench { force, torque } = arm.wrench_in_tool;
@@ -123,7 +128,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn guarded_direction_settles_at_twice_the_force() {
+    fn guarded_move_settles_at_twice_contact_threshold() {
         let compliance = compliance();
         for velocity in [0.02, -0.01] {
             let Direction::Guarded { velocity: v, admittance, inertia } =

@@ -37,14 +37,16 @@ pub struct Comply {
 }
 
 impl Comply {
-    /// Makes a hand that yields while the other arm drives it, until the superior actor ends it.
-    /// Any strain ends it as well.
+    /// Makes the behaviour of a hand that yields while the partner arm drives it, until the
+    /// behaviour is ended from above. A force beyond the limits, or jaws that are forced apart, end
+    /// it at once.
     #[must_use]
     pub fn until_ended(selector: Selector, compliance: Compliance) -> Self {
         Self { pull: None, selector, compliance, steps: 0, pulled: 0, strained: 0, jaws: None }
     }
 
-    /// Makes an arm that yields until a force above `pull` (N) has lasted, at most for `seconds`.
+    /// Makes the behaviour of an arm that yields until a force above `pull` (N) has lasted 0.3 s,
+    /// at most for `seconds`.
     #[must_use]
     pub fn until_pulled(
         pull: f64,
@@ -98,8 +100,8 @@ mod tests {
     use crate::motion::ArmState;
     use crate::spatial::Wrench;
 
-    /// Applies forces along z (N), each for a time (s). Returns the time (s) and the outcome at the
-    /// end.
+    /// Applies forces along z (N), each for a time (s). Returns the time (s) and the outcome with
+    /// which the behaviour ended, or `None` if it goes on.
     fn end(mut comply: Comply, forces: &[(f64, f64)]) -> Option<(f64, Outcome)> {
         let step = f64::from(compliance().macrostep) * PERIOD;
         let mut now = 0.0;
@@ -122,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn force_beyond_limit_counts_as_pull() {
+    fn force_for_0_3_s_counts_as_pull() {
         let (at, outcome) = end(presented(), &[(0.0, 0.5), (60.0, 1.0)]).unwrap();
 
         assert_eq!(outcome, Outcome::Pulled);
@@ -131,7 +133,7 @@ mod tests {
 
     /// Two strains of 0.4 s are relieved, and one that stays ends the wait after 0.5 s.
     #[test]
-    fn wait_ends_at_a_lasting_strain() {
+    fn lasting_excess_force_ends_wait_for_pull() {
         let waits = || Comply::until_pulled(f64::INFINITY, [true; 6], 10.0, compliance());
 
         assert_eq!(end(waits(), &[(60.0, 0.4), (1.0, 0.1), (60.0, 0.4), (1.0, 5.0)]), None);
@@ -143,7 +145,7 @@ mod tests {
     /// The strain is either a force against which the hand cannot yield, or a torque that a force
     /// causes by its lever.
     #[test]
-    fn strain_without_yielding_ends_the_wait() {
+    fn excess_force_in_rigid_direction_ends_pull_wait() {
         let (mut selector, tff) = ([true; 6], [true, true, true, false, false, false]);
         let waits = |selector| Comply::until_pulled(5.0, selector, 10.0, compliance());
 
@@ -160,10 +162,10 @@ mod tests {
         assert!(matches!(next, Next::Done(Outcome::OverForce(4, _))), "{next:?}");
     }
 
-    /// Compares jaws that are forced apart by 1.1 mm and by 0.9 mm, of a yielding partner and of an
-    /// arm that waits for a pull.
+    /// Forces jaws apart by 1.1 mm, which ends the yielding of a partner but not that of an arm
+    /// that waits for a pull, and by 0.9 mm, which ends neither.
     #[test]
-    fn jaws_forced_apart_end_only_partners_wait() {
+    fn jaws_forced_apart_end_compliance_not_pull_wait() {
         let ends = |mut comply: Comply, apart: f64| {
             [0.0568, 0.0568 + apart].into_iter().find_map(|jaw_opening| {
                 let arm = ArmState { jaw_opening, ..ArmState::default() };
@@ -183,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn over_force_ends_partners_wait_at_once() {
+    fn excess_force_ends_compliant_motion_at_once() {
         let ended = end(Comply::until_ended([true; 6], compliance()), &[(60.0, 1.0)]);
 
         assert_eq!(ended, Some((0.016, Outcome::OverForce(2, 60.0))));

@@ -35,8 +35,9 @@ const NARROWER: f64 = 0.003;
 /// Time in which the grip builds up, as measured in the plant (s).
 const BUILD_UP: f64 = 0.13;
 
-/// Returns the time that jaws take to close on a cube (s). They are wider than the cube by `stroke`
-/// (m); `slow` and `fast` are their speeds near the cube and before (m/s).
+/// Returns the time that jaws take to close on a cube (s). At first their opening exceeds the width
+/// of the cube by `stroke` (m); `slow` is their speed near the cube, and `fast` their speed before
+/// (m/s).
 #[must_use]
 pub fn closing_seconds(stroke: f64, slow: f64, fast: f64) -> f64 {
     let near = stroke.min(NEAR - NARROWER);
@@ -65,7 +66,9 @@ pub struct Grasp {
 }
 
 impl Grasp {
-    /// Makes a grasp that closes on any object between the pads.
+    /// Makes a grasp that closes the jaws with the grip force `force` (N) until they hold an
+    /// object, at least `least_width` wide (m). The directions of `selector` yield, and the stops
+    /// of the palm are at `stops`.
     #[must_use]
     pub fn new(
         force: f64,
@@ -77,8 +80,8 @@ impl Grasp {
         Self::with(Mode::Close { force, least_width, stops }, selector, compliance)
     }
 
-    /// Makes a motion to a set opening in a set time, or longer if the jaws need it. A `strained`
-    /// one ignores the limits of the wrench.
+    /// Makes a motion of the jaws alone to their set values `jaw`, in `seconds` or longer if the
+    /// jaws need it. With `strained` the motion goes on under a wrench beyond the limits.
     #[must_use]
     pub fn jaw_only(
         jaw: JawCommand,
@@ -255,9 +258,10 @@ mod tests {
         }
     }
 
-    /// A force of 60 N ends a motion of the jaws, unless it is there to relieve this force.
+    /// A force of 60 N ends a motion of the jaws, except a strained opening, which is to relieve
+    /// this force.
     #[test]
-    fn strained_opening_ignores_the_force_limit() {
+    fn jaw_opening_that_relieves_strain_ignores_force_limit() {
         let wrench_in_tool =
             crate::spatial::Wrench::from_directions([0.0, 60.0, 0.0, 0.0, 0.0, 0.0]);
         let arm = ArmState {
@@ -287,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn jaws_squeeze_the_cube() {
+    fn commanded_jaw_opening_ends_below_cube_width() {
         let (outcome, lowest) = close(0.0568);
 
         assert_eq!(outcome, Outcome::Grasped(0.0568));

@@ -36,7 +36,8 @@ pub struct Legs {
 }
 
 impl Legs {
-    /// Returns the joint positions after a share of the time of a motion that begins at `start`.
+    /// Returns the joint positions of a motion that begins at `start` after the share `part` of its
+    /// time (0..=1).
     #[must_use]
     pub fn at(&self, start: &JointPositions, part: f64) -> JointPositions {
         self.displaced(start, &self.moves(start), part)
@@ -52,8 +53,8 @@ impl Legs {
         })
     }
 
-    /// Returns the joint positions after a share of the time, given the legs' [`Legs::moves`] (m,
-    /// rad).
+    /// Returns the joint positions after the share `part` of the time (0..=1), from the
+    /// displacements that [`Legs::moves`] returns (m, rad).
     fn displaced(
         &self,
         start: &JointPositions,
@@ -153,7 +154,8 @@ mod tests {
         assert_eq!(legs.at(&start, 1.0), *legs.end());
     }
 
-    /// Computes the same time by dividing at each moment, joint by joint.
+    /// Computes the time of [`Legs::seconds`] in the plain way: the share of its limit that each
+    /// joint uses at each moment, and the largest of all.
     fn plain_seconds(legs: &Legs, start: &JointPositions, limits: &[[f64; AXES]; 2]) -> f64 {
         let step = 1.0 / f64::from(MOMENTS);
         let at = |moment: u32| legs.at(start, f64::from(moment.min(MOMENTS)) * step).0;
@@ -173,7 +175,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn shortest_time_equals_plain_search_over_moments(
+        fn optimised_path_time_equals_plain_computation_exactly(
             overlap in 0.0..0.3f64,
             start in prop::array::uniform7(-1.0..1.0f64),
             limits in prop::array::uniform2(prop::array::uniform7(0.1..3.0f64)),
@@ -186,7 +188,10 @@ mod tests {
         }
 
         #[test]
-        fn shortest_time_reaches_one_limit(overlap in 0.0..0.3f64, limit in 0.1..2.0f64) {
+        fn shortest_path_time_reaches_speed_or_acceleration_limit(
+            overlap in 0.0..0.3f64,
+            limit in 0.1..2.0f64,
+        ) {
             let (legs, start) = (legs(overlap), to(0.0, 0.0));
             let (speeds, accelerations) = ([limit; AXES], [2.0 * limit; AXES]);
             let seconds = legs.seconds(&start, &speeds, &accelerations);

@@ -109,13 +109,14 @@ impl std::fmt::Display for Outcome {
 }
 
 impl Outcome {
-    /// Returns whether it ends the behaviour of the partner as well.
+    /// Returns whether this outcome of one arm ends the behaviour of the partner arm as well.
     #[must_use]
     pub fn alarms(&self) -> bool {
         matches!(self, Self::OverForce(..) | Self::Oscillates(..) | Self::ForcedApart(_))
     }
 
-    /// Returns the end of a behaviour in words, for the operator.
+    /// Returns an outcome in words, for the operator. `None` stands for a behaviour that did not
+    /// come to an end.
     #[must_use]
     pub fn words(outcome: Option<Self>) -> String {
         outcome

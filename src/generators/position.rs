@@ -33,7 +33,8 @@ pub struct Speeds {
 }
 
 impl Speeds {
-    /// Returns the time of a motion between joint positions at a fraction of the full speeds (s).
+    /// Returns the time of a motion from one set of joint positions to another at a fraction of the
+    /// full speeds (s).
     #[must_use]
     pub fn joints_seconds(&self, from: &JointPositions, to: &JointPositions, fraction: f64) -> f64 {
         let seconds = |i: usize| {
@@ -61,8 +62,8 @@ impl Speeds {
         linear.max(angular)
     }
 
-    /// Returns the fraction of the full speeds, 0..=1, at which a straight motion takes this time
-    /// (s).
+    /// Returns the fraction of the full speeds, 0..=1, at which a straight motion of the tool by
+    /// `distance` (m) with the rotation `turn` (rad) takes `seconds`.
     #[must_use]
     pub fn line_fraction(&self, distance: f64, turn: f64, seconds: f64) -> f64 {
         let fraction = |(distance, speed, acceleration): (f64, f64, f64)| {
@@ -72,7 +73,8 @@ impl Speeds {
         linear.max(angular).min(1.0)
     }
 
-    /// Returns both parts of a straight motion, each with its full speed and acceleration.
+    /// Returns the translation and the rotation of a straight motion, each as its length (m, rad),
+    /// its full speed and its full acceleration.
     fn line(&self, distance: f64, turn: f64) -> [(f64, f64, f64); 2] {
         [
             (distance, self.linear, self.linear_acceleration),
@@ -104,8 +106,8 @@ pub struct Position {
 }
 
 impl Position {
-    /// Makes a motion to joint positions at a fraction of the full speeds, in `least` seconds at
-    /// the shortest.
+    /// Makes a motion to joint positions at a fraction of the full speeds that takes at least
+    /// `least` seconds. `macrostep` is in periods.
     #[must_use]
     pub fn joints(
         target: JointPositions,
@@ -117,21 +119,24 @@ impl Position {
         Self { goal, speeds: *speeds, fraction, least, macrostep, steps: 0.0, done: 0.0 }
     }
 
-    /// Makes a motion through joint positions, in `least` seconds at the shortest.
+    /// Makes a motion in legs at the full speeds that takes at least `least` seconds. `macrostep`
+    /// is in periods.
     #[must_use]
     pub fn legs(legs: Legs, least: f64, speeds: &Speeds, macrostep: u32) -> Self {
         let goal = Goal::Legs { start: None, legs };
         Self { goal, speeds: *speeds, fraction: 1.0, least, macrostep, steps: 0.0, done: 0.0 }
     }
 
-    /// Makes a motion along a straight line to `base_from_tool`.
+    /// Makes a motion of the tool along a straight line to the `base_from_tool` of `target`, at a
+    /// fraction of the full speeds. `macrostep` is in periods.
     #[must_use]
     pub fn line(target: Pose, fraction: f64, speeds: &Speeds, macrostep: u32) -> Self {
         let goal = Goal::Line { start: None, target };
         Self { goal, speeds: *speeds, fraction, least: 0.0, macrostep, steps: 0.0, done: 0.0 }
     }
 
-    /// Returns the command of the next macrostep, or the end (see [`super::Generator::next`]).
+    /// Returns the command of the next macrostep, or the outcome at the end (see
+    /// [`super::Generator::next`]).
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Next {
         if self.steps == 0.0 {
             self.begin(inputs);
@@ -237,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn line_takes_the_time_of_its_fraction() {
+    fn line_at_computed_speed_fraction_takes_wanted_time() {
         for (distance, turn) in [(0.3, 0.0), (0.01, 0.0), (0.1, 1.5), (0.0, 0.2)] {
             let least = speeds().line_seconds(distance, turn, 1.0);
             for longer in [1.0, 1.3, 7.0] {
@@ -252,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn zero_pace_stops_the_set_values() {
+    fn zero_speed_scale_freezes_joint_set_values() {
         let mut target = JointPositions::default();
         target.0[1] = 1.0;
         let mut generator = Position::joints(target, (0.5, 0.0), &speeds(), 8);
@@ -282,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn line_is_straight() {
+    fn line_motion_keeps_tool_on_straight_line() {
         let target = Pose::translation(0.3, 0.0, 0.4);
         let mut generator = Position::line(target, 1.0, &speeds(), 8);
         let arm = ArmState::default();

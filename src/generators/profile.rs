@@ -50,7 +50,8 @@ impl Profile {
         if 2.0 * time > duration { 1.0 - speed * done } else { speed * done }
     }
 
-    /// Returns the shortest duration of a distance (m, rad) that keeps both limits (s).
+    /// Returns the shortest duration (s) in which a motion covers `distance` (m, rad) within the
+    /// limits `speed` and `acceleration`.
     #[must_use]
     pub fn seconds(&self, distance: f64, speed: f64, acceleration: f64) -> f64 {
         let by_speed = PEAK_SPEED * distance.abs() / speed;
@@ -80,7 +81,8 @@ impl Profile {
     }
 }
 
-/// Returns the share of a minimum-jerk motion that is done after a share of its time.
+/// Returns the share of its distance that a minimum-jerk motion has covered after the share `u` of
+/// its time.
 fn minimum_jerk(u: f64) -> f64 {
     let u = u.clamp(0.0, 1.0);
     u * u * u * (10.0 + u * (6.0 * u - 15.0))
@@ -103,7 +105,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn profile_obeys_its_speed_limits(
+        fn profile_keeps_speed_acceleration_and_jerk_bounds(
             ramp in 0.05..1.0f64,
             duration in 0.02..20.0f64,
         ) {
@@ -132,7 +134,7 @@ mod tests {
         }
 
         #[test]
-        fn shortest_duration_reaches_one_limit(
+        fn shortest_duration_reaches_speed_or_acceleration_limit(
             ramp in 0.05..5.0f64,
             distance in 1e-4..10.0f64,
             speed in 0.01..5.0f64,

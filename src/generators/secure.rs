@@ -68,7 +68,8 @@ pub struct Secure {
 }
 
 impl Secure {
-    /// Makes an approach until a contact of `force` (N), at most over `distance` (m).
+    /// Makes an approach along z at `speed` (m/s) until a contact of `force` (N), at most over
+    /// `distance` (m). The directions of `selector` yield as well.
     #[must_use]
     pub fn approach(
         speed: f64,
@@ -80,8 +81,8 @@ impl Secure {
         Self::with(Mode::Approach { speed, distance, force }, selector, compliance)
     }
 
-    /// Makes a retraction along z over `distance` (m), until something holds the cube with `force`
-    /// (N).
+    /// Makes a retraction along z over `distance` (m) at `speed` (m/s), which ends early if the
+    /// cube is held back with `force` (N). The directions of `selector` yield as well.
     #[must_use]
     pub fn withdraw(
         speed: f64,
@@ -93,7 +94,9 @@ impl Secure {
         Self::with(Mode::Withdraw { speed, distance, force }, selector, compliance)
     }
 
-    /// Makes a contact that presses the cube into the palm, then clenches the jaws.
+    /// Makes the behaviour that presses the cube into the palm with `press` (N), then clenches the
+    /// jaws with the grip force `force` (N). The directions of `selector` yield, and the stops of
+    /// the palm are at `stops`.
     #[must_use]
     pub fn press(
         press: f64,
@@ -163,8 +166,9 @@ impl Secure {
         }
     }
 
-    /// Presses the cube into the palm until the force has settled, then clenches the jaws until it
-    /// has fallen to zero.
+    /// Presses the cube into the palm until the measured force `contact` has settled (N), then
+    /// clenches the jaws until `contact` has fallen to zero. Each stage also ends after its longest
+    /// time.
     fn seat(&mut self, seat: &Seat, mut directions: [Direction; 6], contact: f64) -> Next {
         let step = f64::from(self.compliance.macrostep) * PERIOD;
         let wanted = if self.clenching.is_some() { 0.0 } else { seat.press };
@@ -205,8 +209,9 @@ mod tests {
     use super::*;
     use crate::motion::{ArmState, Motion};
 
-    /// Seats a cube whose palm measures a wanted force after a lag (s). Returns the outcome and how
-    /// long it took (s).
+    /// Presses a cube into a palm, in which the measured force follows the wanted one after `lag`
+    /// (s). With `yields` all directions yield, else none. Returns the outcome and the time until
+    /// then (s).
     fn seats(lag: f64, yields: bool) -> (Outcome, f64) {
         let mut secure = Secure::press(8.0, 40.0, [yields; 6], Depth::One, compliance());
         let step = 8.0 * PERIOD;
@@ -232,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn approach_stops_at_the_first_reading_of_contact() {
+    fn approach_stops_at_first_contact_and_confirms_it() {
         let goes = |forces: &[f64]| {
             let mut approach = Secure::approach(0.01, 0.05, 4.0, [false; 6], compliance());
             let mut arm = ArmState::default();
@@ -259,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn cube_is_seated_once_the_force_settles() {
+    fn securing_ends_early_once_the_force_settles() {
         let (soon, late, never) = (seats(0.05, true), seats(0.2, true), seats(9.0, true));
 
         assert!([soon, late, never].iter().all(|end| end.0 == Outcome::Secured));
@@ -269,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn securing_in_rigid_seat_lasts_full_time() {
+    fn securing_without_compliance_lasts_the_full_time() {
         let (outcome, seconds) = seats(0.0, false);
 
         assert_eq!(outcome, Outcome::Secured);

@@ -50,7 +50,8 @@ impl Side {
 }
 
 impl Swing {
-    /// Adds the wrench of a macrostep. Returns an outcome if a component oscillates.
+    /// Records the wrench of a macrostep. Returns the oscillation if a component of the wrench has
+    /// changed its sign often enough.
     pub fn note(&mut self, inputs: &Inputs<'_>) -> Option<Outcome> {
         let wrench = inputs.arm.wrench_in_tool.directions();
         for (direction, (side, value)) in self.0.iter_mut().zip(wrench).enumerate() {
@@ -82,8 +83,9 @@ impl Swing {
         None
     }
 
-    /// Returns an oscillation if this direction has just changed its side, to replace an
-    /// over-force. A load that grows without end does so to one side.
+    /// Returns the oscillation of a direction whose force or torque has just changed its sign, else
+    /// `None`. It replaces an over-force in this direction as the cause that is reported: a load
+    /// that only grows keeps its sign.
     #[must_use]
     pub fn swinging(&self, direction: usize) -> Option<Outcome> {
         let side = self.0.get(direction)?;
@@ -97,7 +99,8 @@ mod tests {
     use crate::motion::ArmState;
     use crate::spatial::Wrench;
 
-    /// Runs a force along z over 4 s of macrosteps of 16 ms.
+    /// Applies the force along z that `force` returns for a time (s), over 4 s in macrosteps of 16
+    /// ms. Returns the oscillation that was detected, if any.
     fn run(force: impl Fn(f64) -> f64) -> Option<Outcome> {
         let mut swing = Swing::default();
         (0..250).find_map(|step| {

@@ -115,7 +115,7 @@ struct Progress {
 }
 
 impl Turn {
-    /// Begins a turn.
+    /// Makes the generator of the turn that `order` describes.
     #[must_use]
     pub fn new(order: Order, compliance: Compliance) -> Self {
         Self {
@@ -187,7 +187,7 @@ impl Turn {
     }
 
     /// Returns the reason why the turn must not continue: a force beyond its limit, jaws that are
-    /// forced apart, or a torque beyond the grips.
+    /// forced apart, or a torque at which the grips would slip.
     fn reason_to_break_off(&mut self, arm: &ArmState, progress: &Progress) -> Option<Outcome> {
         self.strained = if progress.torque.abs() > MOST_TORQUE { self.strained + 1 } else { 0 };
         let too_long = f64::from(self.strained) * self.seconds() > TOO_LONG;
@@ -212,7 +212,8 @@ impl Turn {
         }
     }
 
-    /// Brings a turn that was broken off to rest.
+    /// Decelerates a turn that was broken off in macrostep `since` at `speed` (rad/s), and returns
+    /// the outcome `why` once the hand is at rest.
     fn brake(&self, (since, speed, why): (u32, f64, Outcome)) -> Next {
         let left = speed - BRAKING * f64::from(self.steps - since) * self.seconds();
         if left <= 0.0 {
@@ -222,7 +223,8 @@ impl Turn {
         self.go(Direction::Unguarded { velocity: left * self.order.angle.signum() })
     }
 
-    /// Comes to rest at the end, then returns how far the layer was turned.
+    /// Holds for a moment after macrostep `arrived`, in which the angle was reached, then returns
+    /// the outcome: how far the layer has turned, or that the grip has slipped.
     fn settle(&self, arrived: u32, progress: &Progress) -> Next {
         if f64::from(self.steps - arrived) * self.seconds() < SETTLE {
             return self.go(Direction::HOLD);
@@ -237,7 +239,8 @@ impl Turn {
         Next::Done(Outcome::Turned((progress.turned - progress.twist) * angle.signum()))
     }
 
-    /// Returns the motion about z, slow at both ends.
+    /// Returns the law of the direction about z: the ordered velocity, slow at both ends of the
+    /// turn, and its admittance.
     fn velocity(&mut self, progress: &Progress) -> Direction {
         let Order { angle, speed, acceleration, torque, stiff, .. } = self.order;
         let ramp = acceleration * f64::from(self.steps) * self.seconds();
@@ -263,7 +266,8 @@ impl Turn {
         }
     }
 
-    /// Returns the command with this motion about z. The selected directions yield.
+    /// Returns the command for a macrostep with this law of the direction about z. The selected
+    /// directions yield.
     fn go(&self, about_z: Direction) -> Next {
         let mut directions = self.compliance.yielding(&self.order.selector);
         directions[5] = about_z;
@@ -275,8 +279,8 @@ impl Turn {
     }
 }
 
-/// Returns the time of a turn by an angle (rad) with a speed (rad/s) and an acceleration (rad/s2),
-/// as measured in the plant (s).
+/// Returns the time that a turn by `angle` (rad) takes (s), with the time lost at its ends as
+/// measured in the simulated plant. `speed` is in rad/s, `acceleration` in rad/s2.
 #[must_use]
 pub fn seconds(angle: f64, speed: f64, acceleration: f64) -> f64 {
     /// Time lost at both ends, at 1 rad/s2 (s).
@@ -284,9 +288,9 @@ pub fn seconds(angle: f64, speed: f64, acceleration: f64) -> f64 {
     angle / speed + LOST / acceleration.sqrt() + SETTLE
 }
 
-/// Returns the highest speed that a turn commands (rad/s) so that its layer moves at `speed`
-/// (rad/s): against a resisting torque the turn commands more. It compensates a resistance of at
-/// most 16 % of its torque limit.
+/// Returns the highest speed that a turn may command to the wrist (rad/s) so that its layer moves
+/// at `speed` (rad/s). Against a layer that resists the command exceeds `speed`, which compensates
+/// a resistance of at most 16 % of the torque limit.
 #[must_use]
 pub fn most_ordered(speed: f64) -> f64 {
     speed / (1.0 - RESISTANCE)
@@ -299,8 +303,8 @@ mod tests {
     use crate::motion::Motion;
     use std::f64::consts::FRAC_PI_2;
 
-    /// Turns a layer that follows without resistance. Returns the outcome and the greatest speed
-    /// ordered (rad/s).
+    /// Turns a layer that follows without resistance. With `stiff` the turn does not yield to
+    /// torque. Returns the outcome and the greatest speed ordered (rad/s).
     fn turned(angle: f64, speed: f64, stiff: bool) -> (Outcome, f64) {
         let selector = [true; 6];
         let acceleration = 1.0;
@@ -324,8 +328,8 @@ mod tests {
         panic!("it never ends")
     }
 
-    /// The speeds are the ends of `control.turn_speed_deg_s`, and the parts of them that a
-    /// calibration and a heavy layer use.
+    /// The speeds span the range of `control.turn_speed_deg_s` (1 to 180 deg/s). A turn at 0.1
+    /// deg/s is too slow to be told from a stall.
     #[test]
     fn layer_turns_at_every_permitted_speed() {
         for degrees in [0.1_f64, 1.0, 1.2, 25.0, 180.0] {
@@ -348,8 +352,8 @@ mod tests {
         }
     }
 
-    /// Returns the greatest speed of a wrist that turns a layer against a torque (rad/s), and the
-    /// outcome.
+    /// Turns a layer that resists with `torque` (Nm). Returns the greatest speed of the wrist
+    /// (rad/s) and the outcome.
     fn against(torque: f64) -> (f64, Outcome) {
         let (speed, selector) = (0.7, [false; 6]);
         let order = Order {
@@ -382,7 +386,7 @@ mod tests {
     }
 
     #[test]
-    fn resisting_layer_turns_at_full_speed() {
+    fn moderate_layer_resistance_does_not_slow_the_turn() {
         for torque in [0.0, 0.2, 0.4] {
             let (fastest, outcome) = against(torque);
             assert!(matches!(outcome, Outcome::Turned(_)), "{torque}: {outcome:?}");

@@ -157,7 +157,7 @@ const GONE: u32 = 3;
 const DRAWN: (f64, f64) = (0.05, 0.3);
 
 impl VisualServo {
-    /// Makes a visual servo for an order.
+    /// Makes the generator of the visual servo that `order` describes.
     #[must_use]
     pub fn new(order: Order, compliance: Compliance) -> Self {
         Self {
@@ -183,8 +183,8 @@ impl VisualServo {
         }
     }
 
-    /// Returns whether a refusal is a limit of the arm on the path that follows a moving cube. The
-    /// cube may come back into reach.
+    /// Returns whether the servo goes on after this refusal: a limit of reach, joint, motor or
+    /// speed on the path that follows the cube, since a moving cube may come back into reach.
     #[must_use]
     pub fn tolerates(why: &MoveRefused) -> bool {
         matches!(
@@ -196,15 +196,15 @@ impl VisualServo {
         )
     }
 
-    /// Returns the command of the next macrostep, or the end, and how the visual sensor should look
-    /// (see [`super::Generator::next`]).
+    /// Returns the command of the next macrostep, or how the behaviour ended, and how the visual
+    /// sensor must look (see [`super::Generator::next`]).
     pub fn next(&mut self, inputs: &Inputs<'_>) -> (Next, Sensing) {
         let next = self.step(inputs);
         (next, self.sensing(inputs))
     }
 
-    /// Returns how the sensor should look: everywhere and at other exposures while the cube is not
-    /// seen, around its place while it is.
+    /// Returns how the visual sensor must look: in the whole picture and at changing exposures
+    /// while the cube is not seen, around its last place while it is.
     fn sensing(&mut self, inputs: &Inputs<'_>) -> Sensing {
         let last_seen =
             if self.goal.is_some() { self.seen } else { self.first_period.unwrap_or(0) };
@@ -225,8 +225,8 @@ impl VisualServo {
         sensing
     }
 
-    /// Computes the step of a macrostep: first the limits, then what was seen, then the motion of
-    /// the stage.
+    /// Computes the command of a macrostep, or the end of the behaviour: checks the limits, takes
+    /// in the latest pose of the cube, then moves as the present stage requires.
     fn step(&mut self, inputs: &Inputs<'_>) -> Next {
         let first = *self.first_period.get_or_insert(inputs.period);
         if let Some(excess) = self.compliance.excess(inputs.arm) {
@@ -291,9 +291,12 @@ impl VisualServo {
         }
     }
 
-    /// Reacts to a refusal: the arm stops and tries again from there, nearer to a cube at rest.
+    /// Reacts to a refused command: the arm stops, and tries again in the next macrostep. If the
+    /// cube is at rest, the arm then waits nearer to it. The behaviour ends after
+    /// [`Order::patience`] of refusals.
     ///
-    /// An approach ends instead, because it would only come back to the same place.
+    /// During an approach the behaviour ends at once, because a retry would come back to the same
+    /// place.
     fn handle_refusal(&mut self, period: u64, why: MoveRefused) -> Next {
         let since = *self.refused.get_or_insert(period);
         let long = period.saturating_sub(since) as f64 * PERIOD > self.order.patience;
@@ -308,8 +311,8 @@ impl VisualServo {
         Next::Go(self.hold())
     }
 
-    /// Returns whether several pictures in a row show that the cube has left the goal, which is
-    /// frozen during the last part of an approach.
+    /// Returns whether several pictures in a row show the cube away from the goal, which is no
+    /// longer updated in the last part of an approach.
     fn is_gone(&mut self, target: Option<&Target>) -> bool {
         let (Some(target), Some(goal)) = (target, self.goal) else { return false };
         // The place of the cube by the frozen goal, which the gripper moves to.
@@ -326,14 +329,14 @@ impl VisualServo {
         self.gone.0 >= GONE
     }
 
-    /// Leaves the present stage. The cube must be seen at rest again.
+    /// Stops and changes to `stage`. Before the next approach the cube must be seen at rest again.
     fn break_off(&mut self, stage: Stage) {
         self.stage = stage;
         self.stop();
         (self.rest, self.gone) = (None, (0, 0));
     }
 
-    /// Returns the pose in which the gripper waits for a cube with this goal.
+    /// Returns the `base_from_tool` in which the gripper waits before an approach to `goal`.
     fn waiting(&self, goal: &Pose) -> Pose {
         goal * Pose::translation(0.0, 0.0, -self.vicinity)
     }
@@ -350,12 +353,13 @@ impl VisualServo {
         f64::from(self.compliance.macrostep) * PERIOD
     }
 
-    /// Returns the remaining distance along the tool's z (m).
+    /// Returns the distance along the tool's z from `pose` to the goal (m), if there is a goal.
     fn distance(&self, pose: &Pose) -> Option<f64> {
         self.goal.map(|goal| (pose.inverse() * goal).translation.z)
     }
 
-    /// Takes a picture of the cube: filters the goal and updates whether the cube is at rest.
+    /// Takes in the latest measured pose of the cube: filters the goal and updates whether the cube
+    /// is at rest. `pose` is the present set pose of the tool.
     fn look(&mut self, target: Option<&Target>, pose: &Pose) {
         let Some(target) = target else { return };
         if target.period == self.seen {
@@ -410,7 +414,7 @@ impl VisualServo {
         }
     }
 
-    /// Returns whether the cube has been seen at rest for long enough.
+    /// Returns whether the cube has been seen at rest for [`Order::still_seconds`].
     fn cube_rests(&self) -> bool {
         let seconds = |s: Rest| self.seen.saturating_sub(s.since) as f64 * PERIOD;
         self.rest.is_some_and(|s| seconds(s) > self.order.still_seconds)
@@ -434,7 +438,7 @@ impl VisualServo {
         self.lead(&pose, &wait)
     }
 
-    /// Moves by a step towards a pose.
+    /// Returns the command that moves the tool for one macrostep from `pose` towards the pose `to`.
     fn lead(&mut self, pose: &Pose, to: &Pose) -> Next {
         let step = self.step_seconds();
         let (way, turn) = way_and_turn(pose, to);
@@ -448,8 +452,8 @@ impl VisualServo {
         self.go_on(pose)
     }
 
-    /// Stops within some hundredths of a second. The wrist measures an abrupt stop as a blow, and
-    /// five of them as an oscillation.
+    /// Decelerates to rest within some tenths of a second. An abrupt stop would be measured by the
+    /// wrist as a blow, and five blows in a row as an oscillation.
     fn run_out(&mut self, pose: &Pose) -> Next {
         let step = self.step_seconds();
         self.velocity = shortened(&self.velocity, RUN_OUT.0 * step);
@@ -460,7 +464,8 @@ impl VisualServo {
         self.go_on(pose)
     }
 
-    /// Returns the command that continues for a macrostep at the present speeds.
+    /// Returns the command that moves the tool on from `pose` for a macrostep at the present
+    /// velocities.
     fn go_on(&self, pose: &Pose) -> Next {
         let step = self.step_seconds();
         let next = Pose::from_parts(
@@ -474,8 +479,10 @@ impl VisualServo {
         })
     }
 
-    /// Moves compliantly towards the goal until the gripper touches the cube. Breaks off if the
-    /// goal has left `began_at`.
+    /// Moves compliantly towards the goal until the gripper touches the cube. Goes back to
+    /// following if the goal has moved away from `began_at`, its place at the beginning of the
+    /// approach. `frozen` means that the goal is no longer updated, because the gripper hides the
+    /// cube.
     fn approach(
         &mut self,
         inputs: &Inputs<'_>,
@@ -531,7 +538,8 @@ impl VisualServo {
     }
 }
 
-/// Returns the distance vector (m) and the rotation vector (rad) that lead to a pose.
+/// Returns the distance vector (m) and the rotation vector (rad) that lead from one pose to
+/// another.
 fn way_and_turn(from: &Pose, to: &Pose) -> (Vector3<f64>, Vector3<f64>) {
     let way = to.translation.vector - from.translation.vector;
     (way, from.rotation.rotation_to(&to.rotation).scaled_axis())
@@ -542,14 +550,15 @@ fn is_at(pose: &Pose, wanted: &Pose) -> bool {
     way.norm() < THERE.0 && turn.norm() < THERE.1
 }
 
-/// Returns a vector that is shorter by a length, at least zero.
+/// Returns the vector shortened by the length `by`, at most to zero.
 fn shortened(vector: &Vector3<f64>, by: f64) -> Vector3<f64> {
     let length = vector.norm();
     if length > by { vector * ((length - by) / length) } else { Vector3::zeros() }
 }
 
-/// Returns a velocity after one more step along the remaining distance vector. It keeps the limits
-/// of speed and acceleration, and can still stop in the remaining distance.
+/// Returns the velocity after one more step of `step` seconds on the remaining distance vector
+/// `way` (m). It stays within the speed `most` and the acceleration, and low enough to stop within
+/// the remaining distance.
 fn led(
     velocity: Vector3<f64>,
     way: Vector3<f64>,
@@ -589,8 +598,8 @@ pub fn grasp_rotation(
     pose_from_axes(y.cross(&z), y, z, Point3::origin()).rotation
 }
 
-/// Returns the orientation or its half roll about z, the nearer one: a gripper looks the same after
-/// half a roll.
+/// Returns `wanted`, or `wanted` rolled by half a turn about its z, whichever is nearer to the
+/// orientation `to`: a gripper looks the same after half a roll.
 fn half_turn_nearest(
     wanted: &UnitQuaternion<f64>,
     to: &UnitQuaternion<f64>,
@@ -630,7 +639,7 @@ mod tests {
 
     /// The cube moves all the time, so the arm gives up in the end.
     #[test]
-    fn restless_cube_is_not_followed_for_ever() {
+    fn following_a_restless_cube_times_out() {
         let (_, outcome) = run(|period| {
             let y = 0.1 * (period as f64 * 0.002).sin();
             let world_from_cube = Pose::translation(1.0, y, 1.2);
@@ -646,7 +655,8 @@ mod tests {
         run_watched(cube, |_, _| ())
     }
 
-    /// Does the same as [`run`] and calls `watch` with each period and the place of the tool.
+    /// Runs the generator like [`run`], and calls `watch` with each period and the position of the
+    /// tool.
     fn run_watched(
         cube: impl Fn(u64) -> Option<Target>,
         watch: impl Fn(u64, Vector3<f64>),
@@ -690,7 +700,7 @@ mod tests {
     }
 
     #[test]
-    fn sensor_gets_window_and_exposure() {
+    fn search_varies_exposure_and_tracking_keeps_it() {
         let arm = ArmState::default();
         let mut generator = VisualServo::new(order(), compliance());
         let mut ask = |period: u64, target: Option<&Target>| {
@@ -755,9 +765,10 @@ mod tests {
         assert!(matches!(outcome, Outcome::TimedOut(_)), "{outcome:?}");
     }
 
-    /// The gripper waits in the vicinity of the nearest place inside the zone.
+    /// The gripper waits for a cube outside as if the cube were at the nearest place inside the
+    /// zone.
     #[test]
-    fn cube_outside_the_zone_is_watched() {
+    fn arm_waits_at_zone_edge_for_cube_outside() {
         let at = |x: f64, period| {
             Some(Target { world_from_cube: Pose::translation(x, 0.0, 1.2), speed: 0.0, period })
         };
@@ -857,7 +868,8 @@ mod tests {
         assert!(place.x > 1.0, "as far as it goes: {place}");
     }
 
-    /// The arm waits nearer to a cube at rest, but not nearer than two thirds of the vicinity.
+    /// An arm that cannot fold back to the usual waiting distance waits nearer to a cube at rest,
+    /// but not nearer than two thirds of that distance.
     #[test]
     fn arm_near_its_limit_waits_closer_to_cube() {
         let cube = |speed: f64| {
@@ -897,9 +909,11 @@ mod tests {
         assert!(place.x > 0.94 && place.x <= 0.95, "{place}");
     }
 
-    /// Returns the lateral place at which an approach to a cube ends (m), and how far back the tool
-    /// moves in front of a cube at 0 after 6 s (m). From 4.8 s on the gripper is too near to look,
-    /// and at 9 s it would be at the seat. Pictures come every 40 ms.
+    /// Approaches a cube whose lateral position is what `seen_at` returns for a period (m), `None`
+    /// without a picture. Returns the lateral position of the tool at the end (m), and the smallest
+    /// x to which the tool moves back after 6 s while it is in front of lateral position 0 (m).
+    /// From 4.8 s on the gripper is too near to look, and at 9 s it would reach the seat. Pictures
+    /// come every 40 ms.
     fn reached(seen_at: impl Fn(u64) -> Option<f64>) -> (f64, f64) {
         let least = std::cell::Cell::new(f64::INFINITY);
         let (pose, outcome) = run_watched(
@@ -954,7 +968,7 @@ mod tests {
 
     /// The hand moves all the way back, although the pictures stop when it begins to move.
     #[test]
-    fn hand_backs_off_without_pictures() {
+    fn hand_finishes_backing_off_without_new_pictures() {
         let (pose, outcome) = run(|period| {
             let world_from_cube =
                 Pose::translation(1.0, if period < 2400 { 0.0 } else { 0.12 }, 1.2);
@@ -966,7 +980,7 @@ mod tests {
         assert!(off.norm() < 2.0 * THERE.0, "{off}");
     }
 
-    /// An arm that cannot move back any farther follows the cube from there.
+    /// An arm that cannot move back any farther follows the cube again from where it is.
     #[test]
     fn refused_back_off_resumes_following() {
         let mut generator = VisualServo::new(order(), compliance());
@@ -986,10 +1000,10 @@ mod tests {
         assert_eq!(stage, Stage::Follow);
     }
 
-    /// A cube that turns past 45 deg is grasped by other sides, and the tool turns all the way
-    /// back.
+    /// When the cube turns past 45 deg, its other sides become the nearest ones, so the tool turns
+    /// all the way back to grasp them.
     #[test]
-    fn tool_turns_back_within_its_speed() {
+    fn tool_rotation_keeps_speed_and_acceleration_limits() {
         let rotation = grasp_rotation(&UnitQuaternion::identity(), &Vector3::x(), &Vector3::z());
         let mut arm = ArmState {
             desired_base_from_tool: Pose::from_parts(Vector3::new(0.85, 0.0, 1.2).into(), rotation),
@@ -1025,7 +1039,7 @@ mod tests {
     }
 
     #[test]
-    fn arm_slows_down_without_pictures() {
+    fn arm_stops_smoothly_when_pictures_end() {
         let mut arm = ArmState {
             desired_base_from_tool: Pose::from_parts(
                 Vector3::new(0.3, 0.0, 1.2).into(),

@@ -25,8 +25,9 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
 
-/// Returns the default path of the file, for the emulator that writes it and the bridge that reads
-/// it. It lies in the user's folder for files of a session, else in the one for temporary files.
+/// Returns the default path of the devices file, which an emulator writes and a bridge reads. The
+/// file lies in `$XDG_RUNTIME_DIR`, or in the folder for temporary files if that variable names no
+/// folder.
 #[must_use]
 pub fn default_path() -> PathBuf {
     place(std::env::var_os("XDG_RUNTIME_DIR"), std::env::temp_dir())
@@ -167,8 +168,9 @@ impl Original {
 }
 
 impl IsaDevice {
-    /// Makes the parts of an arm from this card, without registers and sensor. `max_currents` are
-    /// those of [`EffectorDevices::max_currents`] (A).
+    /// Combines this card's settings with the original's defaults to an [`IsaArm`], still without
+    /// registers and force sensor. `max_currents` are those of [`EffectorDevices::max_currents`]
+    /// (A).
     ///
     /// # Errors
     /// The first setting that does not fit the arm or the card.
@@ -278,10 +280,11 @@ pub enum ForceDevice<'a> {
 pub struct NoDevice(pub String);
 
 impl Devices {
-    /// Reads a file.
+    /// Reads a devices file (TOML).
     ///
     /// # Errors
-    /// The first mistake in it with its line, or that its emulator has ended.
+    /// The error of the system, the first mistake in the file with its line number, or that the
+    /// emulator that wrote the file has ended.
     pub fn load(path: &Path) -> Result<Self, NoDevice> {
         let fail = |why: &str| NoDevice(format!("{}: {why}", path.display()));
         let (file, text) = read(path).map_err(|e| fail(&e.to_string()))?;
@@ -300,10 +303,10 @@ impl Devices {
         }
     }
 
-    /// Returns the text of a file of these devices.
+    /// Returns the text of a devices file (TOML) that lists these devices.
     ///
     /// # Errors
-    /// [`NoDevice`] if TOML cannot express it, which does not happen with paths in UTF-8.
+    /// [`NoDevice`] if TOML cannot express them, which does not happen with paths in UTF-8.
     pub fn text(&self) -> Result<String, NoDevice> {
         toml::to_string(self).map_err(|e| NoDevice(e.to_string()))
     }
@@ -317,11 +320,13 @@ impl Devices {
         found.ok_or_else(|| NoDevice(format!("the devices have no [[effector]] \"{name}\"")))
     }
 
-    /// Checks that the jaws can grip with the force `grip` (N) before the controllers stop them.
-    /// `cards`: the limits are those of ISA cards, else of serial controllers.
+    /// Checks that each arm's jaw controller allows the motor current that the grip force `grip`
+    /// (N) takes. The current limit is that of the arm's ISA card if `cards` is set, else that of
+    /// its serial controller.
     ///
     /// # Errors
-    /// The arm whose controller would stop its jaw.
+    /// [`NoDevice`] for the first arm whose controller would stop its jaw, or whose devices are
+    /// missing or wrong.
     pub fn check_grip(&self, arms: &[Arm], grip: f64, cards: bool) -> Result<(), NoDevice> {
         for arm in arms {
             let devices = self.of_effector(&arm.name)?;
@@ -358,7 +363,8 @@ impl Devices {
         found.ok_or_else(|| NoDevice(format!("the devices have no [[camera]] \"{name}\"")))
     }
 
-    /// Opens the serial bridge to these arms.
+    /// Opens the serial lines and force sensors of these arms and joins them to one bridge. `rules`
+    /// say when a line is given up; `notes` receives non-fatal events for the log.
     ///
     /// # Errors
     /// The first device that cannot be opened.
@@ -378,10 +384,11 @@ impl Devices {
         Ok(SerialPort::new(arms, rules, notes))
     }
 
-    /// Opens the bridge to these arms' ISA cards.
+    /// Opens the ISA cards and force sensors of these arms and joins them to one bridge. `notes`
+    /// receives non-fatal events for the log.
     ///
     /// # Errors
-    /// The first card that cannot be used.
+    /// The first card or sensor that cannot be used.
     #[cfg(feature = "isa")]
     pub fn isa(&self, arms: &[Arm], notes: Notes) -> Result<Box<dyn Port>, NoDevice> {
         use super::isa::{IsaPort, PortIo};
@@ -401,7 +408,8 @@ impl Devices {
         Ok(Box::new(IsaPort::new(arms, notes)))
     }
 
-    /// Refuses to open a bridge: without the feature `isa` there are no port instructions.
+    /// Refuses to open a bridge to ISA cards: without the feature `isa` there are no port
+    /// instructions.
     ///
     /// # Errors
     /// [`NoDevice`] always.
@@ -411,8 +419,8 @@ impl Devices {
     }
 }
 
-/// Opens a file and returns it with its text. Only a regular file is accepted: any other may have
-/// no end, or may never begin.
+/// Opens a devices file and returns it with its text. Only a regular file is accepted: reading a
+/// device may never end, and reading a pipe may wait for ever.
 pub(crate) fn read(path: &Path) -> std::io::Result<(File, String)> {
     super::text::open_text(path, LARGEST)
 }
@@ -452,7 +460,8 @@ struct LinesOfEffector {
 }
 
 impl Lines {
-    /// Returns the first line that is named twice. Two axes on one line would be driven in turn.
+    /// Returns the first serial line that two axes or sensors name, as the position of the second
+    /// name in the file (bytes) and a message. Two axes on one line would be driven in turn.
     fn twice(&self) -> Option<(usize, String)> {
         let mut seen: Vec<PathBuf> = Vec::new();
         for line in self.effector.iter().flat_map(|e| e.axes.iter().chain(&e.force)) {
@@ -511,10 +520,11 @@ const NO_PORTS: &str =
     "this program was built without port instructions: cargo build --release --features isa";
 
 impl EffectorDevices {
-    /// Returns the motor currents at which serial controllers stop (A), the jaw's last.
+    /// Returns the motor currents above which the serial controllers stop their motors (A), the
+    /// jaw's last.
     ///
     /// # Errors
-    /// [`NoDevice`] if the arm has a track and its limit is 0.
+    /// [`NoDevice`] if the arm has a track and the limit of axis 0 is 0 A.
     fn limits(&self, has_track: bool) -> Result<[f64; AXES + 1], NoDevice> {
         /// Limits of both of the original's arms (A).
         const ORIGINAL: [f64; AXES + 1] = [25.0, 15.0, 18.0, 10.0, 10.0, 10.0, 10.0, 0.2];
@@ -528,8 +538,8 @@ impl EffectorDevices {
         Ok(std::array::from_fn(limit))
     }
 
-    /// Returns the axes that the arm drives, each with the device of its line or the error that it
-    /// has none.
+    /// Returns the indices of the axes that the arm drives, each with the device path of its serial
+    /// line, or with an error if the file names no line for it.
     pub fn paths(&self, has_track: bool) -> impl Iterator<Item = (usize, Result<&str, NoDevice>)> {
         (usize::from(!has_track)..=AXES).map(move |axis| {
             let path = self.axes.get(axis).map(String::as_str).filter(|path| !path.is_empty());
@@ -571,10 +581,11 @@ impl EffectorDevices {
         }
     }
 
-    /// Opens the force sensor; `range` is that of its readings (N, Nm).
+    /// Opens the force sensor; `range` is the largest force and torque that it can measure in each
+    /// direction (N, Nm).
     ///
     /// # Errors
-    /// [`NoDevice`] if it is missing or cannot be opened.
+    /// [`NoDevice`] if `force` names no sensor of a known kind, or the sensor cannot be opened.
     pub fn sensor(&self, range: [f64; 6]) -> Result<Box<dyn ForceSource>, NoDevice> {
         match self.force_device()? {
             ForceDevice::None => Ok(Box::new(NoSensor)),
@@ -596,17 +607,17 @@ impl EffectorDevices {
     }
 }
 
-/// Asks for the ports of an ISA card. The right belongs to the calling thread and to those that it
-/// starts later.
+/// Asks the operating system for access to the I/O ports of the ISA card at `offset`. The calling
+/// thread gets the access, and so do the threads that it starts later.
 ///
 /// # Errors
-/// The right that was denied.
+/// A text that names the ports to which access was denied.
 #[cfg(feature = "isa")]
 pub fn ask_ports(offset: u16) -> Result<(), String> {
     super::isa::PortIo::open(offset, None).map(drop)
 }
 
-/// Refuses the ports: without the feature `isa` there are no port instructions.
+/// Refuses access to I/O ports: without the feature `isa` there are no port instructions.
 ///
 /// # Errors
 /// The reason, always.
@@ -615,10 +626,11 @@ pub fn ask_ports(_: u16) -> Result<(), String> {
     Err(NO_PORTS.to_owned())
 }
 
-/// Asks for the ports of a parallel interface, like [`ask_ports`], and writes nothing to it.
+/// Asks the operating system for access to the I/O ports of the parallel interface whose first port
+/// is `base`, like [`ask_ports`], and writes nothing to them.
 ///
 /// # Errors
-/// The right that was denied.
+/// A text that names the ports to which access was denied.
 pub fn ask_parallel(base: u16) -> Result<(), String> {
     parallel(base).map(drop)
 }
@@ -634,7 +646,7 @@ fn parallel(_: u16) -> Result<std::convert::Infallible, String> {
     Err(format!("ft_parallel: {NO_PORTS}"))
 }
 
-/// Opens the parallel interface at these ports and sets it up.
+/// Opens the parallel interface whose first I/O port is `base`, and sets it up.
 #[cfg(feature = "isa")]
 fn words(base: u16) -> Result<Box<dyn Words>, String> {
     Ok(Box::new(super::force::Pci1751::new(parallel(base)?)))
@@ -650,7 +662,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn file_is_read_back_and_mistake_has_line() {
+    fn devices_file_round_trips_and_mistake_names_line() {
         let devices = Devices {
             emulated: false,
             effector: vec![EffectorDevices {
@@ -673,7 +685,8 @@ mod tests {
         assert!(Devices::load(&path).unwrap_err().to_string().contains("No such file"));
     }
 
-    /// Returns the error of a file with this text; "" if the file is accepted.
+    /// Writes `text` into a temporary file, whose name contains `name`, and loads it. Returns the
+    /// error; "" if the file is accepted.
     fn refused(name: &str, text: &str) -> String {
         let path = std::env::temp_dir().join(format!("rubik-{name}-{}.toml", std::process::id()));
         std::fs::write(&path, text).unwrap();
@@ -699,7 +712,7 @@ mod tests {
     }
 
     #[test]
-    fn impossible_values_are_refused_with_line() {
+    fn impossible_device_values_are_refused_with_line_number() {
         let told =
             |key: &str| refused("values", &format!("[[effector]]\nname = \"track\"\n\n{key}\n"));
 
@@ -744,7 +757,7 @@ mod tests {
     }
 
     #[test]
-    fn second_name_of_a_line_is_refused() {
+    fn serial_line_named_twice_is_refused() {
         let told = refused(
             "twice",
             "[[effector]]\nname = \"a\"\naxes = [\"\", \"/dev/nosuch1\",\n\"/dev/nosuch2\"]\n\
@@ -774,7 +787,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_sensor_is_refused_with_expected_form() {
+    fn error_of_unknown_sensor_states_expected_form() {
         let refused = |force: &str| {
             let devices = EffectorDevices { force: force.into(), ..EffectorDevices::default() };
             devices.sensor([1.0; 6]).err().map(|e| e.to_string()).unwrap_or_default()
@@ -787,7 +800,7 @@ mod tests {
     }
 
     #[test]
-    fn card_defaults_to_original_settings() {
+    fn isa_card_defaults_to_original_robots_settings() {
         let scenario = crate::scenario::read(Path::new("t.toml"), "", &[]).unwrap();
         let [track, postument] = &scenario.controller.cell.arms[..] else { panic!("two arms") };
         let card = IsaDevice::default();

@@ -118,14 +118,15 @@ impl Digest {
     /// Periods until a kind is reported again: 10 s.
     const LULL: u64 = 5000;
 
-    /// Makes an empty digest of effectors with these names.
+    /// Makes an empty digest. `effectors` are the names for its sentences, by the index in a note.
     #[must_use]
     pub fn new(effectors: Vec<String>) -> Self {
         Self { effectors, kinds: BTreeMap::new(), now: 0 }
     }
 
-    /// Takes all notes from the ring and returns the sentences that are due. With `last` it returns
-    /// those of all notes.
+    /// Takes all notes from the ring and returns the sentences that are due for the log: the first
+    /// note of a kind at once, later ones as a count every 10 s. If `last`, it returns everything
+    /// not yet reported.
     pub fn sentences(&mut self, ring: &mut rtrb::Consumer<Note>, last: bool) -> Vec<String> {
         while let Ok(note) = ring.pop() {
             self.now = self.now.max(note.period);
@@ -177,7 +178,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn notes_of_one_kind_become_one_sentence() {
+    fn repeated_events_are_logged_in_one_sentence() {
         let (mut to, mut from) = notes();
         for period in 500..504 {
             to.push(period, 1, NoteKind::Missed { axis: 3 });

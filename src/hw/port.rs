@@ -32,7 +32,7 @@ pub trait Port: Send {
     fn repeat_stop(&mut self) {}
 
     /// Returns the delay that the last exchange caused beyond its period. The virtual driver asks
-    /// for it, since only a port can delay it.
+    /// for it: in virtual time nothing but a port causes a delay.
     fn delay(&mut self) -> Delay {
         Delay::default()
     }

@@ -26,7 +26,8 @@ const PATIENCE: Duration = Duration::from_secs(1);
 /// Greatest size of a frame (bytes). A header that claims more must not make us allocate it.
 const LARGEST: usize = 64 << 20;
 
-/// Encodes a request.
+/// Encodes a request for a frame at servo period `period`; `exposure` scales the nominal exposure
+/// time.
 #[must_use]
 pub fn encode_request(period: u64, exposure: f64) -> [u8; REQUEST] {
     let mut bytes = [0; REQUEST];
@@ -90,8 +91,8 @@ impl Offset {
     /// with each period that the servo misses.
     const FRAMES: usize = 50;
 
-    /// Converts `stamp`, the camera's period of a frame, to our clock; the frame was requested at
-    /// our period `asked`.
+    /// Converts `stamp`, the period of a frame by the camera's clock, to a servo period; the frame
+    /// was requested in servo period `asked`.
     fn ours(&mut self, asked: u64, stamp: u64) -> u64 {
         // A camera may send any number as its period, so the difference wraps.
         let seen = (asked as i64).wrapping_sub(stamp as i64);
@@ -152,7 +153,9 @@ impl SocketCamera {
         stream.read_exact(&mut header)?;
         let header = Header::decode(&header);
         if header.length > LARGEST as u64 {
-            return Err(std::io::Error::other(format!("a frame of {} bytes", header.length)));
+            let length = header.length;
+            let error = format!("a frame of {length} bytes, more than {LARGEST}");
+            return Err(std::io::Error::other(error));
         }
         let mut bytes = vec![0; header.length as usize];
         stream.read_exact(&mut bytes)?;
@@ -210,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn offset_accepts_any_period() {
+    fn clock_offset_survives_extreme_camera_time_stamps() {
         let mut offset = Offset::default();
         for stamp in [0, 1 << 63, u64::MAX, (1 << 63) - 1, 7] {
             offset.ours(5000, stamp);
@@ -233,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn socket_delivers_frames_refusals_and_loss() {
+    fn socket_camera_receives_frames_refusals_and_connection_loss() {
         let path = std::env::temp_dir().join(format!("rubik-camera-{}", std::process::id()));
         let server = CameraServer::start(&path, Box::new(Stub)).unwrap();
         let mut camera = SocketCamera::connect("standalone", &path).unwrap();

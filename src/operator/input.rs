@@ -90,8 +90,8 @@ impl Input {
         }
     }
 
-    /// Describes an input as a recording has it; returns `text` itself if another version of this
-    /// program wrote it.
+    /// Describes an input that a recording holds as JSON; returns `text` itself if it is no input
+    /// of this version of the program.
     #[must_use]
     pub fn describe_recorded(text: &str) -> String {
         serde_json::from_str::<Self>(text).map_or_else(|_| text.to_owned(), |i| i.describe())
@@ -162,7 +162,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn recorded_inputs_keep_their_names() {
+    fn json_names_of_operator_inputs_are_fixed() {
         for (text, description) in [
             (r#""pause""#, "pause"),
             (r#""start""#, "start"),

@@ -102,7 +102,8 @@ pub struct ArmJoints {
     pub tool: Pose,
 }
 
-/// Returns the joints of an arm from the frames of [`arm_frames`], or `None` if some are missing.
+/// Returns the places of an arm's joints and the poses of its flange and tool, from the frames of
+/// [`arm_frames`]; `None` if frames are missing.
 #[must_use]
 pub fn joints_of(frames: &[Pose]) -> Option<ArmJoints> {
     // A link's frame begins at its lower joint, so the flange is where the last link ends.

@@ -31,8 +31,8 @@ impl Capsule {
         Self { ends: self.ends.map(|p| p + by), middle: self.middle + by, ..*self }
     }
 
-    /// Returns the lowest height of the body (m), as of a cylinder with flat ends, since no part of
-    /// an arm ends in a ball.
+    /// Returns the lowest height of the body (m), taken as a cylinder with flat ends, since no part
+    /// of an arm ends in a ball.
     fn lowest(&self) -> f64 {
         let along = (self.ends[1] - self.ends[0]).try_normalize(1e-9).map_or(0.0, |axis| axis.z);
         let low = self.ends[0].z.min(self.ends[1].z);
@@ -105,8 +105,8 @@ impl Bodies {
         }
     }
 
-    /// Returns the longest distance by which a body has moved since `before` (m): by a straight
-    /// motion no distance between bodies changes by more.
+    /// Returns the longest distance by which any body of the arm has moved since `before` (m). By a
+    /// straight motion no distance between two bodies changes by more.
     pub(super) fn moved_since(&self, before: &Self) -> f64 {
         let ends = |at: &Self| {
             let links = at.links.into_iter().chain(at.plate);
@@ -141,7 +141,8 @@ impl Bodies {
         self.cube.ends.iter().map(|end| end.z - CUBE_HALF_HEIGHT).fold(lowest, f64::min)
     }
 
-    /// Returns the distance from a box (m): of all parts, or of column and both arms alone.
+    /// Returns the distance of the arm from the zone (m): of all its parts with `whole`, else of
+    /// column, lower arm and upper arm alone.
     pub(super) fn distance_to_zone(&self, zone: &HandZone, whole: bool) -> f64 {
         let zone_from_world = zone.world_from_cube.inverse();
         let parts = if whole { &self.links[..] } else { &self.links[..3] };
@@ -203,8 +204,8 @@ pub(super) fn hands_fit(cell: &Cell, rotation: &UnitQuaternion<f64>) -> bool {
     })
 }
 
-/// Returns the least distance while both hands are on one cube (m). Fingers are left out, and so is
-/// the cube against the hands.
+/// Returns the least distance between two arms whose hands are on one cube (m). Fingers are left
+/// out, and so is the cube against the hands.
 pub(super) fn at_the_cube(a: &Bodies, b: &Bodies) -> f64 {
     let mut nearest = Nearest::default();
     nearest.arms(a, b);
@@ -246,8 +247,8 @@ pub(super) fn apart(holder: &Bodies, other: &Bodies) -> f64 {
     nearest.0
 }
 
-/// Returns the distance of [`apart`] where the newcomer's hand (0 track, 1 postument) is the empty
-/// one (m).
+/// Returns the distance that [`apart`] measures if the hand of `newcomer` (0 track, 1 postument) is
+/// the empty one, and the other hand holds the cube (m).
 pub(super) fn newcomer_apart(newcomer: usize, track: &Bodies, postument: &Bodies) -> f64 {
     match newcomer {
         0 => apart(postument, track),
@@ -269,14 +270,15 @@ impl Default for Nearest {
 }
 
 impl Nearest {
-    /// Compares links and palm plates of two arms.
+    /// Lowers the least distance to that between links and palm plates of two arms, if it is
+    /// smaller.
     fn arms(&mut self, a: &Bodies, b: &Bodies) {
         self.of(&a.links, &b.links);
         self.of(&a.plate, &b.links);
         self.of(&b.plate, &a.links);
     }
 
-    /// Compares each body of `a` with each of `b`.
+    /// Lowers the least distance to that between any body of `a` and any of `b`, if it is smaller.
     fn of(&mut self, a: &[Capsule], b: &[Capsule]) {
         for x in a {
             for y in b {
@@ -332,16 +334,17 @@ mod tests {
         }
     }
 
-    /// Returns an arm whose parts are far from everything, except for `near`, which are beside the
-    /// origin on one side or the other.
+    /// Returns an arm of which the parts `near` are 2 cm from the origin, towards `side` (1 or -1)
+    /// along x, and all others far from everything.
     fn with_near(near: &[usize], side: f64) -> Bodies {
         let x = |part: usize| if near.contains(&part) { 0.02 } else { 10.0 * (part + 1) as f64 };
         of_balls(|part| Point3::new(side * x(part), 0.0, 0.0))
     }
 
-    /// Every pair of parts counts in exactly one of the two distances, except for the palms.
+    /// Every pair of parts of two arms counts either in [`at_the_cube`] or in [`hands`], never in
+    /// both, except for the two palm plates, which count in none.
     #[test]
-    fn each_pair_counts_in_one_distance_only() {
+    fn arm_and_hand_distances_share_no_part_pair() {
         for i in 0..=CUBE {
             for j in 0..=CUBE {
                 let (a, b) = (with_near(&[i], 1.0), with_near(&[j], -1.0));
@@ -366,9 +369,10 @@ mod tests {
         }
     }
 
-    /// The hand keeps clear of its own links and the table, and each part of the operator.
+    /// Brings one part after the other near the own links, the zone and the table, and checks in
+    /// which distances it counts.
     #[test]
-    fn bodies_measure_own_links_table_and_zone() {
+    fn self_zone_and_table_distances_cover_intended_parts() {
         let zone = HandZone {
             world_from_cube: crate::spatial::Pose::identity(),
             half_extent: Vector3::repeat(0.01),
@@ -407,7 +411,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn box_distance_matches_sampled_segment(a in point(), b in point()) {
+        fn box_to_segment_distance_matches_sampled_points(a in point(), b in point()) {
             let zone = HandZone {
                 world_from_cube: crate::spatial::Pose::identity(),
                 half_extent: Vector3::new(0.1, 0.2, 0.3),
@@ -421,7 +425,7 @@ mod tests {
         }
 
         #[test]
-        fn capsule_distance_matches_sampled_segments(
+        fn capsule_distance_matches_distance_of_sampled_points(
             a in point(), b in point(), c in point(), d in point()
         ) {
             let (x, y) = (

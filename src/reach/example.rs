@@ -63,8 +63,8 @@ fn model(profile: &str) -> ArmModel {
     builtin(profile).unwrap_or_else(|| unreachable!("{profile} is built in"))
 }
 
-/// Returns a camera beside the hand that looks along the tool axis, the image's x along the
-/// flange's y.
+/// Returns a camera that is `x` (m) beside the hand of `arm` and looks along the tool axis, with
+/// the x of its image along the y of the flange.
 fn camera(name: &str, arm: usize, x: f64) -> Camera {
     let side = x.signum();
     Camera {

@@ -20,20 +20,20 @@ impl Fold {
     /// for a tenth of a millimetre.
     const SPARE: f64 = 0.004;
 
-    /// Makes the retraction of an arm with its tool.
+    /// Makes the model by which the possible retraction of an arm is computed.
     #[must_use]
     pub fn of(arm: &Arm) -> Self {
         Self { model: arm.model.clone(), tool_from_flange: arm.flange_from_tool.inverse() }
     }
 
-    /// Makes the retraction of the track arm of the example cell.
+    /// Makes this model of the track arm of the example cell.
     #[cfg(test)]
     pub(crate) fn of_example() -> Self {
         Self::of(&super::example_cell().arms[0])
     }
 
-    /// Returns a place where that arm can retract only a part of 0.3 m: its joints, and its tool in
-    /// its base.
+    /// Returns joint positions of the track arm of the example cell from which it can retract only
+    /// by a part of 0.3 m, and its `base_from_tool` there.
     #[cfg(test)]
     pub(crate) fn example_stand() -> (JointPositions, Pose) {
         let arm = &super::example_cell().arms[0];
@@ -55,7 +55,8 @@ impl Fold {
         if goes < distance + Self::SPARE { (goes - Self::SPARE).max(0.0) } else { distance }
     }
 
-    /// Returns the distance up to the limit, in steps of 2 mm (m).
+    /// Returns how far up to `distance` the tool can retract before a joint meets its limit, found
+    /// in steps of 2 mm (m).
     fn limit(&self, base_from_tool: &Pose, joints: &JointPositions, distance: f64) -> f64 {
         let steps = (distance / Self::STEP).ceil() as u32;
         let (mut near, mut goes) = (*joints, 0.0);

@@ -89,7 +89,8 @@ pub struct Distances {
 }
 
 impl Distances {
-    /// Returns all distances: tables, own arms, zones, then the arms and the hands.
+    /// Returns all distances (m): of each arm to the table, then to its own links, then to the
+    /// zone; after these between the arms, and between the hands.
     fn all(&self) -> [Option<f64>; 8] {
         let Self { table, own, zone, arms, hands } = *self;
         [table[0], table[1], own[0], own[1], zone[0], zone[1], arms, hands]
@@ -107,8 +108,8 @@ impl Distances {
         self.hands.is_some_and(|hands| hands >= MIN_DISTANCE)
     }
 
-    /// Returns the larger of each pair of distances, as the least that must be kept from now on. A
-    /// body that was once far enough may not come near again.
+    /// Returns the larger value of each distance in `self` and `before`, as the least that must be
+    /// kept from now on: a body that was once far enough may not come near again.
     #[must_use]
     pub fn or_more(&self, before: &Self) -> Self {
         let more = |now: Option<f64>, before: Option<f64>| {
@@ -219,7 +220,7 @@ impl Tolerance {
     /// For a path that is asked for.
     const ON_PATH: Self = Self { dip: DIP_ON_PATH, margin: MARGIN_ON_PATH };
 
-    /// Returns the least distances (m), in the order of [`Distances::all`].
+    /// Returns the least distances that a check allows (m), in the order of [`Distances::all`].
     fn least(&self) -> [f64; 8] {
         let (own, arms) = (MIN_DISTANCE, MIN_DISTANCE + self.margin);
         [MIN_HEIGHT, MIN_HEIGHT, own, own, MIN_ZONE_DISTANCE, MIN_ZONE_DISTANCE, arms, arms]
@@ -293,8 +294,8 @@ impl Guard {
         }
     }
 
-    /// Checks arms that moved from one set of distances to another. Bodies that are too close
-    /// already may move apart.
+    /// Checks arms whose distances were `before` and are `now`. Bodies that are too close already
+    /// may move apart.
     ///
     /// # Errors
     /// The first pair that is too close and was not before, or that has come closer.
@@ -302,7 +303,11 @@ impl Guard {
         self.within(before, now, &Tolerance { dip: DIP_WATCHED, margin: 0.0 })
     }
 
-    /// Checks distances.
+    /// Checks that no distance of `now` is too small. A distance that was too small `before` may be
+    /// smaller by the dip of `tolerance` at most.
+    ///
+    /// # Errors
+    /// The first pair of bodies that is too close.
     fn within(
         &self,
         before: &Distances,
@@ -353,7 +358,8 @@ impl Guard {
         pairs.try_for_each(|(last, next)| self.check_between(&mut courses, last, next, &check))
     }
 
-    /// Checks the paths between two places.
+    /// Applies `check` to the places of the paths after `from` up to `to`. Where bodies may have
+    /// come too near in between, it halves the interval again and again.
     ///
     /// # Errors
     /// The first pair of bodies that comes too close.
@@ -390,8 +396,9 @@ impl Guard {
         check(to.distances)
     }
 
-    /// Returns whether the hands must stay apart on paths of both arms: they are apart at the
-    /// beginning and at the end, or none of them has a reason to meet the other.
+    /// Returns whether the hands must stay apart on the paths of both arms: they are apart at the
+    /// beginning and at the end, or the guard is made by [`Guard::by_hand`], which allows no
+    /// meeting.
     #[must_use]
     pub fn keep_apart(
         &self,
@@ -401,20 +408,20 @@ impl Guard {
         self.stay_apart(&self.places(&mut self.courses(from, ways)))
     }
 
-    /// Returns whether the hands must stay apart on paths with these places.
+    /// Returns what [`Guard::keep_apart`] returns, for paths that are given by the places on them.
     fn stay_apart(&self, places: &[Place]) -> bool {
         let (begin, end) = (&places[0].distances, &places[places.len() - 1].distances);
         self.never_meet && begin.hands.is_some() || begin.apart() && end.apart()
     }
 
     /// Returns the places at which every path is checked, with the beginning. A line is followed
-    /// place by place, so that the inverse stays on its branch.
+    /// place by place, so that the inverse kinematics stays on its branch.
     fn places(&self, courses: &mut [Option<Course<'_>>; 2]) -> Vec<Place> {
         (0..=STEPS).map(|step| self.place(courses, f64::from(step) / f64::from(STEPS))).collect()
     }
 
-    /// Returns the courses of both arms along their paths; `None` for an arm whose joints are
-    /// unknown.
+    /// Returns the joint positions of both arms along their paths, computed place by place; `None`
+    /// for an arm whose joints are unknown.
     fn courses(
         &self,
         from: [Option<&JointPositions>; 2],
@@ -423,14 +430,15 @@ impl Guard {
         [0, 1].map(|i: usize| from[i].map(|from| self.course(i, from, ways[i])))
     }
 
-    /// Returns the place of both arms after the same share of their paths.
+    /// Returns the place of both arms after the share `part` of their paths.
     fn place(&self, courses: &mut [Option<Course<'_>>; 2], part: f64) -> Place {
         let joints = courses.each_mut().map(|course| course.as_mut().map(|course| course.at(part)));
         let bodies = self.bodies_of_both(joints.each_ref().map(Option::as_ref));
         Place { part, joints, bodies, distances: self.distances_of(&bodies) }
     }
 
-    /// Returns the course of an arm along a path that begins at `from`.
+    /// Returns the joint positions of an arm along a path that begins at `from`, computed place by
+    /// place.
     #[must_use]
     pub fn course(&self, arm: usize, from: &JointPositions, way: &PlannedMotion) -> Course<'_> {
         let of = &self.cell.arms[arm];
@@ -438,8 +446,8 @@ impl Guard {
         Course { guard: self, arm, from: *from, way: *way, last: *from, tool }
     }
 
-    /// Checks the speed of an arm that has moved between two places in this time (s), if it is near
-    /// the operator's hand.
+    /// Checks the speed of an arm that has moved from one set of joint positions to another in
+    /// `seconds`, if its hand is near the operator's zone.
     ///
     /// # Errors
     /// The speed, if it is more than a fifth above its limit.
@@ -459,8 +467,8 @@ impl Guard {
         }
     }
 
-    /// Returns the longest distance that a part of a hand has moved, if one is near the operator's
-    /// zone (m).
+    /// Returns the longest distance that any part of a hand has moved (m), or `None` if no part of
+    /// the hand is near the operator's zone.
     fn near_hand(&self, from: &Bodies, to: &Bodies) -> Option<f64> {
         let zone = &self.cell.hand;
         let zone_from_world = zone.world_from_cube.inverse();
@@ -474,7 +482,8 @@ impl Guard {
     }
 }
 
-/// The course of an arm along its path.
+/// Joint positions of an arm along its path. Each is computed from the one before, so that the
+/// inverse kinematics stays on its branch.
 #[derive(Debug)]
 pub struct Course<'a> {
     guard: &'a Guard,
@@ -488,9 +497,9 @@ pub struct Course<'a> {
 }
 
 impl Course<'_> {
-    /// Returns the factor by which the arm is too fast near the operator's hand, 1 or less where it
-    /// is slow enough. The path takes `seconds` (s), and `share` gives the share of it that is done
-    /// after a share of that time.
+    /// Returns the factor by which the hand exceeds its speed limit near the operator's zone; 1 or
+    /// less means slow enough. The path takes `seconds` (s), and `share` maps a share of this time
+    /// to the share of the path that is covered by then.
     #[must_use]
     pub fn hand_speed_factor(mut self, seconds: f64, share: impl Fn(f64) -> f64) -> f64 {
         let (guard, arm) = (self.guard, self.arm);
@@ -509,8 +518,8 @@ impl Course<'_> {
             .fold(0.0, f64::max)
     }
 
-    /// Returns the factor by which the fastest motor of the arm is too fast, 1 or less where all
-    /// are slow enough. The arguments are those of [`Course::hand_speed_factor`].
+    /// Returns the factor by which the fastest motor of the arm exceeds its speed limit; 1 or less
+    /// means that all are slow enough. The arguments are those of [`Course::hand_speed_factor`].
     #[must_use]
     pub fn motor_speed_factor(mut self, seconds: f64, share: impl Fn(f64) -> f64) -> f64 {
         let (model, from) = (&self.guard.cell.arms[self.arm].model, self.from);
@@ -537,8 +546,8 @@ impl Course<'_> {
         (until, if end == 0 { 1.0 } else { 1.0 - share(end.min(MOMENTS)) })
     }
 
-    /// Returns the joint positions after a share of the path. Where a line leaves the arm's reach,
-    /// the arm stays at the last place within it: the servo refuses the rest.
+    /// Returns the joint positions after the share `part` of the path. Where a line leaves the
+    /// arm's reach, the arm stays at the last place within it: the servo refuses the rest.
     fn at(&mut self, part: f64) -> JointPositions {
         self.last = match self.way {
             PlannedMotion::Stays => self.from,
@@ -567,10 +576,10 @@ mod tests {
     use rand::{Rng as _, SeedableRng as _};
     use rand_pcg::Pcg64;
 
-    /// Every meeting is allowed; an arm that enters the other one or the table is refused, on a
-    /// path and while it is watched. A path out of a collision is allowed.
+    /// Every meeting is allowed. An arm that enters the partner or the table is refused, both on a
+    /// planned path and while its motion is watched. A path out of a collision is allowed.
     #[test]
-    fn guard_allows_meetings_and_refuses_collisions() {
+    fn guard_allows_arm_meetings_and_refuses_collisions() {
         let cell = example_cell();
         let guard = Guard::of(&cell, 0.25);
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
@@ -656,8 +665,8 @@ mod tests {
         assert!(on_and_on >= refused / 2, "{on_and_on} of {refused}");
     }
 
-    /// Moves the track arm along random paths past the postument. The arms are too close only
-    /// between two steps of the coarse check.
+    /// Checks a path of the track arm past the postument, drawn at random, on which the arms are
+    /// too close only between two places of the coarse check.
     #[test]
     fn path_check_finds_collisions_between_coarse_steps() {
         let cell = example_cell();
@@ -696,10 +705,10 @@ mod tests {
         assert!(matches!(refused, Err(Near::Arms(_) | Near::Hands(_))), "{refused:?}");
     }
 
-    /// Lines of drawn arms, of which some jump where the inverse changes its branch: halving alone
-    /// would never end there.
+    /// Checks random lines of the tool. On some of them the inverse kinematics jumps to another
+    /// branch, where halving the interval alone would never end.
     #[test]
-    fn check_of_jumping_line_ends() {
+    fn path_check_terminates_at_jumps_of_inverse_kinematics() {
         let cell = example_cell();
         let guard = Guard::of(&cell, 0.25);
         let track = &cell.arms[0];
@@ -721,7 +730,7 @@ mod tests {
 
     /// Hands that begin and end apart may not meet in between. Hands that end at one cube may.
     #[test]
-    fn hands_meet_only_where_they_must() {
+    fn hands_may_come_close_only_at_shared_cube() {
         let cell = example_cell();
         let guard = Guard::of(&cell, 0.25);
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
@@ -804,7 +813,7 @@ mod tests {
     /// A body that has left a collision may not return. One that is still too close may come closer
     /// by a small tolerance.
     #[test]
-    fn watched_motion_keeps_distance_within_small_tolerance() {
+    fn watched_motion_near_table_may_dip_by_tolerance() {
         let guard = Guard::of(&example_cell(), 0.25);
         let above = |height: f64| Distances { table: [Some(height), None], ..Distances::default() };
 
@@ -823,7 +832,7 @@ mod tests {
 
     /// A planned path is refused even where a motion under watch may still come a little closer.
     #[test]
-    fn path_may_not_approach_a_close_body() {
+    fn planned_path_towards_too_close_table_is_refused() {
         let cell = example_cell();
         let guard = Guard::of(&cell, 0.25);
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
@@ -858,7 +867,7 @@ mod tests {
     }
 
     #[test]
-    fn straight_path_ends_at_tools_target_pose() {
+    fn straight_path_ends_at_tools_target_orientation() {
         let cell = example_cell();
         let guard = Guard::of(&cell, 0.25);
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
@@ -886,7 +895,7 @@ mod tests {
     }
 
     #[test]
-    fn only_taking_hand_may_enter_operator_zone() {
+    fn only_hand_taking_cube_may_enter_operator_zone() {
         let cell = example_cell();
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
         let meeting = table.grasps.iter().flatten().next().unwrap();

@@ -32,8 +32,8 @@ pub struct Meeting {
 }
 
 impl Meeting {
-    /// Returns the joint positions of both arms when the newcomer's hand (0 track, 1 postument) is
-    /// still short of the cube.
+    /// Returns the joint positions of both arms when the hand of `newcomer` (0 track, 1 postument)
+    /// is retracted from the cube and its partner is at the meeting.
     #[must_use]
     pub fn short_of(&self, newcomer: usize) -> [JointPositions; 2] {
         match newcomer {
@@ -42,7 +42,7 @@ impl Meeting {
         }
     }
 
-    /// Returns whether both arms have the same joint positions in another meeting.
+    /// Returns whether `other` has the same joint positions of both arms.
     fn is_at(&self, other: &Self) -> bool {
         (self.track, self.postument) == (other.track, other.postument)
     }
@@ -73,7 +73,8 @@ pub struct MeetingTable {
 }
 
 impl MeetingTable {
-    /// Finds the quickest free path between any two meetings, for arms of these speeds.
+    /// Computes the quickest free path between any two meetings for arms of these speeds, and
+    /// stores it in the table.
     pub fn find_ways(&mut self, cell: &Cell, settings: &ReachSettings, speeds: &Speeds) {
         let numbers = || 0..MEETINGS;
         // Two paths for each pair of meetings: the hand of either arm may be the free one.
@@ -86,9 +87,9 @@ impl MeetingTable {
         self.ways = ways.collect();
     }
 
-    /// Returns the quickest free path from one meeting to another whose newcomer is this arm. It is
-    /// `None` where there is only the usual path: apart by the whole separation, across, and
-    /// together.
+    /// Returns the quickest free path between two meetings on which `newcomer` (0 track, 1
+    /// postument) is the arm whose hand is free. `None` means that only the usual path is left: the
+    /// track retracts by the whole separation, both arms move across, and the track advances.
     #[must_use]
     pub fn way(&self, from: &Meeting, to: &Meeting, newcomer: usize) -> Option<&MeetingPath> {
         let number = |meeting: &Meeting| {
@@ -97,15 +98,15 @@ impl MeetingTable {
         self.way_between(number(from)?, number(to)?, newcomer)
     }
 
-    /// Returns the path of [`MeetingTable::way`] for the numbers of two meetings; those of grasps
-    /// are the numbers of their rotations.
+    /// Returns the path of [`MeetingTable::way`] between the meetings with two numbers: 0..24 is a
+    /// grasp, by the number of its rotation, and 24..30 a view, in the order of `views`.
     #[must_use]
     pub fn way_between(&self, from: usize, to: usize, newcomer: usize) -> Option<&MeetingPath> {
         self.ways.get((from * MEETINGS + to) * 2 + newcomer)?.as_ref()
     }
 
-    /// Returns the joint positions of both arms before they come nearer at a meeting. A newcomer to
-    /// a grasp is short of the cube; one that only looks is at its place.
+    /// Returns the joint positions of both arms where a path to or from a meeting ends: a newcomer
+    /// to a grasp is still retracted from the cube, one that only looks is at the meeting itself.
     fn place(&self, number: usize, newcomer: usize) -> Option<[JointPositions; 2]> {
         let meeting = self.meetings().nth(number)?.as_ref()?;
         let looks = number >= self.grasps.len();

@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn meetings_have_nominal_poses_of_tools() {
+    fn meeting_joints_give_nominal_tool_poses() {
         let [track, postument] = [&CELL.arms[0], &CELL.arms[1]];
         for meeting in meetings() {
             let world_from_track = world_from_tool(track, &meeting.track);
@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn a_grasp_puts_both_hands_on_one_cube() {
+    fn grasp_puts_both_tools_at_one_cube() {
         let into = Point3::new(0.0, 0.0, CELL.cube.edge / 3.0);
         for (rotation, grasp) in rotations().iter().zip(&TABLE.grasps) {
             let Some(grasp) = grasp else { continue };
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn a_view_is_frontal_and_centred() {
+    fn camera_faces_centre_of_viewed_cube_side() {
         let sides = [Vector3::z(), Vector3::x(), -Vector3::x()];
         for holder in 0..2 {
             let viewer = 1 - holder;
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn meetings_keep_limits_with_room_for_corrections() {
+    fn meeting_joints_stay_within_limits_after_small_shifts() {
         for meeting in meetings() {
             for (arm, at, back) in [
                 (&CELL.arms[0], meeting.track, meeting.track_back),
@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cell_with_one_arm_has_no_meetings() {
+    fn cell_without_track_or_partner_has_no_meetings() {
         let mut cell = example_cell();
         cell.arms.reverse();
         assert_eq!(MeetingTable::compute(&cell, &SETTINGS).found(), (0, 0));

@@ -12,8 +12,9 @@ pub(super) const MOMENTS: u32 = 60;
 /// the limit, and corrections come on top of a path.
 pub(super) const MOTORS: f64 = 0.95;
 
-/// Returns the largest angle that any motor turns from one of [`MOMENTS`] to the next (rad). The
-/// path begins at `from`, and `at` returns its joint positions after a share of its time.
+/// Returns the largest angle that any motor turns from one moment of a path to the next, of
+/// [`MOMENTS`] in all (rad). The path begins at `from`, and `at` returns its joint positions after
+/// a share of its time.
 pub(super) fn farthest_turn(
     model: &ArmModel,
     from: &JointPositions,

@@ -72,7 +72,7 @@ impl MeetingTable {
     }
 }
 
-/// Searches all meetings.
+/// Searches all meetings, as [`MeetingTable::compute`] describes.
 fn table(cell: &Cell, settings: &ReachSettings) -> MeetingTable {
     let mut table = MeetingTable {
         grasps: [None; 24],
@@ -141,7 +141,8 @@ fn clear_ways(search: &mut Search, wanted: &[Wanted], found: &mut [Option<Found>
 /// Rounds of sampling over the whole table; each ends with a new reference.
 const ROUNDS: u32 = 3;
 
-/// Returns all demands: the grasps that the fingers allow, then the views.
+/// Returns the demands on all meetings of the table: the grasps that the fingers allow, then the
+/// views.
 fn wanted(cell: &Cell) -> Vec<Wanted> {
     let grasps = rotations().into_iter().filter(|r| hands_fit(cell, r)).map(Wanted::Grasp);
     let views = [0, 1].into_iter().flat_map(|holder| {
@@ -168,7 +169,7 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    /// Begins a search.
+    /// Makes a search that has found no meeting yet.
     fn new(cell: &'a Cell, settings: &'a ReachSettings) -> Self {
         // The first reference: both arms halfway in their ranges, facing the partner.
         let facing = |sign: f64, track: f64, roll: f64| {
@@ -187,7 +188,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Returns the best of a known meeting and of new samples.
+    /// Returns the cheapest meeting that fulfils `wanted`, among the one that is known already and
+    /// new samples.
     fn improve(&mut self, wanted: &Wanted, known: Option<&Found>) -> Option<Found> {
         let mut best = known.copied();
         for i in 0..self.settings.samples {
@@ -225,7 +227,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Returns a sample from all of the space.
+    /// Returns a candidate drawn from the whole space of the search.
     fn anywhere(&mut self) -> Candidate {
         let [x, y, z] = BOX.map(|(low, high)| self.random.random_range(low..high));
         // A normalised vector of four normal numbers is a uniformly distributed rotation.
@@ -239,8 +241,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Returns a sample in which the cube is where another meeting has it, in another of the 24
-    /// grasps.
+    /// Returns a candidate near one in which the cube is where a known meeting has it, but the hand
+    /// holds it in another of the 24 rotations.
     fn like_another(&mut self) -> Candidate {
         let known = self.known[self.random.random_range(0..self.known.len())];
         let other = self.rotations[self.random.random_range(0..24)];
@@ -254,7 +256,7 @@ impl<'a> Search<'a> {
         self.next_to(&candidate, 0.2)
     }
 
-    /// Returns a sample near another, at a distance that grows with `size`.
+    /// Returns a random candidate near `candidate`, at a distance that grows with `size`.
     fn next_to(&mut self, candidate: &Candidate, size: f64) -> Candidate {
         let mut step = |scale: f64| scale * size * self.normal();
         let shift = Vector3::new(step(0.3), step(0.3), step(0.3));
@@ -277,14 +279,15 @@ impl<'a> Search<'a> {
         StandardNormal.sample(&mut self.random)
     }
 
-    /// Returns the range of the track in which it can still retract by the separation (m).
+    /// Returns the range of the track position in which the track can still retract by the
+    /// separation (m).
     fn track_range(&self) -> (f64, f64) {
         let (low, high) = self.cell.arms[0].model.joint_limits[0];
         let low = low.max(0.0) + self.settings.separation + TRACK_ROOM;
         (low, (high - 2.0 * TRACK_ROOM).max(low + 1e-6))
     }
 
-    /// Returns the meeting of a candidate if it is allowed and costs less than `limit` (s).
+    /// Returns the meeting of a candidate if it is allowed and its cost is less than `limit` (s).
     fn evaluate(&self, wanted: &Wanted, candidate: &Candidate, limit: f64) -> Option<Found> {
         let (tools, need) = self.tools(wanted, candidate)?;
         let stances_of = |arm: usize, limit: f64| {
@@ -332,12 +335,14 @@ impl<'a> Search<'a> {
         best
     }
 
-    /// Returns whether the path between two meetings is too narrow.
+    /// Returns whether the arms come nearer than the clearance on the usual path between two
+    /// meetings.
     fn way_is_blocked(&self, a: &Meeting, b: &Meeting) -> bool {
         way_clearance(self.cell, self.settings.separation, a, b) < self.settings.clearance
     }
 
-    /// Returns both tools in the world, and whether the wrists must be able to roll there.
+    /// Returns the poses of both tools in the world, and whether the wrists must be able to roll
+    /// there.
     fn tools(&self, wanted: &Wanted, candidate: &Candidate) -> Option<([Pose; 2], Roll)> {
         let into = Translation3::new(0.0, 0.0, self.cell.cube.edge / 3.0);
         match wanted {
@@ -415,8 +420,8 @@ impl<'a> Search<'a> {
         Some(least)
     }
 
-    /// Returns the least distance while the track retracts (m); the newcomer is retracted along its
-    /// tool.
+    /// Returns the least distance between the arms while the track retracts by the separation (m).
+    /// `holder` has the cube, and `other` is the newcomer, retracted along its tool.
     fn separating(&self, newcomer: usize, holder: &Bodies, other: &Bodies) -> f64 {
         const STEPS: u32 = 5;
         let away = self.cell.arms[0].world_from_base.rotation * -Vector3::y();

@@ -78,7 +78,8 @@ pub(super) struct Demand<'a> {
     pub(super) settings: &'a ReachSettings,
 }
 
-/// Returns the stances of the arm with its tool at `world_from_tool`, cheapest first.
+/// Returns the two cheapest stances that have the tool at `world_from_tool` and meet the demand,
+/// cheapest first.
 pub(super) fn stances(demand: &Demand<'_>, world_from_tool: &Pose) -> Stances {
     let arm = demand.arm;
     let base_from_flange =
@@ -162,13 +163,13 @@ fn stance(demand: &Demand<'_>, base_from_flange: &Pose, joints: &JointPositions)
     Some(Stance { joints: *joints, half_back: half, back, roll, cost })
 }
 
-/// Returns the penalty for being nearer than `good` to something bad (s): at most 2.
+/// Returns the penalty (s) for a margin `have` that is less than `good`: 2 at a margin of zero.
 fn penalty(have: f64, good: f64) -> f64 {
     2.0 * (1.0 - have / good).max(0.0)
 }
 
-/// Returns the time from one place to another at [`SPEEDS`] (s): the slowest joint's time, and a
-/// tenth of the sum of all.
+/// Returns the time from one set of joint positions to another at [`SPEEDS`] (s), as a cost: the
+/// slowest joint's time, and a tenth of the sum of all.
 pub(super) fn way(a: &JointPositions, b: &JointPositions) -> f64 {
     let times = std::array::from_fn::<f64, 7, _>(|i| (a.0[i] - b.0[i]).abs() / SPEEDS[i]);
     // The sum decides between paths whose slowest joint takes equally long.
@@ -176,8 +177,8 @@ pub(super) fn way(a: &JointPositions, b: &JointPositions) -> f64 {
     slowest + 0.1 * times.iter().sum::<f64>()
 }
 
-/// Returns the distance to the nearest limit of a joint but the last (m or rad). It is negative
-/// outside the limits of any joint, or within a motor's margin.
+/// Returns the distance to the nearest joint limit, the last joint left out (m or rad). It is
+/// negative outside the limits of any joint, or within a motor's margin.
 fn margin(arm: &Arm, joints: &JointPositions) -> f64 {
     let model = &arm.model;
     // A fixed arm has no axis 0. The last joint has its own demand: `rolls`.
@@ -202,8 +203,8 @@ fn margin(arm: &Arm, joints: &JointPositions) -> f64 {
     least
 }
 
-/// Returns the range in which the last joint can roll inside the limits of joint and motor,
-/// relative (rad).
+/// Returns the lowest and the highest angle by which the last joint can roll from here, inside the
+/// limits of joint and motor (rad).
 fn rolls(arm: &Arm, joints: &JointPositions) -> (f64, f64) {
     let model = &arm.model;
     let (low, high) = model.joint_limits[6];

@@ -65,12 +65,14 @@ const STRIDE: u32 = 23;
 /// is timed. With it as a factor the bound is never above the time.
 const MISSED: f64 = 0.85;
 
-/// Returns the separations that are tried, up to the usual one (m).
+/// Iterates over the distances by which the track may retract between two meetings: 0, then in
+/// steps of 2 cm up to `most` (m).
 pub(super) fn separations(most: f64) -> impl Iterator<Item = f64> {
     (0..).map(|step| f64::from(step) * FINE).take_while(move |by| *by < most + 0.5 * FINE)
 }
 
-/// Returns the least distance between the arms, and of each hand from its own arm (m).
+/// Returns the least distance between the arms, and of each hand from its own arm (m). The hand of
+/// `newcomer` is free, and the other hand holds the cube.
 pub(super) fn clearance(cell: &Cell, joints: &[JointPositions; 2], newcomer: usize) -> f64 {
     let [track, postument] =
         [0, 1].map(|arm: usize| Bodies::of(cell, &cell.arms[arm], &joints[arm]));
@@ -79,7 +81,8 @@ pub(super) fn clearance(cell: &Cell, joints: &[JointPositions; 2], newcomer: usi
 }
 
 impl MeetingPath {
-    /// Returns the quickest path that keeps the clearance; `None` if no candidate does.
+    /// Returns the quickest path between two meetings that keeps the clearance; `None` if no
+    /// candidate does.
     pub(super) fn quickest(
         cell: &Cell,
         settings: &ReachSettings,
@@ -127,7 +130,8 @@ impl MeetingPath {
         None
     }
 
-    /// Returns a lower bound of the time (s), from the motion across and the stroke.
+    /// Returns a lower bound of the time of this path (s), from the joints' motion between the
+    /// meetings and the retraction of the track.
     fn bound(&self, speeds: &Speeds, Ends { from, to, .. }: &Ends) -> f64 {
         let profile = Profile { ramp: self.ramp };
         let least = |distance: f64, axis: usize, window: f64| {
@@ -146,7 +150,7 @@ impl MeetingPath {
         across.fold(stroke, f64::max) * MISSED
     }
 
-    /// Returns the least time of the motors of both arms (s).
+    /// Returns the least time in which the motors of both arms can follow this path (s).
     fn motor_seconds(&self, cell: &Cell, speeds: &Speeds, Ends { from, to, .. }: &Ends) -> f64 {
         let legs = self.legs(speeds, from, to);
         let seconds = |arm: usize| {
@@ -157,7 +161,7 @@ impl MeetingPath {
         seconds(0).max(seconds(1))
     }
 
-    /// Returns all candidates, with separation 0 first.
+    /// Iterates over all candidate paths, beginning with those without a retraction of the track.
     fn all(
         settings: &ReachSettings,
         speeds: &Speeds,
@@ -222,8 +226,8 @@ impl MeetingPath {
         rolls.into_iter().map(seconds).fold(self.seconds, f64::max)
     }
 
-    /// Returns the least time of arms of these speeds between these joint positions, the motors'
-    /// limits aside (s).
+    /// Returns the least time in which the joints of both arms can follow this path at these speeds
+    /// (s). The limits of the motors are left out.
     #[must_use]
     pub fn least_seconds(
         &self,
@@ -274,7 +278,8 @@ impl<'a> FreeCheck<'a> {
         Self { cell, settings, speeds, ends, moments }
     }
 
-    /// Returns whether a path comes too near to something at one of the first `count` moments.
+    /// Returns whether the arms are nearer than the clearance at one of the first `count` moments
+    /// of the list. The moment that shows it moves to the front of the list.
     fn finds_blocked(&mut self, way: &MeetingPath, count: usize) -> bool {
         let legs = way.legs(self.speeds, &self.ends.from, &self.ends.to);
         let looks = self.moments.iter().take(count);
@@ -286,7 +291,7 @@ impl<'a> FreeCheck<'a> {
         blocking.is_some()
     }
 
-    /// Returns whether both arms keep the clearance at one of the moments.
+    /// Returns whether the arms keep the clearance at this moment of a path.
     fn is_free_at(&self, legs: &[Legs; 2], moment: u32) -> bool {
         let part = f64::from(moment) / f64::from(MOMENTS);
         let joints = [0, 1].map(|arm: usize| legs[arm].at(&self.ends.from[arm], part));
@@ -312,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn no_way_is_quicker_than_its_bound() {
+    fn no_path_is_quicker_than_its_bound() {
         let (cell, settings, speeds) = (example_cell(), ReachSettings::default(), speeds());
         let table = MeetingTable::compute(&cell, &settings);
         let grasps: Vec<_> = table.grasps.iter().flatten().collect();
@@ -352,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn quickest_way_is_that_of_a_plain_search() {
+    fn quickest_path_equals_that_of_plain_search() {
         let (cell, settings) = (example_cell(), ReachSettings::default());
         let table = MeetingTable::compute(&cell, &settings);
         let grasps: Vec<_> = table.grasps.iter().flatten().collect();
@@ -367,7 +372,7 @@ mod tests {
     }
 
     #[test]
-    fn quickest_way_is_free_for_all_motors() {
+    fn quickest_path_keeps_clearance_and_motor_limits() {
         let (cell, settings, speeds) = (example_cell(), ReachSettings::default(), speeds());
         let table = MeetingTable::compute(&cell, &settings);
         let grasps: Vec<_> = table.grasps.iter().flatten().collect();

@@ -20,18 +20,20 @@ pub struct WayFinder {
 }
 
 impl WayFinder {
-    /// Makes a finder for a cell as it is believed to be.
+    /// Makes a finder for the cell as the controller believes it to be.
     #[must_use]
     pub fn new(cell: Cell, settings: ReachSettings) -> Self {
         Self { cell: Arc::new(cell), settings }
     }
 
-    /// Returns the least distance by which the track must retract from a meeting, so that the
-    /// straight path between there and `apart` is free in both directions (m). `newcomer` is the
-    /// arm whose hand is free: 0 track, 1 postument.
+    /// Returns the least distance by which the track must retract from the meeting with the joint
+    /// positions `met`, so that the straight path in joint space from there to the positions
+    /// `apart` is free in both directions (m). `newcomer` is the arm whose hand is free: 0 track, 1
+    /// postument.
     ///
-    /// It is `None` if no separation up to the usual one suffices, or if the meeting or a place of
-    /// the retraction is too narrow, as where both hands have their fingers beside one cube.
+    /// It is `None` if no separation up to the usual one suffices, or if the arms are too close at
+    /// the meeting or during the retraction, as where both hands have their fingers beside one
+    /// cube.
     #[must_use]
     pub fn least_separation(
         &self,
@@ -63,14 +65,16 @@ impl WayFinder {
         Self::new(super::example_cell(), ReachSettings::default())
     }
 
-    /// Returns the first joint positions of both arms of that cell, far apart.
+    /// Returns the joint positions of both arms of the example cell at the start of a run, far
+    /// apart.
     #[cfg(test)]
     pub(crate) fn example_start() -> [JointPositions; 2] {
         [0, 1].map(|arm: usize| super::example_cell().arms[arm].start)
     }
 
-    /// Returns places near a meeting of that cell from which the track must retract before it may
-    /// go to its first place while the postument stays, and the least distance (m).
+    /// Returns joint positions of both arms near a meeting of the example cell from which the track
+    /// must retract before it may go to its start while the postument stays, and the least distance
+    /// of this retraction (m).
     #[cfg(test)]
     pub(crate) fn example_place(&self) -> ([JointPositions; 2], f64) {
         let table = super::MeetingTable::compute(&self.cell, &self.settings);
@@ -104,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn least_separation_is_free_and_least() {
+    fn least_separation_is_shortest_that_keeps_clearance() {
         let finder = WayFinder::of_example();
         let (cell, settings) = (&finder.cell, finder.settings);
         let table = MeetingTable::compute(cell, &settings);

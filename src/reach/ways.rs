@@ -10,8 +10,8 @@ use nalgebra::Vector3;
 /// 0.1 m from one place to the next.
 const STEPS: u32 = 16;
 
-/// Returns the least distance between the arms, and of each hand from its own arm, on the path from
-/// one meeting to another, whichever of them holds the cube (m). It is the same on the path back.
+/// Returns the least distance between the arms, and of each hand from its own arm, on the usual
+/// path between two meetings, for either hand as the free one (m). It is the same on the path back.
 pub(super) fn way_clearance(cell: &Cell, separation: f64, a: &Meeting, b: &Meeting) -> f64 {
     let mut least = f64::INFINITY;
     for newcomer in 0..2 {

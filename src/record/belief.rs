@@ -38,23 +38,23 @@ struct Wire {
     handed_back: bool,
 }
 
-/// Returns the belief as JSON.
+/// Returns a kernel's belief about the cube, and its plan, as JSON.
 #[must_use]
-pub(crate) fn json(picture: &Picture) -> String {
+pub(crate) fn json(belief: &Picture) -> String {
     let wire = Wire {
-        world_from_base: picture.world_from_base,
-        tool_from_cube: picture.tool_from_cube,
-        facelets: picture.facelets,
-        turning: picture.turning.map(|t| (t.effector, t.face as usize, t.cube_from_tool)),
-        net: picture.net.clone(),
-        plan: picture.plan.as_ref().clone(),
-        step: picture.step,
-        handed_back: picture.handed_back,
+        world_from_base: belief.world_from_base,
+        tool_from_cube: belief.tool_from_cube,
+        facelets: belief.facelets,
+        turning: belief.turning.map(|t| (t.effector, t.face as usize, t.cube_from_tool)),
+        net: belief.net.clone(),
+        plan: belief.plan.as_ref().clone(),
+        step: belief.step,
+        handed_back: belief.handed_back,
     };
     serde_json::to_string(&wire).unwrap_or_default()
 }
 
-/// Reads a belief from JSON; `None` if the text is none.
+/// Parses the JSON that [`json`] writes; `None` if `text` is anything else.
 #[must_use]
 pub(crate) fn read(text: &str) -> Option<Picture> {
     let wire: Wire = serde_json::from_str(text).ok()?;
@@ -75,33 +75,35 @@ pub(crate) fn read(text: &str) -> Option<Picture> {
     })
 }
 
-/// Returns colours 0..=5 as letters URFDLB, unknown ones as `?`.
+/// Returns colours 0 to 5 as letters URFDLB, one after the other; an unknown colour is `?`.
 pub(crate) fn letters(colours: impl Iterator<Item = Option<u8>>) -> String {
     colours
         .map(|c| c.and_then(|c| b"URFDLB".get(usize::from(c))).map_or('?', |l| char::from(*l)))
         .collect()
 }
 
-/// Returns the state of the cube as the kernel believes it. `truth` is left empty.
+/// Returns the state of the cube as a kernel believes it; `arms` are the names of the effectors.
+/// The field `truth` stays empty, since only the plant knows it.
 #[must_use]
-pub(crate) fn known(picture: &Picture, arms: &[String]) -> CubeKnown {
-    let readings = &picture.net.facelets;
-    let holders = arms.iter().zip(&picture.tool_from_cube).filter(|(_, held)| held.is_some());
+pub(crate) fn known(belief: &Picture, arms: &[String]) -> CubeKnown {
+    let readings = &belief.net.facelets;
+    let holders = arms.iter().zip(&belief.tool_from_cube).filter(|(_, held)| held.is_some());
     CubeKnown {
         identified: letters(readings.iter().map(|r| r.map(|r| r.colour))),
         confidences: readings.iter().map(|r| r.map_or(0.0, |r| r.confidence)).collect(),
-        believed: picture.facelets.map_or_else(String::new, |f| f.to_string()),
+        believed: belief.facelets.map_or_else(String::new, |f| f.to_string()),
         truth: String::new(),
         holders: holders.map(|(name, _)| name.clone()).collect(),
     }
 }
 
-/// Writes the plan as `rubik_robot_msgs/Plan` at `stamp` (ns).
-pub(crate) fn write_plan(picture: &Picture, stamp: u64, to: &mut Writer) {
-    let steps: Vec<_> = picture.plan.iter().map(|line| line.what.clone()).collect();
-    let reasons: Vec<_> = picture.plan.iter().map(|line| line.why.clone()).collect();
+/// Writes the plan in `belief` as a message `rubik_robot_msgs/Plan` with the time stamp `stamp`
+/// (ns).
+pub(crate) fn write_plan(belief: &Picture, stamp: u64, to: &mut Writer) {
+    let steps: Vec<_> = belief.plan.iter().map(|line| line.what.clone()).collect();
+    let reasons: Vec<_> = belief.plan.iter().map(|line| line.why.clone()).collect();
     to.time(stamp);
     to.string_sequence(&steps);
     to.string_sequence(&reasons);
-    to.f64_sequence(&picture.plan.iter().map(|line| line.seconds).collect::<Vec<_>>());
+    to.f64_sequence(&belief.plan.iter().map(|line| line.seconds).collect::<Vec<_>>());
 }

@@ -46,8 +46,8 @@ pub(crate) fn facts(cell: &Cell) -> Vec<(String, String)> {
     facts.map(|(name, value)| (name.to_owned(), value)).to_vec()
 }
 
-/// Replaces values in the cell of a scenario by the calibration of its recording. A recording
-/// without a calibration changes nothing.
+/// Writes the calibration that a recording contains into `cell`, the cell of its scenario. `label`
+/// holds the recording's metadata; without a calibration in it nothing changes.
 pub(crate) fn apply(label: &Label, cell: &mut Cell) {
     // A missing fact is an empty text, which is no number.
     if let Ok(edge) = label.of(NAME, "edge_m").parse() {

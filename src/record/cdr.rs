@@ -24,7 +24,7 @@ impl Default for Writer {
 }
 
 impl Writer {
-    /// Begins a message in a buffer whose memory is reused.
+    /// Begins a message in `buffer`, whose content is dropped and whose memory is reused.
     #[must_use]
     pub fn new(mut buffer: Vec<u8>) -> Self {
         buffer.clear();
@@ -38,7 +38,7 @@ impl Writer {
         self.bytes
     }
 
-    /// Fills up with zeros to a multiple of `size`.
+    /// Appends zeros until the next byte is at a multiple of `size` (bytes).
     fn align(&mut self, size: usize) {
         let behind = (self.bytes.len() - ENCAPSULATION.len()) % size;
         if behind != 0 {
@@ -141,7 +141,7 @@ impl Writer {
 
 /// Error of a message that ends too early or is of another type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("the message ends too early, or is not one of this type")]
+#[error("the message is too short, or its bytes do not fit the message type of its topic")]
 pub struct Malformed;
 
 /// Reader of a message, field by field.
@@ -152,7 +152,7 @@ pub(crate) struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
-    /// Makes a reader of a message with its encapsulation.
+    /// Makes a reader of a message that begins with its four bytes of encapsulation.
     ///
     /// # Errors
     /// [`Malformed`] for anything but little-endian plain CDR.
@@ -164,7 +164,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Takes `count` bytes at the next multiple of `align`.
+    /// Reads `count` bytes, beginning at the next position that is a multiple of `align`.
     fn take(&mut self, count: usize, align: usize) -> Result<&'a [u8], Malformed> {
         let begin = self.at.next_multiple_of(align);
         let end = begin.checked_add(count).ok_or(Malformed)?;
@@ -180,7 +180,7 @@ impl<'a> Reader<'a> {
     /// Reads a `uint8`.
     ///
     /// # Errors
-    /// [`Malformed`], here and below.
+    /// [`Malformed`] if the message ends before.
     pub(crate) fn u8(&mut self) -> Result<u8, Malformed> {
         Ok(self.primitive::<1>()?[0])
     }
@@ -367,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn broken_length_is_an_error() {
+    fn reader_rejects_length_beyond_its_message() {
         let mut writer = Writer::default();
         writer.u32(u32::MAX);
         let bytes = writer.bytes();

@@ -31,7 +31,7 @@ pub enum Entry {
 }
 
 impl Entry {
-    /// Returns the entry of an input of the operator.
+    /// Returns the entry that records an input of the operator, as JSON.
     #[must_use]
     pub fn input(input: &Input) -> Self {
         Self::Operator(serde_json::to_string(input).unwrap_or_default())

@@ -25,7 +25,8 @@ const LATCHED: &str = "- history: 1\n  depth: 1\n  reliability: 1\n  durability:
 #[error("{}", reason(.0))]
 pub struct Unwritten(#[from] mcap::McapError);
 
-/// Returns the error of the device if there is one, otherwise that of the library.
+/// Returns the error of the device (disk, pipe) behind `error` if there is one, otherwise that of
+/// the MCAP library.
 fn reason(error: &mcap::McapError) -> String {
     let cause = std::error::Error::source(error);
     cause.map_or_else(|| error.to_string(), ToString::to_string)
@@ -44,7 +45,7 @@ struct Channel {
 }
 
 impl<W: Write + Seek> File<W> {
-    /// Begins a file.
+    /// Begins an MCAP file in `to`.
     ///
     /// # Errors
     /// Error of the device.
@@ -106,7 +107,7 @@ impl<W: Write + Seek> File<W> {
         Ok(self.writer.add_channel(schema, topic, "cdr", &metadata)?)
     }
 
-    /// Writes texts by name, as metadata with this `name`.
+    /// Writes an MCAP metadata record called `name`; `entries` are its texts by key.
     ///
     /// # Errors
     /// Error of the device.
@@ -119,7 +120,7 @@ impl<W: Write + Seek> File<W> {
         Ok(self.writer.write_metadata(&metadata)?)
     }
 
-    /// Attaches a whole file with its media type.
+    /// Attaches a whole file: its name, its media type (MIME) and its bytes.
     ///
     /// # Errors
     /// Error of the device.

@@ -48,7 +48,7 @@ pub enum Unreadable {
     #[error("not a file")]
     NoFile,
     /// Lock of another run on the file.
-    #[error("another run is writing it")]
+    #[error("another run is writing this journal")]
     Taken,
     /// Unfinished run in the journal, which a new journal would overwrite.
     #[error(
@@ -60,7 +60,7 @@ pub enum Unreadable {
     #[error("{0}")]
     File(#[from] io::Error),
     /// Line that is no entry, in a journal without any entry.
-    #[error("line {line}: {why}")]
+    #[error("line {line} is no journal entry: {why}")]
     Line {
         /// Number of the line, from 1.
         line: usize,
@@ -68,7 +68,7 @@ pub enum Unreadable {
         why: serde_json::Error,
     },
     /// Entry with values that no run can have written.
-    #[error("line {line}: {why}")]
+    #[error("line {line} holds an impossible entry: {why}")]
     Value {
         /// Number of the line, from 1.
         line: usize,
@@ -76,7 +76,7 @@ pub enum Unreadable {
         why: &'static str,
     },
     /// Line longer than any entry.
-    #[error("line {0} is too long for an entry")]
+    #[error("line {0} is longer than any journal entry")]
     Long(usize),
     /// Mark of a run that continued after it could no longer write its journal.
     #[error(
@@ -102,13 +102,15 @@ const HEAD: &[u8] = b"{\"doing\":\"";
 const GIVEN_UP: &[u8] = b"this journal could not be written to the end of its run\n";
 
 impl Journal {
-    /// Makes a journal whose lines go to `keeps` instead of the file at `path`.
+    /// Makes a journal whose lines go to `storage` instead of the file at `path`, which is marked
+    /// or removed if `storage` fails.
     #[must_use]
-    pub fn kept_by(path: &Path, keeps: Box<dyn Durable>) -> Self {
-        Self { path: path.to_owned(), keeps }
+    pub fn kept_by(path: &Path, storage: Box<dyn Durable>) -> Self {
+        Self { path: path.to_owned(), keeps: storage }
     }
 
-    /// Opens a journal: begins an empty one, or continues the one that is there if `go_on`.
+    /// Opens the journal at `path`. With `go_on` the run continues the journal that is there;
+    /// otherwise it begins an empty one.
     ///
     /// # Errors
     /// If the file is no journal, if another run writes it, or if a new journal would overwrite
@@ -117,7 +119,8 @@ impl Journal {
         Self::open_in(path, go_on, keep_name)
     }
 
-    /// Opens a journal as [`Journal::open`] does. `keeps_name` makes the name of the file durable.
+    /// Opens a journal as [`Journal::open`] does. `keeps_name` syncs the file's folder, so that a
+    /// new file is not lost in a power cut.
     fn open_in(
         path: &Path,
         go_on: bool,
@@ -222,7 +225,7 @@ impl Journal {
                     last = Some(entry);
                 }
                 // The very first entry, which a crash cut off: nothing had begun.
-                Err(why) if line == 1 && why.is_eof() && begins_an_entry(&bytes) => {}
+                Err(why) if line == 1 && why.is_eof() && may_begin_entry(&bytes) => {}
                 // A run that continued after a crash has left the torn line among whole ones. So a
                 // bad line is an error only in a journal without any entry.
                 Err(why) => torn = torn.or(Some(Unreadable::Line { line, why })),
@@ -235,8 +238,8 @@ impl Journal {
     }
 }
 
-/// Checks that the arms of a cell can have been at the places of an entry, since a resumed run
-/// moves there. Returns the reason if they cannot.
+/// Checks that the positions of arms and cube in a journal's entry are possible, since a resumed
+/// run moves to them. Returns the reason if they are not.
 fn plausible(entry: &Entry) -> Result<(), &'static str> {
     // The comparisons are false for NaN, so NaN is refused as well.
     let within = |values: &[f64], most: f64| values.iter().all(|value| value.abs() <= most);
@@ -252,13 +255,14 @@ fn plausible(entry: &Entry) -> Result<(), &'static str> {
     Ok(())
 }
 
-/// Checks whether these may be the first bytes of an entry. Fewer bytes than `HEAD` may be.
-fn begins_an_entry(bytes: &[u8]) -> bool {
+/// Checks whether `bytes` and [`HEAD`], with which each entry begins, agree as far as the shorter
+/// one goes. So the beginning of an entry that a crash cut off passes.
+fn may_begin_entry(bytes: &[u8]) -> bool {
     bytes.iter().zip(HEAD).all(|(byte, of_an_entry)| byte == of_an_entry)
 }
 
-/// Makes the name of a file durable by a sync of its folder. A sync of the file itself covers only
-/// its content, so a power cut could lose a new file.
+/// Syncs the folder of a file, so that the file's name survives a power cut. A sync of the file
+/// itself covers only its content, so a new file could be lost.
 ///
 /// # Errors
 /// Error of the operating system if the folder does not exist. Other errors are only logged.
@@ -269,14 +273,19 @@ pub(crate) fn keep_name(path: &Path) -> io::Result<()> {
         Err(why) if why.kind() != io::ErrorKind::NotFound => {
             // Some file systems and folders cannot be synced. The run is then only as safe as
             // without this call, which is no reason to refuse it.
-            tracing::warn!("{}: {why}: a power cut may lose a new file there", folder.display());
+            tracing::warn!(
+                "the folder {} cannot be synced: {why}; a power cut may lose a new file in it",
+                folder.display()
+            );
             Ok(())
         }
         kept => kept,
     }
 }
 
-/// Locks a file that only one run may write. Returns `false` if another process has the lock.
+/// Tries to lock `file`, which only one run may write. Returns `false` if another process has the
+/// lock. If the file system has no locks, the function logs a warning with `path` and returns
+/// `true`.
 #[must_use]
 pub(crate) fn is_ours(file: &File, path: &Path) -> bool {
     match file.try_lock() {
@@ -306,7 +315,7 @@ mod tests {
     /// A crash may cut off the last line at any byte: the entry before it counts, and a run that
     /// continues can write after it.
     #[test]
-    fn last_whole_entry_counts_after_a_crash() {
+    fn last_complete_entry_is_read_after_a_crash() {
         let path = place("whole");
         let mut journal = Journal::open(&path, false).unwrap();
         journal.write(&entry("closing")).unwrap();
@@ -330,7 +339,7 @@ mod tests {
 
     /// A first entry that a crash cut off means that nothing had begun.
     #[test]
-    fn torn_first_entry_counts_as_none() {
+    fn journal_with_only_a_torn_entry_is_empty() {
         let path = place("first");
         let mut journal = Journal::open(&path, false).unwrap();
         journal.write(&entry("wending – slowly")).unwrap();
@@ -354,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn journal_refuses_foreign_files_and_keeps_them() {
+    fn non_journal_file_is_refused_and_kept_unchanged() {
         let path = place("foreign");
         let whole = serde_json::to_string(&entry("closing")).unwrap();
         let foreign = [
@@ -381,7 +390,7 @@ mod tests {
     }
 
     #[test]
-    fn journal_name_is_durable_before_the_first_entry() {
+    fn journal_file_name_is_durable_before_first_entry() {
         for go_on in [true, false] {
             let path = place("name");
             let mut named = Vec::new();
@@ -447,7 +456,7 @@ mod tests {
     }
 
     #[test]
-    fn journal_that_cannot_be_overwritten_is_removed() {
+    fn abandoned_journal_that_cannot_be_marked_is_removed() {
         // A link without a target has no file to be marked, but the link can be removed.
         let path = place("removed");
         std::os::unix::fs::symlink(path.with_extension("nowhere"), &path).unwrap();
@@ -462,7 +471,7 @@ mod tests {
 
     /// The end of line that a continuing run adds to a torn line does not make the line too long.
     #[test]
-    fn torn_line_of_full_length_is_readable() {
+    fn torn_line_of_largest_length_is_readable() {
         let path = place("longest");
         for (long, refused) in [(LONGEST, false), (LONGEST + 1, true)] {
             Journal::open(&path, false).unwrap().write(&entry("closing")).unwrap();
@@ -495,7 +504,7 @@ mod tests {
     }
 
     #[test]
-    fn impossible_entry_is_refused_with_its_line() {
+    fn impossible_entry_is_refused_with_line_number() {
         let path = place("values");
         let wrong: [fn(&mut Entry); 4] = [
             |entry| entry.short = 1e308,
@@ -518,13 +527,13 @@ mod tests {
     }
 
     #[test]
-    fn foreign_text_is_refused_with_its_line() {
+    fn non_journal_text_is_refused_with_line_number() {
         let path = place("refused");
         std::fs::write(&path, "a poem\nof two lines\n").unwrap();
 
         let error = Journal::last(&path).unwrap_err().to_string();
 
-        assert!(error.starts_with("line 1: "), "{error}");
+        assert!(error.starts_with("line 1 is no journal entry: "), "{error}");
         std::fs::write(&path, vec![b'x'; 100_000]).unwrap();
         assert!(matches!(Journal::last(&path), Err(Unreadable::Long(1))));
         std::fs::write(&path, "").unwrap();

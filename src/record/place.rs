@@ -18,8 +18,9 @@ pub(crate) struct Place {
 }
 
 impl Place {
-    /// Creates the file under its temporary path. A device, a pipe, a stream of this process and
-    /// the missing target of a link are opened directly instead.
+    /// Creates the file that will be at `path`, at first under its temporary path. A device, a
+    /// pipe, a stream of this process and the missing target of a link are opened at `path` itself
+    /// instead.
     ///
     /// # Errors
     /// Error of the operating system; also if `path` leads to a file that may not be written.
@@ -85,7 +86,8 @@ impl Place {
         Ok(())
     }
 
-    /// Renames the file to its final path unless there is a file that is not empty.
+    /// Renames the file to its final path, unless another file with content is there. The file then
+    /// stays under its temporary path.
     ///
     /// # Errors
     /// Error of the operating system.
@@ -102,7 +104,8 @@ impl Place {
         self.part.map_or(Ok(()), std::fs::remove_file)
     }
 
-    /// Counts the messages of a recording by reading its file; `None` if it cannot be read back.
+    /// Counts the messages of the recording in the file by reading it; `None` if it cannot be read
+    /// back.
     #[must_use]
     pub(crate) fn messages(&self) -> Option<u64> {
         // A pipe or a terminal would wait for input here.
@@ -119,7 +122,7 @@ mod tests {
     use std::io::Write as _;
 
     #[test]
-    fn old_file_stays_until_the_rename() {
+    fn old_recording_stays_until_new_one_is_renamed() {
         let folder = std::env::temp_dir().join(format!("rubik-robot-place-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let path = folder.join("run.mcap");
@@ -174,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn place_does_not_replace_a_protected_file() {
+    fn protected_file_is_not_replaced() {
         // Most kernels protect a running program from every user, root included.
         let program = std::env::current_exe().unwrap();
         if std::fs::OpenOptions::new().write(true).open(&program).is_ok() {

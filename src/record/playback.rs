@@ -70,8 +70,9 @@ struct State {
 }
 
 impl Playback {
-    /// Opens a recording. Answers of sensors and inputs of the operator are read at once, ticks
-    /// when they are needed.
+    /// Opens a recording for playback; `arms` are the names of its arms. Answers of sensors and
+    /// inputs of the operator are read at once, servo ticks when they are needed. Returns the
+    /// recording's metadata as well.
     ///
     /// # Errors
     /// [`Unreadable`].
@@ -85,9 +86,9 @@ impl Playback {
             let broken = |why| Unreadable::Message { topic: channel.topic.clone(), why };
             match channel.topic.as_str() {
                 "/sensed" => sensed.push(Sensed::read(&data).map_err(broken)?),
-                "/operator" => operator.push_back(operator_word(&data).map_err(broken)?),
+                "/operator" => operator.push_back(operator_input(&data).map_err(broken)?),
                 "/rosout" if injected.is_none() => {
-                    injected = not_an_input(&data).map_err(broken)?;
+                    injected = unrecorded_fault(&data).map_err(broken)?;
                 }
                 _ => {}
             }
@@ -108,8 +109,8 @@ impl Playback {
         Ok((Self(Arc::new(Mutex::new(state))), label))
     }
 
-    /// Returns the next recorded answer of a sensor. A request with another text or in another
-    /// `period` of 2 ms than the recorded one is a divergence.
+    /// Returns the recorded answer to the next request to a sensor. If the request was recorded
+    /// with another text than `asked` or in another `period` of 2 ms, this is a divergence.
     #[must_use]
     pub(crate) fn sensed(&self, sensor: &str, period: u64, asked: &str) -> Played {
         let state = &mut *self.state();
@@ -120,18 +121,21 @@ impl Playback {
         let answer = state.sensed.remove(at);
         if answer.period != period || answer.asked != asked {
             let recorded = format!("period {}, {}", answer.period, answer.asked);
-            state.part(period, sensor, look(recorded, period, asked));
+            state.keep_first(period, sensor, look_difference(recorded, period, asked));
         }
         Played::Answer(answer.found)
     }
 
-    /// Keeps the divergence of a look that is complete but not in the recording. A look that the
-    /// end of the run cuts off is none: it was not recorded either.
+    /// Keeps a divergence: this run completed a request to `sensor` that the recording does not
+    /// contain. A request that the end of the run cuts off is never recorded and must not be
+    /// reported here.
     pub(crate) fn report_unrecorded_look(&self, sensor: &str, period: u64, asked: &str) {
-        self.state().part(period, sensor, look("nothing".to_owned(), period, asked));
+        let difference = look_difference("nothing".to_owned(), period, asked);
+        self.state().keep_first(period, sensor, difference);
     }
 
-    /// Returns the operator's next input (JSON) if it came in this period of 2 ms or before.
+    /// Returns the operator's next recorded input (JSON) if it was given in this period of 2 ms or
+    /// before.
     #[must_use]
     pub fn operator(&self, period: u64) -> Option<String> {
         let mut state = self.state();
@@ -141,7 +145,8 @@ impl Playback {
         None
     }
 
-    /// Returns the first divergence, if there is one, and the number of equal ticks.
+    /// Returns the first divergence of this run from its recording, if there is one, and the number
+    /// of servo ticks before it that were equal.
     #[must_use]
     pub fn verdict(&self) -> (Option<Divergence>, u64) {
         let state = self.state();
@@ -155,7 +160,8 @@ impl Playback {
         self.state().injected.clone()
     }
 
-    /// Reads to the end of the recording. Returns the number of ticks that the run did not reach.
+    /// Reads to the end of the recording. Returns the number of recorded servo ticks that the run
+    /// did not reach.
     #[must_use]
     pub fn rest(&self) -> u64 {
         let mut state = self.state();
@@ -167,7 +173,7 @@ impl Playback {
         rest
     }
 
-    /// Returns the last servo period that was equal.
+    /// Returns the last servo period in which the run and its recording were equal.
     #[must_use]
     pub fn last_period(&self) -> u64 {
         self.state().last
@@ -194,8 +200,9 @@ impl Playback {
     }
 }
 
-/// Reads an input of the operator: period of 2 ms, JSON.
-fn operator_word(data: &[u8]) -> Result<(u64, String), super::cdr::Malformed> {
+/// Decodes a recorded input of the operator: the period of 2 ms in which it was given, and the
+/// input as JSON.
+fn operator_input(data: &[u8]) -> Result<(u64, String), super::cdr::Malformed> {
     let mut from = super::cdr::Reader::new(data)?;
     from.time()?;
     Ok((from.u64()?, from.string()?.to_owned()))
@@ -206,9 +213,9 @@ fn operator_word(data: &[u8]) -> Result<(u64, String), super::cdr::Malformed> {
 const PAST_INPUTS: [&str; 5] =
     ["actor panic", "actor hang", "heart beat loss", "late message", "clock jump"];
 
-/// Reads a line of the log. Returns the injected fault in it, with its period of 2 ms, if it is of
-/// one of these kinds.
-fn not_an_input(data: &[u8]) -> Result<Option<(u64, String)>, super::cdr::Malformed> {
+/// Decodes a line of the log. If it reports an injected fault that no recorded input shows, of a
+/// kind in [`PAST_INPUTS`], returns the period of 2 ms and the description of the fault.
+fn unrecorded_fault(data: &[u8]) -> Result<Option<(u64, String)>, super::cdr::Malformed> {
     let mut from = super::cdr::Reader::new(data)?;
     let time = from.time()?;
     from.u8()?;
@@ -218,14 +225,15 @@ fn not_an_input(data: &[u8]) -> Result<Option<(u64, String)>, super::cdr::Malfor
     Ok(what.map(|what| ((time as f64 * 1e-9 / PERIOD).round() as u64, what.to_owned())))
 }
 
-/// Returns the difference between the recorded look and the one that this run requests.
-fn look(recorded: String, period: u64, asked: &str) -> Difference {
+/// Describes the difference between a recorded request to a sensor (`recorded`, as text) and the
+/// one that this run makes in `period` with the text `asked`.
+fn look_difference(recorded: String, period: u64, asked: &str) -> Difference {
     Difference { field: "look".to_owned(), recorded, now: format!("period {period}, {asked}") }
 }
 
 impl State {
-    /// Reads up to the next tick. A tick that cannot be decoded is left out; its period is then
-    /// missing.
+    /// Reads on to the next servo tick of the recording; `None` at its end. A tick that cannot be
+    /// decoded is left out, so its period is missing.
     fn next_tick(&mut self) -> Option<Tick> {
         self.stream.by_ref().find_map(|piece| match piece {
             Piece::Message(message) if message.channel.topic.ends_with("/servo") => {
@@ -235,8 +243,8 @@ impl State {
         })
     }
 
-    /// Keeps a divergence if it is the first one: the later ones follow from it.
-    fn part(&mut self, period: u64, who: &str, what: Difference) {
+    /// Keeps a divergence unless an earlier one is kept already, from which it may follow.
+    fn keep_first(&mut self, period: u64, who: &str, what: Difference) {
         self.divergence.get_or_insert_with(|| Divergence { period, who: who.to_owned(), what });
     }
 }
@@ -278,8 +286,8 @@ impl Port for Playback {
         Ok(())
     }
 
-    /// Returns the number of periods that the servo missed before the next one, so that it misses
-    /// them again.
+    /// Returns the number of periods that the recorded servo missed before its next one, so that
+    /// this servo misses as many.
     fn delay(&mut self) -> Delay {
         let state = self.state();
         let next = state.ahead.front().and_then(|tick| tick.outside().ok());
@@ -300,7 +308,7 @@ impl RecordSink for Playback {
             if !state.over {
                 let (recorded, now) = ("nothing".to_owned(), "a period".to_owned());
                 let what = Difference { field: "period".to_owned(), recorded, now };
-                state.part(record.period, &who, what);
+                state.keep_first(record.period, &who, what);
             }
             return;
         };

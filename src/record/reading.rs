@@ -144,20 +144,21 @@ pub enum End {
 }
 
 impl End {
-    /// Returns the end unless it is a regular one.
+    /// Returns this end of a file if the file is cut off or damaged; `None` if it is whole.
     #[must_use]
     pub fn flaw(&self) -> Option<&Self> {
         Some(self).filter(|end| **end != Self::Whole)
     }
 
-    /// Adds the time of the end (s), as in "cut off after 1.5 s: unexpected end".
+    /// Returns this end with the time at which the file ends (s), for a text as "cut off after 1.5
+    /// s: unexpected end".
     #[must_use]
     pub fn after(&self, seconds: f64) -> EndAfter<'_> {
         EndAfter { end: self, seconds }
     }
 
-    /// Writes kind, time and reason of the end. The alternate form `{:#}` has the reason in
-    /// brackets, so that a sentence can continue after it.
+    /// Writes kind, time (`when`) and reason of the end. The alternate form `{:#}` has the reason
+    /// in brackets, so that a sentence can continue after it.
     fn describe(&self, f: &mut Formatter<'_>, when: &dyn Display) -> fmt::Result {
         let (how, why) = match self {
             Self::Whole => return write!(f, "whole{when}"),
@@ -200,7 +201,7 @@ pub fn open(path: &Path) -> Result<Reading<std::fs::File>, Unreadable> {
 }
 
 impl<R: Read> Reading<R> {
-    /// Makes a reader of `from`.
+    /// Makes a reader of a recording, which may be whole, cut off or damaged.
     pub fn new(from: R) -> Self {
         // The library checks a chunk at its end. Reading the whole chunk first, as the other option
         // does, would lose the last chunk of a file that is cut off.
@@ -222,31 +223,34 @@ impl<R: Read> Reading<R> {
         }
     }
 
-    /// Returns the end of the file; `None` before all items have been delivered.
+    /// Returns how the file ends: whole, cut off or damaged; `None` before all items have been
+    /// delivered.
     pub fn end(&self) -> Option<&End> {
         if self.ready.is_empty() { self.end.as_ref() } else { None }
     }
 
-    /// Ends the reading of a file that is cut off. The check of the held items will not come, so
-    /// they are delivered without it.
+    /// Ends the reading of a file that is cut off, for the reason `why`. The items that wait for
+    /// the check of their chunk are delivered unchecked, since its checksum is missing.
     fn cut(&mut self, why: &dyn Display) {
         self.release();
         self.end = Some(End::Cut(why.to_string()));
     }
 
-    /// Ends the reading of a damaged file. The held items of the damaged chunk are dropped.
+    /// Ends the reading of a damaged file, for the reason `why`. Drops the items of the damaged
+    /// chunk.
     fn damaged(&mut self, why: &dyn Display) {
         self.held = (Vec::new(), 0);
         self.end = Some(End::Damaged(format!("before byte {}: {why}", self.at)));
     }
 
-    /// Delivers the held items.
+    /// Delivers the items that have waited for the check of their chunk.
     fn release(&mut self) {
         self.ready.extend(self.held.0.drain(..));
         self.held.1 = 0;
     }
 
-    /// Handles the next event of the library's reader.
+    /// Handles the next event of the MCAP library's reader: reads bytes that it requests, or takes
+    /// a record that it has parsed.
     fn advance(&mut self) {
         let event = match next(&mut self.reader) {
             None => {
@@ -261,11 +265,11 @@ impl<R: Read> Reading<R> {
         match event {
             LinearReadEvent::ReadRequest(count) => {
                 // A request for more at a boundary means that the records up to here are checked.
-                if self.frame.is_between() {
+                if self.frame.is_at_boundary() {
                     self.release();
                 }
                 // No read passes a boundary, so that the check above sees each of them.
-                let count = self.frame.room().min(count as u64) as usize;
+                let count = self.frame.left_to_boundary().min(count as u64) as usize;
                 let into = self.reader.insert(count);
                 match self.from.read(into) {
                     Ok(read) => {
@@ -294,7 +298,8 @@ impl<R: Read> Reading<R> {
         }
     }
 
-    /// Takes a record: holds its item until the check of its chunk, or ends the reading.
+    /// Takes a record that the library has parsed. Its item waits for the check of its chunk; a
+    /// record that must not be at this position ends the reading as damage.
     fn take(&mut self, record: Record<'static>) {
         let piece = self.record(record);
         if self.described > DESCRIBED {
@@ -303,7 +308,7 @@ impl<R: Read> Reading<R> {
         match piece {
             // This program writes messages in chunks only. A flipped bit can make the index of a
             // chunk look like a message.
-            Some(Piece::Message(_)) if self.frame.is_stray() => {
+            Some(Piece::Message(_)) if self.frame.is_outside_chunks() => {
                 self.damaged(&"a message in no chunk");
             }
             Some(Piece::Message(message)) => {
@@ -325,7 +330,8 @@ impl<R: Read> Reading<R> {
         }
     }
 
-    /// Returns the item of a record. Schemas and channels are kept instead.
+    /// Converts a record to an item of the recording. Returns `None` for a schema or a channel,
+    /// which is stored for later messages, and for a record that is not used.
     fn record(&mut self, record: Record<'static>) -> Option<Piece> {
         match record {
             Record::Schema { header, data } => {
@@ -395,8 +401,9 @@ impl Frame {
     /// Beginning of a file: eight bytes of magic that are no record.
     const BEGIN: Self = Self { head: [0; 33], received: 0, left: 8, chunked: false };
 
-    /// Checks whether the present record is no chunk in a file that has chunks.
-    fn is_stray(&self) -> bool {
+    /// Checks whether the current record is outside of all chunks although the file has had a
+    /// chunk.
+    fn is_outside_chunks(&self) -> bool {
         self.chunked && !self.is_chunk()
     }
 
@@ -404,8 +411,8 @@ impl Frame {
         self.head[0] == CHUNK
     }
 
-    /// Returns the longer one of a chunk's two lengths, in the file and before compression; `None`
-    /// if the record is no chunk, or its head is not complete.
+    /// Returns the greater one of a chunk's two lengths, compressed and uncompressed (bytes);
+    /// `None` if the current record is no chunk, or its head is not complete.
     fn chunk_length(&self) -> Option<u64> {
         let (_, lengths) = self.head.split_first_chunk::<1>()?;
         let (within, behind) = lengths.split_first_chunk()?;
@@ -415,22 +422,25 @@ impl Frame {
         (self.is_chunk() && self.received == 0).then_some(longer)
     }
 
-    /// Checks whether all records up to here are complete.
-    fn is_between(&self) -> bool {
+    /// Checks whether the reading is between two records: the last one is complete and the next one
+    /// has not begun.
+    fn is_at_boundary(&self) -> bool {
         self.left == 0 && self.received == 0
     }
 
-    /// Returns the number of bytes up to the end of the present head or record.
-    fn room(&self) -> u64 {
-        if self.left > 0 { self.left } else { (self.wanted() - self.received) as u64 }
+    /// Returns how many bytes of the current record are left to read: of its head until that is
+    /// complete, then of its body.
+    fn left_to_boundary(&self) -> u64 {
+        if self.left > 0 { self.left } else { (self.head_length() - self.received) as u64 }
     }
 
-    /// Returns the length of the present head (bytes). That of a chunk is known once its opcode is.
-    fn wanted(&self) -> usize {
+    /// Returns the length of the current record's head (bytes): opcode and length, and of a chunk
+    /// also its times and its uncompressed length.
+    fn head_length(&self) -> usize {
         if self.received >= PLAIN && self.is_chunk() { self.head.len() } else { PLAIN }
     }
 
-    /// Moves the position past these bytes, which are at most [`Self::room`].
+    /// Moves the reading past `bytes`, of which there are at most [`Self::left_to_boundary`].
     fn pass(&mut self, bytes: &[u8]) {
         if self.left > 0 {
             self.left -= bytes.len() as u64;
@@ -438,7 +448,7 @@ impl Frame {
         }
         self.head[self.received..][..bytes.len()].copy_from_slice(bytes);
         self.received += bytes.len();
-        if self.received == self.wanted()
+        if self.received == self.head_length()
             && let Some((length, _)) = self.head[1..].split_first_chunk()
         {
             // The length counts the bytes after itself, and the head of a chunk is part of it.
@@ -464,18 +474,20 @@ fn next(reader: &mut LinearReader) -> Option<mcap::McapResult<LinearReadEvent<'_
 /// Opcodes of the records that are used: schema, channel, message, attachment, metadata.
 const READ: [u8; 5] = [0x03, 0x04, 0x05, 0x09, 0x0c];
 
-/// Checks that the texts of a record end within it, with enough bytes after them. The library
-/// trusts these lengths when it reserves memory, and panics if an attachment ends before its
-/// checksum.
+/// Checks that the texts and maps of a record end within it, and that enough bytes follow for its
+/// last fields. The library trusts these lengths when it reserves memory, and panics if an
+/// attachment ends before its checksum.
 fn lengths_fit(opcode: u8, data: &[u8]) -> bool {
-    /// Takes a text, or a whole map, from the front.
+    /// Splits a text, or a whole map, off the front of `rest`, by the length that precedes it.
+    /// `None` if it does not end within `rest`.
     fn text<'a>(rest: &mut &'a [u8]) -> Option<&'a [u8]> {
         let (length, behind) = rest.split_first_chunk::<4>()?;
         let (text, behind) = behind.split_at_checked(u32::from_le_bytes(*length) as usize)?;
         *rest = behind;
         Some(text)
     }
-    /// Takes a map from the front. `None` if it has more than [`PAIRS`] pairs.
+    /// Splits a map off the front of `rest`. `None` if it has more than [`PAIRS`] pairs or does not
+    /// end within `rest`.
     fn map(rest: &mut &[u8]) -> Option<()> {
         let mut pairs = text(rest)?;
         for _ in 0..=2 * PAIRS {
@@ -531,26 +543,29 @@ pub struct Label {
 }
 
 impl Label {
-    /// Returns a fact about the run that is known at its beginning; empty if there is none.
+    /// Returns a fact about the run that is written at its beginning, such as "seed"; empty if
+    /// there is none of this name.
     #[must_use]
     pub fn fact(&self, name: &str) -> &str {
         self.of("rubik_robot", name)
     }
 
-    /// Returns a fact of this metadata; empty if there is none.
+    /// Returns the text `name` of the metadata record `metadata`; empty if there is none.
     #[must_use]
     pub fn of(&self, metadata: &str, name: &str) -> &str {
         self.metadata.get(metadata).and_then(|m| m.get(name)).map_or("", String::as_str)
     }
 
-    /// Returns the options that override the scenario: option, key, value.
+    /// Returns the command line options with which the run overrode its scenario: option, key,
+    /// value.
     #[must_use]
     pub fn options(&self) -> Vec<(String, String, String)> {
         let options = self.metadata.get("options").into_iter().flat_map(BTreeMap::values);
         options.filter_map(|text| serde_json::from_str(text).ok()).collect()
     }
 
-    /// Adds an item of the recording if it describes the whole of it.
+    /// Stores an item of the recording if it is metadata or the scenario's file, which describe the
+    /// whole recording; ignores any other.
     pub fn take(&mut self, piece: &Piece) {
         match piece {
             Piece::Metadata(name, facts) => {
@@ -568,7 +583,7 @@ impl Label {
 mod tests {
     use super::*;
 
-    /// Returns a record in the form of a file.
+    /// Encodes a record as in an MCAP file: opcode, length, body.
     fn record(opcode: u8, body: &[u8]) -> Vec<u8> {
         [&[opcode][..], &(body.len() as u64).to_le_bytes(), body].concat()
     }
@@ -577,7 +592,7 @@ mod tests {
         [&(text.len() as u32).to_le_bytes(), text].concat()
     }
 
-    /// Reads a file of these records. Returns its items and its end.
+    /// Reads an MCAP file made of `records`. Returns its items and how the file ends.
     fn read(records: &[Vec<u8>]) -> (Vec<Piece>, End) {
         let file = [mcap::MAGIC, &records.concat()[..]].concat();
         let mut reading = Reading::new(file.as_slice());
@@ -625,7 +640,7 @@ mod tests {
     /// Channels share a schema. All schemas together have a limit, for which a repeated schema
     /// counts once.
     #[test]
-    fn channels_share_schemas_within_a_limit() {
+    fn channels_share_schemas_of_limited_total_size() {
         let records = [schema(1, 1000), channel(1, 1), channel(2, 1), message(1), message(2)];
         let (pieces, _) = read(&records);
         let [Piece::Message(one), Piece::Message(other)] = pieces.as_slice() else {
@@ -671,7 +686,7 @@ mod tests {
     }
 
     #[test]
-    fn record_with_too_many_texts_is_damage() {
+    fn metadata_with_too_many_pairs_is_damage() {
         let list = |pairs: usize| {
             let pair = |i: usize| [text(i.to_string().as_bytes()), text(b"")].concat();
             let map = (0..pairs).flat_map(pair).collect::<Vec<u8>>();

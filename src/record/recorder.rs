@@ -124,13 +124,15 @@ pub struct Ticks {
 }
 
 impl Recorder {
-    /// Returns a switch that makes the device full; `None` if nothing is recorded.
+    /// Returns a switch that makes each further write fail as on a full disk, for the injected
+    /// fault; `None` if nothing is recorded.
     #[must_use]
     pub fn full(&self) -> Option<Arc<AtomicBool>> {
         self.0.as_ref().map(|shared| Arc::clone(&shared.full))
     }
 
-    /// Starts a recorder that writes to `to`.
+    /// Starts a recorder that writes to `to`. `about` describes the run; `patience` is whether the
+    /// run waits if the recorder does not keep up.
     ///
     /// # Errors
     /// Error of the operating system if it cannot start the thread.
@@ -142,8 +144,8 @@ impl Recorder {
         Self::begin_at(to, None, about, patience)
     }
 
-    /// Starts a recorder that writes to `to`, the file of `place`. The file is renamed to its final
-    /// path as soon as it holds a servo period.
+    /// Starts a recorder as [`Self::begin`] does. `place` has the final and the temporary path of
+    /// the file `to`, which is renamed to the final one as soon as it holds a servo period.
     ///
     /// # Errors
     /// Error of the operating system if it cannot start the thread.
@@ -181,7 +183,8 @@ impl Recorder {
         }))))
     }
 
-    /// Returns the handle of the servo. `None` if nothing is recorded, or at a second call.
+    /// Returns the handle by which the servo records its periods. `None` if nothing is recorded, or
+    /// at a second call.
     #[must_use]
     pub fn ticks(&self) -> Option<Ticks> {
         let shared = self.0.as_ref()?;
@@ -195,19 +198,20 @@ impl Recorder {
         self.0.is_some()
     }
 
-    /// Returns the latest period of 2 ms in which an entry was recorded, servo records aside.
+    /// Returns the latest period of 2 ms in which anything but a servo record was recorded.
     #[must_use]
     pub(crate) fn latest(&self) -> u64 {
         self.0.as_ref().map_or(0, |shared| shared.counts.latest.load(Ordering::Relaxed))
     }
 
-    /// Records an entry at the beginning of a period of 2 ms.
+    /// Records an entry with the time of the beginning of a period of 2 ms. `entry` is not called
+    /// if nothing is recorded.
     pub fn record(&self, period: u64, entry: impl FnOnce() -> Entry) {
         self.record_some(period, || Some(entry()));
     }
 
-    /// Records the entry if there is one, at the beginning of a period of 2 ms. `entry` is not
-    /// called if nothing is recorded.
+    /// Records the entry that `entry` returns, if any, with the time of the beginning of a period
+    /// of 2 ms. `entry` is not called if nothing is recorded.
     pub(crate) fn record_some(&self, period: u64, entry: impl FnOnce() -> Option<Entry>) {
         let Some(shared) = &self.0 else { return };
         let Some(entry) = entry() else { return };
@@ -315,7 +319,7 @@ enum Next {
 }
 
 impl Clerk {
-    /// Writes all items until the run is over, and ends the file.
+    /// Writes all servo records and entries until the run is over, and ends the file.
     fn work<W: Write + Seek>(
         mut self,
         to: W,
@@ -337,7 +341,8 @@ impl Clerk {
         self.end(file)
     }
 
-    /// Begins the file. If that fails, all items are counted as lost.
+    /// Begins the file. If that fails, returns `None`, and everything that follows is counted as
+    /// lost.
     fn begin<W: Write + Seek>(&mut self, to: W) -> Option<File<W>> {
         let begun = File::begin(to).map_err(|why| why.to_string()).and_then(|mut file| {
             self.writer.begin(&mut file).map_err(|why| why.to_string())?;
@@ -423,8 +428,8 @@ impl Clerk {
         Written { messages, lost: put.saturating_sub(messages), failure: self.failure, aside }
     }
 
-    /// Renames the file to its final path by `how`. A failure is logged: the recording stays under
-    /// its temporary path.
+    /// Renames the file to its final path by calling `how`. A failure is logged, and the file stays
+    /// under its temporary path.
     fn rename(&mut self, how: impl FnOnce(&mut Place) -> std::io::Result<()>) {
         if let Some(place) = &mut self.place
             && let Err(why) = how(place)
@@ -433,8 +438,9 @@ impl Clerk {
         }
     }
 
-    /// Handles the result of writing an item of `messages` messages. A failure ends the writing;
-    /// without a file all messages are lost.
+    /// Handles the result of writing an item that makes `messages` messages; `written` is `None` if
+    /// there is no file any more, and the messages are then lost. A failure ends the writing to the
+    /// file.
     fn settle<F>(
         &mut self,
         file: &mut Option<F>,

@@ -22,7 +22,8 @@ pub struct Saved {
     pub end: End,
 }
 
-/// Copies all that can be read of `from` to `to`.
+/// Copies all that can be read of the recording `from`, which may be cut off or damaged, to a whole
+/// recording `to`.
 ///
 /// # Errors
 /// Error of the device of `to`.
@@ -86,7 +87,7 @@ struct WrittenChannel {
 }
 
 impl<W: Write + Seek> WholeFile<W> {
-    /// Writes a message, after its channel if it is the first one of it.
+    /// Writes a message, and before the first message of a channel the channel itself.
     fn write(&mut self, message: &Message) -> Result<(), Unwritten> {
         let channel = self.channel(&message.channel)?;
         channel.sequence += 1;
@@ -100,7 +101,8 @@ impl<W: Write + Seek> WholeFile<W> {
         Ok(())
     }
 
-    /// Returns the new file's channel for one of the original; creates it if there is none yet.
+    /// Returns the channel of the new file that stands for `original`, a channel of the old one;
+    /// creates it if there is none yet.
     fn channel(&mut self, original: &Arc<Channel>) -> Result<&mut WrittenChannel, Unwritten> {
         let Self { writer, channels, schemas } = self;
         let place = match channels.entry(Arc::as_ptr(original) as usize) {

@@ -90,7 +90,7 @@ mod tests {
 
     /// A record that is hashed at once gives the hash of its words one by one.
     #[test]
-    fn record_hash_equals_hash_word_by_word() {
+    fn record_hash_equals_hash_of_its_words() {
         let (hash, mut words) = (RunHash::default(), DefaultHasher::default());
         // The message has an odd length, so no later word begins where a word of the hash does.
         hash.message("mp", "ecp", &1.0_f64);
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn one_increment_changes_both_hashes() {
+    fn one_encoder_increment_changes_both_hashes() {
         let (a, b) = (RunHash::default(), RunHash::default());
         a.message("mp", "ecp", &1.0_f64);
         b.message("mp", "ecp", &1.0_f64);
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn message_changes_the_run_hash_alone() {
+    fn message_changes_run_hash_but_not_servo_hash() {
         let (a, b) = (RunHash::default(), RunHash::default());
         let before = b.servo_hash();
 

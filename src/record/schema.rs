@@ -56,7 +56,7 @@ impl Kind {
         Self::Operator,
     ];
 
-    /// Returns the name of the type: `package/msg/Type`.
+    /// Returns the ROS name of the message type: `package/msg/Type`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -77,7 +77,7 @@ impl Kind {
         }
     }
 
-    /// Returns the definition of the type, followed by those of all types in it.
+    /// Returns the ROS definition of the message type, followed by those of all types in it.
     #[must_use]
     pub fn schema(self) -> String {
         // A reader knows no types but those in the schema, so each lists its parts, at any depth.
@@ -131,7 +131,7 @@ impl Kind {
             ),
             Self::Sensed => (SENSED, &[TIME]),
             Self::Operator => (
-                "# Input of the operator, as JSON, and the servo period in which the controller \
+                "# Input of the operator, as JSON, and the period of 2 ms in which the controller \
                  received it.\nbuiltin_interfaces/Time stamp\nuint64 period\nstring command\n",
                 &[TIME],
             ),
@@ -243,7 +243,7 @@ string[] holders
 const SENSED: &str = "\
 # Result of a virtual sensor, to the bit: an input of the controller.
 builtin_interfaces/Time stamp
-# Servo period of the exposure.
+# Period of 2 ms in which the sensor was asked.
 uint64 period
 string sensor
 # Request to the sensor, as JSON or text.

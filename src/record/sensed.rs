@@ -42,7 +42,7 @@ const CUBE: u8 = 0;
 const FACE: u8 = 1;
 
 impl Sensed {
-    /// Writes the message at `stamp` (ns).
+    /// Encodes this answer of a sensor as a message with the time stamp `stamp` (ns).
     pub fn write(&self, stamp: u64, to: &mut Writer) {
         to.time(stamp);
         to.u64(self.period);
@@ -73,7 +73,7 @@ impl Sensed {
         to.f64_sequence(&values);
     }
 
-    /// Reads a message.
+    /// Decodes the message of an answer of a sensor.
     ///
     /// # Errors
     /// [`Malformed`].
@@ -101,7 +101,7 @@ impl Sensed {
     }
 }
 
-/// Returns the numbers of a pose: x y z (m), qx qy qz qw.
+/// Returns a pose as seven numbers: x y z (m), then the quaternion qx qy qz qw.
 #[must_use]
 pub(crate) fn pose_numbers(pose: &Pose) -> [f64; 7] {
     let (t, q) = (&pose.translation.vector, &pose.rotation.coords);
@@ -131,7 +131,8 @@ impl<I: Iterator<Item = f64>> Values<I> {
         Ok(Pose::from_parts(Translation3::from(Vector3::new(x, y, z)), rotation))
     }
 
-    /// Reads a face, in the order in which [`Sensed::write`] writes it.
+    /// Reads the numbers of a face that was read, in the order in which [`Sensed::write`] writes
+    /// them.
     fn face(&mut self) -> Result<FaceReading, Malformed> {
         let mut rgb = [[0.0; 3]; 9];
         for tile in &mut rgb {

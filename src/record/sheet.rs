@@ -123,7 +123,8 @@ struct CameraTopics {
 type Done = Result<(), Unwritten>;
 
 impl MessageWriter {
-    /// Makes the converter for a run.
+    /// Makes the converter that turns a run's servo records and events into messages of the
+    /// recording.
     #[must_use]
     pub fn new(about: RunInfo) -> Self {
         let cell = &about.cell;
@@ -172,7 +173,7 @@ impl MessageWriter {
         self.pen.messages
     }
 
-    /// Returns the number of messages that [`Self::tick`] makes of a servo record.
+    /// Returns the number of messages that [`Self::tick`] writes for a servo record.
     #[must_use]
     pub(crate) fn messages_of(&self, record: &ServoRecord) -> u64 {
         let period = self.about.length.tick(record.period);
@@ -181,7 +182,8 @@ impl MessageWriter {
         1 + each(STATES) + each(FRAMES)
     }
 
-    /// Returns number and median of the times that reading a face took; empty if no face was read.
+    /// Returns the number of faces that were read and the median time of reading one (s), as texts
+    /// by name; empty if no face was read.
     #[must_use]
     pub fn vision(&mut self) -> BTreeMap<String, String> {
         self.faces.sort_by(f64::total_cmp);
@@ -191,13 +193,14 @@ impl MessageWriter {
         facts.map(|(name, value)| (name.to_owned(), value)).into()
     }
 
-    /// Returns the period of 2 ms in which a servo period begins.
+    /// Converts a servo period, which may have another length, to the period of 2 ms in which it
+    /// begins.
     #[must_use]
     pub(crate) fn tick_of(&self, period: u64) -> u64 {
         self.about.length.tick(period)
     }
 
-    /// Writes the description of the run and all messages that come once.
+    /// Writes the metadata of the run, its scenario, and all messages that come once.
     ///
     /// # Errors
     /// Error of the device.
@@ -228,7 +231,8 @@ impl MessageWriter {
         file.flush()
     }
 
-    /// Writes a servo record: the tick, and at its times the standard messages that follow from it.
+    /// Writes a servo record as a message, and at lower rates the standard ROS messages that follow
+    /// from it.
     ///
     /// # Errors
     /// Error of the device.
@@ -253,7 +257,7 @@ impl MessageWriter {
         Ok(())
     }
 
-    /// Writes joint state and wrench of an arm.
+    /// Writes joint state and wrench of an arm; `time` is their time stamp (ns).
     fn states<W: Write + Seek>(
         &mut self,
         arm: usize,
@@ -277,7 +281,8 @@ impl MessageWriter {
         })
     }
 
-    /// Writes the transforms of an arm's moving links, and the pose of its tool in the world.
+    /// Writes the transforms of an arm's moving links, and the pose of its tool in the world;
+    /// `time` is their time stamp (ns).
     fn frames<W: Write + Seek>(
         &mut self,
         arm: usize,
@@ -301,7 +306,7 @@ impl MessageWriter {
         })
     }
 
-    /// Writes an entry at the beginning of a period of 2 ms.
+    /// Writes an entry with the time of the beginning of a period of 2 ms.
     ///
     /// # Errors
     /// Error of the device.
@@ -373,8 +378,8 @@ impl MessageWriter {
         self.known(time, file)
     }
 
-    /// Writes the belief if it has changed, the plan if it is a new one, and the state of the cube
-    /// if it has changed.
+    /// Writes the belief `now` if it differs from the last one, and each part of it that has
+    /// changed as a message of its own: the plan, the state of the cube.
     fn belief<W: Write + Seek>(&mut self, time: u64, now: &Picture, file: &mut File<W>) -> Done {
         if self.belief.as_ref() == Some(now) {
             return Ok(());
@@ -397,7 +402,8 @@ impl MessageWriter {
         self.known(time, file)
     }
 
-    /// Writes the state of the cube, with the colours of the plant's cube.
+    /// Writes the state of the cube: as the controller believes it, and the true colours of the
+    /// plant's cube.
     fn known<W: Write + Seek>(&mut self, time: u64, file: &mut File<W>) -> Done {
         self.cube.truth.clone_from(&self.truth);
         let known = &self.cube;
@@ -413,7 +419,7 @@ impl MessageWriter {
 }
 
 impl Pen {
-    /// Writes a message to a topic of this type. `fill` writes its fields.
+    /// Writes a message of type `kind` to `topic` at `time` (ns). `fill` writes its fields.
     fn put<W: Write + Seek>(
         &mut self,
         file: &mut File<W>,

@@ -60,7 +60,7 @@ pub(crate) fn picture(to: &mut Writer, stamp: u64, frame: &str, jpeg: &[u8]) {
     to.u8_sequence(jpeg);
 }
 
-/// Writes a `sensor_msgs/CameraInfo`: a pinhole with two radial coefficients.
+/// Writes a `sensor_msgs/CameraInfo`: a pinhole camera with two radial coefficients.
 pub(crate) fn camera_info(to: &mut Writer, stamp: u64, frame: &str, camera: &Intrinsics) {
     let ((fx, fy), (cx, cy)) = (camera.focal, camera.centre);
     to.header(stamp, frame);
@@ -105,7 +105,7 @@ pub(crate) fn log(to: &mut Writer, stamp: u64, class: Class, name: &str, message
 /// Text of the field `function` for a non-fatal error.
 const NON_FATAL: &str = "non_fatal";
 
-/// Reads a message of the log: class, name, text.
+/// Decodes an `rcl_interfaces/Log` as `log` writes it: class, name of the actor, text.
 ///
 /// # Errors
 /// [`Malformed`].
@@ -134,7 +134,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn log_message_keeps_its_class() {
+    fn decoded_log_message_keeps_its_severity_class() {
         let all = [Class::Info, Class::Warning, Class::NonFatal, Class::System, Class::Fatal];
         for class in all {
             let mut to = Writer::new(Vec::new());

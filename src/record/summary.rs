@@ -277,8 +277,9 @@ impl Summary {
         factor(self.sim_time_s, self.wall_time_s)
     }
 
-    /// Returns one line of JSON. JSON has no NaN and no infinity. A figure with one of these values
-    /// becomes the largest number instead of `null`, so that it fails each test of an upper limit.
+    /// Returns the summary as one line of JSON. JSON has no NaN and no infinity. A figure with one
+    /// of these values becomes the largest number instead of `null`, so that it fails each test of
+    /// an upper limit.
     #[must_use]
     pub fn json(&self) -> String {
         let mut clean = self.clone();
@@ -296,7 +297,7 @@ impl Summary {
         serde_json::to_string(&clean).unwrap_or_else(|error| format!("{{\"error\":\"{error}\"}}"))
     }
 
-    /// Returns the table for the operator, with an end of line after each row.
+    /// Returns the summary as a table for the operator, with an end of line after each row.
     #[must_use]
     pub fn table(&self) -> String {
         // Times, figures, cubes and hashes, and last the verdict, which is then next to the prompt.
@@ -327,7 +328,8 @@ impl Summary {
         t
     }
 
-    /// Adds a row for each phase, for the whole run, and for the expectation of the plan.
+    /// Adds to the table a row for each phase, one for the whole run, and the time that the plan
+    /// expected.
     fn add_phases(&self, t: &mut String) {
         row(t, "phase", "simulated time, ratio to real time");
         for phase in &self.phases {
@@ -340,8 +342,8 @@ impl Summary {
         }
     }
 
-    /// Adds the figures of mission and plant. Rows that most runs do not need appear only if there
-    /// is something to report.
+    /// Adds to the table the figures of mission and plant. Rows that most runs do not need appear
+    /// only if there is something to report.
     fn add_figures(&self, t: &mut String) {
         let peak = |force: Option<f64>, torque: Option<f64>| {
             known(force.zip(torque), |(force, torque)| format!("{force:.1} N, {torque:.2} Nm"))
@@ -453,7 +455,7 @@ mod tests {
     }
 
     #[test]
-    fn json_has_no_null_peaks_and_one_line() {
+    fn summary_json_has_one_line_without_null_peaks() {
         let mut s = summary();
         s.sensors.push(SensorPeak {
             effector: "track".into(),
@@ -481,7 +483,7 @@ mod tests {
     }
 
     #[test]
-    fn exit_code_follows_verdict_and_class() {
+    fn exit_code_follows_verdict_and_cause_of_end() {
         let mut s = summary();
         assert_eq!(s.exit_code(), 0);
         s.ended_by = EndedBy::Interrupt;
@@ -502,7 +504,7 @@ mod tests {
     }
 
     #[test]
-    fn table_has_phases_and_the_verdict_last() {
+    fn table_lists_phases_and_ends_with_verdict() {
         let table = summary().table();
 
         assert!(table.contains("acquire"));

@@ -58,7 +58,7 @@ pub struct Difference {
     pub now: String,
 }
 
-/// Writes a record as a message at `stamp` (ns).
+/// Encodes a servo record as a message `ServoTick` with the time stamp `stamp` (ns).
 pub fn write(record: &ServoRecord, stamp: u64, to: &mut Writer) {
     let ServoRecord { reading, drive, state, .. } = record;
     // The order is that of `ServoTick` in the schema; `Tick::read` must follow it.
@@ -124,7 +124,7 @@ fn depth_number(depth: Depth) -> u8 {
     }
 }
 
-/// Returns a hash over readings, command, drives and state of a record.
+/// Returns a hash over the readings, the command, the drives and the state of a servo record.
 fn check(record: &ServoRecord) -> u64 {
     let mut hasher = DefaultHasher::new();
     record.feed(&mut |bytes| hasher.write(bytes));
@@ -132,7 +132,7 @@ fn check(record: &ServoRecord) -> u64 {
 }
 
 impl Tick {
-    /// Reads a message.
+    /// Decodes a message `ServoTick`.
     ///
     /// # Errors
     /// `Malformed`.
@@ -196,7 +196,7 @@ impl Tick {
         })
     }
 
-    /// Returns the tick of a record of this run, in the form in which a recording holds it.
+    /// Returns the tick that a recording holds for this servo record, without encoding it.
     #[must_use]
     pub fn of(record: &ServoRecord) -> Self {
         let state = &record.state;
@@ -218,7 +218,8 @@ impl Tick {
         }
     }
 
-    /// Returns the further inputs of the servo in this period.
+    /// Returns what else acted on the servo in this period besides reading and command: missed
+    /// periods, a stop and its reason.
     ///
     /// # Errors
     /// The recorded text if it is no [`Outside`].
@@ -294,7 +295,8 @@ impl Tick {
     }
 }
 
-/// Compares a single value.
+/// Compares the recorded and the present value of a field. Returns the difference, `None` if there
+/// is none.
 fn one<T: Debug + PartialEq>(field: &str, recorded: &T, now: &T) -> Option<Difference> {
     (recorded != now).then(|| Difference {
         field: field.to_owned(),
@@ -303,7 +305,8 @@ fn one<T: Debug + PartialEq>(field: &str, recorded: &T, now: &T) -> Option<Diffe
     })
 }
 
-/// Compares two arrays. The field has the index of the first difference.
+/// Compares the recorded and the present array of a field; `same` tells whether two values are
+/// equal. The difference names the index of the first unequal values.
 fn each<T: Debug>(
     field: &str,
     recorded: &[T],
@@ -318,8 +321,8 @@ fn each<T: Debug>(
     })
 }
 
-/// Compares two commands. The field is the path to the first difference, as in
-/// `command.Move.command.periods`.
+/// Compares two commands to a servo, as JSON. The difference names the path to the first unequal
+/// value, as in `command.Move.command.periods`.
 fn order_difference(recorded: &str, now: &str) -> Option<Difference> {
     if recorded == now {
         return None;
@@ -336,8 +339,8 @@ fn or_none(text: &str) -> String {
     if text.is_empty() { "nothing".to_owned() } else { text.to_owned() }
 }
 
-/// Finds the first difference of two JSON values, in the order of `a`. Values of different form
-/// are compared as a whole.
+/// Finds the first difference of two JSON values, in the order of `a`; `path` is where they are in
+/// the whole command. Values of different form are compared as a whole.
 fn json_difference(path: &str, a: &serde_json::Value, b: &serde_json::Value) -> Option<Difference> {
     use serde_json::Value;
     match (a, b) {
@@ -397,7 +400,7 @@ mod tests {
     }
 
     #[test]
-    fn difference_names_the_first_field() {
+    fn difference_names_first_unequal_field() {
         let mut other = record();
         other.drive.pwm[3] = 12;
         let found = recorded(&record()).difference(&Tick::of(&other)).unwrap();

@@ -14,7 +14,8 @@ pub(super) struct BridgeLog {
 }
 
 impl BridgeLog {
-    /// Starts the thread; the arms of `cell` give the effectors their names.
+    /// Starts the thread that logs the `notes` of a bridge. The effectors in them get the names of
+    /// the arms of `cell`.
     pub(super) fn start(mut notes: rtrb::Consumer<Note>, cell: &Cell) -> Self {
         let effectors = cell.arms.iter().map(|arm| arm.name.clone()).collect();
         let stop = Arc::new(AtomicBool::new(false));

@@ -85,8 +85,8 @@ const EXPOSURES: [f64; 3] = [1.0, 1.8, 0.55];
 /// Least number of grooves that a usable view shows.
 const LEAST_GROOVES: usize = 10;
 
-/// Calibrates a camera of a scenario, or all cameras if `camera` is `None`. `report` is called with
-/// a line of text as each camera begins.
+/// Calibrates a camera of a scenario, or all cameras if `camera` is `None`, each with pictures from
+/// `views` poses of an arm. `report` is called with a line of text as each camera begins.
 ///
 /// # Errors
 /// If the cell does not have two arms, no poses are found, or an arm stops. A camera that cannot be
@@ -131,10 +131,12 @@ pub(crate) fn run(
     Ok(reports)
 }
 
-/// Returns the scenario with the cameras as a calibration in its cell finds them, if it asks for
-/// one and its task takes the cube from the operator. This is a workshop's work before a run; the
-/// plant's truth stays drawn around the scenario as it was read. Also returns the cameras that
-/// could not be calibrated, each with the reason; the run uses the scenario's own values for those.
+/// Returns the scenario with the cameras calibrated in its simulated cell, as a workshop does
+/// before a run, if the scenario asks for this and its task takes the cube from the operator.
+/// Otherwise returns the scenario unchanged.
+///
+/// Also returns the cameras that could not be calibrated, each with the reason; they keep the
+/// scenario's values.
 pub(super) fn believed(scenario: &Scenario) -> (Cow<'_, Scenario>, Vec<String>) {
     let (mut believed, mut failed) = (Cow::Borrowed(scenario), Vec::new());
     // Only a hand-over needs the stand-alone camera in the frame of the arm. A workshop calibrates
@@ -173,7 +175,8 @@ pub(super) fn believed(scenario: &Scenario) -> (Cow<'_, Scenario>, Vec<String>) 
     (believed, failed)
 }
 
-/// Returns a camera with the optics and the place that the calibration found.
+/// Returns the camera `before` with the optics and the pose of `setup`, the result of its
+/// calibration.
 fn calibrated(before: &Camera, setup: &Setup) -> Camera {
     let lens = &setup.lens;
     let mut camera = before.clone();
@@ -249,8 +252,8 @@ impl Arms {
             .map_err(|e| failed(&e.to_string()))
     }
 
-    /// Moves an arm to joint positions and lets it come to rest. Returns false if the servo refused
-    /// a command on the way.
+    /// Moves an arm to joint positions and lets it come to rest. `manner` has its speeds; `jaw` is
+    /// the grip that each command repeats. Returns `false` if the servo refused a command.
     ///
     /// # Errors
     /// If an arm or the port fails.
@@ -297,7 +300,7 @@ struct Taken {
     truths: Vec<Pose>,
 }
 
-/// Calibrates a camera in a plant of its own, by a plan.
+/// Calibrates the camera with this index in a simulated plant of its own, at the poses of `plan`.
 ///
 /// # Errors
 /// If the plant cannot be created, or an arm or the port fails.
@@ -323,6 +326,7 @@ fn perform(scenario: &Scenario, index: usize, plan: &Plan) -> Result<Report, Err
 }
 
 /// Moves the arm through the poses of a plan and takes a picture at each pose that it reaches.
+/// `source` is the camera, which renders the scene that is written to `scenes`.
 ///
 /// # Errors
 /// If an arm or the port fails.
@@ -378,9 +382,10 @@ fn take_pictures(
     Ok(taken)
 }
 
-/// Takes a picture with the first exposure that shows the cube; returns the last one if none does.
-/// The cell's light is not the light for which the nominal exposure was chosen, so the exposure
-/// that worked for the last pose (`served`, an index of [`EXPOSURES`]) is tried first.
+/// Takes a picture of the cube at the arm's pose `pose`: with the first of several exposures that
+/// shows the cube, or with the last one if none does. The exposure that worked for the last pose
+/// (`served`, an index of [`EXPOSURES`]) is tried first, since the nominal exposure was not chosen
+/// for this cell's light.
 fn picture(
     plan: &Plan,
     pose: &Pose,
@@ -402,7 +407,8 @@ fn picture(
     kept
 }
 
-/// Compares the result with the plant's truth, for the operator's information alone.
+/// Compares a camera's calibration `found`, made from `taken`, with the plant's true camera, for
+/// the operator's information alone.
 fn compare(
     cell: &Cell,
     index: usize,
@@ -433,8 +439,9 @@ fn compare(
     Report { camera: index, found, views: (0, 0), time: 0.0, errors, sag, hand }
 }
 
-/// Adjusts the camera to the frames, in two rounds: the second one finds the grooves again with the
-/// optics of the first. Returns the result and the number of usable views.
+/// Computes optics and pose of the camera from the frames (arm's pose by its encoders, picture), in
+/// two rounds: the second one finds the cube's grooves again with the optics of the first. Returns
+/// the result and the number of usable frames.
 fn adjust(plan: &Plan, frames: &[(Pose, RgbImage)]) -> (Result<Calibrated, NotCalibrated>, usize) {
     let mut setup = plan.guess;
     let mut result = Err(NotCalibrated::TooFewViews { views: 0 });
@@ -453,9 +460,9 @@ fn adjust(plan: &Plan, frames: &[(Pose, RgbImage)]) -> (Result<Calibrated, NotCa
     (result, used)
 }
 
-/// Finds the grooves of the cube in a frame, near the place that `setup` and the arm's pose
-/// predict. Returns `None` if the cube is not found there or shows fewer than [`LEAST_GROOVES`]
-/// grooves.
+/// Finds the grooves of the cube in a frame, near the pose in the picture that `setup` and the
+/// arm's pose predict. Returns `None` if the cube is not found there or shows fewer than
+/// [`LEAST_GROOVES`] grooves.
 fn view(rig: Rig, setup: &Setup, arm: &Pose, image: &RgbImage) -> Option<View> {
     // camera_from_cube = camera^-1 * motion * cube, where the arm moves the cube or the camera.
     let motion = match rig {
@@ -477,7 +484,7 @@ fn view(rig: Rig, setup: &Setup, arm: &Pose, image: &RgbImage) -> Option<View> {
     (grooves.len() >= LEAST_GROOVES).then_some(View { arm: *arm, grooves })
 }
 
-/// Returns whether a located cube may be the predicted one: its centre within 40 mm, its
+/// Returns whether a cube found in a picture may be the expected one: its centre within 40 mm, its
 /// orientation within 0.2 rad after one of the 24 rotations of a cube. Rejects other things that
 /// look like a cube.
 fn agrees(location: &CubeLocation, expected: &Pose) -> bool {
@@ -496,9 +503,10 @@ fn place(camera: &Camera) -> Pose {
     }
 }
 
-/// Computes how far the tool is from where a standing camera at `camera` and the encoders together
-/// expect it, r.m.s. over all frames: across the line of sight, and along it (m). Returns zeros for
-/// a camera in a hand, which the take of the cube does not use.
+/// Computes the distance of the true tool (`truths`) from where the encoders and a standing camera
+/// at `camera` together expect it, r.m.s. over all frames: across and along the line of sight (m).
+/// The true camera is at `real`. Returns zeros for a camera in a hand, since the take of the cube
+/// does not use one.
 fn hand_errors(
     rig: Rig,
     real: &Pose,
@@ -521,8 +529,8 @@ fn hand_errors(
     sums.map(|sum| (sum / frames.len() as f64).sqrt())
 }
 
-/// Computes the errors of a lens and a camera's place against the true camera; `distance` is the
-/// working distance (m).
+/// Computes the errors of a calibrated camera, `lens` and pose `found`, against the true camera;
+/// `distance` is the working distance (m).
 fn errors(truth: &Camera, lens: &Lens, found: &Pose, distance: f64) -> Errors {
     let optics: &Intrinsics = &truth.intrinsics;
     let real = place(truth);
@@ -565,7 +573,7 @@ mod tests {
     }
 
     #[test]
-    fn cell_is_calibrated_only_before_hand_over() {
+    fn cell_is_calibrated_only_for_hand_over_tasks() {
         let text = |task: &str| format!("task = \"{task}\"\nseed = 5");
         let of = |task| scenario::read(Path::new("test.toml"), &text(task), &[]).unwrap();
         let (acquire, idle) = (of("acquire"), of("idle"));

@@ -44,14 +44,15 @@ pub(super) struct Plan {
     pub(super) distance: f64,
 }
 
-/// Returns the `tool_from_cube` of a hold by one layer, which covers little of the cube.
+/// Returns the `tool_from_cube` of a cube that a hand holds by one layer, so that it covers little
+/// of the cube.
 fn held(edge: f64) -> Pose {
     let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
     hold.cube_from_tool(false, edge).inverse()
 }
 
-/// Returns the joint positions of a flange pose that are nearest to `near` and at least [`MARGIN`]
-/// from the limits of all motors; `None` if there are none.
+/// Returns the joint positions of an arm for a pose of its flange: those nearest to `near` among
+/// the ones at least [`MARGIN`] from the limits of all motors; `None` if there are none.
 fn reach(
     cell: &Cell,
     arm: usize,
@@ -88,7 +89,7 @@ const TURNED: f64 = 0.35;
 /// Least height of the cube above the table while it is shown (m).
 const ABOVE_TABLE: f64 = 0.15;
 
-/// Returns the orientation of the tool that takes a cube, in the world.
+/// Returns the orientation of the tool in the world when it takes the cube from the operator.
 fn take_rotation(cell: &Cell) -> UnitQuaternion<f64> {
     let (z, y) = cell.taking();
     pose_from_axes(y.cross(&z), y, z, Point3::origin()).rotation
@@ -116,16 +117,16 @@ fn hides_faces(world_from_camera: &Pose, world_from_cube: &Pose, world_from_tool
     towards.z < -0.25 || oblique > 0.97
 }
 
-/// Returns the distance at which a camera works (m): that of the hand-over, but no nearer than
-/// where the cube's edge spans a third of the picture's `width` (px).
+/// Returns the working distance of a standing camera (m): its distance from the hand-over, but at
+/// least that at which the cube's edge spans a third of the picture's `width` (px).
 fn working_distance(cell: &Cell, lens: &Lens, width: f64, world_from_camera: &Pose) -> f64 {
     let near = 3.0 * cell.cube.edge * lens.focal.0 / width;
     let hand = cell.hand.world_from_cube.translation.vector;
     (hand - world_from_camera.translation.vector).norm().max(near)
 }
 
-/// Plans the views in which the track arm shows the cube to a standing camera. Returns `None` if no
-/// pose is found.
+/// Plans the poses in which the track arm shows the cube to a standing camera; `draw` is their
+/// number and the seed. Returns `None` if no pose is found.
 pub(super) fn standing_plan(
     cell: &Cell,
     camera: &Camera,
@@ -193,9 +194,10 @@ pub(super) fn standing_plan(
     })
 }
 
-/// Plans the views of a camera in the hand of `arm`: the other arm holds the cube still, and the
-/// camera looks at its free face from many sides. Returns `None` if the arms have no meeting in
-/// which one hand looks at the other's cube, or no camera of the cell is mounted there.
+/// Plans the poses of `arm` in which the camera in its hand looks at the cube, which the other arm
+/// holds still, from many sides; `draw` is their number and the seed. Returns `None` if the arms
+/// have no meeting in which one hand looks at the other's cube, or no camera of the cell is mounted
+/// there.
 pub(super) fn in_hand_plan(
     cell: &Cell,
     arm: usize,
@@ -265,7 +267,8 @@ pub(super) fn in_hand_plan(
     })
 }
 
-/// Sorts the poses: after each pose comes the nearest of the remaining ones, by its farthest joint.
+/// Sorts joint positions: each is followed by the nearest of the remaining ones, where the joint
+/// that moves farthest counts.
 fn in_order(mut poses: Vec<JointPositions>) -> Vec<JointPositions> {
     for i in 1..poses.len() {
         let apart = |joints: &JointPositions| {

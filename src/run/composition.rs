@@ -85,7 +85,8 @@ impl Beginning {
         Ok(Self { start, clearance, bounds })
     }
 
-    /// Returns the facts of the plant at the end; `None` for hardware.
+    /// Returns the facts of the plant at the end of a run: these from its beginning, the plant's
+    /// verdict, and the number of jams; `None` for hardware.
     fn truth(self, verdict: Option<Verdict>, jams: u32) -> Option<Truth> {
         let Self { start, clearance, bounds } = self;
         let truth = |(start, verdict)| Truth { start, clearance, bounds, verdict, jams };
@@ -120,7 +121,8 @@ impl Jams {
 }
 
 impl Composition<'_> {
-    /// Performs the run from the operator's start on.
+    /// Performs the run, from the operator's start to the verdict. `goal` is that of the cube's
+    /// task, `plan` the geometry with which it begins, `logbook` the journal.
     ///
     /// # Errors
     /// If a part cannot be created, or an arm cannot be synchronised. Errors of the task are in
@@ -164,13 +166,16 @@ impl Composition<'_> {
         Ok(Done { goal, performed, truth, by_hand, hash, servo_hash, uncalibrated })
     }
 
-    /// Puts a gate between operator and run, under virtual time only. Returns it for the driver.
+    /// Puts a gate between operator and run, so that inputs pass between two periods only. Returns
+    /// the gate, which the servos' driver opens after each period; `None` under the wall clock,
+    /// which has no gate.
     fn close_gate(&mut self) -> Option<Gate> {
         (self.scenario.pace == Pace::Virtual)
             .then(|| self.operator.close_gate(self.playback.as_ref()))
     }
 
-    /// Starts the servos over their world, with the observers of the plant.
+    /// Starts the servos in `world`, with the observers of the plant. Returns the servos and the
+    /// counter of jams.
     ///
     /// # Errors
     /// If a servo or its driver cannot be created.
@@ -211,7 +216,8 @@ impl Composition<'_> {
         Ok((start_servos(&drive, world, parts)?, jams))
     }
 
-    /// Returns the services of the actors.
+    /// Returns what all actors share, such as `clock`, the operator's control, trace and
+    /// supervision.
     fn services(&self, clock: Clock) -> Services {
         let pace = self.scenario.pace;
         Services {
@@ -225,7 +231,9 @@ impl Composition<'_> {
         }
     }
 
-    /// Starts all actors below MP and synchronises the arms.
+    /// Starts all actors below MP and synchronises the arms. `by_hand` is whether the operator
+    /// moves the arms, `resumes` whether the run continues an interrupted one; neither run
+    /// synchronises them here.
     ///
     /// # Errors
     /// As [`home`] and [`start_actors`].
@@ -242,7 +250,8 @@ impl Composition<'_> {
         start_actors(config, drivers, cameras, services, &self.faults).await
     }
 
-    /// Brings the arms to rest, stops the servos, and returns the world's verdict.
+    /// Brings the arms to rest, stops the servos, and returns the plant's verdict; `None` without a
+    /// plant. A fault of the bridge replaces the error in `ending`.
     ///
     /// # Errors
     /// If the driver of the servos died.

@@ -62,7 +62,8 @@ pub(super) enum Disturbance {
 }
 
 impl Disturbance {
-    /// Returns the camera that the disturbance affects, if it is one of the camera's own.
+    /// Returns the camera that the disturbance affects; `None` if it affects no camera or all of
+    /// them.
     pub(super) fn camera(&self) -> Option<usize> {
         match *self {
             Self::Blackout(camera) | Self::Silent(camera) | Self::Late(camera, _) => Some(camera),
@@ -89,7 +90,7 @@ impl CameraFaults {
         self.silent.load(Ordering::Acquire)
     }
 
-    /// Returns the delay of the pictures (s).
+    /// Returns the delay of the camera's pictures (s).
     pub(super) fn late(&self) -> f64 {
         self.late.load(Ordering::Acquire) as f64 * 1e-3
     }
@@ -112,7 +113,8 @@ pub(super) struct InjectedFaults {
 }
 
 impl InjectedFaults {
-    /// Creates the flags of a cell with this number of cameras, without any fault.
+    /// Creates the flags of all injected faults, none of them set, for a cell with this number of
+    /// cameras.
     pub(super) fn new(cameras: usize) -> Self {
         Self {
             vsps: (0..cameras).map(|_| Arc::default()).collect(),

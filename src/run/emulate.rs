@@ -77,7 +77,8 @@ struct DeviceFile {
 }
 
 impl DeviceFile {
-    /// Writes the file beside `path` and renames it, so that it appears complete and locked.
+    /// Writes the file of devices at `path` and locks it. It is written under another name first
+    /// and renamed, so that it appears complete and locked.
     ///
     /// # Errors
     /// If the file cannot be written, or `path` is a file that must not be replaced.
@@ -101,7 +102,7 @@ impl DeviceFile {
             })
     }
 
-    /// Returns whether the name still leads to this file. Another emulator may have replaced it.
+    /// Returns whether the path still leads to this file. Another emulator may have replaced it.
     fn is_there(&self) -> std::io::Result<bool> {
         let (at, own) = (std::fs::symlink_metadata(&self.path)?, self.file.metadata()?);
         Ok((at.dev(), at.ino()) == (own.dev(), own.ino()))
@@ -116,9 +117,9 @@ impl Drop for DeviceFile {
     }
 }
 
-/// Creates a file with a text, readable by this user alone, and locks it before it has any content.
-/// In a shared folder the name may already be another user's link, so an existing file is not
-/// opened.
+/// Creates a file that holds `text` and that this user alone can read, and locks it before it has
+/// any content. In a shared folder another user's link may have this name, so an existing file is
+/// not opened.
 ///
 /// # Errors
 /// If the name exists, or the file cannot be written or locked.
@@ -129,7 +130,7 @@ fn locked(path: &Path, text: &str) -> std::io::Result<File> {
     Ok(file)
 }
 
-/// Checks that `path` is free, or is this user's file of an emulator that has ended.
+/// Checks that there is no file at `path`, or one that this user's emulator has left behind.
 ///
 /// # Errors
 /// The reason why the file must not be replaced.
@@ -194,8 +195,8 @@ impl Cameras {
 }
 
 /// Emulates a scenario's cell until its controller disconnects or a signal arrives. `devices` is
-/// the file by which a bridge finds lines and sockets. `announce` is called when all of them are
-/// open, with the real-time rights that were denied.
+/// the path of the file that tells the controller's bridge where lines and sockets are. `announce`
+/// is called when all of them are open, with them and with the real-time rights that were denied.
 ///
 /// # Errors
 /// If a line, socket or file cannot be opened, or the plant fails.
@@ -273,7 +274,7 @@ mod tests {
     /// The file of a running emulator is valid and not replaced. After `kill -9` it is refused as
     /// stale, and the next emulator replaces it.
     #[test]
-    fn device_file_is_valid_while_emulator_runs() {
+    fn device_file_is_valid_only_while_emulator_runs() {
         let folder = Folder::new("emulate-lives");
         let path = folder.0.join("devices.toml");
 
@@ -294,7 +295,7 @@ mod tests {
 
     /// The file has a key that this build does not know.
     #[test]
-    fn locked_file_of_other_build_is_kept() {
+    fn device_file_locked_by_another_build_is_kept() {
         let folder = Folder::new("emulate-build");
         let path = folder.0.join("devices.toml");
         let file = locked(&path, "emulated = true\nof_a_later_build = 1\n").unwrap();
@@ -308,7 +309,7 @@ mod tests {
     /// The emulator writes its file of devices neither through a symbolic link nor over the file of
     /// a real robot. An emulator that ends does not remove the file of its successor.
     #[test]
-    fn emulator_keeps_foreign_device_files() {
+    fn emulator_keeps_device_files_of_robots_and_successors() {
         let folder = Folder::new("emulate-link");
         let (path, other) = (folder.0.join("devices.toml"), folder.0.join("other"));
         std::fs::write(&other, "other").unwrap();

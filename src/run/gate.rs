@@ -43,7 +43,8 @@ pub(super) struct Inner {
 }
 
 impl Gate {
-    /// Passes the inputs at the end of a period, which is numbered in periods of 2 ms.
+    /// Passes the operator's inputs on to the run, at the end of a period of 2 ms, and records
+    /// them.
     pub(super) fn pass(&mut self, period: u64) {
         for input in self.due(period) {
             self.recorder.record(period, || Entry::input(&input));
@@ -51,7 +52,8 @@ impl Gate {
         }
     }
 
-    /// Returns the inputs that take effect from the next period on.
+    /// Returns the inputs that take effect after `period`: those of the recording that is verified,
+    /// if there is one, otherwise those that the operator has given.
     fn due(&mut self, period: u64) -> Vec<Input> {
         let Some(playback) = &self.playback else { return self.given() };
         let mut due = Vec::new();

@@ -35,8 +35,9 @@ struct Kept {
     ways: Vec<Option<MeetingPath>>,
 }
 
-/// Returns the meetings of a cell. If `speeds` are given, the table also has the quickest paths
-/// between the meetings for arms of these speeds.
+/// Returns the table of the meetings of a cell's arms, from the cache or by a search with
+/// `settings`. If `speeds` are given, the table also has the quickest paths between the meetings
+/// for arms of these speeds.
 #[must_use]
 pub(crate) fn of(cell: &Cell, settings: &ReachSettings, speeds: Option<&Speeds>) -> MeetingTable {
     in_folder(Store::for_user().folder(), cell, settings, speeds)
@@ -77,19 +78,25 @@ fn in_folder(
     };
     // Without a cache the next run searches again, which is no error.
     if let Err(error) = keep(&path, &kept) {
-        tracing::info!("the meetings of the cell cannot be saved: {}: {error}", path.display());
+        tracing::info!(
+            "the table of the arms' meetings cannot be saved to {}: {error}; the next run searches \
+             them again",
+            path.display()
+        );
     }
     table
 }
 
-/// Returns the file of a cell. The hash may collide, so the file's own `made_of` decides.
+/// Returns the path of a cell's table in `folder`. It is named by a hash of `made_of`, cell and
+/// settings as text. Two hashes may collide, so the text is also in the file.
 fn path(folder: &Path, made_of: &str) -> PathBuf {
     let mut hasher = DefaultHasher::new();
     made_of.hash(&mut hasher);
     folder.join(format!("{PREFIX}{:016x}.json", hasher.finish()))
 }
 
-/// Returns the version, time and size of this program: a changed search must not use old results.
+/// Returns version, modification time and size of this program: a program with a changed search
+/// must not use old tables.
 fn build_of_this_program() -> String {
     let about = || {
         let about = fs::metadata(running_program().ok()?).ok()?;
@@ -99,7 +106,8 @@ fn build_of_this_program() -> String {
     format!("{} {}", env!("CARGO_PKG_VERSION"), about().unwrap_or_default())
 }
 
-/// Writes a file beside its place and renames it, so that no process reads half of it.
+/// Writes a table to a temporary file and renames it to `path`, so that no process reads half of
+/// it. Also removes the oldest tables if there are too many.
 ///
 /// # Errors
 /// If the folder or the file cannot be written.
@@ -112,7 +120,8 @@ fn keep(path: &Path, kept: &Kept) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Removes the oldest files beyond [`MOST`], so that tables of unused cells do not pile up.
+/// Removes the oldest tables in the folder of `path` beyond [`MOST`], so that those of unused cells
+/// do not pile up.
 fn forget_oldest(path: &Path) {
     let Some(Ok(entries)) = path.parent().map(fs::read_dir) else { return };
     let mut kept: Vec<_> = entries
@@ -139,7 +148,7 @@ mod tests {
     /// A table that is read equals the searched one to the bit. A damaged file and other settings
     /// lead to a new search.
     #[test]
-    fn cache_returns_searched_table() {
+    fn cached_meeting_table_equals_newly_searched_table() {
         let folder =
             std::env::temp_dir().join(format!("rubik-robot-meetings-{}", std::process::id()));
         let (cell, settings) =

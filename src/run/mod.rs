@@ -78,9 +78,10 @@ pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
     run_at(scenario, options, None)
 }
 
-/// Performs a scenario with UIs at the other end of a desk, which show the controller's beliefs and
-/// send commands. As long as they command nothing, a run of the cube's task is the same to the bit
-/// as without them. The idle task waits for their orders until it is terminated.
+/// Performs a scenario with UIs, which show the controller's beliefs and send the operator's
+/// inputs; `desk` is the run's end of the channels to them. As long as they send none, a run of the
+/// cube's task is the same to the bit as without them. The idle task waits for their orders until
+/// it is terminated.
 ///
 /// # Errors
 /// As [`run`].
@@ -92,8 +93,8 @@ pub fn run_at(
     run_with(scenario, options, RunContext { desk, ..RunContext::default() })
 }
 
-/// Performs a scenario with all surroundings: a desk, a recorder, a recording as its world, saved
-/// files, a probe of the plant.
+/// Performs a scenario with everything in `context`: the desk of the UIs, a recorder, a recording
+/// to verify, files of an interrupted run, a probe of the plant.
 ///
 /// # Errors
 /// As [`run`].
@@ -147,7 +148,7 @@ fn conclude(summary: &Summary, ui: Ui, recorder: &Recorder) {
     record_end(recorder, period, outcome::outcome(summary).verdict, summary);
 }
 
-/// Records the end of a run: its verdict as a phase, and its summary.
+/// Records the end of a run: the phase "end" with the verdict `word`, and the summary.
 fn record_end(recorder: &Recorder, period: u64, word: String, summary: &Summary) {
     recorder.record(period, || Entry::Phase("end".to_owned(), word));
     recorder.record(period, || Entry::Facts("summary", vec![("json".into(), summary.json())]));
@@ -215,8 +216,8 @@ fn carried_out(
     done
 }
 
-/// Returns the scenario with the cell as a calibration finds it, and the cameras that could not be
-/// calibrated. Reports the cell to recording and UIs.
+/// Returns the scenario with its cameras calibrated, if it asks for this, and the cameras that
+/// could not be calibrated. Reports the calibrated cell to the recording and the UIs.
 fn believed<'a>(scenario: &'a Scenario, trace: &Trace) -> (Cow<'a, Scenario>, Vec<String>) {
     let (believed, uncalibrated) = calibrate::believed(scenario);
     if let Cow::Owned(Scenario { controller, .. }) = &believed {

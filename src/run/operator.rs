@@ -91,8 +91,9 @@ pub(super) fn start_ui(
 }
 
 impl OperatorChannels {
-    /// Waits until the operator starts the run. No simulated time passes before the start, so a run
-    /// does not depend on the moment of its start.
+    /// Waits until the operator starts the run, and records the start if `waits`, the option to
+    /// wait for one, is set. No simulated time passes before the start, so a run does not depend on
+    /// its moment.
     ///
     /// # Errors
     /// If no UI is left that could start it.
@@ -111,7 +112,8 @@ impl OperatorChannels {
         Ok(())
     }
 
-    /// Puts a gate between the operator and the run. From now on the channels are those behind it.
+    /// Puts a gate between the operator and the run. From now on `self` has the channels behind the
+    /// gate. With a `playback` the gate passes its recorded inputs instead of the operator's.
     pub(super) fn close_gate(&mut self, playback: Option<&Playback>) -> Gate {
         let control = Arc::new(watch::channel(Control::Running).0);
         let (to_mp, inputs) = mpsc::channel(INPUTS);

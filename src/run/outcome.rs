@@ -6,7 +6,7 @@
 //! | case, the first that applies | outcome | ended by |
 //! |---|---|---|
 //! | error of an actor, an arm or the bridge | aborted | system or fatal error |
-//! | arms moved by hand until the operator ended it | solved | operator |
+//! | arms moved by hand until the operator ended the run | solved | operator |
 //! | task without an end | aborted | operator |
 //! | hardware | as the controller believes | task |
 //! | the controller believes it is done, and the plant confirms it | solved | task |
@@ -69,13 +69,13 @@ pub(super) struct Truth {
 }
 
 impl Truth {
-    /// Returns the cube at the end.
+    /// Returns the colours of the plant's cube at the end.
     fn end(&self) -> Facelets {
         Facelets::try_from(self.verdict.facelets).unwrap_or(self.start)
     }
 }
 
-/// Returns the summary of a run whose task never began.
+/// Returns the summary of a run that `error` ended before its task began.
 #[must_use]
 pub(crate) fn not_begun(scenario: &Scenario, error: &Error) -> Summary {
     let ended_by = match error {
@@ -149,7 +149,8 @@ pub(super) fn summary(
     }
 }
 
-/// Returns the angle by which a face turn has turned its layer, in the ordered sense (deg).
+/// Returns the angle by which the plant's layer was turned (deg), positive in the ordered sense;
+/// `None` unless the task is a face turn in a plant.
 fn turned_deg(goal: Option<Goal>, verdict: Option<&Verdict>) -> Option<f64> {
     match goal {
         // The turner holds the upper layer, so clockwise seen from outside is negative about +z.
@@ -176,7 +177,8 @@ fn phases(ending: &Ending, ended: Instant) -> Vec<Phase> {
         .collect()
 }
 
-/// Returns the peaks of each wrist: the plant's, and the sensor's.
+/// Returns the largest force and torque at each wrist: the true ones of the plant, and those that
+/// the sensor measured.
 fn sensor_peaks(
     config: &ControllerConfig,
     ending: &Ending,
@@ -193,7 +195,7 @@ fn sensor_peaks(
     .collect()
 }
 
-/// Returns the plant's greatest values in the units of a summary.
+/// Converts the plant's largest loads of motors and arms to the units of a summary.
 pub(crate) fn exertion(most: &plant::Exertion) -> Exertion {
     Exertion {
         current_share: most.current,
@@ -213,8 +215,9 @@ fn accidents(verdict: &Verdict, config: &ControllerConfig, period: f64) -> Vec<A
     events.map(|(time_s, _, what)| Accident { time_s, what }).collect()
 }
 
-/// Returns the verdict, its reason and the cause of the end, by the table in the module's head. The
-/// plant must confirm the controller's success; hardware has only the controller's account.
+/// Returns the verdict on a run, its reason and the cause of its end. The plant must confirm the
+/// controller's success: `end` is its cube at the end, `turned_deg` the true angle of a face turn.
+/// On hardware both are `None`, and the controller's account decides.
 fn verdict_of(
     done: &Done,
     end: Option<&Facelets>,
@@ -225,15 +228,15 @@ fn verdict_of(
     if let Some(error) = &ending.error {
         let ended_by =
             if matches!(error, Error::System { .. }) { EndedBy::System } else { EndedBy::Fatal };
-        return (Outcome::Aborted, format!("{error}{}", placed(whereabouts)), ended_by);
+        return (Outcome::Aborted, format!("{error}{}", place_clause(whereabouts)), ended_by);
     }
     if ending.finish.is_none() && done.by_hand {
-        let reason = "the arms were moved by hand until the operator ended it".to_owned();
+        let reason = "the arms were moved by hand until the operator ended the run".to_owned();
         return (Outcome::Solved, reason, EndedBy::Operator);
     }
     // A task without an end and without an error was terminated.
     let Some(finish) = &ending.finish else {
-        let reason = format!("{BY_OPERATOR}{}", placed(whereabouts));
+        let reason = format!("{BY_OPERATOR}{}", place_clause(whereabouts));
         return (Outcome::Aborted, reason, EndedBy::Operator);
     };
     let (Some(truth), Some(end)) = (&done.truth, end) else {
@@ -261,7 +264,8 @@ fn verdict_of(
     }
 }
 
-/// Returns whether a face turn by `angle` (rad) was correct, and the plant's account of it.
+/// Returns whether a face turn ordered by `angle` (rad) was correct in the plant, and a sentence
+/// about it.
 fn turn_verdict(angle: f64, turned_deg: f64, truth: &Truth) -> (bool, String) {
     let asked = angle.abs().to_degrees();
     let gentle = truth.verdict.peak_force < EXCESSIVE;
@@ -272,18 +276,20 @@ fn turn_verdict(angle: f64, turned_deg: f64, truth: &Truth) -> (bool, String) {
     (right, format!("the layer was turned by {turned_deg:.1} deg of {asked:.0}{force}{slip}"))
 }
 
-/// Returns the state and the place of the cube in words.
+/// Returns in words whether the cube is in the state that the task requires (`solved`), and where
+/// it is.
 fn verdict_words(solved: bool, verdict: &Verdict) -> String {
     let state = if solved { "the cube is in the required state" } else { "the cube is not solved" };
     format!("{state} and {}", verdict.place())
 }
 
-/// Returns the place of the cube as the end of a reason; empty if unknown.
-fn placed(whereabouts: &str) -> String {
+/// Returns `whereabouts`, the place of the cube, as a clause to be added to a reason; empty if it
+/// is unknown.
+fn place_clause(whereabouts: &str) -> String {
     if whereabouts.is_empty() { String::new() } else { format!("; {whereabouts}") }
 }
 
-/// Returns the view of an outcome for the operator.
+/// Returns the outcome of a run as the UIs show it.
 pub(super) fn outcome(summary: &Summary) -> OutcomeView {
     let verdict = match (summary.outcome, summary.task.as_str()) {
         (Outcome::Solved, "solve") => "solved",
@@ -316,7 +322,7 @@ pub(super) fn outcome(summary: &Summary) -> OutcomeView {
     }
 }
 
-/// Returns the view of a run that an error ended before its task.
+/// Returns the outcome, as the UIs show it, of a run that an error ended before its task.
 pub(super) fn broken_off(error: &Error) -> OutcomeView {
     OutcomeView {
         verdict: "aborted".to_owned(),
@@ -327,7 +333,8 @@ pub(super) fn broken_off(error: &Error) -> OutcomeView {
     }
 }
 
-/// Returns the error of a run that ended early, with the signal as the cause of a termination.
+/// Returns the error of a run that a signal ended: a termination gets the signal as its cause, any
+/// other error is unchanged.
 pub(super) fn interrupted(error: Error) -> Error {
     match error {
         Error::NonFatal { actor, place, cause: NonFatal::Terminated } => {

@@ -23,7 +23,8 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// Searches the meetings of a cell, unless they are cached, and the start of its face turn.
+    /// Finds the geometry of a run: the table of the arms' meetings, from the cache or by a search,
+    /// and for a face turn the positions from which it starts.
     ///
     /// # Errors
     /// If no meeting of the arms allows the face turn.
@@ -43,7 +44,7 @@ impl Plan {
         Ok(Self { meetings, face_turn, angle })
     }
 
-    /// Creates the plant in which a run begins.
+    /// Creates the plant in the state in which a run begins.
     ///
     /// # Errors
     /// If the plant section describes no possible plant.

@@ -19,12 +19,13 @@ use tokio::sync::{mpsc, watch};
 /// Number of periods of 2 ms between two recorded scenes of the plant: 25 Hz, the rate of `/tf`.
 pub(super) const SCENES: u64 = 20;
 
-/// Records the operator's start of a run that has waited for it.
+/// Records that the operator started a run that had waited for this.
 pub(super) fn started(recorder: &Recorder) {
     recorder.record(0, || Entry::input(&Input::Start));
 }
 
-/// Returns a sink that also passes servo records to the recorder, if that records them.
+/// Returns a sink of servo records that passes them to `sink`, and also to the recorder if it is
+/// on.
 pub(super) fn kept(sink: Box<dyn RecordSink>, recorder: &Recorder) -> Box<dyn RecordSink> {
     match recorder.ticks() {
         Some(ticks) => Box::new(Both(sink, Box::new(ticks))),
@@ -32,7 +33,8 @@ pub(super) fn kept(sink: Box<dyn RecordSink>, recorder: &Recorder) -> Box<dyn Re
     }
 }
 
-/// Returns a sink that also compares servo records with a recording, if there is one.
+/// Returns a sink of servo records that passes them to `sink`, and also compares them with
+/// `playback`, if there is one.
 pub(super) fn with_playback(
     sink: Box<dyn RecordSink>,
     playback: Option<Playback>,
@@ -47,9 +49,9 @@ pub(super) fn with_playback(
 /// it.
 const GLANCE: Duration = Duration::from_millis(4);
 
-/// Records the operator's inputs to a run under the wall clock, each with the period in which it
-/// arrived. Answers and orders pass on to the returned receiver. The servo records have the periods
-/// in which the arms obeyed.
+/// Records the operator's inputs to a run under the wall clock, each with the period of 2 ms in
+/// which it arrived. Takes answers and orders out of `outer` and passes them on to the returned
+/// receiver.
 pub(super) fn follow(
     outer: Outer,
     clock: Clock,
@@ -101,8 +103,8 @@ async fn follow_control(
     }
 }
 
-/// Returns the timing of the servo as an entry: each histogram as `nanoseconds:count` in rising
-/// order.
+/// Returns the timing of the servo as an entry of the recording: each histogram as words
+/// `nanoseconds:count` in rising order.
 pub(super) fn timing(timing: &Timing) -> Entry {
     let classes = |histogram: &Histogram| {
         let mut text = String::new();

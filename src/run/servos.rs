@@ -48,7 +48,7 @@ pub(super) struct Drive<'a> {
 }
 
 impl Drive<'_> {
-    /// Returns the length of a period.
+    /// Returns the length of a servo period.
     pub(super) fn length(&self) -> Length {
         Length::of_seconds(self.real_time.period)
     }
@@ -72,7 +72,7 @@ impl Observer {
         Self { witness, recorder, events, length }
     }
 
-    /// Shows the plant to its cameras, and to recording, event log and witness.
+    /// Shows the plant's scene to its cameras, and the plant to recording, event log and witness.
     fn look(&mut self, period: u64, world: &mut World) {
         // Hardware and recordings have no truth to observe.
         let Some(turned) = world.show() else { return };
@@ -102,7 +102,8 @@ pub(super) struct BetweenPeriods {
 }
 
 impl BetweenPeriods {
-    /// Performs the work after a period.
+    /// Performs what is due after a period: observers and probe look at the plant, the gate passes
+    /// inputs, the pacer holds virtual time back.
     fn pass(&mut self, period: u64, world: &mut World) {
         if period.is_multiple_of(TRACES)
             && tracing::enabled!(target: "rubik_robot::truth", tracing::Level::TRACE)
@@ -275,8 +276,8 @@ pub(super) fn start_servos(
     Ok(Servos { links, synchronised, switches, clock, stop_button, driver })
 }
 
-/// Runs the servos as a task on paused time. `limit` is the number of missed periods that stops
-/// them.
+/// Runs the servos as a task under virtual time. `limit` is the number of periods missed in a row
+/// after which the arms brake and trip; `between` is called after each period.
 fn run_virtual(
     mut core: Core,
     mut world: World,
@@ -307,8 +308,9 @@ fn write_records(
 }
 
 impl Servos {
-    /// Waits until the driver has stopped, which the switches must have requested. `report` is
-    /// called with the timing of a wall driver.
+    /// Waits until the driver has stopped, which the run must have requested by [`Switches`]
+    /// before. Returns the world and a fault of the bridge. `report` is called with the timing of a
+    /// wall driver.
     ///
     /// # Errors
     /// If the task or a thread of the driver died.

@@ -92,8 +92,8 @@ pub(super) fn manner(config: &ControllerConfig, effector: usize) -> Manner {
     }
 }
 
-/// Returns the believed geometry of an arm, the track arm first; `None` if the cell
-/// has no arm with this index.
+/// Returns the geometry of an arm as the controller believes it: base, tool, camera in the hand.
+/// `index` 0 is the arm on the track. `None` if the cell has no arm with this index.
 fn arm_belief(cell: &Cell, index: usize) -> Option<ArmBelief> {
     let arm = cell.arms.get(index)?;
     let flange_from_camera = cell.cameras.iter().find_map(|camera| match camera.mount {
@@ -107,7 +107,7 @@ fn arm_belief(cell: &Cell, index: usize) -> Option<ArmBelief> {
     })
 }
 
-/// Returns the meetings of a cell, from the cache or by a search of about a second.
+/// Returns the table of the arms' meetings, from the cache or by a search of about a second.
 pub(super) fn meetings(config: &ControllerConfig, reach: &ReachSettings) -> MeetingTable {
     // Both arms have the same speeds.
     let speeds = manner(config, 0).speeds;
@@ -188,7 +188,7 @@ pub(super) fn cube_settings(
     })
 }
 
-/// Returns the order of the visual servo, by which an arm follows the cube and takes it.
+/// Returns the parameters with which the visual servo follows the cube and takes it.
 fn visual_order(config: &ControllerConfig) -> visual_servo::Order {
     let (c, v) = (&config.control, &config.visual_servo);
     let (approach, jaws) = config.cell.taking();
@@ -229,19 +229,26 @@ fn visual_order(config: &ControllerConfig) -> visual_servo::Order {
 /// of a campaign would otherwise compute them again, in about a second.
 static TWO_PHASE: LazyLock<Tables> = LazyLock::new(|| Tables::with(&Tables::DEFAULT.map(kept)));
 
-/// Returns a table from the user's folder; builds and keeps it if it is not there.
+/// Returns a pruning table of the solver from the file in the user's folder; if there is none,
+/// builds the table and saves it there.
 fn kept(spec: &TableSpec) -> Bytes {
     let report = |spec: &TableSpec, news: News<'_>| match news {
-        News::Building(_) => tracing::warn!("building table {} for later runs as well", spec.name),
-        News::Waiting => tracing::warn!("another process builds table {}", spec.name),
-        News::NotKept(e) => tracing::warn!("table {} cannot be saved: {e}", spec.name),
+        News::Building(_) => {
+            tracing::warn!("building pruning table {}, which later runs reuse", spec.name);
+        }
+        News::Waiting => {
+            tracing::warn!("waiting for pruning table {}: another process builds it", spec.name);
+        }
+        News::NotKept(e) => {
+            tracing::warn!("pruning table {} cannot be saved: {e}", spec.name);
+        }
     };
     let observer = Observer { listener: &report, progress: &|_| () };
     Store::for_user().obtain(spec, &Threads::all(), observer)
 }
 
-/// Returns the rule by which a solution is chosen. The paper's rule needs Korf's tables, which take
-/// 10 s to build at its first use.
+/// Returns the rule by which one of several solutions is chosen, with its pruning tables. The
+/// paper's rule needs Korf's tables, which take 10 s to build at its first use.
 fn strategy(config: &ControllerConfig) -> Strategy {
     let tables = &TWO_PHASE;
     match config.planner.strategy {
@@ -254,8 +261,8 @@ fn strategy(config: &ControllerConfig) -> Strategy {
     }
 }
 
-/// Creates the planner of a cell. If its meetings are not cached, it searches them, in about a
-/// second.
+/// Creates the planner of a cell. If the table of the arms' meetings is not cached, this takes
+/// about a second.
 ///
 /// # Errors
 /// If the cell does not have two arms.
@@ -307,7 +314,7 @@ pub(super) fn wall(keys: &RealTime, missed_limit: u64, require_real_time: bool) 
     }
 }
 
-/// Returns the kernel by which the operator moves the arms by hand.
+/// Returns the kernel of the task in which the operator moves the arms by hand.
 pub(super) fn panel(config: &ControllerConfig) -> Panel {
     let limits = |arm: &crate::cell::Arm| ArmLimits {
         has_track: arm.model.has_track,
@@ -318,8 +325,8 @@ pub(super) fn panel(config: &ControllerConfig) -> Panel {
     Panel::new(config.cell.arms.iter().map(limits).collect())
 }
 
-/// Returns the goal of the cube's kernel; `None` when the task is another one. A face turn by
-/// `angle` (rad) is positive clockwise seen from outside, which is positive about the tool's z.
+/// Returns the goal of the cube's task; `None` for the idle task. A face turn by `angle` (rad) is
+/// positive clockwise seen from outside, which is positive about the tool's z.
 pub(super) fn goal(config: &ControllerConfig, angle: f64) -> Option<Goal> {
     Some(match config.task {
         keys::Task::Solve => Goal::Solve,
@@ -343,8 +350,8 @@ pub(super) struct FaceTurnStart {
 /// Distance of a turn's end from the limits of the wrist (rad).
 const ROLL_MARGIN: f64 = 0.12;
 
-/// Finds a start for which the track's wrist can turn by `angle` (rad) about its tool's z. Returns
-/// it with the angle: a half turn may have the other sense.
+/// Finds the hold and the joint positions from which the track's wrist can turn by `angle` (rad)
+/// about its tool's z. Returns them with the angle: a half turn may have the other sense.
 ///
 /// # Errors
 /// A message with the reason, if there is none.
@@ -393,16 +400,17 @@ mod tests {
     use crate::tasks::{Action, Event, Finish, Forces, Readings, Task};
     use crate::vision::sensor::FaceReading;
 
-    /// Performs a mission without a plant: each motion succeeds, each look returns what `look`
-    /// returns. Returns the phases, the notes, the number of looks at a face, and the end.
+    /// Performs a mission without a plant: each motion succeeds, and a look at a face gives what
+    /// `look` returns for its `camera_from_face`. Returns the phases, the messages to the operator,
+    /// the number of looks, and the end of the mission.
     fn perform(
         look: impl Fn(&Pose) -> Result<FaceReading, String>,
     ) -> (Vec<&'static str>, Vec<String>, usize, Finish) {
         perform_with(look, None, |_| None)
     }
 
-    /// Performs a mission like [`perform`], with an operator who gives `answer` within `patience`
-    /// (s).
+    /// Performs a mission like [`perform`], with an operator who has `patience` (s) for each
+    /// question and answers it by `answer`.
     fn perform_with(
         look: impl Fn(&Pose) -> Result<FaceReading, String>,
         patience: Option<f64>,
@@ -504,7 +512,7 @@ mod tests {
     }
 
     #[test]
-    fn cube_is_returned_without_answer() {
+    fn cube_is_returned_if_operator_does_not_answer() {
         let (_, notes, _, finish) = perform_with(|_| Err("glare".to_owned()), Some(60.0), |_| None);
 
         assert!(!finish.achieved);

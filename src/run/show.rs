@@ -86,7 +86,7 @@ impl Show {
         Self::read_within(MEMORY_LIMIT, from, scenario, title)
     }
 
-    /// Reads a recording into about `most` bytes of memory.
+    /// Reads a recording of this scenario, and keeps at most about `most` bytes of it in memory.
     fn read_within<R: Read>(
         most: usize,
         from: R,
@@ -146,7 +146,7 @@ impl Show {
         Ok(show)
     }
 
-    /// Adds a message of the recording to the events, if it is of a kind that is shown.
+    /// Adds a message of the recording to the events if the show uses its topic.
     fn take(
         &mut self,
         time: f64,
@@ -217,7 +217,8 @@ impl Show {
         Ok(())
     }
 
-    /// Adds a picture to the look before it, which has the result of that picture.
+    /// Adds a picture to the look before it, which holds the result that vision found in this
+    /// picture.
     fn take_picture(&mut self, data: &[u8], loading: &mut Loading) -> Result<(), cdr::Malformed> {
         let mut from = cdr::Reader::new(data)?;
         from.header()?;
@@ -253,7 +254,7 @@ impl Show {
         self.events.push((time, what));
     }
 
-    /// Returns how the run ended, in words.
+    /// Returns in words how the recorded run ended.
     #[must_use]
     pub fn ending(&self) -> String {
         format!("{}: {}", self.outcome.verdict, self.outcome.reason)
@@ -265,9 +266,9 @@ impl Show {
         vsps.iter().find(|vsp| vsp.name == name)?.camera
     }
 
-    /// Shows the recording at a desk until the operator quits or `stop` is set. Returns at the end
-    /// of the recording unless `stays`. `speed` is in multiples of real time, 0 for as fast as
-    /// possible.
+    /// Shows the recording to the UIs at `desk` until the operator quits or `stop` is set. Returns
+    /// at the end of the recording unless `stays`. `speed` is in multiples of real time, 0 for as
+    /// fast as possible.
     pub fn run(&self, desk: &RunEnd, speed: f64, stays: bool, stop: &AtomicBool) {
         let mut inputs = desk.take_inputs();
         let mut playhead = Playhead::new(self, desk);
@@ -310,7 +311,8 @@ impl Show {
     }
 }
 
-/// Returns a text, cut off after [`TEXT_LIMIT`] bytes. No text that this program records is longer.
+/// Returns the beginning of a text, at most [`TEXT_LIMIT`] bytes. No text that this program records
+/// is longer.
 fn short(words: &str) -> String {
     if words.len() <= TEXT_LIMIT {
         return words.to_owned();
@@ -319,7 +321,7 @@ fn short(words: &str) -> String {
     format!("{}...", &words[..end])
 }
 
-/// Returns the outcome of a run whose end is not recorded.
+/// Returns the outcome of a run whose end is not in the recording.
 fn cut_off(reason: &str) -> OutcomeView {
     OutcomeView {
         verdict: "cut off".to_owned(),
@@ -341,16 +343,16 @@ struct Loading {
 }
 
 impl Loading {
-    /// Creates the state before the first message, for a cell whose servo periods have this length
-    /// (s).
+    /// Creates the state of reading before the first message, for a cell whose servo periods have
+    /// the length `period` (s).
     fn new(cell: &Cell, period: f64) -> Self {
         let arms = cell.arms.iter().map(|_| (ArmState::default(), Peaks::default())).collect();
         let states = Length::of_seconds(period).count(PERIODS_PER_STATE).into();
         Self { cell: cell.clone(), states, arms, looked: None }
     }
 
-    /// Takes a tick into the peaks. Returns the state of one tick in `states`, with the largest
-    /// values since the one before.
+    /// Takes a servo tick into the state and the peaks of its arm. Once every `states` periods
+    /// returns both; the peaks are the largest values since the last time.
     fn tick(&mut self, tick: &Tick) -> Option<(ServoRecord, Peaks)> {
         let index = usize::from(tick.arm);
         let (arm, (state, peaks)) = (self.cell.arms.get(index)?, self.arms.get_mut(index)?);
@@ -395,7 +397,7 @@ impl Loading {
     }
 }
 
-/// Returns the result of a recorded look in the form of the latest values.
+/// Converts the recorded result of a sensor to the type in which a run shows it.
 fn found(sensed: Result<sensed::Found, String>) -> Found {
     match sensed {
         Ok(sensed::Found::Cube { world_from_cube, speed, .. }) => {
@@ -439,8 +441,8 @@ impl<'a> Playhead<'a> {
         Self { show, to, latest, presenter, next: 0, faults, number: 0, over: false }
     }
 
-    /// Moves to a time at once. Drops the peaks of the events before it, since they do not belong
-    /// to the new time.
+    /// Moves the playback to a time (s) at once: applies all events up to it. Clears the largest
+    /// force of each arm, because it belongs to an earlier time.
     fn skip(&mut self, time: f64) {
         self.events(time);
         for arm in &mut self.latest.lock().arms {
@@ -449,7 +451,7 @@ impl<'a> Playhead<'a> {
     }
 
     /// Applies the events up to a time. Only the last belief and the last picture of each camera
-    /// are used: to copy and decode all of them made a seek too slow.
+    /// are used, since copying and decoding all of them made a seek too slow.
     fn events(&mut self, time: f64) {
         let show = self.show;
         let mut sink = Seen { to: NoRecords, latest: Some(self.latest.clone()) };
@@ -495,7 +497,8 @@ impl<'a> Playhead<'a> {
         }
     }
 
-    /// Sends the snapshot and the pictures of a time to the desk.
+    /// Sends the snapshot and the pictures of a time to the desk. `paused` and `speed` are shown in
+    /// the snapshot.
     fn show(&mut self, time: f64, paused: bool, speed: f64) {
         self.events(time);
         if time >= self.show.end && !self.over {
@@ -526,8 +529,8 @@ impl<'a> Playhead<'a> {
 }
 
 impl Show {
-    /// Returns at most `most` moments in the middle of steps of the plan, spread from the first
-    /// step to the last: time (s), the step in words, and the snapshot that the operator saw.
+    /// Returns at most `most` moments, each in the middle of a step of the plan, spread from the
+    /// first step to the last: time (s), the step in words, and the snapshot that the operator saw.
     #[must_use]
     pub fn moments(&self, most: usize) -> Vec<(f64, String, Arc<Snapshot>)> {
         let steps = self.steps();
@@ -541,13 +544,13 @@ impl Show {
         moments.map(|((time, words), snapshot)| (*time, words.clone(), snapshot)).collect()
     }
 
-    /// Returns the time of the last event (s).
+    /// Returns the time of the last message that is shown (s).
     #[must_use]
     pub fn end(&self) -> f64 {
         self.end
     }
 
-    /// Returns what the operator saw at each of `times` (s), which ascend.
+    /// Returns the snapshot that the operator saw at each of `times` (s), which ascend.
     #[must_use]
     pub fn snapshots(&self, times: &[f64]) -> Vec<Arc<Snapshot>> {
         let desk = Desk::default().run_end();
@@ -560,7 +563,7 @@ impl Show {
         times.iter().map(at).collect()
     }
 
-    /// Returns the middle of each step of the plans (s), and the step in words.
+    /// Returns for each step of the plans the middle of its time (s), and the step in words.
     fn steps(&self) -> Vec<(f64, String)> {
         let (mut steps, mut now, mut begun) = (Vec::new(), None, None);
         let mut ends = |begun: &mut Option<(f64, String)>, time: f64| {
@@ -588,7 +591,8 @@ impl Show {
         steps
     }
 
-    /// Returns phases, messages and inputs, each with its time (s), for an operator without a UI.
+    /// Returns phases, log messages and the operator's inputs as lines of text, each with its time
+    /// (s), for an operator without a UI.
     pub fn log_lines(&self) -> impl Iterator<Item = (f64, String)> {
         self.events.iter().filter_map(|(time, what)| match what {
             Event::Phase(name) => Some((*time, name.clone())),
@@ -629,7 +633,7 @@ mod tests {
     }
 
     #[test]
-    fn long_recording_says_where_show_ends() {
+    fn replay_tells_if_recording_exceeds_memory_limit() {
         let mut writer = mcap::Writer::new(std::io::Cursor::new(Vec::new())).unwrap();
         let schema = writer.add_schema("p/msg/Phase", "ros2msg", b"").unwrap();
         let channel = writer.add_channel(schema, "/phase", "cdr", &<_>::default()).unwrap();
@@ -662,7 +666,7 @@ mod tests {
     }
 
     #[test]
-    fn loading_keeps_peaks_between_kept_states() {
+    fn kept_state_carries_peaks_of_skipped_states() {
         let mut loading = Loading::new(&scenario().controller.cell, 0.002);
         let mut kept = Vec::new();
         for period in 2..=21 {
@@ -685,7 +689,7 @@ mod tests {
     /// A seek shows the last picture before its time, with the words of that picture's own look,
     /// and no peak of the interval that it skipped.
     #[test]
-    fn seek_shows_last_picture_without_peaks() {
+    fn seek_shows_last_picture_and_no_skipped_peaks() {
         let jpeg = |shade: u8| {
             let image = image::RgbImage::from_pixel(8, 8, image::Rgb([shade; 3]));
             let mut file = Vec::new();
@@ -722,7 +726,7 @@ mod tests {
     }
 
     #[test]
-    fn moments_span_first_to_last_step() {
+    fn chosen_moments_span_first_to_last_plan_step() {
         let line =
             |n: usize| PlanLine { what: format!("turn {n}"), why: String::new(), seconds: 1.0 };
         let plan: Arc<Vec<PlanLine>> = Arc::new((0..20).map(line).collect());

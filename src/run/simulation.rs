@@ -30,7 +30,9 @@ use crate::servo::period::Length;
 use crate::spatial::Pose;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 
-/// Creates the plant. A face turn starts with the cube in the postument's hand.
+/// Creates the plant of a run with its seeded errors; those of the arms' bases are about the mean
+/// place of `meetings`. With a `face_turn` the arms start there, and the postument's hand holds the
+/// cube.
 ///
 /// # Errors
 /// If the plant section describes no possible plant.
@@ -82,7 +84,8 @@ pub(super) fn create(
     Ok(plant.known_as(identity))
 }
 
-/// Creates the plant with the cube in the hand of `arm` and both arms at `starts`.
+/// Creates the plant of a calibration: the hand of `arm` holds the cube, both arms are at `starts`,
+/// and no person is there.
 ///
 /// # Errors
 /// If the plant section describes no possible plant.
@@ -110,9 +113,11 @@ pub(super) fn create_holding(
     Plant::new(config, scenario.seed).map_err(|e| e.to_string())
 }
 
-/// Returns the cell in which the sagging arms meet where the controller believes. A workshop finds
-/// the pose of one base to the other by letting the hands meet, and sees the sag of both arms then.
-/// `met` are the meetings, `pivot` is their place.
+/// Returns the believed cell with the base of the second arm moved, so that the hands of the
+/// sagging arms meet where the controller believes. A workshop measures the pose of one base to the
+/// other by letting the hands meet, and its result includes the sag.
+///
+/// `met` are the meetings, `pivot` is their mean place in the world.
 fn calibrated(belief: &Cell, met: &[Meeting], pivot: Point3<f64>) -> Cell {
     let mut cell = belief.clone();
     if cell.arms.len() < 2 || met.is_empty() {
@@ -144,7 +149,9 @@ fn calibrated(belief: &Cell, met: &[Meeting], pivot: Point3<f64>) -> Cell {
     cell
 }
 
-/// Returns the parameters of the plant, drawn around the controller's belief, without any fault.
+/// Returns the parameters of the plant without any fault: the controller's belief plus the seeded
+/// errors. `pivot` is the place about which the bases are tilted, `grasp` the error of the hold at
+/// the start.
 fn config(
     scenario: &Scenario,
     belief: &Cell,
@@ -203,7 +210,7 @@ fn config(
     config
 }
 
-/// Returns the script of the operator's hand.
+/// Converts the keys of the operator's hand to the script by which the simulated hand behaves.
 fn hand_script(h: &PlantHand) -> HandScript {
     HandScript {
         appears: h.appears,
@@ -229,7 +236,7 @@ fn hand_script(h: &PlantHand) -> HandScript {
     }
 }
 
-/// Returns the errors and the noise of the force sensors.
+/// Returns the errors and the noise of the wrists' force sensors.
 fn sensor_noise(keys: &PlantKeys) -> SensorNoise {
     let e = &keys.errors;
     SensorNoise {
@@ -243,14 +250,14 @@ fn sensor_noise(keys: &PlantKeys) -> SensorNoise {
     }
 }
 
-/// Returns the index of the arm or camera with a name. The scenario was checked, so the name
-/// exists; a fault without a name is of the first one.
+/// Returns the index of the arm or camera called `wanted`. The scenario was checked, so the name
+/// exists; a fault that names none affects the first one.
 fn index<'a>(mut names: impl Iterator<Item = &'a String>, wanted: Option<&String>) -> usize {
     names.position(|name| Some(name) == wanted).unwrap_or(0)
 }
 
-/// Adds the error of a fault that exists from the beginning to the true cell; `layer` is the
-/// thickness of a layer of the cube (m).
+/// Adds to the true cell the error of a fault that exists from the beginning: too short or too long
+/// fingers, or a displaced jaw or base. `layer` is the thickness of a layer of the cube (m).
 fn add_cell_error(keys: &FaultKeys, layer: f64, truth: &mut Cell) {
     let which = index(truth.arms.iter().map(|a| &a.name), keys.arm.as_ref());
     // The key is in millimetres here, the cell in metres.
@@ -264,18 +271,18 @@ fn add_cell_error(keys: &FaultKeys, layer: f64, truth: &mut Cell) {
         Some(FaultKind::BaseCalibration) => {
             arm.world_from_base.translation.vector[keys.direction.min(2) as usize] += size;
         }
-        // All other kinds begin during the run: see `what`.
+        // All other kinds begin during the run: see `fault_event`.
         _ => {}
     }
 }
 
-/// Returns the faults of the plant, and the disturbances outside the plant, for which the plant
+/// Returns the faults of the plant, and the disturbances outside the plant. For these the plant
 /// only decides when they begin and end.
 pub(super) fn faults(scenario: &Scenario) -> (Vec<Fault>, Vec<Disturbance>) {
     let mut others = Vec::new();
     let cell = &scenario.controller.cell;
     let faults = scenario.plant.faults.iter().filter_map(|keys| {
-        let what = what(cell, keys, &mut others)?;
+        let what = fault_event(cell, keys, &mut others)?;
         let arm = keys.event_arm.as_ref();
         let event_arm = arm.map(|_| index(cell.arms.iter().map(|a| &a.name), arm));
         // A fault begins at a time, or some time after the n-th event of a kind.
@@ -304,7 +311,7 @@ pub(super) fn faults(scenario: &Scenario) -> (Vec<Fault>, Vec<Disturbance>) {
 /// Returns the name of each fault of [`faults`], in the same order.
 fn fault_words(scenario: &Scenario) -> Vec<String> {
     let words = scenario.plant.faults.iter().filter_map(|keys| {
-        what(&scenario.controller.cell, keys, &mut Vec::new())?;
+        fault_event(&scenario.controller.cell, keys, &mut Vec::new())?;
         let kind = keys.kind?.word().replace('_', " ");
         Some(keys.arm.as_ref().map_or_else(|| kind.clone(), |arm| format!("{kind}, {arm}")))
     });
@@ -344,9 +351,10 @@ impl PlantEventLog {
     }
 }
 
-/// Returns the event that a fault causes in the plant; a fault outside the plant is added to
-/// `others`. Returns `None` for an error that exists from the beginning.
-fn what(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -> Option<What> {
+/// Returns the event in the plant that a fault causes; a fault outside the plant, in cameras,
+/// actors or time, is added to `others`. Returns `None` for an error that exists from the
+/// beginning.
+fn fault_event(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -> Option<What> {
     use FaultKind as K;
     let arm = index(cell.arms.iter().map(|a| &a.name), keys.arm.as_ref());
     let camera = index(cell.cameras.iter().map(|c| &c.name), keys.camera.as_ref());
@@ -412,7 +420,7 @@ fn what(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -> Option<
     Some(What::Elsewhere(others.len() - 1))
 }
 
-/// Connects a plant by the serial protocol, with the line faults of the scenario.
+/// Connects the controller to a plant by the serial protocol, with the line faults of the scenario.
 pub(super) fn wired(scenario: &Scenario, plant: Plant) -> Wired<Plant> {
     let keys = &scenario.plant.keys.lines;
     let faults = LineFaults {
@@ -429,7 +437,8 @@ pub(super) fn wired(scenario: &Scenario, plant: Plant) -> Wired<Plant> {
     Wired::new(plant, arms, rules, faults, scenario.seed)
 }
 
-/// Moves the starts of both arms to the meeting of a face turn, with the track's arm retracted.
+/// Moves both arms of the believed cell to where a face turn starts: the postument's to the
+/// meeting, the track's retracted from it.
 fn place_for_face_turn(belief: &mut Cell, start: &FaceTurnStart) {
     belief.arms[0].start = start.meeting.track_back;
     belief.arms[1].start = start.meeting.postument;
@@ -471,7 +480,7 @@ mod tests {
 
     /// A resumed run may change the controller and the faults, but not the plant.
     #[test]
-    fn identity_ignores_controller_and_faults() {
+    fn plant_identity_ignores_controller_settings_and_injected_faults() {
         let plain = identity("", "");
 
         let fault = "[[fault]]\nkind = \"base_calibration\"\narm = \"postument\"\nmagnitude = 2\n";

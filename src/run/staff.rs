@@ -39,12 +39,13 @@ const HEARTBEAT: Duration = Duration::from_millis(10);
 /// Speed of the motion from the switches to the start (share of the full speed).
 const START_SPEED: f64 = 0.5;
 
-/// Starts the supervision of the actors: the heartbeat, and the hold of all arms after a panic.
-/// Returns the watch from a thread outside the runtime, if there is a `stuck` to call.
+/// Starts the supervision of the actors: the heartbeat, and the hold of all arms after a panic. If
+/// `stuck` is given, also starts and returns a watch from a thread outside the runtime, which calls
+/// `stuck` when an actor blocks all others.
 ///
-/// An actor that blocks the runtime blocks the run, which the caller of the run must end by
-/// `stuck`. The servo's thread misses the heartbeat and still switches the drives off. It must do
-/// so before the process ends: the arms' controllers keep the last drive of a process that is gone.
+/// The blocked run cannot end by itself; `stuck` must end the process. The servo's thread misses
+/// the heartbeat and still switches the drives off. It must do so before the process ends: the
+/// arms' controllers keep the last drive of a process that is gone.
 pub(super) fn supervise(
     servos: &Servos,
     watchdog: &Watchdog,
@@ -106,7 +107,8 @@ pub(super) struct Staff {
     pub(super) apart: Apart,
 }
 
-/// Starts an EDP over each servo, and the guard.
+/// Starts an EDP for each servo, and the guard against collisions. If the operator moves the arms
+/// (`by_hand`), [`home`] synchronises none of them, since the operator decides when.
 pub(super) fn start_drivers(
     config: &ControllerConfig,
     servos: &mut Servos,
@@ -144,8 +146,9 @@ pub(super) fn start_drivers(
 /// Synchronises each arm whose position is unknown.
 ///
 /// # Errors
-/// If an arm cannot be synchronised, or the operator terminates the run. A resumed run is refused
-/// instead: homing moves axes to their switches and opens the jaws, which may hold the cube.
+/// If an arm cannot be synchronised, or the operator terminates the run. If the run `resumes`
+/// another one, an arm of unknown position is an error: homing moves axes to their switches and
+/// opens the jaws, which may hold the cube.
 pub(super) async fn home(
     drivers: &Drivers,
     cell: &Cell,
@@ -294,7 +297,8 @@ fn start_sensors(
     Ok(sensors)
 }
 
-/// Returns the parts of the VSP behind a camera.
+/// Returns the parts of which the VSP of a camera is made: `wanted` are its settings, `source`
+/// gives its frames.
 fn sensor_parts(
     config: &ControllerConfig,
     wanted: &VspConfig,
@@ -320,13 +324,14 @@ fn sensor_parts(
     }
 }
 
-/// Returns a time (s) as a number of servo periods of 2 ms, at least one.
+/// Converts a time (s) to a number of periods of 2 ms, at least one.
 fn periods(seconds: f64) -> u64 {
     (seconds / PERIOD).round().max(1.0) as u64
 }
 
 impl Sensors {
-    /// Adds a VSP by its kind; `carrier` is the arm that carries its camera.
+    /// Adds a VSP by its kind. `owner` is the actor that uses it, `carrier` the arm that carries
+    /// its camera.
     fn add(&mut self, kind: VspKind, owner: Owner, carrier: Option<usize>, handle: VspHandle) {
         match (kind, carrier) {
             (VspKind::Cube, _) => self.trackers.push((owner, handle)),

@@ -43,7 +43,8 @@ pub(super) struct Logbook {
 }
 
 impl Logbook {
-    /// Opens the journal that the files name, if they name one.
+    /// Opens the journal that `files` names; without one the logbook is empty. If the run resumes
+    /// another one, the last entry of that run is read first.
     ///
     /// # Errors
     /// If the journal cannot be read or written, or holds an unfinished run that is not resumed.
@@ -60,12 +61,12 @@ impl Logbook {
         Ok(Self { journal: Some(journal), resumes: files.resume, last })
     }
 
-    /// Returns whether the run that is resumed had begun.
+    /// Returns whether the interrupted run that this one resumes had written an entry.
     pub(super) fn has_begun(&self) -> bool {
         self.last.is_some()
     }
 
-    /// Returns whether the run that is resumed was interrupted before its end.
+    /// Returns whether the run that this one resumes was interrupted before its end.
     pub(super) fn is_broken_off(&self) -> bool {
         self.last.as_ref().is_some_and(|last| !last.over)
     }
@@ -97,7 +98,7 @@ pub(super) struct Assignment {
 }
 
 impl Assignment {
-    /// Returns whether the operator moves the arms by hand, which only the operator ends.
+    /// Returns whether the operator moves the arms by hand. This task ends only by the operator.
     pub(super) fn is_by_hand(&self) -> bool {
         self.goal.is_none() && self.to_task.is_some()
     }
@@ -116,7 +117,8 @@ pub(super) struct Performed {
     pub(super) ended: Instant,
 }
 
-/// Performs the task with all effectors. A panic of MP is an ending as well, not an error.
+/// Performs the task with all effectors. A panic of MP is reported as an ending of the task, not as
+/// an error.
 ///
 /// # Errors
 /// If the cell has too few effectors for the task.
@@ -194,7 +196,7 @@ fn cube_kernel(
     Ok(Mission::new(settings, assignment))
 }
 
-/// Performs a task by MP and returns its ending, even after a panic.
+/// Lets MP perform a task and returns its ending, even after a panic.
 async fn perform<T: Task>(mp: Mp, task: &mut T, services: &Services) -> Ending {
     let work = mp.run(task).instrument(tracing::info_span!("mp"));
     match Caught(Box::pin(work)).await {

@@ -81,8 +81,8 @@ pub(crate) enum Unverified {
     Nothing(String),
 }
 
-/// Verifies a recording of `scenario`. `attended` is whether an operator could be asked in that
-/// run.
+/// Verifies a recording of `scenario`: the same inputs must give the same outputs. `attended` is
+/// whether an operator could be asked in the recorded run.
 ///
 /// # Errors
 /// [`Unverified`] if the recording is unreadable or nothing of it could be compared.
@@ -108,7 +108,8 @@ pub(crate) fn verify(
     Ok(verified)
 }
 
-/// Runs the whole controller again under virtual time and compares it with a recording.
+/// Runs the whole controller again under virtual time with the recorded inputs, and compares its
+/// outputs with the recorded ones.
 fn controller(playback: &Playback, scenario: &Scenario, attended: bool) -> Verified {
     let options = RunOptions { automatic: true, quiet: true, ..RunOptions::default() };
     let around =
@@ -154,7 +155,8 @@ fn controller(playback: &Playback, scenario: &Scenario, attended: bool) -> Verif
     Verified { compared, not_compared, divergence, whole_controller: true, ended, cut: None }
 }
 
-/// Runs the servos alone with the recorded readings and orders, and compares them with a recording.
+/// Runs the servos alone with the recorded readings and orders, and compares their outputs with the
+/// recorded ones.
 ///
 /// # Errors
 /// If the recording does not fit its scenario, or an order in it is malformed.

@@ -59,8 +59,9 @@ const OFFSETS: [[f64; 3]; 12] = [
     [0.0, -40.0, 0.0],
 ];
 
-/// Weighs the tool of an arm. `progress` is called before each orientation with its index and the
-/// number of orientations. Returns the weight with the number of orientations.
+/// Weighs the tool of an arm by the force sensor of its wrist, in several orientations. `progress`
+/// is called before each orientation with its index and their number. Returns the result with the
+/// number of orientations.
 ///
 /// # Errors
 /// If the hardware fails; a non-fatal error if the readings do not determine the weight.
@@ -119,8 +120,8 @@ pub(crate) fn weigh_tool(
     Ok((weighed, samples.len()))
 }
 
-/// Returns the joint positions of an offset of the wrist, clamped to the limits of the joints;
-/// `None` if the limits of the motors do not allow them.
+/// Returns the joint positions of one orientation: the start with `offset` (deg) added to joints 4
+/// to 6, clamped to their limits; `None` if the limits of the motors do not allow it.
 fn stop(model: &ArmModel, start: &JointPositions, offset: &[f64; 3]) -> Option<JointPositions> {
     let mut joints = *start;
     for (joint, by) in (4..).zip(offset) {
@@ -172,7 +173,7 @@ impl Scale {
         *self.links[arm].state()
     }
 
-    /// Performs one period of all servos, at its time under the wall clock.
+    /// Performs one servo period of all arms; under the wall clock waits for its time first.
     ///
     /// # Errors
     /// If a signal arrived or the bridge failed.
@@ -199,7 +200,7 @@ impl Scale {
             .map_err(|fault| fatal(Fatal::Bridge(fault.to_string())))
     }
 
-    /// Returns the state of an arm that may move.
+    /// Returns the state of an arm, if the arm may move.
     ///
     /// # Errors
     /// Fatal if the arm has a fault, non-fatal if its last command was refused.
@@ -224,7 +225,7 @@ impl Scale {
         }
     }
 
-    /// Sends a command to an arm and performs it.
+    /// Sends a command to an arm and performs periods until it is done.
     ///
     /// # Errors
     /// As [`Self::check`] and [`Self::step`].
@@ -278,7 +279,8 @@ impl Scale {
         Ok(())
     }
 
-    /// Takes the mean of the force sensor's readings at rest.
+    /// Lets an arm come to rest and returns the mean of its force sensor's readings, with the
+    /// orientation of its flange.
     ///
     /// # Errors
     /// If the sensor gives too few readings, or as [`Self::check`].

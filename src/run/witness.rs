@@ -35,13 +35,15 @@ pub(super) struct Witness {
 }
 
 impl Witness {
-    /// Creates a witness that reads MP's flag of a commanded turn.
+    /// Creates a counter of jams. `turning` is MP's flag of a commanded turn; `control` tells
+    /// whether the operator pauses.
     #[must_use]
     pub(super) fn new(turning: Turning, control: watch::Receiver<Control>) -> Self {
         Self { turning, control, moved: None, reported: false, jams: 0 }
     }
 
-    /// Takes a period of 2 ms into account; `angle` is that of the turning layer (rad).
+    /// Compares the flag of a commanded turn with the plant in a period of 2 ms, and counts a jam
+    /// if the layer stands still; `angle` is the true angle of the turning layer (rad).
     pub(super) fn look(&mut self, period: u64, angle: f64) {
         let commanded = self.turning.is_commanded() && *self.control.borrow() == Control::Running;
         if !commanded {
@@ -66,7 +68,7 @@ mod tests {
 
     /// A layer that rests without a commanded turn, or while the operator pauses, is no jam.
     #[test]
-    fn witness_counts_each_jam_once() {
+    fn layer_stuck_in_turn_counts_as_one_jam() {
         let turning = Turning::default();
         let (control, will) = watch::channel(Control::Running);
         let mut witness = Witness::new(turning.clone(), will);

@@ -161,7 +161,7 @@ impl World {
         }
     }
 
-    /// Creates the world of a plant in this process.
+    /// Creates the world of a plant that is simulated in this process.
     ///
     /// # Errors
     /// If a camera cannot be created.
@@ -232,8 +232,8 @@ impl World {
         Ok((Self::of_kind(Kind::Bridge(port), control), cameras, Some(noted)))
     }
 
-    /// Creates the world of a recording. The port returns its readings. The cameras have no frames,
-    /// since the results of the sensors are recorded.
+    /// Creates the world of a recording that is verified. The port returns the recorded readings.
+    /// The cameras have no frames, since the results of the sensors are recorded.
     pub(super) fn of_recording(
         cameras: usize,
         playback: Playback,
@@ -256,7 +256,7 @@ impl World {
         Ok(self)
     }
 
-    /// Returns the scene before the cameras, if it is known.
+    /// Returns the true scene before the cameras; `None` without a plant.
     pub(super) fn scene(&self) -> Option<Scene> {
         match &self.kind {
             Kind::Plant { plant, .. } => Some(plant.plant().scene()),
@@ -272,8 +272,8 @@ impl World {
         }
     }
 
-    /// Shows the scene after an exchange to the cameras. Returns the angle of the turning layer
-    /// (rad), if it is known.
+    /// Shows the scene of this period to the plant's cameras. Returns the true angle of the turning
+    /// layer (rad); `None` without a plant.
     pub(super) fn show(&mut self) -> Option<f64> {
         let Kind::Plant { plant, scenes } = &mut self.kind else { return None };
         let plant = plant.plant();
@@ -288,7 +288,7 @@ impl World {
         Some(plant.turned())
     }
 
-    /// Returns the plant's verdict, if there is a plant.
+    /// Returns the plant's verdict; `None` without a plant.
     pub(super) fn verdict(&self) -> Option<Verdict> {
         match &self.kind {
             Kind::Plant { plant, .. } => Some(plant.plant().verdict()),
@@ -296,7 +296,8 @@ impl World {
         }
     }
 
-    /// Traces the truth, to debug a controller with `RUST_LOG=rubik_robot::truth=trace`.
+    /// Logs the true state of plant and cube, to debug a controller with
+    /// `RUST_LOG=rubik_robot::truth=trace`.
     pub(super) fn trace(&self, period: u64) {
         let Kind::Plant { plant, .. } = &self.kind else { return };
         let plant = plant.plant();
@@ -379,7 +380,8 @@ impl Port for World {
 }
 
 impl World {
-    /// Carries out the disturbances that begin and end now by the plant's time.
+    /// Carries out the disturbances that begin or end in this period of the plant. In periods that
+    /// the servo misses, the plant continues with the last `drives`.
     ///
     /// # Errors
     /// If the port fails in a missed period.
@@ -423,8 +425,8 @@ impl World {
     }
 }
 
-/// Cuts the power: keeps the state of the cell in this period, and kills this process without any
-/// clean-up.
+/// Simulates a power cut: saves the state of the plant in this period if `kept` has a file, and
+/// kills this process without any clean-up.
 fn cut(kept: Option<&Kept>, plant: &Plant) -> ! {
     if let Some(kept) = kept {
         // If the state cannot be written, the last one, at most a tenth of a second old, stays.
@@ -434,7 +436,8 @@ fn cut(kept: Option<&Kept>, plant: &Plant) -> ! {
     unreachable!("the process survived SIGKILL: {killed:?}");
 }
 
-/// Opens a frame source for each camera: image files, or the world's own camera by `of_world`.
+/// Opens a frame source for each camera: image files if the scenario names a folder, otherwise what
+/// `of_world` creates for the camera's index.
 ///
 /// # Errors
 /// If a folder or a camera cannot be opened.
@@ -453,7 +456,7 @@ fn cameras(
     config.cameras.iter().enumerate().map(source).collect()
 }
 
-/// Opens the port of the hardware: the controllers' cards, or their serial lines.
+/// Opens the port of the hardware: the axis controllers' ISA cards, or their serial lines.
 fn port(
     kind: BridgeKind,
     devices: &Devices,

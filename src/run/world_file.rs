@@ -51,7 +51,7 @@ pub(super) struct Kept {
 }
 
 impl Kept {
-    /// Claims a file for this run alone, whether it exists yet or not.
+    /// Locks a file of the plant's state for this run alone, whether the file exists yet or not.
     ///
     /// # Errors
     /// If it is not a regular file, or another run has claimed it.
@@ -77,8 +77,8 @@ impl Kept {
         Ok(Self { path: path.to_owned(), pace, trace, lost: false, _lock: lock })
     }
 
-    /// Returns the plant in the state that another run left, if `resume`. `begun` is whether the
-    /// journal has entries of that run.
+    /// Returns `plant` as it is, or if `resume` in the state that the interrupted run left in the
+    /// file. `begun` is whether the journal has entries of that run.
     ///
     /// # Errors
     /// If the file is not a state of this plant, or is missing although the other run had begun.
@@ -94,14 +94,17 @@ impl Kept {
                 Err(not_created("plant", &format!("{}: {why}", path.display())))
             }
             Ok(None) => {
-                tracing::warn!("{}: missing, so no run had begun", path.display());
+                tracing::warn!(
+                    "{}: no such file: no run had begun, so the plant starts anew",
+                    path.display()
+                );
                 Ok(plant)
             }
             Err(why) => Err(refused(path, &why)),
         }
     }
 
-    /// Writes the state at the beginning of a run.
+    /// Writes the plant's state at the beginning of a run.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -109,7 +112,8 @@ impl Kept {
         self.begin_in(plant, journal::keep_name)
     }
 
-    /// Writes the first state like [`Self::begin`]; `keeps_name` makes the file's name durable.
+    /// Writes the first state like [`Self::begin`]. `keeps_name` syncs the file's folder, so that
+    /// the new file is not lost in a power cut.
     fn begin_in(
         &self,
         plant: &Plant,
@@ -123,8 +127,8 @@ impl Kept {
             .map_err(|why| not_created("plant", &failed(why)))
     }
 
-    /// Writes the state after every [`KEPT_EVERY`]th period. If that fails, removes the file and
-    /// warns the operator.
+    /// Writes the plant's state after every [`KEPT_EVERY`]th period. If that fails, removes the
+    /// file and warns the operator.
     pub(super) fn after(&mut self, period: u64, plant: &Plant) {
         if self.lost || !period.is_multiple_of(KEPT_EVERY) {
             return;
@@ -133,7 +137,7 @@ impl Kept {
             // Once: a full disk would fail again a tenth of a second later.
             self.lost = true;
             let place = self.path.display();
-            let rest = match taken_away(&self.path) {
+            let rest = match remove_or_empty(&self.path) {
                 Ok(()) => "it is removed, and this run cannot be resumed".to_owned(),
                 Err(left) => format!(
                     "it is out of date and cannot be removed ({left}): this run must not be resumed"
@@ -146,11 +150,11 @@ impl Kept {
     }
 }
 
-/// Removes an old state, so that no run resumes from it.
+/// Removes the file of an old state, or empties it, so that no run resumes from it.
 ///
 /// # Errors
 /// If the file can neither be removed nor emptied.
-fn taken_away(path: &Path) -> io::Result<()> {
+fn remove_or_empty(path: &Path) -> io::Result<()> {
     match std::fs::remove_file(path) {
         Err(why) if why.kind() == io::ErrorKind::NotFound => Ok(()),
         // In a read-only folder a file can still be emptied, and an empty state is refused.
@@ -174,7 +178,7 @@ mod tests {
 
     /// The warning names the file, the reason of the failed write and that of the failed removal.
     #[test]
-    fn failed_removal_of_world_file_warns_once() {
+    fn failed_removal_of_plant_state_file_warns_once() {
         let name = format!("rubik-robot-kept-{}", std::process::id());
         let path = std::env::temp_dir().join(name);
         let text = "task = \"idle\"\nseed = 5\n";

@@ -21,7 +21,8 @@ use crate::spatial::{Pose, pose_from_axes};
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 use std::path::Path;
 
-/// Checks a draft and builds the scenario. Returns `None` after faults that leave holes.
+/// Checks the keys in `draft` against each other and builds the scenario from them. Faults are
+/// added to `reader`. Returns `None` if a fault leaves an arm, a camera or a sensor unbuilt.
 ///
 /// Faults at the same place are printed in the order in which they are found here.
 pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option<Scenario> {
@@ -85,12 +86,13 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
     })
 }
 
-/// Builds the arms. An arm with a fault is `None`, as in the other lists.
+/// Builds the arm of each effector; `None` for an arm with a fault.
 fn arms(effectors: &[Effector], folder: &Path, reader: &mut Reader) -> Vec<Option<Arm>> {
     effectors.iter().map(|keys| arm(keys, folder, reader)).collect()
 }
 
-/// Builds the settings of effectors that are not in the geometry of the cell.
+/// Builds the settings of each effector other than its geometry: its gains, and whether its palm
+/// keeps a distance from the cube. Returns `None` for an effector with a fault.
 fn effectors(
     effectors: &[Effector],
     bridge: BridgeKind,
@@ -110,7 +112,7 @@ fn effectors(
     effectors.iter().map(build).collect()
 }
 
-/// Builds the cameras.
+/// Builds the cameras; `None` for a camera with a fault.
 fn cameras(
     cameras: &[CameraKeys],
     effectors: &[Effector],
@@ -119,12 +121,12 @@ fn cameras(
     cameras.iter().map(|keys| camera(keys, effectors, reader)).collect()
 }
 
-/// Finds the sources of the frames of all cameras.
+/// Returns for each camera where its frames come from: the renderer or a folder.
 fn sources(cameras: &[CameraKeys], folder: &Path, reader: &mut Reader) -> Vec<CameraSource> {
     cameras.iter().map(|keys| source(keys, folder, reader)).collect()
 }
 
-/// Builds the virtual sensors.
+/// Builds the virtual sensors; `None` for a sensor with a fault.
 fn vsps(draft: &Draft, reader: &mut Reader) -> Vec<Option<VspConfig>> {
     // The dotted name of a sensor without a name would be wrong in faults; `check` reports it.
     let named = draft.vsps.iter().filter(|v| !v.name.is_empty());
@@ -271,7 +273,7 @@ fn mount(
     }
 }
 
-/// Returns the source of the frames of a camera.
+/// Returns where the frames of a camera come from: the renderer or a folder.
 fn source(keys: &CameraKeys, folder: &Path, reader: &mut Reader) -> CameraSource {
     let text = keys.source.as_str();
     if text == "renderer" {
@@ -306,7 +308,8 @@ fn vsp(
     })
 }
 
-/// Finds the owner of a virtual sensor by name.
+/// Returns the receiver of a sensor's readings, which the key `owner` names: MP, or the ECP of an
+/// effector.
 fn owner(keys: &Vsp, path: &str, effectors: &[Effector], reader: &mut Reader) -> Option<Owner> {
     if keys.owner == "mp" {
         return Some(Owner::Mp);
@@ -316,17 +319,20 @@ fn owner(keys: &Vsp, path: &str, effectors: &[Effector], reader: &mut Reader) ->
         let at = format!("{path}.owner");
         let mut known = vec!["mp"];
         known.extend(effectors.iter().map(|e| e.name.as_str()));
-        let reason = format!("`{at}`: there is no owner \"{}\"", keys.owner);
+        let reason = format!("`{at}`: \"{}\" is neither \"mp\" nor an effector", keys.owner);
         reader.fault_with_help(&at, reason, format!("possible: {}", known.join(", ")));
     }
     owner
 }
 
-/// Mark of a fault that leaves a hole in the scenario.
+/// Mark of a fault after which a part of the scenario cannot be built.
 struct Hole;
 
-/// Finds the camera of a virtual sensor by name; returns `None` for a sensor of forces. A camera at
-/// the wrong place is a fault that leaves no hole.
+/// Returns the index of the camera that a virtual sensor names, or `None` for a force sensor. A
+/// camera on the wrong mount is a fault, but its index is returned, so that other checks can go on.
+///
+/// # Errors
+/// [`Hole`] if a camera is missing or unknown, or if a force sensor names one.
 fn vsp_camera(
     keys: &Vsp,
     path: &str,
@@ -363,7 +369,8 @@ fn vsp_camera(
     index.map(Some).ok_or(Hole)
 }
 
-/// Parses the state of the cube. Returns `None` if the seed draws it, and after a fault.
+/// Parses the state of the cube. Returns `None` for "random", because the seed determines that
+/// state, and after a fault.
 fn cube_state(text: &str, reader: &mut Reader) -> Option<Facelets> {
     if text == "random" {
         return None;
@@ -383,10 +390,10 @@ fn cube_state(text: &str, reader: &mut Reader) -> Option<Facelets> {
     }
 }
 
-/// Makes the rule of the planner agree with the grippers: a palm that presses the cube needs the
-/// strict rule.
+/// Makes the regrasp rule of the planner agree with the grippers: if a palm presses the cube,
+/// `Rule::Clearance` becomes `Rule::Strict`.
 ///
-/// A rule that was not given follows the gripper. A given rule that contradicts it is a fault.
+/// If the scenario itself sets `Rule::Clearance` with such a palm, that is a fault.
 fn planner(mut planner: Planner, effectors: &[Effector], reader: &mut Reader) -> Planner {
     let presses = effectors.iter().find(|e| !e.gripper.palm_clearance);
     if let (Rule::Clearance, Some(effector)) = (planner.rule, presses) {
@@ -403,7 +410,10 @@ fn planner(mut planner: Planner, effectors: &[Effector], reader: &mut Reader) ->
     planner
 }
 
-/// Returns the keeper of the cube and the place of the hand-over.
+/// Returns the keeper of the cube (a person or the table) and the place of the hand-over.
+///
+/// On a table, the height of that place follows from the height of the table and the `edge` of the
+/// cube (m).
 fn place(hand: &HandKeys, table_height: f64, edge: f64, reader: &mut Reader) -> (Keeper, HandZone) {
     check::cube_on_table(hand, reader);
     let [x, y, z] = hand.centre_xyz;
@@ -425,8 +435,8 @@ fn pose(xyz: [f64; 3], rpy: [f64; 3]) -> Pose {
     )
 }
 
-/// Returns the upright `world_from_camera` at `from` that looks towards `to` (m). It is `None` for
-/// a vertical view, and if both are one point.
+/// Returns the pose `world_from_camera` of a camera at `from` that looks at `to` (m, in the world),
+/// with an upright image. Returns `None` if `to` is at, above or below `from`.
 fn looking(from: [f64; 3], to: [f64; 3]) -> Option<Pose> {
     let z = Vector3::from(to) - Vector3::from(from);
     // A horizontal x makes the image upright; y = z x x then points downwards.
@@ -467,7 +477,7 @@ mod tests {
     }
 
     #[test]
-    fn isa_cards_have_no_current_trip() {
+    fn isa_bridge_disables_current_trip_of_axes() {
         let trips = |text: &str| {
             let scenario = read(Path::new("t.toml"), text, &[]).unwrap();
             scenario.controller.effectors[0].gains.axes.map(|axis| axis.trip_current)
@@ -478,7 +488,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_references_are_reported() {
+    fn references_to_undefined_scenario_elements_are_reported() {
         let text = "[[effector]]\nname = \"track\"\nprofile = \"irp6_trak\"\n\
                     [[camera]]\nname = \"c\"\nmount = \"flange\"\neffector = \"left\"\n\
                     [[vsp]]\nname = \"v\"\ncamera = \"d\"\nowner = \"absent\"\n";
@@ -509,7 +519,7 @@ mod tests {
     }
 
     #[test]
-    fn look_at_centres_the_point_in_upright_image() {
+    fn look_at_key_centres_point_in_upright_image() {
         let over = Override::parse("camera.standalone.look_at_mm=[1050,0,1200]").unwrap();
         let scenario = read(Path::new("t.toml"), "", &[over]).unwrap();
         let camera = &scenario.controller.cell.cameras[0];

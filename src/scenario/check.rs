@@ -22,7 +22,7 @@ use crate::cell::Arm;
 use crate::cube::Keeper;
 use crate::servo::period::Length;
 
-/// Checks that hardware has the wall clock, and that `bridge.devices` is not empty.
+/// Checks that hardware runs in real time, and that `bridge.devices`, if given, is not empty.
 pub(super) fn bridge(root: &Root, reader: &mut Reader) {
     let kind = root.bridge.kind;
     if kind.is_hardware() && root.pace == Pace::Virtual {
@@ -52,7 +52,7 @@ pub(super) fn effectors(draft: &Draft, reader: &mut Reader) {
     }
 }
 
-/// Checks that each element of a list has a name of its own.
+/// Checks that each name in a list is given, is not reserved, and differs from the others.
 fn names<'a>(list: &str, names: impl Iterator<Item = &'a str>, reader: &mut Reader) {
     let mut seen: Vec<&str> = Vec::new();
     for (index, name) in names.enumerate() {
@@ -74,7 +74,8 @@ fn names<'a>(list: &str, names: impl Iterator<Item = &'a str>, reader: &mut Read
     }
 }
 
-/// Checks the opening of the gripper of the effector at `path`.
+/// Checks that the smallest opening of a gripper is below its largest. `path` is the dotted name of
+/// its effector.
 pub(super) fn opening(gripper: &GripperKeys, path: &str, reader: &mut Reader) {
     let (min, max) = (gripper.opening_min, gripper.opening_max);
     if min >= max {
@@ -130,8 +131,8 @@ pub(super) fn task(draft: &Draft, arms: &[Option<Arm>], reader: &mut Reader) {
     }
 }
 
-/// Checks that under sporadic coordination the ECP of the first effector, which runs the visual
-/// servo, gets the readings of the sensor that finds the cube.
+/// Checks that under sporadic coordination the readings of the sensor that finds the cube go to the
+/// ECP of the first effector, which runs the visual servo.
 pub(super) fn owners(draft: &Draft, vsps: &[Option<VspConfig>], reader: &mut Reader) {
     if draft.root.coordination != Coordination::Sporadic {
         return;
@@ -155,8 +156,8 @@ pub(super) fn force_sign(control: &Control, reader: &mut Reader) {
     }
 }
 
-/// Checks the length of a servo period: 2 ms on hardware, and a whole number of periods in a
-/// macrostep.
+/// Checks the length of a servo period: it is 2 ms on hardware, and a macrostep has a whole number
+/// of periods, at least two.
 pub(super) fn periods(root: &Root, reader: &mut Reader) {
     let length = Length::of_seconds(root.real_time.period);
     // The ports to hardware count their watchdogs in periods of 2 ms, and the emulator steps by 2
@@ -186,7 +187,8 @@ pub(super) fn periods(root: &Root, reader: &mut Reader) {
     }
 }
 
-/// Checks the injected faults, each by itself and against the bridge and the others.
+/// Checks the injected faults: the keys of each, that its arm has its axis, that no two have the
+/// same name, and that the arms are simulated.
 pub(super) fn faults(draft: &Draft, arms: &[Option<Arm>], reader: &mut Reader) {
     for (index, (path, keys)) in draft.faults.iter().enumerate() {
         injected::check(keys, path, &draft.effectors, &draft.cameras, reader);
@@ -195,7 +197,7 @@ pub(super) fn faults(draft: &Draft, arms: &[Option<Arm>], reader: &mut Reader) {
         if keys.axis == Some(0)
             && let Some(arm) = arms.iter().flatten().find(named).filter(|arm| !arm.model.has_track)
         {
-            let reason = format!("`{path}.axis`: the {} has no axis 0", arm.name);
+            let reason = format!("`{path}.axis`: the {} has no axis 0 (the track)", arm.name);
             reader.fault(&format!("{path}.axis"), reason);
         }
         if draft.root.bridge.kind.is_hardware() {
@@ -221,7 +223,8 @@ pub(super) fn cube_on_table(hand: &HandKeys, reader: &mut Reader) {
     }
 }
 
-/// Checks that an approach ends at a smaller force than the one that stops the arm near a person.
+/// Checks that the contact force that ends an approach is below the force limit near a person.
+/// Otherwise that limit would abort each approach.
 pub(super) fn hand_force(control: &Control, keeper: Keeper, reader: &mut Reader) {
     let (most, touch) = (control.hand_force, control.approach_force);
     // A table has no person near it, so `hand_force` does not act there.
@@ -247,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn unsuitable_effectors_and_cameras_are_refused() {
+    fn missing_effector_and_wrong_camera_mount_are_refused() {
         let one = "camera = []\nvsp = []\n[[effector]]\nname = \"track\"\n";
         assert!(faults(one, &[]).contains("\"solve\" needs two effectors"), "{}", faults(one, &[]));
         assert_eq!(faults(&format!("task = \"idle\"\n{one}"), &[]), "");
@@ -280,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn empty_name_of_devices_is_refused() {
+    fn empty_device_file_name_is_refused() {
         let message = faults("[bridge]\ndevices = \"\"\n", &[]);
         assert!(
             message.contains("t.toml:2:11: `bridge.devices`: the file name is empty"),
@@ -298,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn hardware_stops_after_fewer_missed_periods() {
+    fn hardware_stops_after_fewer_missed_periods_than_simulation() {
         let limit = |text: &str| read(Path::new("t.toml"), text, &[]).unwrap().missed_limit();
         let serial = "pace = \"real-time\"\n[bridge]\nkind = \"serial\"\n";
 
@@ -308,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn hand_force_below_approach_force_is_refused() {
+    fn hand_force_limit_below_approach_force_is_refused() {
         let text = "[control]\nhand_force_n = 3\n";
         let message = faults(text, &[]);
         assert!(message.contains("hand_force_n") && message.contains("ends at 4 N"), "{message}");
@@ -316,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn hardware_has_periods_of_2_ms() {
+    fn hardware_refuses_periods_other_than_2_ms() {
         let message = |kind: &str, period: &str| {
             let text = format!(
                 "pace = \"real-time\"\n[bridge]\nkind = \"{kind}\"\n\

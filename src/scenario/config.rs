@@ -41,7 +41,8 @@ impl Scenario {
         u64::from(self.real_time.missed_limit.unwrap_or(usual))
     }
 
-    /// Returns the cube with which the plant starts: the given one, or the one of the seed.
+    /// Returns the cube at the start of a simulated run: the given state, or one scrambled from the
+    /// seed.
     #[must_use]
     pub fn cube(&self) -> Facelets {
         match &self.plant.cube_state {

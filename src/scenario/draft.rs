@@ -24,7 +24,7 @@ pub(super) struct Draft {
 }
 
 impl Draft {
-    /// Returns every key with its present value as the default.
+    /// Returns every key, with its value in this draft as its default.
     pub(super) fn keys(&self) -> Vec<Key> {
         let mut keys = Vec::new();
         self.root.keys("", &mut keys);
@@ -43,7 +43,7 @@ impl Draft {
     }
 }
 
-/// Returns the tree of the built-in cell.
+/// Parses the TOML text of the built-in cell.
 pub(super) fn built_in(reader: &mut Reader) -> Node {
     let source = Rc::new(Source {
         name: "the built-in cell.toml".to_owned(),
@@ -53,7 +53,8 @@ pub(super) fn built_in(reader: &mut Reader) -> Node {
     tree::parse(&source, &mut reader.faults)
 }
 
-/// Reads the keys of the built-in cell, and those of a document over them.
+/// Reads the keys of a document. A key that the document does not set has the value of its profile,
+/// or else that of the built-in cell.
 pub(super) fn draft(document: &Node, built_in: &Node, reader: &mut Reader) -> Draft {
     let mut draft = Draft::default();
     let mut silent = Reader::default();
@@ -78,8 +79,9 @@ pub(super) fn draft(document: &Node, built_in: &Node, reader: &mut Reader) -> Dr
     draft
 }
 
-/// Returns the keys of the profile that a document chooses, over the built-in cell. Faults of the
-/// document are ignored here, since they are found when it is read.
+/// Returns the keys of the profile of speeds that a document chooses, or `None` if that profile
+/// changes nothing. `cell` has the keys of the built-in cell, which count where the document sets
+/// none. Faults of the document are ignored here, since they are found when it is read.
 fn profile(cell: &Root, document: &Node, silent: &mut Reader) -> Option<Node> {
     // The choice may depend on `bridge.kind`, so the document must be read once before its profile
     // is known.
@@ -95,7 +97,7 @@ fn profile(cell: &Root, document: &Node, silent: &mut Reader) -> Option<Node> {
     (!source.text.is_empty()).then(|| tree::parse(&source, &mut silent.faults))
 }
 
-/// Reads the list of faults, each with its dotted name.
+/// Reads the list of injected faults, each with its dotted name: `fault.NAME`.
 fn faults(node: Option<&Node>, reader: &mut Reader) -> Vec<(String, FaultKeys)> {
     let faults = elements("fault", node, reader, |_| FaultKeys::default());
     let path = |(i, fault): (usize, &FaultKeys)| {
@@ -124,7 +126,7 @@ fn leave_out(draft: &mut Draft, lists: &[Option<Node>; 4]) {
     }
 }
 
-/// Splits a document into its sections and its lists.
+/// Splits a document into its sections and its lists, which are in the order of [`LISTS`].
 fn split(document: &Node, reader: &mut Reader) -> (Node, [Option<Node>; 4]) {
     let mut rest = document.clone();
     let mut found = [const { None }; 4];
@@ -149,7 +151,8 @@ fn split(document: &Node, reader: &mut Reader) -> (Node, [Option<Node>; 4]) {
     (rest, found)
 }
 
-/// Reads one list. Each element starts from the built-in element of its name.
+/// Reads the list `name` of a scenario, or the built-in list if none is `given`. An element with
+/// the name of a built-in element starts from its values.
 fn list<T: Section + Clone>(
     name: &str,
     given: Option<&Node>,
@@ -168,7 +171,8 @@ fn list<T: Section + Clone>(
     }
 }
 
-/// Reads the elements of a list. Each starts from `start(its name)`.
+/// Reads the elements of the list `name`. `start` returns the values from which an element of a
+/// given name starts.
 fn elements<T: Section>(
     name: &str,
     node: Option<&Node>,

@@ -99,12 +99,12 @@ impl fmt::Display for Fault {
 pub struct Faults(pub Vec<Fault>);
 
 impl Faults {
-    /// Adds a fault.
+    /// Adds a fault with its reason and its place in the text, if it has one.
     pub fn add(&mut self, place: Option<&Place>, reason: impl Into<String>) {
         self.0.push(Fault { place: place.cloned(), reason: reason.into(), help: None });
     }
 
-    /// Adds a fault with advice.
+    /// Adds a fault with its reason, its place in the text, and advice to the user (`help`).
     pub(crate) fn add_with_help(
         &mut self,
         place: Option<&Place>,
@@ -170,7 +170,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn fault_shows_file_line_column_and_text() {
+    fn scenario_error_shows_file_line_column_and_text() {
         let source = Rc::new(Source {
             name: "a.toml".into(),
             text: "[cube]\nedge_cm = 57\n".into(),
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn suggestion_is_similar_or_adds_the_unit() {
+    fn nearest_suggests_similar_key_or_key_with_unit() {
         assert_eq!(nearest("edge_cm", &["edge_mm", "mass_g"]), Some("edge_mm"));
         assert_eq!(nearest("edge", &["edge_mm", "mass_g"]), Some("edge_mm"));
         assert_eq!(nearest("velocity", &["edge_mm", "mass_g"]), None);

@@ -162,7 +162,7 @@ section! {
 }
 
 /// Keys that a kind needs besides its time.
-#[allow(clippy::struct_excessive_bools, reason = "the fields are the columns of a table")]
+#[allow(clippy::struct_excessive_bools, reason = "each field is a column of the table in `needs`")]
 struct Needs {
     arm: bool,
     axis: bool,
@@ -173,7 +173,8 @@ struct Needs {
     constant: bool,
 }
 
-/// Returns the keys that a kind needs; magnitudes are in the unit of the kind.
+/// Returns which keys a kind of fault needs besides its time, and the range of its magnitude (in
+/// the unit of the kind).
 fn needs(kind: FaultKind) -> Needs {
     use FaultKind as K;
     let none = Needs { arm: false, axis: false, camera: false, magnitude: None, constant: false };
@@ -220,7 +221,8 @@ fn needs(kind: FaultKind) -> Needs {
 }
 
 impl FaultKeys {
-    /// Returns the indices of the sticker and of its colour, both in the order URFDLB.
+    /// Returns which sticker is misread (0..=53) and which colour it shows (0..=5), both in the
+    /// order URFDLB. Returns `None` if the keys `sticker` and `colour` do not say so.
     #[must_use]
     pub fn misread(&self) -> Option<(usize, u8)> {
         let letter = |c: char| Face::ALL.iter().position(|f| f.letter() == c);
@@ -233,7 +235,8 @@ impl FaultKeys {
     }
 }
 
-/// Checks the fault at the dotted name `path`: its keys against its kind, and the names in it.
+/// Checks an injected fault: its keys against its kind, and the names of arms and cameras in it.
+/// `path` is its dotted name.
 pub(super) fn check(
     fault: &FaultKeys,
     path: &str,
@@ -269,12 +272,13 @@ struct Check<'a> {
 }
 
 impl Check<'_> {
-    /// Adds a wrong key.
+    /// Adds `key` to the list of wrong keys, with the reason.
     fn wrong(&mut self, key: &'static str, reason: impl Into<String>) {
         self.wrong.push((key, reason.into()));
     }
 
-    /// Checks that either a time or an event begins the fault, unless its kind is constant.
+    /// Checks that either a time or an event begins the fault. A fault that exists for the whole
+    /// run, such as a wrong calibration, has neither.
     fn beginning(&mut self) {
         let word = self.kind.word();
         match (self.fault.at, self.fault.event, self.needs.constant) {
@@ -338,7 +342,8 @@ impl Check<'_> {
         }
     }
 
-    /// Checks that the actor can have this fault, and that an arm or a camera identifies it.
+    /// Checks that the kind of actor can have this fault, and that `arm` or `camera` says which
+    /// actor of that kind has it.
     fn actor(&mut self) {
         use FaultActor as A;
         use FaultKind as K;
@@ -364,12 +369,13 @@ impl Check<'_> {
         }
     }
 
-    /// Checks the direction of a fault along an axis of the world, which cannot be a rotation.
+    /// Checks that a push, or the error of a base, has a direction along an axis of the world, not
+    /// about it.
     fn direction(&mut self) {
         let kind = self.kind;
         let is_along = matches!(kind, FaultKind::Push | FaultKind::BaseCalibration);
         if is_along && self.fault.direction > 2 {
-            let reason = format!("\"{}\" has directions 0 to 2: x, y, z", kind.word());
+            let reason = format!("\"{}\" takes directions 0 to 2 only: along x, y, z", kind.word());
             self.wrong("direction", reason);
         }
     }
@@ -399,7 +405,7 @@ mod tests {
     }
 
     #[test]
-    fn fault_is_read_in_si_and_overridden() {
+    fn injected_fault_uses_si_units_and_accepts_overrides() {
         let text = "[[fault]]\nname = \"a\"\nkind = \"encoder_jump\"\narm = \"track\"\n\
                     axis = 3\nmagnitude = 2\n\
                     event = \"turned\"\nturned_deg = 90";
@@ -413,7 +419,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_keys_are_reported_with_their_place() {
+    fn wrong_fault_keys_are_reported_with_line_number() {
         let missing = faults("kind = \"over_current\"\nat_s = 1");
         for what in ["f.toml:3:8", "needs an arm", "needs an axis", "needs a magnitude"] {
             assert!(missing.contains(what), "{missing}");

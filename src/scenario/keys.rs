@@ -146,7 +146,8 @@ impl BridgeKind {
 }
 
 impl Bridge {
-    /// Returns the path of the file of devices, for the scenario at `path`.
+    /// Returns the path of the file that names the devices of real controllers. `path` is that of
+    /// the scenario.
     #[must_use]
     pub(crate) fn devices_at(&self, path: &std::path::Path) -> std::path::PathBuf {
         let Some(devices) = &self.devices else { return default_path() };
@@ -203,13 +204,13 @@ words! {
 }
 
 impl Profile {
-    /// Returns the profile that applies if none is chosen.
+    /// Returns the profile of speeds that applies if the scenario chooses none.
     #[must_use]
     pub(crate) fn usual(bridge: BridgeKind) -> Self {
         if bridge.is_hardware() { Self::Workshop } else { Self::Swift }
     }
 
-    /// Returns the keys that differ from the defaults, in TOML.
+    /// Returns the keys of `control` that this profile changes, as TOML; empty if there are none.
     #[must_use]
     pub(crate) fn text(self) -> &'static str {
         match self {

@@ -169,21 +169,21 @@ section! {
 }
 
 impl Effector {
-    /// Returns the dotted name of the effector.
+    /// Returns the dotted name of the effector: `effector.NAME`.
     pub(super) fn path(&self) -> String {
         format!("effector.{}", self.name)
     }
 }
 
 impl CameraKeys {
-    /// Returns the dotted name of the camera.
+    /// Returns the dotted name of the camera: `camera.NAME`.
     pub(super) fn path(&self) -> String {
         format!("camera.{}", self.name)
     }
 }
 
 impl Vsp {
-    /// Returns the dotted name of the VSP.
+    /// Returns the dotted name of the VSP: `vsp.NAME`.
     pub(super) fn path(&self) -> String {
         format!("vsp.{}", self.name)
     }

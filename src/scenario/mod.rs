@@ -43,8 +43,8 @@ const SHIPPED: [(&str, &str); 2] = [
     ("shipped:table", include_str!("../../scenarios/table.toml")),
 ];
 
-/// Returns the text of a scenario from a file, or of one in the program (`shipped:solve`,
-/// `shipped:table`).
+/// Returns the text of the scenario at `path`: that of a file, or of a scenario that is built into
+/// the program (`shipped:solve`, `shipped:table`).
 ///
 /// # Errors
 /// The error of the operating system for the file.
@@ -53,7 +53,8 @@ pub fn text(path: &Path) -> std::io::Result<String> {
     shipped.map_or_else(|| text::read(path, text::SCENARIO), |(_, text)| Ok((*text).to_owned()))
 }
 
-/// Reads a scenario file, or a scenario in the program.
+/// Reads the scenario at `path`, which is a file or built into the program, with overrides from the
+/// command line.
 ///
 /// # Errors
 /// All faults of the file and of the overrides.
@@ -96,7 +97,7 @@ pub fn read(path: &Path, text: &str, overrides: &[Override]) -> Result<Scenario,
     }
 }
 
-/// Returns every key with its default.
+/// Returns every key that a scenario can have, with its default.
 #[must_use]
 pub(crate) fn all_keys() -> Vec<Key> {
     let mut reader = Reader::default();
@@ -138,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn override_changes_built_in_list_and_is_checked() {
+    fn override_changes_effector_and_reports_unknown_key() {
         let good = Override::parse("effector.track.tool_xyz_mm=[0, 0, 260]").unwrap();
         let scenario = read(Path::new("t.toml"), "", &[good]).unwrap();
         let tool = scenario.controller.cell.arms[0].flange_from_tool;
@@ -152,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn own_list_replaces_built_in_list() {
+    fn list_of_scenario_replaces_built_in_list() {
         let text = "task = \"idle\"\ncamera = []\nvsp = []\n\
                     [[effector]]\nname = \"track\"\nstart_d0_mm = 100\n";
 
@@ -164,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn elements_of_missing_effector_are_dropped() {
+    fn cameras_and_sensors_of_absent_effector_are_dropped() {
         let text = "task = \"idle\"\n[[effector]]\nname = \"postument\"\n";
 
         let scenario = read(Path::new("t.toml"), text, &[]).unwrap();

@@ -32,7 +32,7 @@ const DELAY: f64 = 2.5;
 /// Radius of gyration of a gripper about its own centre (m): 0.006 kg m2 at 1.1 kg.
 const GYRATION: f64 = 0.074;
 
-/// Checks that hardware has the gentle profile.
+/// Checks that hardware runs with the gentle profile of speeds, "workshop".
 pub(super) fn profile(root: &Root, reader: &mut Reader) {
     let (kind, profile) = (root.bridge.kind, root.profile());
     if profile != Profile::Workshop && kind.is_hardware() {
@@ -47,7 +47,7 @@ pub(super) fn profile(root: &Root, reader: &mut Reader) {
     }
 }
 
-/// Checks that the motors of all arms are fast enough.
+/// Checks that the motors of all arms reach the speeds of turn, roll and track in `control`.
 pub(super) fn speeds(control: &Control, arms: &[Option<Arm>], reader: &mut Reader) {
     for arm in arms.iter().flatten() {
         let c = control;
@@ -96,8 +96,9 @@ fn down(value: f64) -> f64 {
     (value * 10.0 + 1e-6).floor() / 10.0
 }
 
-/// Returns the speed that the motor needs (rad/s) and the greatest speed of its axis (rad/s, m/s),
-/// if the wanted one exceeds it. The motor reaches at most `limit` (rad/s).
+/// Returns `None` if the motor of an axis, which reaches `limit` (rad/s), can move it at `speed`
+/// (rad/s, m/s). Otherwise returns the motor speed that would be needed (rad/s), and the greatest
+/// speed of the axis (rad/s, m/s).
 fn too_fast(model: &ArmModel, axis: usize, speed: f64, limit: f64) -> Option<(f64, f64)> {
     if axis == TRACK && !model.has_track {
         return None;
@@ -107,7 +108,8 @@ fn too_fast(model: &ArmModel, axis: usize, speed: f64, limit: f64) -> Option<(f6
     (needed > limit).then(|| (needed, limit / gear))
 }
 
-/// Checks each force-controlled direction: see [`tff::self_excitation`].
+/// Checks that no force-controlled direction makes its arm vibrate by the inertia of the tool,
+/// which the force sensor measures. The gain of that loop is [`tff::self_excitation`].
 pub(super) fn self_excitation(
     control: &Control,
     visual_servo: &VisualServo,
@@ -195,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn profile_is_gentle_on_hardware_only() {
+    fn default_turn_speed_is_lower_on_hardware() {
         let speed = |bridge: &str, keys: &str| {
             let pace = if bridge == "plant" { "virtual" } else { "real-time" };
             let text =
@@ -222,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn guarded_speed_that_shakes_the_tool_is_refused() {
+    fn guarded_motion_that_excites_tool_vibration_is_refused() {
         let message = faults("approach_speed_mm_s = 40\nlinear_inertia_kg = 0");
         assert!(message.contains("t.toml:2:23: `control.approach_speed_mm_s`"), "{message}");
         assert!(message.contains("excite its own vibration at about 31 Hz"), "{message}");

@@ -37,7 +37,7 @@ impl Override {
     }
 }
 
-/// Writes the overrides into a document.
+/// Writes the overrides of the command line into the document of a scenario.
 pub(super) fn apply(
     overrides: &[Override],
     document: &mut Node,
@@ -64,9 +64,9 @@ pub(super) fn apply(
     }
 }
 
-/// Adds the list of `key` to the document if the scenario has none itself, so that an override can
-/// change an element. The list contains only the names of the built-in elements, from whose values
-/// they start.
+/// Adds the list in which `key` lies to the document if it has none, so that an override can change
+/// an element. The list has only the names of the built-in elements; their values follow when the
+/// list is read.
 fn adopt_list(document: &mut Node, built_in: &Node, key: &str) {
     let list = key.split('.').next().unwrap_or_default();
     if !LISTS.contains(&list) || document.get(list).is_some() {

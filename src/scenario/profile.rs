@@ -25,7 +25,8 @@ struct BuiltIn {
     text: fn(&str) -> Option<&'static str>,
 }
 
-/// Reads the geometry of the effector at `path`.
+/// Reads the geometry of an effector from the profile `name`: a built-in one, or a file in
+/// `folder`. `path` is the dotted name of the effector.
 pub(super) fn model(
     name: &str,
     path: &str,
@@ -36,7 +37,8 @@ pub(super) fn model(
     read(&Reference { at: format!("{path}.profile"), name, folder }, &built_in, reader)
 }
 
-/// Reads the regulators of the effector at `path`.
+/// Reads the gains and limits of an effector's regulators from the profile `name`: the built-in
+/// one, or a file in `folder`. `path` is the dotted name of the effector.
 pub(super) fn gains(
     name: &str,
     path: &str,
@@ -77,7 +79,7 @@ pub(super) fn adjusted(mut gains: ServoGains, keys: &Servo) -> ServoGains {
     gains
 }
 
-/// Reads the profile to which a key refers.
+/// Reads the profile to which a key refers: one of `built_in`, or a file.
 fn read<T: serde::de::DeserializeOwned>(
     reference: &Reference<'_>,
     built_in: &BuiltIn,

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
 /// Factors from the units of keys to SI, named as in the keys.
-#[allow(non_upper_case_globals, reason = "constants are named like the units in keys")]
+#[allow(non_upper_case_globals, reason = "each constant is named like a unit in keys, as mm_s")]
 pub(crate) mod units {
     /// Millimetres.
     pub(crate) const mm: f64 = 1e-3;
@@ -203,7 +203,8 @@ impl Reader {
     }
 }
 
-/// Joins `path.key`, without the dot at the top.
+/// Joins a path and a key to a dotted name. A key at the top level, where the path is empty, gets
+/// no dot.
 #[must_use]
 pub(crate) fn join(path: &str, key: &str) -> String {
     if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") }
@@ -232,20 +233,20 @@ impl Wrong {
 
 /// Type of value that a key can have.
 pub(crate) trait Item: Sized {
-    /// Returns the type in words.
+    /// Returns the type in words for the user: "number", "3 numbers".
     fn kind() -> String;
-    /// Reads a value from a node.
+    /// Reads a value of this type, in the unit of the key, from a node of the document.
     ///
     /// # Errors
     /// [`Wrong`] with the reason.
     fn read(node: &Node) -> Result<Self, Wrong>;
-    /// Writes the value as in TOML, in the unit of the key.
+    /// Writes the value as in TOML, in the unit of the key; `factor` converts that unit to SI.
     fn show(&self, factor: f64) -> String;
     /// Returns the numbers in the value, for the check of ranges.
     fn numbers(&self) -> Vec<f64> {
         Vec::new()
     }
-    /// Converts the value to SI.
+    /// Converts the value to SI by the factor of the key's unit.
     #[must_use]
     fn scaled(self, factor: f64) -> Self {
         let _ = factor;
@@ -384,7 +385,8 @@ impl<T: Item> Item for Option<T> {
 pub(crate) trait Section: Default {
     /// Overwrites the values of the keys that `node` contains; the others keep their values.
     fn overlay(&mut self, node: &Node, path: &str, reader: &mut Reader);
-    /// Adds its keys to `into`, with the present values as defaults.
+    /// Appends the keys of this section to `into`, with their present values as defaults. `path` is
+    /// the dotted name of the section.
     fn keys(&self, path: &str, into: &mut Vec<Key>);
 }
 

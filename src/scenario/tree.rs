@@ -48,7 +48,7 @@ pub(crate) struct Entry {
 }
 
 impl Node {
-    /// Describes the node in the words of a user.
+    /// Returns the value, or "a table" and the like, for the message that the value is wrong.
     #[must_use]
     pub(crate) fn describe(&self) -> String {
         match &self.value {
@@ -98,7 +98,7 @@ pub(crate) fn parse_value(source: &Rc<Source>) -> Node {
     }
 }
 
-/// Converts a table of the parser.
+/// Converts a table of the TOML parser to entries with their places.
 fn entries(table: &DeTable<'_>, source: &Rc<Source>) -> Vec<Entry> {
     table
         .iter()
@@ -110,7 +110,7 @@ fn entries(table: &DeTable<'_>, source: &Rc<Source>) -> Vec<Entry> {
         .collect()
 }
 
-/// Converts a value of the parser.
+/// Converts a value of the TOML parser to a node with its place.
 fn node(value: &Spanned<DeValue<'_>>, source: &Rc<Source>) -> Node {
     let place = Place { source: Rc::clone(source), span: value.span() };
     let value = match value.get_ref() {
@@ -180,7 +180,8 @@ pub(crate) fn set(root: &mut Node, key: &str, value: Node, faults: &mut Faults) 
     true
 }
 
-/// Finds an element by its name, else by its index.
+/// Returns the index of the list element that `part` of a dotted key names, by its `name` or else
+/// by its index.
 fn element(items: &[Node], part: &str) -> Option<usize> {
     items
         .iter()
@@ -206,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn parse_reports_every_fault_of_syntax() {
+    fn parse_reports_more_than_one_syntax_error() {
         let mut faults = Faults::default();
 
         let _ = parse(&source("a = \nb = 1\nc = ]\n"), &mut faults);
@@ -215,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn set_finds_elements_by_name_and_index() {
+    fn set_finds_list_elements_by_name_and_index() {
         let mut faults = Faults::default();
         let mut root = parse(&source("[[e]]\nname = \"a\"\n[[e]]\nname = \"b\"\n"), &mut faults);
 

@@ -101,7 +101,8 @@ impl ArmServo {
     /// Step of a motor that counts as rest (rad).
     const REST: f64 = 1e-5;
 
-    /// Makes the servo of an arm at rest at the position of the first reading.
+    /// Makes the servo of an arm at rest. The position that the first reading shows becomes the set
+    /// value.
     #[must_use]
     pub fn new(config: ServoConfig, first: &ArmReading) -> Self {
         let chain = Chain { model: &config.model, flange_from_tool: &config.flange_from_tool };
@@ -188,7 +189,8 @@ impl ArmServo {
         (drive, state)
     }
 
-    /// Takes the inputs from outside, before [`ArmServo::step`] of the same period.
+    /// Applies the inputs from outside the arm: missed periods, an order to brake, a fault, a
+    /// stopped partner. The call comes before [`ArmServo::step`] of the same period.
     pub fn apply_outside(&mut self, period: u64, outside: &Outside) {
         // The gap comes first: an order to brake depends on whether periods were missed.
         if outside.skipped > 0 {
@@ -203,14 +205,15 @@ impl ArmServo {
         self.stand_by(period, outside.stands_by);
     }
 
-    /// Stops the arm until [`ServoCommand::Reset`]: drives off, brakes on. The first fault stays.
+    /// Stops the arm until [`ServoCommand::Reset`]: drives off, brakes on. If the arm has a fault
+    /// already, this earlier fault stays.
     fn trip(&mut self, period: u64, fault: ArmFault) {
         self.fault.get_or_insert(fault);
         self.hold(period);
     }
 
     /// Brings the arm to rest within about 0.1 s, because set values that stop dead trip the power
-    /// stages.
+    /// stages. The state reports `why` as the reason for which the motion was aborted.
     fn brake(&mut self, period: u64, why: MoveRefused) {
         // An arm without a motion has no command to refuse.
         if self.running.is_none() && self.waiting.is_none() && self.homing.is_none() {
@@ -225,9 +228,10 @@ impl ArmServo {
         self.refused = Some(why);
     }
 
-    /// Stands by while the other arm is stopped by a fault or an actor is gone (`stopped`). At the
-    /// beginning an arm under force control yields for half a second, without a velocity of its
-    /// own, and then holds; any other arm brakes. The arm refuses motions and homing until the end.
+    /// Makes the arm stand by as long as `stopped` is true: the other arm is stopped by a fault, or
+    /// an actor is gone. At the beginning an arm under force control yields for half a second,
+    /// without a velocity of its own, and then holds; any other arm brakes. Until `stopped` is
+    /// false the arm refuses motions and homing.
     fn stand_by(&mut self, period: u64, stopped: bool) {
         let begins = stopped && !self.stands_by;
         self.stands_by = stopped;
@@ -263,7 +267,7 @@ impl ArmServo {
         self.synchronised
     }
 
-    /// Registers periods that were missed before the next one.
+    /// Registers that the servo missed a number of periods just before the next one.
     fn add_missed_periods(&mut self, missed: u64) {
         self.gap = Gap::Passed;
         self.watch.add_missed_periods(missed);
@@ -392,8 +396,8 @@ impl ArmServo {
         self.fault = None;
     }
 
-    /// Detects a lost synchronisation and runs one period of homing. Both come before any use of
-    /// the counters.
+    /// Trips the arm if an axis has lost its synchronisation, and runs one period of the homing if
+    /// one is under way. The call comes before any use of the counters.
     fn home(&mut self, period: u64, reading: &ArmReading, measured: &Measured) {
         self.homing_step = None;
         if self.synchronised && self.fault.is_none() {
@@ -424,8 +428,8 @@ impl ArmServo {
         }
     }
 
-    /// Moves the set value of an axis along with its counter, which was set to zero. The set value
-    /// keeps its lead over the measured one.
+    /// Shifts the set value of an axis as far as its counter jumped when it was set to zero, so
+    /// that the difference of set and measured value stays.
     fn rebase(&mut self, axis: usize, reading: &ArmReading, measured: &Measured) {
         if axis == JAW {
             self.jaw.rebase(reading.jaw_count);
@@ -465,7 +469,8 @@ impl ArmServo {
         }
     }
 
-    /// Begins to brake if the set values are to stop but were fast in the last period.
+    /// Begins to brake if a set value moved so fast in the last period that a dead stop would trip
+    /// a power stage. The caller is about to let the set values stop.
     fn brake_if_fast(&mut self) {
         let fast = Self::SUDDEN * self.config.period.seconds();
         let already = self.homing_step.is_some() || self.braking.is_some();
@@ -531,8 +536,8 @@ impl ArmServo {
         }
     }
 
-    /// Advances the motors without a path: a step of homing, or the fading steps of an aborted
-    /// motion.
+    /// Advances the set positions of the motors by a step of the homing, or by the fading steps of
+    /// an aborted motion. Neither follows a path.
     fn advance_motors(&mut self) {
         let mut motors = self.set.motors;
         if let Some(step) = self.homing_step {
@@ -561,8 +566,8 @@ impl ArmServo {
         }
     }
 
-    /// Checks the limits of joints, motors and speeds. Without synchronisation only the speeds have
-    /// a meaning.
+    /// Checks that the next set values keep the limits of joints, motors and speeds. For an arm
+    /// that is not synchronised it checks the speeds only: the other limits have no meaning.
     fn check(&self, next: &SetValues) -> Result<(), MoveRefused> {
         let (model, seconds) = (&self.config.model, self.config.period.seconds());
         if self.synchronised {
@@ -626,12 +631,12 @@ impl ArmServo {
         }
     }
 
-    /// Returns the chain from the base to the present tool.
+    /// Returns the kinematic chain from the base to the tool that is set at present.
     fn chain(&self) -> Chain<'_> {
         Chain { model: &self.config.model, flange_from_tool: &self.flange_from_tool }
     }
 
-    /// Returns the first axis of the arm: one without a track has no axis 0.
+    /// Returns the index of the first axis that the arm has: 1 without a track, else 0.
     fn first_axis(&self) -> usize {
         usize::from(!self.config.model.has_track)
     }
@@ -654,7 +659,8 @@ impl Default for SeenWrench {
 impl SeenWrench {
     const LENGTH: usize = ForceSettings::LONGEST_DELAY as usize + 1;
 
-    /// Stores the wrench of this period and returns the one for the force law.
+    /// Stores the measured wrench of this period. Returns the wrench that the force law gets, with
+    /// the delay and the sign of the settings.
     fn next(&mut self, wrench: Wrench) -> Wrench {
         self.now = (self.now + 1) % Self::LENGTH;
         self.past[self.now] = wrench;
@@ -664,7 +670,7 @@ impl SeenWrench {
     }
 }
 
-/// Returns the bits of the axes that the arm has.
+/// Returns a bit mask of the axes that the arm has: bit 0 is the track, bit 7 the jaw.
 fn required(config: &ServoConfig) -> u8 {
     if config.model.has_track { u8::MAX } else { !1 }
 }

@@ -41,7 +41,8 @@ const CAM: f64 = 20.0;
 /// Distance longer than the range of any axis; an axis reaches its limit switch long before (rad).
 const LONGEST: f64 = 5000.0;
 
-/// Returns the coarse and the fine speed of an axis (rad/s of the motor).
+/// Returns the two speeds at which an axis is homed: coarse towards its switch and fine off the
+/// switch (rad/s of the motor).
 fn speeds(axis: usize) -> (f64, f64) {
     match axis {
         JAW => (-250.0, 100.0),
@@ -110,7 +111,7 @@ struct Seen {
 }
 
 impl Homing {
-    /// Makes the homing of an arm, at its first axis.
+    /// Makes the homing of an arm, before its first step.
     #[must_use]
     pub fn new(has_track: bool, period: Length) -> Self {
         Self {
@@ -126,10 +127,12 @@ impl Homing {
         }
     }
 
-    /// Runs one period of the homing. Returns `None` when all axes are synchronised.
+    /// Runs one period of the homing. Returns the step of the axis that is being homed, or `None`
+    /// when all axes are synchronised.
     ///
     /// # Errors
-    /// [`ArmFault::SwitchExpected`], [`ArmFault::SwitchHeld`], [`ArmFault::ZeroExpected`].
+    /// [`ArmFault::SwitchExpected`], [`ArmFault::SwitchHeld`] or [`ArmFault::ZeroExpected`] if the
+    /// axis does not find its switch, does not leave it, or finds no encoder zero behind it.
     pub fn step(&mut self, reading: &ArmReading) -> Result<Option<HomingStep>, ArmFault> {
         // The next axis begins with an unknown switch: the readings of the last one do not count.
         if self.phase == Phase::Rest(0) {
@@ -171,7 +174,8 @@ impl Homing {
         Ok(Some(HomingStep { axis, step, synchronise, zeroed }))
     }
 
-    /// Moves backwards until the switch is pressed. Returns the wanted speed (rad/s).
+    /// Runs a period of the motion backwards until the switch is pressed. Returns the wanted speed
+    /// (rad/s).
     fn seek_switch(&mut self, seen: &Seen) -> Result<f64, ArmFault> {
         match seen.pressed {
             Some(true) => {
@@ -193,7 +197,8 @@ impl Homing {
         }
     }
 
-    /// Pauses on the switch. Returns the wanted speed (rad/s).
+    /// Runs a period of the pause on the switch, of which `left` periods are left. Returns the
+    /// wanted speed (rad/s).
     fn pause(&mut self, left: u32, seen: &Seen) -> Result<f64, ArmFault> {
         if left > 0 {
             self.phase = Phase::Pause(left - 1);
@@ -207,7 +212,7 @@ impl Homing {
         Ok(speeds(seen.axis).1)
     }
 
-    /// Moves forwards off the switch. Returns the wanted speed (rad/s).
+    /// Runs a period of the slow motion forwards off the switch. Returns the wanted speed (rad/s).
     fn leave_switch(&mut self, seen: &Seen) -> Result<f64, ArmFault> {
         let (axis, travelled) = (seen.axis, self.travelled);
         let fine = speeds(axis).1;
@@ -223,7 +228,8 @@ impl Homing {
         Ok(fine)
     }
 
-    /// Moves on until the controller has set its counter to zero. Returns the wanted speed (rad/s).
+    /// Runs a period of the motion from the switch to the encoder's zero, where the controller sets
+    /// its counter to zero. Returns the wanted speed (rad/s).
     fn seek_zero(&mut self, seen: &Seen) -> Result<f64, ArmFault> {
         let (axis, travelled) = (seen.axis, self.travelled);
         if seen.synchronised {
@@ -241,7 +247,8 @@ impl Homing {
         ArmFault::SwitchExpected { axis: seen.axis, travelled: self.travelled.abs() }
     }
 
-    /// Returns the axis to home, and skips those that are absent or synchronised.
+    /// Returns the axis to home in this period; `None` if none is left. Skips axes that the arm
+    /// does not have and those that are synchronised already.
     fn axis(&mut self, reading: &ArmReading) -> Option<usize> {
         while let Some(&axis) = ORDER.get(self.next) {
             // An axis that has begun stays, although its synchronised bit rises before its pause.
@@ -255,13 +262,14 @@ impl Homing {
         None
     }
 
-    /// Begins a phase.
+    /// Begins a phase of the homing of an axis, and measures its distance from here.
     fn enter(&mut self, phase: Phase) {
         self.phase = phase;
         self.travelled = 0.0;
     }
 
-    /// Returns the state of the switch after [`DEBOUNCE`] equal readings.
+    /// Returns whether the switch is pressed, or `None` until [`DEBOUNCE`] equal readings have come
+    /// in a row.
     fn read_switch(&mut self, pressed: bool) -> Option<bool> {
         let (last, times) = self.switch;
         self.switch = (pressed, if last == pressed { (times + 1).min(DEBOUNCE) } else { 1 });
@@ -295,7 +303,7 @@ mod tests {
             }
         }
 
-        /// Homes this axis alone.
+        /// Runs the homing with this simulated axis until it ends or reports a fault.
         fn home(&mut self) -> Result<(), ArmFault> {
             let mut homing = Homing::new(true, Length::default());
             for _ in 0..100_000 {
@@ -321,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn axis_ends_at_the_zero_behind_its_switch() {
+    fn axis_ends_at_encoder_zero_behind_its_switch() {
         for start in [120.0, 70.0, 0.2, -20.0] {
             let mut axis = Axis::new(start);
 
@@ -335,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn axis_leaves_cam_and_lower_limit_together() {
+    fn axis_that_starts_at_lower_limit_moves_forwards() {
         let mut axis = Axis { cam: (-100.0, -3.0), ..Axis::new(-65.0) };
 
         axis.home().unwrap();
@@ -345,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn zero_right_behind_the_switch_counts() {
+    fn homing_accepts_encoder_zero_close_to_switch() {
         let mut axis = Axis { cam: (-30.0, -0.02), ..Axis::new(20.0) };
 
         axis.home().unwrap();
@@ -354,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn missing_switch_or_zero_is_a_fault() {
+    fn missing_switch_or_encoder_zero_is_a_fault() {
         let mut no_switch = Axis { cam: (0.0, 0.0), ..Axis::new(20.0) };
         assert!(matches!(
             no_switch.home(),

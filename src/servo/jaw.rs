@@ -76,7 +76,7 @@ pub struct Jaw {
 }
 
 impl Jaw {
-    /// Makes a jaw at rest at the encoder's `count`.
+    /// Makes a jaw at rest whose encoder shows `count`.
     #[must_use]
     pub fn new(gripper: Gripper, gains: &ServoGains, count: i64, period: Length) -> Self {
         let mut jaw = Self {
@@ -115,13 +115,13 @@ impl Jaw {
         c0 + motor * (c1 + motor * c2) + self.gripper.opening_offset
     }
 
-    /// Returns the set value of this period (m).
+    /// Returns the set value of this period, a distance between the pads (m).
     #[must_use]
     pub fn set_value(&self) -> f64 {
         self.opening
     }
 
-    /// Returns the force that belongs to a motor current (N).
+    /// Returns the grip force that a current of the jaw's motor causes (N).
     #[must_use]
     pub fn force_at(&self, amperes: f64) -> f64 {
         amperes / self.gripper.amperes_per_newton
@@ -164,7 +164,8 @@ impl Jaw {
         (self.from, self.to, self.end) = (self.opening, self.opening, 0);
     }
 
-    /// Turns the motor of the set value by a step (rad), for homing: the opening is not known yet.
+    /// Advances the set position of the motor by a step (rad), for homing: the opening is not known
+    /// yet.
     pub fn turn(&mut self, step: f64) {
         self.set_increments += step * self.gripper.increments / TAU;
     }
@@ -188,14 +189,14 @@ impl Jaw {
         self.set_increments = self.increments_of(self.opening);
     }
 
-    /// Registers periods that were missed before the next reading.
+    /// Registers that the servo missed a number of periods before the next reading.
     pub fn add_missed_periods(&mut self, missed: u64) {
         self.periods = self.periods.saturating_add(missed);
         self.interval.pass(missed as f64);
     }
 
-    /// Returns a fault of the encoder, if it shows a motion that no jaw makes. The call comes
-    /// before [`Jaw::drive`] of the same period.
+    /// Returns a fault if the encoder shows a jump that no jaw makes, or stands still while the jaw
+    /// is driven to open. The call comes before [`Jaw::drive`] of the same period.
     pub fn watch(&mut self, reading: &ArmReading) -> Option<ArmFault> {
         self.interval.pass(1.0);
         // An extrapolated count is an estimate and says nothing about the encoder.
@@ -221,9 +222,10 @@ impl Jaw {
         }
     }
 
-    /// Returns the pulse width of the wanted grip on an object at rest. An object in the jaws must
-    /// not slip in the time after power-on in which the regulator finds its grip. Empty jaws yield
-    /// to this width by a tenth of a millimetre.
+    /// Returns the pulse width at which the motor, at rest on an object, exerts the wanted grip
+    /// force. The regulator starts from this width at power-on, so that an object in the jaws does
+    /// not slip until the regulator has found its grip. At this width empty jaws move by a tenth of
+    /// a millimetre.
     fn at_rest(&self) -> f64 {
         // The gain is a third of the motor's pulse width per ampere at standstill.
         3.0 * self.gains.current * self.grip * self.gripper.amperes_per_newton
@@ -237,13 +239,14 @@ impl Jaw {
         (self.width, self.held) = (self.at_rest(), self.at_rest());
     }
 
-    /// Writes the jaw's part of the drive commands.
+    /// Writes the pulse width of the jaw's motor and the position of the palm's stops into the
+    /// drive commands.
     pub fn drive(&mut self, reading: &ArmReading, drive: &mut ArmDrive) {
         drive.jaw_pwm = self.pulse_width(reading) as i16;
         drive.stops = self.stops;
     }
 
-    /// Returns the pulse width for this period.
+    /// Returns the pulse width of the jaw's motor for this period.
     fn pulse_width(&mut self, reading: &ArmReading) -> f64 {
         let radian = self.gripper.increments / TAU;
         let moved = (reading.jaw_count - self.last_count) as f64 / self.periods as f64;
@@ -279,7 +282,7 @@ impl Jaw {
         width
     }
 
-    /// Returns the position of the palm's stops.
+    /// Returns the position of the palm's two-position stops.
     #[must_use]
     pub fn stops(&self) -> Depth {
         self.stops
@@ -319,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn opening_and_motor_are_inverse_over_the_stroke() {
+    fn jaw_opening_and_motor_position_convert_both_ways() {
         let jaw = jaw(0);
 
         for step in 0..=38 {
@@ -332,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn set_value_is_linear_and_ends_at_goal() {
+    fn jaw_set_value_moves_linearly_to_its_goal() {
         let mut jaw = jaw(0);
         let command = JawCommand { opening: 0.060, force_limit: 30.0, stops: Depth::Two };
         jaw.start(&command, 11, 20);
@@ -374,9 +377,9 @@ mod tests {
         }
     }
 
-    /// Closes from 70 mm to 55 mm on a wall at 57 mm in 1.2 s, and then opens the set value to
-    /// 56 mm. Three readings of every `late_every` are missing. Returns currents (A) and pulse
-    /// widths.
+    /// Simulates a jaw that closes from 70 mm to 55 mm on a wall at 57 mm in 1.2 s, and whose set
+    /// value then moves to 56 mm. Three of every `late_every` readings are missing, none if it is
+    /// 0. Returns the current (A) and the pulse width of each period.
     fn gripped(late_every: u64) -> Vec<(f64, i16)> {
         let wall = jaw(0).increments_of(0.057) * TAU / 128.0;
         let mut jaw = jaw(jaw(0).increments_of(0.070) as i64);
@@ -408,9 +411,10 @@ mod tests {
         seen
     }
 
-    /// The grip has the current of its force for any set value that is closer than the object.
+    /// The jaw's motor has the current of the wanted grip force whenever the set value is narrower
+    /// than the object.
     #[test]
-    fn grip_keeps_its_current_for_any_set_value() {
+    fn grip_current_does_not_depend_on_set_value() {
         for late_every in [0, 7, 50] {
             let seen = gripped(late_every);
 
@@ -452,7 +456,7 @@ mod tests {
     }
 
     #[test]
-    fn watch_finds_encoder_jump_and_frozen_encoder() {
+    fn jaw_watchdog_detects_encoder_jump_and_frozen_encoder() {
         let mut jaw = jaw(0);
         let shows = |jaw_count| ArmReading { jaw_count, ..ArmReading::default() };
         assert_eq!(jaw.watch(&shows(1000)), None, "0.7 mm late");

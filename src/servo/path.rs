@@ -45,7 +45,7 @@ pub struct SetValues {
 }
 
 impl SetValues {
-    /// Returns the set values of joint positions.
+    /// Returns the set values (motors, joints and pose of the tool) that belong to joint positions.
     #[must_use]
     pub fn of_joints(chain: Chain<'_>, joints: JointPositions) -> Self {
         Self {
@@ -55,7 +55,8 @@ impl SetValues {
         }
     }
 
-    /// Returns the set values of motor positions.
+    /// Returns the set values (motors, joints and pose of the tool) that belong to motor positions.
+    /// It does not check limits.
     #[must_use]
     pub fn of_motors(chain: Chain<'_>, motors: MotorPositions) -> Self {
         let joints = chain.model.joints_unchecked(&motors);
@@ -63,15 +64,16 @@ impl SetValues {
         Self { motors, joints, base_from_tool }
     }
 
-    /// Returns the set values at other motor positions. If no joints belong to these, the joints
-    /// and the pose stay as they are.
+    /// Returns the set values that belong to other motor positions. If no joint positions belong to
+    /// these, the joints and the pose stay as they are.
     #[must_use]
     pub fn moved_to(&self, chain: Chain<'_>, motors: MotorPositions) -> Self {
         let next = Self::of_motors(chain, motors);
         if next.joints.0.iter().all(|q| q.is_finite()) { next } else { Self { motors, ..*self } }
     }
 
-    /// Returns the set values of a pose, by the solution for its joints that is nearest to `near`.
+    /// Returns the set values (motors, joints and pose) that reach a pose of the tool, with the
+    /// joint positions nearest to `near`.
     ///
     /// # Errors
     /// The errors of [`ArmModel::inverse`].
@@ -85,7 +87,8 @@ impl SetValues {
         Ok(Self { motors: model.motors(&joints), joints, base_from_tool })
     }
 
-    /// Returns the set values of a task motion's pose, near the last ones.
+    /// Returns the set values that reach the pose which position-force control commands, with the
+    /// joint positions nearest to the `last` ones.
     fn of_task(
         chain: Chain<'_>,
         mut base_from_tool: Pose,
@@ -96,15 +99,15 @@ impl SetValues {
         Self::of_pose(chain, base_from_tool, &last.joints)
     }
 
-    /// Returns the speed of the fastest motor, as a share of its limit, coming from `last` in a
-    /// period of `seconds`.
+    /// Returns the speed of the fastest motor as a share of its limit, if the set values change
+    /// from `last` to these in `seconds`.
     fn speed_share(&self, model: &ArmModel, last: &Self, seconds: f64) -> f64 {
         let moved = self.motors.0.iter().zip(&last.motors.0).map(|(to, from)| (to - from).abs());
         moved.fold(0.0, f64::max) / (seconds * model.motor_speed_limit)
     }
 
-    /// Checks the limits of joints, motors and speeds for a step from `last` in a period of
-    /// `seconds`.
+    /// Checks that these set values keep the limits of joints and motors, and that the change from
+    /// `last` to them in `seconds` keeps those of speeds.
     ///
     /// # Errors
     /// The first limit that is exceeded, or a value that is not a number.
@@ -114,8 +117,8 @@ impl SetValues {
         self.check_speed(model, last, seconds)
     }
 
-    /// Checks the speeds alone for a step from `last` in a period of `seconds`. An arm that is not
-    /// synchronised has no other limits.
+    /// Checks that the change from `last` to these set values in `seconds` keeps the speed limits
+    /// of the motors. An arm that is not synchronised has no other limits.
     ///
     /// # Errors
     /// The first motor that would be too fast, or a value that is not a number.
@@ -200,14 +203,15 @@ impl Path {
         Self { kind, begin, end }
     }
 
-    /// Returns whether the path leads to a place, so that the arm may meet an obstacle. Motions of
-    /// motors by an amount do not: they free arms, and move arms that do not know their position.
+    /// Returns whether the path leads to given positions or a given pose, so that the arm may meet
+    /// an obstacle. Motions that turn the motors by given angles do not count: they free arms, and
+    /// move arms that do not know their position.
     #[must_use]
     pub fn may_meet_obstacle(&self) -> bool {
         matches!(self.kind, Kind::Motors { .. } | Kind::Joints { .. } | Kind::Pose { .. })
     }
 
-    /// Returns the set values of a period; those of the period before are `last`.
+    /// Returns the set values of a period; `last` are those of the period before.
     ///
     /// # Errors
     /// The reason why the pose or the motor positions cannot be reached.
@@ -273,7 +277,8 @@ impl Path {
         }
     }
 
-    /// Returns the directions if the motion is position-force control.
+    /// Returns the laws of the six directions, or `None` if the motion is not position-force
+    /// control.
     #[must_use]
     pub fn directions(&self) -> Option<&[Direction; 6]> {
         match &self.kind {
@@ -302,8 +307,8 @@ impl Path {
         }
     }
 
-    /// Restarts a straight line at the pose `from` in `period`, because the frame of the tool has
-    /// changed during the motion.
+    /// Lets a path along a straight line continue from the pose `from` in `period`, because the
+    /// tool's frame on the flange has changed during the motion.
     pub fn retarget(&mut self, from: Pose, period: u64) {
         if let Kind::Pose { to, .. } = self.kind {
             self.kind = straight(from, to);

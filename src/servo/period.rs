@@ -76,8 +76,8 @@ impl Length {
         period.saturating_mul(self.nanos).div_ceil(TICK)
     }
 
-    /// Returns the number of servo periods before the end of a macrostep at which it is answered,
-    /// so that the next one follows without a gap: two, or as many as last two periods of 2 ms.
+    /// Returns how many servo periods before its end a macrostep is answered, so that the next
+    /// macrostep follows without a gap: two, or as many as last two periods of 2 ms.
     #[must_use]
     pub fn early(self) -> u64 {
         (2 * TICK).div_ceil(self.nanos).max(2)
@@ -95,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn conversions_are_the_identity_at_two_milliseconds() {
+    fn period_and_tick_numbers_agree_at_two_milliseconds() {
         let length = Length::default();
         assert_eq!(length, Length::of_seconds(0.002));
         for n in [0, 1, 7, 1000] {

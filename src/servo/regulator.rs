@@ -46,8 +46,8 @@ pub struct RegulatorGains {
 }
 
 impl RegulatorGains {
-    /// Returns the gains for periods of another length. Poles and zeros keep their times (matched
-    /// transform), and the gain at low frequencies stays.
+    /// Converts gains for periods of 2 ms into those for another length of a period. Poles and
+    /// zeros keep their times (matched transform), and the gain at low frequencies stays.
     #[must_use]
     pub fn for_period(self, period: Length) -> Self {
         // At a ratio of 1 the arithmetic below would return the same gains only up to rounding.
@@ -110,7 +110,7 @@ pub struct ServoGains {
 pub const IRP6: &str = include_str!("../../scenarios/arms/irp6_servo.toml");
 
 impl ServoGains {
-    /// Parses a profile in the format of [`IRP6`].
+    /// Parses gains and thresholds from TOML text in the format of [`IRP6`].
     ///
     /// # Errors
     /// The parser's error: a missing or unknown key, or a wrong type.
@@ -169,8 +169,8 @@ impl Regulator {
         Self { slew, ..self }
     }
 
-    /// Returns the growth of the pulse width that a current allows in its own direction, negative
-    /// above [`MOST_CURRENT`]. `current` is positive if it flows in that direction (A).
+    /// Returns by how much the pulse width may grow in one direction, negative above
+    /// [`MOST_CURRENT`]. `current` is the motor's, positive if it flows in that direction (A).
     fn room(&self, current: f64) -> f64 {
         // ISA cards report no sign of the current, so it cannot limit one direction.
         if self.gains.trip_current.is_infinite() {
@@ -212,7 +212,7 @@ impl Regulator {
         output as i16
     }
 
-    /// Returns the pulse width of the last step, as a share of 255.
+    /// Returns the pulse width that the last step gave, as a share of 255.
     #[must_use]
     pub fn drive(&self) -> f64 {
         self.last_output / 255.0
@@ -265,7 +265,8 @@ mod tests {
         ServoGains::parse(IRP6).unwrap()
     }
 
-    /// Runs a set value through an axis. Returns the largest error and the error at the end (rad).
+    /// Lets a simulated axis follow the set value `set(time)` (rad) for `seconds`. Returns the
+    /// largest error and the error at the end (rad).
     fn follow(
         gains: RegulatorGains,
         increments: f64,
@@ -332,9 +333,10 @@ mod tests {
         assert!(outputs.contains(&190) && outputs.contains(&-190));
     }
 
-    /// Demands the reverse speed from a motor at 200 rad/s for some periods. Returns its largest
-    /// current, as a share of the trip current, and its last pulse width. The current that the
-    /// regulator reads is `late` periods old.
+    /// Demands the reverse speed from a simulated motor at 200 rad/s for some periods of `ratio`
+    /// times 2 ms. Returns its largest current, as a share of the trip current, and its last pulse
+    /// width. The current that the regulator reads is `late` periods old; it limits the pulse width
+    /// only if `limited`.
     fn reversed(limited: bool, periods: i32, late: usize, ratio: f64) -> (f64, i16) {
         let mut gains = gains().axes[0];
         if !limited {
@@ -397,7 +399,7 @@ mod tests {
     }
 
     #[test]
-    fn corrupt_current_does_not_shake_the_axis() {
+    fn single_corrupt_current_reading_barely_changes_pulse_width() {
         let mut regulator = Regulator::new(gains().axes[0], 190.0).slowed(25.0);
         let outputs: Vec<i16> = (0..40)
             .map(|k| {
@@ -409,7 +411,7 @@ mod tests {
     }
 
     #[test]
-    fn step_that_is_nan_stops_the_axis() {
+    fn nan_wanted_step_zeroes_output_and_resets_regulator() {
         let mut regulator = Regulator::new(gains().axes[1], 190.0);
         regulator.step(5.0, 0.0, Some(0.0));
 

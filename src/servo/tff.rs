@@ -82,16 +82,16 @@ impl ForceLaw {
         base_from_tool * moved.rotated(&tool_from_axes).displacement()
     }
 
-    /// Scales the last step by `share` and returns the `base_from_tool` that it leads to from the
-    /// given pose. The law remembers the scaled step as its own.
+    /// Scales the last displacement by `share` and returns the `base_from_tool` to which it leads
+    /// from the given pose. The law remembers the scaled displacement as its own.
     pub fn shorten(&mut self, share: f64, base_from_tool: &Pose) -> Pose {
         let Twist { linear, angular } = self.last;
         self.last = Twist { linear: linear * share, angular: angular * share };
         base_from_tool * self.last.rotated(&base_from_tool.rotation.inverse()).displacement()
     }
 
-    /// Counts whether the step of this period is shortened. Returns the number of periods in a row
-    /// in which it was.
+    /// Registers whether the step of this period was shortened (`now`). Returns the number of
+    /// periods in a row with shortened steps.
     pub fn count_shortened(&mut self, now: bool) -> u32 {
         self.shortened = if now { self.shortened + 1 } else { 0 };
         self.shortened
@@ -113,8 +113,9 @@ pub struct ForceFeedback<'a> {
     pub wrench: &'a Wrench,
 }
 
-/// Returns the displacement in one period of T `seconds`; all quantities are in the axes of the
-/// task frame: `d = ((B (wanted - F) + v) T^2 + B M d_last) / (T + B M)`.
+/// Returns the displacement of the tool in one period of T `seconds`, in the axes of the task frame
+/// as all arguments: `d = ((B (wanted - F) + v) T^2 + B M d_last) / (T + B M)`. `last` is the
+/// displacement of the period before.
 #[must_use]
 pub fn displacement(
     directions: &[Direction; 6],
@@ -198,9 +199,10 @@ pub fn self_excitation(admittance: f64, inertia: f64, arm: &Mechanics) -> f64 {
 /// value that stops dead trips the power stages.
 const FALLS: f64 = 0.035;
 
-/// Returns the velocity of this period, which falls off with the time constant [`FALLS`] if
-/// `velocity` is far below the speed of the `last` period. A motion that is aborted must not stop
-/// its motors dead, which trips their power stages. Generators end their own motions more slowly.
+/// Returns the velocity of this period in one direction: `velocity`, or one that falls off towards
+/// it with the time constant [`FALLS`] if it is far below the velocity `last` of the period before.
+/// A motion that is aborted must not stop its motors dead, which trips their power stages.
+/// Generators end their own motions more slowly.
 fn stopped_softly(direction: usize, velocity: f64, last: f64, seconds: f64) -> f64 {
     // Decrease of the speed in one period that counts as abrupt: m/s along, rad/s about an axis.
     const SUDDEN: [f64; 2] = [0.1, 0.2];
@@ -234,8 +236,9 @@ mod tests {
         Wrench::from_directions(components)
     }
 
-    /// Pushes on a spring along base z, on which the tool exerts `stiffness * z`. Returns the force
-    /// of each period. The force acts on the law `delay` periods late, as the mean of two samples.
+    /// Simulates a tool that pushes on a spring along base z with the force `stiffness * z`.
+    /// Returns the force in each period. The force acts on the law `delay` periods late, as the
+    /// mean of two samples.
     fn press(
         admittance: f64,
         inertia: f64,
@@ -336,7 +339,7 @@ mod tests {
     /// The rule is K <= 0.4 / (b D). The delay D is one period of the loop, the delay of the force
     /// and half a period of the mean. Ten times that stiffness is unstable.
     #[test]
-    fn contact_is_stable_up_to_the_stiffness_rule() {
+    fn contact_is_stable_up_to_computed_stiffness_limit() {
         for (admittance, delay) in [(0.005, 1), (0.001, 1), (0.001, 6), (0.0005, 3)] {
             let late = (delay as f64 + 1.5) * PERIOD;
             let calm = press(admittance, 0.0, 0.4 / (admittance * late), delay, 4000);
@@ -381,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn self_excitation_predicts_shaking_of_the_tool() {
+    fn loop_gain_predicts_self_excited_tool_vibration() {
         let (mut calm, mut wild) = (0, 0);
         for tool in [1.2, 3.0] {
             for inertia in [0.0, 5.0, 20.0, 80.0] {
@@ -429,7 +432,7 @@ mod tests {
 
     /// Motions along base and tool axes differ by the orientation of the tool.
     #[test]
-    fn law_moves_along_axes_of_its_frame() {
+    fn force_law_moves_along_axes_of_selected_frame() {
         let turned = Pose::from_parts(
             Translation3::new(0.3, 0.2, 0.1),
             UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::FRAC_PI_2),
@@ -455,7 +458,7 @@ mod tests {
     }
 
     #[test]
-    fn law_forgets_momentum_after_ten_idle_periods() {
+    fn force_law_forgets_momentum_after_ten_idle_periods() {
         let mut directions = [HOLD; 6];
         directions[0] = Direction::Guarded { velocity: 0.0, admittance: 0.001, inertia: 20.0 };
         let mut law = ForceLaw::default();
@@ -487,7 +490,7 @@ mod tests {
     proptest! {
         /// Control in tool axes gives the same motion from a turned base, only turned.
         #[test]
-        fn motion_does_not_depend_on_the_base(
+        fn tool_frame_motion_is_independent_of_base_pose(
             angle in prop::array::uniform3(-3.0..3.0f64),
             force in prop::array::uniform6(-20.0..20.0f64)
         ) {

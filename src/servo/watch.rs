@@ -107,14 +107,15 @@ impl Watch {
         (self.age, self.held_from_start) = (0, (0, 0));
     }
 
-    /// Adds the periods that were missed before the next reading.
+    /// Registers that the servo missed a number of periods before the next reading.
     pub fn add_missed_periods(&mut self, missed: u64) {
         for axis in &mut self.axes {
             axis.interval.pass(missed as f64);
         }
     }
 
-    /// Accepts a counter that was set to zero: its jump is not a motion of the axis.
+    /// Takes `count` as the new value of an axis's counter, which was set to zero: the jump is no
+    /// motion of the axis.
     pub fn rebase(&mut self, axis: usize, count: i64) {
         self.axes[axis].rebase(count);
     }
@@ -168,7 +169,7 @@ impl Watch {
         fault
     }
 
-    /// Returns the bits of the axes that have run onto a limit switch, or move further onto a
+    /// Returns a bit mask of the axes that have run onto a limit switch, or move further onto a
     /// switch that they pressed at the start.
     fn hit(&mut self, reading: &ArmReading, steps: &[f64; AXES]) -> u8 {
         let (upper, lower) = (reading.upper_limits, reading.lower_limits);
@@ -268,15 +269,15 @@ impl AxisWatch {
         self.allowance.reset();
     }
 
-    /// Takes `count` as the last value of the counter.
+    /// Takes `count` as the last value of the counter, without a check of its change.
     fn rebase(&mut self, count: i64) {
         self.last_count = count;
         self.frozen = 0;
         self.wanted = 0.0;
     }
 
-    /// Updates the recent speed and the distance of the set value by its `step` in one period
-    /// (rad).
+    /// Adds one period in which the set value moved by `step` (rad): updates the recent speed, and
+    /// the distance of the set value since the counter last changed.
     fn follow(&mut self, step: f64, rules: &Rules) {
         let speed = step.abs() / rules.seconds;
         // An axis overshoots after its set value has stopped, so the speed stays in memory for a
@@ -293,14 +294,16 @@ impl AxisWatch {
         self.interval.pass(1.0);
     }
 
-    /// Counts the periods in which the axis is strained, less those in which it is not.
+    /// Increases the count of strained periods if `current` (A) strains the axis, else decreases
+    /// it.
     fn strain(&mut self, current: f64) {
         // The count falls and is not reset, so a current that wavers about the threshold counts.
         let strains = current.abs() > Self::STRAIN * self.trip;
         self.strained = if strains { self.strained + 1 } else { self.strained.saturating_sub(1) };
     }
 
-    /// Judges a counter that was read. Returns the fault of the axis, the cause before its effect.
+    /// Judges a counter that was read in this period. Returns the fault of the axis, if any; of
+    /// several faults, the one that causes the others.
     fn judge(&mut self, axis: usize, seen: &Seen, rules: &Rules) -> Option<ArmFault> {
         let moved = seen.count - self.last_count;
         self.last_count = seen.count;
@@ -379,7 +382,7 @@ mod tests {
             axis
         }
 
-        /// Checks the next reading, which comes after `periods`.
+        /// Lets the watchdogs check a reading of `count` that comes `periods` after the last one.
         fn shows(&mut self, count: i64, periods: i64) -> Option<ArmFault> {
             let radian = INCREMENTS / std::f64::consts::TAU;
             self.watch.add_missed_periods(periods as u64 - 1);
@@ -396,8 +399,8 @@ mod tests {
         }
     }
 
-    /// Returns the number of periods after which this current stops an axis at rest. Every tenth
-    /// reading is missing, or shows the current `tenth`.
+    /// Returns the number of periods after which a current of `amperes` stops an axis at rest;
+    /// `None` if never. Every tenth reading is missing, or shows the current `tenth`.
     fn periods_of_strain(amperes: f64, tenth: Option<f64>) -> Option<u32> {
         let gains = ServoGains::parse(IRP6).unwrap();
         let mut watch = watch(&gains);
@@ -429,7 +432,7 @@ mod tests {
     }
 
     #[test]
-    fn reading_after_missed_periods_may_be_old() {
+    fn watchdog_accepts_old_reading_after_missed_periods() {
         let mut axis = Axis::running();
 
         let before = axis.set;
@@ -438,7 +441,7 @@ mod tests {
     }
 
     #[test]
-    fn readings_that_catch_up_are_no_fault() {
+    fn watchdog_accepts_readings_that_catch_up_after_gap() {
         let mut axis = Axis::running();
 
         let before = axis.set;
@@ -448,7 +451,7 @@ mod tests {
     }
 
     #[test]
-    fn gap_excuses_one_large_step_only() {
+    fn second_large_step_after_gap_is_a_fault() {
         for first in [0, 30] {
             let mut axis = Axis::running();
             // The first reading was taken before the gap or after it.
@@ -461,7 +464,7 @@ mod tests {
     }
 
     #[test]
-    fn jump_without_a_gap_is_a_fault() {
+    fn encoder_jump_without_missed_periods_is_a_fault() {
         let mut axis = Axis::running();
         let jumps = |axis: &mut Axis| axis.shows(axis.set + SPEED + 2000, 1);
 

@@ -70,12 +70,12 @@ pub struct Weighed {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum CannotWeigh {
     /// Too few orientations.
-    #[error("{0} orientations: at least 4 are needed")]
+    #[error("the tool was weighed in {0} orientations: at least 4 are needed")]
     TooFew(usize),
     /// Orientations that are too similar.
     #[error(
-        "the orientations are too similar: gravity varies by {turned:.3} of its length in the axes \
-         of the sensor, at least {LEAST} is needed"
+        "the orientations are too similar: in the axes of the sensor the direction of gravity, a \
+         unit vector, varies by {turned:.3}, but at least {LEAST} is needed"
     )]
     TooMuchAlike {
         /// Root mean square of the deviations of gravity's direction from its mean, along the axis
@@ -83,14 +83,15 @@ pub enum CannotWeigh {
         turned: f64,
     },
     /// A silent sensor.
-    #[error("the sensor gave no number in orientation {0}")]
+    #[error("the force sensor gave no reading in orientation {0}, counted from 0")]
     Silent(usize),
 }
 
 /// Smallest variation of gravity's direction, along the axis with the second largest variation.
 const LEAST: f64 = 0.1;
 
-/// Computes weight, centre of mass and bias from `samples`.
+/// Computes weight and centre of mass of the tool and the bias of the force sensor from wrenches
+/// that the sensor measured in several orientations.
 ///
 /// # Errors
 /// [`CannotWeigh`] if the samples do not determine them.
@@ -161,7 +162,7 @@ pub fn weigh(samples: &[Sample], flange_from_sensor: &Pose) -> Result<Weighed, C
     })
 }
 
-/// Checks that the directions of gravity vary along two axes.
+/// Checks that the directions of gravity in the frame of the sensor vary along two axes.
 fn check_spread(down: &[Vector3<f64>]) -> Result<(), CannotWeigh> {
     let count = down.len() as f64;
     let mean: Vector3<f64> = down.iter().sum::<Vector3<f64>>() / count;
@@ -190,7 +191,8 @@ mod tests {
         )
     }
 
-    /// Returns the reading of a sensor with this tool and bias, derived in base axes.
+    /// Returns the reading of a sensor in the orientation `at` with this tool and bias. It is
+    /// computed from gravity in the frame of the base, unlike in the code under test.
     fn taken(at: &UnitQuaternion<f64>, weight: f64, centre: Point3<f64>, bias: &Wrench) -> Sample {
         let base_from_sensor = at * flange_from_sensor().rotation;
         let arm = at * (centre.coords - flange_from_sensor().translation.vector);
@@ -228,7 +230,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn weighing_finds_any_tool_and_bias(
+        fn weighing_finds_tool_weight_centre_and_sensor_bias(
             weight in 1.0..30.0f64,
             centre in prop::array::uniform3(-0.2..0.2f64),
             bias in prop::array::uniform6(-3.0..3.0f64),
@@ -263,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_shows_in_the_residual() {
+    fn sensor_noise_shows_in_residual_of_weighing() {
         let at = orientations(&[
             [0.0, 0.0, 0.0],
             [1.0, 0.0, 0.0],
@@ -291,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn similar_orientations_are_refused() {
+    fn weighing_in_similar_orientations_is_refused() {
         let level = orientations(&[[0.0; 3], [0.0, 0.0, 1.0], [0.0, 0.0, 2.0], [0.02, 0.0, 0.0]]);
         let tool = |at| taken(at, 10.0, Point3::new(0.0, 0.0, 0.15), &Wrench::default());
         let samples: Vec<_> = level.iter().map(tool).collect();

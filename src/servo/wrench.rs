@@ -54,9 +54,10 @@ impl WristForce {
         }
     }
 
-    /// Returns the wrench that the tool exerts on its surroundings: the mean of this and the last
-    /// sample less weight and zero, moved to the tool point and negated (N, Nm). It is not finite
-    /// while the sensor is silent. A reading that is not new is no sample.
+    /// Returns the wrench that the tool exerts on its surroundings, about the tool point, in tool
+    /// axes (N, Nm). It is the mean of the sensor's last two samples, less the weight of tool and
+    /// load and less the zero, negated. It is not finite while the sensor is silent. A reading that
+    /// is not new is no sample.
     pub fn read(
         &mut self,
         (wrench_on_sensor, is_new): (&Wrench, bool),
@@ -87,7 +88,8 @@ impl WristForce {
         -(mean - self.bias).moved(&tool_from_sensor)
     }
 
-    /// Starts a new zero from the next [`WristForce::BIAS_SAMPLES`] samples.
+    /// Starts to measure a new zero of the sensor, the mean of the next
+    /// [`WristForce::BIAS_SAMPLES`] samples.
     pub fn start_bias(&mut self) {
         self.biasing = Some((Wrench::default(), 0));
         self.biasing_for = 0;
@@ -117,7 +119,8 @@ impl WristForce {
         self.heard && !wrench_on_sensor.is_finite()
     }
 
-    /// Returns the fault that makes this reading unfit for force control.
+    /// Returns the fault of a sensor that is silent or saturated, so that its reading is unfit for
+    /// force control; `None` for a sound reading.
     #[must_use]
     pub fn fault(&self, wrench_on_sensor: &Wrench) -> Option<ArmFault> {
         let components = wrench_on_sensor.directions();
@@ -198,7 +201,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn tool_weight_is_no_force_in_any_orientation(
+        fn tool_weight_is_compensated_in_any_orientation(
             a in prop::array::uniform3(-3.0..3.0f64)
         ) {
             let (mut wrist, flange) = (WristForce::new(sensor()), turned(a));
@@ -208,7 +211,9 @@ mod tests {
         }
 
         #[test]
-        fn payload_adds_its_weight(a in prop::array::uniform3(-3.0..3.0f64)) {
+        fn payload_weight_is_compensated_in_any_orientation(
+            a in prop::array::uniform3(-3.0..3.0f64)
+        ) {
             let (mut wrist, flange) = (WristForce::new(sensor()), turned(a));
             let centre = Point3::new(0.0, 0.01, 0.25);
             wrist.set_payload(0.98, centre);
@@ -220,7 +225,7 @@ mod tests {
 
         /// The product of wrench and twist is the same at the sensor and at the tool.
         #[test]
-        fn moving_the_wrench_keeps_its_power(
+        fn wrench_transform_to_tool_preserves_power(
             w in prop::array::uniform6(-20.0..20.0f64), t in prop::array::uniform6(-1.0..1.0f64)
         ) {
             let mut weightless = sensor();
@@ -290,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn saturation_and_silence_are_faults() {
+    fn saturated_or_silent_force_sensor_is_a_fault() {
         let wrist = WristForce::new(sensor());
         let with = |axis: usize, value: f64| {
             let mut components = [1.0; 6];
@@ -304,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn repeated_or_saturated_reading_is_no_sample() {
+    fn repeated_or_saturated_force_readings_are_ignored() {
         let weightless = ForceSensor { weight: 0.0, ..sensor() };
         let mut wrist = WristForce::new(weightless);
         let z = |force: f64| Wrench::from_directions([0.0, 0.0, force, 0.0, 0.0, 0.0]);

@@ -45,7 +45,8 @@ pub fn candidates(cube: &Cube, tables: &Tables, budget: &Budget, count: usize) -
     list
 }
 
-/// Sorts each pair of successive turns of opposite faces by face: they commute.
+/// Exchanges successive turns of opposite faces, which commute, where they are not in the order of
+/// the faces. Solutions that differ only in this order become equal.
 fn canonical(mut turns: Vec<Turn>) -> Vec<Turn> {
     for i in 1..turns.len() {
         if turns[i].face == turns[i - 1].face.opposite() && turns[i].face < turns[i - 1].face {
@@ -61,7 +62,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_candidate_is_as_short_as_the_first() {
+    fn single_candidate_matches_shortest_length_of_ten_candidates() {
         let budget = Budget { nodes: 200_000, max_length: 20 };
         let all = candidates(&Cube::scrambled(5), &TABLES, &budget, 10);
 

@@ -41,14 +41,15 @@ static SETS: LazyLock<(Vec<u16>, Vec<u16>)> = LazyLock::new(|| {
     (number, sets)
 });
 
-/// Returns the corners' twists as a number in base 3. The last twist follows from the others, since
-/// all of them sum up to a multiple of 3.
+/// Returns the index of the corners' twists, 0..2187: the first seven twists as digits in base 3.
+/// The eighth twist follows from the others, since all of them sum up to a multiple of 3.
 #[must_use]
 pub(crate) fn twist(cube: &Cube) -> usize {
     cube.twists()[..7].iter().fold(0, |n, &t| n * 3 + usize::from(t))
 }
 
-/// Returns a cube with these twists and everything else solved.
+/// Returns the cube whose twists have the index `number` and which is solved otherwise: the inverse
+/// of [`twist`].
 #[must_use]
 pub(crate) fn with_twist(mut number: usize) -> Cube {
     let mut twists = [0; 8];
@@ -61,14 +62,15 @@ pub(crate) fn with_twist(mut number: usize) -> Cube {
     Cube::from_pieces(*solved.corners(), twists, *solved.edges(), *solved.flips())
 }
 
-/// Returns the edges' flips as a number in base 2. The last flip follows from the others, since the
-/// number of flipped edges is even.
+/// Returns the index of the edges' flips, 0..2048: the first eleven flips as bits. The twelfth flip
+/// follows from the others, since the number of flipped edges is even.
 #[must_use]
 pub(crate) fn flip(cube: &Cube) -> usize {
     cube.flips()[..11].iter().fold(0, |n, &f| n * 2 + usize::from(f))
 }
 
-/// Returns a cube with these flips and everything else solved.
+/// Returns the cube whose flips have the index `number` and which is solved otherwise: the inverse
+/// of [`flip`].
 #[must_use]
 pub(crate) fn with_flip(number: usize) -> Cube {
     let mut flips = [0; 12];
@@ -80,8 +82,8 @@ pub(crate) fn with_flip(number: usize) -> Cube {
     Cube::from_pieces(*solved.corners(), *solved.twists(), *solved.edges(), flips)
 }
 
-/// Returns the index of the places of the edges `first..first + 4`: 24 x (index of the set of
-/// places) + order.
+/// Returns the index of where the four edges `first..first + 4` are, 0..11880: 24 x (index of the
+/// set of their four places) + (index of their order on these places).
 #[must_use]
 pub(crate) fn quad(cube: &Cube, first: u8) -> usize {
     // The set is the slow digit, so `quad / 24` is the coordinate of phase 1 and, once phase 1 is
@@ -97,7 +99,8 @@ pub(crate) fn quad(cube: &Cube, first: u8) -> usize {
     usize::from(SETS.0[bits]) * 24 + rank(&order)
 }
 
-/// Returns the places of a [`quad`]: `places[k]` is the place of the edge `first + k`.
+/// Returns the places of the four edges whose [`quad`] is `number`: `places[k]` is the place of the
+/// edge `first + k`.
 #[must_use]
 pub(crate) fn quad_places(number: usize) -> [u8; 4] {
     let order: [u8; 4] = unrank(number % 24);
@@ -111,8 +114,9 @@ pub(crate) fn quad_places(number: usize) -> [u8; 4] {
     places
 }
 
-/// Returns a cube whose edges 8..12 are at a [`quad`]. Its permutation may be odd, so it serves to
-/// compute coordinates only.
+/// Returns a cube whose middle-layer edges, 8..12, have the [`quad`] `number`, with the other edges
+/// in ascending order and all else solved. No real cube may have this order, because the
+/// permutation may be odd, so the cube serves to compute coordinates only.
 #[must_use]
 pub(crate) fn with_quad(number: usize) -> Cube {
     let mut edges = [u8::MAX; 12];
@@ -128,14 +132,15 @@ pub(crate) fn with_quad(number: usize) -> Cube {
     with_edges(edges)
 }
 
-/// Returns a cube with these edges, unchecked, and everything else solved.
+/// Returns a cube with the edge `edges[place]` at each place and all else solved, without a check
+/// that such a cube can exist.
 #[must_use]
 pub(crate) fn with_edges(edges: [u8; 12]) -> Cube {
     let solved = Cube::SOLVED;
     Cube::from_pieces(*solved.corners(), *solved.twists(), edges, *solved.flips())
 }
 
-/// Returns the position of a permutation in lexicographic order.
+/// Returns the position of a permutation of 0..N among all of them in lexicographic order.
 #[must_use]
 pub(crate) fn rank<const N: usize>(permutation: &[u8; N]) -> usize {
     // The digits of the factorial number system: later entries that are smaller than entry i.
@@ -145,7 +150,8 @@ pub(crate) fn rank<const N: usize>(permutation: &[u8; N]) -> usize {
     })
 }
 
-/// Returns the permutation at a position in lexicographic order.
+/// Returns the permutation of 0..N at the position `number` in lexicographic order: the inverse of
+/// [`rank`].
 #[must_use]
 pub(crate) fn unrank<const N: usize>(mut number: usize) -> [u8; N] {
     let mut permutation = [0; N];
@@ -160,13 +166,14 @@ pub(crate) fn unrank<const N: usize>(mut number: usize) -> [u8; N] {
     permutation
 }
 
-/// Returns the six clockwise quarter turns as cubes.
+/// Returns, for each face, the solved cube after a clockwise quarter turn of that face.
 fn quarters() -> [Cube; 6] {
     std::array::from_fn(|f| Cube::SOLVED.apply(Turn::from_index(f * 3)))
 }
 
-/// Returns `table[turn * size + state]`, the state after each turn, from the states after the six
-/// quarter turns.
+/// Returns the move table of a coordinate with `size` states: `table[turn * size + state]` is the
+/// state after the turn. `quarter(state)` returns the states after the six clockwise quarter turns,
+/// from which those after all 18 turns follow.
 fn by_quarters(size: usize, quarter: impl Fn(usize) -> [usize; 6]) -> Vec<u16> {
     let mut table = vec![0; 18 * size];
     for state in 0..size {
@@ -187,22 +194,24 @@ fn by_quarters(size: usize, quarter: impl Fn(usize) -> [usize; 6]) -> Vec<u16> {
     table
 }
 
-/// Returns the twists after each of the 18 turns: `[turn * TWISTS + twist]`.
+/// Returns the move table of [`twist`]: `[turn * TWISTS + twist]` is the index of the twists after
+/// the turn.
 #[must_use]
 pub(crate) fn twist_moves() -> Vec<u16> {
     let quarters = quarters();
     by_quarters(TWISTS, |n| quarters.map(|q| twist(&with_twist(n).then(&q))))
 }
 
-/// Returns the flips after each turn: `[turn * FLIPS + flip]`.
+/// Returns the move table of [`flip`]: `[turn * FLIPS + flip]` is the index of the flips after the
+/// turn.
 #[must_use]
 pub(crate) fn flip_moves() -> Vec<u16> {
     let quarters = quarters();
     by_quarters(FLIPS, |n| quarters.map(|q| flip(&with_flip(n).then(&q))))
 }
 
-/// Returns the quad after each turn: `[turn * QUADS + quad]`. Any four edges move alike, so one
-/// table serves for all.
+/// Returns the move table of [`quad`]: `[turn * QUADS + quad]` is the index after the turn. It
+/// holds for every `first`, since any four edges move alike.
 #[must_use]
 pub(crate) fn quad_moves() -> Vec<u16> {
     let quarters = quarters();
@@ -212,7 +221,8 @@ pub(crate) fn quad_moves() -> Vec<u16> {
     })
 }
 
-/// Returns the order of the corners after each turn: `[turn * PERMUTATIONS + order]`.
+/// Returns the move table of the corners' order: `[turn * PERMUTATIONS + order]` is the [`rank`] of
+/// the corners after the turn.
 #[must_use]
 pub(crate) fn corner_moves() -> Vec<u16> {
     let quarters = quarters();
@@ -235,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn coordinates_survive_the_round_trip() {
+    fn cubes_and_coordinates_convert_both_ways() {
         (0..TWISTS).for_each(|n| assert_eq!(twist(&with_twist(n)), n));
         (0..FLIPS).for_each(|n| assert_eq!(flip(&with_flip(n)), n));
         (0..QUADS).for_each(|n| assert_eq!(quad(&with_quad(n), 8), n));
@@ -243,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn moves_of_coordinates_match_turns_of_cubes() {
+    fn move_tables_match_turns_of_cubes() {
         let (twists, flips, quads, corners) =
             (twist_moves(), flip_moves(), quad_moves(), corner_moves());
         for seed in 0..20 {

@@ -51,7 +51,7 @@ pub use candidates::candidates;
 pub use search::{Budget, Solution, Watch, solve, solve_watched};
 pub use tables::Tables;
 
-/// Returns all tables that a mode of the solver needs, the quickest to build first.
+/// Returns the descriptions of the tables of all solvers, the quickest to build first.
 #[must_use]
 pub fn all_tables() -> Vec<&'static table::TableSpec> {
     // Small before large: a user who waits for `tables build` can solve cubes after one second.

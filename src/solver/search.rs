@@ -84,8 +84,8 @@ const UNCAPPED: u8 = 13;
 /// after it has searched that subtree.
 const CHECKED: u8 = 4;
 
-/// Finds the shortest solution within the budget, with one worker. The result is the same on every
-/// machine.
+/// Searches for ever shorter solutions until the budget is spent, with one worker, and returns the
+/// shortest one found. The result is the same on every machine.
 #[must_use]
 pub fn solve(cube: &Cube, tables: &Tables, budget: &Budget) -> Solution {
     let watch =
@@ -93,7 +93,8 @@ pub fn solve(cube: &Cube, tables: &Tables, budget: &Budget) -> Solution {
     solve_watched(cube, tables, budget, &watch)
 }
 
-/// Finds the shortest solution within the budget, with the workers of `watch`.
+/// Searches for ever shorter solutions until the budget is spent or `watch` stops the search, with
+/// the workers of `watch`. Returns the shortest one found.
 #[must_use]
 pub fn solve_watched(cube: &Cube, tables: &Tables, budget: &Budget, watch: &Watch<'_>) -> Solution {
     let best = Mutex::new(None::<Vec<Turn>>);
@@ -135,7 +136,8 @@ pub fn solve_watched(cube: &Cube, tables: &Tables, budget: &Budget, watch: &Watc
 }
 
 /// Passes all solutions of up to `bound` turns to `take`, in the order of the lengths of their
-/// first phases, until `take` returns [`Continuation::Enough`] or the nodes are spent.
+/// first phases, until `take` returns [`Continuation::Enough`] or the search has visited `nodes`
+/// nodes.
 ///
 /// `take` also gets the number of earlier solutions with the same first phase. The search finds
 /// some solutions more than once.
@@ -196,8 +198,9 @@ struct Goal<'a> {
 
 type Found<'a> = dyn Fn(Vec<Turn>, usize, &Goal<'_>) -> bool + Sync + 'a;
 
-/// Runs the search with the table of phase 1 that the set has. The two instances are compiled
-/// separately, so the inner loops do not branch on the kind of table.
+/// Searches all views of a cube with the small or the large table of phase 1, whichever `tables`
+/// has. The two instances are compiled separately, so the inner loops do not branch on the kind of
+/// table.
 fn run(views: &[View; 6], tables: &Tables, goal: &Goal<'_>) {
     match tables.phase1_table() {
         Phase1Table::Near(guide) => run_with(&guide, views, tables, goal),
@@ -214,8 +217,8 @@ struct Start<'a> {
     distance: u8,
 }
 
-/// Shares out the searches: one task for each length of phase 1 and each view, and with several
-/// workers for each first turn as well.
+/// Searches all views of a cube with the workers of `goal`, which share out the tasks: one task for
+/// each length of phase 1 and each view, and with several workers for each first turn as well.
 fn run_with<G: Guide>(guide: &G, views: &[View; 6], tables: &Tables, goal: &Goal<'_>) {
     let starts = views.each_ref().map(|view| {
         let place = tables.frames.place(&view.cube);
@@ -290,7 +293,8 @@ struct Walk<'a, G> {
 }
 
 impl<'a, G: Guide> Walk<'a, G> {
-    /// Walks all first phases of a view that take `length` turns and begin with one of `turns`.
+    /// Searches all first phases of a view that take `length` turns and begin with one of `turns`
+    /// (bits), and the second phases after them.
     fn begin(&mut self, start: Start<'a>, length: u8, turns: u32) {
         let Start { view, place, distance } = start;
         self.view = view;
@@ -308,7 +312,9 @@ impl<'a, G: Guide> Walk<'a, G> {
         self.phase1((place, entry, distance), 0, length, turns);
     }
 
-    /// Walks all first phases that take `left` more turns, the next of which is one of `turns`.
+    /// Searches all continuations of phase 1 that take `left` more turns, the next of which is one
+    /// of `turns` (bits), and the second phases after them. `at` is the state after `depth` turns,
+    /// its entry and its distance.
     fn phase1(&mut self, at: (Place, u32, u8), depth: usize, left: u8, turns: u32) {
         // The small table does not distinguish distances of FAR and more, so it visits states in
         // vain that the large one rejects. These do not count: the count is equal with either.
@@ -339,7 +345,8 @@ impl<'a, G: Guide> Walk<'a, G> {
         }
     }
 
-    /// Walks the ends of phase 1 that are one turn away.
+    /// Makes each of `turns` (bits) that ends phase 1 from the state `at`, and searches the second
+    /// phases after it.
     #[inline]
     fn last(&mut self, at: (Place, u32, u8), depth: usize, turns: u32) {
         let symmetry = usize::from(at.0.symmetry);
@@ -352,9 +359,9 @@ impl<'a, G: Guide> Walk<'a, G> {
         }
     }
 
-    /// Walks the last three turns as [`Walk::phase1`] does, but reads all states that are two turns
-    /// away before it visits the first of them. A read of the table misses the cache and waits for
-    /// memory; these reads wait together.
+    /// Searches the last three turns of phase 1 as [`Walk::phase1`] does, but reads all states that
+    /// are two turns away before it visits the first of them. A read of the table misses the cache
+    /// and waits for memory; these reads wait together.
     fn last_three(&mut self, at: (Place, u32, u8), depth: usize, turns: u32) {
         let guide = self.guide;
         let symmetry = usize::from(at.0.symmetry);
@@ -399,8 +406,8 @@ impl<'a, G: Guide> Walk<'a, G> {
     }
 
     /// Converts a child, which the tables describe on the representative of a class, into the frame
-    /// of the view. Returns its turn there, its place with the symmetry of the whole path, and the
-    /// turns that may follow.
+    /// of the view. `symmetry` leads from the view to the representative before the child's turn.
+    /// Returns the turn and the state after it in that frame, and the turns that may follow (bits).
     #[inline]
     fn seen(&self, symmetry: usize, child: &Child) -> (u8, Place, u32) {
         let turned = &self.tables.frames.turned;
@@ -410,7 +417,8 @@ impl<'a, G: Guide> Walk<'a, G> {
         (turn, Place { symmetry, ..child.place }, turns)
     }
 
-    /// Makes a turn of phase 1.
+    /// Makes `turn` in phase 1 after `depth` turns: adds it to the path and computes the corners
+    /// and upper edges after it.
     #[inline]
     fn step(&mut self, depth: usize, turn: u8) {
         self.path[depth] = turn;
@@ -422,7 +430,8 @@ impl<'a, G: Guide> Walk<'a, G> {
         self.others_known = self.others_known.min(depth);
     }
 
-    /// Adds the nodes of this worker to the total, and ends the search at its limits.
+    /// Adds the nodes that this worker has visited to the total. Ends the search if the budget is
+    /// spent or the caller wants to stop, unless the caller still needs a first solution.
     fn check(&mut self) {
         let goal = self.goal;
         let nodes = goal.nodes.fetch_add(self.nodes, Relaxed) + self.nodes;
@@ -518,7 +527,7 @@ mod tests {
     use crate::cube::parse_turns;
 
     #[test]
-    fn larger_budget_finds_no_longer_solution() {
+    fn larger_budget_never_lengthens_solution() {
         let budget = Budget { nodes: 20_000, max_length: 0 };
         for seed in 0..100 {
             let cube = Cube::scrambled(seed);
@@ -548,7 +557,7 @@ mod tests {
     }
 
     #[test]
-    fn search_cut_short_proves_nothing() {
+    fn search_that_ends_early_marks_solution_as_unproven() {
         let solution = solve(&Cube::scrambled(1), &TABLES, &Budget::FIRST);
 
         assert!(!solution.proven);

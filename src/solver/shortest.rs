@@ -45,7 +45,9 @@ const GROWTH: u64 = 13;
 /// Ratio of the states of the next round to the nodes of the two-phase search before it.
 const SHARE: u64 = 8;
 
-/// Finds a shortest solution and its proof, or as much of either as the limits allow.
+/// Searches for a shortest solution and for the proof that none is shorter, by the two-phase and
+/// the optimal search in turn. If `limits` or `watch` end the search before the proof, returns the
+/// shortest solution found and the lower bound proven so far.
 #[must_use]
 pub fn shortest(
     cube: &Cube,

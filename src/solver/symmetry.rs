@@ -46,7 +46,8 @@ impl Symmetry {
         }
     }
 
-    /// Returns the twists of the image.
+    /// Returns the index of the twists that the image of a cube has, from the index `number` of the
+    /// cube's own twists.
     fn twist(&self, number: usize) -> usize {
         let mut image = [0; 8];
         for (i, &t) in with_twist(number).twists().iter().enumerate() {
@@ -56,7 +57,8 @@ impl Symmetry {
         twist(&Cube::from_pieces(*solved.corners(), image, *solved.edges(), *solved.flips()))
     }
 
-    /// Returns the slice and the flips of the image. All are sets of places, as bits.
+    /// Returns the images of two sets of places, as bits: the places of the middle-layer edges
+    /// (`slice`) and those of flipped edges (`flips`).
     fn edges(&self, slice: u16, flips: u16) -> (u16, u16) {
         let (mut image_slice, mut image_flips) = (0, 0);
         for i in 0..12 {
@@ -74,7 +76,7 @@ impl Symmetry {
     }
 }
 
-/// Returns the place that lies on these faces, in any order.
+/// Returns the index of the corner or edge place that lies on these faces, in any order.
 fn place<const N: usize>(pieces: &[[Face; N]], mut faces: [Face; N]) -> u8 {
     faces.sort_unstable();
     let same = |p: &[Face; N]| {
@@ -85,8 +87,8 @@ fn place<const N: usize>(pieces: &[[Face; N]], mut faces: [Face; N]) -> u8 {
     pieces.iter().position(same).unwrap_or(0) as u8
 }
 
-/// Returns the symmetries: eight rotations, then these rotations followed by a reflection
-/// left-right. Number 0 is the identity.
+/// Returns the sixteen symmetries that keep the up-down axis: eight rotations, then these rotations
+/// followed by a reflection left-right. The first one is the identity.
 fn symmetries() -> [Symmetry; SYMMETRIES] {
     use Face::{B, D, F, L, R, U};
     // Images of U, R, F, D, L, B: a quarter about U-D, a half about F-B, a reflection of R and L.
@@ -105,7 +107,8 @@ fn symmetries() -> [Symmetry; SYMMETRIES] {
     })
 }
 
-/// Returns the twists of each image: `[symmetry * TWISTS + twist]`.
+/// Returns the table of the twists' images: `[symmetry * TWISTS + twist]` is the index of the
+/// twists after the symmetry.
 #[must_use]
 pub(crate) fn twist_images() -> Vec<u16> {
     let all = symmetries();
@@ -125,7 +128,7 @@ pub(crate) struct Classes {
 }
 
 impl Classes {
-    /// Finds all classes.
+    /// Divides all states (slice, flip) into classes of symmetric ones.
     #[must_use]
     pub(crate) fn build() -> Self {
         let all = symmetries();
@@ -163,8 +166,8 @@ impl Classes {
 }
 
 impl Classes {
-    /// Returns the class of a state and a symmetry that carries the state to the representative,
-    /// without the 4 MB of [`Classes::of`].
+    /// Returns the class of a state (slice, flip) and a symmetry that carries the state to the
+    /// representative of the class, without the table [`Classes::of`] of 4 MB.
     #[must_use]
     pub(crate) fn find(&self, slice: usize, flip: usize) -> (u32, u8) {
         let (number_of, bits_of) = &*EDGE_BITS;
@@ -198,7 +201,7 @@ pub(crate) struct Turned {
 }
 
 impl Turned {
-    /// Computes all images and products.
+    /// Computes the images of all turns under all symmetries, and the products of all symmetries.
     #[must_use]
     pub(crate) fn build() -> Self {
         let all = &*ALL;
@@ -237,7 +240,7 @@ impl Turned {
     }
 }
 
-/// Returns the images of the places of corners and of edges under each symmetry.
+/// Returns two tables, `[symmetry][place]`: the image of each corner place and of each edge place.
 #[must_use]
 pub(crate) fn places() -> ([[u8; 8]; SYMMETRIES], [[u8; 12]; SYMMETRIES]) {
     (ALL.each_ref().map(|s| s.corners), ALL.each_ref().map(|s| s.edges))
@@ -246,7 +249,8 @@ pub(crate) fn places() -> ([[u8; 8]; SYMMETRIES], [[u8; 12]; SYMMETRIES]) {
 /// Slices and flips as bits by place: (number of bits, bits of number), each for (slice, flip).
 type EdgeBits = ((Vec<u16>, Vec<u16>), (Vec<u16>, Vec<u16>));
 
-/// Computes the tables between the numbers of slices and flips and their bits.
+/// Computes the tables that convert the indices of slice and flips into sets of places as bits, and
+/// back.
 fn edge_bits() -> EdgeBits {
     let slices: Vec<u16> = (0..SLICES)
         .map(|n| {
@@ -281,7 +285,7 @@ mod tests {
     use crate::cube::Turn;
 
     #[test]
-    fn classes_have_known_count() {
+    fn number_of_symmetry_classes_is_the_known_one() {
         let classes = Classes::build();
 
         assert_eq!(classes.representatives.len(), CLASSES);
@@ -299,7 +303,7 @@ mod tests {
 
     /// The images of the neighbours of a cube are the neighbours of its image, in all coordinates.
     #[test]
-    fn symmetries_map_neighbours_to_neighbours() {
+    fn symmetries_map_adjacent_states_to_adjacent_states() {
         let (number_of, bits_of) = edge_bits();
         let (twists, flips, quads) = (twist_moves(), flip_moves(), quad_moves());
         let quads = &quads;

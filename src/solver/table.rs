@@ -53,14 +53,14 @@ pub struct TableSpec {
     pub verify: Verify,
 }
 
-/// Requests the cache line of an entry that the search reads soon.
+/// Prefetches the cache line of `table[at]`, which the search reads soon.
 #[inline]
 pub(super) fn prefetch<T>(table: &[T], at: usize) {
     #[cfg(target_arch = "x86_64")]
     {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
         // SAFETY: the instruction reads nothing that a program could see, wherever it points.
-        #[allow(unsafe_code, reason = "prefetching has no safe form")]
+        #[allow(unsafe_code, reason = "the prefetch instruction is unsafe to call")]
         unsafe {
             _mm_prefetch::<_MM_HINT_T0>(table.as_ptr().wrapping_add(at).cast());
         }

@@ -45,13 +45,13 @@ impl Tables {
     pub const LARGE: [&'static TableSpec; 3] =
         [&phase1::WIDE_TABLE, &phase2::BOUNDS, &phase2::EIGHT];
 
-    /// Builds the default set.
+    /// Builds the default set of tables for the two-phase search, with one worker.
     #[must_use]
     pub fn build() -> Self {
         Self::build_with(&InTurn)
     }
 
-    /// Builds the default set with several workers.
+    /// Builds the default set of tables for the two-phase search, with several workers.
     #[must_use]
     pub fn build_with(workers: &dyn Workers) -> Self {
         let (frames, orders) = (Frames::build(), Orders::build());
@@ -72,7 +72,7 @@ impl Tables {
     /// [`Tables::LARGE`], in the order of that list.
     ///
     /// # Panics
-    /// Panics if the sizes fit neither set: the caller checks the tables that it keeps.
+    /// Panics if the sizes are those of neither set: the caller checks the tables that it keeps.
     #[must_use]
     pub fn with(tables: &[Bytes]) -> Self {
         // The sizes identify the set because no two tables have equal sizes.
@@ -91,7 +91,7 @@ impl Tables {
         Self { frames, faces, orders, phase1, phase2, eight }
     }
 
-    /// Returns the memory of all tables (bytes).
+    /// Returns the size of all tables of the set (bytes).
     #[must_use]
     pub fn size(&self) -> usize {
         let phase1 = match &self.phase1 {
@@ -139,7 +139,7 @@ pub(super) mod tests {
     pub(crate) static TABLES: LazyLock<Tables> = LazyLock::new(Tables::build);
 
     #[test]
-    fn default_tables_have_known_counts() {
+    fn default_tables_pass_verification_but_corrupted_table_fails() {
         let phase1_table = TABLES.phase1_table();
         let Phase1Table::Near(near) = phase1_table else { panic!("not the default set") };
 

@@ -37,7 +37,8 @@ static THIRDS: LazyLock<[(Rotation24, [u8; 54]); 3]> = LazyLock::new(|| {
 });
 
 impl View {
-    /// Returns the views of a cube: straight and inverted for each of the three rotations.
+    /// Returns the six views of a cube: the cube and its inverse, each in three rotations that make
+    /// another axis the up-down axis.
     pub(super) fn all(cube: &Cube) -> [Self; 6] {
         let facelets = Facelets::from(cube);
         std::array::from_fn(|i| {
@@ -57,7 +58,7 @@ impl View {
         })
     }
 
-    /// Converts turns of the view into turns of the original cube.
+    /// Converts a solution of the view, as indices of turns, into a solution of the original cube.
     pub(super) fn turns_of_cube(&self, path: &[u8]) -> Vec<Turn> {
         let of_cube = |&t: &u8| {
             let turn = Turn::from_index(usize::from(t));

@@ -40,10 +40,10 @@ pub enum Unusable {
     #[error("not built yet")]
     Absent,
     /// Error of the operating system.
-    #[error("cannot be read: {0}")]
+    #[error("the table's file cannot be read: {0}")]
     Unreadable(#[from] io::Error),
     /// Wrong size of the file.
-    #[error("{found} bytes instead of {wanted}")]
+    #[error("the table's file has {found} bytes instead of {wanted}")]
     Size {
         /// Size of the file (bytes).
         found: u64,
@@ -51,13 +51,13 @@ pub enum Unusable {
         wanted: u64,
     },
     /// File of another program.
-    #[error("not a table of rubik-robot")]
+    #[error("the table's file was not written by rubik-robot")]
     Foreign,
     /// File of a machine with the other byte order.
-    #[error("written on a machine of the other byte order")]
+    #[error("the table's file was written on a machine of the other byte order")]
     ByteOrder,
     /// File of another version of the program.
-    #[error("version {found} instead of {wanted}")]
+    #[error("the table's file has version {found} instead of {wanted}")]
     Version {
         /// Version of the file.
         found: u32,
@@ -65,10 +65,10 @@ pub enum Unusable {
         wanted: u32,
     },
     /// Head whose checksum, name or size is wrong.
-    #[error("damaged head")]
+    #[error("the table's file has a damaged head")]
     Head,
     /// Bytes that differ from those that were written.
-    #[error("damaged: its checksum is {found:08x} instead of {wanted:08x}")]
+    #[error("the table's file is damaged: the checksum is {found:08x} instead of {wanted:08x}")]
     Checksum {
         /// Checksum of the bytes.
         found: u32,
@@ -76,7 +76,7 @@ pub enum Unusable {
         wanted: u32,
     },
     /// Bytes as they were written, but with wrong counts.
-    #[error("wrong contents: {0}")]
+    #[error("the table's file has wrong contents: {0}")]
     Miscounted(String),
 }
 
@@ -111,7 +111,8 @@ impl AsRef<[u8]> for Copied {
     }
 }
 
-/// Opens a file and checks it.
+/// Opens the file of a table and checks its size, its head and the checksum of the table. Returns
+/// the table, mapped or copied into memory.
 pub(super) fn open(
     path: &Path,
     spec: &TableSpec,
@@ -157,7 +158,7 @@ pub(super) fn open(
 /// Maps a file into memory.
 #[allow(
     unsafe_code,
-    reason = "a mapped file may change, but the store only replaces whole files, by renaming"
+    reason = "a mapped file must not change: the store only replaces whole files, by renaming"
 )]
 fn map(file: &File) -> io::Result<Mmap> {
     let mapped = unsafe { Mmap::map(file)? };
@@ -189,7 +190,7 @@ fn copy(file: &File, bytes: usize, workers: &dyn Workers) -> io::Result<MmapMut>
     }
 }
 
-/// Writes a table beside its place, then renames it.
+/// Writes a table to a temporary file in the folder of `path`, then renames that file to `path`.
 pub(super) fn write(
     path: &Path,
     spec: &TableSpec,
@@ -212,12 +213,13 @@ pub(super) fn write(
     written
 }
 
-/// Removes the note, so that the next [`open`] computes the checksum of the whole file.
+/// Removes the note that the file of a table was sound, so that the next [`open`] computes the
+/// checksum of the whole file.
 pub(super) fn forget(path: &Path) {
     let _ = fs::remove_file(note_path(path));
 }
 
-/// Returns the head of a file.
+/// Returns the head of a table's file, with the checksum of the table.
 fn head(spec: &TableSpec, checksum: u32) -> [u8; HEAD] {
     let mut head = [0; HEAD];
     head[..8].copy_from_slice(MAGIC);
@@ -232,7 +234,7 @@ fn head(spec: &TableSpec, checksum: u32) -> [u8; HEAD] {
     head
 }
 
-/// Checks a head and returns the checksum of the table after it.
+/// Checks the head of a table's file and returns the checksum of the table that it contains.
 fn check_head(found: &[u8; HEAD], spec: &TableSpec) -> Result<u32, Unusable> {
     let number =
         |at: usize| u32::from_ne_bytes([found[at], found[at + 1], found[at + 2], found[at + 3]]);
@@ -273,7 +275,8 @@ fn sum(bytes: &[u8], workers: &dyn Workers) -> u32 {
     whole.finalize()
 }
 
-/// Returns a note that identifies this file in its present state.
+/// Returns a note that identifies this file in its present state, by its inode, size and times, and
+/// says which checksum it has.
 fn note(file: &File, checksum: u32) -> io::Result<String> {
     let m = file.metadata()?;
     Ok(format!(

@@ -66,13 +66,13 @@ impl Store {
         Self { folder, residence: Residence::Mapped }
     }
 
-    /// Returns this store with another residence of its tables.
+    /// Returns this store with its tables mapped or copied into memory, as `residence` says.
     #[must_use]
     pub fn with(self, residence: Residence) -> Self {
         Self { residence, ..self }
     }
 
-    /// Makes the store of the user's folder: `RUBIK_ROBOT_TABLES`, else `rubik-robot` in
+    /// Makes the store of the user's folder of tables: `RUBIK_ROBOT_TABLES`, else `rubik-robot` in
     /// `XDG_CACHE_HOME`, else in `~/.cache`, else in the system's folder for temporary files.
     #[must_use]
     pub fn for_user() -> Self {
@@ -130,6 +130,7 @@ impl Store {
     }
 
     /// Builds a table and writes its file, unless another process has done so in the meantime.
+    /// `reason` says why the present file is unusable.
     ///
     /// # Errors
     /// The table in memory, and the reason why its file could not be written.
@@ -160,7 +161,8 @@ impl Store {
         kept.map_err(|error| (table as Bytes, error))
     }
 
-    /// Computes the checksum of the whole file and counts its entries by distance.
+    /// Computes the checksum of a table's whole file and counts the entries of the table by
+    /// distance.
     ///
     /// # Errors
     /// The reason why the file is unusable; a wrong count is one.
@@ -195,7 +197,8 @@ impl Store {
         self.folder.join(format!("{}.lock", spec.name))
     }
 
-    /// Locks a table; reports if it has to wait for another process.
+    /// Locks a table against other processes and returns the locked file. Reports to `listener` if
+    /// it has to wait for another process.
     fn lock(&self, spec: &TableSpec, listener: Listener<'_>) -> io::Result<File> {
         fs::create_dir_all(&self.folder)?;
         let lock = File::create(self.lock_path(spec))?;
@@ -236,7 +239,7 @@ mod tests {
         },
     };
 
-    /// Returns a store in a folder of its own that does not exist yet.
+    /// Returns a store whose folder, inside a new folder for this test, does not exist yet.
     fn place(name: &str) -> (Folder, Store) {
         let folder = Folder::new(&format!("store-{name}"));
         let store = Store::new(folder.0.join("tables"));
@@ -316,12 +319,12 @@ mod tests {
             (sound[..sound.len() - 1].to_vec(), "104095 bytes instead of 104096"),
             (sound[..100].to_vec(), "100 bytes instead of 104096"),
             (Vec::new(), "0 bytes instead of 104096"),
-            (with(0, 1), "not a table of rubik-robot"),
+            (with(0, 1), "not written by rubik-robot"),
             (foreign, "written on a machine of the other byte order"),
-            (with(70, 1), "damaged head"),
-            (with(body, 1), "damaged: its checksum is"),
-            (with(body + 54_321, 0x80), "damaged: its checksum is"),
-            (with(sound.len() - 1, 1), "damaged: its checksum is"),
+            (with(70, 1), "has a damaged head"),
+            (with(body, 1), "damaged: the checksum is"),
+            (with(body + 54_321, 0x80), "damaged: the checksum is"),
+            (with(sound.len() - 1, 1), "damaged: the checksum is"),
         ] {
             fs::write(&path, bytes).unwrap();
 

@@ -26,7 +26,7 @@ pub trait Task: Send {
     /// Result of that work; plain data.
     type Conclusion: std::fmt::Debug + Send + 'static;
 
-    /// Returns the next action after an event.
+    /// Returns the next action after an event. `readings` is the state of the cell at that time.
     fn next(
         &mut self,
         event: Event<Self::Conclusion>,
@@ -44,13 +44,14 @@ pub trait Task: Send {
         None
     }
 
-    /// Returns the entry that must be on disk before the action that `next` has just returned is
-    /// carried out, so that another run can continue from there.
+    /// Returns the journal entry that must be on disk before the action that `next` has just
+    /// returned is carried out, so that another run can continue from there.
     fn entry(&self) -> Option<Entry> {
         None
     }
 
-    /// Does the long work. It is a pure function of its argument.
+    /// Does the long computation that the kernel requested, and returns the result with its
+    /// declared duration. It is a pure function of its argument.
     fn think(thought: Self::Thought) -> (Self::Conclusion, Effort);
 }
 

@@ -29,7 +29,7 @@ pub struct ArmLimits {
 }
 
 impl ArmLimits {
-    /// Returns the numbers of its joints and motors.
+    /// Returns the valid numbers of an axis of this arm, joint or motor.
     fn axes(&self) -> Range<usize> {
         usize::from(!self.has_track)..AXES
     }
@@ -57,7 +57,7 @@ const JAW_SECONDS: f64 = 0.6;
 const FARTHEST: (f64, f64, f64) = (0.2, 0.6, 60.0);
 
 impl Panel {
-    /// Makes a kernel for these arms.
+    /// Makes the kernel with which the operator moves these arms by hand.
     #[must_use]
     pub fn new(arms: Vec<ArmLimits>) -> Self {
         let port = Port::new(Shared::default());
@@ -65,7 +65,7 @@ impl Panel {
     }
 }
 
-/// Carries out orders, one after the other, for ever.
+/// Carries out the operator's orders, one after the other, for ever.
 async fn by_hand(port: Port<(), (), Shared>, limits: Vec<ArmLimits>) -> Finish {
     port.request(Action::Phase("by hand")).await;
     loop {
@@ -85,7 +85,8 @@ async fn by_hand(port: Port<(), (), Shared>, limits: Vec<ArmLimits>) -> Finish {
     }
 }
 
-/// Returns the action that carries out an order, or why it is refused.
+/// Returns the action by which an effector carries out the operator's order, or the reason why the
+/// order is refused.
 fn action(
     limits: &[ArmLimits],
     effector: usize,
@@ -201,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn joint_order_starts_from_set_position() {
+    fn joint_step_changes_target_of_that_joint_only() {
         let (action, _) = after(Manual::Joint(Step { axis: 2, by: -0.1 }));
 
         let Action::Behave { orders: [Some(Behaviour::Joints { target, .. }), None], .. } = action
@@ -230,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn panel_passes_motor_orders_to_shell() {
+    fn panel_forwards_motor_and_synchronise_orders_unchanged() {
         for order in [Manual::Synchronise, Manual::Motor(Step { axis: 3, by: 2.0 })] {
             let (action, _) = after(order.clone());
             assert_eq!(action, Action::Manual { effector: 0, order });

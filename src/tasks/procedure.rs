@@ -51,7 +51,7 @@ impl<T, C, S> Clone for Port<T, C, S> {
 }
 
 impl<T, C, S> Port<T, C, S> {
-    /// Makes a port without requests.
+    /// Makes a port with this shared state and without requests.
     #[must_use]
     pub fn new(state: S) -> Self {
         let (posted, awaited) = (VecDeque::new(), BTreeMap::new());
@@ -99,7 +99,7 @@ impl<T, C, S> Port<T, C, S> {
         }
     }
 
-    /// Returns whether some request has no answer yet.
+    /// Returns whether the procedure waits for a request that has no answer yet.
     fn is_waiting(&self) -> bool {
         self.lock().awaited.values().any(Option::is_none)
     }
@@ -156,7 +156,8 @@ impl<T, C, S> Drop for Request<T, C, S> {
     }
 }
 
-/// Waits for two futures, and polls `first` before `second` each time.
+/// Waits until two futures are ready, and returns both outputs. It polls `first` before `second`
+/// each time.
 pub async fn both<A: Future, B: Future>(first: A, second: B) -> (A::Output, B::Output) {
     let (mut first, mut second) = (pin!(first), pin!(second));
     let (mut a, mut b) = (None, None);

@@ -118,8 +118,8 @@ impl App {
         }
     }
 
-    /// Returns the input of a key in a replay of this length (s). A replay has no arms to stop, and
-    /// the operator may leave it at any time.
+    /// Returns the input of a key in a replay of `length` (s), or `None` for other keys. A replay
+    /// has no arms to stop, and the operator may leave it at any time.
     fn replay(&self, code: KeyCode, length: f64) -> Option<Input> {
         let now = self.snapshot.time;
         let to = |time: f64| Some(Input::Seek { time: time.clamp(0.0, length) });
@@ -247,7 +247,7 @@ impl App {
         }
     }
 
-    /// Returns a motion by one step.
+    /// Returns the order to move the chosen axis by one step of the chosen size. `sign` is 1 or -1.
     fn jog(&self, sign: f64) -> Manual {
         let (length, angle, motor) = STEPS[self.size];
         let axis = self.axis;
@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn emergency_stop_precedes_question_and_confirmation() {
+    fn emergency_stop_key_works_during_question_or_confirmation() {
         for key in [KeyCode::Char('e'), KeyCode::F(12)] {
             let mut asked = app(Snapshot { question: Some(stickers()), ..Snapshot::default() });
             assert_eq!(press(&mut asked, key), Some(Input::EmergencyStop));
@@ -351,7 +351,7 @@ mod tests {
     }
 
     #[test]
-    fn cursor_and_letters_correct_stickers() {
+    fn letters_edit_stickers_enter_answers_esc_declines() {
         let read = Facelets::solved();
         let mut app = app(Snapshot { question: Some(stickers()), ..Snapshot::default() });
 
@@ -388,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_reach_only_existing_axes() {
+    fn keys_move_only_axes_the_arm_has() {
         let services = Services { manual: true, ..Services::default() };
         let control = ControlView::Running;
         let mut app = app(Snapshot { control, services, ..Snapshot::default() });

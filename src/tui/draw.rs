@@ -93,7 +93,8 @@ fn titled(title: &str) -> Block<'_> {
     Block::new().borders(Borders::TOP).title(title)
 }
 
-/// Returns the progress, 0..=1, and its label: by time in a replay, else by steps of the plan.
+/// Returns the progress of a run, 0..=1, and its label: by time in a replay, otherwise by steps of
+/// the plan.
 fn progress(s: &Snapshot) -> (f64, String) {
     if let Some(length) = s.services.seek_ms {
         let length = length as f64 * 1e-3;
@@ -108,7 +109,8 @@ fn progress(s: &Snapshot) -> (f64, String) {
     (done, label)
 }
 
-/// Returns the first line: state, reason or phase, time, speed, cube, title.
+/// Returns the top line of the screen: state, reason or phase, time, speed, holder of the cube,
+/// title.
 fn heading(app: &App) -> Line<'_> {
     let s = &*app.snapshot;
     let fault = s.arms.iter().any(|arm| arm.fault.is_some());
@@ -161,7 +163,8 @@ fn arm_table(app: &App, narrow: bool) -> Table<'_> {
     if narrow { table } else { table.block(Block::bordered()) }
 }
 
-/// Returns a net of the cube. The tile `at` is under the cursor.
+/// Returns a net of the cube. `colours` has the face whose colour each facelet has, `None` for an
+/// unread facelet; `at` is the facelet under the cursor.
 fn net_of(colours: &[Option<usize>], at: Option<usize>) -> Paragraph<'static> {
     // Two letters make a tile nearly square.
     let mut grid = vec![vec![Span::raw("  "); 12]; 9];
@@ -450,7 +453,7 @@ mod tests {
     }
 
     #[test]
-    fn run_shows_step_forces_and_messages() {
+    fn running_screen_shows_forces_messages_and_plan_step() {
         let text = drawn(snapshot(), (120, 36));
 
         for words in [
@@ -475,7 +478,7 @@ mod tests {
         }
     }
 
-    /// Returns the state with two arms and all actors of a cell.
+    /// Returns a terminal UI that shows two arms and all actors of a cell.
     fn whole() -> App {
         let mut s = snapshot();
         let names = ["ui", "mp", "ecp track", "ecp postument", "edp track", "edp postument"];
@@ -498,7 +501,7 @@ mod tests {
     }
 
     #[test]
-    fn terminal_of_80_by_24_shows_all_needed() {
+    fn terminal_of_80_by_24_shows_every_panel() {
         let mut app = whole();
         let text = shown(&app, (80, 24));
         for words in [
@@ -536,7 +539,7 @@ mod tests {
     }
 
     #[test]
-    fn end_is_shown_with_reason() {
+    fn ended_run_shows_verdict_reason_and_time() {
         let outcome = OutcomeView {
             verdict: "failed".into(),
             good: false,
@@ -571,7 +574,7 @@ mod tests {
     }
 
     #[test]
-    fn question_covers_the_rest_with_coloured_net() {
+    fn sticker_question_shows_doubt_keys_and_time_left() {
         let read = crate::cube::Facelets::solved().to_string();
         let question = Question {
             number: 1,

@@ -19,8 +19,8 @@ use std::time::Duration;
 /// Longest time between two redraws. Ten pictures in a second are enough for a terminal.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Shows a desk in a terminal until `leave` is set or the operator leaves. The operator can leave
-/// when the run is over, or when no run accepts inputs any more.
+/// Shows the UI of a desk in a terminal until `leave` is set or the operator leaves. The operator
+/// can leave when the run is over, or when no run accepts inputs any more.
 ///
 /// # Errors
 /// The terminal cannot be read or written.

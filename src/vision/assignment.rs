@@ -4,8 +4,8 @@
 //! - out: the column of each row
 //! - source: Kuhn (1955) in the O(n^3) form with potentials (Jonker and Volgenant 1987)
 
-/// Returns the column of each row of an `n` x `n` matrix (row by row) for which the sum of costs is
-/// least.
+/// Assigns a different column to each row of an `n` x `n` matrix of costs, so that the sum of the
+/// costs is least. Returns the column of each row. `cost` lists the matrix row by row.
 ///
 /// # Panics
 /// If `cost` does not have `n * n` entries.

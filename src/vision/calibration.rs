@@ -141,7 +141,7 @@ pub enum NotCalibrated {
         views: usize,
     },
     /// The views do not determine all unknowns.
-    #[error("the views do not determine the camera")]
+    #[error("the views do not determine the camera: its equations have no finite solution")]
     Undetermined,
     /// The model does not describe the measurements.
     #[error("the residual is {residual_px:.1} px: the views contradict each other")]
@@ -167,10 +167,11 @@ const STEPS: [f64; GLOBALS] = [
     1e-7, 1e-7, 1e-8,
 ];
 
-/// Measures the grooves of a located cube and returns them in the frame in which the cube is held.
+/// Measures the grooves between neighbouring tiles of a located cube. Returns them in the frame of
+/// the cube as the arm holds it, whose rough pose is `camera_from_held`.
 ///
-/// `camera_from_held` is a rough pose of that frame. It decides which of the 24 orientations of a
-/// cube the located one has.
+/// That pose decides in which of its 24 orientations `location` shows the cube. `edge` is the edge
+/// of the cube (m).
 #[must_use]
 pub fn grooves_in(
     image: &RgbImage,
@@ -212,7 +213,10 @@ pub fn grooves_in(
     grooves
 }
 
-/// Estimates all unknowns from the views.
+/// Estimates the optics and the pose of the camera, the pose and the edge of the cube, and the
+/// error of each pose of the arm, from at least [`LEAST_VIEWS`] views.
+///
+/// `guess` is a first guess of these unknowns, and `spreads` contains its standard deviations.
 ///
 /// # Errors
 /// [`NotCalibrated`] with the reason.
@@ -270,9 +274,11 @@ pub fn calibrate(
     problem.result(&Adjusted { unknowns: at, residuals, covariance: inverse, spread }, spreads)
 }
 
-/// Returns the standard deviation of the first guess of each unknown.
-fn widths(guess: &Setup, s: &Spreads, size: usize) -> DVector<f64> {
+/// Returns the standard deviations of the first guess: those of the unknowns that all views share,
+/// then six for the arm's pose in each view. `size` is the number of all unknowns.
+fn widths(guess: &Setup, spreads: &Spreads, size: usize) -> DVector<f64> {
     let mut widths = DVector::zeros(size);
+    let s = spreads;
     let pose = |(place, turn): (f64, f64)| [place, place, place, turn, turn, turn];
     let focal = (guess.lens.focal.0 * s.focal, guess.lens.focal.1 * s.focal);
     let optics = [focal.0, focal.1, s.centre, s.centre, s.distortion, s.distortion];
@@ -313,7 +319,7 @@ struct Problem<'a> {
 }
 
 impl Problem<'_> {
-    /// Adds the shared unknowns to the guess.
+    /// Returns the first guess plus `x`, the differences of the unknowns that all views share.
     fn setup(&self, x: &[f64]) -> Setup {
         let part = |from: usize| std::array::from_fn(|k| x[from + k]);
         let mut setup = *self.guess;
@@ -329,8 +335,8 @@ impl Problem<'_> {
         setup
     }
 
-    /// Appends the residual of each groove of a view: measured minus predicted place, over its
-    /// standard deviation. `off` is the error of the arm's pose.
+    /// Appends the residual of each groove of a view: its measured place minus that predicted by
+    /// `setup` (px), over its standard deviation. `off` is the error of the arm's pose (m, rad).
     fn residuals(&self, setup: &Setup, view: &View, off: [f64; LOCALS], out: &mut Vec<f64>) {
         let arm = moved(&view.arm, off);
         let motion = match self.rig {
@@ -346,13 +352,15 @@ impl Problem<'_> {
         }));
     }
 
-    /// Returns the error of the arm's pose in a view.
+    /// Returns the unknowns of a single view from all unknowns `x`: the error of the arm's pose (m,
+    /// rad).
     fn off(x: &DVector<f64>, view: usize) -> [f64; LOCALS] {
         std::array::from_fn(|k| x[GLOBALS + LOCALS * view + k])
     }
 
-    /// Computes the cost: Cauchy's cost of all grooves plus the squared distance from the guess.
-    /// Returns it with the residuals.
+    /// Computes the cost of the unknowns `x`: Cauchy's cost of all grooves, plus the squared
+    /// distance from the first guess in units of its standard deviations (`widths`). Returns the
+    /// cost and the residuals. `spread` is the robust standard deviation of the residuals.
     fn cost(&self, x: &DVector<f64>, widths: &DVector<f64>, spread: f64) -> (f64, Vec<f64>) {
         let setup = self.setup(x.as_slice());
         let mut residuals = Vec::new();
@@ -368,7 +376,8 @@ impl Problem<'_> {
         (robust + belief, residuals)
     }
 
-    /// Fills the normal matrix and returns the right-hand side of the normal equations.
+    /// Linearises the residuals at `x`. Fills the normal matrix and returns the right-hand side of
+    /// the normal equations, whose solution is the next Gauss-Newton step.
     fn linearise(
         &self,
         x: &DVector<f64>,
@@ -433,7 +442,7 @@ impl Problem<'_> {
         right
     }
 
-    /// Returns the calibration of an adjustment.
+    /// Converts the minimum of the cost to the calibration that is reported.
     ///
     /// # Errors
     /// [`NotCalibrated::Contradiction`] if the residuals are too large.
@@ -474,12 +483,12 @@ impl Problem<'_> {
         })
     }
 
-    /// Computes the error of the camera's place and orientation that is caused by an error which
-    /// all poses of the arm have in common.
+    /// Computes the error of the camera's place (m) and orientation (rad), for each axis, if all
+    /// poses of the arm have the same error: `place` (m) and `turn` (rad).
     ///
-    /// A fixed camera takes over the error of the hand that shows the cube, as a rotation about the
-    /// middle of the hand's places. With a camera in a hand, the place of the cube takes it
-    /// instead.
+    /// The estimate of a fixed camera turns with the hand that shows the cube, about the middle of
+    /// the hand's places. With a camera in a hand the result is 0, because the estimated place of
+    /// the cube absorbs the error.
     fn common(&self, setup: &Setup, (place, turn): (f64, f64)) -> [f64; 6] {
         if self.rig == Rig::InHand {
             return [0.0; 6];
@@ -525,8 +534,8 @@ mod tests {
         }
     }
 
-    /// Returns views of three faces' grooves with 0.05 px of noise. `arm` is the standard deviation
-    /// of the error of the arm's poses (m, rad).
+    /// Returns `count` views of the grooves on the visible faces of a cube, with 0.05 px of noise.
+    /// `arm` is the standard deviation of the error of the arm's poses (m, rad).
     fn views(rig: Rig, truth: &Setup, arm: (f64, f64), count: usize, seed: u64) -> Vec<View> {
         let mut random = Pcg64::seed_from_u64(seed);
         let mut views = Vec::new();
@@ -586,7 +595,7 @@ mod tests {
     }
 
     #[test]
-    fn calibration_finds_both_rigs_with_exact_arm() {
+    fn calibration_recovers_parameters_of_fixed_and_hand_cameras() {
         for rig in [Rig::Fixed, Rig::InHand] {
             let truth = truth();
             let views = views(rig, &truth, (0.0, 0.0), 25, 3);
@@ -610,7 +619,7 @@ mod tests {
 
     /// An inexact arm costs accuracy, and the reported deviations account for it.
     #[test]
-    fn deviations_cover_errors_of_inexact_arm() {
+    fn reported_deviation_matches_focal_error_with_inexact_arm() {
         let truth = truth();
         let mut squares = Vec::new();
         for seed in 0..6 {
@@ -629,7 +638,7 @@ mod tests {
     /// A hand that sags moves the estimate of a fixed camera far beyond its deviations. The
     /// reported true deviations include the sag.
     #[test]
-    fn true_deviations_of_fixed_camera_include_sag() {
+    fn fixed_camera_uncertainty_accounts_for_arm_sag() {
         let truth = truth();
         for seed in 0..4 {
             let mut views = views(Rig::Fixed, &truth, (0.3e-3, 0.5e-3), 25, seed);

@@ -76,7 +76,7 @@ pub(super) const SHAPE: TileLimits =
 /// Limits of the shape of tiles that are too small to be read.
 const SMALL: TileLimits = TileLimits { area: (3.0, 60.0), fullness: (0.6, 1.4), elongation: 4.5 };
 
-/// Finds the faces of cubes in an image, or in a window of it; best first.
+/// Finds the faces of cubes in an image, or in a window of it (px); the most certain face first.
 ///
 /// # Errors
 /// [`Refusal`] with the reason why no face is reported.
@@ -120,8 +120,9 @@ pub fn detect(
 }
 
 impl Patch {
-    /// Finds the tile candidates of the edge method at five thresholds, each tile once. Returns
-    /// them with the edges and a middle threshold.
+    /// Finds the regions of the patch that may be tiles: those that edges enclose at one of five
+    /// thresholds, each region once. Returns them with the edge strength of the patch and a middle
+    /// threshold.
     pub(super) fn candidates(&self) -> (Vec<Tile>, Edges, u8) {
         let edges = Edges::new(&self.rgb, self.width, self.height);
         let (brightest, _) = self.exposure();
@@ -140,7 +141,7 @@ impl Patch {
         (tiles, edges, (low * 1.8).round() as u8)
     }
 
-    /// Finds the faces of the patch, in image coordinates.
+    /// Finds the faces in the patch. Their places are pixels of the whole image.
     ///
     /// # Errors
     /// [`Refusal`] by the table of the module.
@@ -197,9 +198,9 @@ impl Patch {
         })
     }
 
-    /// Returns the level of the brightest tenth of the candidates, and the share of them that clip.
-    /// A cube in the dark in front of a bright window is dark. With fewer than nine candidates the
-    /// values are those of the whole picture.
+    /// Returns the level, 0..=255, that a tenth of the tile candidates exceed, and the share of the
+    /// candidates that clip. A bright window behind a dark cube does not count. With fewer than
+    /// nine candidates the values are those of the whole patch.
     fn exposure_of(&self, tiles: &[Tile]) -> (u8, f64) {
         let mut levels: Vec<[u8; 2]> = tiles
             .iter()
@@ -214,7 +215,8 @@ impl Patch {
         (levels[levels.len() * 9 / 10][0], clipped as f64 / levels.len() as f64)
     }
 
-    /// Returns the width of a face whose tiles are too small to be read (px), if there is one.
+    /// Searches for a face whose tiles are too small to be read. Returns its width in the image
+    /// (px).
     fn small(&self, edges: &Edges) -> Option<f64> {
         // Specks of noise form lattices by chance, so at least eight tiles must fit well.
         let mut tiles = Vec::new();
@@ -231,8 +233,9 @@ impl Patch {
         Some((0..4).map(side).fold(0.0, f64::max))
     }
 
-    /// Fits a lattice to the sides of its tiles. Returns it if that makes it more certain, and the
-    /// sides that its cells show.
+    /// Fits a lattice to the sides of its tiles, which are edges of at least `threshold`. Returns
+    /// the fitted lattice if it is no less certain than the given one, and the sides of the nine
+    /// tiles that are seen.
     fn mended(
         &self,
         lattice: &Lattice,
@@ -261,7 +264,8 @@ impl Patch {
         }
     }
 
-    /// Turns a lattice into a face with places in the image, colours and confidences.
+    /// Turns a lattice into a face with its places in the image, its colours and confidences.
+    /// `seen` is `None` if the sides of the tiles were not examined.
     fn sighting(&self, lattice: &Lattice, tiles: &[Tile], seen: Option<Seen>) -> FaceSighting {
         let samples: [TileSample; 9] =
             std::array::from_fn(|i| self.sample(&lattice.homography, GRID[i], lattice.sticker));
@@ -325,7 +329,8 @@ impl Patch {
     }
 }
 
-/// Replaces the lattice at `i` by the mended one, unless a better lattice shares cells with it.
+/// Replaces lattice `i` by `better`, which was fitted to its sides, unless another lattice with a
+/// better score shares cells with `better`.
 fn replace(lattices: &mut [Lattice], i: usize, better: Lattice, tiles: &[Tile]) {
     let rivals = (0..lattices.len()).filter(|&j| j != i).map(|j| &lattices[j]);
     let met: Vec<&Lattice> = rivals.filter(|other| better.shares_cells(other, tiles)).collect();
@@ -340,7 +345,8 @@ fn replace(lattices: &mut [Lattice], i: usize, better: Lattice, tiles: &[Tile]) 
     }
 }
 
-/// Returns the most certain sighting of each face, the most certain face first.
+/// Removes each sighting that overlaps a more certain one. Returns the others, the most certain one
+/// first.
 fn distinct(mut faces: Vec<FaceSighting>) -> Vec<FaceSighting> {
     // Two lattices of one face are fitted to the same sides and become the same face.
     faces.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
@@ -364,7 +370,8 @@ struct Seen {
     agree: bool,
 }
 
-/// Adds tiles, each once. If two lie at one place, the larger one stays unless it is ragged.
+/// Adds `more` tiles to `tiles`, each once. If two lie at the same place, the larger one stays
+/// unless it is ragged.
 pub(super) fn merge(tiles: &mut Vec<Tile>, more: Vec<Tile>) {
     let old = tiles.len();
     for tile in more {
@@ -388,15 +395,16 @@ pub(super) fn merge(tiles: &mut Vec<Tile>, more: Vec<Tile>) {
     }
 }
 
-/// Finds the tile candidates of a whole picture by the default method, at the picture's full size.
+/// Finds the regions of a picture that may be tiles, by [`Method::Edges`] at the full size of the
+/// picture.
 #[must_use]
 pub fn candidates(image: &RgbImage) -> Vec<Tile> {
     let whole = Rect { x: 0, y: 0, width: image.width(), height: image.height() };
     Patch::new(image, whole, 1).candidates().0
 }
 
-/// Returns a window around points (px), with a margin in widths of their bounding box. Returns
-/// `None` if the box is not finite or the window is empty.
+/// Returns the bounding box of points (px), enlarged on each side by `margin` times its longer
+/// side. Returns `None` if the box is not finite or the window is empty.
 #[must_use]
 pub fn window_around(corners: &[Point], margin: f64) -> Option<Rect> {
     let low = |f: fn(&Point) -> f64| corners.iter().map(f).fold(f64::INFINITY, f64::min);
@@ -418,8 +426,8 @@ pub fn window_around(corners: &[Point], margin: f64) -> Option<Rect> {
     })
 }
 
-/// Computes the centres of the nine tiles from the corners of the outline (px). Returns `None` if
-/// the corners are degenerate.
+/// Computes the centres of the nine tiles of a face (px) from the corners of its outline (px), in
+/// the order of [`FaceSighting::corners`]. Returns `None` if the corners are degenerate.
 #[must_use]
 pub fn centres_from_corners(corners: &[Point; 4]) -> Option<[Point; 9]> {
     let unit = homography::square_to(corners)?;
@@ -470,7 +478,7 @@ mod tests {
     }
 
     #[test]
-    fn paper_method_finds_faces() {
+    fn method_of_2007_paper_finds_a_face() {
         let settings =
             DetectorSettings { method: Method::Paper2007, ..DetectorSettings::default() };
 
@@ -480,7 +488,7 @@ mod tests {
     }
 
     #[test]
-    fn refusal_gives_the_reason() {
+    fn refusals_distinguish_dark_empty_overexposed_and_tiny_pictures() {
         let settings = DetectorSettings::default();
         let mut dark = drawing();
         dark.light = 0.03;
@@ -525,7 +533,7 @@ mod tests {
     }
 
     #[test]
-    fn black_and_white_picture_has_no_colours() {
+    fn grey_picture_gives_colours_of_zero_confidence() {
         let mut image = drawing().render();
         for pixel in image.pixels_mut() {
             let [r, g, b] = pixel.0.map(u32::from);
@@ -555,7 +563,7 @@ mod tests {
     }
 
     #[test]
-    fn window_gives_same_places_as_whole_picture() {
+    fn detection_in_window_agrees_with_whole_picture() {
         let image = drawing().render();
         let whole = detect(&image, None, &DetectorSettings::default()).unwrap();
         let window = window_around(&whole[0].corners, 0.3);

@@ -31,14 +31,15 @@ use nalgebra::Matrix3;
 pub(super) const MOST_IF_AMBIGUOUS: f64 = 0.6;
 
 /// Computes the confidence in a face from the places of its tiles alone, 0..=1. `sides` is the
-/// number of sides that each cell shows.
+/// number of sides of each tile that are seen, 0..=4.
 pub(super) fn certainty(lattice: &Lattice, sides: &[u8; 9]) -> f64 {
     let fit = (-(lattice.residual / 0.10).powi(2)).exp();
     let even = (-(lattice.unevenness / 0.5).powi(2)).exp();
     support(lattice, sides) * fit * even
 }
 
-/// Computes how well the nine cells support a face, 0..=1.
+/// Computes how well the tiles that are found support a face of nine, 0..=1. `sides` is the number
+/// of sides of each tile that are seen, 0..=4.
 fn support(lattice: &Lattice, sides: &[u8; 9]) -> f64 {
     // A cell without a region of its own may still be a tile. Then it ends where a tile does, on
     // all sides or on those that nothing covers. The background has no sides there.
@@ -80,8 +81,8 @@ const MANY: u8 = 20;
 /// belong to the next tile.
 const SHOWN: [f64; 5] = [0.0, 0.0, 0.35, 0.5, 0.6];
 
-/// Returns the largest difference between two tiles in the shares of red, green and blue in their
-/// light.
+/// Returns how much the hues of nine tiles differ: the largest difference between two tiles in the
+/// share of red, of green or of blue in their light.
 pub(super) fn hues(rgb: &[[f64; 3]; 9]) -> f64 {
     // The constant keeps the shares of dark tiles from being those of noise.
     let shares = rgb.map(|c| {
@@ -98,18 +99,20 @@ pub(super) fn hues(rgb: &[[f64; 3]; 9]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// Computes the evidence of the colours for a cube, 0..=1. Nine tiles of one hue are more often a
-/// window, drawers or a floor than a solved face.
+/// Computes the evidence for a cube from `hues`, the result of [`hues()`]: [`MOST_IF_AMBIGUOUS`]
+/// for nine tiles of one hue, up to 1 for several. Nine tiles of one hue are more often a window,
+/// drawers or a floor than a solved face.
 pub(super) fn variety(hues: f64) -> f64 {
     MOST_IF_AMBIGUOUS + (1.0 - MOST_IF_AMBIGUOUS) * ((hues - 0.1) / 0.1).clamp(0.0, 1.0)
 }
 
-/// Computes the evidence of the places of the colours for a cube, 0..=1.
+/// Computes the evidence for a cube from the pattern of nine colours: [`MOST_IF_AMBIGUOUS`] for
+/// crossing stripes or a chessboard, up to 1 for other patterns. `held` says whether a region was
+/// found in each cell.
 ///
 /// Where stripes of a cloth cross, the colour of a cell is the sum of its row's and its column's.
-/// On a chessboard two colours alternate. A face with one of these patterns may be a cloth or a
-/// board. Up to two cells that no region holds are ignored for the chessboard, because they may
-/// show an object that lies on it.
+/// On a chessboard two colours alternate. Up to two cells without a region are ignored for the
+/// chessboard, because they may show an object that lies on it.
 pub(super) fn arrangement_evidence(rgb: &[[f64; 3]; 9], held: &[bool; 9]) -> f64 {
     let (mut all, mut crossed) = (0.0, 0.0);
     for c in 0..3 {
@@ -132,8 +135,8 @@ pub(super) fn arrangement_evidence(rgb: &[[f64; 3]; 9], held: &[bool; 9]) -> f64
     MOST_IF_AMBIGUOUS + (1.0 - MOST_IF_AMBIGUOUS) * ((share - WOVEN) / 0.1).clamp(0.0, 1.0)
 }
 
-/// Returns the share of the variance of the counted tiles that two alternating colours leave
-/// unexplained.
+/// Returns the share of the variance of nine colours that a chessboard of two colours leaves
+/// unexplained. Only the tiles for which `counts` is true are used.
 fn chequered(rgb: &[[f64; 3]; 9], counts: impl Fn(usize) -> bool) -> f64 {
     let (mut all, mut left) = (0.0, 0.0);
     for c in 0..3 {
@@ -155,17 +158,18 @@ fn chequered(rgb: &[[f64; 3]; 9], counts: impl Fn(usize) -> bool) -> f64 {
 /// which a face looks like a cloth. Six colours drawn at random have about 0.7.
 const WOVEN: f64 = 0.15;
 
-/// Computes the evidence of the tiles' form for a cube, 0..=1, from their share of the pitch and
-/// their mean fullness. Stickers cover most of the face: their edges are at least 0.7 pitches
-/// apart. Discs have a fullness of 1.047.
+/// Computes the evidence for a cube from the form of its tiles, 0..=1. `share` is their side as a
+/// share of the pitch. `fullness` is their area over that of the parallelogram with the same second
+/// moments. Stickers cover most of the face, so their side is at least 0.7 pitches. Discs have a
+/// fullness of 1.047.
 pub(super) fn form(share: f64, fullness: f64) -> f64 {
     ((share - 0.5) / 0.2).clamp(0.0, 1.0) * ((1.045 - fullness) / 0.015).clamp(0.0, 1.0)
 }
 
 impl Patch {
-    /// Computes how much the colours of the four lines of gaps between the tiles differ: the
-    /// difference between the lines, less the variation along a line, as a share (at most 1) of
-    /// their difference from the tiles.
+    /// Computes how much the colours of the four lines of gaps between the nine tiles differ,
+    /// 0..=1: the difference between the lines, less the variation along a line, as a share of
+    /// their difference from the tiles. `rgb` are the mean colours of the tiles.
     ///
     /// The gaps of a cube have one colour, that of its body. On a checked cloth each line has its
     /// own colour. If there are no gaps, a line shows the colours of the three tiles beside it.
@@ -204,7 +208,7 @@ mod tests {
     use crate::{Rect, testing::STICKERS};
     use image::{Rgb, RgbImage};
 
-    /// Returns an exact lattice that holds these cells.
+    /// Returns a regular lattice in which tiles hold these cells.
     fn lattice(held: [bool; 9]) -> Lattice {
         Lattice {
             homography: Matrix3::new(20.0, 0.0, 40.0, 0.0, 20.0, 40.0, 0.0, 0.0, 1.0),
@@ -223,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn six_exact_tiles_support_spanned_face() {
+    fn six_tiles_support_face_unless_outer_row_missing() {
         let none = [0; 9];
 
         assert!(support(&without(&[]), &none) > 0.99);
@@ -236,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn four_tiles_with_enough_sides_support_face() {
+    fn four_tiles_with_enough_visible_sides_support_face() {
         let few = without(&[1, 2, 4, 5, 6]);
 
         assert!(support(&few, &[4, 1, 2, 4, 1, 1, 0, 4, 4]) >= 0.48);
@@ -248,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn cells_without_region_count_by_their_sides() {
+    fn support_grows_with_visible_sides_of_missing_tiles() {
         let seven = without(&[0, 8]);
 
         let by = |n| support(&seven, &[n, 4, 4, 4, 4, 4, 4, 4, n]);
@@ -258,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn discs_and_small_pictures_score_low() {
+    fn discs_and_tiles_with_wide_gaps_score_low() {
         assert!(form(0.85, 1.01) > 0.99);
         assert_eq!(form(0.85, 1.047), 0.0);
         assert!(form(0.55, 1.0) < 0.3);
@@ -304,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn gaps_of_different_colours_show_cloth() {
+    fn tile_gaps_of_different_colours_count_as_patchwork() {
         let gaps = [[20.0; 3], [220.0, 30.0, 30.0], [30.0, 60.0, 220.0], [230.0, 220.0, 40.0]];
         let picture = |gap: &dyn Fn(usize) -> [f64; 3]| {
             let image = RgbImage::from_fn(80, 80, |x, y| {

@@ -73,7 +73,8 @@ pub(super) struct Stickers {
 }
 
 impl Crossing {
-    /// Computes the value of `measured` that the model predicts (px).
+    /// Computes the value of `measured` (px) if the face were at `camera_from_face`. `pitch` is the
+    /// distance of two tile centres (m).
     pub(super) fn predicted(
         &self,
         lens: &Lens,
@@ -150,12 +151,12 @@ struct Contrast {
 }
 
 impl Contrast {
-    /// Returns the difference from the colour beyond to the tile's.
+    /// Returns the difference in RGB from the colour beyond the edge to that of the tile.
     fn axis(self) -> Rgb {
         difference(self.plateau, self.beyond)
     }
 
-    /// Returns the distance of the two colours, of 255.
+    /// Returns the Euclidean distance of the two colours in RGB.
     fn size(self) -> f32 {
         length(self.axis())
     }
@@ -172,17 +173,19 @@ struct Profile {
 }
 
 impl Profile {
-    /// Returns the place of a tap (px).
+    /// Returns the place along the normal of a tap, a sample of the profile (px from the side's
+    /// middle).
     fn at(&self, tap: usize) -> f64 {
         self.start + self.step * tap as f64
     }
 
-    /// Returns the tap that is nearest to a place.
+    /// Returns the tap that is nearest to a place along the normal (px from the side's middle).
     fn tap(&self, at: f64) -> usize {
         (((at - self.start) / self.step).round().max(0.0) as usize).min(self.count - 1)
     }
 
-    /// Computes the mean colour of taps `from..=to` and the standard deviation of a single tap.
+    /// Computes the mean colour of taps `from..=to`, and the standard deviation of a single one of
+    /// them.
     fn plateau(&self, from: usize, to: usize) -> (Rgb, f32) {
         let taps = &self.taps[from..=to];
         let n = taps.len() as f32;
@@ -191,9 +194,10 @@ impl Profile {
         (mean, (sum / (3.0 * (n - 1.0).max(1.0))).sqrt())
     }
 
-    /// Finds the place where the colour is half way from `beyond` to `plateau` (px), and the slope
-    /// there in contrasts per pixel. The search runs from tap `from` to tap `last` in steps of
-    /// `way`. Returns `None` if the colour at `from` is nearer to `plateau` already.
+    /// Finds the place where the colour is half way from `beyond` to `plateau` (px from the side's
+    /// middle), and the slope of the colour there (contrasts per pixel). The search runs from tap
+    /// `from` to tap `last` in steps of `way`, 1 or -1. Returns `None` if the colour at `from` is
+    /// nearer to `plateau` already.
     fn half_way(
         &self,
         colours: Contrast,
@@ -268,8 +272,8 @@ impl<'a> Probe<'a> {
         Self { least_along: GRAZING, ..self }
     }
 
-    /// Adds bilinear samples at equal steps to `taps`, each weighted by [`ROW`]. Returns `None` if
-    /// a sample lies outside the image.
+    /// Samples the image at equal steps, one sample for each tap, and adds the colours to `taps`,
+    /// weighted by [`ROW`]. Returns `None` if a sample lies outside the image.
     fn sample(&self, from: Point, step: Point, taps: &mut [Rgb]) -> Option<()> {
         let last = (taps.len() - 1) as f64;
         // The image is convex: if both ends lie inside, so do all samples. The margin is for the
@@ -315,15 +319,16 @@ impl<'a> Probe<'a> {
         Some(())
     }
 
-    /// Projects a point of the face, given in pitches. Returns `None` if it is not in front of the
-    /// camera.
+    /// Projects a point of the face, given in pitches from its centre, to the image (px). Returns
+    /// `None` if the point is not in front of the camera.
     fn project(&self, camera_from_face: &Pose, at: Point) -> Option<Point> {
         let p = camera_from_face * Point3::new(at.0 * self.pitch, at.1 * self.pitch, 0.0);
         (p.z > 0.02).then(|| self.lens.project(&p))
     }
 
-    /// Appends the crossings that can be measured on a face. `body` is the colour between the
-    /// stickers, if it is known from a face with wider gaps. Returns the colour for the next face.
+    /// Measures the edges of the nine tiles of a face and appends the crossings to `out`. `body` is
+    /// the colour between the stickers, if it is known from a face with wider gaps. Returns that
+    /// colour, from this face if its gaps are wide enough, for the next face.
     pub(super) fn measure(
         &self,
         prediction: &Prediction<'_>,
@@ -377,8 +382,8 @@ impl<'a> Probe<'a> {
         body
     }
 
-    /// Samples the profile across a side. Returns `None` if it leaves the image or if the face is
-    /// seen too obliquely.
+    /// Samples the colours across one side of a tile. Returns `None` if the profile leaves the
+    /// image or if the face is seen too obliquely.
     fn across(&self, side: Side, prediction: &Prediction<'_>) -> Option<Across> {
         let Prediction { camera_from_face, share, .. } = *prediction;
         let place = |across: f64, along: f64| {
@@ -425,7 +430,7 @@ impl<'a> Probe<'a> {
     }
 }
 
-/// Computes the median of each channel.
+/// Computes the median of each channel. Returns `None` if there are no colours.
 fn median(colours: &[Rgb]) -> Option<Rgb> {
     if colours.is_empty() {
         return None;
@@ -466,7 +471,7 @@ struct Groove {
 }
 
 impl Across {
-    /// Finds the plateaus and the gap of the side between two tiles.
+    /// Finds the colours of the two tiles on either side, and the middle of the gap between them.
     fn groove(&self, prediction: &Prediction<'_>) -> Option<Groove> {
         let Prediction { share, tolerance, .. } = *prediction;
         let profile = &self.profile;
@@ -502,7 +507,8 @@ impl Across {
         )
     }
 
-    /// Finds the place (px) of a line or step that is as narrow as the blur.
+    /// Finds the place of a groove that is as narrow as the blur, or of a step between two colours
+    /// (px from the side's middle). `start` is a first guess.
     ///
     /// The model is the two plateau colours with a bump of any colour between them, all blurred
     /// alike. Returns `None` if the best fit is 1.5 px or more from `start`.
@@ -553,7 +559,8 @@ impl Across {
         ((best.1 - start).abs() < 1.5).then_some(best.1)
     }
 
-    /// Makes a crossing of this side. `at` is relative to the side's middle, except for a gap.
+    /// Makes a crossing of this side from a measurement `at`: px from the side's middle, or the
+    /// width of the gap for [`Kind::Gap`]. `sigma` is its standard deviation (px).
     fn crossing(&self, kind: Kind, at: f64, sigma: f64) -> Crossing {
         let measured = if kind == Kind::Gap { at } else { self.origin + at };
         Crossing {
@@ -568,7 +575,9 @@ impl Across {
         }
     }
 
-    /// Measures the side between two tiles.
+    /// Measures the edges at the side between two tiles and appends them to `out`. `share` is the
+    /// side of a sticker as a share of the pitch, `body` the colour between the stickers if it is
+    /// known.
     fn between(&self, groove: &Groove, share: f64, body: Option<Rgb>, out: &mut Vec<Crossing>) {
         let profile = &self.profile;
         let gap = 0.5 * (1.0 - share) * self.scale;
@@ -636,7 +645,8 @@ impl Across {
         }
     }
 
-    /// Measures the outer side of an outer tile.
+    /// Measures the edge of an outer tile towards the rim of the face and appends it to `out`.
+    /// `body` is the colour of the rim if it is known.
     fn outside(&self, prediction: &Prediction<'_>, body: Option<Rgb>, out: &mut Vec<Crossing>) {
         let Prediction { share, tolerance, .. } = *prediction;
         let (profile, scale) = (&self.profile, self.scale);

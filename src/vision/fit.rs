@@ -21,7 +21,9 @@ pub(super) struct Minimum<const N: usize> {
 /// Greatest number of linearisations.
 const ROUNDS: usize = 25;
 
-/// Minimises the sum of the squared residuals. The number of residuals must not change.
+/// Minimises the sum of the squared residuals over N unknowns, from `start` on. `steps` are the
+/// steps of the numerical derivatives. `residuals` appends the residuals at given unknowns; their
+/// number must not change.
 pub(super) fn minimise<const N: usize>(
     start: SVector<f64, N>,
     steps: [f64; N],
@@ -84,8 +86,8 @@ pub(super) fn minimise<const N: usize>(
     Minimum { at, cost, residuals: error, normal }
 }
 
-/// Returns a pose after a small motion in the parent's axes: translation (m), and rotation (rad)
-/// about the pose's own origin.
+/// Returns a pose after a small motion `delta` in the axes of its parent frame: translation (m),
+/// then rotation (rad) about the pose's own origin.
 #[must_use]
 pub(super) fn moved(pose: &Pose, delta: [f64; 6]) -> Pose {
     let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(delta[3], delta[4], delta[5]));

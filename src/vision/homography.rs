@@ -25,7 +25,7 @@ pub const GRID: [Point; 9] = [
 /// Model coordinates of the outline's corners: top-left, top-right, bottom-right, bottom-left.
 pub const OUTLINE: [Point; 4] = [(-1.5, -1.5), (1.5, -1.5), (1.5, 1.5), (-1.5, 1.5)];
 
-/// Maps a point to its image, which is not finite if the point lies on the horizon.
+/// Maps a point by a homography. The result is not finite if the point lies on the horizon.
 #[must_use]
 pub fn apply(h: &Matrix3<f64>, p: Point) -> Point {
     let w = h[(2, 0)] * p.0 + h[(2, 1)] * p.1 + h[(2, 2)];
@@ -35,7 +35,8 @@ pub fn apply(h: &Matrix3<f64>, p: Point) -> Point {
     )
 }
 
-/// Fits the homography that maps model points to image points in the least-squares sense.
+/// Fits the homography that maps model points to image points in the least-squares sense. Each pair
+/// is a model point and its image.
 ///
 /// The model's origin must have a finite image. Fewer than six pairs give an affinity. Returns
 /// `None` for fewer than three pairs, or if the points are degenerate.
@@ -116,7 +117,8 @@ pub fn distance(a: Point, b: Point) -> f64 {
     (a.0 - b.0).hypot(a.1 - b.1)
 }
 
-/// Returns the shortest distance between the images of neighbouring tile centres (px).
+/// Returns the shortest distance between neighbouring tile centres in the image (px). The centres
+/// are in reading order.
 #[must_use]
 pub fn smallest_pitch(centres: &[Point; 9]) -> f64 {
     let mut pitch = f64::INFINITY;

@@ -66,8 +66,8 @@ const LARGER: usize = 5;
 const LARGER_AT_BORDER: usize = 4;
 
 impl Lattice {
-    /// Builds the lattice of a homography and computes how well the tiles fit it. Returns `None` if
-    /// no cell is held, or if a cell is degenerate.
+    /// Builds the lattice of a homography and computes how well its tiles fit. `held` is the index
+    /// of the tile in each cell. Returns `None` if no cell is held, or if a cell is degenerate.
     pub(super) fn of(
         tiles: &[Tile],
         homography: Matrix3<f64>,
@@ -115,8 +115,10 @@ impl Lattice {
     }
 
     /// Builds the lattice of a homography that was fitted to the sides of the tiles. Each cell
-    /// takes the tile in its middle that has its form. `seen` is the number of sides that each cell
-    /// shows. A tile with a missing side is cut, so it must fit better.
+    /// takes the tile in its middle whose sides are `sticker` pitches long.
+    ///
+    /// `seen` is the number of sides of each tile that are seen, 0..=4. A tile with a missing side
+    /// may be cut, so it must fit better.
     pub(super) fn from_sides(
         tiles: &[Tile],
         homography: Matrix3<f64>,
@@ -152,8 +154,8 @@ impl Lattice {
         Some(lattice)
     }
 
-    /// Checks whether tiles of another lattice lie in two or more of the cells. Two faces share
-    /// none.
+    /// Checks whether tiles of the lattice `other` lie in two or more cells of this one. Lattices
+    /// of two different faces share no cell.
     pub(super) fn shares_cells(&self, other: &Self, tiles: &[Tile]) -> bool {
         let h = &self.homography;
         let shared = GRID.into_iter().filter(|&g| {
@@ -170,7 +172,8 @@ impl Lattice {
         self.tiles.iter().flatten().count()
     }
 
-    /// Returns the rank among rivals: the number of tiles less a penalty for a poor fit.
+    /// Returns the score by which rival lattices are ranked: the number of tiles less a penalty for
+    /// a poor fit.
     #[must_use]
     pub(crate) fn score(&self) -> f64 {
         self.count() as f64 - 30.0 * self.residual - 6.0 * self.unevenness
@@ -207,8 +210,8 @@ impl Lattice {
     }
 }
 
-/// Checks whether `beyond` held cells, of `around` cells that can be held, make the lattice larger
-/// than 3x3.
+/// Checks whether a lattice is larger than 3x3, from the 16 cells around the nine: `beyond` of them
+/// hold a tile, and `around` of them lie where a tile could be found.
 fn larger(beyond: usize, around: usize) -> bool {
     beyond >= LARGER_AT_BORDER && 16 * beyond >= LARGER * around
 }
@@ -224,8 +227,8 @@ pub(super) const CERTAIN: f64 = 8.0;
 /// Tolerance of a tile's place while a lattice grows, in pitches.
 const GROWING: f64 = 0.28;
 
-/// Finds all 3x3 lattices that do not share tiles, best first. `least` is the fewest tiles of a
-/// lattice.
+/// Finds the 3x3 lattices among tile candidates, best first; no two of them share a tile. A lattice
+/// has at least `least` tiles.
 #[must_use]
 pub(crate) fn vote(tiles: &[Tile], least: usize) -> Vec<Lattice> {
     let tiles = &Places::new(tiles);
@@ -261,12 +264,13 @@ pub(crate) fn vote(tiles: &[Tile], least: usize) -> Vec<Lattice> {
     kept
 }
 
-/// Computes again how the lattice `of` continues, after it was replaced.
+/// Computes again whether the lattice `kept[of]` continues beyond its nine cells, after it was
+/// replaced.
 pub(super) fn update_onward(tiles: &[Tile], kept: &mut [Lattice], of: usize) {
     set_onward(&Places::new(tiles), kept, of);
 }
 
-/// Sets the fields of a lattice that describe its continuation.
+/// Sets the fields of the lattice `kept[of]` that say whether it continues beyond its nine cells.
 fn set_onward(tiles: &Places, kept: &mut [Lattice], of: usize) {
     let onward = onward(tiles, kept, of);
     let lattice = &mut kept[of];
@@ -296,7 +300,8 @@ impl<'a> Places<'a> {
         Self { tiles, order, columns }
     }
 
-    /// Returns the tiles inside a square of half side `reach` (px) around a place.
+    /// Returns the indices of the tiles whose centres lie in a square of half side `reach` (px)
+    /// around a place.
     fn near(&self, place: Point, reach: f64) -> impl Iterator<Item = usize> {
         let first = self.columns.partition_point(|&x| x < place.0 - reach);
         let end = self.columns.partition_point(|&x| x <= place.0 + reach).max(first);
@@ -315,8 +320,9 @@ impl std::ops::Deref for Places<'_> {
     }
 }
 
-/// Counts cells around the nine: those with a tile of the size and form of the nine, those with a
-/// tile of any similar form, and those that could hold a tile.
+/// Counts three kinds of the 16 cells around the nine of a lattice: cells with a tile of the size
+/// of the nine, cells with a tile whose sides are half to twice as long, and cells where a tile
+/// could be found.
 fn beyond(tiles: &Places, lattice: &Lattice) -> (usize, usize, usize) {
     let h = &lattice.homography;
     let rows = || tiles.iter().map(|t| t.centre.1);
@@ -343,8 +349,9 @@ fn beyond(tiles: &Places, lattice: &Lattice) -> (usize, usize, usize) {
 /// Least and greatest ratio of the sides of two tiles of one face.
 const ALIKE: (f64, f64) = (0.75, 1.33);
 
-/// Finds the tile that holds cell `g` around the nine. Its centre lies within `reach` pitches, and
-/// the ratio of its sides to those of the nine within `sizes`.
+/// Returns the index of the tile in the cell at `g` (column - 1, row - 1), beside the nine. The
+/// tile's centre lies within `reach` pitches, and the ratio of its sides to those of the nine
+/// within `sizes`.
 fn at_cell(
     tiles: &Places,
     lattice: &Lattice,
@@ -367,10 +374,11 @@ fn at_cell(
     })
 }
 
-/// Determines whether a lattice continues beyond one of its four sides.
+/// Determines whether the lattice `kept[of]` continues beyond one of its four sides.
 ///
-/// A row of three there may be the first row of the cube's next face. That face is a lattice of its
-/// own and bends away: its further rows do not lie where the plane of the first face predicts them.
+/// Three tiles beside it may be the first row of the cube's next face. That face is a lattice of
+/// its own and bends away: its further rows do not lie where the plane of the first face predicts
+/// them.
 fn onward(tiles: &Places, kept: &[Lattice], of: usize) -> Onward {
     let lattice = &kept[of];
     let mut onward = Onward::Ends;
@@ -413,7 +421,8 @@ fn onward(tiles: &Places, kept: &[Lattice], of: usize) -> Onward {
     onward
 }
 
-/// Keeps the best of those lattices that share tiles or places.
+/// Keeps, of lattices that share tiles or overlap in the picture, only the best. `tiles` is the
+/// number of all tiles.
 fn distinct(mut found: Vec<Lattice>, tiles: usize) -> Vec<Lattice> {
     found.sort_by(|a, b| b.score().total_cmp(&a.score()));
     let mut used = vec![false; tiles];
@@ -434,7 +443,7 @@ fn distinct(mut found: Vec<Lattice>, tiles: usize) -> Vec<Lattice> {
     kept
 }
 
-/// Checks whether a convex polygon that runs clockwise on the screen encloses a point.
+/// Checks whether a convex quadrilateral encloses a point. Its corners run clockwise on the screen.
 #[must_use]
 pub(super) fn encloses(corners: &[Point; 4], p: Point) -> bool {
     (0..4).all(|i| {
@@ -451,7 +460,8 @@ struct Neighbour {
     whitened: Point,
 }
 
-/// Finds the tiles of about the same shape and size at about one pitch, nearest first.
+/// Returns the neighbours of tile `i`, nearest first: tiles of about its shape and size at a
+/// distance of about one pitch.
 fn neighbours(tiles: &Places, i: usize) -> Vec<Neighbour> {
     let me = &tiles[i];
     let [xx, xy, yy] = me.moments;
@@ -512,7 +522,8 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Returns the best lattice that a seed and pairs of its neighbours propose.
+    /// Returns the best lattice that grows from the tile `seed` and a pair of its neighbours at
+    /// right angles. `proposals` counts the pairs that were tried.
     fn propose(&self, seed: usize, proposals: &mut usize) -> Option<Lattice> {
         let Self { near, taken, .. } = *self;
         let mut best: Option<Lattice> = None;
@@ -550,8 +561,8 @@ impl Search<'_> {
         best
     }
 
-    /// Grows a lattice over 5x5 cells around `seed` with `x` and `y` as its neighbours, and returns
-    /// the best 3x3 window of it.
+    /// Grows a lattice over 5x5 cells around the tile `seed`, from the tile `x` in the next column
+    /// and `y` in the next row. Returns the best 3x3 part of it.
     fn grow(&self, seed: usize, x: usize, y: usize) -> Option<Lattice> {
         // The seed may be any tile of the face, so each of the nine windows around it is tried.
         let cells = self.fill(seed, x, y);
@@ -577,7 +588,9 @@ impl Search<'_> {
         best
     }
 
-    /// Fills 5x5 cells around `seed` with the tiles that lie where their neighbours predict them.
+    /// Fills 5x5 cells with the tile `seed` in the middle, `x` in the next column, `y` in the next
+    /// row, and the tiles that lie where held cells predict them. Returns the index of the tile in
+    /// each cell.
     fn fill(&self, seed: usize, x: usize, y: usize) -> [[Option<usize>; 5]; 5] {
         let Self { tiles, near, taken, .. } = *self;
         let at = |i: usize| tiles[i].centre;
@@ -627,8 +640,10 @@ impl Search<'_> {
     }
 }
 
-/// Predicts the place of a cell from a held cell beside it. Returns the index of that cell's tile,
-/// the place (px) and the pitch there (px).
+/// Predicts the place of the tile in a cell from a held cell beside it. Returns the index of the
+/// tile in that held cell, the predicted place (px) and the pitch there (px).
+///
+/// `basis_x` and `basis_y` are the steps to the next column and row at the seed (px).
 fn predict(
     cells: &[[Option<usize>; 5]; 5],
     tiles: &[Tile],
@@ -672,8 +687,9 @@ fn predict(
 /// cuts.
 const ODD: (f64, f64) = (0.035, 0.12);
 
-/// Fits a lattice to nine cells. It drops tiles of another size or form than the others, as long as
-/// that improves the score.
+/// Fits a lattice to the tiles in nine cells. It drops a tile of another size or form than the
+/// others as long as that improves the score, down to `least` tiles. Tiles that are `taken` by
+/// another lattice are not added.
 fn settle(
     tiles: &Places,
     held: [Option<usize>; 9],
@@ -700,7 +716,8 @@ fn settle(
     Some(best)
 }
 
-/// Finds the held cell whose tile differs most from the median tile in size, form and place.
+/// Returns the index of the held cell whose tile differs most from the median tile in size, form
+/// and place.
 fn odd_one(tiles: &Places, lattice: &Lattice) -> Option<usize> {
     let h = &lattice.homography;
     let shapes = GRID.into_iter().zip(lattice.tiles).enumerate();
@@ -727,8 +744,9 @@ fn odd_one(tiles: &Places, lattice: &Lattice) -> Option<usize> {
     shapes.iter().max_by(|x, y| oddness(&x.1, x.2).total_cmp(&oddness(&y.1, y.2))).map(|(i, ..)| *i)
 }
 
-/// Fits the homography, drops tiles that do not lie on it, and fills free cells with tiles that do.
-/// The tiles `without` are not used.
+/// Fits the homography to the tiles in nine cells, drops tiles that do not lie on it, and fills
+/// empty cells with tiles that do, but with none that is `taken` or in `without`. Returns `None` if
+/// fewer than `least` tiles are left, or if they fit badly.
 fn settle_without(
     tiles: &Places,
     mut held: [Option<usize>; 9],
@@ -769,8 +787,8 @@ struct Cells {
 }
 
 impl Cells {
-    /// Fits the cells to the centres of the tiles. Returns `None` if the cells are no face in front
-    /// of the camera.
+    /// Fits the cells to the centres of the tiles that they hold. Returns `None` if the cells are
+    /// no face in front of the camera.
     fn of(tiles: &Places, held: &[Option<usize>; 9]) -> Option<Self> {
         let pairs: Vec<(Point, Point)> = held
             .iter()
@@ -795,14 +813,14 @@ impl Cells {
         Some(Self { h, centres, pitch, areas: std::array::from_fn(|i| cell_area(&h, GRID[i])) })
     }
 
-    /// Returns the distance of a tile from the cell's centre, in local pitches. The local pitch is
-    /// the root of the cell's area.
+    /// Returns the distance of a tile from the centre of cell `i`, in pitches at that cell. The
+    /// pitch there is the root of the cell's area.
     fn error(&self, i: usize, tile: &Tile) -> f64 {
         distance(tile.centre, self.centres[i]) / self.areas[i].abs().sqrt().min(2.0 * self.pitch)
     }
 
-    /// Removes tiles that lie beside their cells or do not have their size. Returns whether it
-    /// removed any.
+    /// Empties the cells whose tiles lie off the centre or do not have the size of the cell.
+    /// Returns whether there were any.
     fn drop_misfits(&self, tiles: &Places, held: &mut [Option<usize>; 9]) -> bool {
         let mut changed = false;
         for (i, slot) in held.iter_mut().enumerate() {
@@ -850,8 +868,9 @@ impl Cells {
     }
 }
 
-/// Returns the sides of a tile along the cell's columns and rows, as shares of the pitch, and its
-/// skew. Returns `None` if the homography is degenerate at the cell.
+/// Returns the lengths of a tile's sides in the frame of the cell at `g`, along the rows and along
+/// the columns, as shares of the pitch, and its skew (0 at right angles). Returns `None` if the
+/// homography is degenerate at the cell.
 fn shape_in_cell(h: &Matrix3<f64>, g: Point, tile: &Tile) -> Option<[f64; 3]> {
     // With J the derivative of the map at the cell and M the moments in the picture, the moments in
     // the cell are J^-1 M J^-T, and the square of a side is 12 times its moment.
@@ -876,7 +895,7 @@ fn convex(corners: &[Point; 4]) -> bool {
     })
 }
 
-/// Computes the area of the image of a cell (px^2).
+/// Computes the area in the image of the cell at `g` (px^2).
 fn cell_area(h: &Matrix3<f64>, g: Point) -> f64 {
     let corners = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]
         .map(|(x, y)| apply(h, (g.0 + x, g.1 + y)));
@@ -941,8 +960,8 @@ mod tests {
         assert_eq!(found.iter().map(Lattice::count).collect::<Vec<_>>(), [9, 9]);
     }
 
-    /// Returns the tiles of `rows` x `columns` cells of one plane, from the first face's top left
-    /// on.
+    /// Returns the tiles of `rows` x `columns` cells of one plane; the first cell is the top left
+    /// one of a face.
     fn floor(rows: i32, columns: i32) -> Vec<Tile> {
         (0..rows * columns)
             .map(|i| tile(&oblique(), (f64::from(i % columns) - 1.0, f64::from(i / columns) - 1.0)))
@@ -951,7 +970,7 @@ mod tests {
 
     /// A lattice that continues in its own plane is larger than a face of a cube.
     #[test]
-    fn plane_of_many_tiles_counts_as_larger() {
+    fn grid_larger_than_three_by_three_is_recognised() {
         let larger = |rows, columns| {
             let found = vote(&floor(rows, columns), 5);
             !found.is_empty() && found.iter().all(Lattice::is_larger)
@@ -965,7 +984,7 @@ mod tests {
 
     /// A strip of six rows of three may be two faces seen at equal angles.
     #[test]
-    fn strip_of_six_rows_may_be_two_faces() {
+    fn six_by_three_tiles_form_two_lattices() {
         let found = vote(&floor(6, 3), 5);
 
         assert_eq!(found.len(), 2);
@@ -975,7 +994,7 @@ mod tests {
     /// A tile that is a tenth of a pitch off its cell is kept if the cell shows all four sides, and
     /// dropped as cut if one side is missing.
     #[test]
-    fn lattice_on_sides_drops_cut_tile() {
+    fn lattice_drops_displaced_tile_with_missing_side() {
         let h = oblique();
         let mut tiles: Vec<Tile> = GRID.iter().map(|&g| tile(&h, g)).collect();
         let (a, b) = (apply(&h, (0.0, 0.0)), apply(&h, (0.1, 0.0)));
@@ -991,7 +1010,7 @@ mod tests {
     }
 
     #[test]
-    fn overlapping_lattices_share_cells() {
+    fn only_lattices_under_three_rows_apart_share_cells() {
         let tiles = floor(5, 3);
         let on = |by: f64| {
             let shift = Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, by, 0.0, 0.0, 1.0);

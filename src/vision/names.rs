@@ -21,8 +21,11 @@ static SCHEMES: LazyLock<Vec<[u8; 6]>> = LazyLock::new(|| {
 /// schemes are rare, and a bad light must not invent one.
 const UNCOMMON: f64 = 15.0;
 
-/// Returns the colour 0..=5 of each class: the orientation of a cube of the common scheme in which
-/// the classes look most like their colours, under the light that fits best.
+/// Returns the colour 0..=5 of each of the six classes. It is that of the common colour scheme, in
+/// the orientation of the cube and under the light in which the classes look most like their
+/// colours. Another scheme is taken only if it fits far better.
+///
+/// `linear` is the light of each facelet, and `class` the class of each facelet.
 pub(super) fn name(linear: &[[f64; 3]; 54], class: &[u8; 54]) -> [u8; 6] {
     // Medians, because a glaring facelet must not shift its class.
     let means: [[f64; 3]; 6] = std::array::from_fn(|class_| {

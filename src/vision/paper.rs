@@ -100,10 +100,10 @@ pub struct Tables {
 }
 
 impl Tables {
-    /// Builds the tables of at most 64 ranges.
+    /// Builds the tables by which a pixel is classified, from at most 64 colour ranges.
     ///
     /// # Panics
-    /// Panics if there are more than 64 ranges.
+    /// If there are more than 64 ranges.
     #[must_use]
     pub fn new(ranges: &[ColourRange]) -> Self {
         assert!(ranges.len() <= 64, "one bit per range");
@@ -122,7 +122,7 @@ impl Tables {
         Self { masks, colour_of }
     }
 
-    /// Returns the ranges that a pixel lies in, one bit each.
+    /// Returns the set of colour ranges in which a pixel (red, green, blue) lies, one bit each.
     #[must_use]
     pub fn ranges(&self, [r, g, b]: [u8; 3]) -> u64 {
         let (r, g, b) = (u32::from(r), u32::from(g), u32::from(b));
@@ -136,7 +136,7 @@ impl Tables {
             & self.masks[2][((b * scale) >> 16) as usize]
     }
 
-    /// Returns the colour 0..=5 of the first range that a pixel lies in, or 255 if there is none.
+    /// Returns the colour 0..=5 of the first range in which a pixel lies, or 255 if there is none.
     #[must_use]
     pub fn classify(&self, pixel: [u8; 3]) -> u8 {
         match self.ranges(pixel) {
@@ -230,8 +230,9 @@ impl Region {
     }
 }
 
-/// Computes the length of the boundary (px): the sides of pixels whose neighbour is not in the
-/// region. The runs must be sorted by row.
+/// Computes the length of a region's boundary (px): the sides of pixels whose neighbour is not in
+/// the region. Each run is a row, its first column and one after its last; the runs must be sorted
+/// by row.
 fn boundary(runs: &[(usize, usize, usize)]) -> f64 {
     let mut length = 0;
     let mut above = 0;
@@ -250,7 +251,8 @@ fn boundary(runs: &[(usize, usize, usize)]) -> f64 {
     length as f64
 }
 
-/// Computes the convex hull of the pixels' corners, clockwise on the screen (Andrew 1979).
+/// Computes the convex hull of a region around the corners of its pixels, clockwise on the screen
+/// (Andrew 1979).
 fn hull(runs: &[(usize, usize, usize)]) -> Vec<Point> {
     let mut points: Vec<Point> = Vec::with_capacity(4 * runs.len());
     for &(row, start, end) in runs {
@@ -363,7 +365,8 @@ pub struct Stages {
 const MOST_PIXELS: usize = 2_100_000;
 
 impl Stages {
-    /// Runs the method on interleaved RGB pixels.
+    /// Finds the regions of each colour range in interleaved RGB pixels and applies the filters to
+    /// them, one after another.
     #[must_use]
     pub fn run(rgb: &[u8], width: usize, height: usize, filters: &Filters) -> Self {
         let step = step_of(width, height);
@@ -418,11 +421,12 @@ impl Stages {
         self.stages.last().map_or(&[], |s| &s.left)
     }
 
-    /// Finds the biggest square of nine regions.
+    /// Finds the face in the picture: the largest square of nine among the regions that passed
+    /// every filter.
     ///
     /// # Errors
-    /// [`Refusal::NoLattice`] if there is none, [`Refusal::TooSmall`] if it is outside the
-    /// work-space.
+    /// [`Refusal::NoLattice`] if there is none, [`Refusal::TooSmall`] if it is so small that the
+    /// cube is outside the work-space.
     pub fn square(&self) -> Result<Square, Refusal> {
         let left = self.last();
         let mut order: Vec<usize> = left.to_vec();
@@ -441,8 +445,8 @@ impl Stages {
         if width_px < LEAST_WIDTH { Err(Refusal::TooSmall { width_px }) } else { Ok(best) }
     }
 
-    /// Finds the square with a given region in its centre. It has eight others around it of about
-    /// the same area. Those with the fewest neighbours among the nine are its corners.
+    /// Finds the square whose middle tile is the region `centre`. Eight regions of about the same
+    /// area lie around it. Those with the fewest neighbours among the nine are the corner tiles.
     fn around(&self, centre: usize, near: &Near) -> Option<Square> {
         let me = &self.regions[centre];
         let metric = Metric::of(me);
@@ -498,8 +502,8 @@ impl Stages {
     }
 }
 
-/// Returns the picture that the method searches, which is reduced if it is large, and the colour
-/// 0..=5 of each of its pixels, or 255.
+/// Returns the picture that the method searches (a large picture is reduced), and the colour of
+/// each of its pixels: 0..=5, or 255 for none.
 #[must_use]
 pub fn classes(image: &RgbImage) -> (RgbImage, Vec<u8>) {
     let (width, height) = (image.width() as usize, image.height() as usize);
@@ -566,9 +570,9 @@ impl Square {
         area_of(&self.corners)
     }
 
-    /// Returns the face for the paper's four-point pose. Only the four corner tiles count as seen,
-    /// the other places follow from them, and the face has no colours. Returns `None` if the
-    /// corners are degenerate.
+    /// Returns the square as a face, for the pose from four points as in the paper. Only the four
+    /// corner tiles count as seen, the centres of the others follow from them, and the face has no
+    /// colours. Returns `None` if the corners are degenerate.
     #[must_use]
     pub fn face(&self) -> Option<FaceSighting> {
         let unit = square_to(&self.corners)?;
@@ -585,14 +589,15 @@ impl Square {
     }
 }
 
-/// Computes the places of the nine tiles from those of the four corner tiles (px).
+/// Computes the centres of all nine tiles from those of the four corner tiles (px). Returns `None`
+/// if the corners are degenerate.
 fn places(corners: &[Point; 4]) -> Option<[Point; 9]> {
     let unit = square_to(corners)?;
     Some(GRID.map(|(x, y)| apply(&unit, (0.5 * (x + 1.0), 0.5 * (y + 1.0)))))
 }
 
-/// Finds the regions of each range with `least` pixels or more. Returns them and the number of
-/// regions of any size.
+/// Finds the connected regions of each colour range that have `least` pixels or more. Returns them,
+/// and the number of regions of any size.
 fn regions(rgb: &[u8], width: usize, height: usize, least: f64) -> (Vec<Region>, usize) {
     let tables = Tables::new(&RANGES);
     // Noise would tear a tile whose colour lies near the limit of a range.
@@ -629,8 +634,9 @@ fn regions(rgb: &[u8], width: usize, height: usize, least: f64) -> (Vec<Region>,
     (all, count)
 }
 
-/// Selects one region for each place where several ranges have one: the one most like a
-/// parallelogram, and the larger one of equals. Returns for each region whether it stays.
+/// Selects one of the regions `among` where those of several colour ranges lie at the same place:
+/// the one most like a parallelogram, and the larger one of equals. Returns for each region whether
+/// it was selected.
 fn each_once(regions: &[Region], among: &[usize]) -> Vec<bool> {
     let worth = |i: usize| {
         regions[i].area.powf(0.3) * (1.0 - 2.0 * (regions[i].tile().fullness - 1.0).abs())
@@ -663,7 +669,8 @@ impl<'a> Near<'a> {
         Self { regions, columns }
     }
 
-    /// Returns the regions of about the same size within two and a half sides of region `i`.
+    /// Returns the indices of the regions of about the same size within two and a half sides of
+    /// region `i`.
     fn of(&self, i: usize) -> impl Iterator<Item = usize> {
         let me = &self.regions[i];
         let reach = 2.5 * me.side();
@@ -681,7 +688,8 @@ impl<'a> Near<'a> {
     }
 }
 
-/// Returns the tile candidates of the paper's method.
+/// Returns the regions of interleaved RGB pixels that pass every filter of the paper's method, as
+/// tile candidates.
 #[must_use]
 pub fn tiles(rgb: &[u8], width: usize, height: usize) -> Vec<Tile> {
     let stages = Stages::run(rgb, width, height, &Filters::default());
@@ -693,7 +701,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn plain_colours_fall_into_their_classes() {
+    fn six_sticker_colours_get_own_class_black_none() {
         let tables = Tables::new(&RANGES);
 
         let classes = [
@@ -711,7 +719,7 @@ mod tests {
     }
 
     #[test]
-    fn a_colour_has_several_ranges_in_one_classification() {
+    fn red_is_classified_in_dim_and_bright_light() {
         let tables = Tables::new(&RANGES);
 
         assert_eq!(tables.classify([60, 8, 10]), 1);
@@ -719,7 +727,7 @@ mod tests {
     }
 
     /// Returns a picture of a square face of nine tiles with this pitch (px), seen at right angles,
-    /// and of a single tile apart.
+    /// and of a single tile far from the face, with its width and height.
     fn picture(pitch: usize) -> (Vec<u8>, usize, usize) {
         const SHADES: [[u8; 3]; 6] = [
             [220, 220, 225],
@@ -780,9 +788,10 @@ mod tests {
         assert!(square.is_ok(), "{square:?}");
     }
 
-    /// A large picture is searched at a reduced size, but the square is in its own pixels.
+    /// A large picture is searched at a reduced size, but the corners of the square are in pixels
+    /// of the large one.
     #[test]
-    fn reduced_picture_keeps_its_own_pixel_coordinates() {
+    fn square_of_reduced_picture_has_original_pixel_coordinates() {
         let (rgb, width, height) = picture(400);
 
         let stages = Stages::run(&rgb, width, height, &Filters::default());
@@ -793,7 +802,7 @@ mod tests {
     }
 
     #[test]
-    fn four_corner_tiles_make_the_pose() {
+    fn pose_follows_from_four_corner_tiles() {
         let (rgb, width, height) = picture(40);
         let lens = crate::Lens {
             focal: (600.0, 600.0),
@@ -811,7 +820,7 @@ mod tests {
     }
 
     #[test]
-    fn a_small_cube_is_outside_the_work_space() {
+    fn narrow_face_is_refused_as_too_small() {
         let (rgb, width, height) = picture(20);
 
         let square = Stages::run(&rgb, width, height, &Filters::default()).square();
@@ -823,7 +832,7 @@ mod tests {
     }
 
     #[test]
-    fn convexity_and_circularity_separate_shapes() {
+    fn convexity_and_circularity_tell_square_circle_bar_apart() {
         let region = |inside: &dyn Fn(f64, f64) -> bool| {
             let mut runs = Vec::new();
             for y in 0..60 {

@@ -35,8 +35,8 @@ pub(super) struct Patch {
 }
 
 impl Patch {
-    /// Copies a window that lies inside the image. Each block of `step` x `step` pixels becomes
-    /// one.
+    /// Copies a window that lies inside the image. Each block of `step` x `step` pixels becomes one
+    /// pixel, their mean.
     pub(super) fn new(image: &RgbImage, window: Rect, step: usize) -> Self {
         let rgb = reduced(image.as_raw(), image.width() as usize, window, step);
         let (width, height) = (window.width as usize / step, window.height as usize / step);
@@ -57,7 +57,8 @@ impl Patch {
         ((p.0 - self.origin.0 + 0.5) / step - 0.5, (p.1 - self.origin.1 + 0.5) / step - 0.5)
     }
 
-    /// Returns the colour of the pixel nearest to a point, or `None` outside the patch.
+    /// Returns the colour of the pixel nearest to a point of the patch, or `None` outside the
+    /// patch.
     pub(super) fn pixel(&self, p: Point) -> Option<[f64; 3]> {
         let (x, y) = (p.0.round(), p.1.round());
         // A NaN fails each comparison, so the negation puts it outside.
@@ -68,7 +69,8 @@ impl Patch {
         Some([self.rgb[at], self.rgb[at + 1], self.rgb[at + 2]].map(f64::from))
     }
 
-    /// Returns the level of the brightest hundredth, 0..=255, and the share of clipped pixels.
+    /// Returns the level, 0..=255, that a hundredth of the pixels exceed, and the share of pixels
+    /// that clip in all channels, 0..=1.
     pub(super) fn exposure(&self) -> (u8, f64) {
         // Every seventh pixel is enough for both figures.
         let mut counts = [0u32; 256];
@@ -81,14 +83,15 @@ impl Patch {
         (percentile(&counts, total, 0.99), f64::from(clipped) / f64::from(total.max(1)))
     }
 
-    /// Returns whether at most one pixel in 500 has a colour.
+    /// Returns whether the patch is black and white: at most one pixel in 500 has a colour.
     pub(super) fn colourless(&self) -> bool {
         let pixels = || self.rgb.chunks_exact(3).step_by(7);
         let coloured = pixels().filter(|p| p[0].max(p[1]).max(p[2]) - p[0].min(p[1]).min(p[2]) > 8);
         500 * coloured.count() <= pixels().len()
     }
 
-    /// Samples the inside of the tile at grid place `g`. `sticker` is the tile's side in pitches.
+    /// Samples the colours inside the tile at `g` (column - 1, row - 1). `h` maps such places to
+    /// pixels of the patch, and `sticker` is the tile's side in pitches.
     pub(super) fn sample(&self, h: &Matrix3<f64>, g: Point, sticker: f64) -> TileSample {
         let reach = 0.36 * sticker.clamp(0.4, 0.95);
         let mut pixels: Vec<[f64; 3]> = Vec::with_capacity(49);
@@ -102,8 +105,8 @@ impl Patch {
     }
 }
 
-/// Returns the pixels of a window that lies inside a picture of `columns`. Each block of `step` x
-/// `step` pixels becomes their mean.
+/// Returns the RGB pixels of a window that lies inside a picture with this number of columns. Each
+/// block of `step` x `step` pixels becomes their mean.
 pub(super) fn reduced(raw: &[u8], columns: usize, window: Rect, step: usize) -> Vec<u8> {
     let stride = 3 * columns;
     let (width, height) = (window.width as usize / step, window.height as usize / step);
@@ -143,8 +146,9 @@ pub(super) fn reduced(raw: &[u8], columns: usize, window: Rect, step: usize) -> 
 const RIM: f64 = 0.9;
 
 impl Patch {
-    /// Measures the hue of a tile that clips, as linear light of any strength. Returns `None` if
-    /// the gap beside the tile is not dark.
+    /// Measures the hue of the tile at `g` (column - 1, row - 1), which clips, as linear light of
+    /// any strength. `h` and `sticker` are as in [`Self::sample`]. Returns `None` if the gap beside
+    /// the tile is not dark.
     ///
     /// The lens blurs before the sensor clips. Between the tile and the dark gap, the light of the
     /// tile therefore appears below its full strength.
@@ -266,7 +270,8 @@ fn marked(sorted: &[[f64; 3]]) -> usize {
     sorted.iter().take_while(foreign).count().min(n / 2)
 }
 
-/// Returns whether a bright pixel may be a darker, more colourful one under a reflection.
+/// Returns whether the colour `bright` may be the colour `dark` of the same sticker under a
+/// reflection, which adds equal light to all channels.
 fn glares(bright: &[f64; 3], dark: &[f64; 3]) -> bool {
     let (b, d) = (bright.map(to_linear), dark.map(to_linear));
     let saturation = |p: &[f64; 3]| {

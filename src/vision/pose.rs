@@ -57,7 +57,8 @@ impl CubeLocation {
         self.used.first().map_or(self.camera_from_cube, |face| self.camera_from_cube * face)
     }
 
-    /// Returns the detected face at place `index` of `used`, or `None` if only edges support it.
+    /// Returns the detection of the face `used[index]`, or `None` if the detector missed the face
+    /// and only its edges support it.
     #[must_use]
     pub fn sighting(&self, index: usize) -> Option<&FaceSighting> {
         let place = self.sightings.iter().position(|used| *used == index)?;
@@ -67,7 +68,8 @@ impl CubeLocation {
 
 /// Localises a face from the centroids of its tiles. `edge` is the edge of the cube (m).
 ///
-/// A frontal face leaves two poses. The better fit comes first, the other one second.
+/// Two poses fit a face that is nearly frontal. The better one is `camera_from_face` of the result,
+/// the second one is `other`.
 #[must_use]
 pub fn locate(face: &FaceSighting, camera: impl Into<Lens>, edge: f64) -> CubeSighting {
     let camera = &camera.into();
@@ -133,8 +135,9 @@ pub fn locate_cube(
     location.residual_px.is_finite().then_some(location)
 }
 
-/// Fits the cube to all faces that belong to it, starting at `camera_from_cube`, where the first
-/// face is. Returns the cost, which is compared with that of another start, and the location.
+/// Fits the pose of the cube to the first face and to all others that belong to the same cube. The
+/// start `camera_from_cube` has the axes of the first face. Returns the cost, by which the results
+/// of several starts are compared, and the location.
 fn locate_around(
     camera_from_cube: &Pose,
     faces: &[FaceSighting],
@@ -178,8 +181,9 @@ fn locate_around(
     (cost, location)
 }
 
-/// Finds the face of the cube that a sighting shows, as `cube_from_face`. Returns `None` if neither
-/// of its two poses is near a face of the cube at `camera_from_cube`.
+/// Finds the face of the cube that a sighting shows and returns it as `cube_from_face`. Returns
+/// `None` if neither of the two poses of the sighting is near a face of the cube at
+/// `camera_from_cube`.
 fn place_on_cube(camera_from_cube: &Pose, seen: &CubeSighting, edge: f64) -> Option<Pose> {
     let nearest = [seen.camera_from_face, seen.other.0]
         .into_iter()
@@ -197,7 +201,8 @@ fn place_on_cube(camera_from_cube: &Pose, seen: &CubeSighting, edge: f64) -> Opt
     nearest.map(|(_, pose)| pose)
 }
 
-/// Returns the pose of the face whose frame is rotated by `rotation` against the cube's frame.
+/// Returns the pose in the cube's frame of the face whose axes are rotated by `rotation` against
+/// the cube's. `edge` is the edge of the cube (m).
 pub(super) fn cube_from_face(rotation: &Rotation3<f64>, edge: f64) -> Pose {
     let z = rotation * Vector3::z();
     Pose::from_parts(
@@ -239,8 +244,9 @@ pub fn cube_rotations() -> impl Iterator<Item = UnitQuaternion<f64>> {
     })
 }
 
-/// Computes both poses of a face in closed form (Collins and Bartoli). Returns them as
-/// `camera_from_face`, or none if a pixel has no direction or the centres are degenerate.
+/// Computes the two poses that explain the tile centres of a face, in closed form (Collins and
+/// Bartoli). Returns them as `camera_from_face`, or none if a pixel has no direction or the centres
+/// are degenerate.
 #[must_use]
 pub fn planar_poses(face: &FaceSighting, camera: &Lens, edge: f64) -> Vec<Pose> {
     let pitch = edge / 3.0;
@@ -306,7 +312,8 @@ pub fn planar_poses(face: &FaceSighting, camera: &Lens, edge: f64) -> Vec<Pose> 
         .collect()
 }
 
-/// Appends the measured minus the predicted centroid of each seen tile (px).
+/// Appends two residuals for each seen tile: its measured centroid minus the one predicted by
+/// `camera_from_face` (px), in x and y.
 pub(super) fn residuals(
     face: &FaceSighting,
     camera_from_face: &Pose,
@@ -345,7 +352,8 @@ pub(super) struct Fit {
     pub(super) covariance: Matrix6<f64>,
 }
 
-/// Fits the six degrees of freedom of a pose to residuals (px).
+/// Fits a pose, from `start` on, so that the sum of the squared residuals is least. `residuals`
+/// appends the residuals of a pose (px).
 pub(super) fn refine(start: &Pose, residuals: impl Fn(&Pose, &mut Vec<f64>)) -> Fit {
     let pose = |delta: &SVector<f64, 6>| moved(start, (*delta).into());
     let found = minimise(SVector::zeros(), [1e-6; 6], |delta, out| residuals(&pose(delta), out));
@@ -380,7 +388,7 @@ mod tests {
     };
     const EDGE: f64 = 0.057;
 
-    /// Returns the face that a perfect detector would measure.
+    /// Returns the face that a perfect detector would measure at this pose.
     fn sighting(camera_from_face: &Pose) -> FaceSighting {
         let mut face = FaceSighting {
             corners: OUTLINE.map(|(x, y)| {
@@ -405,7 +413,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn locate_inverts_perfect_measurement(
+        fn locate_recovers_pose_from_perfect_measurement(
             x in -0.1..0.1f64, y in -0.08..0.08f64, z in 0.25..0.6f64,
             tilt_x in -0.8..0.8f64, tilt_y in -0.8..0.8f64, roll in -0.7..0.7f64,
         ) {

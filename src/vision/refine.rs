@@ -77,7 +77,8 @@ const WHOLE: usize = 20;
 /// is mostly hidden, neither reaches it, and the first pose is kept.
 const BETTER: f64 = 1.4;
 
-/// Localises the cube from the faces found in an image and refines the pose on the image's edges.
+/// Localises the cube from the faces found in an image and refines the pose by the edges of the
+/// tiles in the image.
 ///
 /// The arguments are those of [`locate_cube`]. The covariance covers the noise and the
 /// imperfections of the model, but not the errors of the calibration.
@@ -146,8 +147,9 @@ pub fn locate_in(
     Some(location)
 }
 
-/// Refines a pose that is known to about a seventh of a tile, for example from a track, without any
-/// detection. Returns `None` if the edges do not support it.
+/// Refines the pose `camera_from_cube` by the edges of the tiles in an image, without any
+/// detection. The pose must be right to about a seventh of a tile, as that of a track is. Returns
+/// `None` if the edges do not support it.
 #[must_use]
 pub fn refine_in(
     image: &RgbImage,
@@ -162,7 +164,8 @@ pub fn refine_in(
     (crossings >= TRACKED * fitted.faces.len()).then(|| fitted.location(None))
 }
 
-/// Returns the best of a fit and of those that are whole tiles off.
+/// Compares a fit with the fits whose pose is whole tiles off along an edge of the cube, and
+/// returns the best. `share` is the first guess of a sticker's side as a share of the pitch.
 fn best_of_lattice(
     image: &RgbImage,
     lens: &Lens,
@@ -186,14 +189,14 @@ fn best_of_lattice(
     best
 }
 
-/// Returns the faces of a cube, as `cube_from_face`.
+/// Returns the poses of the six faces in the cube's frame, as `cube_from_face`.
 fn faces(edge: f64) -> impl Iterator<Item = Pose> {
     // Four rotations in a row differ only about the normal of one face.
     cube_rotations().step_by(4).map(move |r| cube_from_face(&r.to_rotation_matrix(), edge))
 }
 
-/// Returns the other pose that fits one face nearly as well. Its tilt against the line of sight is
-/// reversed.
+/// Returns the second pose of the cube that fits one of its faces nearly as well: its tilt against
+/// the line of sight is reversed. `cube_from_face` is that face.
 fn mirrored(camera_from_cube: &Pose, cube_from_face: &Pose) -> Pose {
     let face = camera_from_cube * cube_from_face;
     let (centre, normal) = (face.translation.vector, face.rotation * Vector3::z());
@@ -209,8 +212,9 @@ fn mirrored(camera_from_cube: &Pose, cube_from_face: &Pose) -> Pose {
     )
 }
 
-/// Counts the edges between tiles that are where a pose predicts them, on all visible faces but the
-/// most frontal one, even if these are only a few pixels deep.
+/// Counts the edges between tiles that lie where the pose `camera_from_cube` predicts them, on all
+/// visible faces but the most frontal one. Faces that are only a few pixels deep count as well.
+/// `share` is a sticker's side as a share of the pitch.
 fn sides(image: &RgbImage, lens: &Lens, edge: f64, camera_from_cube: &Pose, share: f64) -> usize {
     let probe = Probe::new(image, lens, edge / 3.0).grazing();
     let mut faces: Vec<Pose> =
@@ -239,16 +243,16 @@ struct Fitted {
 }
 
 impl Fitted {
-    /// Checks whether a face that must be visible is not seen whole. Either something hides it, or
-    /// the pose is one tile off.
+    /// Checks whether the pose may be one tile off: a face that must be visible is not seen whole.
+    /// The reason may also be something that hides the face.
     fn may_be_off(&self, edge: f64) -> bool {
         let crossings =
             |face: &Pose| self.faces.iter().find(|(f, _)| f == face).map_or(0, |(_, n)| *n);
         faces(edge).any(|face| facing(&(self.pose * face)) > SEEN && crossings(&face) < WHOLE)
     }
 
-    /// Turns the fit into a location without sightings. `other` is the second pose of a single
-    /// face.
+    /// Converts the fit to a location without detected faces. `other` is the second pose, which is
+    /// kept only if a single face was used.
     fn location(self, other: Option<Pose>) -> CubeLocation {
         // The dominant face is the most frontal one.
         let mut used: Vec<Pose> = self.faces.iter().map(|(face, _)| *face).collect();
@@ -266,7 +270,8 @@ impl Fitted {
     }
 }
 
-/// Returns the cosine between the line of sight and a face's inward normal.
+/// Returns the cosine between the line of sight and a face's inward normal: 1 if the face is
+/// frontal.
 fn facing(camera_from_face: &Pose) -> f64 {
     let sight = camera_from_face.translation.vector;
     (camera_from_face.rotation * Vector3::z()).dot(&sight) / sight.norm()
@@ -275,8 +280,9 @@ fn facing(camera_from_face: &Pose) -> f64 {
 /// Unknowns: six of the pose, the stickers' share, bloom and outer bloom.
 type Unknowns = SVector<f64, 9>;
 
-/// Fits the pose and the stickers to the edges of all visible faces. `share` is the first guess of
-/// the stickers' share of the pitch. Returns `None` if too few edges fit.
+/// Fits the pose of the cube and the size of its stickers to the edges of all visible faces.
+/// `start` is the first `camera_from_cube`, and `share` the first guess of a sticker's side as a
+/// share of the pitch. Returns `None` if too few edges fit.
 fn fit(image: &RgbImage, lens: &Lens, edge: f64, start: &Pose, share: f64) -> Option<Fitted> {
     let probe = Probe::new(image, lens, edge / 3.0);
     let all: Vec<Pose> = faces(edge).collect();
@@ -346,8 +352,8 @@ fn fit(image: &RgbImage, lens: &Lens, edge: f64, start: &Pose, share: f64) -> Op
     Some(Fitted { pose: model.pose, covariance: solved.covariance, residual_px, faces, support })
 }
 
-/// Returns the root mean square of the residuals of all fitting crossings (px). Gaps do not count,
-/// since they do not depend on the place.
+/// Returns the root mean square of the residuals of all crossings that fit (px). Widths of gaps do
+/// not count, since they hardly depend on the pose.
 fn residual_px(crossings: &[Crossing], solved: &Solved) -> f64 {
     let squares: Vec<f64> = crossings
         .iter()
@@ -358,8 +364,8 @@ fn residual_px(crossings: &[Crossing], solved: &Solved) -> f64 {
     (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
 }
 
-/// Counts the fitting crossings of each face. Gaps do not count, since they do not depend on the
-/// place.
+/// Counts the crossings that fit on each of the six faces. Widths of gaps do not count, since they
+/// hardly depend on the pose.
 fn counts(crossings: &[Crossing], solved: &Solved) -> [usize; 6] {
     let mut counts = [0; 6];
     for (crossing, r) in crossings.iter().zip(&solved.residuals) {
@@ -369,7 +375,7 @@ fn counts(crossings: &[Crossing], solved: &Solved) -> [usize; 6] {
     counts
 }
 
-/// Computes the standard deviation of a crossing from noise and from errors of the model (px).
+/// Computes the standard deviation of a crossing (px) by noise and by errors of the model.
 fn deviation(crossing: &Crossing) -> f64 {
     let floor = match crossing.kind {
         Kind::Middle => FLOOR_MIDDLE,
@@ -406,7 +412,7 @@ struct Solved {
 }
 
 impl Model<'_> {
-    /// Predicts the measured values of crossings after a step (px).
+    /// Predicts the measured values of crossings (px) if the unknowns change by `step`.
     fn predict(&self, crossings: &[Crossing], step: &Unknowns) -> Vec<f64> {
         let pose = moved(&self.pose, std::array::from_fn(|k| step[k]));
         let stickers = Stickers {
@@ -419,7 +425,9 @@ impl Model<'_> {
         crossings.iter().map(predicted).collect()
     }
 
-    /// Computes a robust Gauss-Newton step. Returns `None` if there are too few crossings.
+    /// Computes a robust Gauss-Newton step of the unknowns from measured crossings. `share` is the
+    /// expected side of a sticker as a share of the pitch. Returns `None` if there are too few
+    /// crossings.
     ///
     /// One linearisation suffices: the model is linear over the small steps that are left, and each
     /// pass measures again.

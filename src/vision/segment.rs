@@ -53,7 +53,7 @@ impl Edges {
     /// Computes the edge strength of interleaved RGB pixels (`3 * width * height` bytes).
     ///
     /// # Panics
-    /// Panics if the number of bytes is another one.
+    /// If `rgb` has another number of bytes.
     #[must_use]
     pub(crate) fn new(rgb: &[u8], width: usize, height: usize) -> Self {
         assert_eq!(rgb.len(), 3 * width * height, "three bytes per pixel");
@@ -122,8 +122,8 @@ impl Edges {
         runs.tiles(limits)
     }
 
-    /// Checks whether edges of this strength run along all four sides of the cell at `g` of a
-    /// lattice.
+    /// Checks whether edges of at least `threshold` run along all four sides of the cell at `g`
+    /// (column - 1, row - 1) of a lattice. `h` maps such places to pixels.
     pub(super) fn bound(&self, h: &Matrix3<f64>, g: Point, threshold: u8) -> bool {
         let strength = |p: Point| {
             let (x, y) = apply(h, p);
@@ -151,7 +151,8 @@ impl Edges {
     }
 }
 
-/// Calls `run` with the start and the end (exclusive) of each run of values below `threshold`.
+/// Calls `run` with the start and the end (exclusive) of each run of values below `threshold` in a
+/// line.
 fn runs_below(line: &[u8], threshold: u8, mut run: impl FnMut(usize, usize)) {
     let mut start = 0;
     let mut inside = 0u64;
@@ -187,7 +188,8 @@ fn runs_below(line: &[u8], threshold: u8, mut run: impl FnMut(usize, usize)) {
     }
 }
 
-/// Smooths by 1 2 1 over 4 in both directions. The border is repeated.
+/// Smooths interleaved RGB pixels by the kernel 1 2 1 (over 4) in both directions. Beyond the
+/// border its pixels are repeated.
 pub(super) fn smooth(rgb: &[u8], width: usize, height: usize) -> Vec<u8> {
     let row = 3 * width;
     let mut out = vec![0u8; rgb.len()];
@@ -224,7 +226,8 @@ pub(super) fn smooth(rgb: &[u8], width: usize, height: usize) -> Vec<u8> {
     out
 }
 
-/// Returns the level below which the share `p` of the counted values lies.
+/// Returns the level below which the share `p` of `total` values lies. `counts` is the number of
+/// values at each level.
 #[must_use]
 pub(super) fn percentile(counts: &[u32; 256], total: u32, p: f64) -> u8 {
     let wanted = (f64::from(total) * p) as u32;
@@ -276,7 +279,7 @@ struct Sums {
 }
 
 impl Runs {
-    /// Starts the next row.
+    /// Starts the next row, to which the runs that are pushed from now on belong.
     pub(super) fn begin_row(&mut self) {
         self.above = self.current;
         self.current = self.all.len();
@@ -311,7 +314,7 @@ impl Runs {
         self.all.push(run);
     }
 
-    /// Returns the root of a run's tree, and halves the path to it.
+    /// Returns the root of the tree to which run `i` belongs, and halves the path to it.
     fn root(&mut self, mut i: u32) -> u32 {
         while self.all[i as usize].parent != i {
             let grand = self.all[self.all[i as usize].parent as usize].parent;
@@ -431,7 +434,7 @@ mod tests {
     }
 
     #[test]
-    fn square_becomes_tile_with_centre_and_fullness() {
+    fn square_region_is_one_tile_with_exact_centre() {
         let rgb = picture(|x, y| (20.0..40.0).contains(&x) && (15.0..35.0).contains(&y));
 
         let (tiles, regions) = Edges::new(&rgb, 80, 60).tiles(20, &LIMITS);
@@ -452,7 +455,7 @@ mod tests {
     }
 
     #[test]
-    fn runs_equal_those_of_plain_scan() {
+    fn runs_below_threshold_equal_those_of_plain_scan() {
         let values: Vec<u8> =
             (0..333u32).map(|i| ((i * i * 2654) >> 7) as u8 / (1 + (i / 100) as u8)).collect();
         for length in [0, 1, 63, 64, 65, 128, 200, 333] {

@@ -61,7 +61,8 @@ pub struct FaceReading {
 /// neighbouring lattices.
 const ASTRAY: f64 = 1.0;
 
-/// Reads the face that is predicted at `predicted` (`camera_from_face`) on a cube of `edge` (m).
+/// Reads the colours and the pose of a face that is expected at `predicted` (`camera_from_face`) on
+/// a cube of `edge` (m).
 ///
 /// # Errors
 /// [`Refusal::NotExpected`] if too few tiles fit the prediction, else the reason why no tile is
@@ -145,8 +146,8 @@ fn window_inside(image: &RgbImage, corners: &[Point]) -> Option<Rect> {
         .filter(|w| w.width >= 16 && w.height >= 16)
 }
 
-/// Returns the pose on the edges of all visible tiles and its residual (px), if that pose agrees
-/// with the one by centroids.
+/// Refines the pose of a face by the edges of all visible tiles. Returns it with its residual (px),
+/// if it agrees with the given pose, which comes from centroids.
 fn on_edges(image: &RgbImage, camera: &Lens, edge: f64, pose: &Pose) -> Option<(Pose, f64)> {
     let face_from_cube = Translation3::new(0.0, 0.0, edge / 2.0);
     let found = refine_in(image, camera, edge, &(pose * face_from_cube))?;
@@ -156,8 +157,8 @@ fn on_edges(image: &RgbImage, camera: &Lens, edge: f64, pose: &Pose) -> Option<(
         .then_some((refined, found.residual_px))
 }
 
-/// Projects places of a face (grid units) to pixels. Returns `None` if one of them is not in front
-/// of the camera.
+/// Projects places of a face (column - 1, row - 1) to pixels. Returns `None` if one of them is not
+/// in front of the camera.
 fn project<const N: usize>(
     camera: &Lens,
     camera_from_face: &Pose,
@@ -176,7 +177,8 @@ fn project<const N: usize>(
     Some(out)
 }
 
-/// Returns the predicted pose after the shift in the image that lets most tiles fit.
+/// Shifts the predicted pose in the image plane so that most tiles lie in cells of the face, and
+/// returns it. Returns `None` if fewer than four do.
 fn vote(tiles: &[Tile], camera: &Lens, edge: f64, predicted: &Pose) -> Option<Pose> {
     let centres = project(camera, predicted, edge, &GRID)?;
     let corners = project(camera, predicted, edge, &OUTLINE)?;
@@ -217,8 +219,8 @@ fn vote(tiles: &[Tile], camera: &Lens, edge: f64, predicted: &Pose) -> Option<Po
     Some(pose)
 }
 
-/// Finds a first pose by a full detection in `window`, in the reading order that is nearest to the
-/// prediction. It follows larger tilts than [`vote`].
+/// Finds a first pose of the face by a full detection in `window`. The pose has the reading order,
+/// of four, that is nearest to the prediction. The detection follows larger tilts than [`vote`].
 fn by_detection(
     image: &RgbImage,
     camera: &Lens,
@@ -242,8 +244,9 @@ fn by_detection(
         .map(|(_, f)| refine(predicted, |pose, out| residuals(&f, pose, camera, edge, out)).pose)
 }
 
-/// Fits the lattice at `start`, or the one a tile beside it if at least two more tiles fit there.
-/// Returns the pose, the face and the residual (px).
+/// Fits the face to the tiles from `start` on, and from the four poses that are one tile beside it.
+/// The result of one of these counts if at least two more tiles fit. Returns the pose, the face and
+/// the residual (px).
 ///
 /// A face that is more than half a tile off its prediction matches it with two of three columns.
 /// This failed two of fifty missions, whose base error put the face 12 mm off.
@@ -323,7 +326,8 @@ fn settle(
     Ok((pose, face, residual))
 }
 
-/// Returns whether the seen tiles span the face: two rows and two columns with two tiles each.
+/// Returns whether the seen tiles span the face: at least two rows and two columns have two seen
+/// tiles each.
 fn spans(seen: &[bool; 9]) -> bool {
     let rows = (0..3).filter(|r| (0..3).filter(|c| seen[3 * r + c]).count() >= 2).count();
     let columns = (0..3).filter(|c| (0..3).filter(|r| seen[3 * r + c]).count() >= 2).count();
@@ -354,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn reading_keeps_predicted_order_at_any_roll() {
+    fn sticker_colours_follow_predicted_roll_of_face() {
         for quarter in 0..4 {
             let roll = f64::from(quarter) * std::f64::consts::FRAC_PI_2;
             let truth = pose(0.003, -0.002, 0.06, roll + 0.02);
@@ -388,9 +392,10 @@ mod tests {
         }
     }
 
-    /// A face up to 0.9 tiles off its prediction is not matched with two of its three columns.
+    /// A face up to 0.9 tiles off its prediction is found at its true place, not one column beside
+    /// it, where two of its three columns would match.
     #[test]
-    fn face_almost_a_tile_off_is_found() {
+    fn face_almost_one_tile_off_prediction_is_found() {
         let tile = 0.019;
         for (x, y) in [(0.9, 0.0), (-0.9, 0.0), (0.0, 0.9), (0.0, -0.9), (0.65, 0.65), (-0.6, 0.7)]
         {

@@ -59,9 +59,11 @@ impl Sides {
         self.seen.iter().sum()
     }
 
-    /// Fits the homography like [`Self::fit`], or the one a row or a column over if that shows at
-    /// least two more sides. If one row of a face is hidden, the lattice may have taken a row of
-    /// background instead.
+    /// Fits the homography like [`Self::fit`]. If a row or column then shows almost no sides, also
+    /// fits the homography that is shifted away from it by one row or column, and returns that if
+    /// it shows at least two more sides.
+    ///
+    /// If one row of a face is hidden, the lattice may have taken a row of background instead.
     pub(super) fn best(edges: &Edges, threshold: u8, start: &Matrix3<f64>, half: f64) -> Self {
         let mut best = Self::fit(edges, threshold, start, half);
         // Only away from an empty row or column can the face lie.
@@ -88,8 +90,9 @@ impl Sides {
         best
     }
 
-    /// Fits the homography to the sides of the tiles. The first one, `start`, may be off by up to a
-    /// fifth of a pitch. `half` is half a tile's side in pitches.
+    /// Fits the homography of a face to the sides of its nine tiles, which are edges of at least
+    /// `threshold`. The first homography, `start`, may be off by up to a fifth of a pitch. `half`
+    /// is half a tile's side in pitches.
     pub(super) fn fit(edges: &Edges, threshold: u8, start: &Matrix3<f64>, half: f64) -> Self {
         let mut h = *start;
         let mut half = half;
@@ -119,8 +122,9 @@ impl Sides {
     }
 }
 
-/// Finds the ends of the lines. Each line starts `from` pitches from the middle of its cell; a line
-/// that starts on an edge has none.
+/// Follows lines outwards from the middle of each cell and returns where they meet the first edge
+/// of at least `threshold`. Each line starts `from` pitches from the middle; a line that starts on
+/// an edge is left out. `h` is the homography of the face.
 fn ends(edges: &Edges, threshold: u8, h: &Matrix3<f64>, from: f64) -> Vec<End> {
     let strength = |p: Point| {
         let (x, y) = (p.0.round(), p.1.round());
@@ -162,8 +166,11 @@ fn ends(edges: &Edges, threshold: u8, h: &Matrix3<f64>, from: f64) -> Vec<End> {
     ends
 }
 
-/// Solves for the homography whose sides pass through the ends. The weight of an end falls with its
-/// distance from its side. Returns `None` if there are too few ends, or if the face moves too far.
+/// Solves for the homography with which the sides of the tiles pass through the ends of the lines.
+/// `h` is the homography so far and `half` half a tile's side.
+///
+/// An end counts less the farther it is from its side, and not at all from `reach` pitches on.
+/// Returns `None` if fewer than 24 ends count, or if a corner of the face moves too far.
 fn solve(ends: &[End], h: &Matrix3<f64>, half: f64, reach: f64) -> Option<Matrix3<f64>> {
     // Pixels are taken about the middle and in units of a pitch, so that the equations are well
     // conditioned.
@@ -212,8 +219,8 @@ mod tests {
 
     const TRUTH: [f64; 9] = [33.0, 5.0, 120.0, -4.0, 30.0, 100.0, 0.02, -0.03, 1.0];
 
-    /// Returns the edges of a face of nine tiles with sides of 0.8 pitches, without the hidden
-    /// tiles.
+    /// Returns the edges of a drawn face of nine tiles with sides of 0.8 pitches, without the
+    /// hidden tiles, and the homography of the face.
     fn edges(hidden: &[usize]) -> (Edges, Matrix3<f64>) {
         let truth = Matrix3::from_row_slice(&TRUTH);
         let inverse = truth.try_inverse().unwrap();
@@ -262,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn border_of_picture_is_no_side() {
+    fn border_of_picture_is_no_side_of_tile() {
         let edges = Edges::new(&[90; 3 * 60 * 60], 60, 60);
         let h = Matrix3::new(25.0, 0.0, 30.0, 0.0, 25.0, 30.0, 0.0, 0.0, 1.0);
 

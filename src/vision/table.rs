@@ -46,7 +46,7 @@ const SPREAD: f64 = 5.0;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Unlearned {
     /// None of the cubes has this colour.
-    #[error("no cube has colour {0}")]
+    #[error("no table can be learned: no cube has a sticker of the colour of face {0}")]
     Unseen(char),
     /// The covariance cannot be inverted, or a value of the table is not a number.
     #[error("the colour table is not usable: a value is not finite, or a spread is not positive")]
@@ -54,7 +54,7 @@ pub enum Unlearned {
 }
 
 impl ColourTable {
-    /// Learns a table from cubes of known state.
+    /// Learns how the colours look at each facelet of a rig, from cubes of known state in that rig.
     ///
     /// # Errors
     /// [`Unlearned::Unseen`] if a colour does not occur.
@@ -108,7 +108,8 @@ impl ColourTable {
         })
     }
 
-    /// Decides the 54 facelets of a cube in the rig.
+    /// Decides the colours of the 54 facelets of a cube in the rig from which the table was
+    /// learned. `rgb` is their mean colour, 0..=255.
     ///
     /// # Errors
     /// [`Undecided`] as in [`decide_cube`].
@@ -128,7 +129,7 @@ impl ColourTable {
         self.expected().map(|_| ())
     }
 
-    /// Converts the table to the form that the decision takes.
+    /// Converts the table to the prior knowledge from which the colours are decided.
     ///
     /// # Errors
     /// [`Unlearned::NoSpread`] if the covariance cannot be inverted, or a value is not a number.
@@ -159,8 +160,8 @@ mod tests {
     use super::*;
     use crate::cube::{Cube, Facelets};
 
-    /// Returns the stickers under the light of a rig: the haze of each face makes some colours look
-    /// like others.
+    /// Returns the colours that a camera in a rig measures: the haze on each face makes some
+    /// colours look like others.
     fn measured(state: &[u8; 54], noise: u64) -> [[f64; 3]; 54] {
         const STICKERS: [[f64; 3]; 6] = [
             [220.0, 220.0, 220.0],
@@ -182,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn table_from_four_cubes_reads_other_cubes() {
+    fn colour_table_of_four_cubes_reads_others() {
         let known: Vec<KnownCube> = (0..4).map(|k| (measured(&state(k), k), state(k))).collect();
 
         let table = ColourTable::learn(&known).unwrap();
@@ -194,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn learning_names_missing_colour() {
+    fn learn_without_a_colour_reports_that_colour() {
         let mut known = (measured(&state(1), 1), state(1));
         known.1.iter_mut().filter(|c| **c == 2).for_each(|c| *c = 1);
 

@@ -52,7 +52,8 @@ impl Drawing {
         }
     }
 
-    /// Renders 4x4 samples for each pixel near a face by the inverse of the projection.
+    /// Renders the scene as its camera sees it. Near a face each pixel is the mean of 4x4 samples,
+    /// elsewhere it is one sample.
     pub(crate) fn render(&self) -> RgbImage {
         let mut random = Pcg64::seed_from_u64(self.seed);
         let noise = Normal::new(0.0, self.noise).unwrap();

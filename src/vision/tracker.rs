@@ -129,9 +129,9 @@ impl Tracker {
         *self = Self::new(self.settings);
     }
 
-    /// Updates the track with a measured `frame_from_cube` of time `time` (s). `spread` is the
-    /// covariance of a small error in the frame's axes: place of the centre (m), rotation about it
-    /// (rad).
+    /// Updates the track with a measurement of the cube, `frame_from_cube`, at `time` (s). The
+    /// frame is fixed: that of the world or of a fixed camera. `spread` is the covariance of a
+    /// small error in its axes: place of the centre (m), rotation about it (rad).
     pub fn update(&mut self, time: f64, measured: &Pose, spread: &Matrix6<f64>) -> Update {
         if time <= self.newest {
             return Update::Old;
@@ -211,7 +211,8 @@ impl Tracker {
         Update::Started
     }
 
-    /// Predicts the cube at `time` (s). Returns `None` without a track, or if it is lost.
+    /// Predicts the pose and the velocity of the cube at `time` (s). Returns `None` without a
+    /// track, or if the track is lost.
     #[must_use]
     pub fn predict(&self, time: f64) -> Option<Prediction> {
         let track = self.track.as_ref()?;
@@ -276,7 +277,8 @@ fn parts(spread: &Matrix6<f64>) -> (Matrix3<f64>, Matrix3<f64>) {
 }
 
 impl Track {
-    /// Extrapolates state and covariance to a later time (s).
+    /// Extrapolates state and covariance to a later `time` (s). `acceleration` is the spectral
+    /// density of the acceleration noise (m^2/s^3).
     fn at(&self, time: f64, acceleration: f64) -> (Vector6<f64>, Matrix6<f64>) {
         let dt = (time - self.time).max(0.0);
         // White noise q of the acceleration adds q dt^3/3 to the variance of the place, q dt^2/2 to
@@ -354,7 +356,7 @@ mod tests {
 
     /// A face that is read a quarter turn round does not turn the track.
     #[test]
-    fn turned_reading_order_keeps_orientation() {
+    fn face_read_quarter_turned_keeps_track_orientation() {
         let mut tracker = Tracker::new(TrackerSettings::default());
         let quarter = UnitQuaternion::from_euler_angles(0.0, 0.0, std::f64::consts::FRAC_PI_2);
         let mut other = at(0.0, 0.7);

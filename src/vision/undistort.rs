@@ -51,7 +51,7 @@ impl Lens {
         Self { focal, centre, radial: [0.0; 3], tangential: [0.0; 2] }
     }
 
-    /// Distorts normalised coordinates.
+    /// Distorts normalised coordinates (x/z, y/z).
     #[must_use]
     pub fn distort(&self, (x, y): (f64, f64)) -> (f64, f64) {
         let ([k1, k2, k3], [p1, p2]) = (self.radial, self.tangential);
@@ -80,8 +80,8 @@ impl Lens {
         )
     }
 
-    /// Undistorts normalised coordinates. Returns `None` where the model folds back and has no
-    /// inverse.
+    /// Computes the normalised coordinates that [`Lens::distort`] maps to `wanted`. Returns `None`
+    /// where the model folds back and has no inverse.
     #[must_use]
     pub fn undistort(&self, wanted: (f64, f64)) -> Option<(f64, f64)> {
         // Newton's method, because the usual fixed-point iteration converges slowly at the border
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn lens_agrees_with_intrinsics_of_two_coefficients() {
+    fn lens_projects_like_intrinsics_it_was_converted_from() {
         let camera = Intrinsics {
             width: 640,
             height: 480,
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn undistort_refuses_points_beyond_the_fold() {
+    fn undistort_refuses_points_beyond_maximal_distorted_radius() {
         let strong = lens([-0.5, 0.0, 0.0], [0.0; 2]);
 
         // r (1 - r^2 / 2) is 0.544 at most.

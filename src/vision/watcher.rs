@@ -63,7 +63,8 @@ const FOLLOWED: f64 = 0.6;
 const FRESH: f64 = 0.2;
 
 impl CubeWatcher {
-    /// Creates the kernel of a camera at a believed place. `edge` is that of the cube (m).
+    /// Creates a watcher for a fixed camera. `world_from_camera` and `intrinsics` are those that
+    /// the controller believes. `edge` is the edge of the cube (m).
     #[must_use]
     pub fn new(
         world_from_camera: Pose,
@@ -80,12 +81,12 @@ impl CubeWatcher {
         }
     }
 
-    /// Updates the track with a frame that was exposed at `time` (s) and returns the cube. A frame
-    /// that is not newer than the last one changes nothing.
+    /// Updates the track with a frame that was exposed at `time` (s) and returns the filtered pose
+    /// and speed of the cube. A frame that is not newer than the last one changes nothing.
     ///
-    /// The search begins in the window that the track predicts, or around `near` (centre in the
-    /// world and reach (m)) if there is no track. `elsewhere` says whether it continues in the
-    /// whole picture.
+    /// The search begins in the window that the track predicts. Without a track it begins around
+    /// `near`, the believed centre of the cube in the world (m) and its greatest error (m).
+    /// `elsewhere` says whether the search continues in the whole picture.
     ///
     /// # Errors
     /// [`Refusal`] with the reason why no cube was found, or why the found one is not accepted.
@@ -126,7 +127,8 @@ impl CubeWatcher {
         Ok(Watched { world_from_cube: now.pose, speed: now.speed() })
     }
 
-    /// Measures the cube at its predicted place by the edges of its tiles alone.
+    /// Measures the pose of the cube at its predicted place by the edges of its tiles alone.
+    /// Returns `None` if the prediction is too old, or if the edges do not confirm it.
     fn follow(&self, image: &RgbImage, predicted: &Prediction) -> Option<CubeLocation> {
         if predicted.age > FRESH {
             return None;
@@ -138,8 +140,9 @@ impl CubeWatcher {
         (location.residual_px < FOLLOWED && width >= LEAST_EDGE).then_some(location)
     }
 
-    /// Finds the cube by detection: in the window by its colours, then there by the chosen method,
-    /// then, if `elsewhere`, in the whole picture.
+    /// Finds the cube by detection. If the cube was `predicted`, its colours in the window are
+    /// tried first, then the chosen method in the window, then, if `elsewhere`, in the whole
+    /// picture.
     ///
     /// # Errors
     /// [`Refusal`] with the reason why no cube was found.
@@ -174,8 +177,8 @@ impl CubeWatcher {
             .ok_or(Refusal::NotExpected { matched: 0 })
     }
 
-    /// Returns the part of the picture that shows a cube whose centre is within `reach` (m) of a
-    /// place in the world.
+    /// Returns the part of the picture in which a cube can lie whose centre is within `reach` (m)
+    /// of `centre` (m, in the world).
     fn around(&self, centre: &Vector3<f64>, reach: f64) -> Option<Rect> {
         let seen = self.world_from_camera.inverse() * Point3::from(*centre);
         // Behind the lens or close to it, the projection is meaningless.

@@ -23,7 +23,8 @@ pub const ROLL: usize = 6;
 pub struct JointPositions(pub [f64; AXES]);
 
 impl JointPositions {
-    /// Returns the joint positions at a share of the straight line to others in joint space.
+    /// Returns the joint positions on the straight line in joint space from these (`share` 0) to
+    /// `to` (`share` 1).
     #[must_use]
     pub fn towards(&self, to: &Self, share: f64) -> Self {
         Self(std::array::from_fn(|i| self.0[i] + share * (to.0[i] - self.0[i])))
@@ -176,7 +177,8 @@ pub enum ArmFault {
         /// Axis, numbered as in [`ArmFault::OverCurrent`].
         axis: usize,
     },
-    /// Homing reached a limit, or turned a full circle, without the synchronisation switch.
+    /// Homing did not find the synchronisation switch: it reached the lower limit switch, moved
+    /// further than any axis can, or ran over the switch.
     #[error("axis {axis}: no synchronisation switch within {travelled:.0} rad of motor angle")]
     SwitchExpected {
         /// Axis, numbered as in [`ArmFault::OverCurrent`].
@@ -253,7 +255,8 @@ pub enum ArmFault {
     },
 }
 
-/// Describes a reading of the force sensor that must not be used.
+/// Describes a reading of the force sensor, in one of its six directions, that must not be used:
+/// missing, or at the limit of its range.
 fn unusable(direction: usize, reading: f64) -> String {
     let (unit, way) = if direction < 3 { ("N", "along") } else { ("Nm", "about") };
     let axis = ["x", "y", "z"][direction % 3];

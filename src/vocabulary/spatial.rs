@@ -51,8 +51,9 @@ impl Twist {
     }
 
     /// Converts the displacement into a pose, with the translation and the rotation vector taken
-    /// separately instead of by the screw exponential. The original integrates in this way, and for
-    /// the increments of 2 ms the difference is of second order: at 1 m/s and 1 rad/s it is 2e-6 m.
+    /// separately instead of by the screw exponential. The original controller integrates in this
+    /// way, and for the increments of 2 ms the difference is of second order: at 1 m/s and 1 rad/s
+    /// it is 2e-6 m.
     #[must_use]
     pub fn displacement(&self) -> Pose {
         Pose::from_parts(

@@ -146,12 +146,12 @@ fn own_ip(v4: bool) -> IpAddr {
     spoken.map(|at| at.ip()).ok().filter(|ip| !ip.is_unspecified()).unwrap_or(loopback)
 }
 
-/// Returns whether the query has the token.
+/// Returns whether the query of a URL has the right token.
 fn asked(uri: &Uri, token: &str) -> bool {
     uri.query().unwrap_or_default().split('&').any(|pair| is(pair, NAME, token))
 }
 
-/// Returns whether a pair is `name=value`.
+/// Returns whether a pair of a query or a cookie header is `name=value`.
 fn is(pair: &str, name: &str, value: &str) -> bool {
     let given = pair.strip_prefix(name).and_then(|rest| rest.strip_prefix('='));
     given.is_some_and(|given| same(given.as_bytes(), value.as_bytes()))
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn own_page_passes_on_loopback_by_any_name() {
+    fn own_page_is_admitted_by_every_loopback_name() {
         let guard = Guard::of("127.0.0.1:8780".parse().unwrap()).unwrap();
 
         for host in ["127.0.0.1:8780", "localhost:8780", "LocalHost:8780"] {

@@ -66,8 +66,9 @@ impl Lines {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Admits a new connection, and cuts another one if there is no room. Returns `None` if none of
-    /// them may be cut.
+    /// Admits connection `number`, which comes from another machine if it is `foreign`. If there
+    /// are too many, cuts the one that has been idle for longest among those that may be cut;
+    /// returns `None` if there is none. The returned receiver ends when this connection is cut.
     fn admit(
         self: &Arc<Self>,
         number: u64,
@@ -276,7 +277,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn idle_connection_is_closed_unless_a_page() {
+    async fn idle_connection_is_closed_unless_websocket_of_page() {
         let (_door, mut stream, _came) = connected().await;
         let read = timeout(ASKS + Duration::from_secs(1), stream.read_u8()).await.unwrap();
         assert_eq!(read.unwrap_err().kind(), io::ErrorKind::TimedOut);
@@ -318,7 +319,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn last_answered_connection_is_displaced_last() {
+    async fn least_recently_answered_connection_is_displaced_first() {
         let lines = Arc::new(Lines::default());
         let mut held = Vec::new();
         for number in 0..MOST as u64 {
@@ -334,7 +335,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn pages_leave_connections_for_requests() {
+    async fn pages_may_not_occupy_all_connections() {
         let lines = Arc::new(Lines::default());
         let held: Vec<_> = (0..MOST as u64).map_while(|n| lines.admit(n, false)).collect();
 

@@ -123,8 +123,8 @@ fn routes(shared: Shared) -> Router {
     router.layer(middleware::from_fn_with_state(shared.clone(), check)).with_state(shared)
 }
 
-/// Obeys a message of the only page, without a server. Returns the reason if it is refused. It is
-/// for tests.
+/// Obeys a message from a page, as if that page alone were open. Needs no server, for tests.
+/// Returns the reason if the message is refused.
 #[must_use]
 pub fn obey(text: &str, desk: &UiEnd) -> Option<String> {
     socket::obey(text, &Arc::<Seats>::default().newcomer(), desk)

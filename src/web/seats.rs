@@ -46,7 +46,7 @@ impl Seat {
         *self.seats.holder.borrow() == Some(self.number)
     }
 
-    /// Returns a receiver of the seat that commands.
+    /// Returns a receiver of the number of the seat that commands; `None` if no seat does.
     pub(super) fn holder(&self) -> watch::Receiver<Option<u64>> {
         self.seats.holder.subscribe()
     }

@@ -55,14 +55,14 @@ pub(super) async fn upgrade(
 
 /// Serves one page until it is gone.
 async fn serve(socket: WebSocket, shared: Shared) {
-    let (news, words) = socket.split();
-    converse(words, news, &shared.seats.newcomer(), &shared.desk).await;
+    let (to_page, from_page) = socket.split();
+    converse(from_page, to_page, &shared.seats.newcomer(), &shared.desk).await;
 }
 
-/// Runs both directions of a page until one of them ends.
+/// Receives messages of a page and sends news to the page at the same time, until either ends.
 async fn converse<E>(
-    words: impl Stream<Item = Result<ws::Message, E>> + Unpin,
-    news: impl Sink<ws::Message> + Unpin,
+    from_page: impl Stream<Item = Result<ws::Message, E>> + Unpin,
+    to_page: impl Sink<ws::Message> + Unpin,
     seat: &Seat,
     desk: &UiEnd,
 ) {
@@ -71,20 +71,21 @@ async fn converse<E>(
     // The directions run concurrently. A page that reads nothing must be obeyed as well, because it
     // may press the emergency stop.
     tokio::select! {
-        () = listen(words, seat, desk, &heard, &refusals) => {}
-        () = tell(news, seat, desk, &heard, refused) => {}
+        () = listen(from_page, seat, desk, &heard, &refusals) => {}
+        () = tell(to_page, seat, desk, &heard, refused) => {}
     }
 }
 
-/// Obeys the messages of a page until it is gone.
+/// Obeys the messages of a page until the page is gone. Stores the time of each message in `heard`,
+/// and sends the reason of each refusal to `refusals`.
 async fn listen<E>(
-    mut words: impl Stream<Item = Result<ws::Message, E>> + Unpin,
+    mut from_page: impl Stream<Item = Result<ws::Message, E>> + Unpin,
     seat: &Seat,
     desk: &UiEnd,
     heard: &watch::Sender<Instant>,
     refusals: &mpsc::Sender<String>,
 ) {
-    while let Some(Ok(word)) = words.next().await {
+    while let Some(Ok(word)) = from_page.next().await {
         heard.send_replace(Instant::now());
         match word {
             ws::Message::Text(text) => {
@@ -99,9 +100,10 @@ async fn listen<E>(
     }
 }
 
-/// Sends news to a page until it is gone or silent for too long.
+/// Sends refusals, the right to command and snapshots to a page, until the page is gone or has sent
+/// nothing for too long. `heard` has the time of its last message.
 async fn tell(
-    mut news: impl Sink<ws::Message> + Unpin,
+    mut to_page: impl Sink<ws::Message> + Unpin,
     seat: &Seat,
     desk: &UiEnd,
     heard: &watch::Sender<Instant>,
@@ -138,7 +140,7 @@ async fn tell(
             }
         };
         for text in out {
-            if news.send(ws::Message::text(text)).await.is_err() {
+            if to_page.send(ws::Message::text(text)).await.is_err() {
                 return;
             }
         }
@@ -368,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn messages_of_another_run_are_sent_again() {
+    fn only_new_messages_are_sent_until_run_changes() {
         let message = |number: u64, text: &str| Message {
             number,
             time: 0.0,

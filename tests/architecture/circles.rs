@@ -30,7 +30,8 @@ struct Module {
     passed_on: BTreeSet<Path>,
 }
 
-/// Returns the groups of files that lead to each other, in alphabetical order.
+/// Returns the groups of files that depend on each other: in a group each file depends, directly or
+/// through others, on every other one. Groups and files are in alphabetical order.
 pub(crate) fn circles(files: &[File]) -> Vec<Vec<String>> {
     let arrows = arrows(files);
     let reached: BTreeMap<&String, BTreeSet<String>> =
@@ -46,7 +47,7 @@ pub(crate) fn circles(files: &[File]) -> Vec<Vec<String>> {
     found.into_iter().collect()
 }
 
-/// Returns every file that the arrows lead to from one.
+/// Returns every file on which the file `from` depends, directly or through other files.
 fn reach(from: &str, arrows: &Arrows) -> BTreeSet<String> {
     let (mut seen, mut next) = (BTreeSet::new(), vec![from.to_owned()]);
     while let Some(file) = next.pop() {
@@ -59,7 +60,7 @@ fn reach(from: &str, arrows: &Arrows) -> BTreeSet<String> {
     seen
 }
 
-/// Returns the arrows between all files but those of tests.
+/// Returns, for each file, the files that its code names. Leaves out the files of tests.
 pub(crate) fn arrows(files: &[File]) -> Arrows {
     let modules = modules(files);
     let mut arrows = Arrows::new();
@@ -73,7 +74,8 @@ pub(crate) fn arrows(files: &[File]) -> Arrows {
     arrows
 }
 
-/// Reads all files except those that a parent declares only for tests.
+/// Reads the names that each file declares and uses, by the path of its module. Leaves out the
+/// files that a parent declares only for tests.
 fn modules(files: &[File]) -> BTreeMap<Path, Module> {
     let mut modules = BTreeMap::new();
     let mut tests = BTreeSet::new();
@@ -98,7 +100,7 @@ fn child(here: &[String], name: &str) -> Path {
     here.iter().cloned().chain([name.to_owned()]).collect()
 }
 
-/// Returns the names of the files that are declared as `#[cfg(test)] mod NAME;`.
+/// Returns the names of the child modules that a file declares as `#[cfg(test)] mod NAME;`.
 fn test_modules(code: &str) -> Vec<String> {
     let behind = code.split("#[cfg(test)]").skip(1);
     let item = behind.filter_map(|rest| rest.split_once(';').map(|(item, _)| tokens(item)));
@@ -107,8 +109,9 @@ fn test_modules(code: &str) -> Vec<String> {
         .collect()
 }
 
-/// Returns the tokens of a file. A path in an inline module becomes the path that the file itself
-/// would write: in `mod a { use super::B; }` the name `super` stands for the file.
+/// Rewrites the tokens of a file as if it had no inline modules. A path in an inline module becomes
+/// the path that the file itself would write: in `mod a { use super::B; }` the name `super` stands
+/// for the file.
 fn flat(all: &[String]) -> Vec<String> {
     let mut flat: Vec<String> = Vec::new();
     // Depths of braces at which the inline modules begin.
@@ -149,7 +152,8 @@ fn flat(all: &[String]) -> Vec<String> {
     flat
 }
 
-/// Reads the names of a file.
+/// Reads the names that a file declares, imports and re-exports. `here` is the path of its module,
+/// `code` its text without comments, strings and tests.
 fn read(here: &[String], file: &str, code: &str) -> Module {
     let mut module =
         Module { file: file.to_owned(), tokens: flat(&tokens(code)), ..Module::default() };
@@ -218,7 +222,8 @@ fn read(here: &[String], file: &str, code: &str) -> Module {
     module
 }
 
-/// Returns a path from the crate's root; `None` for one that leads to another crate.
+/// Returns the path from the crate's root for a `path` that stands in the module `here`; `None` for
+/// a path that leads to another crate.
 fn absolute(here: &[String], module: &Module, path: &[String]) -> Option<Path> {
     let mut base = here.to_vec();
     let mut rest = path;
@@ -240,7 +245,7 @@ fn absolute(here: &[String], module: &Module, path: &[String]) -> Option<Path> {
     Some(base.into_iter().chain(rest.iter().cloned()).collect())
 }
 
-/// Returns every path of a file's code that leads into the crate, from the crate's root.
+/// Returns every path in a file's code that leads into the crate, written from the crate's root.
 fn mentions(here: &[String], module: &Module) -> Vec<Path> {
     let all = &module.tokens;
     let mut found = Vec::new();
@@ -261,7 +266,8 @@ fn mentions(here: &[String], module: &Module) -> Vec<Path> {
     found
 }
 
-/// Returns the file that declares what a path from the crate's root leads to.
+/// Returns the file that declares the item to which `path`, from the crate's root, leads. Follows
+/// re-exports, at most eight of them; `depth` counts those followed already.
 fn resolve(path: &[String], modules: &BTreeMap<Path, Module>, depth: usize) -> Option<String> {
     let length = (1..=path.len()).rev().find(|&n| modules.contains_key(&path[..n]))?;
     let module = &modules[&path[..length]];

@@ -7,7 +7,7 @@
 //! test --release --test faults missions::`. The verdict in the summary is that of the plant.
 
 use crate::program::program;
-use crate::seeds::{Seed, each_seed};
+use crate::seeds::{Seed, each_seed, profile};
 use rubik_robot::campaign::benchmark::{scramble, scrambled};
 use rubik_robot::record::summary::{Outcome, Summary};
 use std::collections::BTreeMap;
@@ -36,18 +36,21 @@ impl Seed {
             .args(["--json", "--ui", "none", "--seed", &self.0.to_string(), "--cube", cube])
             .arg("--world")
             .arg(world)
+            .args(profile().iter().flat_map(|profile| ["--set", profile]))
             .args(more)
             .output()
             .unwrap()
     }
 
-    /// Returns the file of the world for a fault of this name.
+    /// Returns the path of a file for the state of this seed's plant; `name` tells the files of one
+    /// seed apart.
     fn place(self, name: &str) -> PathBuf {
         let file = format!("rubik-robot-{}-{}-{name}.json", std::process::id(), self.0);
         Path::new(env!("CARGO_TARGET_TMPDIR")).join(file)
     }
 
-    /// Returns the world just before the faults; the first call for a seed makes it.
+    /// Returns the saved state of the plant just before the first layer turns, where all faults
+    /// begin. The first call for a seed runs a mission until its power is cut there.
     fn before(self) -> Arc<OnceLock<Before>> {
         let before = Arc::clone(WORLDS.lock().unwrap().entry(self.0).or_default());
         before.get_or_init(|| {
@@ -61,13 +64,14 @@ impl Seed {
         before
     }
 
-    /// Returns the summary of a mission that resumes from that world with a fault.
+    /// Resumes the mission from the state just before the faults, with the fault of the scenario
+    /// `solve_{fault}`. Checks that it solves the cube and returns its summary.
     fn with(self, fault: &str) -> Summary {
         self.resumed(&format!("faults/solve_{fault}"))
     }
 
-    /// Returns the summary of a mission that resumes from that world, and checks that it solves the
-    /// cube.
+    /// Resumes the mission from the state just before the faults under `scenario`. Checks that it
+    /// solves the cube and returns its summary.
     fn resumed(self, scenario: &str) -> Summary {
         let before = self.before();
         let Before { world, cube } = before.get().unwrap();
@@ -91,7 +95,8 @@ fn beside(world: &Path, end: &str) -> PathBuf {
     PathBuf::from(format!("{}.{end}", world.display()))
 }
 
-/// The resumed mission has identified the cube at its start, so no layer turned before.
+/// The cube that the resumed mission has identified is the one at its start, so no layer turned
+/// before all faces were read.
 #[test]
 fn mission_after_power_cut_reads_all_faces_first() {
     each_seed(|seed| {
@@ -102,10 +107,10 @@ fn mission_after_power_cut_reads_all_faces_first() {
     });
 }
 
-/// The plant undoes a turn. The mission detects it before it hands the cube back, and reads and
-/// plans again.
+/// In the plant a layer slips back after its turn. The mission detects that before it hands the
+/// cube back, and reads the faces and plans again.
 #[test]
-fn undone_turn_is_detected_before_return() {
+fn layer_slipping_back_is_detected_before_returning_cube() {
     each_seed(|seed| {
         let summary = seed.with("turn_undone");
         assert_eq!((summary.recoveries, summary.drops), (1, Some(0)));
@@ -122,8 +127,8 @@ fn dropped_cube_is_taken_again_and_solved() {
 
 /// Checks that the hands realign the layer of a turn that failed in the middle, and solve the cube.
 /// The force between the hands stays below `most` (N), which is larger for a push because the push
-/// itself exerts 30 N.
-fn check_undone(fault: &str, most: f64) {
+/// itself exerts 25 N.
+fn check_realigned(fault: &str, most: f64) {
     each_seed(|seed| {
         let summary = seed.with(fault);
         assert_eq!((summary.recoveries, summary.drops), (1, Some(0)), "{fault}");
@@ -133,23 +138,23 @@ fn check_undone(fault: &str, most: f64) {
 }
 
 #[test]
-fn turn_with_slipping_grip_is_undone() {
-    check_undone("slip", 20.0);
+fn layer_is_realigned_after_slipping_grip() {
+    check_realigned("slip", 20.0);
 }
 
 #[test]
-fn jammed_turn_is_undone() {
-    check_undone("jam", 20.0);
+fn layer_is_realigned_after_jam() {
+    check_realigned("jam", 20.0);
 }
 
 #[test]
-fn pushed_turn_is_undone() {
-    check_undone("push", 25.0);
+fn layer_is_realigned_after_push() {
+    check_realigned("push", 30.0);
 }
 
 #[test]
-fn turn_with_biased_sensor_is_undone() {
-    check_undone("bias", 20.0);
+fn layer_is_realigned_with_biased_force_sensor() {
+    check_realigned("bias", 20.0);
 }
 
 #[test]

@@ -6,7 +6,7 @@
 //! `FAULT_SEEDS=100 cargo test --release --test faults scenarios::`.
 
 use crate::program::program;
-use crate::seeds::{Seed, each_seed};
+use crate::seeds::{Seed, each_seed, profile};
 use nalgebra::Vector3;
 use rubik_robot::hw::plant::{Incident, Verdict, Whereabouts};
 use rubik_robot::record::summary::{Outcome, Summary};
@@ -46,11 +46,14 @@ fn path(name: &str) -> PathBuf {
 impl Seed {
     fn seen(self, name: &str, keys: &[&str]) -> Seen {
         let seed = format!("seed={}", self.0);
-        let keys = keys.iter().copied().chain([seed.as_str()]);
+        let profile = profile();
+        let keys = profile.as_deref().into_iter().chain(keys.iter().copied());
+        let keys = keys.chain([seed.as_str()]);
         seen(name, &keys.map(|key| Override::parse(key).unwrap()).collect::<Vec<_>>())
     }
 
-    /// Returns the period in which the layer passes 30 deg, at which most faults of a turn begin.
+    /// Runs a turn without a fault. Returns the period in which the layer passes 30 deg, at which
+    /// most faults of a turn begin.
     fn turned_30(self) -> u64 {
         self.turned_30_by(&[])
     }
@@ -99,13 +102,13 @@ impl Seen {
         &self.moments[(period - first) as usize]
     }
 
-    /// Returns the first period in which the drives of an arm are off again.
+    /// Returns the first period in which the drives of an arm are off after they have been on.
     fn first_unpowered(&self, arm: usize) -> Option<u64> {
         let on = self.moments.iter().position(|m| m.powered[arm]).unwrap();
         self.moments[on..].iter().find(|m| !m.powered[arm]).map(|m| m.period)
     }
 
-    /// Returns the length of a tool's path between two periods (m).
+    /// Returns the length of the path of an arm's tool between the periods `from` and `to` (m).
     fn path_length(&self, arm: usize, from: u64, to: u64) -> f64 {
         (from..to)
             .map(|p| {
@@ -115,7 +118,8 @@ impl Seen {
             .sum()
     }
 
-    /// Returns the largest distance of a tool from its place in period `from` (m).
+    /// Returns the largest distance of an arm's tool from its position in the period `from`, until
+    /// the period `to` (m).
     fn largest_distance(&self, arm: usize, from: u64, to: u64) -> f64 {
         let place = |p: u64| self.at(p).tools[arm].translation.vector;
         (from..to).map(|p| (place(p) - place(from)).norm()).fold(0.0, f64::max)
@@ -125,8 +129,8 @@ impl Seen {
         self.moments.last().unwrap().period
     }
 
-    /// Checks a fatal stop of one arm: its drives switch off in `trip` and it hardly moves after
-    /// that; the other arm keeps its power and is at rest at the end.
+    /// Checks a fatal stop of one arm: its drives switch off in one of the periods of `trip`, and
+    /// it hardly moves after that. The other arm keeps its power and is at rest at the end.
     fn check_fatal_stop(&self, arm: usize, trip: std::ops::RangeInclusive<u64>) {
         let cut = self.first_unpowered(arm).unwrap();
         assert!(trip.contains(&cut), "the drives switch off in period {cut}, not in {trip:?}");
@@ -147,7 +151,7 @@ impl Seen {
         assert!(self.summary.peak_force_n.unwrap() < 20.0, "{:?}", self.summary.peak_force_n);
     }
 
-    /// Checks which arms hold the cube at the end.
+    /// Checks that at the end exactly those arms hold the cube whose entry in `arms` is `true`.
     fn check_held_by(&self, arms: [bool; 2]) {
         assert_eq!(self.verdict.cube, Whereabouts::Arms(arms));
     }
@@ -269,9 +273,10 @@ fn jam_stops_the_layer_within_force_limits() {
     });
 }
 
-/// The layer slips back under the jaws, so no sensor of the controller can measure it.
+/// The layer slips back under the closed jaws after its turn, so no sensor of the controller can
+/// measure that.
 #[test]
-fn undone_turn_changes_neither_cube_nor_forces() {
+fn layer_slipping_back_leaves_cube_and_forces_unchanged() {
     each_seed(|seed| {
         let fine = seed.seen("turn_undone", &["fault.0.turned_deg=179"]);
         assert_eq!(fine.summary.outcome, Outcome::Solved);
@@ -591,8 +596,10 @@ fn hand_retracts_when_hidden_cube_is_withdrawn() {
         let furthest =
             |seen: &Seen| (hidden..hidden + 1500).map(|p| on(seen, p)).fold(0.0, f64::max);
         assert!(furthest(&never) > 0.025, "the hand was near the cube: {}", furthest(&never));
+        // Pictures come every 40 ms, and the arm needs time to brake: 12 to 14 mm at the profile
+        // "swift". The cube would be touched after 25 mm.
         assert!(
-            furthest(&seen) < 0.012,
+            furthest(&seen) < 0.016,
             "{} m farther after the cube disappeared",
             furthest(&seen)
         );
@@ -652,11 +659,12 @@ const REPORTS: &[(&str, i32, &[&str])] = &[
 
 /// The exit code is that of the class of the fault.
 #[test]
-fn each_fault_reports_its_class_and_place() {
+fn each_fault_gives_expected_exit_code_and_message() {
     each_seed(|seed| {
         for (name, code, words) in REPORTS {
             let mut run = program();
             run.args(["run", "--json", "--seed", &seed.0.to_string()])
+                .args(profile().iter().flat_map(|profile| ["--set", profile]))
                 .arg(path(name))
                 .env("RUST_LOG", "warn")
                 .env("NO_COLOR", "1");
@@ -690,8 +698,9 @@ fn each_fault_reports_its_class_and_place() {
             // The plant confirms that a cube went back.
             let goes_back = *code == 0 && summary["task"] == "acquire" || *name == "misread";
             assert!(!goes_back || summary["returned"] == true, "{name}: {last}");
-            // Words with numbers are those of the first seed.
-            let told = |word: &&&str| seed.0 == 1 || !word.contains(|c: char| c.is_ascii_digit());
+            // Words with numbers are those of the first seed and of the scenario's own profile.
+            let first = seed.0 == 1 && profile().is_none();
+            let told = |word: &&&str| first || !word.contains(|c: char| c.is_ascii_digit());
             for word in words.iter().filter(told) {
                 assert!(
                     reason.contains(word) || err.contains(word),
@@ -720,7 +729,7 @@ fn each_fault_scenario_has_a_test() {
 /// Two runs with a fault have the same hash, and so have two runs whose different faults never
 /// begin.
 #[test]
-fn faulty_runs_repeat_and_unused_faults_change_nothing() {
+fn faulty_runs_repeat_exactly_untriggered_faults_change_nothing() {
     each_seed(|seed| {
         let hash = |keys: &[&str]| seed.seen("encoder_jump", keys).summary.hash;
         assert_eq!(hash(&[]), hash(&[]));

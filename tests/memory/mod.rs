@@ -52,14 +52,14 @@ static COUNTING: Counting = Counting;
 
 static ALONE: Mutex<()> = Mutex::new(());
 
-/// Locks the process for one input, so that no other one adds to its time, and a hanging input can
-/// be named.
+/// Waits until no other thread tests an input, and keeps others waiting until the guard is dropped.
+/// One input at a time has exact times, and the one that hangs is known.
 pub fn lock_process() -> MutexGuard<'static, ()> {
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Returns the maximum number of bytes that a reader held, beyond those that its thread held
-/// before. The allocations of a reader's own threads are not counted.
+/// Calls `read` and returns the most bytes that it has held allocated at a time, beyond those that
+/// its thread held before. Allocations of threads that `read` starts are not counted.
 pub fn most_held(read: impl FnOnce()) -> usize {
     let before = HELD.get();
     MOST.set(before);
@@ -68,7 +68,7 @@ pub fn most_held(read: impl FnOnce()) -> usize {
 }
 
 #[test]
-fn most_held_counts_allocations_and_frees() {
+fn most_held_returns_peak_of_allocated_bytes() {
     let bytes = 1 << 20;
     let one = || drop(std::hint::black_box(vec![1_u8; bytes]));
     assert_eq!(most_held(one), bytes);

@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 /// Lock of the file against other tests of the same binary.
 static FILE: Mutex<()> = Mutex::new(());
 
-/// Checks a count against the one in the file.
+/// Checks that a count is not larger than the one that `counts.txt` has for `name`.
 ///
 /// A larger count fails. A smaller count prints a request to lower the number in the file, and
 /// fails if it is smaller by more than a tenth. `RATCHET=write` writes the new number.

@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 /// Number of cases between two readings of the clock.
 const AT_ONCE: u32 = 64;
 
-/// Reads a number from an environment variable.
+/// Returns the number in the environment variable `name`, if there is one.
 fn number(name: &str) -> Option<u64> {
     std::env::var(name).ok().and_then(|text| text.parse().ok())
 }
@@ -48,12 +48,13 @@ pub struct Input {
 }
 
 impl Input {
-    /// Makes an input that its name identifies, so that it need not be kept.
+    /// Makes an input that comes from a file and is not written to the corpus if a reader hangs.
     pub fn by_name(name: &str) -> Self {
         Self { name: name.to_owned(), kept: None }
     }
 
-    /// Makes an input of the search, which is kept in the corpus `kind` if it hangs.
+    /// Makes a generated input. If a reader hangs with it, the bytes that `written` returns are
+    /// kept in the corpus `kind`.
     pub fn generated(kind: &'static str, written: impl Fn() -> Vec<u8> + Send + 'static) -> Self {
         Self { name: kind.to_owned(), kept: Some((kind, Box::new(written))) }
     }
@@ -86,8 +87,8 @@ fn watch() -> Instant {
     })
 }
 
-/// Runs a reader alone in the process, which it aborts if the reader takes longer than `limit`.
-/// Returns the maximum number of bytes that the reader held, and its time.
+/// Runs a reader of `input` while no other reader runs, and aborts the process if it takes longer
+/// than `limit`. Returns the most bytes that the reader held at a time, and its time.
 pub fn watched(input: Input, limit: Duration, read: impl FnOnce()) -> (usize, Duration) {
     /// Guard that disarms the watchdog, also if the reader panics.
     struct Done;
@@ -105,8 +106,9 @@ pub fn watched(input: Input, limit: Duration, read: impl FnOnce()) -> (usize, Du
     (memory::most_held(read), begun.elapsed())
 }
 
-/// Gives inputs to a reader until one makes it panic, or the number of cases or the time is used
-/// up. A failing input is shrunk and kept.
+/// Calls the reader `read` with generated inputs until it panics, or `cases` inputs or the time of
+/// `HOSTILE_SECONDS` are used up. An input with which it panics is shrunk and kept, as the bytes
+/// that `written` returns, in the corpus `kind`.
 pub fn search<S: Strategy>(
     kind: &str,
     cases: u32,

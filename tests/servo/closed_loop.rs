@@ -102,8 +102,9 @@ impl Closed {
         self.links[arm].send(ServoCommand::Move { command, start: 0 }).unwrap();
     }
 
-    /// Makes a rig with a strained chain: arm 0 holds a cube, arm 1 grips it as well and then
-    /// moves, without compliance, 2 mm across and 1 mm along its approach axis.
+    /// Makes a rig in which the two arms strain each other through a cube: arm 0 holds it, arm 1
+    /// grips it as well and then moves, without compliance, 2 mm across and 1 mm along its approach
+    /// axis.
     fn strained(jaws: Jaws, noise: SensorNoise) -> Self {
         let tool = world_from_tool(&cell().arms[0]);
         let ahead = Translation3::new(0.0, 0.0, EDGE / 3.0);
@@ -126,8 +127,8 @@ impl Closed {
         rig
     }
 
-    /// Makes `arms` compliant in x, y, z and about the approach axis; returns the force at arm 1 in
-    /// each period (N).
+    /// Makes `arms` compliant in x, y, z and about the approach axis for `periods` periods;
+    /// `admittance` is that of x, y and z (m/(s N)). Returns the force at arm 1 in each period (N).
     fn relax(&mut self, arms: &[usize], admittance: f64, periods: u32) -> Vec<f64> {
         let linear = Direction::Guarded { velocity: 0.0, admittance, inertia: 20.0 };
         let about =
@@ -219,7 +220,7 @@ fn each_axis_follows_smooth_course_and_settles() {
 }
 
 #[test]
-fn speed_step_trips_no_watchdog() {
+fn step_in_motor_speed_causes_no_fault() {
     // The speed of a motor jumps to 47 rad/s. Above 85 rad/s the regulators demand more current
     // than the power stages of the plant allow, so a generator splits long motions into macrosteps
     // and accelerates them.
@@ -239,8 +240,8 @@ fn speed_step_trips_no_watchdog() {
     assert!(largest(&behind(&cell, 1, &last)) < 0.1);
 }
 
-/// Moves forward through free space in a guarded direction; returns the swing, from peak to peak,
-/// of the tool's inertia force at the end (N).
+/// Moves an arm forward through free space in a guarded direction with this admittance (m/(s N))
+/// and virtual mass (kg). Returns the swing of the measured force at the end, peak to peak (N).
 fn swing_of_free_motion(admittance: f64, inertia: f64) -> f64 {
     let mut rig = Closed::new(Start::Hand, Jaws::rubber(), SensorNoise::default());
     rig.run(100);
@@ -256,7 +257,7 @@ fn swing_of_free_motion(admittance: f64, inertia: f64) -> f64 {
 
 /// The tool shakes exactly where its self-excitation exceeds the limit.
 #[test]
-fn guarded_motion_shakes_tool_without_virtual_mass() {
+fn tool_shakes_exactly_when_self_excitation_exceeds_limit() {
     // Approach of the visual servo: 20 mm/s, with an admittance of 5 mm/(s N) stopped by 4 N.
     let arm = Mechanics { tool: 1.1, frequency: 31.0, damping: 0.05, delay: 0.005 };
     for (admittance, inertia) in [(0.01, 0.0), (0.005, 0.0), (0.0025, 0.0), (0.005, 20.0)] {
@@ -269,9 +270,9 @@ fn guarded_motion_shakes_tool_without_virtual_mass() {
     }
 }
 
-/// The force falls below 5 N within 0.3 s and then stays below 1 N.
+/// The force falls below 5 N within 0.3 s and stays below 1 N after 2 s.
 #[test]
-fn default_gains_relax_a_strained_chain() {
+fn default_admittance_relaxes_force_between_arms_gripping_cube() {
     for jaws in [Jaws::rubber(), Jaws::stiff()] {
         for arms in [&[0][..], &[1], &[0, 1]] {
             let mut rig = Closed::strained(jaws, SensorNoise::default());
@@ -292,7 +293,7 @@ fn default_gains_relax_a_strained_chain() {
 }
 
 #[test]
-fn original_gains_oscillate_in_a_stiff_chain() {
+fn high_admittance_oscillates_when_two_arms_grip_cube() {
     // The admittance b = 0.005 m/(s N) suits softer contacts. Here the stiffness K = 20-45 kN/m
     // exceeds 1 / (b D) with the delay D of the loop.
     let mut rig = Closed::strained(Jaws::rubber(), SensorNoise::default());

@@ -59,8 +59,8 @@ fn slide() -> Motion {
     Motion::Task { frame: Frame::Base, directions }
 }
 
-/// Runs a stream of macrosteps, as an EDP sends them, on paused time; returns a hash of all records
-/// and the last joints.
+/// Runs two servos under virtual time with a stream of macrosteps, as an EDP sends them. Returns a
+/// hash of all servo records and the joint positions at the end.
 fn virtual_run() -> (u64, JointPositions) {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_time()
@@ -113,9 +113,9 @@ fn virtual_run_repeats_to_the_bit() {
     }
 }
 
-/// A command that arrives while the servo stops the arms moves none of them.
+/// A command that arrives while the servo is stopping both arms is refused and moves neither.
 #[test]
-fn stopping_servo_refuses_late_command() {
+fn servo_refuses_commands_while_it_stops_the_arms() {
     let mut port = Motors::new(2);
     let (mut core, mut links, _) = core(&mut port, Box::new(NoRecords));
     links[0].send(go(swing(0.3), 500)).unwrap();
@@ -143,7 +143,7 @@ fn stopping_servo_refuses_late_command() {
 /// The drives switch off in the next period. An arm moves again after the button is released and
 /// the arm itself is reset.
 #[test]
-fn emergency_stop_acts_next_period_until_reset() {
+fn emergency_stop_switches_drives_off_until_arm_reset() {
     let mut port = Motors::new(2);
     let stop = EmergencyStop::default();
     let switches = Arc::new(Switches::new(stop.signal()));
@@ -199,7 +199,7 @@ fn arms_hold_when_heartbeat_stops() {
 }
 
 #[test]
-fn second_without_heartbeat_switches_drives_off() {
+fn one_second_without_heartbeat_switches_drives_off() {
     let mut port = Motors::new(2);
     let (mut core, mut links, switches) = core(&mut port, Box::new(NoRecords));
     let mut cut = None;
@@ -237,7 +237,7 @@ fn port_failure_ends_virtual_run_with_reason() {
 }
 
 #[test]
-fn wall_driver_moves_arm_and_counts_periods() {
+fn wall_clock_driver_moves_arm_and_counts_periods() {
     let mut port = Motors::new(2);
     let (core, mut links, _) = core(&mut port, Box::new(NoRecords));
     let options = WallOptions { spin: 0, ..WallOptions::default() };
@@ -265,7 +265,7 @@ fn wall_driver_moves_arm_and_counts_periods() {
 }
 
 #[test]
-fn port_failure_stops_wall_driver_with_reason() {
+fn port_failure_stops_wall_clock_driver_with_reason() {
     let mut port = Motors::new(2);
     port.fails_at = Some(20);
     let (core, mut links, _) = core(&mut port, Box::new(NoRecords));
@@ -285,7 +285,7 @@ fn port_failure_stops_wall_driver_with_reason() {
 }
 
 #[test]
-fn period_uses_reading_of_period_before() {
+fn servo_uses_port_reading_of_the_previous_period() {
     // The port answers with the number of its period. In period k + 1 the servo uses the reading
     // from the end of period k.
     struct Echo;

@@ -26,7 +26,8 @@ struct Rig {
 }
 
 impl Rig {
-    /// Makes the built-in cell. `synchronised` says for each arm whether it begins synchronised.
+    /// Makes a rig with the built-in cell. `synchronised` says for each arm whether it begins
+    /// synchronised.
     fn new(synchronised: [bool; 2]) -> Self {
         Self::at(synchronised, Length::default())
     }
@@ -73,7 +74,8 @@ impl Rig {
         self.state(arm)
     }
 
-    /// Returns the motor positions that belong to the true pose of the flange in the plant.
+    /// Returns the motor positions of an arm that follow from the true pose of its flange in the
+    /// plant.
     fn true_motors(&self, arm: usize) -> MotorPositions {
         let cell = self.plant.cell();
         let pose = self.plant.scene().arms[arm].world_from_flange;
@@ -171,7 +173,7 @@ fn arm_before_homing_takes_only_relative_moves() {
 }
 
 #[test]
-fn held_arm_does_not_begin_homing() {
+fn arm_on_hold_refuses_to_begin_homing() {
     let mut rig = Rig::new([true, false]);
     rig.tick(10);
     rig.switches.hold.store(true, Ordering::Release);
@@ -194,7 +196,7 @@ fn held_arm_does_not_begin_homing() {
 
 /// An emergency stop ends homing. The next command begins at the axis that the stop interrupted.
 #[test]
-fn homing_continues_at_its_axis_after_emergency_stop() {
+fn homing_continues_at_interrupted_axis_after_emergency_stop() {
     let mut rig = Rig::new([true, false]);
     rig.links[1].send(ServoCommand::Synchronise).unwrap();
     rig.tick(15_000);
@@ -224,7 +226,7 @@ fn homing_continues_at_its_axis_after_emergency_stop() {
 
 /// For each length of the period a motion lasts equally long and ends at the same place.
 #[test]
-fn period_length_changes_no_motion() {
+fn servo_period_changes_neither_motion_duration_nor_goal() {
     for milliseconds in [0.5, 1.0, 2.0, 4.0] {
         let length = Length::of_seconds(milliseconds * 1e-3);
         let mut rig = Rig::at([true, true], length);

@@ -55,7 +55,8 @@ impl Ideal {
         state
     }
 
-    /// Sends a motion and runs its periods; returns the states.
+    /// Sends a motion of `periods` periods and runs the servo that long. Returns the state of the
+    /// arm in each period.
     fn run(&mut self, motion: Motion, periods: u32) -> Vec<ArmState> {
         let first = self.step(Some(go(motion, periods)));
         let mut states = vec![first];
@@ -154,7 +155,7 @@ fn task_motion_follows_the_axes_of_its_frame() {
 }
 
 #[test]
-fn early_macrostep_follows_without_a_gap() {
+fn commands_sent_two_periods_early_give_constant_speed() {
     let mut arm = Ideal::new();
     let motion = task(Frame::Base, &[(0, unguarded(0.05))]);
     let mut states = Vec::new();
@@ -190,7 +191,7 @@ fn new_command_replaces_running_one_at_once() {
 }
 
 #[test]
-fn stamped_command_begins_in_its_period() {
+fn command_with_start_period_begins_in_it() {
     let mut arm = Ideal::new();
     let still = arm.step(None);
     let command =
@@ -304,7 +305,7 @@ fn impossible_commands_are_refused_and_arm_holds() {
 }
 
 #[test]
-fn motion_into_a_limit_ends_there() {
+fn motion_leaving_joint_range_stops_inside_it() {
     let mut arm = Ideal::new();
 
     // Along x of the base the arm runs out of its range.
@@ -345,10 +346,10 @@ fn hold_stops_fast_motion_smoothly() {
     assert!(states.iter().all(|state| state.fault.is_none() && state.refused.is_none()));
 }
 
-/// An arm whose partner stops yields without a velocity of its own. Its motors lose their speed as
-/// slowly as a wrist can that turns a layer.
+/// If the other arm has stopped, the servo drops the commanded velocity of a guarded motion, which
+/// then only yields to forces. The motors slow down as gently as a wrist that turns a layer can.
 #[test]
-fn yielding_arm_slows_down_gently() {
+fn arm_slows_gently_when_its_partner_stops() {
     let mut arm = Ideal::new();
     let config = arm.config.clone();
     let speed = |pair: &[ArmState]| largest_step(&config, pair) / PERIOD;
@@ -382,10 +383,10 @@ fn too_fast_task_motion_is_refused() {
     assert_eq!(states[0].desired_joints, states[99].desired_joints);
 }
 
-/// The governor slows a guarded motion down to 0.975 of the limit of its fastest motor. After half
-/// a second at that limit the servo refuses.
+/// The governor slows a guarded motion down until its fastest motor is at 0.975 of the speed limit.
+/// After half a second at that speed the servo refuses the motion.
 #[test]
-fn governor_keeps_guarded_motion_below_motor_limit() {
+fn governor_keeps_guarded_motion_below_motor_speed_limit() {
     let limit = config().model.motor_speed_limit;
     let guarded = |velocity| Direction::Guarded { velocity, admittance: 0.3, inertia: 0.1 };
     let fastest = |velocity| {
@@ -418,7 +419,7 @@ fn governor_keeps_guarded_motion_below_motor_limit() {
 }
 
 #[test]
-fn contact_reaches_its_force_on_spring() {
+fn contact_motion_reaches_wanted_force_on_spring() {
     let mut arm = Ideal::new();
     let rest = arm.step(None).desired_base_from_tool.translation.vector;
     arm.spring = Some((3e4, rest));
@@ -431,9 +432,10 @@ fn contact_reaches_its_force_on_spring() {
     assert!(((end.desired_base_from_tool.translation.vector - rest).y - 8.0 / 3e4).abs() < 1e-5);
 }
 
-/// The reported wrench does not depend on the sign and delay that the law gets.
+/// A wrong sign or a delay of the force that the law gets lets the force grow to the limit of the
+/// sensor. The reported wrench depends on neither.
 #[test]
-fn flipped_sign_or_delay_spoils_force_law() {
+fn flipped_or_delayed_force_feedback_causes_sensor_fault() {
     for (settings, limit) in [
         (ForceSettings { sign: -1.0, delay_periods: 0 }, true),
         (ForceSettings { sign: 1.0, delay_periods: 30 }, true),
@@ -452,9 +454,11 @@ fn flipped_sign_or_delay_spoils_force_law() {
     }
 }
 
-/// A saturated sensor does not stop it: the actor that commands the motion judges the force.
+/// A force sensor without readings stops a motion to a joint position or pose, but neither a motion
+/// of motors nor a hold. A saturated sensor stops none: the actor that commands the motion judges
+/// the force.
 #[test]
-fn silent_sensor_stops_motion_to_a_place() {
+fn silent_force_sensor_stops_joint_and_pose_motions() {
     let with = |newtons: f64, motion: fn(&ArmState) -> Motion| {
         let mut arm = Ideal::new();
         let begun = arm.step(None);
@@ -495,9 +499,9 @@ fn silent_sensor_stops_motion_to_a_place() {
     assert_eq!((moved.fault, arm.drive.enabled), (None, true));
 }
 
-/// A motion of set velocities continues without a sensor.
+/// A motion with set velocities alone continues without readings of the force sensor.
 #[test]
-fn silent_sensor_stops_force_control_at_once() {
+fn silent_force_sensor_stops_force_control_at_once() {
     let silent = Wrench::from_directions([f64::NAN; 6]);
     let mut arm = Ideal::new();
     arm.reading.wrench_on_sensor = silent;
@@ -591,9 +595,9 @@ fn faults_switch_the_drives_off_until_reset() {
     }
 }
 
-/// Accelerates a motor to 240 rad/s and back, and returns the fault of the servo with the number of
-/// periods since the motor was blocked. `missed` periods are missed at full speed, during which the
-/// last drive acts on; then the motor is `blocked` or not.
+/// Accelerates a motor to 240 rad/s and back. At full speed the servo misses `missed` periods, in
+/// which the last drive value stays in effect; then the motor is blocked if `blocked` is `true`.
+/// Returns the fault of the servo, if any, and the number of periods since the blocking.
 fn with_missed_periods(missed: u64, blocked: bool) -> Option<(ArmFault, u64)> {
     let (mut motors, mut drive) = (Motors::new(1), ArmDrive::OFF);
     let mut readings = [ArmReading::default()];
@@ -629,7 +633,7 @@ fn with_missed_periods(missed: u64, blocked: bool) -> Option<(ArmFault, u64)> {
     None
 }
 
-/// A motor that is blocked after the missed periods is still found.
+/// A motor that really is blocked after the missed periods is still detected.
 #[test]
 fn missed_periods_cause_no_following_error() {
     for missed in [0, 1, 5, 12, 19] {
@@ -664,7 +668,7 @@ fn frozen_encoder_is_found_within_ten_periods() {
 }
 
 #[test]
-fn jaw_follows_command_and_bias_takes_ten_periods() {
+fn jaw_opens_on_command_and_bias_zeroes_force() {
     let mut arm = Ideal::new();
     let jaw = JawCommand { opening: 0.080, force_limit: 25.0, stops: Depth::Two };
     let command = MoveCommand { motion: Motion::Hold, periods: 100, jaw: Some(jaw) };

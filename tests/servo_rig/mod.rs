@@ -16,7 +16,8 @@ use std::f64::consts::TAU;
 /// Start position of the arms of the tests.
 pub const START: JointPositions = JointPositions([0.5, 0.1, -1.55, 0.05, 1.2, 1.6, -0.4]);
 
-/// Returns the track arm with a plain tool and a weightless sensor.
+/// Returns the servo configuration of the track arm with a straight tool of 0.25 m and a weightless
+/// force sensor.
 pub fn config() -> ServoConfig {
     ServoConfig {
         model: builtin("irp6_track").unwrap(),
@@ -44,7 +45,7 @@ pub fn config() -> ServoConfig {
     }
 }
 
-/// Returns a reading of the arm at [`START`].
+/// Returns the encoder reading of the arm at [`START`].
 #[allow(dead_code, reason = "not every test that shares this file needs it")]
 pub fn first_reading() -> ArmReading {
     let model = config().model;
@@ -70,7 +71,7 @@ pub struct Motors {
 
 #[allow(dead_code, reason = "as above")]
 impl Motors {
-    /// Makes `arms` arms at [`START`].
+    /// Makes the motors of `arms` arms, at rest at [`START`].
     pub fn new(arms: usize) -> Self {
         let motors = config().model.motors(&START).0;
         Self {

@@ -7,7 +7,8 @@ use std::path::Path;
 /// File of the crate: path below `src/` and text.
 pub(crate) type File = (String, String);
 
-/// Adds all Rust files below a folder, with `prefix` before their paths, in alphabetical order.
+/// Adds path and text of all Rust files below a folder to `into`, in alphabetical order. The paths
+/// are relative to the folder, with `prefix` before them.
 pub(crate) fn collect(folder: &Path, prefix: &str, into: &mut Vec<File>) {
     let mut entries: Vec<_> =
         std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
@@ -31,7 +32,8 @@ const WORDS: &[&str] = &["cell", "cube", "kinematics", "motion", "spatial"];
 /// The other member crates: folders of `src/`.
 const MEMBERS: &[&str] = &["solver", "vision"];
 
-/// Reads the root crate and its members as if they were one crate.
+/// Reads all files of the root crate and of its member crates, which lie in folders of `src`, as if
+/// they were modules of one crate.
 pub(crate) fn as_one_crate(src: &Path) -> Vec<File> {
     let mut files = Vec::new();
     collect(src, "", &mut files);
@@ -39,7 +41,8 @@ pub(crate) fn as_one_crate(src: &Path) -> Vec<File> {
     files.into_iter().map(from_root).collect()
 }
 
-/// Returns the file with the name and the paths that it would have as a module of the root crate.
+/// Rewrites a file of a member crate as if it were a module of the root crate: its name, and the
+/// paths in its `use` declarations and code.
 pub(crate) fn from_root((file, text): File) -> File {
     let mut text = text.replace("rubik_robot_vocabulary", "crate");
     for member in MEMBERS {
@@ -62,7 +65,8 @@ pub(crate) fn from_root((file, text): File) -> File {
     (format!("{folder}/{}", if rest == "lib.rs" { "mod.rs" } else { rest }), whole)
 }
 
-/// Reads `a::b::{c, d::e}` at `i` and adds `prefix::a::b::c`, `prefix::a::b::d::e`.
+/// Reads the path or group of paths that begins at token `i`, as `a::b::{c, d::e}`. Adds each path
+/// to `found` with `prefix` before it, here `a::b::c` and `a::b::d::e`, and moves `i` behind it.
 pub(crate) fn expand(
     tokens: &[String],
     i: &mut usize,
@@ -129,7 +133,8 @@ pub(crate) fn tokens(code: &str) -> Vec<String> {
     all
 }
 
-/// Returns the text with blanks in place of comments, strings and characters; lines stay.
+/// Returns the text with blanks in place of comments, strings and character literals. The number of
+/// each line stays the same.
 pub(crate) fn without_comments_and_strings(text: &str) -> String {
     let c: Vec<char> = text.chars().collect();
     let mut out = String::with_capacity(text.len());

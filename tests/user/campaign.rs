@@ -15,7 +15,7 @@ fn text(bytes: &[u8]) -> &str {
     std::str::from_utf8(bytes).unwrap()
 }
 
-/// Returns the text on stderr.
+/// Returns the text that the program has written to stderr.
 fn stderr_of(out: &Output) -> &str {
     text(&out.stderr)
 }
@@ -59,7 +59,7 @@ fn idle(more: &[&str]) -> Output {
 }
 
 #[test]
-fn three_idle_runs_print_one_object() {
+fn campaign_of_three_runs_prints_one_json_object() {
     // `--at-least 1` demands that every run is solved.
     let done = object(&idle(&["--runs", "3", "--seed", "40", "--at-least", "1"]), 0);
 
@@ -146,7 +146,7 @@ fn campaign_resumes_from_a_truncated_state_file() {
 }
 
 #[test]
-fn campaign_accepts_more_runs_but_never_fewer() {
+fn resumed_campaign_accepts_more_but_not_fewer_runs() {
     let state = Place::new("longer.jsonl");
     let run = |runs| idle(&["--state", state.path(), "--seed", "7", "--runs", runs]);
     assert_eq!(object(&run("2"), 0)["runs"], 2);
@@ -165,7 +165,7 @@ fn campaign_accepts_more_runs_but_never_fewer() {
 /// State files of another shard, of another build, and of a campaign that is still writing: each is
 /// refused with its reason and stays unchanged.
 #[test]
-fn campaign_refuses_a_foreign_or_locked_state_file() {
+fn campaign_refuses_mismatched_or_locked_state_file() {
     let state = Place::new("theirs.jsonl");
     let run = ["--runs", "2", "--state", state.path(), "--shard"];
     assert_eq!(idle(&[&run[..], &["1/2"]].concat()).status.code(), Some(0));
@@ -189,8 +189,8 @@ fn campaign_refuses_a_foreign_or_locked_state_file() {
     refused("1/2", "another campaign is writing it");
 }
 
-/// Interrupts a campaign at the first line of stderr that `begun` accepts. Returns the exit code
-/// and the JSON object.
+/// Starts a campaign of the idle task and interrupts it at the first line of stderr that `begun`
+/// accepts. Returns the exit code and the JSON object in the last line of stdout.
 fn interrupted(args: &[&str], mut begun: impl FnMut(&str) -> bool) -> (Option<i32>, Value) {
     use std::io::{BufRead as _, BufReader};
     let mut campaign = program()
@@ -343,10 +343,11 @@ fn shipped_variation_files_give_valid_scenarios() {
     }
 }
 
-/// Faults are drawn for each run, so some runs fail and some do not. A drawn fault with an unknown
-/// kind is refused with its place in the file.
+/// Faults are drawn for each run, so some runs fail and some do not. The report's command for a
+/// failed run has its faults. A drawn fault with an unknown kind is refused with its place in the
+/// file.
 #[test]
-fn drawn_faults_appear_in_the_repeating_command() {
+fn random_faults_of_run_appear_in_repeat_command() {
     // The value spans lines and has a comment; the command must hold it in one line.
     let stop = "fault = { one_of = [[], [ # now and then\n  \
         { kind = \"emergency_stop\", at_s = 0.5 },\n]] }\n";
@@ -378,7 +379,7 @@ fn drawn_faults_appear_in_the_repeating_command() {
 /// A push of 45 N counts as a contact above the limit of 20 N. A dropped cube counts as noticed if
 /// the mission continues after it and solves the cube.
 #[test]
-fn campaign_counts_contacts_above_limit_and_drops() {
+fn campaign_counts_dropped_cubes_and_excessive_contact_forces() {
     let fault = "fault=[{kind=\"drop\",arm=\"track\",at_s=30},\
                  {kind=\"push\",arm=\"track\",event=\"turned\",turned_deg=30,\
                  duration_s=0.5,magnitude=45}]";
@@ -417,7 +418,7 @@ fn failed_report_write_keeps_the_older_report() {
 }
 
 #[test]
-fn soak_reports_memory_and_drift_per_tenth() {
+fn soak_reports_drift_and_memory_of_ten_intervals() {
     let out = idle(&["--soak", "0.01"]);
 
     let done = object(&out, 0);
@@ -430,7 +431,7 @@ fn soak_reports_memory_and_drift_per_tenth() {
 /// A soak fails if its missions are not solved, unless `--at-least 0` permits it, and if no mission
 /// was repeated, because then there is nothing to compare.
 #[test]
-fn soak_fails_on_unsolved_or_unrepeated_missions() {
+fn soak_fails_if_missions_are_unsolved_or_unrepeated() {
     let scenario =
         ["campaign", "scenarios/face_turn.toml", "--set", "control.compliance=none", "--seed", "5"];
     let gently = ["--set", "control.profile=workshop"];
@@ -451,10 +452,10 @@ fn soak_fails_on_unsolved_or_unrepeated_missions() {
     assert!(stderr.contains("not steady: no mission was repeated"), "{stderr}");
 }
 
-/// A tier runs from any working directory. Its figures equal those of one run of the same scenario,
-/// seed and cube, and appear in the protocol.
+/// A tier of the benchmark runs from any working directory. Its figures equal those of one run of
+/// the same scenario, seed and cube, and appear in the protocol.
 #[test]
-fn benchmark_tier_reports_the_plants_figures() {
+fn benchmark_tier_reports_same_figures_as_single_run() {
     use rubik_robot::campaign::benchmark::{scramble, scrambled};
     let protocol = Place::new("protocol.md");
     let elsewhere =
@@ -519,8 +520,8 @@ fn benchmark_tier_reports_the_plants_figures() {
     }
 }
 
-/// Starts a campaign of short runs, one at a time, and waits for the first result in its state
-/// file. Returns the process.
+/// Starts a campaign of four short runs, one at a time, and waits for the first result in its state
+/// file. Returns the process of the campaign.
 fn under_way(mut program: Command, scenario: &str, state: &Place) -> std::process::Child {
     let mut campaign = program
         .args(["campaign", scenario, "--runs", "4", "--jobs", "1", "--state", state.path()])
@@ -545,7 +546,7 @@ fn results(state: &Place) -> usize {
 /// The file of the program is replaced while the campaign runs. The later runs still use the old
 /// program.
 #[test]
-fn campaign_keeps_its_program_despite_a_rebuild() {
+fn running_campaign_ignores_replacement_of_its_executable() {
     let (own, other) = (Place::new("own-program"), Place::with("other", "#!/bin/sh\nexit 9\n"));
     std::fs::copy(env!("CARGO_BIN_EXE_rubik-robot"), own.path()).unwrap();
     let executable = std::fs::metadata(own.path()).unwrap().permissions();
@@ -561,9 +562,9 @@ fn campaign_keeps_its_program_despite_a_rebuild() {
     assert_eq!((&done["runs"], &done["solved"]), (&4.into(), &4.into()), "{done}");
 }
 
-/// The servo profile that the scenario names changes during the campaign.
+/// The file of the servo profile that the scenario names changes during the campaign.
 #[test]
-fn changed_scenario_file_ends_the_campaign() {
+fn changed_servo_profile_of_scenario_ends_the_campaign() {
     let profile = include_str!("../../scenarios/arms/irp6_servo.toml");
     let gains = Place::with("gains.toml", profile);
     let name = gains.0.file_name().unwrap().to_str().unwrap();
@@ -591,7 +592,7 @@ fn changed_scenario_file_ends_the_campaign() {
 
 /// Shards of two builds can be merged, but they are no measurement of one program.
 #[test]
-fn at_least_rejects_shards_of_two_builds() {
+fn success_threshold_rejects_shards_of_different_builds() {
     let parts = ["1/2", "2/2"].map(|shard| {
         let place = Place::new(&format!("build{}.jsonl", &shard[..1]));
         let part = ["--runs", "2", "--shard", shard, "--state", place.path()];
@@ -612,7 +613,7 @@ fn at_least_rejects_shards_of_two_builds() {
     assert!(stderr.contains("is not reached: the runs of different builds are no"), "{stderr}");
 }
 
-/// Returns the child processes of a process.
+/// Returns the ids of the child processes of the process with the id `of`.
 fn children(of: u32) -> Vec<u32> {
     let threads = std::fs::read_dir(format!("/proc/{of}/task")).unwrap();
     let lists =
@@ -622,14 +623,14 @@ fn children(of: u32) -> Vec<u32> {
         .collect()
 }
 
-/// Returns whether a process exists and is not a zombie.
+/// Returns whether the process with this id exists and is not a zombie.
 fn lives(process: u32) -> bool {
     let stat = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
     stat.rsplit(')').next().is_some_and(|rest| !rest.is_empty() && !rest.starts_with(" Z"))
 }
 
 #[test]
-fn a_killed_campaign_leaves_no_runs_behind() {
+fn killed_campaign_leaves_no_run_processes_alive() {
     let mut campaign = program()
         .args(["campaign", "scenarios/idle.toml", "--runs", "2", "--jobs", "2"])
         .args(["--set", "pace=real-time", "--set", "idle.time_s=60"])

@@ -56,7 +56,7 @@ fn scenarios() -> Vec<std::path::PathBuf> {
 }
 
 #[test]
-fn every_scenario_passes_check_with_three_header_lines() {
+fn shipped_scenarios_are_valid_with_three_leading_comments() {
     for path in scenarios() {
         let out = robot(&["check", path.to_str().unwrap()]);
         assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
@@ -151,7 +151,7 @@ fn help_lists_commands_in_groups() {
 }
 
 #[test]
-fn keys_lists_each_key_once_with_meaning() {
+fn keys_command_lists_scenario_keys_once_with_meaning() {
     let out = robot(&["keys"]);
     let lines: Vec<&str> = text(&out.stdout).lines().collect();
 
@@ -192,7 +192,7 @@ fn keys_lists_each_key_once_with_meaning() {
 }
 
 #[test]
-fn listed_defaults_are_valid_values() {
+fn defaults_listed_for_scenario_keys_are_valid() {
     let out = robot(&["keys"]);
     for line in text(&out.stdout).lines().filter(|l| !l.starts_with(' ')) {
         let (key, default) = line.split_once(" = ").unwrap();
@@ -220,9 +220,9 @@ fn closed_stdout_causes_no_panic() {
     }
 }
 
-/// A wrong row gets an error in its place; an empty row gets no answer.
+/// A wrong row of the input is answered by an error; an empty row gets no answer.
 #[test]
-fn kinematics_answers_each_row_in_its_place() {
+fn kinematics_answers_input_rows_in_order_despite_errors() {
     let rows =
         "0,-1.5707963267948966,0,0,1.5707963267948966,0\nnonsense\n\n0,-1.57,0,1.56,1.57,-1.57\n";
 
@@ -243,7 +243,7 @@ fn kinematics_answers_each_row_in_its_place() {
 
 /// The plan solves the cube and gives a reason for each step. An impossible cube is refused.
 #[test]
-fn plan_needs_under_half_the_original_grasps() {
+fn plan_needs_under_half_the_baseline_planners_grasps() {
     let cube = "RRBDUUULDBLULRUBDFLDLUFFRURDFDRDFUDLFRBLLBLFFRBURBBDBF";
     let out = robot(&["plan", cube, "--budget-ms", "300", "--json"]);
     assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
@@ -267,7 +267,7 @@ fn plan_needs_under_half_the_original_grasps() {
 }
 
 #[test]
-fn doctor_reports_a_scenario_that_run_refuses() {
+fn doctor_reports_scenario_with_missing_devices_file() {
     let scenario = Scenario::new(
         "nodevices",
         "task = \"idle\"\npace = \"real-time\"\n\
@@ -285,8 +285,9 @@ fn doctor_reports_a_scenario_that_run_refuses() {
     assert!(devices["fix"].as_str().unwrap().contains("rubik-robot emulate"), "{devices}");
 }
 
+/// Two outputs at one path are refused as well. The file at the path stays unchanged.
 #[test]
-fn no_command_overwrites_its_inputs_or_own_outputs() {
+fn commands_refuse_same_path_for_input_and_output() {
     let own = Scenario::new("own", "task = \"idle\"\n");
     let scenario = own.path();
     let other = std::env::temp_dir().join(format!("rubik-robot-{}-other", std::process::id()));
@@ -387,7 +388,7 @@ fn endless_and_oversized_files_are_refused_with_reason() {
 }
 
 #[test]
-fn overlong_row_is_refused_and_next_one_answered() {
+fn overlong_kinematics_row_is_refused_and_next_answered() {
     let long = "1,".repeat(200_000);
     let rows = format!("{long}\n0,-1.57,0,1.56,1.57,-1.57\n");
     let done = with_input(&["kinematics", "fk", "--arm", "postument"], &rows);

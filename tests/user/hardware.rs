@@ -99,11 +99,11 @@ fn stderr(out: &Output) -> String {
     String::from_utf8_lossy(&out.stderr).into_owned()
 }
 
-/// The program cannot know the plant's quantities, so its summary leaves them out. The emulator's
-/// verdict has them.
+/// A controller on hardware cannot know the plant's true quantities, so its summary leaves them
+/// out. The emulator's verdict has them.
 #[test]
 #[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
-fn arm_holds_over_serial_lines_without_plant_truth() {
+fn summary_of_serial_run_omits_true_plant_values() {
     let robot = Robot::new("held", &[]);
 
     let out = robot.start(&[]).wait_with_output().unwrap();
@@ -122,7 +122,7 @@ fn arm_holds_over_serial_lines_without_plant_truth() {
     assert!(truth["orders"].as_u64().unwrap() > 3000, "{truth}");
 }
 
-/// The reason names the arm, its lines and the period.
+/// The reason in the summary names the arm, its serial lines and the period.
 #[test]
 #[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
 fn killed_emulator_ends_the_run_with_exit_3() {
@@ -146,10 +146,10 @@ fn killed_emulator_ends_the_run_with_exit_3() {
     assert!(stderr(&out).contains("bridge lost"), "{}", stderr(&out));
 }
 
-/// The reason names the line of axis 4.
+/// The reason in the summary names the serial line of axis 4.
 #[test]
 #[ignore = "real time over pseudo-terminals: run by name on a machine with time to spare"]
-fn unplugged_line_ends_the_run_with_exit_3() {
+fn unplugged_serial_line_ends_run_with_exit_3() {
     let robot = Robot::new("unplugged", &["--unplug", "postument.4@1"]);
 
     let out = robot.start(&["--set", "idle.time_s=60"]).wait_with_output().unwrap();
@@ -167,7 +167,7 @@ fn hang_up_is_ignored() -> bool {
 }
 
 #[test]
-fn signal_terminates_a_homing_arm() {
+fn hangup_signal_ends_run_during_homing() {
     let folder = std::env::temp_dir().join(format!("rubik-robot-{}-homing", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let home = folder.join("home.toml");
@@ -203,10 +203,10 @@ fn signal_terminates_a_homing_arm() {
     assert!(run["reason"].as_str().unwrap().contains("interrupted before"), "{run}");
 }
 
-/// Answers over the wire protocol are missed, corrupt and lost, and lines stall; the layer still
-/// turns by 90 deg.
+/// Answers over the wire protocol are missed, corrupt and lost, and serial lines stall; the layer
+/// still turns by 90 deg.
 #[test]
-fn layer_turns_despite_faults_of_the_lines() {
+fn layer_turns_despite_faults_of_serial_lines() {
     let out = program()
         .args(["run", "scenarios/face_turn.toml", "--json", "--set", "bridge.kind=wire"])
         .args(["--set", "plant.lines.missed=0.002", "--set", "plant.lines.corrupt=0.002"])
@@ -238,7 +238,7 @@ fn missing_devices_file_exits_4_with_advice() {
 }
 
 #[test]
-fn leftover_devices_of_a_killed_emulator_are_refused() {
+fn devices_file_of_killed_emulator_is_refused() {
     let mut robot = Robot::new("left", &[]);
     robot.emulator.kill().unwrap();
     robot.emulator.wait().unwrap();
@@ -253,7 +253,7 @@ fn leftover_devices_of_a_killed_emulator_are_refused() {
 }
 
 #[test]
-fn invalid_fault_times_are_refused() {
+fn emulator_refuses_invalid_unplug_times() {
     for time in ["-1", "nan", "inf"] {
         let fault = format!("track.3@{time}");
         let out = program()

@@ -36,7 +36,8 @@ fn face_turns_90_degrees_below_20_newtons() {
     assert_ne!(summary.cube_start, summary.cube_end);
 }
 
-/// Runs the mission of `solve.toml` and checks by the plant's cube that it solves it.
+/// Runs the mission of `solve.toml` with the overrides `keys`. Checks that the cube in the plant is
+/// solved at the end.
 fn solves(keys: &[&str]) -> Summary {
     solves_in("solve.toml", keys)
 }
@@ -57,7 +58,7 @@ fn solves_in(scenario: &str, keys: &[&str]) -> Summary {
 }
 
 #[test]
-fn mission_solves_the_cube_under_sporadic_coordination() {
+fn mission_solves_cube_in_sporadic_coordination_mode() {
     let summary = solves(&["seed=2"]);
     let solving = summary.phases.iter().find(|phase| phase.name == "solve").unwrap().sim_time_s;
     let expected = summary.expected_s.unwrap();
@@ -66,12 +67,12 @@ fn mission_solves_the_cube_under_sporadic_coordination() {
 }
 
 #[test]
-fn mission_solves_the_cube_under_continuous_coordination() {
+fn mission_solves_cube_in_continuous_coordination_mode() {
     solves(&["seed=3", "coordination=continuous"]);
 }
 
-/// Runs a face turn with a spoilt controller. Checks that it fails, and that the plant's figures in
-/// the summary show a cause.
+/// Runs a face turn with a controller that the overrides `keys` spoil. Checks that the run fails,
+/// and that the plant's figures in the summary show a cause.
 fn fails_spoilt(keys: &[&str]) -> Summary {
     let summary = run("face_turn.toml", keys);
     assert_ne!(summary.outcome, Outcome::Solved, "{}", summary.reason);
@@ -122,10 +123,10 @@ fn zero_admittance_causes_over_force() {
     assert!(summary.reason.contains("over-force"), "{}", summary.reason);
 }
 
-/// The wrist makes a half turn in the sense in which it has more room. Requests of 180 and of -180
-/// deg are the same turn, U2.
+/// The wrist makes a half turn in the direction in which it has more room. Requests of 180 and of
+/// -180 deg are the same turn, U2.
 #[test]
-fn half_turn_uses_the_roomier_sense() {
+fn half_turn_of_either_sign_is_executed() {
     for angle in ["face_turn.angle_deg=180", "face_turn.angle_deg=-180"] {
         let summary = run("face_turn.toml", &[angle]);
         assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
@@ -142,7 +143,7 @@ fn exposure_control_finds_cube_in_dark_or_glare() {
 }
 
 #[test]
-fn idle_arms_hold_without_task_or_sensors() {
+fn idle_task_succeeds_without_turning_the_cube() {
     let summary = run("idle.toml", &["idle.time_s=0.5"]);
     assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
     assert_eq!((summary.task.as_str(), summary.turns), ("idle", 0));
@@ -150,7 +151,7 @@ fn idle_arms_hold_without_task_or_sensors() {
 
 /// Another seed gives another hash and another cube.
 #[test]
-fn equal_seeds_give_equal_hashes() {
+fn equal_seeds_give_equal_run_hashes() {
     let [a, b, c] = ["seed=3", "seed=3", "seed=4"].map(|seed| run("face_turn.toml", &[seed]));
 
     assert_eq!(a.hash, b.hash);
@@ -168,20 +169,20 @@ fn acquire_takes_the_cube_and_returns_it() {
     assert_eq!(summary.cube_start, summary.cube_end);
 }
 
-/// The hand of this seed is so near that the elbow reaches its limit before the arm has retracted
-/// with the cube by the whole distance.
+/// With this seed the operator's hand is so near that the elbow reaches its limit before the arm
+/// has retracted with the cube by the whole distance.
 #[test]
-fn arm_retracts_from_a_near_hand_with_cube() {
+fn taking_cube_succeeds_when_elbow_limit_shortens_retraction() {
     let summary = run("solve.toml", &["task=acquire", "seed=10145"]);
 
     assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
     assert_eq!((summary.drops, summary.slips, summary.collisions), (Some(0), Some(0), Some(0)));
 }
 
-/// The hands of these seeds lead the arm to the limit of a motor and turn the cube past 45 deg
-/// there. The arm follows again when the cube comes back.
+/// With these seeds the operator's hand leads the following arm to the limit of a motor and turns
+/// the cube past 45 deg there. The arm follows again when the cube comes back.
 #[test]
-fn arm_resumes_following_after_a_motor_limit() {
+fn arm_follows_hand_again_after_reaching_motor_limit() {
     // With sporadic coordination the ECP resumes the motion, with continuous coordination MP does.
     for (seed, coordination) in [
         ("seed=20027", "coordination=sporadic"),
@@ -195,10 +196,10 @@ fn arm_resumes_following_after_a_motor_limit() {
     }
 }
 
-/// The hand of this seed takes the cube back so near to the arm that the arm cannot retract from it
-/// by the whole distance.
+/// With this seed the operator takes the cube back so near to the arm that the arm cannot retract
+/// from the hand by the whole distance.
 #[test]
-fn arm_retracts_from_a_near_hand_without_cube() {
+fn returning_cube_succeeds_when_near_hand_shortens_retraction() {
     let summary = run("solve.toml", &["task=acquire", "seed=20500"]);
 
     assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
@@ -225,7 +226,7 @@ fn arm_takes_cube_from_table_and_returns_it() {
 /// turning one holds two layers, and the stops of its palm must be set before it is near the cube.
 /// A hand that holds two layers cannot lay the cube down.
 #[test]
-fn hands_hold_two_layers_where_the_rule_requires() {
+fn mission_solves_cube_with_grasps_of_two_layers() {
     let turned = "UUFUUFUUFRRRRRRRRRFFDFFDFFDDDBDDBDDBLLLLLLLLLUBBUBBUBB";
     for (scenario, rule) in
         [("solve.toml", "strict"), ("solve.toml", "original"), ("table.toml", "strict")]
@@ -241,10 +242,10 @@ fn hands_hold_two_layers_where_the_rule_requires() {
     }
 }
 
-/// From its start posture the arm reaches the cube at every place on the table, and 0.15 m above it
+/// From its start posture the arm reaches the cube there with three rotations, and 0.15 m above it
 /// to retract, in one branch of the inverse kinematics.
 #[test]
-fn arm_reaches_every_place_on_the_table() {
+fn arm_reaches_corners_and_centre_of_table_area() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/table.toml");
     let cell = scenario::load(&path, &[]).unwrap().controller.cell;
     let (arm, half) = (&cell.arms[0], cell.hand.half_extent);
@@ -273,7 +274,7 @@ fn mission_solves_a_cube_from_the_table() {
 }
 
 #[test]
-fn arm_leaves_a_cube_outside_its_place() {
+fn arm_refuses_cube_outside_its_table_area() {
     let keys = ["plant.table.offset_xy_mm=[150,0]", "visual_servo.patience_s=3", "task=acquire"];
 
     let summary = run("table.toml", &keys);
@@ -286,7 +287,7 @@ fn arm_leaves_a_cube_outside_its_place() {
 /// The arm measures when the operator lets go of the cube; it uses no fixed time. Until then it
 /// pulls with less than 12 N.
 #[test]
-fn arm_waits_until_the_hand_lets_go() {
+fn arm_waits_until_person_releases_the_cube() {
     for seconds in ["0.5", "6"] {
         let time = format!("plant.hand.release_time_s={seconds}");
         let keys = ["plant.hand.withdrawals=0", "plant.hand.release_n=100", &time];
@@ -316,7 +317,7 @@ fn capped_lenses_end_the_task_with_reason() {
 }
 
 #[test]
-fn interrupt_ends_a_run_with_130_and_summary() {
+fn interrupt_ends_run_with_exit_130_and_summary() {
     let mut child = program()
         .args(["run", "scenarios/acquire.toml", "--json", "--set", "plant.lens_cap=true"])
         .args(["--set", "visual_servo.patience_s=3600"])
@@ -338,8 +339,8 @@ fn interrupt_ends_a_run_with_130_and_summary() {
     assert_eq!((summary.outcome, summary.ended_by), (Outcome::Aborted, EndedBy::Interrupt));
 }
 
-/// Runs a hand-over and calls `words` while the arm acquires the cube; its argument writes a
-/// command to stdin. Returns the exit code and the text on stdout.
+/// Runs a hand-over and calls `words` while the arm acquires the cube. The function that `words`
+/// gets writes one command to the program's stdin. Returns the exit code and the text on stdout.
 fn commanded(words: impl FnOnce(&mut dyn FnMut(&str))) -> (Option<i32>, String) {
     let mut child = program()
         .args(["run", "scenarios/acquire.toml"])
@@ -378,7 +379,7 @@ fn paused_hand_over_resumes_and_succeeds() {
 /// Both hand cameras go dark before the inspection. If they recover, the second inspection
 /// succeeds. If they stay dark, the cube goes back as it is and the run fails with the reason.
 #[test]
-fn uninspectable_cube_is_returned_as_not_done() {
+fn cube_that_cannot_be_inspected_is_returned_unsolved() {
     let summary = run("faults/solve_blind.toml", &[]);
 
     assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
@@ -395,10 +396,10 @@ fn uninspectable_cube_is_returned_as_not_done() {
     assert_eq!(summary.returned, Some(true), "the plant's word");
 }
 
-/// With `--ui none` the run reads commands from stdin and meets its end at once; with `--json` it
-/// reads none.
+/// With `--ui none` the run reads commands from stdin, which is empty here; with `--json` the run
+/// does not read stdin. Both runs have the same hash.
 #[test]
-fn end_of_stdin_leaves_the_hash_unchanged() {
+fn empty_stdin_leaves_run_hash_unchanged() {
     let hash = |more: &[&str]| {
         let out = program()
             .args(["run", "scenarios/idle.toml", "--set", "idle.time_s=0.5"])
@@ -430,7 +431,7 @@ fn terminate_during_a_pause_aborts_the_run() {
 }
 
 #[test]
-fn scenario_of_2007_ends_with_a_known_cause() {
+fn scenario_of_2007_paper_succeeds_or_names_failure() {
     let summary = run("paper2007.toml", &[]);
 
     assert_eq!(summary.ended_by, EndedBy::Task, "{}", summary.reason);

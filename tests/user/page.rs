@@ -63,7 +63,7 @@ impl Page {
         self.0.send(Message::text(value.to_string())).await.unwrap();
     }
 
-    /// Waits for the next message of a kind and returns its content.
+    /// Waits for the next message of the server that has the key `kind`, and returns its value.
     async fn next(&mut self, kind: &str) -> Value {
         self.until(|message| message.get(kind).cloned()).await
     }
@@ -85,8 +85,8 @@ impl Page {
         }
     }
 
-    /// Returns the largest distance between a tool and its set value (m) in all snapshots until
-    /// `time` (s).
+    /// Reads the snapshots until the run's time is `time` (s). Returns the largest distance between
+    /// a tool and its set position in them (m).
     async fn largest_error_until(&mut self, time: f64) -> f64 {
         let mut largest = 0.0_f64;
         let over = |m: &Value| {
@@ -100,7 +100,7 @@ impl Page {
         largest
     }
 
-    /// Waits for a snapshot that meets a condition and returns it.
+    /// Waits for a snapshot that meets the condition `what`, and returns it.
     async fn sees(&mut self, what: impl Fn(&Value) -> bool) -> Value {
         self.until(|m| m.get("snapshot").filter(|s| what(s)).cloned()).await
     }
@@ -159,7 +159,7 @@ fn page_starts_pauses_resumes_and_terminates_a_run() {
     }
 }
 
-/// The second page does not have the right to command, but may stop.
+/// The second page does not have the right to command, but may press the emergency stop.
 #[test]
 fn emergency_stop_from_any_page_faults_both_arms() {
     let run = begin(load("solve.toml", &[]), RunOptions { speed: 2.0, ..RunOptions::default() });
@@ -188,7 +188,7 @@ fn emergency_stop_from_any_page_faults_both_arms() {
 /// Orders for a joint, a motor, the jaws, the tool and a named pose move the arm. Impossible orders
 /// and orders during a pause are refused with a message.
 #[test]
-fn page_moves_arms_by_hand_while_idle() {
+fn manual_orders_from_page_move_idle_arm() {
     let scenario = load("idle.toml", &[]);
     let start = scenario.controller.cell.arms[0].start;
     let run = begin(scenario, RunOptions::default());
@@ -252,7 +252,7 @@ const BY_HAND: &str = "task = \"idle\"\ncamera = []\nvsp = []\n";
 
 /// The message names the parts that would come too near to each other.
 #[test]
-fn guard_refuses_a_motion_into_the_table() {
+fn collision_guard_refuses_motion_into_the_table() {
     let scenario = scenario::read(Path::new("by_hand.toml"), BY_HAND, &[]).unwrap();
     let run = begin(scenario, RunOptions::default());
     runtime().block_on(async {
@@ -289,7 +289,7 @@ fn guard_refuses_a_motion_into_the_table() {
 /// The guard refuses the motion of a joint that would bring the hands too near. Motors are not
 /// checked before they turn; there the lookout stops all arms before the hands touch.
 #[test]
-fn guard_and_lookout_keep_the_hands_apart() {
+fn collision_guard_and_proximity_stop_keep_hands_apart() {
     let plain = scenario::read(Path::new("by_hand.toml"), BY_HAND, &[]).unwrap();
     let cell = &plain.controller.cell;
     let table = MeetingTable::compute(cell, &ReachSettings::default());
@@ -394,7 +394,8 @@ fn with_a_page(arguments: &[&str]) -> (Child, String, Receiver<String>) {
     (child, page, stderr)
 }
 
-/// Waits for the end. Returns the exit code and the summary, the last line of stdout.
+/// Waits until the program ends. Returns its exit code and the summary in the last line of its
+/// stdout.
 fn ended(mut child: Child) -> (Option<i32>, Summary) {
     let mut printed = String::new();
     child.stdout.take().unwrap().read_to_string(&mut printed).unwrap();
@@ -418,13 +419,13 @@ fn ctrl_c_ends_the_idle_task_as_done() {
     assert_eq!(code, Some(0), "{}", summary.reason);
 }
 
-/// Returns the largest rotation of a motor of an arm between two snapshots (rad).
+/// Returns the rotation between two snapshots of that motor of an arm that has turned most (rad).
 fn turned(arm: usize, from: &Value, to: &Value) -> f64 {
     let at = |s: &Value, motor: usize| s["arms"][arm]["motors"][motor].as_f64().unwrap();
     (0..7).map(|motor| (at(to, motor) - at(from, motor)).abs()).fold(0.0, f64::max)
 }
 
-/// Returns the status text of the EDP of an arm.
+/// Returns the text that a snapshot shows as the activity of an arm's EDP.
 fn edp(s: &Value, arm: &str) -> String {
     let name = format!("edp {arm}");
     let actors = s["actors"].as_array();
@@ -448,7 +449,7 @@ async fn pause_while_homing(page: &mut Page, index: usize, arm: &str) {
 }
 
 #[test]
-fn homing_by_hand_obeys_pause_and_ctrl_c() {
+fn manual_homing_obeys_pause_and_ctrl_c() {
     let unknown = "effector.postument.start_synchronised=false";
     let (child, address, _stderr) = with_a_page(&["scenarios/idle.toml", "--set", unknown]);
     let pressed = runtime().block_on(async {
@@ -529,7 +530,7 @@ fn emergency_stop_before_the_start_ends_the_run() {
 /// The run waits 3 s for its start and is paced to real time for 2 s. Neither counts as wall time
 /// of the run.
 #[test]
-fn wall_time_excludes_the_wait_and_the_pacing() {
+fn wall_time_excludes_start_wait_and_pacing_delays() {
     let scenario = load("idle.toml", &["idle.time_s=2"]);
     let (ui, run_end) = Desk::default().ends();
     let options = RunOptions {
@@ -559,7 +560,7 @@ fn wall_time_excludes_the_wait_and_the_pacing() {
 /// The pause and the answer of the operator are inputs in the recording, so `replay --verify`
 /// repeats the run to the bit.
 #[test]
-fn paused_and_answered_run_solves_and_verifies() {
+fn replay_verifies_run_with_pause_and_operators_answer() {
     let recording = Path::new(env!("CARGO_TARGET_TMPDIR")).join("answered.mcap");
     let file = recording.to_str().unwrap();
     let (child, address, _stderr) = with_a_page(&["tests/page/question.toml", "--record", file]);
@@ -618,7 +619,7 @@ fn paused_and_answered_run_solves_and_verifies() {
 
 /// A server on all interfaces requires the token of the printed URL, or the cookie that it gives.
 #[test]
-fn url_with_token_opens_a_public_page() {
+fn page_on_all_interfaces_requires_token_or_cookie() {
     let server = Server::start(Desk::default().ui_end(), "0.0.0.0:0".parse().unwrap()).unwrap();
     let (host, path) = server.url.strip_prefix("http://").unwrap().split_once('/').unwrap();
     let ask = |path: &str, cookie: &str| {
@@ -656,7 +657,7 @@ fn url_with_token_opens_a_public_page() {
 
 /// A run with a page that only watches repeats a run without a page to the bit.
 #[test]
-fn watching_page_leaves_the_hash_unchanged() {
+fn watching_page_leaves_run_hash_unchanged() {
     let options = RunOptions { automatic: true, quiet: true, ..RunOptions::default() };
     let alone = run::run(&load("face_turn.toml", &[]), options).unwrap();
 
@@ -677,8 +678,8 @@ fn watching_page_leaves_the_hash_unchanged() {
     assert_eq!(watched.hash, alone.hash);
 }
 
-/// The server and the desk are owned above the runs: the page shows one run after the other, and a
-/// stop of the first does not stop the second.
+/// The server and the desk outlive the runs: the page shows one run after the other, and an
+/// emergency stop of the first run does not stop the second.
 #[test]
 fn page_outlives_a_run_and_shows_the_next() {
     let desk = Desk::default();
@@ -715,7 +716,7 @@ fn page_outlives_a_run_and_shows_the_next() {
 }
 
 #[test]
-fn one_page_commands_and_another_may_take_over() {
+fn only_one_page_commands_until_another_takes_over() {
     let (ui, run_end) = Desk::default().ends();
     let server = serve(ui);
     let mut commands = run_end.take_inputs().unwrap();
@@ -747,7 +748,7 @@ fn one_page_commands_and_another_may_take_over() {
     });
 }
 
-/// No command has more than 4096 bytes.
+/// The server closes the connection of a page that sends a message of more than 4096 bytes.
 #[test]
 fn overlong_message_closes_its_page_without_effect() {
     let (ui, run_end) = Desk::default().ends();
@@ -866,7 +867,7 @@ fn foreign_origins_get_neither_page_nor_socket() {
 }
 
 #[test]
-fn no_asset_names_another_host() {
+fn web_assets_refer_to_no_other_host() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/web/assets");
     let mut files = 0;
     for entry in std::fs::read_dir(folder).unwrap() {
@@ -880,7 +881,7 @@ fn no_asset_names_another_host() {
 }
 
 #[test]
-fn snapshot_survives_a_round_trip() {
+fn page_receives_a_snapshot_unchanged() {
     let (ui, run_end) = Desk::default().ends();
     let server = serve(ui);
     run_end.snapshots.send_replace(std::sync::Arc::new(Snapshot {

@@ -17,7 +17,7 @@ fn perform(arguments: &[&str]) -> Output {
     program().args(arguments).output().unwrap()
 }
 
-/// Returns a path for a file of these tests.
+/// Returns the path of a temporary file with this name.
 fn place(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("recording");
     std::fs::create_dir_all(&folder).unwrap();
@@ -63,7 +63,8 @@ fn verify(path: &Path, more: &[&str]) -> (Option<i32>, serde_json::Value, String
     (output.status.code(), json, String::from_utf8(output.stderr).unwrap())
 }
 
-/// Copies a recording with one message changed. Returns whether `change` found its message.
+/// Copies a recording and changes one message of it: the first for which `change` returns `true`.
+/// Returns whether there was one.
 fn tampered(from: &Path, to: &Path, mut change: impl FnMut(&mut Message) -> bool) -> bool {
     let mut done = false;
     rewritten(from, to, |message| {
@@ -110,7 +111,7 @@ fn rewritten(from: &Path, to: &Path, mut keeps: impl FnMut(&mut Message) -> bool
 }
 
 #[test]
-fn recording_holds_every_period_and_changes_nothing() {
+fn recording_holds_every_period_without_changing_the_run() {
     let (path, with) = recorded("idle.mcap", "scenarios/idle.toml", &IDLE);
     let (without, _) = run("scenarios/idle.toml", &IDLE);
 
@@ -173,7 +174,7 @@ impl std::io::Seek for Slow {
 
 /// A recorder that does not wait for its slow device loses messages.
 #[test]
-fn lost_messages_appear_in_file_and_report() {
+fn recording_and_report_state_number_of_lost_messages() {
     use rubik_robot::operator::Class;
     use rubik_robot::record::recorder::{Entry, Patience, Recorder};
     use rubik_robot::record::sheet::RunInfo;
@@ -208,10 +209,10 @@ fn lost_messages_appear_in_file_and_report() {
     assert!(html.contains(&warning), "{warning}");
 }
 
-/// The verification ends before the missing periods 100 to 110 and reports them; the exit code
-/// stays 0.
+/// The verification ends before the periods 100 to 110, which the recording lacks, and reports
+/// them; the exit code stays 0.
 #[test]
-fn verify_reports_missing_periods_without_a_difference() {
+fn verify_ends_at_missing_periods_and_reports_them() {
     let (path, _) = recorded(
         "gap_of.mcap",
         "scenarios/idle.toml",
@@ -256,7 +257,7 @@ fn verify_reports_missing_periods_without_a_difference() {
 }
 
 #[test]
-fn verify_without_servo_periods_exits_with_2() {
+fn verify_of_recording_without_periods_exits_with_2() {
     for (name, pace) in [("none.mcap", "virtual"), ("none_wall.mcap", "real-time")] {
         let (path, _) =
             recorded(name, "scenarios/idle.toml", &[&IDLE[..], &["--pace", pace]].concat());
@@ -276,8 +277,8 @@ fn verify_without_servo_periods_exits_with_2() {
     }
 }
 
-/// Records a second of the idle task under the wall clock and applies `disturb` to the process in
-/// it. Returns the path of the recording.
+/// Records a second of the idle task under the wall clock, and during that time calls `disturb`
+/// with the process. Returns the path of the recording.
 fn disturbed(name: &str, disturb: impl FnOnce(&mut Child)) -> PathBuf {
     let path = place(name);
     let mut run = program()
@@ -301,15 +302,16 @@ fn disturbed(name: &str, disturb: impl FnOnce(&mut Child)) -> PathBuf {
     path
 }
 
-/// Returns the servo's inputs from outside and its faults, one of each for every tick of a
-/// recording.
+/// Returns, for each servo period in a recording, the inputs that came to the servo from outside
+/// (missed periods, stops) and the text of its fault.
 fn from_outside(path: &Path) -> (Vec<Outside>, Vec<String>) {
     let ticks = messages(open(path).unwrap()).into_iter();
     let ticks = ticks.filter(|message| message.channel.topic.ends_with("/servo"));
     ticks.map(|m| Tick::read(&m.data).unwrap()).map(|t| (t.outside().unwrap(), t.fault)).unzip()
 }
 
-/// Inputs of a servo from outside are recorded with their period, so the verification repeats them.
+/// Missed periods and emergency stops are recorded with their period, so the verification repeats
+/// them.
 #[test]
 fn verify_repeats_missed_periods_and_emergency_stops() {
     let signal = |run: &Child, which: &str| {
@@ -355,10 +357,10 @@ fn verify_repeats_missed_periods_and_emergency_stops() {
     assert!(inputs[0].data.windows(14).any(|text| text == b"emergency_stop"));
 }
 
-/// A recorded fault that the arm's own servo does not find again is a difference. It is not excused
-/// as a stop from outside.
+/// The verification reports a difference if the replayed servo does not find a recorded fault of
+/// its arm again. It does not take the fault for a stop from outside.
 #[test]
-fn verify_reports_a_fault_without_a_cause() {
+fn verify_reports_recorded_fault_that_replay_lacks() {
     let set = ["--pace", "real-time"];
     let (path, _) = recorded("fault_of.mcap", "scenarios/idle.toml", &[&IDLE[..], &set].concat());
     let marked = |fault: &'static [u8], to: &Path| {
@@ -431,7 +433,8 @@ fn truncated_file_is_read_and_recovered() {
     assert!(most > whole.len() / 2, "{most} of {}", whole.len());
 }
 
-/// Returns the ranges of bytes of the records with this opcode, each without its opcode and length.
+/// Returns the ranges of bytes of all MCAP records with the opcode `wanted` in a file, each without
+/// its opcode and length.
 fn records(bytes: &[u8], wanted: u8) -> Vec<std::ops::Range<usize>> {
     let (mut at, mut found) = (8, Vec::new());
     while at + 9 < bytes.len() {
@@ -502,7 +505,7 @@ fn every_command_reports_a_damaged_recording() {
     assert!(read.iter().zip(&whole).all(same), "the saved messages are unchanged");
 }
 
-/// Reads the numbers of recorded and of lost messages from stderr.
+/// Returns the numbers of recorded and of lost messages that the program has written to stderr.
 fn counted(stderr: &str) -> (usize, usize) {
     let line = stderr.lines().find(|line| line.starts_with("recorded")).unwrap();
     let before = |word: &str| {
@@ -516,7 +519,7 @@ fn counted(stderr: &str) -> (usize, usize) {
 /// The disk is full from the middle of the run on. A reader finds as many messages as the program
 /// reports.
 #[test]
-fn message_counts_match_the_file_after_disk_errors() {
+fn reported_message_count_matches_recording_after_full_disk() {
     let path = place("refused.mcap");
     let file = path.to_str().unwrap();
     let (_, stderr) = run("scenarios/faults/disk_full.toml", &["--record", file]);
@@ -536,7 +539,7 @@ fn message_counts_match_the_file_after_disk_errors() {
 }
 
 #[test]
-fn no_command_destroys_an_existing_recording() {
+fn failed_commands_keep_an_existing_recording() {
     let (path, _) = recorded("kept.mcap", "scenarios/idle.toml", &IDLE);
     let file = path.to_str().unwrap();
     let before = std::fs::read(&path).unwrap();
@@ -661,7 +664,7 @@ fn run_continues_when_the_disk_is_full() {
 }
 
 #[test]
-fn verify_locates_a_changed_drive_or_reading() {
+fn verify_locates_changed_drive_value_or_sensor_reading() {
     let (path, summary) = recorded("turn.mcap", "scenarios/face_turn.toml", &[]);
     assert_eq!(summary["outcome"], "solved");
 
@@ -736,7 +739,7 @@ impl CountsBytes for Tick {
     }
 }
 
-/// `--force` verifies it nevertheless.
+/// With the option `--force` the recording is verified nevertheless.
 #[test]
 fn verify_refuses_a_recording_of_another_version() {
     let (path, _) = recorded("version.mcap", "scenarios/idle.toml", &IDLE);
@@ -759,7 +762,7 @@ fn verify_refuses_a_recording_of_another_version() {
 }
 
 #[test]
-fn replay_can_be_paused_and_sought() {
+fn replay_obeys_pause_and_seek() {
     use rubik_robot::desk::Desk;
     use rubik_robot::operator::{ControlView, Input, State};
     use rubik_robot::run::show::Show;
@@ -903,7 +906,7 @@ fn replay_of_truncated_recording_ends_with_reason() {
 }
 
 #[test]
-fn replay_keeps_time_of_a_1_ms_servo() {
+fn replay_shows_right_time_for_1_ms_period() {
     use rubik_robot::desk::Desk;
     use rubik_robot::run::show::Show;
     use rubik_robot::scenario::Override;
@@ -932,7 +935,7 @@ fn reported(recording: &Path) -> String {
 }
 
 #[test]
-fn report_of_real_time_run_has_histograms() {
+fn report_of_real_time_run_has_timing_histograms() {
     let (path, _) = recorded(
         "real_time.mcap",
         "scenarios/idle.toml",

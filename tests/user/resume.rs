@@ -18,7 +18,8 @@ fn journal(world: &Path) -> PathBuf {
     beside(world, "journal")
 }
 
-/// Starts a mission and kills it when its journal has `times` entries of the action `doing`.
+/// Starts a mission and kills its process as soon as its journal has `times` entries of the action
+/// `doing`.
 fn killed_after(scenario: &[&str], world: &Path, doing: &str, times: usize) {
     let mut child =
         run(scenario, world).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
@@ -44,7 +45,7 @@ fn resumed(scenario: &[&str], world: &Path) -> serde_json::Value {
     serde_json::from_str(printed.lines().last().unwrap()).unwrap()
 }
 
-/// Reads the state that a plant has kept.
+/// Reads the state of the plant that a run has saved in the file `world`.
 fn kept(world: &Path) -> serde_json::Value {
     serde_json::from_slice(&std::fs::read(world).unwrap()).unwrap()
 }
@@ -65,7 +66,8 @@ fn ended(run: &mut Command) -> (i32, String) {
     (out.status.code().unwrap(), String::from_utf8_lossy(&out.stderr).into_owned())
 }
 
-/// Starts a run and waits until its plant has kept a first state. Returns the process.
+/// Starts a run and waits until its plant has saved a first state in the file `world`. Returns the
+/// process.
 fn begun(run: &mut Command, world: &Path) -> Child {
     let mut child = run.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
     let since = Instant::now();
@@ -145,7 +147,7 @@ fn mission_killed_while_lowering_the_cube_resumes() {
 }
 
 #[test]
-fn resume_refuses_a_missing_or_unreadable_state() {
+fn resume_refuses_missing_or_unreadable_plant_state() {
     let refused = |more: &[&str]| {
         let out = program()
             .args(["run", "scenarios/solve.toml", "--json", "--resume"])
@@ -174,7 +176,7 @@ fn resume_refuses_a_missing_or_unreadable_state() {
 /// A file of another kind, the journal of an interrupted run, and a file that another run is
 /// writing: each is refused with its reason and stays unchanged.
 #[test]
-fn run_refuses_files_that_are_not_its_own() {
+fn run_refuses_invalid_unfinished_or_locked_journal() {
     let run = |world: &Path, journal: &Path, resume: bool| {
         let mut run = program();
         let scenario = if resume { "scenarios/solve.toml" } else { "scenarios/face_turn.toml" };
@@ -219,7 +221,7 @@ fn run_refuses_files_that_are_not_its_own() {
     let file = std::fs::File::options().append(true).open(&notes).unwrap();
     file.lock().unwrap();
     let (code, stderr) = run(&world, &notes, false);
-    assert!(code == 4 && stderr.contains("another run is writing it"), "{code} {stderr}");
+    assert!(code == 4 && stderr.contains("another run is writing this journal"), "{code} {stderr}");
     std::fs::remove_file(&notes).unwrap();
     remove(&world);
     let folder = std::env::temp_dir();
@@ -281,7 +283,7 @@ fn run_continues_when_the_journal_cannot_be_written() {
 }
 
 #[test]
-fn resume_refuses_the_world_of_another_scenario() {
+fn resume_refuses_plant_state_of_another_scenario() {
     let solve = ["scenarios/solve.toml"];
     let world = place("other");
     let refused = |more: &[&str]| {
@@ -312,9 +314,10 @@ fn resume_refuses_the_world_of_another_scenario() {
     remove(&world);
 }
 
-/// The lock of the world ends with its process, even if the process is killed.
+/// A second run must not use the saved plant of a running one. The lock on it ends with the process
+/// of the first run, even if that process is killed.
 #[test]
-fn world_of_a_live_run_is_refused() {
+fn run_refuses_plant_state_used_by_another_run() {
     let (world, notes) = (place("taken"), place("taken-notes"));
     let idle = ["scenarios/idle.toml", "--set", "idle.time_s=600", "--speed", "1"];
     let short = ["scenarios/idle.toml", "--set", "idle.time_s=0.5"];
@@ -332,7 +335,7 @@ fn world_of_a_live_run_is_refused() {
 }
 
 #[test]
-fn unwritable_world_is_removed_and_run_continues() {
+fn unwritable_plant_state_is_removed_and_run_continues() {
     let world = place("lost");
     let idle = ["scenarios/idle.toml", "--set", "idle.time_s=6", "--speed", "2"];
     let run = begun(&mut run(&idle, &world), &world);
@@ -353,10 +356,10 @@ fn unwritable_world_is_removed_and_run_continues() {
     remove(&world);
 }
 
-/// The postument lost its synchronisation while its jaws may hold the cube. The resume ends with
-/// the reason; neither arms nor layers move, and the journal stays unchanged.
+/// The arm `postument` is not synchronised after a restart, and its jaws may hold the cube. The
+/// resume ends with the reason; neither arms nor layers move, and the journal stays unchanged.
 #[test]
-fn unsynchronised_hand_with_cube_is_not_homed() {
+fn resume_does_not_home_unsynchronised_arm_holding_cube() {
     let world = place("unsynchronised");
     let scenario = ["scenarios/solve.toml"];
     killed_after(&scenario, &world, "turning", 2);
@@ -370,10 +373,7 @@ fn unsynchronised_hand_with_cube_is_not_homed() {
     let (code, stderr) = ended(run(&scenario, &world).arg("--resume"));
 
     assert_eq!(code, 1, "{stderr}");
-    assert!(
-        stderr.contains("postument does not know where it is, and its jaws may hold"),
-        "{stderr}"
-    );
+    assert!(stderr.contains("postument is not synchronised, and its jaws may hold"), "{stderr}");
     let after = kept(&world);
     assert_eq!(after["state"], state["state"]);
     // A layer between two hands settles when their drives go off.

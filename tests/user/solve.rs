@@ -11,7 +11,7 @@ use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
 use std::sync::atomic::AtomicBool;
 
-/// Returns the folder of the tables. These tests share it and keep it between runs.
+/// Returns the folder of the solver's tables, which these tests share and keep between test runs.
 fn folder() -> PathBuf {
     PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("tables")
 }
@@ -42,7 +42,8 @@ fn facelets(seed: u64) -> String {
     Facelets::from(&Cube::scrambled(seed)).to_string()
 }
 
-/// Returns a solved cube with some stickers replaced.
+/// Returns the facelet letters of a solved cube with some letters replaced, each given by its index
+/// and its new letter.
 fn with(stickers: &[(usize, char)]) -> String {
     let mut letters: Vec<char> = Facelets::solved().to_string().chars().collect();
     for &(at, letter) in stickers {
@@ -51,7 +52,7 @@ fn with(stickers: &[(usize, char)]) -> String {
     letters.into_iter().collect()
 }
 
-/// Applies the solution of an answer in JSON to its cube and returns the result.
+/// Applies the solution in a JSON answer of `solve` to the cube in it, and returns the result.
 fn solved(line: &Value) -> Cube {
     let cube = Cube::try_from(line["cube"].as_str().unwrap().parse::<Facelets>().unwrap()).unwrap();
     let turns = parse_turns(line["solution"].as_str().unwrap()).unwrap();
@@ -61,7 +62,7 @@ fn solved(line: &Value) -> Cube {
 
 /// Solutions and refusals are printed in the order of the cubes, with one thread and with three.
 #[test]
-fn stream_is_answered_in_order_with_refusals() {
+fn solve_answers_streamed_cubes_and_refusals_in_order() {
     let twisted = with(&[(8, 'R'), (9, 'F'), (20, 'U')]);
     let input = format!("{}\n{twisted}\n\nUUU\n{}\n", facelets(1), facelets(2));
     for threads in ["1", "3"] {
@@ -110,7 +111,8 @@ fn impossible_cube_is_refused_with_kind_and_place() {
     }
 }
 
-/// The solution is named for the orientation in which the scramble leaves the cube.
+/// The turns of the solution name the faces of the cube as the scramble leaves it, rotations
+/// included.
 #[test]
 fn solution_undoes_slice_moves_and_rotations() {
     let scramble = "R U2 M' y Fw E2 x' d";
@@ -129,7 +131,7 @@ fn solution_undoes_slice_moves_and_rotations() {
 }
 
 #[test]
-fn solve_handles_solved_cubes_and_other_goals() {
+fn solve_leaves_solved_cube_and_reaches_other_goals() {
     let out = robot(&["solve", "--json", &Facelets::solved().to_string()], "");
     let line = &lines(&out)[0];
     assert_eq!((&line["solution"], &line["length"]), (&Value::from(""), &Value::from(0)));
@@ -141,9 +143,9 @@ fn solve_handles_solved_cubes_and_other_goals() {
     assert_eq!(solved(&lines(&out)[0]), goal);
 }
 
-/// The number of nodes limits the search, not the time.
+/// The search is limited by its number of nodes, not by time.
 #[test]
-fn answers_do_not_depend_on_the_threads() {
+fn answers_do_not_depend_on_thread_count() {
     let input: String = (0..6).map(|seed| facelets(seed) + "\n").collect();
     let answer = |threads| {
         let args = ["solve", "--json", "--budget-nodes", "5000", "--threads", threads, "-"];
@@ -175,7 +177,7 @@ fn solution_respects_the_maximum_length() {
 /// A line that is not UTF-8 and a cube in another orientation are refused; the other cubes are
 /// solved.
 #[test]
-fn stream_continues_after_refused_lines() {
+fn solve_continues_after_refused_input_lines() {
     let turned = "UUUUUUUUUBBBBBBBBBRRRRRRRRRDDDDDDDDDFFFFFFFFFLLLLLLLLL";
     let mut input = format!("{}\n", facelets(1)).into_bytes();
     input.extend_from_slice(b"\xff\xfe\n");
@@ -212,7 +214,7 @@ fn closed_stdout_causes_no_panic() {
 }
 
 #[test]
-fn scramble_makes_the_cube_that_it_names() {
+fn printed_scramble_makes_the_printed_cube() {
     let out = robot(&["scramble", "--seed", "11", "--count", "2", "--json"], "");
 
     for line in lines(&out) {
@@ -224,7 +226,7 @@ fn scramble_makes_the_cube_that_it_names() {
 }
 
 #[test]
-fn tables_are_built_listed_repaired_and_removed() {
+fn solver_tables_are_built_listed_repaired_and_removed() {
     let folder = std::env::temp_dir().join(format!("rubik-robot-{}-tables", std::process::id()));
     let place = folder.to_str().unwrap();
     let tables = |action: &str| robot(&["tables", action, "phase2", "--tables", place], "");
@@ -257,7 +259,7 @@ fn tables_are_built_listed_repaired_and_removed() {
 }
 
 #[test]
-fn several_threads_find_solutions_like_one_thread() {
+fn one_and_three_threads_solve_in_20_turns() {
     let tables = Tables::build_with(&Threads::new(2));
     for seed in 0..10 {
         let cube = Cube::scrambled(seed);
@@ -280,7 +282,7 @@ fn several_threads_find_solutions_like_one_thread() {
 }
 
 #[test]
-fn damaged_large_table_is_reported_and_not_used() {
+fn damaged_solver_table_is_reported_and_not_used() {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("damaged-tables");
     std::fs::create_dir_all(&folder).unwrap();
     std::fs::write(folder.join("phase1-large.table"), "no table at all").unwrap();

@@ -55,7 +55,8 @@ impl Session {
         Self { child, keys, terminal, before, output, listening }
     }
 
-    /// Returns the letters that were written until now, without the escape sequences.
+    /// Returns all text that the program has written to the terminal until now, without the escape
+    /// sequences.
     fn output(&self) -> String {
         let text = String::from_utf8_lossy(&self.output.lock().unwrap()).into_owned();
         let mut pieces = text.split('\u{1b}');
@@ -68,7 +69,8 @@ impl Session {
         letters
     }
 
-    /// Returns the screen as a person sees it: a cell keeps its letter until it is painted again.
+    /// Returns the 24 lines that the terminal shows: a cell keeps its letter until another one is
+    /// written there.
     fn screen(&self) -> String {
         let text = String::from_utf8_lossy(&self.output.lock().unwrap()).into_owned();
         let mut cells = vec![vec![' '; 80]; 24];
@@ -211,11 +213,11 @@ fn signal_ends_the_run_and_restores_the_terminal() {
     assert!(Command::new("kill").args(["-TERM", &pid]).status().unwrap().success());
 
     assert_eq!(session.ends(), Some(0), "{}", session.output());
-    session.until("the arms were moved by hand until the operator ended it");
+    session.until("the arms were moved by hand until the operator ended the run");
 }
 
 #[test]
-fn signal_ends_a_run_without_its_terminal() {
+fn hangup_signal_ends_run_after_terminal_is_closed() {
     let mut session = Session::begin(&["run", "scenarios/idle.toml", "--ui", "tui"]);
     session.until("by hand");
     // Close both ends, as when a connection breaks. The program keeps its own handles.
@@ -250,7 +252,7 @@ fn emergency_stop_works_during_a_terminate_prompt() {
 }
 
 #[test]
-fn unwritable_recording_leaves_the_terminal_alone() {
+fn unwritable_recording_exits_with_2_and_unchanged_terminal() {
     let mut session = Session::begin(&[
         "run",
         "scenarios/idle.toml",

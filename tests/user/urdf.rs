@@ -13,7 +13,8 @@ fn cell() -> Cell {
     scenario::read(Path::new("t.toml"), "", &[]).unwrap().controller.cell
 }
 
-/// Returns `root_from_link`, from the parsed text alone.
+/// Computes `root_from_link` of a link from the parsed URDF alone; `values` has the positions of
+/// the joints by name (rad, m).
 fn pose(robot: &urdf_rs::Robot, link: &str, values: &BTreeMap<String, f64>) -> Isometry3<f64> {
     let Some(joint) = robot.joints.iter().find(|j| j.child.link == link) else {
         return Isometry3::identity();

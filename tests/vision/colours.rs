@@ -63,8 +63,8 @@ fn scrambled(seed: u64) -> [u8; 54] {
     *Facelets::from(&Cube::scrambled(seed)).colours()
 }
 
-/// Returns the colours that a camera measures of the stickers, with one gain of the exposure for
-/// each face.
+/// Returns the colours that a camera measures of the 54 stickers. `stickers` are the levels of the
+/// six colours, and `gains` is the exposure of each face.
 fn photographed(
     state: &[u8; 54],
     stickers: &[[f64; 3]; 6],
@@ -94,7 +94,7 @@ fn gains(random: &mut Pcg64) -> [f64; 6] {
 
 /// No cube is refused, and at most three of 1500 readings are doubtful.
 #[test]
-fn cubes_with_uneven_exposure_are_read() {
+fn colours_are_read_despite_uneven_exposure() {
     const EACH: u64 = 25;
     let patterns = PATTERNS.iter().flat_map(|turns| [pattern(turns); EACH as usize]);
     let cubes = patterns.chain((0..10 * EACH).map(scrambled));
@@ -138,7 +138,7 @@ fn shaded_face_keeps_its_colour() {
 }
 
 #[test]
-fn impossible_cubes_are_refused_or_doubtful() {
+fn impossible_colour_readings_are_refused_or_marked_doubtful() {
     const TRIALS: u64 = 60;
     let mut random = Pcg64::seed_from_u64(11);
     let mut refused = 0;

@@ -250,7 +250,7 @@ struct Finger {
 }
 
 impl Finger {
-    /// Returns the colour at a pixel that the finger hides.
+    /// Returns the colour of the finger at a pixel, or `None` if it does not hide that pixel.
     fn at(&self, x: f64, y: f64) -> Option<[f64; 3]> {
         let (dx, dy) = (self.root.0 - self.tip.0, self.root.1 - self.tip.1);
         let (px, py) = (x - self.tip.0, y - self.tip.1);
@@ -380,15 +380,17 @@ struct Scene {
     mirror: (usize, (f64, f64), (f64, f64)),
 }
 
-/// Returns the signed distance from a rounded square.
+/// Returns the signed distance of the point (a, b) from the outline of a square of half side
+/// `half`, whose corners have a `radius`.
 fn rounded(a: f64, b: f64, half: f64, radius: f64) -> f64 {
     let (x, y) = (a.abs() - half + radius, b.abs() - half + radius);
     x.max(0.0).hypot(y.max(0.0)) + x.max(y).min(0.0) - radius
 }
 
 impl Scene {
-    /// Returns a random scene of a kind. `posed` gives the width of the dominant face (px) and its
-    /// tilt (rad); without it these are random as well.
+    /// Returns the random scene of a kind and a seed, and the generator from which its noise is
+    /// drawn. `posed` gives the width of the dominant face (px) and its tilt (rad); without it
+    /// these are random as well.
     fn draw(kind: Kind, seed: u64, posed: Option<(f64, f64)>) -> (Self, Pcg64) {
         let mut random = Pcg64::seed_from_u64(seed.wrapping_mul(0x9E37_79B9) ^ kind as u64);
         let mut recipe = Recipe::draw(kind, &mut random);
@@ -474,7 +476,8 @@ impl Scene {
         -normal.dot(&centre) / centre.norm()
     }
 
-    /// Returns the pixel of a point on a side (unit: a third of the edge, from its centre).
+    /// Projects the point (u, v) on a side of the cube, in thirds of the edge from the side's
+    /// centre, to the picture (px).
     fn pixel(&self, side: usize, u: f64, v: f64) -> (f64, f64) {
         let s = &self.sides[side];
         let p = self.rotation * (s.normal * 1.5 + s.x * u + s.y * v) + self.place;
@@ -484,7 +487,7 @@ impl Scene {
         )
     }
 
-    /// Returns the light at a pixel, with 1 for a white tile.
+    /// Returns the linear RGB light that a pixel receives; 1 is a perfect white in full light.
     fn light(&self, x: f64, y: f64) -> [f64; 3] {
         if let Some(skin) = self.fingers.iter().find_map(|f| f.at(x, y)) {
             return skin;
@@ -566,7 +569,8 @@ impl Scene {
         light
     }
 
-    /// Returns whether a place of the centre tile is part of the maker's mark.
+    /// Returns whether the point (a, b) of the centre tile, in pitches from its middle, lies on the
+    /// maker's mark.
     fn marked(&self, a: f64, b: f64) -> bool {
         match self.mark {
             // The mark is a ring.
@@ -621,7 +625,7 @@ impl Scene {
     }
 }
 
-/// Returns a photograph of a kind.
+/// Returns the photograph of a random cube, which the kind and the seed determine.
 pub(crate) fn photograph(kind: Kind, seed: u64) -> Photo {
     taken(Scene::draw(kind, seed, None))
 }
@@ -681,7 +685,8 @@ fn taken((scene, mut random): (Scene, Pcg64)) -> Photo {
     Photo { image, faces: scene.truths(), camera_from_cube, focal: scene.focal }
 }
 
-/// Stores colour at half the size: four pixels share the mean of their colour differences.
+/// Reduces the colours of an image to half their resolution, as JPEG does: four pixels share the
+/// mean of their colour differences.
 fn halved(image: &RgbImage) -> RgbImage {
     let luma = |p: &Rgb<u8>| {
         0.299 * f64::from(p.0[0]) + 0.587 * f64::from(p.0[1]) + 0.114 * f64::from(p.0[2])
@@ -697,7 +702,7 @@ fn halved(image: &RgbImage) -> RgbImage {
     })
 }
 
-/// Blurs by a Gaussian along both directions.
+/// Blurs a picture by a Gaussian of the standard deviation `sigma` (px) in both directions.
 fn blur(plane: &mut [[f32; 3]], width: usize, height: usize, sigma: f64) {
     let reach = (3.0 * sigma).ceil() as isize;
     let weights: Vec<f32> =
@@ -719,7 +724,7 @@ fn blur(plane: &mut [[f32; 3]], width: usize, height: usize, sigma: f64) {
     }
 }
 
-/// Takes the mean along a stroke, as motion blur does.
+/// Blurs a picture along `stroke` (px), as the motion of the camera does.
 fn smear(plane: &mut [[f32; 3]], width: usize, height: usize, stroke: (f64, f64)) {
     let source = plane.to_vec();
     for (i, out) in plane.iter_mut().enumerate() {

@@ -42,8 +42,8 @@ struct Tally {
     confused: BTreeMap<(char, char), usize>,
 }
 
-/// Returns the sighting in the reading order of the truth; `None` if a centre is off by more than a
-/// quarter of the smallest pitch.
+/// Returns the sighting in the reading order of the true face, or `None` if the centre of a tile is
+/// off by more than a quarter of the smallest pitch.
 fn fitting(sighting: &FaceSighting, truth: &FaceTruth) -> Option<FaceSighting> {
     let reach = 0.25 * smallest_pitch(&truth.centres);
     let near = |s: &FaceSighting| {
@@ -53,7 +53,8 @@ fn fitting(sighting: &FaceSighting, truth: &FaceTruth) -> Option<FaceSighting> {
 }
 
 impl Tally {
-    /// Adds the photograph of a seed; returns whether its largest face was read.
+    /// Detects faces in the photograph of this kind and seed, and counts the results. Returns
+    /// whether the largest face was read correctly.
     fn add(&mut self, kind: Kind, seed: u64) -> bool {
         let photo = photograph(kind, seed);
         let sightings = detect(&photo.image, None, &DetectorSettings::default());
@@ -157,7 +158,7 @@ const LEAST: [(Kind, usize, usize); 13] = [
 ];
 
 #[test]
-fn cubes_of_each_kind_are_read() {
+fn most_tiles_are_read_for_each_photograph_kind() {
     for (kind, found, percent) in LEAST {
         let tally = Tally::of(kind, 0..12);
 
@@ -167,9 +168,10 @@ fn cubes_of_each_kind_are_read() {
     }
 }
 
-/// The pose of a tilted face has a mirror image that fits almost as well.
+/// A small tilted face has a mirrored pose that fits almost as well. It is taken for the true pose
+/// at most once in twelve photographs.
 #[test]
-fn small_tilted_face_is_seldom_mirrored() {
+fn mirrored_pose_of_small_tilted_face_is_rare() {
     for face_px in [45.0, 60.0, 80.0] {
         let poses = Poses::of(face_px, 18.0, 0..12);
 
@@ -179,7 +181,7 @@ fn small_tilted_face_is_seldom_mirrored() {
 
 #[test]
 #[ignore = "prints a table: cargo test --release --test vision kinds:: -- --ignored --nocapture"]
-fn table() {
+fn print_share_of_read_cubes_by_kind() {
     let seeds = std::env::var("VISION_SEEDS").ok().and_then(|s| s.parse().ok()).unwrap_or(100);
     let only = std::env::var("VISION_KIND").ok();
     for kind in Kind::ALL {
@@ -256,7 +258,7 @@ impl Poses {
 
 #[test]
 #[ignore = "prints a table: cargo test --release --test vision kinds:: -- --ignored --nocapture"]
-fn mirrors() {
+fn print_pose_errors_by_size_and_tilt() {
     let seeds = std::env::var("VISION_SEEDS").ok().and_then(|s| s.parse().ok()).unwrap_or(40);
     for face_px in [45.0, 60.0, 80.0, 110.0] {
         for tilt in [4.0, 8.0, 12.0, 18.0, 25.0, 35.0] {

@@ -49,12 +49,12 @@ impl Errors {
         self.sideways.push((error - sight * depth).norm());
     }
 
-    /// Returns the root mean square (mm).
+    /// Returns the root mean square of lengths in metres, in millimetres.
     fn rms(values: &[f64]) -> f64 {
         (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt() * 1e3
     }
 
-    /// Returns the 95th percentile (mm).
+    /// Returns the 95th percentile of lengths in metres, in millimetres.
     fn p95(values: &[f64]) -> f64 {
         let mut sorted = values.to_vec();
         sorted.sort_by(f64::total_cmp);
@@ -74,8 +74,8 @@ impl Errors {
     }
 }
 
-/// Returns a random pose of a cube whose dominant face is 100 px wide and tilted by at most `tilt`
-/// (rad) from the line of sight.
+/// Returns a random pose of a cube before the camera of [`camera`], as `world_from_cube`. The
+/// dominant face is 100 px wide and tilted by at most `tilt` (rad) from the line of sight.
 fn cube_before(random: &mut Pcg64, tilt: f64) -> Pose {
     let frontal = [
         UnitQuaternion::identity(),
@@ -95,8 +95,9 @@ fn cube_before(random: &mut Pcg64, tilt: f64) -> Pose {
     Pose::from_parts(at.into(), rotation)
 }
 
-/// Measures the pose in many frames; returns the errors of the dominant face's centre, those of the
-/// cube's centre where two faces are visible, and the number of frames without a pose.
+/// Renders frames of a cube at random poses and measures the poses. Returns the errors of the
+/// dominant face's centre, those of the cube's centre where two faces are visible, and the number
+/// of frames without a pose. `look` gives light and noise of each frame.
 fn measure(name: &str, frames: u64, look: impl Fn(u64) -> Look) -> (Errors, Errors, usize) {
     let mut random = Pcg64::seed_from_u64(7);
     let (mut faces, mut cubes, mut missed) = (Errors::default(), Errors::default(), 0);
@@ -148,7 +149,7 @@ fn measure(name: &str, frames: u64, look: impl Fn(u64) -> Look) -> (Errors, Erro
 }
 
 #[test]
-fn the_cube_is_localised_at_100_px() {
+fn cube_is_localised_in_studio_light() {
     let (faces, cubes, missed) = measure("studio", 60, |_| Look::studio());
 
     assert!(missed <= 1, "{missed} missed");
@@ -158,7 +159,7 @@ fn the_cube_is_localised_at_100_px() {
 }
 
 #[test]
-fn the_cube_is_localised_in_drawn_light() {
+fn cube_is_localised_in_random_light_and_noise() {
     let noisy = |seed| {
         let mut look = Look::draw(seed);
         (look.sensor.read_noise, look.sensor.shot_noise) = (6.0, 0.0);
@@ -172,8 +173,8 @@ fn the_cube_is_localised_in_drawn_light() {
     assert!(cubes.depth.len() > 40 && Errors::rms(&cubes.sideways) < 0.2);
 }
 
-/// Takes a picture of a cube that crosses the sight at `speed` (m/s); returns the time from the
-/// stamp to the light of the picture, computed from the measured pose (s).
+/// Takes a picture of a cube that crosses the line of sight at `speed` (m/s). Returns how much
+/// later than the picture's stamp the cube was where the picture shows it (s).
 fn light_after_stamp(speed: Vector3<f64>, exposure: f64, period: u64) -> f64 {
     let at = |period: u64| {
         let way = speed * (period as f64 * PERIOD - 2.0);
@@ -202,7 +203,7 @@ fn light_after_stamp(speed: Vector3<f64>, exposure: f64, period: u64) -> f64 {
 }
 
 #[test]
-fn picture_shows_pose_of_its_stamp() {
+fn picture_shows_cube_at_time_of_its_stamp() {
     // An error of 0.1 mm in the pose is 0.5 ms of this motion; a stamp that is wrong by a period is
     // off by 2 ms.
     let speed = Vector3::new(0.2, 0.0, 0.05);
@@ -214,9 +215,9 @@ fn picture_shows_pose_of_its_stamp() {
     }
 }
 
-/// Returns the postument's hand camera, a scene and `camera_from_face`. The camera looks from 0.2
-/// m, with a roll (rad), at the front face of a cube. The track's gripper holds the cube by the
-/// face on the camera's left (`side`), or by the back.
+/// Returns the postument's hand camera, a scene and the true `camera_from_face`. The camera looks
+/// from 0.2 m, with a roll (rad), at the front face of a cube. The track's gripper holds the cube
+/// by the face on the camera's left if `side`, else by the back.
 fn in_hand(roll: f64, side: bool) -> (Camera, rubik_robot::hw::scene::Scene, Pose) {
     let world_from_cube = Pose::translation(0.0, 0.9, 1.1);
     let facelets = std::array::from_fn(|i| ((i * 7 + i / 5) % 6) as u8);
@@ -268,7 +269,7 @@ fn in_hand(roll: f64, side: bool) -> (Camera, rubik_robot::hw::scene::Scene, Pos
 }
 
 #[test]
-fn hand_camera_reads_faces() {
+fn hand_camera_reads_colours_of_held_cube() {
     let mut random = Pcg64::seed_from_u64(3);
     let (mut wrong, mut covered, mut refused, mut frames) = (0, 0, 0, 0);
     let mut errors = Errors::default();
@@ -312,7 +313,7 @@ fn hand_camera_reads_faces() {
     assert!(Errors::rms(&errors.sideways) < 0.3 && Errors::rms(&errors.depth) < 1.5);
 }
 
-/// Returns the median time of a call (ms).
+/// Returns the median time of 60 calls (ms).
 fn median_ms<T>(mut call: impl FnMut() -> T) -> f64 {
     let mut times: Vec<f64> = (0..60)
         .map(|_| {
@@ -327,7 +328,7 @@ fn median_ms<T>(mut call: impl FnMut() -> T) -> f64 {
 
 #[test]
 #[ignore = "measures time: cargo test --release --test vision rendered:: -- --ignored --nocapture"]
-fn times() {
+fn print_times_of_vision_functions() {
     let mut random = Pcg64::seed_from_u64(5);
     let facelets = std::array::from_fn(|_| random.random_range(0..6));
     let pose = cube_before(&mut random, 0.7);

@@ -129,7 +129,7 @@ fn chess(random: &mut Pcg64) -> Scene {
     )
 }
 
-/// Returns a random scene of this name.
+/// Returns a random scene of this name, one of [`SCENES`].
 fn scene(name: &str, random: &mut Pcg64) -> Scene {
     let ground = ground(random);
     let black = [20.0; 3];
@@ -246,7 +246,7 @@ fn photograph(name: &str, seed: u64) -> RgbImage {
 }
 
 #[test]
-fn pictures_without_a_cube_have_no_sure_face() {
+fn pictures_without_cube_give_no_confident_face_detection() {
     let pictures = std::env::var("VISION_PICTURES").ok().and_then(|n| n.parse().ok());
     let only = std::env::var("VISION_SCENE").ok();
     for (name, allowed) in SCENES {
@@ -276,7 +276,7 @@ fn pictures_without_a_cube_have_no_sure_face() {
 }
 
 #[test]
-fn larger_lattice_is_refused_as_one() {
+fn lattice_larger_than_3x3_is_refused() {
     for name in ["window 4x3", "swatches 3x4", "cube of 4x4", "lockers 8x3", "chess"] {
         let refused = detect(&photograph(name, 1), None, &DetectorSettings::default());
 

@@ -16,8 +16,8 @@ use crate::reach::guard::PlannedMotion;
 const MACROSTEP: u32 = 8;
 
 impl Mp {
-    /// Asks the operator and waits for the time of the question. Returns `None` without an answer.
-    /// The arms hold meanwhile.
+    /// Asks the operator and waits for the answer, at most for the time that the question allows.
+    /// Returns `None` if no answer comes. The arms hold meanwhile.
     pub(super) async fn ask(&mut self, question: &Question) -> Result<Option<Answer>, Stop> {
         if self.parts.operator.is_none() {
             return Ok(None);
@@ -48,7 +48,7 @@ impl Mp {
         answer
     }
 
-    /// Waits for the operator's next order.
+    /// Waits for the operator's next order by hand. Returns the order and its effector's index.
     pub(super) async fn ordered(&mut self) -> Result<(usize, Manual), Stop> {
         self.parts.services.tempo.attend(Attended::ByHand);
         self.parts.services.trace.takes_orders();
@@ -80,7 +80,8 @@ impl Mp {
         Ok(input)
     }
 
-    /// Carries out an order that is no behaviour.
+    /// Carries out an order by hand that is no behaviour: the homing of an arm, or the rotation of
+    /// one motor.
     pub(super) async fn manual(&mut self, effector: usize, order: &Manual) -> Result<(), Stop> {
         match order {
             Manual::Synchronise => self.synchronise(effector).await?,
@@ -95,7 +96,7 @@ impl Mp {
         Ok(())
     }
 
-    /// Synchronises an arm. A pause stops it in between, and a resume continues.
+    /// Homes an arm until it is synchronised. A pause stops the homing, and a resume continues it.
     async fn synchronise(&mut self, effector: usize) -> Result<(), Stop> {
         let ecp = self.ecp(effector)?.clone();
         loop {
@@ -108,7 +109,8 @@ impl Mp {
         }
     }
 
-    /// Turns one motor by an angle (rad), from rest to rest. A pause brings it to rest in between.
+    /// Turns the motor of one axis by the angle `by` (rad), from rest to rest. A pause brings it to
+    /// rest in between.
     pub(super) async fn turn_motor(
         &mut self,
         effector: usize,

@@ -27,7 +27,8 @@ pub(super) struct Jog {
 }
 
 impl Jog {
-    /// Returns a turn of an axis by an angle (rad), with macrosteps of this length (periods).
+    /// Creates the motion that turns the motor of `axis` by the angle `by` (rad), with macrosteps
+    /// of the length `macrostep` (periods).
     pub(super) fn new(axis: usize, by: f64, macrostep: u32) -> Self {
         Self { axis: axis.min(AXES - 1), by, macrostep, at: 0.0, pace: 1.0 }
     }
@@ -57,7 +58,8 @@ impl Jog {
         MoveCommand { motion: Motion::MotorsBy(motors), periods: self.macrostep, jaw: None }
     }
 
-    /// Returns the angle at a parameter of the course (rad): a cosine from rest to rest.
+    /// Returns the angle by which the motor has turned (rad) after the share `share` of the
+    /// motion's time, 0 to 1. The course is half a period of a cosine, from rest to rest.
     fn angle(&self, share: f64) -> f64 {
         0.5 * self.by * (1.0 - libm::cos(std::f64::consts::PI * share.min(1.0)))
     }

@@ -78,8 +78,9 @@ pub struct Parts {
 }
 
 impl Parts {
-    /// Returns parts with arms alone: no sensors, no operator, no journal, no guard; sporadic
-    /// coordination.
+    /// Returns the parts of an MP (master process) with nothing but effectors: no sensors,
+    /// operator, journal or guard. The effectors wait for each other at events only (sporadic
+    /// coordination).
     #[must_use]
     pub fn bare(ecps: Vec<EcpHandle>, manners: Vec<Manner>, services: Services) -> Self {
         Self {
@@ -104,12 +105,12 @@ impl Parts {
 pub struct Turning(Arc<AtomicBool>);
 
 impl Turning {
-    /// Sets whether a turn is commanded.
+    /// Sets whether a turn of a layer is commanded and unfinished.
     pub fn set(&self, turning: bool) {
         self.0.store(turning, Ordering::Release);
     }
 
-    /// Returns whether a turn is commanded and unfinished.
+    /// Returns whether a turn of a layer is commanded and unfinished.
     #[must_use]
     pub fn is_commanded(&self) -> bool {
         self.0.load(Ordering::Acquire)
@@ -133,7 +134,8 @@ pub struct Ending {
 }
 
 impl Ending {
-    /// Returns the end of a run that `error` broke off before MP knew more.
+    /// Returns the ending of a run whose MP panicked at the time `end` (s). Only `error` is known:
+    /// the phases and forces are lost with MP.
     pub(crate) fn broken(end: f64, error: Error) -> Self {
         let (phases, forces) = (Vec::new(), Forces::default());
         Self { finish: None, error: Some(error), phases, end, forces }
@@ -171,7 +173,7 @@ impl From<Terminated> for Stop {
 }
 
 impl Mp {
-    /// Creates MP over its effectors.
+    /// Creates the actor MP, which begins its work with [`Mp::run`].
     #[must_use]
     pub fn new(parts: Parts) -> Self {
         let (arms, phases) = (Vec::new(), Vec::new());
@@ -185,14 +187,16 @@ impl Mp {
         self.parts.forces.as_ref().map(|f| *f.borrow()).unwrap_or_default()
     }
 
-    /// Returns the arms whose place is known: those that are synchronised.
+    /// Returns the state of each synchronised arm; `None` for an arm that is not synchronised,
+    /// because its pose is unknown.
     fn known(&self) -> [Option<&ArmState>; 2] {
         std::array::from_fn(|i| {
             self.arms.get(i).filter(|arm| arm.synchronisation == Synchronisation::Yes)
         })
     }
 
-    /// Returns the guard with the present openings of the jaws, which show what hands hold a cube.
+    /// Returns the guard that checks paths, with the present openings of the jaws, from which it
+    /// concludes which hands hold a cube. Returns `None` for a run without a cell.
     fn guard(&self) -> Option<Guard> {
         let mut guard = self.parts.guard.clone()?;
         guard.holding(self.known().map(|arm| arm.map(|arm| arm.jaw_opening)));
@@ -221,7 +225,7 @@ impl Mp {
         self.parts.services.trace.tell(notice);
     }
 
-    /// Runs a task to its end.
+    /// Runs a task to its end and returns how the run has ended.
     pub async fn run<T: Task>(mut self, task: &mut T) -> Ending {
         let mut ending = Ending {
             finish: None,
@@ -352,7 +356,8 @@ impl Mp {
         self.tell(Notice::Phase(now, name.into()));
     }
 
-    /// Runs the ordered behaviours, if their paths are free.
+    /// Carries out one behaviour or none for each effector, if their paths are free, and returns
+    /// their outcomes as an event. `until` says which effector decides the end.
     async fn behave<C>(
         &mut self,
         mut orders: [Option<Behaviour>; 2],
@@ -384,7 +389,7 @@ impl Mp {
         }
     }
 
-    /// Switches the tracking of the stand-alone camera.
+    /// Switches the tracking of the cube by the stand-alone camera on or off.
     async fn watch(&mut self, on: bool) -> Result<(), Error> {
         match &self.parts.tracker {
             Some(tracker) => tracker.track(on),
@@ -398,8 +403,8 @@ impl Mp {
         Ok(())
     }
 
-    /// Reads a face with the camera in an effector's hand. A face that cannot be read is an event,
-    /// not an error.
+    /// Reads a face with the camera in an effector's hand. A face that cannot be read is an event.
+    /// The inner error goes to the kernel if it is non-fatal; the outer one ends the run.
     async fn look<C>(
         &mut self,
         effector: usize,
@@ -421,7 +426,7 @@ impl Mp {
 
     /// Writes the action that is about to begin into the journal, and returns once the entry is
     /// durable. A run whose journal fails continues: it is no worse than one without a journal, and
-    /// its cube is in its hands.
+    /// its hands may hold the cube.
     async fn note(&mut self, entry: tasks::Entry) {
         // The writer takes the journal with it, so a writer that fails leaves none behind.
         let Some(mut journal) = self.parts.journal.take() else { return };
@@ -469,7 +474,7 @@ impl Mp {
         }
     }
 
-    /// Returns the ECP of an effector, or an error if the kernel addresses one that is not there.
+    /// Returns the ECP of an effector, or an error if the task addresses one that is not there.
     fn ecp(&self, effector: usize) -> Result<&EcpHandle, Error> {
         self.parts.ecps.get(effector).ok_or_else(|| Error::NonFatal {
             actor: "mp".into(),
@@ -478,7 +483,8 @@ impl Mp {
         })
     }
 
-    /// Waits while the run is paused. The fault of an arm comes first.
+    /// Waits while the run is paused or has not been started. Asks the arms for their states
+    /// meanwhile, and returns the fault of an arm as the outer error.
     async fn permitted(&mut self) -> Result<Result<(), Terminated>, Error> {
         loop {
             if let Some(permission) = permission_soon(&mut self.parts.services.control).await {
@@ -490,7 +496,7 @@ impl Mp {
         }
     }
 
-    /// Asks each arm for its state.
+    /// Asks each arm for its state and stores the states.
     async fn refresh(&mut self) -> Result<(), Error> {
         let mut arms = Vec::with_capacity(self.parts.ecps.len());
         for ecp in &self.parts.ecps {
@@ -501,18 +507,19 @@ impl Mp {
     }
 }
 
-/// Returns the error of a kernel that cannot go on.
+/// Returns the fatal error for a kernel that cannot continue its task for the reason `why`.
 fn defect(why: String) -> Error {
     let cause = Fatal::Kernel(why);
     Error::Fatal { actor: "mp".into(), place: "resume the task", cause, last: None }
 }
 
-/// Returns the error of a part of the run that is gone.
+/// Returns the error for a part of the run, `who`, that no longer exists; `place` names the work in
+/// which MP needed it.
 fn system(place: &'static str, who: &str) -> Error {
     Error::System { actor: "mp".into(), place, cause: System::Closed(who.into()) }
 }
 
-/// Returns an action in words.
+/// Returns the text that the user interfaces show while MP carries out an action.
 fn doing<T>(action: &Action<T>) -> &'static str {
     match action {
         Action::Phase(_) => "begins the next phase",
@@ -543,15 +550,16 @@ mod tests {
     use crate::reach::{Meeting, MeetingTable, ReachSettings, example_cell};
     use crate::record::run_hash::RunHash;
 
-    /// Returns a manner whose track is too fast for the zone of the operator's hand.
+    /// Returns the parameters of generators whose full speed along the track is too fast for the
+    /// zone of the operator's hand.
     fn manner() -> Manner {
         let mut manner = example_manner();
         (manner.speeds.joint[0], manner.speeds.joint_acceleration[0]) = (0.5, 1.0);
         manner
     }
 
-    /// Returns an MP whose arms are in these states. The first arm has an ECP and an EDP, whose
-    /// servo is gone.
+    /// Returns an MP that knows the arms in the states `arms`. Only the first arm has an ECP and an
+    /// EDP, and its servo has ended.
     fn standing(guard: Guard, arms: [ArmState; 2]) -> Mp {
         let clock = Clock::new(tokio::time::Instant::now(), Arc::new(Switches::default()));
         let control = watch::channel(Control::Running).1;
@@ -580,8 +588,8 @@ mod tests {
         Behaviour::Joints { target, speed: 1.0, seconds: 0.0 }
     }
 
-    /// Returns the first meeting of the hands, and the track arm's joints at a distance along its
-    /// track from there (m).
+    /// Returns the first meeting of the hands in the table, and a function that returns the track
+    /// arm's joint positions for a distance along its track from that meeting (m).
     fn meeting() -> (Meeting, impl Fn(f64) -> JointPositions) {
         let table = MeetingTable::compute(&example_cell(), &ReachSettings::default());
         let meeting = table.grasps.into_iter().flatten().next().unwrap();
@@ -611,7 +619,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn lookout_learns_whether_the_hands_may_meet() {
+    async fn hands_must_stay_apart_except_around_shared_grasp() {
         let (meeting, along) = meeting();
         // The flag has no reader outside the lookout, so the test reads its `Debug` form.
         let apart = |mp: &Mp| format!("{:?}", mp.parts.apart) == "Apart(true)";
@@ -633,9 +641,9 @@ mod tests {
         assert!(!orders(meeting.track, [Some(to(meeting.track_back)), None]));
     }
 
-    /// By hand, hands that are apart must stay apart while a motor is turned.
+    /// While the operator turns a motor by hand, hands that are apart must stay apart.
     #[tokio::test(start_paused = true)]
-    async fn manual_motor_motion_keeps_hands_apart() {
+    async fn manual_motor_jog_requires_hands_to_stay_apart() {
         let (meeting, along) = meeting();
         let arms = [arm(along(-0.4)), arm(meeting.postument)];
         let mut mp = standing(guard().by_hand(), arms);
@@ -648,7 +656,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn fault_of_an_arm_outranks_a_refusal() {
+    async fn dead_servo_error_outranks_refused_motion_error() {
         let (meeting, along) = meeting();
         let mut mp = standing(guard(), [arm(along(-0.4)), arm(meeting.postument)]);
         let cause = NonFatal::Arguments("too near".into());
@@ -662,7 +670,7 @@ mod tests {
 
     /// A motion that is too fast near the operator gives both arms more time, by the same factor.
     #[tokio::test(start_paused = true)]
-    async fn fast_motion_slows_both_arms_alike() {
+    async fn excess_speed_slows_both_arms_by_equal_factor() {
         let (meeting, _) = meeting();
         let past = |d0: f64| JointPositions([d0, 0.0, -1.57, 0.0, 1.56, 1.57, -1.57]);
         let mut rolled = meeting.postument;
@@ -724,7 +732,7 @@ mod tests {
 
     /// An empty hand may pass where a hand with a cube is refused.
     #[tokio::test(start_paused = true)]
-    async fn empty_hand_passes_where_a_cube_is_refused() {
+    async fn empty_hand_may_pass_where_loaded_cannot() {
         let cell = example_cell();
         let edge = cell.cube.edge;
         let table = MeetingTable::compute(&cell, &ReachSettings::default());

@@ -25,13 +25,13 @@ struct Running {
 }
 
 impl Running {
-    /// Returns whether every motion has come to rest in a pause.
+    /// Returns whether a pause has brought every motion under way to rest.
     fn rests(&self) -> bool {
         self.motions.iter().flatten().all(MoveInstruction::rests)
     }
 
-    /// Returns whether the step is over: a motion raises an alarm, the leading one has ended, or
-    /// all have ended.
+    /// Returns whether both motions must end now: one has ended with an alarm, the effector that
+    /// `until` names has ended its motion, or no motion is left.
     fn is_over(&self, until: Until) -> bool {
         let alarms = self.outcomes.iter().any(|o| o.as_ref().is_some_and(Outcome::alarms));
         let led = matches!(until, Until::Effector(e) if self.outcomes[e].is_some());
@@ -49,7 +49,8 @@ impl Running {
         self.motions.iter().all(Option::is_none)
     }
 
-    /// Returns the outcomes. A motion that is left is one that a terminate has ended.
+    /// Returns the outcome of each motion; `None` for an effector without one. A motion that is
+    /// still under way counts as ended by the operator's terminate.
     fn ended(mut self) -> [Option<Outcome>; 2] {
         for (effector, motion) in self.motions.iter().enumerate() {
             if motion.is_some() {
@@ -61,7 +62,8 @@ impl Running {
 }
 
 impl Mp {
-    /// Lets the ECPs run the generators: sporadic coordination.
+    /// Carries out the ordered behaviours under sporadic coordination, in which the ECPs run the
+    /// generators. Returns the outcome of each.
     pub(super) async fn invoke(
         &mut self,
         orders: [Option<Behaviour>; 2],
@@ -99,7 +101,8 @@ impl Mp {
         Ok(outcomes)
     }
 
-    /// Runs one move instruction for all effectors, a macrostep at a time: continuous coordination.
+    /// Carries out the ordered behaviours under continuous coordination, in which MP itself runs
+    /// the generators of all effectors, a macrostep at a time. Returns the outcome of each.
     pub(super) async fn move_all(
         &mut self,
         orders: [Option<Behaviour>; 2],
@@ -165,7 +168,7 @@ impl Mp {
         commands
     }
 
-    /// Sends the commands to both effectors at once, and takes over their states.
+    /// Sends the commands to both effectors at once, and stores the states with which they answer.
     async fn transmit(
         &mut self,
         commands: [Option<MoveCommand>; 2],
@@ -216,8 +219,9 @@ async fn behave_beside(
     result.map(|(outcome, _)| outcome)
 }
 
-/// Waits for others, with a short work item of MP every 10 ms. An MP that hangs meanwhile fails to
-/// finish the item, so the watchdog detects it before another actor needs an answer of it.
+/// Waits for `others`, the work of other actors, and does a short work item of MP every 10 ms
+/// meanwhile. An MP that hangs does not finish the item, so the watchdog detects the hang before
+/// another actor needs an answer of MP.
 async fn looking_up<T>(
     heartbeat: &Heartbeat,
     fault: &ActorFault,

@@ -19,7 +19,8 @@ const ROUNDS: u32 = 4;
 /// Largest ratio of a speed to its limit that counts as slow enough; it leaves room for rounding.
 const ENOUGH: f64 = 1.0 + 1e-9;
 
-/// Checks the paths of both arms. Returns whether the hands are to keep apart during the motion.
+/// Checks that the ordered motions bring no arm too near an obstacle. Returns whether the hands are
+/// to keep apart during the motions. `known` has the states of the synchronised arms.
 ///
 /// # Errors
 /// The obstacle to which an arm would come too near.
@@ -36,9 +37,10 @@ pub(super) fn check_paths(
     Ok(guard.keep_apart(from, led.each_ref()))
 }
 
-/// Gives more time to motions that are too fast near the operator's hand or for a motor. Both arms
-/// get the same factor, since their paths are free only if both have done the same share at each
-/// moment. The visual servo has its own speed, and its path is unknown before.
+/// Gives more time to ordered motions that are too fast near the operator's hand or for a motor.
+/// The times of both arms get the same factor, since their paths are free only if both arms have
+/// done the same share of them at each moment. A visual servo keeps its own speed, because its path
+/// is unknown beforehand.
 pub(super) fn slow_down(
     guard: &Guard,
     known: [Option<&ArmState>; 2],
@@ -172,7 +174,7 @@ struct JointsMove<'a> {
 }
 
 impl<'a> JointsMove<'a> {
-    /// Returns the joint motions among the orders of arms whose joints are known.
+    /// Returns those of the orders that are joint motions of synchronised arms.
     fn of(
         known: [Option<&'a ArmState>; 2],
         manners: &'a [Manner],
@@ -188,18 +190,20 @@ impl<'a> JointsMove<'a> {
         (0..2).filter_map(of_arm).collect()
     }
 
-    /// Returns the joints of the arm after a share of its path.
+    /// Returns the joint positions of the arm after the share `share` of its path, 0 to 1.
     fn at(&self, share: f64) -> JointPositions {
         self.from.towards(&self.target, share)
     }
 
-    /// Returns the duration of the path from one share to another by itself (s).
+    /// Returns the time that the arm needs, from rest to rest, for the part of its path between the
+    /// shares `begin` and `end` (s).
     fn seconds(&self, begin: f64, end: f64) -> f64 {
         self.manner.speeds.joints_seconds(&self.at(begin), &self.at(end), self.speed)
     }
 }
 
-/// Returns the paths of both arms. An arm without synchronisation has none that is known.
+/// Returns the ordered paths of both arms, each as `path` makes it from order and state. An arm
+/// that is not synchronised counts as staying where it is.
 fn paths_of(
     known: [Option<&ArmState>; 2],
     orders: &[Option<Behaviour>; 2],
@@ -209,8 +213,9 @@ fn paths_of(
         .map(|i: usize| known[i].map_or(PlannedMotion::Stays, |arm| path(orders[i].as_ref(), arm)))
 }
 
-/// Returns the path on which a behaviour moves an arm, as far as it is known before. An approach
-/// counts as none: it is slow, and it ends where it touches its target, which may be the table.
+/// Returns the path on which a behaviour moves an arm, if it is known beforehand. An approach
+/// counts as no motion: it is slow, and it ends where it touches its target, which may be the
+/// table.
 fn path(order: Option<&Behaviour>, arm: &ArmState) -> PlannedMotion {
     match order {
         Some(Behaviour::Joints { target, .. }) => PlannedMotion::Joints(*target),
@@ -224,7 +229,8 @@ fn path(order: Option<&Behaviour>, arm: &ArmState) -> PlannedMotion {
     }
 }
 
-/// Returns the path as [`path`] does, and that of an approach over its whole distance.
+/// Returns the path of a behaviour as [`path`] does, but for an approach the line over its whole
+/// distance.
 fn longest_path(order: Option<&Behaviour>, arm: &ArmState) -> PlannedMotion {
     match order {
         Some(Behaviour::Approach { distance, .. }) => {

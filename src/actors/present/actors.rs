@@ -25,7 +25,8 @@ pub(super) struct Actors<'a> {
 }
 
 impl Actors<'_> {
-    /// Returns the view of each actor, from UI and MP down.
+    /// Returns the name, state and activity of each actor, as the user interfaces show them: UI and
+    /// MP first, then ECPs, EDPs and VSPs.
     pub(super) fn views(&self) -> Vec<ActorView> {
         let mut views = vec![view("ui".into(), State::Running, "shows the run"), self.mp()];
         let arms = self.cell.arms.iter().enumerate();
@@ -40,7 +41,8 @@ impl Actors<'_> {
         self.control == ControlView::Ended
     }
 
-    /// Returns the state of an actor that is in `state` while the run is on.
+    /// Returns the state to show for an actor: `state` while the run proceeds, otherwise that of a
+    /// run that waits for its start, is paused or has ended.
     fn alive(&self, state: State) -> State {
         match self.control {
             ControlView::Ended => State::Absent,
@@ -50,7 +52,7 @@ impl Actors<'_> {
         }
     }
 
-    /// Returns the view of MP.
+    /// Returns the state and activity of MP for the user interfaces.
     fn mp(&self) -> ActorView {
         let (state, words) = match self.control {
             // The fault stays visible after the run has ended.
@@ -66,7 +68,8 @@ impl Actors<'_> {
         view("mp".into(), state, words)
     }
 
-    /// Returns the view of an arm's ECP.
+    /// Returns the state and activity of an arm's ECP for the user interfaces. `index` is that of
+    /// the arm, `arm` its name.
     fn ecp(&self, index: usize, arm: &str) -> ActorView {
         let (state, words) = match (self.moment.orders, self.moment.arms.get(index)) {
             // A recording holds no orders: the motion of the arm shows that there was one.
@@ -81,7 +84,8 @@ impl Actors<'_> {
         view(format!("ecp {arm}"), self.alive(state), words)
     }
 
-    /// Returns the view of an arm's EDP.
+    /// Returns the state and activity of an arm's EDP for the user interfaces. `index` is that of
+    /// the arm, `arm` its name.
     fn edp(&self, index: usize, arm: &str) -> ActorView {
         let latest = self.moment.arms.get(index);
         // Not through `alive`: an arm holds, or has a fault, whatever the run does.
@@ -90,7 +94,7 @@ impl Actors<'_> {
         view(format!("edp {arm}"), state, &words)
     }
 
-    /// Returns state and words of an EDP from the state of its arm.
+    /// Returns the state of an EDP and its activity in words, concluded from the state of its arm.
     fn edp_state(&self, latest: &ArmLatest) -> (State, String) {
         let state: &ArmState = &latest.state;
         // A fault comes first: an arm with a fault may have lost its synchronisation as well.
@@ -111,7 +115,8 @@ impl Actors<'_> {
         }
     }
 
-    /// Returns the view of a VSP.
+    /// Returns the state and activity of a VSP for the user interfaces. `camera` is the index of
+    /// its camera; `None` for the VSP that aggregates the forces of the wrists.
     fn vsp(&self, name: &str, camera: Option<usize>) -> ActorView {
         let seen = camera.and_then(|camera| self.cameras.get(camera));
         let words = match (seen, camera) {
@@ -124,7 +129,7 @@ impl Actors<'_> {
     }
 }
 
-/// Makes the view of an actor.
+/// Makes the entry of an actor in a snapshot; `words` describe its activity.
 fn view(name: String, state: State, words: &str) -> ActorView {
     ActorView { name, state, words: words.to_owned() }
 }

@@ -11,7 +11,8 @@ use crate::spatial::Pose;
 use crate::vision::sensor::FaceReading;
 use nalgebra::{Point3, Vector3};
 
-/// Writes the result of vision into a camera's view, in pixels of its picture.
+/// Replaces the outlines, marks and words that the user interfaces draw over the picture of a
+/// camera by those of the result of vision in `sight`. They are in pixels of that picture.
 pub(super) fn draw(view: &mut CameraView, cell: &Cell, camera: usize, sight: &Sight) {
     let (camera, edge) = (&cell.cameras[camera], cell.cube.edge);
     // The drawing of the last picture must not remain in a picture in which vision finds less.
@@ -32,13 +33,15 @@ pub(super) fn draw(view: &mut CameraView, cell: &Cell, camera: usize, sight: &Si
     }
 }
 
-/// Returns the pixel of a point in the camera's frame if it lies before the camera.
+/// Returns the pixel to which `point`, in the camera's frame, projects; `None` if the point is not
+/// in front of the camera.
 fn project(camera: &Camera, point: Point3<f64>) -> Option<(f64, f64)> {
     // At least 10 mm before it: the projection of a point near its plane is far off the picture.
     (point.z > 0.01).then(|| camera.intrinsics.project(&point))
 }
 
-/// Outlines the sides of a cube of this edge (m) that the camera sees.
+/// Adds the outlines of those faces of a cube that the camera sees. `edge` is the length of the
+/// cube's edges (m).
 fn draw_cube(view: &mut CameraView, camera: &Camera, edge: f64, camera_from_cube: &Pose) {
     let half = 0.5 * edge;
     for face in Face::ALL {
@@ -58,7 +61,8 @@ fn draw_cube(view: &mut CameraView, camera: &Camera, edge: f64, camera_from_cube
     }
 }
 
-/// Outlines a face of a cube of this edge (m), and marks its tiles.
+/// Adds the outline of a face that was read, and a mark with colour and confidence for each of its
+/// nine tiles. `edge` is the length of the cube's edges (m).
 fn draw_face(view: &mut CameraView, camera: &Camera, edge: f64, reading: &FaceReading) {
     let half = 0.5 * edge;
     let at = |x: f64, y: f64| project(camera, reading.camera_from_face * Point3::new(x, y, 0.0));

@@ -88,7 +88,8 @@ pub struct Presenter {
 }
 
 impl Presenter {
-    /// Creates the presenter of a run of this stage and this controller.
+    /// Creates the presenter of a run. `stage` has the facts that do not change during the run,
+    /// `latest` the values that the actors keep up to date.
     #[must_use]
     pub fn new(stage: Stage, config: &ControllerConfig, latest: LatestValues) -> Self {
         let cell = config.cell.clone();
@@ -158,7 +159,8 @@ impl Presenter {
         self.say(self.time(), class, "ui", &text);
     }
 
-    /// Adds a message.
+    /// Adds a message to the list that each snapshot carries. A full list first drops its oldest
+    /// quarter.
     fn say(&mut self, time: f64, class: Class, source: &str, text: &str) {
         self.said += 1;
         // Snapshots share the list. It is copied only if one of them is still held.
@@ -187,7 +189,8 @@ impl Presenter {
         periods as f64 * self.length.seconds()
     }
 
-    /// Publishes the snapshot, and stage and pictures if they are new.
+    /// Publishes a snapshot of the present values on the `desk`, and the stage and the pictures if
+    /// they are new. `speed` is the limit of the speed of simulated time.
     pub fn publish(&mut self, desk: &RunEnd, control: Control, speed: f64) {
         let View { stage, pictures, snapshot } = self.view(control, speed);
         // The snapshot comes last: it names the pictures and the cameras of the stage.
@@ -200,7 +203,8 @@ impl Presenter {
         desk.snapshots.send_replace(Arc::new(snapshot));
     }
 
-    /// Returns the present values of the run, as the user interfaces show them.
+    /// Returns the present values of the run for the user interfaces. `speed` is the limit of the
+    /// speed of simulated time, as a multiple of real time; 0 for no limit.
     pub fn view(&mut self, control: Control, speed: f64) -> View {
         // One lock for all values, so that they are of one moment. The work on them comes after it.
         let values = self.latest.clone();
@@ -219,7 +223,8 @@ impl Presenter {
         View { stage, pictures: is_new.then(|| self.pictures.clone()), snapshot }
     }
 
-    /// Makes the snapshot of a moment.
+    /// Makes a snapshot from the values of one moment, the operator's control and the limit of the
+    /// speed of simulated time.
     fn snapshot(&self, moment: Moment, control: Control, speed: f64) -> Snapshot {
         // A run with an outcome has ended, even if the operator's control still says otherwise.
         let control = match (control, &self.outcome) {
@@ -265,7 +270,8 @@ impl Presenter {
         }
     }
 
-    /// Adopts the cell that a calibration found, and returns the stage with its cameras.
+    /// Replaces the believed cell by the one that a calibration found. Returns the stage with the
+    /// poses of its cameras and the edge of its cube.
     fn calibrated(&mut self, cell: Cell) -> Stage {
         self.stage.cameras = stage::cameras(&cell);
         self.stage.edge = cell.cube.edge;
@@ -273,7 +279,8 @@ impl Presenter {
         self.stage.clone()
     }
 
-    /// Stores the result of a camera's VSP. The result may have come without a picture.
+    /// Stores the pose of the cube if vision has found one in a picture that was exposed in
+    /// `period`, unless a newer pose is known. The picture itself may be missing.
     pub fn take_sight(&mut self, period: u64, found: &Found) {
         // A sight stays in the latest values and is taken again with each snapshot. It must not
         // replace a newer result that came without a picture.
@@ -293,8 +300,8 @@ impl Presenter {
         }
     }
 
-    /// Takes new pictures over and draws the results of vision into their views. Returns whether
-    /// there was one.
+    /// Takes the new pictures of all cameras out of the latest values, with the results of vision
+    /// to draw over them. Returns whether there was a new picture.
     fn take_pictures(&mut self, latest: &mut Latest) -> bool {
         let mut new = false;
         for (camera, sight) in latest.sights.iter_mut().enumerate() {
@@ -321,7 +328,7 @@ impl Presenter {
         new
     }
 
-    /// Returns the views of all arms.
+    /// Returns the joints, forces, faults and frames of each arm for the user interfaces.
     fn arms(&self, moment: &Moment) -> Vec<ArmView> {
         // The mission estimates the bases better than the scenario states them.
         let believed = |i: usize| moment.picture.as_ref()?.world_from_base.get(i).copied()?;
@@ -349,7 +356,7 @@ impl Presenter {
         self.cell.arms.iter().enumerate().map(view).collect()
     }
 
-    /// Returns the views of all actors.
+    /// Returns the state and activity of each actor for the user interfaces.
     fn actors(&self, control: ControlView, moment: &Moment) -> Vec<ActorView> {
         Actors {
             control,
@@ -363,14 +370,15 @@ impl Presenter {
         .views()
     }
 
-    /// Returns the cube that the stand-alone camera has seen lately.
+    /// Returns pose and speed of the cube as the stand-alone camera saw it last, if that was less
+    /// than [`STALE`] before `time` (s).
     fn hand(&self, time: f64) -> Option<HandView> {
         let Target { world_from_cube, speed, period } = self.hand?;
         let age = time - period as f64 * PERIOD;
         (age < STALE).then_some(HandView { world_from_cube, speed, age })
     }
 
-    /// Returns the place, in words, of a cube that is seen and that no arm holds.
+    /// Returns in words where a cube is that the camera sees while no arm holds it.
     fn keeper_place(&self) -> &'static str {
         match self.cell.keeper {
             Keeper::Person => "in the operator's hand",
@@ -378,7 +386,8 @@ impl Presenter {
         }
     }
 
-    /// Returns the view of the cube: in the hands by the kernel's belief, else where it is seen.
+    /// Returns where the cube is and what its facelets are, for the user interfaces. Its pose is
+    /// that in the arm that holds it by the kernel's belief; without one, where the camera sees it.
     fn cube(&self, arms: &[ArmView], picture: Option<&Picture>, time: f64) -> CubeView {
         let Some(picture) = picture else {
             // The kernel has no belief yet, or the task handles no cube.
@@ -434,7 +443,8 @@ fn roll(rotation: &UnitQuaternion<f64>) -> f64 {
     (angle + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI
 }
 
-/// Returns the cube's facelets, or those in the net while it is being read; `-` for an unread one.
+/// Returns the letters of the 54 facelets that the kernel believes. While the faces are being read,
+/// they are those read so far, with `-` for the others.
 fn letters(picture: &Picture) -> String {
     if let Some(facelets) = &picture.facelets {
         return facelets.to_string();
@@ -466,7 +476,7 @@ mod tests {
         (presenter, stage, latest)
     }
 
-    /// Puts both arms at their start poses, at period 500.
+    /// Sets the latest states of both arms to their start poses, in period 500.
     fn stand(latest: &LatestValues, presenter: &Presenter) {
         let arms = presenter.cell.arms.iter().map(|arm| ArmLatest {
             state: ArmState { period: 500, joints: arm.start, ..ArmState::default() },
@@ -475,9 +485,10 @@ mod tests {
         latest.lock().arms = arms.collect();
     }
 
-    /// A held cube moves with the arm, and the layer that is turned with the turning hand.
+    /// A held cube is shown where the arm holds it, and a layer that is being turned at the angle
+    /// of the turning hand.
     #[test]
-    fn held_cube_follows_the_arms() {
+    fn snapshot_shows_cube_pose_and_turning_layer_angle() {
         let (mut presenter, _, latest) = presenter();
         stand(&latest, &presenter);
         let desk = crate::desk::Desk::default().run_end();
@@ -513,7 +524,7 @@ mod tests {
     }
 
     #[test]
-    fn time_counts_in_the_periods_of_arms() {
+    fn snapshot_time_uses_the_configured_servo_period() {
         let set = [Override::parse("real_time.period_ms=1").unwrap()];
         let scenario = crate::scenario::read(Path::new("t.toml"), "", &set).unwrap();
         let latest = LatestValues::default();
@@ -528,7 +539,7 @@ mod tests {
     }
 
     #[test]
-    fn calibrated_camera_draws_the_outlines() {
+    fn calibration_moves_shown_cube_outlines_and_camera() {
         let (mut presenter, before, latest) = presenter();
         stand(&latest, &presenter);
         let desk = crate::desk::Desk::default().run_end();
@@ -555,7 +566,7 @@ mod tests {
     }
 
     #[test]
-    fn peaks_between_snapshots_are_shown_once() {
+    fn force_peak_appears_in_one_snapshot_only() {
         let (mut presenter, _, latest) = presenter();
         stand(&latest, &presenter);
         let desk = crate::desk::Desk::default().run_end();
@@ -568,7 +579,7 @@ mod tests {
     }
 
     #[test]
-    fn faulty_arm_shows_its_fault_and_class() {
+    fn snapshot_shows_arm_fault_and_its_severity() {
         let (mut presenter, _, latest) = presenter();
         stand(&latest, &presenter);
         let desk = crate::desk::Desk::default().run_end();
@@ -594,7 +605,7 @@ mod tests {
     }
 
     #[test]
-    fn the_stage_names_every_arm_camera_and_pose() {
+    fn static_scene_lists_arms_cameras_and_start_pose() {
         let (_, stage, _) = presenter();
 
         assert_eq!(stage.arms.len(), 2);

@@ -25,7 +25,8 @@ pub(super) struct Moment {
 }
 
 impl Moment {
-    /// Reads the latest values, and resets peaks and punctuality for the next snapshot.
+    /// Copies the latest values for a snapshot at `time` (s). Resets those that count between two
+    /// snapshots: the peaks of the arms and the punctuality of the servo.
     pub(super) fn of(latest: &mut Latest, time: f64) -> Self {
         // Each peak is shown in one snapshot.
         let read = |arm: &mut ArmLatest| ArmLatest {

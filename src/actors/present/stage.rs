@@ -10,7 +10,8 @@ use crate::operator::{ArmStage, CameraStage, Limits, Stage, arm_solids};
 use crate::scenario::Scenario;
 use crate::spatial::Pose;
 
-/// Returns the stage of a run of this scenario.
+/// Returns the facts about a scenario and its cell that the user interfaces need and that do not
+/// change during a run.
 pub(crate) fn stage(scenario: &Scenario) -> Stage {
     let config = &scenario.controller;
     let cell = &config.cell;
@@ -59,8 +60,8 @@ pub(super) fn cameras(cell: &Cell) -> Vec<CameraStage> {
     cell.cameras.iter().map(camera).collect()
 }
 
-/// Returns the names of the poses to which the operator can send an arm by hand, with its joints
-/// there.
+/// Returns the poses to which the operator can send an arm by hand: the name and the joint
+/// positions of each.
 pub(crate) fn poses(arm: &Arm) -> Vec<(String, JointPositions)> {
     let mut poses = vec![("start".to_owned(), arm.start)];
     let track = arm.start.0[0];

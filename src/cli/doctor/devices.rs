@@ -42,7 +42,7 @@ pub(super) fn may_open(device: &Path) -> Result<(), Errno> {
     access(device, Access::READ_OK | Access::WRITE_OK)
 }
 
-/// Returns whether this user may open the serial lines.
+/// Checks whether this user may open the serial lines with these names in the folder `devices`.
 fn lines(devices: &Path, names: &[String]) -> Finding {
     let name = "serial lines";
     let denied: Vec<Errno> =
@@ -70,7 +70,8 @@ fn lines(devices: &Path, names: &[String]) -> Finding {
     }
 }
 
-/// Returns whether the ports of an ISA card at the original's address are granted.
+/// Checks whether the kernel grants this program the I/O ports of an ISA card, at the addresses of
+/// the original robot.
 pub(super) fn ports() -> Finding {
     let name = "ISA ports";
     // Port instructions are a feature that is chosen when the program is built.
@@ -93,15 +94,16 @@ pub(super) fn ports() -> Finding {
     }
 }
 
-/// Asks for ports in a thread that ends at once. The right belongs to that thread, so the program
-/// does not keep it.
+/// Requests I/O ports by `ask(ports)`, in a thread that ends at once. The right belongs to this
+/// thread alone, so the program does not keep it.
 pub(super) fn asked(ask: fn(u16) -> Result<(), String>, ports: u16) -> Result<(), String> {
     std::thread::spawn(move || ask(ports))
         .join()
         .unwrap_or_else(|_| Err("the thread that asked for ports panicked".to_owned()))
 }
 
-/// Returns the FTDI adapters that delay answers. Their driver starts with 16 ms.
+/// Returns a note if FTDI adapters delay answers by more than 1 ms, otherwise `None`. Their driver
+/// sets a delay of 16 ms at first.
 fn slow_adapters(serial: &[String]) -> Option<Finding> {
     // Only the driver of FTDI has this file.
     let timer = |name: &&String| {

@@ -23,7 +23,7 @@ pub(super) enum Weight {
 }
 
 impl Weight {
-    /// Returns the word in the list of findings.
+    /// Returns the word that marks a finding of this severity in the printed list.
     pub(super) fn word(self) -> &'static str {
         match self {
             Self::Good => "ok",

@@ -10,7 +10,8 @@ pub(super) const MEMBER: &str =
 pub(super) const RULES: &str = "sudo cp packaging/udev/60-rubik-robot.rules /etc/udev/rules.d/ \
                                 && sudo udevadm control --reload";
 
-/// Returns the command that lets the group open the devices that exist already.
+/// Returns the command that lets the group `rubik-robot` open the devices, also those that are
+/// already connected, and adds this user to the group.
 pub(super) fn trigger() -> String {
     format!("{RULES} && sudo udevadm trigger && {MEMBER}")
 }

@@ -66,7 +66,7 @@ fn read(path: &str) -> String {
     fs::read_to_string(path).unwrap_or_default().trim().to_owned()
 }
 
-/// Makes a finding that is at most a note; `fix` is kept if the fact is not `good`.
+/// Makes a finding: without fault if `good`, otherwise a note with the command `fix` that helps.
 fn note(name: &'static str, good: bool, fact: String, fix: Option<&str>) -> Finding {
     Finding {
         name,
@@ -90,7 +90,7 @@ fn preemption() -> Finding {
     )
 }
 
-/// Checks the time that real-time threads may use.
+/// Checks how much of each second the kernel lets real-time threads use.
 fn budget() -> Finding {
     // The kernel throttles real-time threads by default to 0.95 s of each second.
     let budget = read("/proc/sys/kernel/sched_rt_runtime_us");
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn priority_is_granted_if_a_thread_gets_it() {
+    fn scheduling_report_matches_priority_granted_to_thread() {
         const PRIORITY: i32 = 42;
 
         let found = rights(PRIORITY);
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn memory_is_locked_only_without_a_limit() {
+    fn memory_lock_finding_agrees_with_process_limits() {
         let found = rights(42);
         let lock = of(&found, "memory lock");
 

@@ -41,7 +41,7 @@ pub(super) struct DoctorArgs {
     json: bool,
 }
 
-/// Name of a probe, and its timing; `None` if the thread could not be started.
+/// Name of a jitter measurement, and its timing; `None` if the thread could not be started.
 type Probe = (&'static str, Option<Timing>);
 
 /// Examines the machine and the scenario's robot; returns the exit code.
@@ -75,7 +75,7 @@ pub(super) fn run(args: &DoctorArgs, output: &mut Output) -> anyhow::Result<u8> 
     Ok(exit_code(&findings))
 }
 
-/// Returns all findings except the probes.
+/// Returns the findings about machine, devices and robot, without the jitter measurements.
 fn examine(scenario: Option<&Scenario>, priority: i32) -> Vec<Finding> {
     let mut findings = machine::rights(priority);
     findings.extend(machine::kernel());
@@ -95,7 +95,7 @@ fn print_findings(findings: &[Finding], output: &mut Output) -> anyhow::Result<(
     Ok(())
 }
 
-/// Prints the probes.
+/// Prints the jitter measurements.
 fn print_probes(probes: &[Probe], output: &mut Output) -> anyhow::Result<()> {
     for (name, timing) in probes {
         output.line(&match timing {
@@ -119,7 +119,7 @@ fn print_verdict(findings: &[Finding], output: &mut Output) -> anyhow::Result<()
     Ok(())
 }
 
-/// Returns findings and probes as JSON.
+/// Returns the findings and the jitter measurements (`probes`) as JSON.
 fn as_json(findings: &[Finding], probes: &[Probe]) -> serde_json::Value {
     let listed: Vec<_> = findings
         .iter()
@@ -140,7 +140,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn missing_right_names_its_fix() {
+    fn every_missing_real_time_right_names_a_fix() {
         for finding in examine(None, 85) {
             assert!(!finding.fact.is_empty(), "{}", finding.name);
             assert!(finding.weight != Weight::Missing || finding.fix.is_some(), "{}", finding.name);

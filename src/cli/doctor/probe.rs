@@ -19,8 +19,9 @@ impl Port for Nothing {
     }
 }
 
-/// Runs a servo thread without arms and returns the lateness of its periods. Returns `None` if the
-/// thread cannot be started.
+/// Runs a servo thread without arms for `seconds` and returns the lateness of its periods. The
+/// thread spins for the last `spin` ns of each wait. Returns `None` if the thread cannot be
+/// started.
 pub(super) fn probe(spin: u64, priority: i32, seconds: f64) -> Option<Timing> {
     let switches = Arc::new(Switches::default());
     // A core without arms has the thread of a run, and nothing to compute.
@@ -34,7 +35,7 @@ pub(super) fn probe(spin: u64, priority: i32, seconds: f64) -> Option<Timing> {
     Some(wall.stop().timing)
 }
 
-/// Returns a probe as a line of text.
+/// Returns a jitter measurement as a line of text.
 pub(super) fn words(timing: &Timing) -> String {
     let us = |q: f64| timing.wake_up.quantile(q) as f64 / 1000.0;
     format!(
@@ -48,7 +49,7 @@ pub(super) fn words(timing: &Timing) -> String {
     )
 }
 
-/// Returns a probe as JSON.
+/// Returns a jitter measurement as JSON.
 pub(super) fn describe(name: &str, timing: Option<&Timing>) -> serde_json::Value {
     let Some(timing) = timing else { return json!({"name": name}) };
     let us = |q: f64| timing.wake_up.quantile(q) as f64 / 1000.0;
@@ -68,7 +69,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn probe_counts_its_periods() {
+    fn timing_probe_counts_missed_and_met_periods() {
         let timing = probe(0, 85, 0.2).unwrap();
 
         let all = timing.missed + timing.wake_up.len();

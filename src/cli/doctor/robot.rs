@@ -74,7 +74,7 @@ pub(super) fn robot(scenario: &Scenario) -> Vec<Finding> {
     findings
 }
 
-/// Returns the reasons why a run would refuse the devices, by the rules of a run. It opens none.
+/// Returns the reasons why `run` would refuse the devices, by its own rules. Opens no device.
 fn refusals(config: &ControllerConfig, bridge: BridgeKind, devices: &Devices) -> Vec<Refusal> {
     let cards = bridge == BridgeKind::Isa;
     let mut refusals = Vec::new();
@@ -111,7 +111,7 @@ fn of_path(path: &str) -> Option<Refusal> {
     (!is_device).then(|| Refusal { fact: format!("{}: not a device", path.display()), fix: None })
 }
 
-/// Checks the lines of an arm's axes.
+/// Checks the serial lines of an arm's axes.
 fn of_lines(arm: &Arm, devices: &EffectorDevices) -> Vec<Refusal> {
     let refusal = |path: Result<&str, NoDevice>| match path {
         Ok(path) => of_path(path),
@@ -120,7 +120,8 @@ fn of_lines(arm: &Arm, devices: &EffectorDevices) -> Vec<Refusal> {
     devices.paths(arm.model.has_track).filter_map(|(_, path)| refusal(path)).collect()
 }
 
-/// Checks the card of an arm.
+/// Checks that an arm has an ISA card whose I/O ports are granted and whose UIO device can be
+/// opened.
 fn of_card(arm: &Arm, devices: &EffectorDevices) -> Vec<Refusal> {
     let Some(card) = &devices.isa else {
         return vec![NoDevice(format!("effector \"{}\": no card is named", arm.name)).into()];
@@ -167,7 +168,7 @@ mod tests {
                         [bridge]\nkind = \"serial\"\n\
                         devices = \"devices.toml\"\n[[effector]]\nname = \"postument\"\n";
 
-    /// Returns the path of a line in a folder. The first call with a name makes the line.
+    /// Returns the path of a pseudoterminal in a folder. The first call with a name opens it.
     fn line(folder: &Folder, name: &str) -> String {
         let path = folder.0.join(name);
         if !path.exists() {
@@ -179,7 +180,7 @@ mod tests {
         path.display().to_string()
     }
 
-    /// Returns the devices of an arm without a track, with its lines in a folder.
+    /// Returns the devices of an arm without a track, with its serial lines in a folder.
     fn postument(folder: &Folder) -> EffectorDevices {
         let line = |i: usize| line(folder, &format!("line{i}"));
         let axes = std::iter::once(String::new()).chain((1..=AXES).map(line)).collect();
@@ -192,13 +193,14 @@ mod tests {
         found.into_iter().map(|f| (f.weight, f.fact, f.fix)).collect()
     }
 
-    /// Returns the only finding.
+    /// Returns weight, fact and remedy of the only finding about the scenario with this text.
     fn one(folder: &Folder, text: &str) -> (Weight, String, Option<String>) {
         let [one] = <[_; 1]>::try_from(look(folder, text)).unwrap();
         one
     }
 
-    /// Returns the only finding about these devices.
+    /// Writes these devices to the file that the scenario names. Returns weight, fact and remedy of
+    /// the only finding.
     fn look_at(folder: &Folder, text: &str, devices: &Devices) -> (Weight, String, Option<String>) {
         folder.write("devices.toml", &devices.text().unwrap());
         one(folder, text)
@@ -209,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn missing_devices_of_a_robot_are_found() {
+    fn missing_serial_line_or_devices_file_is_refused() {
         let folder = Folder::new("doctor-robot");
 
         let (weight, fact, fix) = look_at(&folder, IDLE, &with(postument(&folder)));
@@ -231,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn remedy_is_named_only_where_it_helps() {
+    fn fix_is_suggested_for_permission_not_missing_device() {
         let folder = Folder::new("doctor-advice");
         let mut twice = postument(&folder);
         twice.axes[4] = twice.axes[3].clone();
@@ -250,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn invalid_values_are_found() {
+    fn invalid_values_in_devices_file_are_refused() {
         let folder = Folder::new("doctor-values");
         let track = IDLE.replace("postument", "track");
         let there = format!("ft_controller:{}", line(&folder, "sensor"));
@@ -294,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn card_is_checked_against_its_arm() {
+    fn missing_or_unsuitable_isa_card_is_refused() {
         let folder = Folder::new("doctor-card");
         let text = IDLE.replace("serial", "isa");
         let found = |card: Option<IsaDevice>, max_currents: &[f64]| {
@@ -329,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn missing_camera_is_found() {
+    fn camera_without_socket_or_scenario_entry_is_refused() {
         let folder = Folder::new("doctor-camera");
         let text = IDLE.replace("camera = []\n", "") + "[[camera]]\nname = \"standalone\"\n";
         let camera = |name: &str, socket: &str| Devices {

@@ -41,7 +41,7 @@ pub struct Switches {
 }
 
 impl Switches {
-    /// Returns the flags of servos that stop when `emergency` is pressed.
+    /// Makes switches whose emergency stop is `emergency`; all other flags are clear.
     #[must_use]
     pub fn new(emergency: StopSignal) -> Self {
         Self { emergency, ..Self::default() }
@@ -64,7 +64,8 @@ impl Punctual {
         self.work.fetch_max(work, Ordering::Relaxed);
     }
 
-    /// Counts grid points that passed without a period; a period has this `length` (ns).
+    /// Adds `points` missed periods of this `length` (ns): points of the time grid that passed
+    /// without a servo period.
     pub(crate) fn miss(&self, points: u64, length: u64) {
         self.missed.fetch_add(points, Ordering::Relaxed);
         self.missed_nanos.fetch_add(points * length, Ordering::Relaxed);
@@ -75,8 +76,8 @@ impl Punctual {
         self.missed_nanos.load(Ordering::Relaxed)
     }
 
-    /// Returns the largest lateness and the longest work since the last call (ns), and the number
-    /// of all missed grid points.
+    /// Returns the largest lateness of a period and the longest work of a period since the last
+    /// call (ns), and the number of all grid points missed so far.
     pub fn take(&self) -> (u64, u64, u64) {
         (
             self.late.swap(0, Ordering::Relaxed),
@@ -111,12 +112,14 @@ impl Core {
     /// Time without a heartbeat after which the arms trip.
     const DEAD: Duration = Duration::from_secs(1);
 
-    /// Builds the servos. It fetches their first readings in period 0, with all drives off.
+    /// Builds the servos of all arms, and fetches their first readings in period 0 with all drives
+    /// off.
     ///
-    /// `ends` has one end for each arm. All configurations have the same length of a period.
+    /// `ends` are the servos' ends of the links to the EDPs, one for each arm. All `configs` have
+    /// the same length of a period.
     ///
     /// # Errors
-    /// The fault of the port in that exchange.
+    /// The fault of the port in the exchange of period 0.
     ///
     /// # Panics
     /// If the numbers of ends and configurations differ, which is a bug of the caller.
@@ -207,8 +210,8 @@ impl Core {
         self.outside.trip.get_or_insert(fault);
     }
 
-    /// Records grid points that passed without a period. The arms kept moving under their last
-    /// drives.
+    /// Records that `missed` points of the time grid passed without a period. The arms kept moving
+    /// under their last drive commands.
     pub fn add_missed_periods(&mut self, missed: u64) {
         self.outside.skipped += missed;
     }
@@ -250,13 +253,14 @@ impl Core {
         &self.readings
     }
 
-    /// Returns the readings of the next period, for a driver that fetches them itself.
+    /// Returns the buffer for the readings of the next period; a driver that fetches them itself
+    /// writes them there.
     pub fn readings_mut(&mut self) -> &mut [ArmReading] {
         &mut self.readings
     }
 
-    /// Turns the switches and the silence of the actors into stops of this period. Returns whether
-    /// the emergency stop is pressed.
+    /// Checks the switches and the heartbeats of the actors, and records the stops that follow for
+    /// this period. Returns whether the emergency stop is pressed.
     fn read_switches(&mut self, period: u64) -> bool {
         let pressed = self.switches.emergency.is_pressed();
         if pressed {

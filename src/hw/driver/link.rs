@@ -50,14 +50,14 @@ pub struct ServoEnd {
 #[error("the servo takes no commands: {DEPTH} are waiting")]
 pub struct Unsent;
 
-/// Makes both ends of a link to one arm's servo, whose periods last 2 ms.
+/// Makes the EDP's and the servo's end of a link to one arm, whose servo periods last 2 ms.
 #[must_use]
 pub fn link() -> (ServoLink, ServoEnd) {
     link_at(Length::default())
 }
 
-/// Makes both ends of a link to one arm's servo, whose periods have this `length`. The EDP counts
-/// time in periods of 2 ms.
+/// Makes the EDP's and the servo's end of a link to one arm, whose servo periods have this
+/// `length`. The EDP counts time in periods of 2 ms.
 #[must_use]
 pub fn link_at(length: Length) -> (ServoLink, ServoEnd) {
     let (producer, consumer) = rtrb::RingBuffer::new(DEPTH);
@@ -102,7 +102,7 @@ impl ServoLink {
         self.states.read().doubles
     }
 
-    /// Returns the latest state.
+    /// Returns the latest state of the arm that the servo has published.
     pub fn state(&mut self) -> &ArmState {
         &self.states.read().state
     }
@@ -122,7 +122,8 @@ impl ServoLink {
         *taken >= ticket && *left <= early
     }
 
-    /// Returns how many periods of 2 ms before its end a macrostep must be answered.
+    /// Returns how long before its end a macrostep must be answered, so that the next one follows
+    /// without a gap (periods of 2 ms).
     #[must_use]
     pub fn early(&self) -> u64 {
         self.length.early_ticks()
@@ -166,7 +167,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn taken_command_is_done_near_its_end() {
+    fn command_is_done_within_given_periods_of_end() {
         let (mut edp, mut servo) = link();
         let ticket = edp.send(ServoCommand::Bias).unwrap();
 

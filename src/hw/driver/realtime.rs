@@ -1,7 +1,7 @@
 //! The system calls of a punctual thread: its real-time rights, and a clock with absolute sleep.
 //!
 //! The unsafe code here is plain calls of libc that the standard library does not offer.
-#![allow(unsafe_code, reason = "scheduling and absolute sleep exist in libc only")]
+#![allow(unsafe_code, reason = "only libc offers real-time scheduling and absolute sleep")]
 
 use rustix::process::{Resource, getrlimit};
 use std::fs::File;
@@ -66,8 +66,9 @@ impl Lockable {
         Self::of(getrlimit(Resource::Memlock).current, &status)
     }
 
-    /// Decides from the resource limit (`None`: unlimited) and from the thread's capabilities in
-    /// `status`, the text of `/proc/thread-self/status`.
+    /// Returns how much memory the thread may lock, from the resource limit (bytes, `None`:
+    /// unlimited) and from the thread's capabilities in `status`, the text of
+    /// `/proc/thread-self/status`.
     fn of(limit: Option<u64>, status: &str) -> Self {
         /// Number of the capability that lifts the limit, see capabilities(7).
         const CAP_IPC_LOCK: u32 = 14;
@@ -82,7 +83,8 @@ impl Lockable {
     }
 }
 
-/// Locks memory, so that it is not paged out; returns a warning if that is denied.
+/// Locks the memory of this process, so that it is not paged out; returns a warning if that is
+/// denied or limited.
 ///
 /// Under a limit only the present memory is locked. If later memory were locked as well, an
 /// allocation beyond the limit would fail, which ends the program.
@@ -195,7 +197,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn later_memory_is_locked_only_without_a_limit() {
+    fn memory_lock_limit_applies_without_ipc_lock_capability() {
         const NONE: &str = "Name:\tx\nCapEff:\t0000000000000000\n";
         const IPC_LOCK: &str = "CapEff:\t0000000000004000\n";
         let limit = 8 << 20;

@@ -29,7 +29,7 @@ pub struct ServoRecord {
 /// Receiver of servo records. The wall driver calls it on the real-time thread, where it must not
 /// wait, lock or allocate.
 pub trait RecordSink: Send {
-    /// Receives one record.
+    /// Receives the record of one arm and one servo period.
     fn record(&mut self, record: &ServoRecord);
 }
 
@@ -52,7 +52,8 @@ impl ServoRecord {
     /// Feeds the record to a hash in a fixed order of bytes: integers little-endian, floats by
     /// their bits.
     ///
-    /// Recorded runs keep these hashes, so a change of the order or of a tag invalidates them.
+    /// Recorded runs keep these hashes, so a change of the order, or of a number that marks the
+    /// kind of a command, invalidates them.
     pub fn feed(&self, hash: &mut dyn FnMut(&[u8])) {
         let mut bytes = Bytes(hash);
         bytes.int(self.period);
@@ -200,8 +201,8 @@ impl Bytes<'_> {
         self.depth(drive.stops);
     }
 
-    /// Hashes the state. A fault or refusal counts by its presence alone: its kind follows from
-    /// the rest of the record.
+    /// Feeds the state of the arm to the hash. A fault or refusal counts by its presence alone: its
+    /// kind follows from the rest of the record.
     fn state(&mut self, state: &ArmState) {
         self.floats(&state.desired_joints.0);
         self.pose(&state.base_from_tool);

@@ -21,7 +21,7 @@ impl Histogram {
     const FINE: u64 = 32;
     const CLASSES: usize = 27 * Self::FINE as usize;
 
-    /// Counts one time (ns).
+    /// Adds one duration to the histogram (ns).
     pub fn record(&mut self, nanos: u64) {
         let class = Self::class(nanos).min(Self::CLASSES - 1);
         self.counts[class] += 1;
@@ -29,32 +29,33 @@ impl Histogram {
         self.max = self.max.max(nanos);
     }
 
-    /// Returns how many times it has counted.
+    /// Returns how many durations were recorded.
     #[must_use]
     pub fn len(&self) -> u64 {
         self.total
     }
 
-    /// Returns whether it has counted no time.
+    /// Returns whether no duration was recorded.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.total == 0
     }
 
-    /// Returns each class that is not empty: its largest time (ns) and its count.
+    /// Returns the classes (bins) of the histogram that are not empty: the largest duration of each
+    /// (ns), and how many durations lie in it.
     pub fn classes(&self) -> impl Iterator<Item = (u64, u64)> {
         let classes = self.counts.iter().enumerate().filter(|(_, count)| **count > 0);
         classes.map(|(class, count)| (Self::upper(class).min(self.max), *count))
     }
 
-    /// Returns the longest time (ns).
+    /// Returns the longest duration that was recorded (ns).
     #[must_use]
     pub fn max(&self) -> u64 {
         self.max
     }
 
-    /// Returns the time that a share `q` of all times does not exceed (ns), at most 3 % too large;
-    /// 0 if the histogram is empty.
+    /// Returns the duration that a share `q` of all recorded durations does not exceed (ns), at
+    /// most 3 % too large; 0 if the histogram is empty.
     #[must_use]
     pub fn quantile(&self, q: f64) -> u64 {
         let rank = ((q * self.total as f64).ceil() as u64).clamp(1, self.total.max(1));
@@ -79,7 +80,7 @@ impl Histogram {
         (u64::from(shift) * Self::FINE + (nanos >> shift)) as usize
     }
 
-    /// Returns the largest time of a class (ns).
+    /// Returns the largest duration that belongs to the class with this index (ns).
     fn upper(class: usize) -> u64 {
         let class = class as u64;
         if class < 2 * Self::FINE {
@@ -109,7 +110,7 @@ pub struct Timing {
 }
 
 impl Timing {
-    /// Counts the grid points that passed between two periods.
+    /// Adds `points` grid points that passed in a row without a servo period.
     pub fn miss(&mut self, points: u64) {
         self.missed += points;
         self.missed_in_a_row = self.missed_in_a_row.max(points);

@@ -14,7 +14,8 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 use tokio::time::{Instant, sleep_until};
 
-/// Runs the core until its stop switch is set; returns the number of the last period.
+/// Runs the servos in virtual time until their stop switch is set; returns the number of the last
+/// period.
 ///
 /// `missed_limit` periods missed in a row brake and trip the arms. The driver calls `hook` at the
 /// end of each period, where the caller publishes the scene and other results.

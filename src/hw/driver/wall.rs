@@ -62,7 +62,8 @@ pub struct WallEnd<P> {
     pub timing: Timing,
 }
 
-/// Starts both threads. The bridge thread calls `hook` after each exchange.
+/// Starts the servo thread and the bridge thread. The bridge thread owns `port` and calls `hook`
+/// after each exchange.
 ///
 /// # Errors
 /// The error of the operating system if a thread cannot be started.
@@ -101,7 +102,7 @@ impl<P> Wall<P> {
         self.threads.as_ref().is_none_or(|(servo, _)| servo.is_finished())
     }
 
-    /// Stops both threads, waits for them and returns their results.
+    /// Stops the servo thread and the bridge thread, waits for them and returns their results.
     #[must_use]
     pub fn stop(mut self) -> WallEnd<P> {
         self.end().unwrap_or(WallEnd { port: None, fault: None, timing: Timing::default() })
@@ -127,8 +128,8 @@ impl<P> Drop for Wall<P> {
     }
 }
 
-/// Advances `next` along a grid of this `length` until it lies after `now` (all in ns). Returns the
-/// number of grid points that it skips. A point that is just reached counts as skipped.
+/// Advances `next` by whole periods of this `length` until it lies after `now` (all in ns). Returns
+/// the number of grid points that it skips; a point equal to `now` counts as skipped.
 pub(crate) fn pass(next: &mut u64, length: u64, now: u64) -> u64 {
     let missed = if now < *next { 0 } else { (now - *next) / length + 1 };
     *next += missed * length;
@@ -201,7 +202,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reached_grid_point_is_missed() {
+    fn period_start_equal_to_now_counts_as_missed() {
         for (now, missed) in [(0, 0), (999, 0), (1000, 1), (2999, 1), (3000, 2), (21_500, 11)] {
             let mut next = 1000;
             assert_eq!(pass(&mut next, 2000, now), missed, "at {now}");

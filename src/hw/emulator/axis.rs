@@ -73,8 +73,8 @@ impl AxisController {
         Self { watchdog: false, ..Self::default() }
     }
 
-    /// Receives a byte when `share` of the plant's period has passed. Returns the answer if the
-    /// byte completes an order.
+    /// Receives a byte of an order when `share` (0..=1) of the plant's period has passed. Returns
+    /// the answer if the byte completes an order.
     pub fn receive(&mut self, byte: u8, share: f64) -> Option<Status> {
         self.pending[self.length] = byte;
         self.length += 1;
@@ -120,7 +120,8 @@ impl AxisController {
         }
     }
 
-    /// Returns the answer when `share` of the plant's period has passed.
+    /// Returns the answer to an order that is complete when `share` (0..=1) of the plant's period
+    /// has passed: its counter is interpolated to that time.
     #[must_use]
     pub fn answer(&self, share: f64) -> Status {
         let mut status = self.status;
@@ -195,7 +196,8 @@ impl AxisController {
         self.outputs
     }
 
-    /// Returns whether the counter becomes zero at the next zero of the encoder.
+    /// Returns whether the counter becomes zero at the next zero of the encoder behind the
+    /// synchronisation switch.
     #[must_use]
     pub fn synchronises(&self) -> bool {
         self.synchronise
@@ -226,7 +228,8 @@ mod tests {
         assert_eq!(controller.answer(0.3).count, 500_030);
     }
 
-    /// Pulse widths are followed in the mode for them, and not after 50 ms of silence.
+    /// The controller follows pulse widths only in the mode for them, and brakes after 50 ms
+    /// without an order.
     #[test]
     fn controller_follows_orders_and_brakes_after_silence() {
         let mut controller = AxisController::default();
@@ -263,7 +266,7 @@ mod tests {
 
     /// The counter is interpolated, but not over the jump to zero at the synchronisation.
     #[test]
-    fn counter_interpolates_except_at_its_zero() {
+    fn counter_is_interpolated_except_at_synchronisation() {
         let mut controller = AxisController::default();
         controller.latch(Status { count: 100, ..Status::default() });
         controller.latch(Status { count: 200, ..Status::default() });

@@ -26,7 +26,8 @@ pub struct CameraServer {
 }
 
 impl CameraServer {
-    /// Serves frames at `path`, to one bridge after another.
+    /// Starts a thread that serves the frames of `source` on a local socket at `path`, to one
+    /// client after another.
     ///
     /// # Errors
     /// Returns the error of the operating system.
@@ -72,7 +73,7 @@ impl Drop for CameraServer {
     }
 }
 
-/// Answers the requests of one client until it leaves or the server `ends`.
+/// Answers the requests of one client with frames until the client disconnects or `ends` is set.
 fn serve(
     mut stream: UnixStream,
     source: &mut dyn FrameSource,
@@ -116,7 +117,7 @@ fn serve(
     }
 }
 
-/// Writes all bytes. Returns `false` if the server ended before the client had read them.
+/// Writes all bytes to the client. Returns `false` if `ends` was set before all were written.
 fn write(stream: &mut UnixStream, mut bytes: &[u8], ends: &AtomicBool) -> std::io::Result<bool> {
     while !bytes.is_empty() {
         match stream.write(bytes) {
@@ -150,7 +151,7 @@ mod tests {
 
     /// The server would otherwise wait for ever in a write to a client that does not read.
     #[test]
-    fn client_that_does_not_read_cannot_delay_end() {
+    fn unread_frame_does_not_block_camera_server_shutdown() {
         let path =
             std::env::temp_dir().join(format!("rubik-robot-deaf-{}.sock", std::process::id()));
         let server = CameraServer::start(&path, Box::new(Large)).unwrap();

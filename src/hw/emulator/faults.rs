@@ -60,14 +60,15 @@ impl Chance {
         Self { faults, random: Pcg64::new(u128::from(seed), 0x006c_696e_6573) }
     }
 
-    /// Returns whether an event of this probability happens now.
+    /// Decides at random whether an event of probability `share` happens.
     fn happens(&mut self, share: f64) -> bool {
         // A share of zero draws no number, so one kind of fault leaves the sequence of others
         // alone.
         share > 0.0 && self.random.random::<f64>() < share
     }
 
-    /// Returns an answer as it arrives: whole, with one wrong bit, or not at all.
+    /// Returns the bytes of an answer as they arrive after random faults: unchanged, with one wrong
+    /// bit, or `None` for a lost answer.
     pub(super) fn answer<const N: usize>(&mut self, mut bytes: [u8; N]) -> Option<[u8; N]> {
         if self.happens(self.faults.missed) {
             return None;
@@ -79,17 +80,18 @@ impl Chance {
         Some(bytes)
     }
 
-    /// Returns the number of periods for which the axes of an arm are silent from now on.
+    /// Decides at random whether the axes of an arm fall silent now. Returns for how many periods;
+    /// 0 if they do not.
     pub(super) fn stalls(&mut self) -> u32 {
         if self.happens(self.faults.stalled) { self.faults.stall } else { 0 }
     }
 
-    /// Returns whether a datagram is lost.
+    /// Decides at random whether a datagram is lost.
     pub(super) fn loses(&mut self) -> bool {
         self.happens(self.faults.lost)
     }
 
-    /// Returns whether a datagram comes after its successor.
+    /// Decides at random whether a datagram is sent after its successor.
     pub(super) fn reorders(&mut self) -> bool {
         self.happens(self.faults.reordered)
     }
@@ -101,7 +103,7 @@ mod tests {
 
     /// A fault at time zero is due when it is first asked for, one period after the first order.
     #[test]
-    fn each_fault_happens_once_from_time_zero_on() {
+    fn each_timed_fault_happens_exactly_once() {
         let at = |axis, time| At { effector: 0, axis, time };
         let mut faults = vec![at(1, 0.0), at(2, 0.1), at(3, 0.004)];
 
@@ -115,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn answers_fail_in_the_given_shares() {
+    fn answers_are_lost_or_corrupted_at_given_rates() {
         let faults = LineFaults { missed: 0.1, corrupt: 0.2, ..LineFaults::default() };
         let mut chance = Chance::new(faults, 1);
         let (mut missed, mut wrong) = (0, 0);

@@ -119,10 +119,11 @@ pub struct Emulator<P> {
 }
 
 impl<P: Port> Emulator<P> {
-    /// Opens lines and sockets in front of a world at rest.
+    /// Opens the emulated serial lines and force sensors of these arms. `world` is the plant that
+    /// moves behind them: the simulated one, at rest, or the motors of a test.
     ///
     /// # Errors
-    /// Returns the error of the operating system or of the world.
+    /// Returns the error of the operating system or the fault of the plant.
     pub fn open(
         mut world: P,
         arms: &[EmulatedArm],
@@ -150,7 +151,8 @@ impl<P: Port> Emulator<P> {
         Ok(this)
     }
 
-    /// Returns the names of all lines and sensors. The owner of the cameras adds these.
+    /// Returns the emulated lines and force sensors as the content of a devices file. It lists no
+    /// cameras: their owner adds them.
     #[must_use]
     pub fn devices(&self) -> Devices {
         let effector = self
@@ -170,16 +172,18 @@ impl<P: Port> Emulator<P> {
         Devices { emulated: true, effector, camera: Vec::new() }
     }
 
-    /// Returns the world.
+    /// Returns the plant behind the lines.
     #[must_use]
     pub fn world(&self) -> &P {
         &self.world
     }
 
-    /// Emulates until `stop` is set or the controller has left. `hook` is called after each period.
+    /// Answers orders and advances the plant every 2 ms until `stop` is set, or until
+    /// [`EmulatorOptions::ends_after`] has passed since the last order. It calls `hook` after each
+    /// period and returns the numbers of periods and orders.
     ///
     /// # Errors
-    /// Returns the error of the world.
+    /// The fault of the plant.
     pub fn run(
         &mut self,
         stop: &AtomicBool,
@@ -212,8 +216,9 @@ impl<P: Port> Emulator<P> {
         Ok(self.course)
     }
 
-    /// Answers until the next period is due. Returns the time at which the last line received its
-    /// order, if all did.
+    /// Answers orders until `next`, the beginning of the plant's next period (ns). Returns the time
+    /// at which the last of all lines received its order (ns), or `None` if some line received
+    /// none.
     fn serve_until(&mut self, next: u64) -> Option<u64> {
         let last = next - PERIOD_NANOS;
         let mut complete = None;
@@ -237,10 +242,11 @@ impl<P: Port> Emulator<P> {
         }
     }
 
-    /// Answers at most one order per line, when `share` of the world's period has passed.
+    /// Answers at most one order of each line of all arms, when `share` (0..=1) of the plant's
+    /// period has passed.
     ///
-    /// If the world is `behind`, the last order of each line waits. Most likely it came when this
-    /// thread was resumed, and it asks for the state of that time.
+    /// If the plant is `behind` the clock, the last order of each line waits. Most likely it came
+    /// when this thread was resumed, and it asks for the state of that time.
     fn serve(&mut self, share: f64, behind: bool) {
         let mut heard = 0;
         let wanted = if behind { 2 * ORDER } else { 0 };
@@ -255,7 +261,7 @@ impl<P: Port> Emulator<P> {
         }
     }
 
-    /// Sleeps until bytes come, at most for `nanos`.
+    /// Sleeps until a line or a sensor receives bytes, at most for `nanos` (ns).
     fn wait(&self, nanos: u64) {
         let Some(some) = self.arms.first() else { return };
         // The array has a fixed size, and its unused entries repeat a sensor without being polled.
@@ -275,7 +281,7 @@ impl<P: Port> Emulator<P> {
         let _ = poll(&mut fds[..count], Some(&time));
     }
 
-    /// Makes the faults that are due.
+    /// Applies the faults that are due: it resets controllers, unplugs lines and silences sensors.
     fn fail(&mut self) {
         let Some((first, _)) = self.orders else { return };
         let now = self.course.periods - first;
@@ -292,7 +298,7 @@ impl<P: Port> Emulator<P> {
         }
     }
 
-    /// Computes a period of the world, under the motor drives that result from the orders to the
+    /// Computes a period of the plant, under the motor drives that result from the orders to the
     /// controllers.
     fn period(&mut self) -> Result<(), PortFault> {
         for (arm, drive) in self.arms.iter().zip(&mut self.drives) {
@@ -303,7 +309,7 @@ impl<P: Port> Emulator<P> {
         Ok(())
     }
 
-    /// Passes the readings of the world to controllers and sensors.
+    /// Passes the readings of the plant to the emulated controllers and sensors.
     fn latch(&mut self) {
         for (arm, reading) in self.arms.iter_mut().zip(&self.readings) {
             for axis in 0..=AXES {
@@ -348,13 +354,14 @@ impl Arm {
         })
     }
 
-    /// Returns whether every line has received an order since the world's last period.
+    /// Returns whether every line has received an order since the plant's last period.
     fn has_heard(&self) -> bool {
         (0..=AXES).all(|axis| self.lines[axis].is_none() || self.heard >> axis & 1 == 1)
     }
 
-    /// Answers the orders of one arm, as [`Emulator::serve`] describes. Returns their number. A
-    /// line with fewer bytes than `wanted` is left alone.
+    /// Answers at most one order of each line of this arm, when `share` (0..=1) of the plant's
+    /// period has passed; `chance` may spoil the answers. Lines on which fewer than `wanted` bytes
+    /// wait are skipped. Returns the number of orders.
     fn serve(&mut self, chance: &mut Chance, share: f64, wanted: usize) -> u64 {
         let mut orders = 0;
         let mut bytes = [0; ORDER];
@@ -381,11 +388,12 @@ impl Arm {
     }
 }
 
-/// Returns the shift of the world's periods (ns) with which they begin soon after the arrival of
-/// orders. The orders arrived at `at`, and a period began at `begun`.
+/// Returns the time to add to the length of the plant's present period (ns), so that its periods
+/// come to begin soon after orders arrive. The last orders arrived at `at`, and the present period
+/// began at `begun` (ns).
 ///
-/// With this shift an order takes effect at once, and an order that is a little late misses no
-/// period. The shift is slow, because single orders may be very late.
+/// An order then takes effect at once, and an order that is a little late misses no period. The
+/// shift is small, because a single order may be very late.
 fn shift(at: u64, begun: u64) -> i64 {
     let (period, wanted) = (PERIOD_NANOS as i64, at as i64 + AFTER);
     // Only the phase matters, so the difference is taken to the nearest period.
@@ -409,7 +417,7 @@ fn drive(controllers: &[AxisController; AXES + 1], has_track: bool) -> ArmDrive 
     }
 }
 
-/// Returns the state of an axis from a reading.
+/// Returns the state that the controller of this axis reports for this reading of the plant.
 fn status(reading: &ArmReading, axis: usize) -> Status {
     let bit = |bits: u8| bits >> axis & 1 == 1;
     let count = if axis == JAW { reading.jaw_count } else { reading.counts[axis] };
@@ -435,8 +443,9 @@ mod tests {
     use crate::hw::serial::{AXIS_BAUD, Line, Lines};
     use std::time::{Duration, Instant};
 
-    /// Returns the distance of the world's periods from orders that arrive at `arrival` of each 2
-    /// ms, once it has settled (ns).
+    /// Simulates 4000 periods of the plant from `begin` on, with orders that arrive `arrival` after
+    /// each multiple of 2 ms. Returns how long after the orders its periods begin at the end (all
+    /// in ns).
     fn settled(arrival: u64, begin: u64) -> i64 {
         let mut next = begin;
         for k in 0..4000 {
@@ -471,9 +480,9 @@ mod tests {
         }
     }
 
-    /// Delays the emulator by 15 periods and asks a line. Returns the number of periods after the
-    /// beginning of the delay that the answer is of; `None` if this machine itself was delayed by
-    /// more than the emulator catches up with.
+    /// Delays the emulator by 15 periods and then sends an order on a line. Returns how many
+    /// periods after the beginning of the delay the plant was in the state that the answer shows;
+    /// `None` if this machine itself was delayed by more than the emulator catches up with.
     fn answer_after_delay() -> Option<i64> {
         let arm = EmulatedArm { name: "arm".to_owned(), has_track: false };
         let mut emulator = Emulator::open(Ramp, &[arm], EmulatorOptions::default()).unwrap();
@@ -506,7 +515,7 @@ mod tests {
     /// The emulator is delayed. A request that arrives at the end of the delay is answered with the
     /// state at the end, not with the state at the beginning.
     #[test]
-    fn request_after_delay_gets_the_present_state() {
+    fn request_after_emulator_delay_gets_current_state() {
         let periods = (0..20).find_map(|_| answer_after_delay()).unwrap();
         assert!(periods >= 12, "{periods} of 15");
     }

@@ -36,13 +36,13 @@ impl Pty {
         Ok(Self { master, _near: near, path })
     }
 
-    /// Returns the path of the near end.
+    /// Returns the path by which a bridge opens its end of the line.
     #[must_use]
     pub fn path(&self) -> &str {
         &self.path
     }
 
-    /// Returns the number of bytes that can be read.
+    /// Returns the number of bytes from the bridge that wait to be read.
     #[must_use]
     pub fn waiting(&self) -> usize {
         ioctl_fionread(&self.master).unwrap_or(0) as usize

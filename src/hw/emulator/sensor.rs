@@ -51,7 +51,8 @@ impl Sensor {
         Ok(Self::Controller(Controller { pty: Pty::open()?, wrench: Wrench::default() }))
     }
 
-    /// Returns the name of the sensor in a file of devices.
+    /// Returns the interface and address of the sensor, as the key `force` of a devices file states
+    /// them.
     pub(super) fn device(&self) -> String {
         match self {
             Self::Net(sensor) => format!("net_ft:{}", sensor.address),
@@ -59,7 +60,8 @@ impl Sensor {
         }
     }
 
-    /// Receives requests. A `silent` controller answers none.
+    /// Reads the requests that have come, and answers those to a controller on a serial line,
+    /// unless it is `silent`.
     pub(super) fn listen(&mut self, silent: bool) {
         match self {
             Self::Net(sensor) => {
@@ -95,8 +97,8 @@ impl Sensor {
         }
     }
 
-    /// Stores the wrench at the end of a period of the plant. A Net F/T box sends it, unless it is
-    /// `silent`.
+    /// Stores the wrench at the end of a period of the plant. A Net F/T box sends it, unless the
+    /// box is `silent`; `chance` may lose or reorder the datagram.
     pub(super) fn latch(&mut self, wrench: &Wrench, silent: bool, chance: &mut Chance) {
         match self {
             Self::Controller(sensor) => sensor.wrench = *wrench,

@@ -39,8 +39,9 @@ pub struct Wired<P> {
 }
 
 impl<P: Port> Wired<P> {
-    /// Puts a world behind the protocol. Each arm is given by whether it has a track, and by the
-    /// range of its force sensor (N, Nm).
+    /// Puts the protocol of serial axis controllers before `world`, a plant in the same process.
+    /// `arms` says of each arm whether it has a track, and what the range of its force sensor is
+    /// (N, Nm). `rules` say when a line is given up; `seed` is that of the random `faults`.
     pub fn new(
         world: P,
         arms: impl IntoIterator<Item = (bool, [f64; 6])>,
@@ -63,17 +64,17 @@ impl<P: Port> Wired<P> {
         Self { world, arms, chance: Chance::new(faults, seed), drives, readings, begun: false }
     }
 
-    /// Returns the world.
+    /// Returns the plant behind the protocol.
     pub fn world(&self) -> &P {
         &self.world
     }
 
-    /// Returns the world, to observe or change it.
+    /// Returns the plant behind the protocol, to observe or change it.
     pub fn world_mut(&mut self) -> &mut P {
         &mut self.world
     }
 
-    /// Computes a period of the world, under the motor drives that result from the orders to the
+    /// Computes a period of the plant, under the motor drives that result from the orders to the
     /// controllers.
     fn step(&mut self, period: u64) -> Result<(), PortFault> {
         for (arm, drive) in self.arms.iter().zip(&mut self.drives) {
@@ -90,7 +91,8 @@ impl<P: Port> Wired<P> {
 }
 
 impl Arm {
-    /// Sends an order to each axis and judges its answer.
+    /// Sends an order to each axis of the arm and processes the answer, which `chance` may spoil.
+    /// Returns the fault of the first axis whose line must be given up.
     fn talk(
         &mut self,
         effector: usize,
@@ -187,10 +189,10 @@ mod tests {
         }
     }
 
-    /// All axes of an arm fall silent together, for multiples of the length of a silence, and keep
-    /// their last width.
+    /// All axes of an arm fall silent together, each time for a multiple of 7 periods, and the
+    /// motors keep their last pulse width meanwhile.
     #[test]
-    fn silent_axes_keep_their_last_width() {
+    fn silent_axes_keep_their_last_pulse_width() {
         let faults = LineFaults { stalled: 0.02, stall: 7, ..LineFaults::default() };
         let arm = (true, [100.0; 6]);
         let mut wired = Wired::new(Axes(Vec::new()), [arm], Rules::default(), faults, 3);

@@ -43,7 +43,7 @@ const PATIENCE_SET_UP: u32 = 25;
 /// Scales of the components (counts/N, counts/Nm), on the line and in words.
 const SCALES: [f64; 6] = [20.0, 20.0, 20.0, 1000.0, 1000.0, 1000.0];
 
-/// Decodes the status and the wrench (N, Nm) of a record.
+/// Decodes a record of the force controller: its status and its wrench (N, Nm).
 #[must_use]
 pub fn decode_record(bytes: &[u8; RECORD]) -> (u8, Wrench) {
     let counts: [i16; 6] =
@@ -51,7 +51,8 @@ pub fn decode_record(bytes: &[u8; RECORD]) -> (u8, Wrench) {
     (bytes[0], wrench_of(&counts))
 }
 
-/// Encodes a record. A component that does not fit into 16 bits becomes the largest number.
+/// Encodes a record of the force controller. A component that does not fit into 16 bits becomes the
+/// nearest value that does.
 #[must_use]
 pub fn encode_record(status: u8, wrench: &Wrench) -> [u8; RECORD] {
     let mut bytes = [0; RECORD];
@@ -69,8 +70,8 @@ fn wrench_of(counts: &[i16; 6]) -> Wrench {
 
 /// The parallel interface, which delivers 16-bit words.
 pub trait Words: Send {
-    /// Takes the next word if one has come. If the word is `due`, inside a record, the call may
-    /// wait briefly for it.
+    /// Takes the next word if one has come. If the word is `due`, because a record has begun but is
+    /// not complete, the call may wait briefly for it.
     fn take(&mut self, due: bool) -> Option<u16>;
 }
 
@@ -104,8 +105,8 @@ impl std::fmt::Debug for FtController {
 }
 
 impl FtController {
-    /// Opens the line. With `words` the records come by the parallel interface. `range` is that of
-    /// the sensor (N, Nm).
+    /// Opens the serial line at `path`. With `words` the controller sends its records by that
+    /// parallel interface instead of the line. `range` is that of the sensor (N, Nm).
     ///
     /// # Errors
     /// The error of the operating system, with the device's name.
@@ -273,7 +274,7 @@ mod tests {
         }
     }
 
-    /// Plays the controller: answers lines by a prompt and requests by a record.
+    /// Plays the controller: answers lines of the set-up by a prompt and requests by a record.
     fn serve(pty: &Pty, wrench: &Wrench) {
         let mut bytes = [0; 64];
         let n = pty.read(&mut bytes);

@@ -41,8 +41,8 @@ pub enum Taken {
 }
 
 impl Taken {
-    /// Returns whether the period has a wrench of its own, a new reading or a silence, and not a
-    /// held one.
+    /// Returns whether the wrench of the period is a new reading or the NaN of a silence, not the
+    /// last reading held.
     #[must_use]
     pub fn is_new(&self) -> bool {
         !matches!(self, Self::Held | Self::OverRange { .. })
@@ -70,7 +70,8 @@ impl Intake {
         Self { range, last: silent, age: HOLDS + 2, dropped: 0 }
     }
 
-    /// Processes a period's reading; returns the wrench of the period, and the case.
+    /// Processes the reading of a period, `None` if none came. Returns the wrench that counts in
+    /// this period, and whether it is new, held, or missing.
     pub fn take(&mut self, reading: Option<Wrench>) -> (Wrench, Taken) {
         let Some(wrench) = reading else { return self.none() };
         if let Some((direction, reading)) = self.beyond(&wrench)
@@ -122,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn reading_holds_five_periods_before_silence() {
+    fn last_force_reading_holds_for_five_silent_periods() {
         let mut intake = intake();
         assert!(matches!(intake.take(None).1, Taken::Silent { first: false }));
         assert_eq!(intake.take(Some(z(3.0))), (z(3.0), Taken::Back));
@@ -139,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn brief_overload_is_dropped_but_lasting_one_passes() {
+    fn only_first_two_consecutive_overload_readings_are_dropped() {
         let mut intake = intake();
         intake.take(Some(z(3.0)));
 

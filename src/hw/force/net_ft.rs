@@ -26,7 +26,8 @@ const MOST: usize = 64;
 /// Silent periods after which the stream is requested again.
 const AGAIN: u64 = 50;
 
-/// Encodes a request.
+/// Encodes a request to a Net F/T box. The `command` 2 starts a stream and 0 ends it; `count` is
+/// the number of records that the box is to send, 0 for no end.
 #[must_use]
 pub fn request(command: u16, count: u32) -> [u8; RDT_REQUEST] {
     let [a, b] = command.to_be_bytes();
@@ -119,7 +120,8 @@ pub enum Order {
 const RESTART: i32 = -1000;
 
 impl Sequence {
-    /// Returns the place of a record among those before.
+    /// Compares the number of a record, `sequence`, with the numbers before. Returns whether the
+    /// record is newer, and how many are then missing in between.
     pub fn place(&mut self, sequence: u32) -> Order {
         // The wrapping difference keeps the order where the counter wraps.
         let ahead = self.last.map_or(1, |last| sequence.wrapping_sub(last) as i32);
@@ -151,8 +153,8 @@ pub struct NetFt {
 }
 
 impl NetFt {
-    /// Requests the stream of the box. The scales are those of the box's own configuration page
-    /// (1/N, 1/Nm), `range` is that of the sensor (N, Nm).
+    /// Opens a socket to the box and requests its stream of records. The scales are those of the
+    /// box's own configuration page (1/N, 1/Nm), `range` is that of the sensor (N, Nm).
     ///
     /// # Errors
     /// The error of the operating system.
@@ -180,7 +182,8 @@ impl NetFt {
         })
     }
 
-    /// Returns the newest record that has arrived.
+    /// Reads all records that have arrived and returns the newest one. `notes` gets the lost and
+    /// the reordered ones.
     fn newest(&mut self, period: u64, effector: usize, notes: &mut Notes) -> Option<RdtRecord> {
         let mut newest = None;
         // One byte more than a record, so that a longer datagram is not cut to a valid one.
@@ -241,7 +244,8 @@ impl Drop for NetFt {
     }
 }
 
-/// Reports the cases of a reading that a log should contain.
+/// Adds a note for the log if the reading of the period left its range, or if a silence of the
+/// sensor began or ended.
 pub(super) fn push_note(taken: Taken, period: u64, effector: usize, notes: &mut Notes) {
     match taken {
         Taken::OverRange { direction, reading } => {
@@ -285,7 +289,7 @@ mod tests {
 
     /// The last two cases are those of a counter that wraps.
     #[test]
-    fn sequence_distinguishes_lost_late_and_restarted_records() {
+    fn sequence_number_shows_loss_lateness_and_restart() {
         let mut sequence = Sequence::default();
 
         for (number, wanted) in [
@@ -313,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn newest_record_of_disordered_stream_counts() {
+    fn sensor_reads_newest_of_reordered_datagrams() {
         let box_ = UdpSocket::bind("127.0.0.1:0").unwrap();
         box_.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
         let mut sensor = NetFt::connect(box_.local_addr().unwrap(), 1e6, 1e6, RANGE).unwrap();
@@ -348,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn silent_box_gets_another_request() {
+    fn start_request_is_repeated_to_silent_sensor_box() {
         let box_ = UdpSocket::bind("127.0.0.1:0").unwrap();
         box_.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
         let mut sensor = NetFt::connect(box_.local_addr().unwrap(), 1e6, 1e6, RANGE).unwrap();

@@ -46,7 +46,7 @@ impl<R: Registers> Pci1751<R> {
     /// Number of ports that this driver uses, from the first one on.
     pub const PORTS: u16 = at::INTERRUPT + 1;
 
-    /// Sets the board up.
+    /// Sets up the directions of the board's ports and its interrupt flag.
     #[must_use]
     pub fn new(mut ports: R) -> Self {
         for port in at::SET_UP {

@@ -27,7 +27,7 @@ const TRIPS: u32 = 50;
 
 /// An axis of a card.
 #[derive(Debug, Clone, Copy)]
-#[allow(clippy::struct_excessive_bools, reason = "flags of a card, as the hardware has them")]
+#[allow(clippy::struct_excessive_bools, reason = "each bool is one flag of the hardware")]
 pub struct CardAxis {
     /// Kind of the axis.
     pub kind: AxisKind,
@@ -59,7 +59,7 @@ pub struct CardAxis {
 
 /// The state of a card.
 #[derive(Debug, Clone)]
-#[allow(clippy::struct_excessive_bools, reason = "flags of a card, as the hardware has them")]
+#[allow(clippy::struct_excessive_bools, reason = "each bool is one flag of the hardware")]
 pub struct Card {
     /// Axes, the jaw's last.
     pub axes: [CardAxis; AXES + 1],
@@ -100,7 +100,8 @@ impl Card {
         usize::from(!self.has_track)
     }
 
-    /// Returns the axis that the pointer selects.
+    /// Returns the index of the axis that the card's pointer selects, or `None` if it selects no
+    /// axis.
     fn chosen(&self) -> Option<usize> {
         let axis = usize::from(self.pointer.checked_sub(self.first_pointer)?) + self.first();
         (axis <= JAW).then_some(axis)
@@ -118,7 +119,8 @@ impl Card {
         }
     }
 
-    /// Accepts a word for an axis, unless the axis has had one since the last interrupt.
+    /// Carries out a command word to the axis `index`. A second word before the next interrupt is
+    /// lost.
     fn obey(&mut self, index: usize, word: u16) {
         let axis = &mut self.axes[index];
         if std::mem::replace(&mut axis.taken, true) {
@@ -166,7 +168,7 @@ impl Card {
         }
     }
 
-    /// Converts the words that the card has taken to a drive of the world.
+    /// Converts the pulse widths and outputs of the card to a motor drive of the plant.
     fn drive(&self) -> ArmDrive {
         let jaw = &self.axes[JAW];
         ArmDrive {
@@ -180,7 +182,7 @@ impl Card {
         }
     }
 
-    /// Copies the readings of the world into the registers.
+    /// Copies the readings of the plant into the registers.
     fn latch(&mut self, reading: &ArmReading) {
         self.wrench = reading.wrench_on_sensor;
         for (i, axis) in self.axes.iter_mut().enumerate() {
@@ -221,7 +223,7 @@ impl CardAxis {
         };
     }
 
-    /// Returns the low and the high word of its counter, not inverted.
+    /// Returns the low and the high word of the axis's counter; the registers show them inverted.
     fn words(&self) -> (u16, u16) {
         let count = self.position - self.zero;
         match self.kind {
@@ -240,7 +242,7 @@ impl CardAxis {
 pub struct Bank(Arc<Mutex<Card>>);
 
 impl Bank {
-    /// Makes the card that an arm expects, before its set-up.
+    /// Makes an emulated card with the axes and pointers of `arm`, before its set-up.
     #[must_use]
     pub fn of(arm: &IsaArm<()>) -> Self {
         let axis = |kind| CardAxis {
@@ -370,11 +372,11 @@ pub struct Carded<P> {
 }
 
 impl<P: Port> Carded<P> {
-    /// Puts a world at rest behind the cards of its arms, and sets the cards up. An axis that is
-    /// synchronised in the world is so in its card, unless it has a resolver.
+    /// Puts an emulated card for each arm before `world`, a plant at rest, and sets the cards up.
+    /// An axis that the plant reports as synchronised is so in its card, unless it has a resolver.
     ///
     /// # Errors
-    /// The fault of the world.
+    /// The fault of the plant.
     pub fn new(mut world: P, arms: Vec<IsaArm<()>>, notes: Notes) -> Result<Self, PortFault> {
         let drives = vec![ArmDrive::OFF; arms.len()];
         let mut readings = vec![ArmReading::default(); arms.len()];
@@ -399,17 +401,17 @@ impl<P: Port> Carded<P> {
         Ok(Self { port: IsaPort::new(arms, notes), world, banks, drives, readings })
     }
 
-    /// Returns the card of an arm.
+    /// Returns the registers of the emulated card of the arm with this index.
     pub fn bank(&self, arm: usize) -> &Bank {
         &self.banks[arm]
     }
 
-    /// Returns the world.
+    /// Returns the plant behind the cards.
     pub fn world(&self) -> &P {
         &self.world
     }
 
-    /// Returns the world for changes.
+    /// Returns the plant behind the cards, to change it.
     pub fn world_mut(&mut self) -> &mut P {
         &mut self.world
     }

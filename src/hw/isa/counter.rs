@@ -52,8 +52,8 @@ impl Counter {
         Self { kind, count: 0, origin: 0, step: 0, zero, passed: false, resets: false }
     }
 
-    /// Processes a period's reading, `None` for a bad one. Returns whether this is the reading at
-    /// the zero.
+    /// Processes a period's reading of the card: its count, `None` if a resolver could not be read,
+    /// and its status. Returns whether the search for the zero ends with this reading.
     pub(super) fn take(&mut self, card: Option<i64>, status: AxisStatus) -> bool {
         self.confirm(status.synchronised);
         // Each revolution has a zero. The one that counts is the first one off the switch.
@@ -86,7 +86,8 @@ impl Counter {
         false
     }
 
-    /// Makes the zero next to this count of the card the origin.
+    /// Sets the axis's zero to the zero of the encoder or resolver that was found at the card's
+    /// count `card`.
     fn found(&mut self, card: i64) {
         self.origin = match self.kind {
             // The zero of a resolver is at the angle 0, which is up to half a revolution away.
@@ -103,22 +104,22 @@ impl Counter {
         self.zero = Zero::Found(0);
     }
 
-    /// Compares the zero with the state that the card reports.
-    fn confirm(&mut self, says: bool) {
+    /// Updates the state of the zero by whether the card reports the axis as `synchronised`.
+    fn confirm(&mut self, synchronised: bool) {
         self.zero = match self.zero {
             // The card of a resolver has no bit for it.
             Zero::Found(_) | Zero::Confirmed if self.kind == AxisKind::Resolver => return,
-            Zero::Found(_) if says => Zero::Confirmed,
+            Zero::Found(_) if synchronised => Zero::Confirmed,
             // The card confirms only after the end of its tracking, some periods later.
             Zero::Found(periods) if periods < CONFIRMS => Zero::Found(periods + 1),
             // It has not confirmed the zero in time, or reports none any more.
             Zero::Found(_) => Zero::None,
-            Zero::Confirmed if !says => Zero::None,
+            Zero::Confirmed if !synchronised => Zero::None,
             zero => zero,
         };
     }
 
-    /// Returns whether the card's counter differs from the one that the servo reads.
+    /// Returns whether the card's counter has another origin than the counter that the servo reads.
     pub(super) fn is_off(&self) -> bool {
         self.origin != 0
     }
@@ -150,7 +151,7 @@ impl Counter {
         self.count
     }
 
-    /// Returns whether the zero was found since the start of the program.
+    /// Returns whether this run has found the zero of the axis and the card has not lost it since.
     pub(super) fn is_found(&self) -> bool {
         matches!(self.zero, Zero::Found(_) | Zero::Confirmed)
     }

@@ -66,7 +66,7 @@ pub struct IsaArm<R> {
 }
 
 impl IsaArm<()> {
-    /// Puts the arm behind these registers.
+    /// Returns the arm with the `registers` by which its card is reached.
     pub fn with<R>(self, registers: R) -> IsaArm<R> {
         IsaArm {
             name: self.name,
@@ -156,7 +156,7 @@ impl<R: Registers> IsaPort<R> {
 }
 
 impl<R: Registers> Arm<R> {
-    /// Sets the card up, in the order of the original.
+    /// Sets the card up with the commands of the original robot's program, in their order.
     fn set_up(&mut self) {
         // An interrupt whose cause was not cleared by an earlier program blocks all further ones.
         self.acknowledge();
@@ -241,7 +241,7 @@ impl<R: Registers> Arm<R> {
         AxisStatus::decode(self.parts.registers.read16(port::COMMAND), self.parts.kinds[axis])
     }
 
-    /// Reads all axes and the inputs of the card.
+    /// Reads all axes and the inputs of the card into `reading`, and acknowledges its interrupt.
     fn read(&mut self, reading: &mut ArmReading) {
         self.acknowledge();
         *reading = ArmReading::default();
@@ -353,7 +353,8 @@ impl<R: Registers> Arm<R> {
         self.enabled = drive.enabled;
     }
 
-    /// Queues the commands that the drive of an axis requires.
+    /// Queues the commands to an axis that `drive` requires: to reset its alarm if the power was
+    /// `switched`, and to begin or end the search for its zero.
     fn queue(&mut self, axis: usize, drive: &ArmDrive, switched: bool) {
         let slot = &mut self.axes[axis];
         // The card keeps an alarm until it is reset. Without this the servo could not begin again
@@ -372,7 +373,8 @@ impl<R: Registers> Arm<R> {
         slot.asked = asked;
     }
 
-    /// Watches the interrupts of the card, of which one `came` in this period or not.
+    /// Counts the periods without an interrupt of the card; `came` tells whether one came in this
+    /// period. After 20 ms without one it adds a note.
     ///
     /// # Errors
     /// [`PortFault`] after 30 ms without one.

@@ -1,6 +1,6 @@
 //! The registers of a real card by the processor's port instructions, and its interrupt by
 //! `/dev/uio`.
-#![allow(unsafe_code, reason = "port instructions and the right to use them exist in no safe form")]
+#![allow(unsafe_code, reason = "no safe call exists for I/O port instructions and `ioperm`")]
 
 use super::registers::{Registers, port};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -19,10 +19,11 @@ pub struct PortIo {
 }
 
 impl PortIo {
-    /// Asks for the card's ports. `uio` is the device of its interrupt, for example `/dev/uio0`.
+    /// Asks the operating system for access to the card's I/O ports. `uio` is the device of its
+    /// interrupt, for example `/dev/uio0`.
     ///
     /// # Errors
-    /// The right that was denied, as a text for the operator.
+    /// A text for the operator that names the denied ports, or the device that cannot be opened.
     pub fn open(offset: u16, uio: Option<&str>) -> Result<Self, String> {
         ask(port::COMMAND, offset, 12)?;
         ask(port::AXIS, offset, 1)?;
@@ -33,18 +34,19 @@ impl PortIo {
         Ok(Self { offset, interrupts: uio.map(open).transpose()? })
     }
 
-    /// Asks for the `count` ports of another board, the first of which is `base`. Its registers are
-    /// then numbered from 0.
+    /// Asks the operating system for access to the `count` I/O ports of another board, the first of
+    /// which is `base`. Its registers are then numbered from 0.
     ///
     /// # Errors
-    /// The right that was denied.
+    /// A text that names the denied ports.
     pub fn board(base: u16, count: u16) -> Result<Self, String> {
         ask(0, base, count)?;
         Ok(Self { offset: base, interrupts: None })
     }
 }
 
-/// Asks for the right to use ports. It belongs to this thread and to those that it starts later.
+/// Asks the operating system for access to `count` I/O ports from `from + offset` on. The calling
+/// thread gets the access, and so do the threads that it starts later.
 fn ask(from: u16, offset: u16, count: u16) -> Result<(), String> {
     let from = u64::from(from) + u64::from(offset);
     // SAFETY: asks for a right; no memory is passed.

@@ -78,7 +78,7 @@ pub enum AxisKind {
 
 /// Decoded status word; inverted bits are inverted back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[allow(clippy::struct_excessive_bools, reason = "bits of a word, as the hardware has them")]
+#[allow(clippy::struct_excessive_bools, reason = "each bool is one bit of the status word")]
 pub struct AxisStatus {
     /// Whether the resolver or encoder is at its zero.
     pub zero: bool,
@@ -167,20 +167,20 @@ pub const LIMITS: u64 = {
     bits
 };
 
-/// Returns the aggregated error word of all axes.
+/// Returns the aggregated error word: five bits for each axis, those of axis 0 lowest.
 #[must_use]
 pub fn error_word(axes: impl IntoIterator<Item = AxisStatus>) -> u64 {
     axes.into_iter().enumerate().fold(0, |word, (i, axis)| word | axis.error_bits() << (5 * i))
 }
 
-/// Encodes a pulse width, -255..=255.
+/// Encodes a pulse width, -255..=255, as a command word.
 #[must_use]
 pub fn pulse_word(width: i16) -> u16 {
     let magnitude = width.unsigned_abs().min(255);
     if width < 0 { command::BACKWARDS | magnitude } else { command::STOP_MOTOR | magnitude }
 }
 
-/// Decodes a pulse width; `None` if the word is another command.
+/// Decodes the pulse width in a command word; `None` if the word is another command.
 #[must_use]
 pub fn width_of(word: u16) -> Option<i16> {
     let magnitude = (word & 0xff) as i16;
@@ -210,13 +210,13 @@ pub fn resolver(low: u16, high: u16) -> Option<i64> {
 
 /// Access to the registers of a card, real or emulated.
 pub trait Registers: Send {
-    /// Reads a byte.
+    /// Reads a byte from the card's I/O port `port`.
     fn read8(&mut self, port: u16) -> u8;
-    /// Writes a byte.
+    /// Writes a byte to the card's I/O port `port`.
     fn write8(&mut self, port: u16, value: u8);
-    /// Writes a word.
+    /// Writes a 16-bit word to the card's I/O port `port`.
     fn write16(&mut self, port: u16, value: u16);
-    /// Reads a word.
+    /// Reads a 16-bit word from the card's I/O port `port`.
     fn read16(&mut self, port: u16) -> u16;
     /// Returns whether the card has raised its interrupt since the last call, or raises it within
     /// this time.

@@ -51,7 +51,8 @@ struct Rig {
 }
 
 impl Rig {
-    /// Makes the postument's arm, not synchronised.
+    /// Makes the postument's arm behind an emulated card, not synchronised. All axes are of this
+    /// kind; axis `power_axis` reports the power of all.
     fn new(kind: AxisKind, power_axis: usize) -> Self {
         let device = IsaDevice { power_axis, ..IsaDevice::default() };
         let mut arm = device.arm(&cell().arms[1], &[]).unwrap();
@@ -102,7 +103,7 @@ fn on(width: i16) -> ArmDrive {
 /// The card receives the commands of the original's set-up. At the end of the run the cabinet's
 /// buttons are enabled.
 #[test]
-fn card_receives_set_up_commands_of_original() {
+fn card_axes_get_setup_commands_in_fixed_order() {
     let mut rig = Rig::new(ENCODER, 6);
     let bank = rig.cards.bank(0).clone();
     assert_eq!(bank.card().divisor, 8);
@@ -188,7 +189,7 @@ fn hard_error_stops_all_motors_until_alarm_reset() {
 }
 
 #[test]
-fn lost_power_stops_and_marks_every_axis() {
+fn power_fault_at_one_axis_stops_all_axes() {
     for teller in [6, 2] {
         let mut rig = Rig::new(ENCODER, teller);
         assert_eq!(rig.go(10, on(100)).power_faults, 0);
@@ -203,7 +204,7 @@ fn lost_power_stops_and_marks_every_axis() {
 /// Covers both kinds of axes, each with a card that sets its counter to zero by itself and with one
 /// that does not.
 #[test]
-fn axis_synchronises_at_zero_without_later_jump() {
+fn counter_is_zeroed_at_synchronisation_without_later_jump() {
     for (kind, itself) in
         [(ENCODER, false), (ENCODER, true), (AxisKind::Resolver, false), (AxisKind::Resolver, true)]
     {
@@ -258,7 +259,7 @@ fn aborted_homing_ends_search_for_zero() {
 
 /// A card without interrupts is reported after 20 ms, and is a fault after 30 ms.
 #[test]
-fn card_without_interrupts_is_noted_then_lost() {
+fn card_without_interrupts_is_reported_then_a_fault() {
     let mut rig = Rig::new(ENCODER, 6);
     rig.go(200, on(100));
     rig.cards.bank(0).card().alive = false;
@@ -294,7 +295,7 @@ fn late_card_loses_no_command() {
 }
 
 #[test]
-fn motor_leaves_limit_switch_of_its_start() {
+fn motor_may_leave_limit_switch_hit_at_start() {
     let mut rig = Rig::new(ENCODER, 6);
     rig.shows().lower_limits = 1 << 3;
     rig.go(20, ArmDrive::OFF);
@@ -359,7 +360,7 @@ impl Whole {
 
 /// The arm synchronises and moves behind its card; then the card fails, and both arms stop.
 #[test]
-fn arm_works_behind_card_until_card_fails() {
+fn arm_synchronises_and_moves_until_its_card_fails() {
     let mut rig = Whole::new([true, false]);
     rig.tick(10).unwrap();
     assert_eq!(rig.links[0].state().synchronisation, Synchronisation::Yes);

@@ -22,7 +22,8 @@ use crate::cube::{Axis, Keeper};
 use crate::spatial::Twist;
 
 impl Plant {
-    /// Records what happened in the period.
+    /// Updates the verdict at the end of a period (peaks of force and speed, slips, crushes, drops,
+    /// pops, stuck layers), and lets the operator's hand react.
     pub(super) fn record_period(&mut self) {
         let core = self.balance.core(&self.puzzle);
         // The cube has no inertia in the model, so its velocity is the mean over the period.
@@ -93,7 +94,8 @@ impl Plant {
         }
     }
 
-    /// Keeps the greatest currents and speeds.
+    /// Raises the run's greatest motor current, winding heat, motor speed and tool speed near the
+    /// person to those of this period.
     fn measure_exertion(&mut self) {
         let zone = &self.config.cell.hand;
         let person = self.config.cell.keeper == Keeper::Person;
@@ -112,7 +114,8 @@ impl Plant {
         }
     }
 
-    /// Applies the faults of the next period to the bodies.
+    /// Decides which faults act in the next period, and applies them to grasps, layers and the
+    /// operator's hand.
     pub(super) fn apply_faults(&mut self) {
         // Without a split no layer turns between two hands.
         let turned = if self.balance.split.is_some() { self.verdict.turned } else { 0.0 };
@@ -141,7 +144,8 @@ impl Plant {
         }
     }
 
-    /// Finds new collisions, and keeps the forces of all and the least distance of the arms.
+    /// Records the collisions that are new in this period, computes the forces of all collisions,
+    /// and updates the least distance between the arms.
     pub(super) fn look_for_collisions(&mut self) {
         // In a cell of one arm the second entry repeats the first and is not used.
         let openings = [self.jaws[0].opening(), self.jaws[self.jaws.len() - 1].opening()];
@@ -179,14 +183,16 @@ impl Plant {
         self.verdict.exertion.arms_apart = self.collisions.arms_apart;
     }
 
-    /// Returns whether a person sees a solved cube.
+    /// Checks whether the cube looks solved to a person: each face has one colour, and each layer
+    /// is within 0.1 rad of a quarter turn.
     fn looks_solved(&self) -> bool {
         let stickers = self.puzzle.stickers();
         (0..54).all(|i| stickers[i] == stickers[i / 9 * 9 + 4])
             && (0..3).all(|a| self.puzzle.misalignment(a) < 0.1)
     }
 
-    /// Detects a cube that no hand holds any more: it falls, or an arm has laid it down.
+    /// Detects that neither a gripper nor the operator holds the cube any more. Records whether it
+    /// falls, or an arm has laid it down on the table.
     fn look_for_drop(&mut self) {
         if self.state != State::Held || self.hand.has_it_back() {
             return;
@@ -222,7 +228,7 @@ impl Plant {
         flat && self.balance.table_load() > 0.0
     }
 
-    /// Detects a layer that pops off, and a loaded layer that does not move.
+    /// Detects a layer that pops off, and a loaded layer that has not moved for 3 s.
     fn look_for_pop_and_stuck(&mut self) {
         let Some(split) = self.balance.split else { return };
         let interface = self.balance.interface;
@@ -254,7 +260,7 @@ impl Plant {
         }
     }
 
-    /// Records an event, which may begin a fault.
+    /// Adds an event to the verdict, and passes it to the faults that wait for such an event.
     pub(super) fn record(&mut self, what: Incident) {
         let time = self.time();
         self.faults.pass_event(&what, time);
@@ -274,8 +280,8 @@ mod tests {
     use crate::spatial::Pose;
     use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
-    /// Returns the verdict after a hand from above has let go of a cube on the table, tilted by
-    /// `tilt` about the jaws' line (rad).
+    /// Returns the verdict after a gripper that points down has let go of a cube that touches the
+    /// table. The cube is tilted by `tilt` (rad) about the line along which the jaws close.
     fn let_go_on_the_table(tilt: f64) -> Verdict {
         let mut cell = cell();
         cell.arms.truncate(1);
@@ -301,9 +307,10 @@ mod tests {
         servo.plant.verdict()
     }
 
-    /// A cube that is let go flat on the table has been laid down; one on an edge falls.
+    /// A cube released flat on the table counts as laid down, a cube released on one edge as
+    /// dropped.
     #[test]
-    fn released_cube_lies_flat_or_falls_from_edge() {
+    fn cube_released_tilted_on_table_counts_as_dropped() {
         let count =
             |v: &Verdict, what: Incident| v.events.iter().filter(|e| e.what == what).count();
         let (laid_down, drop) =

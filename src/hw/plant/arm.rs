@@ -82,8 +82,9 @@ pub(super) struct SavedArm {
     pub(super) encoders: Vec<Encoder>,
 }
 
-/// Returns the joints of an arm at rest and the weight at each joint (Nm, N). The weight stretches
-/// the springs behind the `encoders`.
+/// Returns the true joint positions of an arm at rest, and the load of gravity on each joint (N,
+/// Nm). `encoders` are the joint positions that the motors' encoders give; gravity stretches the
+/// springs between motors and joints.
 fn at_rest(
     model: &ArmModel,
     dynamics: &ArmDynamics,
@@ -104,8 +105,8 @@ fn at_rest(
     (q, weight)
 }
 
-/// Returns `world_from_tool` of an arm at rest with its encoders at `joints`. A workshop sees the
-/// tool there, below the place that the encoders give.
+/// Returns the true `world_from_tool` of an arm at rest whose encoders give `joints`. The joints
+/// are elastic, so the tool sags below the place that the encoders give.
 #[must_use]
 pub fn sagging(arm: &Arm, dynamics: &ArmDynamics, joints: &JointPositions) -> Pose {
     let world_from_base = Frame::from_pose(&arm.world_from_base);
@@ -115,8 +116,8 @@ pub fn sagging(arm: &Arm, dynamics: &ArmDynamics, joints: &JointPositions) -> Po
 }
 
 impl PlantArm {
-    /// Makes an arm at rest with its encoders in the start pose: its weight stretches the springs
-    /// and loads the motors.
+    /// Makes an arm at rest whose encoders give the start pose. Its weight stretches the springs of
+    /// the joints and loads the motors. With `synchronised` its counters are homed already.
     pub(super) fn new(arm: &Arm, dynamics: &ArmDynamics, synchronised: bool) -> Self {
         let world_from_base = Frame::from_pose(&arm.world_from_base);
         let gravity =
@@ -175,7 +176,7 @@ impl PlantArm {
         this
     }
 
-    /// Returns the state to be saved.
+    /// Returns the state of the arm for the plant's file.
     pub(super) fn saved(&self) -> SavedArm {
         SavedArm {
             joints: self.q,
@@ -186,9 +187,9 @@ impl PlantArm {
         }
     }
 
-    /// Checks that an arm can be in the saved state: motors between their hard stops, springs
-    /// within their greatest stretch, encoders of these motors. The error has the place and the
-    /// reason.
+    /// Checks that this arm can be in the saved state: motors between their hard stops, springs of
+    /// the joints within their greatest stretch, encoders that fit these motors. The error names
+    /// the wrong entry and the reason.
     pub(super) fn check_saved(&self, saved: &SavedArm) -> Result<(), Wrong> {
         let wrong =
             |place: &str, j: usize, why: &str| Err((format!("{place}[{j}]"), why.to_owned()));
@@ -217,7 +218,7 @@ impl PlantArm {
         Ok(())
     }
 
-    /// Puts the arm at rest into a saved state; `saved` has one encoder for each axis.
+    /// Sets the arm to a saved state, at rest; `saved` has one encoder for each axis.
     pub(super) fn restore(&mut self, saved: SavedArm) {
         (self.q, self.m) = (saved.joints, saved.motors);
         (self.bristles, self.counterbalance) = (saved.bristles, saved.counterbalance);
@@ -229,7 +230,7 @@ impl PlantArm {
         self.begin_period();
     }
 
-    /// Recomputes the frames from `q`.
+    /// Recomputes the frames of links, flange and tool from the joint positions `q`.
     pub(super) fn place(&mut self) {
         self.placement = Placement::new(&self.model, &self.q);
         self.world_from_flange = self.world_from_base.times(&self.placement.frames[6]);
@@ -254,7 +255,8 @@ impl PlantArm {
         (r * (twist.l + twist.a.cross(&local)), r * twist.a)
     }
 
-    /// Returns the joint torques of a force at a point and of a torque, both in the world (N, Nm).
+    /// Returns the joint forces and torques (N, Nm) that a force (N) at `point` and a torque (Nm)
+    /// on the last link cause. All arguments are in the world.
     pub(super) fn torques(
         &self,
         force: &Vector3<f64>,
@@ -267,7 +269,8 @@ impl PlantArm {
         self.placement.torques(&Screw { a: t + p.cross(&f), l: f })
     }
 
-    /// Returns dm/dq, the motor velocities per joint velocity: a lower triangular matrix H.
+    /// Returns the matrix H = dm/dq at the joint positions `q`, which takes joint velocities to
+    /// motor velocities. It is lower triangular.
     fn motors_per_joint(&self, q: &[f64; AXES]) -> [[f64; AXES]; AXES] {
         let model = &self.model;
         // Slope of a ball screw's length sqrt(sl + mi cos a - ni sin a) over the link angle a
@@ -296,15 +299,16 @@ impl PlantArm {
         h
     }
 
-    /// Computes mass matrix and bias for the present posture and speed.
+    /// Computes the mass matrix and the bias torques (Coriolis, centrifugal, gravity) at the
+    /// present joint positions and velocities.
     pub(super) fn begin_period(&mut self) {
         (self.mass, self.bias) =
             self.placement.dynamics(&self.dynamics.links, &self.v, &self.gravity);
     }
 
-    /// Performs one substep of `dt` seconds under joint torques from outside (contact). `grip` is
-    /// the stiffness of a contact with a body that does not move, about the base's origin in base
-    /// axes; the step takes it implicitly.
+    /// Performs one substep of `dt` (s). `outside` are the joint torques of contacts. `grip` is the
+    /// stiffness of a contact between the tool and a body that does not move, about the base's
+    /// origin in base axes; the integration treats it implicitly.
     pub(super) fn step(
         &mut self,
         drive: &ArmDrive,
@@ -342,8 +346,10 @@ impl PlantArm {
         self.place();
     }
 
-    /// Returns inertia and impulse of the motors at their shafts, so that `inertia vm = impulse`:
-    /// diagonal inertia, a linear speed term, friction as a bristle with a limit.
+    /// Returns the effective inertia of each motor shaft and the impulse on it in a step of `dt`
+    /// (s). Without the springs of the joints the new motor speed would be the impulse over the
+    /// inertia. Back-EMF, brake and friction (a bristle with a limit) are included; `ratios` is the
+    /// matrix of `motors_per_joint`.
     fn motor_loads(
         &self,
         drive: &ArmDrive,
@@ -378,8 +384,9 @@ impl PlantArm {
         (inertia, impulse)
     }
 
-    /// Returns the springs between the motors, which would take the joints to `theta`, and the
-    /// links. Within the play of a gear only the damping acts.
+    /// Returns the springs between motors and links. `theta` are the joint positions at which the
+    /// present motor positions leave the springs unstretched. Within the play of a gear only the
+    /// damping acts.
     fn springs(&self, theta: &[f64; AXES], dt: f64) -> Springs {
         let d = &self.dynamics;
         let stretch: [f64; AXES] = std::array::from_fn(|j| {
@@ -396,9 +403,11 @@ impl PlantArm {
         }
     }
 
-    /// Returns matrix and right side of the links' equation after the elimination of the motors:
-    /// `(M + S - S (Mm + S)^-1 S) v = bv + S (Mm + S)^-1 bw`. `at_rest` has the motors' speeds for
-    /// links that do not move.
+    /// Returns the matrix and the right side of the equation for the links' new velocities v, after
+    /// the elimination of the motors: `(M + S - S (Mm + S)^-1 S) v = bv + S (Mm + S)^-1 bw`. M and
+    /// Mm are the mass matrices of links and motors in joint coordinates, S is the implicit factor
+    /// of the springs. `at_rest` is `(Mm + S)^-1 bw`, the motors' velocities if the links did not
+    /// move.
     fn link_side(
         &self,
         (motors, at_rest): (&MotorSide, &[f64; AXES]),
@@ -426,8 +435,8 @@ impl PlantArm {
         (a, b)
     }
 
-    /// Moves the links with the velocities `v`, and the motors with `w`, their velocities in joint
-    /// coordinates. Hard stops hold the motors.
+    /// Moves the links for `dt` (s) with the joint velocities `v`, and the motors with `w`, the
+    /// motors' velocities in joint coordinates. Hard stops hold the motors.
     fn advance(&mut self, v: &[f64; AXES], w: &[f64; AXES], ratios: &[[f64; AXES]; AXES], dt: f64) {
         self.v = *v;
         for j in 0..AXES {
@@ -465,7 +474,7 @@ impl PlantArm {
         }
     }
 
-    /// Raises the greatest current, heat and motor speed of a run to the present ones.
+    /// Raises the run's greatest current, heat and motor speed in `most` to those of this arm.
     pub(super) fn exert(&self, most: &mut Exertion) {
         for (j, motor) in self.dynamics.motors.iter().enumerate() {
             most.current = most.current.max(self.currents[j].abs() / motor.trip_current);
@@ -474,7 +483,8 @@ impl PlantArm {
         }
     }
 
-    /// Adds `factor J^T K J` of a contact stiffness.
+    /// Adds `factor J^T K J` to the links' matrix `a`; K is the contact stiffness `grip`, J the
+    /// arm's Jacobian.
     fn add_grip(&self, a: &mut [[f64; AXES]; AXES], grip: &Matrix6<f64>, factor: f64) {
         // The stiffness has translations first, a screw has its rotation first.
         let flat: [[f64; 6]; AXES] = std::array::from_fn(|j| {
@@ -499,7 +509,8 @@ impl PlantArm {
         &self.world_from_base
     }
 
-    /// Reads encoders, currents and switches.
+    /// Writes encoder counts, motor currents, limit switches and over-current flags into `reading`.
+    /// `drive` has the orders to synchronise.
     pub(super) fn read(&mut self, drive: &ArmDrive, reading: &mut ArmReading) {
         reading.upper_limits = 0;
         reading.lower_limits = 0;
@@ -536,7 +547,7 @@ impl PlantArm {
         }
     }
 
-    /// Moves the whole arm by a displacement (m).
+    /// Moves the whole arm, with its base, by a displacement in the world (m).
     #[cfg(test)]
     pub(super) fn shift(&mut self, by: &Vector3<f64>) {
         self.world_from_base.p += by;
@@ -558,7 +569,7 @@ impl PlantArm {
         sum
     }
 
-    /// Returns the kinetic, elastic and potential energy (J).
+    /// Returns the sum of the kinetic, elastic and potential energy (J).
     #[cfg(test)]
     pub(super) fn energy(&self) -> f64 {
         let (mass, _) = self.placement.dynamics(&self.dynamics.links, &self.v, &self.gravity);
@@ -613,7 +624,7 @@ impl MotorSide {
         Self { inverse: inverse4(&coupled), single }
     }
 
-    /// Returns the motors' velocities in joint coordinates for a right side `b`.
+    /// Solves `(Mm + S) w = b` for `w`, the motors' velocities in joint coordinates.
     fn solve(&self, b: &[f64; AXES]) -> [f64; AXES] {
         let mut w = [0.0; AXES];
         for j in Self::SINGLE {
@@ -626,12 +637,13 @@ impl MotorSide {
     }
 }
 
-/// Returns an axis's pulse width as a share of the full one.
+/// Returns an axis's pulse width as a share of the full width, -1 to 1.
 fn duty(drive: &ArmDrive, axis: usize) -> f64 {
     f64::from(drive.pwm[axis].clamp(-255, 255)) / 255.0
 }
 
-/// Takes axis 0 out of the links' equation: an arm without a track does not move there.
+/// Replaces the row of axis 0 in the links' equation `a v = b` by v0 = 0, since an arm without a
+/// track does not move there.
 fn hold_track(a: &mut [[f64; AXES]; AXES], b: &mut [f64; AXES]) {
     a[0] = [0.0; AXES];
     for row in a.iter_mut() {

@@ -140,18 +140,20 @@ impl Balance {
         self.rest.table_load
     }
 
-    /// Checks whether one gripper alone holds the cube, so that the cube moves along with its tool.
+    /// Checks that neither another gripper, the operator's hand nor the table acts on the cube, so
+    /// that the cube moves along with the tool of `gripper`.
     pub(super) fn hangs_on(&self, gripper: usize) -> bool {
         let others = (0..2).any(|i| i != gripper && self.touches[i].any());
         !others && self.hand_force == Vector3::zeros() && self.table_load() == 0.0
     }
 
-    /// Puts the cube at rest with saved bodies.
+    /// Sets the cube to saved poses of its bodies, at rest and without contacts.
     pub(super) fn restore(&mut self, nodes: [Frame; 2], split: Option<Split>) {
         *self = Self { nodes, split, ..Self::new(nodes[0], self.edge, self.rest.height) };
     }
 
-    /// Returns the middle layer's frame in the world.
+    /// Returns the frame of the cube's core in the world. The core has the six centres and goes
+    /// with the middle layer of a turn.
     pub(super) fn core(&self, puzzle: &Puzzle) -> Frame {
         match self.split {
             None => self.nodes[0],
@@ -168,16 +170,18 @@ impl Balance {
         }
     }
 
-    /// Returns a body's frame with its layer turned back to the core.
+    /// Returns a body's frame in the world with the turn of its layer taken back. Without play and
+    /// strain this is the frame of the core.
     fn unturned(&self, body: usize, split: Split, puzzle: &Puzzle) -> Frame {
         let angle = layer_angle(puzzle, split.axis, split.layers[body]);
         let back = about(&Axis::ALL[split.axis].unit(), -angle);
         self.nodes[body].times(&Frame::rotated(back))
     }
 
-    /// Makes the cube one body or two. The bodies stay in place, except a layer that becomes a body
-    /// again while a hand still holds it: it returns to its former offset from the core. Otherwise
-    /// its play would begin again each time and a held layer would lean over by 9 mrad more
+    /// Makes the cube two rigid bodies with `split`, or one body with `None`. The bodies stay in
+    /// place, except a layer that becomes a body of its own again while a gripper still holds it:
+    /// this layer returns to its former offset from the core. Otherwise it would run through its
+    /// play once more at each split, and a held layer would lean over by 9 mrad more each time
     /// (measured on seed 20236, until the opening jaws showed 35 N).
     pub(super) fn regroup(
         &mut self,
@@ -227,8 +231,8 @@ impl Balance {
         self.interface = Interface::default();
     }
 
-    /// Performs one substep: finds where all forces balance, and commits the slip of grips and
-    /// layers.
+    /// Performs one substep: moves the bodies to where all forces on the cube balance, then commits
+    /// the slip of pads and layers.
     pub(super) fn step(
         &mut self,
         puzzle: &mut Puzzle,
@@ -256,8 +260,8 @@ impl Balance {
         }
     }
 
-    /// Moves the bodies, round by round, to where all forces on them balance; returns the table's
-    /// load there.
+    /// Moves the bodies, by Newton rounds, to where all forces on them balance. Returns how the
+    /// table acts on the cube there, or `None` away from the table.
     fn find_balance(
         &mut self,
         puzzle: &Puzzle,
@@ -298,8 +302,9 @@ impl Balance {
         None
     }
 
-    /// Adds all forces on the bodies where they are now to an empty system: grippers, weight, the
-    /// operator's hand, the table, and the interface between two bodies.
+    /// Adds to the empty `system` the forces on the bodies at their present poses: grippers,
+    /// weight, the operator's hand, the table, and the interface between two bodies. Returns table
+    /// and interface, whose stiffness is still to be added.
     fn load(
         &mut self,
         system: &mut System,
@@ -341,8 +346,8 @@ impl Balance {
         Load { bearing, joint }
     }
 
-    /// Adds the wrench of the operator's hold on the first body, and its stiffness; returns its
-    /// force.
+    /// Adds to `system` the wrench of the operator's hold on the first body, and the stiffness of
+    /// the hold. Returns the force of the hold (N).
     fn add_hold(&self, system: &mut System, hold: &HandHold, dt: f64) -> Vector3<f64> {
         let (body, before, hand_before) = (&self.nodes[0], &self.before, &self.hand_before);
         let target = &hold.world_from_cube;
@@ -368,7 +373,8 @@ impl Balance {
         force
     }
 
-    /// Adds the stiffness of the contacts that carry the load.
+    /// Adds to `system` the stiffness of the contacts with grippers and table, and of the interface
+    /// between two bodies.
     fn stiffen(
         &self,
         system: &mut System,
@@ -394,7 +400,8 @@ impl Balance {
         }
     }
 
-    /// Turns the layers of the body that gives way by the slip of the interface.
+    /// Adds the interface's slip of this substep to the angles of the outer layers of the body that
+    /// slips.
     fn slip_layers(&self, puzzle: &mut Puzzle) {
         let Some(split) = self.split else { return };
         let body = self.interface.slipping;
@@ -407,14 +414,14 @@ impl Balance {
         }
     }
 
-    /// Returns the number of bodies.
+    /// Returns the number of bodies that the cube consists of: 2 while it is split, else 1.
     fn bodies(&self) -> usize {
         if self.split.is_some() { 2 } else { 1 }
     }
 
-    /// Moves a cube that one gripper alone holds along with its tool, as a first guess. From the
-    /// cube's last place a tool at 0.5 m/s would seem to strain the pads beyond their friction, and
-    /// the solver alone would make the cube slip.
+    /// Moves a cube that only one gripper holds along with its tool, as the solver's first guess.
+    /// If the solver began at the cube's last pose, a tool at 0.5 m/s would seem to strain the pads
+    /// beyond their friction, and the cube would slip.
     fn carry(&mut self, grasps: &[Grasp; 2], tools: &[Frame; 2]) {
         let alone = match (grasps[0].attached(), grasps[1].attached()) {
             (true, false) => 0,
@@ -433,19 +440,21 @@ impl Balance {
         if grasp.attached() && self.split.is_some() { grasp.node } else { 0 }
     }
 
-    /// Takes over the pose of an operator's hand that has just taken hold, so that its jump counts
-    /// as no motion.
+    /// Sets the previous pose of the operator's hand to `hold` when the hand has just taken hold.
+    /// The jump to this pose then counts as no motion, which would be damped.
     pub(super) fn hand_comes(&mut self, hold: &Frame) {
         self.hand_before = *hold;
     }
 
-    /// Puts the whole cube elsewhere: the operator carries it, or it falls.
+    /// Sets the pose of the whole cube without a balance of forces: the operator carries the cube,
+    /// or it falls.
     pub(super) fn place(&mut self, world_from_cube: Frame) {
         self.nodes = [world_from_cube; 2];
         self.before = world_from_cube;
     }
 
-    /// Returns the interface between the two bodies and the springs in it.
+    /// Returns the load and the slip of the interface between the two bodies of `split`, and the
+    /// spring that joins them.
     fn join(&self, split: Split, puzzle: &Puzzle) -> (Interface, Joint) {
         let m = &puzzle.mechanics;
         let unit = Axis::ALL[split.axis].unit();
@@ -514,7 +523,8 @@ impl Balance {
     }
 }
 
-/// Returns the angle of a body's layer against the core (rad).
+/// Returns the angle (rad) about `axis` by which the outer layers in the set `layers` are turned
+/// against the core; 0 for a set with the middle layer.
 pub(super) fn layer_angle(puzzle: &Puzzle, axis: usize, layers: Layers) -> f64 {
     match layers {
         1 => puzzle.angles[axis][0],
@@ -524,8 +534,9 @@ pub(super) fn layer_angle(puzzle: &Puzzle, axis: usize, layers: Layers) -> f64 {
     }
 }
 
-/// Returns force, stiffness, and the size of the force beyond the play, of a spring with play. Only
-/// the latter rubs.
+/// Returns, for a spring with play at the displacement `d`, its force, its stiffness, and the size
+/// of the force beyond the play. Only this part presses on the layers and causes friction. `k` is
+/// the stiffness beyond the play.
 fn with_play(d: &Vector3<f64>, play: f64, k: f64) -> (Vector3<f64>, f64, f64) {
     let inside = INSIDE_PLAY * k;
     let size = d.norm();
@@ -582,7 +593,7 @@ impl System {
         Self { residual: [Vector6::zeros(); 2], stiffness: [[Matrix6::zeros(); 2]; 2] }
     }
 
-    /// Clears the entries of the first `bodies` bodies.
+    /// Sets residuals and stiffness of the first `bodies` bodies to 0.
     fn clear(&mut self, bodies: usize) {
         for i in 0..bodies {
             self.residual[i].fill(0.0);
@@ -628,7 +639,7 @@ impl System {
         self.stiffness[1][0] -= between.transpose();
     }
 
-    /// Returns the greatest force or torque without a counterpart, in tolerances.
+    /// Returns the largest unbalanced force or torque on a body, as a multiple of its tolerance.
     fn imbalance(&self, bodies: usize) -> f64 {
         self.residual.iter().take(bodies).fold(0.0, |most, r| {
             let force = r.fixed_rows::<3>(0).amax() / TOLERANCE.0;
@@ -670,16 +681,17 @@ impl System {
     }
 }
 
-/// Adds a weak spring in each direction (50 N/m, 0.05 Nm/rad): a body that only one pad pushes has
-/// directions without any.
+/// Adds a weak spring to each diagonal entry (50 N/m, 0.05 Nm/rad). A body that only one pad pushes
+/// has no stiffness in some directions, and the matrix would be singular.
 fn regularise<const N: usize>(a: &mut [[f64; N]; N]) {
     for (i, row) in a.iter_mut().enumerate() {
         row[i] += if i % 6 < 3 { 50.0 } else { 0.05 };
     }
 }
 
-/// Returns the stiffness of a spring with axes `r` that is `lever_a` from one body's origin and
-/// `lever_b` from another's.
+/// Returns the stiffness `k` of a spring, given in its own axes `r`, moved to the origins of two
+/// bodies a and b: the wrench about a's origin per displacement of b, in the world. `lever_a` and
+/// `lever_b` lead from these origins to the spring.
 pub(super) fn moved(
     k: &Matrix6<f64>,
     r: &Matrix3<f64>,
@@ -710,7 +722,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cleared_system_equals_new_system() {
+    fn clear_empties_equations_of_force_balance() {
         for bodies in [1, 2] {
             let mut system = System::new();
             for i in 0..bodies {

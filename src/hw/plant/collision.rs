@@ -101,8 +101,8 @@ pub(super) struct Bodies<'a> {
 }
 
 impl Collisions {
-    /// Examines the motion since the last period and the present scene; calls `found` with each new
-    /// contact.
+    /// Checks arms, cube and table for contacts, now and on the way since the last period, and
+    /// calls `found` with each contact that is new. Contacts that exist now push the arms.
     pub(super) fn look(&mut self, bodies: &Bodies<'_>, mut found: impl FnMut(Incident)) {
         self.torques = [[0.0; AXES]; 2];
         let now = Scene::of(bodies);
@@ -117,7 +117,8 @@ impl Collisions {
         self.look_at(&now, bodies, true, &mut found);
     }
 
-    /// Examines one instant; with `push` contacts act on the arms.
+    /// Checks all pairs of parts for contacts at one instant, `scene`, and calls `found` with each
+    /// contact that is new. With `push` the contacts also push the arms.
     fn look_at(
         &mut self,
         scene: &Scene,
@@ -135,8 +136,8 @@ impl Collisions {
         look.cube(scene, near);
     }
 
-    /// Pushes the two parts of a contact apart; `holder` is the arm to which a load on the cube is
-    /// passed on.
+    /// Adds the joint torques with which a contact pushes its parts `a` and `b` apart. `holder` is
+    /// the arm that holds the cube and takes a load on it.
     fn push(
         &mut self,
         arms: &[PlantArm],
@@ -187,7 +188,8 @@ struct Look<'a, F> {
 }
 
 impl<F: FnMut(Incident)> Look<'_, F> {
-    /// Examines one pair of parts: reports a contact that is new, and pushes.
+    /// Reports the contact of the parts `a` and `b` if it is new, and pushes them apart. `contact`
+    /// is `None` for parts that are too far apart to touch.
     fn touched(&mut self, contact: Option<Contact>, a: Part, b: Part) {
         let bit = 1_u128 << self.index;
         self.index += 1;
@@ -210,7 +212,8 @@ impl<F: FnMut(Incident)> Look<'_, F> {
         }
     }
 
-    /// Examines each arm and the table. Forearms are always well above it.
+    /// Checks fingers, hand and wrist of each arm for contact with the table. Forearms are always
+    /// well above it.
     fn arms_and_table(&mut self, scene: &Scene) {
         let table = self.bodies.table;
         for (i, shape) in scene.arms.iter().enumerate() {
@@ -221,7 +224,8 @@ impl<F: FnMut(Incident)> Look<'_, F> {
         }
     }
 
-    /// Examines the two arms: capsules against capsules, then palms against fingers.
+    /// Checks the two arms for contact with each other: capsules against capsules, then palms
+    /// against fingers. `near` is whether they are close enough to touch.
     fn two_arms(&mut self, scene: &Scene, near: bool) {
         let [first, second] = [scene.arms[0].as_ref(), scene.arms[1].as_ref()];
         for k in 0..CAPSULES {
@@ -256,7 +260,8 @@ impl<F: FnMut(Incident)> Look<'_, F> {
         }
     }
 
-    /// Examines the cube in one arm's hand, against the other arm and the table.
+    /// Checks a cube that one arm alone holds for contact with the other arm and the table. `near`
+    /// is whether the arms are close enough to touch.
     fn cube(&mut self, scene: &Scene, near: bool) {
         let deepest = |f: &dyn Fn(&Capsule) -> Contact| {
             let mut worst: Option<Contact> = None;
@@ -311,7 +316,8 @@ impl Scene {
         Self { arms: std::array::from_fn(shape), corners: std::array::from_fn(corner) }
     }
 
-    /// Returns the longest displacement of a part that is in both scenes (m).
+    /// Returns the longest displacement (m) of a point of an arm or the cube from this scene to
+    /// `later`.
     fn farthest(&self, later: &Self) -> f64 {
         let mut most = 0.0_f64;
         let mut see = |a: &Vector3<f64>, b: &Vector3<f64>| most = most.max((a - b).norm_squared());
@@ -328,7 +334,8 @@ impl Scene {
         most.sqrt()
     }
 
-    /// Returns the scene a share of the way on; over one period the way is nearly straight.
+    /// Returns the scene in between: the points have covered `share` (0 to 1) of their straight
+    /// paths to `later`. Over one period the motion is nearly straight.
     fn towards(&self, later: &Self, share: f64) -> Self {
         let point = |a: &Vector3<f64>, b: &Vector3<f64>| a + (b - a) * share;
         let mut between = *later;
@@ -375,8 +382,9 @@ impl Shape {
         }
     }
 
-    /// Returns the contact of a capsule with the palm plate, which pushes the capsule. Samples of
-    /// its ends and middle are enough for fingers not longer than the plate.
+    /// Returns the contact of a capsule with this arm's palm plate; its normal pushes the capsule.
+    /// Only ends and middle of the capsule are checked, which is enough for fingers not longer than
+    /// the plate.
     fn meets(&self, c: &Capsule) -> Contact {
         let mut worst = Contact { depth: f64::NEG_INFINITY, at: c.a, normal: Vector3::z() };
         for share in [0.0, 0.5, 1.0] {
@@ -406,7 +414,8 @@ fn above_table(c: &Capsule, table: f64) -> Contact {
     Contact { depth: table + c.radius - at.z, at, normal: Vector3::z() }
 }
 
-/// Returns the contact of two capsules, which pushes the first.
+/// Returns the contact of two capsules, with a negative depth if they are apart; its normal pushes
+/// the first one.
 fn capsules(c: &Capsule, d: &Capsule) -> Contact {
     let (u, v, w) = (c.b - c.a, d.b - d.a, c.a - d.a);
     let (a, b, e) = (u.norm_squared(), u.dot(&v), v.norm_squared());
@@ -429,7 +438,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn crossed_capsules_have_distance_of_their_axes() {
+    fn crossed_capsules_overlap_by_radii_less_axis_distance() {
         let c = Capsule { a: -Vector3::x(), b: Vector3::x(), radius: 0.1 };
         for (height, depth) in [(0.25, -0.05), (0.15, 0.05)] {
             let up = Vector3::z() * height;
@@ -463,7 +472,7 @@ mod tests {
     }
 
     #[test]
-    fn capsules_meet_at_ends_and_in_parallel() {
+    fn capsule_depth_is_exact_at_ends_and_sides() {
         let c = Capsule { a: Vector3::zeros(), b: Vector3::x(), radius: 0.1 };
         let beyond = Vector3::new(1.3, 0.0, 0.0);
         let d = Capsule { a: beyond, b: beyond + Vector3::y(), radius: 0.1 };

@@ -100,7 +100,8 @@ pub struct Lying {
 }
 
 impl Lying {
-    /// Returns the cube's frame in the world, drawn at random for this run.
+    /// Returns the initial frame of the cube on the table, in the world, drawn at random around the
+    /// place of hand-over.
     pub(super) fn drawn(&self, cell: &Cell, random: &mut Pcg64) -> Frame {
         let mut within = |most: f64| most * random.random_range(-1.0..=1.0);
         let place = Frame::from_pose(&cell.hand.world_from_cube);
@@ -234,7 +235,7 @@ pub struct CubeMechanics {
 }
 
 impl CubeMechanics {
-    /// Returns the mechanics of a cube of the paper's time.
+    /// Returns the mechanics of a usual cube of 2007, the time of the paper.
     #[must_use]
     pub fn of_2007() -> Self {
         Self {
@@ -303,7 +304,7 @@ pub struct Jaws {
 }
 
 impl Jaws {
-    /// Returns rubber pads.
+    /// Returns a gripper's jaws with rubber pads.
     #[must_use]
     pub fn rubber() -> Self {
         Self {
@@ -320,7 +321,7 @@ impl Jaws {
         }
     }
 
-    /// Returns pads of bare, ground metal.
+    /// Returns a gripper's jaws with pads of bare, ground metal.
     #[must_use]
     pub fn stiff() -> Self {
         Self {
@@ -370,7 +371,7 @@ impl Default for SensorNoise {
 }
 
 impl SensorNoise {
-    /// Returns a sensor without errors, for tests.
+    /// Returns the errors of an ideal sensor, all 0, for tests.
     #[must_use]
     pub fn none() -> Self {
         Self {

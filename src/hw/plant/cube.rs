@@ -65,24 +65,25 @@ impl Puzzle {
         Self { stickers, angles: [[0.0; 2]; 3], friction, jam: 0.0, mechanics, quarter }
     }
 
-    /// Returns the stickers as the renderer needs them: to be turned further by [`Puzzle::angles`]
-    /// of one axis.
+    /// Returns the colours of the 54 stickers by position, before the present turn of one axis: the
+    /// renderer turns the layers of that axis by [`Puzzle::angles`].
     pub(super) fn stickers(&self) -> &[u8; 54] {
         &self.stickers
     }
 
-    /// Restores saved stickers and layers.
+    /// Sets the stickers and the angles of the outer layers to saved ones.
     pub(super) fn restore(&mut self, stickers: [u8; 54], angles: [[f64; 2]; 3]) {
         (self.stickers, self.angles) = (stickers, angles);
     }
 
-    /// Returns the axis that is farthest from aligned.
+    /// Returns the index of the axis whose outer layers are turned farthest from the core.
     pub(super) fn turned_axis(&self) -> usize {
         let off = |a: usize| self.angles[a][0].abs().max(self.angles[a][1].abs());
         (1..3).fold(0, |best, a| if off(a) > off(best) { a } else { best })
     }
 
-    /// Turns the whole quarters of an axis's layers into a permutation.
+    /// Moves the whole quarter turns in the angles of an axis's layers into the permutation of the
+    /// stickers. An angle of at most an eighth of a turn remains.
     pub(super) fn settle(&mut self, axis: usize) {
         for side in 0..2 {
             let quarters = (self.angles[axis][side] / FRAC_PI_2).round();
@@ -103,12 +104,15 @@ impl Puzzle {
         off(self.angles[axis][0]).max(off(self.angles[axis][1]))
     }
 
-    /// Checks whether the misalignment of another axis blocks this one.
+    /// Checks whether a layer of another axis is so far off a quarter turn that the layers of
+    /// `axis` cannot turn.
     pub(super) fn blocked(&self, axis: usize) -> bool {
         (0..3).any(|a| a != axis && self.misalignment(a) > self.mechanics.corner_cut)
     }
 
-    /// Returns the torque at which an interface slips (Nm), under the load that it transmits.
+    /// Returns the torque (Nm) at which an outer layer of `axis` starts to turn against the middle
+    /// one while `load` acts between them. `side` is 0 for the negative layer, 1 for the positive
+    /// one.
     pub(super) fn turning_torque(&self, axis: usize, side: usize, load: InterfaceLoad) -> f64 {
         let InterfaceLoad { lateral, tilt, axial } = load;
         let m = &self.mechanics;
@@ -125,9 +129,9 @@ impl Puzzle {
             + self.jam
     }
 
-    /// Returns the stickers by position with every layer at its nearest quarter turn, and the cube
-    /// held so that the centres are in their places: a description that does not depend on how the
-    /// cube is held.
+    /// Returns the colours of the 54 stickers in the order URFDLB, with every layer at its nearest
+    /// quarter turn. Each colour is named by the face whose centre has it, so the result does not
+    /// depend on how the cube is held.
     pub(super) fn facelets(&self) -> [u8; 54] {
         let mut settled = self.clone();
         for axis in 0..3 {
@@ -143,7 +147,8 @@ impl Puzzle {
     }
 }
 
-/// Returns the place of a sticker: its cubie and the direction that it faces.
+/// Returns the position of a sticker: the coordinates of its cubie (-1, 0 or 1 each), and the
+/// direction that the sticker faces.
 fn place(index: usize) -> (Vector3<f64>, Vector3<f64>) {
     let face = Face::ALL[index / 9];
     let (column, row) = face.reading_axes();
@@ -192,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn layer_quarter_moves_twenty_stickers_and_four_none() {
+    fn quarter_turn_moves_twenty_stickers_full_turn_none() {
         for axis in 0..3 {
             for side in 0..2 {
                 let mut puzzle = puzzle();

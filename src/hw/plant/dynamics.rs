@@ -37,7 +37,7 @@ impl Screw {
     pub(super) const ZERO: Self =
         Self { a: Vector3::new(0.0, 0.0, 0.0), l: Vector3::new(0.0, 0.0, 0.0) };
 
-    /// Returns the power of a wrench `self` on a twist.
+    /// Returns the power of the wrench `self` on the twist `other`.
     pub(super) fn dot(&self, other: &Self) -> f64 {
         self.a.dot(&other.a) + self.l.dot(&other.l)
     }
@@ -82,7 +82,8 @@ impl Body {
         Self { m: self.m + other.m, h: self.h + other.h, i: self.i + other.i }
     }
 
-    /// Returns the momentum of a twist, or the force of an acceleration.
+    /// Returns the inertia times `v`: the momentum if `v` is a twist, the wrench if it is an
+    /// acceleration.
     fn times(&self, v: &Screw) -> Screw {
         Screw { a: self.i * v.a + self.h.cross(&v.l), l: v.l * self.m - self.h.cross(&v.a) }
     }
@@ -202,12 +203,13 @@ impl Placement {
         (mass, bias)
     }
 
-    /// Returns the joint torques of a wrench about the base's origin in base axes (N, Nm).
+    /// Returns the joint forces and torques (N, Nm) that a wrench on the last link causes. The
+    /// wrench is about the base's origin, in base axes.
     pub(super) fn torques(&self, wrench: &Screw) -> [f64; AXES] {
         std::array::from_fn(|j| self.screws[j].dot(wrench))
     }
 
-    /// Returns the twist of the last link, about the base's origin.
+    /// Returns the twist of the last link about the base's origin, at the joint velocities `v`.
     pub(super) fn twist(&self, v: &[f64; AXES]) -> Screw {
         self.screws.iter().zip(v).fold(Screw::ZERO, |sum, (s, v)| sum.plus(s, *v))
     }
@@ -252,7 +254,8 @@ mod tests {
         builtin("irp6_track").unwrap()
     }
 
-    /// Returns the potential energy, from frames alone (J).
+    /// Returns the potential energy of the links at the joint positions `q`, from their frames
+    /// alone (J).
     fn potential(q: &[f64; AXES]) -> f64 {
         let place = Placement::new(&model(), q);
         let weigh = |(link, frame): (&Link, &Frame)| {
@@ -261,8 +264,8 @@ mod tests {
         LINKS.iter().zip(&place.frames).map(weigh).sum()
     }
 
-    /// Returns the kinetic energy, from differences of frames alone: without screws or a Jacobian
-    /// (J).
+    /// Returns the kinetic energy of the links (J) from differences of their frames a short time
+    /// apart, without screws or a Jacobian.
     fn kinetic(q: &[f64; AXES], v: &[f64; AXES]) -> f64 {
         let h = 1e-5;
         let at = |s: f64| Placement::new(&model(), &std::array::from_fn(|i| q[i] + s * h * v[i]));
@@ -280,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn flange_matches_kinematics() {
+    fn flange_frame_equals_that_of_arm_kinematics() {
         for (q, _) in postures() {
             let mine = Placement::new(&model(), &q).frames[6];
             let theirs = Frame::from_pose(&model().base_from_flange(&JointPositions(q)));
@@ -290,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn mass_matrix_gives_kinetic_energy() {
+    fn mass_matrix_gives_kinetic_energy_of_links() {
         for (q, v) in postures() {
             let (mass, _) = Placement::new(&model(), &q).dynamics(&LINKS, &v, &PULL);
 
@@ -304,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn bias_at_rest_gives_slope_of_potential() {
+    fn bias_at_rest_equals_gradient_of_potential_energy() {
         for (q, _) in postures() {
             let still = [0.0; AXES];
             let (_, bias) = Placement::new(&model(), &q).dynamics(&LINKS, &still, &PULL);
@@ -322,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn bias_in_motion_obeys_lagrange() {
+    fn bias_in_motion_satisfies_lagrange_equations() {
         // d/dt (dT/dv_i) - dT/dq_i at constant v, with T from the mass matrix alone.
         let none = Vector3::zeros();
         for (q, v) in postures() {

@@ -34,20 +34,23 @@ pub(super) struct Report {
 }
 
 impl Encoder {
-    /// Makes the encoder of a controller that was just switched on, or one that is `synchronised`
-    /// already.
+    /// Makes an encoder with `increments` per revolution of its motor, which is at `motor` (rad).
+    /// Its counter is 0 here, or at motor angle 0 if it is `synchronised` already.
     pub(super) fn new(increments: f64, motor: f64, synchronised: bool) -> Self {
         let origin = if synchronised { 0 } else { count(increments, motor) };
         Self { increments, origin, turn: libm::floor(motor / TAU), synchronised, told: false }
     }
 
-    /// Checks that a saved encoder can be this one, `own`, with its motor at `motor` (rad).
+    /// Checks that this saved encoder fits `own`, that of the plant, with the motor at `motor`
+    /// (rad).
     pub(super) fn fits(&self, own: &Self, motor: f64) -> bool {
         // The last reading is a period old, so the revolutions may differ; the bound is generous.
         self.increments == own.increments && (self.turn - motor / TAU).abs() < 1e3
     }
 
-    /// Returns the report of this period.
+    /// Returns what the controller reports of the encoder in this period, with the motor at `motor`
+    /// (rad). On the order to `synchronise` the counter becomes 0 at the first encoder zero off the
+    /// switch.
     pub(super) fn read(&mut self, motor: f64, synchronise: bool) -> Report {
         let turn = libm::floor(motor / TAU);
         let zero = turn != self.turn;
@@ -81,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn counter_is_latched_at_first_zero_off_switch() {
+    fn counter_restarts_at_first_encoder_zero_past_switch() {
         let mut encoder = Encoder::new(4000.0, -5.0, false);
         assert_eq!(
             encoder.read(-5.0, false),

@@ -248,7 +248,8 @@ impl Armed {
         self.began.is_some() && !self.over
     }
 
-    /// Counts the event if it is the fault's trigger; the last one sets the start of the fault.
+    /// Counts an event at `time` (s) if `is` accepts the trigger of this fault. The `nth` such
+    /// event sets the time at which the fault begins.
     fn happened(&mut self, time: f64, is: impl Fn(Trigger) -> bool) {
         if let When::After { event, nth, delay } = self.fault.when
             && self.due.is_none()
@@ -291,8 +292,8 @@ impl Faults {
         }
     }
 
-    /// Begins and ends faults for the period after `time` (s). `turned` is the layer's angle
-    /// between two hands (rad).
+    /// Begins and ends faults for the period after `time` (s). `turned` is the angle by which a
+    /// layer has been turned since two hands hold the cube (rad).
     pub(super) fn decide(&mut self, time: f64, turned: f64) {
         if self.armed.is_empty() {
             return;
@@ -332,18 +333,20 @@ impl Faults {
         }
     }
 
-    /// Returns the indices of the faults that have begun, in the order of the list.
+    /// Returns the indices, in the configured list, of the faults that have begun.
     pub(super) fn begun(&self) -> impl Iterator<Item = usize> {
         (0..self.armed.len()).filter(|&i| self.armed[i].began.is_some())
     }
 
-    /// Returns the faults outside of the plant that have begun or ended since the last call.
+    /// Returns the starts and ends, since the last call, of faults that act outside of the plant,
+    /// as on a camera.
     pub(super) fn outside_faults(&mut self) -> impl Iterator<Item = OutsideFault> {
         self.outside.drain(..)
     }
 
-    /// Spoils the readings of an arm; `increments` are those of its axes, the jaw's last, `range`
-    /// is its sensor's.
+    /// Changes an arm's reading as the acting faults demand: counters, switches, currents, forces.
+    /// `increments` are those of the axes' encoders, the jaw's last; `range` are the limits of the
+    /// force sensor (N, Nm).
     pub(super) fn spoil(
         &mut self,
         arm: usize,
@@ -453,7 +456,7 @@ mod tests {
     }
 
     #[test]
-    fn event_begins_fault_at_nth_time_after_delay() {
+    fn fault_begins_after_nth_event_and_delay() {
         let when = When::After { event: Trigger::Grasped(Some(1)), nth: 2, delay: 0.1 };
         let what = What::Elsewhere(7);
         let mut faults = Faults::new(&[Fault { what, when, lasts: f64::INFINITY }]);
@@ -473,7 +476,7 @@ mod tests {
     }
 
     #[test]
-    fn angle_event_happens_once_in_each_turn() {
+    fn angle_trigger_fires_once_in_each_turn() {
         let when = When::After { event: Trigger::Turned(0.5), nth: 2, delay: 0.0 };
         let jam = Fault { what: What::Jam { torque: 3.0 }, when, lasts: 1.0 };
         let mut faults = Faults::new(&[jam]);

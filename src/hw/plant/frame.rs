@@ -56,15 +56,15 @@ impl Frame {
         Self { r, p: Vector3::zeros() }
     }
 
-    /// Moves by a small displacement in the outer axes: the origin by `d` (m), the orientation by
-    /// the rotation vector `w` (rad).
+    /// Returns the frame moved by a small displacement, given in the axes of the outer frame (`to`
+    /// of `to_from`): the origin by `d` (m), the orientation by the rotation vector `w` (rad).
     pub(super) fn nudged(&self, d: &Vector3<f64>, w: &Vector3<f64>) -> Self {
         // Products of thousands of substeps would drift off the rotations.
         Self { r: orthonormal(&(rotation(w) * self.r)), p: self.p + d }
     }
 }
 
-/// Returns the orthonormal matrix of one that is almost orthonormal (Gram-Schmidt).
+/// Makes an almost orthonormal matrix exactly orthonormal (Gram-Schmidt).
 pub(super) fn orthonormal(m: &Matrix3<f64>) -> Matrix3<f64> {
     let x: Vector3<f64> = m.column(0).into_owned();
     let x = x / x.norm();
@@ -89,7 +89,7 @@ pub(super) fn rotation(w: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::identity() + k * s + k * k * c
 }
 
-/// Returns the rotation vector of a rotation matrix (rad), up to pi (exclusive).
+/// Returns the rotation vector (rad) of a rotation matrix whose angle is below pi.
 pub(super) fn rotation_vector(r: &Matrix3<f64>) -> Vector3<f64> {
     // The skew part of the matrix is the axis times sin a.
     let v = Vector3::new(r.m32 - r.m23, r.m13 - r.m31, r.m21 - r.m12) * 0.5;
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn nearest_alignment_ignores_small_tilt() {
+    fn nearest_aligned_rotation_ignores_small_tilt() {
         let quarter = std::f64::consts::FRAC_PI_2;
         let mut seen = Vec::new();
         for i in 0..4 {

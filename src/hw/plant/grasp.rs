@@ -145,12 +145,12 @@ impl Touch {
         slip_step: 0.0,
     };
 
-    /// Returns the lesser of the pads' forces (N).
+    /// Returns the grip, which is the smaller of the two pads' forces on the cube (N).
     pub(super) fn grip(&self) -> f64 {
         self.pads[0].min(self.pads[1])
     }
 
-    /// Checks whether anything touches.
+    /// Checks whether any part of the gripper (pad, palm or finger) touches the cube.
     pub(super) fn any(&self) -> bool {
         self.pads[0] + self.pads[1] + self.palm + self.front > 0.0
     }
@@ -171,17 +171,20 @@ impl Grasp {
         reported: false,
     };
 
-    /// Checks whether the cube that the pads closed on is still in the hand.
+    /// Checks whether the pads have closed on the cube and it has not left the hand since. The pads
+    /// may have let go already, with the palm still at the cube.
     pub(super) fn attached(&self) -> bool {
         self.hold != Hold::Open
     }
 
-    /// Checks whether the grasp can carry the cube.
+    /// Checks whether the grasp carries the cube: the pads are closed on it, and it has not slipped
+    /// out.
     pub(super) fn holds(&self) -> bool {
         self.hold == Hold::Closed && !self.lost
     }
 
-    /// Returns the strain-free frame of flat pads around a cube that is nearly aligned with them.
+    /// Returns the `tool_from_body` of flat pads without strain around a body that is nearly
+    /// aligned with them: exactly aligned, and centred on the tool's axis.
     pub(super) fn flat(tool_from_body: &Frame) -> Frame {
         Frame {
             r: nearest_alignment(&tool_from_body.r),
@@ -189,8 +192,9 @@ impl Grasp {
         }
     }
 
-    /// Closes on a body that is at `tool_from_body`. At `flat` its touched layer would lie flat
-    /// between the pads.
+    /// Records that the pads have closed on the cube's body `node` (0 or 1), which is at
+    /// `tool_from_body`. If it were at `flat`, the layer between the pads would lie flat against
+    /// them.
     pub(super) fn close(&mut self, node: usize, tool_from_body: &Frame, flat: Frame) {
         let e = tool_from_body.times(&flat.inverse());
         let w = rotation_vector(&e.r);
@@ -211,8 +215,8 @@ impl Grasp {
         };
     }
 
-    /// Closes again on the layer that the pads had let go and that still leans on the palm: its
-    /// strains remain.
+    /// Records that the pads close again on a layer that they had let go and that still leans on
+    /// the palm. The grasp keeps its strains.
     pub(super) fn close_again(&mut self) {
         self.hold = Hold::Closed;
         self.lost = false;
@@ -221,13 +225,15 @@ impl Grasp {
         self.reported = false;
     }
 
-    /// Describes the touched body by another frame: `old_from_new`.
+    /// Makes the grasp refer to the body `node`, whose frame in that of the former body is
+    /// `old_from_new`. The pads stay where they are on the cube.
     pub(super) fn rename(&mut self, node: usize, old_from_new: &Frame) {
         self.node = node;
         self.reference = self.reference.times(old_from_new);
     }
 
-    /// Returns the contact between the gripper at `tool` and the body at `body`, both in the world.
+    /// Returns the contact between a gripper and a body of the cube, from the frames of tool and
+    /// body in the world. `hands` has sizes and opening of the gripper.
     pub(super) fn touch(&self, tool: &Frame, body: &Frame, hands: &Hands) -> Touch {
         let mut local = tool.to_local(body);
         let reach = hands.edge + hands.gripper.palm;
@@ -297,9 +303,10 @@ impl Grasp {
         t
     }
 
-    /// Adds the torque with which the grip turns a tilted cube back, from the fingers' width and
-    /// their depth on the cube (m). `w` is the tilt. The torque rises smoothly while the rubber
-    /// gives: a step, or a size that lags, jerked the cube with 29 N at a grip of 5 N.
+    /// Adds to `t` the torque with which the pads turn a tilted cube back. The fingers reach
+    /// `depth` (m) over the cube, whose tilt is the rotation vector `w` (rad). The torque rises
+    /// smoothly over the give of the rubber: with a step or a lag it jerked the cube with 29 N at a
+    /// grip of 5 N.
     fn straighten(&self, t: &mut Touch, hands: &Hands, depth: f64, w: &Vector3<f64>) {
         let grip = if self.lost { 0.0 } else { hands.hold * t.grip() };
         let levers = [depth.clamp(0.0, hands.edge), hands.gripper.finger_width];
@@ -382,7 +389,8 @@ impl Grasp {
         }
     }
 
-    /// Accepts the slip of the last evaluation in this substep.
+    /// Keeps the slip of the contact `t` as last evaluated in this substep of `dt` (s). A grasp
+    /// that has slipped too far is lost.
     pub(super) fn commit(&mut self, t: &Touch, dt: f64) {
         for (askew, now) in self.askew.iter_mut().zip(t.askew) {
             *askew += (now - *askew) * dt / (dt + FOLLOWS);
@@ -410,7 +418,8 @@ impl Grasp {
     }
 }
 
-/// Returns the part of an angle beyond the give of the rubber (rad).
+/// Returns by how much the size of an angle exceeds the tilt to which the rubber gives, else 0
+/// (rad).
 fn beyond_give(angle: f64) -> f64 {
     (angle.abs() - GIVE).max(0.0)
 }
@@ -425,7 +434,8 @@ fn turned_width(side: f64, finger: f64, angle: f64) -> f64 {
     ((side + finger * s) / c).min(side * (c + s))
 }
 
-/// Adds the palm's stops on the face, which is at `face` and tilted by `w`.
+/// Adds to `t` the forces of the palm's stops on the cube, which is at `local` in the tool frame.
+/// Its face is at z = `face` (m) and tilted by the rotation vector `w` (rad).
 fn palm(t: &mut Touch, hands: &Hands, local: &Frame, face: f64, w: &Vector3<f64>) {
     let half = 0.5 * hands.edge;
     // A cube beside the hand or behind it does not meet the stops.
@@ -453,7 +463,7 @@ fn palm(t: &mut Touch, hands: &Hands, local: &Frame, face: f64, w: &Vector3<f64>
     }
 }
 
-/// Adds a force `f` along +z at (x, y, 0) with the stiffness `k` (N/m).
+/// Adds to `t` a force `f` (N) along the tool's +z at (x, y, 0), and its stiffness `k` (N/m).
 fn point_load(t: &mut Touch, x: f64, y: f64, f: f64, k: f64) {
     t.force.z += f;
     t.torque.x += y * f;

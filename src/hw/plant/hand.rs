@@ -172,7 +172,7 @@ impl OperatorHand {
         }
     }
 
-    /// Returns the state to be saved at `t` (s).
+    /// Returns the state of the hand for the plant's file; its times count from `t` (s).
     pub(super) fn saved(&self, t: f64) -> Saved {
         let mut phase = self.phase;
         match &mut phase {
@@ -192,7 +192,7 @@ impl OperatorHand {
         }
     }
 
-    /// Continues at time 0 from a saved state.
+    /// Sets the hand to a saved state, whose moment is time 0 of this run.
     pub(super) fn restore(&mut self, saved: &Saved) {
         self.phase = saved.phase;
         self.withdrawals_left = saved.withdrawals_left;
@@ -210,8 +210,8 @@ impl OperatorHand {
         self.phase = Phase::Absent;
     }
 
-    /// Returns the pose at which the hand wants the cube at `t` (s), or `None` when it does not
-    /// hold the cube.
+    /// Returns the pose, in the world, to which the hand pulls the cube at `t` (s), or `None` when
+    /// it does not hold the cube.
     pub(super) fn hold(&self, t: f64) -> Option<Frame> {
         let s = &self.script;
         let out = s.start_offset;
@@ -245,8 +245,8 @@ impl OperatorHand {
         }
     }
 
-    /// Returns the pose of the hand at `t` (s), its origin on the cube's far side, or `None` when
-    /// it is out of the cell.
+    /// Returns the pose of the hand in the world at `t` (s), or `None` when it is out of the cell.
+    /// Its origin is on the side of the cube away from the robot.
     pub(super) fn pose(&self, t: f64) -> Option<Frame> {
         let empty = |frame: Frame, away: f64| Frame {
             r: nalgebra::Matrix3::identity(),
@@ -269,13 +269,13 @@ impl OperatorHand {
         matches!(self.phase, Phase::Carrying { .. })
     }
 
-    /// Checks whether the hand has the cube for good.
+    /// Checks whether the hand has taken the cube back and carried it out of the cell.
     pub(super) fn has_it_back(&self) -> bool {
         self.phase == Phase::Done
     }
 
-    /// Withdraws the cube at once, as the hand's script demands. A hand that comes for the cube
-    /// turns back.
+    /// Makes a hand that offers the cube withdraw it at `t` (s) and offer it again. A hand that
+    /// comes for the cube or takes it leaves without it.
     pub(super) fn draw_back(&mut self, t: f64) {
         match self.phase {
             Phase::Outside | Phase::Bringing { .. } | Phase::DrawingBack { .. } => {
@@ -293,7 +293,7 @@ impl OperatorHand {
         }
     }
 
-    /// Observes and decides at the end of a period.
+    /// Chooses the hand's activity at the end of a period, at `t` (s), from what the operator sees.
     pub(super) fn decide(&mut self, t: f64, sight: &Sight) {
         let s = self.script;
         let since = |slot: &mut Option<f64>, yes: bool| -> f64 {
@@ -348,8 +348,8 @@ impl OperatorHand {
         }
     }
 
-    /// Offers the cube: lets go when jaws hold it long or firmly enough, withdraws it when no jaws
-    /// take it. The hand has arrived at `arrived` (s).
+    /// Decides for a hand that offers the cube and arrives at `arrived` (s): it lets go when jaws
+    /// hold the cube long or firmly enough, and withdraws the cube when no jaws take it.
     fn offer(&mut self, t: f64, arrived: f64, sight: &Sight, lasting: &Durations) {
         let s = self.script;
         let Durations { closed, loaded, .. } = *lasting;
@@ -371,7 +371,8 @@ impl OperatorHand {
         self.let_go_at = t;
     }
 
-    /// Comes for a cube that one gripper holds still in the zone.
+    /// Sends the hand for the cube once exactly one gripper has held it still in the hand-over zone
+    /// for long enough.
     fn wait_for_return(&mut self, t: f64, sight: &Sight, lasting: &Durations) {
         let s = self.script;
         let inside = self.in_zone(&sight.cube);
@@ -388,14 +389,15 @@ impl OperatorHand {
         }
     }
 
-    /// Checks whether the cube is in the zone, with a hand's width around it: a person reaches a
-    /// little farther.
+    /// Checks whether the cube's centre is in the hand-over zone, widened by 5 cm because a person
+    /// reaches a little farther.
     fn in_zone(&self, cube: &Frame) -> bool {
         let local = Frame::from_pose(&self.zone.world_from_cube).to_local(cube).p;
         (0..3).all(|i| local[i].abs() <= self.zone.half_extent[i] + 0.05)
     }
 
-    /// Returns the displacement by sway and tremor at `t` (m), which calm down after `arrival` (s).
+    /// Returns the displacement of the hand by sway and tremor at `t` (s), in m. Both calm down
+    /// after `arrival` (s).
     fn sway_and_tremor(&self, t: f64, arrival: f64) -> Vector3<f64> {
         let calmed = minimum_jerk((t - arrival) / self.script.stills.max(0.1));
         let strength = 1.0 - (1.0 - CALM) * calmed;
@@ -406,8 +408,8 @@ impl OperatorHand {
     }
 }
 
-/// Returns the share, 0 to 1, of a motion with the least jerk at the share `x` of its time; outside
-/// of 0..1 it rests.
+/// Returns the share of its path, 0 to 1, that a minimum-jerk motion has covered at the share `x`
+/// of its time. The motion rests before 0 and after 1.
 fn minimum_jerk(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     x * x * x * (10.0 + x * (6.0 * x - 15.0))
@@ -429,7 +431,7 @@ mod tests {
     }
 
     #[test]
-    fn hand_calms_to_half_millimetre_after_arrival() {
+    fn operator_hand_steadies_to_half_millimetre_after_arrival() {
         for seed in 0..20 {
             let mut hand = hand(seed);
             let cube = |hand: &OperatorHand, t: f64| hand.hold(t).unwrap();
@@ -456,8 +458,9 @@ mod tests {
         }
     }
 
-    /// Returns the time at which the hand comes for a cube that is held still in front of it from
-    /// the beginning (s), or `None` if it does not.
+    /// Returns the time at which the hand comes for a cube that is held as in `held` from time 0 on
+    /// (s), or `None` if it never comes. The hand let go of the cube at `let_go_at` (s);
+    /// `left_zone` is whether the cube has left the zone since.
     fn comes_for(held: &Sight, left_zone: bool, let_go_at: f64) -> Option<f64> {
         let mut hand = hand(1);
         hand.stay_away();
@@ -472,7 +475,7 @@ mod tests {
     }
 
     #[test]
-    fn hand_comes_sooner_for_cube_that_left_zone() {
+    fn operator_collects_cube_sooner_if_it_left_zone() {
         let held = Sight {
             cube: Frame { r: nalgebra::Matrix3::identity(), p: Vector3::zeros() },
             speed: 0.001,

@@ -34,7 +34,8 @@ const OVERLAP: f64 = 1e-3;
 const FLUSH: f64 = 0.1;
 
 impl Plant {
-    /// Closes and opens the grasps of pads that met the cube or left it.
+    /// Begins the grasps of jaws that have closed on the cube, and ends those of jaws that have let
+    /// go of it.
     pub(super) fn change_grasps(&mut self) {
         let edge = self.config.cell.cube.edge;
         for i in 0..self.arms.len() {
@@ -49,7 +50,7 @@ impl Plant {
                 // A layer that joins the core while the palm presses it would jump by its play,
                 // against the stops. So the grasp ends only once the palm is away.
                 if self.balance.split.is_none() || touch.gap > PALM_GAP {
-                    self.part(i);
+                    self.end_grasp(i);
                 } else if closes {
                     self.grasps[i].close_again();
                     self.closed(i);
@@ -65,7 +66,8 @@ impl Plant {
         }
     }
 
-    /// Closes the grasp of an arm around the cube.
+    /// Begins the grasp of arm `i` on the cube: its pads align the layers that they press on. Then
+    /// decides anew whether the cube is one body or two.
     pub(super) fn close(&mut self, i: usize) {
         let core = self.balance.core(&self.puzzle);
         let tool = self.tool(i);
@@ -90,8 +92,9 @@ impl Plant {
         self.regroup();
     }
 
-    /// Returns the frame, in the core, of the layers that the pads touch alone: they are off by
-    /// their angles.
+    /// Returns the frame, in the core's, of an outer layer that a gripper holds without its
+    /// neighbour: the core's frame turned by the angle of that layer. `held` are the layers that
+    /// the gripper holds, by axis.
     fn lone_layer(&self, held: [Layers; 3]) -> Frame {
         let mut touched = Frame::IDENTITY;
         for (axis, layers) in held.iter().enumerate() {
@@ -103,7 +106,8 @@ impl Plant {
         touched
     }
 
-    /// Returns the frame, in the first body, of the layer that an open hand is about to touch.
+    /// Returns the frame, in the first body's, of the layer that the open gripper of arm `i` is
+    /// about to touch; the identity for straight layers or closed jaws.
     pub(super) fn layer_ahead(&self, i: usize) -> Frame {
         // Layers that are off by less than the rubber gives count as straight.
         let straight = self.puzzle.angles.as_flattened().iter().all(|angle| angle.abs() < GIVE);
@@ -115,22 +119,23 @@ impl Plant {
         self.balance.nodes[0].to_local(&core.times(&self.lone_layer(held)))
     }
 
-    /// Records that an arm holds the cube.
+    /// Records that the jaws of arm `i` have closed on the cube.
     fn closed(&mut self, i: usize) {
         self.last_holder = Some(i);
         self.verdict.grasps[i] += 1;
         self.record(Incident::Grasped { arm: i });
     }
 
-    /// Ends the grasp of an arm.
-    fn part(&mut self, i: usize) {
+    /// Ends the grasp of arm `i`; the layer that it held joins the core.
+    fn end_grasp(&mut self, i: usize) {
         // An open grasp has no part in a split, so the regrouping joins its layer to the core.
         self.grasps[i].hold = Hold::Open;
         self.regroup();
         self.grasps[i] = Grasp::OPEN;
     }
 
-    /// Decides whether the cube is one body or two.
+    /// Decides from the two grasps whether the cube is one body, or two that can turn against each
+    /// other, and about which axis.
     pub(super) fn regroup(&mut self) {
         // Between two axes the misaligned one turns: it blocks the other.
         let split = self.splits().max_by(|a, b| {
@@ -139,7 +144,8 @@ impl Plant {
         self.split_as(split);
     }
 
-    /// Makes the cube one body, or two with this split, and begins the measurements of a turn.
+    /// Makes the cube two bodies with `split`, or one body with `None`. If this is a change, the
+    /// angle of the turn is measured anew.
     fn split_as(&mut self, split: Option<Split>) {
         let before = self.balance.split;
         self.balance.regroup(split, &mut self.puzzle, &mut self.grasps);
@@ -183,8 +189,9 @@ impl Plant {
         }
     }
 
-    /// Returns the splits about which the cube could turn while both hands hold it: the axes under
-    /// a palm with a lone outer layer.
+    /// Returns the possible divisions of the cube into two bodies while both grippers hold it: one
+    /// for each axis along a palm's normal if that gripper holds an outer layer alone, and the
+    /// grippers share no layer.
     fn splits(&self) -> impl Iterator<Item = Split> + use<> {
         let both = self.grasps.iter().all(Grasp::attached) && self.arms.len() == 2;
         let core = self.balance.core(&self.puzzle);
@@ -237,8 +244,8 @@ impl Plant {
         })
     }
 
-    /// Turns a layer between two hands back under the jaws, by at most `most` (rad). The layer and
-    /// its grasp go back together, so that no force shows it.
+    /// Turns a layer that two hands have turned towards its start again, under closed jaws, by at
+    /// most `most` (rad). The grasp on this layer turns along, so that no force shows the fault.
     pub(super) fn undo_turn(&mut self, most: f64) {
         let Some(split) = self.balance.split else { return };
         let turned = self.relative_angle() - self.angle_at_split;
@@ -258,7 +265,8 @@ impl Plant {
         }
     }
 
-    /// Returns the angle of the second body's layer against the first's (rad).
+    /// Returns the angle of the second body's layer against that of the first (rad), 0 for one
+    /// body.
     pub(super) fn relative_angle(&self) -> f64 {
         self.balance.split.map_or(0.0, |s| {
             layer_angle(&self.puzzle, s.axis, s.layers[1])

@@ -80,7 +80,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bounds_hash_ignores_values_varied_by_campaigns() {
+    fn speed_and_force_limits_hash_ignores_campaign_variations() {
         let plain = quiet(cell());
         let mut drawn = plain.clone();
         drawn.cell.arms[0].world_from_base.translation.x += 0.001;

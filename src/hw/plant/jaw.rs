@@ -38,7 +38,8 @@ pub(super) struct PlantJaw {
 }
 
 impl PlantJaw {
-    /// Makes a jaw at rest at a true distance between the pads (m).
+    /// Makes a jaw at rest whose pads are truly `opening` (m) apart. With `synchronised` its
+    /// counter is homed already.
     pub(super) fn new(gripper: &Gripper, jaws: &Jaws, opening: f64, synchronised: bool) -> Self {
         let [c0, c1, c2] = gripper.opening_of_motor;
         let wanted = opening - gripper.opening_offset;
@@ -106,24 +107,24 @@ impl PlantJaw {
         }
     }
 
-    /// Checks whether the drive opens the jaw: the cube then does not slip between the pads, they
-    /// let it go.
+    /// Checks whether the motor is opening the jaw. The pads then let go of the cube, and a motion
+    /// between them does not count as slip.
     pub(super) fn opens(&self) -> bool {
         self.speed > OPENS && self.force > 0.0
     }
 
-    /// Reads encoder and switch, once a period.
+    /// Returns what the controller reports of the jaw's encoder and switch; called once a period.
     pub(super) fn read(&mut self, synchronise: bool) -> Report {
         self.encoder.read(self.motor, synchronise)
     }
 
-    /// Returns motor and encoder to be saved.
+    /// Returns the angle of the motor (rad) and the encoder, for the plant's file.
     pub(super) fn saved(&self) -> (f64, Encoder) {
         (self.motor, self.encoder.clone())
     }
 
-    /// Checks that a jaw can be in the saved state: between its stops. The error has the place and
-    /// the reason.
+    /// Checks that a jaw can be in the saved state: between its stops, with an encoder that fits
+    /// its motor. The error names the wrong entry and the reason.
     pub(super) fn check_saved(&self, (motor, encoder): &(f64, Encoder)) -> Result<(), Wrong> {
         let there = Self { motor: *motor, ..self.clone() };
         let [_, c1, c2] = self.gripper.opening_of_motor;
@@ -141,7 +142,7 @@ impl PlantJaw {
         Ok(())
     }
 
-    /// Puts the jaw at rest into a saved state.
+    /// Sets the jaw to a saved state, at rest.
     pub(super) fn restore(&mut self, (motor, encoder): (f64, Encoder)) {
         (self.motor, self.encoder, self.speed, self.force) = (motor, encoder, 0.0, 0.0);
     }
@@ -151,7 +152,7 @@ impl PlantJaw {
         self.above > TRIPS
     }
 
-    /// Returns the motor current, positive when it closes (A).
+    /// Returns the motor current, positive when the motor closes the jaw (A).
     pub(super) fn current(&self) -> f64 {
         -self.force * self.gripper.amperes_per_newton
     }

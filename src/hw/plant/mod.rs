@@ -127,12 +127,14 @@ impl Plant {
     /// Makes a plant at rest.
     ///
     /// # Errors
-    /// [`PortFault`] when the cell has no arm or more than two, or the lists of the configuration
-    /// do not fit.
+    /// [`PortFault`] when the cell has no arm or more than two, when the configuration lacks the
+    /// dynamics of an arm, or when an arm that does not exist is to hold the cube.
     pub fn new(config: PlantConfig, seed: u64) -> Result<Self, PortFault> {
         let count = config.cell.arms.len();
         if !(1..=2).contains(&count) || config.arms.len() != count {
-            let reason = format!("the plant needs 1 or 2 arms with dynamics, not {count}");
+            let given = config.arms.len();
+            let needs = "the plant needs 1 or 2 arms and the dynamics of each";
+            let reason = format!("{needs}, not {count} arms and the dynamics of {given}");
             return Err(PortFault { effector: 0, reason });
         }
         let mut this = Self::at_start(config, seed)?;
@@ -149,7 +151,8 @@ impl Plant {
         Ok(this)
     }
 
-    /// Puts all parts where the run begins, without faults and before jaws close.
+    /// Makes a plant with all parts in their poses at the start of a run, without faults and before
+    /// jaws close on the cube.
     fn at_start(config: PlantConfig, seed: u64) -> Result<Self, PortFault> {
         let cell = &config.cell;
         let arms = start::arms(&config);
@@ -194,7 +197,8 @@ impl Plant {
         })
     }
 
-    /// Returns the checksum of [`Identity::bounds`].
+    /// Returns the checksum over the parameters that limit speed and force, see
+    /// [`Identity::bounds`].
     #[must_use]
     pub fn bounds(&self) -> u32 {
         Identity::bounds(&self.config)
@@ -256,8 +260,8 @@ impl Plant {
         verdict
     }
 
-    /// Returns the relative rotation of the two grasped parts since both hold (rad), as in
-    /// [`Verdict::turned`].
+    /// Returns the angle by which the two grippers have turned the cube's parts against each other
+    /// since both hold it (rad), as in [`Verdict::turned`].
     #[must_use]
     pub fn turned(&self) -> f64 {
         self.verdict.turned
@@ -274,7 +278,8 @@ impl Plant {
         self.faults.begun()
     }
 
-    /// Returns the faults outside of the plant that began or ended since the last call.
+    /// Returns the starts and ends, since the last call, of faults that act outside of the plant,
+    /// as on a camera.
     pub fn outside_faults(&mut self) -> impl Iterator<Item = OutsideFault> {
         self.faults.outside_faults()
     }
@@ -333,7 +338,8 @@ impl Plant {
         self.change_grasps();
     }
 
-    /// Checks whether a cube lies so deep in the hand that the stops cannot come forward.
+    /// Checks whether the cube lies so deep in the hand of arm `i` that its palm's stops cannot
+    /// come forward.
     fn in_the_way_of_stops(&self, i: usize) -> bool {
         let cube = self.tool(i).to_local(&self.balance.nodes[0]).p;
         let half = 0.5 * self.config.cell.cube.edge;
@@ -345,7 +351,8 @@ impl Plant {
             && cube.z - half < between
     }
 
-    /// Moves the cube by one substep.
+    /// Moves the cube by one substep of `dt` (s), which ends at `t` (s): it falls, follows the
+    /// operator's hand, or goes to where all forces on it balance.
     fn step_cube(&mut self, t: f64, dt: f64) {
         let edge = self.config.cell.cube.edge;
         self.balance.touches = [Touch::NONE; 2];
@@ -451,7 +458,7 @@ impl Port for Plant {
         let count = self.arms.len();
         if drives.len() != count || readings.len() != count {
             let reason = format!(
-                "drive commands of {} and readings of {} arms do not fit",
+                "the plant has {count} arms, but got drive commands for {} and readings for {}",
                 drives.len(),
                 readings.len()
             );

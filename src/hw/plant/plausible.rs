@@ -11,8 +11,8 @@ use serde_json::Value;
 /// Place in a file, and the reason why it is wrong.
 pub(super) type Wrong = (String, String);
 
-/// Returns the largest plausible magnitude of a number with this name: lengths (m), angles (rad),
-/// loads (N, Nm), times (s), counts.
+/// Returns the largest plausible magnitude of a number under the key `key` of a saved state, in SI
+/// units. `in_grasp` is whether the number belongs to a grasp.
 fn most(key: &str, in_grasp: bool) -> f64 {
     match key {
         "joints" | "angles" | "closed_tilt" | "askew" | "angle_at_split" => 50.0,
@@ -30,7 +30,8 @@ fn most(key: &str, in_grasp: bool) -> f64 {
     }
 }
 
-/// Checks all numbers of a state; the error is the first impossible one.
+/// Checks that each number of a saved state is plausible. The error names the first one that is
+/// not, and the reason.
 pub(super) fn number(state: &Value) -> Result<(), Wrong> {
     look(state, "", "", false)
 }
@@ -84,7 +85,7 @@ mod tests {
     use serde_json::json;
 
     #[test]
-    fn impossible_number_is_refused_with_its_place() {
+    fn implausible_number_is_refused_with_its_json_path() {
         let told = |state: Value| number(&state).unwrap_err();
         let frame = |r: [f64; 9]| json!({ "r": r, "p": [0.0, 0.0, 0.0] });
         let upright = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];

@@ -64,8 +64,8 @@ impl Rest {
         }
     }
 
-    /// Returns the action of the table on a cube within a substep of `dt` (s), or `None` if there
-    /// is none.
+    /// Returns the wrench and the stiffness with which the table acts on a cube at `cube` in a
+    /// substep of `dt` (s), or `None` for a cube that is not at the table.
     pub(super) fn contact(&self, cube: &Frame, dt: f64) -> Option<Bearing> {
         let above = cube.p.z - self.height;
         if above > 2.0 * self.half_edge || above < -DEEPEST {
@@ -113,7 +113,8 @@ impl Rest {
         Some(bearing)
     }
 
-    /// Adds the friction on the table top.
+    /// Adds to `bearing` the friction between the cube and the table top. The cube's centre is
+    /// `above` (m) higher than the table top.
     fn rub(&self, bearing: &mut Bearing, cube: &Frame, above: f64) {
         let settled = self.settled.unwrap_or(*cube);
         (bearing.settled, bearing.slid) = (Some(settled), self.slid);
@@ -141,7 +142,8 @@ impl Rest {
         bearing.stiffness[(5, 5)] += HOLDING.1;
     }
 
-    /// Accepts the result of the last evaluation in this substep.
+    /// Keeps the action of the table on the cube as last evaluated in this substep; `None` away
+    /// from the table.
     pub(super) fn commit(&mut self, bearing: Option<Bearing>) {
         self.table_load = bearing.as_ref().map_or(0.0, |b| b.normal);
         self.settled = bearing.as_ref().and_then(|b| b.settled);
@@ -150,7 +152,8 @@ impl Rest {
     }
 }
 
-/// Adds the damping of the cube's motion since the last substep.
+/// Adds to `bearing` the damping of the cube's motion from `before` to `cube` in one substep of
+/// `dt` (s).
 fn damp(bearing: &mut Bearing, cube: &Frame, before: &Frame, dt: f64) {
     let (along, about) = (DAMPING.0 / dt, DAMPING.1 / dt);
     bearing.force -= (cube.p - before.p) * along;
@@ -161,7 +164,8 @@ fn damp(bearing: &mut Bearing, cube: &Frame, before: &Frame, dt: f64) {
     }
 }
 
-/// Returns the displacement of a point along an axis per displacement and rotation of the cube.
+/// Returns the gradient of a point's displacement along `axis` by displacement and rotation of the
+/// cube. `lever` leads from the cube's centre to the point.
 fn moved_by(lever: &Vector3<f64>, axis: &Vector3<f64>) -> Vector6<f64> {
     let turn = lever.cross(axis);
     Vector6::new(axis.x, axis.y, axis.z, turn.x, turn.y, turn.z)
@@ -231,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn friction_holds_share_of_load_then_slides() {
+    fn table_friction_is_limited_to_share_of_load() {
         let mut rest = Rest::new(0.7, EDGE);
         let bearing = rest.contact(&at(0.0, 0.7299), DT).unwrap();
         rest.commit(Some(bearing));

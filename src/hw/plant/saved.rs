@@ -74,7 +74,7 @@ pub enum Unfit {
     #[error("another run uses this file")]
     Taken,
     /// The file is larger than any state.
-    #[error("too long for the state of a plant")]
+    #[error("larger than 1 MiB, so not the state of a plant")]
     Long,
     /// The state has a number that no plant has.
     #[error("{place}: {why}")]
@@ -102,7 +102,7 @@ impl From<Wrong> for Unfit {
 }
 
 impl Saved {
-    /// Reads a file; returns `None` when there is none.
+    /// Reads the saved state of a plant from a file; returns `None` when there is no such file.
     ///
     /// # Errors
     /// When the file cannot be read, or is not the state of a plant.
@@ -119,7 +119,7 @@ impl Saved {
         Self::parse(&bytes).map(Some)
     }
 
-    /// Parses the bytes of a file.
+    /// Parses the bytes of a file with the saved state of a plant.
     ///
     /// # Errors
     /// When they are not the state of a plant.
@@ -139,7 +139,7 @@ impl Saved {
         Ok(saved)
     }
 
-    /// Checks all indices and sets, which choose one of several.
+    /// Checks that all indices (of axes, bodies and arms) and sets of layers are in their ranges.
     fn indices(&self) -> Result<(), Wrong> {
         let wrong = |place: &str, why: &str| Err((place.to_owned(), why.to_owned()));
         if let Some(Split { axis, layers: [a, b] }) = self.split {
@@ -164,8 +164,8 @@ impl Saved {
         Ok(())
     }
 
-    /// Replaces a file. With `synced` the new file is on the disk before it takes the old one's
-    /// name.
+    /// Writes the state to a file, which replaces an older one as a whole. With `synced` the bytes
+    /// are on the disk before the new file takes the name of the old one.
     ///
     /// # Errors
     /// Errors of the operating system; the old file is still there then.
@@ -187,7 +187,8 @@ impl Saved {
 }
 
 impl Plant {
-    /// Replaces the identity of the plant in the saved state by that of a plant without a history.
+    /// Replaces the identity of this plant by that of another configuration, for instance one
+    /// without faults. A saved state is accepted only if its identity is the same.
     #[must_use]
     pub fn known_as(self, identity: Identity) -> Self {
         Self { identity, ..self }
@@ -223,7 +224,7 @@ impl Plant {
         }
     }
 
-    /// Puts the plant at rest into a saved state.
+    /// Returns the plant in a saved state, at rest.
     ///
     /// # Errors
     /// When the state is that of another plant, or no plant can be in it.
@@ -236,7 +237,9 @@ impl Plant {
             && saved.arms.iter().all(|arm| arm.encoders.len() == AXES);
         let stickers = <[u8; 54]>::try_from(saved.stickers.as_slice());
         let (true, Ok(stickers)) = (fits, stickers) else {
-            return Err(Unfit::Other(format!("it has {} arms", saved.arms.len())));
+            let (arms, jaws) = (saved.arms.len(), saved.jaws.len());
+            let parts = format!("{arms} arms, {jaws} jaws, {} stickers", saved.stickers.len());
+            return Err(Unfit::Other(format!("it has {parts}, or a wrong number of encoders")));
         };
         if stickers.iter().any(|&colour| colour > 5) {
             return Err(Unfit::Other("a sticker without a colour".to_owned()));
@@ -293,7 +296,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn impossible_state_is_refused_with_place_and_reason() {
+    fn impossible_plant_state_is_refused_naming_its_field() {
         let plant = || Plant::new(PlantConfig::new(testing::cell()), 1).unwrap();
         let whole = serde_json::to_value(plant().saved()).unwrap();
         let told = |pointer: &str, value: serde_json::Value| {
@@ -388,7 +391,7 @@ mod tests {
     }
 
     #[test]
-    fn start_and_faults_leave_identity_alone() {
+    fn start_and_faults_do_not_change_plant_identity() {
         let mut config = PlantConfig::new(testing::cell());
         config.facelets.swap(0, 10);
         config.synchronised = [false; 2];

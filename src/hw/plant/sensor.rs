@@ -70,8 +70,8 @@ pub(super) struct WristSensor {
 }
 
 impl WristSensor {
-    /// Makes a sensor at rest. `last` is the arm's last link, of which the body beyond the sensor
-    /// is a part: it has the link's radii of gyration.
+    /// Makes a sensor at rest. The body beyond the sensor is a part of `last`, the arm's last link,
+    /// and gets the radii of gyration of that link.
     pub(super) fn new(
         sensor: &ForceSensor,
         last: &Link,
@@ -107,12 +107,13 @@ impl WristSensor {
         }
     }
 
-    /// Returns where the centre of mass of the body beyond the sensor is, in the world (m).
+    /// Returns the centre of mass of the body beyond the sensor, in the world (m).
     pub(super) fn centre(&self, world_from_flange: &Frame) -> Vector3<f64> {
         world_from_flange.point(&self.sensor.centre_in_flange.coords)
     }
 
-    /// Returns the reading of this period.
+    /// Returns the wrench that the sensor reports in this period, in its own frame: the contact
+    /// `load`, weight and inertia, with bias, noise, rounding and delay.
     pub(super) fn read(&mut self, world_from_flange: &Frame, load: &Load<'_>) -> Wrench {
         let world_from_sensor = world_from_flange.times(&self.flange_from_sensor);
         let (inertial, inertial_moment) = self.inertial(world_from_flange, load);
@@ -155,8 +156,9 @@ impl WristSensor {
         Wrench::from_directions(told)
     }
 
-    /// Returns inertial force (N) and torque about the centre (Nm), in the world: the momentum that
-    /// the body lost in this period per time.
+    /// Returns the inertial force (N) of the body beyond the sensor and the inertial torque about
+    /// its centre of mass (Nm), in the world: the momentum that the body lost in this period,
+    /// divided by the period.
     fn inertial(
         &mut self,
         world_from_flange: &Frame,
@@ -184,7 +186,7 @@ mod tests {
     use nalgebra::Point3;
 
     #[test]
-    fn constant_acceleration_reads_mass_times_it() {
+    fn sensor_under_constant_acceleration_reads_inertial_force() {
         let sensor = ForceSensor {
             flange_from_sensor: crate::spatial::Pose::translation(0.0, 0.0, 0.09),
             weight: GRAVITY,

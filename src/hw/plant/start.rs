@@ -27,7 +27,7 @@ const SENSORS: u64 = 10;
 /// Distance of the open jaws from their stroke's end where the other arm holds the cube (m).
 const SHORT_OF_END: f64 = 0.005;
 
-/// Returns the generator of one source of chance.
+/// Returns the random generator of one part of the plant, `which`, in a run with this seed.
 fn stream(seed: u64, which: u64) -> Pcg64 {
     // A stream for each source: a new draw in one of them leaves the others alone.
     Pcg64::new(u128::from(seed), 0xcafe_f00d + u128::from(which))
@@ -41,7 +41,8 @@ pub(super) fn arms(config: &PlantConfig) -> Vec<PlantArm> {
         .collect()
 }
 
-/// Returns the jaws: closed on a cube that their arm holds, wide open if the other arm holds it.
+/// Returns the jaws: closed on a cube that their arm holds, wide open if the other arm holds it,
+/// else at motor angle 0.
 pub(super) fn jaws(config: &PlantConfig) -> Vec<PlantJaw> {
     // Each pad is a spring of half the stiffness: the grip compresses both.
     let pad = 0.5 * config.jaws.stiffness[1];
@@ -69,7 +70,7 @@ pub(super) fn sensors(config: &PlantConfig, seed: u64) -> Vec<WristSensor> {
     .collect()
 }
 
-/// Returns the cube's layers, whose friction is drawn.
+/// Returns the cube's stickers and layers; the friction of each layer is drawn at random.
 pub(super) fn puzzle(config: &PlantConfig, seed: u64) -> Puzzle {
     let mut friction = stream(seed, FRICTION);
     let spread = config.cube.spread;
@@ -89,8 +90,8 @@ pub(super) fn hand(config: &PlantConfig, seed: u64) -> OperatorHand {
     OperatorHand::new(&config.hand, &cell.hand, cell.cube.edge, &mut stream(seed, HAND))
 }
 
-/// Returns the cube's frame in the world; a hand that does not bring the cube stays out of the
-/// cell.
+/// Returns the cube's initial frame in the world. A `hand` that does not bring the cube is kept out
+/// of the cell.
 ///
 /// # Errors
 /// [`PortFault`] when an arm that does not exist is to hold the cube.
@@ -108,7 +109,8 @@ pub(super) fn cube(
         }
         Start::Held { arm, tool_from_cube } => {
             let Some(arm) = arms.get(arm) else {
-                let reason = "the cube is held by an arm that does not exist".to_owned();
+                let reason =
+                    "the cell lacks this arm, which is to hold the cube at the start".to_owned();
                 return Err(PortFault { effector: arm, reason });
             };
             hand.stay_away();

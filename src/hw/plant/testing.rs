@@ -46,9 +46,10 @@ fn arm(track: bool) -> Arm {
     }
 }
 
-/// Returns a cell in which both arms are in the original's front position and face each other,
-/// tools level and meeting: the track's with a deep grasp, the postument's over the outer layer on
-/// the other side, jaws crossed. The postument's base is placed so that the tools meet.
+/// Returns a cell in which both arms are in the front position of the original and face each other,
+/// with level tools that meet at one cube. The track's fingers reach over two layers, those of the
+/// postument over the opposite outer layer, with their jaws at right angles. The postument's base
+/// is placed so that the tools meet.
 pub(in crate::hw) fn cell() -> Cell {
     let mut cell = Cell {
         arms: vec![arm(true), arm(false)],
@@ -80,18 +81,18 @@ pub(in crate::hw) fn cell() -> Cell {
     cell
 }
 
-/// Returns the pose of an arm's tool in its start position.
+/// Returns the pose of an arm's tool in the world at its start position.
 pub(super) fn world_from_tool(arm: &Arm) -> Pose {
     arm.world_from_base * arm.model.base_from_flange(&arm.start) * arm.flange_from_tool
 }
 
-/// Returns the cube's pose in the track's tool frame, with its axes along the world's.
+/// Returns the pose, in the track's tool frame, of a cube whose axes are parallel to the world's.
 pub(super) fn tool_from_cube() -> Pose {
     let tool = world_from_tool(&cell().arms[0]);
     Pose::from_parts(Translation3::identity(), tool.rotation.inverse())
 }
 
-/// Returns a plant without noise, and without play: springs as in textbooks.
+/// Returns the configuration of a plant without noise and without play in the gears.
 pub(super) fn quiet(cell: Cell) -> PlantConfig {
     let mut config = PlantConfig { noise: SensorNoise::none(), ..PlantConfig::new(cell) };
     for arm in &mut config.arms {
@@ -148,7 +149,7 @@ impl TestServo {
         }
     }
 
-    /// Sets the joint positions to be reached.
+    /// Sets the target joint positions of an arm.
     pub(super) fn aim(&mut self, arm: usize, joints: &JointPositions) {
         let model = &self.plant.cell().arms[arm].model;
         let motors = model.motors(joints).0;

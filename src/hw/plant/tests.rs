@@ -11,7 +11,7 @@ use nalgebra::{Matrix6, UnitQuaternion, Vector6};
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 impl Plant {
-    /// Performs a substep with the arms' dynamics of this instant.
+    /// Performs a substep with mass matrices computed for it, instead of once a period.
     fn fresh_step(&mut self, drives: &[ArmDrive], t: f64, dt: f64) {
         for arm in &mut self.arms {
             arm.begin_period();
@@ -20,8 +20,8 @@ impl Plant {
     }
 }
 
-/// Returns a servo with two hands on a cube of 2007, the second closed with the given grip and
-/// grasp error.
+/// Returns a servo whose plant has the cube in both hands. The track's jaws close first, then the
+/// postument's, each with the force `grip` (N).
 fn both_hold(config: PlantConfig, grip: f64, seed: u64) -> TestServo {
     let config = PlantConfig { start_grip: grip, ..config };
     let mut servo = TestServo::new(Plant::new(config, seed).unwrap());
@@ -91,10 +91,10 @@ fn quarter_turn_turns_one_face_only() {
     assert!(after.layer_angles.iter().all(|a| a.abs() < 0.02));
 }
 
-/// A disagreement of 1 mm between two hands gives the force of the compliances in series, within
-/// 1 %.
+/// A displacement of 1 mm between the two hands that hold the cube gives the force that follows
+/// from the compliances of arms and pads in series, within 1 %.
 #[test]
-fn displaced_base_gives_force_of_series_compliances() {
+fn displaced_base_force_matches_compliances_in_series() {
     let mut config =
         held(Jaws { friction: 100.0, palm: 0.0, ..Jaws::rubber() }, CubeMechanics::of_2007());
     config.cell.cube.mass = 0.0;
@@ -154,7 +154,7 @@ fn displaced_base_gives_force_of_series_compliances() {
 }
 
 #[test]
-fn energy_falls_without_drive() {
+fn undriven_arm_gains_no_energy() {
     let mut config = quiet(cell());
     for arm in &mut config.arms {
         arm.counterbalance = 0.0;
@@ -206,7 +206,7 @@ fn forces_do_not_depend_on_arm_order() {
 /// Moves the second arm's base sideways with the brakes on, until the grips slip a little. Half the
 /// substep changes the force by less than 1 %.
 #[test]
-fn halving_substep_changes_force_below_one_percent() {
+fn halving_substep_changes_force_by_under_one_percent() {
     let force = |substeps: u32| {
         let config = held(Jaws::stiff(), CubeMechanics::of_2007());
         let mut plant = Plant::new(config, 1).unwrap();
@@ -255,10 +255,11 @@ fn force_grows_with_grasp_error_under_position_control() {
     assert!(runs[0].peak_force < 2.5 && runs[3].peak_force > 20.0);
 }
 
-/// Position control fails with stiff jaws that are 2 mm off, in most directions. With 55 N of grip
-/// the first six seeds have 20-32 N; an error along the plane of the pads is the mildest.
+/// A quarter turn under position control fails with stiff jaws and a grasp error of 2 mm, in most
+/// directions of the error. With 55 N of grip the first six seeds have 20-32 N; an error along the
+/// plane of the pads is the mildest.
 #[test]
-fn stiff_jaws_fail_with_two_millimetre_error() {
+fn quarter_turn_mostly_fails_with_stiff_misplaced_jaws() {
     let failed = (0..8)
         .filter(|seed| {
             let mut servo = both_hold(spoilt(Jaws::stiff(), 2.0, 2.0, *seed), 55.0, *seed);
@@ -271,7 +272,7 @@ fn stiff_jaws_fail_with_two_millimetre_error() {
 }
 
 #[test]
-fn regrouping_bodies_keeps_tilt_of_grasps() {
+fn joining_and_splitting_cube_keeps_tilt_of_grasps() {
     let mut servo = both_hold(spoilt(Jaws::rubber(), 1.0, 1.0, 3), 30.0, 3);
     let before = servo.plant.grasps.map(|grasp| grasp.reference);
     assert!(servo.plant.balance.split.is_some());
@@ -289,8 +290,9 @@ fn regrouping_bodies_keeps_tilt_of_grasps() {
     }
 }
 
-/// Opens the track's jaws around the layer that both strain, and retracts that hand by `steps` of
-/// 0.01 mm. Returns the force of its palm just before the layer joins the cube, and just after (N).
+/// Opens the track's jaws around the layer that both hands strain, and retracts the track's hand by
+/// `steps` of 0.01 mm. Returns the force of its palm just before the layer joins the cube, and just
+/// after (N), or `None` if it does not join.
 fn let_go(servo: &mut TestServo, steps: usize) -> Option<(f64, f64)> {
     servo.jaws[0] = (0.085, 30.0);
     let mut joined = None;
@@ -309,7 +311,7 @@ fn let_go(servo: &mut TestServo, steps: usize) -> Option<(f64, f64)> {
 }
 
 #[test]
-fn released_layer_does_not_jump_at_palm() {
+fn released_layer_joins_cube_without_palm_force() {
     for seed in 0..4 {
         let mut servo = both_hold(spoilt(Jaws::stiff(), 1.0, 1.0, seed), 30.0, seed);
 
@@ -340,7 +342,7 @@ fn jaws_closing_again_hold_layer_in_place() {
 }
 
 #[test]
-fn five_newtons_of_grip_slip_instead_of_turning() {
+fn grip_of_five_newtons_slips_before_layer_turns() {
     let mut servo = both_hold(held(Jaws::stiff(), CubeMechanics::of_2007()), 5.0, 1);
 
     turn(&mut servo, FRAC_PI_2);
@@ -369,8 +371,8 @@ fn cube_turning_between_jaws_forces_them_apart() {
     assert!(v.counts.slips > 0, "{:?}", v.counts);
 }
 
-/// Both hands have left a layer tilted. Jaws that close on it again stay as far apart as its
-/// corners.
+/// Jaws that close on an outer layer which is not aligned with them stay as far apart as the
+/// corners of the layer.
 #[test]
 fn jaws_meet_tilted_layer_at_its_corners() {
     for angle in [0.1, 0.4] {
@@ -409,10 +411,10 @@ fn released_cube_falls_on_tray_and_lies_flat() {
     assert!((normal + Vector3::z()).norm() < 1e-6);
 }
 
-/// A cube that comes from the side meets the edges of the fingers first, and leaves on the same
-/// side, however far they overlap it otherwise.
+/// A cube that comes from the side meets the edges of the fingers first and is pushed back to that
+/// side, however far the fingers reach over it.
 #[test]
-fn open_fingers_push_cube_back_out() {
+fn cube_hitting_finger_edges_is_pushed_back() {
     let cell = cell();
     let gripper = cell.arms[0].gripper;
     let jaws = Jaws::rubber();
@@ -449,10 +451,10 @@ fn open_fingers_push_cube_back_out() {
     assert!(beside.force.norm() < 1e-6 && one > 1.0 && (one - other).abs() < 1e-6, "{beside:?}");
 }
 
-/// A hand loses the cube while the other hand, which has just opened, still has its palm at the
-/// cube.
+/// A hand drops the cube while the other hand, whose jaws have just opened, still has its palm at
+/// the cube.
 #[test]
-fn cube_lost_at_palm_falls_without_push() {
+fn dropped_cube_at_open_palm_falls_without_push() {
     use crate::hw::plant::fault::{Fault, What, When};
     for seed in 1..=6 {
         let mut config = spoilt(Jaws::rubber(), 2.0, 2.0, seed);
@@ -533,7 +535,8 @@ fn seed_decides_pose_of_cube_on_table() {
     }
 }
 
-/// Returns the turn of a cube on any of its faces about the vertical, to the nearest quarter (rad).
+/// Returns the angle about the vertical, from the nearest quarter turn, of a cube that lies on any
+/// of its faces (rad).
 fn yaw(rotation: &UnitQuaternion<f64>) -> f64 {
     let sides = [Vector3::x(), Vector3::y()].map(|axis| rotation * axis);
     let level = if sides[0].z.abs() < 0.5 { sides[0] } else { sides[1] };
@@ -609,7 +612,7 @@ fn motors_follow_at_full_speed_with_small_lag() {
 /// The cube weighs 1 N: only an acceleration of hundreds of m/s2 could tear it out of a grip of
 /// 40 N.
 #[test]
-fn fast_arm_carries_cube_without_strain() {
+fn fast_arm_carries_cube_without_slip_or_drop() {
     let mut servo =
         TestServo::new(Plant::new(held(Jaws::rubber(), CubeMechanics::of_2007()), 1).unwrap());
     servo.jaws[0].1 = 40.0;
@@ -673,7 +676,7 @@ fn colliding_hands_push_back_and_are_reported() {
 }
 
 #[test]
-fn same_seed_repeats_bits_and_other_differs() {
+fn equal_seeds_repeat_bits_other_seeds_differ() {
     let run = |seed: u64| {
         let mut config = spoilt(Jaws::rubber(), 1.0, 1.0, seed);
         config.noise = SensorNoise::default();
@@ -694,7 +697,7 @@ fn same_seed_repeats_bits_and_other_differs() {
 }
 
 #[test]
-fn sensor_at_rest_carries_weight_of_tool() {
+fn force_sensor_at_rest_reads_weight_of_tool() {
     let servo = {
         let mut s = TestServo::new(Plant::new(quiet(cell()), 1).unwrap());
         s.run(0.5);
@@ -707,8 +710,9 @@ fn sensor_at_rest_carries_weight_of_tool() {
     assert!((force - expected).norm() < 1e-3, "{force}");
 }
 
-/// Swings the base joint freely. Returns the greatest acceleration of the tool's centre
-/// of mass (m/s2), the force that the sensor reads then less the weight (N), and the mass (kg).
+/// Swings the base joint of an arm without contact; `mass_factor` scales the weight of its tool.
+/// Returns the greatest acceleration of the tool's centre of mass (m/s2), the force that the sensor
+/// reads then less the weight (N), and the tool's mass (kg).
 fn swung(mass_factor: f64) -> (Vector3<f64>, Vector3<f64>, f64) {
     let mut cell = cell();
     // Beside the partner it would not be free.
@@ -790,8 +794,9 @@ fn sensor_in_free_motion_reads_mass_times_acceleration() {
     }
 }
 
-/// Drives motor 1 of the postument against its hard stop with a share of the full pulse width.
-/// Returns the time at which its power stage first reports over-current (s), and the plant.
+/// Drives motor 1 of the postument against its hard stop for `seconds` (s), with a `share` of the
+/// full pulse width. Returns the time at which its power stage first reports over-current (s), and
+/// the plant.
 fn strained(share: f64, seconds: f64) -> (Option<f64>, Plant) {
     let mut cell = cell();
     cell.arms.remove(0);
@@ -809,7 +814,7 @@ fn strained(share: f64, seconds: f64) -> (Option<f64>, Plant) {
 }
 
 #[test]
-fn motor_that_strains_too_long_trips() {
+fn motor_under_long_overload_trips_on_heat() {
     // A share d of the pulse width is 1.5 d of the trip current in a motor that does not turn, and
     // (1.5 d / 0.4)^2 of the rated heat in the end: 3.5 at a half, and 0.86 at a quarter.
     let (since, plant) = strained(0.5, 20.0);
@@ -874,7 +879,7 @@ fn reported_speed_near_person_equals_tool_speed() {
 }
 
 #[test]
-fn least_distance_of_the_arms_is_kept() {
+fn verdict_keeps_least_distance_between_the_arms() {
     let mut config = quiet(cell());
     config.cell.arms[1].world_from_base.translation.vector.y += 2.0;
     let mut servo = TestServo::new(Plant::new(config, 1).unwrap());

@@ -66,7 +66,7 @@ impl Default for ErrorSpreads {
 }
 
 impl ErrorSpreads {
-    /// Returns spreads of 0: no errors.
+    /// Returns spreads of 0, for a cell without errors.
     #[must_use]
     pub fn none() -> Self {
         Self {
@@ -107,7 +107,8 @@ impl Default for GraspError {
     }
 }
 
-/// Draws the true cell. Sensor biases are not part of a cell: see [`super::SensorNoise`].
+/// Returns the true cell: `belief` with random errors of these spreads. The biases of the force
+/// sensors are not part of a cell, see [`super::SensorNoise`].
 #[must_use]
 pub fn draw(belief: &Cell, errors: &ErrorSpreads, seed: u64) -> Cell {
     let mut truth = belief.clone();

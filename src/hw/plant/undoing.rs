@@ -19,8 +19,8 @@ pub(super) enum Undoing {
 }
 
 impl Undoing {
-    /// Returns the state one period later. `acts` says whether the fault acts in that period,
-    /// `turns` which turn is under way.
+    /// Returns the state, one period later, of a fault that undoes a turn. `acts` is whether the
+    /// fault acts in that period, `turns` the turn that is under way in it.
     pub(super) fn after(self, acts: bool, turns: Option<Split>) -> Self {
         // A fault by time alone ended in the middle of a half turn, or undid the next turn as well.
         match (self, turns) {

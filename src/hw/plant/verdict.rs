@@ -209,7 +209,7 @@ pub enum Incident {
 }
 
 impl Incident {
-    /// Returns whether the event is an accident, independent of its cause.
+    /// Returns whether the event is an accident, whatever caused it, even an injected fault.
     #[must_use]
     pub fn is_accident(&self) -> bool {
         match self {
@@ -316,8 +316,8 @@ impl Verdict {
         }
     }
 
-    /// Returns the events, each with its time (s), whether it is an accident, and in words. `arms`
-    /// are the names of the arms, `period` is the length of a period (s).
+    /// Returns the events in order: the time of each (s), whether it is an accident, and its
+    /// description. `arms` are the names of the arms, `period` is the length of a period (s).
     pub fn described_events(
         &self,
         arms: &[&str],
@@ -359,7 +359,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn incident_words_have_names_of_arms() {
+    fn incident_sentences_name_the_arms_involved() {
         let arms = ["left", "right"];
         let bump =
             Incident::Collision { what: Part::Finger(1), with: Part::Palm(0), depth: 2.5e-4 };

@@ -99,7 +99,7 @@ pub enum AxisFault {
     #[error("the axis controller has lost its synchronisation: it was reset")]
     Reset,
     /// Parameter that was never answered.
-    #[error("the axis controller rejects {0:?}")]
+    #[error("the axis controller does not confirm the parameter {0:?}")]
     Untaken(Parameter),
 }
 
@@ -224,7 +224,8 @@ impl Axis {
         }
     }
 
-    /// Returns the order of this period.
+    /// Returns the order to send for this period's drive: a parameter that the controller has not
+    /// confirmed yet, else the pulse width.
     pub fn order(&mut self, drive: &AxisDrive) -> Order {
         self.synchronising = drive.synchronise;
         if drive.synchronise {
@@ -254,8 +255,9 @@ impl Axis {
         }
     }
 
-    /// Adds the time by the clock since the order before (periods), and extrapolates the counter
-    /// for a while. A delay of this machine has not stopped the motors.
+    /// Adds the time since the order before (periods, by the clock), and extrapolates the counter
+    /// over it, at most 10 periods beyond the last answer. Motors move on while this machine is
+    /// delayed.
     pub fn pass(&mut self, periods: f64) {
         self.passed = periods;
         self.age += periods;
@@ -263,13 +265,14 @@ impl Axis {
         self.count = self.expected(self.interval.since());
     }
 
-    /// Returns the counter that is expected this time after the last answer (periods).
+    /// Returns the counter that is expected `since` periods after the last believed answer, at the
+    /// speed of the axis then.
     fn expected(&self, since: f64) -> i32 {
         self.status.count.wrapping_add((self.step * since.clamp(0.0, GOES_ON)).round() as i32)
     }
 
     /// Returns whether an answer belongs to an earlier order that was not answered yet: its counter
-    /// is clearly nearer to where the axis was expected then.
+    /// is clearly nearer to the counter expected at the order before than to the one expected now.
     #[must_use]
     pub fn is_late(&self, answer: &[u8; STATUS]) -> bool {
         // A corrupt answer shows no time. After two late answers the one that is due counts as
@@ -293,7 +296,8 @@ impl Axis {
         Answer::Late
     }
 
-    /// Judges the answer to the last order.
+    /// Decides whether the answer to the last order is believed, or counted as impossible. `None`
+    /// means that no answer came, which is counted as missed.
     ///
     /// # Errors
     /// Returns an [`AxisFault`] if the line must be given up.
@@ -326,14 +330,15 @@ impl Axis {
         }
     }
 
-    /// Returns the largest distance that a counter can have moved up to a present reading
-    /// (increments).
+    /// Returns the largest distance that a motor can have moved the counter since the last believed
+    /// answer (increments).
     fn most(&self) -> f64 {
         f64::from(self.rules.jump) * self.interval.longest()
     }
 
-    /// Returns whether a reading can be true, and remembers the counter of one that no motor can
-    /// show.
+    /// Returns whether a motor can have moved the counter from the last believed answer to the
+    /// reading `now`. Every reading is possible before the start has `settled`. The counter of an
+    /// impossible reading is remembered.
     ///
     /// Answers have no checksum, and one wrong bit would make an axis jump. If a motor was really
     /// displaced, the next answer shows a counter near this one.
@@ -354,7 +359,8 @@ impl Axis {
         !settled || self.finds_zero(now) || (!odd && off(self.count) <= most)
     }
 
-    /// Ignores an answer that cannot be true, until too many of them have come in a row.
+    /// Ignores an answer that cannot be true, until too many of them have come in a row. `reading`
+    /// is `None` if its first byte is wrong.
     fn doubt(&mut self, reading: Option<Status>) -> Result<Answer, AxisFault> {
         // Without a counter there is none to confirm.
         if reading.is_none() {
@@ -375,7 +381,8 @@ impl Axis {
         }
     }
 
-    /// Accepts a reading as true: the counter, the speed from it, and the flags.
+    /// Accepts a reading as true: its counter, the speed that follows from it, and its flags.
+    /// `settled` says whether the start was settled before it.
     fn believe(&mut self, now: Status, settled: bool) -> Result<Answer, AxisFault> {
         self.impossible = 0;
         let near = f64::from(now.count.wrapping_sub(self.status.count)).abs() <= self.most();
@@ -400,8 +407,8 @@ impl Axis {
         self.see_flags(&now)
     }
 
-    /// Computes the step per period from a reading, and decides whether the reading shows the step
-    /// of a gap.
+    /// Computes the speed of the axis from the reading `now`, and decides whether the reading shows
+    /// the motion that took place in a gap without answers.
     fn learn_speed(&mut self, now: &Status) {
         let gone = f64::from(now.count.wrapping_sub(self.status.count)).abs();
         let since = self.interval.since();
@@ -427,7 +434,7 @@ impl Axis {
         self.synchronising && now.synchronised && !self.synchronised.is
     }
 
-    /// Records that the controller has received the last parameter.
+    /// Records that the controller has confirmed the parameter of the last order, if it had one.
     fn confirm(&mut self) {
         match self.sent.take() {
             Some(Parameter::Mode(mode)) => self.mode = Some(mode),
@@ -437,7 +444,8 @@ impl Axis {
         self.tries = 0;
     }
 
-    /// Counts a try of the last parameter that was not answered.
+    /// Counts an order of a parameter that was not answered; returns a fault if it was the last
+    /// try.
     fn count_try(&mut self) -> Result<(), AxisFault> {
         let Some(parameter) = self.sent else { return Ok(()) };
         self.tries += 1;
@@ -447,7 +455,8 @@ impl Axis {
         Ok(())
     }
 
-    /// Stores the flags of a reading; reports an error mode and a reset.
+    /// Stores the flags of a reading; returns the fault of a controller that is in its error mode
+    /// or was reset.
     fn see_flags(&mut self, now: &Status) -> Result<Answer, AxisFault> {
         self.upper.see(now.upper);
         self.lower.see(now.lower);
@@ -514,7 +523,7 @@ impl Axis {
         self.sync_switch.is
     }
 
-    /// Returns whether the encoder's zero has passed in the last answer.
+    /// Returns whether the last answer reports that the encoder's zero has passed.
     #[must_use]
     pub fn sync_zero(&self) -> bool {
         self.status.sync_zero
@@ -526,7 +535,7 @@ impl Axis {
         self.synchronised.is
     }
 
-    /// Returns whether enough answers have come to believe the counter.
+    /// Returns whether the axis controller has answered often enough to trust its encoder counter.
     #[must_use]
     pub fn has_settled(&self) -> bool {
         self.settled >= SETTLING
@@ -560,7 +569,7 @@ mod tests {
     }
 
     #[test]
-    fn mode_precedes_pulse_widths() {
+    fn axis_sets_mode_before_sending_pulse_widths() {
         let mut axis = Axis::new(Rules::default());
 
         assert_eq!(axis.order(&ON), Order::Set(Parameter::Mode(Mode::Pwm)));
@@ -588,7 +597,7 @@ mod tests {
 
     /// One corrupt answer at any place of the start delays it, but its counter is never believed.
     #[test]
-    fn corrupt_answer_delays_start_but_is_ignored() {
+    fn corrupt_answer_delays_start_without_setting_counter() {
         let (good, spoilt) = (at(5000).encode(), at(5000 + (1 << 30)).encode());
         for spoilt_one in 0..SETTLING {
             let mut axis = Axis::new(Rules::default());
@@ -619,7 +628,7 @@ mod tests {
     }
 
     #[test]
-    fn counter_shows_that_an_answer_is_late() {
+    fn answer_with_outdated_counter_is_judged_late() {
         let mut axis = Axis::new(Rules::default());
         let at = |count| Status { count, ..Status::default() }.encode();
         for k in 0..20 {
@@ -632,8 +641,8 @@ mod tests {
         assert!(!axis.is_late(&at(300 * 21 - 5)));
     }
 
-    /// Sends counters to an axis that moved by 20 increments per period, after one answer was lost.
-    /// Returns the result of each.
+    /// Gives an axis that moved by 20 increments per period these counters in three periods, after
+    /// one answer was lost. Returns how each was judged.
     fn after_a_lost_answer(counts: [i32; 3]) -> [Answer; 3] {
         let mut axis = Axis::new(Rules::default());
         let at = |count| Status { count, ..Status::default() }.encode();
@@ -652,7 +661,7 @@ mod tests {
     /// An answer that looks late does not count as missed, and after two of them the counter is
     /// believed.
     #[test]
-    fn seemingly_late_answers_are_accepted_after_two() {
+    fn at_most_two_consecutive_answers_are_judged_late() {
         use Answer::{Late, Taken};
 
         // An axis that has stopped gives the same answer as a late one.
@@ -662,10 +671,11 @@ mod tests {
         assert_eq!(after_a_lost_answer([420, 440, 460]), [Taken; 3]);
     }
 
-    /// A braking axis is nearer to its earlier place, but not clearly. At the end of the braking,
-    /// below 80 increments per period, both cases look alike, and little depends on the difference.
+    /// The counter of a braking axis is nearer to the one expected a period earlier, but not
+    /// clearly nearer. At the end of the braking, below 80 increments per period, a braking axis
+    /// and a late answer look alike, and little depends on the difference.
     #[test]
-    fn braking_axis_does_not_look_late() {
+    fn answers_of_braking_axis_are_not_judged_late() {
         for lost in 1..9 {
             let mut axis = Axis::new(Rules::default());
             let at = |count| Status { count, ..Status::default() }.encode();
@@ -688,8 +698,8 @@ mod tests {
         }
     }
 
-    /// The counter is extrapolated over the delay, and the next reading may be anywhere on that
-    /// way.
+    /// The counter is extrapolated over a delay of 8 periods. The next reading may lie anywhere
+    /// between the last counter and the extrapolated one.
     #[test]
     fn counter_extrapolates_over_a_delay() {
         let mut axis = Axis::new(Rules::default());
@@ -706,10 +716,10 @@ mod tests {
         assert!(matches!(axis.take(Some(&at(300 * 60))), Ok(Answer::Impossible(1))));
     }
 
-    /// The first answer after a delay may be from its beginning. The next one then shows the whole
-    /// step.
+    /// The first answer after a delay may be from the beginning of the delay. The next answer then
+    /// shows all the motion of the delay.
     #[test]
-    fn delayed_step_may_show_one_reading_later() {
+    fn motion_during_delay_is_accepted_one_reading_later() {
         let mut axis = Axis::new(Rules::default());
         let at = |count| Status { count, ..Status::default() }.encode();
         for k in 0..20 {
@@ -739,9 +749,9 @@ mod tests {
         );
     }
 
-    /// The step of a delay may come in two parts.
+    /// The motion of a delay may show in two parts, one in each of two readings.
     #[test]
-    fn delayed_step_may_show_in_two_readings() {
+    fn motion_during_delay_is_accepted_in_two_parts() {
         let mut axis = Axis::new(Rules::default());
         let at = |count| Status { count, ..Status::default() }.encode();
         for k in 0..20 {
@@ -775,7 +785,7 @@ mod tests {
     /// A corrupt answer is ignored. A jump that a second answer confirms is believed, unless it
     /// exceeds the limit.
     #[test]
-    fn lasting_jump_is_a_fault() {
+    fn lasting_impossible_jump_of_counter_is_a_fault() {
         let mut axis = running();
         let jumped = at(5000 + 1001).encode();
 
@@ -803,7 +813,7 @@ mod tests {
     }
 
     #[test]
-    fn flag_counts_after_two_consecutive_answers() {
+    fn limit_and_overcurrent_flags_need_two_consecutive_answers() {
         let mut axis = running();
         let hit = Status { upper: true, over_current: true, ..at(5000) };
 
@@ -816,7 +826,7 @@ mod tests {
     }
 
     #[test]
-    fn reset_of_the_controller_is_detected() {
+    fn axis_controller_reset_is_reported_as_fault() {
         let mut axis = running();
         let near = Status { synchronised: false, ..at(4950) };
         assert_eq!(after_a_period(&mut axis, Some(&near.encode())), Ok(Answer::Taken));
@@ -830,7 +840,7 @@ mod tests {
     }
 
     #[test]
-    fn parameter_without_an_answer_is_a_fault() {
+    fn third_unanswered_parameter_order_is_a_fault() {
         let mut axis = running();
         let off = AxisDrive { enabled: false, ..ON };
         for answer in [None, Some(b"$1234567")] {

@@ -70,7 +70,7 @@ pub enum Mode {
 
 /// Answer of an axis controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[allow(clippy::struct_excessive_bools, reason = "bits of a word, as the hardware has them")]
+#[allow(clippy::struct_excessive_bools, reason = "each bool is one bit of the answer")]
 pub struct Status {
     /// Whether the upper limit switch is hit.
     pub upper: bool,
@@ -119,7 +119,7 @@ impl Order {
         bytes
     }
 
-    /// Returns the order of these bytes, or `None` if they are none.
+    /// Returns the order that these bytes encode, or `None` if they encode none.
     #[must_use]
     pub fn decode(bytes: &[u8; ORDER]) -> Option<Self> {
         if bytes[..4] != [0; 4] || bytes[4] != START {
@@ -189,8 +189,8 @@ impl Status {
         [START, flags, c0, c1, p0, p1, p2, p3]
     }
 
-    /// Returns the answer of these bytes. The first byte is ignored, because the source does not
-    /// specify it (see [`super::axis`]).
+    /// Returns the answer that these bytes encode. The first byte is ignored, because the
+    /// original's sources do not specify it (see [`super::axis`]).
     #[must_use]
     pub fn decode(bytes: &[u8; STATUS]) -> Self {
         let [_, flags, c0, c1, p0, p1, p2, p3] = *bytes;
@@ -260,8 +260,8 @@ mod tests {
             prop_assert_eq!(Status::decode(&bytes).encode(), bytes);
         }
 
-        /// Other bytes than this program encodes may decode to an order, which then keeps its
-        /// meaning.
+        /// Bytes that this program never sends may decode to an order. Encoding and decoding it
+        /// again gives the equal order.
         #[test]
         fn order_decoded_from_arbitrary_bytes_round_trips(bytes in any::<[u8; ORDER]>()) {
             if let Some(order) = Order::decode(&bytes) {
@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_match_the_original() {
+    fn order_and_answer_bytes_match_original_protocol() {
         let width = Order::Pwm { width: -255, outputs: 0, synchronise: false };
         assert_eq!(width.encode(), [0, 0, 0, 0, b'#', 0x00, 0x18, 0xfc, 0, 0]);
         let homing = Order::Pwm { width: 51, outputs: 0, synchronise: true };
@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn order_with_another_beginning_is_refused() {
+    fn order_with_wrong_start_bytes_is_refused() {
         assert_eq!(Order::decode(&[0, 0, 1, 0, b'#', 0, 0, 0, 0, 0]), None);
     }
 }

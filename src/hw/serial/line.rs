@@ -102,7 +102,7 @@ impl Drop for Line {
     }
 }
 
-/// Sets a line to raw bytes at this speed (bit/s) without flow control.
+/// Sets a serial line to raw bytes at `baud` (bit/s), without parity and flow control.
 pub(crate) fn set_up(fd: impl AsFd, baud: u32, two_stop_bits: bool) -> Result<(), Errno> {
     let mut modes = tcgetattr(&fd)?;
     modes.make_raw();
@@ -178,7 +178,7 @@ impl Partial {
 }
 
 impl Lines {
-    /// Makes an exchange on these lines.
+    /// Joins lines that are served together. The other methods name each by its index in `lines`.
     ///
     /// # Panics
     /// Panics for more than [`MOST`] lines.
@@ -195,7 +195,7 @@ impl Lines {
         self.lines[line].path()
     }
 
-    /// Returns the number of lines.
+    /// Returns the number of serial lines.
     #[must_use]
     pub fn len(&self) -> usize {
         self.lines.len()
@@ -250,7 +250,7 @@ impl Lines {
         self.answers[line].dead
     }
 
-    /// Returns the answer of a line if it is complete.
+    /// Returns the answer to a line's last order, if it is complete and was not marked as late.
     #[must_use]
     pub fn answer(&self, line: usize) -> Option<&[u8; STATUS]> {
         self.answers[line].answer()
@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn answer_after_a_lost_one_counts() {
+    fn answer_after_lost_answer_is_accepted() {
         let (far, mut lines) = late();
 
         assert!(far.write(&[2; STATUS]));
@@ -360,7 +360,7 @@ mod tests {
 
     /// A device that was stopped answers all orders at once.
     #[test]
-    fn last_of_many_late_answers_counts() {
+    fn last_of_many_late_answers_is_used() {
         for orders in [3, 21] {
             let (far, mut lines) = late();
             for _ in 2..orders {
@@ -377,7 +377,7 @@ mod tests {
 
     /// If the one answer that came was late, two are due after the next order.
     #[test]
-    fn answer_after_late_one_is_still_expected() {
+    fn line_expects_two_answers_after_a_late_one() {
         let (far, mut lines) = late();
         assert!(far.write(&[1; STATUS]));
         lines.gather(Instant::now() + Duration::from_millis(20));
@@ -392,7 +392,7 @@ mod tests {
     }
 
     #[test]
-    fn answer_before_the_next_order_is_dropped() {
+    fn late_answer_is_dropped_before_next_order() {
         let far = Pty::open().unwrap();
         let near = Line::open(far.path(), AXIS_BAUD, true).unwrap();
         let mut lines = Lines::new(vec![near]);

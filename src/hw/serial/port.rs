@@ -95,7 +95,8 @@ impl SerialPort {
     /// Longest time of an exchange: 0.5 ms of a period are left for the servo.
     pub const PATIENCE: Duration = Duration::from_micros(1500);
 
-    /// Joins arms to one bridge. `rules` are those of every line.
+    /// Joins the lines and force sensors of these arms to one bridge. `rules` say when a line is
+    /// given up; `notes` receives non-fatal events for the log.
     #[must_use]
     pub fn new(arms: Vec<SerialArm>, rules: Rules, notes: Notes) -> Self {
         let mut lines = Vec::new();
@@ -133,7 +134,7 @@ impl SerialPort {
         }
     }
 
-    /// Returns the reason why the bridge was given up.
+    /// Returns the reason why the bridge was given up, or `None` while it works.
     #[must_use]
     pub fn fault(&self) -> Option<&PortFault> {
         self.fault.as_ref()
@@ -158,7 +159,8 @@ impl SerialPort {
         self.lines.gather(begun + self.patience);
     }
 
-    /// Judges the answers of a period; returns the fault of the first line that must be given up.
+    /// Decides whether silent lines of this period mean a delay of this machine, and checks the
+    /// answers. Returns the fault of the first line that must be given up.
     fn judge(&mut self, period: u64) -> Result<(), PortFault> {
         let all = self.lines.len();
         let (mut missed, mut late) = (0, 0);
@@ -195,7 +197,8 @@ impl SerialPort {
         if self.all_missed { Ok(()) } else { self.judge_each(period, Phase::Together) }
     }
 
-    /// Judges each line by itself; returns the fault of the first one that must be given up.
+    /// Checks the answer of each line by itself; `phase` says what a silent line means. Returns the
+    /// fault of the first line that must be given up.
     fn judge_each(&mut self, period: u64, phase: Phase) -> Result<(), PortFault> {
         let mut first: Option<(usize, usize, AxisFault)> = None;
         let mut others = 0;
@@ -250,7 +253,7 @@ impl SerialPort {
         Err(PortFault { effector, reason })
     }
 
-    /// Returns the effector, axis and device of a line, for messages.
+    /// Returns the name of a line for messages: its arm, axis (`index`) and device.
     fn line_of(&self, effector: usize, index: usize) -> String {
         let arm = &self.arms[effector];
         let path = arm.lines[index].map_or("", |line| self.lines.path(line));
@@ -258,8 +261,8 @@ impl SerialPort {
         format!("{}, {axis} ({path})", arm.name)
     }
 
-    /// Returns the fault of lines that are silent together, the `longest` of them for this number
-    /// of periods.
+    /// Returns the fault of the `missed` lines that are silent at the same time, one of them for
+    /// `longest` periods.
     fn silent_together(&self, period: u64, missed: usize, longest: u32) -> PortFault {
         let at = period as f64 * PERIOD;
         let end = format!("no answer for {longest} periods, in period {period} ({at:.3} s)");
@@ -291,7 +294,7 @@ impl SerialPort {
         }
     }
 
-    /// Exchanges with power off until every axis has settled.
+    /// Exchanges orders with power off until the counter of every axis is known.
     ///
     /// Unknown readings must not look like a robot that is at zero and was never synchronised.
     ///
@@ -314,7 +317,7 @@ impl SerialPort {
         let effector = silent[0].0;
         let lines: Vec<_> =
             silent.into_iter().map(|(effector, index)| self.line_of(effector, index)).collect();
-        let reason = format!("{}: no answer within 1 s of the start", lines.join("; "));
+        let reason = format!("{}: the axis controller has not answered for 1 s", lines.join("; "));
         Err(PortFault { effector, reason })
     }
 
@@ -333,7 +336,8 @@ fn milliamperes(amperes: f64) -> u16 {
     (amperes * 1e3).round().clamp(0.0, 65_535.0) as u16
 }
 
-/// Returns the drive of one axis.
+/// Returns the part of an arm's drive for the axis `index` (0 is the track, 7 the jaw), with its
+/// limit of the motor current (mA).
 pub(crate) fn axis_drive(
     drive: &ArmDrive,
     index: usize,
@@ -400,7 +404,7 @@ impl Port for SerialPort {
     }
 }
 
-/// Writes the latest state of an arm's axes into a reading, and keeps its wrench.
+/// Writes the latest state of an arm's axes into a reading, and leaves the wrench in it unchanged.
 pub(crate) fn write_reading(axes: &[Axis; AXES + 1], has_track: bool, reading: &mut ArmReading) {
     *reading = ArmReading { wrench_on_sensor: reading.wrench_on_sensor, ..ArmReading::default() };
     for (index, axis) in axes.iter().enumerate().skip(usize::from(!has_track)) {
@@ -486,7 +490,7 @@ mod tests {
 
     /// The start waits for the last controller, of any arm.
     #[test]
-    fn start_waits_for_the_last_controller() {
+    fn start_waits_for_the_slowest_axis_controller() {
         let stop = Arc::new(AtomicBool::new(false));
         let (begun, late) = (Instant::now(), Duration::from_millis(300));
         let (arms, threads): (Vec<_>, Vec<_>) = [Duration::ZERO, Duration::ZERO, late]
@@ -531,7 +535,7 @@ mod tests {
 
     /// Many lines are silent in each period, but none of them for long.
     #[test]
-    fn lines_that_alternate_in_lateness_cause_no_fault() {
+    fn lines_silent_in_alternate_periods_cause_no_fault() {
         let mut port = SerialPort::new(Vec::new(), Rules::default(), Notes::none());
         let far: Vec<Pty> = (0..2 * SEVERAL).map(|_| Pty::open().unwrap()).collect();
         let lines = far.iter().map(|far| Line::open(far.path(), AXIS_BAUD, true).unwrap());

@@ -1,6 +1,7 @@
 //! Histogram of times: classes with their counts, as a recording holds them.
 
-/// Parses classes from `nanoseconds:count` pairs in rising order. Other words are left out.
+/// Parses a histogram of times: words `nanoseconds:count`, in rising order of the times. Words of
+/// another form are left out.
 pub(super) fn classes(text: &str) -> Vec<(u64, u64)> {
     let pair = |word: &str| {
         let (nanos, count) = word.split_once(':')?;
@@ -9,13 +10,14 @@ pub(super) fn classes(text: &str) -> Vec<(u64, u64)> {
     text.split_whitespace().filter_map(pair).collect()
 }
 
-/// Returns the number of times in all classes.
+/// Returns the sum of the counts of all classes of a histogram.
 pub(super) fn count(classes: &[(u64, u64)]) -> u64 {
     // A file may hold any numbers, so the sum saturates.
     classes.iter().fold(0, |sum, (_, count)| sum.saturating_add(*count))
 }
 
-/// Returns the time that a share of all counts does not exceed (ns); 0 without classes.
+/// Returns a quantile of a histogram: the least time (ns) that `share` (0 to 1) of all counted
+/// times do not exceed; 0 for an empty histogram.
 pub(super) fn quantile(classes: &[(u64, u64)], share: f64) -> u64 {
     let total = count(classes);
     let mut seen: u64 = 0;

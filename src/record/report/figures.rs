@@ -30,7 +30,8 @@ pub(super) struct Figure {
     pub remark: String,
 }
 
-/// Returns the figures that the recording contains, in the order of the table.
+/// Returns the rows of the table that compares a run with the paper of 2007, without those that the
+/// recording has no data for.
 pub(super) fn figures(story: &Story) -> Vec<Figure> {
     [
         Some(servo_period(story)),
@@ -218,7 +219,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quantiles_count_from_the_shortest() {
+    fn quantile_adds_counts_from_shortest_time() {
         let classes = [(10, 98), (20, 1), (900, 1)];
 
         assert_eq!(quantile(&classes, 0.5), 10);
@@ -228,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn face_time_is_measured_or_a_dash() {
+    fn unmeasured_face_reading_time_is_a_dash() {
         let mut story = Story::default();
         story.faces.push((1.0, "vsp gs1".into(), None));
         let here = |story: &Story| {

@@ -36,7 +36,7 @@ pub(super) fn page(story: &Story) -> String {
     html
 }
 
-/// Returns name of the scenario and seed.
+/// Returns the title of the report: the name of the scenario and the seed.
 fn title(story: &Story) -> String {
     let path = story.label.fact("scenario");
     let name = std::path::Path::new(path).file_stem().map(|s| s.to_string_lossy().into_owned());
@@ -90,8 +90,8 @@ fn verdict(story: &Story) -> (&'static str, &'static str, String) {
     (class, word, summary.reason.clone())
 }
 
-/// Draws the nets of the cube at the start, as it was read, and at the end. Unknown ones are left
-/// out.
+/// Draws the nets of the cube at the start, as it was read, and at the end. A net is left out if
+/// the recording does not have its colours.
 fn cubes(html: &mut String, story: &Story) {
     html.push_str("<div class=cubes>");
     let start = story.label.fact("cube_start");
@@ -159,7 +159,7 @@ fn incomplete(story: &Story) -> Vec<String> {
     whys
 }
 
-/// Writes the comparison with the paper.
+/// Writes the table that compares the run with the paper of 2007.
 fn table(html: &mut String, story: &Story) {
     html.push_str(
         "<section><h2>Beside the paper</h2><table class=paper><thead>\
@@ -178,7 +178,7 @@ fn table(html: &mut String, story: &Story) {
     html.push_str("</tbody></table></section>\n");
 }
 
-/// Returns beginning (s) and name of the phases, without the last one, "end".
+/// Returns the beginning (s) and the name of each phase, without the last one, which is "end".
 fn phases(story: &Story) -> Vec<(f64, String)> {
     story.phases.iter().filter(|(_, name)| name != "end").cloned().collect()
 }
@@ -214,7 +214,7 @@ fn timeline(html: &mut String, story: &Story) {
     html.push_str("</section>\n");
 }
 
-/// Returns the row of the phases. Each phase lasts until the next one begins.
+/// Returns the timeline's row of phases. Each phase lasts until the next one begins.
 fn phase_row(story: &Story) -> Row {
     let phases = phases(story);
     let until = |index: usize| phases.get(index + 1).map_or(story.end, |p| p.0);
@@ -224,7 +224,8 @@ fn phase_row(story: &Story) -> Row {
     Row { name: "phase".to_owned(), pieces: phases.iter().enumerate().map(piece).collect() }
 }
 
-/// Returns a row for each hand, and one for neither hand; none if no hand ever held the cube.
+/// Returns the timeline's rows of the cube's holders: one for each hand and one for neither hand;
+/// none if no hand ever held the cube.
 fn holder_rows(story: &Story) -> Vec<Row> {
     if story.holders.iter().all(|(_, holders)| holders.is_empty()) {
         return Vec::new();
@@ -255,7 +256,8 @@ fn holder_rows(story: &Story) -> Vec<Row> {
     lanes.iter().enumerate().map(row).collect()
 }
 
-/// Returns a row for each group of messages that is not empty: injected faults, warnings, errors.
+/// Returns the timeline's rows of log messages: injected faults, warnings, errors. A row without a
+/// message is left out.
 fn message_rows(story: &Story) -> Vec<Row> {
     const TRUTH: &str = "injected faults: the truth, which the controller does not know";
     // The plant logs the faults that the scenario injects.
@@ -276,7 +278,7 @@ fn message_rows(story: &Story) -> Vec<Row> {
     [TRUTH, "warnings", "errors"].into_iter().filter_map(row).collect()
 }
 
-/// Draws force, torque and grip of each arm.
+/// Draws the force, the torque and the grip of each arm as curves over time.
 fn forces(html: &mut String, story: &Story) {
     let label = &story.label;
     // A limit that the recording does not have, or that is no number, has no line.
@@ -317,8 +319,8 @@ fn forces(html: &mut String, story: &Story) {
     );
 }
 
-/// Writes the timing of the servo: histograms on the wall clock, on the virtual clock the computing
-/// time of a period.
+/// Writes the timing of the servo: for a run on the wall clock as histograms, for one on the
+/// virtual clock the computing time of a period.
 fn timing(html: &mut String, story: &Story) {
     html.push_str("<section><h2>Timing of the servo</h2>");
     let label = &story.label;
@@ -509,7 +511,7 @@ fn plan(html: &mut String, story: &Story) {
     html.push_str("</section>\n");
 }
 
-/// Writes all messages above information.
+/// Writes a table of all log messages except those of the class info.
 fn messages(html: &mut String, story: &Story) {
     html.push_str("<section><h2>Messages above information</h2>");
     if story.messages.is_empty() {
@@ -677,7 +679,7 @@ mod tests {
     }
 
     #[test]
-    fn report_labels_drawings_as_drawn() {
+    fn report_labels_pictures_drawn_from_recording() {
         let drawn = vec![(12.5, "turn R by 90\u{b0}".to_owned(), vec![0xff, 0xd8])];
 
         let html = page(&Story { drawn, ..Story::default() });
@@ -703,7 +705,7 @@ mod tests {
 
     /// The numbers of a recording may be any of 64 bits. Their sums do not overflow.
     #[test]
-    fn sums_of_extreme_numbers_saturate() {
+    fn page_saturates_sums_of_extreme_numbers() {
         let (most, last) = (u64::MAX, u64::MAX);
         let arm = ArmStory { ticks: 3, missing: most, last, ..ArmStory::default() };
         let mut story = Story { arms: vec![arm], looks: vec![0, most], ..Story::default() };
@@ -738,7 +740,7 @@ mod tests {
     /// A cube that no hand holds may have fallen, so the page does not say that the operator has
     /// it.
     #[test]
-    fn cube_without_holder_is_with_neither_hand() {
+    fn page_shows_unheld_cube_in_neither_hand() {
         let mut story = Story { end: 9.0, ..Story::default() };
         story.holders = vec![(0.0, vec!["track".into()]), (5.0, vec![])];
 
@@ -749,7 +751,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_show_beginning_and_end() {
+    fn chosen_pictures_span_first_to_last_face() {
         let mut story = Story {
             phases: vec![(0.0, "identify".into()), (50.0, "inspect".into())],
             ..Story::default()

@@ -138,7 +138,7 @@ pub fn gather<R: Read>(from: R) -> Result<Story, Unreadable> {
 }
 
 impl Story {
-    /// Adds a message. Topics that the report does not use are left out.
+    /// Adds the data of a message to the report. Topics that the report does not use are left out.
     fn take(&mut self, time: f64, message: &Message) -> Result<(), Malformed> {
         let topic = message.channel.topic.as_str();
         let data = &message.data;
@@ -191,7 +191,8 @@ impl Story {
         Ok(())
     }
 
-    /// Adds the answer of a sensor: a look of the tracking camera or at a face.
+    /// Adds the answer of a sensor: of the stand-alone camera, which tracks the cube, or of a
+    /// hand's camera, which reads a face.
     fn sensed(&mut self, time: f64, sensed: &Sensed) {
         let exposed = sensed.period as f64 * 0.002;
         // The text of the request is the `Debug` form of its type: `Sensing` for the tracking
@@ -232,7 +233,7 @@ impl Story {
         most(&mut arm.following, apart.fold(0.0, f64::max));
     }
 
-    /// Adds the position of the cube if the message has its transform.
+    /// Adds the true position of the cube if the `/tf` message holds the cube's transform.
     fn transforms(&mut self, time: f64, data: &[u8]) -> Result<(), Malformed> {
         let mut from = Reader::new(data)?;
         // The cube comes alone in its message, the links of an arm together.
@@ -247,7 +248,7 @@ impl Story {
         Ok(())
     }
 
-    /// Adds a picture, unless its camera has one that is younger than [`APART`].
+    /// Adds a picture, unless the last one of its camera is less than [`APART`] older.
     fn shot(&mut self, time: f64, topic: &str, data: &[u8]) -> Result<(), Malformed> {
         let camera = topic.trim_start_matches('/').trim_end_matches("/image").to_owned();
         let last = self.shots.iter().rev().find(|shot| shot.camera == camera);

@@ -27,13 +27,14 @@ pub(super) struct Curve<'a> {
     pub class: &'a str,
 }
 
-/// Returns the x coordinate of a time (px). `end` is the end of the scale.
+/// Returns the x coordinate of a time in a chart (px). `end` is the time at the right end of the
+/// scale.
 fn x(time: f64, end: f64) -> f64 {
     LEFT + (WIDTH - LEFT - RIGHT) * if end > 0.0 { (time / end).clamp(0.0, 1.0) } else { 0.0 }
 }
 
-/// Returns the step of a scale: 1, 2 or 5 times a power of ten, so that `range` has at most `most`
-/// steps.
+/// Returns the distance between two marks of a scale: 1, 2 or 5 times a power of ten, so that
+/// `range` has at most `most` such steps.
 pub(crate) fn step(range: f64, most: f64) -> f64 {
     // The bound keeps the logarithm finite for an empty range.
     let least = (range / most).max(1e-9);
@@ -47,7 +48,8 @@ pub(crate) fn number(value: f64) -> String {
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// Draws curves below each other on one scale of time, over bands for the phases.
+/// Draws curves below each other on one scale of time, from 0 to `end` (s). The bands behind them
+/// are `phases`: beginning (s) and name.
 pub(super) fn curves(curves: &[Curve<'_>], phases: &[(f64, String)], end: f64) -> String {
     // All lengths in this module are in px.
     let (panel, gap, top) = (130.0, 34.0, 22.0);
@@ -99,13 +101,14 @@ pub(super) fn curves(curves: &[Curve<'_>], phases: &[(f64, String)], end: f64) -
             );
         }
         // The numbers of the time axis are below the last curve only.
-        times(&mut svg, end, y0 + panel, index + 1 == curves.len());
+        time_axis(&mut svg, end, y0 + panel, index + 1 == curves.len());
     }
     svg.push_str("</svg>");
     svg
 }
 
-/// Returns the path of a curve.
+/// Returns the path data of a curve on a scale of time from 0 to `end` (s); `y` converts a value to
+/// its coordinate (px).
 fn path(curve: &Curve<'_>, end: f64, y: impl Fn(f64) -> f64) -> String {
     // A long curve is thinned by maxima, so that a peak of one bin remains visible.
     let per = curve.values.len().div_ceil(COLUMNS).max(1);
@@ -119,7 +122,7 @@ fn path(curve: &Curve<'_>, end: f64, y: impl Fn(f64) -> f64) -> String {
     d
 }
 
-/// Draws the bands of the phases behind a curve.
+/// Draws a band for each phase behind a curve whose chart begins at `y` and is `height` high (px).
 fn bands(svg: &mut String, phases: &[(f64, String)], end: f64, y: f64, height: f64) {
     for (index, (begin, _)) in phases.iter().enumerate() {
         let until = phases.get(index + 1).map_or(end, |p| p.0);
@@ -133,8 +136,8 @@ fn bands(svg: &mut String, phases: &[(f64, String)], end: f64, y: f64, height: f
     }
 }
 
-/// Draws the axis of time at `y`, with numbers if `numbers`.
-fn times(svg: &mut String, end: f64, y: f64, numbers: bool) {
+/// Draws the axis of time, from 0 to `end` (s), at the height `y` (px), with labels if `numbers`.
+fn time_axis(svg: &mut String, end: f64, y: f64, numbers: bool) {
     let by = step(end, 12.0);
     let mut tick = 0.0;
     while tick <= end {
@@ -164,7 +167,8 @@ pub(super) struct Row {
     pub pieces: Vec<(f64, f64, String, String)>,
 }
 
-/// Draws rows of pieces over time.
+/// Draws a timeline from 0 to `end` (s): in each row a bar for each of its pieces, which has a
+/// beginning and an end.
 pub(super) fn timeline(rows: &[Row], end: f64) -> String {
     let (row, gap) = (26.0, 20.0);
     let mut svg = open(rows.len() as f64 * (row + gap) + 26.0, "timeline");
@@ -197,12 +201,13 @@ pub(super) fn timeline(rows: &[Row], end: f64) -> String {
         }
     }
     let bottom = rows.len() as f64 * (row + gap) + 4.0;
-    times(&mut svg, end, bottom, true);
+    time_axis(&mut svg, end, bottom, true);
     svg.push_str("</svg>");
     svg
 }
 
-/// Draws a histogram on a logarithmic scale of time. A class is a time (ns) and its count.
+/// Draws a histogram of times on a logarithmic scale. Each of `classes` is a time (ns) and its
+/// count.
 pub(super) fn histogram(title: &str, classes: &[(u64, u64)]) -> String {
     const BARS: usize = 70;
     // The scale begins and ends at powers of ten, below at 100 ns or later, above at 1 us or later.
@@ -246,13 +251,14 @@ pub(super) fn histogram(title: &str, classes: &[(u64, u64)]) -> String {
             y + 4.0
         );
     }
-    decades(&mut svg, (low, high), top + panel);
+    log_time_axis(&mut svg, (low, high), top + panel);
     svg.push_str("</svg>");
     svg
 }
 
-/// Draws the axis of times at `bottom`, with a label for each power of ten from `low` to `high`.
-fn decades(svg: &mut String, (low, high): (f64, f64), bottom: f64) {
+/// Draws a logarithmic axis of time at the height `bottom` (px), with a label for each power of
+/// ten. `low` and `high` are the exponents at its ends: 3 is 10^3 ns.
+fn log_time_axis(svg: &mut String, (low, high): (f64, f64), bottom: f64) {
     let mut decade = low;
     while decade <= high {
         let at = LEFT + (WIDTH - LEFT - RIGHT) * (decade - low) / (high - low);
@@ -278,7 +284,7 @@ fn decades(svg: &mut String, (low, high): (f64, f64), bottom: f64) {
     );
 }
 
-/// Draws the net of a cube from 54 letters URFDLB. Tiles with other letters are grey.
+/// Draws the unfolded cube from 54 letters URFDLB. Tiles with other letters are grey.
 pub(super) fn net(letters: &str) -> String {
     let size = 15.0;
     // Column and row of each face in the net, in the order URFDLB.
@@ -308,7 +314,7 @@ pub(super) fn net(letters: &str) -> String {
     svg
 }
 
-/// Returns the opening tag of a chart.
+/// Returns the opening `<svg>` tag of a chart with this height (px) and CSS class.
 fn open(height: f64, class: &str) -> String {
     format!("<svg class=\"wide {class}\" viewBox=\"0 0 {WIDTH:.0} {height:.0}\" role=img>")
 }
@@ -337,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn infinite_value_has_a_finite_scale() {
+    fn curve_with_infinite_value_has_finite_scale() {
         let values = [1.0, f32::INFINITY, f32::NAN];
         let curve = Curve { title: "", values: &values, bin: 0.02, limit: None, class: "a" };
 

@@ -121,7 +121,8 @@ const STICKERS: [[f64; 3]; 6] = [
 ];
 
 impl Model {
-    /// Makes the model of the whole cell, with the cube if `cube`; or of one arm on its own base.
+    /// Makes the model of the whole cell, with the cube if `cube`; or if `arm` is given, of this
+    /// arm alone on its own base.
     #[must_use]
     pub fn of(cell: &Cell, arm: Option<usize>, cube: bool) -> Self {
         // The first link is the root: the world, or the base of the only arm.
@@ -183,17 +184,18 @@ impl Model {
         })
     }
 
-    /// Adds a link.
+    /// Adds a link with this name and these solids.
     fn link(&mut self, name: &str, solids: Vec<Solid>) {
         self.links.push(Link { name: name.to_owned(), solids });
     }
 
-    /// Adds a fixed joint.
+    /// Adds a fixed joint; `origin` is `parent_from_child`.
     fn fix(&mut self, parent: &str, child: &str, origin: Pose) {
         self.joint(parent, child, origin, JointKind::Fixed);
     }
 
-    /// Adds a joint, with the name of its child.
+    /// Adds a joint, named after its child; `origin` is `parent_from_child` if the joint's variable
+    /// is zero.
     fn joint(&mut self, parent: &str, child: &str, origin: Pose, kind: JointKind) {
         self.joints.push(Joint {
             name: format!("{child}_joint"),
@@ -204,7 +206,7 @@ impl Model {
         });
     }
 
-    /// Adds the table.
+    /// Adds the cell's table as a plate.
     fn table(&mut self, cell: &Cell) {
         // The scenario gives the height of the table only. The plate is drawn beside the place
         // where the hand holds the cube.
@@ -345,8 +347,8 @@ impl Model {
 }
 
 impl Joint {
-    /// Returns `parent_from_child` for these positions of the arms. `joints` and `openings` (m)
-    /// have an entry for each arm of the cell.
+    /// Returns `parent_from_child` of the joint for the given positions of all arms. `joints` and
+    /// `openings` (of the jaws, m) have an entry for each arm of the cell.
     #[must_use]
     pub fn place(&self, joints: &[JointPositions], openings: &[f64]) -> Pose {
         self.kind.displacement(joints, openings).map_or(self.origin, |moved| self.origin * moved)
@@ -354,7 +356,7 @@ impl Joint {
 }
 
 impl JointKind {
-    /// Returns the drive of the joint, if it has one.
+    /// Returns the axis, the limits and the variable of the joint; `None` if no drive moves it.
     #[must_use]
     pub fn drive(&self) -> Option<&Drive> {
         match self {
@@ -363,7 +365,8 @@ impl JointKind {
         }
     }
 
-    /// Returns the displacement from the zero position; `None` if no drive moves the joint.
+    /// Returns how far the joint is from its zero position, for positions as in [`Joint::place`];
+    /// `None` if no drive moves the joint.
     fn displacement(&self, joints: &[JointPositions], openings: &[f64]) -> Option<Pose> {
         let drive = self.drive()?;
         let (arm, variable) = drive.by;
@@ -384,7 +387,7 @@ impl JointKind {
     }
 }
 
-/// Makes a solid that is not rotated.
+/// Makes a solid at `centre` (m) that is not rotated against its link.
 fn solid(centre: [f64; 3], shape: Shape, colour: [f64; 3]) -> Solid {
     Solid { link_from_solid: Pose::translation(centre[0], centre[1], centre[2]), shape, colour }
 }
@@ -400,7 +403,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_agree_with_the_kinematics() {
+    fn link_frames_agree_with_the_kinematics() {
         let cell = cell();
         let model = Model::of(&cell, None, true);
         let joints: Vec<_> = cell.arms.iter().map(|arm| arm.start).collect();

@@ -23,7 +23,7 @@ pub fn xml(model: &Model) -> String {
     text
 }
 
-/// Writes the links, then the joints.
+/// Writes the robot: its links, then its joints.
 fn write(model: &Model, to: &mut String) -> fmt::Result {
     writeln!(to, "<?xml version=\"1.0\"?>")?;
     writeln!(to, "<robot name=\"{}\">", escaped(&model.name))?;
@@ -90,7 +90,7 @@ fn write_link(link: &Link, to: &mut String) -> fmt::Result {
     writeln!(to, "  </link>")
 }
 
-/// Returns the element of a pose.
+/// Returns a pose as the URDF element `<origin>`.
 fn origin(pose: &Pose) -> String {
     let t = pose.translation.vector;
     // URDF and nalgebra agree: fixed-axis roll, pitch, yaw, that is Rz(yaw) Ry(pitch) Rx(roll).

@@ -22,28 +22,29 @@ pub struct Allowance {
 }
 
 impl Allowance {
-    /// Makes an allowance of zero.
+    /// Makes the allowance of an axis that has had no gap yet: it is zero.
     #[must_use]
     pub fn new(period: Length) -> Self {
         Self { distance: 0.0, drain: StepFilter::DRAIN * period.ratio() }
     }
 
-    /// Adds a reading: the motor can have moved by `hidden` in the gap before it. Returns the whole
-    /// allowance (rad).
+    /// Registers a reading of the counter: in the gap before it the motor can have moved by
+    /// `hidden` (rad), which is 0 without a gap. Returns the distance that this gap and the earlier
+    /// ones can still explain (rad).
     pub fn read(&mut self, hidden: f64) -> f64 {
         // The backlog drains at this rate, and the allowance must not outlast it.
         self.distance = (self.distance - self.drain).max(0.0) + hidden;
         self.distance
     }
 
-    /// Returns the part of the `backlog` that the gaps explain.
+    /// Returns the part of a regulator's backlog that gaps explain (rad).
     #[must_use]
     pub fn of(&self, backlog: f64) -> f64 {
         // `clamp` would panic on a bound that is NaN.
         backlog.max(-self.distance).min(self.distance)
     }
 
-    /// Drops the allowance of all gaps.
+    /// Sets the allowance to zero, so that earlier gaps explain nothing.
     pub fn reset(&mut self) {
         self.distance = 0.0;
     }
@@ -54,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn allowance_covers_the_backlog_of_gaps_and_drains() {
+    fn allowance_limits_excused_backlog_and_drains_to_zero() {
         let mut allowance = Allowance::new(Length::default());
         assert_eq!(allowance.of(3.0), 0.0);
 

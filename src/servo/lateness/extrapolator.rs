@@ -70,8 +70,8 @@ impl Extrapolator {
     /// that was not fetched yet, one of an exchange that had begun, and the one after it.
     const UNSURE: u32 = 3;
 
-    /// Makes an extrapolator from the readings of the period before the first one. A period lasts
-    /// `length` (ns).
+    /// Makes an extrapolator that begins with the readings `first`, which were taken before the
+    /// servo's first period. A period lasts `length` (ns).
     #[must_use]
     pub fn new(first: Readings, length: u64) -> Self {
         Self {
@@ -86,8 +86,8 @@ impl Extrapolator {
         }
     }
 
-    /// Registers periods that were missed before the next one. Missed periods have no numbers, so
-    /// the numbers of the readings do not show them.
+    /// Registers that the servo missed a number of periods just before the next one. Missed periods
+    /// have no numbers, so the numbers of the readings do not show them.
     pub fn add_missed_periods(&mut self, missed: u64) {
         self.unjudged += missed;
         self.missed = self.missed.max(missed);
@@ -97,7 +97,8 @@ impl Extrapolator {
         self.steadily_late = self.steadily_late.min(Self::GOES_ON - u64::from(Self::UNSURE));
     }
 
-    /// Writes the readings that the servo is to use in `period`, from the `latest` ones.
+    /// Writes the readings that the servo is to use in `period` to `readings`: the `latest` ones of
+    /// the bridge, extrapolated to this period if they are late.
     pub fn read(&mut self, period: u64, latest: &Readings, readings: &mut [ArmReading]) {
         let new = latest.period > self.seen.period;
         if new {
@@ -142,12 +143,12 @@ impl Extrapolator {
         self.silent * self.length > Self::LOST
     }
 
-    /// Returns whether watchdogs judge the readings of this period. The readings are late by
+    /// Returns whether the watchdogs judge the readings of this period. The readings are late by
     /// `late_by` periods, and `new` says whether they came in this period.
     ///
-    /// After readings that came in time, the counters are extrapolated for a while and judged when
-    /// they are read again. If all readings are late, or were late for long, the late ones are
-    /// judged.
+    /// The watchdogs judge readings that come in time. They judge late ones only if the bridge is
+    /// late in every period, or if they have judged none for 0.1 s. They never judge an estimate
+    /// for a period in which no reading came.
     fn is_judged(&mut self, late_by: u64, new: bool) -> bool {
         let late = late_by > 0;
         self.steadily_late =
@@ -194,11 +195,11 @@ impl Extrapolator {
         self.seen = latest;
     }
 
-    /// Returns the change of a counter's `mean` step by a reading that shows a distance `gone` in
-    /// at least `periods.0` and at most `periods.1` periods.
+    /// Returns by how much the `mean` step of a counter changes when a reading shows that the
+    /// counter moved by `gone`. This took at least `periods.0` and at most `periods.1` periods.
     ///
-    /// If missed periods may be among these, a distance that agrees with the present mean changes
-    /// nothing.
+    /// The two numbers differ if the time may contain missed periods. Then a distance that agrees
+    /// with the present mean changes nothing.
     fn change(mean: i64, gone: i64, periods: (i64, i64)) -> i64 {
         let (fast, slow) = (gone / periods.0, gone / periods.1);
         let change = mean.clamp(fast.min(slow), fast.max(slow)) - mean;
@@ -207,7 +208,7 @@ impl Extrapolator {
     }
 }
 
-/// Returns the counter of an axis, the jaw's last.
+/// Returns the counter of an axis; the jaw is the axis after the last one of the arm.
 fn counter(reading: &ArmReading, axis: usize) -> i64 {
     reading.counts.get(axis).copied().unwrap_or(reading.jaw_count)
 }

@@ -28,34 +28,35 @@ pub struct Interval {
 }
 
 impl Interval {
-    /// Adds time that has passed (periods).
+    /// Adds periods that have passed since the last reading of the counter.
     pub fn pass(&mut self, periods: f64) {
         debug_assert!(periods.is_finite() && periods >= 0.0, "time passes forwards: {periods}");
         self.since += periods;
     }
 
-    /// Returns the time since the last reading, on the assumption that the reading was as new as it
-    /// seemed (periods).
+    /// Returns the time since the last reading of the counter, assuming that this reading was taken
+    /// when it came (periods).
     #[must_use]
     pub fn since(&self) -> f64 {
         self.since
     }
 
-    /// Returns the time by which the last reading may be older than it seemed (periods).
+    /// Returns the time by which the last reading of the counter may have been taken earlier than
+    /// it came, because of a gap (periods).
     #[must_use]
     pub fn older(&self) -> f64 {
         self.older
     }
 
-    /// Returns the longest time in which a motor can have made the step to a reading of now, at
-    /// least one period (periods).
+    /// Returns the longest time that may lie between the last reading of the counter and one of
+    /// now, at least one period. The motor can have moved for this time (periods).
     #[must_use]
     pub fn longest(&self) -> f64 {
         self.since.max(1.0) + self.older
     }
 
-    /// Registers a reading of the counter. If the reading `shows_gap`, which is the step that a gap
-    /// hid, the readings after it are as new as they seem.
+    /// Registers a reading of the counter. `shows_gap` says that the reading contains the motion
+    /// during the last gap: later readings are then as new as they seem.
     pub fn read(&mut self, shows_gap: bool) {
         let gap = self.since - 1.0;
         if shows_gap {
@@ -88,9 +89,9 @@ mod tests {
         }
     }
 
-    /// The step of a gap may show in one of the next four readings.
+    /// The motion during a gap may show in any of the next four readings.
     #[test]
-    fn four_readings_after_gap_may_be_old() {
+    fn longest_interval_remains_for_four_readings_after_gap() {
         let mut interval = Interval::default();
         interval.pass(8.0);
         assert_eq!(interval.longest(), 8.0);
@@ -109,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn reading_with_step_of_gap_is_new() {
+    fn reading_that_shows_gap_motion_resets_longest_interval() {
         let mut interval = Interval::default();
         interval.pass(8.0);
         interval.read(true);
@@ -119,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn age_of_longer_gap_outlasts_shorter_gap() {
+    fn shorter_gap_does_not_replace_longer_gap() {
         let mut interval = Interval::default();
         interval.pass(8.0);
         interval.read(false);

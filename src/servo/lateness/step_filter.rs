@@ -51,7 +51,8 @@ impl StepFilter {
     /// power stage.
     pub(super) const DRAIN: f64 = 0.015;
 
-    /// Makes the filter of an axis at rest. A revolution of its motor has this many `increments`.
+    /// Makes the filter of an axis at rest. `increments` is the number of encoder increments per
+    /// revolution of its motor.
     #[must_use]
     pub fn new(increments: f64, period: Length) -> Self {
         let (ratio, radian) = (period.ratio(), increments / std::f64::consts::TAU);
@@ -67,9 +68,9 @@ impl StepFilter {
         }
     }
 
-    /// Returns the step for the regulator, from the counter's `step` (increments). `drive` is the
-    /// pulse width of the last period as a share of 255. Drive, speed and friction together bound
-    /// the change of a step.
+    /// Returns the step for the regulator in this period, from the step that the counter made
+    /// (increments). `drive` is the pulse width of the last period as a share of 255. Drive, speed
+    /// and friction together bound the change of a step.
     pub fn filter(&mut self, step: f64, drive: f64) -> f64 {
         let share = (Self::REST + drive.abs() + (self.last / self.fastest).abs()).min(1.0);
         let change = self.change * share + Self::ENCODER;
@@ -93,8 +94,8 @@ impl StepFilter {
         likely + drained
     }
 
-    /// Returns the distance by which the motor is ahead of the steps that the regulator was given,
-    /// negative if it is behind (increments).
+    /// Returns the distance by which the motor is ahead of the sum of all steps that the regulator
+    /// was given, negative if it is behind (increments).
     #[must_use]
     pub fn backlog(&self) -> f64 {
         self.backlog
@@ -141,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn filter_ignores_a_jump_at_rest() {
+    fn filter_removes_counter_jump_of_motor_at_rest() {
         let mut filter = StepFilter::new(4000.0, Length::default());
 
         // One wrong bit of a counter changes it for a period.
@@ -153,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn backlog_of_a_gap_drains_completely() {
+    fn filter_spreads_step_after_gap_without_losing_counts() {
         let mut filter = running();
 
         let steps: Vec<f64> = [6.0 * SPEED]

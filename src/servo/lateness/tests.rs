@@ -43,7 +43,7 @@ fn read(period: u64, count: i64, synchronised: u8) -> Readings {
 }
 
 #[test]
-fn late_counter_is_extrapolated_for_ten_periods() {
+fn missing_encoder_count_is_extrapolated_for_ten_periods() {
     let mut link = Link::default();
     for period in 1..=40 {
         link.write(read(period, 90 * period as i64, u8::MAX));
@@ -136,14 +136,14 @@ impl<E: Fn(u64) -> f64> Machine<E> {
     const INCREMENTS: f64 = 4000.0;
     const PERIODS: u64 = 600;
 
-    /// Returns the distance that the motor has moved (rad).
+    /// Returns the angle by which the motor has turned at `time`, in periods (rad).
     fn motor(&self, time: f64) -> f64 {
         let (from, speed) = self.runaway;
         (self.speed * time.min(from) + speed * (time - from).max(0.0)) * 0.002
     }
 
-    /// Returns the first fault of a watchdog with its time, and the longest time without a reading
-    /// that is judged.
+    /// Runs the simulation. Returns the first fault of a watchdog with its time, and the longest
+    /// time in which the watchdogs judged no reading (periods).
     fn run(&self) -> (Option<(f64, ArmFault)>, f64) {
         let mut link = Link::default();
         let gains = ServoGains::parse(IRP6).unwrap();
@@ -223,7 +223,7 @@ const STALLS: [(f64, f64); 6] =
     [(0.0, 1e9), (1.5, 1e9), (4.5, 1e9), (9.5, 1e9), (18.5, 1e9), (1.5, 9.25)];
 
 #[test]
-fn late_exchanges_and_stalls_are_no_fault() {
+fn watchdog_tolerates_late_and_stalled_exchanges() {
     for (usual, long) in LENGTHS {
         for sampled in [0.05, 0.5, 0.95] {
             for speed in [60.0, 150.0, 250.0] {
@@ -278,7 +278,7 @@ fn watchdog_detects_runaway_despite_late_exchanges() {
 }
 
 #[test]
-fn wrench_between_two_fetches_is_not_lost() {
+fn wrench_that_arrives_between_fetches_counts_as_new() {
     let mut link = Link::default();
     let with_wrench = |period, newtons, wrench_is_old| {
         let mut readings = read(period, 0, 0);
@@ -307,7 +307,7 @@ fn counter_at_rest_is_not_extrapolated() {
 }
 
 #[test]
-fn zeroing_a_counter_shows_no_step() {
+fn zeroed_encoder_count_is_taken_over_unfiltered() {
     let mut link = Link::default();
     for period in 1..=20 {
         link.write(read(period, 50_000, 0));

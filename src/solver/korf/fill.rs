@@ -14,8 +14,8 @@ use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 /// Mark of a state whose distance is not known yet.
 const UNKNOWN: u8 = 15;
 
-/// Computes the distances of all states of a pattern. States further away than `deepest` get
-/// `deepest + 1`.
+/// Computes the distance (turns) of each state of a pattern from the solved state: four bits a
+/// state, by its index. States further away than `deepest` get `deepest + 1`.
 pub(super) fn fill(
     pattern: &impl Pattern,
     deepest: u8,
@@ -53,8 +53,8 @@ pub(super) fn fill(
     distances.chunks(2).map(|pair| half(&pair[0]) | pair.get(1).map_or(0, half) << 4).collect()
 }
 
-/// Marks the unknown neighbours of those states of a row that are in the last level. Returns the
-/// number of states marked.
+/// Gives the distance `distance` to all states without one that are one turn away from a state of
+/// `row` at `distance - 1`. Returns how many states it changed.
 fn push(pattern: &impl Pattern, distances: &[AtomicU8], row: usize, distance: u8) -> u64 {
     let columns = pattern.columns();
     let own = &distances[row * columns..][..columns];
@@ -79,8 +79,8 @@ fn push(pattern: &impl Pattern, distances: &[AtomicU8], row: usize, distance: u8
     marked
 }
 
-/// Marks the unknown states of a row that have a neighbour in the last level. Returns the number of
-/// states marked.
+/// Gives the distance `distance` to all states of `row` without one that are one turn away from any
+/// state at `distance - 1`. Returns how many states it changed.
 fn pull(pattern: &impl Pattern, distances: &[AtomicU8], row: usize, distance: u8) -> u64 {
     let columns = pattern.columns();
     let own = &distances[row * columns..][..columns];
@@ -103,7 +103,7 @@ fn pull(pattern: &impl Pattern, distances: &[AtomicU8], row: usize, distance: u8
     marked
 }
 
-/// Counts the states at each distance.
+/// Counts the states of a table at each distance, 0..16 turns.
 pub(super) fn count(table: &[u8], workers: &dyn Workers) -> [u64; 16] {
     const PART: usize = 1 << 16;
     let counts = [const { AtomicU64::new(0) }; 16];
@@ -122,7 +122,7 @@ pub(super) fn count(table: &[u8], workers: &dyn Workers) -> [u64; 16] {
     counts.map(AtomicU64::into_inner)
 }
 
-/// Reads the distance of a state.
+/// Reads the distance of the state with the index `state` from a table of four bits a state.
 #[inline]
 pub(super) fn distance(table: &[u8], state: usize) -> u8 {
     table[state / 2] >> (state % 2 * 4) & 15

@@ -65,10 +65,11 @@ pub const TABLES: [TableSpec; 3] = [
     },
 ];
 
-/// Counts the states at each distance and compares the counts with the known ones.
+/// Checks a pattern database of `states` states: counts the states at each distance and compares
+/// the counts with `known`. Returns the counts.
 ///
 /// # Errors
-/// A message with both, or with both sizes.
+/// A message with the found and the known counts, or with the found and the right size.
 fn verify(
     table: &[u8],
     states: usize,
@@ -133,10 +134,10 @@ const PATIENCE: u64 = 1 << 14;
 const TASK_DEPTH: u8 = 2;
 
 impl<'a> Korf<'a> {
-    /// Makes a solver from the three [`TABLES`], in their order.
+    /// Makes a solver from the three pattern databases, in the order of [`TABLES`].
     ///
     /// # Errors
-    /// [`WrongSize`] for the first table of another size.
+    /// [`WrongSize`] for the first database whose size is wrong.
     pub fn new(tables: [&'a [u8]; 3]) -> Result<Self, WrongSize> {
         for (table, spec) in tables.iter().zip(&TABLES) {
             if table.len() != spec.bytes {
@@ -156,8 +157,9 @@ impl<'a> Korf<'a> {
         })
     }
 
-    /// Finds a shortest solution. Its length does not depend on the number of workers; its turns
-    /// are reproducible with one worker only.
+    /// Finds a shortest solution, unless `limits` or `stop` end the search before. The length of
+    /// the solution does not depend on the number of workers; its turns are reproducible with one
+    /// worker only.
     #[must_use]
     pub fn solve(
         &self,
@@ -196,7 +198,8 @@ impl<'a> Korf<'a> {
         answer
     }
 
-    /// Returns the greatest of the three distances.
+    /// Returns a lower bound on the turns that solve a state: the greatest of its three distances
+    /// in the databases.
     fn bound(&self, state: &State) -> u8 {
         self.corner_distance(state)
             .max(self.edge_distance(state, 0))
@@ -225,7 +228,8 @@ impl<'a> Korf<'a> {
         }
     }
 
-    /// Returns the states after each sequence of `depth` turns.
+    /// Divides the search from `root` into tasks: one for each sequence of `depth` turns that the
+    /// search may make first, with the state after it.
     fn tasks(&self, root: State, depth: u8) -> Vec<Task> {
         let mut tasks = vec![Task { state: root, made: Vec::new() }];
         for _ in 0..depth {
@@ -243,7 +247,8 @@ impl<'a> Korf<'a> {
         tasks
     }
 
-    /// Takes and searches tasks until there are none, or until the round has ended.
+    /// Searches the tasks of a round, as one of several workers, until none is left or the round
+    /// has ended.
     fn work(&self, round: &Round<'_>) {
         let mut walk = Walk { korf: self, round, made: Vec::new(), nodes: 0 };
         while let Some(task) = round.tasks.get(round.taken.fetch_add(1, Ordering::Relaxed)) {
@@ -288,8 +293,8 @@ struct Walk<'a> {
 }
 
 impl Walk<'_> {
-    /// Searches for exactly `left` turns that solve the state. Returns whether there are any;
-    /// `made` has them then.
+    /// Searches for exactly `left` turns that solve the state; `last` is the face of the turn
+    /// before. Returns whether there are any. If so, they are at the end of `made`.
     fn search(&mut self, state: &State, left: u8, last: Option<u8>) -> bool {
         if left == 0 {
             // The caller has checked that all three distances are 0, so each piece is in its place.
@@ -324,7 +329,8 @@ impl Walk<'_> {
         false
     }
 
-    /// Adds the nodes of this worker to the total, and ends the round at its limits.
+    /// Adds the states that this worker has visited to the total of the round, and ends the round
+    /// at its limit or when the caller wants to stop.
     fn report(&mut self) {
         let nodes = self.round.nodes.fetch_add(self.nodes, Ordering::Relaxed) + self.nodes;
         self.nodes = 0;
@@ -334,8 +340,8 @@ impl Walk<'_> {
     }
 }
 
-/// Returns whether the search turns `face` after `last`. It never turns one face twice in a row,
-/// and turns opposite faces, whose turns commute, only in the order U D, R L, F B.
+/// Returns whether the search turns `face` right after the face `last`. It never turns one face
+/// twice in a row, and turns opposite faces, whose turns commute, only in the order U D, R L, F B.
 fn follows(last: Option<u8>, face: u8) -> bool {
     last.is_none_or(|last| face != last && face + 3 != last)
 }
@@ -365,7 +371,7 @@ mod tests {
         korf.solve(cube, limits, &InTurn, &AtomicBool::new(false))
     }
 
-    /// Returns all cubes within three turns of a cube, with their distances.
+    /// Returns all cubes at most three turns away from `cube`, each with its distance from it.
     fn within_three(cube: Cube) -> HashMap<Cube, u8> {
         let mut distances = HashMap::from([(cube, 0)]);
         let mut last = vec![cube];
@@ -382,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn databases_begin_with_known_counts() {
+    fn databases_have_known_state_counts_to_distance_four() {
         for (table, known) in NEAR.iter().zip([&CORNERS[..], &FIRST_EDGES, &LAST_EDGES]) {
             let counts = count(table, &InTurn);
 
@@ -391,10 +397,10 @@ mod tests {
         }
     }
 
-    /// The reference is a search without bounds that meets in the middle: three turns from each
-    /// side.
+    /// The expected length comes from a bidirectional search without databases, three turns from
+    /// each end.
     #[test]
-    fn solutions_match_search_from_both_sides() {
+    fn solutions_are_as_long_as_bidirectional_search_finds() {
         let (korf, from_solved) = (near(), within_three(Cube::SOLVED));
         for text in
             ["", "R", "U2 D", "F R U' L2", "R U2 F' D L", "B2 U L' D F2 R'", "R2 U2 R2 U2 R2 U2"]
@@ -413,7 +419,7 @@ mod tests {
     }
 
     #[test]
-    fn limit_or_flag_ends_search_with_proven_bound() {
+    fn search_obeys_length_limit_node_limit_and_stop() {
         let cube = Cube::SOLVED.apply_all(&parse_turns("R U2 F' D L B").unwrap());
 
         let short = solve(&near(), &cube, Limits { max_length: 5, ..Limits::NONE });
@@ -435,10 +441,10 @@ mod tests {
         assert_eq!(wrong.name, "korf-corners");
     }
 
-    /// About 10 s: `cargo test --release --lib korf -- --ignored`.
+    /// Takes about 10 s: `cargo test --release --lib korf -- --ignored`.
     #[test]
     #[ignore = "makes all three databases and solves a cube of thirteen turns"]
-    fn whole_databases_have_known_counts_and_solve() {
+    fn full_databases_have_known_state_counts_and_solve() {
         let tables = TABLES.map(|spec| {
             let table = (spec.build)(&InTurn, &|_| ());
             (spec.verify)(&table, &InTurn).unwrap();

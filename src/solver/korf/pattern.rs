@@ -16,15 +16,17 @@ pub(super) type Step = (u32, u16);
 
 /// Some pieces of the cube.
 pub(super) trait Pattern: Sync {
-    /// Returns the number of rows of the table.
+    /// Returns the number of rows of the pattern's table. The index of a state is row * columns +
+    /// column.
     fn rows(&self) -> usize;
-    /// Returns the number of columns of the table.
+    /// Returns the number of columns of the pattern's table.
     fn columns(&self) -> usize;
-    /// Returns the row and permutation of a row after each turn.
+    /// Returns, for each of the 18 turns, the row to which the turn carries `row` and the index of
+    /// the permutation by which it moves the columns.
     fn steps(&self, row: usize) -> [Step; 18];
-    /// Returns the image of a column under a permutation of the columns.
+    /// Returns the column to which the permutation with this index carries `column`.
     fn column(&self, permutation: u16, column: usize) -> usize;
-    /// Returns the index of a cube's state.
+    /// Returns the index in the table of the state that the pattern's pieces have in `cube`.
     fn number(&self, cube: &Cube) -> usize;
 }
 
@@ -41,7 +43,7 @@ impl Corners {
     /// Number of states of the corners.
     pub(super) const STATES: usize = PERMUTATIONS * TWISTS;
 
-    /// Computes the moves of the corners.
+    /// Makes the pattern of all corners, with their move tables.
     pub(super) fn new() -> Self {
         Self { orders: corner_moves(), twists: twist_moves() }
     }
@@ -92,7 +94,7 @@ impl<const COUNT: usize> Edges<COUNT> {
     /// Number of states of these edges.
     pub(super) const STATES: usize = Self::ROWS << COUNT;
 
-    /// Computes the moves of the edges from number `first` on.
+    /// Makes the pattern of `COUNT` edges from the edge `first` on, with their move table.
     pub(super) fn new(first: u8) -> Self {
         Self { first, moves: edge_moves() }
     }
@@ -130,7 +132,8 @@ impl<const COUNT: usize> Pattern for Edges<COUNT> {
 /// State 2 * place + flip of an edge after a turn: `[turn][2 * place + flip]`.
 pub(super) type EdgeMoves = [[u8; 24]; 18];
 
-/// Computes the moves of a single edge.
+/// Computes the move table of a single edge: `[turn][2 * place + flip]` is the edge's 2 * place +
+/// flip after the turn.
 pub(super) fn edge_moves() -> EdgeMoves {
     std::array::from_fn(|turn| {
         let turned = Cube::SOLVED.apply(Turn::from_index(turn));
@@ -145,7 +148,7 @@ pub(super) fn edge_moves() -> EdgeMoves {
     })
 }
 
-/// Returns 2 * place + flip of each edge.
+/// Returns, for each edge, 2 * (place where the edge is) + (1 if it is flipped there).
 pub(super) fn edge_states(cube: &Cube) -> [u8; 12] {
     let mut states = [0; 12];
     for (place, (&edge, &flip)) in cube.edges().iter().zip(cube.flips()).enumerate() {
@@ -154,8 +157,9 @@ pub(super) fn edge_states(cube: &Cube) -> [u8; 12] {
     states
 }
 
-/// Returns the index of a combination of edge states, each 2 * place + flip: the places as a
-/// mixed-radix number, each counted among the places still free, then a bit for each flip.
+/// Returns the index in the table of the state of `COUNT` edges, each given as 2 * place + flip:
+/// the places as a mixed-radix number, each counted among the places still free, then a bit for
+/// each flip.
 #[inline]
 pub(super) fn edges_number<const COUNT: usize>(states: &[u8; COUNT]) -> usize {
     let (mut row, mut flips, mut taken) = (0, 0, 0_u32);
@@ -169,7 +173,8 @@ pub(super) fn edges_number<const COUNT: usize>(states: &[u8; COUNT]) -> usize {
     row << COUNT | flips
 }
 
-/// Returns the places of the edges in a row.
+/// Returns the places of the `COUNT` edges in all states of a table row: `places[k]` is that of the
+/// pattern's k-th edge.
 fn places<const COUNT: usize>(mut row: usize) -> [u8; COUNT] {
     // The inverse of `edges_number`: first the digits, then from each digit, counted among the free
     // places, the place itself.
@@ -210,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_match_turns_of_cubes() {
+    fn pattern_numbers_after_turns_match_turned_cubes() {
         check_steps(&Corners::new());
         check_steps(&Edges::<6>::new(0));
         check_steps(&Edges::<6>::new(6));
@@ -218,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_have_published_counts_by_distance() {
+    fn patterns_have_published_numbers_of_states() {
         assert_eq!(Corners::STATES, 88_179_840);
         assert_eq!(Edges::<6>::STATES, 42_577_920);
     }

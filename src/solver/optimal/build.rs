@@ -23,8 +23,8 @@
 
 #![allow(
     clippy::inline_always,
-    reason = "vector instructions need all callees inlined into one function compiled for that \
-              processor"
+    reason = "the build is compiled once with vector instructions, and only callees that are \
+              inlined into it can use them"
 )]
 
 use super::coset::{
@@ -53,7 +53,8 @@ pub(super) struct Filled {
     pub(super) counts: Vec<u64>,
 }
 
-/// Builds a table.
+/// Builds a table: finds the distance of each coset, breadth first from the solved cube up to
+/// `base + 2`, and packs the distances into lines as the head of this module describes.
 pub(super) fn fill(
     cosets: &Cosets,
     base: u8,
@@ -67,7 +68,7 @@ pub(super) fn fill(
     }
 }
 
-/// Returns the size of a row (bytes).
+/// Returns the size of a table row for cosets of this shape (bytes).
 pub(super) const fn row_bytes(shape: Shape) -> usize {
     SLICES * shape.words() / HALF * LINE
 }
@@ -82,7 +83,8 @@ struct Motion {
 }
 
 impl Motion {
-    /// Computes the map of a turn that is followed by a symmetry.
+    /// Computes how `turn`, followed by the symmetry with the index `symmetry`, maps the states of
+    /// the edges.
     fn new(cosets: &Cosets, turn: &Cube, symmetry: usize) -> Self {
         let mut motion = Self { carriers: Vec::new(), slices: Vec::with_capacity(SLICES) };
         let bits = cosets.shape.words().trailing_zeros() as usize + 6;
@@ -138,7 +140,8 @@ impl<'a, const WORDS: usize> Filler<'a, WORDS> {
     /// Number of lines of a row.
     const LINES: usize = Self::ROW / HALF;
 
-    /// Computes the maps and neighbours.
+    /// Computes how each turn and symmetry maps the edges, and which row each turn leads to from
+    /// each row.
     fn new(cosets: &'a Cosets) -> Self {
         let turns = turns();
         let motions = (0..18 * UPRIGHT)
@@ -152,7 +155,7 @@ impl<'a, const WORDS: usize> Filler<'a, WORDS> {
         Self { cosets, motions, neighbours }
     }
 
-    /// Builds the table up to `base + 2`.
+    /// Builds the table, one distance after the other, up to `base + 2`.
     fn fill(&self, base: u8, workers: &dyn Workers, progress: Progress<'_>) -> Filled {
         let rows = self.neighbours.len();
         let (mut near, mut next) = (vec![0_u64; rows * Self::ROW], vec![0_u64; rows * Self::ROW]);
@@ -200,21 +203,23 @@ impl<'a, const WORDS: usize> Filler<'a, WORDS> {
         Filled { table: lines(&near, &next, &least), counts }
     }
 
-    /// Returns the position of the word that has the solved cube, as its lowest bit.
+    /// Returns the index of the 64-bit word whose lowest bit stands for the solved cube.
     fn start(&self) -> usize {
         let (row, symmetry) = self.cosets.row(&corners_of(&Cube::SOLVED));
         let (slice, _) = self.cosets.edges_image(edges_of(&Cube::SOLVED), symmetry);
         row * Self::ROW + usize::from(self.cosets.slice_of[usize::from(slice)]) * WORDS
     }
 
-    /// Builds one row. Returns the number of its new cosets.
+    /// Finds the cosets of a row that are `step.distance` turns from the solved cube. Writes them
+    /// to the row `into` of the target set and the distance to `least`, the least distance in each
+    /// line. Returns the number of new cosets.
     fn pull(&self, step: &Step<'_>, row: usize, into: &mut [u64], least: &mut [u8]) -> u64 {
         // Compiled twice: with AVX2, each operation on words handles four of them.
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") {
             #[allow(
                 unsafe_code,
-                reason = "the processor supports the instructions of the function"
+                reason = "vector instructions are unsafe; the condition above checks for them"
             )]
             // SAFETY: the condition above checks that the processor has AVX2.
             return unsafe { self.pull_with_avx2(step, row, into, least) };
@@ -292,12 +297,13 @@ impl<'a, const WORDS: usize> Filler<'a, WORDS> {
     }
 }
 
-/// Splits a row into its sets of flips, one for each slice.
+/// Splits a row into its sets of flips, one for each set of places of the middle-layer edges.
 fn sets<const WORDS: usize>(row: &[u64]) -> &[[u64; WORDS]] {
     row.as_chunks().0
 }
 
-/// Combines the two bits of each entry and the least distances into lines.
+/// Packs a table into lines: `first` and `second` are the two bits of each entry, `least` is the
+/// least distance in each line.
 fn lines(first: &[u64], second: &[u64], least: &[u8]) -> Vec<u8> {
     let mut table = Vec::with_capacity(first.len() * 16);
     for (line, least) in least.iter().enumerate() {
@@ -310,8 +316,8 @@ fn lines(first: &[u64], second: &[u64], least: &[u8]) -> Vec<u8> {
     table
 }
 
-/// Counts the cosets of a table up to `base`, one further away, two, and more. Cosets without an
-/// entry of their own do not count.
+/// Counts the cosets of a table in four groups: at most `base` turns away, `base + 1`, `base + 2`,
+/// and further. Cosets whose entries hold the least distance of a line do not count.
 pub(super) fn count(cosets: &Cosets, table: &[u8], workers: &dyn Workers) -> [u64; 4] {
     let counts = [const { AtomicU64::new(0) }; 4];
     let row_bytes = row_bytes(cosets.shape);

@@ -32,7 +32,7 @@ pub(super) const SLICES: usize = 495;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Tetrads {
     /// No distinction: with all flips this is Kociemba's phase 1, whose distances are known.
-    #[cfg_attr(not(test), allow(dead_code, reason = "the small tables serve tests only"))]
+    #[cfg_attr(not(test), allow(dead_code, reason = "only tests ignore the tetrads"))]
     Ignored,
     /// Split of the corners into two tetrads without names: 35 splits.
     Unnamed,
@@ -50,7 +50,7 @@ pub(super) struct Shape {
 }
 
 impl Shape {
-    /// Returns the number of 64-bit words that have one bit for each state of the flips.
+    /// Returns the number of 64-bit words in a set of states of the flips, one bit for each state.
     pub(super) const fn words(self) -> usize {
         if self.full { 32 } else { 4 }
     }
@@ -96,7 +96,7 @@ pub(super) struct Cosets {
 }
 
 impl Cosets {
-    /// Numbers the cosets of a shape.
+    /// Gives each coset that `shape` distinguishes a row of the table and an index within the row.
     pub(super) fn new(shape: Shape) -> Self {
         let mut split_of = vec![u8::MAX; 256];
         let mut masks = Vec::new();
@@ -132,7 +132,8 @@ impl Cosets {
         cosets
     }
 
-    /// Assigns the rows: the first state of a class in the order of its number represents it.
+    /// Assigns a row to each class of symmetric states of the corners; `masks` are the splits into
+    /// tetrads, as bits. The first state of a class, in the order of its index, represents it.
     fn classify(&mut self, masks: &[u8]) {
         let inverses = self.upright.each_ref().map(|a| {
             let undoes =
@@ -163,19 +164,21 @@ impl Cosets {
         }
     }
 
-    /// Returns the index of a state of the corners in `rows`.
+    /// Returns the index of a state of the corners in the table `rows`.
     fn number(&self, corners: &Corners) -> usize {
         let twist = (0..7).rev().fold(0, |n, i| n * 3 + usize::from(corners.0[i]));
         twist * self.splits + usize::from(self.split_of[usize::from(corners.1)])
     }
 
-    /// Returns the row of a state of the corners, and the symmetry that leads to it.
+    /// Returns the row of a state of the corners, and the index of the symmetry that carries the
+    /// state to the representative of this row.
     pub(super) fn row(&self, corners: &Corners) -> (usize, usize) {
         let row = self.rows[self.number(corners)] as usize;
         (row / UPRIGHT, row % UPRIGHT)
     }
 
-    /// Returns the image of the corners under a symmetry that keeps the up-down axis.
+    /// Returns the image of the corners under the symmetry `upright[s]`, which keeps the up-down
+    /// axis.
     fn corners_image(&self, (twists, mask): &Corners, s: usize) -> Corners {
         let symmetry = &self.upright[s];
         // A symmetry may exchange the tetrads. Then the corners of the second one are the first's.
@@ -188,7 +191,8 @@ impl Cosets {
         (image, if exchanges { !bits } else { bits })
     }
 
-    /// Returns the image of the edges under a symmetry that keeps the up-down axis.
+    /// Returns the image of the edges under the symmetry `upright[s]`, which keeps the up-down
+    /// axis.
     pub(super) fn edges_image(&self, (slice, flips): Edges, s: usize) -> Edges {
         let symmetry = &self.upright[s];
         // The flip of the image is turn(place) + flip - turn(piece), modulo 2 (see `geometry`). The
@@ -201,14 +205,16 @@ impl Cosets {
         })
     }
 
-    /// Returns the index of the flips of some edges.
+    /// Returns the index of those flips that the shape distinguishes: all flips, or only those of
+    /// the edges outside the middle layer.
     pub(super) fn flip_number(&self, (slice, flips): Edges) -> u16 {
         // All flips: the twelfth follows. Otherwise: those outside the middle layer, moved
         // together.
         if self.shape.full { flips & 0x7ff } else { gathered(flips, !slice & 0xfff) }
     }
 
-    /// Returns the edges with the middle ones at `slice` and the flips of a number.
+    /// Returns the state of the edges with the middle-layer edges on the places `slice` (bits) and
+    /// with the flips of index `number`: the inverse of [`Cosets::flip_number`].
     pub(super) fn edges(&self, slice: u16, number: u16) -> Edges {
         if self.shape.full {
             let last = number.count_ones() as u16 & 1;
@@ -219,7 +225,7 @@ impl Cosets {
     }
 }
 
-/// Moves the bits of `value` where `mask` has ones together.
+/// Collects the bits of `value` where `mask` has ones into the lowest bits, in their order.
 pub(super) fn gathered(value: u16, mask: u16) -> u16 {
     let places = (0..16).filter(|i| mask >> i & 1 == 1);
     places.enumerate().fold(0, |bits, (k, i)| bits | (value >> i & 1) << k)
@@ -231,7 +237,8 @@ pub(super) fn of_first_tetrad(corner: u8) -> bool {
     [0, 2, 5, 7].contains(&corner)
 }
 
-/// Returns the twists with a number. The last twist makes the sum a multiple of 3.
+/// Returns the eight twists with the index `number`: the first seven are its digits in base 3, the
+/// lowest first. The last twist makes the sum a multiple of 3.
 fn twists(mut number: usize) -> [u8; 8] {
     let mut twists = [0; 8];
     for twist in &mut twists[..7] {
@@ -242,32 +249,34 @@ fn twists(mut number: usize) -> [u8; 8] {
     twists
 }
 
-/// Returns the turns as cubes, in the order of [`Turn::index`].
+/// Returns the solved cube after each of the 18 turns, in the order of [`Turn::index`].
 pub(super) fn turns() -> [Cube; 18] {
     std::array::from_fn(|t| Cube::SOLVED.apply(Turn::from_index(t)))
 }
 
-/// Returns the state of the corners of a cube.
+/// Returns what a table distinguishes of a cube's corners: their twists, and the places of the
+/// first tetrad as bits.
 pub(super) fn corners_of(cube: &Cube) -> Corners {
     let first = |i: usize| u8::from(of_first_tetrad(cube.corners()[i]));
     (*cube.twists(), (0..8).fold(0, |bits, i| bits | first(i) << i))
 }
 
-/// Returns the state of the edges of a cube.
+/// Returns what a table distinguishes of a cube's edges: the places of the middle-layer edges, and
+/// those of flipped edges, as bits.
 pub(super) fn edges_of(cube: &Cube) -> Edges {
     (0..12).fold((0, 0), |bits, i| {
         (bits.0 | u16::from(cube.edges()[i] >= 8) << i, bits.1 | u16::from(cube.flips()[i]) << i)
     })
 }
 
-/// Returns the corners after a turn.
+/// Returns the state of the corners after a turn, which is given as the solved cube after it.
 pub(super) fn turned_corners((twists, mask): &Corners, turn: &Cube) -> Corners {
     let from = turn.corners().map(usize::from);
     let bits = (0..8).fold(0, |bits, i| bits | (mask >> from[i] & 1) << i);
     (std::array::from_fn(|i| (twists[from[i]] + turn.twists()[i]) % 3), bits)
 }
 
-/// Returns the edges after a turn.
+/// Returns the state of the edges after a turn, which is given as the solved cube after it.
 pub(super) fn turned_edges((slice, flips): Edges, turn: &Cube) -> Edges {
     (0..12).fold((0, 0), |bits, i| {
         let from = turn.edges()[i];
@@ -287,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn classes_cover_all_states_of_the_corners() {
+    fn symmetry_classes_cover_all_corner_states() {
         for shape in shapes() {
             let cosets = Cosets::new(shape);
 
@@ -316,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn flips_survive_the_round_trip() {
+    fn edge_flips_and_their_indices_convert_both_ways() {
         for full in [false, true] {
             let cosets = Cosets::new(Shape { tetrads: Tetrads::Unnamed, full });
             for number in 0..cosets.shape.words() as u16 * 64 {
@@ -327,7 +336,8 @@ mod tests {
         }
     }
 
-    /// Counts the new cosets after 0 to 4 turns, without rows, symmetries and tables.
+    /// Counts the cosets at the distances 0 to 4 by turning whole cubes, without rows, symmetries
+    /// and tables.
     fn reached(shape: Shape) -> Vec<usize> {
         let cosets = Cosets::new(shape);
         let key = |cube: &Cube| {
@@ -347,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn known_distances_match_turns_of_cubes() {
+    fn stored_coset_counts_match_search_to_distance_four() {
         for design in [crate::optimal::SMALL, crate::optimal::STANDARD] {
             let known: Vec<usize> = design.distances[..=4].iter().map(|&n| n as usize).collect();
             assert_eq!(reached(design.shape), known);

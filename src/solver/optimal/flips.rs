@@ -12,8 +12,8 @@
 
 #![allow(
     clippy::inline_always,
-    reason = "vector instructions need all callees inlined into one function compiled for that \
-              processor"
+    reason = "the build is compiled once with vector instructions, and only callees that are \
+              inlined into it can use them"
 )]
 
 /// Number of bits of the longest numbers.
@@ -45,8 +45,8 @@ pub(super) struct Carrier {
 }
 
 impl Carrier {
-    /// Makes the map from its matrix by columns: `columns[k]` is the image of bit `k`. All rows of
-    /// the matrix but one have a single bit.
+    /// Makes the map from the columns of its matrix, modulo 2: `columns[k]` is the image of bit `k`
+    /// of an index. At most one row of the matrix may have more than a single 1.
     pub(super) fn new(columns: &[u16; BITS]) -> Self {
         // rows[p]: the bits of the argument that sum up to bit p of the image.
         let mut rows: [u16; BITS] =
@@ -75,7 +75,8 @@ impl Carrier {
         Self { steps }
     }
 
-    /// Returns the image of a set: `image[i] = set[matrix * i + offset]`.
+    /// Returns the image of a set under the map, followed by an exclusive or of each index with
+    /// `offset`: `image[i] = set[matrix * i + offset]`, modulo 2.
     #[inline(always)]
     pub(super) fn carry<const WORDS: usize>(
         &self,
@@ -104,8 +105,8 @@ impl Carrier {
     }
 }
 
-/// Exchanges bits `p` and `q` of the numbers, `p < q`: numbers with only `p` set change places with
-/// those that have only `q` set.
+/// Exchanges the bits `p < q` in the index of every element of a set: elements whose index has only
+/// `p` set change places with those whose index has only `q` set.
 #[inline(always)]
 fn swap<const WORDS: usize>(words: &mut [u64; WORDS], p: u8, q: u8) {
     if q < 6 {
@@ -139,8 +140,8 @@ fn swap<const WORDS: usize>(words: &mut [u64; WORDS], p: u8, q: u8) {
     }
 }
 
-/// Adds the sum modulo 2 of the bits `sum` of a number to its bit `p`, which is none of them:
-/// `new[i] = old[i + sum(i) * 2^p]`.
+/// Adds to bit `p` of the index of every element of a set the sum, modulo 2, of the index's bits in
+/// the mask `sum`, which excludes `p`: `new[i] = old[i + sum(i) * 2^p]`.
 #[inline(always)]
 fn add<const WORDS: usize>(words: &mut [u64; WORDS], p: u8, sum: u16) {
     // One part of the sum depends on the position within the word: a mask. The other part depends
@@ -173,7 +174,8 @@ fn add<const WORDS: usize>(words: &mut [u64; WORDS], p: u8, sum: u16) {
 mod tests {
     use super::*;
 
-    /// Compares the image of a set with the product of matrix and number, for each number.
+    /// Checks [`Carrier::carry`] at each index against a product of matrix and index that is
+    /// computed bit by bit.
     fn check<const WORDS: usize>(columns: [u16; BITS], offset: u16) {
         let carrier = Carrier::new(&columns);
         let set: [u64; WORDS] = std::array::from_fn(|w| {
@@ -190,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn carrier_applies_permutation_of_bits() {
+    fn flip_set_image_matches_matrix_that_permutes_bits() {
         check::<32>(std::array::from_fn(|k| 1 << k), 0b101_0010_1101);
         check::<32>(std::array::from_fn(|k| 1 << (k * 7 % 11)), 0b110_0110_0011);
         check::<32>(std::array::from_fn(|k| 1 << (10 - k)), 1);
@@ -199,7 +201,7 @@ mod tests {
 
     /// The bit that moves to the place of the twelfth flip occurs in the sum only.
     #[test]
-    fn carrier_applies_sum_of_all_bits() {
+    fn flip_set_image_matches_matrix_that_sums_bits() {
         for sum in [0, 3, 6, 10] {
             let columns = std::array::from_fn(|k| {
                 let alone = match (k, (k + 6) % 11) {

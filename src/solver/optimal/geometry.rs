@@ -45,13 +45,14 @@ impl Symmetry {
         }
     }
 
-    /// Returns the product: first this symmetry, then the other.
+    /// Returns the product of two symmetries: first this one, then `other`.
     pub(super) fn then(&self, other: &Self) -> Self {
         Self::new(self.faces.map(|f| other.faces[f.index()]))
     }
 }
 
-/// Returns the place with these faces, and the number of its facelet on the face `first`.
+/// Returns the index of the corner or edge place that lies on these faces, in any order, and which
+/// of its facelets (0, 1, 2) lies on the face `first`.
 fn place<const N: usize>(places: &[[Face; N]], faces: [Face; N], first: Face) -> (u8, u8) {
     let found = places.iter().position(|p| faces.iter().all(|f| p.contains(f))).unwrap_or(0);
     let turn = places[found].iter().position(|&f| f == first).unwrap_or(0);
@@ -61,7 +62,7 @@ fn place<const N: usize>(places: &[[Face; N]], faces: [Face; N], first: Face) ->
 /// Number of symmetries that keep the up-down axis.
 pub(super) const UPRIGHT: usize = 16;
 
-/// Returns the symmetries that keep the up-down axis; number 0 is the identity.
+/// Returns the sixteen symmetries that keep the up-down axis; the first one is the identity.
 pub(super) fn upright() -> [Symmetry; UPRIGHT] {
     use Face::{B, D, F, L, R, U};
     // Images of U, R, F, D, L, B: a quarter about U-D, a half about F-B, a reflection of R and L.
@@ -80,8 +81,8 @@ pub(super) fn upright() -> [Symmetry; UPRIGHT] {
     })
 }
 
-/// Returns the three rotations about the corner URF: number `k` brings axis `k` (0: U-D, 1: R-L,
-/// 2: F-B) upright.
+/// Returns three rotations about the corner URF: the k-th makes axis `k` (0: U-D, 1: R-L, 2: F-B)
+/// the up-down axis.
 pub(super) fn tilts() -> [Symmetry; 3] {
     use Face::{B, D, F, L, R, U};
     // R to U, F to R, U to F.
@@ -94,7 +95,7 @@ mod tests {
     use super::*;
     use crate::cube::{Cube, Turn};
 
-    /// Returns the image of a cube, by the formula in the head of the module.
+    /// Returns the image of a cube under a symmetry, by the formula in the head of the module.
     fn image(symmetry: &Symmetry, cube: &Cube) -> Cube {
         let (mut corners, mut twists, mut edges, mut flips) = ([0; 8], [0; 8], [0; 12], [0; 12]);
         for i in 0..8 {
@@ -129,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn tilts_turn_each_axis_upright() {
+    fn tilts_rotate_each_cube_axis_to_vertical() {
         for (tilt, face) in tilts().iter().zip([Face::U, Face::R, Face::F]) {
             assert_eq!(tilt.faces[face.index()].axis(), Face::U.axis());
         }

@@ -5,8 +5,8 @@
 
 #![allow(
     clippy::inline_always,
-    reason = "vector instructions need all callees inlined into one function compiled for that \
-              processor"
+    reason = "the search is compiled once with vector instructions, and only callees that are \
+              inlined into it can use them"
 )]
 
 /// Sixteen bytes that are looked up, added and compared at once.
@@ -23,15 +23,18 @@ pub(super) trait Lanes: Copy {
     fn xor(self, other: Self) -> Self;
     /// Adds byte by byte, modulo 256.
     fn add(self, other: Self) -> Self;
-    /// Returns byte by byte the smaller of `self` and `self - modulus` (modulo 256).
+    /// Returns byte by byte the smaller of `self` and `self - modulus` (modulo 256), which reduces
+    /// a sum of two residues.
     fn wrap(self, modulus: Self) -> Self;
-    /// Returns bit `7 - LEFT` of each byte, that of byte 0 as the lowest bit.
+    /// Collects bit `7 - LEFT` of each of the sixteen bytes: bit `i` of the result is from byte
+    /// `i`.
     fn bits<const LEFT: i32>(self) -> u32;
-    /// Reads bits 4 and 5 of the first seven bytes as digits in base 3, byte 0 as the lowest digit.
+    /// Returns the number whose seven base-3 digits are bits 4 and 5 of the first seven bytes, byte
+    /// 0 as the lowest digit.
     fn ternary(self) -> u32;
-    /// Moves the bits of `value` where `mask` has ones together.
+    /// Collects the bits of `value` where `mask` has ones into the lowest bits, in their order.
     fn gathered(value: u32, mask: u32) -> u32;
-    /// Requests a cache line of the table for a later read.
+    /// Prefetches the cache line of `table[at]`, which will be read later.
     fn prefetch(table: &[u8], at: usize);
 }
 
@@ -107,8 +110,8 @@ pub(super) use x86::Vector;
 mod x86 {
     #![allow(
         unsafe_code,
-        reason = "vector instructions: `Vector` is used only below a check that the processor has \
-                  AVX2"
+        reason = "vector instructions are unsafe to call; `Vector` is used only where a check has \
+                  found AVX2 and BMI2"
     )]
 
     use super::Lanes;

@@ -114,12 +114,12 @@ pub static TABLES: [TableSpec; 2] = [
 ];
 
 impl Design {
-    /// Returns the size of the table (bytes).
+    /// Returns the size of a table of this design (bytes).
     const fn bytes(self) -> usize {
         self.shape.rows() * row_bytes(self.shape)
     }
 
-    /// Builds the table.
+    /// Builds the table of this design.
     ///
     /// # Panics
     /// Panics if the number of cosets at a distance is not the known one.
@@ -130,7 +130,8 @@ impl Design {
         filled.table
     }
 
-    /// Counts the entries by code and compares the counts with the known ones.
+    /// Counts how many entries of a table have each of the four codes, and compares these counts
+    /// with the known ones. Returns the counts, or a message if they or the size are wrong.
     fn verify(self, table: &[u8], workers: &dyn Workers) -> Result<Vec<u64>, String> {
         if table.len() != self.bytes() {
             return Err(format!("{} bytes instead of {}", table.len(), self.bytes()));
@@ -186,16 +187,16 @@ pub struct Optimal<'a> {
 }
 
 impl<'a> Optimal<'a> {
-    /// Makes a solver from one of [`TABLES`], which it recognises by the size.
+    /// Makes a solver from the bytes of one of [`TABLES`]; their number tells which table it is.
     ///
     /// # Errors
-    /// [`NoSuchTable`] if there is none of that size.
+    /// [`NoSuchTable`] if none of [`TABLES`] has this size.
     pub fn new(table: &'a [u8]) -> Result<Self, NoSuchTable> {
         let design = [SMALL, STANDARD].into_iter().find(|d| d.bytes() == table.len());
         design.map(|d| Self::with(d, table)).ok_or(NoSuchTable { bytes: table.len() })
     }
 
-    /// Makes a solver from a table of a design.
+    /// Makes a solver from a table that was built for `design`.
     fn with(design: Design, table: &'a [u8]) -> Self {
         Self { prober: Prober::new(&Cosets::new(design.shape)), table, base: design.base }
     }
@@ -204,8 +205,9 @@ impl<'a> Optimal<'a> {
         Searcher { prober: &self.prober, table: self.table, base: self.base }
     }
 
-    /// Finds a shortest solution. Its length does not depend on the number of workers; its turns
-    /// are reproducible with one worker only.
+    /// Finds a shortest solution, unless `limits` or `stop` end the search before. The length of
+    /// the solution does not depend on the number of workers; its turns are reproducible with one
+    /// worker only.
     #[must_use]
     pub fn solve(
         &self,
@@ -294,7 +296,7 @@ mod tests {
     }
 
     impl Optimal<'_> {
-        /// Finds a solution of this length without vector instructions.
+        /// Finds a solution of exactly `length` turns without vector instructions.
         fn plainly(&self, cube: &Cube, length: u8) -> Option<Vec<Turn>> {
             let mut root = self.searcher().root::<Plain>(cube);
             root.left = length;
@@ -307,7 +309,7 @@ mod tests {
     /// A table without tetrads distinguishes the states of phase 1 of the two-phase search. Its
     /// numbers of states by distance are known from the pages of H. Kociemba and J. Scherphuis.
     #[test]
-    fn table_without_tetrads_has_known_distance_counts() {
+    fn table_without_tetrads_has_known_state_counts() {
         let known =
             [1, 4, 50, 592, 7156, 87236, 1043817, 12070278, 124946368, 821605960, 1199128738];
         let (design, filled) = &TABLES_OF_TEST[1];
@@ -321,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn bounds_never_exceed_turns_made() {
+    fn bounds_never_exceed_turns_from_solved_cube() {
         for solver in solvers() {
             let searcher = solver.searcher();
             for seed in 0..200 {
@@ -338,9 +340,9 @@ mod tests {
         }
     }
 
-    /// The expected lengths are from a search without bounds, from both sides.
+    /// The expected lengths come from a bidirectional search without tables.
     #[test]
-    fn solutions_are_shortest_with_any_lanes_and_workers() {
+    fn vector_scalar_and_threaded_searches_find_shortest_solutions() {
         for (text, length) in [
             ("", 0),
             ("R", 1),
@@ -366,7 +368,7 @@ mod tests {
     }
 
     #[test]
-    fn divided_search_finds_solution_of_same_length() {
+    fn two_threads_find_solution_of_same_length() {
         let cube = after("L D' B2 R F U2 L' B R D2 F L' U");
         let solver = &solvers()[1];
 
@@ -381,7 +383,7 @@ mod tests {
     }
 
     #[test]
-    fn limit_or_flag_ends_search_with_proven_bound() {
+    fn search_obeys_length_limit_node_limit_and_stop() {
         let solver = &solvers()[1];
         let cube = after("R' D R U R' D' R U'");
 
@@ -404,10 +406,10 @@ mod tests {
         assert!(SMALL.verify(&[0; 64], &InTurn).is_err());
     }
 
-    /// A minute and 3 GB: `cargo test --release --lib optimal -- --ignored`.
+    /// Takes a minute and 3 GB: `cargo test --release --lib optimal -- --ignored`.
     #[test]
     #[ignore = "makes both tables"]
-    fn whole_tables_have_known_counts_and_solve() {
+    fn full_tables_have_known_state_counts_and_solve() {
         for spec in &TABLES {
             let table = (spec.build)(&InTurn, &|_| ());
             (spec.verify)(&table, &InTurn).unwrap();

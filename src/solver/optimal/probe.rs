@@ -6,8 +6,8 @@
 
 #![allow(
     clippy::inline_always,
-    reason = "vector instructions need all callees inlined into one function compiled for that \
-              processor"
+    reason = "the search is compiled once with vector instructions, and only callees that are \
+              inlined into it can use them"
 )]
 
 use super::build::{LINE, row_bytes};
@@ -26,7 +26,7 @@ pub(super) struct Bytes {
 }
 
 impl Bytes {
-    /// Converts a cube.
+    /// Packs a cube into two vectors of bytes, one for the edges and one for the corners.
     pub(super) fn new(cube: &Cube) -> Self {
         let mut bytes = Self { edges: NONE, corners: NONE };
         for i in 0..12 {
@@ -95,7 +95,8 @@ pub(super) struct Prober {
 }
 
 impl Prober {
-    /// Computes the tables for the cosets of a design.
+    /// Computes the look-up tables that turn packed cubes and find their entries in a table over
+    /// `cosets`.
     pub(super) fn new(cosets: &Cosets) -> Self {
         let tilts = tilts();
         let row = row_bytes(cosets.shape) as u32;
@@ -134,7 +135,7 @@ impl Prober {
         }
     }
 
-    /// Returns the cube after a turn.
+    /// Returns the cube after the turn with the index `turn`.
     #[inline(always)]
     pub(super) fn turned<L: Lanes>(&self, cube: &Bytes, turn: usize) -> Bytes {
         let TurnBytes { from, add, .. } = &self.turns[turn];
@@ -146,7 +147,8 @@ impl Prober {
         Bytes { edges: edges.store(), corners: corners.store() }
     }
 
-    /// Returns the cube with a turn before all others.
+    /// Returns the cube that results if `turn` is made on the solved cube before the turns that
+    /// lead to `cube`.
     #[inline(always)]
     pub(super) fn preceded_by<L: Lanes>(&self, cube: &Bytes, turn: usize) -> Bytes {
         // An earlier turn renames the pieces: each piece of the cube becomes the one that the turn
@@ -161,7 +163,8 @@ impl Prober {
         Bytes { edges: turned_edges.store(), corners: turned_corners.store() }
     }
 
-    /// Computes the entry of a cube with an axis upright: 0 U-D, 1 R-L, 2 F-B.
+    /// Computes where a table has the entry of a cube that is rotated to bring an axis upright: 0
+    /// U-D, 1 R-L, 2 F-B.
     #[inline(always)]
     pub(super) fn entry<L: Lanes>(&self, cube: &Bytes, axis: usize) -> Entry {
         // The corners first, because their row decides which symmetry maps the edges. They need the
@@ -199,7 +202,7 @@ impl Prober {
     }
 }
 
-/// Converts a turn.
+/// Packs a turn, given as the solved cube after it, into bytes that turn a packed cube.
 fn turn_bytes(turn: &Cube) -> TurnBytes {
     let whole = Bytes::new(turn);
     let part = |mask: u8| Bytes {
@@ -209,7 +212,8 @@ fn turn_bytes(turn: &Cube) -> TurnBytes {
     TurnBytes { from: part(PIECE), add: part(!PIECE), whole }
 }
 
-/// Reads the bound of an entry: a lower bound on the distance of the cube (turns).
+/// Reads an entry of a table whose design has this `base`. Returns a lower bound on the distance of
+/// the entry's cube from the solved one (turns).
 #[inline(always)]
 pub(super) fn bound(table: &[u8], base: u8, entry: Entry) -> u8 {
     let line = &table[entry.line as usize..][..LINE];
@@ -238,9 +242,9 @@ mod tests {
             .map(|full| Prober::new(&Cosets::new(Shape { tetrads: Tetrads::Unnamed, full })))
     }
 
-    /// A turn after or before all other turns changes the bytes as it changes the cube.
+    /// A turn after or before all other turns changes the packed cube as it changes the cube.
     #[test]
-    fn turned_bytes_equal_bytes_of_turned_cube() {
+    fn packed_cubes_turn_like_cubes() {
         let prober = &probers()[0];
         for seed in 0..20 {
             let cube = Cube::scrambled(seed);
@@ -256,7 +260,7 @@ mod tests {
 
     /// A half turn before all other turns, and the sense of a quarter turn there, change no entry.
     #[test]
-    fn entries_ignore_half_turns_before_all_others() {
+    fn leading_half_turns_do_not_change_table_entry() {
         for prober in probers() {
             for seed in 0..20 {
                 let cube = Bytes::new(&Cube::scrambled(seed));
@@ -279,7 +283,7 @@ mod tests {
 
     #[cfg(target_arch = "x86_64")]
     #[test]
-    fn vectors_find_same_entries_as_plain_bytes() {
+    fn vector_instructions_find_same_entries_as_plain_code() {
         use super::super::lanes::Vector;
         if !is_x86_feature_detected!("avx2") || !is_x86_feature_detected!("bmi2") {
             return;

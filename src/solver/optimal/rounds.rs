@@ -38,13 +38,13 @@ pub(super) struct Ends<'a> {
 }
 
 impl<'a> Tasks<'a> {
-    /// Makes one task of a whole search.
+    /// Makes a list of tasks with one task, the whole search from `root`.
     pub(super) fn new(searcher: &'a Searcher<'a>, root: Node) -> Self {
         Self { searcher, nodes: vec![root], order: vec![0], depth: 0 }
     }
 
-    /// Searches all tasks to a number of turns and adds the visited states to `nodes`. Breaks if
-    /// the round ended early, with a solution or without.
+    /// Searches all tasks for solutions of exactly `length` turns, and adds the number of visited
+    /// states to `nodes`. Breaks with a solution, or with `None` if `ends` ended the search early.
     pub(super) fn search(
         &mut self,
         length: u8,
@@ -77,7 +77,8 @@ impl<'a> Tasks<'a> {
         ControlFlow::Continue(())
     }
 
-    /// Divides a search after its first turns.
+    /// Divides the search from `root` into tasks: one for each sequence of [`TASK_DEPTH`] first
+    /// turns.
     fn divide(searcher: &'a Searcher<'a>, root: Node) -> Self {
         let mut nodes = vec![root];
         for _ in 0..TASK_DEPTH {
@@ -90,8 +91,9 @@ impl<'a> Tasks<'a> {
         Self { searcher, nodes, order, depth: TASK_DEPTH }
     }
 
-    /// Sorts the tasks for the next round by the states of the last one, the most first. A solution
-    /// is most likely there; S. Tronto reports a gain of 40 %.
+    /// Sorts the tasks for the next round by `shares`, the number of states that the last round
+    /// visited in each task, the greatest first. A solution is most likely there; S. Tronto reports
+    /// a gain of 40 %.
     fn sort(&mut self, shares: &[u32]) {
         // More turns may follow U, R and F (15) than D, L and B (12), so those tasks have more
         // states anyway: the weights correct that.
@@ -134,11 +136,15 @@ impl Watch for &Round<'_> {
     }
 }
 
-/// Takes and searches tasks until there are none, or until the round has ended.
+/// Searches the tasks of a round, as one of several workers, until none is left or the round has
+/// ended.
 fn work(searcher: &Searcher<'_>, round: &Round<'_>) {
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi2") {
-        #[allow(unsafe_code, reason = "the processor supports the instructions of the function")]
+        #[allow(
+            unsafe_code,
+            reason = "vector instructions are unsafe; the condition above checks for them"
+        )]
         // SAFETY: the condition above checks AVX2 and BMI2; all processors with these also have
         // BMI1 and POPCNT.
         return unsafe { work_with_avx2(searcher, round) };
@@ -152,7 +158,10 @@ fn work_with_avx2(searcher: &Searcher<'_>, round: &Round<'_>) {
     work_with::<super::lanes::Vector>(searcher, round);
 }
 
-#[allow(clippy::inline_always, reason = "inlined into one function for each type of lanes")]
+#[allow(
+    clippy::inline_always,
+    reason = "only callees that are inlined into `work_with_avx2` can use vector instructions"
+)]
 #[inline(always)]
 fn work_with<L: Lanes>(searcher: &Searcher<'_>, round: &Round<'_>) {
     let mut stack = Vec::new();

@@ -23,8 +23,8 @@
 
 #![allow(
     clippy::inline_always,
-    reason = "vector instructions need all callees inlined into one function compiled for that \
-              processor"
+    reason = "the search is compiled once with vector instructions, and only callees that are \
+              inlined into it can use them"
 )]
 
 use super::lanes::Lanes;
@@ -54,7 +54,8 @@ pub(super) struct Node {
 }
 
 impl Node {
-    /// Returns the face of the latest turn of the cube; 6 for none.
+    /// Returns the index of the face that was turned last on the cube itself, not on its inverse; 6
+    /// if no face was.
     pub(super) fn last_face(&self) -> u8 {
         self.last[0]
     }
@@ -91,7 +92,8 @@ struct Batch {
 
 /// Observer that counts states and may end the search.
 pub(super) trait Watch {
-    /// Adds numbers of visited states by task. Returns false to end the search.
+    /// Adds visited states to the counts of their tasks; `shares` are pairs of a task and a number
+    /// of states. Returns false if the search is to end.
     fn add_shares(&mut self, shares: &[(u16, u32)]) -> bool;
 }
 
@@ -104,7 +106,7 @@ pub(super) struct Searcher<'a> {
 }
 
 impl Searcher<'_> {
-    /// Returns the state of a cube with its bounds.
+    /// Returns the state from which the search for a cube starts, with its six lower bounds.
     pub(super) fn root<L: Lanes>(&self, cube: &Cube) -> Node {
         let ends = [Bytes::new(cube), Bytes::new(&cube.inverse())];
         let mut node = Node { ends, path: 0, bounds: [0; 6], left: 0, last: [NO_FACE; 2], task: 0 };
@@ -112,7 +114,8 @@ impl Searcher<'_> {
         node
     }
 
-    /// Returns the states after each turn of the cube that may follow.
+    /// Returns the state after each turn of the cube that the search may make next, with its
+    /// bounds.
     pub(super) fn children<L: Lanes>(&self, node: &Node) -> Vec<Node> {
         let turns = allowed(node.last[0]);
         let child = |turn| {
@@ -123,7 +126,8 @@ impl Searcher<'_> {
         (0..18).filter(|turn| turns >> turn & 1 == 1).map(child).collect()
     }
 
-    /// Reads the six lower bounds of a state from the table: three axes at both ends.
+    /// Reads the six lower bounds of a state from the table: for the cube and for its inverse,
+    /// along three axes each.
     fn look<L: Lanes>(&self, node: &mut Node) {
         for j in 0..6 {
             let entry = self.prober.entry::<L>(&node.ends[j / 3], j % 3);
@@ -131,7 +135,8 @@ impl Searcher<'_> {
         }
     }
 
-    /// Returns the state after a turn at an end, with the bounds of `node`.
+    /// Returns the state after a turn of the cube (`end` 0) or of its inverse (`end` 1). The bounds
+    /// are still those of `node`.
     #[inline(always)]
     fn after<L: Lanes>(&self, node: &Node, end: usize, turn: usize) -> Node {
         let mut next = *node;
@@ -144,8 +149,9 @@ impl Searcher<'_> {
         next
     }
 
-    /// Searches for a solution with exactly as many turns as are left, from each state on the
-    /// stack.
+    /// Searches for a solution that starts from one of the states on the stack and has exactly the
+    /// number of turns that this state has left. Returns all its turns, or `None` if there is none
+    /// or `watch` ends the search.
     #[inline(always)]
     pub(super) fn search<L: Lanes>(
         &self,
@@ -198,7 +204,7 @@ impl Searcher<'_> {
         None
     }
 
-    /// Returns the position of the next bound of a continuation.
+    /// Returns where the table has the bound that a continuation needs next.
     #[inline(always)]
     fn locate<L: Lanes>(&self, batch: &Batch, t: &Try) -> Entry {
         let (node, plan) = batch.of(t);
@@ -212,8 +218,8 @@ impl Searcher<'_> {
         self.prober.entry::<L>(&cube, axis)
     }
 
-    /// Reads the bound of a continuation and rejects the continuation, keeps it for another
-    /// look-up, or puts it on the stack.
+    /// Reads the bound that a continuation needs next. Then rejects the continuation, keeps it in
+    /// `kept` for another look-up, or puts the state after it on the stack.
     #[inline(always)]
     fn judge<L: Lanes>(
         &self,
@@ -250,7 +256,7 @@ impl Searcher<'_> {
 }
 
 impl Batch {
-    /// Returns the state that a continuation belongs to, and its plan.
+    /// Returns the state of the batch that a continuation starts from, and the plan of that state.
     #[inline(always)]
     fn of(&self, t: &Try) -> (&Node, Plan) {
         (&self.nodes[usize::from(t.node)], self.plans[usize::from(t.node)])
@@ -258,7 +264,8 @@ impl Batch {
 }
 
 impl Plan {
-    /// Returns whether a stage reads a bound of the other end, and the axis of that bound.
+    /// Returns which bound the look-up `stage` of a continuation reads: whether it is at the end
+    /// where no turn is made, and its axis.
     #[inline(always)]
     fn look(self, stage: u8) -> (bool, usize) {
         let (other, rank) = match stage {
@@ -270,8 +277,9 @@ impl Plan {
     }
 }
 
-/// Plans the look-ups for a state: the end with fewer turns to try, the order of the axes, and the
-/// turns.
+/// Chooses for a state the end at which to try turns, the one with fewer turns to try, and the
+/// order in which to look up bounds. Returns this plan and the turns to try, as bits. The turns
+/// that may follow one of `face` are `allowed[face]`.
 #[inline(always)]
 fn plan(node: &Node, allowed: &[u32; 7]) -> (Plan, u32) {
     const HALF_TURNS: u32 = 0o222_222;
@@ -294,7 +302,7 @@ fn plan(node: &Node, allowed: &[u32; 7]) -> (Plan, u32) {
     (Plan { end: end as u8, axes, useful }, both[end])
 }
 
-/// Returns the axes in descending order of their bounds.
+/// Returns the axes 0, 1, 2 in descending order of their bounds.
 #[inline(always)]
 fn falling(bounds: [u8; 3]) -> [u8; 3] {
     let mut axes = [0, 1, 2];
@@ -306,7 +314,8 @@ fn falling(bounds: [u8; 3]) -> [u8; 3] {
     axes
 }
 
-/// Adds the continuations of a state to `tries`.
+/// Adds to `tries` the continuations of `node`, the n-th state of the batch, by these turns (bits).
+/// Both quarter turns of a face are one continuation as long as one look-up can reject both.
 #[inline(always)]
 fn propose(n: usize, node: &Node, plan: Plan, mut turns: u32, tries: &mut Vec<Try>) {
     while turns != 0 {
@@ -323,8 +332,8 @@ fn propose(n: usize, node: &Node, plan: Plan, mut turns: u32, tries: &mut Vec<Tr
     }
 }
 
-/// Returns the turns that may follow a turn of a face, as bits. Turns of opposite faces commute, so
-/// they are searched only in the order U D, R L, F B.
+/// Returns the turns that may follow a turn of the face `last`, as bits. Turns of opposite faces
+/// commute, so they are searched only in the order U D, R L, F B.
 fn allowed(last: u8) -> u32 {
     let follows = |face: &u8| last == NO_FACE || *face != last && face + 3 != last;
     (0..6).filter(follows).fold(0, |mask, face| mask | 0b111 << (3 * face))
@@ -335,7 +344,8 @@ fn inverse(turn: usize) -> usize {
     turn / 3 * 3 + 2 - turn % 3
 }
 
-/// Returns the solution from the turns made at both ends.
+/// Returns the turns of a solution in order, from a path in the format of [`Node`]: turns at both
+/// ends, 6 bits each.
 fn solution(mut path: u128) -> Vec<Turn> {
     // The latest turn is read first. Turns of the inverse cube are inverted; the latest of them is
     // the first one after the turns of the cube.

@@ -24,8 +24,8 @@ pub(crate) struct FaceCases {
 pub(super) const CASE_FACES: [usize; 6] = [0, 3, 1, 4, 2, 5];
 
 impl FaceCases {
-    /// Builds the table of masks, one for each byte of an entry: 256 pairs of cases, three pairs of
-    /// faces.
+    /// Builds the masks of turns for each value of each of an entry's three bytes. A byte has the
+    /// cases of two opposite faces.
     pub(crate) fn build() -> Self {
         let mut masks = vec![0; 3 * 256];
         for (at, mask) in masks.iter_mut().enumerate() {
@@ -39,7 +39,8 @@ impl FaceCases {
         Self { masks }
     }
 
-    /// Returns the turns that lead nearer, and those that do not lead farther.
+    /// Returns two sets of turns, as bits, for the state of an entry: the turns that lead nearer to
+    /// the goal of phase 1, and those that do not lead farther.
     #[inline]
     pub(super) fn masks(&self, entry: u32) -> (u32, u32) {
         let [a, b, c, _] = entry.to_le_bytes().map(usize::from);
@@ -47,8 +48,9 @@ impl FaceCases {
         (masks as u32, (masks >> 32) as u32)
     }
 
-    /// Returns the turns after which a state is at most `left` away. `entry` has the cases and, in
-    /// its uppermost byte, the distance of the state.
+    /// Returns the turns, as bits, after which a state is at most `left` turns from the goal.
+    /// `entry` is the state's entry in [`Small`]: the cases of its turns and, in the uppermost
+    /// byte, its distance.
     #[inline]
     pub(super) fn within(&self, entry: u32, left: u8) -> u32 {
         let distance = (entry >> 24) as u8;
@@ -64,7 +66,8 @@ impl FaceCases {
         }
     }
 
-    /// Packs the effects of all turns: `distances[turn]` compared with `distance`.
+    /// Packs which turns lead a state nearer to the goal or farther, four bits a face. `distance`
+    /// is that of the state, `distances[turn]` that after each turn.
     fn pack(distance: u8, distances: &[u8; 18]) -> u32 {
         CASE_FACES.iter().enumerate().fold(0, |entry, (i, face)| {
             let of = |q: usize| distances[face * 3 + q];
@@ -85,7 +88,7 @@ pub(crate) struct Small {
 }
 
 impl Small {
-    /// Builds both tables.
+    /// Computes both tables: by slice and flips, and by slice and twists.
     pub(crate) fn build(frames: &Frames) -> Self {
         let slices: Vec<u16> = {
             let quads = quad_moves();
@@ -101,13 +104,14 @@ impl Small {
         Self { flips: packed(CLASSES, flips), twists: packed(SLICES * TWISTS, twists) }
     }
 
-    /// Returns the memory of both tables (bytes).
+    /// Returns the size of both tables (bytes).
     pub(crate) fn bytes(&self) -> usize {
         (self.flips.len() + self.twists.len()) * 4
     }
 }
 
-/// Computes the cases and distances of all states. `turned` returns the state after a turn.
+/// Computes the entry of each state of a small table: the cases of its turns and its distance from
+/// state 0, the goal. `turned(state, turn)` returns the state after a turn.
 fn packed(states: usize, turned: impl Fn(usize, usize) -> usize) -> Vec<u32> {
     // Breadth first from the goal, which is state 0.
     let mut distances = vec![u8::MAX; states];

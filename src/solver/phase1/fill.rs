@@ -17,18 +17,20 @@ const KNOWN: [u64; 13] = [
     1, 4, 50, 592, 7156, 87236, 1043817, 12070278, 124946368, 821605960, 1199128738, 58202444, 476,
 ];
 
-/// Builds [`NEAR`](super::NEAR) with coordinates of its own.
+/// Builds the table [`NEAR`](super::NEAR), and the move tables that this needs.
 pub(super) fn build_near(workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
     near(&Frames::build(), workers, progress)
 }
 
-/// Builds [`NEAR`](super::NEAR) up to the last level that its codes distinguish.
+/// Builds the table [`NEAR`](super::NEAR) from move tables: distances below [`FAR`] modulo 3, and
+/// the code 3 for all states further away.
 pub(crate) fn near(frames: &Frames, workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
     levels(frames, FAR - 1, workers, progress)
 }
 
-/// Computes the distances modulo 3 up to `deepest`, [`NEAR_ROW`] bytes a class, breadth first from
-/// the goal.
+/// Computes the distance of each state of phase 1 from the goal modulo 3, breadth first up to
+/// `deepest`. The result has a row of [`NEAR_ROW`] bytes for each class and two bits for each
+/// twist; states beyond `deepest` have the code 3.
 ///
 /// One worker writes each row. It reads the newest entries of the 18 neighbours of the class, so no
 /// worker waits for another. Classes with symmetries of their own need no special treatment, since
@@ -113,8 +115,8 @@ struct Level<'a> {
 }
 
 impl Level<'_> {
-    /// Writes the depth of this level into all unfilled entries of a class that have a neighbour in
-    /// the level before.
+    /// Writes the distance of this level, modulo 3, into all unfilled entries of a class that have
+    /// a neighbour in the level before. Adds their twists to `found`.
     fn pull(&self, class: usize, row: &mut [u8], found: &mut Vec<u16>) {
         let Self { back, depth, newest } = *self;
         // An unfilled code is 0b11; clearing these bits leaves `depth % 3`.
@@ -140,13 +142,14 @@ impl Level<'_> {
     }
 }
 
-/// Returns the row with this number. Its constant length removes bounds checks from inner loops.
+/// Returns the row `number` of a table of [`TWISTS`] entries a row. The constant length of a row
+/// removes bounds checks from inner loops.
 fn rows(table: &[u16], number: usize) -> &[u16; TWISTS] {
     table.as_chunks().0.get(number).unwrap_or(&[0; TWISTS])
 }
 
-/// Builds [`WIDE_TABLE`](super::WIDE_TABLE): first all distances modulo 3, then the effect of each
-/// turn on each.
+/// Builds the table [`WIDE_TABLE`](super::WIDE_TABLE): first the distances of all states modulo 3,
+/// then whether each turn leads each state nearer to the goal or farther.
 pub(super) fn build_wide(workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
     let frames = Frames::build();
     // No state of phase 1 is more than 12 turns from the goal, so no entry stays unfilled.
@@ -191,7 +194,8 @@ impl<'a> Packer<'a> {
         Self { frames, distances, twist_moves: twist_moves(), cases }
     }
 
-    /// Packs the row of a class, [`WIDE`] bytes for each twist.
+    /// Writes the row of a class in the table `Wide` to `out`: [`WIDE`] bytes for each twist, which
+    /// say whether each turn leads nearer to the goal or farther.
     fn row(&self, class: usize, out: &mut [u8]) {
         let own = &self.distances[class * NEAR_ROW..][..NEAR_ROW];
         // Two bits a turn. Distances modulo 3 suffice because neighbours differ by at most 1. Turn
@@ -235,8 +239,8 @@ fn class_size(classes: &Classes, class: usize) -> u64 {
     16 / u64::from(classes.stabilisers[class].count_ones())
 }
 
-/// Counts the states by code, distance modulo 3 or far, and compares the four numbers with the
-/// known ones.
+/// Checks a table [`NEAR`](super::NEAR): counts the states with each of the four codes (distance
+/// modulo 3, or far) and compares the counts with the known ones.
 pub(super) fn verify_near(table: &[u8], _: &dyn Workers) -> Result<Vec<u64>, String> {
     let classes = Classes::build();
     let mut found = [0_u64; 4];
@@ -250,8 +254,9 @@ pub(super) fn verify_near(table: &[u8], _: &dyn Workers) -> Result<Vec<u64>, Str
     compare(&found, &known)
 }
 
-/// Computes the distances again, compares their counts modulo 3 with the known ones, and compares
-/// the effect of each turn with the table.
+/// Checks a table [`WIDE_TABLE`](super::WIDE_TABLE): computes the distances of all states again,
+/// compares the counts of distances modulo 3 with the known ones, and compares the effect of each
+/// turn with the table.
 pub(super) fn verify_wide(table: &[u8], workers: &dyn Workers) -> Result<Vec<u64>, String> {
     let frames = Frames::build();
     let distances = levels(&frames, 12, workers, &|_| ());
@@ -279,10 +284,10 @@ pub(super) fn verify_wide(table: &[u8], workers: &dyn Workers) -> Result<Vec<u64
     compare(&sizes[..3], &[sum(0), sum(1), sum(2)])
 }
 
-/// Returns the counts if they are equal to the known ones.
+/// Returns the counts `found` if they are equal to those in `known`.
 ///
 /// # Errors
-/// A message with both.
+/// A message with both lists of counts.
 pub(crate) fn compare(found: &[u64], known: &[u64]) -> Result<Vec<u64>, String> {
     if found == known {
         return Ok(found.to_vec());

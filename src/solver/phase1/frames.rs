@@ -37,7 +37,7 @@ pub(crate) struct Frames {
 }
 
 impl Frames {
-    /// Computes the moves of all states.
+    /// Computes the move tables of the states of phase 1.
     pub(crate) fn build() -> Self {
         let mut classes = Classes::build();
         let (flips, quads) = (flip_moves(), quad_moves());
@@ -67,7 +67,7 @@ impl Frames {
         }
     }
 
-    /// Returns the memory of all moves (bytes).
+    /// Returns the size of the move tables (bytes).
     pub(crate) fn bytes(&self) -> usize {
         self.class_moves.len() * 4
             + (self.twist_moves.len() + self.twist_images.len() + self.slice_of_class.len()) * 2
@@ -75,14 +75,15 @@ impl Frames {
             + self.classes.stabilisers.len() * 2
     }
 
-    /// Returns the state of a cube.
+    /// Returns the state of a cube in phase 1: class, twist, and the symmetry that leads to the
+    /// representative of the class.
     pub(crate) fn place(&self, cube: &Cube) -> Place {
         let (class, symmetry) = self.classes.find(quad(cube, 8) / 24, flip(cube));
         let twist = self.twist_images[usize::from(symmetry) * TWISTS + twist(cube)];
         Place { class, twist, symmetry }
     }
 
-    /// Prefetches the moves of a class for a later [`Frames::step`].
+    /// Prefetches the row of `class` in the move table for a later [`Frames::step`].
     #[inline]
     pub(super) fn prefetch_moves(&self, class: u32) {
         let row = class as usize * 18;
@@ -91,8 +92,9 @@ impl Frames {
         prefetch(&self.class_moves, row + 17);
     }
 
-    /// Returns the state after a turn of the representative. Its symmetry is that of this step
-    /// alone.
+    /// Returns the state after `turn` is made on the representative of `class` with this twist. Its
+    /// symmetry is that of this turn alone, from the turned representative to that of the new
+    /// class.
     #[inline]
     pub(super) fn step(&self, class: u32, twist: u16, turn: usize) -> Place {
         let entry = self.class_moves[class as usize * 18 + turn];

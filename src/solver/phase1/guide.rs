@@ -29,15 +29,18 @@ pub(crate) struct Child {
 
 /// A table of phase 1. `at` is a state, its entry and its distance.
 pub(crate) trait Guide: Sync {
-    /// Reads the entry of a state: for each turn, whether it leads nearer to the goal. It is 0 if
-    /// the table has no entries.
+    /// Reads the entry of a state: for each turn, whether it leads nearer to the goal. Returns 0
+    /// for a table without such entries, as in [`Near`].
     fn entry(&self, place: Place) -> u32;
-    /// Writes the neighbours by `turns` that are at most `left` from the goal, and returns their
-    /// number.
+    /// Writes to `into` the states after each of `turns` (bits) that are at most `left` turns from
+    /// the goal, and returns how many there are. `at` is the state before the turn, its entry and
+    /// its distance.
     fn children(&self, at: (Place, u32, u8), turns: u32, left: u8, into: &mut [Child]) -> usize;
-    /// Returns those of `turns` that lead from a state one turn away to the goal.
+    /// Returns those of `turns` (bits) that lead to the goal from a state one turn away from it.
+    /// `at` is this state, its entry and its distance.
     fn last(&self, at: (Place, u32, u8), turns: u32) -> u32;
-    /// Computes the distance of a state.
+    /// Computes the distance of a state from the goal of phase 1 (turns). [`Near`] returns [`FAR`]
+    /// for all greater distances as well.
     fn distance(&self, place: Place) -> u8;
 }
 
@@ -119,8 +122,8 @@ pub(crate) struct Near<'a> {
 }
 
 impl Near<'_> {
-    /// Returns the turns that the small tables do not reject: after any other, the state is more
-    /// than `left` away.
+    /// Returns the turns, as bits, after which a state can be at most `left` turns from the goal
+    /// according to the small tables.
     #[inline]
     fn near_enough(&self, place: Place, left: u8) -> u32 {
         // Neither small table has a distance above 9, and few of 8, so they would reject nothing.
@@ -132,14 +135,14 @@ impl Near<'_> {
             & self.faces.within(self.small.twists[slice * TWISTS + usize::from(place.twist)], left)
     }
 
-    /// Returns the distance modulo 3, or 3 for [`FAR`] and more.
+    /// Returns the distance of a state from the goal modulo 3, or 3 for [`FAR`] and more.
     #[inline]
     fn code(&self, class: u32, twist: u16) -> u8 {
         near_code(&self.table[class as usize * NEAR_ROW..], twist)
     }
 }
 
-/// Reads the code of a twist from a row of [`Near`].
+/// Reads the two-bit code of a twist from the row of a class in [`Near`].
 #[inline]
 pub(super) fn near_code(row: &[u8], twist: u16) -> u8 {
     row[usize::from(twist >> 2)] >> (twist % 4 * 2) & 3
@@ -207,8 +210,8 @@ impl Guide for Near<'_> {
     }
 }
 
-/// Returns the distance of a neighbour of a state at `distance`. The code of the neighbour is its
-/// distance modulo 3, or 3 for [`FAR`] and more.
+/// Returns the distance from the goal of a neighbour of a state that is `distance` away. The code
+/// of the neighbour is its distance modulo 3, or 3 for [`FAR`] and more.
 #[inline]
 fn neighbour_distance(distance: u8, code: u8) -> u8 {
     if code == 3 {

@@ -21,7 +21,8 @@ pub(crate) struct Bounds<'a> {
 }
 
 impl Bounds<'_> {
-    /// Returns a bound from the corners and the eight edges.
+    /// Returns a lower bound on the turns of phase 2 that a state needs, from the order of its
+    /// corners and the places of its upper and lower edges, `fours`.
     #[inline]
     pub(crate) fn of_eight(&self, corners: u16, fours: (u16, u16)) -> u8 {
         let ([upper, lower], entry) = self.orders.entries(corners, fours);
@@ -31,20 +32,22 @@ impl Bounds<'_> {
         }
     }
 
-    /// Returns a bound from the corners and the upper (0) or lower (1) edges.
+    /// Returns a lower bound on the turns of phase 2 that a state needs, from the order of its
+    /// corners and the places `four` of its upper edges (`lower` is 0) or lower edges (1).
     #[inline]
     pub(crate) fn of_four(&self, corners: u16, lower: usize, four: u16) -> u8 {
         self.table[self.orders.entry(corners, lower, four)]
     }
 
-    /// Returns a bound from the corners and the middle edges.
+    /// Returns a lower bound on the turns of phase 2 that a state needs, from the orders of its
+    /// corners and of its middle-layer edges.
     #[inline]
     pub(crate) fn of_middle(&self, corners: u16, middle: u8) -> u8 {
         self.table[MIDDLE + usize::from(corners) * 24 + usize::from(middle)]
     }
 
-    /// Returns the state after the `k`-th turn of phase 2, unless a bound says that it is more than
-    /// `left` turns from solved.
+    /// Returns the state after the turn `PHASE2_TURNS[k]`, or `None` if a lower bound says that it
+    /// is more than `left` turns from solved.
     #[inline]
     pub(crate) fn turned(&self, state: State, k: usize, left: u8) -> Option<State> {
         // Each coordinate is computed only after the bounds of the ones before have accepted the

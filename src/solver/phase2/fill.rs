@@ -11,7 +11,8 @@ use super::bounds::{BYTES, Bounds, FARTHEST, MIDDLE};
 use super::orders::{CORNER_CLASSES, FOURS, Orders, ROW};
 use std::sync::atomic::{AtomicU8, AtomicUsize, Ordering::Relaxed};
 
-/// Builds [`BOUNDS`](super::BOUNDS).
+/// Builds the table [`BOUNDS`](super::BOUNDS): the distances from the solved state by corners and
+/// four upper or lower edges, and by corners and middle-layer edges.
 pub(crate) fn build(orders: &Orders, workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
     let mut table = Vec::with_capacity(BYTES);
     table.resize_with(BYTES, || AtomicU8::new(u8::MAX));
@@ -60,8 +61,8 @@ struct FourTable<'a> {
 }
 
 impl FourTable<'_> {
-    /// Marks the neighbours of the states of a class at `depth - 1`. Returns the number of newly
-    /// marked states.
+    /// Gives the distance `depth` to all states without a distance that are one turn away from a
+    /// state of a class of corners at `depth - 1`. Returns how many states it changed.
     fn mark_class(&self, class: usize, depth: u8) -> usize {
         let Self { orders, table } = *self;
         let corners = usize::from(orders.representatives[class].0);
@@ -82,8 +83,9 @@ impl FourTable<'_> {
         count
     }
 
-    /// Gives a state and its symmetric states in the same row the distance `depth`, unless the
-    /// state has one. Returns the number of marked states without symmetric ones, 0 or 1.
+    /// Gives the distance `depth` to a state, unless it has a distance: the order of the corners
+    /// with the upper (`lower` is 0) or lower (1) edges on the places `four`. The symmetric states
+    /// in the same row get it as well. Returns 1 if it did so, else 0.
     #[inline]
     fn mark_four(&self, corners: u16, lower: usize, four: u16, depth: u8) -> usize {
         let Self { orders, table } = *self;
@@ -108,8 +110,8 @@ impl FourTable<'_> {
     }
 }
 
-/// Marks the neighbours of the states of corners with middle edges at `depth - 1`. Returns the
-/// number of newly marked states.
+/// Gives the distance `depth` to all states of corners and middle-layer edges that have none and
+/// are one turn away from a state at `depth - 1`. Returns how many states it changed.
 fn mark_middles(orders: &Orders, table: &[AtomicU8], depth: u8) -> usize {
     // With fewer than a million states this table needs neither symmetries nor workers.
     let mut count = 0;
@@ -138,7 +140,7 @@ fn mark_middles(orders: &Orders, table: &[AtomicU8], depth: u8) -> usize {
 /// separately.
 ///
 /// # Errors
-/// The number of entries that are no distances.
+/// A message with the number of entries that are no distances, or with a wrong number of states.
 pub(super) fn verify(table: &[u8], workers: &dyn Workers) -> Result<Vec<u64>, String> {
     let orders = Orders::build();
     let bounds = Bounds { orders: &orders, table, eight: None };
@@ -186,8 +188,9 @@ pub(super) fn verify(table: &[u8], workers: &dyn Workers) -> Result<Vec<u64>, St
     Ok(counts.into_iter().take_while(|&c| c > 0).collect())
 }
 
-/// Computes the indices of the eight edges in [`EIGHT`](super::EIGHT) after turns, `[number * 10 +
-/// k]`, and under symmetries, `[symmetry * PERMUTATIONS + number]`.
+/// Computes two tables for the index of the eight upper and lower edges in [`EIGHT`](super::EIGHT):
+/// the index after the k-th turn of phase 2, `[number * 10 + k]`, and the index of the image under
+/// a symmetry, `[symmetry * PERMUTATIONS + number]`.
 ///
 /// The index of eight edges is 24 x (index of the four upper ones) + order of the lower ones.
 fn eight_tables(orders: &Orders) -> (Vec<u16>, Vec<u16>) {
@@ -228,7 +231,8 @@ fn eight_tables(orders: &Orders) -> (Vec<u16>, Vec<u16>) {
     (moves, images)
 }
 
-/// Builds [`EIGHT`](super::EIGHT).
+/// Builds the table [`EIGHT`](super::EIGHT): the distances from the solved state by corners and all
+/// eight upper and lower edges.
 pub(super) fn build_eight(workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
     let orders = Orders::build();
     let (moves, images) = eight_tables(&orders);
@@ -283,10 +287,11 @@ pub(super) fn build_eight(workers: &dyn Workers, progress: Progress<'_>) -> Vec<
     table.chunks(2).map(|two| four_bits(&two[0]) | four_bits(&two[1]) << 4).collect()
 }
 
-/// Checks [`EIGHT`](super::EIGHT) as [`verify`] does, and counts the states at each distance.
+/// Checks that each entry of [`EIGHT`](super::EIGHT) is a distance, by the entries of its
+/// neighbours as [`verify`] does, and counts the states at each distance.
 ///
 /// # Errors
-/// The number of entries that are no distances.
+/// A message with the number of entries that are no distances, or with a wrong number of states.
 pub(super) fn verify_eight(table: &[u8], workers: &dyn Workers) -> Result<Vec<u64>, String> {
     let orders = Orders::build();
     let (moves, images) = eight_tables(&orders);

@@ -72,7 +72,8 @@ fn transposed<T: Copy + Default>(by_turn: &[T], turns: usize) -> Vec<T> {
 }
 
 impl Orders {
-    /// Computes all tables of this struct: moves, images under symmetries, and classes.
+    /// Computes the move tables of phase 2, the images of all states under symmetries, and the
+    /// classes of symmetric corners.
     pub(crate) fn build() -> Self {
         let corner_moves = transposed(&corner_moves(), 18);
         let quad_moves = transposed(&quad_moves(), 18);
@@ -128,7 +129,7 @@ impl Orders {
         }
     }
 
-    /// Returns the memory of all moves, images and classes (bytes).
+    /// Returns the size of all tables of moves, images and classes (bytes).
     pub(crate) fn bytes(&self) -> usize {
         let words = [
             &self.corner_moves,
@@ -143,26 +144,28 @@ impl Orders {
             + self.representatives.len() * 4
     }
 
-    /// Returns the order of the corners after a turn.
+    /// Returns the index of the corners' order after a turn.
     #[inline]
     pub(crate) fn corners(&self, corners: u16, turn: u8) -> u16 {
         self.corner_moves[usize::from(corners) * 18 + usize::from(turn)]
     }
 
-    /// Returns a quad after a turn.
+    /// Returns the index of where four edges are among all twelve places (a *quad*) after a turn.
     #[inline]
     pub(crate) fn quad(&self, quad: u16, turn: u8) -> u16 {
         self.quad_moves[usize::from(quad) * 18 + usize::from(turn)]
     }
 
-    /// Converts a quad within the eight places of phase 2 into a four.
+    /// Converts the index of where four edges are among all twelve places (a *quad*) into their
+    /// index among the eight places of the upper and lower layers (a *four*). They must be on these
+    /// eight.
     #[inline]
     pub(crate) fn four(&self, quad: u16) -> u16 {
         self.four_of_set[usize::from(quad / 24)] + quad % 24
     }
 
-    /// Returns the indices of a state in [`BOUNDS`](super::BOUNDS), for the corners with the upper
-    /// and with the lower edges, and its number in [`EIGHT`](super::EIGHT).
+    /// Returns where the tables have a state: its two indices in [`BOUNDS`](super::BOUNDS), for the
+    /// corners with the upper and with the lower edges, and its index in [`EIGHT`](super::EIGHT).
     #[inline]
     pub(super) fn entries(&self, corners: u16, (upper, lower): (u16, u16)) -> ([usize; 2], usize) {
         let class = usize::from(self.corner_class[usize::from(corners)]);
@@ -179,8 +182,8 @@ impl Orders {
         ([class * ROW + images[0], class * ROW + FOURS + images[1]], eight)
     }
 
-    /// Returns the number in [`BOUNDS`](super::BOUNDS) of corners with the upper (0) or lower (1)
-    /// edges.
+    /// Returns the index in [`BOUNDS`](super::BOUNDS) of an order of the corners with the upper
+    /// (`lower` is 0) or lower (1) edges on the places `four`.
     #[inline]
     pub(super) fn entry(&self, corners: u16, lower: usize, four: u16) -> usize {
         let class = usize::from(self.corner_class[usize::from(corners)]);
@@ -190,7 +193,8 @@ impl Orders {
         (class >> 4) * ROW + lower * FOURS + usize::from(image)
     }
 
-    /// Returns the solved state. Its upper four is not 0: the set of the lower places is the first.
+    /// Returns the solved state. The index of its upper edges is not 0, since the set of the lower
+    /// places has the first index.
     pub(crate) fn solved(&self) -> State {
         let cube = crate::cube::Cube::SOLVED;
         let four = |first: u8| self.four(quad(&cube, first) as u16);
@@ -198,7 +202,9 @@ impl Orders {
     }
 }
 
-/// Computes [`Orders::corner_class`] and [`Orders::representatives`].
+/// Divides the orders of the corners into classes of symmetric ones. Returns
+/// [`Orders::corner_class`] and [`Orders::representatives`]. `corner_places` has the image of each
+/// corner place under each symmetry.
 fn corner_classes(corner_places: &[[u8; 8]; SYMMETRIES]) -> (Vec<u16>, Vec<(u16, u16)>) {
     let mut class_of = vec![u16::MAX; PERMUTATIONS];
     let mut representatives = Vec::with_capacity(CORNER_CLASSES);

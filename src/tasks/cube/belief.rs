@@ -101,13 +101,13 @@ impl Belief {
         about * Translation3::from(shift) * turn * about.inverse() * measured
     }
 
-    /// Returns `world_from_tool` as set. Set values, unlike measured ones, are free of the servo's
-    /// lag.
+    /// Returns `world_from_tool` of a hand at its set pose. Set poses, unlike measured ones, are
+    /// free of the servo's lag.
     fn tool(&self, state: &State, hand: Hand, arms: &[ArmState]) -> Pose {
         self.base(state, hand) * arms[hand.index()].desired_base_from_tool
     }
 
-    /// Returns `tool_from_cube`, if the hand holds it.
+    /// Returns `tool_from_cube` in this state of the filter, if the hand holds the cube.
     fn in_tool(&self, state: &State, hand: Hand) -> Option<Pose> {
         let held = self.held[hand.index()]?;
         let nominal = held.hold.cube_from_tool(held.half_roll, self.edge).inverse();
@@ -143,8 +143,9 @@ impl Belief {
         Some(self.world_from_base(hand).inverse() * world_from_tool)
     }
 
-    /// Returns the standard deviation of the distance to the partner's cube along the tool's z, for
-    /// a hand that is to grasp it there (m). It follows from the covariance of the filter.
+    /// Returns the standard deviation of the distance from `hand` to the cube that its partner
+    /// holds, along the tool's z, if `hand` is to grasp that cube in `hold` (m). It follows from
+    /// the covariance of the filter.
     #[must_use]
     pub fn doubt_ahead(
         &self,
@@ -197,8 +198,8 @@ impl Belief {
         pose_from_axes(x, y, x.cross(&y), Point3::from(face.normal() * self.edge / 2.0))
     }
 
-    /// Returns the axis of the body's tool frame about which the turner turns: 0, 1 or 2 for x, y,
-    /// z.
+    /// Returns the axis about which the layer of `turner` turns, in the tool frame of the partner
+    /// hand: 0, 1 or 2 for x, y or z.
     #[must_use]
     pub fn turn_axis(&self, turner: Hand) -> Option<usize> {
         let body = self.in_tool(&self.state, turner.other())?;
@@ -267,7 +268,8 @@ impl Belief {
         }
     }
 
-    /// Resets the cube's offset and tilt in a hand to zero, with these standard deviations.
+    /// Resets the offset and the tilt of the cube in a hand to zero, with these standard deviations
+    /// (m, rad).
     fn forget(&mut self, hand: Hand, (x, tilt): (f64, f64)) {
         for (offset, sigma) in [(0, x), (1, tilt)] {
             let i = 6 + 2 * hand.index() + offset;
@@ -307,7 +309,8 @@ impl Belief {
         }
     }
 
-    /// Returns the residual at a state, and the slope of the prediction there.
+    /// Returns the residual at a state, and the derivatives of the prediction by the components of
+    /// the state there.
     fn linearised(
         &self,
         residual: &dyn Fn(&Self, &State) -> Option<Residual>,
@@ -362,7 +365,8 @@ mod tests {
         pose_from_axes(x, z.cross(&x), z, Point3::from(from))
     }
 
-    /// Returns the truth as another belief, whose base error is known.
+    /// Returns a copy of `belief` that serves as the truth: the base of the postument has the error
+    /// `base` (m, rad), and the cube in the track hand has the offset `x` (m).
     fn truth(belief: &Belief, base: [f64; 6], x: f64) -> Belief {
         let mut truth = belief.clone();
         for (i, error) in base.into_iter().enumerate() {
@@ -373,7 +377,7 @@ mod tests {
     }
 
     #[test]
-    fn camera_views_correct_base_and_first_grasp() {
+    fn camera_views_improve_aim_of_next_grasp() {
         let mut belief = Belief::new([arm(0.0), arm(2.0)], 0.057, pivot());
         let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
         belief.taken(Hand::Track, hold, false);
@@ -415,7 +419,7 @@ mod tests {
     }
 
     #[test]
-    fn secured_grasp_corrects_partner_base() {
+    fn completed_grasp_improves_aim_of_next_grasp() {
         let mut belief = Belief::new([arm(0.0), arm(2.0)], 0.057, pivot());
         let first = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
         let second = Hold { palm: Face::U, jaws: Axis::X, depth: Depth::One };
@@ -436,9 +440,9 @@ mod tests {
         assert!(off < 0.0015, "the next grasp is aimed better: {off}");
     }
 
-    /// The predicted standard deviation is that of worlds drawn from the filter's covariance.
+    /// The standard deviation that the filter predicts is that of states drawn from its covariance.
     #[test]
-    fn predicted_deviation_matches_sampled_worlds() {
+    fn predicted_deviation_matches_states_sampled_from_covariance() {
         let mut belief = Belief::new([arm(0.0), arm(2.0)], 0.057, pivot());
         let first = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
         let second = Hold { palm: Face::U, jaws: Axis::X, depth: Depth::One };
@@ -482,7 +486,7 @@ mod tests {
     }
 
     #[test]
-    fn turn_keeps_place_of_cube_in_tool() {
+    fn face_turn_keeps_cube_position_in_tool_frame() {
         let mut belief = Belief::new([arm(0.0), arm(2.0)], 0.057, pivot());
         let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
         belief.taken(Hand::Track, hold, false);

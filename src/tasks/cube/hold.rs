@@ -23,7 +23,7 @@ impl Hand {
     /// Both hands, in the order of the effectors.
     pub const BOTH: [Self; 2] = [Self::Track, Self::Postument];
 
-    /// Returns the name for messages.
+    /// Returns the name of the hand for messages.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -41,7 +41,7 @@ impl Hand {
         }
     }
 
-    /// Returns the position in lists of effectors.
+    /// Returns the index of the hand's arm in lists of effectors.
     #[must_use]
     pub fn index(self) -> usize {
         self as usize
@@ -82,7 +82,7 @@ impl Hold {
     }
 
     /// Returns the hold of a tool with this rotation in the cube frame, and whether its frame is
-    /// the second of the two.
+    /// the second of the two equivalent tool frames of the hold.
     #[must_use]
     pub fn from_rotation(cube_from_tool: Rotation24, depth: Depth) -> (Self, bool) {
         // A rotation maps U (+z) to where the tool's z points, and B (+y) to where its y points.
@@ -97,9 +97,10 @@ impl Hold {
         Self::from_rotation(Rotation24::nearest(cube_from_tool), depth)
     }
 
-    /// Returns the hold after this hand has turned the layer under its palm. The tool rolls
-    /// together with the layer. A layer's clockwise sense, seen from outside, is positive about the
-    /// tool's z, which points into the cube.
+    /// Returns the hold after this hand has turned the layer under its palm by `quarters`
+    /// clockwise, and whether its tool frame is the second one then. The tool rolls together with
+    /// the layer. Clockwise, seen from outside, is positive about the tool's z, which points into
+    /// the cube.
     #[must_use]
     pub fn after_turn(self, half_roll: bool, quarters: u8) -> (Self, bool) {
         // D is the face whose outward normal is -z: its clockwise quarter is positive about +z.
@@ -144,7 +145,8 @@ impl Grip {
         self.hold.rotation(self.half_roll)
     }
 
-    /// Returns the grip after this hand has turned the layer under its palm.
+    /// Returns the grip after this hand has turned the layer under its palm by `quarters`
+    /// clockwise.
     #[must_use]
     pub fn after_turn(self, quarters: u8) -> Self {
         let (hold, half_roll) = self.hold.after_turn(self.half_roll, quarters);
@@ -219,7 +221,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn grip_survives_round_trip_through_its_rotation() {
+    fn grips_and_their_rotations_convert_both_ways() {
         for depth in [Depth::One, Depth::Two] {
             for grip in Grip::all(depth) {
                 assert_ne!(grip.hold.palm.axis(), grip.hold.jaws);
@@ -228,7 +230,8 @@ mod tests {
         }
     }
 
-    /// A finger that is on the right moves with the layer to the front when up turns clockwise.
+    /// A finger on the right side of the cube moves to the front when the upper layer turns
+    /// clockwise.
     #[test]
     fn tool_rolls_with_the_turning_layer() {
         let grip = Grip {
@@ -248,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn renamed_hold_covers_same_stickers() {
+    fn cube_rotation_maps_palm_and_jaws_of_grip() {
         for rotation in Rotation24::all() {
             for grip in Grip::all(Depth::Two) {
                 let renamed = grip.renamed(rotation);

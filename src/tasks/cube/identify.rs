@@ -34,14 +34,15 @@ pub struct Wanted {
 }
 
 impl Default for Wanted {
-    /// Returns a request for all faces, of which none is hidden.
+    /// Returns a request for all six faces, none of which is known to be hidden.
     fn default() -> Self {
         Self { faces: [true; 6], hidden: Vec::new() }
     }
 }
 
-/// Finds the cheapest looks from a start in which one hand holds the cube alone. A [`Step::Look`]
-/// comes only while its viewer holds nothing; after a hand-over the former holder leaves first.
+/// Finds the cheapest steps that show all wanted faces, from a start in which one hand holds the
+/// cube alone. A [`Step::Look`] comes only while its viewer holds nothing; after a hand-over the
+/// former holder leaves first.
 ///
 /// # Errors
 /// When no sequence of grasps within reach shows all faces that are wanted.
@@ -96,12 +97,13 @@ pub fn looks(
     }
 }
 
-/// Returns the grips of the allowed depths, which come first.
+/// Returns the first part of `grips`, which has those of the allowed depths.
 fn choices(grips: &[Grip], depths: Depths) -> &[Grip] {
     if depths == Depths::One { &grips[..24] } else { grips }
 }
 
-/// Returns whether a hand with this grip can join the one that holds the cube.
+/// Returns whether the free hand can grasp the cube in the grip `newcomer` while the other hand
+/// holds it.
 fn can_meet((hand, held): (Hand, Grip), newcomer: Grip, rule: Rule, reach: &impl Reach) -> bool {
     let (track, postument) = if hand == Hand::Track { (held, newcomer) } else { (newcomer, held) };
     compatible(held.hold, newcomer.hold, rule)
@@ -127,7 +129,7 @@ fn views(
         })
 }
 
-/// Returns the steps that lead to a state.
+/// Returns the steps that lead to the state `end`. `from` has the state before each state.
 fn written(
     end: usize,
     from: &[Option<usize>],
@@ -199,7 +201,7 @@ mod tests {
         faces
     }
 
-    /// The cameras reach all three sides here.
+    /// Here the cameras can be brought before all three sides that a held cube shows.
     #[test]
     fn one_regrasp_shows_all_faces() {
         for (rule, depth) in [(Rule::Strict, Depth::Two), (Rule::Clearance, Depth::One)] {
@@ -215,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn single_side_needs_one_hold_per_face() {
+    fn camera_limited_to_one_side_needs_five_regrasps() {
         for side in 0..3 {
             let reach = OneSide(side);
 

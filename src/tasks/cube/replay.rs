@@ -37,7 +37,7 @@ pub enum Fault {
     #[error("the jaws of the {0:?} hand close along its palm's axis")]
     Jaws(Hand),
     /// Both hands fill one cell.
-    #[error("the hands collide at cell {0:?}")]
+    #[error("both hands fill the grid cell {0:?} around the cube")]
     Collision(Cell),
     /// The hand holds nothing, but the step needs its hold.
     #[error("the {0:?} hand holds no cube")]
@@ -49,7 +49,7 @@ pub enum Fault {
     #[error("the {0:?} hand holds other layers than the one that it turns")]
     Turner(Hand),
     /// The other hand holds the layer that turns, or does not hold the middle one.
-    #[error("the {0:?} hand does not hold the body alone")]
+    #[error("the {0:?} hand is in the way of the turning layer or does not hold the middle layer")]
     Body(Hand),
     /// The turn is the hand's second one in a grasp, and the wrist has room for one.
     #[error("the {0:?} hand turns twice without letting go")]
@@ -62,7 +62,8 @@ pub enum Fault {
     Covered(Face),
 }
 
-/// Returns the cube and the grips after all steps, each of which is checked.
+/// Carries out steps on a cube of stickers and checks each of them. Returns the cube and the grips
+/// of both hands at the end.
 ///
 /// # Errors
 /// The first step that must not be done.
@@ -85,7 +86,8 @@ pub fn replay(
     Ok((cube, hands))
 }
 
-/// Checks one step; `turned` holds which hands have turned since the last grasp.
+/// Checks one step. `turned` says which hands have turned a layer since the last grasp, and is
+/// updated.
 fn check(hands: Hands, step: Step, rule: Rule, turned: &mut [bool; 2]) -> Result<(), Fault> {
     match step {
         Step::Grasp { hand, hold, .. } => {
@@ -121,8 +123,8 @@ fn check(hands: Hands, step: Step, rule: Rule, turned: &mut [bool; 2]) -> Result
     }
 }
 
-/// Checks a turn: the turner holds its layer alone, the body hand holds the middle layer, and no
-/// part of the body hand is in the ring that the layer sweeps.
+/// Checks a turn: the turner holds only the layer that turns, the other hand holds the middle
+/// layer, and no part of that hand is in the ring that the layer sweeps.
 fn turns(
     hands: Hands,
     turner: Hand,
@@ -155,7 +157,7 @@ fn turns(
     if in_the_way || !holds_middle { Err(Fault::Body(body)) } else { Ok(()) }
 }
 
-/// Checks that no cell is filled by both hands.
+/// Checks that no grid cell is filled by both hands.
 fn apart(hands: Hands, rule: Rule) -> Result<(), Fault> {
     let [Some(Grip { hold: a, .. }), Some(Grip { hold: b, .. })] = hands else { return Ok(()) };
     let of_a = [fingers(a), palm(a, b, rule)].concat();
@@ -166,7 +168,8 @@ fn apart(hands: Hands, rule: Rule) -> Result<(), Fault> {
     }
 }
 
-/// Returns the cells of both fingers, from the palm's height inwards.
+/// Returns the grid cells that both fingers fill, from the height of the palm down to the innermost
+/// layer that they hold.
 fn fingers(hold: Hold) -> Vec<Cell> {
     let reach: &[i8] = match hold.depth {
         Depth::One => &[2, 1],
@@ -184,8 +187,8 @@ fn fingers(hold: Hold) -> Vec<Cell> {
     cells
 }
 
-/// Returns the cells of the palm, which has clearance only if the rule says so and both hands reach
-/// over one layer.
+/// Returns the nine grid cells that the palm fills. It has clearance to the cube only if the rule
+/// says so and both hands reach over one layer.
 fn palm(hold: Hold, partner: Hold, rule: Rule) -> Vec<Cell> {
     let stands_off =
         rule == Rule::Clearance && hold.depth == Depth::One && partner.depth == Depth::One;
@@ -218,9 +221,9 @@ mod tests {
         Grip { hold: Hold { palm, jaws, depth }, half_roll: false }
     }
 
-    /// States the same rules twice: by axes in the planner, by cells here.
+    /// The rules are stated twice: by axes in the planner, by grid cells in the replay.
     #[test]
-    fn cells_and_axes_agree_on_all_holds() {
+    fn replay_allows_same_pairs_of_holds_as_planner() {
         let all: Vec<Grip> = Grip::all(Depth::One).chain(Grip::all(Depth::Two)).collect();
         let mut legal = 0;
         for rule in [Rule::Strict, Rule::Clearance] {
@@ -242,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn letting_go_alone_drops_the_cube() {
+    fn replay_refuses_release_by_only_holding_hand() {
         let hands = [Some(grip(Face::D, Axis::Y, Depth::Two)), None];
 
         let result =
@@ -267,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn a_covered_face_is_not_seen() {
+    fn replay_refuses_look_at_covered_face() {
         let hands = [Some(grip(Face::D, Axis::Y, Depth::One)), None];
         let look = |face| {
             let steps = [Step::Look { viewer: Hand::Postument, face }];

@@ -146,7 +146,7 @@ const SEATING: f64 = 0.58;
 const SHORT: f64 = 0.0055;
 
 impl CubeSettings {
-    /// Returns the terms of the plan: the rule, and what motions cost with these speeds.
+    /// Returns the terms of the plan: the rule, and the times that motions take at the set speeds.
     #[must_use]
     pub fn terms(&self) -> Terms {
         let finish_depths = match self.keeper {
@@ -157,7 +157,7 @@ impl CubeSettings {
         Terms { costs: self.costs(), finish_depths, ..Terms::of(self.rule) }
     }
 
-    /// Computes what motions cost.
+    /// Computes the times that the motions of a plan take at the set speeds (s).
     fn costs(&self) -> Costs {
         // The cost of a grasp runs from letting go to a secured hold. The path between two meetings
         // is not in it: `Reach::travel` adds it, since it depends on both meetings.
@@ -191,8 +191,8 @@ impl CubeSettings {
         }
     }
 
-    /// Returns the directions that yield in a turn about the given axis of the yielding tool (0 x,
-    /// 1 y, 2 z).
+    /// Returns the directions in which the compliant arm yields during a turn, which is about
+    /// `axis` of its tool (0 x, 1 y, 2 z).
     #[must_use]
     pub fn turn_selector(&self, axis: usize) -> Selector {
         // No direction yields: position control.

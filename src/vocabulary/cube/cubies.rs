@@ -85,9 +85,9 @@ impl Cube {
 
     /// Makes a cube from its pieces without a check.
     ///
-    /// The coordinates of the solver, which number parts of a cube, need this. On a cube that
-    /// cannot be solved the searches end without a solution, or panic; [`Cube::try_from`] refuses
-    /// it.
+    /// The solver needs this to make cubes that differ from the solved one in a single coordinate.
+    /// On a cube that cannot be solved the searches end without a solution, or panic;
+    /// [`Cube::try_from`] refuses it.
     #[must_use]
     pub const fn from_pieces(
         corners: [u8; 8],
@@ -191,7 +191,8 @@ impl Cube {
         product
     }
 
-    /// Returns the state whose turns undo those of this one.
+    /// Returns the inverse of this state: the turns that lead from the solved cube to it undo those
+    /// that lead to this state.
     #[must_use]
     pub fn inverse(&self) -> Self {
         let mut inverse = Self::SOLVED;
@@ -262,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn sticker_tables_follow_from_geometry() {
+    fn corner_and_edge_tables_match_cube_geometry() {
         for (faces, places) in CORNERS.iter().zip(CORNER_FACELETS) {
             assert_eq!(places, faces.map(|f| facelet_at(cell(faces), f)));
             // The faces are clockwise seen from outside if the triple product of their normals is
@@ -276,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn superflip_takes_its_known_twenty_turns() {
+    fn known_twenty_turns_lead_to_superflip() {
         let turns = parse_turns("U R2 F B R B2 R U2 L B2 R U' D' R2 F R' L B2 U2 F2").unwrap();
 
         let cube = Cube::SOLVED.apply_all(&turns);

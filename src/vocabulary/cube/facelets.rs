@@ -23,7 +23,7 @@ pub struct Facelets([u8; 54]);
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum ParseFacelets {
     /// The text does not have 54 letters.
-    #[error("{0} letters instead of 54")]
+    #[error("{0} letters instead of 54, one for each sticker")]
     Length(usize),
     /// A letter is none of URFDLB.
     #[error("letter {letter:?} at position {position} ({place}) is not one of U, R, F, D, L, B")]
@@ -253,7 +253,7 @@ mod tests {
     use crate::cube::parse_turns;
 
     #[test]
-    fn places_and_numbers_are_inverse() {
+    fn sticker_places_and_indices_convert_both_ways() {
         for index in 0..54 {
             let place = facelet_place(index);
 

@@ -66,7 +66,10 @@ pub enum ImpossibleCube {
     },
     /// The centres have six colours, but in an arrangement that no cube has in any orientation:
     /// opposite colours are neighbours, or the cube is mirrored.
-    #[error("no cube has its centres in this arrangement")]
+    #[error(
+        "no cube has its six centres in this arrangement: opposite colours are neighbours, or the \
+         cube is mirrored"
+    )]
     CentresMisplaced,
     /// The centres are those of a cube in another orientation: see [`Facelets::normalised`].
     #[error(
@@ -135,7 +138,7 @@ fn odd_one(piece: Option<Piece>, kind: &str, how: &str) -> String {
 }
 
 impl ImpossibleCube {
-    /// Returns the kind of the fault in one word, for programs.
+    /// Returns the kind of the fault as a fixed word such as `colour-count`, for programs.
     #[must_use]
     pub fn kind(&self) -> &'static str {
         match self {
@@ -151,8 +154,8 @@ impl ImpossibleCube {
         }
     }
 
-    /// Returns the positions, stickers or pieces that are at fault; none if the cube does not show
-    /// them.
+    /// Returns the names of the positions, stickers or pieces that are at fault; none if the
+    /// stickers do not show which ones are.
     #[must_use]
     pub fn places(&self) -> Vec<String> {
         let centre = |f: Face| FaceletPlace { face: f, row: 1, col: 1 }.to_string();
@@ -211,9 +214,9 @@ impl Cube {
 }
 
 impl Facelets {
-    /// Converts a reading in any frame into the frame in which each centre has the colour of its
-    /// own face. Returns it with the rotation that takes directions of the old frame to the new
-    /// frame.
+    /// Converts stickers that were read in any orientation into the frame in which each centre has
+    /// the colour of its own face. Returns them with the rotation that takes directions of the old
+    /// frame to the new frame.
     ///
     /// # Errors
     /// If the centres are not six colours in one of the 24 orientations of a cube.
@@ -265,7 +268,8 @@ fn check_colours(facelets: &Facelets) -> Result<(), ImpossibleCube> {
     Ok(())
 }
 
-/// Returns for each position the index of its piece and its turn in places.
+/// Returns, for each position, the index of the piece that its stickers show and the twist or flip
+/// of that piece. `all` has the colours of each piece, `places` the stickers of each position.
 fn pieces<const N: usize, const P: usize>(
     facelets: &Facelets,
     all: &[[Face; N]; P],
@@ -287,8 +291,8 @@ fn pieces<const N: usize, const P: usize>(
     Ok(found)
 }
 
-/// Finds the piece with these colours in this cyclic order. Returns its number and its turn in
-/// places.
+/// Finds the piece with these colours in this cyclic order. Returns its index and its twist or
+/// flip: the position among `colours` of the piece's first colour.
 fn find<const N: usize>(pieces: &[[Face; N]], colours: [Face; N]) -> Option<(usize, usize)> {
     (0..N).find_map(|turn| {
         let mut straight = colours;
@@ -333,7 +337,7 @@ fn mostly_home(cube: &Cube) -> bool {
     corners.count() + edges.count() >= 10
 }
 
-/// Returns the pairs of pieces that are in each other's place.
+/// Returns the pairs of pieces of which each is in the other's place.
 fn exchanged(order: &[u8]) -> impl Iterator<Item = (usize, usize)> {
     (0..order.len()).filter_map(|i| {
         let other = usize::from(order[i]);
@@ -394,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn error_of_scrambled_cube_names_no_piece() {
+    fn error_of_impossible_scrambled_cube_names_no_piece() {
         let turns = parse_turns("R U2 F' L D B2 R' U F D2 L' B").unwrap();
         for (pairs, message) in [
             (&[(7, 19)][..], "one edge is flipped in its place: it can be any edge"),
@@ -414,7 +418,7 @@ mod tests {
     }
 
     #[test]
-    fn rotated_cube_is_refused_with_its_centre() {
+    fn error_of_rotated_cube_names_a_centre() {
         let turned = Facelets::solved().rotated(crate::cube::Rotation24::quarter(Face::U));
 
         assert_eq!(
@@ -437,7 +441,7 @@ mod tests {
     }
 
     #[test]
-    fn naming_by_position_keeps_the_cube() {
+    fn stickers_relabelled_by_centres_form_a_legal_cube() {
         let scrambled = Facelets::from(&Cube::scrambled(7));
         for rotation in Rotation24::all() {
             let named = scrambled.rotated(rotation).named_by_position().unwrap();
@@ -455,7 +459,7 @@ mod tests {
     }
 
     #[test]
-    fn mirrored_reading_has_no_orientation() {
+    fn mirrored_cube_is_refused_for_its_centres() {
         let mut colours = *Facelets::solved().colours();
         colours[9..18].fill(4);
         colours[36..45].fill(1);

@@ -102,8 +102,8 @@ impl Face {
         }
     }
 
-    /// Returns the directions of increasing column and of increasing row, in reading order, in the
-    /// cube frame.
+    /// Returns the directions, in the cube frame, in which the column and the row of a face's
+    /// stickers increase in reading order.
     #[must_use]
     pub fn reading_axes(self) -> (Vector3<f64>, Vector3<f64>) {
         // In the net the faces L, F, R, B lie in a row with U above F and D below it, so every side
@@ -148,7 +148,7 @@ impl Axis {
     /// All three axes.
     pub const ALL: [Self; 3] = [Self::X, Self::Y, Self::Z];
 
-    /// Returns the face at the positive end.
+    /// Returns the face at the positive end of the axis.
     #[must_use]
     pub fn positive_face(self) -> Face {
         match self {

@@ -149,7 +149,7 @@ pub fn parse_moves(text: &str) -> Result<Vec<Move>, ParseMoves> {
     Ok(moves)
 }
 
-/// Returns the layers that a letter turns.
+/// Returns the layers that the letter of a move turns; `None` for any other character.
 fn layers(letter: char) -> Option<Layers> {
     Some(match letter {
         'M' => Layers::Slice(Face::L),

@@ -60,7 +60,7 @@ impl fmt::Display for Repair {
 }
 
 impl Repair {
-    /// Finds the smallest repair of a cube, in about 5 ms.
+    /// Finds the fewest stickers to recolour so that the cube can be solved, in about 5 ms.
     #[must_use]
     pub fn of(facelets: &Facelets) -> Self {
         // The orientation in which the fewest centres are wrong is the most likely one. In a tie
@@ -116,7 +116,8 @@ struct Fit<const N: usize, const P: usize> {
     best: Vec<Best>,
 }
 
-/// Computes the best assignments of pieces with N stickers to P positions.
+/// Computes the assignments of pieces with N stickers to P positions for which the fewest stickers
+/// must be recoloured.
 fn fit<const N: usize, const P: usize>(
     facelets: &Facelets,
     pieces: &[[Face; N]; P],
@@ -157,12 +158,14 @@ fn fit<const N: usize, const P: usize>(
 }
 
 impl<const N: usize, const P: usize> Fit<N, P> {
-    /// Returns the best assignment of all pieces with this parity and turns that cancel.
+    /// Returns the best assignment of all pieces, with its cost and the number of equally good
+    /// ones, among those whose permutation has this parity and whose twists or flips add up to 0.
     fn of_parity(&self, parity: usize) -> Best {
         self.best[((1 << P) - 1) * N * 2 + parity]
     }
 
-    /// Returns the piece at each position and its turn, for this parity.
+    /// Returns the best assignment whose permutation has this parity: the piece at each position,
+    /// and its twist or flip.
     fn trace(&self, mut parity: usize) -> ([u8; P], [u8; P]) {
         let (mut pieces, mut turns) = ([0; P], [0; P]);
         let (mut set, mut sum) = ((1_usize << P) - 1, 0);
@@ -183,7 +186,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Returns the cube with the changes made.
+    /// Returns the stickers after the changes of a repair.
     fn applied(repair: &Repair, facelets: &Facelets) -> Facelets {
         let mut colours: [Face; 54] = std::array::from_fn(|i| facelets.colour(i));
         for change in &repair.changes {
@@ -224,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn repair_counts_flipped_edges_and_twisted_corners() {
+    fn flipped_edge_has_twelve_repairs_twisted_corner_eight() {
         let flipped = with(&Facelets::solved(), &[(7, 2), (19, 0)]);
         let twisted = with(&Facelets::solved(), &[(8, 1), (9, 2), (20, 0)]);
 

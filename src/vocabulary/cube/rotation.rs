@@ -67,13 +67,13 @@ impl Rotation24 {
         usize::from(self.0)
     }
 
-    /// Returns the rotation with this index; `None` from 24 on.
+    /// Returns the rotation with this index; `None` if the index is 24 or more.
     #[must_use]
     pub fn from_index(index: usize) -> Option<Self> {
         (index < 24).then_some(Self(index as u8))
     }
 
-    /// Finds the nearest of the 24 rotations.
+    /// Finds the one of the 24 rotations that is nearest to `rotation`.
     #[must_use]
     pub fn nearest(rotation: &UnitQuaternion<f64>) -> Self {
         // The directions of U and R determine the rotation; the sum of their cosines measures how
@@ -158,7 +158,7 @@ pub fn rotations() -> [UnitQuaternion<f64>; 24] {
     std::array::from_fn(|i| Rotation24(i as u8).quaternion())
 }
 
-/// Returns the index of the rotation of a cube that is nearest to this one.
+/// Returns the index of the one of the 24 rotations of a cube that is nearest to `rotation`.
 #[must_use]
 pub fn rotation_index(rotation: &UnitQuaternion<f64>) -> usize {
     Rotation24::nearest(rotation).index()

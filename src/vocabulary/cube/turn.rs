@@ -23,7 +23,8 @@ impl Turn {
         (0..18).map(Self::from_index)
     }
 
-    /// Makes a turn by `quarters` clockwise quarters, counted modulo 4; `None` if nothing turns.
+    /// Makes a turn of a face by `quarters` clockwise quarters, counted modulo 4; `None` if the
+    /// face does not move.
     #[must_use]
     pub fn new(face: Face, quarters: u8) -> Option<Self> {
         (!quarters.is_multiple_of(4)).then_some(Self { face, quarters: quarters % 4 })
@@ -108,7 +109,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn turns_are_read_as_they_are_written() {
+    fn formatted_turns_are_parsed_back() {
         let turns: Vec<Turn> = Turn::all().collect();
 
         assert_eq!(parse_turns(&format_turns(&turns)).unwrap(), turns);
@@ -123,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn turn_and_inverse_make_four_quarters() {
+    fn quarters_of_turn_and_inverse_sum_to_four() {
         for turn in Turn::all() {
             assert_eq!(turn.inverse().inverse(), turn);
             assert_eq!(turn.quarters + turn.inverse().quarters, 4);

@@ -63,8 +63,8 @@ impl ArmModel {
         Pose::from_parts(Translation3::new(c1 * r, s1 * r + self.track(joints), z), rotation)
     }
 
-    /// Returns the origins in the base frame (m): the floor below the shoulder, shoulder, elbow,
-    /// wrist pitch centre, flange.
+    /// Returns five points of the arm in the base frame (m): the floor below the shoulder,
+    /// shoulder, elbow, wrist pitch centre, flange.
     #[must_use]
     pub fn points(&self, joints: &JointPositions) -> [Point3<f64>; 5] {
         self.points_at(joints, &Angles::of(joints))
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn forward_kinematics_reproduces_poses_of_the_original() {
+    fn forward_kinematics_reproduces_poses_of_original_controller() {
         // Data of the original system: joints -> flange above the shoulder (rows N, O, A, P).
         let rows: [([f64; 6], [[f64; 3]; 4]); 4] = [
             (

@@ -31,8 +31,8 @@ impl Branches {
     /// Capacity: two shoulders, two wrists, two full turns of q5, two of q6.
     const MOST: usize = 16;
 
-    /// Returns the solutions; within a branch the turns nearest to the middle of the limits come
-    /// first.
+    /// Returns the solutions. Those that differ only in full turns of the wrist stand together, and
+    /// the turns nearest to the middle of the limits come first.
     #[must_use]
     pub fn as_slice(&self) -> &[JointPositions] {
         &self.found[..self.count]
@@ -163,7 +163,11 @@ impl ArmModel {
         }
     }
 
-    /// Completes the joint positions with the lower and upper arm for a wrist.
+    /// Computes all joint positions of a solution from its wrist angles, q1 and d0, by the angles
+    /// of the lower and the upper arm.
+    ///
+    /// # Errors
+    /// [`MoveRefused::OutOfReach`] or [`MoveRefused::NotANumber`].
     fn arm(
         &self,
         plane: &Plane,
@@ -208,8 +212,8 @@ impl ArmModel {
 const TURNS: [f64; 3] = [0.0, TAU, -TAU];
 
 impl Plane {
-    /// Returns both wrists. In the singularity they are the one that keeps `t4` and its mirror
-    /// image.
+    /// Returns both solutions for the wrist's angles. In the singularity, where the pose does not
+    /// determine t4, they are the one with this `t4` and its mirror image.
     fn wrists(&self, t4: f64) -> [Wrist; 2] {
         // A = (s4 s5, c5, c4 s5), so its part in the plane has the length |s5| and the direction
         // t4.
@@ -228,7 +232,8 @@ impl Plane {
 }
 
 impl Wrist {
-    /// Returns the wrist with the full turns nearest to `t4` and to q5, q6 of `near`.
+    /// Returns the wrist's angles plus the full turns that bring them nearest to `t4` and to q5, q6
+    /// of `near`.
     fn turned_near(self, t4: f64, near: &JointPositions) -> Self {
         Self {
             t4: nearest_turn(self.t4, t4),
@@ -282,7 +287,7 @@ mod tests {
         }
 
         #[test]
-        fn branches_reach_the_pose_and_contain_the_joints(q in any_joints()) {
+        fn every_branch_reaches_pose_and_one_recovers_joints(q in any_joints()) {
             prop_assume!(q.0[5].sin().abs() > 1e-4);
             let model = builtin("irp6_track").unwrap();
             let flange = model.points(&q)[4];
@@ -318,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn inverse_keeps_pitch_in_singularity() {
+    fn inverse_keeps_previous_joints_in_wrist_singularity() {
         let model = builtin("irp6_postument").unwrap();
         let q = JointPositions([0.0, 0.3, -1.5, 0.1, 0.4, 0.0, 0.2]);
 

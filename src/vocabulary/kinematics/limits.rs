@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn check_refuses_motor_limit_inside_joint_limits() {
+    fn check_refuses_exceeded_motor_limit_within_joint_limits() {
         let model = builtin("irp6_postument").unwrap();
         let q = JointPositions([0.0, 0.5, -1.2, 0.3, 0.4, 1.0, -0.5]);
 

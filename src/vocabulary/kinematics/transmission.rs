@@ -92,7 +92,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn transmission_reproduces_motor_positions_of_the_original() {
+    fn transmission_reproduces_motor_positions_of_original_controller() {
         // Data of the original system, with the synchronisation constants of 2012.
         let rows: [([f64; 6], [f64; 6]); 4] = [
             (
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn home_pose_of_2008_has_zero_counters() {
+    fn home_pose_of_2008_has_zero_motor_positions() {
         let model = builtin("irp6_postument_2008").unwrap();
         let q = [0.0, -0.100633, -1.54194, 0.0197377, 1.14914, 2.10098, -2.7312];
 
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn joints_outside_motor_limits_are_refused() {
+    fn motor_position_outside_its_limits_is_refused() {
         let model = builtin("irp6_postument").unwrap();
         let mut motors = model.motors(&JointPositions([0.0, 0.0, -1.57, 0.0, 0.0, 1.0, 0.0]));
         motors.0[3] = 105.0;

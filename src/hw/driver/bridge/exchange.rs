@@ -73,8 +73,8 @@ impl Times {
 type Flow = ControlFlow<Option<PortFault>>;
 
 impl<P: Port, H: FnMut(u64, &mut P)> Exchange<P, H> {
-    /// Exchanges until the servo's side is dropped or the port fails; returns the port and its
-    /// fault.
+    /// Exchanges drive commands and readings with the port until the servo's side is dropped or the
+    /// port fails; returns the port, and its fault if it failed.
     pub(super) fn run(mut self) -> (P, Option<PortFault>) {
         let mut times = Times { heard: Instant::now(), driven: None, stall: None };
         loop {
@@ -90,7 +90,8 @@ impl<P: Port, H: FnMut(u64, &mut P)> Exchange<P, H> {
         }
     }
 
-    /// Sends drive commands to the port and its readings to the servo.
+    /// Sends `next` to the port, or newer drive commands if the port needs only the newest ones.
+    /// Sends the port's readings to the servo. Returns whether the loop goes on.
     fn carry_out(&mut self, mut next: Drives, times: &mut Times) -> Flow {
         let now = Instant::now();
         let gap = times.gap(now);
@@ -117,7 +118,8 @@ impl<P: Port, H: FnMut(u64, &mut P)> Exchange<P, H> {
         Flow::Continue(())
     }
 
-    /// Waits for drive commands; switches the arms off when the servo is gone or silent too long.
+    /// Waits briefly for drive commands; switches the arms off if the servo is gone or silent for
+    /// too long. Returns whether the loop goes on.
     fn wait(&mut self, times: &mut Times) -> Flow {
         let gone = self.incoming.is_abandoned();
         if gone || times.heard.elapsed() > SILENCE {
@@ -144,7 +146,8 @@ impl<P: Port, H: FnMut(u64, &mut P)> Exchange<P, H> {
         self.port.exchange(period, &drives[..self.arms], readings)
     }
 
-    /// Reports the fault to the servo and repeats the stop until the run is over.
+    /// Reports to the servo that the port has failed, and repeats the port's stop in each period
+    /// until the run is over. Returns the port and `fault`.
     fn give_up(mut self, fault: PortFault) -> (P, Option<PortFault>) {
         self.broken.store(true, Ordering::Release);
         while !self.over.load(Ordering::Acquire) {
@@ -155,8 +158,8 @@ impl<P: Port, H: FnMut(u64, &mut P)> Exchange<P, H> {
     }
 }
 
-/// Returns the last part of a fault's reason: the gap before it, if controllers may have stopped
-/// by themselves in that gap; else nothing.
+/// Returns a text to append to the reason of a fault: the time `gap` without drive commands before
+/// it, if controllers may have stopped by themselves in that time, else "".
 fn after_stall(gap: Duration) -> String {
     if gap > STALL {
         format!("; before that this machine sent nothing for {} ms", gap.as_millis())

@@ -39,7 +39,8 @@ pub struct Bridge<P> {
 }
 
 impl<P: Port + 'static> Bridge<P> {
-    /// Starts the thread, under `SCHED_FIFO` at `priority` if the system allows it.
+    /// Starts the bridge thread, under `SCHED_FIFO` at `priority` if the system allows it. Returns
+    /// the thread's handle and the servo's side of the bridge.
     ///
     /// `first` are the readings of period 0, `length` is that of a period (ns). The thread calls
     /// `hook` after each exchange.
@@ -94,7 +95,8 @@ impl<P> Bridge<P> {
         self.end()?.join().ok()
     }
 
-    /// Lets a port that failed stop repeating its stop.
+    /// Marks the run as over, so that a port that failed no longer repeats its stop, and wakes the
+    /// thread. Returns its handle, or `None` if it was taken before.
     fn end(&mut self) -> Option<JoinHandle<(P, Option<PortFault>)>> {
         self.over.store(true, Ordering::Release);
         let thread = self.thread.take()?;

@@ -34,8 +34,9 @@ pub struct BridgeLost {
 }
 
 impl BridgePort {
-    /// Makes the servo's side of both channels. `first` are the readings of period 0, `length` is
-    /// that of a period (ns).
+    /// Makes the servo's side of the two channels, `drives` to the bridge and `readings` from it.
+    /// The flag `broken` is set when the port has failed; `bridge` is the thread to wake. `first`
+    /// are the readings of period 0, `length` is that of a period (ns).
     pub(super) fn new(
         drives: rtrb::Producer<Drives>,
         readings: triple_buffer::Output<Readings>,
@@ -52,8 +53,8 @@ impl BridgePort {
         self.extrapolator.add_missed_periods(missed);
     }
 
-    /// Copies the readings for `period`, at its beginning: those of the period before, or older
-    /// ones extrapolated by the counters' mean steps.
+    /// Fills `readings` with the bridge's readings of the period before `period`. If they have not
+    /// arrived, it takes the latest ones and extrapolates their counters by the mean steps.
     ///
     /// # Errors
     /// [`BridgeLost`] when the port has failed or the bridge has been silent for 0.1 s.

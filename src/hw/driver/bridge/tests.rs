@@ -19,7 +19,7 @@ fn fetch(port: &mut BridgePort, period: u64) -> Result<ArmReading, BridgeLost> {
 }
 
 #[test]
-fn silent_bridge_is_lost_but_late_one_not() {
+fn bridge_counts_as_lost_after_50_silent_periods() {
     let (mut bridge, mut servo) = port();
     for period in 1..=200 {
         bridge.write(Readings { period, ..Readings::default() });
@@ -51,7 +51,7 @@ impl Port for Stopped {
 }
 
 #[test]
-fn fault_after_a_stall_names_the_stall() {
+fn fault_message_names_a_preceding_transmit_stall() {
     let first = [ArmReading::default()];
     let (bridge, mut servo) =
         Bridge::spawn(Stopped::default(), &first, 6, 2_000_000, |_, _| ()).unwrap();
@@ -63,7 +63,7 @@ fn fault_after_a_stall_names_the_stall() {
 }
 
 #[test]
-fn fault_names_only_a_stall_just_before_it() {
+fn fault_message_names_only_pauses_beyond_stall_limit() {
     let first = [ArmReading::default()];
     let fails_after = |pause: Duration| {
         let heard = Arc::new(AtomicBool::new(false));

@@ -90,7 +90,8 @@ impl Backdrop {
         std::array::from_fn(|c| paint[c] * shade * self.light * self.cast[c])
     }
 
-    /// Returns the paint of a wall at a point: a shape, or one of three stripes.
+    /// Returns the paint at a point of a wall (0 low x, 1 high x, 2 low y, 3 high y): that of a
+    /// coloured shape, or of one of three stripes.
     fn wall(&self, wall: usize, p: &Point3<f64>) -> Rgb {
         let along = if wall < 2 { p.y } else { p.x };
         for shape in self.shapes.iter().filter(|s| s.wall == wall) {

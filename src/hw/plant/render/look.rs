@@ -60,7 +60,7 @@ impl CubeLook {
         [0.012, 0.065, 0.37],
     ];
 
-    /// Returns the look of black plastic with stickers.
+    /// Returns the look of a cube of black plastic with stickers.
     #[must_use]
     pub fn black() -> Self {
         Self {
@@ -72,7 +72,7 @@ impl CubeLook {
         }
     }
 
-    /// Returns the look of white plastic with stickers.
+    /// Returns the look of a cube of white plastic with stickers.
     #[must_use]
     pub fn white() -> Self {
         Self { body: [0.70, 0.70, 0.68], ..Self::black() }
@@ -258,8 +258,8 @@ impl Look {
 }
 
 impl Light {
-    /// Returns the relative strength of red, green and blue of white paper in the picture: lamp
-    /// over white balance.
+    /// Returns the colour cast: the factors of red, green and blue with which white paper appears
+    /// in the picture, from the lamp's colour and the camera's white balance.
     #[must_use]
     pub(super) fn cast(&self) -> Rgb {
         let lamp = black_body(self.temperature);
@@ -268,8 +268,8 @@ impl Light {
     }
 }
 
-/// Returns red, green and blue of a black body by Planck's law, relative to green, in narrow bands
-/// at 610, 540 and 465 nm.
+/// Returns red, green and blue of a black body at this temperature (K) by Planck's law, relative to
+/// green, in narrow bands at 610, 540 and 465 nm.
 fn black_body(temperature: f64) -> [f64; 3] {
     /// Second radiation constant, h c / k (m K).
     const C2: f64 = 0.014_387_769;
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn equal_seeds_draw_equal_looks() {
+    fn equal_seeds_draw_equal_render_settings() {
         assert_eq!(Look::draw(7), Look::draw(7));
         assert_ne!(Look::draw(7), Look::draw(8));
     }

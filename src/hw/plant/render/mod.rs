@@ -158,7 +158,8 @@ impl Renderer {
         self.converter.develop(&self.raw, &mut self.rng)
     }
 
-    /// Stores a colour in each pixel of the raw picture.
+    /// Stores in each pixel of the raw picture the colour that `colour` returns for its index,
+    /// scaled by `exposure`.
     fn fill_raw(&mut self, colour: impl Fn(usize) -> Rgb, exposure: f32) {
         let width = self.rays.width;
         for row in 0..self.rays.height {
@@ -170,8 +171,8 @@ impl Renderer {
         }
     }
 
-    /// Makes the background valid for this pose and exposure: in `background` and, for a fixed
-    /// camera, in `raw`.
+    /// Draws what does not move, for this pose and exposure, unless it is drawn already: as linear
+    /// colours in `background` and, for a fixed camera, as coded values in `raw`.
     fn prepare_background(&mut self, world_from_camera: &Pose, exposure: f64) {
         if let Some(still) = &self.still
             && still.world_from_camera == *world_from_camera
@@ -211,7 +212,8 @@ impl Renderer {
         }
     }
 
-    /// Casts the room at every `grid`-th pixel and interpolates linearly between them.
+    /// Draws the room into `background`: casts a ray at every `grid`-th pixel and interpolates
+    /// linearly between them.
     fn cast_room(&self, world_from_camera: &Pose, grid: usize, background: &mut [Rgb]) {
         let Rays { width, height, .. } = self.rays;
         let eye = Point3::from(world_from_camera.translation.vector);
@@ -251,7 +253,7 @@ impl Renderer {
         }
     }
 
-    /// Draws table and tray over the room and records their depths.
+    /// Draws table and tray over the room in `background`, and records their depths in `behind`.
     fn cast_furniture(&mut self, world_from_camera: &Pose, background: &mut [Rgb]) {
         self.solids.clear();
         self.solids.add_furniture(&self.setting);
@@ -299,7 +301,7 @@ impl Renderer {
     }
 
     /// Collects the solids that a frame draws over the background. Returns whether the camera is
-    /// fixed; its furniture is part of the background.
+    /// fixed: then the furniture is not among them, since it is part of the background.
     fn gather(&mut self, scene: &Scene) -> bool {
         self.solids.clear();
         match self.camera.mount {
@@ -315,8 +317,8 @@ impl Renderer {
         }
     }
 
-    /// Draws the part of the picture in which something moves again, as the mean of sub-frames over
-    /// the exposure.
+    /// Redraws the part of the picture in which something moves, as the mean of several sub-frames
+    /// spread over the exposure.
     fn blur_motion(&mut self, scene: &Scene, camera_from_world: &Pose, exposure: f32) {
         let time = self.look.sensor.exposure_time * f64::from(exposure);
         let count = self.sub_frames(scene, camera_from_world, time);
@@ -375,7 +377,8 @@ impl Renderer {
         }
     }
 
-    /// Returns the number of sub-frames that resolve the cube's motion to about a pixel each.
+    /// Returns the number of sub-frames for an exposure of `time` (s), so that the cube moves by
+    /// about a pixel in each; 1 if its motion is not visible.
     fn sub_frames(&self, scene: &Scene, camera_from_world: &Pose, time: f64) -> usize {
         let cube = &scene.cube;
         let centre = camera_from_world * Point3::from(cube.world_from_cube.translation.vector);
@@ -438,7 +441,7 @@ pub struct PlantCamera {
 }
 
 impl PlantCamera {
-    /// Connects a renderer to the plant's scenes.
+    /// Makes a camera that renders the scenes which the plant publishes.
     #[must_use]
     pub fn new(renderer: Renderer, scene: triple_buffer::Output<Scene>) -> Self {
         Self { renderer, scene }
@@ -457,7 +460,7 @@ impl FrameSource for PlantCamera {
         }
         // `render` would return a dark frame, which a caller could take for a dark cell.
         if self.renderer.world_from_camera(&scene).is_none() {
-            return Err(refuse("the arm that carries the camera is missing"));
+            return Err(refuse("the scene lacks the arm that carries the camera"));
         }
         Ok(Frame { period: scene.period, image: self.renderer.render(&scene, exposure) })
     }

@@ -32,6 +32,7 @@ impl View {
     }
 
     /// Returns a view from the open side of the cell whose picture contains all of `points`.
+    /// `aspect` is the picture's width over its height.
     fn around(points: &[Point3<f64>], aspect: f64) -> Self {
         let first = points.first().copied().unwrap_or_default();
         let (mut low, mut high) = (first, first);
@@ -76,7 +77,8 @@ impl View {
         Self::towards_cube(scene, open_side(), edges)
     }
 
-    /// Returns the view of the cube from a direction, which is a unit vector from the cube.
+    /// Returns a view of the cube from the direction `away`, a unit vector from the cube to the
+    /// eye. The picture is `edges` cube edges high.
     fn towards_cube(scene: &Scene, away: Vector3<f64>, edges: f64) -> Self {
         let cube = Point3::from(scene.cube.world_from_cube.translation.vector);
         // Far away in edges of the cube, so that its perspective is weak.
@@ -87,8 +89,8 @@ impl View {
         }
     }
 
-    /// Returns the ray (of unit length) through a point of a picture, given from its middle in
-    /// heights of the picture.
+    /// Returns the unit vector, in the world, of the ray through the point (x right, y down) of a
+    /// picture. The point counts from the picture's middle, in picture heights.
     fn ray(&self, x: f64, y: f64) -> Vector3<f64> {
         self.world_from_eye.rotation * Vector3::new(x, y, self.focal).normalize()
     }
@@ -99,7 +101,8 @@ impl View {
     }
 }
 
-/// Returns the direction (of unit length) from the cell to its open side.
+/// Returns the unit vector from the cell to its open side: towards the operator (+x), the track arm
+/// (-y) and up.
 fn open_side() -> Vector3<f64> {
     Vector3::new(0.86, -0.42, 0.34).normalize()
 }
@@ -191,7 +194,7 @@ pub fn seen(scene: &Scene, setting: &Setting, view: &View, size: (u32, u32)) -> 
 /// Number of samples along each side of a pixel.
 const GRID: u32 = 4;
 
-/// Codes a linear value in 8 bits, with a soft shoulder.
+/// Converts a linear brightness (1 = white) to 8 bits, with a soft shoulder for highlights.
 fn coded(linear: f64) -> u8 {
     // Above 0.6 the curve approaches 1 with a continuous slope, so highlights keep their shape.
     let soft = if linear < 0.6 { linear } else { 1.0 - 0.4 * libm::exp((0.6 - linear) / 0.4) };
@@ -229,7 +232,7 @@ struct Ball {
 }
 
 impl Ball {
-    /// Makes a ball that contains smaller balls.
+    /// Makes a ball that contains all of `balls`.
     fn around(balls: &[Ball]) -> Self {
         let sum = balls.iter().fold(Vector3::zeros(), |sum, ball| sum + ball.centre.coords);
         let centre = Point3::from(sum / balls.len().max(1) as f64);
@@ -247,7 +250,7 @@ impl Ball {
     }
 }
 
-/// Returns the solids one by one with their balls, and a ball around all.
+/// Returns a ball around all solids, and each box and rod with its own ball.
 fn group(solids: &Solids) -> (Ball, Vec<(Ball, Solid)>) {
     // A box is six plates in a row; a turned cube is three boxes.
     let boxes = solids.plates.chunks(6).map(|plates| {
@@ -294,7 +297,8 @@ impl World {
         Self { groups, cube: look.cube.clone(), lamp }
     }
 
-    /// Returns a pixel of a picture of this size (px), the mean of several samples.
+    /// Returns the colour of the pixel (column, row) in a picture of (width, height) px, the mean
+    /// of several samples.
     fn pixel(
         &self,
         view: &View,
@@ -316,7 +320,8 @@ impl World {
         image::Rgb(sum.map(coded))
     }
 
-    /// Returns the linear colour that a ray of unit length meets, for one sample of a pixel.
+    /// Returns the linear colour that a ray of unit length from `eye` meets. `sample` is the index
+    /// of the sample in its pixel, `dice` gives its random numbers.
     fn colour(
         &self,
         eye: &Point3<f64>,
@@ -396,7 +401,7 @@ impl World {
         best
     }
 
-    /// Checks whether a solid is in the path of a ray of unit length within `reach` (m).
+    /// Checks whether a solid lies on a ray of unit length, less than `reach` (m) from its start.
     fn blocked(&self, from: &Point3<f64>, ray: &Vector3<f64>, reach: f64) -> bool {
         self.groups.iter().filter(|(ball, _)| ball.may_meet(from, ray, reach)).any(|(_, items)| {
             items.iter().filter(|(ball, _)| ball.may_meet(from, ray, reach)).any(|(_, s)| match s {
@@ -464,7 +469,7 @@ fn meet_plate(
 }
 
 /// Returns where a ray of unit length meets a rod before `limit` (m): the distance and the outward
-/// normal, or `None`. The rod is given with its unit vector and its length (m).
+/// normal, or `None`. `axis` is the rod's unit vector, `length` that between its ends (m).
 fn meet_rod(
     (rod, axis, length): (&Rod, &Vector3<f64>, f64),
     from: &Point3<f64>,
@@ -493,7 +498,8 @@ fn meet_rod(
     (t > 0.0 && t < limit).then(|| (t, (from + ray * t - centre) / rod.radius))
 }
 
-/// Returns the distance to the first solid that a ray of unit length meets, by a check of each (m).
+/// Returns the distance (m) to the first solid that a ray of unit length meets. Checks each solid,
+/// without the balls around them.
 #[cfg(test)]
 pub(super) fn distance(solids: &Solids, from: &Point3<f64>, ray: &Vector3<f64>) -> Option<f64> {
     let (_, items) = group(solids);
@@ -513,7 +519,7 @@ pub(super) fn distance(solids: &Solids, from: &Point3<f64>, ray: &Vector3<f64>) 
 struct Dice(u64);
 
 impl Dice {
-    /// Seeds the numbers of a sample.
+    /// Makes the random numbers of one sample of a pixel; equal arguments give equal numbers.
     fn new(column: u32, row: u32, sample: u32) -> Self {
         Self((u64::from(column) << 40) ^ (u64::from(row) << 16) ^ u64::from(sample))
     }
@@ -540,8 +546,8 @@ impl Dice {
         Vector3::zeros()
     }
 
-    /// Returns a random point on the unit sphere, in the sample's own cell of it. The samples of a
-    /// pixel cover the whole sphere.
+    /// Returns a random point on the unit sphere, in the cell of the sphere that belongs to
+    /// `sample`. So the samples of a pixel cover the whole sphere.
     fn sphere(&mut self, sample: u32) -> Vector3<f64> {
         let (column, row) = (f64::from(sample % GRID), f64::from(sample / GRID));
         // Cells of equal z and equal angle have equal areas (Archimedes).

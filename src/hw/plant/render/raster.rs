@@ -77,7 +77,7 @@ pub(super) enum Extent<'a> {
 }
 
 impl View {
-    /// Makes a view for a camera with these rays.
+    /// Makes an empty view of a camera with these rays.
     pub(super) fn new(rays: &Rays) -> Self {
         let pixels = rays.width * rays.height;
         Self {
@@ -108,7 +108,7 @@ impl View {
         }
     }
 
-    /// Finds the nearest surface of each pixel.
+    /// Finds the nearest of the solids' surfaces at each pixel of `extent`.
     pub(super) fn look_at(&mut self, eye: Eye<'_>, solids: &Solids, extent: Extent<'_>) {
         let rays = eye.rays;
         let (clip, behind) = match extent {
@@ -138,7 +138,8 @@ impl View {
         }
     }
 
-    /// Collects the surfaces that the camera sees inside `clip`, and their windows.
+    /// Collects the surfaces that the camera sees inside `clip`, each with the rectangle of pixels
+    /// that may show it. `None` is the whole picture.
     fn collect(&mut self, eye: Eye<'_>, solids: &Solids, clip: Option<Window>) {
         self.facets.clear();
         self.rounds.clear();
@@ -162,7 +163,8 @@ impl View {
         }
     }
 
-    /// Resets the pixels that will be touched to the background.
+    /// Resets the pixels that the next cast may touch to the background, whose reciprocal depths
+    /// are `behind` (1/m), or 0 without them.
     fn clear_rows(&mut self, rays: &Rays, behind: Option<&[f32]>) {
         for row in 0..rays.height {
             // Edges also look at the rows above and below, one pixel beyond the span of each.
@@ -214,7 +216,8 @@ impl View {
         changed
     }
 
-    /// Returns the touched pixels of a row, `from..to`; they are none if `from >= to`.
+    /// Returns the columns of a row in which a solid may be visible, `from..to`; they are none if
+    /// `from >= to`.
     pub(super) fn span(&self, row: usize) -> (usize, usize) {
         self.spans[row]
     }
@@ -225,16 +228,17 @@ impl View {
         &self.depth
     }
 
-    /// Adds a window to the spans of its rows. A window has a margin of two pixels, and half of the
-    /// widest aperture is 1.5 pixels, so an aperture outside the spans sees no solid.
+    /// Extends the spans of the rows of a window by its columns. A window has a margin of two
+    /// pixels, and half of the widest aperture is 1.5 pixels, so an aperture outside the spans sees
+    /// no solid.
     fn touch(&mut self, window: Window) {
         for span in &mut self.spans[window.y0..window.y1] {
             *span = (span.0.min(window.x0), span.1.max(window.x1));
         }
     }
 
-    /// Returns a plate as the camera sees it, and its window, or `None` if it shows its back or is
-    /// outside the picture.
+    /// Returns a plate as the camera sees it, and the rectangle of pixels that may show it, or
+    /// `None` if the plate shows its back or is outside the picture.
     fn facet(&self, plate: &Plate, eye: Eye<'_>) -> Option<(Facet, Window)> {
         let Eye { rays, camera_from_world, .. } = eye;
         let rotation = &camera_from_world.rotation;
@@ -287,8 +291,8 @@ impl View {
         Some((facet, window))
     }
 
-    /// Returns a rod as the camera sees it, and its window, or `None` if it is outside the picture
-    /// or contains the camera.
+    /// Returns a rod as the camera sees it, and the rectangle of pixels that may show it, or `None`
+    /// if the rod is outside the picture or contains the camera.
     fn round(&self, rod: &Rod, eye: Eye<'_>) -> Option<(Round, Window)> {
         let Eye { rays, camera_from_world, .. } = eye;
         let (a, b) = (camera_from_world * rod.a, camera_from_world * rod.b);
@@ -338,7 +342,8 @@ impl View {
         Some((round, window))
     }
 
-    /// Enters a facet at the pixels of a window where it is nearest.
+    /// Stores number and depth of the facet `index` at those pixels of a window where it is nearer
+    /// than all surfaces before it.
     fn cast_facet(&mut self, index: usize, window: Window, rays: &Rays) {
         let facet = &self.facets[index];
         let id = index as u32 + 1;
@@ -364,7 +369,8 @@ impl View {
         }
     }
 
-    /// Enters a rod at the pixels of a window where it is nearest.
+    /// Stores number and depth of the rod `index` at those pixels of a window where it is nearer
+    /// than all surfaces before it.
     fn cast_round(&mut self, index: usize, window: Window, rays: &Rays) {
         // A copy, because the compiler must otherwise assume that the loop's stores change it.
         let round = self.rounds[index];

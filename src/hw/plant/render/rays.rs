@@ -21,7 +21,7 @@ pub(super) struct Rays {
 }
 
 impl Rays {
-    /// Computes the rays of a camera.
+    /// Computes the rays of all pixels of a camera.
     pub(super) fn new(intrinsics: &Intrinsics) -> Self {
         let (width, height) = (intrinsics.width as usize, intrinsics.height as usize);
         let (mut x, mut y) = (vec![0.0; width * height], vec![0.0; width * height]);
@@ -39,8 +39,8 @@ impl Rays {
         Self { width, height, x, y, step, intrinsics: *intrinsics, extent }
     }
 
-    /// Returns the pixels that may see points whose directions lie in a rectangle, with a margin of
-    /// two pixels, or `None` if the rectangle is outside the picture.
+    /// Returns the pixels that may see directions (x/z, y/z) from `low` to `high`, with a margin of
+    /// two pixels, or `None` if these directions are outside the picture.
     pub(super) fn window(&self, low: (f64, f64), high: (f64, f64)) -> Option<Window> {
         let [x0, x1, y0, y1] = self.extent;
         if high.0 < x0 || low.0 > x1 || high.1 < y0 || low.1 > y1 {
@@ -71,8 +71,9 @@ impl Rays {
 }
 
 impl Rays {
-    /// Returns the columns of a row that may see a rod with these extents of its ends: low and high
-    /// x, low and high y of the directions. Without `ends` these are the columns of `window`.
+    /// Returns the columns of a picture row that may see a rod, `from..to`, or `None` without any.
+    /// `ends` has for either end of the rod the extent of its directions: low and high x/z, then
+    /// low and high y/z. Without `ends` the result is the columns of `window`.
     pub(super) fn columns_of(
         &self,
         ends: Option<[[f64; 4]; 2]>,
@@ -129,7 +130,8 @@ pub(super) struct Window {
 }
 
 impl Window {
-    /// Returns the intersection with another rectangle, or `None` if it is empty.
+    /// Returns the intersection with `other`, or `None` if it is empty. `None` as `other` is no
+    /// limit.
     pub(super) fn within(self, other: Option<Self>) -> Option<Self> {
         let Some(other) = other else { return Some(self) };
         let (x0, x1) = (self.x0.max(other.x0), self.x1.min(other.x1));
@@ -147,12 +149,12 @@ impl Window {
         }
     }
 
-    /// Returns the columns and the rows.
+    /// Returns the rectangle's range of columns and its range of rows.
     pub(super) fn ranges(self) -> (std::ops::Range<usize>, std::ops::Range<usize>) {
         (self.x0..self.x1, self.y0..self.y1)
     }
 
-    /// Returns the smallest rectangle that contains both.
+    /// Returns the smallest rectangle that contains this one and `other`.
     pub(super) fn hull(self, other: Option<Self>) -> Self {
         let Some(other) = other else { return self };
         Self {
@@ -167,8 +169,8 @@ impl Window {
 /// Smallest depth that is drawn (m).
 pub(super) const NEAR: f64 = 0.01;
 
-/// Returns the pixels that may see a polygon of four corners in the camera frame, clipped at
-/// [`NEAR`].
+/// Returns the pixels that may see a polygon with these four corners in the camera frame (m),
+/// clipped at the depth [`NEAR`], or `None` outside the picture.
 pub(super) fn window_of_polygon(corners: &[Point3<f64>; 4], rays: &Rays) -> Option<Window> {
     let (mut low, mut high) = ((f64::MAX, f64::MAX), (f64::MIN, f64::MIN));
     let mut take = |p: &Point3<f64>| {
@@ -189,8 +191,8 @@ pub(super) fn window_of_polygon(corners: &[Point3<f64>; 4], rays: &Rays) -> Opti
     rays.window(low, high)
 }
 
-/// Returns the smallest and the largest direction x/z to a sphere of radius r in front of the eye
-/// (z > r).
+/// Returns the smallest and the largest direction x/z at which the eye sees a sphere of radius `r`
+/// whose centre is at (x, z) in front of the eye (z > r).
 pub(super) fn sphere_extent(x: f64, z: f64, r: f64) -> (f64, f64) {
     // Slopes k of the tangents from the eye in the x-z plane: (x - k z)^2 = r^2 (1 + k^2).
     let (d2, root) = (z * z - r * r, libm::sqrt(x * x + z * z - r * r));

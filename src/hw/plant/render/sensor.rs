@@ -44,7 +44,7 @@ pub(super) struct Converter {
 }
 
 impl Converter {
-    /// Makes the tables; `seed` chooses the noise.
+    /// Makes the tables of a sensor: its tone curve, and the list of noise, which `seed` chooses.
     pub(super) fn new(sensor: &Sensor, seed: u64) -> Self {
         // Noise times deviation must fit into 16 bits, of which a vector instruction takes twice as
         // many as of 32 bits: 200 (25 of 255) times 160 (5 standard deviations) is 32000.
@@ -70,12 +70,13 @@ impl Converter {
         Self { codes, noise, bayer: sensor.bayer }
     }
 
-    /// Returns the number of values of a pixel in the raw picture.
+    /// Returns the number of values that the raw picture has for each pixel: 1 with a mosaic, else
+    /// 3.
     pub(super) fn channels(&self) -> usize {
         if self.bayer { 1 } else { 3 }
     }
 
-    /// Returns the coded value of a linear signal and the deviation of its noise.
+    /// Returns the coded value of a linear signal and the standard deviation of its noise.
     #[inline]
     fn code(&self, signal: f32) -> (i16, i16) {
         // To 32 bits, because one instruction converts to them. The cast saturates, and turns NaN
@@ -84,7 +85,8 @@ impl Converter {
         self.codes[step.clamp(0, STEPS as i32) as usize]
     }
 
-    /// Stores the colour of a pixel, times `gain`, with the deviation of its noise.
+    /// Stores in `raw` the coded value of a pixel's colour times `gain`, and the standard deviation
+    /// of its noise.
     #[inline]
     pub(super) fn put(&self, raw: &mut Raw, site: Photosite, colour: Rgb, gain: f32) {
         let Photosite { row, column } = site;
@@ -100,8 +102,8 @@ impl Converter {
         }
     }
 
-    /// Stores the colours of neighbours in a row, from `site` on, each times its gain and the
-    /// exposure.
+    /// Stores in `raw` the colours of neighbouring pixels of a row, the first at `site`, each times
+    /// its gain and the exposure.
     #[inline]
     pub(super) fn put_run(
         &self,
@@ -150,7 +152,7 @@ impl Converter {
         RgbImage::from_raw(w as u32, h as u32, pixels).unwrap_or_default()
     }
 
-    /// Writes the values of a row with noise into `line`.
+    /// Writes the values of a row of the raw picture, with noise, into `line`.
     fn expose(&self, raw: &Raw, row: usize, rng: &mut Pcg64, line: &mut [i16]) {
         let stride = line.len();
         let range = row * stride..(row + 1) * stride;
@@ -197,8 +199,8 @@ impl Converter {
     }
 }
 
-/// Interpolates the pixels of a row, packed as 0x00BBGGRR; the lines have one more value on either
-/// side.
+/// Interpolates the mosaic in a row, `mid`, from this row and its neighbours `up` and `down`. They
+/// have one more value on either side. The pixels are packed as 0x00BBGGRR.
 fn interpolate(row: usize, up: &[i16], mid: &[i16], down: &[i16], packed: &mut [u32]) {
     let w = packed.len();
     let (u0, u1, u2) = (&up[..w], &up[1..=w], &up[2..w + 2]);
@@ -282,7 +284,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn put_run_equals_put_of_each_pixel() {
+    fn stored_run_equals_pixels_stored_one_by_one() {
         let mut rng = Pcg64::seed_from_u64(1);
         let colours: Vec<Rgb> = (0..40).map(|_| rng.random()).collect();
         let gains: Vec<f32> = (0..40).map(|_| rng.random()).collect();

@@ -123,7 +123,7 @@ impl Plate {
         self.origin + self.u * u + self.v * v
     }
 
-    /// Returns the four corners, in the order of the outline.
+    /// Returns the four corners, in order around the plate.
     pub(super) fn corners(&self) -> [Point3<f64>; 4] {
         let [u0, u1, v0, v1] = self.bounds;
         [self.at(u0, v0), self.at(u1, v0), self.at(u1, v1), self.at(u0, v1)]
@@ -460,7 +460,8 @@ impl Solids {
     }
 }
 
-/// Returns the bounds of a side plate of the slab between `from` and `to` along `axis` (m).
+/// Returns the bounds, in plate coordinates (m), of the strip of a cube face that lies between
+/// `from` and `to` along `axis`.
 fn slab_bounds(plate: &Plate, axis: Axis, from: f64, to: f64) -> [f64; 4] {
     let [u0, u1, v0, v1] = plate.bounds;
     let (du, dv) = (plate.u.dot(&axis.unit()), plate.v.dot(&axis.unit()));

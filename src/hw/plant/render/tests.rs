@@ -69,8 +69,8 @@ fn arm(world_from_tool: Pose, base: Point3<f64>, opening: f64) -> SceneArm {
     SceneArm { points, world_from_tool, world_from_flange, opening }
 }
 
-/// Makes the hand camera of the postument, which looks from 0.2 m at the face opposite the track's
-/// palm, and its scene.
+/// Makes the camera in the postument's hand, and a scene in which it looks, from 0.2 m, at the face
+/// of the cube opposite the track's palm.
 fn in_hand() -> (Camera, Scene) {
     let world_from_cube = facing(0.9, [0.0; 3]);
     let mut scene = hand_over(world_from_cube, 0.0);
@@ -104,7 +104,8 @@ fn setting() -> Setting {
     }
 }
 
-/// Makes a renderer that shows geometry alone, except for a change of its look.
+/// Makes a renderer with the look of [`Look::studio`], which shows geometry alone, after `change`
+/// has modified this look.
 fn studio(camera: Camera, change: impl FnOnce(&mut Look)) -> Renderer {
     let mut look = Look::studio();
     change(&mut look);
@@ -115,8 +116,9 @@ fn brightness(image: &RgbImage, x: u32, y: u32) -> f64 {
     image.get_pixel(x, y).0.iter().map(|c| f64::from(*c)).sum::<f64>() / 3.0
 }
 
-/// Computes the centre of a white patch's image (px): the mean of points of the patch, weighted by
-/// the area of their images.
+/// Computes the centre (px) of the image of a white square patch: the mean of the patch's points,
+/// weighted by the area of their images. `project` takes patch coordinates (m) to pixels, `half` is
+/// half the patch's side (m).
 fn centre_of_image(project: impl Fn(f64, f64) -> (f64, f64), half: f64) -> (f64, f64) {
     let (mut sum, mut sx, mut sy) = (0.0, 0.0, 0.0);
     let n = 80;
@@ -134,8 +136,8 @@ fn centre_of_image(project: impl Fn(f64, f64) -> (f64, f64), half: f64) -> (f64,
     (sx / sum, sy / sum)
 }
 
-/// The centroids match with distortion and defocus as well, since the detector relies on this
-/// accuracy.
+/// The centroids of rendered stickers also match with distortion and defocus, since the detector
+/// relies on this accuracy.
 #[test]
 fn sticker_centroids_match_projection() {
     let mut camera = standing();
@@ -242,7 +244,7 @@ fn depths_agree_with_plain_ray_tracer() {
 }
 
 #[test]
-fn gripper_hides_cube_from_front_only() {
+fn gripper_hides_cube_only_when_nearer_to_camera() {
     let world_from_cube = facing(0.5, [0.0; 3]);
     let mut renderer = studio(standing(), |_| ());
     let free = renderer.render(&cube_alone(world_from_cube, EDGE, [3; 54]), 1.0);
@@ -263,9 +265,9 @@ fn gripper_hides_cube_from_front_only() {
     assert_ne!(*before.get_pixel(320, 240), yellow);
 }
 
-/// Without a fingertip in front no tile is covered, with one to three at least one is.
+/// Without a fingertip in front no sticker is covered, with one to three at least one is.
 #[test]
-fn fingertips_cover_three_tiles_at_most() {
+fn fingertips_cover_three_stickers_at_most() {
     let world_from_cube = facing(0.35, [0.0; 3]);
     for fingers in 0..=3 {
         let mut renderer = studio(standing(), |look| {
@@ -322,7 +324,7 @@ fn turned_layer_moves_its_stickers() {
 
 /// The cube is turned by -0.4 rad and both outer layers by 0.4 rad, so only the middle layer turns.
 #[test]
-fn outer_layers_turn_against_the_middle() {
+fn outer_layer_angles_are_relative_to_middle_layer() {
     let mut turned = cube_alone(facing(0.4, [0.2, 0.1, 0.3]), EDGE, mixed());
     let mut whole = turned;
     let quarter = std::f64::consts::FRAC_PI_2;
@@ -367,7 +369,7 @@ fn equal_seeds_render_equal_frames() {
 }
 
 #[test]
-fn brightness_follows_the_exposure() {
+fn brightness_is_proportional_to_exposure_up_to_white() {
     let scene = cube_alone(facing(0.4, [0.0; 3]), EDGE, [5; 54]);
     let mut renderer = studio(standing(), |_| ());
 
@@ -382,7 +384,7 @@ fn brightness_follows_the_exposure() {
 }
 
 #[test]
-fn noise_matches_its_setting() {
+fn rendered_noise_has_configured_standard_deviation() {
     for read in [2.0, 6.0, 12.0] {
         let mut renderer = studio(standing(), |look| look.sensor.read_noise = read);
         let image = renderer.render(&cube_alone(facing(0.12, [0.0; 3]), EDGE, [5; 54]), 1.0);
@@ -397,7 +399,7 @@ fn noise_matches_its_setting() {
 }
 
 #[test]
-fn shadow_blocks_lamp_beyond_its_edge() {
+fn shadow_leaves_only_ambient_light_beyond_its_edge() {
     let scene = cube_alone(facing(0.35, [0.0; 3]), EDGE, [0; 54]);
     let mut renderer = studio(standing(), |look| {
         look.light.ambient = 0.4;
@@ -420,7 +422,7 @@ fn shadow_blocks_lamp_beyond_its_edge() {
 }
 
 #[test]
-fn motion_blurs_over_speed_times_exposure() {
+fn motion_blur_width_is_about_speed_times_exposure() {
     let mut scene = cube_alone(facing(0.4, [0.0; 3]), EDGE, [0; 54]);
     let mut renderer = studio(standing(), |look| look.sensor.exposure_time = 0.01);
     // A ramp from 0 to 1 of width w has the integral w / 6 of (1 - b) b over its brightness b.
@@ -440,7 +442,7 @@ fn motion_blurs_over_speed_times_exposure() {
 }
 
 #[test]
-fn mosaic_keeps_flat_colours() {
+fn mosaic_preserves_colours_of_uniform_areas() {
     let scene = cube_alone(facing(0.12, [0.0; 3]), EDGE, [4; 54]);
     let plain = studio(standing(), |_| ()).render(&scene, 1.0);
     let mosaic = studio(standing(), |look| look.sensor.bayer = true).render(&scene, 1.0);
@@ -474,7 +476,7 @@ fn frames_do_not_depend_on_earlier_scenes() {
 }
 
 #[test]
-fn hand_camera_sees_cube_and_requires_its_arm() {
+fn hand_camera_sees_cube_and_fails_without_arm() {
     let (camera, mut scene) = in_hand();
     let mut renderer = studio(camera.clone(), |_| ());
     let image = renderer.render(&scene, 1.0);
@@ -497,11 +499,11 @@ fn hand_camera_sees_cube_and_requires_its_arm() {
     assert!(source.grab(80, 0.0).is_err());
 }
 
-/// Writes sample pictures to look at. Run with
-/// `cargo test --release --lib render::tests::samples -- --ignored --nocapture`.
+/// Writes pictures of the cameras into the temporary folder for a look at them. Run with
+/// `cargo test --release --lib renderer_writes -- --ignored --nocapture`.
 #[test]
 #[ignore = "writes pictures into the temporary folder and measures time"]
-fn samples() {
+fn renderer_writes_sample_pictures() {
     let folder = std::env::temp_dir().join("rubik-robot-render");
     std::fs::create_dir_all(&folder).unwrap();
     let save = |name: &str, image: &RgbImage| image.save(folder.join(name)).unwrap();
@@ -563,10 +565,10 @@ fn whole_cell() -> (Scene, Setting) {
     (scene, Setting { table, cameras: vec![camera], ..Setting::default() })
 }
 
-/// Writes the overview. Run like `samples`.
+/// Writes the picture of the whole cell. Run like `renderer_writes_sample_pictures`.
 #[test]
 #[ignore = "writes a picture into the temporary folder"]
-fn overview() {
+fn renderer_writes_overview_of_cell() {
     let folder = std::env::temp_dir().join("rubik-robot-render");
     std::fs::create_dir_all(&folder).unwrap();
     let (scene, setting) = whole_cell();

@@ -63,8 +63,8 @@ pub(super) enum Closing {
 }
 
 impl Robot {
-    /// Follows a path to its end. A hand that meets an obstacle yields and then retries, up to
-    /// [`MOST_CONTACTS`] times.
+    /// Requests behaviours, and repeats those that end in an alarm: the hand that met an obstacle
+    /// yields first, up to [`MOST_CONTACTS`] times.
     pub(super) async fn execute(
         &mut self,
         orders: Orders,
@@ -75,8 +75,8 @@ impl Robot {
         self.retry_after_contact(outcomes, orders, doing).await
     }
 
-    /// Yields and repeats the orders while their outcomes contain an alarm, up to
-    /// [`MOST_CONTACTS`] times.
+    /// Yields and repeats the orders while their outcomes contain an alarm, up to [`MOST_CONTACTS`]
+    /// times. `outcomes` are those of the first try.
     async fn retry_after_contact(
         &mut self,
         mut outcomes: Outcomes,
@@ -95,7 +95,7 @@ impl Robot {
         Ok(())
     }
 
-    /// Returns whether a hand may yield once more to an obstacle.
+    /// Returns whether a hand may yield once more to an obstacle on the present path.
     pub(super) fn may_give_way(&self) -> bool {
         self.contacts < MOST_CONTACTS
     }
@@ -104,7 +104,7 @@ impl Robot {
     async fn give_way(&mut self, mut met: Alarm) -> Result<(), Failure> {
         loop {
             self.contacts += 1;
-            self.note(format!("{}: the hand yields and continues", met.why));
+            self.note(format!("{contact}: the hand yields and continues", contact = met.why));
             let outcomes = self.wait(met.hand, GIVE_WAY_SECONDS).await?;
             match alarm(&outcomes, Doing::GivingWay) {
                 None => return Ok(()),
@@ -114,7 +114,7 @@ impl Robot {
         }
     }
 
-    /// Lets a hand yield to any pull during `seconds`.
+    /// Lets a hand yield to any force for `seconds`.
     pub(super) async fn wait(&mut self, hand: Hand, seconds: f64) -> Result<Outcomes, Failure> {
         let selector = self.settings.grasp_selector();
         // No force reaches an infinite pull, so that only the time or an overload ends this.
@@ -144,7 +144,7 @@ impl Robot {
         }
     }
 
-    /// Moves joints; `None` leaves an arm where it is.
+    /// Moves both arms to joint positions in one time; `None` leaves an arm where it is.
     pub(super) async fn joints(
         &mut self,
         targets: [Option<JointPositions>; 2],
@@ -152,8 +152,8 @@ impl Robot {
         self.execute(self.joint_orders(targets), Until::All, Doing::Travelling).await
     }
 
-    /// Moves joints along a path that may be too near to an obstacle. Returns `false` if it was
-    /// refused; neither arm has moved then.
+    /// Moves both arms to joint positions along a path that may be too near to an obstacle. Returns
+    /// `false` if the path was refused; neither arm has moved then.
     pub(super) async fn joints_unless_refused(
         &mut self,
         targets: [Option<JointPositions>; 2],
@@ -167,8 +167,8 @@ impl Robot {
         Ok(true)
     }
 
-    /// Moves both arms along a path. Returns `None` if it was refused: neither arm has moved then,
-    /// and a note names what follows `instead`.
+    /// Moves both arms along a path. Returns `None` if the path was refused: neither arm has moved
+    /// then, and a note says what the arms do `instead`.
     async fn travel_if_free(
         &mut self,
         orders: Orders,
@@ -177,7 +177,7 @@ impl Robot {
         match self.behave(orders, Until::All, Doing::Travelling).await {
             // The guard of MP checks a path before it begins, and refuses it as trouble.
             Err(Failure::Final(why)) => {
-                self.note(format!("{why}: {instead}"));
+                self.note(format!("the path is refused ({why}): {instead}"));
                 Ok(None)
             }
             outcomes => outcomes.map(Some),
@@ -205,7 +205,8 @@ impl Robot {
         self.execute(alone(Hand::Track, order), until, doing).await
     }
 
-    /// Retracts the track from the meeting, unless it is retracted already.
+    /// Retracts the track from the meeting by the usual separation, unless the arms are apart
+    /// already.
     pub(super) async fn move_apart(&mut self) -> Result<(), Failure> {
         if self.apart {
             return Ok(());
@@ -213,7 +214,7 @@ impl Robot {
         self.separate(self.settings.meetings.separation).await
     }
 
-    /// Retracts the track from its present position, `by` this distance (m).
+    /// Retracts the track from its present position by the distance `by` (m).
     pub(super) async fn separate(&mut self, by: f64) -> Result<(), Failure> {
         self.check_hold()?;
         self.apart = true;
@@ -228,8 +229,9 @@ impl Robot {
         self.track_joints(target, Doing::Travelling).await
     }
 
-    /// Returns the shortest distance by which the track must retract from a meeting (m), so that
-    /// both arms can then move together to or from the joint positions `apart`; `None` if unknown.
+    /// Returns the shortest distance (m) by which the arm on the track must retract from the joint
+    /// positions `met`, at which both hands hold the cube. From there both arms can move at once to
+    /// or from the joint positions `apart`. Returns `None` if the distance is unknown.
     pub(super) fn least_separation(
         &self,
         apart: &[JointPositions; 2],
@@ -291,7 +293,8 @@ impl Robot {
         Behaviour::Line { target, speed: self.settings.gentle }
     }
 
-    /// Follows a line to the tool's set pose moved `by` this displacement.
+    /// Moves the tool from its set pose by the displacement `by`, given in the tool's frame.
+    /// `order` makes the behaviour for the target.
     async fn relative(
         &mut self,
         hand: Hand,
@@ -303,13 +306,14 @@ impl Robot {
         self.execute(alone(hand, line), Until::Effector(hand.index()), doing).await
     }
 
-    /// Moves a hand slowly along its tool's own z (m), where the operator's hand may be.
+    /// Moves a hand along its tool's own z by `distance` (m), slowly, since the operator's hand may
+    /// be there.
     pub(super) async fn along_gently(&mut self, hand: Hand, distance: f64) -> Result<(), Failure> {
         let by = Pose::translation(0.0, 0.0, distance);
         self.relative(hand, by, Self::gentle_line, Doing::Travelling).await
     }
 
-    /// Moves a hand along its tool's own z (m).
+    /// Moves a hand along its tool's own z by `distance` (m).
     pub(super) async fn along(&mut self, hand: Hand, distance: f64) -> Result<(), Failure> {
         self.relative(hand, Pose::translation(0.0, 0.0, distance), Self::line, Doing::Travelling)
             .await
@@ -320,14 +324,14 @@ impl Robot {
         self.relative(hand, Pose::translation(x, y, z), Self::line, Doing::Adjusting).await
     }
 
-    /// Rolls a hand about its tool's own z (rad).
+    /// Rolls a hand about its tool's own z by `angle` (rad).
     pub(super) async fn roll(&mut self, hand: Hand, angle: f64) -> Result<(), Failure> {
         let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
         let by = Pose::from_parts(nalgebra::Translation3::identity(), roll);
         self.relative(hand, by, Self::line, Doing::Adjusting).await
     }
 
-    /// Moves a hand to the beginning of its guarded approach to the partner's cube.
+    /// Moves a hand to the place from which its guarded approach to the partner's cube begins.
     pub(super) async fn pre_grasp(&mut self, hand: Hand, grip: Grip) -> Result<(), Failure> {
         let seat = self.grasp_pose(hand, grip)?;
         let short = self.short_of_cube(hand, grip);
@@ -336,8 +340,8 @@ impl Robot {
         self.execute(alone(hand, line), until, Doing::Adjusting).await
     }
 
-    /// Returns the distance before the cube at which its guarded approach begins (m). The cube may
-    /// be nearer than believed, by the filter's uncertainty and by the error of the last grasps.
+    /// Returns the distance before the cube at which a guarded approach begins (m). The cube may be
+    /// nearer than believed, by the filter's uncertainty and by the error of the last grasps.
     fn short_of_cube(&self, hand: Hand, grip: Grip) -> f64 {
         let least = self.settings.pre_grasp;
         // The last errors alone are not enough: the filter was uncertain by 2 mm before an error of
@@ -394,7 +398,8 @@ impl Robot {
         }
     }
 
-    /// Closes the jaws of a hand on the cube.
+    /// Closes the jaws of a hand on the cube, and stores their distance. `closing` says whether the
+    /// layer between them may be misaligned.
     pub(super) async fn close(
         &mut self,
         hand: Hand,
@@ -431,7 +436,8 @@ impl Robot {
         }
     }
 
-    /// Presses the cube into the palm and the partner's palm, and measures the partner's position.
+    /// Presses the cube into the palm and against the partner's palm, and corrects the belief by
+    /// the position of the contact.
     pub(super) async fn secure(&mut self, hand: Hand, grip: Grip) -> Result<(), Failure> {
         let Grip { hold, half_roll } = grip;
         let s = &self.settings;
@@ -459,13 +465,14 @@ impl Robot {
         Ok(())
     }
 
-    /// Opens the jaws of a hand. An overload stops them only until the cube was given back.
+    /// Opens the jaws of a hand, with the palm's stops at `stops`. An overload interrupts the
+    /// opening, except while the cube is given back.
     pub(super) async fn open(&mut self, hand: Hand, stops: Depth) -> Result<(), Failure> {
         self.open_to(hand, stops, self.given_back).await
     }
 
-    /// Opens the jaws. With `theirs` no overload stops them: the cube belongs to the person who
-    /// pulls it.
+    /// Opens the jaws of a hand, with retries after an overload. With `theirs` no overload
+    /// interrupts the opening, since the cube belongs to the person who pulls at it.
     pub(super) async fn open_to(
         &mut self,
         hand: Hand,
@@ -482,7 +489,7 @@ impl Robot {
             if tries >= MOST_STRAINED {
                 return Err(Failure::Final(met.why));
             }
-            self.note(format!("{}: retry", met.why));
+            self.note(format!("{overload}: the jaws open again", overload = met.why));
             self.wait(hand, STRAINED_SECONDS).await?;
         }
         Ok(())
@@ -513,7 +520,7 @@ impl Robot {
         }
     }
 
-    /// Makes an order for the visual servo to the cube that is held out or lies on the table.
+    /// Makes the order that has the visual servo lead the track hand to the cube.
     pub(super) fn servo_to_cube(&self) -> Behaviour {
         let (s, visual) = (&self.settings, self.settings.visual);
         Behaviour::VisualServo(visual_servo::Order {
@@ -526,8 +533,8 @@ impl Robot {
     }
 
     /// Pulls a little at the cube in the track hand, and returns the outcome: `Touched` means that
-    /// a person holds the cube. `share` is the force that counts, as a share of the force with
-    /// which an operator pulls.
+    /// a person holds the cube, because the resistance exceeds `share` times the force of an
+    /// operator's pull.
     pub(super) async fn pull(
         &mut self,
         share: f64,
@@ -556,8 +563,8 @@ impl Robot {
         self.behave_alone(Hand::Track, order, Doing::HandingBack).await
     }
 
-    /// Turns a layer by `angle` (rad) while the other arm or this one yields; the turn stalls at
-    /// `torque` (Nm).
+    /// Turns the layer under the turner's palm by `angle` about its z (rad), while the arm that
+    /// [`CompliantArm`] names yields. The turn stalls at `torque` (Nm).
     pub(super) async fn turn(
         &mut self,
         turner: Hand,
@@ -606,8 +613,8 @@ mod tests {
     use crate::tasks::{Action, Event};
 
     /// Plays a motion, or a procedure of motions, with the cube in the track hand. Returns the word
-    /// of each action, and whether a journal entry was published before it. No person takes the
-    /// cube that is held out, and a test pull finds a holder.
+    /// of each action, and whether a journal entry was published before the action. No person takes
+    /// the cube that is held out, and a test pull finds a holder.
     fn journaled(
         keeper: Keeper,
         motion: impl AsyncFnOnce(&mut Robot) -> Result<(), Failure>,
@@ -696,7 +703,7 @@ mod tests {
     }
 
     #[test]
-    fn displaced_cube_is_approached_from_farther() {
+    fn displaced_cube_lengthens_the_next_guarded_approach() {
         let distance = |miss: f64, pre_grasp: f64| {
             let mut stage = Stage::holding(CubeSettings { pre_grasp, ..settings() });
             stage.robot.miss = miss;
@@ -723,8 +730,8 @@ mod tests {
         near(distance(0.0, 0.03), 0.03);
     }
 
-    /// Brings the hands to a grasp along a path whose legs end with this event. Returns the words
-    /// of the orders, and the end of the path.
+    /// Brings the hands to a grasp along a known path, whose motion in legs ends with the event
+    /// `legs`. Returns the words of the orders, and the result.
     fn meets(legs: Event<Conclusion>) -> (Vec<&'static str>, Result<(), Failure>) {
         let way =
             MeetingPath { separation: 0.1, stroke: 0.3, across: 0.1, ramp: 0.1, seconds: 2.0 };
@@ -766,9 +773,9 @@ mod tests {
         lost: bool,
     }
 
-    /// Moves the track hand with the cube from `begin` to a meeting at `end`, or back to the joint
-    /// positions of the track at `end`. The arms reach every target. Returns the stage, the end of
-    /// the path, and the targets of the track.
+    /// Moves both arms from the joint positions `begin` to a meeting at `end`, or, without `meets`,
+    /// the track alone to its joint positions of `end`. The track hand has the cube, and the arms
+    /// reach every target. Returns the stage, the result, and the targets of the track.
     fn goes(
         begin: [JointPositions; 2],
         end: [JointPositions; 2],
@@ -808,7 +815,7 @@ mod tests {
     }
 
     #[test]
-    fn track_retracts_no_farther_than_needed() {
+    fn track_arm_retracts_by_shortest_distance_in_table() {
         let finder = WayFinder::of_example();
         let (met, by) = finder.example_place();
         let [apart, _] = WayFinder::example_start();
@@ -838,9 +845,9 @@ mod tests {
         }
     }
 
-    /// Arms that are near must retract before they leave, also after they lost the cube.
+    /// Arms that are near must retract before they move sideways, also after they lost the cube.
     #[test]
-    fn lost_cube_keeps_arms_marked_as_near() {
+    fn arms_stay_marked_near_after_losing_cube() {
         let apart = WayFinder::example_start();
         let lost = Conditions { ways: Some(WayFinder::of_example()), refused: false, lost: true };
 

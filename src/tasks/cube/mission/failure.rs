@@ -52,7 +52,8 @@ pub(super) enum Failure {
 }
 
 impl Failure {
-    /// Returns the failure for an event that does not answer the action, a defect of the shell.
+    /// Returns the failure for an event that does not answer the action, which is a defect of the
+    /// shell.
     pub(super) fn unexpected<C: Debug>(event: &Event<C>) -> Self {
         Self::Final(format!("the shell answered with {event:?}"))
     }
@@ -81,7 +82,8 @@ pub(super) struct Alarm {
     pub(super) why: String,
 }
 
-/// Returns the first alarm among outcomes, in the order of the hands.
+/// Returns the first alarm among outcomes, in the order of the hands. Its message names the action
+/// `doing`.
 pub(super) fn alarm(outcomes: &Outcomes, doing: Doing) -> Option<Alarm> {
     let of = |hand: Hand| Some((hand, outcomes[hand.index()].filter(Outcome::alarms)?));
     let (hand, outcome) = Hand::BOTH.into_iter().find_map(of)?;

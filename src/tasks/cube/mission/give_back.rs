@@ -44,15 +44,15 @@ enum Holder {
     Person,
 }
 
-/// Gives the cube back solved, or as the task wants it.
+/// Gives the cube back in the state that the task wants, and ends the mission with success.
 pub(super) async fn solved(robot: &mut Robot) -> Result<Finish, Failure> {
     hand_back(robot).await?;
     finish(robot, true)
 }
 
-/// Gives the cube back as it is, with the reason.
+/// Gives the cube back as it is, for the reason `why`, and ends the mission without success.
 pub(super) async fn unsolved(robot: &mut Robot, why: String) -> Result<Finish, Failure> {
-    robot.note(format!("{why}: the cube {}", robot.goes_back()));
+    robot.note(format!("{why}: the cube {goes_back}", goes_back = robot.goes_back()));
     robot.log.grasps = 0;
     let holder = robot.held_alone()?;
     // A plan without turns has only the grasps that bring the cube into the track hand.
@@ -202,8 +202,8 @@ async fn wait_for_a_pull(robot: &mut Robot, tries: u32) -> Result<Holder, Failur
     }
 }
 
-/// Retracts the cube farther than it was held out: an operator who did not see it leave may not
-/// see that it is back.
+/// Retracts the cube before it is held out again, by twice the usual distance if the joints allow
+/// it, so that the operator sees the cube leave and come back.
 async fn withdraw(robot: &mut Robot) -> Result<Holder, Failure> {
     let goes = robot.free_retraction(Hand::Track, 2.0 * robot.settings.back);
     let from = robot.arms[Hand::Track.index()].desired_base_from_tool;
@@ -218,7 +218,8 @@ async fn withdraw(robot: &mut Robot) -> Result<Holder, Failure> {
     Ok(Holder::Robot)
 }
 
-/// Moves the cube to the end of its path, and retries after each obstacle.
+/// Moves the cube out to the end of its path. After an obstacle the cube moves back to the
+/// beginning, and the motion is repeated.
 async fn hold_out(robot: &mut Robot, way: OfferPath) -> Result<Holder, Failure> {
     loop {
         let Some(met) = move_track(robot, way.end).await? else {
@@ -228,7 +229,7 @@ async fn hold_out(robot: &mut Robot, way: OfferPath) -> Result<Holder, Failure> 
         if !robot.may_give_way() {
             return Err(Failure::Final(met.why));
         }
-        robot.note(format!("{}: the motion stops", met.why));
+        robot.note(format!("{contact}: the motion stops", contact = met.why));
         // An obstacle is never pushed: the cube moves back to the beginning before the retry.
         if probe_for_holder(robot).await? == Holder::Person
             || move_in(robot, way).await? == Holder::Person
@@ -245,7 +246,7 @@ async fn move_in(robot: &mut Robot, way: OfferPath) -> Result<Holder, Failure> {
         if !robot.may_give_way() {
             return Err(Failure::Final(met.why));
         }
-        robot.note(format!("{}: the hand yields", met.why));
+        robot.note(format!("{contact}: the hand yields", contact = met.why));
         if probe_for_holder(robot).await? == Holder::Person {
             return Ok(Holder::Person);
         }
@@ -259,7 +260,8 @@ async fn move_track(robot: &mut Robot, target: Pose) -> Result<Option<Alarm>, Fa
     Ok(alarm(&outcomes, Doing::Travelling))
 }
 
-/// Yields after a contact until the cube presses no more, then detects a holder by a small pull.
+/// Yields after a contact until the cube no longer presses the obstacle, then detects a holder by a
+/// small pull.
 async fn probe_for_holder(robot: &mut Robot) -> Result<Holder, Failure> {
     loop {
         robot.contacts += 1;
@@ -315,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn untaken_cube_is_probed_twice_and_kept() {
+    fn cube_nobody_takes_is_offered_twice_and_kept() {
         let mut stage = stage();
 
         let (end, actions) =
@@ -363,8 +365,9 @@ mod tests {
         actions.iter().any(opens)
     }
 
-    /// Hands the cube back. The lines and the pulls end with these outcomes in order, and well
-    /// afterwards. Checks that jaws which let go open under any strain.
+    /// Hands the cube back. The lines and the pulls end with these outcomes in order, and with
+    /// success afterwards. Returns the result, the words of the actions and the targets of the
+    /// lines. Checks that jaws which let go open under any strain.
     fn held_out(
         lines: &[Outcome],
         pulls: &[Outcome],
@@ -391,9 +394,9 @@ mod tests {
 
     const MET: Outcome = Outcome::OverForce(2, 31.0);
 
-    /// A contact on the way out may be a person who takes the cube.
+    /// A contact while the cube is held out may be a person who takes it.
     #[test]
-    fn contact_on_the_way_out_detects_holder() {
+    fn contact_while_offering_cube_detects_person() {
         // The hand yields once more to an obstacle that still presses after a while.
         let (end, words, _) = held_out(&[MET], &[MET, Outcome::Touched(0.003)]);
 
@@ -413,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn contact_on_the_way_in_detects_holder() {
+    fn contact_while_retracting_cube_detects_person() {
         let (end, words, _) = held_out(&[MET, MET], &[Outcome::NotTouched, Outcome::Touched(0.0)]);
 
         assert_eq!(end, Ok(()));
@@ -436,7 +439,7 @@ mod tests {
     }
 
     #[test]
-    fn overforce_while_presented_opens_strained_jaws() {
+    fn overforce_while_presenting_cube_opens_jaws_under_strain() {
         let presents = |outcome: Outcome| {
             let mut stage = stage();
             let waits = async |robot: &mut Robot| wait_for_a_pull(robot, 1).await;

@@ -52,8 +52,8 @@ struct Inspection {
     uninspected: Option<String>,
 }
 
-/// Inspects the cube in the hand that holds it alone. With `turns_remain` the plan continues after
-/// this inspection.
+/// Inspects the cube in the hand that holds it alone, and fails if it is not as expected. With
+/// `turns_remain` the plan continues after this inspection.
 pub(super) async fn inspect(robot: &mut Robot, turns_remain: bool) -> Result<(), Failure> {
     let mut inspections = 0;
     loop {
@@ -81,7 +81,8 @@ pub(super) async fn inspect(robot: &mut Robot, turns_remain: bool) -> Result<(),
     if turns_remain { robot.phase("solve").await } else { Ok(()) }
 }
 
-/// Returns the failure of a cube that is not as the turns should have left it.
+/// Returns the failure for a cube whose stickers `unexpected` (face, number 1..=9) have other
+/// colours than the turns should have left.
 fn not_as_turned(robot: &mut Robot, unexpected: &[(Face, usize)]) -> Failure {
     let names: Vec<String> =
         unexpected.iter().map(|(face, i)| format!("{}{i}", face.letter())).collect();
@@ -94,7 +95,7 @@ fn not_as_turned(robot: &mut Robot, unexpected: &[(Face, usize)]) -> Failure {
     Failure::ReadAgain { release: None }
 }
 
-/// Looks at the sides that the free hand sees without another grasp.
+/// Looks at the sides that the camera in the free hand can see without another grasp.
 async fn look_at_sides(robot: &mut Robot) -> Result<Inspection, Failure> {
     let holder = robot.holder()?;
     let viewer = holder.other();
@@ -137,7 +138,8 @@ fn nearest(robot: &Robot, viewer: Hand, looks: &[(Face, Meeting)]) -> Option<usi
     seconds.enumerate().min_by(|a, b| a.1.total_cmp(&b.1)).map(|(number, _)| number)
 }
 
-/// Compares one side with its expected colours, with each retry from another place.
+/// Compares one side with its expected colours, and adds the result to `inspection`. Each retry
+/// looks from another place.
 async fn check_side(
     robot: &mut Robot,
     viewer: Hand,
@@ -171,7 +173,8 @@ async fn check_side(
     Ok(())
 }
 
-/// Returns the stickers of a side with unexpected colours, and the reading itself.
+/// Returns the reading of a side and its stickers with unexpected colours, 1..=9, or the reason why
+/// the reading cannot be compared.
 fn compare(
     robot: &Robot,
     face: Face,
@@ -188,7 +191,8 @@ fn compare(
     Ok((reading, unexpected))
 }
 
-/// Returns the reason for which a reading does not show the angle of each layer, if there is one.
+/// Returns the reason why a reading does not show whether each layer is turned, if so many stickers
+/// are covered.
 fn reason_hidden(reading: &FaceReading) -> Option<String> {
     let seen = |row: &[usize; 3]| row.iter().filter(|&&i| !reading.occluded[i]).count();
     if ROWS.iter().all(|row| seen(row) >= ROW_SEEN) {
@@ -232,7 +236,7 @@ mod tests {
     use crate::tasks::{Action, Event};
 
     #[test]
-    fn nearest_side_is_inspected_first() {
+    fn side_with_fastest_path_is_inspected_first() {
         let mut stage = stage(None);
         let at = |track: f64| {
             let meeting = stage.robot.settings.meetings.grasps[0].unwrap();
@@ -272,8 +276,8 @@ mod tests {
         stage
     }
 
-    /// Inspects the cube; `look` has the number of earlier looks. Returns the end, the number of
-    /// looks and the number of questions.
+    /// Inspects the cube. `look` gets the number of earlier looks and the face, and returns the
+    /// reading. Returns the result, the number of looks and the number of questions.
     fn inspects(
         stage: &mut Stage,
         mut answers: Vec<Option<Answer>>,
@@ -301,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn uninspected_cube_goes_back_with_the_reason() {
+    fn uninspectable_cube_is_returned_with_the_reason() {
         let covered = |face: Face| Ok(FaceReading { occluded: [true; 9], ..one_colour(face) });
         for black in [true, false] {
             let look = |_, face| if black { dark() } else { covered(face) };
@@ -342,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn two_odd_stickers_show_a_turned_layer() {
+    fn two_unexpected_stickers_require_another_reading() {
         for (covered, anew) in [(0, true), (1, true), (2, false)] {
             // One odd sticker counts as a reflection. Some of the three at the rim may be covered.
             let look = |looks, face: Face| {
@@ -413,7 +417,7 @@ mod tests {
     }
 
     #[test]
-    fn given_colour_has_the_usual_appearance() {
+    fn unseen_colour_gets_default_palette_value() {
         let colours = std::array::from_fn(|i| (i / 9) as u8);
         let seen = std::array::from_fn(|i| (i >= 9).then(|| PALETTE[i / 9]));
         let palette = sight::palette(&seen, &colours);
@@ -424,8 +428,9 @@ mod tests {
         assert_eq!(unexpected_stickers(&reading(seen, 1.0), &[3; 9], &palette), [1, 2, 3]);
     }
 
-    /// Carries out turns that undo each other, with grasps between them; the first turn takes two
-    /// motions if it stalls. Returns the number of looks, and the end.
+    /// Carries out turns that undo each other, with grasps between them, then inspects the cube.
+    /// With `stalls` the first turn takes two motions, and the looks after it show the cube `seen`.
+    /// Returns the number of looks, and the result.
     fn turns_twice(stalls: bool, seen: Facelets) -> (usize, Result<(), Failure>) {
         let mut stage = stage(None);
         let robot = &mut stage.robot;
@@ -470,7 +475,7 @@ mod tests {
     }
 
     #[test]
-    fn stalled_turn_is_inspected_before_the_next_grasp() {
+    fn cube_is_inspected_after_stalled_turn_before_regrasp() {
         let solved: Facelets = SOLVED.parse().unwrap();
         let after = solved.turned(Turn { face: Face::U, quarters: 1 });
 

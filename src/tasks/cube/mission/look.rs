@@ -32,7 +32,7 @@ pub(super) const NUDGES: [[f64; 3]; 5] = [
     [-0.028, 0.0, 0.0],
 ];
 
-/// Shows a face to the viewer's camera, and reads it.
+/// Brings the viewer's camera before a face of the cube in the other hand, and reads the face.
 pub(super) async fn show(robot: &mut Robot, viewer: Hand, face: Face) -> Result<(), Failure> {
     let holder = viewer.other();
     let held =
@@ -88,13 +88,14 @@ async fn read_face(robot: &mut Robot, viewer: Hand, face: Face) -> Result<(), Fa
     Ok(())
 }
 
-/// Returns the exposure of a try to read a face.
+/// Returns the exposure of try number `tries`, from 1, to read a face, as a multiple of the
+/// camera's nominal exposure.
 pub(super) fn exposure(robot: &Robot, tries: u32) -> f64 {
     EXPOSURES[(tries + robot.rounds - 2) as usize % EXPOSURES.len()]
 }
 
-/// Stores the stickers that a reading shows. Refuses the reading while a sticker of the face was
-/// never seen, since a covered sticker is never guessed.
+/// Stores the stickers that a reading shows, seen at `exposure`. Refuses the reading while a
+/// sticker of the face was never seen, since a covered sticker is never guessed.
 fn keep(
     robot: &mut Robot,
     face: Face,

@@ -76,13 +76,13 @@ impl Mission {
         Self { procedure: Procedure::new(port, mission(robot)) }
     }
 
-    /// Returns the place of the cube in words, as the controller believes.
+    /// Returns the place of the cube, as the controller believes, in words.
     #[must_use]
     pub fn whereabouts(&self) -> String {
         self.procedure.port().state(|shared| shared.whereabouts.clone())
     }
 
-    /// Returns facts for the summary.
+    /// Returns the facts of the mission for the summary of the run.
     #[must_use]
     pub fn log(&self) -> MissionLog {
         self.procedure.port().state(|shared| shared.log.clone())
@@ -108,7 +108,7 @@ async fn mission(mut robot: Robot) -> Finish {
     }
 }
 
-/// Returns the first station.
+/// Returns the station at which the mission begins.
 async fn begin(robot: &mut Robot) -> Result<Station, Failure> {
     match (robot.earlier.clone(), robot.goal) {
         (Some(last), _) => resume::take_stock(robot, last).await,
@@ -117,14 +117,15 @@ async fn begin(robot: &mut Robot) -> Result<Station, Failure> {
     }
 }
 
-/// Takes the cube. It is then solved, or given back at once.
+/// Takes the cube, and returns the next station: the reading of its faces, or its return if the
+/// goal is only to acquire it.
 async fn take(robot: &mut Robot) -> Result<Station, Failure> {
     take::acquire(robot).await?;
     let solves = robot.goal == Goal::Solve;
     Ok(if solves { Station::Read { phase: "identify" } } else { Station::Return })
 }
 
-/// Reads the cube, carries out the plan, and inspects the result.
+/// Reads the cube, carries out the plan, and inspects the result. `phase` names the reading.
 async fn read_and_solve(robot: &mut Robot, phase: &'static str) -> Result<Station, Failure> {
     robot.phase(phase).await?;
     let steps = read::read_and_plan(robot).await?;

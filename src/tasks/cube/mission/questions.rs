@@ -36,7 +36,7 @@ pub(super) async fn ask_to_show_the_cube(robot: &mut Robot, why: String) -> Resu
         otherwise: "without an answer the run ends".to_owned(),
         end: "end the run",
     };
-    if ask_to_see_to_it(robot, choice, seconds).await? { Ok(()) } else { Err(Failure::Final(why)) }
+    if ask_to_look_again(robot, choice, seconds).await? { Ok(()) } else { Err(Failure::Final(why)) }
 }
 
 /// Asks the operator to free the cameras' view, since the cube cannot be inspected. Without an
@@ -52,15 +52,16 @@ pub(super) async fn ask_for_inspection(robot: &mut Robot, why: String) -> Result
             Keeper::Table => "lay it down as it is",
         },
     };
-    if ask_to_see_to_it(robot, choice, seconds).await? {
+    if ask_to_look_again(robot, choice, seconds).await? {
         Ok(())
     } else {
         Err(Failure::GiveBack(why))
     }
 }
 
-/// Asks the operator, and returns whether the robot must look again.
-async fn ask_to_see_to_it(
+/// Asks the operator to check the cell, for at most `seconds`, and returns whether the answer is to
+/// look again. After any other answer, or none, the operator counts as absent.
+async fn ask_to_look_again(
     robot: &mut Robot,
     choice: Choice<'_>,
     seconds: f64,
@@ -101,7 +102,7 @@ pub(super) async fn ask_for_colours(robot: &mut Robot, doubt: Doubt) -> Result<(
             doubtful: doubt.doubtful.clone(),
         },
     };
-    robot.note(format!("{}: the operator is asked", doubt.reason));
+    robot.note(format!("{doubt}: the operator is asked", doubt = doubt.reason));
     if let Some(Answer::Stickers { stickers }) = robot.ask(question).await? {
         robot.note("the operator has given the colours");
         robot.given = Some(stickers);
@@ -111,7 +112,8 @@ pub(super) async fn ask_for_colours(robot: &mut Robot, doubt: Doubt) -> Result<(
     Err(Failure::GiveBack(doubt.reason))
 }
 
-/// Returns the 54 letters from which the operator starts, `-` for a sticker that was not seen.
+/// Returns the 54 letters that the question shows as the likely colours, `-` for a sticker that was
+/// not seen.
 fn likely_colours(robot: &Robot, doubt: &Doubt) -> String {
     let net = |i: usize| robot.shown.net.facelets.get(i).copied().flatten();
     // The letters of an impossible cube name positions of centres. The operator sees colours, so

@@ -81,8 +81,8 @@ async fn show_all(robot: &mut Robot, mut steps: Vec<Step>) -> Result<(), Failure
     Ok(())
 }
 
-/// Returns looks in other grasps at a face that is hidden in this one. If there are none, the face
-/// stays unread, and the operator is asked about it later.
+/// Returns looks at a face in other grasps, since it is hidden in the present one for the reason
+/// `why`. If there are none, the face stays unread, and the operator is asked about it later.
 fn other_looks(robot: &mut Robot, face: Face, why: String) -> Result<Option<Vec<Step>>, Failure> {
     let (holder, grip) = robot.held_alone()?;
     if robot.sight.hide(holder, grip.hold, face) < MOST_HIDDEN
@@ -109,7 +109,8 @@ fn unreadable(robot: &Robot) -> Option<Doubt> {
     Some(Doubt { reason, read: None, doubtful: missing, possible: false })
 }
 
-/// Returns the input of the long work.
+/// Returns the input of the long computation that decides the colours, solves the cube and plans
+/// the steps.
 fn thought(robot: &Robot) -> Result<Thought, String> {
     let mut rgb = [[0.0; 3]; 54];
     for (i, seen) in robot.sight.levels().into_iter().enumerate() {
@@ -130,7 +131,7 @@ fn thought(robot: &Robot) -> Result<Thought, String> {
     })
 }
 
-/// Stores a plan, and returns its steps.
+/// Stores the decided colours and the plan, and returns the steps of the plan.
 fn decide(robot: &mut Robot, answer: Answer) -> Vec<Step> {
     robot.shown.decide(&answer);
     let levels = robot.sight.levels();
@@ -149,8 +150,8 @@ fn decide(robot: &mut Robot, answer: Answer) -> Vec<Step> {
     answer.steps
 }
 
-/// Forgets the stickers of the faces in doubt and returns the looks at them; `None` after the last
-/// round, or if no looks are possible.
+/// Forgets the stickers of the faces in doubt and returns the looks at these faces; `None` after
+/// the last round, or if no looks are possible.
 fn looks_again(robot: &mut Robot, doubt: &Doubt) -> Option<Vec<Step>> {
     if robot.rounds >= LOOK_ROUNDS {
         return None;
@@ -167,7 +168,7 @@ fn looks_again(robot: &mut Robot, doubt: &Doubt) -> Option<Vec<Step>> {
     };
     let faces: String =
         Face::ALL.iter().filter(|face| again[face.index()]).map(|face| face.letter()).collect();
-    robot.note(format!("{}: faces {faces} are looked at again", doubt.reason));
+    robot.note(format!("{doubt}: faces {faces} are looked at again", doubt = doubt.reason));
     robot.rounds += 1;
     Some(steps)
 }
@@ -199,8 +200,9 @@ mod tests {
         questions: Vec<String>,
     }
 
-    /// Reads the cube on a stage. `hides` returns the stickers of a face that are hidden in a hold.
-    /// The first thoughts conclude with the doubts, the last one first; the next one finds no plan.
+    /// Reads the cube on a stage. `hides` returns which stickers of a face are hidden in a hold.
+    /// Each request to compute a plan is answered with the last one of `doubts`, which is removed,
+    /// and with the failure to find a plan when none is left.
     fn read(
         stage: &mut Stage,
         mut doubts: Vec<Doubt>,
@@ -245,7 +247,7 @@ mod tests {
         Read { end, looks, questions }
     }
 
-    /// Covers sticker 3 of the upper face as long as the palm is on the lower one.
+    /// Hides sticker 3 of the upper face as long as the palm is on the lower face.
     fn under_a_finger(face: Face, hold: Hold) -> [bool; 9] {
         std::array::from_fn(|i| i == 2 && face == Face::U && hold.palm == Face::D)
     }
@@ -289,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn doubtful_stickers_repeat_only_their_faces() {
+    fn only_faces_with_doubtful_stickers_are_reread() {
         let doubt = || Doubt {
             reason: "red?".into(),
             read: None,

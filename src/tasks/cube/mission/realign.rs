@@ -81,7 +81,8 @@ struct Try {
     eased: bool,
 }
 
-/// Brings the turner's layer back into line. Returns the hand that must let go then.
+/// Brings the layer of the hand `turner` back into line with the cube. Returns the hand that must
+/// let go then.
 pub(super) async fn bring_into_line(robot: &mut Robot, turner: Hand) -> Result<Hand, Failure> {
     let mut now = Try { number: 1, eased: false };
     loop {
@@ -115,7 +116,9 @@ pub(super) async fn bring_into_line(robot: &mut Robot, turner: Hand) -> Result<H
     }
 }
 
-/// Mends a failure of one try, and returns the try that follows.
+/// Prepares the next try after a failure: the hand lets go of a layer that it lost or failed to
+/// grasp. Returns the next try, which is `next` unless the layer was lost. A failure that ends the
+/// realignment is returned as it is.
 async fn retry(
     robot: &mut Robot,
     turner: Hand,
@@ -153,7 +156,8 @@ async fn retry(
     }
 }
 
-/// Lets go of the layer, and leaves a strain that does not pass to the next try.
+/// Makes the hand let go of the layer. A strain that yielding did not relieve becomes a note, and
+/// the next try goes on.
 async fn release(robot: &mut Robot, hand: Hand) -> Result<(), Failure> {
     match let_go(robot, hand).await {
         Err(Failure::Strained(why)) => {
@@ -164,7 +168,8 @@ async fn release(robot: &mut Robot, hand: Hand) -> Result<(), Failure> {
     }
 }
 
-/// Lets both hands yield: a strained layer would measure as misaligned.
+/// Lets first the partner of `turner` yield for `seconds`, then `turner`: a strained layer would
+/// measure as misaligned.
 async fn yield_both(robot: &mut Robot, turner: Hand, seconds: f64) -> Result<(), Failure> {
     let outcomes = robot.wait(turner.other(), seconds).await?;
     fail_if_strained(alarm(&outcomes, Doing::GivingWay))?;
@@ -176,7 +181,8 @@ fn fail_if_strained(met: Option<Alarm>) -> Result<(), Failure> {
     met.map_or(Ok(()), |met| Err(Failure::Strained(met.why)))
 }
 
-/// Turns the hand back by `angle` (rad) with little torque, with the layer or without it.
+/// Turns the hand back by `angle` (rad) with little torque, whether the layer follows or not.
+/// `number` is that of the try, for the note.
 async fn turn_back(
     robot: &mut Robot,
     turner: Hand,
@@ -208,6 +214,7 @@ async fn turn_back(
 }
 
 /// Opens the turner, zeroes the forces in free air, and closes the turner at the roll of the layer.
+/// With `doubt` no arm follows its force sensor until the zeroing.
 async fn regrasp_layer(robot: &mut Robot, turner: Hand, doubt: bool) -> Result<(), Failure> {
     if doubt {
         robot.trust = Trust::Doubted;
@@ -230,7 +237,8 @@ async fn regrasp_layer(robot: &mut Robot, turner: Hand, doubt: bool) -> Result<(
 
 /// Leaves a layer misaligned, and returns the failure that follows. The track keeps the cube and
 /// hands it back, since no jaws may close over a misaligned layer. If the track does not hold the
-/// cube, or holds it badly, no hand lets go, and a person must help.
+/// cube, or holds it badly, no hand lets go, and a person must help. With `contradict` the force
+/// sensors contradict each other, and no arm follows them any more.
 fn leave_misaligned(robot: &mut Robot, contradict: bool) -> Failure {
     robot.note("the layer could not be realigned");
     if contradict {
@@ -248,8 +256,8 @@ fn leave_misaligned(robot: &mut Robot, contradict: bool) -> Failure {
     Failure::Final(format!("{why}; the layer is still misaligned"))
 }
 
-/// Returns the angle (rad) of a square with this side (m) between fingers of width `finger` (m),
-/// which it holds `opening` apart (m).
+/// Returns the angle (rad) by which a square with this side (m) is turned between two parallel
+/// fingers of width `finger` (m), if the square holds them `opening` apart (m).
 fn misaligned_between(opening: f64, side: f64, finger: f64) -> f64 {
     // The sides of a square tilted by a touch the fingers at opposite edges of their width:
     //     (side + finger sin a) / cos a = opening
@@ -259,7 +267,8 @@ fn misaligned_between(opening: f64, side: f64, finger: f64) -> f64 {
 }
 
 impl Robot {
-    /// Measures the angle of the layer while the turner holds it, and believes the grip that fits.
+    /// Measures the angle of the layer while the turner holds it, and stores it with the grip that
+    /// the turner has at the nearest quarter turn.
     fn find_layer(&mut self, turner: Hand) -> Result<(), Failure> {
         let turn = self.turn_in_progress.as_ref().ok_or("no turn is in progress")?;
         if self.belief.held[turner.index()].is_some() {
@@ -283,7 +292,7 @@ impl Robot {
         }
     }
 
-    /// Chooses the move of a try.
+    /// Chooses the move of the try `now`.
     fn decide(&self, turner: Hand, now: Try) -> Move {
         let Try { number, eased } = now;
         let body = turner.other();
@@ -319,8 +328,8 @@ impl Robot {
         Move::Regrasp { doubt: false }
     }
 
-    /// Returns the turner's grip at the quarter nearest to the layer, and the layer's angle from
-    /// there (rad).
+    /// Returns the turner's grip at the quarter turn nearest to the layer, and the layer's angle
+    /// from there (rad).
     fn layer(&self, turner: Hand, turn: &TurnInProgress) -> (Grip, f64) {
         let roll = self.arms[turner.index()].desired_joints.0[6];
         let along = self.turned_along(turner, self.forced_apart(turner.other()));
@@ -329,8 +338,8 @@ impl Robot {
         turn.nearest(roll, along + lag)
     }
 
-    /// Returns the angle (rad) about the palm's axis of the cube in a hand, from the distance
-    /// `apart` by which it has forced the jaws apart (m).
+    /// Returns the angle (rad) by which the cube is turned about the palm's axis of a hand, from
+    /// the distance `apart` by which it has forced the jaws apart (m).
     fn misaligned_about_palm(&self, hand: Hand, apart: f64) -> f64 {
         if apart <= MISALIGNED {
             return 0.0;
@@ -339,7 +348,7 @@ impl Robot {
         misaligned_between(width + apart, width, self.settings.finger_width) + PAD_GIVE
     }
 
-    /// Returns the increase of a hand's jaw distance since its jaws closed (m).
+    /// Returns by how much the jaws of a hand are wider than when they closed on the cube (m).
     fn forced_apart(&self, hand: Hand) -> f64 {
         let width = self.widths[hand.index()].unwrap_or(self.settings.edge);
         self.arms[hand.index()].jaw_opening - width
@@ -424,7 +433,8 @@ mod tests {
         stage
     }
 
-    /// Returns the move that a try chooses from the present angle of the layer.
+    /// Returns the move that try `number` chooses from the present angle of the layer. `eased`
+    /// means that both hands have yielded in this try.
     fn decides(stage: &mut Stage, number: u32, eased: bool) -> Move {
         stage.robot.find_layer(Hand::Track).unwrap();
         stage.robot.decide(Hand::Track, Try { number, eased })
@@ -439,7 +449,7 @@ mod tests {
     }
 
     #[test]
-    fn hand_turns_back_to_the_nearest_quarter() {
+    fn hand_turns_layer_back_to_nearest_quarter_turn() {
         for (rolled, expected) in [(-0.5, 0.5), (-1.2, -(FRAC_PI_2 - 1.2)), (0.1, -0.1)] {
             let step = decides(&mut failed(rolled), 1, true);
             assert!((back(step) - expected).abs() < 1e-9, "{rolled} {step:?}");
@@ -447,8 +457,10 @@ mod tests {
         assert_eq!(decides(&mut failed(0.0), 1, true), Move::Done(Hand::Track));
     }
 
+    /// The whole cube has turned by 0.1 rad in the partner's jaws. The hand turns back by that much
+    /// less, and if the layer is in line with the cube, the partner lets go.
     #[test]
-    fn realigning_leaves_cube_that_turned_with_layer() {
+    fn turn_back_subtracts_rotation_of_cube_in_jaws() {
         let tilted = 0.1;
         let stands = |rolled: f64| {
             let mut stage = failed(rolled);
@@ -464,7 +476,7 @@ mod tests {
     }
 
     #[test]
-    fn stubborn_layer_is_regrasped_at_its_angle() {
+    fn layer_still_misaligned_after_tries_is_regrasped() {
         let mut stage = failed(-0.5);
         assert_eq!(decides(&mut stage, EARLY_TRIES + 1, true), Move::Regrasp { doubt: false });
         assert!((stage.robot.turn_in_progress.as_ref().unwrap().last_seen.1 + 0.5).abs() < 1e-9);
@@ -478,7 +490,7 @@ mod tests {
     }
 
     #[test]
-    fn regrasp_closes_jaws_at_the_layers_roll() {
+    fn regrasp_rolls_jaws_to_angle_of_misaligned_layer() {
         let mut stage = failed(-0.5);
         decides(&mut stage, 1, true);
 
@@ -515,13 +527,14 @@ mod tests {
     }
 
     #[test]
-    fn last_try_counts_after_easing() {
+    fn both_hands_yield_before_realignment_fails() {
         let mut stage = failed(-0.5);
         assert!(matches!(decides(&mut stage, MOST_TRIES + 1, false), Move::Ease(_)));
     }
 
-    /// Plays the realignment. The first turns end with the outcomes `turns`, the last one first,
-    /// and later turns succeed. A turn that succeeds moves the layer along.
+    /// Plays the realignment of the track hand's layer. Each turn moves the layer along and ends
+    /// with the last entry of `turns`, an outcome and the jaw distance then, which is removed. When
+    /// none is left, turns succeed.
     fn realigns(
         stage: &mut Stage,
         mut turns: Vec<(Outcome, Option<f64>)>,
@@ -548,7 +561,7 @@ mod tests {
     }
 
     #[test]
-    fn layer_is_turned_back_and_let_go() {
+    fn misaligned_layer_is_turned_back_and_released() {
         let (end, actions) = realigns(&mut failed(-0.5), vec![]);
 
         assert_eq!(end, Ok(Hand::Track));
@@ -578,7 +591,7 @@ mod tests {
     }
 
     #[test]
-    fn alarm_in_turn_back_starts_another_try() {
+    fn alarm_while_turning_back_starts_another_try() {
         let mut stage = failed(-0.5);
 
         let (end, actions) = realigns(&mut stage, vec![(Outcome::OverForce(0, 30.0), None)]);
@@ -589,7 +602,7 @@ mod tests {
     }
 
     #[test]
-    fn slip_while_turning_back_reverses_lag() {
+    fn jaws_forced_apart_lengthen_the_next_turn_back() {
         let mut stage = failed(-0.5);
         decides(&mut stage, 1, true);
         let turns = async |robot: &mut Robot| turn_back(robot, Hand::Track, 0.5, 1).await;
@@ -606,7 +619,7 @@ mod tests {
     }
 
     #[test]
-    fn released_layer_keeps_its_last_angle() {
+    fn stored_layer_angle_ignores_hand_after_release() {
         let mut stage = failed(-0.5);
         decides(&mut stage, 1, false);
         stage.robot.belief.released(Hand::Track);
@@ -618,7 +631,7 @@ mod tests {
     }
 
     #[test]
-    fn neither_hand_follows_a_contradicting_force() {
+    fn hands_do_not_yield_if_their_forces_disagree() {
         let begins = |track: f64, postument: f64, number: u32| {
             let mut stage = failed(0.0);
             for (arm, force) in stage.robot.arms.iter_mut().zip([track, postument]) {
@@ -639,7 +652,7 @@ mod tests {
     }
 
     #[test]
-    fn other_tasks_realign_no_layer() {
+    fn face_turn_task_realigns_no_layer() {
         let mut stage = failed(0.0);
         stage.robot.goal = Goal::FaceTurn(1.0);
         stage.robot.arms = [ArmState { jaw_opening: WIDTH, ..ArmState::default() }; 2];
@@ -694,7 +707,7 @@ mod tests {
     }
 
     #[test]
-    fn jaw_opening_gives_angle_of_square_cube() {
+    fn misalignment_angle_follows_from_jaw_opening() {
         for angle in [0.0, 0.1, 0.5] {
             let opening = (0.057 + 0.012 * libm::sin(angle)) / libm::cos(angle);
             let found = misaligned_between(opening, 0.057, 0.012);

@@ -28,7 +28,8 @@ use crate::cube::Keeper;
 use crate::motion::{Depth, JointPositions};
 use crate::tasks::cube::hold::Hand;
 
-/// Recovers from a failure, or replaces it by another one.
+/// Recovers from a failure. Returns the station at which the mission continues, or the failure that
+/// replaces this one and is handled next.
 pub(super) async fn recover(robot: &mut Robot, failure: Failure) -> Result<Station, Failure> {
     // The loss of the cube outweighs most failures. It does not if the mission ends anyhow: a hand
     // that is pressed beyond its limits must not move on to look for the cube. A turner that lost
@@ -91,7 +92,7 @@ pub(super) async fn recover(robot: &mut Robot, failure: Failure) -> Result<Stati
     }
 }
 
-/// Decides the next step after a hand has lost the cube.
+/// Returns the station or the failure that follows after `hand` has lost the cube.
 async fn lost(robot: &mut Robot, hand: Hand) -> Result<Station, Failure> {
     let lost = format!("the cube has slipped out of the {} hand", hand.name());
     robot.belief.released(hand);
@@ -110,7 +111,8 @@ async fn lost(robot: &mut Robot, hand: Hand) -> Result<Station, Failure> {
     Err(Failure::ReadAgain { release: Some(hand) })
 }
 
-/// Reports the place where the cube fell, and waits for it at the place of hand-over.
+/// Reports the place where the cube fell, and waits for it at the place of hand-over. `lost` says
+/// which hand lost the cube.
 async fn fallen(robot: &mut Robot, hand: Hand, lost: String) -> Result<Station, Failure> {
     robot.log.drops += 1;
     let tool = robot.belief.world_from_base(hand) * robot.arms[hand.index()].base_from_tool;
@@ -145,7 +147,9 @@ async fn wait_for_the_cube(
     regrasp::return_to(robot, hand_over).await
 }
 
-/// Returns the failure that replaces a failed grasp.
+/// Returns the failure that replaces a failed grasp of `hand`: the cube in the partner's hand is
+/// read again, or goes back after the last recovery. The mission ends if the partner does not hold
+/// it.
 fn not_grasped(robot: &mut Robot, hand: Hand, why: String) -> Failure {
     if robot.belief.held[hand.other().index()].is_none() {
         return Failure::Final(why);
@@ -157,8 +161,8 @@ fn not_grasped(robot: &mut Robot, hand: Hand, why: String) -> Failure {
     Failure::ReadAgain { release: Some(hand) }
 }
 
-/// Returns the failure with which the partner gives the cube back as it is, since the recoveries
-/// are used up. A second failure on the way back ends the mission.
+/// Returns the failure with which `hand` lets go and its partner gives the cube back as it is,
+/// since the recoveries are used up. A second failure on the way back ends the mission.
 fn returned_by_partner(robot: &mut Robot, hand: Hand, why: String) -> Failure {
     if robot.goal != Goal::Solve || robot.failure.is_some() {
         return Failure::Final(why);
@@ -193,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn failed_grasp_has_the_cube_read_again() {
+    fn cube_is_read_again_after_failed_grasp() {
         let mut stage = Stage::holding(settings());
         let failure = Failure::NotGrasped { hand: Hand::Postument, why: "missed".to_owned() };
 
@@ -231,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn track_waits_for_fallen_cube_at_hand_over() {
+    fn track_arm_awaits_fallen_cube_at_hand_over() {
         for (keeper, told) in [
             (Keeper::Person, "hold it out again, please"),
             (Keeper::Table, "looks for it on the table"),
@@ -255,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn fallen_cube_without_a_place_ends_the_mission() {
+    fn fallen_cube_without_known_hand_over_ends_mission() {
         let mut stage = Stage::holding(settings());
 
         let (end, _) = recovers(&mut stage, Failure::Lost(Hand::Track));

@@ -22,7 +22,8 @@ pub(super) enum Coming {
 }
 
 /// Brings both hands to a meeting: in one motion if a path is known and free, else by three
-/// motions: apart, to their joint positions, and together.
+/// motions: apart, to their joint positions, and together. A newcomer that is `coming` to grasp
+/// stops short of the cube.
 pub(super) async fn meet(
     robot: &mut Robot,
     newcomer: Hand,
@@ -85,7 +86,7 @@ pub(super) async fn return_to(robot: &mut Robot, place: JointPositions) -> Resul
     robot.joints(goes).await
 }
 
-/// Lets go of the cube and retracts.
+/// Opens a hand that holds the cube, and retracts that hand.
 pub(super) async fn let_go(robot: &mut Robot, hand: Hand) -> Result<(), Failure> {
     robot.check_hold()?;
     // Stops that came forward now would push the cube out of both hands.
@@ -102,12 +103,13 @@ pub(super) async fn let_go(robot: &mut Robot, hand: Hand) -> Result<(), Failure>
     }
 }
 
-/// Lets go of the cube with a hand that holds it, to free that hand for its next step.
+/// Makes a hand let go of the cube if it holds the cube, so that it is free for its next step.
 pub(super) async fn free(robot: &mut Robot, hand: Hand) -> Result<(), Failure> {
     if robot.belief.held[hand.index()].is_some() { let_go(robot, hand).await } else { Ok(()) }
 }
 
-/// Grasps the cube that the partner holds.
+/// Grasps the cube that the partner holds: brings both hands to their meeting, then approaches,
+/// closes the jaws and secures the grip.
 pub(super) async fn grasp(robot: &mut Robot, hand: Hand, grip: Grip) -> Result<(), Failure> {
     let held = robot.belief.held[hand.other().index()];
     let held = held.ok_or("no other hand holds the cube")?;

@@ -45,10 +45,11 @@ const NEGLIGIBLE: f64 = 1e-3;
 const TAKE_BACK_SECONDS: f64 = 3.0;
 const SEEK_SECONDS: f64 = 5.0;
 
-/// Determines which hands hold the cube, and prepares the station that follows.
+/// Determines which hands hold the cube, prepares the mission to continue from there, and returns
+/// the station. `last` is the last journal entry of the earlier run.
 pub(super) async fn take_stock(robot: &mut Robot, last: Entry) -> Result<Station, Failure> {
     restore(robot, &last);
-    robot.note(format!("the earlier run was interrupted while {}", last.doing));
+    robot.note(format!("the earlier run was interrupted while {doing}", doing = last.doing));
     let edge = robot.settings.edge;
     // A kill may come between a journal entry and its motion, so the jaws decide and not the entry.
     let holds = |hand: Hand| {
@@ -64,7 +65,7 @@ pub(super) async fn take_stock(robot: &mut Robot, last: Entry) -> Result<Station
     }
 }
 
-/// Takes over the facts of the other run's last entry.
+/// Takes over the facts in the last journal entry of the earlier run.
 fn restore(robot: &mut Robot, last: &Entry) {
     (robot.hand_over, robot.taken_at) = (last.hand_over, last.taken_at);
     robot.retract_shortfall = last.short;
@@ -81,8 +82,8 @@ fn restore(robot: &mut Robot, last: &Entry) {
     robot.least_track = Some(least);
 }
 
-/// Returns the hold that is assumed for a hand, with the depth of the journal. The looks name the
-/// faces later, so that any palm face will do.
+/// Returns the hold that is assumed for a hand, with the depth of the journal. Any palm face will
+/// do, since the faces get their names later from the looks.
 fn assumed(last: &Entry, hand: Hand) -> Hold {
     Hold { palm: Face::D, jaws: Axis::Y, depth: depth(last, hand) }
 }
@@ -92,7 +93,8 @@ fn depth(last: &Entry, hand: Hand) -> Depth {
     last.held[hand.index()].or(last.stops[hand.index()]).unwrap_or(Depth::One)
 }
 
-/// Ends a mission whose cube went back, or looks for a cube that may not have been taken.
+/// Ends a mission whose cube was handed back, or looks for a cube that the operator may not have
+/// taken.
 async fn was_handed_back(robot: &mut Robot, last: Entry) -> Result<Station, Failure> {
     robot.given_back = true;
     robot.failure = last.undone;
@@ -131,8 +133,8 @@ async fn back_off(robot: &mut Robot, distance: f64) -> Result<(), Failure> {
     robot.along(Hand::Track, -distance).await
 }
 
-/// Begins the search for a cube that the other run was handing back: no entry says that it was
-/// taken.
+/// Begins the search for a cube that the earlier run was handing back, since no journal entry says
+/// whether a person took it.
 fn begin_to_seek(robot: &mut Robot) {
     robot.note("the cube was being handed back: the camera looks for it");
     robot.seek_time = Some(SEEK_SECONDS);
@@ -187,8 +189,8 @@ async fn one_holds(robot: &mut Robot, hand: Hand, last: &Entry) -> Result<Statio
     retreat(robot, hand, left).await
 }
 
-/// Returns the rest of the retraction of an empty hand whose fingers may be beside the cube (m);
-/// `None` if the hand is clear. A joint limit may be near behind that distance.
+/// Returns the distance by which an empty hand, whose fingers may be beside the cube, must still
+/// retract (m); `None` if the hand is clear. A joint limit may be near behind that distance.
 fn way_to_clear(robot: &mut Robot, hand: Hand) -> Option<f64> {
     let (edge, back) = (robot.settings.edge, robot.settings.back);
     let place = robot.belief.centre_in_tool(hand, &robot.arms)?;
@@ -202,7 +204,8 @@ fn way_to_clear(robot: &mut Robot, hand: Hand) -> Option<f64> {
     (left >= NEGLIGIBLE).then(|| robot.retraction(hand, left, CLEAR * back - gone))
 }
 
-/// Brings the cube clear of the place of hand-over, with `left` of the retraction to go (m).
+/// Brings the cube clear of the place of hand-over. `left` is the rest of the retraction (m);
+/// `None` if it is unknown.
 async fn retreat(robot: &mut Robot, holder: Hand, left: Option<f64>) -> Result<Station, Failure> {
     match (robot.hand_over, holder, robot.settings.keeper) {
         // The other run had not retracted yet: the operator may still hold the cube.
@@ -286,9 +289,9 @@ fn find_misaligned(robot: &Robot, last: &Entry) -> Misaligned {
     Misaligned { turner, by, grip: Grip { hold, half_roll } }
 }
 
-/// Returns the hand that turns a layer, and the angle about its own z that brings the layer into
-/// line (rad). Among the 24 orientations of two aligned tools it takes the one that a roll of one
-/// tool reaches best.
+/// Returns the hand that holds the misaligned layer, and the angle about its own z that brings the
+/// layer into line (rad). Among the 24 orientations of two aligned tools it takes the one that a
+/// roll of one tool reaches best.
 fn misaligned(track: &UnitQuaternion<f64>, postument: &UnitQuaternion<f64>) -> (Hand, f64) {
     let mut best = (f64::INFINITY, Hand::Track, 0.0);
     for (hand, own, other) in [(Hand::Track, track, postument), (Hand::Postument, postument, track)]
@@ -338,7 +341,7 @@ mod tests {
         }
     }
 
-    /// Makes a robot that resumes from an entry, with empty hands.
+    /// Makes a stage for a mission that resumes from an entry, with empty hands.
     fn stage(settings: CubeSettings, last: &Entry) -> Stage {
         let assignment = Assignment::new(Goal::Solve).resumed(Some(last.clone()));
         Stage::with(settings, assignment)
@@ -352,7 +355,8 @@ mod tests {
         stage.play(async |robot| take_stock(robot, last).await, &mut goes_well)
     }
 
-    /// Resumes from an entry with the cube in the track hand, `above` the place of the grasp (m).
+    /// Resumes from an entry with the cube in the track hand, `above` the place of the grasp by
+    /// this distance (m). Checks that the cube is read next.
     fn goes_on(keeper: Keeper, last: &Entry, above: f64) -> (Stage, Vec<Action<Thought>>) {
         let mut stage = stage(CubeSettings { keeper, ..settings() }, last);
         stage.robot.arms[0].jaw_opening = WIDTH;
@@ -405,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn resume_probes_for_holder_before_retracting() {
+    fn resume_pulls_to_detect_person_before_retracting() {
         let back = settings().back;
         // Entries of a cube on its way out, and of a cube that was held out.
         for handing_back in [false, true] {
@@ -425,7 +429,7 @@ mod tests {
     }
 
     #[test]
-    fn track_retracts_by_the_remaining_distance() {
+    fn resumed_track_arm_retracts_by_remaining_distance() {
         let back = settings().back;
         let taking = Entry { hand_over: None, handing_back: false, ..lowering() };
         let nowhere = Entry { taken_at: None, ..taking.clone() };
@@ -445,7 +449,7 @@ mod tests {
     }
 
     #[test]
-    fn empty_hand_clears_its_partners_cube() {
+    fn empty_hand_retracts_until_clear_of_partners_cube() {
         let (desired_joints, stand) = Fold::example_stand();
         let goes = settings().folds[1].retractable(&stand, &desired_joints, 0.3);
         let (back, edge) = (goes / 0.6, settings().edge);
@@ -469,7 +473,7 @@ mod tests {
     }
 
     #[test]
-    fn empty_hand_retracts_before_zeroing() {
+    fn resumed_empty_hand_opens_then_retracts() {
         let (desired_joints, desired_base_from_tool) = Fold::example_stand();
         let settings = CubeSettings { back: 0.3, ..settings() };
         let goes = settings.folds[0].retractable(&desired_base_from_tool, &desired_joints, 0.3);
@@ -488,7 +492,7 @@ mod tests {
     }
 
     #[test]
-    fn resumed_hand_leaves_released_cube_before_end() {
+    fn hand_retracts_unless_earlier_mission_was_over() {
         let ends = |over: bool| {
             let last = Entry { held: [None; 2], over, ..lowering() };
             let mut stage = stage(settings(), &last);
@@ -504,8 +508,9 @@ mod tests {
         assert_eq!(words, ["take stock"], "the hand had left the cube");
     }
 
-    /// Plays a mission that resumes from an entry, with the track's jaws `gap` apart (m). Its
-    /// behaviours end with the outcomes that `ends` returns, and else well.
+    /// Plays a mission that resumes from an entry, with the track's jaws `gap` apart (m). A
+    /// behaviour ends with the outcome that `ends` returns, or with success for `None`. Returns the
+    /// end and the words of the actions.
     fn played(
         last: Entry,
         gap: f64,
@@ -531,8 +536,9 @@ mod tests {
         (end, words(&actions))
     }
 
-    /// Plays the end of a hand-back: the jaws end with the outcome `closed`, and each small pull
-    /// ends with the outcome `pulled`.
+    /// Plays a resumed mission that was interrupted in the hand-back, with the track's jaws `gap`
+    /// apart (m). The jaws end with the outcome `closed`, and each small pull ends with the outcome
+    /// `pulled`.
     fn offered(gap: f64, closed: Outcome, pulled: Outcome) -> (Finish, Vec<&'static str>) {
         let last = Entry { doing: "handing back".to_owned(), ..lowering() };
         played(last, gap, |order| match order {
@@ -609,7 +615,7 @@ mod tests {
     }
 
     #[test]
-    fn retaken_cube_was_not_handed_back() {
+    fn mission_fails_if_person_does_not_release_cube() {
         let last = Entry { held: [None; 2], ..lowering() };
 
         let (end, _) = played(last, 0.09, |order| match order {
@@ -620,8 +626,9 @@ mod tests {
         assert!(!end.achieved && end.reason.contains("does not let go"), "{}", end.reason);
     }
 
-    /// Plays a mission whose cube an earlier run was handing back. The visual servo ends with the
-    /// outcome `ended`.
+    /// Plays a mission whose cube an earlier run was handing back; `undone` is the reason if it was
+    /// not solved. The visual servo ends with the outcome `ended`. Returns the end, the words of
+    /// the actions, and the patience of the visual servo (s).
     fn sought(undone: Option<&str>, ended: Outcome) -> (Finish, Vec<&'static str>, Option<f64>) {
         let undone = undone.map(str::to_owned);
         let doing = "opening the jaws".to_owned();
@@ -712,7 +719,7 @@ mod tests {
     }
 
     #[test]
-    fn misaligned_layer_is_found_with_its_angle() {
+    fn misaligned_layer_angle_follows_from_tool_orientations() {
         let track = UnitQuaternion::from_euler_angles(0.3, -0.7, 1.1);
         for straight in rotations() {
             let postument = track * straight;

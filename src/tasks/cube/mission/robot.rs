@@ -140,7 +140,7 @@ pub(super) struct Robot {
 }
 
 impl Robot {
-    /// Makes a robot that has done nothing yet.
+    /// Makes the robot of a mission that begins with this assignment.
     pub(super) fn new(port: MissionPort, settings: CubeSettings, assignment: Assignment) -> Self {
         let Assignment { goal, held, patience, earlier } = assignment;
         let mut belief = Belief::new(settings.arms, settings.edge, settings.calibrated_at);
@@ -213,8 +213,8 @@ impl Robot {
         });
     }
 
-    /// Returns the entry that must be durable before an action. Only a mission that solves can be
-    /// resumed.
+    /// Returns the journal entry that must be on disk before an action, if it needs one. Only a
+    /// mission that solves can be resumed.
     pub(super) fn entry(&self, doing: Doing) -> Option<Entry> {
         let noted = self.goal == Goal::Solve && doing.needs_entry();
         noted.then(|| Entry {
@@ -250,7 +250,8 @@ impl Robot {
         }
     }
 
-    /// Checks the hold, publishes, has the shell carry out an action, and returns its event.
+    /// Checks that no hand has lost the cube, publishes the state, has the shell carry out an
+    /// action, and returns the event that answers it.
     ///
     /// # Errors
     ///
@@ -280,7 +281,8 @@ impl Robot {
         self.act(Action::Watch(on), Doing::Nothing).await.map(drop)
     }
 
-    /// Zeroes force sensors. A zero of both ends a doubt about them.
+    /// Zeroes the force sensors of the marked hands. Zeroing both at once ends a doubt about their
+    /// readings.
     pub(super) async fn zero_forces(&mut self, which: [bool; 2]) -> Result<(), Failure> {
         // Checked here as well: the doubt must last if the cube is lost and no zero follows.
         self.check_hold()?;
@@ -290,7 +292,8 @@ impl Robot {
         self.act(Action::Bias(which), Doing::Nothing).await.map(drop)
     }
 
-    /// Requests the long work, and returns its conclusion.
+    /// Requests the long computation that decides the colours, solves the cube and plans the steps,
+    /// and returns its conclusion.
     pub(super) async fn think(&mut self, thought: Thought) -> Result<Conclusion, Failure> {
         match self.act(Action::Think(thought), Doing::Nothing).await? {
             Event::Thought(conclusion) => Ok(conclusion),
@@ -328,7 +331,8 @@ impl Robot {
         }
     }
 
-    /// Requests behaviours, and returns their outcomes, alarms included.
+    /// Requests behaviours, and returns their outcomes, alarms included. `until` names the
+    /// behaviours that must end before the others are ended from above.
     pub(super) async fn behave(
         &mut self,
         orders: Orders,
@@ -356,7 +360,7 @@ impl Robot {
         self.goal == Goal::Solve && self.recoveries < MOST_RECOVERIES
     }
 
-    /// Forgets the colours and the plan.
+    /// Forgets the colours and the plan, and counts a recovery.
     pub(super) fn forget_cube(&mut self) {
         self.recoveries += 1;
         self.log.recoveries += 1;
@@ -373,13 +377,13 @@ impl Robot {
         self.shown.net = Net::default();
     }
 
-    /// Forgets the place of hand-over.
+    /// Forgets the place of hand-over, and the place where the cube was grasped.
     pub(super) fn forget_hand_over(&mut self) {
         (self.hand_over, self.taken_at, self.retract_shortfall) = (None, None, 0.0);
     }
 
-    /// Ends the mission without a further motion, and returns the reason. It includes the place of
-    /// the cube, for the person who comes to help.
+    /// Ends the mission without a further motion, and returns its end with the reason. The reason
+    /// includes the place of the cube, for the person who comes to help.
     pub(super) fn failed(&mut self, why: String) -> Finish {
         self.publish(Doing::Nothing);
         // The first failure names the cause, and `why` a consequence.
@@ -393,14 +397,15 @@ impl Robot {
         Finish { achieved: false, reason }
     }
 
-    /// Returns the turner, its layer's face, and `cube_from_tool` with the layer in line.
+    /// Returns the turner, the face of its layer, and the rotation `cube_from_tool` of its present
+    /// hold, in which the layer is in line.
     pub(super) fn straight_now(&self, turner: Hand) -> Option<(Hand, Face, UnitQuaternion<f64>)> {
         let held = self.belief.held[turner.index()]?;
         let cube_from_tool = held.hold.cube_from_tool(held.half_roll, self.settings.edge);
         Some((turner, held.hold.palm, cube_from_tool.rotation))
     }
 
-    /// Checks that no hand has lost the cube, by jaws that have closed farther than on it.
+    /// Checks that no hand has lost the cube: its jaws would have closed farther than on the cube.
     ///
     /// # Errors
     ///
@@ -436,7 +441,7 @@ impl Robot {
         }
     }
 
-    /// Returns the place of the cube, as the mission believes.
+    /// Returns the place of the cube, as the mission believes, in words.
     pub(super) fn whereabouts(&self) -> String {
         match self.belief.held.map(|held| held.is_some()) {
             [true, true] => "both hands hold the cube".to_owned(),

@@ -65,7 +65,7 @@ pub(super) struct Shown {
 }
 
 impl Shown {
-    /// Shows the decided cube and its plan, all in the frame of the centres' colours.
+    /// Stores the decided cube and its plan for display, both named by the colours of the centres.
     pub(super) fn decide(&mut self, answer: &Answer) {
         let (colours, rotation) = (answer.read.colours(), answer.rotation);
         self.net = Net { facelets: vec![None; 54], decided: true };
@@ -113,7 +113,7 @@ pub(super) enum Doing {
 }
 
 impl Doing {
-    /// Returns the word for messages and journal entries.
+    /// Returns the action in words, for messages and journal entries.
     pub(super) fn word(self) -> &'static str {
         match self {
             Self::Nothing | Self::Travelling | Self::Adjusting => "moving",

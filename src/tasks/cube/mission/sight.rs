@@ -25,7 +25,8 @@ const USUAL: Palette = [
     [20.0, 60.0, 160.0],
 ];
 
-/// Returns the mean appearance of each colour.
+/// Returns the mean red, green and blue of each colour on this cube, from the stickers `seen` and
+/// their decided `colours`; usual values for a colour that was not seen.
 pub(super) fn palette(seen: &[Option<[f64; 3]>; 54], colours: &[u8; 54]) -> Palette {
     let (mut sums, mut counts) = ([[0.0; 3]; 6], [0_u32; 6]);
     for (rgb, &colour) in seen.iter().zip(colours) {
@@ -67,8 +68,9 @@ impl Default for Sight {
 }
 
 impl Sight {
-    /// Stores a sticker's levels, 0..=255, seen at an exposure. A clipped level counts only if the
-    /// exposure is at most the nominal one, and until a look shows more.
+    /// Stores the levels (0..=255) at which a camera saw a sticker at `exposure`. Clipped levels
+    /// are a lower bound: the first ones are stored only if the exposure is at most the nominal
+    /// one, and they give way to unclipped levels and to those of a shorter exposure.
     pub(super) fn see(&mut self, facelet: usize, levels: [f64; 3], exposure: f64) {
         let light = levels.map(|v| to_linear(v) / exposure);
         let clipped_at = levels.iter().any(|&v| v >= CLIPPED).then_some(exposure);
@@ -120,7 +122,8 @@ impl Sight {
         &self.wanted
     }
 
-    /// Stores that a face is hidden in a hold, and returns the number of pairs that are known.
+    /// Stores that a face is hidden while `hand` has the cube in `hold`, and returns the number of
+    /// such entries.
     pub(super) fn hide(&mut self, hand: Hand, hold: Hold, face: Face) -> usize {
         self.wanted.hidden.push((hand, hold, face));
         self.wanted.hidden.len()

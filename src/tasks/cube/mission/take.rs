@@ -82,11 +82,11 @@ async fn approach(robot: &mut Robot) -> Result<(), Failure> {
             Some(Outcome::NotTouched | Outcome::OverForce(..)) if tries < TAKE_TRIES => {
                 let why = match outcome {
                     Some(met @ Outcome::OverForce(..)) => {
-                        format!("{met}, while approaching: the hand retracts")
+                        format!("{met}, while approaching: the hand retracts, try {tries}")
                     }
-                    _ => "the cube was not where it was seen".to_owned(),
+                    _ => format!("the cube was not where it was seen, try {tries}"),
                 };
-                robot.note(format!("{why}, try {tries}"));
+                robot.note(why);
                 retract(robot, robot.settings.back).await?;
                 // The last zero may include the push of an obstacle.
                 robot.zero_forces([true, false]).await?;
@@ -101,7 +101,7 @@ async fn approach(robot: &mut Robot) -> Result<(), Failure> {
     }
 }
 
-/// Returns the reason for which no cube is in reach, in words.
+/// Returns the message that no cube is in reach, from the outcome `unseen` of the visual servo.
 fn not_in_reach(keeper: Keeper, unseen: Outcome) -> String {
     match (unseen, keeper) {
         (Outcome::OutOfZone(seconds), Keeper::Person) => format!(
@@ -118,7 +118,8 @@ fn not_in_reach(keeper: Keeper, unseen: Outcome) -> String {
     }
 }
 
-/// Closes the jaws on the cube that is given; returns the reason if they do not hold it.
+/// Closes the jaws of the track hand on the cube that is held out or lies on the table; returns the
+/// reason if they do not hold it.
 async fn close(robot: &mut Robot) -> Result<Option<String>, Failure> {
     robot.check_hold()?;
     robot.stops[Hand::Track.index()] = Depth::One;
@@ -186,7 +187,7 @@ pub(super) async fn wait_for_release(robot: &mut Robot) -> Result<(), Failure> {
     robot.zero_forces([true, false]).await
 }
 
-/// Checks the last pull: `Ok` means that no person holds the cube.
+/// Checks the outcome of a pull: `Ok` means that no person holds the cube.
 fn released(robot: &mut Robot, pull: Option<Outcome>) -> Result<(), Failure> {
     let why = match pull {
         // The cube came along: the hand holds it alone.
@@ -239,9 +240,11 @@ impl Robot {
         fold.retractable(&arm.desired_base_from_tool, &arm.desired_joints, distance)
     }
 
-    /// Returns the distance by which the track arm retracts (m). A cube must leave the operator's
-    /// hand by two thirds of the usual retraction. Fingers that have let go of the cube are clear
-    /// of it after the length of its edge.
+    /// Returns the distance by which the track arm retracts when asked for `distance` (m): see
+    /// [`Robot::retraction`]. With the cube, at least two thirds of the usual retraction must be
+    /// possible, counted from the place of the grasp, so that the cube leaves the operator's hand.
+    /// After the cube was released the length of its edge is enough for the fingers to be clear of
+    /// it.
     pub(super) fn track_retraction(&mut self, distance: f64) -> f64 {
         let holds = self.belief.held[Hand::Track.index()].is_some();
         let least = if self.given_back && !holds {
@@ -254,7 +257,8 @@ impl Robot {
         self.retraction(Hand::Track, distance, least)
     }
 
-    /// Returns the distance of the track's retraction with the cube from the grasp (m).
+    /// Returns the distance by which the track retracts with the cube from the place of the grasp
+    /// (m): the usual one less the part that its joints did not allow.
     pub(super) fn way_back(&self) -> f64 {
         self.settings.back - self.retract_shortfall
     }
@@ -265,7 +269,8 @@ impl Robot {
         Some((self.track_place() - from).norm())
     }
 
-    /// Returns the rest of the track's retraction from the place of the grasp (m).
+    /// Returns how much of the retraction with the cube is still to do (m); `None` if the place of
+    /// the grasp is unknown.
     pub(super) fn way_back_left(&self) -> Option<f64> {
         self.distance_from_grasp().map(|gone| (self.way_back() - gone).max(0.0))
     }
@@ -296,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn blocked_approach_retracts_and_finally_leaves() {
+    fn blocked_approach_is_retried_then_cube_is_left() {
         let mut stage = Stage::new(settings());
 
         let (end, actions) =
@@ -342,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn missed_cube_is_approached_again_with_zeroed_force() {
+    fn missed_cube_is_approached_again_after_force_zeroing() {
         let mut tries = 0;
         let mut stage = Stage::new(settings());
 
@@ -360,8 +365,9 @@ mod tests {
         assert_eq!((end, words(&actions)), (Ok(()), vec!["servo", "line", "zero", "servo"]));
     }
 
-    /// Waits for a release while a person holds on to [`RELEASE_TRIES`] pulls; the pull after them
-    /// ends with the outcome `last`.
+    /// Waits for the release of the cube while a person holds on to [`RELEASE_TRIES`] pulls; the
+    /// pull after them ends with the outcome `last`. Returns the result, the words of the actions,
+    /// and the stage.
     fn release(last: Outcome) -> (Result<(), Failure>, Vec<&'static str>, Stage) {
         let mut stage = Stage::holding(settings());
         let mut pulls = 0;
@@ -381,7 +387,7 @@ mod tests {
     /// Each pull measures a force, until the sensor is zeroed before the last one: no person holds
     /// the cube, and the force was an error of the zero.
     #[test]
-    fn persistent_force_is_zeroed_before_last_pull() {
+    fn force_sensor_is_zeroed_before_last_pull() {
         let (end, words, mut stage) = release(Outcome::NotTouched);
 
         assert_eq!(end, Ok(()));
@@ -418,7 +424,8 @@ mod tests {
     }
 
     /// Plays a mission that sees no cube. With `patience` an operator is there, who gives `answer`
-    /// once.
+    /// to the first question and none to others. Returns the words of the actions, and the reason
+    /// of the end.
     fn unseen(patience: Option<f64>, answer: Option<Answer>) -> (Vec<&'static str>, String) {
         let assignment = Assignment { patience, ..Assignment::new(Goal::Solve) };
         let mut mission = Mission::new(settings(), assignment);
@@ -449,7 +456,7 @@ mod tests {
         assert_eq!(words[4..], ["servo"], "no operator is there");
     }
 
-    /// Returns an arm that folds by a part of the retraction only, and that part (m).
+    /// Returns an arm whose joints allow only a part of a retraction by 0.3 m, and that part (m).
     fn folding() -> (ArmState, f64) {
         let (desired_joints, desired_base_from_tool) = Fold::example_stand();
         let goes = settings().folds[0].retractable(&desired_base_from_tool, &desired_joints, 0.3);
@@ -458,7 +465,7 @@ mod tests {
     }
 
     #[test]
-    fn retraction_shortfall_counts_only_while_holding() {
+    fn retraction_shortfall_is_stored_only_with_cube() {
         let (arm, goes) = folding();
         for (holds, known) in [(true, true), (true, false), (false, false)] {
             let mut stage = Stage::new(CubeSettings { back: 1.2 * goes, ..settings() });
@@ -495,7 +502,7 @@ mod tests {
     }
 
     #[test]
-    fn empty_hand_may_stop_retracting_after_one_edge() {
+    fn empty_hand_must_retract_at_least_cube_edge() {
         let (arm, goes) = folding();
         let drawn = |edge: f64| {
             let mut stage = Stage::new(CubeSettings { back: 2.0 * goes, edge, ..settings() });
@@ -532,7 +539,7 @@ mod tests {
     }
 
     #[test]
-    fn each_opening_allows_equal_number_of_retries() {
+    fn retry_limit_restarts_at_each_jaw_opening() {
         use super::super::actions::MOST_STRAINED;
         let mut stage = Stage::new(settings());
         let open = |stage: &mut Stage, strained: u32| {

@@ -97,7 +97,7 @@ pub(super) fn settings() -> CubeSettings {
     }
 }
 
-/// Returns the order of the visual servo in which the cube is taken.
+/// Returns the order of the visual servo for taking the cube.
 fn take_order() -> visual_servo::Order {
     visual_servo::Order {
         world_from_base: Pose::identity(),
@@ -223,7 +223,7 @@ impl Stage {
 }
 
 impl Robot {
-    /// Gives a hand the cube, as the track takes it.
+    /// Gives a hand the cube, in the hold in which the track takes it.
     pub(super) fn hold(&mut self, hand: Hand) {
         self.belief.taken(hand, taken(), false);
         (self.widths[hand.index()], self.untouched) = (Some(WIDTH), false);
@@ -249,7 +249,8 @@ pub(super) fn play_mission(
     panic!("the mission never ends: {:?}", words(&actions));
 }
 
-/// Answers an action with success; jaws reach their set opening. No face can be read.
+/// Answers an action with success, and sets the jaws to their set opening or to the cube's width.
+/// No face can be read.
 pub(super) fn goes_well(action: &Action<Thought>, arms: &mut [ArmState; 2]) -> Event<Conclusion> {
     match action {
         Action::Behave { orders, .. } => {
@@ -284,17 +285,17 @@ fn ends_well(order: &Behaviour) -> Outcome {
     }
 }
 
-/// Answers a behaviour of the track with an outcome.
+/// Makes the event that a behaviour of the track has ended with this outcome.
 pub(super) fn track(outcome: Outcome) -> Event<Conclusion> {
     Event::Behaved([Some(outcome), None])
 }
 
-/// Makes an alarm of the track, which met an obstacle.
+/// Makes the event that a behaviour of the track has ended at an obstacle.
 pub(super) fn met() -> Event<Conclusion> {
     track(Outcome::OverForce(2, 31.0))
 }
 
-/// Returns the behaviour of the only hand that has one.
+/// Returns the behaviour that an action orders, of the first hand that has one.
 pub(super) fn order(action: &Action<Thought>) -> Option<&Behaviour> {
     let Action::Behave { orders, .. } = action else { return None };
     Hand::BOTH.iter().find_map(|hand| orders[hand.index()].as_ref())

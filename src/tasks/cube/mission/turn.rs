@@ -29,8 +29,8 @@ const TURN_TRIES: u32 = 2;
 /// Greatest angle by which a stalled layer is eased back (rad).
 const EASE_BACK: f64 = 0.09;
 
-/// Turns a layer of the plan. From the beginning the belief has the hold after the turn: a failed
-/// turn is brought back into line from there.
+/// Makes a turn of the plan. The belief gets the hold after the turn at once: a failed turn is
+/// brought back into line from there.
 pub(super) async fn turn_layer(robot: &mut Robot, turner: Hand, turn: Turn) -> Result<(), Failure> {
     robot.straight = robot.straight_now(turner);
     let angle = turn_angle(robot, turner, turn.quarters)?;
@@ -44,7 +44,8 @@ pub(super) async fn turn_layer(robot: &mut Robot, turner: Hand, turn: Turn) -> R
     turn_through(robot, turner, angle).await.map(drop)
 }
 
-/// Turns by an angle, with retries after stalls, and returns the sum of their angles (rad).
+/// Turns the layer under the turner's palm by `angle` (rad), with retries after stalls, and returns
+/// the sum of the angles turned (rad).
 pub(super) async fn turn_through(
     robot: &mut Robot,
     turner: Hand,
@@ -99,7 +100,8 @@ pub(super) async fn turn_through(
     Ok(turned)
 }
 
-/// Returns the failure of a turn that did not end, after which its layer must be realigned.
+/// Returns the failure of a turn that did not reach its angle for the reason `why`. In a mission
+/// that solves, its layer is realigned next.
 fn failed(robot: &mut Robot, turner: Hand, why: &str) -> Failure {
     // The task `face_turn` has no plan to go back to, so its failure is final.
     let solves = robot.goal == Goal::Solve;
@@ -113,8 +115,9 @@ fn failed(robot: &mut Robot, turner: Hand, why: &str) -> Failure {
     Failure::TurnFailed { turner }
 }
 
-/// Returns the roll of the turner's tool for a number of clockwise quarter turns (rad). The tool's
-/// z points into the cube, so clockwise seen from outside is positive about it.
+/// Returns the angle by which the turner's tool must roll to turn its layer by a number of
+/// clockwise quarter turns (rad). The tool's z points into the cube, so clockwise seen from outside
+/// is positive about it.
 fn turn_angle(robot: &Robot, turner: Hand, quarters: u8) -> Result<f64, String> {
     let meeting = robot.meeting.ok_or("the arms have not met")?;
     let room = match turner {
@@ -128,7 +131,7 @@ fn turn_angle(robot: &Robot, turner: Hand, quarters: u8) -> Result<f64, String> 
     })
 }
 
-/// Returns a half turn in the sense in which the wrist has more room (rad).
+/// Returns a half turn, pi or -pi, in the sense in which the wrist has more `room` to roll (rad).
 fn half_turn(room: (f64, f64)) -> f64 {
     if room.1 > -room.0 { PI } else { -PI }
 }
@@ -171,8 +174,9 @@ mod tests {
     use crate::tasks::Event;
     use crate::tasks::cube::settings::CubeSettings;
 
-    /// Turns the track by a quarter while both hands hold the cube. The turns end with these
-    /// outcomes in order, and well afterwards. Returns the end, and the ordered angles.
+    /// Turns the layer of the track hand by a quarter while both hands hold the cube. The turns end
+    /// with these outcomes in order, and with success afterwards. Returns the result, and the
+    /// ordered angles (rad).
     fn turns(ends: &[Outcome]) -> (Result<f64, Failure>, Vec<f64>) {
         let mut stage = Stage::holding(settings());
         stage.robot.hold(Hand::Postument);
@@ -233,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn half_turn_takes_the_sense_with_more_room() {
+    fn half_turn_takes_direction_with_more_joint_range() {
         assert_eq!((half_turn((-1.0, 3.5)), half_turn((-3.5, 1.0))), (PI, -PI));
     }
 

@@ -24,7 +24,8 @@ pub(super) struct TurnInProgress {
 }
 
 impl TurnInProgress {
-    /// Makes a turn whose layer is in line when the turner's last joint is at `roll` (rad).
+    /// Makes the record of a turn whose layer is in line when the turner's last joint is at `roll`
+    /// (rad) in `grip`. The layer lags behind the hand in the sense `sense`, 1 or -1.
     pub(super) fn new(turner: Hand, grip: Grip, roll: f64, sense: f64) -> Self {
         Self {
             turner,
@@ -37,7 +38,7 @@ impl TurnInProgress {
         }
     }
 
-    /// Returns whether this hand turns.
+    /// Returns whether `turner` is the hand of this turn.
     pub(super) fn is_of(&self, turner: Hand) -> bool {
         self.turner == turner
     }
@@ -52,9 +53,9 @@ impl TurnInProgress {
         self.why
     }
 
-    /// Returns the grip at the quarter that is nearest to the layer, and the layer's angle from
-    /// there (rad), for this roll of the hand. `in_vain` is the part of the hand's turn that the
-    /// layer did not follow (rad).
+    /// Returns the grip that the turner has at the quarter turn nearest to the layer, and the
+    /// layer's angle from there (rad), if its last joint is at `roll` (rad). `in_vain` is the part
+    /// of the hand's turn that the layer did not follow (rad).
     pub(super) fn nearest(&self, roll: f64, in_vain: f64) -> (Grip, f64) {
         // The layer is behind the hand in the sense of its last turn.
         let off = roll - self.roll - self.sense * in_vain;

@@ -38,7 +38,7 @@ pub(super) struct Written {
     pub(super) lines: Vec<Line>,
 }
 
-/// Writes episodes as steps, a line for each.
+/// Writes the episodes of a plan as steps, each with a line of text for people.
 pub(super) fn written(
     start: (Hand, Grip),
     episodes: &[Episode],
@@ -105,7 +105,7 @@ impl<'a, R: Reach> Writer<'a, R> {
         }
     }
 
-    /// Writes the grasp with which an episode begins.
+    /// Adds the step and the line of the grasp with which an episode begins.
     fn grasp(&mut self, episode: &Episode) {
         let (hand, grip) = episode.newcomer;
         let partner = self.hands[self.holder.index()].unwrap_or(self.start.1);
@@ -130,7 +130,7 @@ impl<'a, R: Reach> Writer<'a, R> {
         self.rolled = [false; 2];
     }
 
-    /// Writes a turn.
+    /// Adds the step and the line of a turn.
     fn turn(&mut self, turner: Hand, turn: Turn) {
         let step = Step::Turn { turner, turn };
         let body = turner.other();
@@ -147,7 +147,7 @@ impl<'a, R: Reach> Writer<'a, R> {
         self.made += 1;
     }
 
-    /// Writes the last step, in which the hand that does not keep the cube leaves.
+    /// Adds the last step and its line: the hand that does not keep the cube leaves.
     fn leave(&mut self) {
         let hand = self.holder.other();
         self.steps.push(Step::Leave { hand });
@@ -158,7 +158,7 @@ impl<'a, R: Reach> Writer<'a, R> {
         });
     }
 
-    /// Returns the reason why the next turn cannot be made with the present grips, and the purpose
+    /// Returns in words why the turn `next` cannot be made with the present grips, and the purpose
     /// of the new grasp.
     fn needed(&self, next: Turn, episode: &Episode) -> String {
         let turn = format_turns(&[next]);
@@ -207,7 +207,8 @@ impl<'a, R: Reach> Writer<'a, R> {
         self.wrist_room(turner, turn)
     }
 
-    /// Returns a reason if the turner's wrist has no room for a turn where the hands meet.
+    /// Returns the reason against a turn if it would exceed the range of the turner's wrist joint,
+    /// from the place where the hands meet.
     fn wrist_room(&self, turner: Hand, turn: Turn) -> Option<String> {
         let [Some(track), Some(postument)] = self.met else { return None };
         let (track, postument) = (track.rotation(), postument.rotation());

@@ -75,11 +75,12 @@ pub enum NoPlan {
 }
 
 /// Finds the cheapest plan that carries out one of `candidates`, and checks it by a replay. `start`
-/// is the hand that holds the cube now, alone, in the frame in which the turns are named. An empty
-/// candidate is a solved cube: the plan then only brings it into the hand that is to finish.
+/// is the hand that holds the cube now, alone, with its grip in the frame in which the turns are
+/// named. An empty candidate is a solved cube: its plan only brings the cube into the hand that
+/// must hold it at the end.
 ///
 /// # Errors
-/// When the reach allows none.
+/// When no sequence of grasps within reach carries out any candidate, or when the replay fails.
 pub fn plan(
     candidates: &[Vec<Turn>],
     start: (Hand, Grip),
@@ -101,7 +102,7 @@ pub fn plan(
     Ok(plan)
 }
 
-/// Replays a plan on a cube that its turns solve.
+/// Checks a plan by a replay on a cube that its turns solve.
 fn check(plan: &Plan, start: (Hand, Grip), rule: Rule) -> Result<(), NoPlan> {
     // The cube that the turns solve is the solved one with the turns undone, last one first.
     let undo = plan.turns.iter().rev().map(|t| t.inverse());
@@ -111,7 +112,7 @@ fn check(plan: &Plan, start: (Hand, Grip), rule: Rule) -> Result<(), NoPlan> {
     if end == Facelets::solved() && alone { Ok(()) } else { Err(NoPlan::Unsolved) }
 }
 
-/// Returns the grips of both hands when one holds alone.
+/// Returns the grips of both hands when one hand alone holds the cube in this grip.
 fn hands_at((hand, grip): (Hand, Grip)) -> Hands {
     let mut hands = [None; 2];
     hands[hand.index()] = Some(grip);
@@ -138,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn solved_cube_in_right_hand_needs_no_steps() {
+    fn solved_cube_in_final_hand_needs_no_steps() {
         for rule in RULES {
             let plan = planned("", rule);
 
@@ -148,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn solved_cube_in_other_hand_needs_hand_over() {
+    fn solved_cube_is_handed_to_final_hand() {
         let terms = Terms { finish: Some(Hand::Postument), ..Terms::of(Rule::Clearance) };
 
         let plan = plan(&[Vec::new()], start(), &terms, &Everywhere).unwrap();
@@ -159,7 +160,7 @@ mod tests {
 
     /// A hand that lays the cube down reaches over one layer only.
     #[test]
-    fn plan_ends_over_one_layer_for_table() {
+    fn final_grasp_for_table_covers_only_one_layer() {
         let ends = |depths| {
             let terms = Terms { finish_depths: depths, ..Terms::of(Rule::Strict) };
             let plan = plan(&[parse_turns("U").unwrap()], start(), &terms, &Everywhere).unwrap();
@@ -176,10 +177,10 @@ mod tests {
         assert!(grasps > 1 && depth == Depth::One, "{grasps}, {depth:?}");
     }
 
-    /// A face beside the last one costs two grasps, the opposite one four; the changes at both ends
-    /// come on top.
+    /// By the original rule a turn of a face beside the last one costs two grasps, and one of the
+    /// opposite face four. The changes at both ends come on top.
     #[test]
-    fn original_needs_four_grasps_for_opposite_face() {
+    fn original_rule_needs_four_grasps_for_opposite_face() {
         let beside = planned("R U F", Rule::Original).grasps;
         let opposite = planned("R L F", Rule::Original).grasps;
 
@@ -188,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn clearance_needs_fewest_grasps_and_the_original_most() {
+    fn clearance_rule_needs_fewest_grasps_original_rule_most() {
         let text = "F' U2 R B' L2 D F2 R' U B2 L D' R2 F U' L B";
         let [original, strict, clearance] = RULES.map(|rule| planned(text, rule));
 
@@ -202,9 +203,10 @@ mod tests {
         }
     }
 
-    /// A candidate that is cut off for its cost is never the best.
+    /// The plan of many candidates is the cheapest plan of any one of them, in whatever order they
+    /// are listed.
     #[test]
-    fn plan_of_many_candidates_is_cheapest() {
+    fn planner_picks_cheapest_of_many_candidate_solutions() {
         use crate::cube::Cube;
         use crate::solver::{Budget, Tables, candidates};
         let tables = Tables::build();
@@ -255,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn one_layer_rule_plans_no_deep_grasps() {
+    fn clearance_rule_plans_only_one_layer_grasps() {
         let plan = planned("F' U2 R B' L2 D", Rule::Clearance);
 
         assert!(plan.steps.iter().all(|s| match s {
@@ -264,11 +266,11 @@ mod tests {
         }));
     }
 
-    /// Prints the mean grasps of the rules: `cargo test --release --lib counts -- --ignored
-    /// --nocapture`.
+    /// Prints the mean number of grasps by each rule: `cargo test --release --lib over_random_cubes
+    /// -- --ignored --nocapture`.
     #[test]
     #[ignore = "takes minutes: figures for the README"]
-    fn counts_of_grasps_over_random_cubes() {
+    fn clearance_rule_saves_grasps_over_random_cubes() {
         use crate::cube::Cube;
         use crate::solver::{Budget, Tables, candidates};
         let tables = Tables::build();

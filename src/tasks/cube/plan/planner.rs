@@ -33,7 +33,7 @@ pub struct Effort {
     pub candidates: usize,
 }
 
-/// Returns the hold in which the track arm takes the cube from the operator.
+/// Returns the track hand, and the grip in which it takes the cube from the operator.
 #[must_use]
 pub fn taken() -> (Hand, Grip) {
     let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
@@ -50,8 +50,8 @@ impl Planner {
         }
     }
 
-    /// Returns a planner for the same arms and costs by another rule, with that rule's usual
-    /// depths.
+    /// Returns a planner for the same arms and costs that plans by another rule, with the depths
+    /// that are usual for that rule.
     #[must_use]
     pub fn by_rule(&self, rule: Rule) -> Self {
         let Terms { finish_depths, costs, .. } = self.terms;
@@ -59,14 +59,14 @@ impl Planner {
         Self { terms, ..self.clone() }
     }
 
-    /// Returns the rule of its plans.
+    /// Returns the rule by which this planner plans.
     #[must_use]
     pub fn rule(&self) -> Rule {
         self.terms.rule
     }
 
-    /// Returns the looks at all six faces, and the hand that holds the cube after them with its
-    /// grip, in the frame of the start.
+    /// Returns the steps that show all six faces, and the hand that holds the cube after them with
+    /// its grip. Faces have the names that they have at the start.
     ///
     /// # Errors
     /// When not all faces can be shown.
@@ -81,7 +81,8 @@ impl Planner {
         Ok((steps, holder.unwrap_or(start)))
     }
 
-    /// Returns the looks at the wanted faces.
+    /// Returns the steps that show the wanted faces to the cameras in the hands. `start` is the
+    /// hand that holds the cube alone, with its grip.
     ///
     /// # Errors
     /// When not all of them can be shown.
@@ -89,10 +90,11 @@ impl Planner {
         identify::looks(start, wanted, &self.terms, &self.reach)
     }
 
-    /// Returns the plan of least time over the solutions that the search finds.
+    /// Returns the plan of least time for `cube`, over the solutions that the two-phase search
+    /// finds with this effort. `start` is the hand that holds the cube alone, with its grip.
     ///
     /// # Errors
-    /// When the reach allows none.
+    /// When no sequence of grasps within reach carries out any of the solutions.
     pub fn best(
         &self,
         cube: &Cube,
@@ -105,10 +107,11 @@ impl Planner {
         self.of(&list, start)
     }
 
-    /// Returns the plan of least time over given solutions.
+    /// Returns the plan of least time over these solutions of one cube. `start` is the hand that
+    /// holds the cube alone, with its grip.
     ///
     /// # Errors
-    /// When the reach allows none.
+    /// When no sequence of grasps within reach carries out any of the solutions.
     pub fn of(&self, candidates: &[Vec<Turn>], start: (Hand, Grip)) -> Result<Plan, NoPlan> {
         super::plan(candidates, start, &self.terms, &self.reach)
     }

@@ -42,12 +42,12 @@ const GRIPS: usize = 48;
 /// Number of states with one hand: two hands.
 const STATES: usize = 2 * GRIPS;
 
-/// Returns the index of a grip: first those over one layer.
+/// Returns the index of a grip, 0..48: that of its rotation, plus 24 for a grip over two layers.
 fn grip_number(grip: Grip) -> usize {
     grip.rotation().index() + if grip.hold.depth == Depth::Two { 24 } else { 0 }
 }
 
-/// Returns the index of a state in which one hand holds alone.
+/// Returns the index, 0..96, of the state in which this hand alone holds the cube in this grip.
 fn state_number((hand, grip): (Hand, Grip)) -> usize {
     hand.index() * GRIPS + grip_number(grip)
 }
@@ -144,8 +144,8 @@ impl<'a, R: Reach> Moves<'a, R> {
         }
     }
 
-    /// Returns the cheapest episodes that make the turns of a solution, if they cost less than
-    /// `bound`.
+    /// Returns the cost (s) and the episodes of the cheapest way to make the turns of a solution,
+    /// if it costs less than `bound` (s).
     pub(super) fn shortest(
         &self,
         turns: &[Turn],
@@ -208,8 +208,8 @@ impl<'a, R: Reach> Moves<'a, R> {
         Some((cost, self.traced(&graph, best, (last, end))))
     }
 
-    /// Returns the episodes that led to a state. States keep no episode, so each is searched again
-    /// among those of the state before.
+    /// Returns the episodes on the cheapest path to the node and state `at`. The table `best` keeps
+    /// no episodes, so each is found again among those of the state before.
     fn traced(
         &self,
         graph: &[Vec<(Turn, usize)>],
@@ -243,9 +243,10 @@ impl<'a, R: Reach> Moves<'a, R> {
         episodes
     }
 
-    /// Fills `tail` with lower bounds of the time from each node to the end, by the palm of the
-    /// hand that holds alone. The bound keeps only one of the rules, that a hand turns the face
-    /// under its palm, and takes each path for the shortest.
+    /// Fills `tail` with lower bounds of the time from each node to the end (s):
+    /// `tail[node][face]`, where `face` is under the palm of the hand that holds alone. The bound
+    /// keeps only one of the rules, that a hand turns the face under its palm, and takes each path
+    /// for the shortest.
     fn tails(&self, graph: &[Vec<(Turn, usize)>], tail: &mut Vec<[f64; 6]>) {
         let grasp = self.terms.costs.grasp + self.reach.least_travel();
         // A solved cube may need no grasp at all, so its bound is 0.
@@ -290,7 +291,8 @@ impl<'a, R: Reach> Moves<'a, R> {
         }
     }
 
-    /// Returns whether the palms let one of two hands make a turn; jaws are left out of account.
+    /// Returns whether one of two hands with these palm faces can make a turn, jaws left out of
+    /// account.
     fn may_turn(&self, turn: Turn, palms: [Face; 2]) -> bool {
         let opposite = palms[0] == palms[1].opposite();
         palms.contains(&turn.face)
@@ -298,8 +300,9 @@ impl<'a, R: Reach> Moves<'a, R> {
             && (self.deep || !opposite)
     }
 
-    /// Passes all episodes from a state to `reached`: node and state after it, configuration of the
-    /// arms, time (s), and the episode itself, which is made on request.
+    /// Calls `reached` for each episode that can begin in a state: with the node and the state
+    /// after it, the configuration of the arms, the time (s), and a function that makes the
+    /// episode.
     fn expand(
         &self,
         graph: &[Vec<(Turn, usize)>],
@@ -365,7 +368,8 @@ impl<'a, R: Reach> Moves<'a, R> {
         }
     }
 
-    /// Returns the hand that can make a turn now, and the state of both hands after it.
+    /// Returns the hand that can make `turn`, and the grips and rolls of both hands after it; `now`
+    /// has those before. `turned_before` is the hand that has turned already in this episode.
     fn turned(
         &self,
         now: Now,
@@ -397,15 +401,17 @@ impl<'a, R: Reach> Moves<'a, R> {
         if turn.quarters == 2 { self.terms.costs.half } else { self.terms.costs.quarter }
     }
 
-    /// Returns whether the original's rule allows this meeting: its track arm changes faces with
-    /// palms at right angles, its postument arm grasps opposite.
+    /// Returns whether the grips `both` may meet by the original rule: its track arm changes faces
+    /// with palms at right angles, its postument arm grasps opposite. Other rules allow every
+    /// meeting.
     fn original_meets(&self, newcomer: Hand, both: [usize; 2]) -> bool {
         let [a, b] = both.map(|g| self.grips[g].hold.palm);
         self.terms.rule != Rule::Original || (a == b.opposite()) == (newcomer == Hand::Postument)
     }
 
-    /// Returns whether this hand may keep the cube. By the original's rule it is always the
-    /// newcomer: the track arm after a face change, the postument arm after a face turn.
+    /// Returns whether the hand `stays` may keep the cube after an episode. By the original rule it
+    /// is always the newcomer: the track arm after a face change, the postument arm after a face
+    /// turn.
     fn original_stays(&self, newcomer: Hand, stays: Hand) -> bool {
         self.terms.rule != Rule::Original || newcomer == stays
     }
@@ -416,19 +422,20 @@ fn hand_of(state: usize) -> Hand {
     if state < GRIPS { Hand::Track } else { Hand::Postument }
 }
 
-/// Returns the number of grips of these depths, which are numbered first.
+/// Returns the number of grips of these depths. They have the first numbers.
 fn grip_count(depths: Depths) -> usize {
     if depths == Depths::One { 24 } else { GRIPS }
 }
 
-/// Returns the unsettled state of least cost.
+/// Returns the index of the cheapest state that is reached but not settled.
 fn cheapest(states: &[Best; STATES]) -> Option<usize> {
     let open = (0..STATES).filter(|&s| !states[s].settled && states[s].cost.is_finite());
     open.min_by(|&a, &b| states[a].cost.total_cmp(&states[b].cost))
 }
 
-/// Returns the roll of a wrist for 1, 2 and 3 clockwise quarters within its range, in quarters; 0
-/// where it has no room. A half turn rolls to the side with more room, as in the mission.
+/// Returns the rolls by which a wrist makes 1, 2 and 3 clockwise quarter turns within its range
+/// (rad), in quarter turns; 0 where it has no room. A half turn rolls to the side with more room,
+/// as in the mission.
 fn rolls_within((low, high): (f64, f64)) -> [i8; 3] {
     let within = |quarters: i8| {
         let angle = f64::from(quarters) * FRAC_PI_2;

@@ -50,11 +50,12 @@ pub trait Reach {
     /// is +x, 2 is -x.
     fn view(&self, holder: Hand, side: usize) -> bool;
 
-    /// Returns the time of the path to a meeting (s): from `from`, with `newcomer` retracted from
-    /// the cube, until `newcomer` is before the cube again. `None` stands for an unknown start.
+    /// Returns the time of the path to the grasp number `meeting` (s). It begins at `from`, with
+    /// `newcomer` retracted from the cube, and ends where `newcomer` is before the cube again.
+    /// `None` stands for an unknown start.
     fn travel(&self, from: Option<ArmsAt>, newcomer: Hand, meeting: u8) -> f64;
 
-    /// Returns a time that no path is shorter than (s).
+    /// Returns a lower bound of the time of all paths (s).
     fn least_travel(&self) -> f64 {
         0.0
     }
@@ -105,7 +106,7 @@ const ROLL_MARGIN: f64 = 0.12;
 /// Number of rolls that a wrist may have made: -2..=2 quarter turns.
 const ROLLED: usize = 5;
 
-/// Returns the place of a path in the list of times.
+/// Returns the index of a path in [`Reachable::seconds`].
 fn slot(from: ArmsAt, newcomer: Hand, meeting: u8) -> usize {
     let rolled = from.rolled.map(|q| (q + 2) as usize);
     let from = (usize::from(from.meeting) * ROLLED + rolled[0]) * ROLLED + rolled[1];
@@ -120,7 +121,8 @@ impl std::fmt::Debug for Reachable {
 }
 
 impl Reachable {
-    /// Computes the times of all paths between meetings.
+    /// Makes the reach of a cell from its table of meetings, and computes the times of all paths
+    /// between its grasps.
     #[must_use]
     pub fn new(table: MeetingTable, speeds: &Speeds) -> Self {
         let mut seconds = vec![TYPICAL_SECONDS as f32; 24 * ROLLED * ROLLED * 2 * 24];
@@ -145,8 +147,8 @@ impl Reachable {
     }
 }
 
-/// Returns the time of one path between meetings (s), as [`Reach::travel`]; `None` if the table
-/// lacks one of them.
+/// Returns the time of one path between two grasps (s), as [`Reach::travel`] does; `None` if the
+/// table lacks one of them.
 fn seconds_between(
     table: &MeetingTable,
     speeds: &Speeds,

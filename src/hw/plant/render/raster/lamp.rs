@@ -30,7 +30,8 @@ impl Lamp {
         self.ambient * if self.key > 0.0 { 0.82 + 0.18 * up } else { 1.0 }
     }
 
-    /// Returns the share of the lamp's light that reaches the point t (x, y, 1).
+    /// Returns the share of the lamp's light that reaches the point t (x, y, 1) in the camera
+    /// frame; 1 where there is no shadow.
     #[inline(always)]
     pub(super) fn lit(&self, x: f32, y: f32, t: f32) -> f32 {
         match &self.shadow {

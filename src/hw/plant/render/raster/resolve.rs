@@ -9,9 +9,9 @@ use crate::hw::plant::render::solids::Skin;
 use std::ops::Range;
 
 impl View {
-    /// Colours a touched row. Calls `put(column, colours)` for each run of neighbours; `column` is
-    /// its first. `colours` is empty for a run of the background, except after a cast of
-    /// [`super::Extent::All`].
+    /// Computes the colours of a row where solids may be visible. Calls `put(column, colours)` for
+    /// each run of neighbouring pixels; `column` is the first of them. For a run that shows only
+    /// the background `colours` is empty, except after a cast of [`super::Extent::All`].
     pub(in crate::hw::plant::render) fn colour_row(
         &mut self,
         rays: &Rays,
@@ -57,7 +57,7 @@ impl View {
         self.colours = colours;
     }
 
-    /// Appends the colours of pixels that all show one surface.
+    /// Appends to `colours` those of `pixels`, which all show the surface with the number `id`.
     fn colour_run(&self, rays: &Rays, pixels: Range<usize>, id: u32, colours: &mut Vec<Rgb>) {
         let index = id as usize - 1;
         let directions = rays.x[pixels.clone()].iter().zip(&rays.y[pixels.clone()]);
@@ -74,7 +74,8 @@ impl View {
         }
     }
 
-    /// Marks the pixels of a row's span that have a neighbour with another surface, among eight.
+    /// Marks in `edges` the pixels of a row of which one of the eight neighbours shows another
+    /// surface.
     fn find_edges(&self, row: usize, width: usize, edges: &mut Vec<u32>) {
         let (from, to) = self.spans[row];
         edges.resize(width, 0);
@@ -101,7 +102,8 @@ impl View {
         }
     }
 
-    /// Mixes the surfaces of a neighbourhood by the share of the aperture that each covers.
+    /// Returns the colour of a pixel at an edge: the surfaces around it, mixed by the share of the
+    /// aperture that each covers.
     fn edge(&self, rays: &Rays, (row, column): (usize, usize), background: Rgb) -> Rgb {
         let pixel = row * rays.width + column;
         let around = Window {
@@ -161,14 +163,14 @@ impl View {
         self.mix(rays, pixel, &around, &who)
     }
 
-    /// Checks whether all surfaces are rods of one paint.
+    /// Checks whether all surfaces with these numbers are rods of one paint.
     fn one_body(&self, ids: &[u32]) -> bool {
         let round = |id: u32| self.rounds.get((id as usize).wrapping_sub(self.facets.len() + 1));
         let Some(first) = round(ids[0]) else { return false };
         ids.iter().all(|id| round(*id).is_some_and(|other| other.paint == first.paint))
     }
 
-    /// Returns the colour of a surface at a pixel that shows it.
+    /// Returns the colour of the surface with the number `id` at a pixel that shows it.
     #[inline(always)]
     fn shade(&self, rays: &Rays, pixel: usize, id: u32) -> Rgb {
         let (x, y) = (rays.x[pixel], rays.y[pixel]);
@@ -181,8 +183,8 @@ impl View {
         }
     }
 
-    /// Returns the mean colour of the surfaces that the samples meet, `winners`, given by their
-    /// places in the list of neighbours.
+    /// Returns the mean colour over the samples of an aperture. `winners` is, for each sample, the
+    /// index in `around` of the surface that the sample meets.
     #[inline(always)]
     fn mix(&self, rays: &Rays, pixel: usize, around: &Neighbours<'_>, winners: &[u32]) -> Rgb {
         let mut weights = [0_u32; MAX_SURFACES];
@@ -214,8 +216,9 @@ impl View {
         colour.map(|c| c * share)
     }
 
-    /// Finds the surface that each sample of an aperture meets first, as its place in the list of
-    /// neighbours.
+    /// Returns, for each sample of an aperture, the index in `around` of the surface that it meets
+    /// first. The aperture has its middle at the direction (x, y) and the sides `step`; `samples`
+    /// are the places in it, in sides from the middle.
     #[inline(always)]
     fn winners<const N: usize>(
         &self,
@@ -259,7 +262,7 @@ impl View {
         who
     }
 
-    /// Checks whether a surface is a face of the cube.
+    /// Checks whether the surface with the number `id` is a face of the cube.
     fn is_sticker_face(&self, id: u32) -> bool {
         let index = (id as usize).wrapping_sub(1);
         self.facets.get(index).is_some_and(|f| matches!(f.skin, Skin::Stickers(..)))

@@ -51,7 +51,8 @@ impl View {
         self.aperture = aperture(look.lens.defocus);
     }
 
-    /// Returns the colour of a facet where the ray (x, y, 1) meets it.
+    /// Returns the colour of a facet where the ray (x, y, 1) meets it. `step` is the distance to
+    /// the rays of the neighbouring pixels in x and y.
     #[inline(always)]
     pub(super) fn shade_facet(&self, facet: &Facet, x: f32, y: f32, step: (f32, f32)) -> Rgb {
         let near = dot(&facet.w, x, y);
@@ -70,8 +71,8 @@ impl View {
         std::array::from_fn(|c| albedo[c] * light + shine * self.lamp.cast[c])
     }
 
-    /// Returns the colour of stickers and body around the point that a ray meets, averaged over the
-    /// aperture.
+    /// Returns the colour of the cube's face where a ray meets it: stickers and plastic, averaged
+    /// over the aperture. `pitch` is the side of a cubie (m).
     #[inline(always)]
     fn stickers_at(&self, facet: &Facet, colours: &[u8; 9], pitch: f32, ray: &Ray) -> Rgb {
         let Ray { x, y, t, step } = *ray;
@@ -132,8 +133,9 @@ impl View {
         std::array::from_fn(|c| rgb[c] + rest * self.body[c])
     }
 
-    /// Returns the colour of a rod where the ray (x, y, 1) meets it, at the reciprocal depth
-    /// `near`. The normal n is (p - a - s along) / r; its products are computed without n itself.
+    /// Returns the colour of a rod where the ray (x, y, 1) meets it, at the point p with the
+    /// reciprocal depth `near`. The normal there is n = (p - a - s along) / r, where a + s along is
+    /// the nearest point of the axis; its products are computed without n itself.
     #[inline(always)]
     pub(super) fn shade_round(&self, round: &Round, x: f32, y: f32, near: f32) -> Rgb {
         let lamp = &self.lamp;
@@ -164,7 +166,7 @@ fn highlight(mirror: &V3, x: f32, y: f32) -> f32 {
     power(dot(mirror, x, y), x * x + y * y + 1.0)
 }
 
-/// Returns the 32nd power of `along` over the root of `square`, or 0 if `along` is negative.
+/// Returns `(along / sqrt(square))^32`, or 0 if this is not visible or `along` is negative.
 #[inline(always)]
 fn power(along: f32, square: f32) -> f32 {
     let along = along.max(0.0);
@@ -179,8 +181,8 @@ fn power(along: f32, square: f32) -> f32 {
     p16 * p16
 }
 
-/// Returns the signed distance to a square with round corners, and its gradient; `core` is half the
-/// side without the corners.
+/// Returns the signed distance of the point (u, v) to a square with round corners, negative inside,
+/// and its gradient. `core` is half of a side without the corners, `corner` their radius.
 #[inline(always)]
 fn rounded(u: f32, v: f32, core: f32, corner: f32) -> (f32, f32, f32) {
     let (qu, qv) = (u.abs() - core, v.abs() - core);
@@ -194,7 +196,7 @@ fn rounded(u: f32, v: f32, core: f32, corner: f32) -> (f32, f32, f32) {
     }
 }
 
-/// Returns the side of the square that has the variance of a pixel blurred by `defocus` (px).
+/// Returns the side (px) of a square with the same variance as a pixel blurred by `defocus` (px).
 fn aperture(defocus: f64) -> f32 {
     // A square of side s has the variance s^2 / 12 along each axis.
     libm::sqrt(1.0 + 12.0 * defocus.clamp(0.0, 0.8).powi(2)) as f32
