@@ -10,7 +10,7 @@ use crate::hw::text;
 use crate::vision::colours::{Decision, LETTERS, Undecided, decide_cube, face_letter};
 use crate::vision::{DetectorSettings, FaceSighting, detect};
 use anyhow::{Context, Result, anyhow, bail};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -18,7 +18,7 @@ use std::path::Path;
 /// Reason why a cube was not read.
 #[derive(Debug)]
 pub(super) enum Refused {
-    /// Colours that decide no cube.
+    /// Colours from which no cube can be decided.
     Colours(Undecided),
     /// Unusable file or picture.
     Input(anyhow::Error),
@@ -35,6 +35,11 @@ impl From<anyhow::Error> for Refused {
         Self::Input(reason)
     }
 }
+
+/// Margin below which the likeliest cube contradicts what a sticker looks like. Readings of
+/// photographs that were right had margins of 0.05 and more, readings of wrongly placed pictures
+/// less than 0.01.
+const CONTRADICTED: f64 = 0.02;
 
 /// Returns the name of a facelet: `U1`.
 fn facelet_name(facelet: usize) -> String {
@@ -66,77 +71,110 @@ fn kind(reason: &impl std::fmt::Debug) -> String {
     word
 }
 
-/// Returns the line about a cube, and whether the cube was read.
+/// Line about a cube, in both forms.
+struct Line {
+    /// Words after the name of the file.
+    text: String,
+    /// The same for programs, without the name of the file.
+    json: Value,
+    /// Whether the cube was read.
+    read: bool,
+}
+
+impl Line {
+    /// Makes the line of a cube that was read. `correction` says how its pictures were put right.
+    fn of_reading(decision: &Decision, correction: Option<&str>) -> Self {
+        let facelets = face_letters(&decision.facelets);
+        let weakest = decision.margins.iter().copied().fold(1.0, f64::min);
+        let doubtful = names(&decision.doubtful);
+        let colours: String = decision.colours.iter().map(|&c| LETTERS[usize::from(c)]).collect();
+        // Three decimals are more than the margins are worth.
+        let round = |v: f64| (v * 1000.0).round() / 1000.0;
+        let mut json = json!({ "facelets": facelets, "colours": colours,
+            "margins": decision.margins.map(round).to_vec(), "doubtful": doubtful });
+        let mut text = format!("{facelets}  least margin {weakest:.2}");
+        if !doubtful.is_empty() {
+            let _ = write!(text, ", doubtful: {}", doubtful.join(" "));
+        }
+        if let Some(correction) = correction {
+            json["correction"] = correction.into();
+            let _ = write!(text, "; put right: {correction}");
+        }
+        Self { text, json, read: true }
+    }
+
+    /// Makes the line of a refusal that shows what was read, so that the wrong stickers can be
+    /// found.
+    fn of_impossible(reason: &str, kind: &str, facelets: &[u8; 54], doubtful: &[usize]) -> Self {
+        let (read, doubtful) = (face_letters(facelets), names(doubtful));
+        Self {
+            text: format!("{reason}; read {read}; check {}", doubtful.join(" ")),
+            json: json!({ "reason": reason, "refusal": kind, "read": read, "doubtful": doubtful }),
+            read: false,
+        }
+    }
+
+    /// Makes the line of a refusal that has only its reason.
+    fn of_refusal(reason: &str, kind: &str) -> Self {
+        let json = json!({ "reason": reason, "refusal": kind });
+        Self { text: reason.to_owned(), json, read: false }
+    }
+
+    /// Makes the line about a cube. `decided` has its colours, or the reason why there are none.
+    fn of(decided: &std::result::Result<Decision, Refused>) -> Self {
+        match decided {
+            // Rule 1: a cube that contradicts what a sticker looks like is a guess, not a reading.
+            Ok(cube) if cube.margins.iter().any(|&margin| margin < CONTRADICTED) => {
+                let contradicted: Vec<usize> =
+                    (0..54).filter(|&i| cube.margins[i] < CONTRADICTED).collect();
+                let reason = "no cube fits all stickers, this is the likeliest";
+                Self::of_impossible(reason, "contradicted", &cube.facelets, &contradicted)
+            }
+            Ok(cube) => Self::of_reading(cube, None),
+            // Rule 2: pictures that lie in another way are read as if they had been put right.
+            Err(Refused::Colours(Undecided::Misplaced { placement, decision })) => {
+                match Self::of(&Ok((**decision).clone())) {
+                    Self { read: true, .. } => {
+                        Self::of_reading(decision, Some(&placement.to_string()))
+                    }
+                    refused => refused,
+                }
+            }
+            // Rule 3: an impossible cube prints what was read.
+            Err(Refused::Colours(Undecided::Impossible { reason, facelets, doubtful })) => {
+                let told = format!("this cube cannot exist: {reason}");
+                Self::of_impossible(&told, &kind(reason), facelets, doubtful)
+            }
+            // Rule 4: a file or picture without a cube has no facelets to print.
+            Err(Refused::Input(reason)) => Self::of_refusal(&format!("{reason:#}"), "input"),
+            Err(Refused::Colours(reason)) => Self::of_refusal(&reason.to_string(), &kind(reason)),
+        }
+    }
+}
+
+/// Returns the line about a cube, as text or JSON, and whether the cube was read. `name` is the
+/// name of the cube's file or picture; `decided` has its colours, or the reason why there are none.
 pub(super) fn report(
     name: &str,
-    decided: std::result::Result<Decision, Refused>,
+    decided: &std::result::Result<Decision, Refused>,
     json: bool,
 ) -> (String, bool) {
-    // Three decimals are more than the margins are worth.
-    let round = |v: f64| (v * 1000.0).round() / 1000.0;
-    let (line, read) = match decided {
-        Ok(decision) => {
-            let facelets = face_letters(&decision.facelets);
-            let weakest = decision.margins.iter().copied().fold(1.0, f64::min);
-            let doubtful = names(&decision.doubtful);
-            let line = if json {
-                let colours: String =
-                    decision.colours.iter().map(|&c| LETTERS[usize::from(c)]).collect();
-                json!({ "file": name, "facelets": facelets, "colours": colours,
-                    "margins": decision.margins.map(round).to_vec(), "doubtful": doubtful })
-                .to_string()
-            } else if doubtful.is_empty() {
-                format!("{name}: {facelets}  least margin {weakest:.2}")
-            } else {
-                let doubtful = doubtful.join(" ");
-                format!("{name}: {facelets}  least margin {weakest:.2}, doubtful: {doubtful}")
-            };
-            (line, true)
-        }
-        // Rule 1: a file or picture without a cube has no facelets to print.
-        Err(Refused::Input(reason)) => {
-            let line = if json {
-                json!({ "file": name, "reason": format!("{reason:#}"), "refusal": "input" })
-                    .to_string()
-            } else {
-                format!("{name}: {reason:#}")
-            };
-            (line, false)
-        }
-        // Rule 2: an impossible cube prints what was read, so that the wrong sticker can be found.
-        Err(Refused::Colours(Undecided::Impossible { reason, facelets, doubtful })) => {
-            let (read, doubtful) = (face_letters(&facelets), names(&doubtful));
-            let line = if json {
-                json!({ "file": name, "reason": format!("this cube cannot exist: {reason}"),
-                    "refusal": kind(&reason), "read": read, "doubtful": doubtful })
-                .to_string()
-            } else {
-                format!(
-                    "{name}: this cube cannot exist: {reason}; read {read}; check {}",
-                    doubtful.join(" ")
-                )
-            };
-            (line, false)
-        }
-        // Rule 3: any other refusal has only its reason.
-        Err(Refused::Colours(reason)) => {
-            let line = if json {
-                json!({ "file": name, "reason": reason.to_string(), "refusal": kind(&reason) })
-                    .to_string()
-            } else {
-                format!("{name}: {reason}")
-            };
-            (line, false)
-        }
+    let mut line = Line::of(decided);
+    let text = if json {
+        line.json["file"] = name.into();
+        line.json.to_string()
+    } else {
+        format!("{name}: {}", line.text)
     };
-    (line + "\n", read)
+    (text + "\n", line.read)
 }
 
 /// Number of the first square of each face, in the order URFDLB. A file of measured squares has the
 /// order U, L, F, R, B, D.
 const FIRST_SQUARE: [usize; 6] = [1, 28, 19, 46, 10, 37];
 
-/// Parses the 54 colours of a file; returns them in the order URFDLB.
+/// Parses a JSON file that maps the numbers of 54 squares to measured colours (RGB, 0 to 255).
+/// Returns the colours in the order URFDLB.
 ///
 /// # Errors
 /// Missing or wrong square.
@@ -168,7 +206,7 @@ pub fn colours(files: &[impl AsRef<Path>], json: bool) -> (String, bool) {
             let text = text::read(path.as_ref(), text::SCENARIO).map_err(anyhow::Error::from)?;
             Ok(decide_cube(&measured_squares(&text)?)?)
         };
-        let (line, read) = report(&path.as_ref().display().to_string(), decided(), json);
+        let (line, read) = report(&path.as_ref().display().to_string(), &decided(), json);
         text += &line;
         all &= read;
     }
@@ -218,16 +256,15 @@ pub(crate) fn scan(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
     };
     let decided = decided();
     let names: Vec<String> = images.iter().map(|p| p.as_ref().display().to_string()).collect();
-    report(&names.join(" "), decided, json)
+    report(&names.join(" "), &decided, json)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::cube::{Cube, Facelets};
-    use serde_json::Value;
 
-    /// Returns the file of a cube with these facelets, in even light.
+    /// Returns a file of 54 measured colours, as a cube with these facelets has them in even light.
     fn file(facelets: &[u8; 54]) -> String {
         const STICKERS: [[f64; 3]; 6] = [
             [235.0, 235.0, 235.0],
@@ -247,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn measured_squares_follow_the_order_of_faces() {
+    fn measured_squares_are_reordered_to_urfdlb_faces() {
         let text = serde_json::to_string(
             &(1..=54)
                 .map(|k| (k.to_string(), [f64::from(k), 0.0, 0.0]))
@@ -274,14 +311,14 @@ mod tests {
 
     /// A possible cube gives its facelets, an impossible one gives the reason as one word.
     #[test]
-    fn report_names_facelets_or_the_refusal() {
+    fn report_gives_facelets_or_reason_cube_is_impossible() {
         let truth = *Facelets::from(&Cube::scrambled(4)).colours();
         let mut flipped = truth;
         flipped.swap(5, 10);
 
         let read = |facelets| {
             let rgb = measured_squares(&file(facelets)).unwrap();
-            report("x.json", decide_cube(&rgb).map_err(Refused::from), true)
+            report("x.json", &decide_cube(&rgb).map_err(Refused::from), true)
         };
 
         let (line, ok) = read(&truth);
@@ -292,6 +329,31 @@ mod tests {
         let line: Value = serde_json::from_str(&line).unwrap();
         assert!(!ok);
         assert_eq!(line["refusal"], "edge-flipped");
+    }
+
+    /// A turned picture is put right, and the line says so; a sticker that no cube allows is
+    /// refused.
+    #[test]
+    fn report_tells_corrected_pictures_and_contradictions() {
+        let truth = *Facelets::from(&Cube::scrambled(4)).colours();
+        let mut turned = truth;
+        for tile in 0..9 {
+            turned[18 + 3 * (tile % 3) + 2 - tile / 3] = truth[18 + tile];
+        }
+        let rgb = measured_squares(&file(&turned)).unwrap();
+
+        let (line, ok) = report("x.json", &decide_cube(&rgb).map_err(Refused::from), false);
+
+        assert!(ok, "{line}");
+        assert!(line.contains(&face_letters(&truth)), "{line}");
+        assert!(line.contains("put right: the picture of face F is turned clockwise"), "{line}");
+
+        let mut guess = decide_cube(&measured_squares(&file(&truth)).unwrap()).unwrap();
+        guess.margins[7] = 0.001;
+        let (line, ok) = report("x.json", &Ok(guess), true);
+        let line: Value = serde_json::from_str(&line).unwrap();
+        assert!(!ok && line.get("facelets").is_none(), "{line}");
+        assert_eq!((&line["refusal"], &line["doubtful"]), (&json!("contradicted"), &json!(["U8"])));
     }
 
     #[test]

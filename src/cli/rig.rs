@@ -48,7 +48,7 @@ pub(crate) fn parse_boxes(text: &str) -> Result<Boxes> {
     Ok(boxes)
 }
 
-/// Returns the pixels in the boxes of each facelet.
+/// Returns the RGB values of the pixels in the boxes of each facelet.
 ///
 /// # Errors
 /// A box outside the picture.
@@ -135,7 +135,7 @@ pub(crate) fn rig(
                 None => decide_cube(&rgb)?,
             })
         };
-        let (line, read) = report(&image.display().to_string(), decided(), json);
+        let (line, read) = report(&image.display().to_string(), &decided(), json);
         text += &line;
         all &= read;
     }
@@ -198,7 +198,7 @@ pub(crate) fn learn(images: &[PathBuf], boxes: &Path, states: Option<&Path>) -> 
             Some(states) => {
                 let name = part(image.file_name());
                 states.get(&name).cloned().ok_or_else(|| {
-                    anyhow!("{name}: the file of --states does not have its state")
+                    anyhow!("{name}: the file of --states has no line for this picture")
                 })?
             }
         };
@@ -214,7 +214,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn boxes_need_54_lines_of_four_numbers() {
+    fn facelet_box_file_needs_54_valid_lines() {
         let good = "1 2 3 4 5 6 7 8\n".repeat(54);
         assert_eq!(parse_boxes(&good).unwrap()[53], [[1, 2, 3, 4], [5, 6, 7, 8]]);
 

@@ -46,10 +46,12 @@ Examples:
   rubik-robot vision scan u.jpg r.jpg f.jpg d.jpg l.jpg b.jpg
   rubik-robot vision scan u.jpg r.jpg f.jpg d.jpg l.jpg b.jpg --json
 
-Each face is upright as in the usual net: U above F, D below F.
-Exit codes: 0 the cube is read, 1 a picture shows no face, or the colours make no cube.")]
+Each face is upright as in the usual net: U above F, D below F. Pictures that were turned, exchanged
+or mirrored are recognised and put right where exactly one cube fits; the line says which (\"put
+right:\", in JSON \"correction\").
+Exit codes: 0 the cube is read, 1 a picture shows no face, or no cube fits all stickers.")]
     Scan {
-        /// Picture files (PNG, JPEG) in this order
+        /// Pictures of the faces U, R, F, D, L and B, in this order (PNG, JPEG)
         #[arg(required = true, num_args = 6, value_names = ["U", "R", "F", "D", "L", "B"])]
         images: Vec<PathBuf>,
         /// Print one line of JSON
@@ -66,7 +68,8 @@ Examples:
   rubik-robot vision colours measured.json
   rubik-robot vision colours measured/*.json --json
 
-Exit codes: 0 all cubes are read, 1 the colours of a file make no cube.")]
+Faces that were turned, exchanged or mirrored are put right as by `vision scan`.
+Exit codes: 0 all cubes are read, 1 no cube fits the colours of a file.")]
     Colours {
         /// Files of measured colours (JSON)
         #[arg(required = true)]

@@ -26,7 +26,7 @@
 //! - source: own work; Mahalanobis (1936), with one factor for each class
 
 use super::colours::{Light, lab, to_linear};
-use super::likeliest::{CENTRES, cheapest_pieces};
+use super::likeliest::CENTRES;
 use nalgebra::{Matrix3, Vector3};
 
 /// Places of the 54 facelets in the colour space: weighted lightness, a\*, b\*.
@@ -95,7 +95,7 @@ pub(super) struct Model {
 }
 
 impl Model {
-    /// Creates a model from the six centres alone.
+    /// Creates a model whose class means are the six face centres, without other knowledge.
     pub(super) fn of_centres(points: &Points) -> Self {
         let expected = Expected {
             means: CENTRES.map(|c| points[c]),
@@ -106,26 +106,32 @@ impl Model {
         Self::of(expected, 0.0)
     }
 
-    /// Creates a model from prior knowledge, whose means weigh `belief` facelets of a colour.
+    /// Creates a model from prior knowledge. The prior mean of a class counts as much as `belief`
+    /// facelets of that class.
     pub(super) fn of(expected: Expected, belief: f64) -> Self {
         let (means, precision) = (expected.means, expected.precision);
         let shifts = [Vector3::zeros(); 6];
         Self { expected, belief, means, precision, shifts, gains: [0.0; 6], shading: SHADING }
     }
 
-    /// Returns the model with almost no weight on the brightness of a facelet.
+    /// Returns the model for a sorting by hue: the brightness of a facelet has almost no weight.
     pub(super) fn by_hue(self) -> Self {
         Self { shading: ANY_SHADING, precision: self.precision * 4.0, ..self }
     }
 
-    /// Sorts the facelets and learns from the result in turns, until the sorting stays the same.
-    /// Returns the model and the class of each facelet.
-    pub(super) fn sort_and_learn(mut self, points: &Points) -> (Self, [u8; 54]) {
+    /// Sorts the facelets into the six classes and learns the model from the result, in turns,
+    /// until the sorting stays the same. Returns the model and the class of each facelet. `sort`
+    /// returns the classes of the facelets from the cost of each class for each facelet.
+    pub(super) fn sort_and_learn(
+        mut self,
+        points: &Points,
+        sort: impl Fn(&[[f64; 6]; 54]) -> [u8; 54],
+    ) -> (Self, [u8; 54]) {
         let mut facelets = [0u8; 54];
         // The first rounds may repeat a sorting while the model still moves. Eight rounds bound the
         // time of a sorting that alternates.
         for round in 0..8 {
-            let sorted = cheapest_pieces(&self.costs(points));
+            let sorted = sort(&self.costs(points));
             if sorted == facelets && round > 2 {
                 break;
             }
@@ -135,21 +141,22 @@ impl Model {
         (self, facelets)
     }
 
-    /// Returns the best model for a given sorting, for the comparison with another sorting.
+    /// Returns the model that fits best if `facelets` are the classes of the facelets, for the
+    /// comparison with the model of another sorting.
     pub(super) fn fitted_to(mut self, points: &Points, facelets: &[u8; 54]) -> Self {
         (0..8).for_each(|_| self.learn(points, facelets, &[false; 54]));
         self
     }
 
-    /// Learns means, gains, shifts, spread and shading from the facelets, except those that are
-    /// `without` a vote.
-    pub(super) fn learn(&mut self, points: &Points, facelets: &[u8; 54], without: &[bool; 54]) {
+    /// Learns means, gains, shifts, spread and shading from facelets of known classes (`facelets`).
+    /// Facelets marked in `ignored` do not count.
+    pub(super) fn learn(&mut self, points: &Points, facelets: &[u8; 54], ignored: &[bool; 54]) {
         let class = |i: usize| usize::from(facelets[i]);
         // Means depend on the light and the light on the means, so both are estimated twice.
         for _ in 0..2 {
             for c in 0..6 {
                 let members: Vec<Vector3<f64>> = (0..54)
-                    .filter(|&i| class(i) == c && !without[i])
+                    .filter(|&i| class(i) == c && !ignored[i])
                     .map(|i| {
                         // The facelet as it would look under the mean light.
                         let bare = points[i] - self.shifts[i / 9] - self.expected.shifts[i];
@@ -161,7 +168,7 @@ impl Model {
                 self.means[c] = total / (n + self.belief);
             }
             for face in 0..6 {
-                let members = (9 * face..9 * face + 9).filter(|&i| !without[i]);
+                let members = (9 * face..9 * face + 9).filter(|&i| !ignored[i]);
                 self.gains[face] = self.gain(points, face, members.clone().map(|i| (i, class(i))));
                 let n = members.clone().count() as f64;
                 let sum: Vector3<f64> = members
@@ -178,7 +185,7 @@ impl Model {
         let mut scatter = Matrix3::identity() * (SPREAD_PRIOR * SPREAD * SPREAD);
         let mut total = SPREAD_PRIOR;
         let mut shades = SPREAD_PRIOR * SHADING * SHADING;
-        for i in (0..54).filter(|&i| !without[i]) {
+        for i in (0..54).filter(|&i| !ignored[i]) {
             let d = self.apart(points, i, class(i));
             let weight = self.weight(points, i, class(i));
             let (shade, variance) = self.shade(&d, class(i));
@@ -194,8 +201,9 @@ impl Model {
         }
     }
 
-    /// Returns the likeliest gain of a face whose facelets have these classes, relative. The
-    /// shading of each facelet limits its weight.
+    /// Returns the likeliest gain of a face: how much brighter than the mean its light is,
+    /// relative, in cube roots of light. `members` are its facelets with their classes. A facelet
+    /// with much shading has little weight.
     fn gain(
         &self,
         points: &Points,
@@ -216,28 +224,30 @@ impl Model {
         (sum / total).clamp(-MOST_GAIN, MOST_GAIN)
     }
 
-    /// Returns the deviation of a facelet from the place of a class on its face. A facelet with a
-    /// larger variance deviates less.
-    fn apart(&self, points: &Points, i: usize, class: usize) -> Vector3<f64> {
-        let face = i / 9;
+    /// Returns the difference, in the colour space, between a facelet and the mean of a class in
+    /// the light of the facelet's face. It is scaled down for a facelet with a large variance.
+    fn apart(&self, points: &Points, facelet: usize, class: usize) -> Vector3<f64> {
+        let face = facelet / 9;
         let place = self.means[class] + self.ray(class) * self.gains[face] + self.shifts[face];
-        (points[i] - self.expected.shifts[i] - place) / self.expected.variances[i].sqrt()
+        let expected = &self.expected;
+        (points[facelet] - expected.shifts[facelet] - place) / expected.variances[facelet].sqrt()
     }
 
-    /// Returns the weight of a facelet in the model, 0..=1. A facelet that is far off is a
-    /// reflection or has the wrong class, and must not shape the model.
-    fn weight(&self, points: &Points, i: usize, class: usize) -> f64 {
-        1.0 / (1.0 + self.square(points, i, class) / 9.0)
+    /// Returns the weight, 0..=1, with which a facelet shapes the model as a member of a class. A
+    /// facelet that is far from its class is a reflection or has the wrong class.
+    fn weight(&self, points: &Points, facelet: usize, class: usize) -> f64 {
+        1.0 / (1.0 + self.square(points, facelet, class) / 9.0)
     }
 
-    /// Computes the cost of each colour for each facelet: its squared distance, [`bent`].
+    /// Computes the cost of each class for each facelet: the squared distance between them, bounded
+    /// by [`bent`].
     pub(super) fn costs(&self, points: &Points) -> [[f64; 6]; 54] {
         std::array::from_fn(|i| std::array::from_fn(|c| bent(self.square(points, i, c))))
     }
 
-    /// Computes the cost of this explanation of the facelets, in -2 log likelihood, without the
-    /// terms that all models share. It adds up the distances, the width of the classes, and the
-    /// distance of light and spread from their priors.
+    /// Computes how badly the model explains facelets of the given classes, in -2 log likelihood,
+    /// without the terms that all models share. The cost adds up the squared distances, the width
+    /// of the classes, and the distance of light and spread from their priors.
     pub(super) fn cost(&self, points: &Points, facelets: &[u8; 54]) -> f64 {
         // Logarithm of the determinant of the covariance. Without it, wide classes would explain
         // everything.
@@ -268,16 +278,17 @@ impl Model {
         self.gains.map(|gain| (1.0 + gain).powi(3))
     }
 
-    /// Computes the squared distance of a facelet from a class, in units of the spread.
-    pub(super) fn square(&self, points: &Points, i: usize, class: usize) -> f64 {
-        let d = self.apart(points, i, class);
+    /// Computes the squared distance of a facelet from a class, in units of the spread. The shading
+    /// is the likeliest one and counts by its own spread.
+    pub(super) fn square(&self, points: &Points, facelet: usize, class: usize) -> f64 {
+        let d = self.apart(points, facelet, class);
         let (shade, _) = self.shade(&d, class);
         let ray = self.ray(class);
         let rest = d - ray * shade;
         rest.dot(&(self.precision * rest)) + (shade / self.shading).powi(2)
     }
 
-    /// Returns the direction in which a class moves in a stronger light.
+    /// Returns the direction in the colour space in which a class moves in a stronger light.
     fn ray(&self, class: usize) -> Vector3<f64> {
         self.means[class] + BLACK
     }
@@ -291,13 +302,14 @@ impl Model {
     }
 }
 
-/// Bounds a squared distance by [`OUTLIER`]; small ones hardly change.
+/// Bounds a squared distance: a small one hardly changes, and a very large one becomes almost
+/// [`OUTLIER`].
 fn bent(square: f64) -> f64 {
     square / (1.0 + square / OUTLIER)
 }
 
-/// Converts mean RGB, 0..=255, to Lab with a reduced weight of lightness. The brightest channel of
-/// all facelets is scaled to 1 first, so that the exposure does not matter.
+/// Converts the mean RGB of 54 facelets, 0..=255, to Lab with a reduced weight of lightness. The
+/// brightest channel of all facelets is scaled to 1 first, so that the exposure does not matter.
 pub(super) fn coordinates(rgb: &[[f64; 3]; 54]) -> Points {
     let linear = rgb.map(|c| c.map(to_linear));
     let brightest = linear.iter().flatten().copied().fold(1e-4, f64::max);
@@ -313,7 +325,8 @@ fn middle(points: &[Vector3<f64>]) -> Vector3<f64> {
     Vector3::from_fn(|k, _| median(points.iter().map(|p| p[k]).collect()))
 }
 
-/// Returns the median of some values, the upper one of two; 0 if there are none.
+/// Returns the median of some values; the upper middle value if their number is even, and 0 if
+/// there are none.
 pub(super) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)

@@ -25,6 +25,7 @@
 use std::ops::Range;
 use std::sync::LazyLock;
 
+pub use super::placement::Placement;
 pub use super::whole::{Decision, Undecided, decide_cube};
 
 /// Letters of the colours 0..=5.
@@ -52,7 +53,8 @@ struct Prototype {
 }
 
 impl Prototype {
-    /// Returns the linear RGB of the prototype: the inverse of [`Shade`].
+    /// Returns the linear RGB of a tile with the hue and brightness of the prototype: the inverse
+    /// of [`Shade::new`].
     fn reflectance(&self) -> [f64; 3] {
         let high = self.log_value.exp();
         let Some((hue, _)) = self.hue else { return [high; 3] };
@@ -95,12 +97,13 @@ pub(super) struct Seen {
 }
 
 impl Seen {
-    /// Converts sRGB levels 0..=255.
+    /// Converts the mean sRGB levels of a tile, 0..=255, to linear light, and marks clipped
+    /// channels.
     fn new(levels: [f64; 3]) -> Self {
         Self { linear: levels.map(to_linear), clipped: levels.map(|v| v >= CLIPPED) }
     }
 
-    /// Takes linear light that no camera clipped.
+    /// Makes a tile from linear light of which no channel is clipped.
     pub(super) fn whole(linear: [f64; 3]) -> Self {
         Self { linear, clipped: [false; 3] }
     }
@@ -110,7 +113,8 @@ impl Seen {
         Self { linear: light.undo(self.linear), ..*self }
     }
 
-    /// Computes the squared distance to each prototype in units of its spread.
+    /// Computes the squared distance of the tile to each of the six prototypes, in units of their
+    /// spreads. `shades` are the hues of the colours on this cube.
     ///
     /// A clipped channel gives only a lower bound of the light. Its value is taken from the
     /// prototype itself, with the strength and the glare that the other channels show.
@@ -130,8 +134,9 @@ impl Seen {
         })
     }
 
-    /// Returns the strength of a prototype's light, and the glare on it, that best explain the
-    /// channels which did not clip.
+    /// Returns the strength of the light and the glare with which a prototype best explains the
+    /// channels that did not clip. `own` is the linear RGB of the prototype; `coloured` is false
+    /// for white.
     ///
     /// With a normal prior of the strength s about 1 and an exponential prior of the glare g, it
     /// minimises the sum of `w_k (s own_k + g - x_k)^2`, `((s - 1) / STRENGTH)^2` and
@@ -177,14 +182,16 @@ const SHADE: (f64, f64) = (0.4, 2.5);
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Light(pub(super) [f64; 3]);
 
-/// Decides the colours of one face by itself. Returns them with a confidence each, 0..=1.
+/// Decides the colours of the nine tiles of one face, without its neighbours. Returns the colours,
+/// 0..=5 = white, red, green, yellow, orange, blue, and the confidence in each, 0..=1. `rgb` is the
+/// mean level of each tile, 0..=255.
 #[must_use]
 pub fn decide_face(rgb: &[[f64; 3]; 9]) -> ([u8; 9], [f64; 9]) {
     decide_face_with(rgb, &[None; 9])
 }
 
-/// Decides the colours like [`decide_face`]. `rims` is the linear light, of any strength, at the
-/// rims of tiles that clip in all channels.
+/// Decides the colours of a face like [`decide_face`]. For a tile that clips in all channels,
+/// `rims` gives the hue of its blurred rim, as linear light of any strength.
 pub(super) fn decide_face_with(
     rgb: &[[f64; 3]; 9],
     rims: &[Option<[f64; 3]>; 9],
@@ -224,8 +231,8 @@ pub(super) fn decide_face_with(
     (colours, confidences)
 }
 
-/// Returns whether these tiles come from a black and white picture, which has no information about
-/// colours. A colour picture of a white face differs by its noise and the colour of its light.
+/// Returns whether these tiles come from a black and white picture: their channels are equal. The
+/// tiles of a white face in a colour picture differ by noise and by the colour of the light.
 #[must_use]
 pub fn is_colourless(rgb: &[[f64; 3]]) -> bool {
     let grey = |c: &[f64; 3]| c[0].max(c[1]).max(c[2]) - c[0].min(c[1]).min(c[2]) < 0.5;
@@ -254,8 +261,9 @@ impl Shades {
         Self(shades)
     };
 
-    /// Estimates the hues on this cube from its tiles. Each tile counts with the probability of its
-    /// colour. On drawn faces this raised the fully read ones from 528 to 545 of 631.
+    /// Estimates the hue of each colour on this cube from the tiles of one face. Each tile counts
+    /// for a colour with the probability that it has this colour. On drawn faces this raised the
+    /// fully read ones from 528 to 545 of 631.
     fn of(tiles: &[Seen; 9]) -> Self {
         let mut shades = Self::ANY;
         // Better hues give better probabilities. Three rounds suffice.
@@ -286,7 +294,7 @@ impl Shades {
     }
 }
 
-/// Returns the angle from one hue to another, -180..180 deg.
+/// Returns the angle from the hue `from` to `hue`, -180..180 deg.
 fn turn(hue: f64, from: f64) -> f64 {
     (hue - from + 180.0).rem_euclid(360.0) - 180.0
 }
@@ -378,8 +386,8 @@ impl Shade {
         Self { hue, saturation: (high - low) / high.max(1e-6), value: high }
     }
 
-    /// Returns the uncertainty of the hue (deg). An error of the light changes the hue of a pale
-    /// tile more.
+    /// Returns the standard deviation of the hue (deg) by an error of the light, which changes the
+    /// hue of a pale tile more.
     fn blur(&self) -> f64 {
         12.0 * (1.0 / self.saturation.max(0.05) - 1.0)
     }
@@ -403,12 +411,13 @@ const GLARE: f64 = 0.12;
 const TINT: f64 = 0.15;
 
 impl Tone {
-    /// Compares a tile with all prototypes.
+    /// Compares a tile, in linear RGB, with all prototypes. `shades` are the hues of the colours on
+    /// this cube.
     fn new(linear: [f64; 3], shades: &Shades) -> Self {
         Self::of(linear, shades, 0..6)
     }
 
-    /// Compares a tile with some of the prototypes.
+    /// Compares a tile, in linear RGB, with the prototypes of `colours` only.
     fn of(linear: [f64; 3], shades: &Shades, colours: Range<usize>) -> Self {
         let shade = Shade::new(linear);
         let blur = shade.blur();
@@ -425,13 +434,15 @@ impl Tone {
         Self { chroma, value, grey: shade.value * (1.0 - shade.saturation) }
     }
 
-    /// Computes the squared distance to each prototype in units of its spread, after an exposure.
+    /// Computes the squared distance of the tile to each prototype, in units of their spreads,
+    /// after its light is multiplied by `exposure`.
     fn distances(&self, exposure: f64) -> [f64; 6] {
         let log_exposure = exposure.ln();
         std::array::from_fn(|c| self.distance(c, exposure, log_exposure))
     }
 
-    /// Computes the squared distance to prototype `c`, after an exposure.
+    /// Computes the squared distance of the tile to the prototype of colour `c`, after its light is
+    /// multiplied by `exposure`.
     fn distance(&self, c: usize, exposure: f64, log_exposure: f64) -> f64 {
         let p = &PROTOTYPES[c];
         let coloured = p.hue.is_some();
@@ -444,7 +455,8 @@ impl Tone {
     }
 }
 
-/// Computes the squared distance to each prototype in units of its spread.
+/// Computes the squared distance of a tile, in linear RGB, to each prototype, in units of their
+/// spreads.
 pub(super) fn prototype_distances(linear: [f64; 3]) -> [f64; 6] {
     Tone::new(linear, &Shades::ANY).distances(1.0)
 }
@@ -480,7 +492,7 @@ fn least(values: &[f64]) -> usize {
     (0..values.len()).fold(0, |best, i| if values[i] < values[best] { i } else { best })
 }
 
-/// Returns the letter of a face 0..=5.
+/// Returns the letter of a face 0..=5: U, R, F, D, L or B.
 #[must_use]
 pub fn face_letter(face: usize) -> char {
     ['U', 'R', 'F', 'D', 'L', 'B'][face]
@@ -501,7 +513,7 @@ mod tests {
     ];
 
     #[test]
-    fn black_and_white_picture_has_no_colours() {
+    fn grey_face_is_read_with_zero_confidence() {
         let grey = std::array::from_fn(|i| [30.0 + 20.0 * i as f64; 3]);
 
         assert_eq!(decide_face(&grey).1, [0.0; 9]);

@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn support_grows_with_visible_sides_of_missing_tiles() {
+    fn support_grows_with_edges_seen_around_undetected_tiles() {
         let seven = without(&[0, 8]);
 
         let by = |n| support(&seven, &[n, 4, 4, 4, 4, 4, 4, 4, n]);

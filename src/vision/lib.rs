@@ -35,6 +35,7 @@ mod likeliest;
 mod names;
 pub mod paper;
 mod patch;
+mod placement;
 pub mod pose;
 mod refine;
 mod segment;
@@ -71,8 +72,8 @@ pub struct Rect {
 }
 
 impl Rect {
-    /// Returns the part that lies inside an image of `width` x `height` pixels, or `None` if there
-    /// is none.
+    /// Returns the part of the rectangle that lies inside an image of `width` x `height` pixels, or
+    /// `None` if there is none.
     #[must_use]
     pub fn inside(self, width: u32, height: u32) -> Option<Self> {
         // A predicted window may reach beyond the image, and beyond the largest coordinate.
@@ -89,7 +90,7 @@ impl Rect {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Refusal {
     /// The picture has too few pixels for nine tiles.
-    #[error("the picture has only {width}x{height} px")]
+    #[error("the picture has only {width}x{height} px: too few for nine tiles")]
     TooFewPixels {
         /// Number of columns that were searched.
         width: u32,
@@ -120,25 +121,25 @@ pub enum Refusal {
         tiles: usize,
     },
     /// The tiles form a lattice of more than 3x3.
-    #[error("the lattice is larger than 3x3: {beyond} more tiles around nine")]
+    #[error("not a face of a cube: the lattice has {beyond} more tiles around 3x3")]
     LargerLattice {
         /// Number of tiles of the same size and pitch around the nine, of 16.
         beyond: usize,
     },
     /// The best lattice is not good enough to report.
-    #[error("a lattice was found, but its confidence is only {confidence:.2}")]
+    #[error("a 3x3 lattice was found, but it may be no face: confidence {confidence:.2}")]
     Doubtful {
         /// Confidence of the best lattice, 0..=1.
         confidence: f64,
     },
     /// The face is too small for the arm's work.
-    #[error("outside the workspace: the face is only {width_px:.0} px wide")]
+    #[error("the face is only {width_px:.0} px wide, too small: it may be outside the workspace")]
     TooSmall {
         /// Length of the face's longest side (px).
         width_px: f64,
     },
     /// The face is not where it was expected.
-    #[error("not where it was expected: {matched} of 9 tiles fit the prediction")]
+    #[error("the face is not where it was expected: {matched} of 9 tiles fit the prediction")]
     NotExpected {
         /// Number of tiles that fit.
         matched: usize,
@@ -182,8 +183,8 @@ impl FaceSighting {
             .fold(0.0, f64::max)
     }
 
-    /// Returns the same face read after `quarters` quarter turns of the page. One quarter turn
-    /// brings the tile at the bottom left to the top left.
+    /// Returns the same face as it reads after `quarters` clockwise quarter turns of the picture. A
+    /// quarter turn brings the tile at the bottom left to the top left.
     #[must_use]
     pub fn turned(&self, quarters: usize) -> Self {
         let mut face = self.clone();

@@ -32,9 +32,11 @@ pub(crate) struct Likeliest {
 pub(super) const CENTRES: [usize; 6] = [4, 13, 22, 31, 40, 49];
 
 /// Numbers of the facelets of each corner position, in the order of its letters.
-static CORNER_FACELETS: LazyLock<[[usize; 3]; 8]> = LazyLock::new(|| CORNERS.map(facelets_of));
+pub(super) static CORNER_FACELETS: LazyLock<[[usize; 3]; 8]> =
+    LazyLock::new(|| CORNERS.map(facelets_of));
 /// Numbers of the facelets of each edge position, in the order of its letters.
-static EDGE_FACELETS: LazyLock<[[usize; 2]; 12]> = LazyLock::new(|| EDGES.map(facelets_of));
+pub(super) static EDGE_FACELETS: LazyLock<[[usize; 2]; 12]> =
+    LazyLock::new(|| EDGES.map(facelets_of));
 
 fn facelets_of<const K: usize>(faces: [Face; K]) -> [usize; K] {
     // The sum of the faces' normals is the place of the piece in the 3x3x3 grid.
@@ -46,7 +48,8 @@ fn facelets_of<const K: usize>(faces: [Face; K]) -> [usize; K] {
     faces.map(|face| facelet_at(cell, face))
 }
 
-/// Returns the cheapest of all cubes that can be reached from the solved one.
+/// Returns the cheapest of all cubes that can be reached from the solved one. `costs` is the cost
+/// of each facelet in each of the six colours.
 #[must_use]
 pub(crate) fn likeliest(costs: &[[f64; 6]; 54]) -> Likeliest {
     let mut corners = Layout::new(&CORNER_FACELETS, &CORNERS, costs);
@@ -75,8 +78,9 @@ pub(crate) fn likeliest(costs: &[[f64; 6]; 54]) -> Likeliest {
     Likeliest { facelets, cost: floor + centres, margins: margins.map(|m| m.max(0.0)) }
 }
 
-/// Returns the cheapest cube with each piece once, whether or not the sums of twists, flips and
-/// parities agree. It is a hundred times as fast as [`likeliest`], for the rounds of an iteration.
+/// Returns the facelets of the cheapest cube that has each piece once. Twists, flips and parities
+/// may be those of a cube that cannot exist. It is a hundred times as fast as [`likeliest`], for
+/// the rounds of an iteration.
 #[must_use]
 pub(super) fn cheapest_pieces(costs: &[[f64; 6]; 54]) -> [u8; 54] {
     let mut facelets = [0u8; 54];
@@ -152,7 +156,7 @@ impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
         }
     }
 
-    /// Writes the cheapest layout without regard to sums.
+    /// Writes the cheapest layout to `facelets`, even if its orientations do not cancel.
     fn assign(&self, facelets: &mut [u8; 54]) {
         // Without sums the orientations are independent, so each pair takes its cheapest one.
         let turn = |position: usize, piece: usize| {
@@ -173,12 +177,14 @@ impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
         }
     }
 
-    /// Returns the cost of the cheapest layout of this parity whose orientations cancel.
+    /// Returns the cost of the cheapest layout whose orientations cancel and whose permutation has
+    /// this parity (0 even, 1 odd).
     fn best(&self, parity: usize) -> f64 {
         self.forward[(1 << N) - 1][0][parity]
     }
 
-    /// Writes the cheapest layout of this parity.
+    /// Writes the cheapest layout whose orientations cancel and whose permutation has this parity
+    /// to `facelets`.
     fn read(&self, parity: usize, facelets: &mut [u8; 54]) {
         // Follows the backward run from the empty set; `sum` and `parity` are those that the
         // remaining pieces must have.
@@ -203,8 +209,11 @@ impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
         }
     }
 
-    /// Lowers the margin of each facelet to that of the cheapest cube with another colour there.
-    /// `others` is the cost of the other kind of pieces by parity, less that of the whole cube.
+    /// Lowers the margin of each facelet to that of the cheapest cube in which it has another
+    /// colour than in `facelets`, the cheapest cube.
+    ///
+    /// `others` is the cost of the other kind of pieces (edges or corners) for each parity, less
+    /// the cost of the cheapest cube.
     fn alternatives(&self, others: [f64; 2], facelets: &[u8; 54], margins: &mut [f64; 54]) {
         // Least margin of any cube with this piece in this orientation at this position: the
         // pieces before it come from the forward run, those after it from the backward run.
@@ -247,8 +256,11 @@ impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
     }
 }
 
-/// Lowers the costs `to` to those of `from` with one more piece, in each of its orientations. `odd`
-/// is the parity that the piece adds.
+/// Adds one piece to the layouts with the costs `from`, in each of its orientations, and lowers the
+/// costs `to` where the result is cheaper. Both are indexed by the sum of the orientations and by
+/// the parity.
+///
+/// `prices` is the cost of the piece in each orientation, and `odd` the parity that it adds.
 fn lay<const K: usize>(
     from: &[[f64; 2]; K],
     to: &mut [[f64; 2]; K],
@@ -264,8 +276,8 @@ fn lay<const K: usize>(
     }
 }
 
-/// Returns 1 if an odd number of the pieces in a set have a higher number than `piece`, else 0. The
-/// parity of a permutation is that of its number of inversions.
+/// Returns 1 if `set`, a bit mask, contains an odd number of pieces with a higher index than
+/// `piece`, else 0. The parity of a permutation is that of its number of inversions.
 fn inversions(set: usize, piece: usize) -> usize {
     (set >> piece).count_ones() as usize & 1
 }
@@ -287,7 +299,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
-        fn exact_costs_give_cube_with_certain_facelets(seed in 0u64..1_000_000) {
+        fn exact_costs_give_true_cube_with_large_margins(seed in 0u64..1_000_000) {
             let truth = facelets(seed);
 
             let found = likeliest(&costs_of(&truth));
@@ -299,7 +311,7 @@ mod tests {
             prop_assert!(found.margins.iter().all(|&m| m >= 3.0));
         }
 
-        /// For any costs the answer can exist, and no other cube is cheaper.
+        /// For any costs the returned cube can exist, and no other cube is cheaper.
         #[test]
         fn likeliest_returns_cheapest_legal_cube(
             costs in proptest::collection::vec(0.0..10.0f64, 324), seed in 0u64..1_000_000
@@ -325,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn flipped_edge_is_corrected_at_least_cost() {
+    fn likeliest_corrects_flipped_edge_at_lowest_cost() {
         let truth = facelets(7);
         let mut seen = truth;
         seen.swap(5, 10);

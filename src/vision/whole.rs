@@ -5,13 +5,16 @@
 //! their common spread, the light on each face (a reflection shifts all nine of its facelets), and
 //! the likeliest cube that can exist. The names of the colours come last and change no class.
 //!
-//! A cube that was assembled wrongly is not read as the nearest legal one. If its facelets, taken
-//! one by one, are too clear for that, the cube is refused with the reason.
+//! Pictures that were turned, exchanged or mirrored are recognised: they fit each other only in
+//! another way. A cube that was assembled wrongly is not read as the nearest legal one. If its
+//! facelets, taken one by one, are too clear for that, the cube is refused with the reason.
 //!
 //! | case | threshold | reason |
 //! |---|---|---|
 //! | facelet is doubtful | margin < [`DOUBTFUL`] | the best other cube is 10 times less likely |
 //! | cube is impossible | cost > [`IMPLAUSIBLE`] | noise does this once in 10^6 at worst |
+//! | pictures may be misplaced | strain > [`UNSURE`] | right readings have almost none |
+//! | pictures are misplaced | cost lower by [`IMPLAUSIBLE`] | as for an impossible cube |
 //! | facelet unlike its colour | [`UNLIKE`] | chi square of three numbers: once in 1000 |
 //! | ... though unlike | [`LIKER`] of the other distance | classes do not scatter alike |
 //! | contested facelets evident | [`REACH`] times the others | reflections may have moved them |
@@ -25,8 +28,9 @@
 use super::assignment::assign;
 use super::classes::{Expected, Model, Points, coordinates};
 use super::colours::{CLIPPED, is_colourless, to_linear};
-use super::likeliest::{CENTRES, Likeliest, likeliest};
+use super::likeliest::{CENTRES, Likeliest, cheapest_pieces, likeliest};
 use super::names::name;
+use super::placement::{Placement, placements};
 use crate::cube::{Cube, Face, Facelets, ImpossibleCube, facelet_place};
 
 /// Decided colours of a whole cube.
@@ -43,17 +47,23 @@ pub struct Decision {
     pub doubtful: Vec<usize>,
 }
 
-/// Returns the places of stickers as text: "F1, R3".
+/// Returns the names of stickers as text: "F1, R3".
 fn places(facelets: &[usize]) -> String {
     let names: Vec<String> = facelets.iter().map(|&i| facelet_place(i).to_string()).collect();
     names.join(", ")
+}
+
+/// Returns what may be wrong with the pictures as text.
+fn either(ways: &[Placement]) -> String {
+    let ways: Vec<String> = ways.iter().map(ToString::to_string).collect();
+    ways.join(", or ")
 }
 
 /// Reason why there is no decision.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Undecided {
     /// A measured value is not a number.
-    #[error("the colour of facelet {0} is not a number")]
+    #[error("the measured colour of facelet {0} (0..=53, URFDLB) is not a number")]
     NotANumber(usize),
     /// The pictures are black and white.
     #[error("no colour in the pictures: they are in black and white")]
@@ -72,6 +82,20 @@ pub enum Undecided {
         second: Face,
         /// Whether both centres are clipped.
         overexposed: bool,
+    },
+    /// The pictures make a cube only if they are put down in another way.
+    #[error("the pictures fit each other only in another way: {placement}")]
+    Misplaced {
+        /// Faults of the pictures.
+        placement: Placement,
+        /// Colours of the cube with the pictures put right.
+        decision: Box<Decision>,
+    },
+    /// The pictures make a cube only if they are put down in another way, and there are several.
+    #[error("the pictures do not fit each other as they lie; one of these is so: {}", either(ways))]
+    Misfit {
+        /// Possible faults of the pictures.
+        ways: Vec<Placement>,
     },
     /// The facelets are clear, and no cube has them.
     #[error("this cube cannot exist: {reason}; stickers in doubt: {}", places(doubtful))]
@@ -95,6 +119,10 @@ const DOUBTFUL: f64 = 0.9;
 /// alone moves one facelet to another colour by this much once in 10^6 times at worst.
 const IMPLAUSIBLE: f64 = 25.0;
 
+/// Strain of a reading above which the pictures may not lie as given. A reading has none if each
+/// facelet alone looks like its colour on the cube.
+const UNSURE: f64 = 5.0;
+
 /// Squared distance from a class above which a facelet does not look like it. With three numbers a
 /// right facelet exceeds it once in 1000 times.
 const UNLIKE: f64 = 16.0;
@@ -111,7 +139,8 @@ const REACH: f64 = 2.0;
 /// Weight of a learned table against the cube at hand, in facelets of a colour.
 const BELIEF: f64 = 4.0;
 
-/// Decides all 54 facelets (order URFDLB, reading order) from their mean RGB, 0..=255.
+/// Decides the colours of the 54 facelets of a cube from their mean RGB, 0..=255. The faces are in
+/// the order URFDLB, the facelets of a face in reading order.
 ///
 /// # Errors
 /// [`Undecided`] if the colours are not those of a cube.
@@ -134,10 +163,15 @@ pub fn decide_cube(rgb: &[[f64; 3]; 54]) -> Result<Decision, Undecided> {
             }
         }
     }
-    decide(rgb, &points, Model::of_centres(&points))
+    let given = Sorted::of(&points, Model::of_centres(&points), cheapest_pieces);
+    match misplaced(rgb, &points, &given) {
+        Some(refusal) => Err(refusal),
+        None => decide(rgb, &points, given),
+    }
 }
 
-/// Decides all 54 facelets in a rig whose colours and reflections were learned before.
+/// Decides the colours of the 54 facelets of a cube in a rig, like [`decide_cube`]. `expected` are
+/// the colours and reflections that were learned in this rig.
 ///
 /// # Errors
 /// [`Undecided`] if the colours are not those of a cube.
@@ -152,26 +186,82 @@ pub(super) fn decide_expected(
     if is_colourless(rgb) {
         return Err(Undecided::NoColour);
     }
-    decide(rgb, &points, Model::of(expected, BELIEF))
+    decide(rgb, &points, Sorted::of(&points, Model::of(expected, BELIEF), cheapest_pieces))
 }
 
-/// Decides all 54 facelets from a first model. It sorts from two starts and keeps the result that
-/// explains more.
-fn decide(rgb: &[[f64; 3]; 54], points: &Points, model: Model) -> Result<Decision, Undecided> {
-    // Sorting ends in the optimum that is nearest to its start. From the centres alone, a face in
-    // the shade passed for one of other colours: a checkerboard with one dark face was read as
-    // solved. The second start ignores brightness.
-    let (near, facelets) = model.clone().sort_and_learn(points);
-    let (by_hue, others) = model.by_hue().sort_and_learn(points);
-    let (mut best, rival) = if facelets == others {
-        let nearer = near.cost(points, &facelets) <= by_hue.cost(points, &facelets);
-        (Reading::of(if nearer { near } else { by_hue }, points), None)
-    } else {
+/// Looks for another way in which the pictures may have been put down, if their facelets do not fit
+/// a cube as they lie. Returns the refusal if another way explains them far better.
+fn misplaced(rgb: &[[f64; 3]; 54], points: &Points, given: &Sorted) -> Option<Undecided> {
+    // Most readings fit, and end here without the search.
+    if given.rival.is_none() && given.best.strain() < UNSURE {
+        return None;
+    }
+    // The classes are sorted by their numbers alone, because the pieces are unknown as long as the
+    // placement is.
+    let loose = Sorted::of(points, Model::of_centres(points), nine_of_each);
+    let mut ways: Vec<(Placement, Sorted)> = placements(&loose.best.costs)
+        .into_iter()
+        .map(|placement| {
+            let points = placement.put_right(points);
+            let sorted = Sorted::of(&points, Model::of_centres(&points), cheapest_pieces);
+            (placement, sorted)
+        })
+        .collect();
+    let least = ways.iter().map(|(_, sorted)| sorted.best.price).fold(f64::INFINITY, f64::min);
+    if given.best.price - least < IMPLAUSIBLE {
+        return None;
+    }
+    ways.retain(|(_, sorted)| sorted.best.price - least < IMPLAUSIBLE);
+    // A cube and its mirror image have the same edges and corners. The simpler fault is believed:
+    // that all pictures are mirrored, or that two are exchanged.
+    ways.sort_by_key(|(placement, _)| placement.changes());
+    let (first, second) = (ways[0].0.changes(), ways.get(1).map(|(other, _)| other.changes()));
+    if second == Some(first) {
+        let ways = ways.into_iter().map(|(placement, _)| placement);
+        return Some(Undecided::Misfit { ways: ways.filter(|w| w.changes() == first).collect() });
+    }
+    let (placement, sorted) = ways.swap_remove(0);
+    let decision = decide(&placement.put_right(rgb), &placement.put_right(points), sorted).ok()?;
+    Some(Undecided::Misplaced { placement, decision: Box::new(decision) })
+}
+
+/// Facelets that were sorted from two first models: one as it is, one that ignores brightness.
+struct Sorted {
+    /// Reading of the lower cost.
+    best: Reading,
+    /// Other reading, if it has other facelets.
+    rival: Option<Reading>,
+}
+
+impl Sorted {
+    /// Sorts the facelets from a first model, and from that model without brightness. `sort`
+    /// returns the classes of the facelets from the cost of each class for each facelet.
+    fn of(points: &Points, model: Model, sort: fn(&[[f64; 6]; 54]) -> [u8; 54]) -> Self {
+        // Sorting ends in the optimum that is nearest to its start. From the centres alone, a face
+        // in the shade passed for one of other colours: a checkerboard with one dark face was read
+        // as solved. The second start ignores brightness.
+        let (near, facelets) = model.clone().sort_and_learn(points, sort);
+        let (by_hue, others) = model.by_hue().sort_and_learn(points, sort);
+        if facelets == others {
+            let nearer = near.cost(points, &facelets) <= by_hue.cost(points, &facelets);
+            let best = Reading::of(if nearer { near } else { by_hue }, points);
+            return Self { best, rival: None };
+        }
         // Each sorting gets the best model that it allows, so that their costs can be compared.
         let near = Reading::of(near.fitted_to(points, &facelets), points);
         let by_hue = Reading::of(by_hue.fitted_to(points, &others), points);
-        if near.price <= by_hue.price { (near, Some(by_hue)) } else { (by_hue, Some(near)) }
-    };
+        let (best, rival) =
+            if near.price <= by_hue.price { (near, by_hue) } else { (by_hue, near) };
+        Self { best, rival: Some(rival) }
+    }
+}
+
+/// Decides the colours of the 54 facelets that were sorted.
+fn decide(
+    rgb: &[[f64; 3]; 54],
+    points: &Points,
+    Sorted { mut best, rival }: Sorted,
+) -> Result<Decision, Undecided> {
     if let Some(refused) = contradiction(points, &best.model, &best.costs, &best.cube) {
         return Err(refused);
     }
@@ -205,9 +295,15 @@ impl Reading {
         let price = model.cost(points, &cube.facelets);
         Self { model, costs, cube, price }
     }
+
+    /// Returns by how much the facelets cost less by themselves than on the cube.
+    fn strain(&self) -> f64 {
+        clearness(&self.costs, &one_by_one(&self.costs), &self.cube.facelets)
+    }
 }
 
 /// Checks whether the facelets show clearly that the cube cannot exist. Returns the refusal if so.
+/// `best` is the likeliest cube that can exist.
 ///
 /// Contested facelets are those that look by themselves like another colour than on the likeliest
 /// cube. They are compared with classes that are learned from the other facelets alone. Otherwise
@@ -259,13 +355,15 @@ fn contradiction(
     Some(Undecided::Impossible { reason, facelets: Box::new(read), doubtful })
 }
 
-/// Computes by how much the facelets cost less by themselves than on a cube.
+/// Computes by how much the facelets cost more in the colours of the likeliest cube (`best`) than
+/// in the colours that each looks like by itself (`alone`).
 fn clearness(costs: &[[f64; 6]; 54], alone: &[u8; 54], best: &[u8; 54]) -> f64 {
     let price = |facelets: &[u8; 54], i: usize| costs[i][usize::from(facelets[i])];
     (0..54).map(|i| price(best, i) - price(alone, i)).sum()
 }
 
-/// Adds confidences and names of colours to the likeliest cube.
+/// Completes the likeliest cube to a decision: adds the confidence in each facelet, the doubtful
+/// facelets and the names of the colours.
 fn conclude(rgb: &[[f64; 3]; 54], Reading { model, costs, cube: best, .. }: &Reading) -> Decision {
     let own = |i: usize| costs[i][usize::from(best.facelets[i])];
     // A difference m of costs in -2 log likelihood is a ratio of likelihoods of exp(-m / 2). A
@@ -291,7 +389,8 @@ fn conclude(rgb: &[[f64; 3]; 54], Reading { model, costs, cube: best, .. }: &Rea
     }
 }
 
-/// Returns the nearest class of each facelet by itself. The centres keep their own classes.
+/// Returns the cheapest class of each facelet, without regard to the others. The centres keep their
+/// own classes.
 fn one_by_one(costs: &[[f64; 6]; 54]) -> [u8; 54] {
     let mut facelets = costs.map(|c| least(&c) as u8);
     for (face, &centre) in CENTRES.iter().enumerate() {
@@ -300,9 +399,19 @@ fn one_by_one(costs: &[[f64; 6]; 54]) -> [u8; 54] {
     facelets
 }
 
-/// Returns the facelets with nine of each colour, unless that costs far more than `alone`, the
-/// facelets by themselves. In that case the cube really does not have nine of each.
+/// Returns the cheapest classes of the facelets with nine facelets in each class. If these cost far
+/// more than `alone`, the classes of the facelets by themselves, the cube really does not have nine
+/// of each, and `alone` is returned.
 fn as_counted(costs: &[[f64; 6]; 54], alone: [u8; 54]) -> [u8; 54] {
+    let counted = nine_of_each(costs);
+    let price =
+        |facelets: &[u8; 54]| -> f64 { (0..54).map(|i| costs[i][usize::from(facelets[i])]).sum() };
+    if price(&counted) - price(&alone) > 0.5 * IMPLAUSIBLE { alone } else { counted }
+}
+
+/// Returns the cheapest classes of the facelets with nine facelets in each class. The centres keep
+/// their own classes.
+fn nine_of_each(costs: &[[f64; 6]; 54]) -> [u8; 54] {
     // Each colour has nine columns of the assignment. A prohibitive cost keeps the centres in their
     // own classes.
     let mut matrix = vec![0.0; 54 * 54];
@@ -317,10 +426,7 @@ fn as_counted(costs: &[[f64; 6]; 54], alone: [u8; 54]) -> [u8; 54] {
         }
     }
     let columns = assign(&matrix, 54);
-    let counted: [u8; 54] = std::array::from_fn(|i| (columns[i] / 9) as u8);
-    let price =
-        |facelets: &[u8; 54]| -> f64 { (0..54).map(|i| costs[i][usize::from(facelets[i])]).sum() };
-    if price(&counted) - price(&alone) > 0.5 * IMPLAUSIBLE { alone } else { counted }
+    std::array::from_fn(|i| (columns[i] / 9) as u8)
 }
 
 /// Returns the reason why facelets are no cube, or `None` if they are one.
@@ -390,10 +496,90 @@ mod tests {
         }
     }
 
+    /// Returns the colours of six pictures of which some are turned, exchanged or mirrored.
+    /// `places` has the picture and the quarter turns of each face.
+    fn put_down(rgb: &[[f64; 3]; 54], places: [(usize, usize); 6], mirror: bool) -> [[f64; 3]; 54] {
+        let mut given = *rgb;
+        for (face, (picture, quarters)) in places.into_iter().enumerate() {
+            for tile in 0..9 {
+                let (mut row, mut column) = (tile / 3, tile % 3);
+                for _ in 0..quarters {
+                    (row, column) = (column, 2 - row);
+                }
+                let column = if mirror { 2 - column } else { column };
+                given[9 * picture + 3 * row + column] = rgb[9 * face + tile];
+            }
+        }
+        given
+    }
+
+    const UPRIGHT: [(usize, usize); 6] = [(0, 0), (1, 0), (2, 0), (3, 0), (4, 0), (5, 0)];
+
+    /// Checks that pictures which were put down in another way are told with the cube that they
+    /// show.
+    fn check_misplaced(seed: u64, places: [(usize, usize); 6], mirror: bool, told: &str) {
+        let truth = scrambled(seed);
+        let rgb = put_down(&measured(&truth, [1.0, 0.95, 0.9]), places, mirror);
+
+        match decide_cube(&rgb) {
+            Err(Undecided::Misplaced { placement, decision }) => {
+                assert_eq!(placement.to_string(), told, "seed {seed}");
+                assert_eq!(decision.facelets, truth, "seed {seed}");
+            }
+            other => panic!("seed {seed}, {told}: {other:?}"),
+        }
+    }
+
+    #[test]
+    fn each_picture_turned_alone_is_named_and_corrected() {
+        let turns =
+            ["turned clockwise by a quarter", "upside down", "turned anticlockwise by a quarter"];
+        for seed in 0..6 {
+            for face in 0..6 {
+                for (told, quarters) in turns.iter().zip(1..) {
+                    let mut places = UPRIGHT;
+                    places[face].1 = quarters;
+                    let letter = Face::ALL[face].letter();
+                    let told = format!("the picture of face {letter} is {told}");
+                    check_misplaced(seed, places, false, &told);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn exchanged_pictures_are_named_and_corrected() {
+        for seed in 0..6 {
+            for (a, b) in [(1, 2), (0, 4), (3, 5), (4, 5)] {
+                let mut places = UPRIGHT;
+                places.swap(a, b);
+                let [a, b] = [a, b].map(|face: usize| Face::ALL[face].letter());
+                let told = format!("the pictures of faces {a} and {b} are exchanged");
+                check_misplaced(seed, places, false, &told);
+            }
+        }
+    }
+
+    #[test]
+    fn mirrored_pictures_are_named_and_corrected() {
+        for seed in 0..6 {
+            check_misplaced(seed, UPRIGHT, true, "every picture is mirrored");
+        }
+    }
+
+    #[test]
+    fn three_turned_pictures_are_named_and_corrected() {
+        let places = [(0, 0), (1, 1), (2, 0), (3, 0), (4, 1), (5, 3)];
+        let told = "the picture of face R is turned clockwise by a quarter; \
+            the picture of face L is turned clockwise by a quarter; \
+            the picture of face B is turned anticlockwise by a quarter";
+        check_misplaced(3, places, false, told);
+    }
+
     /// Two facelets that look more like each other's colour are corrected by the rest of the cube,
     /// and are reported as doubtful.
     #[test]
-    fn swapped_colours_are_corrected_and_doubtful() {
+    fn exchanged_facelet_colours_are_corrected_and_reported_doubtful() {
         let truth = scrambled(5);
         let mut rgb = measured(&truth, [1.0; 3]);
         // A red and an orange facelet that look more like each other's colour than like their own.
@@ -459,7 +645,7 @@ mod tests {
         })
     }
 
-    /// Returns the facelets of a cube's piece.
+    /// Returns the indices of the facelets of the corner or edge that lies on these faces.
     fn places(faces: &[Face]) -> Vec<usize> {
         let mut cell = [0i8; 3];
         for face in faces {
@@ -468,9 +654,10 @@ mod tests {
         faces.iter().map(|&face| crate::cube::facelet_at(cell, face)).collect()
     }
 
-    /// Under noise, cubes that can exist are read, and others are refused with the right reason.
+    /// Under noise, cubes that can exist are read, and wrongly assembled ones are refused with the
+    /// right reason.
     #[test]
-    fn noisy_cubes_are_read_or_refused_correctly() {
+    fn noisy_legal_cubes_are_read_and_impossible_refused() {
         use crate::cube::{CORNERS, EDGES};
         const TRIALS: u64 = 12;
         // Makes a fault in a cube of a trial; checks whether a refusal names it.
@@ -553,7 +740,7 @@ mod tests {
     }
 
     #[test]
-    fn equal_centres_and_bad_values_are_refused() {
+    fn equal_centres_nan_and_grey_readings_are_refused() {
         let mut rgb = measured(&scrambled(3), [1.0; 3]);
         rgb[13] = rgb[4];
         assert!(matches!(

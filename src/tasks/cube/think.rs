@@ -104,7 +104,8 @@ pub fn think(thought: &Thought) -> (Conclusion, Effort) {
 /// each at 1866 and 975 solutions a cube.
 const SECONDS_PER_CANDIDATE: f64 = 2e-4;
 
-/// Returns the plan and its declared time (s), or a doubt if the colours are not certain enough.
+/// Returns the plan and the declared time of finding it (s), or the reason why there is none:
+/// doubtful colours, or no plan for certain ones.
 fn conclude(thought: &Thought) -> Result<(Answer, f64), NoAnswer> {
     if let Some(given) = thought.given {
         // The operator's colours need no margins, but they may still make an impossible cube.
@@ -124,8 +125,8 @@ fn conclude(thought: &Thought) -> Result<(Answer, f64), NoAnswer> {
     plan_for(thought, decision.colours, decision.margins).map_err(NoAnswer::Unplanned)
 }
 
-/// Makes a doubt from a reading for which vision has no decision; another look or the operator
-/// resolves it.
+/// Makes a doubt from the reason why vision could not decide the colours. Another look or the
+/// operator resolves it.
 fn undecided(why: Undecided) -> NoAnswer {
     let reason = why.to_string();
     let (read, doubtful) = match why {
@@ -140,13 +141,16 @@ fn undecided(why: Undecided) -> NoAnswer {
         }
         // A defect of one reading: that facelet alone.
         Undecided::NotANumber(facelet) => (None, vec![facelet]),
-        // Pictures in black and white: every facelet is equally unknown.
-        Undecided::NoColour => (None, Vec::new()),
+        // Pictures in black and white, or in other places than the camera's: every facelet is
+        // equally unknown.
+        Undecided::NoColour | Undecided::Misplaced { .. } | Undecided::Misfit { .. } => {
+            (None, Vec::new())
+        }
     };
     NoAnswer::Unread(Box::new(Doubt { reason, read, doubtful, possible: false }))
 }
 
-/// Returns a doubt about the facelets whose margins vision calls small, if there are any.
+/// Returns a doubt about the facelets whose colours vision calls uncertain, if there are any.
 fn doubt(decision: &Decision) -> Option<Doubt> {
     let mut doubtful = decision.doubtful.clone();
     if doubtful.is_empty() {
@@ -206,7 +210,8 @@ fn plan_for(
     Ok((answer, seconds))
 }
 
-/// Returns the paper's choice of turns, and the nodes that both searches visited.
+/// Returns the solution that the paper would take, Korf's or else that of the two-phase search, and
+/// the number of nodes that both searches visited.
 fn papers_rule(
     cube: &Cube,
     two_phase: TwoPhase,
@@ -223,7 +228,8 @@ fn papers_rule(
     Ok(or_two_phase(exact, two_phase))
 }
 
-/// Returns Korf's solution, or that of two-phase if Korf's search gave up, and the nodes of both.
+/// Returns Korf's solution `exact`, or that of the two-phase search if Korf's search gave up, and
+/// the number of nodes that both visited.
 fn or_two_phase(exact: Exact, two_phase: impl FnOnce() -> Solution) -> (Vec<Turn>, u64) {
     if let Some(turns) = exact.turns {
         return (turns, exact.nodes);
@@ -249,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn reason_lists_doubtful_facelets() {
+    fn doubt_reason_names_uncertain_stickers_in_face_order() {
         let colours = *Facelets::solved().colours();
         let mut decision =
             Decision { colours, facelets: colours, margins: [1.0; 54], doubtful: Vec::new() };
