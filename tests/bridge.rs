@@ -179,7 +179,7 @@ fn bridge_waits_for_first_answer_of_robot() {
     let mut rig = Rig::late(2, EmulatorOptions::default(), None);
     let (done, ..) = first(&rig);
     let reason = done.unwrap_err().reason;
-    for wanted in ["track, axis 0", "postument, jaw", "/dev/pts/", "no answer within 1 s"] {
+    for wanted in ["track, axis 0", "postument, jaw", "/dev/pts/", "has not answered for 1 s"] {
         assert!(reason.contains(wanted), "{reason}");
     }
     rig.kill();

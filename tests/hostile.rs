@@ -735,7 +735,7 @@ fn malformed_picture_manifests_do_not_panic() {
     let path = folder.0.join("manifest.jsonl");
     hostile("manifest", "{}[]\":, imagefctors.pn0123456789-e", 300, &|bytes| {
         std::fs::write(&path, bytes).unwrap();
-        match (evaluate(&path, true, true), evaluate(&path, false, true)) {
+        match (evaluate(&path, true, true, None), evaluate(&path, false, true, None)) {
             (Ok(json), Ok(_)) => {
                 serde_json::from_str::<serde_json::Value>(&json).unwrap();
             }

@@ -15,6 +15,8 @@
 
 use super::faces::letters;
 use super::image_file::load;
+use super::output::save;
+use super::reliability::Reliability;
 use crate::hw::text;
 use crate::vision::homography::{distance, smallest_pitch};
 use crate::vision::{DetectorSettings, FaceSighting, detect};
@@ -80,16 +82,22 @@ struct Evaluation {
     /// Time of each picture, without reading the file (ms), sorted.
     times: Vec<f64>,
     misses: Vec<String>,
+    /// Confidences of the tiles of found faces, by source.
+    reliability: Reliability,
 }
 
 /// Detects the faces in the pictures of a manifest and compares them with the true faces, which the
 /// manifest lists. Returns the counts as a table, or one JSON object. With `misses` the table is
 /// followed by each face that was missed or misread, and by each report of a face where none is.
+/// `plot` is the file that the plot of the confidences goes to, if any.
 ///
 /// # Errors
-/// Unreadable manifest or picture.
-pub fn evaluate(manifest: &Path, json: bool, misses: bool) -> Result<String> {
+/// Unreadable manifest or picture, or a plot that cannot be written.
+pub fn evaluate(manifest: &Path, json: bool, misses: bool, plot: Option<&Path>) -> Result<String> {
     let evaluation = Evaluation::run(manifest)?;
+    if let Some(plot) = plot {
+        save(plot, evaluation.reliability.plot().as_bytes())?;
+    }
     Ok(if json { evaluation.json() } else { evaluation.text(misses) })
 }
 
@@ -166,7 +174,7 @@ impl Evaluation {
                 "" => name.split('/').next().unwrap_or_default().to_owned(),
                 source => source.to_owned(),
             };
-            let tally = self.groups.entry((truth.tier.clone(), source)).or_default();
+            let tally = self.groups.entry((truth.tier.clone(), source.clone())).or_default();
             tally.faces += 1;
             // The tiles of a missed face count as wrong ones.
             tally.tiles += 9;
@@ -178,6 +186,10 @@ impl Evaluation {
             let read = letters(&found);
             let right = read.chars().zip(truth.face.chars()).filter(|(a, b)| a == b).count();
             tally.tiles_right += right;
+            for ((a, b), confidence) in read.chars().zip(truth.face.chars()).zip(found.confidences)
+            {
+                self.reliability.add(&source, confidence, a == b);
+            }
             if right == 9 {
                 tally.read += 1;
             } else {
@@ -213,6 +225,7 @@ impl Evaluation {
             "wrong_reports": self.wrong, "wrong_reports_confident": self.wrong_confident,
             "confident_from": CONFIDENT, "median_ms": self.time(0.5), "p95_ms": self.time(0.95),
             "slowest_ms": self.time(1.0), "misses": self.misses,
+            "confidences": self.reliability.json(),
         });
         format!("{all}\n")
     }
@@ -254,6 +267,7 @@ impl Evaluation {
             self.time(0.95),
             self.time(1.0)
         );
+        let _ = write!(out, "\n{}", self.reliability.text());
         if misses {
             for miss in &self.misses {
                 let _ = writeln!(out, "  {miss}");

@@ -29,6 +29,7 @@ mod plan;
 mod progress;
 mod record;
 mod recover;
+mod reliability;
 mod replay;
 mod report;
 mod rig;

@@ -131,6 +131,7 @@ to group by. A face is found if all nine centres are within a quarter of the til
 Examples:
   rubik-robot vision eval photographs/manifest.jsonl
   rubik-robot vision eval photographs/manifest.jsonl --misses
+  rubik-robot vision eval photographs/manifest.jsonl --plot confidence.svg
 
 Exit codes: 0 measured, 2 the manifest or a picture cannot be used.")]
     Eval {
@@ -142,6 +143,9 @@ Exit codes: 0 measured, 2 the manifest or a picture cannot be used.")]
         /// Print each face that was missed or misread, and each report of a face where none is
         #[arg(long)]
         misses: bool,
+        /// Draw the share of right tiles over their confidence into FILE (SVG)
+        #[arg(long, value_name = "FILE")]
+        plot: Option<PathBuf>,
     },
     /// Locate the cube in pictures of a camera with known optics
     Locate(locate::LocateArgs),
@@ -176,8 +180,9 @@ pub(super) fn vision(args: &VisionArgs, output: &mut Output) -> anyhow::Result<u
         What::Learn { images, boxes, states } => {
             rig::learn(images, boxes, states.as_deref()).map(|text| (text, true))
         }
-        What::Eval { manifest, json, misses } => {
-            evaluate::evaluate(manifest, *json, *misses).map(|text| (text, true))
+        What::Eval { manifest, json, misses, plot } => {
+            let plot = plot.as_deref();
+            evaluate::evaluate(manifest, *json, *misses, plot).map(|text| (text, true))
         }
         What::Stages(args) => stages::stages(args),
         What::Locate(args) => Ok(locate::locate(args)),

@@ -5,6 +5,7 @@
 //! | refusal | threshold | meaning |
 //! |---|---|---|
 //! | `TooFewPixels` | below 16 x 16 px | nine tiles and their gaps have no room |
+//! | `Painted` | tiles of one colour to the last bit, with sharp edges | a net on a screenshot |
 //! | `TooDark` | brightest candidates below 30 of 255 | edges are lost in the noise |
 //! | `Overexposed` | more than 35 % of the candidates clip | colours and grooves are lost |
 //! | `LargerLattice` | see `lattice` | a keyboard, a floor, a 4x4 cube |
@@ -155,6 +156,7 @@ impl Patch {
         };
         let mut lattices = lattice::vote(&tiles, settings.least_tiles);
         let mut faces: Vec<FaceSighting> = Vec::new();
+        let mut painted = false;
         for i in 0..lattices.len() {
             let mut seen = None;
             // A certain lattice needs no evidence from its sides, and a larger one is no face.
@@ -168,7 +170,12 @@ impl Patch {
                 }
                 seen = Some(shown);
             }
-            if !lattices[i].is_larger() {
+            if lattices[i].is_larger() {
+                continue;
+            }
+            if self.is_painted(&lattices[i]) {
+                painted = true;
+            } else {
                 faces.push(self.sighting(&lattices[i], &tiles, seen));
             }
         }
@@ -181,7 +188,9 @@ impl Patch {
         // The exposure comes first, because it can cause each of the other failures.
         let (brightest, clipped) = self.exposure_of(&tiles);
         let beyond = lattices.iter().filter(|l| l.is_larger()).map(|l| l.beyond).max();
-        Err(if brightest < 30 {
+        Err(if painted {
+            Refusal::Painted
+        } else if brightest < 30 {
             Refusal::TooDark { brightest }
         } else if clipped > 0.35 {
             Refusal::Overexposed { share: clipped }
@@ -264,6 +273,43 @@ impl Patch {
         }
     }
 
+    /// Checks whether a program has painted the nine tiles of a lattice, as in a net or an icon on
+    /// a screenshot: each tile has one colour to the last bit, and ends within one pixel. A camera
+    /// adds noise, and its edges are blurred.
+    fn is_painted(&self, lattice: &Lattice) -> bool {
+        let h = &lattice.homography;
+        let pitch = homography::smallest_pitch(&GRID.map(|g| apply(h, g)));
+        let samples = GRID.map(|g| self.sample(h, g, lattice.sticker));
+        // Tiles that clip have no noise either, and compression removes that of small ones.
+        let whole = samples.iter().filter(|sample| !sample.clipped).count();
+        pitch >= PAINTED_PITCH
+            && whole >= 4
+            && samples.iter().all(|sample| sample.spread <= 0.0)
+            && GRID.iter().map(|g| self.blurred_sides(apply(h, *g), pitch)).sum::<usize>() <= 4
+    }
+
+    /// Counts the blurred sides of a tile with one colour, 0..=4: on the way out from its centre
+    /// the first pixel of another colour lies between the tile's colour and that of the next pixel.
+    fn blurred_sides(&self, centre: Point, pitch: f64) -> usize {
+        let is_blurred = |(dx, dy): &(f64, f64)| {
+            let at = |k: usize| {
+                let k = k as f64;
+                self.pixel((centre.0 + k * dx, centre.1 + k * dy))
+            };
+            let own = at(0)?;
+            let edge = (1..=pitch as usize).find(|&k| at(k).is_some_and(|pixel| pixel != own))?;
+            let (first, next) = (at(edge)?, at(edge + 1)?);
+            // Eight levels are more than an encoder adds to a sharp edge.
+            let between = |c: usize| {
+                let (near, far) = (first[c] - own[c], next[c] - first[c]);
+                near.abs() > 8.0 && far.abs() > 8.0 && near * far > 0.0
+            };
+            Some((0..3).any(between))
+        };
+        let directions = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)];
+        directions.iter().filter(|direction| is_blurred(direction) == Some(true)).count()
+    }
+
     /// Turns a lattice into a face with its places in the image, its colours and confidences.
     /// `seen` is `None` if the sides of the tiles were not examined.
     fn sighting(&self, lattice: &Lattice, tiles: &[Tile], seen: Option<Seen>) -> FaceSighting {
@@ -328,6 +374,10 @@ impl Patch {
         }
     }
 }
+
+/// Least distance of neighbouring tiles (px) at which missing noise shows a painted face. Below it
+/// a tile may lie in one block of a compressed photograph, which loses the noise of dim blocks.
+const PAINTED_PITCH: f64 = 14.0;
 
 /// Replaces lattice `i` by `better`, which was fitted to its sides, unless another lattice with a
 /// better score shares cells with `better`.
@@ -475,6 +525,40 @@ mod tests {
             assert!(read.clone().any(|c| COLOURS.contains(&c)), "{:?}", face.colours);
             assert!(face.confidence > 0.8);
         }
+    }
+
+    /// A net as a program draws it: tiles of one colour with a black line around each.
+    fn painted_net() -> RgbImage {
+        let colours: [[u8; 3]; 3] = [[238, 98, 30], [232, 208, 40], [28, 78, 160]];
+        RgbImage::from_fn(200, 160, |x, y| {
+            let (column, row) = (x.wrapping_sub(60) / 26, y.wrapping_sub(40) / 26);
+            let (u, v) = (x.wrapping_sub(60) % 26, y.wrapping_sub(40) % 26);
+            let line = |k: u32| k == 1 || k == 24;
+            image::Rgb(if column > 2 || row > 2 || u < 1 || v < 1 || u > 24 || v > 24 {
+                [60, 60, 66]
+            } else if line(u) || line(v) {
+                [0, 0, 0]
+            } else {
+                colours[((column + 2 * row * row) % 3) as usize]
+            })
+        })
+    }
+
+    #[test]
+    fn painted_net_is_refused() {
+        let found = detect(&painted_net(), None, &DetectorSettings::default());
+
+        assert_eq!(found.unwrap_err(), Refusal::Painted);
+    }
+
+    /// A renderer without noise draws blurred edges, as a camera does.
+    #[test]
+    fn noise_free_face_with_blurred_edges_is_found() {
+        let drawing = Drawing { noise: 0.0, ..drawing() };
+
+        let faces = detect(&drawing.render(), None, &DetectorSettings::default()).unwrap();
+
+        assert_eq!(faces.len(), 2);
     }
 
     #[test]

@@ -111,6 +111,9 @@ pub enum Refusal {
         /// share of the pixels.
         share: f64,
     },
+    /// The tiles were painted by a program, without the noise of a camera.
+    #[error("not a photograph: the squares were painted by a program, without a camera's noise")]
+    Painted,
     /// No region looks like a tile.
     #[error("no region looks like a tile")]
     NoTiles,
