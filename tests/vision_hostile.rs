@@ -110,7 +110,10 @@ fn face() -> RgbImage {
             return Rgb([96, 92, 84]);
         }
         let inside = (2..14).contains(&(u % 16)) && (2..14).contains(&(v % 16));
-        Rgb(if inside { COLOURS[((u / 16) * 2 + v / 16) as usize % 6] } else { [12; 3] })
+        let colour = if inside { COLOURS[((u / 16) * 2 + v / 16) as usize % 6] } else { [12; 3] };
+        // A little noise, because tiles without any are taken for a program's painting.
+        let noise = ((7 * x + 13 * y) % 5) as u8;
+        Rgb(colour.map(|level| level + noise))
     })
 }
 
