@@ -8,6 +8,8 @@
 //! error. Every error carries its class as its type, the actor that detected it and the place.
 
 use crate::motion::{ArmFault, ArmState, MoveRefused};
+use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// An error that crosses a mailbox.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -55,6 +57,145 @@ impl Error {
             Self::Fatal { .. } => 1,
             Self::System { .. } => 2,
         }
+    }
+
+    /// Returns the code of its cause.
+    #[must_use]
+    pub fn code(&self) -> FaultCode {
+        match self {
+            Self::NonFatal { cause, .. } => cause.code(),
+            Self::Fatal { cause, .. } => cause.code(),
+            Self::System { cause, .. } => cause.code(),
+        }
+    }
+}
+
+/// Causes of errors, for programs. The names, in kebab case, never change; the texts of the errors
+/// may. `docs/faults.md` lists them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FaultCode {
+    /// The servo refused a command.
+    CommandRefused,
+    /// The operator terminated the run before the arms were ready.
+    Terminated,
+    /// A signal ended the run before the arms were ready.
+    Interrupted,
+    /// An arm of a resumed mission is not synchronised.
+    ResumedArmNotSynchronised,
+    /// A sensor has no reading.
+    NoReading,
+    /// The zero of a force sensor has moved.
+    ForceZeroMoved,
+    /// The arguments of a command are invalid.
+    InvalidArguments,
+    /// A motor takes too much current.
+    OverCurrent,
+    /// An axis reached its limit switch.
+    LimitSwitch,
+    /// Set value and reading of an axis are too far apart.
+    FollowingError,
+    /// A force sensor is silent or saturated.
+    ForceSensor,
+    /// A power stage reports a fault.
+    PowerStage,
+    /// Homing did not find the synchronisation switch.
+    HomingSwitchMissing,
+    /// Homing did not leave the synchronisation switch.
+    HomingSwitchHeld,
+    /// Homing found no encoder zero.
+    HomingZeroMissing,
+    /// An axis controller lost its synchronisation.
+    SynchronisationLost,
+    /// The actors sent no heartbeat.
+    HeartbeatLost,
+    /// The servo missed periods.
+    MissedPeriods,
+    /// The bridge gave no reading.
+    BridgeSilent,
+    /// The emergency stop was pressed.
+    EmergencyStop,
+    /// An encoder does not move with its axis.
+    EncoderFrozen,
+    /// An encoder jumped.
+    EncoderJump,
+    /// The bridge lost an effector.
+    BridgeFault,
+    /// The task's kernel is defective.
+    KernelFault,
+    /// An arm is too near an obstacle, or too fast near the person.
+    TooNear,
+    /// The mailbox of an actor is closed.
+    MailboxClosed,
+    /// An actor or a thread does not answer.
+    NoAnswer,
+    /// An actor panicked.
+    Panic,
+    /// An actor or a thread could not be created.
+    NotCreated,
+}
+
+impl FaultCode {
+    /// All codes.
+    pub const ALL: [Self; 29] = [
+        Self::CommandRefused,
+        Self::Terminated,
+        Self::Interrupted,
+        Self::ResumedArmNotSynchronised,
+        Self::NoReading,
+        Self::ForceZeroMoved,
+        Self::InvalidArguments,
+        Self::OverCurrent,
+        Self::LimitSwitch,
+        Self::FollowingError,
+        Self::ForceSensor,
+        Self::PowerStage,
+        Self::HomingSwitchMissing,
+        Self::HomingSwitchHeld,
+        Self::HomingZeroMissing,
+        Self::SynchronisationLost,
+        Self::HeartbeatLost,
+        Self::MissedPeriods,
+        Self::BridgeSilent,
+        Self::EmergencyStop,
+        Self::EncoderFrozen,
+        Self::EncoderJump,
+        Self::BridgeFault,
+        Self::KernelFault,
+        Self::TooNear,
+        Self::MailboxClosed,
+        Self::NoAnswer,
+        Self::Panic,
+        Self::NotCreated,
+    ];
+}
+
+impl fmt::Display for FaultCode {
+    /// Writes the name in kebab case.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // A fieldless variant serialises as its name alone.
+        self.serialize(f)
+    }
+}
+
+/// Returns the code of a fault of an arm.
+fn arm_code(fault: &ArmFault) -> FaultCode {
+    match fault {
+        ArmFault::OverCurrent { .. } => FaultCode::OverCurrent,
+        ArmFault::LimitSwitch { .. } => FaultCode::LimitSwitch,
+        ArmFault::Following { .. } => FaultCode::FollowingError,
+        ArmFault::ForceSensor { .. } => FaultCode::ForceSensor,
+        ArmFault::PowerStage { .. } => FaultCode::PowerStage,
+        ArmFault::SwitchExpected { .. } => FaultCode::HomingSwitchMissing,
+        ArmFault::SwitchHeld { .. } => FaultCode::HomingSwitchHeld,
+        ArmFault::ZeroExpected { .. } => FaultCode::HomingZeroMissing,
+        ArmFault::SynchronisationLost { .. } => FaultCode::SynchronisationLost,
+        ArmFault::Heartbeat { .. } => FaultCode::HeartbeatLost,
+        ArmFault::Missed { .. } => FaultCode::MissedPeriods,
+        ArmFault::BridgeSilent { .. } => FaultCode::BridgeSilent,
+        ArmFault::EmergencyStop => FaultCode::EmergencyStop,
+        ArmFault::EncoderFrozen { .. } => FaultCode::EncoderFrozen,
+        ArmFault::EncoderJump { .. } => FaultCode::EncoderJump,
     }
 }
 
@@ -109,6 +250,21 @@ pub enum NonFatal {
     Arguments(String),
 }
 
+impl NonFatal {
+    /// Returns the code of the cause.
+    fn code(&self) -> FaultCode {
+        match self {
+            Self::Refused(_) => FaultCode::CommandRefused,
+            Self::Terminated => FaultCode::Terminated,
+            Self::Interrupted => FaultCode::Interrupted,
+            Self::Lost { .. } => FaultCode::ResumedArmNotSynchronised,
+            Self::NoReading(_) => FaultCode::NoReading,
+            Self::ZeroMoved { .. } => FaultCode::ForceZeroMoved,
+            Self::Arguments(_) => FaultCode::InvalidArguments,
+        }
+    }
+}
+
 /// Returns unit and axis of a component of a wrench (0 to 2 forces, 3 to 5 torques), for the text
 /// of an error.
 fn along(direction: usize) -> &'static str {
@@ -131,6 +287,18 @@ pub enum Fatal {
     /// An arm too near an obstacle, or too fast near the operator's hand.
     #[error("{0}: all arms are stopped")]
     TooNear(String),
+}
+
+impl Fatal {
+    /// Returns the code of the cause.
+    fn code(&self) -> FaultCode {
+        match self {
+            Self::Arm(fault) => arm_code(fault),
+            Self::Bridge(_) => FaultCode::BridgeFault,
+            Self::Kernel(_) => FaultCode::KernelFault,
+            Self::TooNear(_) => FaultCode::TooNear,
+        }
+    }
 }
 
 /// Causes that break the system of actors.
@@ -163,4 +331,46 @@ pub enum System {
         /// Reason.
         why: String,
     },
+}
+
+impl System {
+    /// Returns the code of the cause.
+    fn code(&self) -> FaultCode {
+        match self {
+            Self::Closed(_) => FaultCode::MailboxClosed,
+            Self::Silent { .. } => FaultCode::NoAnswer,
+            Self::Panicked { .. } => FaultCode::Panic,
+            Self::NotCreated { .. } => FaultCode::NotCreated,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn codes_are_the_names_that_docs_list() {
+        let docs = include_str!("../docs/faults.md");
+        let codes = FaultCode::ALL.map(|code| code.to_string());
+
+        for (code, variant) in codes.iter().zip(FaultCode::ALL) {
+            assert!(docs.contains(&format!("| `{code}` |")), "docs/faults.md lacks {code}");
+            assert_eq!(serde_json::to_value(variant).unwrap(), *code.as_str());
+            assert_eq!(codes.iter().filter(|other| *other == code).count(), 1);
+        }
+    }
+
+    #[test]
+    fn code_names_the_cause_of_the_error() {
+        let error = Error::Fatal {
+            actor: "edp track".into(),
+            place: "servo",
+            cause: ArmFault::EncoderJump { axis: 3, by: 3.0 }.into(),
+            last: None,
+        };
+
+        assert_eq!(error.code(), FaultCode::EncoderJump);
+        assert_eq!(error.code().to_string(), "encoder-jump");
+    }
 }

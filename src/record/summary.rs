@@ -4,6 +4,7 @@
 //!   hardware
 //! - out: a line of JSON ([`Summary::json`]) or a table ([`Summary::table`]), and the exit code
 
+use crate::error::FaultCode;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
@@ -101,6 +102,9 @@ pub struct Summary {
     pub reason: String,
     /// Cause of the end.
     pub ended_by: EndedBy,
+    /// Code of the error that ended the run; `None` if none did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fault: Option<FaultCode>,
     /// Task of the scenario: "solve", "`face_turn`", "acquire".
     pub task: String,
     /// Seed.
@@ -210,6 +214,7 @@ impl Summary {
             outcome: Outcome::Aborted,
             reason: reason.to_owned(),
             ended_by,
+            fault: None,
             task: task.to_owned(),
             seed,
             cube_start: cube.map(str::to_owned),
@@ -325,6 +330,9 @@ impl Summary {
             (Outcome::Aborted, _) => "ABORTED",
         };
         row(&mut t, verdict, &self.reason);
+        if let Some(fault) = self.fault {
+            row(&mut t, "fault code", &fault.to_string());
+        }
         t
     }
 
@@ -411,6 +419,7 @@ mod tests {
             outcome: Outcome::Solved,
             reason: "the cube in the plant is solved".into(),
             ended_by: EndedBy::Task,
+            fault: None,
             task: "solve".into(),
             seed: 1,
             cube_start: Some("U".repeat(54)),

@@ -87,7 +87,8 @@ pub(crate) fn not_begun(scenario: &Scenario, error: &Error) -> Summary {
     };
     let cube = (!scenario.bridge.kind.is_hardware()).then(|| scenario.cube().to_string());
     let (task, reason) = (scenario.controller.task.word(), error.to_string());
-    Summary::not_started(task, scenario.seed, cube.as_deref(), &reason, ended_by)
+    let summary = Summary::not_started(task, scenario.seed, cube.as_deref(), &reason, ended_by);
+    Summary { fault: Some(error.code()), ..summary }
 }
 
 /// Returns the summary of a run; `period` is the length of a servo period (s).
@@ -110,6 +111,7 @@ pub(super) fn summary(
         outcome,
         reason,
         ended_by,
+        fault: ending.error.as_ref().map(Error::code),
         task: config.task.word().to_owned(),
         seed,
         cube_start: truth.map(|t| t.start.to_string()),
@@ -310,6 +312,9 @@ pub(super) fn outcome(summary: &Summary) -> OutcomeView {
             format!("{}, measured peak", sensor.effector),
             format!("{:.1} N, {:.2} Nm", sensor.felt_force_n, sensor.felt_torque_nm),
         ));
+    }
+    if let Some(fault) = summary.fault {
+        figures.push(("fault code".to_owned(), fault.to_string()));
     }
     figures.push(("hash".to_owned(), summary.hash.clone()));
     figures.push(("servo hash".to_owned(), summary.servo_hash.clone()));
