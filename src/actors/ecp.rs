@@ -10,7 +10,7 @@
 use super::control::permission_soon;
 use super::edp::EdpHandle;
 use super::fault::ActorFault;
-use super::move_instruction::{Manner, MoveInstruction};
+use super::move_instruction::{Ending, Manner, MoveInstruction};
 use super::services::Services;
 use super::vsp::VspHandle;
 use super::watchdog::{Heartbeat, Supervision};
@@ -36,7 +36,7 @@ type Reply<T> = oneshot::Sender<Result<T, Error>>;
 enum Request {
     Transmit { command: MoveCommand, reply: Reply<ArmState> },
     Behave { behaviour: Behaviour, reply: Reply<(Outcome, ArmState)> },
-    End,
+    End(Ending),
     Bias { reply: Reply<ArmState> },
     Synchronise { reply: Reply<ArmState> },
     State { reply: Reply<ArmState> },
@@ -75,13 +75,13 @@ impl EcpHandle {
         self.ask("behave", |reply| Request::Behave { behaviour, reply }).await
     }
 
-    /// Ends the behaviour that the ECP is carrying out: at its next macrostep, or for a fast motion
-    /// once it has slowed down to rest.
+    /// Ends the behaviour that the ECP is carrying out, at its next macrostep or after it: see
+    /// [`Ending`].
     ///
     /// # Errors
     /// System when the ECP is gone.
-    pub async fn end(&self) -> Result<(), Error> {
-        self.mailbox.send(Request::End).await.map_err(|_| self.closed("end"))
+    pub async fn end(&self, ending: Ending) -> Result<(), Error> {
+        self.mailbox.send(Request::End(ending)).await.map_err(|_| self.closed("end"))
     }
 
     /// Zeroes the arm's force sensor under its present load and returns the state of the arm.
@@ -216,7 +216,7 @@ impl Ecp {
             self.heartbeat.works();
             self.fault.before_message().await;
             // An injected loss waits for a request with an answer, whose sender detects it.
-            let answers = !matches!(request, Request::End | Request::Watch { .. });
+            let answers = !matches!(request, Request::End(_) | Request::Watch { .. });
             if answers && self.fault.is_lost() {
                 self.heartbeat.waits();
                 continue;
@@ -240,7 +240,7 @@ impl Ecp {
                     let _ = reply.send(answer);
                 }
                 // The behaviour has ended by itself before the request arrived.
-                Request::End => {}
+                Request::End(_) => {}
                 Request::Bias { reply } => {
                     self.parts.services.trace.message("mp", &self.name, &"bias");
                     let answer = self.heartbeat.away(self.parts.edp.bias()).await;
@@ -292,7 +292,10 @@ impl Ecp {
             self.alive.fetch_add(1, Ordering::Relaxed);
             motion.set_pace(*self.parts.services.control.borrow());
             // MP sends no other request while a behaviour is under way: it would be dropped here.
-            let is_over = matches!(self.mailbox.try_recv(), Ok(Request::End)) && motion.end();
+            let is_over = match self.mailbox.try_recv() {
+                Ok(Request::End(ending)) => motion.end(ending),
+                _ => false,
+            };
             if is_over || motion.has_ended() {
                 return Ok((Outcome::Ended, state));
             }

@@ -43,8 +43,8 @@ const STILL: f64 = 2.5e-4;
 const ROLL_STILL: f64 = 2.5e-3;
 /// Periods between two samples of an arm that comes to rest.
 const REST_PERIODS: u64 = 12;
-/// Most samples of an arm that comes to rest. Afterwards its sensor is zeroed in any case.
-const REST_TRIES: u32 = 10;
+/// Most samples of an arm that comes to rest: 0.6 s. Arms were at rest after 0.2 s in missions.
+const REST_TRIES: u32 = 25;
 /// Largest change of a sensor's zero that is not reported (N, Nm). In missions without faults the
 /// zero moves by 1.7 N and 0.13 Nm at most. The causes are drift, errors of the believed weights
 /// and a cube that is turned over. An operator who pulls during the zeroing adds 6 N.
@@ -58,7 +58,7 @@ const SILENCE: f64 = 0.5;
 /// Longest time of a request that moves nothing.
 const SERVICE: Duration = Duration::from_millis(100);
 /// Additional time of a zeroing, in which the arm comes to rest.
-const REST: Duration = Duration::from_millis(300);
+const REST: Duration = Duration::from_millis(700);
 /// Capacity of the mailbox: an ECP has at most one request under way.
 const MAILBOX: usize = 4;
 
@@ -289,9 +289,9 @@ impl Edp {
         self.check("service")
     }
 
-    /// Waits until the arm is at rest after a motion, or for [`REST_TRIES`] samples. A sensor that
-    /// is zeroed in motion takes the inertia of its tool for weight.
-    async fn come_to_rest(&mut self) {
+    /// Waits until the arm is at rest after a motion. Returns `false` if it still moves after
+    /// [`REST_TRIES`] samples.
+    async fn come_to_rest(&mut self) -> bool {
         let mut before = self.link.state().joints;
         for _ in 0..REST_TRIES {
             let soon = self.clock.until(self.clock.period() + REST_PERIODS);
@@ -299,16 +299,25 @@ impl Edp {
             let now = self.link.state().joints;
             // Measured joints: the set ones stop a few periods before the arm does.
             if is_still(&before, &now) {
-                return;
+                return true;
             }
             before = now;
         }
+        false
     }
 
-    /// Zeroes the force sensor once the arm is at rest. Fails if the sensor is silent, since its
-    /// zero would stay the old one, or if the zero moved by more than [`ZERO_MOVED`].
+    /// Zeroes the force sensor once the arm is at rest. Fails if the arm does not come to rest,
+    /// since a sensor that is zeroed in motion takes the inertia of its tool for weight; if the
+    /// sensor is silent, since its zero would stay the old one; or if the zero moved by more than
+    /// [`ZERO_MOVED`].
     async fn bias(&mut self) -> Result<ArmState, Error> {
-        self.come_to_rest().await;
+        if !self.come_to_rest().await {
+            let seconds = f64::from(REST_TRIES) * REST_PERIODS as f64 * PERIOD;
+            let why =
+                format!("the arm still moves after {seconds:.1} s: its force sensor is not zeroed");
+            let (actor, cause) = (self.name.clone(), NonFatal::NoReading(why));
+            return Err(Error::NonFatal { actor, place: "bias", cause });
+        }
         let before = self.link.state().wrench_in_tool;
         let sent = self.send("bias", ServoCommand::Bias);
         let state = self.after(sent, BIAS_PERIODS).await?;
@@ -463,6 +472,29 @@ mod tests {
 
         let error = edp.state().await.unwrap_err().to_string();
         assert_eq!(error, "system, edp track, state: no answer from the servo in 0.5 s");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn force_sensor_of_a_moving_arm_is_not_zeroed() {
+        let (link, mut end) = driver::link();
+        let clock = Clock::new(Instant::now(), Arc::default());
+        tokio::spawn({
+            let clock = clock.clone();
+            async move {
+                for period in 1.. {
+                    let mut state = ArmState { period, ..ArmState::default() };
+                    state.joints.0[1] = 1e-4 * period as f64;
+                    end.publish(&state);
+                    clock.until(period).await;
+                }
+            }
+        });
+        let control = watch::channel(Control::Running).1;
+        let services = Services::bare(clock, control, Trace::bare(RunHash::default()).0);
+
+        let error = spawn("track", link, &services).bias().await.unwrap_err().to_string();
+
+        assert!(error.contains("the arm still moves after 0.6 s"), "{error}");
     }
 
     #[test]

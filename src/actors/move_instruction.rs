@@ -172,6 +172,17 @@ fn tool_distance(arm: &ArmState, target: &Pose) -> (f64, f64) {
     (distance, from.rotation.angle_to(&target.rotation))
 }
 
+/// How the superior actor ends a motion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ending {
+    /// A fast motion first slows down in its generator.
+    Slowing,
+    /// The servo brakes the motors at once, as it does for an arm that met an obstacle. Both arms
+    /// of a motion then brake alike, so that neither leaves the common path: an arm that slowed
+    /// down more gently would go 15 to 27 mm farther than its partner.
+    AtOnce,
+}
+
 impl MoveInstruction {
     /// Creates the move instruction that carries out a behaviour. It begins at full pace.
     #[must_use]
@@ -205,7 +216,10 @@ impl MoveInstruction {
 
     /// Ends the motion at the request of the superior actor. Returns `true` if the motion is over
     /// at once, `false` if it is fast and first slows down.
-    pub fn end(&mut self) -> bool {
+    pub fn end(&mut self, ending: Ending) -> bool {
+        if ending == Ending::AtOnce {
+            return true;
+        }
         // The others are slow or yield to forces. The servo smooths what is left of their speed.
         self.ending = matches!(
             self.begun.0,
@@ -399,7 +413,7 @@ mod tests {
             step(&mut motion);
         }
 
-        assert!(!motion.end());
+        assert!(!motion.end(Ending::Slowing));
         let mut ways = vec![step(&mut motion)];
         while !motion.has_ended() {
             ways.push(step(&mut motion));
@@ -410,6 +424,8 @@ mod tests {
         assert!(ways.len() as f64 * 0.016 < ENDS + 0.03, "{ways:?}");
         let mut yields =
             MoveInstruction::begin(&Behaviour::Comply { selector: [true; 6] }, &manner());
-        assert!(yields.end(), "a compliant behaviour is at rest at once");
+        assert!(yields.end(Ending::Slowing), "a compliant behaviour is at rest at once");
+        let mut fast = MoveInstruction::begin(&joints, &manner());
+        assert!(fast.end(Ending::AtOnce), "the servo brakes a motion whose partner has stopped");
     }
 }

@@ -102,8 +102,8 @@ pub struct VisualServo {
     /// Filtered `base_from_tool` at the seat.
     goal: Option<Pose>,
     seen: u64,
-    velocity: Vector3<f64>,
-    spin: Vector3<f64>,
+    velocity: Led,
+    spin: Led,
     rest: Option<Rest>,
     confirmed: u32,
     first_period: Option<u64>,
@@ -168,7 +168,7 @@ impl VisualServo {
             stage: Stage::Follow,
             goal: None,
             seen: 0,
-            velocity: Vector3::zeros(),
+            velocity: Led::default(),
             rest: None,
             confirmed: 0,
             first_period: None,
@@ -177,7 +177,7 @@ impl VisualServo {
             vicinity: order.vicinity,
             refused: None,
             gone: (0, 0),
-            spin: Vector3::zeros(),
+            spin: Led::default(),
             asked: 1.0,
             exposure: 1.0,
         }
@@ -342,7 +342,7 @@ impl VisualServo {
     }
 
     fn stop(&mut self) {
-        (self.velocity, self.spin) = (Vector3::zeros(), Vector3::zeros());
+        (self.velocity, self.spin) = (Led::default(), Led::default());
     }
 
     fn hold(&self) -> MoveCommand {
@@ -444,11 +444,12 @@ impl VisualServo {
         let (way, turn) = way_and_turn(pose, to);
         let (linear, angular) = self.order.speed;
         let acceleration = self.order.acceleration;
-        self.velocity = led(self.velocity, way, linear, acceleration, step);
+        self.velocity = self.velocity.towards(way, linear, acceleration, step);
         // The angular speed is reached as soon as the linear one. If a cube turns past 45 deg,
         // other sides are grasped and the tool turns all the way back. Without a limit axis 6 would
         // not follow.
-        self.spin = led(self.spin, turn, angular, acceleration * angular / linear, step);
+        let angular_acceleration = acceleration * angular / linear;
+        self.spin = self.spin.towards(turn, angular, angular_acceleration, step);
         self.go_on(pose)
     }
 
@@ -456,9 +457,9 @@ impl VisualServo {
     /// wrist as a blow, and five blows in a row as an oscillation.
     fn run_out(&mut self, pose: &Pose) -> Next {
         let step = self.step_seconds();
-        self.velocity = shortened(&self.velocity, RUN_OUT.0 * step);
-        self.spin = shortened(&self.spin, RUN_OUT.1 * step);
-        if self.velocity == Vector3::zeros() && self.spin == Vector3::zeros() {
+        self.velocity = self.velocity.running_out(RUN_OUT.0 * step);
+        self.spin = self.spin.running_out(RUN_OUT.1 * step);
+        if self.velocity.rests() && self.spin.rests() {
             return Next::Go(self.hold());
         }
         self.go_on(pose)
@@ -469,8 +470,8 @@ impl VisualServo {
     fn go_on(&self, pose: &Pose) -> Next {
         let step = self.step_seconds();
         let next = Pose::from_parts(
-            (pose.translation.vector + self.velocity * step).into(),
-            UnitQuaternion::from_scaled_axis(self.spin * step) * pose.rotation,
+            (pose.translation.vector + self.velocity.velocity * step).into(),
+            UnitQuaternion::from_scaled_axis(self.spin.velocity * step) * pose.rotation,
         );
         Next::Go(MoveCommand {
             motion: Motion::Pose(next),
@@ -550,27 +551,56 @@ fn is_at(pose: &Pose, wanted: &Pose) -> bool {
     way.norm() < THERE.0 && turn.norm() < THERE.1
 }
 
-/// Returns the vector shortened by the length `by`, at most to zero.
-fn shortened(vector: &Vector3<f64>, by: f64) -> Vector3<f64> {
-    let length = vector.norm();
-    if length > by { vector * ((length - by) / length) } else { Vector3::zeros() }
+/// Velocity of a set value that is led to a goal, and its acceleration: m/s and m/s2, or rad/s and
+/// rad/s2.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Led {
+    velocity: Vector3<f64>,
+    acceleration: Vector3<f64>,
 }
 
-/// Returns the velocity after one more step of `step` seconds on the remaining distance vector
-/// `way` (m). It stays within the speed `most` and the acceleration, and low enough to stop within
-/// the remaining distance.
-fn led(
-    velocity: Vector3<f64>,
-    way: Vector3<f64>,
-    most: f64,
-    acceleration: f64,
-    step: f64,
-) -> Vector3<f64> {
-    let left = way.norm();
-    // Proportional near the goal, within the speed, and slow enough to stop on the rest of the way.
-    let speed = (FOLLOW_GAIN * left).min(most).min((2.0 * acceleration * left).sqrt());
-    let wanted = if left > 1e-9 { way * (speed / left) } else { Vector3::zeros() };
-    velocity + (wanted - velocity).cap_magnitude(acceleration * step)
+impl Led {
+    /// Time in which the acceleration rises from 0 to its limit (s).
+    const RISES: f64 = 0.1;
+    /// Share of the acceleration with which the speed before the goal is planned. The rest makes up
+    /// for the time in which the acceleration changes.
+    const BRAKES: f64 = 0.7;
+
+    /// Returns the velocity after one more step of `step` seconds on the remaining distance vector
+    /// `way` (m, rad). It stays within the speed `most` and the acceleration, the acceleration
+    /// changes by its limit in [`Led::RISES`] at most, and the speed is low enough to stop within
+    /// the remaining distance.
+    fn towards(self, way: Vector3<f64>, most: f64, acceleration: f64, step: f64) -> Self {
+        let left = way.norm();
+        // Proportional near the goal, within the speed, and slow enough to stop on the rest of the
+        // way.
+        let stops = (2.0 * Self::BRAKES * acceleration * left).sqrt();
+        let speed = (FOLLOW_GAIN * left).min(most).min(stops);
+        let wanted = if left > 1e-9 { way * (speed / left) } else { Vector3::zeros() };
+        let missing = wanted - self.velocity;
+        let jerk = acceleration / Self::RISES;
+        // At this acceleration the missing velocity is reached when the acceleration is back at 0;
+        // more would overshoot it.
+        let reaches = (2.0 * jerk * missing.norm()).sqrt();
+        let aim = (missing / step).cap_magnitude(acceleration.min(reaches));
+        let change = (aim - self.acceleration).cap_magnitude(jerk * step);
+        let acceleration = self.acceleration + change;
+        // A sum of steps may exceed the speed by the rounding of one step.
+        let velocity = (self.velocity + acceleration * step).cap_magnitude(most);
+        Self { velocity, acceleration }
+    }
+
+    /// Returns the velocity after a step in which it falls by `by` (m/s, rad/s), at most to rest.
+    fn running_out(self, by: f64) -> Self {
+        let speed = self.velocity.norm();
+        let velocity =
+            if speed > by { self.velocity * ((speed - by) / speed) } else { Vector3::zeros() };
+        Self { velocity, acceleration: Vector3::zeros() }
+    }
+
+    fn rests(&self) -> bool {
+        self.velocity == Vector3::zeros()
+    }
 }
 
 /// Returns the orientation of the tool whose z is the axis of the cube nearest to `approach`, and
@@ -635,6 +665,27 @@ mod tests {
             patience: 5.0,
             zone: (Pose::translation(1.0, 0.0, 1.2), Vector3::new(0.2, 0.2, 0.2)),
         }
+    }
+
+    #[test]
+    fn led_velocity_keeps_limits_and_stops_at_goal() {
+        let (most, acceleration, step) = (0.25, 0.6, 0.016);
+        let (mut at, mut led) = (Vector3::zeros(), Led::default());
+        let goal = Vector3::new(0.3, -0.4, 0.2);
+        let mut fastest = 0.0_f64;
+        for _ in 0..400 {
+            let before = led;
+            led = led.towards(goal - at, most, acceleration, step);
+            at += led.velocity * step;
+            fastest = fastest.max(led.velocity.norm());
+            assert!(led.velocity.norm() < 1.01 * most, "{led:?}");
+            assert!(led.acceleration.norm() < 1.001 * acceleration, "{led:?}");
+            let jerk = (led.acceleration - before.acceleration).norm() / step;
+            assert!(jerk < 1.001 * acceleration / Led::RISES, "{jerk}");
+            // It never passes the goal.
+            assert!((goal - at).dot(&goal) > -1e-4, "{at}");
+        }
+        assert!(fastest > 0.99 * most && (goal - at).norm() < 1e-4, "{fastest} {at}");
     }
 
     /// The cube moves all the time, so the arm gives up in the end.

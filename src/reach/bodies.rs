@@ -124,6 +124,14 @@ impl Bodies {
         [a, b, c, d, e, f, (self.cube.middle, self.cube.radius)]
     }
 
+    /// Returns points along the axis of the upper arm, from the elbow on, with the radius of the
+    /// arm (m).
+    pub(super) fn forearm(&self) -> [(Point3<f64>, f64); 6] {
+        let forearm = &self.links[2];
+        let [elbow, wrist] = forearm.ends;
+        std::array::from_fn(|i| (elbow + (wrist - elbow) * (i as f64 / 5.0), forearm.radius))
+    }
+
     /// Returns the lowest height above the floor of the axes of wrist and gripper, and of the
     /// cube's centre (m).
     pub(super) fn lowest_axis(&self) -> f64 {

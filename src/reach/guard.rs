@@ -19,8 +19,9 @@
 //! | slow hand near the operator's | `SLOW_DISTANCE` | speeds are judged within 0.175 m of it |
 //!
 //! Fingers and cubes meet by design where both hands are at one cube. They are left out of a path
-//! that begins or ends there, and checked on every other. In a run without faults the guard refuses
-//! nothing.
+//! that begins or ends there, and checked on every other. Without faults the guard refuses few
+//! paths: where the arms are not quite where the table of paths has them, two hands may be nearer
+//! at the end of a path than the table says. The mission then takes a longer path.
 
 use super::bodies::{Bodies, at_the_cube, hands};
 use super::motors::{MOMENTS, MOTORS, farthest_turn};
@@ -467,18 +468,30 @@ impl Guard {
         }
     }
 
-    /// Returns the longest distance that any part of a hand has moved (m), or `None` if no part of
-    /// the hand is near the operator's zone.
+    /// Returns the longest distance that a part of the arm has moved near the operator's zone (m),
+    /// or `None` if no part of the arm is near. Any part of a hand that is near counts with the
+    /// farthest motion of the whole hand, since the hand turns; a point of the forearm counts with
+    /// its own motion.
     fn near_hand(&self, from: &Bodies, to: &Bodies) -> Option<f64> {
         let zone = &self.cell.hand;
         let zone_from_world = zone.world_from_cube.inverse();
         let off = |at: &Point3<f64>| zone.distance(&(zone_from_world * at));
         // A part is as near as its surface: its own radius comes on top of the distance.
-        let parts = from.hand().into_iter().zip(to.hand());
-        let near = parts
-            .clone()
-            .any(|((a, radius), (b, _))| off(&a).min(off(&b)) < radius + SLOW_DISTANCE);
-        near.then(|| parts.map(|((a, _), (b, _))| (b - a).norm()).fold(0.0, f64::max))
+        let is_near = |(a, radius): (Point3<f64>, f64), b: Point3<f64>| {
+            off(&a).min(off(&b)) < radius + SLOW_DISTANCE
+        };
+        let mut most: Option<f64> = None;
+        let mut count = |moved: f64| most = Some(most.map_or(moved, |most| most.max(moved)));
+        let hand = || from.hand().into_iter().zip(to.hand());
+        if hand().any(|(a, (b, _))| is_near(a, b)) {
+            hand().for_each(|((a, _), (b, _))| count((b - a).norm()));
+        }
+        for (a, (b, _)) in from.forearm().into_iter().zip(to.forearm()) {
+            if is_near(a, b) {
+                count((b - a.0).norm());
+            }
+        }
+        most
     }
 }
 

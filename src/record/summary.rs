@@ -83,7 +83,8 @@ pub struct Exertion {
     pub heat_share: f64,
     /// Speed of a motor (rad/s).
     pub motor_speed_rad_s: f64,
-    /// Speed of a tool within 175 mm of the place where a person holds the cube (mm/s).
+    /// Speed of a point of forearm, wrist, hand or fingers within 175 mm of the place where a
+    /// person holds the cube (mm/s).
     pub near_person_mm_s: f64,
     /// Smallest distance between parts of the two arms (mm); null if they were never near each
     /// other. In each grasp the fingers are some millimetres from the other palm.

@@ -11,6 +11,7 @@ use super::operator::OperatorChannels;
 use super::options::{PlantProbe, RunOptions};
 use super::outcome::{Done, Truth};
 use super::plan::Plan;
+use super::plant_hash::plant_hash;
 use super::recording;
 use super::servos::{self, BetweenPeriods, Drive, Links, Observer, Servos, start_servos};
 use super::simulation::PlantEventLog;
@@ -28,12 +29,12 @@ use crate::actors::work::Work;
 use crate::cube::Facelets;
 use crate::error::Error;
 use crate::hw::driver::{Switches, Timing};
-use crate::hw::plant::{Plant, Verdict};
+use crate::hw::plant::Verdict;
 use crate::hw::scene::{Scene, SceneArm};
 use crate::motion::PERIOD;
 use crate::record::playback::Playback;
-use crate::scenario::Scenario;
 use crate::scenario::keys::Pace;
+use crate::scenario::{ControllerConfig, Scenario};
 use crate::tasks::cube::mission::Goal;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -69,19 +70,19 @@ struct Beginning {
     start: Option<Facelets>,
     /// Distance of the nearest tool from the cube's centre (m).
     clearance: f64,
-    /// Checksum of the plant's limits of speed and force.
+    /// Checksum of the limits of speed and force, see [`plant_hash`].
     bounds: u32,
 }
 
 impl Beginning {
-    fn of(world: &World) -> Result<Self, Error> {
+    fn of(world: &World, controller: &ControllerConfig) -> Result<Self, Error> {
         let start = world
             .verdict()
             .map(|verdict| Facelets::try_from(verdict.facelets))
             .transpose()
             .map_err(|e| not_created("plant", &e.to_string()))?;
         let clearance = world.scene().map_or(f64::INFINITY, |scene| clearance(&scene));
-        let bounds = world.plant().map_or(0, Plant::bounds);
+        let bounds = world.plant().map_or(0, |plant| plant_hash(plant.bounds(), controller));
         Ok(Self { start, clearance, bounds })
     }
 
@@ -135,7 +136,7 @@ impl Composition<'_> {
         logbook: Logbook,
     ) -> Result<Done, Error> {
         // Before the servos: their driver takes the world away.
-        let beginning = Beginning::of(&world)?;
+        let beginning = Beginning::of(&world, &self.scenario.controller)?;
         self.operator.started(self.options.wait).await?;
         let (mut servos, jams) = self.start_servos(world)?;
         let services = self.services(servos.clock.clone());

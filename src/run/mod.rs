@@ -24,6 +24,7 @@ mod operator;
 mod options;
 mod outcome;
 mod plan;
+mod plant_hash;
 mod recording;
 mod servos;
 mod settings;

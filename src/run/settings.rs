@@ -58,7 +58,11 @@ pub(super) fn manner(config: &ControllerConfig, effector: usize) -> Manner {
         .filter(|_| config.cell.keeper == Keeper::Person)
         .map(|arm| (arm.world_from_base.inverse() * zone.world_from_cube, zone.half_extent))
         .map(|zone| NearHand { zone, force: c.hand_force });
-    let mut joint = [c.joint_speed; AXES];
+    // A joint whose motor is slower than the wanted speed moves at the speed of its motor. The
+    // speeds of coupled joints depend on the posture: the guard slows their paths down.
+    let mut joint = config.cell.arms.get(effector).map_or([c.joint_speed; AXES], |arm| {
+        std::array::from_fn(|axis| c.joint_speed.min(arm.model.uncoupled_speed(axis)))
+    });
     let mut joint_acceleration = [c.joint_acceleration; AXES];
     // Joint 0 is the track (m/s). Joint 6 is the tool's roll, whose gear allows half of the speed
     // of the other joints.
@@ -210,7 +214,10 @@ fn visual_order(config: &ControllerConfig) -> visual_servo::Order {
         },
         retreat: v.withdraw,
         speed: following(config),
-        acceleration: c.linear_acceleration,
+        acceleration: match keeper {
+            Keeper::Person => c.hand_acceleration,
+            Keeper::Table => c.linear_acceleration,
+        },
         approach_speed,
         touch,
         inertia: v.inertia,

@@ -277,6 +277,8 @@ section! {
         torque_limit [nm]: f64 = 4.5, 0.1..=5.0;
         /// Largest speed of an arm near the operator's hand (the reduced speed of ISO 10218).
         hand_speed [mm_s]: f64 = 250.0, 10.0..=1000.0;
+        /// Acceleration of the visual servo, which leads an arm to the operator's hand.
+        hand_acceleration [mm_s2]: f64 = 300.0, 10.0..=5000.0;
         /// Speed of straight lines to and from the operator's hand.
         hand_line_speed [mm_s]: f64 = 150.0, 1.0..=500.0;
         /// Force at which any motion of an arm near the operator's hand is aborted.

@@ -5,12 +5,21 @@
 //! |---|---|
 //! | `profile` | "swift" on hardware |
 //! | `turn_speed`, `roll_speed`, `track_speed` | a motor would exceed its speed limit |
+//! | `joint_speed` | no motor reaches it: slower joints move at the speed of their motors |
+//! | `approach_speed` | the blow on a held cube would exceed the force limit: [`tff::impact`] |
 //! | `approach_speed`, `turn_speed` | the tool would excite itself: [`tff::self_excitation`] |
 //! | `visual_servo.inertia` | the tool would excite itself |
 //! | `linear_admittance`, `angular_admittance` | the tool would excite itself |
 //!
 //! The speeds of coupled joints depend on the posture. The servo and the guard of paths check them
 //! along each path.
+//!
+//! With a virtual mass M beyond `m / (2 z L)`, where m is the mass of the tool, z the damping of
+//! the arm and L the greatest loop gain, no admittance and no speed makes the tool excite itself.
+//! So with the usual 20 kg the blow alone limits the speed of an approach.
+//!
+//! Rotations are checked at the same frequency as translations. A locked arm would let its tool
+//! tilt at 56 Hz and more, but the regulators of its motors follow nothing so fast.
 
 use super::keys::{Control, Profile, VisualServo};
 use super::root::Root;
@@ -18,13 +27,16 @@ use super::section::Reader;
 use crate::cell::{Arm, ForceSensor};
 use crate::generators::{guarded_admittance, turn};
 use crate::kinematics::ArmModel;
-use crate::motion::{PERIOD, ROLL};
+use crate::motion::ROLL;
 use crate::servo::path::GOVERNED_SPEED_SHARE;
 use crate::servo::tff;
 
 /// Index of the track. Its motor drives no other joint, and neither does that of the roll, so their
 /// speeds do not depend on the posture.
 const TRACK: usize = 0;
+
+/// Index of the wrist roll, whose gear is the fastest of the joints.
+const WRIST: usize = 5;
 
 /// Delay of the force loop in servo periods: one for the sensor, one for the exchange, half of one
 /// for the mean of two samples.
@@ -55,6 +67,7 @@ pub(super) fn speeds(control: &Control, arms: &[Option<Arm>], reader: &mut Reade
         for (key, axis, speed, share, unit) in [
             ("turn_speed_deg_s", ROLL, c.turn_speed, GOVERNED_SPEED_SHARE, Unit::Degrees),
             ("roll_speed_deg_s", ROLL, c.roll_speed, 1.0, Unit::Degrees),
+            ("joint_speed_deg_s", WRIST, c.joint_speed, 1.0, Unit::Degrees),
             ("track_speed_mm_s", TRACK, c.track_speed, 1.0, Unit::Millimetres),
         ] {
             let limit = share * arm.model.motor_speed_limit;
@@ -108,11 +121,35 @@ fn too_fast(model: &ArmModel, axis: usize, speed: f64, limit: f64) -> Option<(f6
     (needed > limit).then(|| (needed, limit / gear))
 }
 
+/// Checks that an approach does not strike a held cube harder than the force limit allows.
+pub(super) fn impact(control: &Control, reader: &mut Reader) {
+    let c = control;
+    // The approach goes on until the force has reached its threshold, and the blow comes on top.
+    let least = c.approach_force;
+    let strikes = least + tff::impact(c.approach_speed, c.linear_inertia);
+    if strikes <= c.force_limit {
+        return;
+    }
+    let reason = format!(
+        "`control.approach_speed_mm_s`: an approach at {:.1} mm/s would strike the cube in the \
+         other hand with {strikes:.0} N, more than control.force_limit_n = {:.0}",
+        c.approach_speed * 1e3,
+        c.force_limit
+    );
+    let fastest = (c.force_limit - least).max(0.0) / tff::impact(1.0, c.linear_inertia);
+    let advice = format!(
+        "at most {} mm/s, or a smaller control.linear_inertia_kg or control.approach_force_n",
+        down(fastest * 1e3)
+    );
+    reader.fault_with_help("control.approach_speed_mm_s", reason, &advice);
+}
+
 /// Checks that no force-controlled direction makes its arm vibrate by the inertia of the tool,
 /// which the force sensor measures. The gain of that loop is [`tff::self_excitation`].
 pub(super) fn self_excitation(
     control: &Control,
     visual_servo: &VisualServo,
+    period: f64,
     arms: &[Option<Arm>],
     reader: &mut Reader,
 ) {
@@ -138,7 +175,7 @@ pub(super) fn self_excitation(
         let most = tff::MOST_SELF_EXCITATION;
         for (key, admittance, inertia, tool) in rows {
             let (frequency, damping) = (c.resonance, c.resonance_damping);
-            let mechanics = tff::Mechanics { tool, frequency, damping, delay: DELAY * PERIOD };
+            let mechanics = tff::Mechanics { tool, frequency, damping, delay: DELAY * period };
             let gain = tff::self_excitation(admittance, inertia, &mechanics);
             if gain <= most {
                 continue;
@@ -194,6 +231,9 @@ mod tests {
         assert!(message.contains("at most 48.3 deg/s"), "{message}");
         assert_eq!(faults("turn_speed_deg_s = 48"), "");
         assert!(faults("roll_speed_deg_s = 50").contains("`control.roll_speed_deg_s`"));
+        let joints = faults("joint_speed_deg_s = 195");
+        assert!(joints.contains("195 deg/s needs") && joints.contains("of motor 5"), "{joints}");
+        assert_eq!(faults("joint_speed_deg_s = 180"), "");
     }
 
     #[test]
@@ -242,6 +282,28 @@ mod tests {
             faults("angular_admittance_rad_snm = 5\nangular_inertia_kgm2 = 0").contains("angular")
         );
         assert_eq!(faults("approach_speed_mm_s = 10\nlinear_inertia_kg = 0"), "");
-        assert_eq!(faults("approach_speed_mm_s = 20"), "");
+    }
+
+    #[test]
+    fn tool_vibration_check_uses_the_servo_period() {
+        let with = |period: f64| {
+            let keys = "[control]\napproach_speed_mm_s = 5\nlinear_inertia_kg = 0\n\
+                        linear_admittance_mm_sn = 0.3\n";
+            let text = format!("[real_time]\nperiod_ms = {period}\n{keys}");
+            read(Path::new("t.toml"), &text, &[]).map_or_else(|f| f.to_string(), |_| String::new())
+        };
+        assert_eq!(with(2.0), "");
+        assert!(with(4.0).contains("excite its own vibration"), "{}", with(4.0));
+    }
+
+    #[test]
+    fn approach_that_strikes_the_cube_is_refused() {
+        let message = faults("approach_speed_mm_s = 50");
+        assert!(message.contains("t.toml:2:23: `control.approach_speed_mm_s`"), "{message}");
+        assert!(message.contains("50.0 mm/s would strike the cube"), "{message}");
+        assert!(message.contains("at most 16.8 mm/s"), "{message}");
+        assert_eq!(faults("approach_speed_mm_s = 16"), "");
+        // A lighter virtual mass strikes less hard.
+        assert_eq!(faults("approach_speed_mm_s = 17.5\nlinear_inertia_kg = 18"), "");
     }
 }

@@ -52,6 +52,10 @@ fn solves_in(scenario: &str, keys: &[&str]) -> Summary {
     assert_eq!((summary.jams, summary.drops), (Some(0), Some(0)));
     let peak = summary.peak_force_n.unwrap();
     assert!(peak > 1.0 && peak < 20.0, "{peak}");
+    // The commanded speed near the person is 250 mm/s at most; true arms swing a little about it.
+    // At a table there is no person.
+    let near = summary.exertion.unwrap().near_person_mm_s;
+    assert!(near < 1.05 * 250.0, "{near} mm/s near the person");
     assert!(summary.turns as usize == summary.executed.split_whitespace().count());
     assert!(summary.grasps < summary.turns && summary.sim_time_s < 900.0);
     summary

@@ -7,7 +7,7 @@
 use super::{Mp, system};
 use crate::actors::ecp::EcpHandle;
 use crate::actors::fault::ActorFault;
-use crate::actors::move_instruction::MoveInstruction;
+use crate::actors::move_instruction::{Ending, MoveInstruction};
 use crate::actors::vsp::VspHandle;
 use crate::actors::watchdog::Heartbeat;
 use crate::error::Error;
@@ -33,16 +33,21 @@ impl Running {
     /// Returns whether both motions must end now: one has ended with an alarm, the effector that
     /// `until` names has ended its motion, or no motion is left.
     fn is_over(&self, until: Until) -> bool {
-        let alarms = self.outcomes.iter().any(|o| o.as_ref().is_some_and(Outcome::alarms));
         let led = matches!(until, Until::Effector(e) if self.outcomes[e].is_some());
-        alarms || led || self.motions.iter().all(Option::is_none)
+        self.alarms() || led || self.motions.iter().all(Option::is_none)
+    }
+
+    /// Returns whether one of the motions has ended with an alarm.
+    fn alarms(&self) -> bool {
+        self.outcomes.iter().any(|o| o.as_ref().is_some_and(Outcome::alarms))
     }
 
     /// Ends the motions that are under way. Returns `true` once all are at rest.
     fn end(&mut self) -> bool {
-        // A fast motion first slows down: it stays in the list and gets further macrosteps.
+        let ending = if self.alarms() { Ending::AtOnce } else { Ending::Slowing };
+        // A fast motion that slows down stays in the list and gets further macrosteps.
         for (motion, outcome) in self.motions.iter_mut().zip(&mut self.outcomes) {
-            if motion.as_mut().is_some_and(MoveInstruction::end) {
+            if motion.as_mut().is_some_and(|motion| motion.end(ending)) {
                 (*motion, *outcome) = (None, Some(Outcome::Ended));
             }
         }
@@ -213,8 +218,9 @@ async fn behave_beside(
     let result = own.behave(order).await;
     let failed = !matches!(&result, Ok((outcome, _)) if !outcome.alarms());
     if leads || failed {
+        let ending = if failed { Ending::AtOnce } else { Ending::Slowing };
         // A partner that is gone reports that in its own answer.
-        let _ = partner.end().await;
+        let _ = partner.end(ending).await;
     }
     result.map(|(outcome, _)| outcome)
 }

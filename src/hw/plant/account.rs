@@ -20,6 +20,7 @@ use super::verdict::MOST_EVENTS;
 use super::{Event, Exertion, Incident, Part, Plant, State, StillWatch, lowest_face};
 use crate::cube::{Axis, Keeper};
 use crate::spatial::Twist;
+use nalgebra::{Point3, Vector3};
 
 impl Plant {
     /// Updates the verdict at the end of a period (peaks of force and speed, slips, crushes, drops,
@@ -94,22 +95,21 @@ impl Plant {
         }
     }
 
-    /// Raises the run's greatest motor current, winding heat, motor speed and tool speed near the
+    /// Raises the run's greatest motor current, winding heat, motor speed and arm speed near the
     /// person to those of this period.
     fn measure_exertion(&mut self) {
         let zone = &self.config.cell.hand;
-        let person = self.config.cell.keeper == Keeper::Person;
+        let zone_from_world = zone.world_from_cube.inverse();
+        let is_near = |point: &Vector3<f64>| {
+            zone.distance(&(zone_from_world * Point3::from(*point))) < Exertion::NEAR
+        };
         let most = &mut self.verdict.exertion;
-        for arm in &self.arms {
+        for (arm, of) in self.arms.iter().zip(&self.config.cell.arms) {
             arm.exert(most);
-            let tool = arm.world_from_tool.p;
             // A cell without a person has no place near one.
-            if person
-                && zone.distance(&zone.world_from_cube.inverse_transform_point(&tool.into()))
-                    < Exertion::NEAR
-            {
-                let (velocity, _) = arm.velocity_at(&tool);
-                most.near_person = most.near_person.max(velocity.norm());
+            if self.config.cell.keeper == Keeper::Person {
+                let fingers = of.gripper.finger_tip;
+                most.near_person = most.near_person.max(arm.fastest(fingers, is_near));
             }
         }
     }

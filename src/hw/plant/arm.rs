@@ -249,10 +249,38 @@ impl PlantArm {
     /// Returns the velocity of a point fixed to the last link and the link's angular velocity, in
     /// the world (m/s, rad/s).
     pub(super) fn velocity_at(&self, point: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
-        let twist = self.placement.twist(&self.v);
+        self.velocity_of(AXES - 1, point)
+    }
+
+    /// Returns the velocity of a point fixed to a link and the link's angular velocity, in the
+    /// world (m/s, rad/s).
+    fn velocity_of(&self, link: usize, point: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+        let twist = self.placement.twist_of(link, &self.v);
         let local = self.world_from_base.r.tr_mul(&(point - self.world_from_base.p));
         let r = &self.world_from_base.r;
         (r * (twist.l + twist.a.cross(&local)), r * twist.a)
+    }
+
+    /// Returns the speed of the fastest point of forearm, wrist and hand for which `is_near` holds
+    /// (m/s); 0 if there is none. `fingers` is the distance of the finger tips beyond the tool (m).
+    pub(super) fn fastest(&self, fingers: f64, is_near: impl Fn(&Vector3<f64>) -> bool) -> f64 {
+        /// Points on each part.
+        const POINTS: u32 = 6;
+        let [_, _, elbow, pitch, flange] = self.points();
+        let tool = &self.world_from_tool;
+        let tips = tool.p + tool.r.column(2) * fingers;
+        // Each part with the link that carries it.
+        let parts = [(3, elbow, pitch), (4, pitch, flange), (6, flange, tool.p), (6, tool.p, tips)];
+        let mut fastest = 0.0_f64;
+        for (link, from, to) in parts {
+            for point in 0..=POINTS {
+                let at = from.lerp(&to, f64::from(point) / f64::from(POINTS));
+                if is_near(&at) {
+                    fastest = fastest.max(self.velocity_of(link, &at).0.norm());
+                }
+            }
+        }
+        fastest
     }
 
     /// Returns the joint forces and torques (N, Nm) that a force (N) at `point` and a torque (Nm)

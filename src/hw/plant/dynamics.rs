@@ -209,9 +209,9 @@ impl Placement {
         std::array::from_fn(|j| self.screws[j].dot(wrench))
     }
 
-    /// Returns the twist of the last link about the base's origin, at the joint velocities `v`.
-    pub(super) fn twist(&self, v: &[f64; AXES]) -> Screw {
-        self.screws.iter().zip(v).fold(Screw::ZERO, |sum, (s, v)| sum.plus(s, *v))
+    /// Returns the twist of one link about the base's origin, at the joint velocities `v`.
+    pub(super) fn twist_of(&self, link: usize, v: &[f64; AXES]) -> Screw {
+        self.screws.iter().zip(v).take(link + 1).fold(Screw::ZERO, |sum, (s, v)| sum.plus(s, *v))
     }
 }
 

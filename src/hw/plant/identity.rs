@@ -1,9 +1,14 @@
 //! Identity of a plant: the plants that can continue from a saved state.
 
-use super::config::{MotorDynamics, PlantConfig};
+use super::config::{HandScript, MotorDynamics, PlantConfig};
 use crate::motion::JointPositions;
 use serde::{Deserialize, Serialize};
 use std::fmt::Debug;
+
+/// Returns a CRC-32 over all digits of each number of `parts`, in the order of the fields.
+fn checksum(parts: &dyn Debug) -> u32 {
+    crc32fast::hash(format!("{parts:?}").as_bytes())
+}
 
 /// Checksums of the parts that make a plant, independent of its history. A saved state fits any
 /// plant of the same identity.
@@ -44,21 +49,54 @@ impl Identity {
         for arm in &mut cell.arms {
             arm.start = JointPositions::default();
         }
-        // All digits of each number, in the order of the fields.
-        let sum = |what: &dyn Debug| crc32fast::hash(format!("{what:?}").as_bytes());
-        let mechanics = sum(&(arms, cube, jaws, noise, hand, substeps));
-        Self { seed, cell: sum(&cell), mechanics }
+        let mechanics = checksum(&(arms, cube, jaws, noise, hand, substeps));
+        Self { seed, cell: checksum(&cell), mechanics }
     }
 
-    /// Returns a CRC-32 over the parameters that limit the speed and force of a run: motors with
-    /// their trip currents and friction, pads, ranges of the sensors, the time step. A campaign may
-    /// vary the other parameters: cube, noise, errors of the cell, the operator's hand.
+    /// Returns a CRC-32 over the parameters that decide how fast and how gently a task can be done:
+    /// motors with their limits and friction, pads, layers of the cube, ranges and delay of the
+    /// force sensors, the operator's times, the time step.
+    ///
+    /// Campaigns draw the other parameters for each run: the errors of the cell, noise, and how the
+    /// operator's hand shakes and tilts. They make a run different, but not easier.
     #[must_use]
     pub fn bounds(config: &PlantConfig) -> u32 {
-        let PlantConfig { cell, arms, jaws, substeps, .. } = config;
-        let ranges: Vec<_> = cell.arms.iter().map(|arm| arm.sensor.range).collect();
+        let PlantConfig { cell, arms, cube, jaws, noise, hand, substeps, .. } = config;
+        let HandScript {
+            appears,
+            arrival,
+            start_offset,
+            sway: _,
+            sway_time: _,
+            tremor: _,
+            stills,
+            place_spread,
+            tilt_spread: _,
+            any_orientation,
+            withdrawals,
+            withdrawal,
+            stiffness,
+            damping,
+            release_load,
+            release_time,
+            return_after,
+            picks_up_after,
+            return_solved_only,
+            pull,
+        } = hand;
+        let limits: Vec<_> = cell
+            .arms
+            .iter()
+            .map(|arm| (arm.sensor.range, arm.model.motor_speed_limit, arm.model.motor_limits))
+            .collect();
+        let operator = (
+            (appears, arrival, start_offset, stills, place_spread, any_orientation),
+            (withdrawals, withdrawal, stiffness, damping),
+            (release_load, release_time, return_after, picks_up_after, return_solved_only, pull),
+        );
         let heats = MotorDynamics::HEATS;
-        crc32fast::hash(format!("{arms:?} {jaws:?} {substeps:?} {ranges:?} {heats}").as_bytes())
+        let delay = noise.delay_periods;
+        checksum(&(arms, cube, jaws, substeps, limits, heats, delay, operator))
     }
 
     /// Returns the reason why a plant of this identity cannot continue with a state of `other`.
@@ -76,19 +114,42 @@ impl Identity {
 
 #[cfg(test)]
 mod tests {
+    use super::super::config::{CubeMechanics, Jaws};
     use super::super::testing::{cell, quiet};
     use super::*;
 
     #[test]
-    fn speed_and_force_limits_hash_ignores_campaign_variations() {
+    fn limits_hash_ignores_campaign_variations() {
         let plain = quiet(cell());
         let mut drawn = plain.clone();
         drawn.cell.arms[0].world_from_base.translation.x += 0.001;
         drawn.noise.force += 0.1;
-        let mut strict = plain.clone();
-        strict.arms[0].motors[1].trip_current *= 0.9;
+        drawn.hand.sway *= 2.0;
 
         assert_eq!(Identity::bounds(&plain), Identity::bounds(&drawn));
-        assert_ne!(Identity::bounds(&plain), Identity::bounds(&strict));
+    }
+
+    #[test]
+    fn limits_hash_changes_with_each_limit() {
+        let plain = quiet(cell());
+        let changes: [fn(&mut PlantConfig); 12] = [
+            |c| c.arms[0].motors[1].trip_current *= 1.1,
+            |c| c.arms[1].motors[6].coulomb *= 0.9,
+            |c| c.cell.arms[0].model.motor_speed_limit *= 1.1,
+            |c| c.cell.arms[1].sensor.range[0] *= 2.0,
+            |c| c.cube = CubeMechanics::modern(),
+            |c| c.jaws = Jaws::stiff(),
+            |c| c.noise.delay_periods += 1,
+            |c| c.substeps += 1,
+            |c| c.hand.appears = 0.1,
+            |c| c.hand.arrival = 0.5,
+            |c| c.hand.release_time = 0.1,
+            |c| c.hand.return_after = 1.0,
+        ];
+        for (number, change) in changes.iter().enumerate() {
+            let mut other = plain.clone();
+            change(&mut other);
+            assert_ne!(Identity::bounds(&plain), Identity::bounds(&other), "change {number}");
+        }
     }
 }

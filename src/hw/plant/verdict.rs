@@ -59,7 +59,8 @@ pub struct Exertion {
     pub heat: f64,
     /// Speed of a motor (rad/s).
     pub motor_speed: f64,
-    /// Speed of a tool within [`Exertion::NEAR`] of the place where a person holds the cube (m/s).
+    /// Speed of a point of forearm, wrist, hand or fingers within [`Exertion::NEAR`] of the place
+    /// where a person holds the cube (m/s).
     pub near_person: f64,
     /// Least distance of a part of one arm from a part of the other (m): fingers, palms, hands,
     /// wrists, forearms; `None` where the arms were never near to each other. At each grasp fingers
@@ -68,8 +69,8 @@ pub struct Exertion {
 }
 
 impl Exertion {
-    /// Distance from the person's place within which a tool is near it (m): fingers, cube or palm
-    /// may then touch a hand there.
+    /// Distance from the person's place within which a point of an arm is near it (m): fingers,
+    /// cube or palm may then touch a hand there.
     pub const NEAR: f64 = 0.175;
 }
 

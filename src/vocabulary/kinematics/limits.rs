@@ -51,6 +51,18 @@ impl ArmModel {
         })
     }
 
+    /// Returns the greatest speed of an axis whose motor moves no other joint (rad/s; m/s of the
+    /// track): track, waist and tool roll. It is infinite for the others, which share their motors,
+    /// so that their greatest speeds depend on the posture and on the other joints.
+    #[must_use]
+    pub fn uncoupled_speed(&self, axis: usize) -> f64 {
+        match axis {
+            0 if self.has_track => self.motor_speed_limit / self.gears[0].abs(),
+            1 | 6 => self.motor_speed_limit / self.gears[axis].abs(),
+            _ => f64::INFINITY,
+        }
+    }
+
     /// Returns whether a joint is inside its limits.
     pub(super) fn allows(&self, axis: usize, value: f64) -> bool {
         let (low, high) = self.joint_limits[axis];

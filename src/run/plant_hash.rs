@@ -1,0 +1,56 @@
+//! Hash of everything that limits how fast a simulated task can be done. It stands beside the time
+//! of a run, and shows whether two times were measured under the same limits.
+//!
+//! | part | parameters |
+//! |---|---|
+//! | plant | motors, pads, layers of the cube, sensors, the operator's times, time step |
+//! | drives | pulse widths and their slew |
+//! | declared times | localisation, reading of a face, node of the solver |
+//!
+//! The speeds that the controller chooses are no part of it: they are what a comparison measures.
+
+use crate::scenario::ControllerConfig;
+
+/// Returns a CRC-32 over `plant`, the checksum of the plant's own limits, and over the limits that
+/// the controller's half of the scenario declares.
+pub(super) fn plant_hash(plant: u32, controller: &ControllerConfig) -> u32 {
+    let drives: Vec<_> = controller
+        .effectors
+        .iter()
+        .map(|effector| (effector.gains.pwm_limit, effector.gains.pwm_slew))
+        .collect();
+    let (vision, node) = (&controller.vision, controller.planner.node_cost);
+    let limits = (plant, drives, vision.localisation, vision.face, node);
+    crc32fast::hash(format!("{limits:?}").as_bytes())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::read;
+    use std::path::Path;
+
+    #[test]
+    fn plant_hash_changes_with_each_declared_limit() {
+        let controller =
+            read(Path::new("t.toml"), "", &[]).map(|scenario| scenario.controller).unwrap();
+        let plain = plant_hash(7, &controller);
+        let changes: [fn(&mut ControllerConfig); 5] = [
+            |c| c.effectors[0].gains.pwm_limit *= 1.1,
+            |c| c.effectors[1].gains.pwm_slew *= 1.1,
+            |c| c.vision.localisation = 0.0,
+            |c| c.vision.face = 0.0,
+            |c| c.planner.node_cost = 0.0,
+        ];
+
+        for (number, change) in changes.iter().enumerate() {
+            let mut other = controller.clone();
+            change(&mut other);
+            assert_ne!(plant_hash(7, &other), plain, "change {number}");
+        }
+        let mut faster = controller.clone();
+        faster.control.turn_speed *= 0.5;
+        assert_eq!(plant_hash(7, &faster), plain, "a chosen speed is no limit");
+        assert_ne!(plant_hash(8, &controller), plain);
+    }
+}
