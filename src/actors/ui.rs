@@ -17,6 +17,7 @@ use super::present::Presenter;
 use super::trace::Trace;
 use crate::desk::{Desk, Inputs, RunEnd, UiEnd};
 use crate::emergency_stop::{StopButton, StopSignal};
+use crate::hw::text::printable;
 use crate::operator::{Input, OutcomeView};
 use crate::record::recorder::Recorder;
 use crate::record::run_hash::RunHash;
@@ -189,11 +190,14 @@ fn print(notice: &Notice) {
     let mut err = std::io::stderr().lock();
     // A failure to write is ignored: a closed stderr has no reader.
     let _ = match notice {
-        Notice::Phase(t, name) => writeln!(err, "{t:9.2} s  {name}"),
+        Notice::Phase(t, name) => writeln!(err, "{t:9.2} s  {}", printable(name)),
         Notice::Note(_, text) | Notice::Warning(_, text) => {
-            writeln!(err, "       note: {text}")
+            writeln!(err, "       note: {}", printable(text))
         }
-        Notice::Error(t, error) => writeln!(err, "{t:9.2} s  ! {error}"),
+        // A camera or a bridge may have sent the reason.
+        Notice::Error(t, error) => {
+            writeln!(err, "{t:9.2} s  ! {}", printable(&error.to_string()))
+        }
         Notice::Over(_) => Ok(()),
     };
 }

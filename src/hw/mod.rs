@@ -9,6 +9,7 @@ pub mod driver;
 pub mod emulator;
 pub mod folder;
 pub mod force;
+pub mod image_file;
 pub mod isa;
 pub mod note;
 pub mod plant;
