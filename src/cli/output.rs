@@ -7,6 +7,7 @@
 use crate::hw::text::printable;
 use crate::record::place::Place;
 use anyhow::Context as _;
+use image::{ImageFormat, RgbImage};
 use std::fmt;
 use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -44,9 +45,7 @@ pub(super) fn complain(text: &str) {
 pub(crate) fn save(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     let write = || -> io::Result<()> {
         let (mut file, mut place) = Place::create(path)?;
-        let regular = place.is_temporary();
-        let written =
-            file.write_all(bytes).and_then(|()| if regular { file.sync_data() } else { Ok(()) });
+        let written = file.write_all(bytes).and_then(|()| place.sync());
         if let Err(why) = written.and_then(|()| place.rename_to_final()) {
             // An incomplete file is of no use.
             let _ = place.discard();
@@ -55,6 +54,16 @@ pub(crate) fn save(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
         Ok(())
     };
     write().with_context(|| path.display().to_string())
+}
+
+/// Writes a picture as a PNG file, like [`save`].
+///
+/// # Errors
+/// As [`save`]; error of the encoder, with the file's name.
+pub(crate) fn save_picture(path: &Path, picture: &RgbImage) -> anyhow::Result<()> {
+    let mut png = io::Cursor::new(Vec::new());
+    picture.write_to(&mut png, ImageFormat::Png).with_context(|| path.display().to_string())?;
+    save(path, png.get_ref())
 }
 
 /// File of a command: its role in words, and its path if one is given.

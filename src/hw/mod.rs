@@ -11,6 +11,7 @@ pub mod folder;
 pub mod force;
 pub mod image_file;
 pub mod isa;
+pub mod new_file;
 pub mod note;
 pub mod plant;
 pub mod port;
