@@ -8,6 +8,7 @@
 //! error. Every error carries its class as its type, the actor that detected it and the place.
 
 use crate::motion::{ArmFault, ArmState, MoveRefused};
+use std::any::Any;
 
 /// An error that crosses a mailbox.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -62,6 +63,16 @@ impl Error {
 /// state.
 fn when(last: Option<&ArmState>) -> String {
     last.map_or_else(String::new, |state| format!(", period {}", state.period))
+}
+
+/// Returns the text of a panic, as `catch_unwind` and the join of a thread return it.
+#[must_use]
+pub fn panic_text(why: &(dyn Any + Send)) -> String {
+    // `panic!` carries a `&str` without arguments and a `String` with some.
+    why.downcast_ref::<&str>()
+        .map(|s| (*s).to_owned())
+        .or_else(|| why.downcast_ref::<String>().cloned())
+        .unwrap_or_else(|| "no reason given".to_owned())
 }
 
 /// Causes that leave the system usable.

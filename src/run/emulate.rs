@@ -227,6 +227,7 @@ pub(crate) fn emulate(
     let places = Devices { camera: cameras.devices.clone(), ..emulator.devices() };
     let _file = DeviceFile::write(devices, &places).map_err(failed)?;
     let stop = Arc::new(AtomicBool::new(false));
+    super::interrupt::ignore_others();
     for signal in super::interrupt::ending_signals() {
         signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(io)?;
     }
