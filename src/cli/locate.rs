@@ -139,7 +139,7 @@ pub(super) fn locate(args: &LocateArgs) -> (String, bool) {
     let (mut text, mut all) = (String::new(), true);
     for path in &args.images {
         let name = path.display().to_string();
-        let found = load(path).and_then(|image| {
+        let found = load(path).map_err(anyhow::Error::from).and_then(|image| {
             find(&image, &args.optics.lens(image.width(), image.height()), args.cube_mm * 1e-3)
         });
         all &= found.is_ok();

@@ -19,7 +19,6 @@ mod faces;
 mod film;
 mod frames;
 mod help;
-pub mod image_file;
 mod keys;
 mod kinematics;
 mod locate;
@@ -44,6 +43,7 @@ mod urdf;
 mod vision;
 mod weigh;
 
+use crate::hw::image_file;
 use arguments::ScenarioArgs;
 use clap::{CommandFactory, FromArgMatches as _, Parser, Subcommand};
 use output::{Output, Refused, WRONG, complain};

@@ -7,6 +7,7 @@
 
 use super::arguments::positive;
 use super::image_file::load;
+use super::output::save_picture;
 use crate::spatial::Pose;
 use crate::vision::homography::Point;
 use crate::vision::paper::{Filters, Square, Stages, classes};
@@ -206,7 +207,7 @@ impl Found {
         let mut files = Vec::new();
         let mut save = |picture: &RgbImage, name: &str| -> Result<()> {
             let file = folder.join(format!("{stem}-{name}.png"));
-            picture.save(&file).with_context(|| format!("{}", file.display()))?;
+            save_picture(&file, picture)?;
             files.push(file.display().to_string());
             Ok(())
         };

@@ -4,7 +4,10 @@
 //! - out: the text of the file
 //! - [`read`] takes pipes as well, and refuses a file without end when the greatest size is reached
 //! - [`open`] takes regular files only, so it never waits
+//! - [`deep_line`] and [`printable`] guard against texts of other people: against keys that are
+//!   nested so deeply that a parser overflows the stack, and against orders to the terminal
 
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, ErrorKind, Read as _};
 use std::os::unix::fs::OpenOptionsExt as _;
@@ -14,6 +17,70 @@ use std::path::Path;
 pub const SCENARIO: u64 = 1 << 20;
 /// Greatest size of a list of pictures or cubes (bytes).
 pub const LIST: u64 = 64 << 20;
+
+/// Most parts of a dotted key of TOML; keys of this program have up to four.
+pub const MOST_PARTS: usize = 16;
+
+/// Finds a dotted key of TOML with more than [`MOST_PARTS`] parts; returns the number of its line,
+/// from 1. A parser makes a table for each part, and the drop of nested tables is recursive.
+#[must_use]
+pub fn deep_line(text: &str) -> Option<usize> {
+    text.lines().position(is_deep).map(|index| index + 1)
+}
+
+/// Returns whether a line may have a dotted key with too many parts. Values, texts and comments are
+/// not told from keys, since none has a long chain of dots between words.
+fn is_deep(line: &str) -> bool {
+    // A quoted part may contain any character, so the dots behind quotes count for the whole line.
+    let (mut plain, mut quoted, mut last, mut blank) = (0, 0, b' ', false);
+    for byte in line.bytes() {
+        // Blanks may stand beside a dot, but not between the words of a key.
+        if matches!(byte, b' ' | b'\t') {
+            blank = true;
+            continue;
+        }
+        if std::mem::take(&mut blank) && byte != b'.' && last != b'.' {
+            plain = 0;
+        }
+        match byte {
+            b'.' if matches!(last, b'"' | b'\'') => quoted += 1,
+            // Dots without a word between them are no key.
+            b'.' if last == b'.' => plain = 0,
+            b'.' => plain += 1,
+            b'-' | b'_' | b'"' | b'\'' => {}
+            _ if byte.is_ascii_alphanumeric() => {}
+            _ => plain = 0,
+        }
+        if plain >= MOST_PARTS || quoted >= MOST_PARTS {
+            return true;
+        }
+        last = byte;
+    }
+    false
+}
+
+/// Returns a text for a screen: each control character other than a line break and a tab is spelled
+/// out as in JSON, since a terminal would obey it. So are characters that change the direction of
+/// the text.
+#[must_use]
+pub fn printable(text: &str) -> Cow<'_, str> {
+    let is_order = |c: char| {
+        (c.is_control() && !matches!(c, '\n' | '\t'))
+            || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+    };
+    if !text.chars().any(is_order) {
+        return Cow::Borrowed(text);
+    }
+    let mut shown = String::with_capacity(text.len() + 8);
+    for c in text.chars() {
+        if is_order(c) {
+            shown.push_str(&format!("\\u{:04x}", c as u32));
+        } else {
+            shown.push(c);
+        }
+    }
+    Cow::Owned(shown)
+}
 
 /// Opens a regular file.
 ///
@@ -65,6 +132,40 @@ pub fn read(path: &Path, most: u64) -> io::Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn deep_keys_are_found_in_every_spelling() {
+        let many = |part: &str| vec![part; 30_000].join(".");
+        for key in ["a", " a ", "\"a\"", "'='", "\"],\" ", "a.\"=\""] {
+            for line in [format!("{} = 1", many(key)), format!("[{}]", many(key))] {
+                assert_eq!(deep_line(&format!("x = 1\n{line}\n")), Some(2), "{key}");
+            }
+        }
+        // Evasion by a mixture is bounded by the square of the limit.
+        let mixed = format!("{} = 1", many("a.b.c.\"=\""));
+        assert!(deep_line(&mixed).is_some());
+        let numbers = vec!["1.5"; 1000].join(", ");
+        for harmless in [
+            "effector.track.gripper.palm_mm = 1.5",
+            "# and so on .................................... see 1.2.3.4 and a.b.c",
+            &format!("x = [{numbers}]"),
+            &format!("# {}", "A sentence of four words. ".repeat(30)),
+            "s = \"one. two. three. four. five. six. seven. eight. nine. ten. eleven.\"",
+        ] {
+            assert_eq!(deep_line(harmless), None, "{harmless}");
+        }
+    }
+
+    #[test]
+    fn printable_spells_out_orders_to_the_terminal() {
+        assert_eq!(printable("a\tb\nüß"), "a\tb\nüß");
+        assert_eq!(printable("\x1b[2J\r\x07\u{9b}x"), "\\u001b[2J\\u000d\\u0007\\u009bx");
+        assert_eq!(printable("\u{202e}x"), "\\u202ex");
+        // A line of JSON stays one.
+        let line = printable("{\"a\":\"\u{9b}\u{7f}\"}").into_owned();
+        let read: serde_json::Value = serde_json::from_str(&line).unwrap();
+        assert_eq!(read["a"], "\u{9b}\u{7f}");
+    }
 
     #[test]
     fn endless_or_too_large_file_is_refused() {

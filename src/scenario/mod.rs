@@ -176,4 +176,21 @@ mod tests {
         let vsps: Vec<&str> = scenario.controller.vsps.iter().map(|v| v.name.as_str()).collect();
         assert_eq!(vsps, ["gs2", "mpf"]);
     }
+
+    /// Each fault names its line, which takes a search through the text.
+    #[test]
+    fn bombs_are_refused_in_few_words() {
+        let cameras = "[[camera]]\n".repeat(50_000);
+        let message = faults(&format!("task = \"idle\"\n{cameras}"), &[]);
+        assert!(message.contains("`camera` has 50000 elements, more than 100"), "{message}");
+
+        let unknown: String = (0..50_000).map(|i| format!("k{i} = 1\n")).collect();
+        for text in ["x = ]\n".repeat(100_000), "= 1\n".repeat(100_000), unknown] {
+            let message = faults(&text, &[]);
+            assert!(message.contains("and at least "), "{}", &message[..1000]);
+            assert!(message.len() < 100_000);
+        }
+        let long = faults(&format!("{} = 1\n", "k".repeat(900_000)), &[]);
+        assert!(long.contains("unknown key"));
+    }
 }

@@ -41,7 +41,10 @@ impl Workers for Threads {
         // The thread of the caller works as well.
         std::thread::scope(|scope| {
             for _ in 1..self.0.min(tasks) {
-                scope.spawn(work);
+                // At the limit of threads the others do the work.
+                if std::thread::Builder::new().spawn_scoped(scope, work).is_err() {
+                    break;
+                }
             }
             work();
         });

@@ -15,6 +15,7 @@ mod link;
 mod realtime;
 mod record;
 mod stats;
+mod suspend;
 mod virtual_time;
 mod wall;
 
@@ -24,9 +25,10 @@ pub use link::{ServoEnd, ServoLink, Unsent, link, link_at};
 pub use realtime::{Clock, RealTime, step_back};
 pub use record::{NoRecords, RecordSink, ServoRecord};
 pub use stats::{Histogram, Timing};
+pub use suspend::Time;
 pub use virtual_time::run_virtual;
 pub(crate) use wall::pass;
-pub use wall::{Wall, WallEnd, WallOptions, spawn_wall};
+pub use wall::{Wall, WallEnd, WallOptions, spawn_wall, spawn_wall_on};
 
 /// Default length of a servo period (ns).
 pub const PERIOD_NANOS: u64 = 2_000_000;

@@ -150,6 +150,15 @@ impl Clock {
         time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
     }
 
+    /// Returns the time of the clock that also counts while the computer is suspended (ns).
+    #[must_use]
+    pub fn boot_time(self) -> u64 {
+        let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+        // SAFETY: as above.
+        unsafe { libc::clock_gettime(libc::CLOCK_BOOTTIME, &raw mut time) };
+        time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
+    }
+
     /// Returns the resolution of the clock (ns).
     #[must_use]
     pub fn resolution(self) -> u64 {
