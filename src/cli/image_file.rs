@@ -9,7 +9,9 @@
 //! | file too large | `MOST_BYTES` | the bytes are read before they are decoded |
 //! | palette ends within a colour | 3 bytes a colour | the decoder panics |
 //! | JPEG without an end | end marker | the decoder fills the rest with grey |
+//! | JPEG without Huffman tables | those of the standard are inserted | webcams leave them out |
 
+use crate::hw::jpeg::with_huffman_tables;
 use anyhow::{Context, Result, bail};
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Rgb, RgbImage};
@@ -48,6 +50,7 @@ pub fn decode(bytes: &[u8]) -> Result<RgbImage> {
     if bytes.len() as u64 > MOST_BYTES {
         bail!("the file is larger than {} MiB", MOST_BYTES >> 20);
     }
+    let bytes = &*with_huffman_tables(bytes);
     let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format()?;
     let Some(format) = reader.format().filter(ImageFormat::reading_enabled) else {
         bail!("not a picture: the file begins neither as PNG nor as JPEG");
@@ -168,6 +171,15 @@ pub(super) mod tests {
 
     fn reason(name: &str, bytes: &[u8]) -> String {
         format!("{:#}", load(&Written::new(name, bytes).0).unwrap_err())
+    }
+
+    #[test]
+    fn frame_without_huffman_tables_is_decoded() {
+        use crate::hw::jpeg::tests::{encoded, without_huffman_tables};
+
+        let stripped = without_huffman_tables(&encoded());
+
+        assert_eq!(decode(&stripped).unwrap(), decode(&encoded()).unwrap());
     }
 
     #[test]

@@ -10,6 +10,7 @@ pub mod emulator;
 pub mod folder;
 pub mod force;
 pub mod isa;
+pub(crate) mod jpeg;
 pub mod note;
 pub mod plant;
 pub mod port;
