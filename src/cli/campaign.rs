@@ -21,6 +21,7 @@ use crate::record::place::Place;
 use crate::record::running_program;
 use crate::run;
 use crate::scenario::{self, CameraSource, Override, Scenario};
+use crate::tables;
 use anyhow::Context as _;
 use clap::{Args, Subcommand};
 use std::collections::BTreeMap;
@@ -448,7 +449,7 @@ impl Campaign {
             }
             jobs.push(Job { seed, set: drawn.iter().map(Drawn::option).collect() });
         }
-        let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        let cores = tables::cores();
         let runner = Runner {
             program: running_program().map_err(|e| format!("this program: {e}"))?,
             scenario: path.clone(),

@@ -7,9 +7,10 @@
 //! |---|---|---|
 //! | the face is another object | [`LEAST_CONFIDENCE`] | a wrong face gives a wrong pose |
 //! | the edges are not those of a cube | [`RESIDUAL`] | then the pose is wrong |
+//! | optics of another resolution | [`check_centre`] | the pose has a small residual and is wrong |
 //! | wrong report | [`ASTRAY`] | the pose is of another object, and not an error of a pose |
 
-use super::arguments::positive;
+use super::arguments::{check_centre, positive};
 use super::frames::{FrameTruth, Optics, rows};
 use super::image_file::load;
 use crate::spatial::Pose;
@@ -115,6 +116,7 @@ const RESIDUAL: f64 = 2.0;
 /// # Errors
 /// Reason why there is no pose.
 fn find(image: &image::RgbImage, lens: &Lens, edge: f64) -> Result<CubeLocation> {
+    check_centre(lens, image.width(), image.height()).map_err(anyhow::Error::msg)?;
     let settings =
         DetectorSettings { least_confidence: LEAST_CONFIDENCE, ..DetectorSettings::default() };
     let faces = detect(image, None, &settings)?;

@@ -10,6 +10,7 @@ mod benchmark;
 mod calibrate;
 mod campaign;
 mod check;
+mod cube_lines;
 pub mod cubes;
 mod doctor;
 mod emulate;

@@ -11,7 +11,9 @@
 //! | any other panic of a decoder | - | foreign bytes must not end the program |
 //! | pipe or device in a camera's folder | regular files | the camera's worker would wait for it |
 //! | JPEG without an end | end marker | the decoder fills the rest with grey |
+//! | JPEG without Huffman tables | those of the standard are inserted | webcams leave them out |
 
+use super::jpeg::with_huffman_tables;
 use super::text;
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Rgb, RgbImage};
@@ -106,6 +108,7 @@ fn decoded(bytes: &[u8], most: u64) -> Result<RgbImage> {
     if bytes.len() as u64 > MOST_BYTES {
         return refuse(format!("the file is larger than {} MiB", MOST_BYTES >> 20));
     }
+    let bytes = &*with_huffman_tables(bytes);
     let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format()?;
     let Some(format) = reader.format().filter(ImageFormat::reading_enabled) else {
         return refuse("not a picture: the file begins neither as PNG nor as JPEG");
@@ -226,6 +229,15 @@ pub(crate) mod tests {
 
     fn reason(name: &str, bytes: &[u8]) -> String {
         format!("{:#}", load(&Written::new(name, bytes).0).unwrap_err())
+    }
+
+    #[test]
+    fn frame_without_huffman_tables_is_decoded() {
+        use crate::hw::jpeg::tests::{encoded, without_huffman_tables};
+
+        let stripped = without_huffman_tables(&encoded());
+
+        assert_eq!(decode(&stripped).unwrap(), decode(&encoded()).unwrap());
     }
 
     #[test]

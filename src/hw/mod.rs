@@ -12,6 +12,7 @@ pub mod force;
 pub mod image_file;
 pub mod isa;
 pub mod new_file;
+pub(crate) mod jpeg;
 pub mod note;
 pub mod plant;
 pub mod port;

@@ -9,7 +9,7 @@
 
 use std::borrow::Cow;
 use std::fs::File;
-use std::io::{self, ErrorKind, Read as _};
+use std::io::{self, ErrorKind, Read};
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::Path;
 
@@ -105,20 +105,38 @@ pub fn open(path: &Path) -> io::Result<File> {
 /// The errors of [`open`]; the file is not UTF-8, or larger than `most` (bytes).
 pub fn open_text(path: &Path, most: u64) -> io::Result<(File, String)> {
     let file = open(path)?;
-    let text = text_of(&file, most)?;
+    let text = of(&file, most)?;
     Ok((file, text))
 }
 
-fn text_of(file: &File, most: u64) -> io::Result<String> {
+/// Reads a text to its end. Without a byte-order mark it is UTF-8; with one, which is not part of
+/// the text, it may be UTF-16 as well.
+///
+/// # Errors
+/// The error of the operating system; the text is in another encoding, or larger than `most`
+/// (bytes).
+pub fn of(from: impl Read, most: u64) -> io::Result<String> {
     let mut bytes = Vec::new();
     // One byte more than allowed distinguishes a file that is too large from one of the greatest
     // size. The size in the metadata would not do: pipes and devices have none.
-    if file.take(most + 1).read_to_end(&mut bytes)? as u64 > most {
+    if from.take(most + 1).read_to_end(&mut bytes)? as u64 > most {
         let mib = most >> 20;
         return Err(io::Error::new(ErrorKind::FileTooLarge, format!("larger than {mib} MiB")));
     }
+    let utf16 = |unit: fn([u8; 2]) -> u16| {
+        let (units, rest) = bytes[2..].as_chunks::<2>();
+        let text = String::from_utf16(&units.iter().map(|two| unit(*two)).collect::<Vec<_>>());
+        let damaged = "damaged text in UTF-16: save it as UTF-8";
+        text.ok().filter(|_| rest.is_empty()).ok_or(io::Error::new(ErrorKind::InvalidData, damaged))
+    };
+    match &bytes[..] {
+        [0xFF, 0xFE, ..] => return utf16(u16::from_le_bytes),
+        [0xFE, 0xFF, ..] => return utf16(u16::from_be_bytes),
+        [0xEF, 0xBB, 0xBF, ..] => drop(bytes.drain(..3)),
+        _ => {}
+    }
     String::from_utf8(bytes)
-        .map_err(|_| io::Error::new(ErrorKind::InvalidData, "not text in UTF-8"))
+        .map_err(|_| io::Error::new(ErrorKind::InvalidData, "not text in UTF-8: save it as UTF-8"))
 }
 
 /// Reads the text of a file or a pipe.
@@ -126,7 +144,7 @@ fn text_of(file: &File, most: u64) -> io::Result<String> {
 /// # Errors
 /// The error of the operating system; the text is not UTF-8, or larger than `most` (bytes).
 pub fn read(path: &Path, most: u64) -> io::Result<String> {
-    text_of(&File::open(path)?, most)
+    of(File::open(path)?, most)
 }
 
 #[cfg(test)]
@@ -192,7 +210,19 @@ mod tests {
         std::fs::write(&file, vec![b' '; SCENARIO as usize + 1]).unwrap();
         assert_eq!(told(&file), "larger than 1 MiB");
         std::fs::write(&file, b"\xff").unwrap();
-        assert_eq!(told(&file), "not text in UTF-8");
+        assert_eq!(told(&file), "not text in UTF-8: save it as UTF-8");
         std::fs::remove_dir_all(folder).unwrap();
+    }
+    #[test]
+    fn byte_order_mark_tells_the_encoding() {
+        let marked = "\u{feff}edge = 57\n";
+        let little: Vec<u8> = marked.encode_utf16().flat_map(u16::to_le_bytes).collect();
+        let big: Vec<u8> = marked.encode_utf16().flat_map(u16::to_be_bytes).collect();
+
+        for bytes in [marked.as_bytes(), &marked.as_bytes()[3..], &little, &big] {
+            assert_eq!(of(bytes, LIST).unwrap(), "edge = 57\n");
+        }
+        let odd = of(&little[..little.len() - 1], LIST).unwrap_err().to_string();
+        assert_eq!(odd, "damaged text in UTF-16: save it as UTF-8");
     }
 }

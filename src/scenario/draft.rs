@@ -46,6 +46,17 @@ impl Draft {
     }
 }
 
+/// Returns the dotted names of all keys; an element of a list is called `NAME`.
+pub(super) fn names() -> Vec<String> {
+    let mut keys = Vec::new();
+    Root::default().keys("", &mut keys);
+    Effector::default().keys("effector.NAME", &mut keys);
+    CameraKeys::default().keys("camera.NAME", &mut keys);
+    Vsp::default().keys("vsp.NAME", &mut keys);
+    FaultKeys::default().keys("fault.NAME", &mut keys);
+    keys.into_iter().map(|key| key.path).collect()
+}
+
 /// Parses the TOML text of the built-in cell.
 pub(super) fn built_in(reader: &mut Reader) -> Node {
     let source = Rc::new(Source {

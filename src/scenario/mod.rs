@@ -79,7 +79,7 @@ pub fn load(path: &Path, overrides: &[Override]) -> Result<Scenario, Faults> {
 /// # Errors
 /// All faults of the text and of the overrides.
 pub fn read(path: &Path, text: &str, overrides: &[Override]) -> Result<Scenario, Faults> {
-    let mut reader = Reader::default();
+    let mut reader = Reader { everywhere: Some(draft::names), ..Reader::default() };
     let source =
         Rc::new(Source { name: path.display().to_string(), text: text.to_owned(), is_file: true });
     let mut document = tree::parse(&source, &mut reader.faults);
@@ -134,6 +134,29 @@ mod tests {
             "did you mean \"tff\"?",
             "t.toml:9:8: `planner.rule`: \"best\" is not a possible value",
         ] {
+            assert!(message.contains(wanted), "no `{wanted}` in:\n{message}");
+        }
+    }
+
+    /// A key in the wrong section, also by an option, is named with the section that has it.
+    #[test]
+    fn key_in_wrong_section_is_found() {
+        let option = [Override::parse("grip_n=30").unwrap()];
+        let control = "did you mean `control.grip_n`? it belongs to [control]";
+
+        for (text, options, wanted) in [
+            ("time_s = 5\n", &[][..], "did you mean `idle.time_s`? it belongs to [idle]"),
+            ("[idle]\ngrip_n = 30\n", &[], control),
+            ("[idle]\ngrip_nn = 30\n", &[], control),
+            ("", &option, control),
+            ("[idle]\ntask = \"idle\"\n", &[], "`task`? it belongs before the first section"),
+            ("[idle.control]\ngrip_n = 3\n", &[], "`control`? it is a section of its own"),
+            ("tool_xyz_mm = [0, 0, 1]\n", &[], "it belongs to an element of [[effector]]"),
+            // The name is right elsewhere, and here it is misspelt.
+            ("[cube]\nedge = 57\n", &[], "did you mean `edge_mm`?"),
+        ] {
+            let message = faults(text, options);
+
             assert!(message.contains(wanted), "no `{wanted}` in:\n{message}");
         }
     }

@@ -20,7 +20,7 @@ pub(crate) mod testing;
 mod threads;
 
 pub use file::{Residence, Unusable};
-pub use threads::Threads;
+pub use threads::{Threads, cores};
 
 use crate::hw::new_file;
 use crate::solver::table::{Progress, TableSpec, Workers};

@@ -22,7 +22,7 @@ mod wall;
 pub use self::core::{Core, HEARTBEAT_TIMEOUT, Switches};
 pub use bridge::{Bridge, BridgeLost, BridgePort};
 pub use link::{ServoEnd, ServoLink, Unsent, link, link_at};
-pub use realtime::{Clock, RealTime, step_back};
+pub use realtime::{Clock, RealTime, missing_core, own_cores, step_back};
 pub use record::{NoRecords, RecordSink, ServoRecord};
 pub use stats::{Histogram, Timing};
 pub use suspend::Time;
