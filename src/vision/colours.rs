@@ -8,7 +8,7 @@
 //! |---|---|---|
 //! | channel clips | [`CLIPPED`] | encoders do not leave it at 255 |
 //! | colour of the light | `GAINS`, log s.d. 0.25 | daylight to lamps |
-//! | light of one face unknown | [`LIGHT_SPREADS`] | not every camera corrects its light |
+//! | light of one face unknown | `LIGHT_SPREADS` | not every camera corrects its light |
 //! | exposure | `EXPOSURES` | the brightest tile need not be white |
 //! | weakest channel of a sticker | `PALE` | no dye absorbs all of its light |
 //! | haze on a coloured tile | `GLARE` | adds white light, which turns red into orange |
