@@ -90,7 +90,9 @@ pub(super) fn stages(args: &StagesArgs) -> Result<(String, bool)> {
         let name = path.display().to_string();
         // A picture that cannot be read, or is not that of the optics, gets a line and does not end
         // the others.
-        let read = load(path).and_then(|image| Ok((args.lens(&image)?, image)));
+        let read = load(path)
+            .map_err(anyhow::Error::from)
+            .and_then(|image| Ok((args.lens(&image)?, image)));
         let (lens, image) = match read {
             Ok(read) => read,
             Err(reason) => {

@@ -53,7 +53,7 @@ impl FrameSource for FolderCamera {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tables::testing::Folder;
+    use crate::tables::testing::{Folder, make_pipe};
 
     /// A damaged file and a pipe cost one frame each, not the run.
     #[test]
@@ -61,8 +61,7 @@ mod tests {
         let folder = Folder::new("folder-bad");
         let palette = include_bytes!("../../tests/corpus/image/palette-of-four-bytes.png");
         std::fs::write(folder.0.join("a.png"), palette).unwrap();
-        let made = std::process::Command::new("mkfifo").arg(folder.0.join("b.png")).status();
-        assert!(made.unwrap().success());
+        make_pipe(&folder.0.join("b.png"));
         image::RgbImage::new(4, 4).save(folder.0.join("c.png")).unwrap();
 
         let mut camera = FolderCamera::open("files", &folder.0).unwrap();

@@ -193,6 +193,7 @@ fn jpeg_ends(bytes: &[u8]) -> bool {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::tables::testing::make_pipe;
 
     #[test]
     fn palette_that_ends_within_a_colour_is_refused() {
@@ -293,8 +294,7 @@ pub(crate) mod tests {
         assert!(why.contains("4100 x 4100 px is more than 16 million"), "{why}");
 
         let pipe = Written(std::env::temp_dir().join(format!("rubik-pipe-{}", std::process::id())));
-        let made = std::process::Command::new("mkfifo").arg(&pipe.0).status().unwrap();
-        assert!(made.success());
+        make_pipe(&pipe.0);
         let why = load_frame(&pipe.0).unwrap_err().to_string();
         assert!(why.ends_with(": not a regular file"), "{why}");
     }

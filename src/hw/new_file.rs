@@ -303,12 +303,8 @@ pub fn keep_name(path: &Path) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tables::testing::Folder;
+    use crate::tables::testing::{Folder, make_pipe};
     use std::os::unix::fs::PermissionsExt as _;
-
-    fn pipe(path: &Path) {
-        assert!(std::process::Command::new("mkfifo").arg(path).status().unwrap().success());
-    }
 
     /// A link to another file, a pipe without a reader and a folder are in the way of the new file.
     #[test]
@@ -317,7 +313,7 @@ mod tests {
         let victim = folder.write("victim", "precious");
         let [link, fifo, dir] = ["link", "pipe", "folder"].map(|name| folder.0.join(name));
         std::os::unix::fs::symlink(&victim, &link).unwrap();
-        pipe(&fifo);
+        make_pipe(&fifo);
         fs::create_dir(&dir).unwrap();
 
         for (path, what) in [(&link, "a symbolic link"), (&fifo, "a pipe"), (&dir, "a folder")] {

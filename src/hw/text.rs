@@ -8,6 +8,7 @@
 //!   nested so deeply that a parser overflows the stack, and against orders to the terminal
 
 use std::borrow::Cow;
+use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{self, ErrorKind, Read};
 use std::os::unix::fs::OpenOptionsExt as _;
@@ -74,7 +75,7 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     let mut shown = String::with_capacity(text.len() + 8);
     for c in text.chars() {
         if is_order(c) {
-            shown.push_str(&format!("\\u{:04x}", c as u32));
+            let _ = write!(shown, "\\u{:04x}", c as u32);
         } else {
             shown.push(c);
         }
@@ -150,6 +151,7 @@ pub fn read(path: &Path, most: u64) -> io::Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tables::testing::make_pipe;
 
     #[test]
     fn deep_keys_are_found_in_every_spelling() {
@@ -191,8 +193,7 @@ mod tests {
         std::fs::create_dir_all(&folder).unwrap();
         let (file, pipe) = (folder.join("file"), folder.join("pipe"));
         let told = |path: &Path| read(path, SCENARIO).unwrap_err().to_string();
-        let made = std::process::Command::new("mkfifo").arg(&pipe).status().unwrap();
-        assert!(made.success());
+        make_pipe(&pipe);
 
         for path in [Path::new("/dev/zero"), &pipe] {
             assert_eq!(open(path).unwrap_err().to_string(), "not a regular file");

@@ -132,6 +132,7 @@ impl Place {
 #[allow(clippy::unwrap_used, reason = "a test")]
 mod tests {
     use super::*;
+    use crate::tables::testing::make_pipe;
     use std::io::Write as _;
 
     #[test]
@@ -227,8 +228,7 @@ mod tests {
 
         assert!(why.contains("run.mcap.part: a symbolic link has this name"), "{why}");
         assert_eq!(std::fs::read(&victim).unwrap(), b"precious");
-        let made = std::process::Command::new("mkfifo").arg(&path).status().unwrap();
-        assert!(made.success());
+        make_pipe(&path);
         let why = Place::create(&path).unwrap_err().to_string();
         assert!(why.contains("no program reads this pipe"), "{why}");
         std::fs::remove_dir_all(&folder).unwrap();

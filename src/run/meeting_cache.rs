@@ -205,9 +205,9 @@ mod tests {
         assert!(searched.found().0 > 0);
         assert_eq!(first, searched);
         assert_eq!(found_again, MeetingTable { separation: 0.36, ..searched.clone() });
-        for table in [of_others, without_sum, after_damage] {
-            assert_eq!(table, searched);
-        }
+        assert_eq!(of_others, searched);
+        assert_eq!(without_sum, searched);
+        assert_eq!(after_damage, searched);
         assert_eq!(mode & 0o777, 0o600, "replaced by a private file");
         assert_eq!(other.separation, 0.35);
     }

@@ -207,7 +207,7 @@ mod tests {
         let message = faults(&format!("task = \"idle\"\n{cameras}"), &[]);
         assert!(message.contains("`camera` has 50000 elements, more than 100"), "{message}");
 
-        let unknown: String = (0..50_000).map(|i| format!("k{i} = 1\n")).collect();
+        let unknown = (0..50_000).map(|i| format!("k{i} = 1")).collect::<Vec<_>>().join("\n");
         for text in ["x = ]\n".repeat(100_000), "= 1\n".repeat(100_000), unknown] {
             let message = faults(&text, &[]);
             assert!(message.contains("and at least "), "{}", &message[..1000]);

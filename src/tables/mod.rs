@@ -223,7 +223,7 @@ impl Store {
 
 #[cfg(test)]
 mod tests {
-    use super::testing::Folder;
+    use super::testing::{Folder, make_pipe};
     use super::*;
     use crate::solver::table::InTurn;
     use std::sync::atomic::{AtomicUsize, Ordering};
@@ -327,8 +327,7 @@ mod tests {
         let (folder, store) = place("planted");
         fs::create_dir_all(store.folder()).unwrap();
         let victim = folder.write("victim", "precious");
-        let made = std::process::Command::new("mkfifo").arg(store.path(&SPEC)).status();
-        assert!(made.unwrap().success());
+        make_pipe(&store.path(&SPEC));
         assert!(matches!(store.open(&SPEC, &InTurn), Err(Unusable::Unreadable(_))));
         for end in ["lock", "table.tmp"] {
             let planted = store.folder().join(format!("{}.{end}", SPEC.name));

@@ -73,11 +73,11 @@ mod tests {
     use std::cell::RefCell;
 
     /// Clocks that show given times in turn: monotonic, boot, monotonic.
-    struct Script(RefCell<std::vec::IntoIter<u64>>);
+    struct Script(RefCell<std::array::IntoIter<u64, 3>>);
 
     impl Script {
         fn of(times: [u64; 3]) -> Self {
-            Self(RefCell::new(times.to_vec().into_iter()))
+            Self(RefCell::new(times.into_iter()))
         }
     }
 
