@@ -9,6 +9,7 @@
 
 use crate::motion::{ArmFault, ArmState, MoveRefused};
 use serde::{Deserialize, Serialize};
+use std::any::Any;
 use std::fmt;
 
 /// An error that crosses a mailbox.
@@ -203,6 +204,16 @@ fn arm_code(fault: &ArmFault) -> FaultCode {
 /// state.
 fn when(last: Option<&ArmState>) -> String {
     last.map_or_else(String::new, |state| format!(", period {}", state.period))
+}
+
+/// Returns the text of a panic, as `catch_unwind` and the join of a thread return it.
+#[must_use]
+pub fn panic_text(why: &(dyn Any + Send)) -> String {
+    // `panic!` carries a `&str` without arguments and a `String` with some.
+    why.downcast_ref::<&str>()
+        .map(|s| (*s).to_owned())
+        .or_else(|| why.downcast_ref::<String>().cloned())
+        .unwrap_or_else(|| "no reason given".to_owned())
 }
 
 /// Causes that leave the system usable.

@@ -485,7 +485,7 @@ async fn slow_or_full_disk_stops_no_other_actor() {
         let (trace, mut notices) = Trace::bare(RunHash::default());
         let clock = Clock::new(tokio::time::Instant::now(), Arc::new(Switches::default()));
         let mut services = Services::bare(clock, will, trace);
-        services.work = Work(Pace::RealTime);
+        services.work = Work::at(Pace::RealTime);
         let parts = Parts::bare(vec![], vec![example_manner()], services);
         let journal = Journal::kept_by(Path::new("/nowhere/j"), Box::new(Slow { takes, full }));
         let mp = Mp::new(Parts { journal: Some(journal), ..parts });

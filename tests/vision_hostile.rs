@@ -13,7 +13,7 @@
 use image::{DynamicImage, ImageFormat, Rgb, RgbImage};
 use nalgebra::Matrix3;
 use proptest::prelude::*;
-use rubik_robot::cli::image_file::decode;
+use rubik_robot::hw::image_file::decode;
 use rubik_robot::vision::homography::apply;
 use rubik_robot::vision::paper::{Filters, Stages};
 use rubik_robot::vision::{DetectorSettings, Lens, Method, Rect, detect, locate_in};

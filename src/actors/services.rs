@@ -35,14 +35,15 @@ impl Services {
     /// Returns services under virtual time, without a recording and without faults.
     #[must_use]
     pub fn bare(clock: Clock, control: watch::Receiver<Control>, trace: Trace) -> Self {
+        let supervision = Supervision::default();
         Self {
             clock,
-            work: Work(Pace::Virtual),
+            work: Work::new(Pace::Virtual, &supervision.watchdog),
             control,
             tempo: Tempo::default(),
             trace,
             playback: None,
-            supervision: Supervision::default(),
+            supervision,
         }
     }
 

@@ -17,6 +17,7 @@ use super::present::Presenter;
 use super::trace::Trace;
 use crate::desk::{Desk, Inputs, RunEnd, UiEnd};
 use crate::emergency_stop::{StopButton, StopSignal};
+use crate::hw::text::printable;
 use crate::operator::{Input, OutcomeView};
 use crate::record::recorder::Recorder;
 use crate::record::run_hash::RunHash;
@@ -28,6 +29,8 @@ use tokio::time::MissedTickBehavior;
 
 /// Time between two snapshots.
 const REFRESH: Duration = Duration::from_millis(50);
+/// Pause between two tries to read keys while the process is in the background.
+const BACKGROUND: Duration = Duration::from_millis(200);
 
 /// The parts of a run on which the operator's inputs act.
 #[derive(Debug, Clone)]
@@ -82,7 +85,7 @@ impl Ui {
         let desk = parts.desk.unwrap_or_else(|| Desk::default().run_end());
         if parts.keys {
             // Without a presenter there is no page or terminal UI either.
-            listen_to_stdin(desk.ui_end(), parts.presenter.is_none());
+            listen_to_stdin(desk.ui_end(), parts.presenter.is_none())?;
         }
         let (stop_button, stop_signal) = (desk.stop_button(), desk.stop_signal());
         // A runtime of its own: that of the run may have a paused clock.
@@ -189,11 +192,14 @@ fn print(notice: &Notice) {
     let mut err = std::io::stderr().lock();
     // A failure to write is ignored: a closed stderr has no reader.
     let _ = match notice {
-        Notice::Phase(t, name) => writeln!(err, "{t:9.2} s  {name}"),
+        Notice::Phase(t, name) => writeln!(err, "{t:9.2} s  {}", printable(name)),
         Notice::Note(_, text) | Notice::Warning(_, text) => {
-            writeln!(err, "       note: {text}")
+            writeln!(err, "       note: {}", printable(text))
         }
-        Notice::Error(t, error) => writeln!(err, "{t:9.2} s  ! {error}"),
+        // A camera or a bridge may have sent the reason.
+        Notice::Error(t, error) => {
+            writeln!(err, "{t:9.2} s  ! {}", printable(&error.to_string()))
+        }
         Notice::Over(_) => Ok(()),
     };
 }
@@ -249,19 +255,36 @@ fn apply(input: &Input, controls: &OperatorControls) -> Result<bool, &'static st
 
 /// Starts a thread that reads keys from stdin. It ends with the process, since a read from stdin
 /// cannot be cancelled. `alone` means that there is no other UI.
-fn listen_to_stdin(desk: UiEnd, alone: bool) {
+///
+/// # Errors
+/// The error of the operating system, if it refuses another thread.
+fn listen_to_stdin(desk: UiEnd, alone: bool) -> std::io::Result<()> {
     let mut err = std::io::stderr().lock();
     let _ = writeln!(
         err,
         "keys: s start, p pause, r resume, t terminate, e emergency stop; Enter after each"
     );
-    std::thread::spawn(move || listen(std::io::stdin().lock(), &desk, alone));
+    let work = move || listen(std::io::stdin().lock(), &desk, alone);
+    std::thread::Builder::new().name("keys".into()).spawn(work)?;
+    Ok(())
 }
 
 /// Sends the operator's input that each line names, until the lines end. `alone` means that there
 /// is no other UI: then the end of the lines starts the run.
 fn listen(lines: impl BufRead, desk: &UiEnd, alone: bool) {
-    for line in lines.lines().map_while(Result::ok) {
+    // A job in the background may not read the terminal, which is an error as SIGTTIN is ignored.
+    // It may come to the foreground again.
+    let mut lines = lines.lines();
+    let in_background = |why: &std::io::Error| why.raw_os_error() == Some(libc::EIO);
+    let next = std::iter::from_fn(|| {
+        loop {
+            match lines.next()? {
+                Err(why) if in_background(&why) => std::thread::sleep(BACKGROUND),
+                line => return line.ok(),
+            }
+        }
+    });
+    for line in next {
         let input = match line.trim() {
             "s" | "start" | "r" | "resume" => Input::Resume,
             "" => Input::Start,
@@ -289,6 +312,32 @@ mod tests {
         let control = Arc::new(watch::channel(control).0);
         let (to_task, task) = mpsc::channel(4);
         (OperatorControls { control, to_task, tempo: Tempo::default() }, task)
+    }
+
+    /// Stdin of a process in the background of its terminal, which comes to the foreground later.
+    struct Background(u32);
+
+    impl std::io::Read for Background {
+        fn read(&mut self, to: &mut [u8]) -> std::io::Result<usize> {
+            self.0 += 1;
+            match self.0 {
+                1 | 2 => Err(std::io::Error::from_raw_os_error(libc::EIO)),
+                3 => {
+                    to[..2].copy_from_slice(b"e\n");
+                    Ok(2)
+                }
+                _ => Ok(0),
+            }
+        }
+    }
+
+    #[test]
+    fn keys_are_read_after_return_to_the_foreground() {
+        let (ui, run) = Desk::default().ends();
+
+        listen(std::io::BufReader::new(Background(0)), &ui, false);
+
+        assert!(run.stop_signal().is_pressed());
     }
 
     /// Returns the control of a waiting run after these lines on stdin, and whether the emergency

@@ -22,6 +22,7 @@ use super::notice::Notice;
 use super::services::Services;
 use super::trace;
 use super::watchdog::{Heartbeat, Supervision, answer_of};
+use super::work;
 use crate::cell::Intrinsics;
 use crate::error::{Error, NonFatal, System};
 use crate::generators::{Mode, Sensing, Target, Window};
@@ -49,8 +50,11 @@ const BLACK: f64 = 6.0;
 /// Bytes between two samples of that mean. It is prime, so the samples cover all channels and
 /// columns.
 const SAMPLES: usize = 211;
-/// Longest time of reading a face.
-const PATIENCE: Duration = Duration::from_secs(3);
+/// Longest time of reading a face. It is longer than that of the image worker, so that the error
+/// names the worker.
+const PATIENCE: Duration = work::IMAGE.saturating_add(Duration::from_millis(500));
+/// Name of the worker in errors.
+const WORKER: (&str, Duration) = ("the image worker", work::IMAGE);
 /// Capacity of the mailbox: the owner asks for one face at a time.
 const MAILBOX: usize = 2;
 
@@ -267,7 +271,7 @@ impl Vsp {
         let played = self.services.playback.as_ref().map(|p| p.sensed(&self.name, period, &asked));
         let unrecorded = matches!(played, Some(Played::Nothing));
         let taken = self.taken;
-        let work = self.services.work.run(move || {
+        let work = self.services.work.run(WORKER, move || {
             let (found, frame) = match source.grab(period, sensing.exposure) {
                 // Under verification the recorded answer replaces that of the camera.
                 _ if played.is_some() => (played.map_or_else(not_recorded, recorded_cube), None),
@@ -292,12 +296,9 @@ impl Vsp {
             };
             ((source, watcher, found, frame), effort)
         });
-        let result = self.heartbeat.away(work).await;
-        let Some((source, watcher, found, frame)) = result else {
-            // The worker took the camera and the track with it. Without an error the generator
-            // would wait for a cube that no camera looks for.
-            self.services.supervision.watchdog.raise(self.worker_died("localise"));
-            return;
+        let (source, watcher, found, frame) = match self.heartbeat.away(work).await {
+            Ok(result) => result,
+            Err(cause) => return drop(self.worker_failed("localise", cause)),
         };
         self.source = Some(source);
         self.watcher = Some(watcher);
@@ -327,10 +328,13 @@ impl Vsp {
         self.target.send_replace(Some(target));
     }
 
-    /// Makes the error for image processing that panicked on its thread; `place` names the request.
-    fn worker_died(&self, place: &'static str) -> Error {
-        let cause = System::Closed("the image worker".into());
-        Error::System { actor: self.name.clone(), place, cause }
+    /// Raises and returns the error for image processing that panicked or hangs; `place` names the
+    /// request. The worker took the camera and the track with it. Without the alarm a generator
+    /// would wait for a cube that no camera looks for.
+    fn worker_failed(&self, place: &'static str, cause: System) -> Error {
+        let error = Error::System { actor: self.name.clone(), place, cause };
+        self.services.supervision.watchdog.raise(error.clone());
+        error
     }
 
     /// Reads a face as the request `look` asks, and answers the request.
@@ -342,7 +346,7 @@ impl Vsp {
         let asked = format!("{view:?}");
         let played = self.services.playback.as_ref().map(|p| p.sensed(&self.name, period, &asked));
         let unrecorded = matches!(played, Some(Played::Nothing));
-        let work = self.services.work.run(move || {
+        let work = self.services.work.run(WORKER, move || {
             let mut took = None;
             let (reading, frame) = match source.grab(period, view.exposure) {
                 _ if played.is_some() => (played.map_or_else(not_recorded, recorded_face), None),
@@ -363,17 +367,17 @@ impl Vsp {
             ((source, reading, frame, took), effort)
         });
         let result = self.heartbeat.away(work).await;
-        if let Some((_, Ok(_), _, Some(took))) = &result {
+        if let Ok((_, Ok(_), _, Some(took))) = &result {
             self.services.trace.face_took(period, *took);
         }
-        if let Some((_, reading, ..)) = &result {
+        if let Ok((_, reading, ..)) = &result {
             tracing::debug!(
                 confidence = ?reading.as_ref().map(|r| r.confidence),
                 "a face was looked at"
             );
         }
         let answer = match result {
-            Some((source, reading, frame, _)) => {
+            Ok((source, reading, frame, _)) => {
                 self.source = Some(source);
                 self.report_unrecorded(unrecorded, period, &asked);
                 // Each look is recorded, however soon after the one before.
@@ -387,7 +391,7 @@ impl Vsp {
                     cause: NonFatal::NoReading(reason),
                 })
             }
-            None => Err(self.worker_died("look")),
+            Err(cause) => Err(self.worker_failed("look", cause)),
         };
         // The owner may have given up waiting.
         let _ = look.reply.send(answer);
@@ -536,6 +540,7 @@ mod tests {
     use super::super::clock::Clock;
     use super::super::control::Control;
     use super::super::trace::Trace;
+    use super::super::watchdog::Watchdog;
     use super::super::work::Work;
     use super::*;
     use crate::hw::camera::NoFrame;
@@ -551,41 +556,58 @@ mod tests {
         }
     }
 
-    #[tokio::test]
-    async fn dead_image_worker_ends_the_run() {
+    /// Starts the VSP of a camera whose driver panics; returns it with the run's watchdog.
+    fn broken(pace: Pace) -> (VspHandle, Watchdog) {
         let (_will, control) = watch::channel(Control::Running);
         let (trace, _notices) = Trace::bare(RunHash::default());
         let clock = Clock::new(tokio::time::Instant::now(), Arc::default());
         let mut services = Services::bare(clock, control, trace);
-        services.work = Work(Pace::RealTime);
         let watchdog = services.supervision.watchdog.clone();
-        let camera = spawn(
-            "mpc",
-            Parts {
-                source: Box::new(Broken),
-                intrinsics: Intrinsics {
-                    width: 4,
-                    height: 4,
-                    focal: (4.0, 4.0),
-                    centre: (2.0, 2.0),
-                    distortion: (0.0, 0.0),
-                },
-                world_from_camera: Some(Pose::identity()),
-                edge: 0.057,
-                method: Method::Edges,
-                localisation: Effort(0.0),
-                face: Effort(0.0),
-                frame_periods: 20,
-                camera: 0,
-                services,
-            },
-        );
+        services.work = Work::new(pace, &watchdog);
+        let intrinsics = Intrinsics {
+            width: 4,
+            height: 4,
+            focal: (4.0, 4.0),
+            centre: (2.0, 2.0),
+            distortion: (0.0, 0.0),
+        };
+        let parts = Parts {
+            source: Box::new(Broken),
+            intrinsics,
+            world_from_camera: Some(Pose::identity()),
+            edge: 0.057,
+            method: Method::Edges,
+            localisation: Effort(0.0),
+            face: Effort(0.0),
+            frame_periods: 20,
+            camera: 0,
+            services,
+        };
+        (spawn("mpc", parts), watchdog)
+    }
 
-        camera.track(true);
-        let error = tokio::time::timeout(Duration::from_secs(10), watchdog.raised()).await.unwrap();
+    #[tokio::test]
+    async fn dead_image_worker_ends_the_run() {
+        for pace in [Pace::RealTime, Pace::Virtual] {
+            let (camera, watchdog) = broken(pace);
+            camera.track(true);
+            let raised = tokio::time::timeout(Duration::from_secs(10), watchdog.raised());
+            let text = raised.await.unwrap().to_string();
+            let expected = "system, vsp mpc, localise: the image worker panicked: on purpose";
+            assert_eq!(text, expected);
+        }
+    }
 
-        let text = error.to_string();
-        assert_eq!(text, "system, vsp mpc, localise: the mailbox of the image worker is closed");
+    #[tokio::test]
+    async fn dead_image_worker_fails_a_look() {
+        for pace in [Pace::RealTime, Pace::Virtual] {
+            let (camera, watchdog) = broken(pace);
+            let view = View { camera_from_face: Pose::identity(), exposure: 1.0 };
+            let told = camera.look(view).await.unwrap_err();
+            let expected = "system, vsp mpc, look: the image worker panicked: on purpose";
+            assert_eq!(told.to_string(), expected);
+            assert_eq!(watchdog.raised().await, told);
+        }
     }
 
     #[test]

@@ -10,9 +10,10 @@
 //! | busy with one work item | `SILENCE` in `SAMPLES` samples | detected within 0.1 s |
 //! | no answer to a request | `patience` of [`Supervision`] | the actor may wait for a servo |
 //! | all actors blocked | `patience` of the outside watch | no task of the runtime can detect it |
+//! | long work of a virtual run | `INLINE` patiences | it blocks all actors and may take long |
 
 use super::fault::ActorFault;
-use crate::error::{Error, System};
+use crate::error::{Error, System, panic_text};
 use crate::scenario::keys::Pace;
 use std::any::Any;
 use std::future::Future;
@@ -58,6 +59,22 @@ impl Default for Supervision {
 /// Length of the last part of each wait for an answer.
 const LAST: Duration = Duration::from_millis(50);
 
+/// Awaits `future` for at most `limit`; returns `None` if it takes longer. A jump of the clock ends
+/// the first part of the wait at once although the other side is in order. The `last` part starts
+/// after the jump and gives it time to answer.
+pub(crate) async fn within<T>(
+    limit: Duration,
+    last: Duration,
+    future: impl Future<Output = T>,
+) -> Option<T> {
+    let mut future = std::pin::pin!(future);
+    let last = last.min(limit);
+    match tokio::time::timeout(limit.saturating_sub(last), &mut future).await {
+        Ok(result) => Some(result),
+        Err(_) => tokio::time::timeout(last, future).await.ok(),
+    }
+}
+
 /// Waits for the answer of the actor `who` to a request, at most for `limit`, or without a limit if
 /// it is `None`. `place` names the request in an error.
 ///
@@ -67,22 +84,14 @@ pub(crate) async fn answer_of<T>(
     who: &str,
     place: &'static str,
     limit: Option<Duration>,
-    mut answer: oneshot::Receiver<Result<T, Error>>,
+    answer: oneshot::Receiver<Result<T, Error>>,
 ) -> Result<T, Error> {
     let error = |cause| Error::System { actor: who.to_owned(), place, cause };
     let answer = match limit {
         None => answer.await,
-        Some(limit) => {
-            // A jump of the clock ends the first part at once although the actor is in order. The
-            // second part starts after the jump and gives it time to answer.
-            let last = LAST.min(limit);
-            match tokio::time::timeout(limit.saturating_sub(last), &mut answer).await {
-                Ok(answer) => answer,
-                Err(_) => tokio::time::timeout(last, answer).await.map_err(|_| {
-                    error(System::Silent { who: who.to_owned(), seconds: limit.as_secs_f64() })
-                })?,
-            }
-        }
+        Some(limit) => within(limit, LAST, answer).await.ok_or_else(|| {
+            error(System::Silent { who: who.to_owned(), seconds: limit.as_secs_f64() })
+        })?,
     };
     answer.map_err(|_| error(System::Closed(who.to_owned())))?
 }
@@ -128,6 +137,17 @@ const SILENCE: Duration = Duration::from_millis(80);
 /// suspended no sample is taken, so no actor becomes silent.
 const SAMPLES: u32 = 8;
 
+/// Patiences of the outside watch after which work that runs inline counts as hung: work is longer
+/// than any work item of an actor, and a busy machine may be slow.
+const INLINE: u32 = 6;
+
+/// Long work that runs inline, at most one at a time.
+#[derive(Debug, Default)]
+struct Inline {
+    who: Mutex<String>,
+    beats: Heartbeat,
+}
+
 /// A handle on the watchdog of a run.
 #[derive(Debug, Clone)]
 pub(crate) struct Watchdog {
@@ -135,11 +155,17 @@ pub(crate) struct Watchdog {
     first: Arc<watch::Sender<Option<Error>>>,
     /// Name and heartbeat of each actor.
     heartbeats: Arc<Mutex<Vec<(String, Heartbeat)>>>,
+    /// Long work that blocks all actors.
+    inline: Arc<Inline>,
 }
 
 impl Default for Watchdog {
     fn default() -> Self {
-        Self { first: Arc::new(watch::channel(None).0), heartbeats: Arc::default() }
+        Self {
+            first: Arc::new(watch::channel(None).0),
+            heartbeats: Arc::default(),
+            inline: Arc::default(),
+        }
     }
 }
 
@@ -199,6 +225,22 @@ impl Watchdog {
         heartbeat
     }
 
+    /// Does `work` of the worker `who` on this thread; the watch from outside reports it if it does
+    /// not end. `work` must not panic.
+    pub(crate) fn watch_inline<T>(&self, who: &str, work: impl FnOnce() -> T) -> T {
+        who.clone_into(&mut self.inline.who.lock().unwrap_or_else(PoisonError::into_inner));
+        self.inline.beats.works();
+        let result = work();
+        self.inline.beats.waits();
+        result
+    }
+
+    /// Returns the name and the heartbeat of the work that runs inline.
+    fn inline(&self) -> [(String, Heartbeat); 1] {
+        let who = self.inline.who.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        [(who, self.inline.beats.clone())]
+    }
+
     /// Locks the heartbeats. A panic under the lock leaves the list intact, so it stays usable.
     fn heartbeats(&self) -> MutexGuard<'_, Vec<(String, Heartbeat)>> {
         self.heartbeats.lock().unwrap_or_else(PoisonError::into_inner)
@@ -230,28 +272,36 @@ impl Watchdog {
 
     /// Watches the actors from a thread of its own until the returned value is dropped. An actor
     /// that loops without waiting blocks the runtime, and with it the watchdog's own task. Calls
-    /// `report` once, for the first actor that stays at one work item for `patience`.
+    /// `report` once, for the first actor that stays at one work item for `patience`, or for long
+    /// work that runs inline for [`INLINE`] times as long.
+    ///
+    /// # Errors
+    /// The error of the operating system, if it refuses another thread.
     pub(crate) fn watched_from_outside(
         &self,
         patience: Duration,
         report: impl FnOnce(Error) + Send + 'static,
-    ) -> Outside {
+    ) -> std::io::Result<Outside> {
         let (watchdog, ends) = (self.clone(), Arc::new(AtomicBool::new(false)));
         let over = Arc::clone(&ends);
         let (pause, mut samples) = (SILENCE / SAMPLES, Samples::default());
         let most = (patience.as_secs_f64() / pause.as_secs_f64()).ceil() as u32;
-        std::thread::spawn(move || {
+        let mut works = Samples::default();
+        std::thread::Builder::new().name("watch".into()).spawn(move || {
             // Once an error has been raised, the run ends by itself.
             while !over.load(Ordering::Acquire) && watchdog.first.borrow().is_none() {
                 std::thread::sleep(pause);
-                let who = samples.silent(&watchdog.heartbeats(), most);
+                let actor = samples.silent(&watchdog.heartbeats(), most);
+                let work = works.silent(&watchdog.inline(), most * INLINE);
+                let found = actor.map(|who| silent(who, patience));
+                let found = found.or_else(|| Some(silent(work?, patience * INLINE)));
                 // The run may have ended during the sleep.
-                if let Some(who) = who.filter(|_| !over.load(Ordering::Acquire)) {
-                    return report(silent(who, patience));
+                if let Some(error) = found.filter(|_| !over.load(Ordering::Acquire)) {
+                    return report(error);
                 }
             }
-        });
-        Outside(ends)
+        })?;
+        Ok(Outside(ends))
     }
 
     /// Reports an error that ends the run. Only the first error counts: later ones follow from it.
@@ -281,13 +331,7 @@ pub(crate) async fn raised(listens: &mut watch::Receiver<Option<Error>>) -> Erro
 
 /// Returns the error of a panic, with the text of the panic.
 pub(crate) fn panicked(name: &str, why: &(dyn Any + Send)) -> Error {
-    // `panic!` carries a `&str` without arguments and a `String` with some.
-    let text = why
-        .downcast_ref::<&str>()
-        .map(|s| (*s).to_owned())
-        .or_else(|| why.downcast_ref::<String>().cloned())
-        .unwrap_or_else(|| "no reason given".to_owned());
-    let cause = System::Panicked { who: name.to_owned(), why: text };
+    let cause = System::Panicked { who: name.to_owned(), why: panic_text(why) };
     Error::System { actor: "supervisor".into(), place: "supervise", cause }
 }
 
@@ -362,7 +406,8 @@ mod tests {
         };
         waits.works();
         waits.waits();
-        let outside = watchdog.watched_from_outside(Duration::from_millis(300), report(&to));
+        let outside =
+            watchdog.watched_from_outside(Duration::from_millis(300), report(&to)).unwrap();
         for _ in 0..40 {
             hangs.works();
             std::thread::sleep(Duration::from_millis(15));
@@ -371,9 +416,27 @@ mod tests {
         assert!(reports.try_recv().is_err(), "it made progress");
         drop(outside);
 
-        let _outside = watchdog.watched_from_outside(Duration::from_millis(300), report(&to));
+        let _outside =
+            watchdog.watched_from_outside(Duration::from_millis(300), report(&to)).unwrap();
         hangs.works();
         let error = reports.recv_timeout(Duration::from_secs(30)).unwrap().to_string();
         assert_eq!(error, "system, supervisor, watch: no answer from mp in 0.3 s");
+    }
+
+    /// Under virtual time the actor that asked for the work counts as waiting.
+    #[test]
+    fn watchdog_thread_reports_hanging_inline_work() {
+        let watchdog = Watchdog::default();
+        let (to, reports) = std::sync::mpsc::channel();
+        let report = move |error| to.send(error).unwrap();
+        let _outside = watchdog.watched_from_outside(Duration::from_millis(50), report).unwrap();
+
+        assert_eq!(watchdog.watch_inline("the planner", || 7), 7);
+        let error = watchdog.watch_inline("the image worker", || {
+            reports.recv_timeout(Duration::from_secs(30)).unwrap().to_string()
+        });
+
+        let silent = "system, supervisor, watch: no answer from the image worker in 0.3 s";
+        assert_eq!(error, silent);
     }
 }

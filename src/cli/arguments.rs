@@ -1,6 +1,7 @@
 //! Arguments that several commands take.
 
 use crate::scenario::{self, Override, Scenario};
+use crate::vision::Lens;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -56,10 +57,55 @@ pub(super) fn not_negative(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Checks that the principal point of a lens is in a picture of this size. A point outside belongs
+/// to a lens of another resolution, with which a pose is wrong although its residual is small.
+///
+/// # Errors
+/// The point, the size of the picture, and the size to which the lens may belong.
+pub(super) fn check_centre(lens: &Lens, width: u32, height: u32) -> Result<(), String> {
+    let (x, y) = lens.centre;
+    // The centre of pixel 0 is 0, so its border is half a pixel before it.
+    let inside = |at: f64, size: u32| (-0.5..=f64::from(size) - 0.5).contains(&at);
+    if inside(x, width) && inside(y, height) {
+        return Ok(());
+    }
+    // The point is near the middle of the picture for which it was calibrated.
+    let size = |at: f64| (2.0 * at + 1.0).round();
+    let of = if x > 0.0 && y > 0.0 {
+        format!(" (some {} x {} px)", size(x), size(y))
+    } else {
+        String::new()
+    };
+    Err(format!(
+        "the principal point ({x}, {y}) is outside of the picture of {width} x {height} px: the \
+         optics seem to be of another resolution{of}: scale fx, fy, cx and cy to this one"
+    ))
+}
+
 /// Parses the value of an option that must be a finite number above 0.
 pub(super) fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(x) if x.is_finite() && x > 0.0 => Ok(x),
         _ => Err("must be a number above 0".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn principal_point_outside_picture_is_refused() {
+        let at =
+            |centre| Lens { focal: (600.0, 600.0), centre, radial: [0.0; 3], tangential: [0.0; 2] };
+
+        for centre in [(159.5, 119.5), (-0.5, 0.0), (319.5, 239.5)] {
+            assert_eq!(check_centre(&at(centre), 320, 240), Ok(()));
+        }
+        for centre in [(639.5, 119.5), (159.5, -1.0), (159.5, 240.0), (f64::NAN, 119.5)] {
+            assert!(check_centre(&at(centre), 320, 240).is_err(), "{centre:?}");
+        }
+        let why = check_centre(&at((639.5, 479.5)), 320, 240).unwrap_err();
+        assert!(why.contains("320 x 240 px") && why.contains("(some 1280 x 960 px)"), "{why}");
     }
 }

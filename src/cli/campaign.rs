@@ -16,12 +16,12 @@ use crate::campaign::soak::{Soak, soak};
 use crate::campaign::state::{self, Header, MOST_RUNS, Shard, State, Unusable};
 use crate::campaign::tally::Tally;
 use crate::campaign::vary::{Drawn, Variations};
-use crate::hw::text;
-use crate::record::journal;
+use crate::hw::{new_file, text};
 use crate::record::place::Place;
 use crate::record::running_program;
 use crate::run;
 use crate::scenario::{self, CameraSource, Override, Scenario};
+use crate::tables;
 use anyhow::Context as _;
 use clap::{Args, Subcommand};
 use std::collections::BTreeMap;
@@ -302,10 +302,6 @@ pub(super) fn writable(path: &Path) -> Result<(), String> {
     if path.exists() && !path.is_file() {
         return Ok(());
     }
-    if path.symlink_metadata().is_ok() && !path.exists() {
-        // A link to a file that does not exist yet: creating the target here would leave it.
-        return Ok(());
-    }
     // Creating and removing the temporary file tries all rights that the report needs.
     let tried = Place::create(path).and_then(|(_, place)| place.discard());
     tried.map_err(|why| format!("-o: {shown}: {why}"))
@@ -453,7 +449,7 @@ impl Campaign {
             }
             jobs.push(Job { seed, set: drawn.iter().map(Drawn::option).collect() });
         }
-        let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        let cores = tables::cores();
         let runner = Runner {
             program: running_program().map_err(|e| format!("this program: {e}"))?,
             scenario: path.clone(),
@@ -468,15 +464,10 @@ impl Campaign {
 
     /// Takes the results of a state file and appends new results to it.
     fn keep_in(&mut self, path: &Path) -> Result<(), String> {
-        let mut file = File::options()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .open(path)
-            .map_err(|e| e.to_string())?;
+        let own = new_file::resolve(path).and_then(|path| new_file::open_or_create(&path));
+        let mut file = own.map_err(|e| e.to_string())?;
         // The lock of the file is released when its process ends, even if it is killed.
-        if !journal::is_ours(&file, path) {
+        if !new_file::is_ours(&file, path) {
             return Err("another campaign is writing it: name another file".to_owned());
         }
         match State::read(BufReader::new(&file)) {

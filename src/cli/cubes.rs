@@ -234,7 +234,7 @@ pub(crate) fn scan(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
         let mut rgb = [[0.0; 3]; 54];
         for (face, path) in images.iter().enumerate() {
             let path = path.as_ref();
-            let sighting = load(path).and_then(|image| {
+            let sighting = load(path).map_err(anyhow::Error::from).and_then(|image| {
                 let faces = detect(&image, None, &DetectorSettings::default());
                 let face = faces.map_err(|r| anyhow!("{}: {r}", path.display()))?;
                 dominant(face).ok_or_else(|| anyhow!("{}: no face was found", path.display()))

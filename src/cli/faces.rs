@@ -52,7 +52,7 @@ pub(super) fn face(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
     let (mut text, mut all) = (String::new(), true);
     for path in images {
         let name = path.as_ref().display().to_string();
-        let found = load(path.as_ref()).and_then(|image| {
+        let found = load(path.as_ref()).map_err(anyhow::Error::from).and_then(|image| {
             detect(&image, None, &DetectorSettings::default()).map_err(|refusal| anyhow!(refusal))
         });
         // A picture without a face does not end the others.

@@ -17,6 +17,7 @@ use crate::operator::Snapshot;
 use crate::run::show::Show;
 use crate::scenario::ControllerConfig;
 use crate::spatial::Pose;
+use crate::tables;
 use clap::Args;
 use color_quant::NeuQuant;
 use gif::{DisposalMethod, Encoder, Frame, Repeat};
@@ -102,7 +103,7 @@ impl Shot {
     fn drawn(&self, controller: &ControllerConfig, size: (u32, u32)) -> Vec<RgbImage> {
         let setting = Setting::of(&controller.cell);
         // Each core draws a part of consecutive scenes, which keeps their order.
-        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let cores = tables::cores();
         let each = self.scenes.len().div_ceil(cores).max(1);
         let draw = |scene: &Scene| seen(scene, &setting, &self.view, size);
         std::thread::scope(|scope| {

@@ -5,7 +5,7 @@
 //!   `manifest.jsonl` (a line for each face, as `vision eval` reads it)
 
 use super::arguments::{ScenarioArgs, positive};
-use super::output::{WRONG, complain};
+use super::output::{WRONG, complain, save, save_picture};
 use crate::cell::{Camera, Intrinsics, Mount};
 use crate::hw::plant::render::{Look, Renderer, Setting, cube_alone};
 use crate::hw::text;
@@ -233,9 +233,7 @@ pub(super) fn render(args: &RenderArgs) -> Result<(String, u8)> {
         // Each sticker has a random colour, so most cubes are impossible: only poses are checked.
         let facelets: [u8; 54] = std::array::from_fn(|_| random.random_range(0..6));
         let shot = Shot { camera, camera_from_cube, edge, facelets };
-        picture(args, &scenario, number, &shot)
-            .save(args.output.join(&image))
-            .with_context(|| args.output.join(&image).display().to_string())?;
+        save_picture(&args.output.join(&image), &picture(args, &scenario, number, &shot))?;
         let truth = shot.truth(image);
         visible += truth.faces.len();
         manifest += &manifest_lines(&truth);
@@ -245,7 +243,7 @@ pub(super) fn render(args: &RenderArgs) -> Result<(String, u8)> {
     for (path, text) in
         [(frames_of(&args.output), frames), (args.output.join("manifest.jsonl"), manifest)]
     {
-        std::fs::write(&path, text).with_context(|| path.display().to_string())?;
+        save(&path, text.as_bytes())?;
     }
     let summary = format!(
         "{}: {} frames of camera {}, {visible} faces, truth in frames.jsonl and manifest.jsonl\n",

@@ -7,9 +7,10 @@
 //! |---|---|---|
 //! | the face is another object | [`LEAST_CONFIDENCE`] | a wrong face gives a wrong pose |
 //! | the edges are not those of a cube | [`RESIDUAL`] | then the pose is wrong |
+//! | optics of another resolution | [`check_centre`] | the pose has a small residual and is wrong |
 //! | wrong report | [`ASTRAY`] | the pose is of another object, and not an error of a pose |
 
-use super::arguments::positive;
+use super::arguments::{check_centre, positive};
 use super::frames::{FrameTruth, Optics, rows};
 use super::image_file::load;
 use crate::spatial::Pose;
@@ -115,6 +116,7 @@ const RESIDUAL: f64 = 2.0;
 /// # Errors
 /// Reason why there is no pose.
 fn find(image: &image::RgbImage, lens: &Lens, edge: f64) -> Result<CubeLocation> {
+    check_centre(lens, image.width(), image.height()).map_err(anyhow::Error::msg)?;
     let settings =
         DetectorSettings { least_confidence: LEAST_CONFIDENCE, ..DetectorSettings::default() };
     let faces = detect(image, None, &settings)?;
@@ -139,7 +141,7 @@ pub(super) fn locate(args: &LocateArgs) -> (String, bool) {
     let (mut text, mut all) = (String::new(), true);
     for path in &args.images {
         let name = path.display().to_string();
-        let found = load(path).and_then(|image| {
+        let found = load(path).map_err(anyhow::Error::from).and_then(|image| {
             find(&image, &args.optics.lens(image.width(), image.height()), args.cube_mm * 1e-3)
         });
         all &= found.is_ok();

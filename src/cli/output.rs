@@ -4,8 +4,10 @@
 //! - a file is written beside its final path and renamed when it is complete
 //! - a command never writes to a file that it reads, nor two outputs to one file
 
+use crate::hw::text::printable;
 use crate::record::place::Place;
 use anyhow::Context as _;
+use image::{ImageFormat, RgbImage};
 use std::fmt;
 use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -30,10 +32,10 @@ pub(super) fn refuse(reason: impl fmt::Display) -> anyhow::Error {
     anyhow::Error::new(Refused(reason.to_string()))
 }
 
-/// Prints a line to stderr: an error, a warning or progress. A closed stderr is ignored, because
-/// there is no other place to report it.
+/// Prints a line to stderr: an error, a warning or progress. Control characters are spelled out. A
+/// closed stderr is ignored, because there is no other place to report it.
 pub(super) fn complain(text: &str) {
-    let _ = writeln!(std::io::stderr(), "{text}");
+    let _ = writeln!(std::io::stderr(), "{}", printable(text));
 }
 
 /// Writes a file. An existing file of that name is replaced only when the new one is complete.
@@ -43,9 +45,7 @@ pub(super) fn complain(text: &str) {
 pub(crate) fn save(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     let write = || -> io::Result<()> {
         let (mut file, mut place) = Place::create(path)?;
-        let regular = place.is_temporary();
-        let written =
-            file.write_all(bytes).and_then(|()| if regular { file.sync_data() } else { Ok(()) });
+        let written = file.write_all(bytes).and_then(|()| place.sync());
         if let Err(why) = written.and_then(|()| place.rename_to_final()) {
             // An incomplete file is of no use.
             let _ = place.discard();
@@ -54,6 +54,16 @@ pub(crate) fn save(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
         Ok(())
     };
     write().with_context(|| path.display().to_string())
+}
+
+/// Writes a picture as a PNG file, like [`save`].
+///
+/// # Errors
+/// As [`save`]; error of the encoder, with the file's name.
+pub(crate) fn save_picture(path: &Path, picture: &RgbImage) -> anyhow::Result<()> {
+    let mut png = io::Cursor::new(Vec::new());
+    picture.write_to(&mut png, ImageFormat::Png).with_context(|| path.display().to_string())?;
+    save(path, png.get_ref())
 }
 
 /// File of a command: its role in words, and its path if one is given.
@@ -168,21 +178,21 @@ impl<W: Write> Output<W> {
         Self { to: BufWriter::new(to), closed: false }
     }
 
-    /// Writes a line.
+    /// Writes a line. Control characters of other people's texts are spelled out.
     ///
     /// # Errors
     /// Error of the device, except a closed pipe.
     pub(crate) fn line(&mut self, text: &str) -> anyhow::Result<()> {
-        let written = writeln!(self.to, "{text}");
+        let written = writeln!(self.to, "{}", printable(text));
         self.take(written)
     }
 
-    /// Writes text as it is.
+    /// Writes text without a line break at its end.
     ///
     /// # Errors
     /// As [`Output::line`].
     pub(crate) fn text(&mut self, text: &str) -> anyhow::Result<()> {
-        let written = self.to.write_all(text.as_bytes());
+        let written = self.to.write_all(printable(text).as_bytes());
         self.take(written)
     }
 
@@ -247,6 +257,18 @@ mod tests {
         output.flush().unwrap();
 
         assert!(output.is_closed());
+    }
+
+    #[test]
+    fn output_sends_no_orders_to_the_terminal() {
+        let mut output = Output::new(Vec::new());
+
+        output.line("name \x1b]0;x\x07").unwrap();
+        output.text("a\x1bc\n").unwrap();
+        output.flush().unwrap();
+
+        let written = output.to.into_inner().unwrap();
+        assert_eq!(String::from_utf8(written).unwrap(), "name \\u001b]0;x\\u0007\na\\u001bc\n");
     }
 
     #[test]

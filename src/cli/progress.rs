@@ -1,6 +1,7 @@
 //! Progress of long work on stderr: a bar on a terminal, otherwise a line every 5 s.
 
 use super::output::complain;
+use crate::hw::text::printable;
 use crate::solver::table::TableSpec;
 use crate::tables::News;
 use std::io::{IsTerminal, Write};
@@ -62,7 +63,7 @@ impl Bar {
     /// Prints a line above the bar.
     pub(super) fn say(&self, text: &str) {
         let clear = if self.terminal { "\r\x1b[K" } else { "" };
-        let _ = writeln!(std::io::stderr(), "{clear}{text}");
+        let _ = writeln!(std::io::stderr(), "{clear}{}", printable(text));
     }
 
     /// Replaces the bar by a line with the result and the time.

@@ -103,6 +103,9 @@ pub(super) fn result_message(path: &Path, written: &Written) -> String {
     // A run that failed before its first period must not destroy an older recording.
     if let Some(aside) = &written.aside {
         let (path, aside) = (path.display(), aside.display());
+        if written.failure.is_some() {
+            return format!("recorded {aside}: {written}; {path} is as it was");
+        }
         return format!(
             "recorded {aside}: {written}; {path} is as it was: a recording without a servo period \
              does not replace another one"

@@ -56,7 +56,9 @@ pub(super) fn run(args: &RecoverArgs) -> anyhow::Result<u8> {
         complain(&format!("{path}: no message can be read, so nothing is written; {end}"));
         return Ok(1);
     }
-    place.rename_to_final()?;
+    place.sync().and_then(|()| place.rename_to_final()).inspect_err(|_| {
+        complain(&format!("{}: the recording is not complete", place.at().display()));
+    })?;
     let (count, seconds) = (saved.messages, saved.span as f64 * 1e-9);
     complain(&format!("{}: {count} messages, {seconds:.2} s; {end}", args.output.display()));
     Ok(0)

@@ -11,6 +11,7 @@ use super::ui::{Ui, UiArgs};
 use crate::actors::control::is_speed;
 use crate::desk::Desk;
 use crate::error::{Error, NonFatal};
+use crate::hw::driver::missing_core;
 use crate::record::place::Place;
 use crate::record::recorder::Recorder;
 use crate::record::summary::{EndedBy, Summary};
@@ -189,6 +190,11 @@ impl RunArgs {
         // Real-time rights have a meaning on the wall clock only.
         if self.require_rt && scenario.pace != Pace::RealTime {
             return Err(refuse("--require-rt: the pace is virtual: add --pace real-time"));
+        }
+        // A servo that runs on any core instead is late at times, which the key was set to prevent.
+        let core = scenario.real_time.core.filter(|_| scenario.pace == Pace::RealTime);
+        if let Some(why) = core.and_then(|core| missing_core(core as usize)) {
+            return Err(refuse(format!("real_time.core: {why}: set one of these, or none")));
         }
         if !is_speed(self.speed) {
             let reason = "must be a factor of 0.01 or more, or 0 for as fast as possible";

@@ -1,18 +1,19 @@
 //! `rubik-robot solve` and `rubik-robot scramble`: solves cubes, and draws them.
 //!
-//! - in: a cube or a scramble; or cubes on stdin, one a line; or a seed
+//! - in: a cube or a scramble; or cubes on stdin; or a seed
 //! - out: turns, as text or as a line of JSON for each cube, in the order of the cubes
 //! - exit code of `solve`: 1 if a cube has no solution within the limits, 2 if a cube is refused
 
+use super::cube_lines::cubes;
 use super::engine::{Answer, Engine, Limits, Mode, Unsolved, two_phase_tables};
-use super::output::{Output, WRONG, complain, next_line, refuse};
+use super::output::{Output, WRONG, complain, refuse};
 use super::tables::Folder;
 use crate::cube::{
     Cube, Facelets, ImpossibleCube, ParseFacelets, ParseMoves, Repair, after_moves, format_turns,
     parse_moves,
 };
 use crate::solver::{Budget, solve};
-use crate::tables::{Residence, Threads};
+use crate::tables::{Residence, Threads, cores};
 use clap::Args;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -25,7 +26,9 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 pub(super) struct SolveArgs {
     /// Cube: 54 letters URFDLB, each face in reading order; - for stdin
     ///
-    /// Stdin has one cube per line.
+    /// Stdin has one cube per line. A cube may also have six lines of 9 letters, or the lines of a
+    /// net (3 of 3, 3 of 12 with L F R B, 3 of 3). Blanks do not count. Colours (w r o y g b) are
+    /// named by the centres.
     #[arg(required_unless_present = "scramble", conflicts_with = "scramble")]
     cube: Option<String>,
     /// Scramble to solve: the moves that scramble a solved cube
@@ -47,7 +50,7 @@ pub(super) struct SolveArgs {
     /// Number of states to search: the best solution in them is the same each time
     #[arg(long, value_name = "N")]
     budget_nodes: Option<u64>,
-    /// Number of threads [default: number of cores]
+    /// Number of threads [default: number of cores that this process may use]
     ///
     /// With --budget-ms, and for a shortest solution, all threads search for one cube. Otherwise
     /// each thread solves a cube of its own.
@@ -113,6 +116,8 @@ impl Refusal {
         match self {
             Self::Facelets(ParseFacelets::Length(_)) => "length",
             Self::Facelets(ParseFacelets::Letter { .. }) => "letter",
+            Self::Facelets(ParseFacelets::Layout(_)) => "layout",
+            Self::Facelets(ParseFacelets::Colours) => "colours",
             Self::Impossible(reason, _) | Self::Turned(reason, _) => reason.kind(),
             Self::Moves(_) => "moves",
             Self::Unsolved(Unsolved::None(_)) => "no-solution",
@@ -139,7 +144,7 @@ impl Refusal {
             Self::Facelets(ParseFacelets::Letter { place, .. }) => vec![place.to_string()],
             Self::Impossible(reason, _) | Self::Turned(reason, _) => reason.places(),
             Self::Moves(reason) => vec![reason.token.clone()],
-            Self::Facelets(ParseFacelets::Length(_)) | Self::Unsolved(_) => Vec::new(),
+            Self::Facelets(_) | Self::Unsolved(_) => Vec::new(),
         }
     }
 
@@ -270,9 +275,7 @@ fn json_line(facelets: &Facelets, answer: &Answer) -> String {
 
 /// Solves the cube of the arguments, or those on stdin; returns the exit code.
 pub(super) fn run(args: &SolveArgs, output: &mut Output) -> anyhow::Result<u8> {
-    let threads = args
-        .threads
-        .map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from);
+    let threads = args.threads.map_or_else(cores, usize::from);
     let goal = args
         .to
         .as_deref()
@@ -345,10 +348,7 @@ fn print_refusal(
     Ok(WRONG)
 }
 
-/// Largest length of a line with a cube (bytes). A scramble has hundreds.
-const LONGEST: usize = 1 << 16;
-
-/// Answers the lines of stdin in their order, several at a time.
+/// Answers the cubes of stdin in their order, several at a time.
 ///
 /// It does not wait for the threads to end: one of them may block in a read of stdin when the
 /// reader of the answers has left.
@@ -357,18 +357,7 @@ fn answer_stream(desk: &Arc<Desk>, workers: usize, output: &mut Output) -> anyho
     let (lines, todo) = sync_channel::<(usize, std::io::Result<String>)>(workers * 4);
     let (answers, done) = sync_channel::<(usize, std::io::Result<Line>)>(workers * 4);
     std::thread::spawn(move || {
-        // A line that is no text is refused as any wrong line; the next lines are answered.
-        let mut stdin = std::io::stdin().lock();
-        let mut line = Vec::new();
-        let cubes = std::iter::from_fn(|| {
-            let read = next_line(&mut stdin, LONGEST, &mut line).transpose()?;
-            // A longer line is no cube, even if it begins like one.
-            let cube = || String::from_utf8_lossy(&line).into_owned();
-            let long = || format!("a line of more than {LONGEST} bytes");
-            Some(read.map(|whole| if whole { cube() } else { long() }))
-        });
-        let cubes = cubes.filter(|l| l.as_ref().is_ok_and(|l| !l.trim().is_empty()) || l.is_err());
-        for numbered in cubes.enumerate() {
+        for numbered in cubes(std::io::stdin().lock()).enumerate() {
             // An error of reading is passed on and ends the input.
             let ends = numbered.1.is_err();
             if lines.send(numbered).is_err() || ends {

@@ -5,8 +5,9 @@
 //!   colours on the dimmed picture; a picture of the result, with the paper's square and the faces
 //!   of the default detector; with optics also the pose from the square's four corner tiles
 
-use super::arguments::positive;
+use super::arguments::{check_centre, positive};
 use super::image_file::load;
+use super::output::save_picture;
 use crate::spatial::Pose;
 use crate::vision::homography::Point;
 use crate::vision::paper::{Filters, Square, Stages, classes};
@@ -53,10 +54,13 @@ pub(super) struct StagesArgs {
 
 impl StagesArgs {
     /// Returns the lens for a picture, without distortion; `None` without optics.
-    fn lens(&self, image: &RgbImage) -> Option<Lens> {
+    ///
+    /// # Errors
+    /// Reason why the lens is not that of this picture.
+    fn lens(&self, image: &RgbImage) -> Result<Option<Lens>> {
         let middle = |n: u32| 0.5 * (f64::from(n) - 1.0);
-        let fx = self.fx?;
-        Some(Lens {
+        let Some(fx) = self.fx else { return Ok(None) };
+        let lens = Lens {
             focal: (fx, self.fy.unwrap_or(fx)),
             centre: (
                 self.cx.unwrap_or(middle(image.width())),
@@ -64,7 +68,9 @@ impl StagesArgs {
             ),
             radial: [0.0; 3],
             tangential: [0.0; 2],
-        })
+        };
+        check_centre(&lens, image.width(), image.height()).map_err(anyhow::Error::msg)?;
+        Ok(Some(lens))
     }
 }
 
@@ -82,9 +88,13 @@ pub(super) fn stages(args: &StagesArgs) -> Result<(String, bool)> {
     }
     for path in images {
         let name = path.display().to_string();
-        // A picture that cannot be read gets a line and does not end the others.
-        let image = match load(path) {
-            Ok(image) => image,
+        // A picture that cannot be read, or is not that of the optics, gets a line and does not end
+        // the others.
+        let read = load(path)
+            .map_err(anyhow::Error::from)
+            .and_then(|image| Ok((args.lens(&image)?, image)));
+        let (lens, image) = match read {
+            Ok(read) => read,
             Err(reason) => {
                 all = false;
                 let reason = format!("{reason:#}");
@@ -101,7 +111,7 @@ pub(super) fn stages(args: &StagesArgs) -> Result<(String, bool)> {
         let stages = Stages::run(image.as_raw(), width, height, &Filters::default());
         let square = stages.square();
         // Without optics a square has no pose.
-        let pose = square.as_ref().ok().zip(args.lens(&image)).and_then(|(square, lens)| {
+        let pose = square.as_ref().ok().zip(lens).and_then(|(square, lens)| {
             let pose = pose::locate(&square.face()?, lens, args.cube_mm * 1e-3);
             pose.residual_px.is_finite().then_some(pose)
         });
@@ -206,7 +216,7 @@ impl Found {
         let mut files = Vec::new();
         let mut save = |picture: &RgbImage, name: &str| -> Result<()> {
             let file = folder.join(format!("{stem}-{name}.png"));
-            picture.save(&file).with_context(|| format!("{}", file.display()))?;
+            save_picture(&file, picture)?;
             files.push(file.display().to_string());
             Ok(())
         };

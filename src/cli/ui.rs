@@ -11,8 +11,8 @@ use crate::tui;
 use crate::web::Server;
 use anyhow::{Context, anyhow};
 use clap::{Args, ValueEnum};
-use std::io::{IsTerminal, Write};
-use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::io::{ErrorKind, IsTerminal, Write};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -22,6 +22,9 @@ const PORT: u16 = 8780;
 /// Number of ports that are tried. The first ones may be in use by other runs.
 const PORTS: u16 = 10;
 
+/// Name of the loopback address.
+const LOCALHOST: &str = "localhost";
+
 /// Options of the commands that show a run.
 #[derive(Debug, Clone, Args)]
 pub(super) struct UiArgs {
@@ -30,7 +33,7 @@ pub(super) struct UiArgs {
     /// The default is web at a terminal, and none otherwise.
     #[arg(long, value_enum, value_name = "UI")]
     pub(super) ui: Option<UiKind>,
-    /// Address of the page: ADDRESS:PORT, an address, or a port
+    /// Address of the page: ADDRESS:PORT, an address (also localhost), or a port
     ///
     /// The default is 127.0.0.1 and a free port from 8780 on. Any other address needs the token
     /// that is printed with it.
@@ -87,10 +90,12 @@ impl UiArgs {
     fn serve(&self, desk: &UiEnd) -> anyhow::Result<Server> {
         if let Some(text) = &self.listen {
             let address = address(text).ok_or_else(|| {
-                anyhow!("--listen {text}: must be ADDRESS:PORT, an address or a port")
+                anyhow!(
+                    "--listen {text}: must be ADDRESS:PORT, an address or a port, as in \
+                     127.0.0.1:8780, [::1], localhost:8780 or 8780"
+                )
             })?;
-            return Server::start(desk.clone(), address)
-                .with_context(|| format!("the page cannot listen on {address}"));
+            return Server::start(desk.clone(), address).map_err(|error| unheard(address, &error));
         }
         let mut last = None;
         // Each run of this machine has a page of its own.
@@ -107,13 +112,45 @@ impl UiArgs {
     }
 }
 
+/// Returns the error of a page that cannot listen on an address, with what to do.
+fn unheard(address: SocketAddr, error: &std::io::Error) -> anyhow::Error {
+    let port = address.port();
+    let why = match error.kind() {
+        ErrorKind::AddrInUse => format!(
+            "port {port} is in use, perhaps by another run of this program (`ss -ltnp sport = \
+             :{port}` names the process): without --listen the page takes a free port, \
+             {PORT} or the next ones"
+        ),
+        ErrorKind::AddrNotAvailable => {
+            "this machine has no such address: `ip address` lists them".to_owned()
+        }
+        ErrorKind::PermissionDenied => {
+            format!("port {port} needs a right of its own: name a port from 1024 on")
+        }
+        _ => error.to_string(),
+    };
+    anyhow!("the page cannot listen on {address}: {why}")
+}
+
 /// Parses the value of `--listen`. A port alone is of the loopback address.
 fn address(text: &str) -> Option<SocketAddr> {
-    let port_of = |text: &str| text.trim_start_matches(':').parse::<u16>().ok();
+    let port = |text: &str| text.parse::<u16>().ok();
+    // The name of the loopback is resolved here; the printed address has the number.
+    let named = text.get(..LOCALHOST.len()).is_some_and(|n| n.eq_ignore_ascii_case(LOCALHOST));
+    if named {
+        let rest = &text[LOCALHOST.len()..];
+        let port = if rest.is_empty() { Some(PORT) } else { rest.strip_prefix(':').and_then(port) };
+        return port.map(|port| SocketAddr::from((Ipv4Addr::LOCALHOST, port)));
+    }
     text.parse().ok().or_else(|| {
-        // An address alone has the default port.
-        let ip = text.parse::<IpAddr>().ok().map(|ip| SocketAddr::from((ip, PORT)));
-        ip.or_else(|| port_of(text).map(|port| SocketAddr::from((Ipv4Addr::LOCALHOST, port))))
+        // An address alone has the default port. That of IPv6 may be in brackets, as before a port.
+        let bare = text.strip_prefix('[').and_then(|text| text.strip_suffix(']'));
+        let six = bare.and_then(|text| text.parse::<Ipv6Addr>().ok()).map(IpAddr::V6);
+        let ip = six.or_else(|| text.parse().ok()).map(|ip| SocketAddr::from((ip, PORT)));
+        ip.or_else(|| {
+            let port = port(text.strip_prefix(':').unwrap_or(text));
+            port.map(|port| SocketAddr::from((Ipv4Addr::LOCALHOST, port)))
+        })
     })
 }
 
@@ -258,6 +295,15 @@ mod tests {
             ("9001", Some("127.0.0.1:9001")),
             (":9001", Some("127.0.0.1:9001")),
             ("[::1]:9002", Some("[::1]:9002")),
+            ("::1", Some("[::1]:8780")),
+            ("[::1]", Some("[::1]:8780")),
+            ("localhost", Some("127.0.0.1:8780")),
+            ("localhost:9003", Some("127.0.0.1:9003")),
+            ("Localhost:9003", Some("127.0.0.1:9003")),
+            ("localhost:", None),
+            ("localhost.example:9003", None),
+            ("[127.0.0.1]", None),
+            ("::9001", Some("[::9001]:8780")),
             ("everywhere", None),
         ] {
             assert_eq!(address(text), wanted.map(|w| w.parse().unwrap()), "{text}");

@@ -439,6 +439,10 @@ fn parse(text: &str) -> Result<Devices, (usize, String)> {
     let wrong = |error: toml::de::Error| {
         (error.span().map_or(0, |span| span.start), error.message().to_owned())
     };
+    if let Some(line) = super::text::deep_line(text) {
+        let start = text.split_inclusive('\n').take(line - 1).map(str::len).sum();
+        return Err((start, format!("a key has more than {} parts", super::text::MOST_PARTS)));
+    }
     let devices = toml::from_str(text).map_err(wrong)?;
     // A second pass finds the positions of the names, which `Devices` does not keep.
     let lines: Lines = toml::from_str(text).map_err(wrong)?;

@@ -4,6 +4,7 @@
 //! - out: one frame for each call; after the last file [`NoFrame`]
 
 use super::camera::{Frame, FrameSource, NoFrame};
+use super::image_file::load_frame;
 use std::path::{Path, PathBuf};
 
 /// Frames from files.
@@ -44,14 +45,33 @@ impl FrameSource for FolderCamera {
         let Some(file) = self.files.next() else {
             return Err(refuse("the folder has no more files".into()));
         };
-        let image = image::open(&file).map_err(|e| refuse(format!("{}: {e}", file.display())))?;
-        Ok(Frame { period, image: image.to_rgb8() })
+        let image = load_frame(&file).map_err(|why| refuse(why.to_string()))?;
+        Ok(Frame { period, image })
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tables::testing::{Folder, make_pipe};
+
+    /// A damaged file and a pipe cost one frame each, not the run.
+    #[test]
+    fn folder_skips_unreadable_files() {
+        let folder = Folder::new("folder-bad");
+        let palette = include_bytes!("../../tests/corpus/image/palette-of-four-bytes.png");
+        std::fs::write(folder.0.join("a.png"), palette).unwrap();
+        make_pipe(&folder.0.join("b.png"));
+        image::RgbImage::new(4, 4).save(folder.0.join("c.png")).unwrap();
+
+        let mut camera = FolderCamera::open("files", &folder.0).unwrap();
+
+        let why = camera.grab(0, 1.0).unwrap_err().reason;
+        assert!(why.ends_with("its palette ends within a colour"), "{why}");
+        let why = camera.grab(1, 1.0).unwrap_err().reason;
+        assert!(why.ends_with("b.png: not a regular file"), "{why}");
+        assert!(camera.grab(2, 1.0).is_ok());
+    }
 
     #[test]
     fn folder_delivers_files_by_name_then_ends() {

@@ -4,9 +4,13 @@
 //! - out: the text of the file
 //! - [`read`] takes pipes as well, and refuses a file without end when the greatest size is reached
 //! - [`open`] takes regular files only, so it never waits
+//! - [`deep_line`] and [`printable`] guard against texts of other people: against keys that are
+//!   nested so deeply that a parser overflows the stack, and against orders to the terminal
 
+use std::borrow::Cow;
+use std::fmt::Write as _;
 use std::fs::File;
-use std::io::{self, ErrorKind, Read as _};
+use std::io::{self, ErrorKind, Read};
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::Path;
 
@@ -14,6 +18,70 @@ use std::path::Path;
 pub const SCENARIO: u64 = 1 << 20;
 /// Greatest size of a list of pictures or cubes (bytes).
 pub const LIST: u64 = 64 << 20;
+
+/// Most parts of a dotted key of TOML; keys of this program have up to four.
+pub const MOST_PARTS: usize = 16;
+
+/// Finds a dotted key of TOML with more than [`MOST_PARTS`] parts; returns the number of its line,
+/// from 1. A parser makes a table for each part, and the drop of nested tables is recursive.
+#[must_use]
+pub fn deep_line(text: &str) -> Option<usize> {
+    text.lines().position(is_deep).map(|index| index + 1)
+}
+
+/// Returns whether a line may have a dotted key with too many parts. Values, texts and comments are
+/// not told from keys, since none has a long chain of dots between words.
+fn is_deep(line: &str) -> bool {
+    // A quoted part may contain any character, so the dots behind quotes count for the whole line.
+    let (mut plain, mut quoted, mut last, mut blank) = (0, 0, b' ', false);
+    for byte in line.bytes() {
+        // Blanks may stand beside a dot, but not between the words of a key.
+        if matches!(byte, b' ' | b'\t') {
+            blank = true;
+            continue;
+        }
+        if std::mem::take(&mut blank) && byte != b'.' && last != b'.' {
+            plain = 0;
+        }
+        match byte {
+            b'.' if matches!(last, b'"' | b'\'') => quoted += 1,
+            // Dots without a word between them are no key.
+            b'.' if last == b'.' => plain = 0,
+            b'.' => plain += 1,
+            b'-' | b'_' | b'"' | b'\'' => {}
+            _ if byte.is_ascii_alphanumeric() => {}
+            _ => plain = 0,
+        }
+        if plain >= MOST_PARTS || quoted >= MOST_PARTS {
+            return true;
+        }
+        last = byte;
+    }
+    false
+}
+
+/// Returns a text for a screen: each control character other than a line break and a tab is spelled
+/// out as in JSON, since a terminal would obey it. So are characters that change the direction of
+/// the text.
+#[must_use]
+pub fn printable(text: &str) -> Cow<'_, str> {
+    let is_order = |c: char| {
+        (c.is_control() && !matches!(c, '\n' | '\t'))
+            || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+    };
+    if !text.chars().any(is_order) {
+        return Cow::Borrowed(text);
+    }
+    let mut shown = String::with_capacity(text.len() + 8);
+    for c in text.chars() {
+        if is_order(c) {
+            let _ = write!(shown, "\\u{:04x}", c as u32);
+        } else {
+            shown.push(c);
+        }
+    }
+    Cow::Owned(shown)
+}
 
 /// Opens a regular file.
 ///
@@ -38,20 +106,38 @@ pub fn open(path: &Path) -> io::Result<File> {
 /// The errors of [`open`]; the file is not UTF-8, or larger than `most` (bytes).
 pub fn open_text(path: &Path, most: u64) -> io::Result<(File, String)> {
     let file = open(path)?;
-    let text = text_of(&file, most)?;
+    let text = of(&file, most)?;
     Ok((file, text))
 }
 
-fn text_of(file: &File, most: u64) -> io::Result<String> {
+/// Reads a text to its end. Without a byte-order mark it is UTF-8; with one, which is not part of
+/// the text, it may be UTF-16 as well.
+///
+/// # Errors
+/// The error of the operating system; the text is in another encoding, or larger than `most`
+/// (bytes).
+pub fn of(from: impl Read, most: u64) -> io::Result<String> {
     let mut bytes = Vec::new();
     // One byte more than allowed distinguishes a file that is too large from one of the greatest
     // size. The size in the metadata would not do: pipes and devices have none.
-    if file.take(most + 1).read_to_end(&mut bytes)? as u64 > most {
+    if from.take(most + 1).read_to_end(&mut bytes)? as u64 > most {
         let mib = most >> 20;
         return Err(io::Error::new(ErrorKind::FileTooLarge, format!("larger than {mib} MiB")));
     }
+    let utf16 = |unit: fn([u8; 2]) -> u16| {
+        let (units, rest) = bytes[2..].as_chunks::<2>();
+        let text = String::from_utf16(&units.iter().map(|two| unit(*two)).collect::<Vec<_>>());
+        let damaged = "damaged text in UTF-16: save it as UTF-8";
+        text.ok().filter(|_| rest.is_empty()).ok_or(io::Error::new(ErrorKind::InvalidData, damaged))
+    };
+    match &bytes[..] {
+        [0xFF, 0xFE, ..] => return utf16(u16::from_le_bytes),
+        [0xFE, 0xFF, ..] => return utf16(u16::from_be_bytes),
+        [0xEF, 0xBB, 0xBF, ..] => drop(bytes.drain(..3)),
+        _ => {}
+    }
     String::from_utf8(bytes)
-        .map_err(|_| io::Error::new(ErrorKind::InvalidData, "not text in UTF-8"))
+        .map_err(|_| io::Error::new(ErrorKind::InvalidData, "not text in UTF-8: save it as UTF-8"))
 }
 
 /// Reads the text of a file or a pipe.
@@ -59,12 +145,47 @@ fn text_of(file: &File, most: u64) -> io::Result<String> {
 /// # Errors
 /// The error of the operating system; the text is not UTF-8, or larger than `most` (bytes).
 pub fn read(path: &Path, most: u64) -> io::Result<String> {
-    text_of(&File::open(path)?, most)
+    of(File::open(path)?, most)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tables::testing::make_pipe;
+
+    #[test]
+    fn deep_keys_are_found_in_every_spelling() {
+        let many = |part: &str| vec![part; 30_000].join(".");
+        for key in ["a", " a ", "\"a\"", "'='", "\"],\" ", "a.\"=\""] {
+            for line in [format!("{} = 1", many(key)), format!("[{}]", many(key))] {
+                assert_eq!(deep_line(&format!("x = 1\n{line}\n")), Some(2), "{key}");
+            }
+        }
+        // Evasion by a mixture is bounded by the square of the limit.
+        let mixed = format!("{} = 1", many("a.b.c.\"=\""));
+        assert!(deep_line(&mixed).is_some());
+        let numbers = vec!["1.5"; 1000].join(", ");
+        for harmless in [
+            "effector.track.gripper.palm_mm = 1.5",
+            "# and so on .................................... see 1.2.3.4 and a.b.c",
+            &format!("x = [{numbers}]"),
+            &format!("# {}", "A sentence of four words. ".repeat(30)),
+            "s = \"one. two. three. four. five. six. seven. eight. nine. ten. eleven.\"",
+        ] {
+            assert_eq!(deep_line(harmless), None, "{harmless}");
+        }
+    }
+
+    #[test]
+    fn printable_spells_out_orders_to_the_terminal() {
+        assert_eq!(printable("a\tb\nüß"), "a\tb\nüß");
+        assert_eq!(printable("\x1b[2J\r\x07\u{9b}x"), "\\u001b[2J\\u000d\\u0007\\u009bx");
+        assert_eq!(printable("\u{202e}x"), "\\u202ex");
+        // A line of JSON stays one.
+        let line = printable("{\"a\":\"\u{9b}\u{7f}\"}").into_owned();
+        let read: serde_json::Value = serde_json::from_str(&line).unwrap();
+        assert_eq!(read["a"], "\u{9b}\u{7f}");
+    }
 
     #[test]
     fn endless_or_too_large_file_is_refused() {
@@ -72,8 +193,7 @@ mod tests {
         std::fs::create_dir_all(&folder).unwrap();
         let (file, pipe) = (folder.join("file"), folder.join("pipe"));
         let told = |path: &Path| read(path, SCENARIO).unwrap_err().to_string();
-        let made = std::process::Command::new("mkfifo").arg(&pipe).status().unwrap();
-        assert!(made.success());
+        make_pipe(&pipe);
 
         for path in [Path::new("/dev/zero"), &pipe] {
             assert_eq!(open(path).unwrap_err().to_string(), "not a regular file");
@@ -91,7 +211,19 @@ mod tests {
         std::fs::write(&file, vec![b' '; SCENARIO as usize + 1]).unwrap();
         assert_eq!(told(&file), "larger than 1 MiB");
         std::fs::write(&file, b"\xff").unwrap();
-        assert_eq!(told(&file), "not text in UTF-8");
+        assert_eq!(told(&file), "not text in UTF-8: save it as UTF-8");
         std::fs::remove_dir_all(folder).unwrap();
+    }
+    #[test]
+    fn byte_order_mark_tells_the_encoding() {
+        let marked = "\u{feff}edge = 57\n";
+        let little: Vec<u8> = marked.encode_utf16().flat_map(u16::to_le_bytes).collect();
+        let big: Vec<u8> = marked.encode_utf16().flat_map(u16::to_be_bytes).collect();
+
+        for bytes in [marked.as_bytes(), &marked.as_bytes()[3..], &little, &big] {
+            assert_eq!(of(bytes, LIST).unwrap(), "edge = 57\n");
+        }
+        let odd = of(&little[..little.len() - 1], LIST).unwrap_err().to_string();
+        assert_eq!(odd, "damaged text in UTF-16: save it as UTF-8");
     }
 }

@@ -39,8 +39,8 @@ pub fn remedy(fault: &ArmFault) -> &'static str {
             "An actor hung: the console shows the messages before it. Start a new run."
         }
         ArmFault::Missed { .. } => {
-            "This machine does not keep time: `rubik-robot doctor` shows the remedies. Then start \
-             a new run."
+            "This machine does not keep time, or it was suspended: `rubik-robot doctor` shows the \
+             remedies. Then start a new run."
         }
         ArmFault::BridgeSilent { .. } => {
             "Check the bridge, its line and its supply, then start a new run."

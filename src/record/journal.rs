@@ -12,9 +12,10 @@
 //! | a line longer than `LONGEST` | refused with its number |
 //! | values beyond `FARTHEST` or `MOST_SHORT` | refused with the number of the line |
 
+use crate::hw::{new_file, text};
 use crate::tasks::Entry;
 use std::fmt::Debug;
-use std::fs::{File, TryLockError};
+use std::fs::File;
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
@@ -116,7 +117,7 @@ impl Journal {
     /// If the file is no journal, if another run writes it, or if a new journal would overwrite
     /// that of an unfinished run; error of the operating system.
     pub fn open(path: &Path, go_on: bool) -> Result<Self, Unreadable> {
-        Self::open_in(path, go_on, keep_name)
+        Self::open_in(path, go_on, new_file::keep_name)
     }
 
     /// Opens a journal as [`Journal::open`] does. `keeps_name` syncs the file's folder, so that a
@@ -129,8 +130,9 @@ impl Journal {
         if std::fs::metadata(path).is_ok_and(|found| !found.is_file()) {
             return Err(Unreadable::NoFile);
         }
-        let mut file = File::options().append(true).create(true).open(path)?;
-        if !is_ours(&file, path) {
+        let path = &new_file::resolve(path)?;
+        let mut file = new_file::open_or_create(path)?;
+        if !new_file::is_ours(&file, path) {
             return Err(Unreadable::Taken);
         }
         // The lock comes before the reading: no other run can add an entry in between.
@@ -178,7 +180,7 @@ impl Journal {
     pub(crate) fn given_up(self, why: &io::Error) -> String {
         let place = self.path.display();
         // Overwriting in place needs no space, so it works on a full disk.
-        let marked = File::options().write(true).open(&self.path).and_then(|mut file| {
+        let marked = new_file::overwrite(&self.path).and_then(|mut file| {
             file.write_all(GIVEN_UP)?;
             file.set_len(GIVEN_UP.len() as u64)?;
             file.sync_all()
@@ -198,7 +200,7 @@ impl Journal {
     /// # Errors
     /// If the file cannot be read, or is no journal.
     pub fn last(path: &Path) -> Result<Option<Entry>, Unreadable> {
-        let mut reader = match File::open(path) {
+        let mut reader = match text::open(path) {
             Ok(file) => BufReader::new(file),
             Err(why) if why.kind() == io::ErrorKind::NotFound => return Ok(None),
             Err(why) => return Err(why.into()),
@@ -259,44 +261,6 @@ fn plausible(entry: &Entry) -> Result<(), &'static str> {
 /// one goes. So the beginning of an entry that a crash cut off passes.
 fn may_begin_entry(bytes: &[u8]) -> bool {
     bytes.iter().zip(HEAD).all(|(byte, of_an_entry)| byte == of_an_entry)
-}
-
-/// Syncs the folder of a file, so that the file's name survives a power cut. A sync of the file
-/// itself covers only its content, so a new file could be lost.
-///
-/// # Errors
-/// Error of the operating system if the folder does not exist. Other errors are only logged.
-pub(crate) fn keep_name(path: &Path) -> io::Result<()> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    let folder = folder.unwrap_or(Path::new("."));
-    match File::open(folder).and_then(|folder| folder.sync_all()) {
-        Err(why) if why.kind() != io::ErrorKind::NotFound => {
-            // Some file systems and folders cannot be synced. The run is then only as safe as
-            // without this call, which is no reason to refuse it.
-            tracing::warn!(
-                "the folder {} cannot be synced: {why}; a power cut may lose a new file in it",
-                folder.display()
-            );
-            Ok(())
-        }
-        kept => kept,
-    }
-}
-
-/// Tries to lock `file`, which only one run may write. Returns `false` if another process has the
-/// lock. If the file system has no locks, the function logs a warning with `path` and returns
-/// `true`.
-#[must_use]
-pub(crate) fn is_ours(file: &File, path: &Path) -> bool {
-    match file.try_lock() {
-        Ok(()) => true,
-        Err(TryLockError::WouldBlock) => false,
-        Err(TryLockError::Error(why)) => {
-            // The file system has no locks.
-            tracing::warn!("{}: {why}", path.display());
-            true
-        }
-    }
 }
 
 #[cfg(test)]
@@ -411,10 +375,6 @@ mod tests {
             assert!(matches!(lost, Err(Unreadable::File(_))), "{lost:?}");
             std::fs::remove_file(path).unwrap();
         }
-        // In a folder that exists, and in one that does not.
-        keep_name(&place("name")).unwrap();
-        keep_name(Path::new("journal")).unwrap();
-        assert!(keep_name(&place("none").join("journal")).is_err());
     }
 
     #[test]

@@ -3,8 +3,8 @@
 //! an older recording of that name as it is.
 
 use super::reading::{Piece, open};
-use std::ffi::OsString;
-use std::fs::{File, OpenOptions};
+use crate::hw::new_file;
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
 /// Final and temporary path of a file that is being written.
@@ -14,52 +14,57 @@ pub(crate) struct Place {
     /// Temporary path; `None` once the file has its name. A device and a pipe have theirs from the
     /// beginning.
     part: Option<PathBuf>,
-    regular: bool,
+    /// The file, which stays locked as long as this or its writer lives; `None` for a device.
+    file: Option<File>,
 }
 
 impl Place {
-    /// Creates the file that will be at `path`, at first under its temporary path. A device, a
-    /// pipe, a stream of this process and the missing target of a link are opened at `path` itself
-    /// instead.
+    /// Creates the file that will be at `path`, at first under its temporary path. Both are locked
+    /// against other processes until the file is closed. A device, a pipe and a stream of this
+    /// process are opened at `path` itself instead. The open waits for no reader of a pipe.
     ///
     /// # Errors
-    /// Error of the operating system; also if `path` leads to a file that may not be written.
+    /// Error of the operating system; also if `path` leads to a file that may not be written or
+    /// that another process is writing, or by a link of another user.
     pub(crate) fn create(path: &Path) -> std::io::Result<(File, Self)> {
-        let there = std::fs::metadata(path).ok();
-        let regular = there.as_ref().is_none_or(std::fs::Metadata::is_file);
-        // A rename would replace the name of a stream, not the stream, and a link to a file that
-        // does not exist yet, not its target.
-        let named = !["/dev/fd", "/dev/stdin", "/dev/stdout", "/dev/stderr", "/proc"]
-            .iter()
-            .any(|stream| path.starts_with(stream))
-            && (there.is_some() || path.symlink_metadata().is_err());
-        if !regular || !named {
-            let place = Self { path: path.to_owned(), part: None, regular };
-            return Ok((File::create(path)?, place));
-        }
-        // A rename needs rights on the folder only. A write-protected file must not be replaced, so
-        // it is opened for writing first.
-        if there.is_some() {
-            OpenOptions::new().write(true).open(path)?;
+        let device = |path: &Path| {
+            let place = Self { path: path.to_owned(), part: None, file: None };
+            Ok((new_file::open_device(path)?, place))
+        };
+        // A rename would replace the name of a stream, not the stream.
+        let streams = ["/dev/fd", "/dev/stdin", "/dev/stdout", "/dev/stderr", "/proc"];
+        if streams.iter().any(|stream| path.starts_with(stream)) {
+            return device(path);
         }
         // Behind a link the target is replaced, not the link.
-        let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-        let part = Self::part_of(&path);
-        let file = File::create(&part)?;
-        if let Some(there) = there {
-            // The new file keeps the permissions of the old one. Some file systems have none, so a
-            // failure is no error.
-            let _ = file.set_permissions(there.permissions());
+        let path = new_file::resolve(path)?;
+        if path.symlink_metadata().is_ok_and(|there| !there.is_file()) {
+            return device(&path);
         }
-        Ok((file, Self { path, part: Some(part), regular }))
+        let part = Self::part_of(&path);
+        let file = new_file::create(&part)?;
+        // Only now: a run that has renamed its temporary file holds the lock of the final one.
+        let checked = new_file::replaceable(&path).and_then(|there| {
+            if let Some(there) = there {
+                // The new file keeps the permissions of the old one. Some file systems have none,
+                // so a failure is no error.
+                let _ = file.set_permissions(there.permissions());
+            }
+            file.try_clone()
+        });
+        match checked {
+            Ok(same) => Ok((file, Self { path, part: Some(part), file: Some(same) })),
+            Err(why) => {
+                let _ = std::fs::remove_file(&part);
+                Err(why)
+            }
+        }
     }
 
     /// Returns the temporary path of a file: its path followed by `.part`.
     #[must_use]
     pub(crate) fn part_of(path: &Path) -> PathBuf {
-        let mut part = OsString::from(path);
-        part.push(".part");
-        PathBuf::from(part)
+        new_file::beside(path, ".part")
     }
 
     /// Returns the path at which the file is now.
@@ -74,13 +79,21 @@ impl Place {
         self.part.is_some()
     }
 
-    /// Renames the file to its final path and replaces a file that is there.
+    /// Waits until the content of the file is on the disk; does nothing for a device.
     ///
     /// # Errors
     /// Error of the operating system.
+    pub(crate) fn sync(&self) -> std::io::Result<()> {
+        self.file.as_ref().map_or(Ok(()), File::sync_data)
+    }
+
+    /// Renames the file to its final path and replaces a file that is there.
+    ///
+    /// # Errors
+    /// Error of the operating system; the file still has its temporary path then.
     pub(crate) fn rename_to_final(&mut self) -> std::io::Result<()> {
         if let Some(part) = &self.part {
-            std::fs::rename(part, &self.path)?;
+            new_file::rename(part, &self.path, true)?;
             self.part = None;
         }
         Ok(())
@@ -109,7 +122,7 @@ impl Place {
     #[must_use]
     pub(crate) fn messages(&self) -> Option<u64> {
         // A pipe or a terminal would wait for input here.
-        let reading = if self.regular { open(self.at()).ok() } else { None };
+        let reading = self.file.as_ref().and_then(|_| open(self.at()).ok());
         let is_message = |piece: &Piece| matches!(piece, Piece::Message(_));
         reading.map(|reading| reading.filter(is_message).count() as u64)
     }
@@ -119,6 +132,7 @@ impl Place {
 #[allow(clippy::unwrap_used, reason = "a test")]
 mod tests {
     use super::*;
+    use crate::tables::testing::make_pipe;
     use std::io::Write as _;
 
     #[test]
@@ -141,6 +155,7 @@ mod tests {
         let (_, mut place) = Place::create(&path).unwrap();
         place.rename_if_free().unwrap();
         assert!(path.exists() && !place.is_temporary());
+        drop(place);
         let (_, place) = Place::create(&path).unwrap();
         place.discard().unwrap();
         assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1, "the temporary file is removed");
@@ -148,7 +163,8 @@ mod tests {
         assert!(!Place::create(Path::new("/dev/stdout")).unwrap().1.is_temporary());
         let (link, target) = (folder.join("link"), folder.join("target"));
         std::os::unix::fs::symlink(&target, &link).unwrap();
-        assert!(!Place::create(&link).unwrap().1.is_temporary());
+        let (_, mut place) = Place::create(&link).unwrap();
+        place.rename_to_final().unwrap();
         assert!(target.exists() && link.is_symlink(), "a link is followed, not replaced");
         std::fs::remove_dir_all(&folder).unwrap();
     }
@@ -167,12 +183,54 @@ mod tests {
         let (mut file, mut place) = Place::create(&link).unwrap();
         assert_eq!(std::fs::read(&target).unwrap(), b"old", "unchanged until then");
         file.write_all(b"new").unwrap();
+        place.sync().unwrap();
         place.rename_to_final().unwrap();
 
         assert!(link.is_symlink());
         assert_eq!(std::fs::read(&target).unwrap(), b"new");
         let rights = std::fs::metadata(&target).unwrap().permissions().mode();
         assert_eq!(rights & 0o777, 0o600, "the permissions of the old file stay");
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// The second recording is refused before and after the first one has its name.
+    #[test]
+    fn second_writer_of_a_file_is_refused() {
+        let folder = std::env::temp_dir().join(format!("rubik-robot-two-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let path = folder.join("run.mcap");
+        let refused = || Place::create(&path).unwrap_err().to_string();
+
+        let (mut file, mut place) = Place::create(&path).unwrap();
+        assert!(refused().contains("run.mcap.part: another run is writing it"), "{}", refused());
+        file.write_all(b"first").unwrap();
+        place.rename_to_final().unwrap();
+        assert!(refused().contains("run.mcap: another run is writing it"), "{}", refused());
+        drop((file, place));
+        assert_eq!(std::fs::read(&path).unwrap(), b"first");
+        let names = std::fs::read_dir(&folder).unwrap().count();
+        assert_eq!(names, 1, "a refused writer leaves nothing");
+
+        assert!(Place::create(&path).is_ok());
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// In a shared folder another user may have put a link or a pipe there first.
+    #[test]
+    fn planted_temporary_file_is_refused() {
+        let folder = std::env::temp_dir().join(format!("rubik-robot-plant-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let (path, victim) = (folder.join("run.mcap"), folder.join("victim"));
+        std::fs::write(&victim, "precious").unwrap();
+        std::os::unix::fs::symlink(&victim, Place::part_of(&path)).unwrap();
+
+        let why = Place::create(&path).unwrap_err().to_string();
+
+        assert!(why.contains("run.mcap.part: a symbolic link has this name"), "{why}");
+        assert_eq!(std::fs::read(&victim).unwrap(), b"precious");
+        make_pipe(&path);
+        let why = Place::create(&path).unwrap_err().to_string();
+        assert!(why.contains("no program reads this pipe"), "{why}");
         std::fs::remove_dir_all(&folder).unwrap();
     }
 

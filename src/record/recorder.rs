@@ -418,6 +418,9 @@ impl Clerk {
         {
             self.fail(&why.to_string());
         }
+        if let Some(Err(why)) = self.place.as_ref().map(Place::sync) {
+            self.fail(&why.to_string());
+        }
         // A recording without a period takes its name only if it replaces no other recording.
         self.rename(Place::rename_if_free);
         // Messages that were in a buffer when the device failed are not in the file.
@@ -428,13 +431,16 @@ impl Clerk {
         Written { messages, lost: put.saturating_sub(messages), failure: self.failure, aside }
     }
 
-    /// Renames the file to its final path by calling `how`. A failure is logged, and the file stays
-    /// under its temporary path.
+    /// Renames the file to its final path by calling `how`. A failure is logged and part of the
+    /// result, and the file stays under its temporary path.
     fn rename(&mut self, how: impl FnOnce(&mut Place) -> std::io::Result<()>) {
         if let Some(place) = &mut self.place
             && let Err(why) = how(place)
         {
-            tracing::error!("{}: the recording cannot take its name: {why}", place.at().display());
+            let why =
+                format!("{}: the recording cannot take its name: {why}", place.at().display());
+            tracing::error!("{why}");
+            self.failure.get_or_insert(why);
         }
     }
 

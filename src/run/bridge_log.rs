@@ -1,6 +1,8 @@
 //! Log of a bridge's notes: lost answers, retries, late readings.
 
+use super::failure::not_created;
 use crate::cell::Cell;
+use crate::error::Error;
 use crate::hw::note::{Digest, Note};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,11 +18,14 @@ pub(super) struct BridgeLog {
 impl BridgeLog {
     /// Starts the thread that logs the `notes` of a bridge. The effectors in them get the names of
     /// the arms of `cell`.
-    pub(super) fn start(mut notes: rtrb::Consumer<Note>, cell: &Cell) -> Self {
+    ///
+    /// # Errors
+    /// If the system gives no thread.
+    pub(super) fn start(mut notes: rtrb::Consumer<Note>, cell: &Cell) -> Result<Self, Error> {
         let effectors = cell.arms.iter().map(|arm| arm.name.clone()).collect();
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = Arc::clone(&stop);
-        let thread = std::thread::spawn(move || {
+        let thread = std::thread::Builder::new().name("bridge log".into()).spawn(move || {
             let mut digest = Digest::new(effectors);
             let mut last = false;
             while !last {
@@ -32,7 +37,8 @@ impl BridgeLog {
                 std::thread::park_timeout(Duration::from_secs(u64::from(!last)));
             }
         });
-        Self { stop, thread: Some(thread) }
+        let thread = thread.map_err(|why| not_created("bridge log", &why.to_string()))?;
+        Ok(Self { stop, thread: Some(thread) })
     }
 }
 

@@ -142,7 +142,8 @@ impl Composition<'_> {
         let services = self.services(servos.clock.clone());
         let (pace, stuck) = (self.scenario.pace, self.options.stuck);
         let watchdog = &services.supervision.watchdog;
-        let outside = supervise(&servos, watchdog, &self.faults, pace, stuck);
+        let outside = supervise(&servos, watchdog, &self.faults, pace, stuck)
+            .inspect_err(|_| servos.switches.stop.store(true, Ordering::Release))?;
         let to_task = self.operator.to_task.take();
         let turning = jams.turning.clone();
         let assignment = Assignment { goal, plan, logbook, to_task, turning };
@@ -221,14 +222,15 @@ impl Composition<'_> {
     /// supervision.
     fn services(&self, clock: Clock) -> Services {
         let pace = self.scenario.pace;
+        let supervision = Supervision::of(pace);
         Services {
             clock,
-            work: Work(pace),
+            work: Work::new(pace, &supervision.watchdog),
             control: self.operator.control.subscribe(),
             tempo: self.operator.tempo.clone(),
             trace: self.operator.trace.clone(),
             playback: self.playback.clone(),
-            supervision: Supervision::of(pace),
+            supervision,
         }
     }
 

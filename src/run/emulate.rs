@@ -14,6 +14,7 @@ use crate::error::{Error, Fatal};
 use crate::hw::devices::{self, CameraDevice, Devices};
 use crate::hw::driver::RealTime;
 use crate::hw::emulator::{CameraServer, Course, EmulatedArm, Emulator, EmulatorOptions};
+use crate::hw::new_file;
 use crate::hw::plant::render::PlantCamera;
 use crate::hw::plant::{Plant, Verdict};
 use crate::hw::scene::Scene;
@@ -21,7 +22,7 @@ use crate::motion::PERIOD;
 use crate::scenario::{Scenario, keys};
 use std::fs::File;
 use std::io::{ErrorKind, Write};
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -89,17 +90,17 @@ impl DeviceFile {
         );
         let fail = |why: &str| format!("{}: {why}", path.display());
         may_be_replaced(path).map_err(|why| fail(&why))?;
-        let new = path.with_extension(format!("new-{}", std::process::id()));
-        // A killed emulator with the same process number may have left a file.
-        let _ = std::fs::remove_file(&new);
+        let new = new_file::beside(path, ".new");
         // The lock belongs to the open file, so it survives the renaming.
         locked(&new, &text)
-            .and_then(|file| std::fs::rename(&new, path).map(|()| file))
-            .map(|file| Self { path: path.to_owned(), file })
-            .map_err(|e| {
-                let _ = std::fs::remove_file(&new);
-                fail(&e.to_string())
+            .and_then(|file| match new_file::rename(&new, path, false) {
+                Ok(()) => Ok(Self { path: path.to_owned(), file }),
+                Err(why) => {
+                    let _ = std::fs::remove_file(&new);
+                    Err(why)
+                }
             })
+            .map_err(|e| fail(&e.to_string()))
     }
 
     /// Returns whether the path still leads to this file. Another emulator may have replaced it.
@@ -124,8 +125,7 @@ impl Drop for DeviceFile {
 /// # Errors
 /// If the name exists, or the file cannot be written or locked.
 fn locked(path: &Path, text: &str) -> std::io::Result<File> {
-    let mut file = File::options().write(true).create_new(true).mode(0o600).open(path)?;
-    file.try_lock().map_err(std::io::Error::from)?;
+    let mut file = new_file::create(path)?;
     file.write_all(text.as_bytes())?;
     Ok(file)
 }
@@ -227,6 +227,7 @@ pub(crate) fn emulate(
     let places = Devices { camera: cameras.devices.clone(), ..emulator.devices() };
     let _file = DeviceFile::write(devices, &places).map_err(failed)?;
     let stop = Arc::new(AtomicBool::new(false));
+    super::interrupt::ignore_others();
     for signal in super::interrupt::ending_signals() {
         signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(io)?;
     }

@@ -1,12 +1,28 @@
-//! Signals that end a run: the first one acts as the operator's terminate, so that the run ends at
-//! its next macrostep and still makes its summary. A closed terminal sends a signal as well.
+//! Decisions about signals. A process that drives arms must not die of a signal, nor be stopped by
+//! one that its terminal sends: the arms' controllers would keep the last drive.
+//!
+//! | signal | cause | decision |
+//! |---|---|---|
+//! | INT, TERM, QUIT, ALRM | Ctrl-C, `kill`, `timeout` | ends the run; again: ends at once |
+//! | HUP | the terminal closes | ends the run, however often it comes |
+//! | XCPU | limit of processor time, each second | ends the run, however often it comes |
+//! | XFSZ | limit of a file's size | ignored: the write fails, which is reported |
+//! | TTIN, TTOU | terminal, while in the background | ignored: keys wait for the foreground |
+//! | USR1, USR2, IO (POLL), VTALRM, PROF | other programs, by mistake | ignored: no function here |
+//! | KILL, STOP, TSTP | `kill -9`, Ctrl-Z | none is possible, or wanted by the operator |
+//!
+//! The first signal acts as the operator's terminate, so that the run ends at its next macrostep
+//! and still makes its summary.
 //!
 //! A thread waits for the signals, outside the runtime and its paused time. A second signal presses
 //! the emergency stop and ends the process, in case the run cannot obey the first one.
 
 use crate::actors::control::Control;
 use crate::emergency_stop::StopButton;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
+use signal_hook::consts::{
+    SIGALRM, SIGHUP, SIGINT, SIGIO, SIGPROF, SIGQUIT, SIGTERM, SIGTTIN, SIGTTOU, SIGUSR1, SIGUSR2,
+    SIGVTALRM, SIGXCPU, SIGXFSZ,
+};
 use signal_hook::iterator::{Handle, Signals};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -14,7 +30,11 @@ use std::time::Duration;
 use tokio::sync::watch;
 
 /// Signals that end a run. A process that drives arms must not die of any of them.
-pub(crate) const SIGNALS: [i32; 4] = [SIGINT, SIGTERM, SIGHUP, SIGQUIT];
+pub(crate) const SIGNALS: [i32; 6] = [SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGALRM, SIGXCPU];
+/// Signals that come several times without a person who sends them.
+const REPEATED: [i32; 2] = [SIGHUP, SIGXCPU];
+/// Signals that a run ignores.
+const IGNORED: [i32; 8] = [SIGXFSZ, SIGTTIN, SIGTTOU, SIGUSR1, SIGUSR2, SIGIO, SIGVTALRM, SIGPROF];
 /// Time in which the bridge switches the drives off.
 pub(super) const SWITCHES_OFF: Duration = Duration::from_millis(300);
 /// Exit code of an interrupted process.
@@ -32,6 +52,16 @@ pub(crate) fn ending_signals() -> Vec<i32> {
     SIGNALS.into_iter().filter(|&signal| signal != SIGHUP || !is_ignored(signal)).collect()
 }
 
+/// Makes the process ignore the signals that have no meaning for a run. A handler that does nothing
+/// would not do: the system repeats the read that SIGTTIN interrupts, again and again.
+#[allow(unsafe_code, reason = "no safe function sets a signal to be ignored")]
+pub(super) fn ignore_others() {
+    for signal in IGNORED {
+        // SAFETY: the signals exist, and no code runs when one comes.
+        unsafe { libc::signal(signal, libc::SIG_IGN) };
+    }
+}
+
 /// Listener for signals, which ends when it is dropped.
 #[derive(Debug)]
 pub(super) struct Interrupt {
@@ -44,7 +74,7 @@ impl Interrupt {
     /// it presses the emergency stop and ends the process.
     ///
     /// # Errors
-    /// If the signals cannot be registered.
+    /// If the signals cannot be registered, or the system gives no thread.
     pub(super) fn listen(
         control: Arc<watch::Sender<Control>>,
         stop: StopButton,
@@ -53,18 +83,18 @@ impl Interrupt {
         let handle = signals.handle();
         let came = Arc::new(AtomicBool::new(false));
         let noted = Arc::clone(&came);
-        std::thread::spawn(move || {
+        ignore_others();
+        std::thread::Builder::new().name("signals".into()).spawn(move || {
             for signal in signals.forever() {
                 let again = noted.swap(true, Ordering::SeqCst);
-                // A closing terminal may send SIGHUP several times.
-                if again && signal != SIGHUP {
+                if again && !REPEATED.contains(&signal) {
                     stop.press();
                     std::thread::sleep(SWITCHES_OFF);
                     signal_hook::low_level::exit(INTERRUPTED);
                 }
                 control.send_replace(Control::Terminated);
             }
-        });
+        })?;
         Ok(Self { came, handle })
     }
 

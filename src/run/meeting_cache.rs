@@ -4,10 +4,13 @@
 //! - out: the table of meetings, equal to the bit whether it was searched now or read
 //!
 //! A file names the cell and the build of the program that made it. A file of another cell, another
-//! build, or with an error is replaced by a new search.
+//! build, or with an error is replaced by a new search. So is a file that another user can have
+//! written, since the arms move to the joints in it.
 
 use crate::cell::Cell;
 use crate::generators::position::Speeds;
+use crate::hw::new_file::{self, Sync};
+use crate::hw::text;
 use crate::reach::{Meeting, MeetingPath, MeetingTable, ReachSettings};
 use crate::record::running_program;
 use crate::tables::Store;
@@ -21,6 +24,8 @@ use std::time::UNIX_EPOCH;
 const PREFIX: &str = "meetings-";
 /// Largest number of files that are kept.
 const MOST: usize = 32;
+/// Largest size of a file (bytes): a table with paths has 130,000.
+const LARGEST: u64 = 16 << 20;
 
 /// Contents of a file.
 #[derive(Serialize, Deserialize)]
@@ -54,8 +59,8 @@ fn in_folder(
     let made_of = format!("{cell:?} {settings:?} {speeds:?}");
     let made_by = build_of_this_program();
     let path = path(folder, &made_of);
-    let kept = fs::read_to_string(&path).ok().and_then(|t| serde_json::from_str::<Kept>(&t).ok());
-    if let Some(kept) = kept.filter(|k| k.made_of == made_of && k.made_by == made_by) {
+    let kept = read(&path).filter(|k| k.made_of == made_of && k.made_by == made_by);
+    if let Some(kept) = kept {
         return MeetingTable {
             grasps: kept.grasps,
             views: kept.views,
@@ -87,6 +92,30 @@ fn in_folder(
     table
 }
 
+/// Reads a file; `None` if it is absent, damaged, or of a user who is not trusted.
+fn read(path: &Path) -> Option<Kept> {
+    let (file, text) = text::open_text(path, LARGEST).ok()?;
+    // The owner of the open file: that of the path may change in between.
+    if !new_file::is_trusted(&file.metadata().ok()?) {
+        tracing::warn!("{}: another user can write it, so it is not used", path.display());
+        return None;
+    }
+    let (sum, body) = text.split_once('\n')?;
+    (sum == checksum(body)).then(|| serde_json::from_str(body).ok()).flatten()
+}
+
+/// Returns a file's text: the checksum of the table, then the table.
+fn sealed(kept: &Kept) -> std::io::Result<String> {
+    let body = serde_json::to_string(kept)?;
+    Ok(format!("{}\n{body}", checksum(&body)))
+}
+
+/// Returns the checksum of a table as text. It detects damage; the owner of the file protects it
+/// against forgery.
+fn checksum(body: &str) -> String {
+    format!("{:08x}", crc32fast::hash(body.as_bytes()))
+}
+
 /// Returns the path of a cell's table in `folder`. It is named by a hash of `made_of`, cell and
 /// settings as text. Two hashes may collide, so the text is also in the file.
 fn path(folder: &Path, made_of: &str) -> PathBuf {
@@ -113,9 +142,7 @@ fn build_of_this_program() -> String {
 /// If the folder or the file cannot be written.
 fn keep(path: &Path, kept: &Kept) -> std::io::Result<()> {
     fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))?;
-    let beside = path.with_extension(format!("{}.part", std::process::id()));
-    fs::write(&beside, serde_json::to_string(kept)?)?;
-    fs::rename(&beside, path).inspect_err(|_| drop(fs::remove_file(&beside)))?;
+    new_file::replace(path, ".part", sealed(kept)?.as_bytes(), Sync::No)?;
     forget_oldest(path);
     Ok(())
 }
@@ -144,32 +171,44 @@ fn forget_oldest(path: &Path) {
 mod tests {
     use super::*;
     use crate::reach::example_cell;
+    use crate::tables::testing::Folder;
 
-    /// A table that is read equals the searched one to the bit. A damaged file and other settings
-    /// lead to a new search.
+    /// A table that is read equals the searched one to the bit. A damaged file, one that others can
+    /// write, and other settings lead to a new search.
     #[test]
     fn cached_meeting_table_equals_newly_searched_table() {
-        let folder =
-            std::env::temp_dir().join(format!("rubik-robot-meetings-{}", std::process::id()));
+        use std::os::unix::fs::PermissionsExt as _;
+        let folder = Folder::new("meetings");
         let (cell, settings) =
             (example_cell(), ReachSettings { samples: 150, ..Default::default() });
         let searched = MeetingTable::compute(&cell, &settings);
+        let again = || in_folder(&folder.0, &cell, &settings, None);
 
-        let first = in_folder(&folder, &cell, &settings, None);
-        let file = path(&folder, &format!("{cell:?} {settings:?} None"));
+        let first = again();
+        let file = path(&folder.0, &format!("{cell:?} {settings:?} None"));
         let text = fs::read_to_string(&file).unwrap();
         // Only a table that is read can have this value.
+        let body = text.split_once('\n').unwrap().1;
+        let forged = body.replace("\"separation\":0.35", "\"separation\":0.36");
+        let whole = format!("{}\n{forged}", checksum(&forged));
+        fs::write(&file, &whole).unwrap();
+        let found_again = again();
+        fs::set_permissions(&file, fs::Permissions::from_mode(0o666)).unwrap();
+        let of_others = again();
+        let mode = fs::metadata(&file).unwrap().permissions().mode();
         fs::write(&file, text.replace("\"separation\":0.35", "\"separation\":0.36")).unwrap();
-        let found_again = in_folder(&folder, &cell, &settings, None);
+        let without_sum = again();
         fs::write(&file, &text[..text.len() / 2]).unwrap();
-        let after_damage = in_folder(&folder, &cell, &settings, None);
-        let other = in_folder(&folder, &cell, &ReachSettings { samples: 151, ..settings }, None);
+        let after_damage = again();
+        let other = in_folder(&folder.0, &cell, &ReachSettings { samples: 151, ..settings }, None);
 
         assert!(searched.found().0 > 0);
         assert_eq!(first, searched);
         assert_eq!(found_again, MeetingTable { separation: 0.36, ..searched.clone() });
+        assert_eq!(of_others, searched);
+        assert_eq!(without_sum, searched);
         assert_eq!(after_damage, searched);
+        assert_eq!(mode & 0o777, 0o600, "replaced by a private file");
         assert_eq!(other.separation, 0.35);
-        fs::remove_dir_all(&folder).unwrap();
     }
 }

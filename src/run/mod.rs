@@ -65,11 +65,14 @@ use plan::Plan;
 use std::borrow::Cow;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use task::Logbook;
 use tokio::runtime::Runtime;
 use world::World;
 use world_file::Kept;
+
+/// Longest time in which work of the actors may end after the run.
+const LEAVE: Duration = Duration::from_secs(1);
 
 /// Performs a scenario and returns its summary.
 ///
@@ -202,6 +205,7 @@ fn carried_out(
     let (believed, uncalibrated) = believed(scenario, &operator.trace);
     let runtime = runtime(scenario.pace, scenario.bridge.kind.is_hardware())?;
     let bridge_log = notes.map(|notes| BridgeLog::start(notes, &believed.controller.cell));
+    let bridge_log = bridge_log.transpose()?;
     let composition = Composition {
         scenario: &believed,
         options,
@@ -214,6 +218,7 @@ fn carried_out(
     let done = runtime.block_on(composition.perform((world, cameras), goal, plan, logbook));
     // The last notes of the bridge are logged before the summary is shown.
     drop(bridge_log);
+    shut_down(runtime);
     done
 }
 
@@ -232,6 +237,12 @@ fn believed<'a>(scenario: &'a Scenario, trace: &Trace) -> (Cow<'a, Scenario>, Ve
     (believed, uncalibrated)
 }
 
+/// Ends the runtime of the actors. Work that hangs, for example in a disk that does not answer,
+/// must not keep the program from ending: its thread is left behind.
+fn shut_down(runtime: Runtime) {
+    runtime.shutdown_timeout(LEAVE);
+}
+
 /// Creates the runtime of the actors: one thread, with paused time unless the wall clock drives the
 /// run.
 ///
@@ -246,4 +257,24 @@ fn runtime(pace: Pace, is_hardware: bool) -> Result<Runtime, Error> {
         builder.on_thread_start(driver::step_back);
     }
     builder.build().map_err(|e| not_created("runtime", &e.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Its thread is left behind. Without a limit the end of the runtime waits for it.
+    #[test]
+    fn hanging_work_does_not_keep_the_runtime() {
+        let runtime = runtime(Pace::RealTime, false).unwrap();
+        let (end, ended) = std::sync::mpsc::channel::<()>();
+        let hangs = move || ended.recv();
+        runtime.block_on(async move { drop(tokio::task::spawn_blocking(hangs)) });
+        let begun = Instant::now();
+
+        shut_down(runtime);
+
+        assert!(begun.elapsed() < Duration::from_secs(30), "{:?}", begun.elapsed());
+        drop(end);
+    }
 }

@@ -15,7 +15,7 @@ use crate::actors::control::Pacer;
 use crate::actors::latest::Seen;
 use crate::actors::trace::Trace;
 use crate::emergency_stop::StopButton;
-use crate::error::{Error, Fatal};
+use crate::error::{Error, Fatal, System, panic_text};
 use crate::hw::driver::{
     self, Core, RecordSink, ServoEnd, ServoLink, ServoRecord, Switches, Timing, Wall, WallEnd,
 };
@@ -256,7 +256,7 @@ pub(super) fn start_servos(
             if let Some(latest) = &latest {
                 latest.lock().punctual = Some((Arc::clone(&switches), drive.real_time.period));
             }
-            let writer = write_records(written, seen);
+            let writer = write_records(written, seen)?;
             // Neither gate nor pacer: the wall clock cannot be held, and inputs arrive as they
             // come.
             let mut observer = between.observer;
@@ -292,11 +292,15 @@ fn run_virtual(
 }
 
 /// Hashes the records of a wall driver and updates the latest values, on a thread of its own.
+///
+/// # Errors
+/// If the system gives no thread.
 fn write_records(
     mut written: rtrb::Consumer<ServoRecord>,
     mut sink: Seen<RunHash>,
-) -> JoinHandle<()> {
-    std::thread::spawn(move || {
+) -> Result<JoinHandle<()>, Error> {
+    let thread = std::thread::Builder::new().name("records".into());
+    let work = move || {
         // The servo's thread drops its end as it stops; records that are left are written then.
         while !written.is_abandoned() || !written.is_empty() {
             while let Ok(record) = written.pop() {
@@ -304,7 +308,14 @@ fn write_records(
             }
             std::thread::sleep(Duration::from_millis(20));
         }
-    })
+    };
+    thread.spawn(work).map_err(|why| not_created("writer of servo records", &why.to_string()))
+}
+
+/// Returns the error of a thread or task of the driver that panicked.
+fn died(who: &str, why: String) -> Error {
+    let cause = System::Panicked { who: who.to_owned(), why };
+    Error::System { actor: "supervisor".into(), place: "servo", cause }
 }
 
 impl Servos {
@@ -321,18 +332,24 @@ impl Servos {
         };
         match self.driver {
             Driver::Virtual(servo) => {
-                let (world, result) =
-                    servo.await.map_err(|e| not_created("servo", &e.to_string()))?;
+                let (world, result) = servo.await.map_err(|error| {
+                    let why = error.try_into_panic().map(|why| panic_text(&*why));
+                    died("the servos' task", why.unwrap_or_else(|error| error.to_string()))
+                })?;
                 Ok(Stopped { world, fault: result.err().map(bridge) })
             }
             Driver::Wall(wall, writer) => {
-                let WallEnd { port, fault, timing } = wall.stop();
+                let WallEnd { port, fault, timing, panic } = wall.stop();
                 report(&timing);
                 tokio::task::yield_now().await;
-                let _ = writer.join();
-                let world =
-                    port.ok_or_else(|| not_created("bridge", "its thread ended with a panic"))?;
-                Ok(Stopped { world, fault: fault.map(bridge) })
+                let written = writer.join().map_err(|why| panic_text(&*why));
+                let written = written.err().map(|why| ("the writer of servo records", why));
+                // A panic comes first: the bridge reports a dead servo as a silent one.
+                let panic = panic.or(written).map(|(who, why)| died(who, why));
+                let Some(world) = port else {
+                    return Err(panic.unwrap_or_else(|| not_created("bridge", "it was stopped")));
+                };
+                Ok(Stopped { world, fault: panic.or(fault.map(bridge)) })
             }
         }
     }

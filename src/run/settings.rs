@@ -19,7 +19,7 @@ use crate::solver::table::TableSpec;
 use crate::solver::tables::Bytes;
 use crate::solver::{Tables, korf};
 use crate::spatial::Pose;
-use crate::tables::{News, Observer, Store, Threads};
+use crate::tables::{News, Observer, Residence, Store, Threads};
 use crate::tasks::cube::hold::Hold;
 use crate::tasks::cube::mission::Goal;
 use crate::tasks::cube::plan::{Planner, Rule};
@@ -251,7 +251,14 @@ fn kept(spec: &TableSpec) -> Bytes {
         }
     };
     let observer = Observer { listener: &report, progress: &|_| () };
-    Store::for_user().obtain(spec, &Threads::all(), observer)
+    store().obtain(spec, &Threads::all(), observer)
+}
+
+/// Returns the store of a run's tables, which copies each of them into memory. A mapped file that
+/// another process truncates ends this one by SIGBUS, and arms may be moving. The tables of a run
+/// have some tens of MiB; only those that no run uses are so large that they must be mapped.
+fn store() -> Store {
+    Store::for_user().with(Residence::Copied)
 }
 
 /// Returns the rule by which one of several solutions is chosen, with its pruning tables. The
@@ -546,5 +553,11 @@ mod tests {
         assert!(notes.iter().any(|n| n.contains("looked at again")), "{notes:?}");
         assert!(!finish.achieved && finish.reason.contains("handed back"), "{}", finish.reason);
         assert_eq!(phases.iter().filter(|p| **p == "identify again").count(), 1);
+    }
+
+    /// A mapped table could end the process while arms move.
+    #[test]
+    fn tables_of_a_run_are_in_memory() {
+        assert_eq!(store().residence(), Residence::Copied);
     }
 }

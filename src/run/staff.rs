@@ -46,13 +46,16 @@ const START_SPEED: f64 = 0.5;
 /// The blocked run cannot end by itself; `stuck` must end the process. The servo's thread misses
 /// the heartbeat and still switches the drives off. It must do so before the process ends: the
 /// arms' controllers keep the last drive of a process that is gone.
+///
+/// # Errors
+/// If the system gives no thread for that watch.
 pub(super) fn supervise(
     servos: &Servos,
     watchdog: &Watchdog,
     faults: &InjectedFaults,
     pace: Pace,
     stuck: Option<fn(Error)>,
-) -> Option<Outside> {
+) -> Result<Option<Outside>, Error> {
     let (beats, heart) = (Arc::clone(&servos.switches), Arc::clone(&faults.heart));
     // The heartbeat is a task of the actors' runtime, so it stops if any of them blocks that.
     tokio::spawn(async move {
@@ -70,14 +73,15 @@ pub(super) fn supervise(
         holds.hold.store(true, Ordering::Release);
     });
     let stop_button = servos.stop_button.clone();
-    stuck.map(|stuck| {
+    let outside = stuck.map(|stuck| {
         watchdog.watched_from_outside(patience_outside(pace), move |error| {
             // The bridge needs a moment to switch the drives off before `stuck` ends the process.
             stop_button.press();
             std::thread::sleep(SWITCHES_OFF);
             stuck(error);
         })
-    })
+    });
+    outside.transpose().map_err(|why| not_created("watch", &why.to_string()))
 }
 
 /// Returns the time of the wall clock after which an actor that blocks all others counts as stuck.

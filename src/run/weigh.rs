@@ -10,7 +10,7 @@
 
 use super::disturbance::InjectedFaults;
 use super::failure::not_created;
-use super::interrupt::ending_signals;
+use super::interrupt::{ending_signals, ignore_others};
 use super::plan::Plan;
 use super::world::World;
 use crate::actors::control::Control;
@@ -93,6 +93,7 @@ pub(crate) fn weigh_tool(
         .collect();
     // A signal is obeyed between two periods; the process must not die while drives are on.
     let interrupted = Arc::new(AtomicBool::new(false));
+    ignore_others();
     for signal in ending_signals() {
         signal_hook::flag::register(signal, Arc::clone(&interrupted))
             .map_err(|e| not_created("interrupt", &e.to_string()))?;

@@ -15,10 +15,10 @@ use super::failure::not_created;
 use crate::actors::notice::Notice;
 use crate::actors::trace::Trace;
 use crate::error::Error;
+use crate::hw::new_file;
 use crate::hw::plant::Plant;
 use crate::hw::plant::saved::{Saved, Unfit};
 use crate::motion::PERIOD;
-use crate::record::journal;
 use crate::scenario::keys::Pace;
 use std::fs::File;
 use std::io;
@@ -56,9 +56,8 @@ impl Kept {
     /// # Errors
     /// If it is not a regular file, or another run has claimed it.
     pub(super) fn claim(path: &Path, pace: Pace, trace: Trace) -> Result<Self, Error> {
-        let mut beside = path.as_os_str().to_owned();
-        beside.push(".lock");
-        let beside = PathBuf::from(beside);
+        let path = &new_file::resolve(path).map_err(|why| refused(path, &why.into()))?;
+        let beside = new_file::beside(path, ".lock");
         let check_kind = |file: &Path| {
             // To open a device or a pipe may have effects, or block.
             if std::fs::metadata(file).is_ok_and(|found| !found.is_file()) {
@@ -68,10 +67,10 @@ impl Kept {
         };
         check_kind(path)?;
         check_kind(&beside)?;
-        // `append` does not truncate: the file may be another run's.
-        let lock = File::options().append(true).create(true).open(&beside);
+        // Not truncated: the file may be another run's.
+        let lock = new_file::open_or_create(&beside);
         let lock = lock.map_err(|why| refused(&beside, &why.into()))?;
-        if !journal::is_ours(&lock, &beside) {
+        if !new_file::is_ours(&lock, &beside) {
             return Err(refused(path, &Unfit::Taken));
         }
         Ok(Self { path: path.to_owned(), pace, trace, lost: false, _lock: lock })
@@ -109,7 +108,7 @@ impl Kept {
     /// # Errors
     /// If it cannot be written.
     pub(super) fn begin(&self, plant: &Plant) -> Result<(), Error> {
-        self.begin_in(plant, journal::keep_name)
+        self.begin_in(plant, new_file::keep_name)
     }
 
     /// Writes the first state like [`Self::begin`]. `keeps_name` syncs the file's folder, so that
@@ -159,7 +158,7 @@ fn remove_or_empty(path: &Path) -> io::Result<()> {
         Err(why) if why.kind() == io::ErrorKind::NotFound => Ok(()),
         // In a read-only folder a file can still be emptied, and an empty state is refused.
         Err(why) if std::fs::metadata(path).is_ok_and(|found| found.is_file()) => {
-            let file = File::options().write(true).open(path);
+            let file = new_file::overwrite(path);
             file.and_then(|file| file.set_len(0)).map_err(|_| why)
         }
         done => done,

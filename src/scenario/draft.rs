@@ -12,6 +12,9 @@ use std::rc::Rc;
 /// Built-in cell, from which every scenario starts.
 const CELL: &str = include_str!("../../scenarios/cell.toml");
 
+/// Most elements of a list: a cell has two arms and a few cameras.
+const MOST_ELEMENTS: usize = 100;
+
 /// Keys in SI, before they are checked against each other.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Draft {
@@ -41,6 +44,17 @@ impl Draft {
         FaultKeys { name: "NAME".to_owned(), ..FaultKeys::default() }.keys("fault.NAME", &mut keys);
         keys
     }
+}
+
+/// Returns the dotted names of all keys; an element of a list is called `NAME`.
+pub(super) fn names() -> Vec<String> {
+    let mut keys = Vec::new();
+    Root::default().keys("", &mut keys);
+    Effector::default().keys("effector.NAME", &mut keys);
+    CameraKeys::default().keys("camera.NAME", &mut keys);
+    Vsp::default().keys("vsp.NAME", &mut keys);
+    FaultKeys::default().keys("fault.NAME", &mut keys);
+    keys.into_iter().map(|key| key.path).collect()
 }
 
 /// Parses the TOML text of the built-in cell.
@@ -185,6 +199,12 @@ fn elements<T: Section>(
         reader.faults.add_with_help(Some(&node.place), reason, format!("write [[{name}]]"));
         return Vec::new();
     };
+    if items.len() > MOST_ELEMENTS {
+        let count = items.len();
+        let reason = format!("`{name}` has {count} elements, more than {MOST_ELEMENTS}");
+        reader.faults.add(Some(&node.place), reason);
+        return Vec::new();
+    }
     let mut all = Vec::new();
     for (index, item) in items.iter().enumerate() {
         let own = tree::name_of(item);

@@ -94,6 +94,10 @@ impl fmt::Display for Fault {
     }
 }
 
+/// Most faults that are collected, and that are shown: a person corrects the first ones.
+const MOST: usize = 1000;
+const MOST_SHOWN: usize = 100;
+
 /// Faults of a scenario; never empty if returned as an error.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Faults(pub Vec<Fault>);
@@ -101,7 +105,14 @@ pub struct Faults(pub Vec<Fault>);
 impl Faults {
     /// Adds a fault with its reason and its place in the text, if it has one.
     pub fn add(&mut self, place: Option<&Place>, reason: impl Into<String>) {
-        self.0.push(Fault { place: place.cloned(), reason: reason.into(), help: None });
+        self.push(Fault { place: place.cloned(), reason: reason.into(), help: None });
+    }
+
+    /// Adds a fault unless there are too many.
+    fn push(&mut self, fault: Fault) {
+        if self.0.len() < MOST {
+            self.0.push(fault);
+        }
     }
 
     /// Adds a fault with its reason, its place in the text, and advice to the user (`help`).
@@ -111,11 +122,7 @@ impl Faults {
         reason: impl Into<String>,
         help: impl Into<String>,
     ) {
-        self.0.push(Fault {
-            place: place.cloned(),
-            reason: reason.into(),
-            help: Some(help.into()),
-        });
+        self.push(Fault { place: place.cloned(), reason: reason.into(), help: Some(help.into()) });
     }
 
     /// Sorts the faults in the order of the text; the file comes before the options, and faults
@@ -134,21 +141,31 @@ impl Faults {
 
 impl fmt::Display for Faults {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (i, fault) in self.0.iter().enumerate() {
+        for (i, fault) in self.0.iter().take(MOST_SHOWN).enumerate() {
             if i > 0 {
                 writeln!(f)?;
             }
             write!(f, "{fault}")?;
         }
-        Ok(())
+        match self.0.len().saturating_sub(MOST_SHOWN) {
+            0 => Ok(()),
+            more => write!(f, "\nand at least {more} more"),
+        }
     }
 }
 
 impl std::error::Error for Faults {}
 
+/// Longest word for which a similar one is sought (bytes).
+const LONGEST: usize = 100;
+
 /// Returns the known word that is nearest to a wrong one, if it is near enough to be meant.
 #[must_use]
 pub(crate) fn nearest<'a>(wrong: &str, known: &[&'a str]) -> Option<&'a str> {
+    // The comparison takes the product of both lengths, and no known word is so long.
+    if wrong.len() > LONGEST {
+        return None;
+    }
     let near = known
         .iter()
         .map(|k| (strsim::damerau_levenshtein(wrong, k), *k))

@@ -79,7 +79,7 @@ pub fn load(path: &Path, overrides: &[Override]) -> Result<Scenario, Faults> {
 /// # Errors
 /// All faults of the text and of the overrides.
 pub fn read(path: &Path, text: &str, overrides: &[Override]) -> Result<Scenario, Faults> {
-    let mut reader = Reader::default();
+    let mut reader = Reader { everywhere: Some(draft::names), ..Reader::default() };
     let source =
         Rc::new(Source { name: path.display().to_string(), text: text.to_owned(), is_file: true });
     let mut document = tree::parse(&source, &mut reader.faults);
@@ -138,6 +138,29 @@ mod tests {
         }
     }
 
+    /// A key in the wrong section, also by an option, is named with the section that has it.
+    #[test]
+    fn key_in_wrong_section_is_found() {
+        let option = [Override::parse("grip_n=30").unwrap()];
+        let control = "did you mean `control.grip_n`? it belongs to [control]";
+
+        for (text, options, wanted) in [
+            ("time_s = 5\n", &[][..], "did you mean `idle.time_s`? it belongs to [idle]"),
+            ("[idle]\ngrip_n = 30\n", &[], control),
+            ("[idle]\ngrip_nn = 30\n", &[], control),
+            ("", &option, control),
+            ("[idle]\ntask = \"idle\"\n", &[], "`task`? it belongs before the first section"),
+            ("[idle.control]\ngrip_n = 3\n", &[], "`control`? it is a section of its own"),
+            ("tool_xyz_mm = [0, 0, 1]\n", &[], "it belongs to an element of [[effector]]"),
+            // The name is right elsewhere, and here it is misspelt.
+            ("[cube]\nedge = 57\n", &[], "did you mean `edge_mm`?"),
+        ] {
+            let message = faults(text, options);
+
+            assert!(message.contains(wanted), "no `{wanted}` in:\n{message}");
+        }
+    }
+
     #[test]
     fn override_changes_effector_and_reports_unknown_key() {
         let good = Override::parse("effector.track.tool_xyz_mm=[0, 0, 260]").unwrap();
@@ -175,5 +198,22 @@ mod tests {
         assert_eq!(cameras, ["standalone", "postument_hand"]);
         let vsps: Vec<&str> = scenario.controller.vsps.iter().map(|v| v.name.as_str()).collect();
         assert_eq!(vsps, ["gs2", "mpf"]);
+    }
+
+    /// Each fault names its line, which takes a search through the text.
+    #[test]
+    fn bombs_are_refused_in_few_words() {
+        let cameras = "[[camera]]\n".repeat(50_000);
+        let message = faults(&format!("task = \"idle\"\n{cameras}"), &[]);
+        assert!(message.contains("`camera` has 50000 elements, more than 100"), "{message}");
+
+        let unknown = (0..50_000).map(|i| format!("k{i} = 1")).collect::<Vec<_>>().join("\n");
+        for text in ["x = ]\n".repeat(100_000), "= 1\n".repeat(100_000), unknown] {
+            let message = faults(&text, &[]);
+            assert!(message.contains("and at least "), "{}", &message[..1000]);
+            assert!(message.len() < 100_000);
+        }
+        let long = faults(&format!("{} = 1\n", "k".repeat(900_000)), &[]);
+        assert!(long.contains("unknown key"));
     }
 }

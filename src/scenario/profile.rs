@@ -107,6 +107,10 @@ fn read<T: serde::de::DeserializeOwned>(
         reader.fault_with_help(at, format!("`{at}`: there is no profile \"{name}\""), advice);
         return None;
     };
+    if let Some(line) = text::deep_line(&text) {
+        reader.fault(at, format!("`{at}`: {source}:{line}: a key has too many parts"));
+        return None;
+    }
     match toml::from_str(&text) {
         Ok(data) => Some(data),
         Err(error) => {

@@ -96,6 +96,9 @@ pub(crate) struct Reader {
     pub faults: Faults,
     /// Place of the value of each key that was given, by dotted name.
     pub places: BTreeMap<String, Place>,
+    /// Returns the dotted names of all keys of a scenario, to find a key that is in the wrong
+    /// section; `None` if there are no others. Only a fault needs the names.
+    pub everywhere: Option<fn() -> Vec<String>>,
 }
 
 impl Reader {
@@ -158,11 +161,18 @@ impl Reader {
     pub(crate) fn unknown(&mut self, entry: &Entry, path: &str, known: &[&str]) {
         let section = if path.is_empty() { String::new() } else { format!(" in [{path}]") };
         let reason = format!("unknown key `{}`{section}", entry.key);
-        let help = match nearest(&entry.key, known) {
-            Some(word) => format!("did you mean `{word}`?"),
+        let all = self.everywhere.map_or_else(Vec::new, |names| names());
+        let help = match (nearest(&entry.key, known), elsewhere(&entry.key, &all)) {
+            // The same name in another section is the likelier one: it is not misspelt.
+            (None, Some(help)) => help,
+            (Some(word), Some(help)) => format!("{help}; or `{word}`?"),
+            (Some(word), None) => format!("did you mean `{word}`?"),
             // A long list helps less than the command that prints all keys with their meanings.
-            None if known.len() <= 12 => format!("known keys: {}", known.join(", ")),
-            None => "`rubik-robot keys` lists all keys".to_owned(),
+            (None, None) => match (known.len() <= 12, nearest_elsewhere(&entry.key, &all)) {
+                (_, Some(help)) => help,
+                (true, None) => format!("known keys: {}", known.join(", ")),
+                (false, None) => "`rubik-robot keys` lists all keys".to_owned(),
+            },
         };
         self.faults.add_with_help(Some(&entry.key_place), reason, help);
     }
@@ -201,6 +211,56 @@ impl Reader {
             here = here.rsplit_once('.')?.0;
         }
     }
+}
+
+/// Largest number of keys that advice names.
+const NAMED: usize = 3;
+
+/// Returns the advice to use a key or section of this name in another section, from the dotted
+/// names of all keys; `None` if there is none.
+fn elsewhere(key: &str, all: &[String]) -> Option<String> {
+    let mut found: Vec<&str> = Vec::new();
+    for name in all {
+        // Each part of a dotted name but the last is a section.
+        let mut ends = name.match_indices('.').map(|(at, _)| at).chain([name.len()]);
+        let named = |end: &usize| name[..*end].rsplit('.').next() == Some(key);
+        if let Some(path) = ends.find(named).map(|end| &name[..end])
+            && !found.contains(&path)
+        {
+            found.push(path);
+        }
+    }
+    let names = |found: &[&str]| found.iter().map(|n| format!("`{n}`")).collect::<Vec<_>>();
+    match &found[..] {
+        [] => None,
+        [one] => Some(format!("did you mean `{one}`? {}", home(one, all))),
+        few if few.len() <= NAMED => Some(format!("did you mean {}?", names(few).join(" or "))),
+        many => Some(format!(
+            "did you mean {} or one of {} more? `rubik-robot keys` lists them",
+            names(&many[..NAMED]).join(", "),
+            many.len() - NAMED
+        )),
+    }
+}
+
+/// Returns in words where the key or section of a dotted name belongs.
+fn home(path: &str, all: &[String]) -> String {
+    // The names in the list are those of keys, so any other one is a section.
+    let is_section = !all.iter().any(|name| name == path);
+    match path.rsplit_once('.') {
+        None if is_section => format!("it is a section of its own, [{path}]"),
+        None => "it belongs before the first section".to_owned(),
+        Some((section, _)) => match section.split_once(".NAME") {
+            Some((list, _)) => format!("it belongs to an element of [[{list}]]"),
+            None => format!("it belongs to [{section}]"),
+        },
+    }
+}
+
+/// Returns the advice of [`elsewhere`] for the name that is nearest to a misspelt one.
+fn nearest_elsewhere(key: &str, all: &[String]) -> Option<String> {
+    let last: Vec<&str> = all.iter().filter_map(|name| name.rsplit('.').next()).collect();
+    elsewhere(nearest(key, &last)?, all)
 }
 
 /// Joins a path and a key to a dotted name. A key at the top level, where the path is empty, gets

@@ -4,9 +4,13 @@
 //! - out: a [`Node`] from which sections are read; all faults of syntax at once
 
 use super::fault::{Faults, Place, Source};
+use crate::hw::text::{self, MOST_PARTS};
 use std::rc::Rc;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
+
+/// Longest text that is shown whole in a message (characters).
+const LONGEST: usize = 200;
 
 /// Value and its place.
 #[derive(Debug, Clone)]
@@ -55,6 +59,9 @@ impl Node {
             Value::Bool(b) => format!("`{b}`"),
             Value::Integer(i) => format!("`{i}`"),
             Value::Float(x) => format!("`{x}`"),
+            Value::Text(t) if t.chars().nth(LONGEST).is_some() => {
+                format!("\"{}...\"", t.chars().take(LONGEST).collect::<String>())
+            }
             Value::Text(t) => format!("\"{t}\""),
             Value::Date => "a date".to_owned(),
             Value::Array(a) => format!("an array of {}", a.len()),
@@ -75,6 +82,12 @@ impl Node {
 /// Parses a document. Faults of syntax are added to `faults`, and the rest is returned.
 #[must_use]
 pub(crate) fn parse(source: &Rc<Source>, faults: &mut Faults) -> Node {
+    if let Some(line) = text::deep_line(&source.text) {
+        let start = source.text.split_inclusive('\n').take(line - 1).map(str::len).sum();
+        let place = Place { source: Rc::clone(source), span: start..start };
+        faults.add(Some(&place), format!("a key has more than {MOST_PARTS} parts"));
+        return Node { place, value: Value::Table(Vec::new()) };
+    }
     // The parser recovers after a fault, so a user sees all faults of syntax at once.
     let (table, errors) = DeTable::parse_recoverable(&source.text);
     for error in errors {
@@ -89,9 +102,10 @@ pub(crate) fn parse(source: &Rc<Source>, faults: &mut Faults) -> Node {
 /// needs no quotes on the command line.
 #[must_use]
 pub(crate) fn parse_value(source: &Rc<Source>) -> Node {
-    match DeValue::parse(&source.text) {
-        Ok(value) => node(&value, source),
-        Err(_) => Node {
+    let deep = text::deep_line(&source.text).is_some();
+    match (!deep).then(|| DeValue::parse(&source.text)) {
+        Some(Ok(value)) => node(&value, source),
+        _ => Node {
             place: Place { source: Rc::clone(source), span: 0..source.text.len() },
             value: Value::Text(source.text.clone()),
         },
@@ -137,6 +151,11 @@ pub(crate) fn set(root: &mut Node, key: &str, value: Node, faults: &mut Faults) 
     if parts.iter().any(|p| p.is_empty()) {
         faults
             .add(Some(&place), format!("`{key}` has an empty part before, between or after dots"));
+        return false;
+    }
+    if parts.len() > MOST_PARTS {
+        let reason = format!("a key has {} parts, more than {MOST_PARTS}", parts.len());
+        faults.add(Some(&place), reason);
         return false;
     }
     let mut at = root;
@@ -213,6 +232,22 @@ mod tests {
         let _ = parse(&source("a = \nb = 1\nc = ]\n"), &mut faults);
 
         assert!(faults.0.len() >= 2, "{faults}");
+    }
+
+    /// Tables that are nested so deeply overflow the stack when they are dropped.
+    #[test]
+    fn key_of_many_parts_is_refused_everywhere() {
+        let key = vec!["a"; 30_000].join(".");
+        let mut faults = Faults::default();
+        let mut root = parse(&source("x = 1\n"), &mut faults);
+        assert!(!set(&mut root, &key, parse_value(&source("1")), &mut faults));
+        let _ = parse(&source(&format!("x = 1\n{key} = 1\n")), &mut faults);
+        let value = parse_value(&source(&format!("{{ {key} = 1 }}")));
+
+        let told = faults.to_string();
+        assert!(told.contains("a key has 30000 parts, more than 16"), "{}", &told[..200]);
+        assert!(told.contains("t:2:1: a key has more than 16 parts"), "{}", &told[..200]);
+        assert!(value.describe().len() < 300);
     }
 
     #[test]

@@ -11,6 +11,8 @@
 //! | 32..36 | CRC-32 of the head, with these four bytes as 0 |
 //! | 64..128 | name of the table, padded with 0 |
 
+use crate::hw::new_file::{self, Sync};
+use crate::hw::text;
 use crate::solver::table::{TableSpec, Workers};
 use crate::solver::tables::Bytes;
 use crc32fast::Hasher;
@@ -119,7 +121,7 @@ pub(super) fn open(
     residence: Residence,
     workers: &dyn Workers,
 ) -> Result<Bytes, Unusable> {
-    let mut file = File::open(path).map_err(|error| match error.kind() {
+    let mut file = text::open(path).map_err(|error| match error.kind() {
         io::ErrorKind::NotFound => Unusable::Absent,
         _ => Unusable::Unreadable(error),
     })?;
@@ -139,7 +141,8 @@ pub(super) fn open(
     };
     // An equal note says that this very file had the right checksum before.
     let note = note(&file, checksum)?;
-    if fs::read_to_string(note_path(path)).ok().as_deref() != Some(&note) {
+    let noted = text::open_text(&note_path(path), HEAD as u64);
+    if noted.ok().is_none_or(|(_, text)| text != note) {
         let found = sum((*bytes).as_ref(), workers);
         if found != checksum {
             return Err(Unusable::Checksum { found, wanted: checksum });
@@ -149,7 +152,7 @@ pub(super) fn open(
         // would leave the time as it is.
         let age = file.metadata()?.modified()?.elapsed().unwrap_or_default();
         if age > SETTLED {
-            let _ = fs::write(note_path(path), note);
+            let _ = new_file::replace(&note_path(path), ".tmp", note.as_bytes(), Sync::No);
         }
     }
     Ok(bytes)
@@ -200,12 +203,12 @@ pub(super) fn write(
     // A crash must leave no file that looks complete: sync before the rename. Both paths are in one
     // folder, so the rename is atomic.
     remove_rests(path);
-    let beside = beside(path, &format!("{}.tmp", std::process::id()));
-    let written = File::create(&beside).and_then(|mut file| {
+    let beside = new_file::beside(path, ".tmp");
+    let written = new_file::create(&beside).and_then(|mut file| {
         file.write_all(&head(spec, sum(table, workers)))?;
         file.write_all(table)?;
         file.sync_all()?;
-        fs::rename(&beside, path)
+        new_file::rename(&beside, path, true)
     });
     if written.is_err() {
         let _ = fs::remove_file(&beside);
@@ -293,14 +296,6 @@ fn note(file: &File, checksum: u32) -> io::Result<String> {
 
 fn note_path(path: &Path) -> PathBuf {
     path.with_extension("sound")
-}
-
-/// Appends an extension to a path.
-fn beside(path: &Path, extension: &str) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(".");
-    name.push(extension);
-    name.into()
 }
 
 /// Removes the temporary files of processes that died while they wrote. The caller holds the lock,

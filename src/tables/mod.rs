@@ -20,8 +20,9 @@ pub(crate) mod testing;
 mod threads;
 
 pub use file::{Residence, Unusable};
-pub use threads::Threads;
+pub use threads::{Threads, cores};
 
+use crate::hw::new_file;
 use crate::solver::table::{Progress, TableSpec, Workers};
 use crate::solver::tables::Bytes;
 use std::fs::{self, File, TryLockError};
@@ -86,6 +87,12 @@ impl Store {
             cache().or_else(home).unwrap_or_else(std::env::temp_dir).join("rubik-robot")
         });
         Self::new(folder)
+    }
+
+    /// Returns where the bytes of the tables are while they are used.
+    #[must_use]
+    pub fn residence(&self) -> Residence {
+        self.residence
     }
 
     /// Returns the folder of the table files.
@@ -201,7 +208,7 @@ impl Store {
     /// it has to wait for another process.
     fn lock(&self, spec: &TableSpec, listener: Listener<'_>) -> io::Result<File> {
         fs::create_dir_all(&self.folder)?;
-        let lock = File::create(self.lock_path(spec))?;
+        let lock = new_file::open_or_create(&self.lock_path(spec))?;
         match lock.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
@@ -216,7 +223,7 @@ impl Store {
 
 #[cfg(test)]
 mod tests {
-    use super::testing::Folder;
+    use super::testing::{Folder, make_pipe};
     use super::*;
     use crate::solver::table::InTurn;
     use std::sync::atomic::{AtomicUsize, Ordering};
@@ -299,6 +306,39 @@ mod tests {
             assert!(remover.join().unwrap().unwrap());
         });
         assert!(!store.path(&SPEC).exists());
+    }
+
+    /// A mapped table would end the process by a signal.
+    #[test]
+    fn copied_table_survives_truncation_of_its_file() {
+        let (_folder, store) = place("truncated");
+        obtain(&store, &SPEC);
+        let copied = store.with(Residence::Copied);
+        let table = copied.open(&SPEC, &InTurn).unwrap();
+
+        File::options().write(true).open(copied.path(&SPEC)).unwrap().set_len(0).unwrap();
+
+        assert!(right(&table));
+    }
+
+    /// Another user may have put links or pipes into the folder.
+    #[test]
+    fn store_refuses_planted_links_and_pipes() {
+        let (folder, store) = place("planted");
+        fs::create_dir_all(store.folder()).unwrap();
+        let victim = folder.write("victim", "precious");
+        make_pipe(&store.path(&SPEC));
+        assert!(matches!(store.open(&SPEC, &InTurn), Err(Unusable::Unreadable(_))));
+        for end in ["lock", "table.tmp"] {
+            let planted = store.folder().join(format!("{}.{end}", SPEC.name));
+            let _ = fs::remove_file(&planted);
+            std::os::unix::fs::symlink(&victim, &planted).unwrap();
+
+            assert!(right(&obtain(&store, &SPEC)));
+
+            assert_eq!(fs::read(&victim).unwrap(), b"precious", "{end}");
+            let _ = fs::remove_file(&planted);
+        }
     }
 
     #[test]

@@ -1,7 +1,8 @@
-//! A temporary folder for the files of a test, for all tests of the crate.
+//! A temporary folder for the files of a test, and a pipe, for all tests of the crate.
 
+use rustix::fs::{CWD, FileType, Mode, mknodat};
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Folder of one test, removed when the test ends.
 pub(crate) struct Folder(pub(crate) PathBuf);
@@ -29,4 +30,10 @@ impl Drop for Folder {
     fn drop(&mut self) {
         let _ = fs::remove_dir_all(&self.0);
     }
+}
+
+/// Makes a named pipe. A child process, as of `mkfifo`, would hold the locks of other tests' files
+/// from its fork to its exec.
+pub(crate) fn make_pipe(path: &Path) {
+    mknodat(CWD, path, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
 }

@@ -14,11 +14,28 @@ impl Threads {
         Self(count.max(1))
     }
 
-    /// Makes workers of as many threads as the machine runs at once.
+    /// Makes workers of as many threads as this process may run at once.
     #[must_use]
     pub fn all() -> Self {
-        Self::new(std::thread::available_parallelism().map_or(1, usize::from))
+        Self::new(cores())
     }
+}
+
+/// Returns the number of cores that this process may use, at least one.
+///
+/// Affinity and the limits of a control group count, and also the share of a job under SLURM, which
+/// need not be enforced by either.
+#[must_use]
+pub fn cores() -> usize {
+    let share = std::env::var("SLURM_CPUS_PER_TASK").ok();
+    shared(std::thread::available_parallelism().map_or(1, usize::from), share.as_deref())
+}
+
+/// Returns the smaller one of the available cores and the share of a job. A share that is no
+/// number above 0 is ignored.
+fn shared(available: usize, share: Option<&str>) -> usize {
+    let share = share.and_then(|text| text.trim().parse().ok()).filter(|&n: &usize| n > 0);
+    share.map_or(available, |share| share.min(available))
 }
 
 impl Workers for Threads {
@@ -41,7 +58,10 @@ impl Workers for Threads {
         // The thread of the caller works as well.
         std::thread::scope(|scope| {
             for _ in 1..self.0.min(tasks) {
-                scope.spawn(work);
+                // At the limit of threads the others do the work.
+                if std::thread::Builder::new().spawn_scoped(scope, work).is_err() {
+                    break;
+                }
             }
             work();
         });
@@ -52,6 +72,15 @@ impl Workers for Threads {
 mod tests {
     use super::*;
     use std::sync::Mutex;
+
+    #[test]
+    fn share_of_a_job_limits_the_cores() {
+        for (share, wanted) in
+            [(None, 8), (Some("3"), 3), (Some("16"), 8), (Some("0"), 8), (Some("a few"), 8)]
+        {
+            assert_eq!(shared(8, share), wanted, "{share:?}");
+        }
+    }
 
     #[test]
     fn threads_run_each_task_once() {

@@ -2,8 +2,8 @@
 
 use rubik_robot::emergency_stop::EmergencyStop;
 use rubik_robot::hw::driver::{
-    Core, NoRecords, RecordSink, ServoLink, ServoRecord, Switches, WallOptions, link, run_virtual,
-    spawn_wall,
+    Clock, Core, NoRecords, RecordSink, ServoLink, ServoRecord, Switches, Time, WallOptions, link,
+    run_virtual, spawn_wall, spawn_wall_on,
 };
 use rubik_robot::hw::port::{Port, PortFault};
 use rubik_robot::motion::{
@@ -315,4 +315,82 @@ fn servo_uses_port_reading_of_the_previous_period() {
     for period in 1..=100 {
         core.period(period, &mut Echo).unwrap();
     }
+}
+
+/// The bridge thread panics in the hook after an exchange, the servo thread in its sink.
+#[test]
+fn driver_names_the_thread_that_panicked() {
+    struct Mad;
+    impl RecordSink for Mad {
+        fn record(&mut self, _: &ServoRecord) {
+            panic!("full");
+        }
+    }
+    let options = WallOptions { spin: 0, ..WallOptions::default() };
+    let ended = |sink: Box<dyn RecordSink>, most: u64| {
+        let mut port = Motors::new(2);
+        let (core, _links, _) = core(&mut port, sink);
+        let hook = move |period: u64, _: &mut Motors| assert!(period < most, "on purpose");
+        let wall = spawn_wall(core, port, hook, options).unwrap();
+        for _ in 0..600 {
+            if wall.has_ended() {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        wall.stop()
+    };
+
+    let bridge = ended(Box::new(NoRecords), 10);
+    assert_eq!(bridge.panic, Some(("the bridge's thread", "on purpose".to_owned())));
+    assert!(bridge.port.is_none());
+    let servo = ended(Box::new(Mad), u64::MAX);
+    assert_eq!(servo.panic, Some(("the servo's thread", "full".to_owned())));
+    assert!(servo.port.is_some());
+}
+
+/// Clocks of a computer that is suspended for an hour after a time.
+struct Suspended {
+    from: u64,
+    hour: u64,
+}
+
+impl Time for Suspended {
+    fn now(&self) -> u64 {
+        Clock.now()
+    }
+
+    fn boot_time(&self) -> u64 {
+        let now = Clock.now();
+        if now < self.from { now } else { now + self.hour }
+    }
+
+    fn wait_until(&self, nanos: u64, spin: u64) {
+        Clock.wait_until(nanos, spin);
+    }
+}
+
+/// The monotonic clock stands still in a suspend, so no grid point passes.
+#[test]
+fn suspend_of_the_computer_stops_the_arms() {
+    let mut port = Motors::new(2);
+    let (core, mut links, _) = core(&mut port, Box::new(NoRecords));
+    // Without a limit that other load of this machine could reach.
+    let limit = 1_000_000;
+    let options = WallOptions { spin: 0, missed_limit: limit, ..WallOptions::default() };
+    let clock = Suspended { from: Clock.now() + 100_000_000, hour: 3_600_000_000_000 };
+    let wall = spawn_wall_on(clock, core, port, |_, _| {}, options).unwrap();
+
+    let mut fault = None;
+    for _ in 0..600 {
+        fault = links[0].state().fault;
+        if fault.is_some() {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+
+    let Some(ArmFault::Missed { periods }) = fault else { panic!("{fault:?}") };
+    assert!((1_799_000..1_900_000).contains(&periods), "{periods}");
+    assert!(wall.stop().timing.missed >= periods);
 }

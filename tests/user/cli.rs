@@ -285,6 +285,28 @@ fn doctor_reports_scenario_with_missing_devices_file() {
     assert!(devices["fix"].as_str().unwrap().contains("rubik-robot emulate"), "{devices}");
 }
 
+/// A servo on a core that is not there is refused by `run`, and reported by `doctor`.
+#[test]
+fn core_that_is_not_there_is_refused() {
+    let scenario = Scenario::new(
+        "nocore",
+        "task = \"idle\"\npace = \"real-time\"\n[idle]\ntime_s = 1\n[real_time]\ncore = 1000\n",
+    );
+
+    let run = robot(&["run", scenario.path(), "--ui", "none"]);
+    let doctor = robot(&["doctor", scenario.path(), "--seconds", "0.1"]);
+    let slower = robot(&["run", scenario.path(), "--ui", "none", "--pace", "virtual"]);
+
+    let words = "core 1000 is not there: this process may use core";
+    assert_eq!(run.status.code(), Some(2), "{}", text(&run.stderr));
+    assert!(text(&run.stderr).contains(words), "{}", text(&run.stderr));
+    assert_eq!(doctor.status.code(), Some(1));
+    let report = text(&doctor.stdout);
+    assert!(report.contains(words) && report.contains("REFUSED  real_time.core"), "{report}");
+    // The virtual clock has no servo thread.
+    assert_eq!(slower.status.code(), Some(0), "{}", text(&slower.stderr));
+}
+
 /// Two outputs at one path are refused as well. The file at the path stays unchanged.
 #[test]
 fn commands_refuse_same_path_for_input_and_output() {

@@ -12,6 +12,7 @@ mod page;
 mod program;
 mod recording;
 mod resume;
+mod robust;
 mod solve;
 mod terminal;
 mod urdf;

@@ -195,6 +195,46 @@ fn solve_continues_after_refused_input_lines() {
     assert!(message.contains(&Facelets::solved().to_string()), "{message}");
 }
 
+/// Returns a cube in the layouts that people have, each as the bytes of a file.
+fn layouts(cube: &str) -> Vec<Vec<u8>> {
+    let side = |face: usize| &cube[9 * face..][..9];
+    let row = |face: usize, row: usize| &side(face)[3 * row..][..3];
+    let sides: Vec<&str> = (0..6).map(side).collect();
+    let colours = cube.chars().map(|c| "wrgyob".as_bytes()["URFDLB".find(c).unwrap()] as char);
+    let colours: String = colours.collect();
+    let mut net: Vec<String> = (0..3).map(|r| format!("    {}", row(0, r))).collect();
+    net.extend((0..3).map(|r| [4, 2, 1, 5].map(|face| row(face, r)).join(" ")));
+    net.extend((0..3).map(|r| format!("    {}", row(3, r))));
+    let wide: Vec<u8> =
+        format!("\u{feff}{cube}\r\n").encode_utf16().flat_map(u16::to_le_bytes).collect();
+    let texts = [
+        format!("\u{feff}{cube}\n"),
+        sides.join(" "),
+        sides.join("\n"),
+        net.join("\n"),
+        [0, 4, 2, 1, 5, 3].map(|face| &colours[9 * face..][..9]).concat(),
+        colours,
+    ];
+    texts.into_iter().map(String::into_bytes).chain([wide]).collect()
+}
+
+#[test]
+fn solve_reads_cubes_as_people_write_them() {
+    let cube = facelets(7);
+    for file in layouts(&cube) {
+        let mut child = command(&["solve", "--mode", "first", "--json", "-"]).spawn().unwrap();
+        child.stdin.take().unwrap().write_all(&file).unwrap();
+
+        let out = child.wait_with_output().unwrap();
+
+        let shown = String::from_utf8_lossy(&file);
+        assert_eq!(out.status.code(), Some(0), "{shown}: {}", text(&out.stdout));
+        let answers = lines(&out);
+        assert_eq!(answers.len(), 1, "{shown}");
+        assert_eq!(answers[0]["cube"], Value::from(cube.clone()), "{shown}");
+    }
+}
+
 #[test]
 fn closed_stdout_causes_no_panic() {
     let mut child = command(&["solve", "--mode", "first", "-"]).spawn().unwrap();

@@ -25,6 +25,7 @@ use super::notice::Notice;
 use super::services::Services;
 use super::vsp::VspHandle;
 use super::watchdog::{Heartbeat, Supervision, Watchdog};
+use super::work::SEARCH;
 use crate::error::{Error, Fatal, NonFatal, System};
 use crate::generators::Behaviour;
 use crate::motion::{ArmState, PERIOD, Synchronisation};
@@ -327,9 +328,11 @@ impl Mp {
             Action::Look { effector, view } => self.look(effector, view).await?,
             // Long work, as the search for a plan: it leaves the runtime under the wall clock.
             Action::Think(thought) => {
-                let conclusion = self.parts.services.work.run(move || T::think(thought)).await;
-                let conclusion = conclusion.ok_or_else(|| system("think", "the worker"))?;
-                Ok(Event::Thought(conclusion))
+                let worker = ("the planner", SEARCH);
+                let thinks = move || T::think(thought);
+                let conclusion = self.parts.services.work.run(worker, thinks).await;
+                let failed = |cause| Error::System { actor: "mp".into(), place: "think", cause };
+                Ok(Event::Thought(conclusion.map_err(failed)?))
             }
             // The next three wait for the operator, who may terminate the run instead.
             Action::Ask(question) => Ok(Event::Answered(self.ask(&question).await?)),
@@ -434,12 +437,12 @@ impl Mp {
             Ok(()) => Ok(journal),
             Err(why) => Err(journal.given_up(&why)),
         };
-        match self.parts.services.work.wait(writes).await {
-            Some(Ok(journal)) => self.parts.journal = Some(journal),
-            Some(Err(warning)) => self.tell(Notice::Warning(self.now(), warning)),
-            None => {
-                let warning = "the journal's writer failed: this run must not be resumed";
-                self.tell(Notice::Warning(self.now(), warning.to_owned()));
+        match self.parts.services.work.wait("the journal's writer", writes).await {
+            Ok(Ok(journal)) => self.parts.journal = Some(journal),
+            Ok(Err(warning)) => self.tell(Notice::Warning(self.now(), warning)),
+            Err(why) => {
+                let warning = format!("{why}: this run must not be resumed");
+                self.tell(Notice::Warning(self.now(), warning));
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use super::finding::{Finding, Weight};
 use super::fix::{GRANTED, MEMBER, RULES};
-use crate::hw::driver::{Clock, RealTime};
+use crate::hw::driver::{Clock, RealTime, missing_core, own_cores};
 use std::fs;
 
 /// Returns the findings about the rights of a servo thread. It asks for each right.
@@ -57,8 +57,8 @@ pub(super) fn rights(priority: i32) -> Vec<Finding> {
 
 /// Returns the findings about the kernel and the processor.
 pub(super) fn kernel() -> Vec<Finding> {
-    let cores = std::thread::available_parallelism().map_or(0, std::num::NonZero::get);
-    vec![preemption(), budget(), timer(), governor(cores), isolation(cores), hypervisor()]
+    let cores = own_cores();
+    vec![preemption(), budget(), timer(), governor(&cores), isolation(&cores), hypervisor()]
 }
 
 /// Returns the text of a file of the kernel; empty if it does not exist.
@@ -120,8 +120,9 @@ fn timer() -> Finding {
 }
 
 /// Checks that no core reduces its frequency.
-fn governor(cores: usize) -> Finding {
-    let governors: Vec<String> = (0..cores)
+fn governor(cores: &[usize]) -> Finding {
+    let governors: Vec<String> = cores
+        .iter()
         .map(|cpu| read(&format!("/sys/devices/system/cpu/cpu{cpu}/cpufreq/scaling_governor")))
         .filter(|governor| !governor.is_empty())
         .collect();
@@ -133,25 +134,48 @@ fn governor(cores: usize) -> Finding {
         match governors.first() {
             None => "no frequency scaling found".to_owned(),
             Some(first) if performs => format!("{first} on all cores"),
-            Some(_) => format!("{} on {cores} cores", governors.join(", ")),
+            Some(_) => format!("{} on {} cores", governors.join(", "), cores.len()),
         },
         Some("sudo cpupower frequency-set -g performance"),
     )
 }
 
 /// Checks that a core is reserved for the servo.
-fn isolation(cores: usize) -> Finding {
+fn isolation(cores: &[usize]) -> Finding {
     // No other thread runs on an isolated core unless it asks for it.
     let isolated = read("/sys/devices/system/cpu/isolated");
-    note(
-        "isolated cores",
-        !isolated.is_empty(),
-        match isolated.as_str() {
-            "" => format!("none of {cores}"),
-            isolated => format!("{isolated} of {cores}: set real_time.core to one of them"),
-        },
-        Some("boot with isolcpus=1 nohz_full=1 rcu_nocbs=1, then --set real_time.core=1"),
-    )
+    isolation_of(&isolated, cores)
+}
+
+/// Checks that a core is reserved for the servo: `isolated` is the kernel's list, and `cores` are
+/// those on which this process may run.
+fn isolation_of(isolated: &str, cores: &[usize]) -> Finding {
+    let count = cores.len();
+    let fact = match (isolated, count) {
+        ("", 0 | 1) => "none: the only core of this process cannot be reserved".to_owned(),
+        ("", _) => format!("none of {count}"),
+        (isolated, _) => format!("{isolated}: set real_time.core to one of them"),
+    };
+    // The first core serves interrupts of the machine, and one must be left for all other threads.
+    let fix = cores.last().filter(|_| count > 1).map(|core| {
+        format!(
+            "boot with isolcpus={core} nohz_full={core} rcu_nocbs={core}, \
+             then --set real_time.core={core}"
+        )
+    });
+    note("isolated cores", !isolated.is_empty(), fact, fix.as_deref())
+}
+
+/// Returns the finding about the core that a scenario reserves for its servo; none if it reserves
+/// none.
+pub(super) fn core(core: Option<u32>) -> Option<Finding> {
+    let core = core?;
+    let missing = missing_core(core as usize);
+    let weight = if missing.is_some() { Weight::Refused } else { Weight::Good };
+    let fix =
+        missing.is_some().then(|| "set real_time.core to one of these, or to none".to_owned());
+    let fact = missing.unwrap_or_else(|| format!("the servo's thread can be kept on core {core}"));
+    Some(Finding { name: "real_time.core", weight, fact, fix })
 }
 
 /// Checks that the machine is not virtual.
@@ -193,6 +217,26 @@ mod tests {
         let scheduling = of(&found, "scheduling");
         assert_eq!(scheduling.weight == Weight::Good, is_granted, "{}: {stat}", scheduling.fact);
         assert!(scheduling.fact.contains("42"), "{}", scheduling.fact);
+    }
+
+    #[test]
+    fn isolation_advice_names_a_core_of_this_process() {
+        let fix = |isolated, cores: &[usize]| isolation_of(isolated, cores).fix;
+
+        assert_eq!(fix("", &[0]), None);
+        assert_eq!(fix("1", &[0, 2]), None);
+        let advice = fix("", &[0, 2, 6]).unwrap();
+        assert!(advice.contains("isolcpus=6 ") && advice.ends_with("core=6"), "{advice}");
+    }
+
+    #[test]
+    fn core_that_is_not_there_is_refused() {
+        let of = |wanted| core(wanted).map(|finding| finding.weight);
+
+        assert_eq!(of(None), None);
+        assert_eq!(of(Some(own_cores()[0] as u32)), Some(Weight::Good));
+        assert_eq!(of(Some(1023)), Some(Weight::Refused));
+        assert!(core(Some(1023)).unwrap().fact.starts_with("core 1023 is not there"));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //!
 //! - in: the machine; optionally a scenario with its devices
 //! - out: findings, each fault with the command that mends it; the jitter of a servo thread
-//! - exit code: 1 if a right is missing or `run` would refuse the devices of the scenario
+//! - exit code: 1 if a right is missing or `run` would refuse the core or devices of the scenario
 
 mod devices;
 mod finding;
@@ -28,10 +28,10 @@ Examples:
   rubik-robot doctor --json | tail -1
 
 No device is opened, and no arm moves.
-Exit codes: 0 every real-time right is granted, and `run` would accept the scenario's devices;
-1 otherwise; 2 the scenario is wrong.")]
+Exit codes: 0 every real-time right is granted, and `run` would accept the scenario's core and
+devices; 1 otherwise; 2 the scenario is wrong.")]
 pub(super) struct DoctorArgs {
-    /// Scenario file (TOML) whose priority and devices are checked
+    /// Scenario file (TOML) whose priority, core and devices are checked
     scenario: Option<PathBuf>,
     /// Duration of each of the two jitter measurements (s)
     #[arg(long, value_name = "S", default_value_t = 2.0)]
@@ -80,6 +80,7 @@ fn examine(scenario: Option<&Scenario>, priority: i32) -> Vec<Finding> {
     let mut findings = machine::rights(priority);
     findings.extend(machine::kernel());
     findings.extend(devices::devices());
+    findings.extend(scenario.and_then(|s| machine::core(s.real_time.core)));
     findings.extend(scenario.into_iter().flat_map(robot::robot));
     findings
 }
@@ -114,7 +115,7 @@ fn print_verdict(findings: &[Finding], output: &mut Output) -> anyhow::Result<()
         "\nEvery real-time right is granted."
     })?;
     if any(findings, Weight::Refused) {
-        output.line("`run` refuses this scenario because of its devices.")?;
+        output.line("`run` refuses this scenario: the findings marked REFUSED say why.")?;
     }
     Ok(())
 }

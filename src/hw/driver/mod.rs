@@ -15,18 +15,20 @@ mod link;
 mod realtime;
 mod record;
 mod stats;
+mod suspend;
 mod virtual_time;
 mod wall;
 
 pub use self::core::{Core, HEARTBEAT_TIMEOUT, Switches};
 pub use bridge::{Bridge, BridgeLost, BridgePort};
 pub use link::{ServoEnd, ServoLink, Unsent, link, link_at};
-pub use realtime::{Clock, RealTime, step_back};
+pub use realtime::{Clock, RealTime, missing_core, own_cores, step_back};
 pub use record::{NoRecords, RecordSink, ServoRecord};
 pub use stats::{Histogram, Timing};
+pub use suspend::Time;
 pub use virtual_time::run_virtual;
 pub(crate) use wall::pass;
-pub use wall::{Wall, WallEnd, WallOptions, spawn_wall};
+pub use wall::{Wall, WallEnd, WallOptions, spawn_wall, spawn_wall_on};
 
 /// Default length of a servo period (ns).
 pub const PERIOD_NANOS: u64 = 2_000_000;

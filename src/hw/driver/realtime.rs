@@ -132,6 +132,50 @@ fn pin(core: usize) -> std::io::Result<()> {
     if kept == 0 { Ok(()) } else { Err(std::io::Error::last_os_error()) }
 }
 
+/// Returns the cores that a thread of this process can be kept on, in ascending order. Cores that
+/// are switched off or belong to other control groups are not among them.
+fn usable_cores() -> Vec<usize> {
+    // The try changes the affinity of its thread, which therefore ends at once.
+    let tried = std::thread::Builder::new()
+        .spawn(|| (0..libc::CPU_SETSIZE as usize).filter(|core| pin(*core).is_ok()).collect());
+    tried.ok().and_then(|thread| thread.join().ok()).unwrap_or_default()
+}
+
+/// Returns the cores on which the calling thread may run now, in ascending order.
+#[must_use]
+pub fn own_cores() -> Vec<usize> {
+    // SAFETY: all zeros are an empty set, which outlives the call; `CPU_ISSET` is asked for cores
+    // within the set.
+    unsafe {
+        let mut set: libc::cpu_set_t = std::mem::zeroed();
+        libc::sched_getaffinity(0, size_of::<libc::cpu_set_t>(), &raw mut set);
+        (0..libc::CPU_SETSIZE as usize).filter(|core| libc::CPU_ISSET(*core, &set)).collect()
+    }
+}
+
+/// Returns the reason why no thread can be kept on `core`, with the cores that can be used; `None`
+/// if it can.
+#[must_use]
+pub fn missing_core(core: usize) -> Option<String> {
+    let cores = usable_cores();
+    (!cores.contains(&core))
+        .then(|| format!("core {core} is not there: this process may use {}", in_words(&cores)))
+}
+
+/// Returns ascending numbers of cores in words: "core 0", "cores 0 to 3, 8".
+fn in_words(cores: &[usize]) -> String {
+    let runs: Vec<String> = cores
+        .chunk_by(|a, b| a + 1 == *b)
+        .map(|run| match run {
+            [first, .., last] => format!("{first} to {last}"),
+            [one] => one.to_string(),
+            [] => String::new(),
+        })
+        .collect();
+    let noun = if cores.len() == 1 { "core" } else { "cores" };
+    format!("{noun} {}", runs.join(", "))
+}
+
 fn denied(what: &str) -> String {
     format!("{what}: {}", std::io::Error::last_os_error())
 }
@@ -147,6 +191,15 @@ impl Clock {
         let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
         // SAFETY: the clock exists on every Linux and the time is ours.
         unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &raw mut time) };
+        time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
+    }
+
+    /// Returns the time of the clock that also counts while the computer is suspended (ns).
+    #[must_use]
+    pub fn boot_time(self) -> u64 {
+        let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+        // SAFETY: as above.
+        unsafe { libc::clock_gettime(libc::CLOCK_BOOTTIME, &raw mut time) };
         time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
     }
 
@@ -206,6 +259,18 @@ mod tests {
         assert_eq!(Lockable::of(Some(limit), ""), Lockable::Limited(limit));
         assert_eq!(Lockable::of(Some(limit), IPC_LOCK), Lockable::All);
         assert_eq!(Lockable::of(None, NONE), Lockable::All);
+    }
+
+    #[test]
+    fn missing_core_is_named_with_those_that_exist() {
+        let cores = usable_cores();
+
+        assert!(own_cores().iter().all(|core| cores.contains(core)));
+        assert!(cores.iter().all(|core| missing_core(*core).is_none()));
+        let why = missing_core(1023).unwrap();
+        assert!(why.starts_with("core 1023 is not there: this process may use core"), "{why}");
+        assert_eq!(in_words(&[0]), "core 0");
+        assert_eq!(in_words(&[0, 1, 2, 5, 8, 9]), "cores 0 to 2, 5, 8 to 9");
     }
 
     #[test]

@@ -3,7 +3,8 @@
 //!
 //! The grid is absolute: a late period does not shift the next one. Periods are numbered without
 //! gaps, and missed grid points are counted apart. The arms hold their last set values in them, so
-//! a motion continues without a jump. Too many missed points in a row brake and trip the arms.
+//! a motion continues without a jump. Too many missed points in a row brake and trip the arms. The
+//! time of a suspend of the computer counts as missed points, although its clock stands still.
 //!
 //! In its loop the thread allocates nothing and takes no lock. Its only system calls are the sleep
 //! and the wake-up of the bridge. `tests/realtime.rs` checks all three.
@@ -12,6 +13,8 @@ use super::bridge::{Bridge, BridgePort};
 use super::core::{Core, Switches};
 use super::realtime::{Clock, RealTime};
 use super::stats::Timing;
+use super::suspend::{Suspends, Time};
+use crate::error::panic_text;
 use crate::hw::port::{Port, PortFault};
 use crate::motion::ArmFault;
 use std::io;
@@ -60,6 +63,8 @@ pub struct WallEnd<P> {
     pub fault: Option<PortFault>,
     /// Punctuality of the servo.
     pub timing: Timing,
+    /// Name of the first thread that panicked, with the text of its panic.
+    pub panic: Option<(&'static str, String)>,
 }
 
 /// Starts the servo thread and the bridge thread. The bridge thread owns `port` and calls `hook`
@@ -69,6 +74,20 @@ pub struct WallEnd<P> {
 /// The error of the operating system if a thread cannot be started.
 /// [`io::ErrorKind::PermissionDenied`] with all denied rights if real time is required.
 pub fn spawn_wall<P: Port + 'static>(
+    core: Core,
+    port: P,
+    hook: impl FnMut(u64, &mut P) + Send + 'static,
+    options: WallOptions,
+) -> io::Result<Wall<P>> {
+    spawn_wall_on(Clock, core, port, hook, options)
+}
+
+/// Starts both threads like [`spawn_wall`]; the servo runs on the given clocks.
+///
+/// # Errors
+/// As [`spawn_wall`].
+pub fn spawn_wall_on<P: Port + 'static>(
+    clock: impl Time + Send + 'static,
     mut core: Core,
     port: P,
     hook: impl FnMut(u64, &mut P) + Send + 'static,
@@ -84,7 +103,7 @@ pub fn spawn_wall<P: Port + 'static>(
         let mut rights = RealTime::acquire(options.priority, options.core);
         let denied = options.require_real_time && !rights.warnings.is_empty();
         let _ = report.send((denied, std::mem::take(&mut rights.warnings)));
-        if denied { Timing::default() } else { run(&mut core, &mut side, &options) }
+        if denied { Timing::default() } else { run(&clock, &mut core, &mut side, &options) }
     })?;
     match reported.recv() {
         Ok((false, warnings)) => Ok(Wall { threads: Some((servo, bridge)), switches, warnings }),
@@ -105,20 +124,28 @@ impl<P> Wall<P> {
     /// Stops the servo thread and the bridge thread, waits for them and returns their results.
     #[must_use]
     pub fn stop(mut self) -> WallEnd<P> {
-        self.end().unwrap_or(WallEnd { port: None, fault: None, timing: Timing::default() })
+        self.end().unwrap_or(WallEnd {
+            port: None,
+            fault: None,
+            timing: Timing::default(),
+            panic: None,
+        })
     }
 
     fn end(&mut self) -> Option<WallEnd<P>> {
         let (servo, bridge) = self.threads.take()?;
         self.switches.stop.store(true, Ordering::Release);
         // The servo first: its end drops the bridge's channel, by which the bridge switches the
-        // drives off and ends. A panic has printed its own message; its measurements are lost.
-        let timing = servo.join().unwrap_or_default();
-        let (port, fault) = match bridge.join() {
-            Some((port, fault)) => (Some(port), fault),
-            None => (None, None),
+        // drives off and ends. The measurements of a thread that panicked are lost.
+        let (timing, servo_panic) = match servo.join() {
+            Ok(timing) => (timing, None),
+            Err(why) => (Timing::default(), Some(("the servo's thread", panic_text(&*why)))),
         };
-        Some(WallEnd { port, fault, timing })
+        let (port, fault, bridge_panic) = match bridge.join() {
+            Ok((port, fault)) => (Some(port), fault, None),
+            Err(why) => (None, None, Some(("the bridge's thread", why))),
+        };
+        Some(WallEnd { port, fault, timing, panic: servo_panic.or(bridge_panic) })
     }
 }
 
@@ -137,8 +164,7 @@ pub(crate) fn pass(next: &mut u64, length: u64, now: u64) -> u64 {
 }
 
 /// Runs the real-time loop until the stop switch is set or the bridge is lost.
-fn run(core: &mut Core, port: &mut BridgePort, options: &WallOptions) -> Timing {
-    let clock = Clock;
+fn run(clock: &impl Time, core: &mut Core, port: &mut BridgePort, options: &WallOptions) -> Timing {
     let length = core.length().nanos();
     // At most half a period is spun away, or a short period would keep the core busy all the time.
     let spin = options.spin.min(length / 2);
@@ -149,6 +175,7 @@ fn run(core: &mut Core, port: &mut BridgePort, options: &WallOptions) -> Timing 
     let mut last: Option<u64> = None;
     // Grid points that passed since the last period.
     let mut missed = 0;
+    let mut suspends = Suspends::default();
     while !core.switches().stop.load(Ordering::Acquire) {
         clock.wait_until(next, spin);
         let begun = clock.now();
@@ -161,7 +188,8 @@ fn run(core: &mut Core, port: &mut BridgePort, options: &WallOptions) -> Timing 
         // This period began so late that further grid points have passed already.
         let passed = pass(&mut next, length, begun);
         last = (passed == 0).then_some(begun);
-        missed += passed;
+        // While the computer is suspended the grid stands still, but the arms are not driven.
+        missed += passed + suspends.asleep(clock) / length;
         // The gap is reported before the readings are fetched: an exchange that was under way in
         // the gap may already show all of the motion in it, which looks like an encoder jump.
         if missed > 0 {

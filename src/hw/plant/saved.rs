@@ -17,10 +17,12 @@ use super::identity::Identity;
 use super::plausible::{self, Wrong};
 use super::verdict::Counts;
 use super::{Plant, State};
+use crate::hw::new_file::{self, Sync};
+use crate::hw::text;
 use crate::motion::{AXES, Depth};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
-use std::io::{Read as _, Write as _};
+use std::io::Read as _;
 use std::path::Path;
 
 /// Longest saved state (bytes): a typical one has 5000.
@@ -115,7 +117,7 @@ impl Saved {
             Err(why) => return Err(why.into()),
         }
         let mut bytes = Vec::new();
-        std::fs::File::open(path)?.take(LONGEST + 1).read_to_end(&mut bytes)?;
+        text::open(path)?.take(LONGEST + 1).read_to_end(&mut bytes)?;
         Self::parse(&bytes).map(Some)
     }
 
@@ -170,19 +172,8 @@ impl Saved {
     /// # Errors
     /// Errors of the operating system; the old file is still there then.
     pub fn write(&self, path: &Path, synced: bool) -> Result<(), Unfit> {
-        let mut beside = path.as_os_str().to_owned();
-        beside.push(".new");
         let bytes = serde_json::to_vec(self)?;
-        let mut file = std::fs::File::create(&beside)?;
-        let written = file
-            .write_all(&bytes)
-            .and_then(|()| if synced { file.sync_data() } else { Ok(()) })
-            .and_then(|()| std::fs::rename(&beside, path));
-        if written.is_err() {
-            // A part of a state is of no use.
-            let _ = std::fs::remove_file(&beside);
-        }
-        Ok(written?)
+        Ok(new_file::replace(path, ".new", &bytes, if synced { Sync::Content } else { Sync::No })?)
     }
 }
 

@@ -1,6 +1,6 @@
 //! The 54 stickers of a cube and their places.
 //!
-//! - in: text in the order URFDLB, or colours that were read face by face
+//! - in: text (see [`super::listing`]), or colours that were read face by face
 //! - out: [`Facelets`], which can be turned but need not form a possible cube; [`super::Cube`]
 //!   checks that
 
@@ -8,7 +8,6 @@ use super::{Face, Rotation24, Turn};
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 use std::fmt;
-use std::str::FromStr;
 use std::sync::LazyLock;
 
 /// Colours of the 54 stickers in the order URFDLB, each face in reading order.
@@ -35,6 +34,19 @@ pub enum ParseFacelets {
         /// Letter at that position.
         letter: char,
     },
+    /// The lines of the text, of this number, are none of the known layouts.
+    #[error(
+        "54 letters in {0} lines: expected one line, six lines of 9 (the sides in the order \
+         URFDLB), or a net (three lines of 3, three of 12 with L F R B, three of 3)"
+    )]
+    Layout(usize),
+    /// The letters are colours whose centres are not those of a usual cube.
+    #[error(
+        "the letters are colours (w r o y g b), and in the orders URFDLB and ULFRBD their six \
+         centres are not those of a cube with white opposite yellow, red opposite orange and green \
+         opposite blue: write U, R, F, D, L or B for the side whose centre has the colour"
+    )]
+    Colours,
 }
 
 /// Place of a sticker on the cube.
@@ -197,30 +209,6 @@ impl TryFrom<[u8; 54]> for Facelets {
     }
 }
 
-impl FromStr for Facelets {
-    type Err = ParseFacelets;
-
-    fn from_str(text: &str) -> Result<Self, ParseFacelets> {
-        let mut colours = [0; 54];
-        let text = text.trim();
-        // A wrong letter is reported before a wrong length, because it says more about the mistake.
-        // Only the first 54 letters have a place on the cube.
-        for (at, letter) in text.chars().enumerate().take(54) {
-            let face =
-                Face::from_letter(letter.to_ascii_uppercase()).ok_or(ParseFacelets::Letter {
-                    position: at + 1,
-                    place: facelet_place(at),
-                    letter,
-                })?;
-            colours[at] = face.index() as u8;
-        }
-        match text.chars().count() {
-            54 => Ok(Self(colours)),
-            other => Err(ParseFacelets::Length(other)),
-        }
-    }
-}
-
 impl TryFrom<String> for Facelets {
     type Error = ParseFacelets;
 
@@ -271,15 +259,5 @@ mod tests {
         let turned = parse_turns("R").unwrap().iter().fold(Facelets::solved(), |f, &t| f.turned(t));
 
         assert_eq!(turned.to_string(), "UUFUUFUUFRRRRRRRRRFFDFFDFFDDDBDDBDDBLLLLLLLLLUBBUBBUBB");
-    }
-
-    #[test]
-    fn wrong_letter_is_reported_with_its_place() {
-        let text = Facelets::solved().to_string().replacen('R', "X", 1);
-
-        let message = text.parse::<Facelets>().unwrap_err().to_string();
-
-        assert_eq!(message, "letter 'X' at position 10 (R1) is not one of U, R, F, D, L, B");
-        assert_eq!("UUU".parse::<Facelets>(), Err(ParseFacelets::Length(3)));
     }
 }

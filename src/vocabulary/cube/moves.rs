@@ -1,9 +1,19 @@
 //! Moves in the usual notation of scrambles: face turns, slices (M E S), wide turns (`Rw`, `r`) and
-//! rotations of the whole cube (x y z), each followed by nothing, `2` or `'`.
+//! rotations of the whole cube (x y z), each followed by nothing, `1`, `2`, `3` or `'`; moves in
+//! parentheses may be repeated: `(R U)2`.
 //!
 //! - in: text
 //! - out: [`Move`]s and the stickers after them, or the word that is not a move, with its position
-//! - source: World Cube Association, Regulations, article 12; M follows L, E follows D, S follows F
+//! - source: World Cube Association, Regulations, article 12; M follows L, E follows D, S follows
+//!   F; the numbers of quarters are those of Kociemba's solvers (`R1 U3`)
+//!
+//! | text | rule | reason |
+//! |---|---|---|
+//! | `y3Rw`, `R2u` | refused, a blank is asked for | a large cube's `3Rw` turns three layers |
+//! | `R5`, `Mw`, `2R` | refused | this cube has no such move |
+//! | `(R U)3` | at most [`REPEATED`] times | more is a mistake |
+//! | `(R U)'`, `(R U)x2` | refused | `'` has two meanings, `x2` is a rotation as well |
+//! | groups in groups | [`DEPTH`] deep, [`MOST`] moves | a short text must not fill the memory |
 
 use super::{Axis, Face, Facelets, Rotation24, Turn};
 use std::fmt;
@@ -32,17 +42,58 @@ pub struct Move {
 
 /// Reason why a text cannot be read as moves.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "`{token}` at position {position} is not a move: \
-     expected U, R, F, D, L or B, a wide turn as Rw or r, a slice M, E or S, \
-     or a rotation x, y or z, then nothing, 2 or '"
-)]
+#[error("`{token}` at position {position} {fault}")]
 pub struct ParseMoves {
     /// Position of the word in the text, in characters from 1.
     pub position: usize,
-    /// Word that is not a move.
+    /// Word that cannot be read.
     pub token: String,
+    /// Fault of the word.
+    pub fault: MoveFault,
 }
+
+/// Fault of a word that cannot be read as a move or a group of moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum MoveFault {
+    /// The word is not a move.
+    #[error(
+        "is not a move: expected U, R, F, D, L or B, a wide turn as Rw or r, a slice M, E or S, \
+         or a rotation x, y or z, then nothing, 1, 2, 3 or ' (3 is the same as '); \
+         moves in parentheses may be repeated: (R U)2"
+    )]
+    NotAMove,
+    /// The number may belong to the move before it or to the wide turn after it.
+    #[error(
+        "may mean two things: put a blank after the number if it counts the quarters of the move \
+         before it; a 3x3 cube has no wide turns with a number before them"
+    )]
+    Ambiguous,
+    /// A group has no closing parenthesis.
+    #[error("opens a group that is not closed: add a closing parenthesis")]
+    Unclosed,
+    /// A closing parenthesis has no group.
+    #[error("closes a group that is not open: add an opening parenthesis or remove this one")]
+    Unopened,
+    /// Something other than a number of repetitions is at the end of a group.
+    #[error(
+        "ends a group with something other than a number from 1 to {REPEATED}: \
+         put a blank after the parenthesis, or repeat the group as (R U)2"
+    )]
+    Repetition,
+    /// Groups within groups are nested too deep.
+    #[error("opens a group inside of {DEPTH} others, which is the limit: write the moves out")]
+    TooDeep,
+    /// The repetitions make too many moves.
+    #[error("makes more than {MOST} moves: repeat less")]
+    TooMany,
+}
+
+/// Largest number of repetitions of a group.
+const REPEATED: usize = 99;
+/// Largest number of groups around a move.
+const DEPTH: usize = 16;
+/// Largest number of moves of a text.
+const MOST: usize = 100_000;
 
 impl Move {
     /// Returns the stickers after the move, in a frame that is fixed in space: slices and rotations
@@ -107,46 +158,113 @@ pub fn after_moves(facelets: &Facelets, moves: &[Move]) -> Facelets {
     moves.iter().fold(*facelets, |f, m| m.of(&f))
 }
 
-/// Reads moves, with or without spaces between them: `R U2 F'`, `Rw M' x2`, `RU2F'`.
+/// Reads moves, with or without spaces between them: `R U2 F'`, `Rw M' x2`, `RU2F'`, `(R U)3`.
 ///
 /// # Errors
 /// The first word that is not a move, and its position.
 pub fn parse_moves(text: &str) -> Result<Vec<Move>, ParseMoves> {
     let letters: Vec<char> = text.chars().collect();
     let mut moves = Vec::new();
+    // Each open group: the position of its parenthesis, and the number of moves before it.
+    let mut groups: Vec<(usize, usize)> = Vec::new();
     let mut at = 0;
-    while at < letters.len() {
-        if letters[at].is_whitespace() {
-            at += 1;
-            continue;
-        }
+    while let Some(&letter) = letters.get(at) {
         let start = at;
-        let Some(mut layers) = layers(letters[at]) else {
-            return Err(unreadable(&letters, start));
-        };
-        at += 1;
-        // Only an outer layer can become wide: `rw` and `Mw` are refused below.
-        if let (Some('w'), Layers::Face(face)) = (letters.get(at), layers) {
-            layers = Layers::Wide(face);
-            at += 1;
+        match letter {
+            _ if letter.is_whitespace() => at += 1,
+            '(' if groups.len() == DEPTH => {
+                return Err(unreadable(&letters, start, MoveFault::TooDeep));
+            }
+            '(' => {
+                groups.push((start, moves.len()));
+                at += 1;
+            }
+            ')' => {
+                let group = groups.pop();
+                let (_, begin) =
+                    group.ok_or_else(|| unreadable(&letters, start, MoveFault::Unopened))?;
+                let (times, next) = repetitions(&letters, start)?;
+                let group = moves[begin..].to_vec();
+                if group.len() * (times - 1) + moves.len() > MOST {
+                    return Err(unreadable(&letters, start, MoveFault::TooMany));
+                }
+                (1..times).for_each(|_| moves.extend_from_slice(&group));
+                at = next;
+            }
+            _ => {
+                let (one, next) = parse_move(&letters, start)?;
+                moves.push(one);
+                at = next;
+            }
         }
-        let quarters = match letters.get(at) {
-            Some('2') => 2,
-            Some('3') => 3,
-            Some(c) if is_prime(*c) => 3,
-            _ => 1,
-        };
-        at += usize::from(quarters != 1);
-        // A half turn anticlockwise is sometimes written as 2'.
-        at += usize::from(quarters == 2 && letters.get(at).is_some_and(|c| is_prime(*c)));
-        // A second suffix is a mistake and not a move of its own: `R22`, `Mw`.
-        let doubled = |c: &char| matches!(c, 'w' | '0'..='9') || is_prime(*c);
-        if letters.get(at).is_some_and(doubled) {
-            return Err(unreadable(&letters, start));
-        }
-        moves.push(Move { layers, quarters });
     }
-    Ok(moves)
+    match groups.first() {
+        Some(&(open, _)) => Err(unreadable(&letters, open, MoveFault::Unclosed)),
+        None => Ok(moves),
+    }
+}
+
+/// Reads the move that begins at `start`. Returns it with the position after it.
+fn parse_move(letters: &[char], start: usize) -> Result<(Move, usize), ParseMoves> {
+    let mut layers =
+        layers(letters[start]).ok_or_else(|| unreadable(letters, start, MoveFault::NotAMove))?;
+    let mut at = start + 1;
+    // Only an outer layer can become wide: `rw` and `Mw` are refused below.
+    if let (Some('w'), Layers::Face(face)) = (letters.get(at), layers) {
+        layers = Layers::Wide(face);
+        at += 1;
+    }
+    let suffix = letters.get(at).and_then(|c| quarters(*c));
+    let quarters = suffix.unwrap_or(1);
+    at += usize::from(suffix.is_some());
+    let number = suffix.is_some() && letters[at - 1].is_ascii_digit();
+    // A half turn anticlockwise is sometimes written as 2'.
+    at += usize::from(quarters == 2 && letters.get(at).is_some_and(|c| is_prime(*c)));
+    // A second suffix is a mistake and not a move of its own: `R22`, `Mw`.
+    let doubled = |c: &char| matches!(c, 'w' | '0'..='9') || is_prime(*c);
+    if letters.get(at).is_some_and(doubled) {
+        return Err(unreadable(letters, start, MoveFault::NotAMove));
+    }
+    // `3Rw` are three layers of a large cube: `y3Rw` is not read as y3 and Rw.
+    if number && is_wide(letters, at) {
+        return Err(unreadable(letters, start, MoveFault::Ambiguous));
+    }
+    Ok((Move { layers, quarters }, at))
+}
+
+/// Returns whether a wide turn is at a position.
+fn is_wide(letters: &[char], at: usize) -> bool {
+    let layers = letters.get(at).and_then(|c| layers(*c));
+    match layers {
+        Some(Layers::Wide(_)) => true,
+        Some(Layers::Face(_)) => letters.get(at + 1) == Some(&'w'),
+        _ => false,
+    }
+}
+
+/// Returns the number of repetitions after the parenthesis at `close`, and the position after it.
+fn repetitions(letters: &[char], close: usize) -> Result<(usize, usize), ParseMoves> {
+    let at = close + 1;
+    let digits: String = letters[at..].iter().take_while(|c| c.is_ascii_digit()).collect();
+    let next = at + digits.len();
+    let times = if digits.is_empty() { Some(1) } else { digits.parse().ok() };
+    // A letter may be a sign of repetition as in `(R U)x2`, or a move.
+    let ends = letters.get(next).is_none_or(|c| c.is_whitespace() || matches!(c, '(' | ')'));
+    match times.filter(|times| ends && (1..=REPEATED).contains(times)) {
+        Some(times) => Ok((times, next)),
+        None => Err(unreadable(letters, close, MoveFault::Repetition)),
+    }
+}
+
+/// Returns the number of clockwise quarters that a suffix stands for; `None` for any other
+/// character.
+pub(super) fn quarters(suffix: char) -> Option<u8> {
+    match suffix {
+        '1' => Some(1),
+        '2' => Some(2),
+        '3' => Some(3),
+        _ => is_prime(suffix).then_some(3),
+    }
 }
 
 /// Returns the layers that the letter of a move turns; `None` for any other character.
@@ -167,15 +285,15 @@ fn layers(letter: char) -> Option<Layers> {
 }
 
 /// Checks for an apostrophe, or one of the characters that keyboards and typesetting make of it.
-fn is_prime(letter: char) -> bool {
+pub(super) fn is_prime(letter: char) -> bool {
     matches!(letter, '\'' | '’' | '‘' | '′' | '`' | '´')
 }
 
 /// Returns the error for the word at `start`, which ends at the next blank and is cut after 12
 /// letters.
-fn unreadable(letters: &[char], start: usize) -> ParseMoves {
+fn unreadable(letters: &[char], start: usize, fault: MoveFault) -> ParseMoves {
     let token = letters[start..].iter().take_while(|c| !c.is_whitespace()).take(12).collect();
-    ParseMoves { position: start + 1, token }
+    ParseMoves { position: start + 1, token, fault }
 }
 
 #[cfg(test)]
@@ -230,22 +348,64 @@ mod tests {
 
     #[test]
     fn wrong_move_is_reported_with_its_position() {
-        for (text, position, token) in [
-            ("R U Q2 F", 5, "Q2"),
-            ("R22", 1, "R22"),
-            ("Mw", 1, "Mw"),
-            ("2R", 1, "2R"),
-            ("R (U)", 3, "(U)"),
-            ("No solution", 1, "No"),
-            ("RUFQ2", 4, "Q2"),
+        use MoveFault::{Ambiguous, NotAMove, Repetition, TooDeep, TooMany, Unclosed, Unopened};
+        let deep = "(".repeat(17);
+        for (text, position, token, fault) in [
+            ("R U Q2 F", 5, "Q2", NotAMove),
+            ("R22", 1, "R22", NotAMove),
+            ("R5", 1, "R5", NotAMove),
+            ("R0", 1, "R0", NotAMove),
+            ("Mw", 1, "Mw", NotAMove),
+            ("2R", 1, "2R", NotAMove),
+            ("R (2U)", 4, "2U)", NotAMove),
+            ("[R, U]", 1, "[R,", NotAMove),
+            ("R U // first block", 5, "//", NotAMove),
+            ("No solution", 1, "No", NotAMove),
+            ("RUFQ2", 4, "Q2", NotAMove),
+            ("U y3Rw", 3, "y3Rw", Ambiguous),
+            ("Fw3Rw", 1, "Fw3Rw", Ambiguous),
+            ("u3Lw", 1, "u3Lw", Ambiguous),
+            ("R2u F", 1, "R2u", Ambiguous),
+            ("R (U F", 3, "(U", Unclosed),
+            ("R) U", 2, ")", Unopened),
+            ("(R U)x2", 5, ")x2", Repetition),
+            ("(R U)' F", 5, ")'", Repetition),
+            ("(R)0", 3, ")0", Repetition),
+            ("(R)100", 3, ")100", Repetition),
+            (&*deep, 17, "(", TooDeep),
+            ("(((R)99)99)99", 11, ")99", TooMany),
         ] {
-            assert_eq!(parse_moves(text), Err(ParseMoves { position, token: token.to_owned() }));
+            let wanted = ParseMoves { position, token: token.to_owned(), fault };
+            assert_eq!(parse_moves(text), Err(wanted), "{text}");
+        }
+    }
+
+    #[test]
+    fn suffixes_1_and_3_count_quarters() {
+        for (text, same) in
+            [("R1 U1 F3", "R U F'"), ("R1U1F3", "R U F'"), ("Rw3 M1 y3", "Rw' M y'"), ("R2'", "R2")]
+        {
+            assert_eq!(parse_moves(text), parse_moves(same), "{text}");
+        }
+    }
+
+    #[test]
+    fn groups_are_repeated() {
+        for (text, same) in [
+            ("(R U)3", "R U R U R U"),
+            ("(R U R' U')2 F", "R U R' U' R U R' U' F"),
+            ("F (R U) B", "F R U B"),
+            ("((R)2 U)2(F)1", "R R U R R U F"),
+            ("( R U' )2", "R U' R U'"),
+            ("()9", ""),
+        ] {
+            assert_eq!(parse_moves(text), parse_moves(same), "{text}");
         }
     }
 
     proptest! {
         #[test]
-        fn parsed_moves_survive_text_round_trip(text in "[URFDLBurfdlbMESxyzw23' ’Q]{0,20}") {
+        fn parsed_moves_survive_text_round_trip(text in "[URFDLBurfdlbMESxyzw123()' ’Q]{0,20}") {
             if let Ok(moves) = parse_moves(&text) {
                 let written: Vec<String> = moves.iter().map(Move::to_string).collect();
                 prop_assert_eq!(parse_moves(&written.join(" ")).unwrap(), moves);

@@ -1,5 +1,6 @@
-//! Face turns in the usual notation: a letter, then nothing, `2` or `'`.
+//! Face turns in the usual notation: a letter, then nothing, `1`, `2`, `3` or `'`.
 
+use super::moves::{is_prime, quarters};
 use super::{Face, Turn};
 use std::fmt;
 use std::str::FromStr;
@@ -8,7 +9,7 @@ use std::str::FromStr;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "{found:?} at position {position} is not a face turn: \
-     expected U, R, F, D, L or B, then nothing, 2 or '"
+     expected U, R, F, D, L or B, then nothing, 1, 2, 3 or '"
 )]
 pub struct ParseTurns {
     /// Position of the character in the text, counted from 1.
@@ -80,17 +81,13 @@ pub fn parse_turns(text: &str) -> Result<Vec<Turn>, ParseTurns> {
         }
         let face =
             Face::from_letter(letter).ok_or(ParseTurns { position: at + 1, found: letter })?;
-        let quarters = match letters.peek() {
-            Some((_, '2')) => 2,
-            // Typesetting turns the prime into a quotation mark, and 3 quarters are the same turn.
-            Some((_, '\'' | '’' | '3')) => 3,
-            _ => 1,
-        };
-        if quarters != 1 {
+        let suffix = letters.peek().and_then(|(_, c)| quarters(*c));
+        let quarters = suffix.unwrap_or(1);
+        if suffix.is_some() {
             letters.next();
         }
         // A half turn anticlockwise is sometimes written as 2'.
-        if quarters == 2 && matches!(letters.peek(), Some((_, '\'' | '’'))) {
+        if quarters == 2 && letters.peek().is_some_and(|(_, c)| is_prime(*c)) {
             letters.next();
         }
         turns.push(Turn { face, quarters });
@@ -113,7 +110,7 @@ mod tests {
         let turns: Vec<Turn> = Turn::all().collect();
 
         assert_eq!(parse_turns(&format_turns(&turns)).unwrap(), turns);
-        assert_eq!(parse_turns("RU2F'").unwrap(), parse_turns(" R  U2 F3").unwrap());
+        assert_eq!(parse_turns("RU2F'").unwrap(), parse_turns(" R1  U2 F3").unwrap());
         assert!(parse_turns("").unwrap().is_empty());
     }
 

@@ -18,6 +18,7 @@ mod tests;
 pub use port::{BridgeLost, BridgePort};
 
 use super::realtime::RealTime;
+use crate::error::panic_text;
 use crate::hw::port::{Port, PortFault};
 use crate::servo::io::ArmReading;
 use crate::servo::lateness::{MOST_ARMS, Readings};
@@ -89,10 +90,13 @@ impl<P: Port + 'static> Bridge<P> {
 
 impl<P> Bridge<P> {
     /// Waits for the thread, which ends when the servo's side is dropped or the port fails; returns
-    /// the port and its fault. `None` when the thread panicked.
-    #[must_use]
-    pub fn join(mut self) -> Option<(P, Option<PortFault>)> {
-        self.end()?.join().ok()
+    /// the port and its fault.
+    ///
+    /// # Errors
+    /// The text of the thread's panic.
+    pub fn join(mut self) -> Result<(P, Option<PortFault>), String> {
+        let thread = self.end().ok_or("the thread was ended before")?;
+        thread.join().map_err(|why| panic_text(&*why))
     }
 
     /// Marks the run as over, so that a port that failed no longer repeats its stop, and wakes the

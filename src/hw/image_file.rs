@@ -8,20 +8,47 @@
 //! | too many pixels | `MOST_PIXELS` | a header may promise more than the memory holds |
 //! | file too large | `MOST_BYTES` | the bytes are read before they are decoded |
 //! | palette ends within a colour | 3 bytes a colour | the decoder panics |
+//! | any other panic of a decoder | - | foreign bytes must not end the program |
+//! | pipe or device in a camera's folder | regular files | the camera's worker would wait for it |
 //! | JPEG without an end | end marker | the decoder fills the rest with grey |
+//! | JPEG without Huffman tables | those of the standard are inserted | webcams leave them out |
 
-use anyhow::{Context, Result, bail};
+use super::jpeg::with_huffman_tables;
+use super::text;
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Rgb, RgbImage};
 use std::fs::File;
 use std::io::{Cursor, Read};
+use std::panic::catch_unwind;
 use std::path::Path;
 
 /// Largest number of pixels: more than a still camera has, and few enough for a small machine.
 const MOST_PIXELS: u64 = 50_000_000;
 
+/// Largest number of pixels of a camera's frame: a camera delivers many of them.
+const MOST_OF_FRAME: u64 = 16_000_000;
+
 /// Largest size of a file (bytes).
 const MOST_BYTES: u64 = 256 << 20;
+
+/// Reason why a file is no usable picture.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{0}")]
+pub struct Unreadable(String);
+
+impl From<std::io::Error> for Unreadable {
+    fn from(error: std::io::Error) -> Self {
+        Self(error.to_string())
+    }
+}
+
+/// Result of the reading of a picture.
+type Result<T> = std::result::Result<T, Unreadable>;
+
+/// Returns the error with this reason.
+fn refuse<T>(reason: impl Into<String>) -> Result<T> {
+    Err(Unreadable(reason.into()))
+}
 
 /// Reads a picture file as RGB. The bytes decide the format, not the name. Sixteen bits become
 /// eight, grey becomes three equal channels, transparent pixels are shown on black, and a
@@ -31,13 +58,31 @@ const MOST_BYTES: u64 = 256 << 20;
 /// # Errors
 /// Reason why the file is no usable picture, with its path.
 pub fn load(path: &Path) -> Result<RgbImage> {
-    let read = || -> Result<RgbImage> {
-        let mut bytes = Vec::new();
-        // One byte more than the limit shows that the file is larger.
-        File::open(path)?.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
-        decode(&bytes)
-    };
-    read().with_context(|| path.display().to_string())
+    let read = || decode(&bytes_of(File::open(path)?)?);
+    named(path, read())
+}
+
+/// Reads a picture file of a camera like [`load`]. It is a regular file with at most 16 million
+/// pixels.
+///
+/// # Errors
+/// Reason why the file is no usable picture, with its path.
+pub fn load_frame(path: &Path) -> Result<RgbImage> {
+    let read = || decode_within(&bytes_of(text::open(path)?)?, MOST_OF_FRAME);
+    named(path, read())
+}
+
+/// Puts the path before the reason of an error.
+fn named(path: &Path, read: Result<RgbImage>) -> Result<RgbImage> {
+    read.map_err(|Unreadable(why)| Unreadable(format!("{}: {why}", path.display())))
+}
+
+/// Reads the bytes of a file, at most one more than [`MOST_BYTES`], which shows that the file is
+/// larger.
+fn bytes_of(file: File) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    file.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
+    Ok(bytes)
 }
 
 /// Decodes the bytes of a picture file as [`load`] does.
@@ -45,41 +90,57 @@ pub fn load(path: &Path) -> Result<RgbImage> {
 /// # Errors
 /// Reason why the bytes are no usable picture.
 pub fn decode(bytes: &[u8]) -> Result<RgbImage> {
+    decode_within(bytes, MOST_PIXELS)
+}
+
+/// Decodes a picture of at most `most` pixels.
+fn decode_within(bytes: &[u8], most: u64) -> Result<RgbImage> {
+    guarded(|| decoded(bytes, most))
+}
+
+/// Calls a decoder and turns its panic into an error.
+fn guarded(decode: impl FnOnce() -> Result<RgbImage> + std::panic::UnwindSafe) -> Result<RgbImage> {
+    catch_unwind(decode).unwrap_or_else(|_| refuse("damaged picture: the decoder panicked"))
+}
+
+/// Decodes a picture of at most `most` pixels; a decoder may panic.
+fn decoded(bytes: &[u8], most: u64) -> Result<RgbImage> {
     if bytes.len() as u64 > MOST_BYTES {
-        bail!("the file is larger than {} MiB", MOST_BYTES >> 20);
+        return refuse(format!("the file is larger than {} MiB", MOST_BYTES >> 20));
     }
+    let bytes = &*with_huffman_tables(bytes);
     let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format()?;
     let Some(format) = reader.format().filter(ImageFormat::reading_enabled) else {
-        bail!("not a picture: the file begins neither as PNG nor as JPEG");
+        return refuse("not a picture: the file begins neither as PNG nor as JPEG");
     };
     let mut limits = image::Limits::default();
     // Eight bytes a pixel are RGBA of sixteen bits; the rest is for the decoder itself.
-    limits.max_alloc = Some(8 * MOST_PIXELS + (64 << 20));
+    limits.max_alloc = Some(8 * most + (64 << 20));
     reader.limits(limits);
-    let damaged = "damaged picture";
+    let damaged = |why: image::ImageError| Unreadable(format!("damaged picture: {why}"));
     // A palette with a part of a colour makes the decoder panic.
     if format == ImageFormat::Png && !has_whole_palette(bytes) {
-        bail!("{damaged}: its palette ends within a colour");
+        return refuse("damaged picture: its palette ends within a colour");
     }
-    let mut decoder = reader.into_decoder().context(damaged)?;
+    let mut decoder = reader.into_decoder().map_err(damaged)?;
     let (width, height) = decoder.dimensions();
     if width == 0 || height == 0 {
-        bail!("the picture of {width} x {height} px is empty");
+        return refuse(format!("the picture of {width} x {height} px is empty"));
     }
     // The header is checked before the decoder takes memory for the pixels.
-    if u64::from(width) * u64::from(height) > MOST_PIXELS {
-        bail!(
+    if u64::from(width) * u64::from(height) > most {
+        return refuse(format!(
             "{width} x {height} px is more than {} million: scale the picture down",
-            MOST_PIXELS / 1_000_000
-        );
+            most / 1_000_000
+        ));
     }
     // The decoder fills the missing part of a picture with grey.
     if format == ImageFormat::Jpeg && !jpeg_ends(bytes) {
-        bail!("{damaged}: the file ends before the picture is complete");
+        return refuse("damaged picture: the file ends before the picture is complete");
     }
     // A picture without a readable tag is upright.
     let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
-    let mut picture = DynamicImage::from_decoder(decoder).context(damaged)?;
+    let mut picture = DynamicImage::from_decoder(decoder).map_err(damaged)?;
     picture.apply_orientation(orientation);
     // A picture without transparency is converted without a second copy.
     if !picture.color().has_alpha() {
@@ -130,8 +191,9 @@ fn jpeg_ends(bytes: &[u8]) -> bool {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+pub(crate) mod tests {
     use super::*;
+    use crate::tables::testing::make_pipe;
 
     #[test]
     fn palette_that_ends_within_a_colour_is_refused() {
@@ -143,10 +205,10 @@ pub(super) mod tests {
     }
 
     /// File that is removed at the end of the test.
-    pub(in crate::cli) struct Written(pub(in crate::cli) std::path::PathBuf);
+    pub(crate) struct Written(pub(crate) std::path::PathBuf);
 
     impl Written {
-        pub(in crate::cli) fn new(name: &str, bytes: &[u8]) -> Self {
+        pub(crate) fn new(name: &str, bytes: &[u8]) -> Self {
             let path = std::env::temp_dir().join(format!("rubik-{}-{name}", std::process::id()));
             std::fs::write(&path, bytes).unwrap();
             Self(path)
@@ -160,7 +222,7 @@ pub(super) mod tests {
     }
 
     /// Encodes a picture in a file format.
-    pub(in crate::cli) fn bytes(picture: &image::DynamicImage, format: ImageFormat) -> Vec<u8> {
+    pub(crate) fn bytes(picture: &image::DynamicImage, format: ImageFormat) -> Vec<u8> {
         let mut out = std::io::Cursor::new(Vec::new());
         picture.write_to(&mut out, format).unwrap();
         out.into_inner()
@@ -168,6 +230,15 @@ pub(super) mod tests {
 
     fn reason(name: &str, bytes: &[u8]) -> String {
         format!("{:#}", load(&Written::new(name, bytes).0).unwrap_err())
+    }
+
+    #[test]
+    fn frame_without_huffman_tables_is_decoded() {
+        use crate::hw::jpeg::tests::{encoded, without_huffman_tables};
+
+        let stripped = without_huffman_tables(&encoded());
+
+        assert_eq!(decode(&stripped).unwrap(), decode(&encoded()).unwrap());
     }
 
     #[test]
@@ -192,33 +263,47 @@ pub(super) mod tests {
         assert!(!reason("none.png", &none).is_empty());
     }
 
-    #[test]
-    fn decode_refuses_400_million_pixels() {
-        // A complete PNG of 20000 x 20000 px with one bit a pixel, which compresses well.
-        let mut out = Vec::new();
+    /// Returns a PNG of `side` x `side` pixels with one bit a pixel, whose data compress well.
+    pub(crate) fn vast(side: u32) -> Vec<u8> {
+        let mut out = b"\x89PNG\r\n\x1a\n".to_vec();
         let mut chunk = |name: &[u8; 4], data: &[u8]| {
             out.extend((data.len() as u32).to_be_bytes());
-            let start = out.len();
-            out.extend(name);
-            out.extend(data);
-            let mut crc = u32::MAX;
-            for byte in &out[start..] {
-                crc ^= u32::from(*byte);
-                for _ in 0..8 {
-                    crc = if crc & 1 == 1 { crc >> 1 ^ 0xEDB8_8320 } else { crc >> 1 };
-                }
-            }
-            out.extend((!crc).to_be_bytes());
+            let body = [name.as_slice(), data].concat();
+            out.extend(&body);
+            out.extend(crc32fast::hash(&body).to_be_bytes());
         };
-        chunk(b"IHDR", &[0, 0, 0x4E, 0x20, 0, 0, 0x4E, 0x20, 1, 0, 0, 0, 0]);
+        let side = side.to_be_bytes();
+        chunk(b"IHDR", &[side.as_slice(), &side, &[1, 0, 0, 0, 0]].concat());
         chunk(b"IDAT", &[0x78, 0x9C, 3, 0, 0, 0, 0, 1]);
         chunk(b"IEND", &[]);
-        let mut file = b"\x89PNG\r\n\x1a\n".to_vec();
-        file.extend(out);
+        out
+    }
 
-        let why = reason("large.png", &file);
+    #[test]
+    fn decode_refuses_400_million_pixels() {
+        let why = reason("large.png", &vast(20_000));
 
         assert!(why.contains("20000 x 20000 px is more than 50 million"), "{why}");
+    }
+
+    /// A camera's folder may hold a large photograph, and a pipe that has no writer.
+    #[test]
+    fn camera_frame_is_small_and_regular() {
+        let large = Written::new("frame.png", &vast(4_100));
+        let why = load_frame(&large.0).unwrap_err().to_string();
+        assert!(why.contains("4100 x 4100 px is more than 16 million"), "{why}");
+
+        let pipe = Written(std::env::temp_dir().join(format!("rubik-pipe-{}", std::process::id())));
+        make_pipe(&pipe.0);
+        let why = load_frame(&pipe.0).unwrap_err().to_string();
+        assert!(why.ends_with(": not a regular file"), "{why}");
+    }
+
+    #[test]
+    fn decoder_panic_is_an_error() {
+        let why = guarded(|| panic!("on purpose")).unwrap_err().to_string();
+
+        assert_eq!(why, "damaged picture: the decoder panicked");
     }
 
     #[test]

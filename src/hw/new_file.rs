@@ -1,0 +1,417 @@
+//! Files that this program writes: a new file beside the one that it replaces, and files that one
+//! process alone may write.
+//!
+//! - in: a path, which may be in a folder where other users create files too
+//! - out: an open, locked file that no link or pipe stands for
+//!
+//! | fault | reaction |
+//! |---|---|
+//! | a link, a pipe or a folder has the name | refused, neither followed nor opened |
+//! | a file of another user has the name | refused |
+//! | another process writes the file | refused: its lock is on it |
+//! | a killed process has left the file | removed and created again |
+//! | the sync or the rename fails | error; the older file stays as it is |
+
+use rustix::process::geteuid;
+use std::ffi::OsString;
+use std::fs::{self, File, Metadata, TryLockError};
+use std::io::{self, ErrorKind, Write as _};
+use std::os::unix::fs::{FileTypeExt as _, MetadataExt as _, OpenOptionsExt as _};
+use std::path::{Path, PathBuf};
+
+/// Flags of each file that is opened for writing. A link is not followed, the open of a pipe does
+/// not wait for its reader, and a terminal does not become the one that controls this process.
+const WARY: i32 = libc::O_NOFOLLOW | libc::O_NONBLOCK | libc::O_NOCTTY;
+/// Rights of a new file: for its user alone.
+const PRIVATE: u32 = 0o600;
+/// Longest chain of links.
+const MOST_LINKS: usize = 8;
+/// Tries to create a file whose name another process takes and frees meanwhile.
+const TRIES: usize = 5;
+
+/// Returns the path with an ending, such as `.part`, behind its name.
+#[must_use]
+pub fn beside(path: &Path, ending: &str) -> PathBuf {
+    let mut name = OsString::from(path);
+    name.push(ending);
+    name.into()
+}
+
+/// Makes an error about the file at `path`.
+fn refuse(path: &Path, kind: ErrorKind, why: &str) -> io::Error {
+    io::Error::new(kind, format!("{}: {why}", path.display()))
+}
+
+/// Returns the error of a file that another process is writing.
+fn busy(path: &Path) -> io::Error {
+    refuse(path, ErrorKind::ResourceBusy, "another run is writing it: name another file")
+}
+
+/// Locks `file`, which only one process may write. Returns `false` if another process has the lock.
+/// If the file system has no locks, the function logs a warning with `path` and returns `true`.
+#[must_use]
+pub fn is_ours(file: &File, path: &Path) -> bool {
+    match file.try_lock() {
+        Ok(()) => true,
+        Err(TryLockError::WouldBlock) => false,
+        Err(TryLockError::Error(why)) => {
+            tracing::warn!("{}: {why}", path.display());
+            true
+        }
+    }
+}
+
+/// Creates a new file that this user alone can read, and locks it. The lock ends when the file is
+/// closed; a rename keeps it.
+///
+/// # Errors
+/// Error of the operating system; [`ErrorKind::ResourceBusy`] if another process is writing the
+/// file; the reason why something else at `path` may not be removed.
+pub fn create(path: &Path) -> io::Result<File> {
+    for _ in 0..TRIES {
+        let mut new = File::options();
+        let new = new.read(true).write(true).create_new(true).mode(PRIVATE).custom_flags(WARY);
+        match new.open(path) {
+            // Between creation and lock another process may have taken the file for a left one.
+            Ok(file) if is_ours(&file, path) && is_at(&file, path)? => return Ok(file),
+            Ok(_) => {}
+            Err(why) if why.kind() == ErrorKind::AlreadyExists => remove_left(path)?,
+            Err(why) => return Err(why),
+        }
+    }
+    Err(busy(path))
+}
+
+/// Removes a file that a killed process of this user has left at `path`.
+fn remove_left(path: &Path) -> io::Result<()> {
+    let gone = |why: &io::Error| why.kind() == ErrorKind::NotFound;
+    let found = match path.symlink_metadata() {
+        Err(why) if gone(&why) => return Ok(()),
+        found => found?,
+    };
+    let in_the_way = |what: &str| {
+        let why = format!("{what} has this name: remove it, or name another file");
+        refuse(path, ErrorKind::AlreadyExists, &why)
+    };
+    if !found.is_file() {
+        return Err(in_the_way(kind_of(&found)));
+    }
+    if found.uid() != geteuid().as_raw() {
+        return Err(in_the_way("a file of another user"));
+    }
+    let left = match File::options().read(true).custom_flags(WARY).open(path) {
+        Err(why) if gone(&why) => return Ok(()),
+        left => left?,
+    };
+    if !is_ours(&left, path) {
+        return Err(busy(path));
+    }
+    // The lock is held while the name is removed: no other process takes this file for its own.
+    if is_at(&left, path)? {
+        fs::remove_file(path)?;
+    }
+    Ok(())
+}
+
+/// Names the kind of a file that is no regular one.
+fn kind_of(found: &Metadata) -> &'static str {
+    let kind = found.file_type();
+    if kind.is_symlink() {
+        "a symbolic link"
+    } else if kind.is_dir() {
+        "a folder"
+    } else if kind.is_fifo() {
+        "a pipe"
+    } else {
+        "a device"
+    }
+}
+
+/// Returns whether `path` leads to this open file.
+fn is_at(file: &File, path: &Path) -> io::Result<bool> {
+    let own = file.metadata()?;
+    match path.symlink_metadata() {
+        Ok(at) => Ok((at.dev(), at.ino()) == (own.dev(), own.ino())),
+        Err(why) if why.kind() == ErrorKind::NotFound => Ok(false),
+        Err(why) => Err(why),
+    }
+}
+
+/// Returns whether only this user, or root, can have written the file with this metadata.
+#[must_use]
+pub fn is_trusted(found: &Metadata) -> bool {
+    let owned = found.uid() == 0 || found.uid() == geteuid().as_raw();
+    // Rights of the group and of all others to write.
+    owned && found.mode() & 0o022 == 0
+}
+
+/// Returns the path of the file to which the links of `path` lead; it need not exist. Only links of
+/// this user and of root are followed.
+///
+/// # Errors
+/// Error of the operating system; a link of another user; a circle of links.
+pub fn resolve(path: &Path) -> io::Result<PathBuf> {
+    let mut path = path.to_owned();
+    for _ in 0..MOST_LINKS {
+        match path.symlink_metadata() {
+            Ok(found) if found.is_symlink() => {
+                if found.uid() != 0 && found.uid() != geteuid().as_raw() {
+                    let why = "a symbolic link of another user: name the file itself";
+                    return Err(refuse(&path, ErrorKind::PermissionDenied, why));
+                }
+                let to = fs::read_link(&path)?;
+                path = path.parent().unwrap_or(Path::new("")).join(to);
+            }
+            Err(why) if why.kind() != ErrorKind::NotFound => return Err(why),
+            _ => return Ok(path),
+        }
+    }
+    Err(refuse(&path, ErrorKind::Other, "too many symbolic links"))
+}
+
+/// Checks that the file at `path` may be replaced, and returns its metadata; `None` if there is no
+/// file. A file that is write-protected, or that another process writes, must not be replaced,
+/// although a rename needs rights on the folder only.
+///
+/// # Errors
+/// Error of the operating system; [`ErrorKind::ResourceBusy`] if another process is writing it.
+pub fn replaceable(path: &Path) -> io::Result<Option<Metadata>> {
+    let there = match File::options().write(true).custom_flags(WARY).open(path) {
+        Err(why) if why.kind() == ErrorKind::NotFound => return Ok(None),
+        there => there?,
+    };
+    // A shared lock, so that two checks do not refuse each other.
+    if matches!(there.try_lock_shared(), Err(TryLockError::WouldBlock)) {
+        return Err(busy(path));
+    }
+    there.metadata().map(Some)
+}
+
+/// Opens a device or a pipe for writing, without waiting for the reader of a pipe.
+///
+/// # Errors
+/// Error of the operating system; no program reads the pipe.
+pub fn open_device(path: &Path) -> io::Result<File> {
+    // Names such as /dev/stdout are links, so this open follows links.
+    let flags = libc::O_NONBLOCK | libc::O_NOCTTY;
+    let mut options = File::options();
+    // Truncation is for /dev/stdout, which may be a file.
+    options.write(true).truncate(true).custom_flags(flags);
+    let file = options.open(path).map_err(|why| {
+        let no_reader = why.raw_os_error() == Some(libc::ENXIO);
+        if no_reader { refuse(path, ErrorKind::Other, "no program reads this pipe") } else { why }
+    })?;
+    // From here on a full pipe makes the writer wait, as usual.
+    let flags = rustix::fs::fcntl_getfl(&file)?;
+    rustix::fs::fcntl_setfl(&file, flags - rustix::fs::OFlags::NONBLOCK)?;
+    Ok(file)
+}
+
+/// Opens a regular file of its own name for appending, without changing its content, or creates it.
+/// The caller locks it.
+///
+/// # Errors
+/// Error of the operating system; something else than a regular file is at `path`.
+pub fn open_or_create(path: &Path) -> io::Result<File> {
+    let mut options = File::options();
+    options.read(true).append(true).create(true).mode(PRIVATE).custom_flags(WARY);
+    let file = options.open(path).map_err(|why| match path.symlink_metadata() {
+        // The errors of the system for a link and for a pipe name neither.
+        Ok(found) if !found.is_file() => {
+            let why = format!("{} has this name: name another file", kind_of(&found));
+            refuse(path, ErrorKind::AlreadyExists, &why)
+        }
+        _ => why,
+    })?;
+    let found = file.metadata()?;
+    if found.is_file() {
+        return Ok(file);
+    }
+    let why = format!("{} has this name: name another file", kind_of(&found));
+    Err(refuse(path, ErrorKind::AlreadyExists, &why))
+}
+
+/// Opens an existing file for overwriting in place, without following a link.
+///
+/// # Errors
+/// Error of the operating system.
+pub fn overwrite(path: &Path) -> io::Result<File> {
+    File::options().write(true).custom_flags(WARY).open(path)
+}
+
+/// Parts of a written file that survive a power cut.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sync {
+    /// Nothing is waited for.
+    No,
+    /// The content: the name may still be that of the older file.
+    Content,
+    /// Content and name.
+    All,
+}
+
+/// Gives the file at `beside` the name `path`. With `synced` the name survives a power cut; the
+/// caller has synced the content.
+///
+/// # Errors
+/// Error of the operating system; the file is still at `beside` then.
+pub fn rename(beside: &Path, path: &Path, synced: bool) -> io::Result<()> {
+    fs::rename(beside, path)?;
+    if synced { keep_name(path) } else { Ok(()) }
+}
+
+/// Writes a file: a new one beside it, at `path` with `ending`, which then takes its name.
+///
+/// # Errors
+/// Error of the operating system, and those of [`create`]; the older file is still there then.
+pub fn replace(path: &Path, ending: &str, bytes: &[u8], sync: Sync) -> io::Result<()> {
+    let new = beside(path, ending);
+    let mut file = create(&new)?;
+    let written = file
+        .write_all(bytes)
+        .and_then(|()| if sync == Sync::No { Ok(()) } else { file.sync_data() })
+        .and_then(|()| rename(&new, path, sync == Sync::All));
+    if written.is_err() {
+        // A part of a file is of no use.
+        let _ = fs::remove_file(&new);
+    }
+    written
+}
+
+/// Syncs the folder of a file, so that the file's name survives a power cut. A sync of the file
+/// itself covers only its content, so a new file could be lost.
+///
+/// # Errors
+/// Error of the operating system if the folder does not exist. Other errors are only logged.
+pub fn keep_name(path: &Path) -> io::Result<()> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let folder = folder.unwrap_or(Path::new("."));
+    match File::open(folder).and_then(|folder| folder.sync_all()) {
+        Err(why) if why.kind() != ErrorKind::NotFound => {
+            // Some file systems and folders cannot be synced. The run is then only as safe as
+            // without this call, which is no reason to refuse it.
+            tracing::warn!(
+                "the folder {} cannot be synced: {why}; a power cut may lose a new file in it",
+                folder.display()
+            );
+            Ok(())
+        }
+        kept => kept,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tables::testing::{Folder, make_pipe};
+    use std::os::unix::fs::PermissionsExt as _;
+
+    /// A link to another file, a pipe without a reader and a folder are in the way of the new file.
+    #[test]
+    fn planted_links_and_pipes_are_refused() {
+        let folder = Folder::new("new-file-planted");
+        let victim = folder.write("victim", "precious");
+        let [link, fifo, dir] = ["link", "pipe", "folder"].map(|name| folder.0.join(name));
+        std::os::unix::fs::symlink(&victim, &link).unwrap();
+        make_pipe(&fifo);
+        fs::create_dir(&dir).unwrap();
+
+        for (path, what) in [(&link, "a symbolic link"), (&fifo, "a pipe"), (&dir, "a folder")] {
+            for tried in [create(path), open_or_create(path)] {
+                let why = tried.unwrap_err().to_string();
+                assert!(why.contains(what) && why.contains("name another file"), "{why}");
+            }
+            assert!(replaceable(path).is_err(), "{what}");
+        }
+        let why = open_device(&fifo).unwrap_err().to_string();
+        assert!(why.ends_with("no program reads this pipe"), "{why}");
+        assert_eq!(fs::read(&victim).unwrap(), b"precious");
+    }
+
+    #[test]
+    fn locked_file_is_refused_and_left_file_removed() {
+        let folder = Folder::new("new-file-locked");
+        let path = folder.0.join("x.part");
+        let first = create(&path).unwrap();
+        assert_eq!(first.metadata().unwrap().permissions().mode() & 0o777, PRIVATE);
+
+        for tried in [create(&path).map(drop), replaceable(&path).map(drop)] {
+            let why = tried.unwrap_err();
+            assert_eq!(why.kind(), ErrorKind::ResourceBusy);
+            assert!(why.to_string().contains("another run is writing it"), "{why}");
+        }
+        // The lock goes with the file to its final name.
+        let last = folder.0.join("x");
+        rename(&path, &last, true).unwrap();
+        assert_eq!(replaceable(&last).unwrap_err().kind(), ErrorKind::ResourceBusy);
+        drop(first);
+        assert!(replaceable(&last).unwrap().is_some());
+
+        // As after a kill: the file exists without its lock, with content of the killed run.
+        fs::write(&path, "old").unwrap();
+        assert_eq!(create(&path).unwrap().metadata().unwrap().len(), 0);
+    }
+
+    #[test]
+    fn concurrent_creators_never_share_a_file() {
+        let folder = Folder::new("new-file-race");
+        let path = folder.0.join("x.part");
+        let holders = std::sync::atomic::AtomicUsize::new(0);
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| {
+                    for _ in 0..200 {
+                        if let Ok(file) = create(&path) {
+                            let others = holders.fetch_add(1, std::sync::atomic::Ordering::SeqCst);
+                            assert_eq!(others, 0, "two writers");
+                            holders.fetch_sub(1, std::sync::atomic::Ordering::SeqCst);
+                            drop(file);
+                        }
+                    }
+                });
+            }
+        });
+    }
+
+    #[test]
+    fn failed_replacement_keeps_the_old_file() {
+        let folder = Folder::new("new-file-replace");
+        let path = folder.write("state", "old");
+        replace(&path, ".new", b"new", Sync::All).unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"new");
+        // A folder in the place of the file makes the rename fail.
+        let taken = folder.0.join("taken");
+        fs::create_dir(&taken).unwrap();
+
+        assert!(replace(&taken, ".new", b"new", Sync::No).is_err());
+
+        assert!(taken.is_dir() && !beside(&taken, ".new").exists());
+    }
+
+    #[test]
+    fn name_cannot_be_kept_in_a_missing_folder() {
+        let folder = Folder::new("new-file-name");
+
+        keep_name(&folder.0.join("file")).unwrap();
+        keep_name(Path::new("file")).unwrap();
+        assert!(keep_name(&folder.0.join("none").join("file")).is_err());
+    }
+
+    #[test]
+    fn own_link_leads_to_its_target() {
+        let folder = Folder::new("new-file-link");
+        let [one, two, target] = ["one", "two", "target"].map(|name| folder.0.join(name));
+        std::os::unix::fs::symlink("two", &one).unwrap();
+        std::os::unix::fs::symlink(&target, &two).unwrap();
+
+        assert_eq!(resolve(&one).unwrap(), target);
+        std::os::unix::fs::symlink(&one, &target).unwrap();
+        assert!(resolve(&one).unwrap_err().to_string().contains("too many symbolic links"));
+        // Only root can make a link of another user.
+        if geteuid().is_root() {
+            std::os::unix::fs::lchown(&one, Some(1), None).unwrap();
+            let why = resolve(&one).unwrap_err().to_string();
+            assert!(why.contains("a symbolic link of another user"), "{why}");
+        }
+    }
+}
