@@ -105,9 +105,11 @@ impl MeetingTable {
         self.ways.get((from * MEETINGS + to) * 2 + newcomer)?.as_ref()
     }
 
-    /// Returns the joint positions of both arms where a path to or from a meeting ends: a newcomer
-    /// to a grasp is still retracted from the cube, one that only looks is at the meeting itself.
-    fn place(&self, number: usize, newcomer: usize) -> Option<[JointPositions; 2]> {
+    /// Returns the joint positions of both arms where a path to or from the meeting with this number
+    /// ends: a newcomer to a grasp is still retracted from the cube, one that only looks is at the
+    /// meeting itself.
+    #[must_use]
+    pub fn place(&self, number: usize, newcomer: usize) -> Option<[JointPositions; 2]> {
         let meeting = self.meetings().nth(number)?.as_ref()?;
         let looks = number >= self.grasps.len();
         Some(if looks { [meeting.track, meeting.postument] } else { meeting.short_of(newcomer) })

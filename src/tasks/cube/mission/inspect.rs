@@ -1,10 +1,13 @@
-//! Inspection of the cube: the free hand's camera compares three sides with the expected colours.
+//! Inspection of the cube: the free hand's camera compares two sides with the expected colours, the
+//! one opposite the palm and one beside the jaws.
 //!
-//! A wrong angle of any single layer shows on one of these three sides. A cube that could not be
-//! inspected never counts as done. It is inspected once more, then the operator is asked, and
-//! without an answer it goes back with the reason.
+//! A wrong angle of any single layer shows on one of these sides: turns about the palm's axis on
+//! either side beside the jaws, all other turns on the side opposite the palm. A side that cannot
+//! be seen is replaced by the other one beside the jaws. A cube that could not be inspected never
+//! counts as done. It is inspected once more, then the operator is asked, and without an answer it
+//! goes back with the reason.
 //!
-//! - in: readings of three sides, the cube as the turns should have left it
+//! - in: readings of two or three sides, the cube as the turns should have left it
 //! - out: `Ok`, or the failure that has the cube read again or given back
 //! - source: own work
 //!
@@ -34,6 +37,8 @@ const CHECK_TRIES: u32 = 3;
 const INSPECTIONS: u32 = 2;
 /// Time between inspections, in which an obstacle in front of a camera may leave (s).
 const REPEAT_AFTER: f64 = 5.0;
+/// Time of a path between looks that is not in the table (s).
+const UNKNOWN_SECONDS: f64 = 10.0;
 /// Stickers of a row at the rim of a side that must be seen.
 const ROW_SEEN: usize = 2;
 /// The rows at the rim of a side, in reading order.
@@ -48,8 +53,25 @@ const ODD_STICKERS: usize = 2;
 struct Inspection {
     /// Stickers with another colour than the turns should have left.
     unexpected: Vec<(Face, usize)>,
-    /// First reason for which a side could not be inspected.
+    /// Reason for which the turns about some axis could not be inspected.
     uninspected: Option<String>,
+}
+
+/// Which turns a side of the cube shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Shows {
+    /// Turns about any axis but the palm's: the side opposite the palm.
+    TurnsAcross,
+    /// Turns about the palm's axis: a side beside the jaws.
+    TurnsAlong,
+}
+
+/// A side that the free hand's camera can see.
+#[derive(Debug, Clone, Copy)]
+struct Side {
+    face: Face,
+    shows: Shows,
+    meeting: Meeting,
 }
 
 /// Inspects the cube in the hand that holds it alone, and fails if it is not as expected. With
@@ -95,82 +117,106 @@ fn not_as_turned(robot: &mut Robot, unexpected: &[(Face, usize)]) -> Failure {
     Failure::ReadAgain { release: None }
 }
 
-/// Looks at the sides that the camera in the free hand can see without another grasp.
+/// Looks at the sides that the camera in the free hand can see without another grasp, until every
+/// layer's angle was seen.
 async fn look_at_sides(robot: &mut Robot) -> Result<Inspection, Failure> {
-    let holder = robot.holder()?;
-    let viewer = holder.other();
-    let held = robot.belief.held[holder.index()].ok_or("no hand holds the cube")?;
-    let rotation = held.hold.cube_from_tool(held.half_roll, robot.settings.edge).rotation;
-    let sides = [Vector3::z(), Vector3::x(), -Vector3::x()];
-    let views = robot.settings.meetings.views[holder.index()];
-    // Turns about the palm's axis show on either lateral side, and turns about another axis show on
-    // the side opposite the palm.
-    let enough = views[0].is_some() && (views[1].is_some() || views[2].is_some());
-    let none = || "the cube could not be inspected: the cell has no pose for the looks".to_owned();
-    let mut inspection = Inspection { uninspected: (!enough).then(none), unexpected: Vec::new() };
-
+    let viewer = robot.holder()?.other();
+    let mut left = sides(robot)?;
+    let mut inspection = Inspection::default();
     robot.phase("inspect").await?;
-    let mut left: Vec<(Face, Meeting)> = sides
-        .iter()
-        .zip(views)
-        .filter_map(|(side, meeting)| {
-            // Normals of faces differ by right angles, so only one face passes.
-            let normal = rotation * side;
-            let face = Face::ALL.into_iter().find(|f| f.normal().dot(&normal) > 0.9);
-            face.zip(meeting)
-        })
-        .collect();
-    while let Some(nearest) = nearest(robot, viewer, &left) {
-        let (face, meeting) = left.remove(nearest);
-        regrasp::meet(robot, viewer, meeting, Coming::ToLook).await?;
-        check_side(robot, viewer, face, &mut inspection).await?;
+    let (mut missing, mut hidden) = (vec![Shows::TurnsAcross, Shows::TurnsAlong], Vec::new());
+    while let Some(next) = quickest(robot, viewer, &left, &missing) {
+        let side = left.remove(next);
+        regrasp::meet(robot, viewer, side.meeting, Coming::ToLook).await?;
+        match check_side(robot, viewer, side.face).await? {
+            Ok(unexpected) => {
+                inspection.unexpected.extend(unexpected);
+                missing.retain(|shows| *shows != side.shows);
+            }
+            Err(why) => hidden.push((side.shows, why)),
+        }
+    }
+    if let Some(turns) = missing.first() {
+        let why = hidden.into_iter().find(|(shows, _)| shows == turns).map(|(_, why)| why);
+        let none = || "the cube could not be inspected: the cell has no pose for the looks".into();
+        inspection.uninspected = Some(why.unwrap_or_else(none));
     }
     Ok(inspection)
 }
 
-/// Returns the index of the look with the quickest path, or the first one if no path is known.
-fn nearest(robot: &Robot, viewer: Hand, looks: &[(Face, Meeting)]) -> Option<usize> {
-    let seconds = |to: &Meeting| {
-        let way = robot.settings.meetings.way(robot.meeting.as_ref()?, to, viewer.index())?;
-        Some(way.seconds)
-    };
-    let seconds = looks.iter().map(|(_, meeting)| seconds(meeting).unwrap_or(f64::INFINITY));
-    seconds.enumerate().min_by(|a, b| a.1.total_cmp(&b.1)).map(|(number, _)| number)
+/// Returns the sides of the held cube that the free hand's camera can see.
+fn sides(robot: &Robot) -> Result<Vec<Side>, Failure> {
+    let holder = robot.holder()?;
+    let held = robot.belief.held[holder.index()].ok_or("no hand holds the cube")?;
+    let rotation = held.hold.cube_from_tool(held.half_roll, robot.settings.edge).rotation;
+    let normals = [
+        (Vector3::z(), Shows::TurnsAcross),
+        (Vector3::x(), Shows::TurnsAlong),
+        (-Vector3::x(), Shows::TurnsAlong),
+    ];
+    let views = robot.settings.meetings.views[holder.index()];
+    let sides = normals.into_iter().zip(views).filter_map(|((normal, shows), meeting)| {
+        // Normals of faces differ by right angles, so only one face passes.
+        let normal = rotation * normal;
+        let face = Face::ALL.into_iter().find(|f| f.normal().dot(&normal) > 0.9);
+        face.zip(meeting).map(|(face, meeting)| Side { face, shows, meeting })
+    });
+    Ok(sides.collect())
 }
 
-/// Compares one side with its expected colours, and adds the result to `inspection`. Each retry
-/// looks from another place.
+/// Returns the index of the side to look at next, so that all `missing` turns are seen soonest.
+/// `None` if no side shows any of them.
+fn quickest(robot: &Robot, viewer: Hand, sides: &[Side], missing: &[Shows]) -> Option<usize> {
+    let meetings = &robot.settings.meetings;
+    // A path that is not in the table counts as a long one.
+    let seconds = |from: Option<&Meeting>, to: &Meeting| {
+        let way = from.and_then(|from| meetings.way(from, to, viewer.index()));
+        way.map_or(UNKNOWN_SECONDS, |way| way.seconds)
+    };
+    let total = |first: &Side| {
+        let others =
+            sides.iter().filter(|side| side.shows != first.shows && missing.contains(&side.shows));
+        let next = others.map(|side| seconds(Some(&first.meeting), &side.meeting));
+        let next = next.fold(f64::INFINITY, f64::min);
+        let first = seconds(robot.meeting.as_ref(), &first.meeting);
+        // No other side is needed, or none is left.
+        if next.is_finite() { first + next } else { first }
+    };
+    let shows = sides.iter().enumerate().filter(|(_, side)| missing.contains(&side.shows));
+    let times = shows.map(|(number, side)| (number, total(side)));
+    times.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(number, _)| number)
+}
+
+/// Compares one side with its expected colours. Returns its unexpected stickers, 1..=9, or the
+/// reason why it could not be inspected. Each retry looks from another place.
 async fn check_side(
     robot: &mut Robot,
     viewer: Hand,
     face: Face,
-    inspection: &mut Inspection,
-) -> Result<(), Failure> {
+) -> Result<Result<Vec<(Face, usize)>, String>, Failure> {
     let letter = face.letter();
-    for tries in 1.. {
+    let mut tries = 1;
+    loop {
         let exposure = exposure(robot, tries);
         let reading = robot.look(viewer, face, exposure).await?;
         match reading.and_then(|reading| compare(robot, face, reading)) {
             Ok((reading, unexpected)) => {
                 // The pose of the face is also a measurement of the cube in the hand.
                 robot.belief.seen(viewer, face, &reading.camera_from_face, &robot.arms);
-                inspection.unexpected.extend(unexpected.into_iter().map(|i| (face, i)));
-                break;
+                return Ok(Ok(unexpected.into_iter().map(|i| (face, i)).collect()));
             }
             Err(reason) if tries < CHECK_TRIES => {
                 robot.note(format!("face {letter} could not be inspected ({reason}), try {tries}"));
                 robot.nudge(viewer, NUDGES[tries as usize - 1]).await?;
+                tries += 1;
             }
             // The other sides are inspected all the same: two odd stickers there have the cube read
             // again at once.
             Err(reason) => {
-                let why = format!("face {letter} could not be inspected: {reason}");
-                inspection.uninspected.get_or_insert(why);
-                break;
+                return Ok(Err(format!("face {letter} could not be inspected: {reason}")));
             }
         }
     }
-    Ok(())
 }
 
 /// Returns the reading of a side and its stickers with unexpected colours, 1..=9, or the reason why
@@ -236,33 +282,49 @@ mod tests {
     use crate::tasks::{Action, Event};
 
     #[test]
-    fn side_with_fastest_path_is_inspected_first() {
+    fn sides_are_inspected_in_the_quickest_order() {
         let mut stage = stage(None);
         let at = |track: f64| {
             let meeting = stage.robot.settings.meetings.grasps[0].unwrap();
             Meeting { track: JointPositions([track; 7]), ..meeting }
         };
-        let looks: Vec<(Face, Meeting)> =
-            [0.1, 0.2, 0.3].into_iter().map(|track| (Face::U, at(track))).collect();
-        let here = at(0.0);
+        let [here, across, along, other] = [0.0, 0.1, 0.2, 0.3].map(at);
+        let side = |shows, meeting| Side { face: Face::U, shows, meeting };
+        let sides = [
+            side(Shows::TurnsAcross, across),
+            side(Shows::TurnsAlong, along),
+            side(Shows::TurnsAlong, other),
+        ];
         let table = &mut stage.robot.settings.meetings;
         table.grasps[0] = Some(here);
-        table.views[0] = [0, 1, 2].map(|side: usize| Some(looks[side].1));
+        table.views[0] = [Some(across), Some(along), Some(other)];
         stage.robot.meeting = Some(here);
-        assert_eq!(nearest(&stage.robot, Hand::Track, &looks), Some(0), "no path is known");
-
-        let way =
-            |seconds| MeetingPath { separation: 0.1, stroke: 0.3, across: 0.1, ramp: 0.1, seconds };
-        let seconds = |i: usize| match i / 2 {
-            24 => 3.0,
-            25 => 1.0,
-            _ => 2.0,
+        let both = [Shows::TurnsAcross, Shows::TurnsAlong];
+        let next = |stage: &Stage, sides: &[Side], missing: &[Shows]| {
+            quickest(&stage.robot, Hand::Track, sides, missing)
         };
-        stage.robot.settings.meetings.ways =
-            (0..30 * 30 * 2).map(|i| Some(way(seconds(i)))).collect();
-        assert_eq!(nearest(&stage.robot, Hand::Track, &looks), Some(1));
-        assert_eq!(nearest(&stage.robot, Hand::Track, &looks[..1]), Some(0));
-        assert_eq!(nearest(&stage.robot, Hand::Track, &[]), None);
+        assert_eq!(next(&stage, &sides, &both), Some(0), "no path is known");
+
+        // The views have the numbers 24 to 26 in the table of paths.
+        let mut ways = |back: f64| {
+            let way = |seconds| {
+                let (separation, stroke, across, ramp) = (0.1, 0.3, 0.1, 0.1);
+                Some(MeetingPath { separation, stroke, across, ramp, seconds })
+            };
+            let seconds = |i: usize| match (i / 2 / 30, i / 2 % 30) {
+                (0, 24) => 3.0,
+                (0, 25) => 1.0,
+                (25, 24) => back,
+                _ => 2.0,
+            };
+            stage.robot.settings.meetings.ways =
+                (0..30 * 30 * 2).map(|i| way(seconds(i))).collect();
+            next(&stage, &sides, &both)
+        };
+        assert_eq!(ways(2.0), Some(1));
+        assert_eq!(ways(9.0), Some(2), "the quickest first path leads to a slow second one");
+        assert_eq!(next(&stage, &sides, &[Shows::TurnsAcross]), Some(0));
+        assert_eq!(next(&stage, &sides, &[]), None);
     }
 
     const SOLVED: &str = "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB";
@@ -375,7 +437,7 @@ mod tests {
 
         let (end, looks, asked) = inspects(&mut stage(Some(30.0)), vec![], look);
 
-        assert_eq!((end, looks, asked), (Ok(()), 12, 0));
+        assert_eq!((end, looks, asked), (Ok(()), 11, 0));
     }
 
     #[test]
@@ -383,12 +445,12 @@ mod tests {
         let again = || Some(Answer::Choice { option: 0 });
         let look = |looks, face| if looks < 18 { dark() } else { Ok(one_colour(face)) };
         let (end, looks, asked) = inspects(&mut stage(Some(30.0)), vec![again()], look);
-        assert_eq!((end, looks, asked), (Ok(()), 21, 1));
+        assert_eq!((end, looks, asked), (Ok(()), 20, 1));
 
         // A second question comes only after as many looks in vain.
         let look = |looks, face| if looks < 27 { dark() } else { Ok(one_colour(face)) };
         let (end, looks, asked) = inspects(&mut stage(Some(30.0)), vec![again()], look);
-        assert_eq!((end, looks, asked), (Ok(()), 30, 1));
+        assert_eq!((end, looks, asked), (Ok(()), 29, 1));
 
         for answer in [Some(Answer::Choice { option: 1 }), Some(Answer::Declined), None] {
             let (end, ..) = inspects(&mut stage(Some(30.0)), vec![answer], |_, _| dark());
@@ -447,7 +509,7 @@ mod tests {
         let steps = [turn(1), grasp, turn(3), grasp, turn(1), turn(3)];
 
         let (port, mut looks, mut turns) = (stage.port.clone(), 0, 0);
-        let between = if stalls { 3 } else { 0 };
+        let between = if stalls { 2 } else { 0 };
         let goes = async |robot: &mut Robot| {
             steps::carry_out(robot, &steps).await?;
             inspect(robot, false).await
@@ -479,14 +541,14 @@ mod tests {
         let solved: Facelets = SOLVED.parse().unwrap();
         let after = solved.turned(Turn { face: Face::U, quarters: 1 });
 
-        assert_eq!(turns_twice(false, after), (3, Ok(())));
-        assert_eq!(turns_twice(true, after), (6, Ok(())));
+        assert_eq!(turns_twice(false, after), (2, Ok(())));
+        assert_eq!(turns_twice(true, after), (4, Ok(())));
         // The layer did not follow the hand, so all faces are read again.
-        assert_eq!(turns_twice(true, solved), (3, Err(Failure::ReadAgain { release: None })));
+        assert_eq!(turns_twice(true, solved), (2, Err(Failure::ReadAgain { release: None })));
     }
 
     #[test]
-    fn inspection_shows_three_sides() {
+    fn inspection_looks_at_two_sides() {
         let mut stage = Stage::holding(settings());
         stage.robot.palette = Some(PALETTE);
         stage.robot.shown.facelets = SOLVED.parse().ok();
@@ -504,7 +566,7 @@ mod tests {
         let side = ["joints", "joints", "look"];
         // Both arms are apart at first.
         let again = ["joints", "joints", "joints", "look"];
-        let all = [&["inspect"][..], &side, &again, &again, &["solve"]].concat();
+        let all = [&["inspect"][..], &side, &again, &["solve"]].concat();
         assert_eq!((end, words(&actions)), (Ok(()), all));
     }
 }

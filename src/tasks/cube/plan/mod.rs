@@ -34,7 +34,7 @@ pub mod travel;
 
 pub use planner::{Effort, Planner, taken};
 pub use terms::{Costs, Depths, Rule, Terms, compatible, turnable};
-pub use travel::{ArmsAt, Everywhere, Reach, Reachable, RollLimits};
+pub use travel::{ArmsAt, Everywhere, Reach, Reachable, RollLimits, Stop};
 
 use super::hold::{Grip, Hand, Hands, Step};
 use super::replay::{Illegal, replay};
@@ -239,6 +239,9 @@ mod tests {
             }
             fn travel(&self, from: Option<ArmsAt>, newcomer: Hand, meeting: u8) -> f64 {
                 Everywhere.travel(from, newcomer, meeting)
+            }
+            fn path(&self, from: Option<Stop>, to: Stop, newcomer: Hand) -> f64 {
+                Everywhere.path(from, to, newcomer)
             }
         }
         let terms = Terms::of(Rule::Clearance);

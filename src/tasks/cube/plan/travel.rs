@@ -12,7 +12,7 @@ use super::super::hold::Hand;
 use crate::cube::rotation_index;
 use crate::generators::position::Speeds;
 use crate::motion::{JointPositions, ROLL};
-use crate::reach::{Meeting, MeetingTable};
+use crate::reach::MeetingTable;
 use nalgebra::UnitQuaternion;
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -35,6 +35,39 @@ pub struct ArmsAt {
     pub rolled: [i8; 2],
 }
 
+/// Number of a meeting in the [`MeetingTable`]: 24 grasps, then the views.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stop(u8);
+
+impl Stop {
+    /// Number of meetings.
+    pub const COUNT: usize = GRASPS + 2 * SIDES;
+
+    /// Returns the grasp with this number: the index of the rotation of the postument's tool in the
+    /// track's.
+    #[must_use]
+    pub fn grasp(rotation: u8) -> Self {
+        Self(rotation)
+    }
+
+    /// Returns the view of a side (0 +z, 1 +x, 2 -x of the holder's tool) of the cube that `holder`
+    /// holds.
+    #[must_use]
+    pub fn view(holder: Hand, side: usize) -> Self {
+        Self((GRASPS + holder.index() * SIDES + side) as u8)
+    }
+
+    /// Returns the number of the meeting, less than [`Stop::COUNT`].
+    #[must_use]
+    pub fn number(self) -> usize {
+        usize::from(self.0)
+    }
+}
+
+/// Number of grasps in a table, and of views of the cube in one hand.
+const GRASPS: usize = 24;
+const SIDES: usize = 3;
+
 /// The places where the arms can meet, and the times between them.
 pub trait Reach {
     /// Returns the ranges in which both wrists can roll when both hands hold the cube with these
@@ -54,6 +87,10 @@ pub trait Reach {
     /// `newcomer` retracted from the cube, and ends where `newcomer` is before the cube again.
     /// `None` stands for an unknown start.
     fn travel(&self, from: Option<ArmsAt>, newcomer: Hand, meeting: u8) -> f64;
+
+    /// Returns the time of the path from one meeting to another (s) with the wrists where the
+    /// meetings have them. `newcomer` is the free hand. `None` stands for an unknown start.
+    fn path(&self, from: Option<Stop>, to: Stop, newcomer: Hand) -> f64;
 
     /// Returns a lower bound of the time of all paths (s).
     fn least_travel(&self) -> f64 {
@@ -81,6 +118,10 @@ impl Reach for Everywhere {
         TYPICAL_SECONDS
     }
 
+    fn path(&self, _: Option<Stop>, _: Stop, _: Hand) -> f64 {
+        TYPICAL_SECONDS
+    }
+
     fn least_travel(&self) -> f64 {
         TYPICAL_SECONDS
     }
@@ -90,6 +131,7 @@ impl Reach for Everywhere {
 #[derive(Clone)]
 pub struct Reachable {
     table: MeetingTable,
+    speeds: Speeds,
     /// Results of [`Reach::travel`] by [`slot`] (s).
     seconds: Vec<f32>,
     /// Least of them (s).
@@ -133,7 +175,9 @@ impl Reachable {
                     for rolls in 0..ROLLED * ROLLED {
                         let rolled = [(rolls / ROLLED) as i8 - 2, (rolls % ROLLED) as i8 - 2];
                         let from = ArmsAt { meeting, rolled };
-                        if let Some(time) = seconds_between(&table, speeds, from, newcomer, to) {
+                        let ends = (Stop::grasp(meeting), Stop::grasp(to));
+                        if let Some(time) = seconds_between(&table, speeds, ends, rolled, newcomer)
+                        {
                             seconds[slot(from, newcomer, to)] = time as f32;
                             (sum, known) = (sum + time, known + 1);
                         }
@@ -143,30 +187,29 @@ impl Reachable {
         }
         let least = seconds.iter().copied().fold(TYPICAL_SECONDS as f32, f32::min);
         let mean = if known > 0 { sum / f64::from(known) } else { TYPICAL_SECONDS };
-        Self { table, seconds, least: f64::from(least), mean }
+        Self { table, speeds: *speeds, seconds, least: f64::from(least), mean }
     }
 }
 
-/// Returns the time of one path between two grasps (s), as [`Reach::travel`] does; `None` if the
-/// table lacks one of them.
+/// Returns the time of the path between two meetings (s), as [`Reach::travel`] and [`Reach::path`]
+/// do. `rolled` are the quarter turns by which the wrists have rolled since the first meeting.
+/// `None` if the table lacks one of the meetings.
 fn seconds_between(
     table: &MeetingTable,
     speeds: &Speeds,
-    from: ArmsAt,
+    (from, to): (Stop, Stop),
+    rolled: [i8; 2],
     newcomer: Hand,
-    to: u8,
 ) -> Option<f64> {
-    let meeting = |number: u8| table.grasps.get(usize::from(number))?.as_ref();
-    let (start, end) = (meeting(from.meeting)?, meeting(to)?);
-    let quick = table.way_between(usize::from(from.meeting), usize::from(to), newcomer.index());
-    let place = |meeting: &Meeting, rolled: [i8; 2]| {
-        let mut both = meeting.short_of(newcomer.index());
+    let quick = table.way_between(from.number(), to.number(), newcomer.index());
+    let place = |stop: Stop, rolled: [i8; 2]| {
+        let mut both = table.place(stop.number(), newcomer.index())?;
         for (arm, quarters) in both.iter_mut().zip(rolled) {
             arm.0[ROLL] += f64::from(quarters) * FRAC_PI_2;
         }
-        both
+        Some(both)
     };
-    let (start, end) = (place(start, from.rolled), place(end, [0; 2]));
+    let (start, end) = (place(from, rolled)?, place(to, [0; 2])?);
     // The table's path is quicker than the usual one, and is known to be free of collisions.
     if let Some(quick) = quick {
         let rolls = [0, 1].map(|arm: usize| end[arm].0[ROLL] - start[arm].0[ROLL]);
@@ -200,6 +243,13 @@ impl Reach for Reachable {
 
     fn travel(&self, from: Option<ArmsAt>, newcomer: Hand, meeting: u8) -> f64 {
         from.map_or(self.mean, |from| f64::from(self.seconds[slot(from, newcomer, meeting)]))
+    }
+
+    fn path(&self, from: Option<Stop>, to: Stop, newcomer: Hand) -> f64 {
+        let known = from.and_then(|from| {
+            seconds_between(&self.table, &self.speeds, (from, to), [0; 2], newcomer)
+        });
+        known.unwrap_or(self.mean)
     }
 
     fn least_travel(&self) -> f64 {
