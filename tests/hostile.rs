@@ -363,10 +363,13 @@ fn malformed_recordings_do_not_panic() {
         // Each piece takes at least a byte, so the reader ends.
         assert!(reading.by_ref().take(bytes.len() + 10).count() < bytes.len() + 10);
         assert!(reading.end().is_some());
-        if let Ok(story) = report::gather(bytes) {
+        if let Ok(story) = report::gather(std::io::Cursor::new(bytes)) {
             assert!(!report::page(&story).contains("<script"));
         }
-        let _ = recover_file::recover_file(bytes, std::io::Cursor::new(Vec::new()));
+        let _ = recover_file::recover_file(
+            std::io::Cursor::new(bytes),
+            std::io::Cursor::new(Vec::new()),
+        );
     });
 }
 
@@ -387,7 +390,11 @@ fn recording_reader_stores_schema_shared_by_channels_once() {
     }
     give("mcap/channels", &file, &|bytes| {
         assert_eq!(Reading::new(bytes).count(), 200);
-        let saved = recover_file::recover_file(bytes, std::io::Cursor::new(Vec::new())).unwrap();
+        let saved = recover_file::recover_file(
+            std::io::Cursor::new(bytes),
+            std::io::Cursor::new(Vec::new()),
+        )
+        .unwrap();
         assert_eq!(saved.messages, 200);
     });
 }
