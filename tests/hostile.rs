@@ -373,6 +373,30 @@ fn malformed_recordings_do_not_panic() {
     });
 }
 
+/// Each head leads to the same map, which has many pairs and is no map at its end.
+#[test]
+fn heads_of_long_map_do_not_hang_reader() {
+    const HEAD: usize = 9 + 4;
+    const HEADS: usize = 400_000;
+    let map = [vec![0; 8 * 60_000], vec![0xff; 8]].concat();
+    let begin = mcap::MAGIC.len() + HEADS * HEAD;
+    let mut file = mcap::MAGIC.to_vec();
+    for index in 0..HEADS {
+        // A metadata record whose name reaches up to the map.
+        let name = (HEADS - 1 - index) * HEAD;
+        file.push(0x0c);
+        file.extend(((4 + name + 4 + map.len()) as u64).to_le_bytes());
+        file.extend((name as u32).to_le_bytes());
+    }
+    assert_eq!(file.len(), begin);
+    file.extend((map.len() as u32).to_le_bytes());
+    file.extend(&map);
+    // No record begins behind the map.
+    file.extend([0xff; 32]);
+
+    give("mcap/maps", &file, &|bytes| assert_eq!(Reading::new(bytes).count(), 0));
+}
+
 #[test]
 fn recording_reader_stores_schema_shared_by_channels_once() {
     let text = |bytes: &[u8]| [&(bytes.len() as u32).to_le_bytes(), bytes].concat();

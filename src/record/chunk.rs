@@ -123,11 +123,10 @@ fn drained<D: Read, E: std::fmt::Display>(
         let mut decoder = decoder().map_err(|why| why.to_string())?;
         loop {
             let there = records.len();
-            records.reserve_exact(STEP.max(if there + STEP > records.capacity() {
-                there / 4
-            } else {
-                0
-            }));
+            if there + STEP > records.capacity() {
+                // Growth by a quarter: the usual one would take up to twice the memory.
+                records.reserve_exact(STEP.max(there / 4));
+            }
             records.resize(there + STEP, 0);
             let read = decoder.read(&mut records[there..]);
             records.truncate(there + read.as_ref().map_or(0, |read| *read));

@@ -32,6 +32,9 @@ const LINKED: usize = 1 << 20;
 /// Largest number of pairs of texts in a record: in memory a map takes ten times its size in the
 /// file.
 pub(super) const PAIRS: usize = 1 << 16;
+/// Largest number of pairs in a record that the search for records takes for one. A file may have
+/// heads that look like those of a long map at every few bytes, so that the search would not end.
+const FOUND_PAIRS: usize = 1 << 9;
 /// Number of zeros at the end of a file from which on they count as never written (bytes). Records
 /// end with some zeros as well.
 pub(super) const BLANK: usize = 16;
@@ -302,7 +305,8 @@ impl<R: Read> Records<R> {
             op::ATTACHMENT | op::METADATA => {
                 let whole = at + HEAD + length;
                 let there = if reads { self.fill(whole) } else { self.rest().len() >= whole };
-                there && extent(opcode, &self.rest()[at + HEAD..whole]) == Some(length)
+                let body = || &self.rest()[at + HEAD..whole];
+                there && extent_within(FOUND_PAIRS, opcode, body()) == Some(length)
             }
             op::DATA_END => {
                 let next = body.get(4..).and_then(|next| next.first().copied());
@@ -319,8 +323,11 @@ impl<R: Read> Records<R> {
             self.fill(at + HEAD);
             let Some((opcode, length)) = self.rest().get(at..).and_then(head) else { return false };
             let whole = at.saturating_add(HEAD).saturating_add(length as usize);
-            let long = length > LINKED as u64 || !self.fill(whole);
-            if long || extent(opcode, &self.rest()[at + HEAD..whole]).is_none() {
+            if length > LINKED as u64 || !self.fill(whole) {
+                return false;
+            }
+            let body = &self.rest()[at + HEAD..whole];
+            if extent_within(FOUND_PAIRS, opcode, body).is_none() {
                 return false;
             }
             at = whole;
@@ -460,19 +467,24 @@ fn shortest(opcode: u8) -> u64 {
 /// MCAP library trusts these lengths when it reserves memory, and panics if an attachment ends
 /// before its checksum.
 pub(super) fn extent(opcode: u8, body: &[u8]) -> Option<usize> {
+    extent_within(PAIRS, opcode, body)
+}
+
+/// Returns the extent of a record as [`extent`] does, whose map has at most `pairs` pairs.
+fn extent_within(pairs: usize, opcode: u8, body: &[u8]) -> Option<usize> {
     let Some(layout) = layout(opcode) else { return Some(0) };
     let mut rest = body.get(layout.before..)?;
     let mut last = None;
     for _ in 0..layout.texts {
         last = Some(text(&mut rest)?);
     }
-    if let (true, Some(mut pairs)) = (layout.has_map, last) {
+    if let (true, Some(mut map)) = (layout.has_map, last) {
         let mut count = 0;
-        while !pairs.is_empty() {
-            text(&mut pairs)?;
-            text(&mut pairs)?;
+        while !map.is_empty() {
+            text(&mut map)?;
+            text(&mut map)?;
             count += 1;
-            if count > PAIRS {
+            if count > pairs {
                 return None;
             }
         }

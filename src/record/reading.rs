@@ -125,11 +125,19 @@ pub struct Reading<R> {
     /// Whether the reading ends at the first damaged place.
     stops: bool,
     closing: Closing,
-    /// Reason why the file is cut off, if it is, once all of the file has been read. The end
-    /// follows when the last chunk has been delivered.
-    last: Option<Option<String>>,
+    /// How the file stops, once all of it has been read. The end follows when the last chunk has
+    /// been delivered.
+    last: Option<Stop>,
     /// End of the file; `None` while it is being read.
     end: Option<End>,
+}
+
+/// How the reading of a file stops.
+enum Stop {
+    /// The records end, or are not read any further.
+    Regular,
+    /// The file is cut off, with the reason.
+    Cut(String),
 }
 
 /// Chunk that fails its check and ends with zeros.
@@ -286,9 +294,13 @@ impl<R: Read> Reading<R> {
             return;
         }
         if self.stops && self.damage.first.is_some() {
-            self.last = Some(None);
+            self.last = Some(Stop::Regular);
         }
-        if let Some(cut) = self.last.take() {
+        if let Some(stop) = self.last.take() {
+            let cut = match stop {
+                Stop::Regular => None,
+                Stop::Cut(why) => Some(why),
+            };
             self.end = Some(self.damage.end(cut, &self.closing));
             return;
         }
@@ -310,19 +322,19 @@ impl<R: Read> Reading<R> {
                 if opcode == op::CHUNK {
                     self.chunk = (unpack(written(self.records.body())).records, 0);
                 }
-                self.last = Some(Some(why));
+                self.last = Some(Stop::Cut(why));
             }
             Found::Blank(from) => {
                 let why = format!("only zeros from byte {from} to the end of the file");
-                self.last = Some(Some(why));
+                self.last = Some(Stop::Cut(why));
             }
-            Found::End => self.last = Some(Some("the file ends before its index".to_owned())),
+            Found::End => self.last = Some(Stop::Cut("the file ends before its index".to_owned())),
             Found::Magic => {
                 let behind = self.records.count_rest();
                 if behind > 0 {
                     self.closing.fails(format!("{behind} bytes follow the end of the recording"));
                 }
-                self.last = Some(None);
+                self.last = Some(Stop::Regular);
             }
         }
     }
@@ -444,7 +456,7 @@ impl<R: Read> Reading<R> {
                 self.described.keep(record, &self.spare);
                 if self.described.size > DESCRIBED {
                     self.damage.at(self.records.at(), "too many schemas and channels");
-                    self.last = Some(None);
+                    self.last = Some(Stop::Regular);
                     self.end = Some(self.damage.end(None, &self.closing));
                 }
                 return;

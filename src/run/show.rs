@@ -660,11 +660,8 @@ mod tests {
         let file = writer.into_inner().into_inner();
 
         let read = |most| {
-            {
-                let file = std::io::Cursor::new(&file);
-                Show::read_within(most, file, &scenario(), "")
-            }
-            .unwrap()
+            let file = std::io::Cursor::new(&file);
+            Show::read_within(most, file, &scenario(), "").unwrap()
         };
 
         let whole = read(MEMORY_LIMIT);

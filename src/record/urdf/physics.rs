@@ -293,7 +293,7 @@ mod tests {
                 assert!((strengths[0].speed - 250.0 / 1570.796).abs() < 1e-6);
             }
             // No motor exceeds its limit where the screws have their greatest ratios.
-            for joint in 1..AXES {
+            for (joint, strength) in strengths.iter().enumerate().skip(1) {
                 for share in [0.0, 0.3, 1.0] {
                     let limits = &model.joint_limits;
                     let at =
@@ -301,7 +301,7 @@ mod tests {
                     let q = JointPositions(std::array::from_fn(at));
                     let fastest =
                         ratios(model, &q, joint).iter().fold(0.0_f64, |m, r| m.max(r.abs()));
-                    let speed = fastest * strengths[joint].speed;
+                    let speed = fastest * strength.speed;
                     assert!(speed <= model.motor_speed_limit * 1.01, "{joint}: {speed}");
                 }
             }
