@@ -56,10 +56,9 @@ impl Line {
         // Two programs on one line would drive the axis in turn.
         rustix::fs::flock(&fd, FlockOperation::NonBlockingLockExclusive)
             .map_err(|_| format!("{path}: another program has it open"))?;
-        // Programs that ignore the lock, such as a modem manager, cannot open the line any more. A
-        // pseudo-terminal would stay claimed after a crash, because the emulator has it open.
+        // A pseudo-terminal would stay claimed after a crash, because the emulator has it open.
         if !is_pseudo(&found) {
-            ioctl_tiocexcl(&fd).map_err(|e| fail("not a serial line", e))?;
+            claim(&fd).map_err(|e| fail("not a serial line", e))?;
         }
         let line = Self { path: path.to_owned(), before: tcgetattr(&fd).ok(), fd };
         set_up(&line.fd, baud, two_stop_bits).map_err(|e| fail("not a serial line", e))?;
@@ -117,7 +116,7 @@ impl Drop for Line {
             // A line that is dead has no settings, so an error is ignored.
             let _ = tcsetattr(&self.fd, OptionalActions::Now, before);
         }
-        let _ = ioctl_tiocnxcl(&self.fd);
+        let _ = release(&self.fd);
     }
 }
 
@@ -146,6 +145,17 @@ fn is_line(found: &Stat) -> bool {
 /// folder of devices does not list. The numbers are those of the kernel's `devices.txt`.
 fn is_pseudo(found: &Stat) -> bool {
     (136..=143).contains(&major(found.st_rdev))
+}
+
+/// Closes a serial line to programs that ignore its lock, such as a modem manager, until it is
+/// released or closed.
+fn claim(fd: impl AsFd) -> Result<(), Errno> {
+    ioctl_tiocexcl(fd)
+}
+
+/// Opens a claimed serial line to other programs again.
+fn release(fd: impl AsFd) -> Result<(), Errno> {
+    ioctl_tiocnxcl(fd)
 }
 
 /// Sets a serial line to raw bytes at `baud` (bit/s), without parity and flow control.
@@ -382,6 +392,31 @@ mod tests {
         let far = Pty::open().unwrap();
         assert_eq!(leads_to_line(Path::new(far.path())), Ok(true));
         assert!(leads_to_line(Path::new("/dev/nosuch")).is_err());
+    }
+
+    /// Returns whether other programs cannot open a terminal. Root could open it all the same.
+    #[allow(unsafe_code, reason = "no safe call reads the flag")]
+    fn is_claimed(fd: &OwnedFd) -> bool {
+        use std::os::fd::AsRawFd as _;
+        let mut claimed: libc::c_int = 0;
+        // SAFETY: the kernel writes one number of this type.
+        assert_eq!(unsafe { libc::ioctl(fd.as_raw_fd(), libc::TIOCGEXCL, &raw mut claimed) }, 0);
+        claimed != 0
+    }
+
+    /// The flag belongs to the terminal. The emulator keeps its own open, so a line there never has
+    /// the flag, or a killed run would leave it behind.
+    #[test]
+    fn claimed_line_is_closed_to_others() {
+        let far = Pty::open().unwrap();
+        let line = Line::open(far.path(), AXIS_BAUD, true).unwrap();
+        assert!(!is_claimed(&line.fd));
+
+        claim(&line.fd).unwrap();
+        assert!(is_claimed(&line.fd));
+        release(&line.fd).unwrap();
+
+        assert!(!is_claimed(&line.fd));
     }
 
     #[test]
