@@ -45,7 +45,6 @@ impl Scenario {
     }
 
     /// Reads the file that names the devices of real controllers. Returns its path and its content.
-    #[must_use]
     pub fn load_devices(&self) -> (PathBuf, Result<Devices, NoDevice>) {
         let path = self.bridge.devices_at(&self.path);
         let load = if self.devices_named { Devices::load_named } else { Devices::load };

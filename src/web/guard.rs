@@ -149,7 +149,7 @@ impl Guard {
             Err(all) => return Some(Refused::Host(all)),
         };
         // A host in the request line counts more than the header (RFC 9112, section 3.2.2).
-        let named = uri.authority().map(|authority| authority.as_str());
+        let named = uri.authority().map(axum::http::uri::Authority::as_str);
         if let Some(other) = named.filter(|named| !named.eq_ignore_ascii_case(host)) {
             return Some(Refused::Host(short(other)));
         }

@@ -64,7 +64,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// Starts a server of a desk's page at an address. Pictures and WebSockets need the token that
+    /// Starts a server of a desk's page at an address. Pictures and sockets need the token that
     /// [`Self::url`] includes.
     ///
     /// # Errors

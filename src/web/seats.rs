@@ -296,7 +296,7 @@ mod tests {
 
         // A holder who works is not interrupted.
         for _ in 0..5 {
-            advance(ANSWER - STEP).await;
+            advance(ANSWER.saturating_sub(STEP)).await;
             other.look_at_clock();
             assert!(holder.commands());
             holder.has_commanded();
@@ -313,7 +313,7 @@ mod tests {
         let (seats, holder, other) = two();
 
         drop(holder);
-        advance(RETURN - STEP).await;
+        advance(RETURN.saturating_sub(STEP)).await;
         let third = seats.newcomer(3, Some("c".into()));
         let nameless = seats.newcomer(4, None);
         assert!(!third.commands() && !nameless.commands());
