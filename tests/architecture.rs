@@ -56,7 +56,8 @@ const IMPURE: &[&str] = &[
 /// The only file of the shells that may pass on the plant's half of a scenario.
 const MAY_NAME_THE_PLANT: &[&str] = &["run/simulation.rs"];
 
-/// The only files above `hw` that may use the plant: they make it, judge by it, or draw it.
+/// The only files above `hw` that may use the plant: they make it, judge by it, draw
+/// it, or describe it to other programs.
 const MAY_USE_THE_PLANT: &[&str] = &[
     "run/simulation.rs",
     "run/options.rs",
@@ -68,6 +69,7 @@ const MAY_USE_THE_PLANT: &[&str] = &[
     "run/world_file.rs",
     "run/world.rs",
     "cli/film.rs",
+    "record/urdf/physics.rs",
     "cli/picture.rs",
     "cli/frames.rs",
 ];

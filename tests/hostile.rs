@@ -363,11 +363,38 @@ fn malformed_recordings_do_not_panic() {
         // Each piece takes at least a byte, so the reader ends.
         assert!(reading.by_ref().take(bytes.len() + 10).count() < bytes.len() + 10);
         assert!(reading.end().is_some());
-        if let Ok(story) = report::gather(bytes) {
+        if let Ok(story) = report::gather(std::io::Cursor::new(bytes)) {
             assert!(!report::page(&story).contains("<script"));
         }
-        let _ = recover_file::recover_file(bytes, std::io::Cursor::new(Vec::new()));
+        let _ = recover_file::recover_file(
+            std::io::Cursor::new(bytes),
+            std::io::Cursor::new(Vec::new()),
+        );
     });
+}
+
+/// Each head leads to the same map, which has many pairs and is no map at its end.
+#[test]
+fn heads_of_long_map_do_not_hang_reader() {
+    const HEAD: usize = 9 + 4;
+    const HEADS: usize = 400_000;
+    let map = [vec![0; 8 * 60_000], vec![0xff; 8]].concat();
+    let begin = mcap::MAGIC.len() + HEADS * HEAD;
+    let mut file = mcap::MAGIC.to_vec();
+    for index in 0..HEADS {
+        // A metadata record whose name reaches up to the map.
+        let name = (HEADS - 1 - index) * HEAD;
+        file.push(0x0c);
+        file.extend(((4 + name + 4 + map.len()) as u64).to_le_bytes());
+        file.extend((name as u32).to_le_bytes());
+    }
+    assert_eq!(file.len(), begin);
+    file.extend((map.len() as u32).to_le_bytes());
+    file.extend(&map);
+    // No record begins behind the map.
+    file.extend([0xff; 32]);
+
+    give("mcap/maps", &file, &|bytes| assert_eq!(Reading::new(bytes).count(), 0));
 }
 
 #[test]
@@ -387,7 +414,11 @@ fn recording_reader_stores_schema_shared_by_channels_once() {
     }
     give("mcap/channels", &file, &|bytes| {
         assert_eq!(Reading::new(bytes).count(), 200);
-        let saved = recover_file::recover_file(bytes, std::io::Cursor::new(Vec::new())).unwrap();
+        let saved = recover_file::recover_file(
+            std::io::Cursor::new(bytes),
+            std::io::Cursor::new(Vec::new()),
+        )
+        .unwrap();
         assert_eq!(saved.messages, 200);
     });
 }

@@ -1,7 +1,7 @@
 //! `rubik-robot recover`: repairs a recording that was cut off or damaged.
 //!
 //! - in: a recording
-//! - out: a recording of everything up to the cut or to the first damage, with an index
+//! - out: a recording of all that is not damaged, with an index
 //! - exit code: 1 if no message can be read
 
 use super::output::{clash, complain, refuse};
@@ -18,8 +18,8 @@ Examples:
   rubik-robot recover cut.mcap -o whole.mcap
   rubik-robot report whole.mcap -o report.html
 
-The new file has everything up to the cut or to the first damage, and an index, so that any tool
-opens it.
+The new file has everything that is not damaged, up to the cut if there is one, and an index, so
+that any tool opens it. A damaged chunk, about a second of the run, is left out.
 Exit codes: 0 repaired, 1 no message can be read, 2 usage.")]
 pub(super) struct RecoverArgs {
     /// Recording (MCAP)

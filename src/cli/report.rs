@@ -49,7 +49,11 @@ pub(super) fn run(args: &ReportArgs) -> anyhow::Result<u8> {
     save(&args.output, page(&story).as_bytes()).map_err(|why| refuse(format!("{why:#}")))?;
     if let Some(flaw) = story.file_end.as_ref().and_then(End::flaw) {
         let path = args.recording.display();
-        complain(&format!("{path}: {flaw}; the report covers the part that could be read"));
+        let consequence = match flaw {
+            End::Index(_) => "the report covers all; `rubik-robot recover` writes a new index",
+            _ => "the report covers the part that could be read",
+        };
+        complain(&format!("{path}: {flaw}; {consequence}"));
     }
     complain(&format!(
         "{}: written, the report of {} recorded messages",

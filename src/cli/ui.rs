@@ -9,6 +9,7 @@ use crate::operator::Input;
 use crate::run::SIGNALS;
 use crate::tui;
 use crate::web::Server;
+use crate::web::guard::HostName;
 use anyhow::{Context, anyhow};
 use clap::{Args, ValueEnum};
 use std::io::{ErrorKind, IsTerminal, Write};
@@ -35,10 +36,15 @@ pub(super) struct UiArgs {
     pub(super) ui: Option<UiKind>,
     /// Address of the page: ADDRESS:PORT, an address (also localhost), or a port
     ///
-    /// The default is 127.0.0.1 and a free port from 8780 on. Any other address needs the token
-    /// that is printed with it.
+    /// The default is 127.0.0.1 and a free port from 8780 on. The printed address includes a token,
+    /// without which the page shows and commands nothing.
     #[arg(long, value_name = "ADDR", verbatim_doc_comment)]
     pub(super) listen: Option<String>,
+    /// Name by which browsers reach the page through a proxy: NAME or NAME:PORT
+    ///
+    /// Repeat it for several names. An ssh tunnel to a loopback name needs none.
+    #[arg(long, value_name = "NAME", verbatim_doc_comment)]
+    pub(super) host: Vec<HostName>,
 }
 
 /// Kind of UI.
@@ -59,7 +65,9 @@ impl UiArgs {
         let person = std::io::stdin().is_terminal() && std::io::stdout().is_terminal();
         match self.ui {
             Some(word) => word,
-            None if self.listen.is_some() || (person && !json) => UiKind::Web,
+            None if self.listen.is_some() || !self.host.is_empty() || (person && !json) => {
+                UiKind::Web
+            }
             None => UiKind::None,
         }
     }
@@ -74,13 +82,18 @@ impl UiArgs {
                 let served = self.serve(&desk);
                 let server = match served {
                     // A page that no option asks for may be missing; the run is more important.
-                    Err(error) if self.ui.is_none() && self.listen.is_none() => {
+                    Err(error)
+                        if self.ui.is_none() && self.listen.is_none() && self.host.is_empty() =>
+                    {
                         complain(&format!("the run has no operator's page: {error:#}"));
                         return Ok(Ui::None);
                     }
                     other => other?,
                 };
                 complain(&format!("the operator's page: {}", server.url));
+                for url in &server.proxy_urls {
+                    complain(&format!("through a proxy for TLS: {url}"));
+                }
                 Ok(Ui::Web(server))
             }
         }
@@ -95,12 +108,14 @@ impl UiArgs {
                      127.0.0.1:8780, [::1], localhost:8780 or 8780"
                 )
             })?;
-            return Server::start(desk.clone(), address).map_err(|error| unheard(address, &error));
+            return Server::start_behind(desk.clone(), address, self.host.clone())
+                .map_err(|error| unheard(address, &error));
         }
         let mut last = None;
         // Each run of this machine has a page of its own.
         for port in PORT..PORT + PORTS {
-            match Server::start(desk.clone(), SocketAddr::from((Ipv4Addr::LOCALHOST, port))) {
+            let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
+            match Server::start_behind(desk.clone(), address, self.host.clone()) {
                 Ok(server) => return Ok(server),
                 Err(error) => last = Some(error),
             }

@@ -16,7 +16,8 @@ Examples:
   rubik-robot urdf --arm track > track.urdf          # one arm on its base
   rubik-robot urdf --scenario scenarios/table.toml
 
-Links, axes and limits are those of the controller; shapes are boxes and cylinders.")]
+Links, axes and ranges are those of the controller. Masses, inertias, efforts and speeds are those
+of the simulated arms. Shapes are boxes and cylinders.")]
 pub(super) struct UrdfArgs {
     /// Print only the effector with this name; the built-in cell has `track` and `postument`
     #[arg(long)]

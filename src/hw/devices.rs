@@ -21,7 +21,9 @@ use serde::de::{Deserializer, Error as _};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
 use std::fs::{File, TryLockError};
+use std::io::Error;
 use std::net::SocketAddr;
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
 
@@ -280,14 +282,37 @@ pub enum ForceDevice<'a> {
 pub struct NoDevice(pub String);
 
 impl Devices {
-    /// Reads a devices file (TOML).
+    /// Reads a devices file (TOML) that only this user or root can have written. In a folder for
+    /// temporary files any user can put a file of this name, and the file says which devices are
+    /// opened, and which of their sensors and limits the controller believes.
     ///
     /// # Errors
-    /// The error of the system, the first mistake in the file with its line number, or that the
-    /// emulator that wrote the file has ended.
+    /// The error of the system, that other users can have written the file, the first mistake in it
+    /// with its line number, or that the emulator that wrote it has ended.
     pub fn load(path: &Path) -> Result<Self, NoDevice> {
+        Self::load_if(path, |file| {
+            let found = file.metadata()?;
+            let (owner, own) = (found.uid(), rustix::process::geteuid().as_raw());
+            distrust(owner, found.mode(), own).map_or(Ok(()), |why| Err(Error::other(why)))
+        })
+    }
+
+    /// Reads a devices file (TOML) that the user has named on the command line.
+    ///
+    /// # Errors
+    /// As for [`Self::load`], except that any user may have written the file.
+    pub fn load_named(path: &Path) -> Result<Self, NoDevice> {
+        Self::load_if(path, |_| Ok(()))
+    }
+
+    fn load_if(
+        path: &Path,
+        check: impl FnOnce(&File) -> std::io::Result<()>,
+    ) -> Result<Self, NoDevice> {
         let fail = |why: &str| NoDevice(format!("{}: {why}", path.display()));
         let (file, text) = read(path).map_err(|e| fail(&e.to_string()))?;
+        // The open file is checked, because its name may lead to another one meanwhile.
+        check(&file).map_err(|e| fail(&e.to_string()))?;
         let devices = parse(&text).map_err(|(at, why)| {
             let line = text[..at].matches('\n').count() + 1;
             NoDevice(format!("{}:{line}: {why}", path.display()))
@@ -417,6 +442,22 @@ impl Devices {
     pub fn isa(&self, _: &[Arm], _: Notes) -> Result<Box<dyn Port>, NoDevice> {
         Err(NoDevice(NO_PORTS.to_owned()))
     }
+}
+
+/// Returns the reason why a file of `owner` with these permissions is not believed by the user
+/// `own`, with what to do, or `None`.
+fn distrust(owner: u32, mode: u32, own: u32) -> Option<&'static str> {
+    if owner != own && owner != 0 {
+        return Some(
+            "it belongs to another user, who may have written anything: name it by \
+             `--set bridge.devices=FILE` if you trust it",
+        );
+    }
+    // A group may have members.
+    (mode & 0o022 != 0).then_some(
+        "other users may write it: run `chmod go-w FILE`, or name it by \
+         `--set bridge.devices=FILE`",
+    )
 }
 
 /// Opens a devices file and returns it with its text. Only a regular file is accepted: reading a
@@ -687,6 +728,28 @@ mod tests {
         std::fs::remove_file(&path).unwrap();
         assert!(wrong.contains("unknown field `speed`") && wrong.contains(".toml:"), "{wrong}");
         assert!(Devices::load(&path).unwrap_err().to_string().contains("No such file"));
+    }
+
+    /// Another user puts a file at the default path before this one does.
+    #[test]
+    fn devices_file_of_others_needs_to_be_named() {
+        use std::os::unix::fs::PermissionsExt as _;
+        let path = std::env::temp_dir().join(format!("rubik-others-{}.toml", std::process::id()));
+        std::fs::write(&path, "").unwrap();
+        for (mode, good) in [(0o644, true), (0o600, true), (0o666, false), (0o664, false)] {
+            std::fs::set_permissions(&path, std::fs::Permissions::from_mode(mode)).unwrap();
+            let told = Devices::load(&path).err().map(|e| e.to_string()).unwrap_or_default();
+            assert_eq!(told.is_empty(), good, "{mode:o}: {told}");
+            assert!(good || told.contains("chmod go-w"), "{told}");
+            assert_eq!(Devices::load_named(&path), Ok(Devices::default()), "{mode:o}");
+        }
+        std::fs::remove_file(&path).unwrap();
+
+        let (own, other) = (1000, 1001);
+        assert!(distrust(own, 0o100_644, own).is_none() && distrust(0, 0o644, own).is_none());
+        assert!(distrust(other, 0o644, own).is_some_and(|why| why.contains("--set")));
+        assert!(distrust(own, 0o644, 0).is_some(), "the file of a user, read by root");
+        assert!(distrust(0, 0o666, own).is_some());
     }
 
     /// Writes `text` into a temporary file, whose name contains `name`, and loads it. Returns the

@@ -4,14 +4,18 @@
 //! - writing a recording: [`recorder`] (the thread), `place` (the path of the file), [`sheet`] (the
 //!   topics), `file` (MCAP); the messages are in `cdr`, `schema`, `standard`, [`tick`], `sensed`,
 //!   `belief`, `calibration` and [`urdf`]
-//! - reading a recording: [`reading`] (whole, cut off or damaged), [`recover_file`], `playback` (as
-//!   port and sensors of a run), [`report`]
+//! - reading a recording: [`reading`] (whole, cut off or damaged) with `framing` (records),
+//!   `chunk` and `closing` (the index), [`recover_file`], `playback` (as port and sensors of a
+//!   run), [`report`]
 
 pub(crate) mod belief;
 pub(crate) mod calibration;
 pub(crate) mod cdr;
+mod chunk;
+mod closing;
 pub(crate) mod entry;
 pub(crate) mod file;
+mod framing;
 pub mod journal;
 pub(crate) mod place;
 pub(crate) mod playback;

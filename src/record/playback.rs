@@ -80,7 +80,8 @@ impl Playback {
         let mut label = Label::default();
         // A second pass reads the ticks one by one: the recording of a mission takes 200 MB.
         let (mut sensed, mut operator, mut injected) = (Vec::new(), VecDeque::new(), None);
-        for piece in open(path)? {
+        // Behind a damaged place inputs may be missing, on which all later outputs depend.
+        for piece in open(path)?.up_to_damage() {
             label.take(&piece);
             let Piece::Message(Message { channel, data, .. }) = piece else { continue };
             let broken = |why| Unreadable::Message { topic: channel.topic.clone(), why };
@@ -96,7 +97,8 @@ impl Playback {
         let file = std::fs::File::open(path)?;
         let state = State {
             arms,
-            stream: Reading::new(std::io::BufReader::with_capacity(1 << 20, file)),
+            stream: Reading::seekable(std::io::BufReader::with_capacity(1 << 20, file))
+                .up_to_damage(),
             ahead: VecDeque::new(),
             sensed,
             operator,
@@ -184,7 +186,7 @@ impl Playback {
     #[must_use]
     pub fn cut(&self) -> Option<String> {
         let state = self.state();
-        let flaw = state.stream.end().and_then(End::flaw)?;
+        let flaw = state.stream.end().and_then(End::loss)?;
         Some(format!("{flaw:#}"))
     }
 

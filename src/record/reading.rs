@@ -4,44 +4,37 @@
 //! - in: an MCAP file
 //! - out: its messages in the order of the file, its metadata and attachments; and how it ends
 //!
-//! The messages of a chunk are delivered once its checksum is verified. There are two exceptions:
-//! the last chunk of a file that is cut off has no checksum any more, and a chunk of another
-//! program may be longer than `HELD`. Their messages are delivered without a check.
+//! The messages of a chunk are delivered once its checksum is verified; the last chunk of a file
+//! that is cut off has none any more, and its messages are delivered without a check. A damaged
+//! chunk is left out, and the reading continues behind it.
 //!
 //! The index is not used: after a crash there is none, and the order of the file is the order of
-//! the run.
+//! the run. It is judged, because other programs use it. If the file can be read at any place, the
+//! channels in its summary replace those that a damaged chunk has described.
 //!
 //! The file may come from anywhere, so its numbers are not trusted beyond these limits:
 //!
 //! | quantity | limit | reason |
 //! |---|---|---|
-//! | length of a record or chunk | `LONGEST` | the library reserves that much memory |
-//! | messages that wait for a check | `HELD` | they are all in memory |
+//! | length of a record or chunk | `LONGEST` | it is in memory |
 //! | all schemas and channels | `DESCRIBED` | they are kept to the end of the file |
 //! | pairs of texts in a record | `PAIRS` | in memory a map takes ten times its size in the file |
 
 use super::cdr::Malformed;
-use mcap::McapError;
-use mcap::records::Record;
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use super::chunk::unpack;
+use super::closing::Closing;
+use super::framing::{self, BLANK, Found, HEAD, Records, extent, head};
+use mcap::records::{Record, op};
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt::{self, Display, Formatter};
-use std::io::Read;
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Largest length of a record, and of a chunk before and after compression (bytes).
-const LONGEST: usize = 64 << 20;
-/// Largest size of the messages that wait for the check of their chunk (bytes). A chunk of this
-/// program has a tenth of it.
-const HELD: usize = 8 << 20;
 /// Largest size of all schemas and channels (bytes). Those of this program have some ten thousand.
 const DESCRIBED: usize = 16 << 20;
-/// Estimated memory of a message, a schema, a channel or a pair of texts besides its data (bytes).
+/// Estimated memory of a schema, a channel or a pair of texts besides its data (bytes).
 const COST: usize = 128;
-/// Largest number of pairs of texts in a record.
-const PAIRS: usize = 1 << 16;
 
 /// Type of messages.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -113,22 +106,66 @@ pub enum Unreadable {
 
 /// Recording that is being read; an iterator over its items.
 pub struct Reading<R> {
-    from: R,
-    reader: LinearReader,
-    schemas: BTreeMap<u16, Arc<Schema>>,
-    channels: BTreeMap<u16, Arc<Channel>>,
-    /// Size of all schemas and channels that were read (bytes).
-    described: usize,
-    /// Items that wait for the check of their chunk, and their size (bytes).
-    held: (Vec<Piece>, usize),
+    records: Records<R>,
+    /// Whether the magic at the beginning has been read.
+    begun: bool,
+    described: Described,
+    /// Schemas and channels of the summary, for those that are not described before their messages.
+    spare: Described,
+    /// Records of the current chunk, and the position of the next one.
+    chunk: (Vec<u8>, usize),
+    /// Chunk that fails its check and may be the last one before a part of the file that was never
+    /// written.
+    doubtful: Option<Doubtful>,
+    /// Whether the file has had a chunk.
+    chunked: bool,
     /// Items to be delivered.
     ready: VecDeque<Piece>,
-    /// Number of bytes that were read.
-    at: u64,
-    /// Position of the last byte among the records of the file.
-    frame: Frame,
+    damage: Damage,
+    /// Whether the reading ends at the first damaged place.
+    stops: bool,
+    closing: Closing,
+    /// How the file stops, once all of it has been read. The end follows when the last chunk has
+    /// been delivered.
+    last: Option<Stop>,
     /// End of the file; `None` while it is being read.
     end: Option<End>,
+}
+
+/// How the reading of a file stops.
+enum Stop {
+    /// The records end, or are not read any further.
+    Regular,
+    /// The file is cut off, with the reason.
+    Cut(String),
+}
+
+/// Chunk that fails its check and ends with zeros.
+struct Doubtful {
+    /// Position in the file, and the reason why it fails.
+    at: u64,
+    why: String,
+    /// Records before the zeros.
+    records: Vec<u8>,
+}
+
+/// Schemas and channels that were read.
+#[derive(Debug, Default)]
+struct Described {
+    schemas: BTreeMap<u16, Arc<Schema>>,
+    channels: BTreeMap<u16, Arc<Channel>>,
+    /// Size of all of them (bytes).
+    size: usize,
+}
+
+/// Damaged places of a file.
+#[derive(Debug, Default)]
+struct Damage {
+    first: Option<String>,
+    /// Number of places after the first.
+    more: u64,
+    /// Number of messages whose channel is not known.
+    strays: u64,
 }
 
 /// End of a file.
@@ -136,18 +173,27 @@ pub struct Reading<R> {
 pub enum End {
     /// Regular end.
     Whole,
+    /// Regular end of the data, but an index that other programs cannot use, with the reason.
+    Index(String),
     /// End in the middle, with the reason: the file was cut off.
     Cut(String),
-    /// First place where the file is damaged or is no recording, with the reason. The rest is left
-    /// out.
+    /// First damaged place with the reason, and the number of others. The damaged records are left
+    /// out, and those that follow are read.
     Damaged(String),
 }
 
 impl End {
-    /// Returns this end of a file if the file is cut off or damaged; `None` if it is whole.
+    /// Returns this end of a file unless the file is whole.
     #[must_use]
     pub fn flaw(&self) -> Option<&Self> {
         Some(self).filter(|end| **end != Self::Whole)
+    }
+
+    /// Returns this end of a file if something of the run may be missing: the file is cut off or
+    /// damaged.
+    #[must_use]
+    pub fn loss(&self) -> Option<&Self> {
+        self.flaw().filter(|end| !matches!(end, Self::Index(_)))
     }
 
     /// Returns this end with the time at which the file ends (s), for a text as "cut off after 1.5
@@ -160,10 +206,12 @@ impl End {
     /// Writes kind, time (`when`) and reason of the end. The alternate form `{:#}` has the reason
     /// in brackets, so that a sentence can continue after it.
     fn describe(&self, f: &mut Formatter<'_>, when: &dyn Display) -> fmt::Result {
-        let (how, why) = match self {
+        // A damaged place may be anywhere, so it has no time.
+        let (how, when, why): (_, &dyn Display, _) = match self {
             Self::Whole => return write!(f, "whole{when}"),
-            Self::Cut(why) => ("cut off", why),
-            Self::Damaged(why) => ("damaged", why),
+            Self::Index(why) => ("complete except for its index", &"", why),
+            Self::Cut(why) => ("cut off", when, why),
+            Self::Damaged(why) => ("damaged", &"", why),
         };
         if f.alternate() {
             write!(f, "{how}{when} ({why})")
@@ -197,142 +245,230 @@ impl Display for EndAfter<'_> {
 /// # Errors
 /// Error of the operating system.
 pub fn open(path: &Path) -> Result<Reading<std::fs::File>, Unreadable> {
-    Ok(Reading::new(std::fs::File::open(path)?))
+    Ok(Reading::seekable(std::fs::File::open(path)?))
+}
+
+impl<R: Read + Seek> Reading<R> {
+    /// Makes a reader of a recording that can be read at any place. Messages behind a damaged chunk
+    /// keep their channels although that chunk has described them.
+    pub fn seekable(mut from: R) -> Self {
+        let spare = described_by_summary(&mut from);
+        Self { spare: spare.unwrap_or_default(), ..Self::new(from) }
+    }
 }
 
 impl<R: Read> Reading<R> {
     /// Makes a reader of a recording, which may be whole, cut off or damaged.
     pub fn new(from: R) -> Self {
-        // The library checks a chunk at its end. Reading the whole chunk first, as the other option
-        // does, would lose the last chunk of a file that is cut off.
-        let options = LinearReaderOptions::default()
-            .with_validate_chunk_crcs(true)
-            .with_validate_data_section_crc(true)
-            .with_record_length_limit(LONGEST);
         Self {
-            from,
-            reader: LinearReader::new_with_options(options),
-            schemas: BTreeMap::new(),
-            channels: BTreeMap::new(),
-            described: 0,
-            held: (Vec::new(), 0),
+            records: Records::new(from),
+            begun: false,
+            described: Described::default(),
+            spare: Described::default(),
+            chunk: (Vec::new(), 0),
+            doubtful: None,
+            chunked: false,
             ready: VecDeque::new(),
-            at: 0,
-            frame: Frame::BEGIN,
+            damage: Damage::default(),
+            stops: false,
+            closing: Closing::default(),
+            last: None,
             end: None,
         }
     }
 
-    /// Returns how the file ends: whole, cut off or damaged; `None` before all items have been
-    /// delivered.
+    /// Makes the reading end at the first damaged place, for a use to which each message matters.
+    #[must_use]
+    pub fn up_to_damage(self) -> Self {
+        Self { stops: true, ..self }
+    }
+
+    /// Returns how the file ends; `None` before all items have been delivered.
     pub fn end(&self) -> Option<&End> {
         if self.ready.is_empty() { self.end.as_ref() } else { None }
     }
 
-    /// Ends the reading of a file that is cut off, for the reason `why`. The items that wait for
-    /// the check of their chunk are delivered unchecked, since its checksum is missing.
-    fn cut(&mut self, why: &dyn Display) {
-        self.release();
-        self.end = Some(End::Cut(why.to_string()));
-    }
-
-    /// Ends the reading of a damaged file, for the reason `why`. Drops the items of the damaged
-    /// chunk.
-    fn damaged(&mut self, why: &dyn Display) {
-        self.held = (Vec::new(), 0);
-        self.end = Some(End::Damaged(format!("before byte {}: {why}", self.at)));
-    }
-
-    /// Delivers the items that have waited for the check of their chunk.
-    fn release(&mut self) {
-        self.ready.extend(self.held.0.drain(..));
-        self.held.1 = 0;
-    }
-
-    /// Handles the next event of the MCAP library's reader: reads bytes that it requests, or takes
-    /// a record that it has parsed.
+    /// Handles the next record of the current chunk, or of the file.
     fn advance(&mut self) {
-        let event = match next(&mut self.reader) {
-            None => {
-                self.release();
-                self.end = Some(End::Whole);
-                return;
+        if self.advance_in_chunk() {
+            return;
+        }
+        if self.stops && self.damage.first.is_some() {
+            self.last = Some(Stop::Regular);
+        }
+        if let Some(stop) = self.last.take() {
+            let cut = match stop {
+                Stop::Regular => None,
+                Stop::Cut(why) => Some(why),
+            };
+            self.end = Some(self.damage.end(cut, &self.closing));
+            return;
+        }
+        let begin = if self.begun { None } else { self.records.begin() };
+        self.begun = true;
+        let found = begin.unwrap_or_else(|| self.records.next());
+        // A chunk that fails its check is damaged unless the file was not written behind it.
+        if let Some(Doubtful { at, why, records }) = self.doubtful.take() {
+            match found {
+                Found::Blank(_) => self.chunk = (records, 0),
+                _ => self.damage.at(at, &why),
             }
-            Some(Err(why @ McapError::UnexpectedEof)) => return self.cut(&why),
-            Some(Err(why)) => return self.damaged(&why),
-            Some(Ok(event)) => event,
-        };
-        match event {
-            LinearReadEvent::ReadRequest(count) => {
-                // A request for more at a boundary means that the records up to here are checked.
-                if self.frame.is_at_boundary() {
-                    self.release();
+        }
+        match found {
+            Found::Record { opcode, flaw } => self.take(opcode, flaw),
+            Found::Damage(why) if self.closing.has_begun() => self.closing.fails(why),
+            Found::Damage(why) => self.damage.before(self.records.at(), why),
+            Found::Cut(opcode, why) => {
+                if opcode == op::CHUNK {
+                    self.chunk = (unpack(written(self.records.body())).records, 0);
                 }
-                // No read passes a boundary, so that the check above sees each of them.
-                let count = self.frame.left_to_boundary().min(count as u64) as usize;
-                let into = self.reader.insert(count);
-                match self.from.read(into) {
-                    Ok(read) => {
-                        self.frame.pass(&into[..read]);
-                        self.at += read as u64;
-                        self.reader.notify_read(read);
-                        // The limit that the library takes does not apply to chunks.
-                        if self.frame.chunk_length().is_some_and(|length| length > LONGEST as u64) {
-                            self.damaged(&"a chunk that is too long");
-                        }
-                    }
-                    Err(why) => self.cut(&why),
-                }
+                self.last = Some(Stop::Cut(why));
             }
-            // Records that are not used: the index, statistics.
-            LinearReadEvent::Record { opcode, .. } if !READ.contains(&opcode) => {}
-            LinearReadEvent::Record { opcode, data } => {
-                if !lengths_fit(opcode, data) {
-                    return self.damaged(&"a record whose lengths do not fit");
+            Found::Blank(from) => {
+                let why = format!("only zeros from byte {from} to the end of the file");
+                self.last = Some(Stop::Cut(why));
+            }
+            Found::End => self.last = Some(Stop::Cut("the file ends before its index".to_owned())),
+            Found::Magic => {
+                let behind = self.records.count_rest();
+                if behind > 0 {
+                    self.closing.fails(format!("{behind} bytes follow the end of the recording"));
                 }
-                match mcap::parse_record(opcode, data).map(Record::into_owned) {
-                    Ok(record) => self.take(record),
-                    Err(why) => self.damaged(&why),
-                }
+                self.last = Some(Stop::Regular);
             }
         }
     }
 
-    /// Takes a record that the library has parsed. Its item waits for the check of its chunk; a
-    /// record that must not be at this position ends the reading as damage.
-    fn take(&mut self, record: Record<'static>) {
-        let piece = self.record(record);
-        if self.described > DESCRIBED {
-            return self.damaged(&"too many schemas and channels");
+    /// Handles the next record of the current chunk. Returns `false` at its end.
+    fn advance_in_chunk(&mut self) -> bool {
+        let (records, at) = std::mem::take(&mut self.chunk);
+        let rest = records.get(at..).unwrap_or_default();
+        let Some((opcode, length)) = head(rest) else { return false };
+        // The records of a chunk were checked when it was unpacked.
+        let Some(body) = rest.get(HEAD..HEAD + length as usize) else { return false };
+        if opcode == op::MESSAGE {
+            self.closing.message_in_chunk(body, at as u64);
         }
-        match piece {
+        self.keep(opcode, body);
+        let next = at + HEAD + body.len();
+        self.chunk = (records, next);
+        true
+    }
+
+    /// Takes a record of the file; `flaw` is that of its head.
+    fn take(&mut self, opcode: u8, flaw: Option<&'static str>) {
+        if self.closing.has_begun() && opcode != op::CHUNK {
+            return self.take_of_summary(opcode);
+        }
+        let (at, length) = (self.records.at(), self.records.length());
+        self.closing.record(opcode, self.records.body(), (at, length as u64));
+        match opcode {
+            op::CHUNK => self.take_chunk(flaw),
+            op::DATA_END => {
+                let said =
+                    self.records.body().first_chunk().map_or(0, |sum| u32::from_le_bytes(*sum));
+                let sum = self.records.sum(0);
+                if said != 0 && said != sum {
+                    let why = "the checksum of all data is wrong: bytes between the chunks differ";
+                    self.damage.only(why);
+                }
+                self.records.sum_from_next();
+                self.closing.begin(self.records.at());
+            }
             // This program writes messages in chunks only. A flipped bit can make the index of a
             // chunk look like a message.
-            Some(Piece::Message(_)) if self.frame.is_outside_chunks() => {
-                self.damaged(&"a message in no chunk");
-            }
-            Some(Piece::Message(message)) => {
-                self.held.1 += message.data.len() + COST;
-                self.held.0.push(Piece::Message(message));
-                // A longer chunk of another program, or messages outside of chunks: the limit of
-                // memory comes before the check.
-                if self.held.1 > HELD {
-                    self.release();
+            op::MESSAGE if self.chunked => self.damage.at(at, "a message is in no chunk"),
+            op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA | op::ATTACHMENT => {
+                let body = self.records.body().to_vec();
+                if opcode == op::ATTACHMENT && !has_right_sum(&body) {
+                    return self.damage.at(at, "the checksum of an attachment is wrong");
                 }
+                self.keep(opcode, &body);
             }
-            // The format allows neither in a chunk. The chunk is damaged, or made to fill the
-            // memory: the size of these items is not counted.
-            Some(_) if self.frame.is_chunk() => {
-                self.damaged(&"metadata or an attachment in a chunk");
-            }
-            Some(piece) => self.held.0.push(piece),
-            None => {}
+            op::MESSAGE_INDEX => self.closing.list(self.records.body()),
+            op::HEADER | 0x80.. => {}
+            _ => self.damage.at(at, "a record of this type cannot be here"),
         }
     }
 
-    /// Converts a record to an item of the recording. Returns `None` for a schema or a channel,
-    /// which is stored for later messages, and for a record that is not used.
-    fn record(&mut self, record: Record<'static>) -> Option<Piece> {
+    /// Takes a chunk; `flaw` is that of its head.
+    fn take_chunk(&mut self, flaw: Option<&'static str>) {
+        self.chunked = true;
+        let at = self.records.at();
+        if self.closing.has_begun() {
+            self.damage.at(at, "a chunk behind the end of the data");
+        }
+        let body = self.records.body();
+        let unpacked = unpack(body);
+        match unpacked.flaw {
+            None => {
+                if let Some(flaw) = flaw {
+                    self.damage.at(at, &format!("a chunk is sound, but {flaw}"));
+                }
+                self.chunk = (unpacked.records, 0);
+            }
+            Some(why) => {
+                let why = format!("a chunk is left out: {why}");
+                let part = without_zeros(body);
+                if part.len() < body.len() {
+                    self.doubtful = Some(Doubtful { at, why, records: unpack(part).records });
+                } else {
+                    self.damage.at(at, &why);
+                }
+            }
+        }
+    }
+
+    /// Takes a record of the summary.
+    fn take_of_summary(&mut self, opcode: u8) {
+        // The checksum of the footer covers its own first fields.
+        let sum = self.records.sum(if opcode == op::FOOTER { HEAD + 8 + 8 } else { 0 });
+        match mcap::parse_record(opcode, self.records.body()) {
+            Ok(record) => self.closing.take(record, self.records.at(), sum),
+            Err(why) => self.closing.fails(format!("one of its records is damaged: {why}")),
+        }
+    }
+
+    /// Keeps what a record describes, or delivers its item.
+    fn keep(&mut self, opcode: u8, body: &[u8]) {
+        let record = match mcap::parse_record(opcode, body).map(Record::into_owned) {
+            Ok(record) => record,
+            Err(why) => return self.damage.at(self.records.at(), &why.to_string()),
+        };
+        let piece = match record {
+            Record::Message { header, data } => {
+                self.closing.message();
+                let known = self.described.channels.get(&header.channel_id);
+                // A message without a channel has no type. It is left out.
+                let Some(channel) = known.or_else(|| self.spare.channels.get(&header.channel_id))
+                else {
+                    self.damage.strays += 1;
+                    return;
+                };
+                let channel = Arc::clone(channel);
+                Piece::Message(Message { channel, time: header.log_time, data: data.into_owned() })
+            }
+            Record::Metadata(metadata) => Piece::Metadata(metadata.name, metadata.metadata),
+            Record::Attachment { header, data, .. } => {
+                Piece::Attachment(header.name, header.media_type, data.into_owned())
+            }
+            record => {
+                self.described.keep(record, &self.spare);
+                if self.described.size > DESCRIBED {
+                    self.damage.at(self.records.at(), "too many schemas and channels");
+                    self.last = Some(Stop::Regular);
+                    self.end = Some(self.damage.end(None, &self.closing));
+                }
+                return;
+            }
+        };
+        self.ready.push_back(piece);
+    }
+}
+
+impl Described {
+    /// Keeps a schema or a channel, whose schema may be in `spare`; ignores any other record.
+    fn keep(&mut self, record: Record<'static>, spare: &Self) {
         match record {
             Record::Schema { header, data } => {
                 let schema = Schema {
@@ -343,7 +479,7 @@ impl<R: Read> Reading<R> {
                 // Other programs repeat their schemas in each chunk. Only new ones count.
                 if self.schemas.get(&header.id).is_none_or(|known| **known != schema) {
                     let texts = schema.kind.len() + schema.encoding.len();
-                    self.described += texts + schema.definition.len() + COST;
+                    self.size += texts + schema.definition.len() + COST;
                     self.schemas.insert(header.id, Arc::new(schema));
                 }
             }
@@ -351,174 +487,139 @@ impl<R: Read> Reading<R> {
                 let pairs =
                     channel.metadata.iter().map(|(name, text)| name.len() + text.len() + COST);
                 let texts = channel.topic.len() + channel.message_encoding.len();
-                self.described += texts + pairs.sum::<usize>() + COST;
+                self.size += texts + pairs.sum::<usize>() + COST;
+                let schema = self.schemas.get(&channel.schema_id);
+                let schema = schema.or_else(|| spare.schemas.get(&channel.schema_id));
+                // The schema was in a damaged chunk: the type of the messages is not known.
+                if schema.is_none() && channel.schema_id != 0 {
+                    return;
+                }
                 let known = Channel {
                     topic: channel.topic,
-                    schema: self.schemas.get(&channel.schema_id).cloned().unwrap_or_default(),
+                    schema: schema.cloned().unwrap_or_default(),
                     message_encoding: channel.message_encoding,
                     metadata: channel.metadata,
                 };
                 self.channels.insert(channel.id, Arc::new(known));
             }
-            Record::Message { header, data } => {
-                // A message without a channel has no type. It is left out.
-                let channel = Arc::clone(self.channels.get(&header.channel_id)?);
-                let message = Message { channel, time: header.log_time, data: data.into_owned() };
-                return Some(Piece::Message(message));
-            }
-            Record::Metadata(metadata) => {
-                return Some(Piece::Metadata(metadata.name, metadata.metadata));
-            }
-            Record::Attachment { header, data, .. } => {
-                return Some(Piece::Attachment(header.name, header.media_type, data.into_owned()));
-            }
             _ => {}
         }
-        None
     }
 }
 
-/// Opcode of a chunk: compressed messages with a checksum.
-const CHUNK: u8 = 0x06;
-/// Size of opcode and length of a record (bytes).
-const PLAIN: usize = 9;
-
-/// Position among the records of a file. A chunk is one record here: the library reports the
-/// records in a chunk, but those of a damaged chunk do not show where the chunk ends.
-#[derive(Debug)]
-struct Frame {
-    /// Opcode and length of the next record; of a chunk also its times and its length before
-    /// compression. The first `received` bytes are valid.
-    head: [u8; 33],
-    received: usize,
-    /// Bytes of the present record that have not been read yet.
-    left: u64,
-    /// Whether there was a chunk.
-    chunked: bool,
-}
-
-impl Frame {
-    /// Beginning of a file: eight bytes of magic that are no record.
-    const BEGIN: Self = Self { head: [0; 33], received: 0, left: 8, chunked: false };
-
-    /// Checks whether the current record is outside of all chunks although the file has had a
-    /// chunk.
-    fn is_outside_chunks(&self) -> bool {
-        self.chunked && !self.is_chunk()
+impl Damage {
+    /// Notes that the record at this byte is damaged.
+    fn at(&mut self, byte: u64, why: &str) {
+        self.add(format!("at byte {byte}: {why}"));
     }
 
-    fn is_chunk(&self) -> bool {
-        self.head[0] == CHUNK
+    /// Notes that a place before this byte is no record.
+    fn before(&mut self, byte: u64, why: &str) {
+        self.add(format!("before byte {byte}: {why}"));
     }
 
-    /// Returns the greater one of a chunk's two lengths, compressed and uncompressed (bytes);
-    /// `None` if the current record is no chunk, or its head is not complete.
-    fn chunk_length(&self) -> Option<u64> {
-        let (_, lengths) = self.head.split_first_chunk::<1>()?;
-        let (within, behind) = lengths.split_first_chunk()?;
-        let before = behind.last_chunk()?;
-        let longer = u64::from_le_bytes(*within).max(u64::from_le_bytes(*before));
-        // The head is complete once its counter has been reset.
-        (self.is_chunk() && self.received == 0).then_some(longer)
+    /// Notes damage at an unknown place unless a place is known.
+    fn only(&mut self, why: &str) {
+        self.first.get_or_insert_with(|| why.to_owned());
     }
 
-    /// Checks whether the reading is between two records: the last one is complete and the next one
-    /// has not begun.
-    fn is_at_boundary(&self) -> bool {
-        self.left == 0 && self.received == 0
-    }
-
-    /// Returns how many bytes of the current record are left to read: of its head until that is
-    /// complete, then of its body.
-    fn left_to_boundary(&self) -> u64 {
-        if self.left > 0 { self.left } else { (self.head_length() - self.received) as u64 }
-    }
-
-    /// Returns the length of the current record's head (bytes): opcode and length, and of a chunk
-    /// also its times and its uncompressed length.
-    fn head_length(&self) -> usize {
-        if self.received >= PLAIN && self.is_chunk() { self.head.len() } else { PLAIN }
-    }
-
-    /// Moves the reading past `bytes`, of which there are at most [`Self::left_to_boundary`].
-    fn pass(&mut self, bytes: &[u8]) {
-        if self.left > 0 {
-            self.left -= bytes.len() as u64;
-            return;
-        }
-        self.head[self.received..][..bytes.len()].copy_from_slice(bytes);
-        self.received += bytes.len();
-        if self.received == self.head_length()
-            && let Some((length, _)) = self.head[1..].split_first_chunk()
-        {
-            // The length counts the bytes after itself, and the head of a chunk is part of it.
-            let more = (self.received - PLAIN) as u64;
-            (self.received, self.left) = (0, u64::from_le_bytes(*length).saturating_sub(more));
-            self.chunked |= self.is_chunk();
+    fn add(&mut self, what: String) {
+        if self.first.is_some() {
+            self.more += 1;
+        } else {
+            self.first = Some(what);
         }
     }
-}
 
-/// Returns the next event of the library's reader. A panic of the library is an error of the file:
-/// the reader subtracts each record from the length of its chunk, and with checked arithmetic it
-/// panics if a record is longer than its chunk.
-fn next(reader: &mut LinearReader) -> Option<mcap::McapResult<LinearReadEvent<'_>>> {
-    let reader = AssertUnwindSafe(reader);
-    let event = catch_unwind(move || {
-        let reader = reader;
-        reader.0.next_event()
-    });
-    event.unwrap_or(Some(Err(McapError::UnexpectedEoc)))
-}
-
-/// Opcodes of the records that are used: schema, channel, message, attachment, metadata.
-const READ: [u8; 5] = [0x03, 0x04, 0x05, 0x09, 0x0c];
-
-/// Checks that the texts and maps of a record end within it, and that enough bytes follow for its
-/// last fields. The library trusts these lengths when it reserves memory, and panics if an
-/// attachment ends before its checksum.
-fn lengths_fit(opcode: u8, data: &[u8]) -> bool {
-    /// Splits a text, or a whole map, off the front of `rest`, by the length that precedes it.
-    /// `None` if it does not end within `rest`.
-    fn text<'a>(rest: &mut &'a [u8]) -> Option<&'a [u8]> {
-        let (length, behind) = rest.split_first_chunk::<4>()?;
-        let (text, behind) = behind.split_at_checked(u32::from_le_bytes(*length) as usize)?;
-        *rest = behind;
-        Some(text)
+    /// Returns the end of a file with this damage, which is cut off if there is a reason `cut`.
+    fn end(&self, cut: Option<String>, closing: &Closing) -> End {
+        let strays = match self.strays {
+            0 => None,
+            count => Some(format!("{count} messages have no channel and are left out")),
+        };
+        let Some(first) = self.first.clone().or_else(|| strays.clone()) else {
+            return match (cut, closing.flaw()) {
+                (Some(why), _) => End::Cut(why),
+                (None, Some(why)) => End::Index(why.to_owned()),
+                (None, None) => End::Whole,
+            };
+        };
+        let more = match self.more {
+            0 => None,
+            1 => Some("one more place is damaged".to_owned()),
+            count => Some(format!("{count} more places are damaged")),
+        };
+        let strays = strays.filter(|strays| *strays != first);
+        let parts = [Some(first), more, strays, cut];
+        End::Damaged(parts.into_iter().flatten().collect::<Vec<_>>().join("; "))
     }
-    /// Splits a map off the front of `rest`. `None` if it has more than [`PAIRS`] pairs or does not
-    /// end within `rest`.
-    fn map(rest: &mut &[u8]) -> Option<()> {
-        let mut pairs = text(rest)?;
-        for _ in 0..=2 * PAIRS {
-            if pairs.is_empty() {
-                return Some(());
-            }
-            text(&mut pairs)?;
+}
+
+/// Returns the bytes before the zeros at the end of `bytes`, which the file system may have added;
+/// all of them if there are only a few zeros.
+fn written(bytes: &[u8]) -> &[u8] {
+    let written = without_zeros(bytes);
+    if bytes.len() - written.len() < BLANK { bytes } else { written }
+}
+
+/// Returns the bytes before the zeros at the end of `bytes`.
+fn without_zeros(bytes: &[u8]) -> &[u8] {
+    let zeros = bytes.iter().rev().take_while(|byte| **byte == 0).count();
+    &bytes[..bytes.len() - zeros]
+}
+
+/// Checks the checksum at the end of an attachment's record; 0 means none.
+fn has_right_sum(body: &[u8]) -> bool {
+    let Some((before, sum)) = body.split_last_chunk() else { return false };
+    let sum = u32::from_le_bytes(*sum);
+    sum == 0 || sum == crc32fast::hash(before)
+}
+
+/// Reads schemas and channels in the summary of a file, and returns to its beginning. `None` if the
+/// file has no sound summary.
+fn described_by_summary<R: Read + Seek>(from: &mut R) -> Option<Described> {
+    /// Size of the footer, and of its part that its checksum covers (bytes).
+    const FOOTER: u64 = 20;
+    const COVERED: usize = HEAD + 8 + 8;
+    let last = HEAD as u64 + FOOTER + mcap::MAGIC.len() as u64;
+    let read = |from: &mut R| {
+        let size = from.seek(SeekFrom::End(0)).ok()?;
+        from.seek(SeekFrom::Start(size.checked_sub(last)?)).ok()?;
+        let mut footer = Vec::new();
+        from.take(last).read_to_end(&mut footer).ok()?;
+        let (begin, rest) = footer.get(HEAD..)?.split_first_chunk()?;
+        let (_, rest) = rest.split_at_checked(8)?;
+        let (sum, magic) = rest.split_first_chunk()?;
+        let begin = u64::from_le_bytes(*begin);
+        let length =
+            (size - last).checked_sub(begin).filter(|length| *length <= DESCRIBED as u64)?;
+        if head(&footer) != Some((op::FOOTER, FOOTER)) || magic != mcap::MAGIC || begin == 0 {
+            return None;
         }
-        None
-    }
-    // Bytes before the texts, number of texts, whether a map follows them, and the least number of
-    // bytes after them. After the texts of an attachment are the length of its data (8 bytes) and
-    // a checksum (4 bytes).
-    let (before, texts, has_map, behind) = match opcode {
-        0x03 => (2, 3, false, 0),
-        0x04 => (4, 2, true, 0),
-        0x09 => (16, 2, false, 8 + 4),
-        0x0c => (0, 1, true, 0),
-        _ => return true,
+        from.seek(SeekFrom::Start(begin)).ok()?;
+        let mut summary = Vec::new();
+        from.take(length).read_to_end(&mut summary).ok()?;
+        let mut check = crc32fast::Hasher::new();
+        check.update(&summary);
+        check.update(&footer[..COVERED]);
+        let sum = u32::from_le_bytes(*sum);
+        (sum == 0 || sum == check.finalize()).then_some(summary)
     };
-    let walk = || {
-        let mut rest = data.get(before..)?;
-        for _ in 0..texts {
-            text(&mut rest)?;
+    let summary = read(from);
+    // A pipe cannot be read at any place; it is still at its beginning.
+    let _ = from.seek(SeekFrom::Start(0));
+    let summary = summary?;
+    let (mut described, mut rest) = (Described::default(), &summary[..]);
+    while let Some((opcode, length)) = head(rest) {
+        let (body, behind) =
+            rest[framing::HEAD..].split_at_checked(usize::try_from(length).ok()?)?;
+        rest = behind;
+        if matches!(opcode, op::SCHEMA | op::CHANNEL) && extent(opcode, body).is_some() {
+            let record = mcap::parse_record(opcode, body).ok()?.into_owned();
+            described.keep(record, &Described::default());
         }
-        if has_map {
-            map(&mut rest)?;
-        }
-        (rest.len() >= behind).then_some(())
-    };
-    walk().is_some()
+    }
+    Some(described)
 }
 
 impl<R: Read> Iterator for Reading<R> {
@@ -581,6 +682,7 @@ impl Label {
 
 #[cfg(test)]
 mod tests {
+    use super::super::framing::{LONGEST, PAIRS};
     use super::*;
 
     /// Encodes a record as in an MCAP file: opcode, length, body.
@@ -604,7 +706,7 @@ mod tests {
         let (times, no_sum) = ([0; 16], [0; 4]);
         let own = (records.len() as u64).to_le_bytes();
         let parts = [&times[..], &length.to_le_bytes(), &no_sum, &text(b""), &own, records];
-        record(CHUNK, &parts.concat())
+        record(op::CHUNK, &parts.concat())
     }
 
     fn metadata(bytes: usize) -> Vec<u8> {
@@ -665,7 +767,7 @@ mod tests {
         let (_, end) = read(&[chunk(long, b"")]);
         assert!(matches!(&end, End::Damaged(why) if why.contains("too long")), "{end:?}");
         // By its length in the file, although the file has no more than the head.
-        let mut head = chunk(0, b"");
+        let mut head = chunk(0, b"x");
         head[1..9].copy_from_slice(&long.to_le_bytes());
         let (_, end) = read(&[head]);
         assert!(matches!(&end, End::Damaged(why) if why.contains("too long")), "{end:?}");

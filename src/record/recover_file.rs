@@ -27,14 +27,14 @@ pub struct Saved {
 ///
 /// # Errors
 /// Error of the device of `to`.
-pub fn recover_file<R: Read, W: Write + Seek>(from: R, to: W) -> Result<Saved, Unwritten> {
+pub fn recover_file<R: Read + Seek, W: Write + Seek>(from: R, to: W) -> Result<Saved, Unwritten> {
     let writer = mcap::WriteOptions::new()
         .profile("ros2")
         .library(concat!("rubik-robot ", env!("CARGO_PKG_VERSION"), " recover"))
         .compression(Some(mcap::Compression::Lz4))
         .create(to)?;
     let mut whole = WholeFile { writer, channels: BTreeMap::new(), schemas: BTreeMap::new() };
-    let mut reading = Reading::new(from);
+    let mut reading = Reading::seekable(from);
     // The span is taken over all messages: damage may have changed their order.
     let (mut messages, mut first, mut last) = (0, u64::MAX, 0);
     for piece in reading.by_ref() {

@@ -26,7 +26,7 @@ use crate::servo::io::Outside;
 use crate::servo::period::Length;
 use crate::tasks::Picture;
 use std::collections::BTreeMap;
-use std::io::Read;
+use std::io::{Read, Seek};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -82,12 +82,16 @@ impl Show {
     ///
     /// # Errors
     /// [`Unreadable`] if the file is no recording, or a message is malformed.
-    pub fn read<R: Read>(from: R, scenario: &Scenario, title: &str) -> Result<Self, Unreadable> {
+    pub fn read<R: Read + Seek>(
+        from: R,
+        scenario: &Scenario,
+        title: &str,
+    ) -> Result<Self, Unreadable> {
         Self::read_within(MEMORY_LIMIT, from, scenario, title)
     }
 
     /// Reads a recording of this scenario, and keeps at most about `most` bytes of it in memory.
-    fn read_within<R: Read>(
+    fn read_within<R: Read + Seek>(
         most: usize,
         from: R,
         scenario: &Scenario,
@@ -104,7 +108,7 @@ impl Show {
         let mut label = Label::default();
         let mut loading = Loading::new(&scenario.controller.cell, scenario.real_time.period);
         let (mut start, mut long) = (None, false);
-        let mut reading = Reading::new(from);
+        let mut reading = Reading::seekable(from);
         for piece in reading.by_ref() {
             label.take(&piece);
             let Piece::Message(message) = piece else { continue };
@@ -122,7 +126,7 @@ impl Show {
         // The run drew the results of vision in the calibrated cell, which is recorded as facts.
         calibration::apply(&label, &mut show.scenario.controller.cell);
         let summary: Option<Summary> = serde_json::from_str(label.of("summary", "json")).ok();
-        let flaw = reading.end().and_then(End::flaw);
+        let flaw = reading.end().and_then(End::loss);
         let flaw = flaw.map(|flaw| format!("the recording is {}", flaw.after(show.end)));
         show.outcome = match (summary, flaw) {
             // A summary that was read counts, even if the file is damaged after it.
@@ -655,7 +659,10 @@ mod tests {
         writer.finish().unwrap();
         let file = writer.into_inner().into_inner();
 
-        let read = |most| Show::read_within(most, file.as_slice(), &scenario(), "").unwrap();
+        let read = |most| {
+            let file = std::io::Cursor::new(&file);
+            Show::read_within(most, file, &scenario(), "").unwrap()
+        };
 
         let whole = read(MEMORY_LIMIT);
         assert_eq!((whole.events.len(), whole.end), (100, 99.0));

@@ -210,9 +210,10 @@ impl World {
         control: &Arc<watch::Sender<Control>>,
     ) -> Result<(Self, Cameras, BridgeNotes), Error> {
         let bridge = &scenario.bridge;
-        let path = bridge.devices_at(&scenario.path);
         let failed = |why: NoDevice| not_created("bridge", &why.to_string());
-        let devices = Devices::load(&path)
+        let devices = scenario
+            .load_devices()
+            .1
             .map_err(|why| not_created("bridge", &format!("{why}; {NAME_DEVICES}")))?;
         let config = &scenario.controller;
         // A jaw whose controller stops at the ordered grip would drop the cube: refused before any

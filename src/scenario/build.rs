@@ -62,6 +62,7 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
         pace: root.pace,
         real_time: root.real_time,
         bridge: root.bridge,
+        devices_named: false,
         controller: ControllerConfig {
             task: root.task,
             coordination: root.coordination,

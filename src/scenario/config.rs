@@ -9,6 +9,7 @@ use super::lists::VspKind;
 use super::plant::PlantKeys;
 use crate::cell::Cell;
 use crate::cube::{Cube, Facelets};
+use crate::hw::devices::{Devices, NoDevice};
 use crate::servo::regulator::ServoGains;
 use std::path::PathBuf;
 
@@ -25,6 +26,8 @@ pub struct Scenario {
     pub real_time: RealTime,
     /// Connection behind the hardware port.
     pub bridge: Bridge,
+    /// Whether the command line names `bridge.devices`. Such a file is believed whoever wrote it.
+    pub devices_named: bool,
     /// Half that the controller may know.
     pub controller: ControllerConfig,
     /// Half that only the simulated plant may read.
@@ -39,6 +42,14 @@ impl Scenario {
         // plant, gaps of up to 45 ms come from below virtual machines and are no reason to stop.
         let usual = if self.bridge.kind.is_hardware() { 20 } else { 50 };
         u64::from(self.real_time.missed_limit.unwrap_or(usual))
+    }
+
+    /// Reads the file that names the devices of real controllers. Returns its path and its content.
+    pub fn load_devices(&self) -> (PathBuf, Result<Devices, NoDevice>) {
+        let path = self.bridge.devices_at(&self.path);
+        let load = if self.devices_named { Devices::load_named } else { Devices::load };
+        let devices = load(&path);
+        (path, devices)
     }
 
     /// Returns the cube at the start of a simulated run: the given state, or one scrambled from the

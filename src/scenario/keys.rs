@@ -129,7 +129,8 @@ section! {
         kind: BridgeKind = BridgeKind::Plant;
         /// File that names the devices of real controllers, relative to the scenario's folder; if
         /// not given, `rubik-robot-devices.toml` in `$XDG_RUNTIME_DIR`, or else in /tmp, where
-        /// `rubik-robot emulate` writes it.
+        /// `rubik-robot emulate` writes it. It must belong to this user or to root, and no other
+        /// user may write it, unless `--set` names it.
         devices: Option<String> = None;
         /// Number of answers that an axis misses in a row before the bridge gives up its line.
         missed_answers: u32 = 3, 1.0..=50.0;

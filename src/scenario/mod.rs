@@ -92,7 +92,10 @@ pub fn read(path: &Path, text: &str, overrides: &[Override]) -> Result<Scenario,
     overrides::apply(overrides, &mut document, &built_in, &mut reader);
     let draft = draft::draft(&document, &built_in, &mut reader);
     match build::scenario(path, draft, &mut reader) {
-        Some(scenario) if reader.faults.0.is_empty() => Ok(scenario),
+        Some(scenario) if reader.faults.0.is_empty() => {
+            let devices_named = overrides.iter().any(|over| over.key == "bridge.devices");
+            Ok(Scenario { devices_named, ..scenario })
+        }
         _ => Err(reader.faults.sorted()),
     }
 }

@@ -6,11 +6,14 @@
 //! | case | limit | consequence |
 //! |---|---|---|
 //! | all connections | [`MOST`] | a new one displaces the one that has been idle for longest |
-//! | ... from other machines | [`FOREIGN`] | the operator at this machine always finds a place |
-//! | pages with a WebSocket | [`PAGES`] | further pages are refused; pages are never displaced |
-//! | ... from other machines | [`FOREIGN_PAGES`] | as above |
+//! | ... from this machine, or from others | [`SIDE`] | the operator of either finds a place |
+//! | pages with a WebSocket | [`PAGES`] | a new one displaces the one that was silent for longest |
+//! | ... from this machine, or from others | [`SIDE_PAGES`] | as above |
 //! | no request | [`ASKS`] | cut, except for pages: there may be no news for long |
 //! | answer is not read | [`TAKES`] | cut |
+//!
+//! A connection is a page's once its WebSocket has sent the token. The page that commands is never
+//! displaced. A connection from another machine displaces none of this machine.
 //!
 //! - in: connections as the system accepts them
 //! - out: the connections that are admitted
@@ -32,14 +35,14 @@ use tokio::time::{Instant, Sleep, sleep};
 
 /// Greatest number of connections at one time. A browser has six, and the WebSocket of its page.
 const MOST: usize = 64;
-/// Greatest number of connections from other machines.
-const FOREIGN: usize = 40;
+/// Greatest number of connections from this machine, and of those from other machines.
+const SIDE: usize = 40;
 /// Greatest number of pages with a WebSocket.
 const PAGES: usize = 32;
-/// Greatest number of pages from other machines.
-const FOREIGN_PAGES: usize = 24;
+/// Greatest number of pages from this machine, and of those from other machines.
+const SIDE_PAGES: usize = 24;
 /// Time within which the head of a request must arrive, and the next request after an answer.
-const ASKS: Duration = Duration::from_secs(5);
+pub(super) const ASKS: Duration = Duration::from_secs(5);
 /// Time within which a part of an answer must be read.
 const TAKES: Duration = Duration::from_secs(10);
 
@@ -48,7 +51,7 @@ const TAKES: Duration = Duration::from_secs(10);
 struct Known {
     number: u64,
     foreign: bool,
-    /// Time of the last write to it, or of its admission.
+    /// Time of the last write to it, or of its admission; of the last message of a page.
     idle_since: Instant,
     /// Whether it has become the WebSocket of a page.
     page: bool,
@@ -75,20 +78,37 @@ impl Lines {
         foreign: bool,
     ) -> Option<(Line, oneshot::Receiver<()>)> {
         let mut all = self.all();
-        let strangers = all.iter().filter(|known| known.foreign).count();
-        let crowded = foreign && strangers >= FOREIGN;
-        if crowded || all.len() >= MOST {
-            // A connection from another machine cannot displace one of this machine.
-            let may_go = |known: &&Known| !known.page && (known.foreign || !foreign);
-            let longest = all.iter().filter(may_go).min_by_key(|k| k.idle_since)?.number;
-            all.retain(|known| known.number != longest);
-        }
+        make_room(&mut all, foreign, (MOST, SIDE), |_| true, |known| !known.page)?;
         let (cut, is_cut) = oneshot::channel();
         let idle_since = Instant::now();
         all.push(Known { number, foreign, idle_since, page: false, _cut: cut });
         let line = Line { lines: Arc::clone(self), number, page: Arc::default() };
         Some((line, is_cut))
     }
+}
+
+/// Makes room for one more of the connections that are `counted`, of which there may be `most` in
+/// all and on each side. Cuts the one that has been idle for longest among those that `may_go`;
+/// returns `None` if there is none.
+fn make_room(
+    all: &mut Vec<Known>,
+    foreign: bool,
+    most: (usize, usize),
+    counted: impl Fn(&Known) -> bool,
+    may_go: impl Fn(&Known) -> bool,
+) -> Option<()> {
+    let kind = |known: &&Known| counted(known);
+    let side = all.iter().filter(kind).filter(|known| known.foreign == foreign).count();
+    let crowded = side >= most.1;
+    if crowded || all.iter().filter(kind).count() >= most.0 {
+        // A full side makes room itself. Otherwise the other side has more than its share, but a
+        // connection from another machine cannot displace one of this machine.
+        let here = |known: &&Known| known.foreign == foreign || (!crowded && known.foreign);
+        let going = all.iter().filter(kind).filter(here).filter(|known| may_go(known));
+        let longest = going.min_by_key(|known| known.idle_since)?.number;
+        all.retain(|known| known.number != longest);
+    }
+    Some(())
 }
 
 /// One connection, as a request on it sees it.
@@ -100,28 +120,45 @@ pub(super) struct Line {
 }
 
 impl Line {
-    /// Makes the connection a page's WebSocket, which may be silent. Returns `false` if there are
-    /// too many pages.
-    pub(super) fn becomes_page(&self) -> bool {
+    /// Returns the number of the connection, which no other one has.
+    pub(super) fn number(&self) -> u64 {
+        self.number
+    }
+
+    /// Makes the connection that of a page, which may be silent. If there are too many pages, cuts
+    /// the one that has been silent for longest, except that of number `holder`. Returns `false` if
+    /// this connection has been displaced meanwhile.
+    pub(super) fn becomes_page(&self, holder: Option<u64>) -> bool {
         let mut all = self.lines.all();
-        let pages = all.iter().filter(|known| known.page).count();
-        let strangers = all.iter().filter(|known| known.page && known.foreign).count();
-        // A new connection may have displaced this one meanwhile.
-        let Some(own) = all.iter_mut().find(|known| known.number == self.number) else {
-            return false;
-        };
-        if pages >= PAGES || (own.foreign && strangers >= FOREIGN_PAGES) {
+        let Some(foreign) = self.known(&all).map(|known| known.foreign) else { return false };
+        let may_go = |known: &Known| Some(known.number) != holder;
+        if make_room(&mut all, foreign, (PAGES, SIDE_PAGES), |known| known.page, may_go).is_none() {
             return false;
         }
-        own.page = true;
+        if let Some(own) = all.iter_mut().find(|known| known.number == self.number) {
+            own.page = true;
+            own.idle_since = Instant::now();
+        }
         self.page.store(true, Ordering::Relaxed);
         true
     }
 
-    /// Restarts the idle time after a write.
-    fn answered(&self) {
+    /// Restarts the time of silence after a message of the page.
+    pub(super) fn heard(&self) {
         if let Some(known) = self.lines.all().iter_mut().find(|k| k.number == self.number) {
             known.idle_since = Instant::now();
+        }
+    }
+
+    /// Returns the state of this connection, or `None` if it has been displaced.
+    fn known<'a>(&self, all: &'a [Known]) -> Option<&'a Known> {
+        all.iter().find(|known| known.number == self.number)
+    }
+
+    /// Restarts the idle time after a write, except for a page, which gets news without asking.
+    fn answered(&self) {
+        if !self.page.load(Ordering::Relaxed) {
+            self.heard();
         }
     }
 }
@@ -158,7 +195,10 @@ impl Listener for Door {
             let foreign = !address.ip().to_canonical().is_loopback();
             if let Some((line, cut)) = self.lines.admit(self.last, foreign) {
                 let idle = Box::pin(sleep(ASKS));
-                return (Stream { bytes: stream, line, cut, idle, stuck: None }, address);
+                return (
+                    Stream { bytes: stream, line, cut: Some(cut), idle, stuck: None },
+                    address,
+                );
             }
         }
     }
@@ -173,7 +213,8 @@ impl Listener for Door {
 pub(super) struct Stream {
     bytes: TcpStream,
     line: Line,
-    cut: oneshot::Receiver<()>,
+    /// Receiver that ends when the connection is cut; `None` after that.
+    cut: Option<oneshot::Receiver<()>>,
     /// Timer of [`ASKS`].
     idle: Pin<Box<Sleep>>,
     /// Timer of [`TAKES`], while a write waits.
@@ -181,6 +222,16 @@ pub(super) struct Stream {
 }
 
 impl Stream {
+    /// Returns whether the connection has been cut. A cut wakes the task that polls.
+    fn is_cut(&mut self, context: &mut Context<'_>) -> bool {
+        // A receiver that is ready must not be polled again.
+        let cut = self.cut.as_mut().is_none_or(|cut| Pin::new(cut).poll(context).is_ready());
+        if cut {
+            self.cut = None;
+        }
+        cut
+    }
+
     /// Passes on the result of a write, which may wait for as long as [`TAKES`].
     fn written<T>(
         &mut self,
@@ -194,7 +245,7 @@ impl Stream {
             return written;
         }
         // Both are polled, so that each of them wakes this task.
-        let cut = Pin::new(&mut self.cut).poll(context).is_ready();
+        let cut = self.is_cut(context);
         let stuck = self.stuck.get_or_insert_with(|| Box::pin(sleep(TAKES)));
         if cut || stuck.as_mut().poll(context).is_ready() {
             return Poll::Ready(Err(io::ErrorKind::TimedOut.into()));
@@ -218,9 +269,7 @@ impl AsyncRead for Stream {
         let this = self.get_mut();
         let page = this.line.page.load(Ordering::Relaxed);
         let idle = !page && this.idle.as_mut().poll(context).is_ready();
-        // A receiver that is ready must not be polled again. It is not, because the error ends the
-        // connection.
-        if idle || (!page && Pin::new(&mut this.cut).poll(context).is_ready()) {
+        if idle || this.is_cut(context) {
             return Poll::Ready(Err(io::ErrorKind::TimedOut.into()));
         }
         Pin::new(&mut this.bytes).poll_read(context, into)
@@ -289,7 +338,7 @@ mod tests {
         assert!(timeout(4 * ASKS / 5, stream.read_u8()).await.is_err());
 
         let (_door, mut stream, _came) = connected().await;
-        assert!(stream.line.becomes_page());
+        assert!(stream.line.becomes_page(None));
         assert!(timeout(10 * ASKS, stream.read_u8()).await.is_err(), "a quiet page keeps its line");
     }
 
@@ -322,7 +371,7 @@ mod tests {
     async fn least_recently_answered_connection_is_displaced_first() {
         let lines = Arc::new(Lines::default());
         let mut held = Vec::new();
-        for number in 0..MOST as u64 {
+        for number in 0..SIDE as u64 {
             held.push(lines.admit(number, false).unwrap().0);
             advance(Duration::from_millis(1)).await;
         }
@@ -334,32 +383,98 @@ mod tests {
         assert!(stays(0) && !stays(1));
     }
 
-    #[tokio::test]
-    async fn pages_may_not_occupy_all_connections() {
-        let lines = Arc::new(Lines::default());
-        let held: Vec<_> = (0..MOST as u64).map_while(|n| lines.admit(n, false)).collect();
-
-        assert_eq!(held.iter().filter(|(line, _)| line.becomes_page()).count(), PAGES);
-        assert!(lines.admit(100, false).is_some());
+    /// Opens connections with these numbers, and makes each of them a page.
+    async fn pages(
+        lines: &Arc<Lines>,
+        numbers: std::ops::Range<u64>,
+        foreign: bool,
+    ) -> Vec<(Line, oneshot::Receiver<()>)> {
+        let mut held = Vec::new();
+        for number in numbers {
+            let (line, cut) = lines.admit(number, foreign).unwrap();
+            assert!(line.becomes_page(None));
+            advance(Duration::from_millis(1)).await;
+            held.push((line, cut));
+        }
+        held
     }
 
-    #[tokio::test]
-    async fn longest_idle_connection_is_displaced_before_pages() {
+    #[tokio::test(start_paused = true)]
+    async fn pages_may_not_occupy_all_connections() {
         let lines = Arc::new(Lines::default());
-        let mut held: Vec<_> = (0..200).map_while(|n| lines.admit(n, true)).collect();
-        assert_eq!((held.len(), lines.all().len()), (200, FOREIGN));
-        assert!(held[0].1.try_recv().is_err_and(|e| e == oneshot::error::TryRecvError::Closed));
+        let held = pages(&lines, 0..100, false).await;
 
-        let pages = held[200 - FOREIGN..].iter().filter(|(line, _)| line.becomes_page()).count();
-        let own: Vec<_> = (200..400).map_while(|n| lines.admit(n, false)).collect();
+        assert_eq!(lines.all().iter().filter(|known| known.page).count(), SIDE_PAGES);
+        assert_eq!(held.len(), 100);
+        assert!(lines.admit(100, false).is_some());
+        assert!(lines.admit(101, true).unwrap().0.becomes_page(None));
+    }
 
-        assert_eq!((pages, own.len(), lines.all().len()), (FOREIGN_PAGES, 200, MOST));
-        assert_eq!(lines.all().iter().filter(|known| known.page).count(), FOREIGN_PAGES);
-        // Connections from other machines displace none of this machine, and leave it pages.
-        assert_eq!(lines.all().iter().filter(|known| known.foreign).count(), FOREIGN_PAGES);
-        assert!(own.last().unwrap().0.becomes_page());
-        assert!(!held[0].0.becomes_page(), "the oldest line made room");
-        assert!(lines.admit(400, true).is_none());
-        assert!(lines.admit(401, false).is_some());
+    /// The operator's page is the oldest one, and has not sent a message since it opened.
+    #[tokio::test(start_paused = true)]
+    async fn most_silent_page_without_seat_is_displaced() {
+        let lines = Arc::new(Lines::default());
+        let mut held = pages(&lines, 0..SIDE_PAGES as u64, false).await;
+        held[1].0.heard();
+        // News to a page are no message of it.
+        held[2].0.answered();
+        let is_cut = |cut: &mut oneshot::Receiver<()>| {
+            cut.try_recv().is_err_and(|e| e == oneshot::error::TryRecvError::Closed)
+        };
+
+        let (line, _cut) = lines.admit(100, false).unwrap();
+        assert!(line.becomes_page(Some(0)));
+
+        let cut: Vec<usize> = (0..held.len()).filter(|&i| is_cut(&mut held[i].1)).collect();
+        assert_eq!(cut, [2]);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn displaced_page_is_cut_at_once() {
+        let (door, mut stream, _came) = connected().await;
+        assert!(stream.line.becomes_page(None));
+        advance(Duration::from_millis(1)).await;
+
+        let _held = pages(&door.lines, 100..100 + SIDE_PAGES as u64, false).await;
+
+        for _ in 0..2 {
+            let read = timeout(Duration::from_millis(1), stream.read_u8()).await.unwrap();
+            assert_eq!(read.unwrap_err().kind(), io::ErrorKind::TimedOut);
+        }
+        assert!(!stream.line.becomes_page(None));
+    }
+
+    /// Connections of either side, silent or not, leave places to the operator of the other one.
+    #[tokio::test(start_paused = true)]
+    async fn either_side_leaves_places_to_other_side() {
+        for foreign in [true, false] {
+            let lines = Arc::new(Lines::default());
+            let _pages = pages(&lines, 0..100, foreign).await;
+            let mut held: Vec<_> = (100..300).map_while(|n| lines.admit(n, foreign)).collect();
+            assert_eq!((held.len(), lines.all().len()), (200, SIDE));
+            assert_eq!(lines.all().iter().filter(|known| known.page).count(), SIDE_PAGES);
+            let first = held[0].1.try_recv();
+            assert!(first.is_err_and(|e| e == oneshot::error::TryRecvError::Closed));
+
+            let (line, _cut) = lines.admit(400, !foreign).unwrap();
+            assert!(line.becomes_page(None));
+
+            assert!(!held[0].0.becomes_page(None), "the oldest line made room");
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn other_machines_displace_no_connection_of_this_one() {
+        let lines = Arc::new(Lines::default());
+        let _pages = pages(&lines, 0..SIDE_PAGES as u64, false).await;
+        let _own: Vec<_> = (100..200).map_while(|n| lines.admit(n, false)).collect();
+
+        let theirs: Vec<_> = (200..300).map_while(|n| lines.admit(n, true)).collect();
+
+        assert_eq!((theirs.len(), lines.all().len()), (100, MOST));
+        assert_eq!(lines.all().iter().filter(|known| !known.foreign).count(), SIDE);
+        // This machine displaces connections of others.
+        assert!(lines.admit(300, false).is_some());
+        assert_eq!(lines.all().len(), MOST);
     }
 }

@@ -7,34 +7,31 @@
 //! - in: a [`UiEnd`] of the desk
 //! - out: the page (only assets of this folder); `GET /camera/{index}`, a picture; `GET /ws`, a
 //!   WebSocket that carries stage, snapshots and messages to the page and commands from it
-//! - access: see [`guard`]; one page commands, the others watch, and each may press the emergency
-//!   stop
+//! - access: see [`guard`]; one page commands (see `seats`), the others watch, and each may press
+//!   the emergency stop
 //! - connections: see `line`; they are limited in number, so that the operator always finds a place
 
 pub mod guard;
 mod line;
+mod pictures;
 mod seats;
 mod shared;
 mod socket;
 
-use crate::desk::{Pixels, UiEnd};
+use crate::desk::UiEnd;
 use axum::Router;
 use axum::extract::{Path, Request, State};
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
-use guard::Guard;
-use image::codecs::jpeg::JpegEncoder;
+use guard::{Guard, HostName};
 use line::{Door, Line};
 use seats::Seats;
 use shared::Shared;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use tokio::sync::oneshot;
-
-/// Quality of the camera's pictures, of 100.
-const QUALITY: u8 = 82;
 
 /// Files of the page: path, type, content.
 const ASSETS: &[(&str, &str, &str)] = &[
@@ -60,25 +57,39 @@ pub struct Server {
     pub address: SocketAddr,
     /// URL for a browser, including the token.
     pub url: String,
+    /// URLs for browsers that reach the server through a proxy for TLS, including the token.
+    pub proxy_urls: Vec<String>,
     stop: Option<oneshot::Sender<()>>,
     thread: Option<std::thread::JoinHandle<()>>,
 }
 
 impl Server {
-    /// Starts a server of a desk's page at an address. Beyond the loopback a request needs a token,
-    /// which [`Self::url`] includes.
+    /// Starts a server of a desk's page at an address. Pictures and sockets need the token that
+    /// [`Self::url`] includes.
     ///
     /// # Errors
     /// The operating system refuses the address, or gives no thread or no random numbers.
     pub fn start(desk: UiEnd, address: SocketAddr) -> std::io::Result<Self> {
+        Self::start_behind(desk, address, Vec::new())
+    }
+
+    /// Starts a server like [`Self::start`], which browsers reach by the `names` of proxies too.
+    ///
+    /// # Errors
+    /// As for [`Self::start`].
+    pub fn start_behind(
+        desk: UiEnd,
+        address: SocketAddr,
+        names: Vec<HostName>,
+    ) -> std::io::Result<Self> {
         let runtime =
             tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
         let listener = runtime.block_on(tokio::net::TcpListener::bind(address))?;
         // Port 0 is replaced by the one that the system has chosen.
         let address = listener.local_addr()?;
-        let guard = Arc::new(Guard::of(address)?);
-        let url = guard.url();
-        let shared = Shared { desk, guard, seats: Arc::default() };
+        let guard = Arc::new(Guard::of(address, names)?);
+        let (url, proxy_urls) = (guard.url(), guard.proxy_urls());
+        let shared = Shared { desk, guard, seats: Arc::default(), pictures: Arc::default() };
         let (stop, stopped) = oneshot::channel::<()>();
         let work = move || {
             let service = routes(shared).into_make_service_with_connect_info::<Line>();
@@ -97,7 +108,7 @@ impl Server {
             runtime.shutdown_background();
         };
         let thread = std::thread::Builder::new().name("web".into()).spawn(work)?;
-        Ok(Self { address, url, stop: Some(stop), thread: Some(thread) })
+        Ok(Self { address, url, proxy_urls, stop: Some(stop), thread: Some(thread) })
     }
 }
 
@@ -127,30 +138,27 @@ fn routes(shared: Shared) -> Router {
 /// Returns the reason if the message is refused.
 #[must_use]
 pub fn obey(text: &str, desk: &UiEnd) -> Option<String> {
-    socket::obey(text, &Arc::<Seats>::default().newcomer(), desk)
+    socket::obey(text, &Arc::<Seats>::default().newcomer(0, None), desk)
 }
 
 /// Checks a request before it is answered, and adds headers of security to the answer.
 async fn check(State(shared): State<Shared>, request: Request, next: Next) -> Response {
-    let refusal = shared.guard.refuses(request.headers(), request.uri());
-    let cookie = shared.guard.cookie(request.uri()).filter(|_| refusal.is_none());
-    let mut response = match refusal {
+    let mut response = match shared.guard.refuses(request.headers(), request.uri()) {
         Some(reason) => (StatusCode::FORBIDDEN, format!("{reason}\n")).into_response(),
         None => next.run(request).await,
     };
     let headers = response.headers_mut();
-    if let Some(cookie) = cookie.and_then(|cookie| HeaderValue::try_from(cookie).ok()) {
-        headers.insert(header::SET_COOKIE, cookie);
-    }
-    let mut set = |name: header::HeaderName, value: &'static str| {
+    let mut set = |name: HeaderName, value: &'static str| {
         headers.insert(name, HeaderValue::from_static(value));
     };
-    // No copies of pictures remain, no guesses of types are made, and the token in the URL does not
-    // leave in a referrer.
+    // No copies of pictures remain, no guesses of types are made, and no server learns the address.
     set(header::CACHE_CONTROL, "no-store");
     set(header::X_CONTENT_TYPE_OPTIONS, "nosniff");
     set(header::X_FRAME_OPTIONS, "DENY");
     set(header::REFERRER_POLICY, "no-referrer");
+    // No other page includes an answer, or keeps a handle to the page that it has opened.
+    set(HeaderName::from_static("cross-origin-resource-policy"), "same-origin");
+    set(HeaderName::from_static("cross-origin-opener-policy"), "same-origin");
     // The page loads nothing from anywhere else, and no other page may frame it.
     set(
         header::CONTENT_SECURITY_POLICY,
@@ -161,21 +169,20 @@ async fn check(State(shared): State<Shared>, request: Request, next: Next) -> Re
 }
 
 /// Answers with the latest picture of a camera.
-async fn camera(State(shared): State<Shared>, Path(index): Path<usize>) -> Response {
+async fn camera(
+    State(shared): State<Shared>,
+    Path(index): Path<usize>,
+    headers: HeaderMap,
+) -> Response {
+    if let Some(reason) = shared.guard.refuses_token_of(&headers) {
+        return (StatusCode::FORBIDDEN, format!("{reason}\n")).into_response();
+    }
     let picture = shared.desk.pictures.borrow().get(index).cloned().flatten();
     let Some(picture) = picture else {
         return (StatusCode::NOT_FOUND, "no picture yet\n").into_response();
     };
-    // The encoder takes milliseconds, in which the thread must answer an emergency stop.
-    let encoded = tokio::task::spawn_blocking(move || match &picture.pixels {
-        Pixels::Raw(image) => {
-            let mut file = Vec::new();
-            let encoder = JpegEncoder::new_with_quality(&mut file, QUALITY);
-            image.write_with_encoder(encoder).ok().map(|()| (picture.frame, file))
-        }
-        Pixels::File(file) => Some((picture.frame, file.clone())),
-    });
-    let Ok(Some((frame, file))) = encoded.await else {
+    let frame = picture.frame;
+    let Some(file) = shared.pictures.file_of(index, picture).await else {
         return (StatusCode::INTERNAL_SERVER_ERROR, "the picture cannot be written\n")
             .into_response();
     };

@@ -2,19 +2,22 @@
 //!
 //! - out, JSON objects with one key each: `stage` at first and at each change; `snapshot`, without
 //!   the plan and the messages; `plan` at each change; `messages`, only those that this page has
-//!   not received; `seat` when the right to command changes; `refused` with a reason
-//! - in: an [`Input`] as `{"command": NAME, ...}` with its arguments beside the name,
-//!   `{"seat":"take"}` or `{"seat":"leave"}`, and `{"alive":true}`
+//!   not received; `seat` when the right to command changes; `refused` with a reason; `denied` with
+//!   a reason, if the token is wrong
+//! - in: first `{"token": TOKEN, "page": NAME}`, where the name is optional and recognises the page
+//!   after a lost connection; then an [`Input`] as `{"command": NAME, ...}` with its arguments
+//!   beside the name, `{"seat": "take"}` and `"leave"`, the answers `"give"` and `"keep"` to a page
+//!   that asks for the right to command, and `{"alive": true}`
 
-use super::line::Line;
+use super::guard::Refused;
+use super::line::{ASKS, Line};
 use super::seats::Seat;
 use super::shared::Shared;
 use crate::desk::UiEnd;
 use crate::operator::{Input, Message, PlanLine, Snapshot, Stage};
 use axum::extract::ws::{self, WebSocket, WebSocketUpgrade};
 use axum::extract::{ConnectInfo, State};
-use axum::http::StatusCode;
-use axum::response::{IntoResponse, Response};
+use axum::response::Response;
 use futures_util::{Sink, SinkExt as _, Stream, StreamExt as _};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
@@ -35,28 +38,62 @@ const SILENCE: Duration = Duration::from_secs(15);
 /// minute, because browsers slow down its timers.
 const GONE: Duration = Duration::from_secs(300);
 
+/// Longest name that a page gives itself (bytes).
+const NAME: usize = 64;
+
 /// Answers `GET /ws`.
 pub(super) async fn upgrade(
     State(shared): State<Shared>,
     ConnectInfo(line): ConnectInfo<Line>,
     upgrade: WebSocketUpgrade,
 ) -> Response {
-    if !line.becomes_page() {
-        return (StatusCode::SERVICE_UNAVAILABLE, "too many pages are open\n").into_response();
-    }
     // The library allocates a frame as soon as its head announces the length, so the length must be
     // limited.
     upgrade
         .max_message_size(LONGEST)
         .max_frame_size(LONGEST)
         .read_buffer_size(2 * LONGEST)
-        .on_upgrade(move |socket| serve(socket, shared))
+        .on_upgrade(move |socket| serve(socket, shared, line))
 }
 
-/// Serves one page until it is gone.
-async fn serve(socket: WebSocket, shared: Shared) {
+/// Serves one page until it is gone. It has a place and a seat once it has sent the token.
+async fn serve(mut socket: WebSocket, shared: Shared, line: Line) {
+    // The library answers pings, and each answer restarts the time of an idle connection.
+    let hello = tokio::time::timeout(ASKS, hello(&mut socket)).await.ok().flatten();
+    let hello = hello.filter(|hello| shared.guard.is_token(&hello.token));
+    let Some(hello) = hello else {
+        let denied = json!({ "denied": Refused::Token.to_string() }).to_string();
+        // A client that reads nothing is cut by its line.
+        let _ = socket.send(ws::Message::text(denied)).await;
+        let _ = socket.send(ws::Message::Close(None)).await;
+        return;
+    };
+    if !line.becomes_page(shared.seats.holder()) {
+        return;
+    }
+    let page = hello.page.filter(|page| page.len() <= NAME);
+    let seat = shared.seats.newcomer(line.number(), page);
     let (to_page, from_page) = socket.split();
-    converse(from_page, to_page, &shared.seats.newcomer(), &shared.desk).await;
+    let from_page = from_page.inspect(|_| line.heard());
+    converse(from_page, to_page, &seat, &shared.desk).await;
+}
+
+/// The first message of a page.
+#[derive(Debug, Deserialize)]
+struct Hello {
+    token: String,
+    page: Option<String>,
+}
+
+/// Returns the first message of a page, or `None` if it is anything else or the page is gone.
+async fn hello(socket: &mut WebSocket) -> Option<Hello> {
+    loop {
+        match socket.recv().await?.ok()? {
+            ws::Message::Text(text) => return serde_json::from_str(text.as_str()).ok(),
+            ws::Message::Ping(_) | ws::Message::Pong(_) => {}
+            ws::Message::Binary(_) | ws::Message::Close(_) => return None,
+        }
+    }
 }
 
 /// Receives messages of a page and sends news to the page at the same time, until either ends.
@@ -109,23 +146,22 @@ async fn tell(
     heard: &watch::Sender<Instant>,
     mut refused: mpsc::Receiver<String>,
 ) {
-    let mut holder = seat.holder();
+    let mut changes = seat.changes();
     let mut sent = Sent::default();
     // After a slow write the next snapshot is due a whole interval later: no backlog builds up.
     let mut due = tokio::time::interval(INTERVAL);
     due.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
-    holder.mark_changed();
+    changes.mark_changed();
     loop {
         let out = tokio::select! {
             biased;
             Some(why) = refused.recv() => vec![json!({ "refused": why }).to_string()],
-            changed = holder.changed() => {
+            changed = changes.changed() => {
                 if changed.is_err() {
                     return;
                 }
-                let taken = holder.borrow_and_update().is_some();
-                let own = seat.commands();
-                vec![json!({ "seat": { "own": own, "taken": taken } }).to_string()]
+                changes.mark_unchanged();
+                vec![json!({ "seat": seat.view() }).to_string()]
             }
             _ = due.tick() => {
                 let silent = heard.borrow().elapsed();
@@ -136,6 +172,7 @@ async fn tell(
                     // Pages send a heartbeat every few seconds, so this one is gone or asleep.
                     seat.leave();
                 }
+                seat.look_at_clock();
                 sent.news(desk)
             }
         };
@@ -167,6 +204,8 @@ enum PageMessage {
 enum SeatRequest {
     Take,
     Leave,
+    Give,
+    Keep,
 }
 
 /// An [`Input`] as a page writes it: its name, with its arguments beside it.
@@ -199,19 +238,23 @@ pub(super) fn obey(text: &str, seat: &Seat, desk: &UiEnd) -> Option<String> {
     };
     match message {
         PageMessage::Alive { .. } => None,
-        PageMessage::Seat { seat: SeatRequest::Take } => {
-            seat.take();
-            None
-        }
-        PageMessage::Seat { seat: SeatRequest::Leave } => {
-            seat.leave();
-            None
-        }
+        PageMessage::Seat { seat: request } => match request {
+            SeatRequest::Take => seat.take().map(str::to_owned),
+            SeatRequest::Leave => {
+                seat.leave();
+                None
+            }
+            SeatRequest::Give | SeatRequest::Keep => {
+                seat.answer(matches!(request, SeatRequest::Give));
+                None
+            }
+        },
         // Each page may stop the arms. Any other input needs the right to command.
         PageMessage::Input(PageInput(input))
             if input == Input::EmergencyStop || seat.commands() =>
         {
             let name = input.name();
+            seat.has_commanded();
             (!desk.send(input)).then(|| format!("{name}: the run accepts no commands"))
         }
         PageMessage::Input(PageInput(input)) => {
@@ -309,7 +352,7 @@ mod tests {
     #[test]
     fn page_that_reads_nothing_can_stop_the_robot() {
         let (ui, run) = Desk::default().ends();
-        let seat = Arc::new(Seats::default()).newcomer();
+        let seat = Arc::new(Seats::default()).newcomer(0, None);
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_time()
             .start_paused(true)

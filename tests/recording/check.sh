@@ -1,6 +1,7 @@
 #!/bin/sh
 # Decodes a recording with the public Python packages and checks counts, types and the cube's final
-# state. Also imports it into rerun. Prints a notice and passes if the packages are not available.
+# state. Also imports it into rerun, and loads the URDF of the cell into mujoco. Prints a notice and
+# passes if the packages are not available.
 #   tests/recording/check.sh [path of rubik-robot] [recording]
 # Without a recording it records a short run. RERUN=0 skips rerun.
 set -eu
@@ -31,6 +32,12 @@ fi
     skip "mcap and mcap-ros2-support cannot be had from PyPI here; the recording was NOT checked by them"
 "$venv/bin/python" "$here/check.py" "$recording"
 "$venv/bin/python" "$here/../../examples/read_run.py" "$recording" | tail -2
+(cd "$here/../.." && "$robot" urdf >"$work/cell.urdf")
+if "$venv/bin/pip" install -q --disable-pip-version-check mujoco; then
+    "$venv/bin/python" "$here/check_urdf.py" "$work/cell.urdf"
+else
+    printf '\n*** SKIPPED: mujoco cannot be had from PyPI here; the URDF was NOT loaded by it\n\n' >&2
+fi
 [ "${RERUN:-1}" = 1 ] || skip "rerun is left out"
 "$venv/bin/pip" install -q --disable-pip-version-check rerun-sdk ||
     skip "rerun-sdk cannot be had from PyPI here; the recording was NOT opened by rerun"

@@ -5,6 +5,7 @@
 
 mod campaign;
 mod cli;
+mod damage;
 mod hardware;
 mod missions;
 mod page;

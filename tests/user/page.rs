@@ -55,8 +55,22 @@ struct Page(WebSocketStream<MaybeTlsStream<tokio::net::TcpStream>>);
 
 impl Page {
     async fn open(server: &Server) -> Self {
-        let (socket, _) = connect_async(format!("ws://{}/ws", server.address)).await.unwrap();
-        Self(socket)
+        Self::at(&server.url).await
+    }
+
+    /// Opens the page at the address that the program printed.
+    async fn at(url: &str) -> Self {
+        Self::named(url, None).await
+    }
+
+    /// Opens the page and gives it a name, by which the server recognises it after a lost
+    /// connection.
+    async fn named(url: &str, name: Option<&str>) -> Self {
+        let (host, token) = host_and_token(url);
+        let (socket, _) = connect_async(format!("ws://{host}/ws")).await.unwrap();
+        let mut page = Self(socket);
+        page.say(json!({ "token": token, "page": name })).await;
+        page
     }
 
     async fn say(&mut self, value: Value) {
@@ -104,6 +118,20 @@ impl Page {
     async fn sees(&mut self, what: impl Fn(&Value) -> bool) -> Value {
         self.until(|m| m.get("snapshot").filter(|s| what(s)).cloned()).await
     }
+}
+
+/// Returns the parts of the address that the program printed.
+fn host_and_token(url: &str) -> (&str, &str) {
+    url.strip_prefix("http://").unwrap().split_once("/#token=").unwrap()
+}
+
+/// Sends the head of a request, and returns the answer.
+fn answer_to(address: impl std::net::ToSocketAddrs, head: &str) -> String {
+    let mut stream = TcpStream::connect(address).unwrap();
+    write!(stream, "{head}Connection: close\r\n\r\n").unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    answer
 }
 
 fn runtime() -> tokio::runtime::Runtime {
@@ -159,6 +187,12 @@ fn page_starts_pauses_resumes_and_terminates_a_run() {
     }
 }
 
+/// Returns the message about the right to command: whether this page has it, whether a page has it,
+/// and which page asks for it.
+fn seat(own: bool, taken: bool, request: Option<&str>) -> Value {
+    json!({ "own": own, "taken": taken, "request": request })
+}
+
 /// The second page does not have the right to command, but may press the emergency stop.
 #[test]
 fn emergency_stop_from_any_page_faults_both_arms() {
@@ -167,7 +201,7 @@ fn emergency_stop_from_any_page_faults_both_arms() {
         let mut first = Page::open(&run.server).await;
         first.sees(|s| s["time"].as_f64().unwrap() > 1.0).await;
         let mut second = Page::open(&run.server).await;
-        assert_eq!(second.next("seat").await, json!({ "own": false, "taken": true }));
+        assert_eq!(second.next("seat").await, seat(false, true, None));
 
         second.say(json!({ "command": "emergency_stop" })).await;
 
@@ -368,7 +402,7 @@ fn collision_guard_and_proximity_stop_keep_hands_apart() {
     assert!(summary.reason.contains(near) && summary.reason.contains(stop), "{}", summary.reason);
 }
 
-/// Starts the program with a page. Returns the process, the WebSocket's address and the lines on
+/// Starts the program with a page. Returns the process, the printed address and the lines on
 /// stderr.
 fn with_a_page(arguments: &[&str]) -> (Child, String, Receiver<String>) {
     let mut child = program()
@@ -387,8 +421,8 @@ fn with_a_page(arguments: &[&str]) -> (Child, String, Receiver<String>) {
     });
     let page = loop {
         let line = stderr.recv_timeout(PATIENCE).unwrap();
-        if let Some((_, url)) = line.split_once("page: http://") {
-            break format!("ws://{url}ws");
+        if let Some((_, url)) = line.split_once("page: ") {
+            break url.to_owned();
         }
     };
     (child, page, stderr)
@@ -407,8 +441,7 @@ fn ended(mut child: Child) -> (Option<i32>, Summary) {
 fn ctrl_c_ends_the_idle_task_as_done() {
     let (child, address, _stderr) = with_a_page(&["scenarios/idle.toml"]);
     runtime().block_on(async {
-        let (socket, _) = connect_async(address).await.unwrap();
-        Page(socket).sees(|s| s["services"]["manual"] == true).await;
+        Page::at(&address).await.sees(|s| s["services"]["manual"] == true).await;
     });
 
     let killed = Process::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
@@ -453,8 +486,7 @@ fn manual_homing_obeys_pause_and_ctrl_c() {
     let unknown = "effector.postument.start_synchronised=false";
     let (child, address, _stderr) = with_a_page(&["scenarios/idle.toml", "--set", unknown]);
     let pressed = runtime().block_on(async {
-        let (socket, _) = connect_async(address).await.unwrap();
-        let mut page = Page(socket);
+        let mut page = Page::at(&address).await;
         let stage = page.until(|m| m.get("stage").filter(|s| s["task"] == "idle").cloned()).await;
         let names = stage["arms"].as_array().unwrap().iter().map(|a| a["name"].as_str().unwrap());
         let index = names.into_iter().position(|name| name == "postument").unwrap();
@@ -498,8 +530,7 @@ fn homing_at_start_obeys_pause_and_terminate() {
 fn interrupt_reports_where_the_cube_is() {
     let (child, address, _stderr) = with_a_page(&["scenarios/face_turn.toml", "--speed", "1"]);
     runtime().block_on(async {
-        let (socket, _) = connect_async(address).await.unwrap();
-        Page(socket).sees(|s| s["time"].as_f64().unwrap() > 1.0).await;
+        Page::at(&address).await.sees(|s| s["time"].as_f64().unwrap() > 1.0).await;
     });
 
     let killed = Process::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
@@ -565,8 +596,7 @@ fn replay_verifies_run_with_pause_and_operators_answer() {
     let file = recording.to_str().unwrap();
     let (child, address, _stderr) = with_a_page(&["tests/page/question.toml", "--record", file]);
     let stickers = runtime().block_on(async {
-        let (socket, _) = connect_async(address).await.unwrap();
-        let mut page = Page(socket);
+        let mut page = Page::at(&address).await;
         page.sees(|s| s["time"].as_f64().unwrap() > 3.0).await;
         page.say(json!({ "command": "pause" })).await;
         let paused = page.sees(|s| s["control"] == "paused").await["time"].as_f64().unwrap();
@@ -617,42 +647,142 @@ fn replay_verifies_run_with_pause_and_operators_answer() {
     assert!(verdict["compared"].as_u64().unwrap() >= ticks - 2, "{verdict}");
 }
 
-/// A server on all interfaces requires the token of the printed URL, or the cookie that it gives.
+/// Another user of this machine, or another machine, sees and commands nothing.
 #[test]
-fn page_on_all_interfaces_requires_token_or_cookie() {
-    let server = Server::start(Desk::default().ui_end(), "0.0.0.0:0".parse().unwrap()).unwrap();
-    let (host, path) = server.url.strip_prefix("http://").unwrap().split_once('/').unwrap();
-    let ask = |path: &str, cookie: &str| {
-        let mut stream = TcpStream::connect(host).unwrap();
-        write!(stream, "GET /{path} HTTP/1.1\r\nHost: {host}\r\n{cookie}Connection: close\r\n\r\n")
-            .unwrap();
-        let mut answer = String::new();
-        stream.read_to_string(&mut answer).unwrap();
-        answer
-    };
+fn pages_at_every_address_require_the_token() {
+    for address in ["127.0.0.1:0", "0.0.0.0:0"] {
+        let (ui, run_end) = Desk::default().ends();
+        let server = Server::start(ui, address.parse().unwrap()).unwrap();
+        let (host, token) = host_and_token(&server.url);
+        let ask = |path: &str, more: &str| {
+            answer_to(host, &format!("GET /{path} HTTP/1.1\r\nHost: {host}\r\n{more}"))
+        };
 
-    let page = ask(path, "");
-    assert!(page.starts_with("HTTP/1.1 200"), "{}", server.url);
-    assert!(ask("", "").starts_with("HTTP/1.1 403"), "without the token");
-    // A browser requests the assets without the query, but with the cookie from the first answer.
-    let given = page.lines().find_map(|line| line.strip_prefix("set-cookie: ")).unwrap();
-    let cookie = format!("Cookie: {}\r\n", given.split(';').next().unwrap());
-    for asset in ["main.js", "style.css", "icon.svg"] {
-        assert!(page.contains(asset));
-        assert!(ask(asset, &cookie).starts_with("HTTP/1.1 200"), "{asset}");
-        assert!(ask(asset, "").starts_with("HTTP/1.1 403"), "{asset} without the cookie");
+        // The files of the page are those of the program's source, the same for everybody.
+        for asset in ["", "main.js", "style.css", "icon.svg"] {
+            let answer = ask(asset, "");
+            assert!(answer.starts_with("HTTP/1.1 200"), "{asset}: {answer}");
+            assert!(!answer.contains("set-cookie") && !answer.contains(token), "{asset}");
+        }
+        let wrong = format!("X-Token: {}\r\n", &token[1..]);
+        let kept = format!("Cookie: token={token}; x-token={token}\r\n");
+        for more in ["", &wrong, &kept] {
+            let answer = ask(&format!("camera/0?token={token}"), more);
+            assert!(answer.starts_with("HTTP/1.1 403"), "{answer}");
+            assert!(answer.contains("open the address that the program printed"), "{answer}");
+        }
+        let right = ask("camera/0", &format!("X-Token: {token}\r\n"));
+        assert!(right.starts_with("HTTP/1.1 404"), "there is no picture: {right}");
+
+        runtime().block_on(async {
+            let mut operator = Page::open(&server).await;
+            assert_eq!(operator.next("seat").await, seat(true, true, None));
+            for first in [
+                json!({ "command": "emergency_stop" }),
+                json!({ "command": "terminate" }),
+                json!({ "seat": "take" }),
+                json!({ "token": "" }),
+                json!({ "token": &token[1..], "page": "x" }),
+            ] {
+                let (socket, _) = connect_async(format!("ws://{host}/ws")).await.unwrap();
+                let mut stranger = Page(socket);
+                stranger.say(first).await;
+                let _ = stranger.0.send(Message::text(r#"{"command":"emergency_stop"}"#)).await;
+                let all = tokio::time::timeout(PATIENCE, stranger.0.collect::<Vec<_>>());
+                let all: Vec<_> = all.await.unwrap().into_iter().map_while(Result::ok).collect();
+                let texts = all.iter().filter_map(|m| m.to_text().ok()).filter(|t| !t.is_empty());
+                let texts: Vec<&str> = texts.collect();
+                assert!(texts.len() == 1 && texts[0].contains("denied"), "{texts:?}");
+            }
+            operator.say(json!({ "command": "pause" })).await;
+            let mut commands = run_end.take_inputs().unwrap();
+            assert_eq!(commands.recv().await, Some(Input::Pause));
+            assert!(commands.try_recv().is_err());
+        });
+        assert!(!run_end.stop_signal().is_pressed());
     }
+}
+
+/// A stranger opens as many sockets as it can, and they stay silent; a page then opens, and the one
+/// of the operator commands and stops. First without the token, then by somebody who has it.
+#[test]
+fn silent_sockets_keep_no_operator_out() {
+    let (ui, run_end) = Desk::default().ends();
+    let server = serve(ui);
+    let mut commands = run_end.take_inputs().unwrap();
     runtime().block_on(async {
-        let mut request = format!("ws://{host}/ws").into_client_request().unwrap();
-        let pair = given.split(';').next().unwrap();
-        request.headers_mut().insert("Cookie", pair.parse().unwrap());
-        connect_async(request).await.unwrap();
-        assert!(connect_async(format!("ws://{host}/ws")).await.is_err(), "a socket without it");
+        let mut operator = Page::open(&server).await;
+        assert_eq!(operator.next("seat").await, seat(true, true, None));
+        let mut silent = Vec::new();
+        for _ in 0..80 {
+            let (socket, _) = connect_async(format!("ws://{}/ws", server.address)).await.unwrap();
+            silent.push(socket);
+        }
+        let mut second = Page::open(&server).await;
+        assert_eq!(second.next("seat").await, seat(false, true, None));
+
+        let mut pages = Vec::new();
+        for _ in 0..80 {
+            let mut page = Page::open(&server).await;
+            page.next("seat").await;
+            pages.push(page);
+            // On a busy machine the operator's page would count as silent.
+            operator.say(json!({ "alive": true })).await;
+        }
+        operator.say(json!({ "command": "pause" })).await;
+        assert_eq!(commands.recv().await, Some(Input::Pause));
+        let mut third = Page::open(&server).await;
+        third.next("seat").await;
+        third.say(json!({ "command": "emergency_stop" })).await;
+        assert_eq!(commands.recv().await, Some(Input::EmergencyStop));
+        operator.say(json!({ "command": "resume" })).await;
+        assert_eq!(commands.recv().await, Some(Input::Resume));
     });
-    assert!(!ask("?token=0", "").contains("set-cookie"), "a guess gets nothing");
-    // A page of another origin gets nothing either, even with the right address.
-    let foreign = ask(path, "Origin: http://evil.example\r\n");
-    assert!(foreign.starts_with("HTTP/1.1 403") && !foreign.contains("set-cookie"), "{foreign}");
+    assert!(run_end.stop_signal().is_pressed());
+}
+
+/// The operator reloads the page, and a stranger's opens meanwhile.
+#[test]
+fn reloaded_page_keeps_the_command() {
+    let server = serve(Desk::default().ui_end());
+    runtime().block_on(async {
+        let mut operator = Page::named(&server.url, Some("operator")).await;
+        assert_eq!(operator.next("seat").await, seat(true, true, None));
+        drop(operator);
+        let mut other = Page::named(&server.url, Some("other")).await;
+        assert_eq!(other.next("seat").await, seat(false, true, None));
+
+        let mut operator = Page::named(&server.url, Some("operator")).await;
+
+        assert_eq!(operator.next("seat").await, seat(true, true, None));
+    });
+}
+
+/// The browser's side of a tunnel or of a proxy for TLS has another port, name and scheme.
+#[test]
+fn pages_behind_tunnel_and_proxy_open() {
+    let (ui, address) = (Desk::default().ui_end(), "127.0.0.1:0".parse().unwrap());
+    let names = vec!["robot.example".parse().unwrap()];
+    let server = Server::start_behind(ui, address, names).unwrap();
+    let own = server.address.to_string();
+    let token = host_and_token(&server.url).1;
+    assert_eq!(server.proxy_urls, [format!("https://robot.example/#token={token}")]);
+    runtime().block_on(async {
+        for (host, origin) in [
+            ("localhost:9000", "http://localhost:9000"),
+            ("localhost", "http://localhost"),
+            ("localhost:9000", "https://localhost:9000"),
+            ("robot.example", "https://robot.example"),
+            (own.as_str(), "https://robot.example"),
+        ] {
+            let mut request = format!("ws://{own}/ws").into_client_request().unwrap();
+            request.headers_mut().insert("Host", host.parse().unwrap());
+            request.headers_mut().insert("Origin", origin.parse().unwrap());
+            let mut page = Page(connect_async(request).await.unwrap().0);
+            page.say(json!({ "token": token })).await;
+            page.next("seat").await;
+        }
+    });
 }
 
 /// A run with a page that only watches repeats a run without a page to the bit.
@@ -722,9 +852,9 @@ fn only_one_page_commands_until_another_takes_over() {
     let mut commands = run_end.take_inputs().unwrap();
     runtime().block_on(async {
         let mut first = Page::open(&server).await;
-        assert_eq!(first.next("seat").await, json!({ "own": true, "taken": true }));
+        assert_eq!(first.next("seat").await, seat(true, true, None));
         let mut second = Page::open(&server).await;
-        assert_eq!(second.next("seat").await, json!({ "own": false, "taken": true }));
+        assert_eq!(second.next("seat").await, seat(false, true, None));
 
         second.say(json!({ "command": "pause" })).await;
         let refused = second.next("refused").await;
@@ -732,15 +862,28 @@ fn only_one_page_commands_until_another_takes_over() {
         assert!(commands.try_recv().is_err(), "no command passed");
 
         second.say(json!({ "seat": "take" })).await;
-        assert_eq!(second.next("seat").await, json!({ "own": true, "taken": true }));
-        assert_eq!(first.next("seat").await, json!({ "own": false, "taken": true }));
+        assert_eq!(second.next("seat").await, seat(false, true, Some("own")));
+        assert_eq!(first.next("seat").await, seat(true, true, Some("other")));
+        second.say(json!({ "command": "pause" })).await;
+        second.next("refused").await;
+        first.say(json!({ "seat": "keep" })).await;
+        assert_eq!(second.next("seat").await, seat(false, true, None));
+        assert_eq!(first.next("seat").await, seat(true, true, None));
+
+        second.say(json!({ "seat": "take" })).await;
+        assert_eq!(first.next("seat").await, seat(true, true, Some("other")));
+        assert_eq!(second.next("seat").await, seat(false, true, Some("own")));
+        first.say(json!({ "seat": "give" })).await;
+        assert_eq!(second.next("seat").await, seat(true, true, None));
+        assert_eq!(first.next("seat").await, seat(false, true, None));
+        assert!(commands.try_recv().is_err(), "no command passed");
         second.say(json!({ "command": "pause" })).await;
         assert_eq!(commands.recv().await, Some(Input::Pause));
 
         second.say(json!({ "nonsense": 1 })).await;
         assert_eq!(second.next("refused").await, json!("not a command"));
         drop(second);
-        assert_eq!(first.next("seat").await, json!({ "own": false, "taken": false }));
+        assert_eq!(first.next("seat").await, seat(false, false, None));
         // The emergency stop does not need the right to command.
         first.say(json!({ "command": "emergency_stop" })).await;
         assert_eq!(commands.recv().await, Some(Input::EmergencyStop));
@@ -788,6 +931,7 @@ fn idle_connections_do_not_block_the_page() {
     // A page that was open before the idle connections stays open.
     let runtime = runtime();
     let mut page = runtime.block_on(Page::open(&server));
+    runtime.block_on(page.next("seat"));
 
     let mut idle: Vec<TcpStream> = Vec::new();
     for number in 0..400 {
@@ -829,23 +973,27 @@ fn idle_connections_do_not_block_the_page() {
 #[test]
 fn foreign_origins_get_neither_page_nor_socket() {
     let server = serve(Desk::default().ui_end());
-    let ask = |head: &str| {
-        let mut stream = TcpStream::connect(server.address).unwrap();
-        write!(stream, "{head}Connection: close\r\n\r\n").unwrap();
-        let mut answer = String::new();
-        stream.read_to_string(&mut answer).unwrap();
-        answer
-    };
+    let ask = |head: &str| answer_to(server.address, head);
     let own = server.address.to_string();
     let page = ask(&format!("GET / HTTP/1.1\r\nHost: {own}\r\n"));
     assert!(page.starts_with("HTTP/1.1 200"), "{page}");
     assert!(page.contains("content-security-policy: default-src 'none'"), "{page}");
     assert!(page.contains("x-frame-options: DENY"));
-    for other in ["evil.example:80", "localhost:1"] {
-        let answer = ask(&format!("GET / HTTP/1.1\r\nHost: {other}\r\n"));
-        assert!(answer.starts_with("HTTP/1.1 403"), "{answer}");
+    assert!(page.contains("cross-origin-resource-policy: same-origin"), "{page}");
+    assert!(page.contains("cross-origin-opener-policy: same-origin"), "{page}");
+    for head in [
+        "GET / HTTP/1.1\r\nHost: evil.example:80\r\n".to_owned(),
+        format!("GET / HTTP/1.1\r\nHost: {own}\r\nHost: evil.example\r\n"),
+        format!("GET http://evil.example/ HTTP/1.1\r\nHost: {own}\r\n"),
+        format!("GET /main.js HTTP/1.1\r\nHost: {own}\r\nSec-Fetch-Site: same-site\r\n"),
+        format!("GET / HTTP/1.1\r\nHost: {own}\r\nOrigin: http://{own}\r\nOrigin: null\r\n"),
+    ] {
+        let answer = ask(&head);
+        assert!(answer.starts_with("HTTP/1.1 403"), "{head}{answer}");
+        assert!(answer.contains("open the address that the program printed"), "{answer}");
     }
-    let missing = ask(&format!("GET /camera/7 HTTP/1.1\r\nHost: {own}\r\n"));
+    let token = host_and_token(&server.url).1;
+    let missing = ask(&format!("GET /camera/7 HTTP/1.1\r\nHost: {own}\r\nX-Token: {token}\r\n"));
     assert!(missing.starts_with("HTTP/1.1 404"), "{missing}");
     runtime().block_on(async {
         for (origin, passes) in [

@@ -1,8 +1,9 @@
 //! The URDF that the program writes, read by another crate, gives the poses that the controller
 //! computes.
 
-use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 use rubik_robot::cell::Cell;
+use rubik_robot::hw::plant::dynamics::{LINKS, link_frames};
 use rubik_robot::motion::JointPositions;
 use rubik_robot::record::urdf::{Model, xml};
 use rubik_robot::scenario;
@@ -99,4 +100,83 @@ fn urdf_of_one_arm_has_its_joint_limits() {
         let camera = robot.links.iter().filter(|l| l.name.ends_with("_optical"));
         assert_eq!(camera.count(), 1);
     }
+}
+
+/// Returns mass, centre and inertia that the URDF gives to a link.
+fn inertial(robot: &urdf_rs::Robot, link: &str) -> (f64, Point3<f64>, Matrix3<f64>) {
+    let link = robot.links.iter().find(|l| l.name == link).unwrap();
+    let (own, i) = (&link.inertial, &link.inertial.inertia);
+    assert_eq!(own.origin.rpy.0, [0.0; 3]);
+    let moments = Matrix3::new(i.ixx, i.ixy, i.ixz, i.ixy, i.iyy, i.iyz, i.ixz, i.iyz, i.izz);
+    (own.mass.value, Point3::from(own.origin.xyz.0), moments)
+}
+
+/// The total is the mass that the plant moves: its carriage if there is a track, and six links.
+#[test]
+fn urdf_masses_are_the_plants_and_possible() {
+    let cell = cell();
+    for (index, arm) in cell.arms.iter().enumerate() {
+        let robot = urdf_rs::read_from_string(&xml(&Model::of(&cell, Some(index), false))).unwrap();
+
+        let moved = robot.joints.iter().filter(|j| j.joint_type != urdf_rs::JointType::Fixed);
+        let bodies: Vec<_> = moved.map(|j| inertial(&robot, &j.child.link)).collect();
+
+        for (mass, _, inertia) in &bodies {
+            let moments = inertia.symmetric_eigenvalues();
+            assert!(*mass > 0.0 && moments.min() > 0.0, "{moments}");
+            assert!(2.0 * moments.max() <= moments.sum() * (1.0 + 1e-12), "{moments}");
+        }
+        let total: f64 = robot.links.iter().map(|link| link.inertial.mass.value).sum();
+        let first = usize::from(!arm.model.has_track);
+        let wanted: f64 = LINKS[first..].iter().map(|link| link.mass).sum();
+        assert!((total - wanted).abs() < 1e-9, "{total} {wanted}");
+        assert_eq!(bodies.len(), LINKS.len() - first + 2, "each moving link has a mass");
+    }
+}
+
+/// In any position the bodies are where the plant has them. The fingers are a part of the last one.
+#[test]
+fn urdf_bodies_are_where_the_plant_has_them() {
+    let cell = cell();
+    let robot = urdf_rs::read_from_string(&xml(&Model::of(&cell, None, false))).unwrap();
+    for arm in &cell.arms {
+        let joints = arm.start;
+        let values: BTreeMap<String, f64> =
+            (0..7).map(|axis| (format!("{}_link{axis}_joint", arm.name), joints.0[axis])).collect();
+        let frames = link_frames(&arm.model, &joints);
+        for (axis, link) in LINKS.iter().enumerate().take(6).skip(usize::from(!arm.model.has_track))
+        {
+            let name = format!("{}_link{axis}", arm.name);
+            let (mass, centre, inertia) = inertial(&robot, &name);
+
+            let (found, place) = (pose(&robot, &name, &values), arm.world_from_base * frames[axis]);
+            let apart = found * centre - place * Point3::from(link.centre);
+            let turned = |r: UnitQuaternion<f64>, i: Matrix3<f64>| {
+                let r = r.to_rotation_matrix();
+                r.matrix() * i * r.matrix().transpose()
+            };
+            let moments = Matrix3::from_diagonal(&Vector3::from(link.inertia));
+            let other = turned(found.rotation, inertia) - turned(place.rotation, moments);
+            assert!(apart.norm() < 1e-9 && mass == link.mass, "{name}: {apart}");
+            assert!(other.amax() < 1e-9, "{name}: {other}");
+        }
+    }
+}
+
+#[test]
+fn urdf_limits_are_those_of_motors_and_gears() {
+    let cell = cell();
+    let robot = urdf_rs::read_from_string(&xml(&Model::of(&cell, None, false))).unwrap();
+    let limit = |name: &str| {
+        let joint = robot.joints.iter().find(|j| j.name == format!("{name}_joint")).unwrap();
+        (joint.limit.velocity, joint.limit.effort)
+    };
+
+    let (speed, effort) = limit("track_link0");
+    let track = &cell.arms[0].model;
+    assert!((speed - track.motor_speed_limit / track.gears[0]).abs() < 1e-6, "{speed}");
+    assert!(effort > 1000.0, "{effort}");
+    // Half of the speed of the opening, and the greatest grip.
+    let (speed, effort) = limit("track_finger_left");
+    assert!((0.01..0.1).contains(&speed) && effort == 60.0, "{speed} {effort}");
 }

@@ -10,6 +10,7 @@ use crate::cell::Arm;
 use crate::hw::devices::{
     Devices, EffectorDevices, ForceDevice, NAME_DEVICES, NoDevice, ask_parallel, ask_ports,
 };
+use crate::hw::serial::leads_to_line;
 use crate::scenario::keys::BridgeKind;
 use crate::scenario::{CameraSource, ControllerConfig, Scenario};
 use rustix::io::Errno;
@@ -52,8 +53,8 @@ pub(super) fn robot(scenario: &Scenario) -> Vec<Finding> {
         return Vec::new();
     }
     // The path of the file is relative to the scenario.
-    let path = scenario.bridge.devices_at(&scenario.path);
-    let refusals = match Devices::load(&path) {
+    let (path, devices) = scenario.load_devices();
+    let refusals = match devices {
         Ok(devices) => refusals(&scenario.controller, scenario.bridge.kind, &devices),
         Err(why) => vec![Refusal { fix: Some(NAME_DEVICES.to_owned()), ..why.into() }],
     };
@@ -111,10 +112,18 @@ fn of_path(path: &str) -> Option<Refusal> {
     (!is_device).then(|| Refusal { fact: format!("{}: not a device", path.display()), fix: None })
 }
 
+/// Checks that a path is a serial line that this user may open.
+fn of_line(path: &str) -> Option<Refusal> {
+    of_path(path).or_else(|| {
+        let is_line = leads_to_line(Path::new(path)) == Ok(true);
+        (!is_line).then(|| Refusal { fact: format!("{path}: not a serial line"), fix: None })
+    })
+}
+
 /// Checks the serial lines of an arm's axes.
 fn of_lines(arm: &Arm, devices: &EffectorDevices) -> Vec<Refusal> {
     let refusal = |path: Result<&str, NoDevice>| match path {
-        Ok(path) => of_path(path),
+        Ok(path) => of_line(path),
         Err(why) => Some(why.into()),
     };
     devices.paths(arm.model.has_track).filter_map(|(_, path)| refusal(path)).collect()
@@ -137,7 +146,7 @@ fn of_sensor(devices: &EffectorDevices) -> Vec<Refusal> {
         Ok(ForceDevice::None | ForceDevice::NetFt(_)) => Vec::new(),
         Ok(ForceDevice::Controller(path)) => {
             let words = devices.ft_parallel.and_then(|base| asked(ask_parallel, base).err());
-            of_path(path).into_iter().chain(words.map(Refusal::of_ports)).collect()
+            of_line(path).into_iter().chain(words.map(Refusal::of_ports)).collect()
         }
         Err(why) => vec![why.into()],
     }
@@ -161,8 +170,9 @@ mod tests {
     use crate::hw::devices::{CameraDevice, IsaDevice};
     use crate::hw::emulator::pty::Pty;
     use crate::motion::AXES;
-    use crate::scenario;
+    use crate::scenario::{self, Override};
     use crate::tables::testing::Folder;
+    use std::os::unix::fs::PermissionsExt as _;
 
     const IDLE: &str = "task = \"idle\"\npace = \"real-time\"\ncamera = []\nvsp = []\n\
                         [bridge]\nkind = \"serial\"\n\
@@ -226,6 +236,20 @@ mod tests {
         let (weight, fact, fix) = one(&folder, IDLE);
         assert!(weight == Weight::Refused && fact.contains("line3: not a device"), "{fact}");
         assert_eq!(fix, None);
+        fs::remove_file(folder.0.join("line3")).unwrap();
+        std::os::unix::fs::symlink("/dev/null", folder.0.join("line3")).unwrap();
+        let (weight, fact, _) = one(&folder, IDLE);
+        assert!(weight == Weight::Refused && fact.contains("line3: not a serial line"), "{fact}");
+        // The check of `run` and of `doctor` are the same.
+        let file = folder.0.join("devices.toml");
+        fs::set_permissions(&file, fs::Permissions::from_mode(0o666)).unwrap();
+        let (weight, fact, fix) = one(&folder, IDLE);
+        assert!(weight == Weight::Refused && fact.contains("other users may write it"), "{fact}");
+        assert_eq!(fix.as_deref(), Some(NAME_DEVICES));
+        let named = Override::parse("bridge.devices=devices.toml").unwrap();
+        let scenario = scenario::read(&folder.0.join("t.toml"), IDLE, &[named]).unwrap();
+        assert!(scenario.load_devices().1.is_ok(), "the command line names it");
+        fs::set_permissions(&file, fs::Permissions::from_mode(0o644)).unwrap();
         let (weight, fact, fix) = one(&folder, &IDLE.replace("devices.toml", "nosuch.toml"));
         assert!(weight == Weight::Refused && fact.contains("nosuch.toml: No such file"), "{fact}");
         assert_eq!(fix.as_deref(), Some(NAME_DEVICES));

@@ -28,8 +28,8 @@ impl PortIo {
         ask(port::COMMAND, offset, 12)?;
         ask(port::AXIS, offset, 1)?;
         let open = |path: &str| {
-            rustix::fs::open(path, OFlags::RDWR | OFlags::NONBLOCK | OFlags::CLOEXEC, Mode::empty())
-                .map_err(|e| format!("{path}: {e}"))
+            let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+            rustix::fs::open(path, flags, Mode::empty()).map_err(|e| format!("{path}: {e}"))
         };
         Ok(Self { offset, interrupts: uio.map(open).transpose()? })
     }

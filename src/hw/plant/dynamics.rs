@@ -11,7 +11,8 @@
 
 use super::frame::Frame;
 use crate::kinematics::ArmModel;
-use crate::motion::AXES;
+use crate::motion::{AXES, JointPositions};
+use crate::spatial::Pose;
 use nalgebra::{Matrix3, Vector3};
 use std::f64::consts::FRAC_PI_2;
 
@@ -24,6 +25,13 @@ pub struct Link {
     pub centre: [f64; 3],
     /// Principal moments about the centre of mass, along the link's axes (kg m2).
     pub inertia: [f64; 3],
+}
+
+/// Returns `base_from_link` of the carriage and the six links at the joint positions `q`. In these
+/// frames the mass properties of [`LINKS`] are given.
+#[must_use]
+pub fn link_frames(model: &ArmModel, q: &JointPositions) -> [Pose; AXES] {
+    Placement::new(model, &q.0).frames.map(Frame::to_pose)
 }
 
 /// Twist or wrench about the base's origin: angular part first.
@@ -232,7 +240,6 @@ pub const LINKS: [Link; AXES] = [
 mod tests {
     use super::*;
     use crate::arms::builtin;
-    use crate::motion::JointPositions;
 
     fn postures() -> Vec<([f64; AXES], [f64; AXES])> {
         (0..40)

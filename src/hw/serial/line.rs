@@ -8,12 +8,14 @@
 
 use super::frame::{ORDER, STATUS};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::fs::{FlockOperation, Mode, OFlags};
+use rustix::fs::{FileType, FlockOperation, Mode, OFlags, Stat, fstat, major, minor, stat};
 use rustix::io::{Errno, read, write};
 use rustix::termios::{
-    ControlModes, OptionalActions, QueueSelector, Termios, tcflush, tcgetattr, tcsetattr,
+    ControlModes, OptionalActions, QueueSelector, Termios, ioctl_tiocexcl, ioctl_tiocnxcl, tcflush,
+    tcgetattr, tcsetattr,
 };
 use std::os::fd::{AsFd, OwnedFd};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// Speed of the axis controllers' lines (bit/s).
@@ -32,17 +34,32 @@ pub struct Line {
 
 impl Line {
     /// Opens a device with 8 data bits, no parity and 1 or 2 stop bits, and throws away waiting
-    /// bytes.
+    /// bytes. Other programs cannot open it meanwhile. A path that leads to no serial line is not
+    /// opened.
     ///
     /// # Errors
     /// Returns the error of the operating system with the name of the device.
     pub fn open(path: &str, baud: u32, two_stop_bits: bool) -> Result<Self, String> {
         let fail = |what: &str, errno: Errno| format!("{path}: {what}: {errno}");
+        let no_line = || format!("{path}: not a serial line: name the device of an axis or sensor");
+        let found = stat(path).map_err(|e| fail("open", e))?;
+        if !is_line(&found) {
+            return Err(no_line());
+        }
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
         let fd = rustix::fs::open(path, flags, Mode::empty()).map_err(|e| fail("open", e))?;
+        // The name may have been given to another file meanwhile.
+        let opened = fstat(&fd).map_err(|e| fail("open", e))?;
+        if (opened.st_rdev, opened.st_mode) != (found.st_rdev, found.st_mode) {
+            return Err(no_line());
+        }
         // Two programs on one line would drive the axis in turn.
         rustix::fs::flock(&fd, FlockOperation::NonBlockingLockExclusive)
             .map_err(|_| format!("{path}: another program has it open"))?;
+        // A pseudo-terminal would stay claimed after a crash, because the emulator has it open.
+        if !is_pseudo(&found) {
+            claim(&fd).map_err(|e| fail("not a serial line", e))?;
+        }
         let line = Self { path: path.to_owned(), before: tcgetattr(&fd).ok(), fd };
         set_up(&line.fd, baud, two_stop_bits).map_err(|e| fail("not a serial line", e))?;
         tcflush(&line.fd, QueueSelector::IOFlush).map_err(|e| fail("flush", e))?;
@@ -99,7 +116,46 @@ impl Drop for Line {
             // A line that is dead has no settings, so an error is ignored.
             let _ = tcsetattr(&self.fd, OptionalActions::Now, before);
         }
+        let _ = release(&self.fd);
     }
+}
+
+/// Returns whether a path leads to a serial line. It is not opened, because the opening of another
+/// device may have effects: a watchdog starts, a tape rewinds.
+///
+/// # Errors
+/// The error of the operating system.
+pub(crate) fn leads_to_line(path: &Path) -> Result<bool, Errno> {
+    stat(path).map(|found| is_line(&found))
+}
+
+fn is_line(found: &Stat) -> bool {
+    if FileType::from_raw_mode(found.st_mode) != FileType::CharacterDevice {
+        return false;
+    }
+    let kernel = Path::new("/sys/dev/char");
+    let number = format!("{}:{}", major(found.st_rdev), minor(found.st_rdev));
+    let class = std::fs::read_link(kernel.join(number).join("subsystem"));
+    // Without the kernel's folder only the settings of the open line can tell.
+    let is_tty = class.map_or_else(|_| !kernel.exists(), |class| class.ends_with("tty"));
+    is_pseudo(found) || is_tty
+}
+
+/// Returns whether a character device is the near end of a pseudo-terminal, which the kernel's
+/// folder of devices does not list. The numbers are those of the kernel's `devices.txt`.
+fn is_pseudo(found: &Stat) -> bool {
+    (136..=143).contains(&major(found.st_rdev))
+}
+
+/// Closes a serial line to programs that ignore its lock, such as a modem manager, until it is
+/// released or closed.
+fn claim(fd: impl AsFd) -> Result<(), Errno> {
+    ioctl_tiocexcl(fd)
+}
+
+/// Opens a claimed serial line to other programs again.
+fn release(fd: impl AsFd) -> Result<(), Errno> {
+    ioctl_tiocnxcl(fd)
 }
 
 /// Sets a serial line to raw bytes at `baud` (bit/s), without parity and flow control.
@@ -310,6 +366,57 @@ mod tests {
 
     fn soon() -> Instant {
         Instant::now() + Duration::from_millis(500)
+    }
+
+    /// A FIFO has no writer until the wrong program opens it for writing.
+    #[test]
+    fn other_file_than_line_is_not_opened() {
+        use rustix::fs::{CWD, mknodat};
+        let fifo = std::env::temp_dir().join(format!("rubik-line-{}", std::process::id()));
+        mknodat(CWD, &fifo, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
+        let flags = OFlags::RDONLY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        let reader = rustix::fs::open(&fifo, flags, Mode::empty()).unwrap();
+        let folder = std::env::temp_dir();
+
+        for path in [&fifo, Path::new("/dev/null"), Path::new("/dev/zero"), &folder] {
+            let why = Line::open(path.to_str().unwrap(), AXIS_BAUD, true).unwrap_err();
+            assert!(why.contains("not a serial line: name"), "{why}");
+            assert_eq!(leads_to_line(path), Ok(false));
+        }
+
+        let mut waits = [PollFd::new(&reader, PollFlags::IN)];
+        let now = Timespec { tv_sec: 0, tv_nsec: 0 };
+        poll(&mut waits, Some(&now)).unwrap();
+        assert!(waits[0].revents().is_empty(), "it was opened: {:?}", waits[0].revents());
+        std::fs::remove_file(&fifo).unwrap();
+        let far = Pty::open().unwrap();
+        assert_eq!(leads_to_line(Path::new(far.path())), Ok(true));
+        assert!(leads_to_line(Path::new("/dev/nosuch")).is_err());
+    }
+
+    /// Returns whether other programs cannot open a terminal. Root could open it all the same.
+    #[allow(unsafe_code, reason = "no safe call reads the flag")]
+    fn is_claimed(fd: &OwnedFd) -> bool {
+        use std::os::fd::AsRawFd as _;
+        let mut claimed: libc::c_int = 0;
+        // SAFETY: the kernel writes one number of this type.
+        assert_eq!(unsafe { libc::ioctl(fd.as_raw_fd(), libc::TIOCGEXCL, &raw mut claimed) }, 0);
+        claimed != 0
+    }
+
+    /// The flag belongs to the terminal. The emulator keeps its own open, so a line there never has
+    /// the flag, or a killed run would leave it behind.
+    #[test]
+    fn claimed_line_is_closed_to_others() {
+        let far = Pty::open().unwrap();
+        let line = Line::open(far.path(), AXIS_BAUD, true).unwrap();
+        assert!(!is_claimed(&line.fd));
+
+        claim(&line.fd).unwrap();
+        assert!(is_claimed(&line.fd));
+        release(&line.fd).unwrap();
+
+        assert!(!is_claimed(&line.fd));
     }
 
     #[test]

@@ -11,7 +11,7 @@ pub mod frame;
 mod line;
 mod port;
 
-pub(crate) use line::set_up;
 pub use line::{AXIS_BAUD, Line, Lines, MOST};
+pub(crate) use line::{leads_to_line, set_up};
 pub use port::{SerialArm, SerialPort};
 pub(crate) use port::{axis_drive, write_reading};

@@ -57,7 +57,7 @@ fn head(html: &mut String, story: &Story, title: &str) {
         let how = format!("{:#}", flaw.after(story.end));
         let _ = write!(
             html,
-            "<p class=warn>The recording is {}. This page shows what was saved.</p>",
+            "<p class=warn>The recording is {}. This page shows all that could be read.</p>",
             escaped(&how)
         );
     }
@@ -733,7 +733,7 @@ mod tests {
         assert!(cut.contains("The recording is cut off after 1.5 s (no more). This"), "{cut}");
         let damaged = ends(End::Damaged("before byte 7: <b>".into()));
         assert!(damaged.contains("<b>Damaged</b>"), "{damaged}");
-        let warning = "The recording is damaged after 1.5 s (before byte 7: &lt;b&gt;). This";
+        let warning = "The recording is damaged (before byte 7: &lt;b&gt;). This";
         assert!(damaged.contains(warning), "{damaged}");
     }
 

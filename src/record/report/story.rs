@@ -8,7 +8,7 @@ use crate::record::standard;
 use crate::record::summary::Summary;
 use crate::record::tick::Tick;
 use nalgebra::Point3;
-use std::io::Read;
+use std::io::{Read, Seek};
 
 /// Length of a bin of a curve (s).
 pub(super) const BIN: f64 = 0.02;
@@ -106,10 +106,10 @@ pub struct ArmStory {
 ///
 /// # Errors
 /// [`Unreadable`].
-pub fn gather<R: Read>(from: R) -> Result<Story, Unreadable> {
+pub fn gather<R: Read + Seek>(from: R) -> Result<Story, Unreadable> {
     let mut story = Story::default();
-    let mut reading = Reading::new(from);
-    let mut start = None;
+    let mut reading = Reading::seekable(from);
+    let (mut start, mut used) = (None, false);
     for piece in reading.by_ref() {
         story.label.take(&piece);
         let Piece::Message(message) = piece else { continue };
@@ -124,7 +124,7 @@ pub fn gather<R: Read>(from: R) -> Result<Story, Unreadable> {
         let start = *start.get_or_insert(message.time);
         let time = message.time.saturating_sub(start) as f64 * 1e-9;
         story.end = story.end.max(time);
-        story
+        used |= story
             .take(time, &message)
             .map_err(|why| Unreadable::Message { topic: message.channel.topic.clone(), why })?;
     }
@@ -132,14 +132,20 @@ pub fn gather<R: Read>(from: R) -> Result<Story, Unreadable> {
     if story.label.fact("version").is_empty() {
         return Err(Unreadable::Missing("not a recording of this program".to_owned()));
     }
+    if !used {
+        let flaw = reading.end().and_then(End::flaw);
+        let why = flaw.map_or_else(|| "it has none".to_owned(), |flaw| format!("it is {flaw}"));
+        return Err(Unreadable::Missing(format!("no message of a run can be read: {why}")));
+    }
     story.summary = serde_json::from_str(story.label.of("summary", "json")).ok();
     story.file_end = reading.end().cloned();
     Ok(story)
 }
 
 impl Story {
-    /// Adds the data of a message to the report. Topics that the report does not use are left out.
-    fn take(&mut self, time: f64, message: &Message) -> Result<(), Malformed> {
+    /// Adds the data of a message to the report. Returns `false` for a topic that the report does
+    /// not use.
+    fn take(&mut self, time: f64, message: &Message) -> Result<bool, Malformed> {
         let topic = message.channel.topic.as_str();
         let data = &message.data;
         match topic {
@@ -186,9 +192,9 @@ impl Story {
             "/tf" => self.transforms(time, data)?,
             _ if topic.ends_with("/servo") => self.tick(time, &Tick::read(data)?),
             _ if topic.ends_with("/image") => self.shot(time, topic, data)?,
-            _ => {}
+            _ => return Ok(false),
         }
-        Ok(())
+        Ok(true)
     }
 
     /// Adds the answer of a sensor: of the stand-alone camera, which tracks the cube, or of a

@@ -1,7 +1,11 @@
 //! Model of the cell as links and joints, and its URDF text.
 
 mod model;
+mod physics;
+mod solid;
 mod xml;
 
-pub use model::{Drive, Joint, JointKind, Link, Model, Shape, Solid, Variable};
+pub use model::{Drive, Joint, JointKind, Link, Model, Variable};
+pub use physics::{Inertial, Strength};
+pub use solid::{Shape, Solid};
 pub use xml::xml;

@@ -4,7 +4,7 @@
 //! - in: a [`Cell`] (arms with their lengths, limits, tools, sensors, cameras), joint positions,
 //!   jaw openings
 //! - out: a [`Model`]; its joints give [`Model::moving`] and [`Model::fixed`] transforms, and `xml`
-//!   writes it as URDF
+//!   writes it as URDF; masses and limits are those of `physics`
 //! - source: the axes of [`crate::kinematics`]. If all variables are zero, the lower arm points
 //!   along the base's x, and the upper arm hangs down with the wrist below it
 //!
@@ -12,8 +12,10 @@
 //! `NAME_flange`, `NAME_sensor`, `NAME_tool`, `NAME_finger_left/right`; per camera `NAME_optical`;
 //! `cube`.
 
-use crate::cell::{Arm, Cell, Mount};
-use crate::motion::JointPositions;
+use super::physics::{Inertial, Strength, divided, inertials, strength_of_finger, strengths};
+use super::solid::{Shape, Solid};
+use crate::cell::{Arm, Cell, CubeSpec, Mount};
+use crate::motion::{AXES, JointPositions};
 use crate::spatial::{Pose, pose_from_axes};
 use nalgebra::{Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
@@ -35,26 +37,8 @@ pub struct Link {
     pub name: String,
     /// Solids of the link; none for a frame without a body.
     pub solids: Vec<Solid>,
-}
-
-/// Primitive solid in the frame of its link.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Solid {
-    /// Pose of its centre.
-    pub link_from_solid: Pose,
-    /// Shape.
-    pub shape: Shape,
-    /// Red, green, blue, each 0 to 1.
-    pub colour: [f64; 3],
-}
-
-/// Primitive shape with its centre in the origin.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Shape {
-    /// Box with these edges (m).
-    Box([f64; 3]),
-    /// Cylinder about z: radius and length (m).
-    Cylinder(f64, f64),
+    /// Mass and inertia; `None` for a link that no joint moves by itself.
+    pub inertial: Option<Inertial>,
 }
 
 /// Joint between two links.
@@ -92,6 +76,8 @@ pub struct Drive {
     pub axis: [f64; 3],
     /// Smallest and largest value (rad or m).
     pub limits: (f64, f64),
+    /// Greatest effort and speed.
+    pub strength: Strength,
     /// Index of the arm in the cell, and its variable.
     pub by: (usize, Variable),
 }
@@ -159,8 +145,11 @@ impl Model {
             model.link(&name, vec![body, lens]);
             model.fix(&parent, &name, place);
         }
+        for (index, own) in cell.arms.iter().enumerate() {
+            model.divide_last_body(index, own);
+        }
         if cube && arm.is_none() {
-            model.cube(cell.cube.edge);
+            model.cube(&cell.cube);
         }
         model
     }
@@ -186,7 +175,44 @@ impl Model {
 
     /// Adds a link with this name and these solids.
     fn link(&mut self, name: &str, solids: Vec<Solid>) {
-        self.links.push(Link { name: name.to_owned(), solids });
+        self.links.push(Link { name: name.to_owned(), solids, inertial: None });
+    }
+
+    /// Gives a link a mass and an inertia; does nothing if there is no link of this name.
+    fn weigh(&mut self, name: &str, inertial: Inertial) {
+        if let Some(link) = self.links.iter_mut().find(|link| link.name == name) {
+            link.inertial = Some(inertial);
+        }
+    }
+
+    /// Gives the links behind the last axis of an arm their part of its last body, with the jaws
+    /// half open. Does nothing if the model does not have this arm.
+    fn divide_last_body(&mut self, index: usize, arm: &Arm) {
+        let last = format!("{}_link{}", arm.name, AXES - 1);
+        let Some(body) = self.links.iter().find(|link| link.name == last) else { return };
+        let Some(body) = body.inertial else { return };
+        let (low, high) = arm.gripper.opening;
+        let openings = vec![f64::midpoint(low, high); index + 1];
+        // Parents are before children, so one pass finds all links behind the last one.
+        let mut places = vec![(last.clone(), Pose::identity())];
+        for joint in &self.joints {
+            let parent = places.iter().find(|(name, _)| *name == joint.parent);
+            if let Some((_, place)) = parent {
+                places.push((joint.child.clone(), place * joint.place(&[], &openings)));
+            }
+        }
+        let solids = |name: &str| {
+            let link = self.links.iter().find(|link| link.name == name);
+            link.map_or(&[][..], |link| link.solids.as_slice())
+        };
+        // A frame without a solid has no mass.
+        places.retain(|(name, _)| *name != last && !solids(name).is_empty());
+        let parts: Vec<_> = places.iter().map(|(name, at)| (*at, solids(name))).collect();
+        let (rest, bodies) = divided(&body, &parts);
+        self.weigh(&last, rest);
+        for ((name, _), body) in places.iter().zip(bodies) {
+            self.weigh(name, body);
+        }
     }
 
     /// Adds a fixed joint; `origin` is `parent_from_child`.
@@ -218,7 +244,8 @@ impl Model {
     }
 
     /// Adds a solved cube. Its stickers do not follow the turns: colours in URDF are fixed.
-    fn cube(&mut self, edge: f64) {
+    fn cube(&mut self, cube: &CubeSpec) {
+        let edge = cube.edge;
         let mut solids = vec![solid([0.0; 3], Shape::Box([edge; 3]), DARK)];
         // Normals of U R F D L B in the cube's frame: R +x, B +y, U +z.
         let normals: [[f64; 3]; 6] = [
@@ -236,6 +263,7 @@ impl Model {
             solids.push(solid(normal.map(|n| 0.5 * edge * n), Shape::Box(plate), colour));
         }
         self.link("cube", solids);
+        self.weigh("cube", Inertial::of_box(cube.mass, [edge; 3]));
         self.joint("world", "cube", Pose::identity(), JointKind::Floating);
     }
 
@@ -244,10 +272,13 @@ impl Model {
         let [a2, a3, d5] = arm.model.links;
         let h = arm.model.shoulder_height;
         let limits = &arm.model.joint_limits;
+        let bodies = inertials(&arm.model);
+        let strengths = strengths(&arm.model);
         let name = |part: &str| format!("{}_{part}", arm.name);
         let turns = |axis: [f64; 3], variable: usize| {
             let by = (index, Variable::Joint(variable));
-            JointKind::Turns(Drive { axis, limits: limits[variable], by })
+            let strength = strengths[variable];
+            JointKind::Turns(Drive { axis, limits: limits[variable], strength, by })
         };
         let up = |length: f64, z: f64| solid([0.0, 0.0, z], Shape::Cylinder(0.07, length), PAINT);
         let along_x = |length: f64, x: f64, size: f64| {
@@ -260,23 +291,8 @@ impl Model {
             colour: STEEL,
         };
 
-        // The base is the root of an arm. On a track it is the rail, which reaches 0.2 m beyond the
-        // travel at both ends, and the carriage is link 0.
-        let (mut below, foot) = (name("base"), 0.25);
-        let stand = solid([0.0, 0.0, 0.5 * foot], Shape::Box([0.34, 0.34, foot]), DARK);
-        if arm.model.has_track {
-            let (low, high) = limits[0];
-            let rail = Shape::Box([0.30, high - low + 0.4, 0.06]);
-            self.link(&below, vec![solid([0.0, 0.5 * (low + high), 0.03], rail, STEEL)]);
-            let carriage = name("link0");
-            self.link(&carriage, vec![stand]);
-            let by = (index, Variable::Joint(0));
-            let slides = Drive { axis: [0.0, 1.0, 0.0], limits: limits[0], by };
-            self.joint(&below, &carriage, Pose::identity(), JointKind::Slides(slides));
-            below = carriage;
-        } else {
-            self.link(&below, vec![stand]);
-        }
+        let foot = 0.25;
+        let below = self.base(index, arm, foot, strengths[0]);
         // Link 1: the column, from the foot up to the shoulder. It turns about z.
         let column = h - foot;
         self.link(&name("link1"), vec![up(column, foot + 0.5 * column)]);
@@ -307,7 +323,33 @@ impl Model {
         let plate = solid([0.0, 0.0, 0.01], Shape::Cylinder(0.04, 0.02), STEEL);
         self.link(&name("flange"), vec![plate]);
         self.fix(&name("link6"), &name("flange"), flange);
+        for (axis, body) in bodies.into_iter().enumerate() {
+            self.weigh(&name(&format!("link{axis}")), body);
+        }
         self.gripper(index, arm);
+    }
+
+    /// Adds the base of an arm, which is its root, and returns the name of the link that carries
+    /// the column. On a track the base is the rail, which reaches 0.2 m beyond the travel at both
+    /// ends, and link 0 is the carriage; `strength` is that of its drive, `foot` the height of its
+    /// stand (m).
+    fn base(&mut self, index: usize, arm: &Arm, foot: f64, strength: Strength) -> String {
+        let name = |part: &str| format!("{}_{part}", arm.name);
+        let (below, limits) = (name("base"), arm.model.joint_limits[0]);
+        let stand = solid([0.0, 0.0, 0.5 * foot], Shape::Box([0.34, 0.34, foot]), DARK);
+        if !arm.model.has_track {
+            self.link(&below, vec![stand]);
+            return below;
+        }
+        let (low, high) = limits;
+        let rail = Shape::Box([0.30, high - low + 0.4, 0.06]);
+        self.link(&below, vec![solid([0.0, 0.5 * (low + high), 0.03], rail, STEEL)]);
+        let carriage = name("link0");
+        self.link(&carriage, vec![stand]);
+        let by = (index, Variable::Joint(0));
+        let slides = Drive { axis: [0.0, 1.0, 0.0], limits, strength, by };
+        self.joint(&below, &carriage, Pose::identity(), JointKind::Slides(slides));
+        carriage
     }
 
     /// Adds the force sensor, the palm with its neck, and the two fingers.
@@ -334,13 +376,14 @@ impl Model {
         // meet at an opening of 0.
         let length = g.palm + g.finger_tip;
         let limits = (0.5 * g.opening.0, 0.5 * g.opening.1);
+        let strength = strength_of_finger(g);
         for (side, sign) in [("left", 1.0), ("right", -1.0)] {
             let child = name(&format!("finger_{side}"));
             let centre = [0.0, sign * 0.5 * g.finger_thickness, 0.5 * (g.finger_tip - g.palm)];
             let shape = Shape::Box([g.finger_width, g.finger_thickness, length]);
             self.link(&child, vec![solid(centre, shape, STEEL)]);
             let by = (index, Variable::HalfOpening);
-            let slides = JointKind::Slides(Drive { axis: [0.0, sign, 0.0], limits, by });
+            let slides = JointKind::Slides(Drive { axis: [0.0, sign, 0.0], limits, strength, by });
             self.joint(&name("tool"), &child, Pose::identity(), slides);
         }
     }

@@ -1,18 +1,16 @@
 //! Writer of a [`Model`] as URDF text.
 //!
-//! - source: the URDF specification of ROS (link, joint, visual, collision, limit); lengths in m,
-//!   angles in rad
+//! - source: the URDF specification of ROS (link, joint, inertial, visual, collision, limit);
+//!   lengths in m, angles in rad, masses in kg
 
-use super::model::{JointKind, Link, Model, Shape};
+use super::model::{JointKind, Link, Model};
+use super::physics::{Inertial, Strength};
+use super::solid::Shape;
 use crate::spatial::Pose;
 use std::fmt::{self, Write};
 
-/// Effort limit of each joint (N or Nm). The format requires a number, and the true limits are
-/// unknown.
-const EFFORT: f64 = 100.0;
-/// Speed limit of each joint (rad/s or m/s). The real limits are those of the motors, which allow
-/// about 1.5 rad/s at the joints.
-const SPEED: f64 = 1.5;
+/// Least product of inertia that is written (kg m2): less is an error of rounding.
+const LEAST: f64 = 1e-12;
 
 /// Returns the model as URDF text.
 #[must_use]
@@ -45,11 +43,12 @@ fn write(model: &Model, to: &mut String) -> fmt::Result {
         if let Some(drive) = joint.kind.drive() {
             let [x, y, z] = drive.axis;
             let (low, high) = drive.limits;
+            let Strength { effort, speed } = drive.strength;
             writeln!(to, "    <axis xyz=\"{x} {y} {z}\"/>")?;
             writeln!(
                 to,
-                "    <limit lower=\"{low}\" upper=\"{high}\" effort=\"{EFFORT}\" \
-                 velocity=\"{SPEED}\"/>"
+                "    <limit lower=\"{low}\" upper=\"{high}\" effort=\"{effort}\" \
+                 velocity=\"{speed}\"/>"
             )?;
         }
         writeln!(to, "  </joint>")?;
@@ -59,10 +58,13 @@ fn write(model: &Model, to: &mut String) -> fmt::Result {
 
 /// Writes a link. Each of its solids is both visual and collision geometry.
 fn write_link(link: &Link, to: &mut String) -> fmt::Result {
-    if link.solids.is_empty() {
+    if link.solids.is_empty() && link.inertial.is_none() {
         return writeln!(to, "  <link name=\"{}\"/>", escaped(&link.name));
     }
     writeln!(to, "  <link name=\"{}\">", escaped(&link.name))?;
+    if let Some(inertial) = &link.inertial {
+        write_inertial(inertial, to)?;
+    }
     for (index, solid) in link.solids.iter().enumerate() {
         let [r, g, b] = solid.colour;
         let place = origin(&solid.link_from_solid);
@@ -88,6 +90,28 @@ fn write_link(link: &Link, to: &mut String) -> fmt::Result {
         writeln!(to, "    </collision>")?;
     }
     writeln!(to, "  </link>")
+}
+
+/// Writes mass, centre and inertia of a link.
+fn write_inertial(Inertial { mass, centre, inertia }: &Inertial, to: &mut String) -> fmt::Result {
+    let moment = |row: usize, column: usize| {
+        let moment = inertia[(row, column)];
+        if moment.abs() < LEAST { 0.0 } else { moment }
+    };
+    writeln!(to, "    <inertial>")?;
+    writeln!(to, "      {}", origin(&Pose::translation(centre.x, centre.y, centre.z)))?;
+    writeln!(to, "      <mass value=\"{mass}\"/>")?;
+    writeln!(
+        to,
+        "      <inertia ixx=\"{}\" ixy=\"{}\" ixz=\"{}\" iyy=\"{}\" iyz=\"{}\" izz=\"{}\"/>",
+        moment(0, 0),
+        moment(0, 1),
+        moment(0, 2),
+        moment(1, 1),
+        moment(1, 2),
+        moment(2, 2)
+    )?;
+    writeln!(to, "    </inertial>")
 }
 
 /// Returns a pose as the URDF element `<origin>`.

@@ -17,9 +17,11 @@ const scene = new Scene($("scene"));
 const curves = new Curves($("curves"));
 const net = new NetView($("net"), $("net-note"));
 let snapshot = null;
-let seat = { own: false, taken: false };
+let seat = { own: false, taken: false, request: null };
 let line = false;
 let met = false;
+/** Reason why the program does not admit this page. */
+let denied = "";
 
 const link = new Link({
   stage(stage) {
@@ -44,14 +46,19 @@ const link = new Link({
     met = true;
     // A page that the browser had suspended commands again, unless another page has taken over.
     if (seat.own && !fresh.taken) link.say({ seat: "take" });
+    if (seat.request === "own" && !fresh.request && fresh.taken && !fresh.own) notice("The other page keeps the command.");
     seat = fresh;
     show();
   },
   refused(why) {
     notice(why);
   },
+  denied(why) {
+    denied = why;
+  },
   line(up) {
     line = up;
+    if (up) denied = "";
     if (!up) {
       $("state").textContent = "no connection";
       $("state").className = "badge bad";
@@ -64,9 +71,15 @@ const manual = new Manual((command) => link.say(command));
 function show() {
   const s = snapshot;
   const own = line && seat.own;
-  $("seat").textContent = !line ? "The program does not answer; reconnecting." : seat.taken ? "Another page commands; this page only watches." : "No page commands.";
-  $("watching").hidden = own || !met;
-  $("take").hidden = !line;
+  const asks = seat.request === "own";
+  $("seat").textContent = denied || (!line ? "The program does not answer; reconnecting."
+    : !seat.taken ? "No page commands."
+    : asks ? "The page that commands is asked; it has ten seconds to answer."
+    : "Another page commands; this page only watches.");
+  $("watching").hidden = own || !(met || denied);
+  $("take").hidden = !line || asks;
+  // A modal dialog has a notice of its own.
+  for (const notice of document.querySelectorAll(".asked")) notice.hidden = !(own && seat.request === "other");
   document.body.classList.toggle("watching", !own);
   if (!s) return;
   const control = s.control;
@@ -146,6 +159,7 @@ $("sure-yes").onclick = () => link.command("terminate");
 const stops = document.querySelectorAll("button.emergency");
 for (const button of stops) button.onclick = () => { link.command("emergency_stop"); $("sure").close(); };
 $("take").onclick = () => link.say({ seat: "take" });
+for (const button of document.querySelectorAll("[data-seat]")) button.onclick = () => link.say({ seat: button.dataset.seat });
 $("speed").onchange = () => link.command("speed", { factor: Number($("speed").value) });
 let seeking = false;
 $("seek").onpointerdown = () => { seeking = true; };

@@ -1,5 +1,6 @@
 // Text panels: actors, phases, plan, console, cameras, and the questions of the controller.
 
+import { ask } from "./link.js";
 import { COLOURS } from "./scene.js";
 import { NetEditor } from "./net.js";
 
@@ -182,7 +183,7 @@ export function showCameras(cameras) {
     if (view.busy || view.frame === camera.frame) return;
     view.busy = true;
     try {
-      const answer = await fetch(`/camera/${i}?f=${camera.frame}`);
+      const answer = await ask(`/camera/${i}?f=${camera.frame}`);
       if (!answer.ok) throw new Error(answer.statusText);
       // The answer is the latest picture of the camera, which may be newer than the requested one.
       const frame = Number(answer.headers.get("x-frame"));

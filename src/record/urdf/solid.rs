@@ -1,0 +1,23 @@
+//! Primitive solids of a link: what a viewer shows and with what it collides.
+
+use crate::spatial::Pose;
+
+/// Primitive solid in the frame of its link.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Solid {
+    /// Pose of its centre.
+    pub link_from_solid: Pose,
+    /// Shape.
+    pub shape: Shape,
+    /// Red, green, blue, each 0 to 1.
+    pub colour: [f64; 3],
+}
+
+/// Primitive shape with its centre in the origin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Shape {
+    /// Box with these edges (m).
+    Box([f64; 3]),
+    /// Cylinder about z: radius and length (m).
+    Cylinder(f64, f64),
+}
