@@ -33,7 +33,7 @@ const STILL: f64 = 0.15;
 /// Part of [`NEAR`] for cubes that are narrower than their edge (m).
 const NARROWER: f64 = 0.003;
 /// Time in which the grip builds up, as measured in the plant (s).
-const BUILD_UP: f64 = 0.13;
+const BUILD_UP: f64 = 0.15;
 
 /// Returns the time that jaws take to close on a cube (s). At first their opening exceeds the width
 /// of the cube by `stroke` (m); `slow` is their speed near the cube, and `fast` their speed before

@@ -92,22 +92,26 @@ impl MeetingTable {
     /// track retracts by the whole separation, both arms move across, and the track advances.
     #[must_use]
     pub fn way(&self, from: &Meeting, to: &Meeting, newcomer: usize) -> Option<&MeetingPath> {
-        let number = |meeting: &Meeting| {
-            self.meetings().position(|known| known.as_ref().is_some_and(|k| k.is_at(meeting)))
-        };
-        self.way_between(number(from)?, number(to)?, newcomer)
+        self.way_between(self.number(from)?, self.number(to)?, newcomer)
     }
 
-    /// Returns the path of [`MeetingTable::way`] between the meetings with two numbers: 0..24 is a
-    /// grasp, by the number of its rotation, and 24..30 a view, in the order of `views`.
+    /// Returns the number of a meeting in the table: 0..24 is a grasp, by the number of its
+    /// rotation, and 24..30 a view, in the order of `views`. `None` if the table lacks it.
+    #[must_use]
+    pub fn number(&self, meeting: &Meeting) -> Option<usize> {
+        self.meetings().position(|known| known.as_ref().is_some_and(|known| known.is_at(meeting)))
+    }
+
+    /// Returns the path of [`MeetingTable::way`] between the meetings with two numbers: see
+    /// [`MeetingTable::number`].
     #[must_use]
     pub fn way_between(&self, from: usize, to: usize, newcomer: usize) -> Option<&MeetingPath> {
         self.ways.get((from * MEETINGS + to) * 2 + newcomer)?.as_ref()
     }
 
-    /// Returns the joint positions of both arms where a path to or from the meeting with this number
-    /// ends: a newcomer to a grasp is still retracted from the cube, one that only looks is at the
-    /// meeting itself.
+    /// Returns the joint positions of both arms where a path to or from the meeting with this
+    /// number ends: a newcomer to a grasp is still retracted from the cube, one that only looks is
+    /// at the meeting itself.
     #[must_use]
     pub fn place(&self, number: usize, newcomer: usize) -> Option<[JointPositions; 2]> {
         let meeting = self.meetings().nth(number)?.as_ref()?;

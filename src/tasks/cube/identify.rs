@@ -14,7 +14,7 @@
 //! their order counts.
 
 use super::hold::{Grip, Hand, Hold, Step};
-use super::plan::{Depths, NoPlan, Reach, Rule, Stop, Terms, compatible};
+use super::plan::{Depths, NoPlan, Reach, Stop, Terms, compatible};
 use crate::cube::{Face, Rotation24, rotation_index};
 use crate::motion::Depth;
 use std::cmp::Reverse;
@@ -64,7 +64,7 @@ pub fn looks(
     };
     // An unwanted face counts as seen from the beginning, so every goal is the full set.
     let seen = (0..6).filter(|&f| !wanted.faces[f]).fold(0, |set, f| set | 1 << f);
-    let grip = search.number(start.1);
+    let grip = grip_number(start.1);
     search.quickest(State { hand: start.0, grip, seen, at: None }).ok_or(NoPlan::Unseen)
 }
 
@@ -105,6 +105,11 @@ enum Move {
     HandOver(Hand, Grip),
 }
 
+/// Returns the number of a grip: that of its rotation, and 24 more if it is over two layers.
+fn grip_number(grip: Grip) -> usize {
+    grip.rotation().index() + if grip.hold.depth == Depth::Two { 24 } else { 0 }
+}
+
 /// Data of one search.
 struct Search<'a, R: Reach> {
     /// Grips by their numbers.
@@ -115,11 +120,6 @@ struct Search<'a, R: Reach> {
 }
 
 impl<R: Reach> Search<'_, R> {
-    /// Returns the number of a grip: that of its rotation, and 24 more if it is over two layers.
-    fn number(&self, grip: Grip) -> usize {
-        grip.rotation().index() + if grip.hold.depth == Depth::Two { 24 } else { 0 }
-    }
-
     /// Returns the steps of the quickest path from `start` to a state in which all faces were seen.
     fn quickest(&self, start: State) -> Option<Vec<Step>> {
         let none = Best { seconds: f64::INFINITY, from: None };
@@ -183,8 +183,8 @@ impl<R: Reach> Search<'_, R> {
         meets.then(|| Stop::grasp(rotation_index(&(track.inverse() * postument)) as u8))
     }
 
-    /// Iterates over the wanted faces of a held cube that the other hand's camera can see, each with
-    /// its side: +z, +x or -x of the holder's tool, in the order of the table of meetings.
+    /// Iterates over the wanted faces of a held cube that the other hand's camera can see, each
+    /// with its side: +z, +x or -x of the holder's tool, in the order of the table of meetings.
     fn views(&self, holder: Hand, grip: Grip) -> impl Iterator<Item = (usize, Face)> {
         let rotation: Rotation24 = grip.rotation();
         let sides = [Face::U, Face::R, Face::L].into_iter().enumerate();
@@ -222,7 +222,7 @@ fn written(end: usize, best: &[Best], states: &[Option<State>]) -> Vec<Step> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::plan::{ArmsAt, Everywhere, RollLimits};
+    use super::super::plan::{ArmsAt, Everywhere, RollLimits, Rule};
     use super::super::replay::replay;
     use super::*;
     use crate::cube::{Axis, Facelets};
@@ -318,7 +318,9 @@ mod tests {
         let (hand, grip) = start(Depth::One);
         let sides = [Face::L, Face::U, Face::R].map(|side| grip.rotation().face(side));
         let mut faces = [false; 6];
-        sides.iter().for_each(|face| faces[face.index()] = true);
+        for face in sides {
+            faces[face.index()] = true;
+        }
         let wanted = Wanted { faces, hidden: Vec::new() };
 
         let steps = looks((hand, grip), &wanted, &Terms::of(Rule::Clearance), &InOrder).unwrap();

@@ -1,13 +1,13 @@
 //! The settings of the cube task, and the costs of a plan that follow from them. SI units.
 //!
 //! The times of a plan's motions follow from the speeds, except for the times below, which were
-//! measured in the plant. With them the time that a plan expects is within 4 % of the time that the
+//! measured in the plant. With them the time that a plan expects is within 3 % of the time that the
 //! mission takes (`tests/user/missions.rs`).
 //!
 //! | part of a grasp | constant | reason |
 //! |---|---|---|
 //! | both force sensors are zeroed | `BIAS` | the EDP waits until the arm is at rest |
-//! | opening jaws come to rest | `OPENED` | the hand leaves only after that |
+//! | opening jaws come to rest | `OPENED` | a stroke is over when the jaws stand |
 //! | contact is detected | `NOTICED` | the touch force must persist for some macrosteps |
 //! | the cube is seated in the palm | `SEATING` | pressing lasts until the force settles |
 //! | start of the guarded approach | `SHORT` | it varies with the belief; this is the mean |
@@ -137,11 +137,11 @@ pub struct CubeSettings {
 /// Time in which both force sensors are zeroed before a grasp (s).
 const BIAS: f64 = 0.13;
 /// Time in which opening jaws come to rest (s).
-const OPENED: f64 = 0.17;
+const OPENED: f64 = 0.09;
 /// Time from a contact to its detection (s).
 const NOTICED: f64 = 0.1;
 /// Time in which the cube is seated in the palm (s).
-const SEATING: f64 = 0.58;
+const SEATING: f64 = 0.6;
 /// Mean distance from the cube at which a guarded approach begins, over 300 grasps (m).
 const SHORT: f64 = 0.0055;
 
@@ -163,7 +163,7 @@ impl CubeSettings {
         // is not in it: `Reach::travel` adds it, since it depends on both meetings.
         let line = |way: f64| self.speeds.line_seconds(way, 0.0, self.speed);
         let stroke = self.regrasp_opening - self.edge;
-        let open = (stroke / self.jaw_speeds.1).max(self.jaw_leave) + OPENED;
+        let open = (stroke / self.jaw_speeds.1 + OPENED).max(self.jaw_leave);
         let close = grasp::closing_seconds(stroke, self.jaw_speeds.0, self.jaw_reach);
         // The mission starts the approach farther away where its belief is uncertain, so the
         // setting alone would be too short.

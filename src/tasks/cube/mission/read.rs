@@ -18,7 +18,7 @@ use super::steps::carry_out_step;
 use super::{questions, sight};
 use crate::cube::{Face, facelet_place};
 use crate::tasks::cube::hold::Step;
-use crate::tasks::cube::plan::Planner;
+use crate::tasks::cube::plan::{Planner, Stop};
 use crate::tasks::cube::think::{Answer, Conclusion, Doubt, NoAnswer, Thought};
 
 /// Rounds of looks, the second at another exposure.
@@ -59,8 +59,14 @@ pub(super) async fn read_and_plan(robot: &mut Robot) -> Result<Vec<Step>, Failur
 /// Returns the looks that show the stickers not seen yet.
 fn missing_looks(robot: &mut Robot) -> Result<Vec<Step>, String> {
     let start = robot.held_alone()?;
-    let planner = Planner::new(&robot.settings);
+    let planner = Planner::new(&robot.settings).starting_at(place(robot));
     planner.looks_at(start, robot.sight.wanted()).map_err(|e| e.to_string())
+}
+
+/// Returns the meeting at which the hands are; `None` if they are apart or have not met yet.
+fn place(robot: &Robot) -> Option<Stop> {
+    let meeting = robot.meeting.filter(|_| !robot.apart)?;
+    robot.settings.meetings.number(&meeting).and_then(Stop::numbered)
 }
 
 /// Carries out looks. After a face that stays hidden the looks are planned again, with other grasps
@@ -124,7 +130,7 @@ fn thought(robot: &Robot) -> Result<Thought, String> {
         given: robot.given,
         start: robot.held_alone()?,
         strategy: s.strategy.clone(),
-        planner: Planner::new(s),
+        planner: Planner::new(s).starting_at(place(robot)),
         nodes: s.nodes,
         candidates: s.candidates,
         seconds_per_node: s.seconds_per_node,

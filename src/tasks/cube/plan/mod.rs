@@ -19,7 +19,7 @@
 //! | candidates are cut off by a bound | `search::Moves::tails` | it is never above the true cost |
 //! | half turns roll where there is more room | `search::rolls_within` | as in the mission |
 //! | 0.12 rad of a wrist's range stay free | `travel::ROLL_MARGIN` | cubes are tilted in a hand |
-//! | the first path takes the mean of all | `travel::Reachable` | it begins at no meeting |
+//! | a path from no meeting takes the mean of all | `travel::Reachable` | it is unknown |
 //! | 15 s where the arms are unknown | `travel::TYPICAL_SECONDS` | comparisons without a cell |
 //! | measured parts of a grasp | [`settings`](super::settings) | speeds do not explain them |
 //!

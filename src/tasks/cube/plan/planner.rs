@@ -11,7 +11,7 @@ use super::super::hold::{Grip, Hand, Hold, Step, hands_after};
 use super::super::identify::{self, Wanted};
 use super::super::settings::CubeSettings;
 use super::terms::{Rule, Terms};
-use super::travel::Reachable;
+use super::travel::{Reachable, Stop};
 use super::{NoPlan, Plan};
 use crate::cube::{Axis, Cube, Face, Turn};
 use crate::motion::Depth;
@@ -48,6 +48,13 @@ impl Planner {
             reach: Reachable::new(settings.meetings.clone(), &settings.speeds),
             terms: settings.terms(),
         }
+    }
+
+    /// Returns this planner for plans that begin with the hands at a meeting; `None` if they are at
+    /// none.
+    #[must_use]
+    pub fn starting_at(self, meeting: Option<Stop>) -> Self {
+        Self { reach: self.reach.starting_at(meeting), ..self }
     }
 
     /// Returns a planner for the same arms and costs that plans by another rule, with the depths

@@ -57,6 +57,12 @@ impl Stop {
         Self((GRASPS + holder.index() * SIDES + side) as u8)
     }
 
+    /// Returns the meeting with this number in the table, if there is one.
+    #[must_use]
+    pub fn numbered(number: usize) -> Option<Self> {
+        (number < Self::COUNT).then_some(Self(number as u8))
+    }
+
     /// Returns the number of the meeting, less than [`Stop::COUNT`].
     #[must_use]
     pub fn number(self) -> usize {
@@ -85,11 +91,11 @@ pub trait Reach {
 
     /// Returns the time of the path to the grasp number `meeting` (s). It begins at `from`, with
     /// `newcomer` retracted from the cube, and ends where `newcomer` is before the cube again.
-    /// `None` stands for an unknown start.
+    /// `None` stands for the start of the plan.
     fn travel(&self, from: Option<ArmsAt>, newcomer: Hand, meeting: u8) -> f64;
 
     /// Returns the time of the path from one meeting to another (s) with the wrists where the
-    /// meetings have them. `newcomer` is the free hand. `None` stands for an unknown start.
+    /// meetings have them. `newcomer` is the free hand. `None` stands for the start of the plan.
     fn path(&self, from: Option<Stop>, to: Stop, newcomer: Hand) -> f64;
 
     /// Returns a lower bound of the time of all paths (s).
@@ -136,8 +142,10 @@ pub struct Reachable {
     seconds: Vec<f32>,
     /// Least of them (s).
     least: f64,
-    /// Mean of the known ones, for the first path, which begins at no meeting (s).
+    /// Mean of the known ones, for a path that begins at no meeting (s).
     mean: f64,
+    /// Meeting at which the hands are when a plan begins.
+    start: Option<Stop>,
 }
 
 /// Roll that stays free at both ends of a range (rad). The wrist rolls on by the twist between the
@@ -187,7 +195,20 @@ impl Reachable {
         }
         let least = seconds.iter().copied().fold(TYPICAL_SECONDS as f32, f32::min);
         let mean = if known > 0 { sum / f64::from(known) } else { TYPICAL_SECONDS };
-        Self { table, speeds: *speeds, seconds, least: f64::from(least), mean }
+        Self { table, speeds: *speeds, seconds, least: f64::from(least), mean, start: None }
+    }
+
+    /// Returns the same reach for plans that begin with the hands at this meeting; `None` if they
+    /// are at no meeting.
+    #[must_use]
+    pub fn starting_at(mut self, start: Option<Stop>) -> Self {
+        self.start = start;
+        let hands = [Hand::Track, Hand::Postument];
+        let first = (0..GRASPS as u8)
+            .flat_map(|grasp| hands.map(|newcomer| self.path(None, Stop::grasp(grasp), newcomer)));
+        // The lower bound holds for the first path as well.
+        self.least = first.fold(self.least, f64::min);
+        self
     }
 }
 
@@ -242,11 +263,14 @@ impl Reach for Reachable {
     }
 
     fn travel(&self, from: Option<ArmsAt>, newcomer: Hand, meeting: u8) -> f64 {
-        from.map_or(self.mean, |from| f64::from(self.seconds[slot(from, newcomer, meeting)]))
+        match from {
+            Some(from) => f64::from(self.seconds[slot(from, newcomer, meeting)]),
+            None => self.path(None, Stop::grasp(meeting), newcomer),
+        }
     }
 
     fn path(&self, from: Option<Stop>, to: Stop, newcomer: Hand) -> f64 {
-        let known = from.and_then(|from| {
+        let known = from.or(self.start).and_then(|from| {
             seconds_between(&self.table, &self.speeds, (from, to), [0; 2], newcomer)
         });
         known.unwrap_or(self.mean)
@@ -254,5 +278,61 @@ impl Reach for Reachable {
 
     fn least_travel(&self) -> f64 {
         self.least
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::generators::profile::Profile;
+    use crate::motion::AXES;
+    use crate::reach::Meeting;
+    use crate::spatial::Pose;
+
+    /// Returns the reach of a table with one grasp and one view, `apart` from each other (rad).
+    fn reach(apart: f64) -> Reachable {
+        let at = |angle: f64| {
+            let joints = JointPositions([0.0, angle, 0.0, 0.0, 0.0, 0.0, 0.0]);
+            Some(Meeting {
+                track_from_postument: Pose::identity(),
+                track: joints,
+                postument: joints,
+                track_back: joints,
+                postument_back: joints,
+                track_roll: (-PI, PI),
+                postument_roll: (-PI, PI),
+                clearance: 0.1,
+            })
+        };
+        let mut table = MeetingTable {
+            grasps: [None; 24],
+            views: [[None; 3]; 2],
+            separation: 0.1,
+            ways: Vec::new(),
+        };
+        (table.grasps[5], table.views[0][1]) = (at(0.0), at(apart));
+        let speeds = Speeds {
+            joint: [1.0; AXES],
+            joint_acceleration: [100.0; AXES],
+            linear: 1.0,
+            linear_acceleration: 1.0,
+            angular: 1.0,
+            angular_acceleration: 1.0,
+            profile: Profile { ramp: 0.1 },
+        };
+        Reachable::new(table, &speeds)
+    }
+
+    #[test]
+    fn first_path_begins_where_the_hands_are() {
+        let first = |reach: &Reachable| reach.travel(None, Hand::Postument, 5);
+        let unknown = first(&reach(1.0));
+        let view = Some(Stop::view(Hand::Track, 1));
+
+        let [near, far] = [1.0, 2.0].map(|apart| reach(apart).starting_at(view));
+
+        assert!((first(&far) - first(&near) - 1.0).abs() < 1e-9, "1 rad at 1 rad/s");
+        assert!((first(&far) - unknown).abs() > 0.1, "the mean does not depend on the start");
+        assert!(first(&near) >= near.least_travel() && near.least_travel() > 0.0);
     }
 }
