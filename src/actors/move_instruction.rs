@@ -177,9 +177,10 @@ fn tool_distance(arm: &ArmState, target: &Pose) -> (f64, f64) {
 pub enum Ending {
     /// A fast motion first slows down in its generator.
     Slowing,
-    /// The servo brakes the motors at once, as it does for an arm that met an obstacle. Both arms
-    /// of a motion then brake alike, so that neither leaves the common path: an arm that slowed
-    /// down more gently would go 15 to 27 mm farther than its partner.
+    /// A motion on a path through free space ends at once, and the servo brakes the motors as it
+    /// does for an arm that met an obstacle. Both arms then brake alike, so that neither leaves
+    /// their common path: an arm that slowed down more gently would go 15 to 27 mm farther than its
+    /// partner. Other motions slow down.
     AtOnce,
 }
 
@@ -217,7 +218,9 @@ impl MoveInstruction {
     /// Ends the motion at the request of the superior actor. Returns `true` if the motion is over
     /// at once, `false` if it is fast and first slows down.
     pub fn end(&mut self, ending: Ending) -> bool {
-        if ending == Ending::AtOnce {
+        // A turn and a visual servo share no path with the partner, and the motor of a turning wrist
+        // cannot stop so fast against the layer.
+        if ending == Ending::AtOnce && self.free_limit.is_some() {
             return true;
         }
         // The others are slow or yield to forces. The servo smooths what is left of their speed.

@@ -509,8 +509,10 @@ impl Robot {
         let chained = partner_holds && !self.apart;
         let yields = (chained || theirs) && self.trust == Trust::Believed;
         let s = &self.settings;
-        // Between two hands the cube's position is known to a millimetre or two.
-        let opening = if partner_holds { s.regrasp_opening } else { s.opening };
+        // Between two hands the cube's position is known to a millimetre or two. A layer that is
+        // misaligned is wider than the cube: fingers with little room hit its corners with 55 N.
+        let narrow = partner_holds && self.turn_in_progress.is_none();
+        let opening = if narrow { s.regrasp_opening } else { s.opening };
         Behaviour::Jaw {
             jaw: JawCommand { opening, force_limit: s.grip, stops },
             seconds: s.jaw_leave,
