@@ -218,8 +218,8 @@ impl MoveInstruction {
     /// Ends the motion at the request of the superior actor. Returns `true` if the motion is over
     /// at once, `false` if it is fast and first slows down.
     pub fn end(&mut self, ending: Ending) -> bool {
-        // A turn and a visual servo share no path with the partner, and the motor of a turning wrist
-        // cannot stop so fast against the layer.
+        // A turn and a visual servo share no path with the partner, and the motor of a turning
+        // wrist cannot stop so fast against the layer.
         if ending == Ending::AtOnce && self.free_limit.is_some() {
             return true;
         }

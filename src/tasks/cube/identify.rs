@@ -4,8 +4,9 @@
 //!   times between them, the wanted faces, and the faces that stay hidden in some hold
 //! - out: steps that begin with the one hand's grip and end with one hand holding alone; each
 //!   wanted face is looked at once
-//! - method: a shortest path (Dijkstra) over holder, grip, set of seen faces, and the meeting at
-//!   which the hands are
+//! - method: a shortest path (A*) over holder, grip, set of seen faces, and the meeting at which the
+//!   hands are. Each unseen face takes at least the time of the shortest path to a view. All times
+//!   and meetings are tabulated first, since MP waits for the search: it takes some milliseconds
 //!
 //! A held cube shows the face opposite the palm and the two that are not under the jaws. The table
 //! of meetings says before which of them the camera in the other hand can be brought. If it reaches
@@ -56,12 +57,7 @@ pub fn looks(
     terms: &Terms,
     reach: &impl Reach,
 ) -> Result<Vec<Step>, NoPlan> {
-    let search = Search {
-        grips: Grip::all(Depth::One).chain(Grip::all(Depth::Two)).collect(),
-        wanted,
-        terms,
-        reach,
-    };
+    let search = Search::new(wanted, terms, reach);
     // An unwanted face counts as seen from the beginning, so every goal is the full set.
     let seen = (0..6).filter(|&f| !wanted.faces[f]).fold(0, |set, f| set | 1 << f);
     let grip = grip_number(start.1);
@@ -111,27 +107,92 @@ fn grip_number(grip: Grip) -> usize {
 }
 
 /// Data of one search.
-struct Search<'a, R: Reach> {
+struct Search {
     /// Grips by their numbers.
     grips: Vec<Grip>,
-    wanted: &'a Wanted,
-    terms: &'a Terms,
-    reach: &'a R,
+    /// Number of grips in which a hand may grasp.
+    choices: usize,
+    /// Meeting of two grips: `[track grip * GRIPS + postument grip]`; `None` where both hands cannot
+    /// hold so.
+    meetings: Vec<Option<Stop>>,
+    /// Times of paths (s): `[(place * Stop::COUNT + meeting) * 2 + free hand]`, where place 0 is the
+    /// start.
+    seconds: Vec<f64>,
+    /// Visible wanted faces with their sides, `[hand * GRIPS + grip]`: see [`views`].
+    views: Vec<Vec<(usize, Face)>>,
+    /// Time of a hand-over without its path (s).
+    grasp: f64,
+    /// Least time of a path to a view (s).
+    least: f64,
 }
 
-impl<R: Reach> Search<'_, R> {
+impl Search {
+    /// Tabulates the meetings, times and views.
+    fn new(wanted: &Wanted, terms: &Terms, reach: &impl Reach) -> Self {
+        let grips: Vec<Grip> = Grip::all(Depth::One).chain(Grip::all(Depth::Two)).collect();
+        // The meeting depends on the rotations alone, so depths share it.
+        let rotations: Vec<_> = grips[..24].iter().map(|g| g.rotation().quaternion()).collect();
+        let by_rotation: Vec<Option<Stop>> = rotations
+            .iter()
+            .flat_map(|track| rotations.iter().map(move |postument| (track, postument)))
+            .map(|(track, postument)| {
+                reach.grasp(*track, *postument)?;
+                Some(Stop::grasp(rotation_index(&(track.inverse() * postument)) as u8))
+            })
+            .collect();
+        let meetings = (0..GRIPS * GRIPS)
+            .map(|pair| {
+                let (track, postument) = (pair / GRIPS, pair % GRIPS);
+                let meets = compatible(grips[track].hold, grips[postument].hold, terms.rule);
+                by_rotation[track % 24 * 24 + postument % 24].filter(|_| meets)
+            })
+            .collect();
+        let hands = [Hand::Track, Hand::Postument];
+        let seconds: Vec<f64> = (0..PLACES * Stop::COUNT * 2)
+            .filter_map(|n| {
+                let (place, to, hand) = (n / 2 / Stop::COUNT, n / 2 % Stop::COUNT, hands[n % 2]);
+                let from = place.checked_sub(1).and_then(Stop::numbered);
+                Some(reach.path(from, Stop::numbered(to)?, hand))
+            })
+            .collect();
+        let to_views = seconds.iter().enumerate().filter(|(n, _)| n / 2 % Stop::COUNT >= 24);
+        Self {
+            choices: if terms.depths == Depths::One { 24 } else { GRIPS },
+            meetings,
+            views: (0..2 * GRIPS)
+                .map(|n| views(hands[n / GRIPS], grips[n % GRIPS], wanted, reach))
+                .collect(),
+            grasp: terms.costs.grasp,
+            least: to_views.map(|(_, seconds)| *seconds).fold(f64::INFINITY, f64::min),
+            seconds,
+            grips,
+        }
+    }
+
+    /// Returns the time of a path (s).
+    fn path(&self, from: Option<Stop>, to: Stop, free: Hand) -> f64 {
+        let place = from.map_or(0, |from| 1 + from.number());
+        self.seconds[(place * Stop::COUNT + to.number()) * 2 + free.index()]
+    }
+
+    /// Returns a lower bound of the time until all faces were seen (s).
+    fn rest(&self, state: &State) -> f64 {
+        f64::from((ALL & !state.seen).count_ones()) * self.least
+    }
+
     /// Returns the steps of the quickest path from `start` to a state in which all faces were seen.
     fn quickest(&self, start: State) -> Option<Vec<Step>> {
         let none = Best { seconds: f64::INFINITY, from: None };
         let mut best = vec![none; 2 * GRIPS * SETS * PLACES];
         best[start.index()].seconds = 0.0;
         // A positive number and its bits, read as an integer, have the same order.
-        let mut open = BinaryHeap::from([Reverse((0.0_f64.to_bits(), start.index()))]);
+        let mut open = BinaryHeap::from([Reverse((self.rest(&start).to_bits(), start.index()))]);
         let mut states = vec![None; best.len()];
         states[start.index()] = Some(start);
         while let Some(Reverse((bits, index))) = open.pop() {
-            let (seconds, state) = (f64::from_bits(bits), states[index]?);
-            if seconds > best[index].seconds {
+            let (seconds, state) = (best[index].seconds, states[index]?);
+            // The state was reached sooner after this entry.
+            if f64::from_bits(bits) > seconds + self.rest(&state) {
                 continue;
             }
             if state.seen == ALL {
@@ -143,7 +204,7 @@ impl<R: Reach> Search<'_, R> {
                 if seconds < best[to].seconds - 1e-9 {
                     best[to] = Best { seconds, from: Some((index, step)) };
                     states[to] = Some(next);
-                    open.push(Reverse((seconds.to_bits(), to)));
+                    open.push(Reverse(((seconds + self.rest(&next)).to_bits(), to)));
                 }
             });
         }
@@ -153,49 +214,40 @@ impl<R: Reach> Search<'_, R> {
     /// Calls `reached` for each look and each hand-over that is possible in a state: with the state
     /// after it, the step, and its time (s).
     fn expand(&self, state: State, mut reached: impl FnMut(State, Move, f64)) {
-        let (viewer, held) = (state.hand.other(), self.grips[state.grip]);
-        for (side, face) in self.views(state.hand, held) {
+        let viewer = state.hand.other();
+        for &(side, face) in &self.views[state.hand.index() * GRIPS + state.grip] {
             let bit = 1 << face.index();
             if state.seen & bit == 0 {
                 let at = Stop::view(state.hand, side);
                 let next = State { seen: state.seen | bit, at: Some(at), ..state };
-                reached(next, Move::Look(face), self.reach.path(state.at, at, viewer));
+                reached(next, Move::Look(face), self.path(state.at, at, viewer));
             }
         }
-        let count = if self.terms.depths == Depths::One { 24 } else { GRIPS };
-        for (number, &grip) in self.grips.iter().enumerate().take(count) {
-            if let Some(at) = self.meeting((state.hand, held), grip) {
-                let next = State { hand: viewer, grip: number, at: Some(at), ..state };
-                let seconds = self.reach.path(state.at, at, viewer) + self.terms.costs.grasp;
-                reached(next, Move::HandOver(viewer, grip), seconds);
+        for (grip, &newcomer) in self.grips.iter().enumerate().take(self.choices) {
+            let (track, postument) =
+                if viewer == Hand::Track { (grip, state.grip) } else { (state.grip, grip) };
+            if let Some(at) = self.meetings[track * GRIPS + postument] {
+                let next = State { hand: viewer, grip, at: Some(at), ..state };
+                let seconds = self.path(state.at, at, viewer) + self.grasp;
+                reached(next, Move::HandOver(viewer, newcomer), seconds);
             }
         }
     }
+}
 
-    /// Returns the meeting at which the free hand can grasp the cube in the grip `newcomer` while
-    /// the other hand holds it; `None` if it cannot.
-    fn meeting(&self, (hand, held): (Hand, Grip), newcomer: Grip) -> Option<Stop> {
-        let (track, postument) =
-            if hand == Hand::Track { (held, newcomer) } else { (newcomer, held) };
-        let (track, postument) = (track.rotation().quaternion(), postument.rotation().quaternion());
-        let meets = compatible(held.hold, newcomer.hold, self.terms.rule)
-            && self.reach.grasp(track, postument).is_some();
-        meets.then(|| Stop::grasp(rotation_index(&(track.inverse() * postument)) as u8))
-    }
-
-    /// Iterates over the wanted faces of a held cube that the other hand's camera can see, each
-    /// with its side: +z, +x or -x of the holder's tool, in the order of the table of meetings.
-    fn views(&self, holder: Hand, grip: Grip) -> impl Iterator<Item = (usize, Face)> {
-        let rotation: Rotation24 = grip.rotation();
-        let sides = [Face::U, Face::R, Face::L].into_iter().enumerate();
-        sides
-            .filter(move |(side, _)| self.reach.view(holder, *side))
-            .map(move |(side, normal)| (side, rotation.face(normal)))
-            .filter(move |&(_, face)| {
-                self.wanted.faces[face.index()]
-                    && !self.wanted.hidden.contains(&(holder, grip.hold, face))
-            })
-    }
+/// Returns the wanted faces of a held cube that the other hand's camera can see, each with its side:
+/// 0 is +z, 1 is +x and 2 is -x of the holder's tool.
+fn views(holder: Hand, grip: Grip, wanted: &Wanted, reach: &impl Reach) -> Vec<(usize, Face)> {
+    let rotation: Rotation24 = grip.rotation();
+    [Face::U, Face::R, Face::L]
+        .into_iter()
+        .enumerate()
+        .filter(|(side, _)| reach.view(holder, *side))
+        .map(|(side, normal)| (side, rotation.face(normal)))
+        .filter(|&(_, face)| {
+            wanted.faces[face.index()] && !wanted.hidden.contains(&(holder, grip.hold, face))
+        })
+        .collect()
 }
 
 /// Returns the steps that lead to the state with the index `end`.
