@@ -4,7 +4,7 @@
 //! - out: the summary, as a table or as one line of JSON; a recording; files for a later resume
 //! - exit code: that of the summary
 
-use super::arguments::ScenarioArgs;
+use super::arguments::{ScenarioArgs, check_devices};
 use super::output::{Output, clash, complain, refuse};
 use super::record;
 use super::ui::{Ui, UiArgs};
@@ -131,6 +131,7 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     let keep =
         saved_files(&args.keep, scenario.bridge.kind, scenario.controller.task).map_err(refuse)?;
     check_outputs(args, &keep)?;
+    check_devices(&scenario)?;
 
     let desk = Desk::default();
     let kind = args.ui.kind(args.json);
