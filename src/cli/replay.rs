@@ -60,6 +60,7 @@ pub(super) struct ReplayArgs {
 
 /// Shows or verifies a recording; returns the exit code.
 pub(super) fn run(args: &ReplayArgs, output: &mut Output) -> anyhow::Result<u8> {
+    args.ui.check().map_err(refuse)?;
     let (label, scenario) = load(&args.recording).map_err(refuse)?;
     if !args.verify {
         return show(args, &scenario);

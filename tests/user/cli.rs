@@ -117,6 +117,8 @@ fn invalid_speeds_and_addresses_exit_with_2() {
         (["--speed", "1e-300"], "--speed"),
         (["--speed", "0.001"], "--speed"),
         (["--listen", "everywhere"], "--listen everywhere"),
+        (["--ui=none", "--listen=everywhere"], "--listen: --ui none has no page"),
+        (["--ui=none", "--host=robot.example"], "--host: --ui none has no page"),
         // An address that is reserved for documentation, so no machine has it.
         (["--listen", "192.0.2.1:80"], "192.0.2.1"),
     ] {
