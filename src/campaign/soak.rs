@@ -204,7 +204,7 @@ fn perform(scenario: &Scenario) -> Option<RunResult> {
         quiet: true,
         interruptible: true,
         // A thread cannot be killed, so a run that hangs ends the process.
-        stuck: Some(|error| {
+        stuck: Some(|error, _| {
             eprintln!("{error}; the soak ends here");
             std::process::exit(4);
         }),

@@ -9,6 +9,7 @@
 use super::result::{Figures, Mishaps, RunResult, Verdict};
 use super::state::{Header, SEVERAL, State};
 use super::statistics::{Spread, wilson};
+use crate::hw::text::quoted;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -179,7 +180,7 @@ impl Tally {
     pub fn command(&self, run: &RunResult) -> String {
         let mut words = vec![
             "rubik-robot run".to_owned(),
-            quoted(&self.header.scenario),
+            quoted(&self.header.scenario).into_owned(),
             format!("--seed {}", run.seed),
         ];
         // The order of `Runner::command`, so that the repeated run reads the same scenario.
@@ -334,17 +335,6 @@ pub(super) fn figure(value: f64, decimals: usize) -> String {
     }
     let decimals = decimals.max(usize::from(value.fract() != 0.0));
     format!("{value:.decimals$}")
-}
-
-/// Quotes a word for a shell, where it needs quotes.
-fn quoted(word: &str) -> String {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=+,:@%".contains(c);
-    if !word.is_empty() && word.chars().all(plain) {
-        return word.to_owned();
-    }
-    // Between single quotes only the quote itself is special: close, add an escaped one, open
-    // again.
-    format!("'{}'", word.replace('\'', "'\\''"))
 }
 
 fn row(table: &mut String, name: &str, value: &str) {
@@ -506,7 +496,6 @@ mod tests {
             ),
             "{table}"
         );
-        assert_eq!(quoted("it's"), "'it'\\''s'");
     }
 
     #[test]

@@ -1,5 +1,8 @@
 //! Arguments that several commands take.
 
+use super::output::refuse;
+use crate::hw::devices::{self, NAME_DEVICES};
+use crate::hw::text;
 use crate::scenario::{self, Override, Scenario};
 use crate::vision::Lens;
 use clap::Args;
@@ -80,6 +83,20 @@ pub(super) fn check_centre(lens: &Lens, width: u32, height: u32) -> Result<(), S
         "the principal point ({x}, {y}) is outside of the picture of {width} x {height} px: the \
          optics seem to be of another resolution{of}: scale fx, fy, cx and cy to this one"
     ))
+}
+
+/// Refuses to begin on hardware without the file of its devices.
+///
+/// # Errors
+/// The file cannot be read, with what to do.
+pub(super) fn check_devices(scenario: &Scenario) -> anyhow::Result<()> {
+    if !scenario.bridge.kind.is_hardware() {
+        return Ok(());
+    }
+    let path = scenario.bridge.devices_at(&scenario.path);
+    devices::read(&path).map(|_| ()).map_err(|why| {
+        refuse(format!("bridge.devices: {}; {NAME_DEVICES}", text::Unread::new(&path, why)))
+    })
 }
 
 /// Parses the value of an option that must be a finite number above 0.

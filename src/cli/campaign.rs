@@ -70,7 +70,7 @@ pub(super) struct CampaignArgs {
     /// Override of a key in all runs, as in control.grip_n=30; repeatable
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Number of runs, over all shards
+    /// Number of runs, over all shards; required without --soak
     #[arg(long, value_name = "N", required_unless_present = "soak",
           value_parser = clap::value_parser!(u64).range(1..=MOST_RUNS))]
     runs: Option<u64>,
@@ -101,7 +101,7 @@ pub(super) struct CampaignArgs {
     /// Run missions one after the other in one process for HOURS of simulated time
     ///
     /// The soak reports how much the memory grows, and whether missions with the same seed drift
-    /// apart in time.
+    /// apart in time. Without --at-least each of its missions must be solved.
     #[arg(long, value_name = "HOURS",
           conflicts_with_all = ["runs", "jobs", "vary", "shard", "state", "output"])]
     soak: Option<f64>,
@@ -114,7 +114,7 @@ pub(super) struct CampaignArgs {
 /// Options of the report.
 #[derive(Debug, Args)]
 pub(super) struct ResultArgs {
-    /// Exit with 1 if a smaller share of the runs is solved [default of a soak: 1]
+    /// Exit with 1 if a smaller share of the runs is solved [default: no limit]
     #[arg(long, value_name = "SHARE")]
     at_least: Option<f64>,
     /// Write the report to FILE (HTML)
@@ -198,8 +198,7 @@ pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8
 
 /// Reads the file of `--vary`; returns its text as well, which the state file keeps.
 fn read_vary(path: &Path) -> Result<(String, Variations), String> {
-    let text =
-        text::read(path, text::SCENARIO).map_err(|e| format!("--vary: {}: {e}", path.display()))?;
+    let text = text::read(path, text::SCENARIO).map_err(|why| format!("--vary: {why}"))?;
     let vary = Variations::read(path, &text).map_err(|faults| faults.to_string())?;
     Ok((text, vary))
 }
@@ -212,10 +211,9 @@ fn merge(files: &[PathBuf], result: &ResultArgs, output: &mut Output) -> anyhow:
     clash(&inputs, &[("-o", result.output.as_ref())])?;
     let (mut whole, mut shards): (Option<State>, _) = (None, Vec::new());
     for path in files {
-        let read =
-            File::open(path).map_err(Unusable::from).map(BufReader::new).and_then(State::read);
         let unusable = |why: &dyn std::fmt::Display| refuse(format!("{}: {why}", path.display()));
-        let state = read.map_err(|why| unusable(&why))?;
+        let file = text::open_any(path).map_err(refuse)?;
+        let state = State::read(BufReader::new(file)).map_err(|why| unusable(&why))?;
         if state.torn {
             complain(&format!("{}: its last line was cut off and is left out", path.display()));
         }
@@ -425,7 +423,7 @@ impl Campaign {
         }
         let path = &args.scenario;
         let unread = |e| format!("{}: {e}", path.display());
-        let text = scenario::text(path).map_err(unread)?;
+        let text = scenario::text(path).map_err(|unread| unread.to_string())?;
         let sum = sum(path, &scenario).map_err(unread)?;
         let header = Header {
             version: env!("CARGO_PKG_VERSION").to_owned(),

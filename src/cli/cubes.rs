@@ -6,6 +6,7 @@
 //! Facelets are named by face and number in reading order: U1..U9, R1.., F, D, L, B.
 
 use super::image_file::load;
+use super::output::{WRONG, code_of};
 use crate::hw::text;
 use crate::vision::colours::{Decision, LETTERS, Undecided, decide_cube, face_letter};
 use crate::vision::{DetectorSettings, FaceSighting, detect};
@@ -22,6 +23,8 @@ pub(super) enum Refused {
     Colours(Undecided),
     /// Unusable file or picture.
     Input(anyhow::Error),
+    /// Unusable pictures of a cube: the reasons with the names of the files, and the exit code.
+    Pictures(String, u8),
 }
 
 impl From<Undecided> for Refused {
@@ -77,8 +80,10 @@ struct Line {
     text: String,
     /// The same for programs, without the name of the file.
     json: Value,
-    /// Whether the cube was read.
-    read: bool,
+    /// Exit code: 0 if the cube was read.
+    code: u8,
+    /// Whether the words name the file.
+    names_file: bool,
 }
 
 impl Line {
@@ -100,7 +105,7 @@ impl Line {
             json["correction"] = correction.into();
             let _ = write!(text, "; put right: {correction}");
         }
-        Self { text, json, read: true }
+        Self { text, json, code: 0, names_file: false }
     }
 
     /// Makes the line of a refusal that shows what was read, so that the wrong stickers can be
@@ -110,14 +115,15 @@ impl Line {
         Self {
             text: format!("{reason}; read {read}; check {}", doubtful.join(" ")),
             json: json!({ "reason": reason, "refusal": kind, "read": read, "doubtful": doubtful }),
-            read: false,
+            code: 1,
+            names_file: false,
         }
     }
 
     /// Makes the line of a refusal that has only its reason.
     fn of_refusal(reason: &str, kind: &str) -> Self {
         let json = json!({ "reason": reason, "refusal": kind });
-        Self { text: reason.to_owned(), json, read: false }
+        Self { text: reason.to_owned(), json, code: 1, names_file: false }
     }
 
     /// Makes the line about a cube. `decided` has its colours, or the reason why there are none.
@@ -134,7 +140,7 @@ impl Line {
             // Rule 2: pictures that lie in another way are read as if they had been put right.
             Err(Refused::Colours(Undecided::Misplaced { placement, decision })) => {
                 match Self::of(&Ok((**decision).clone())) {
-                    Self { read: true, .. } => {
+                    Self { code: 0, .. } => {
                         Self::of_reading(decision, Some(&placement.to_string()))
                     }
                     refused => refused,
@@ -146,27 +152,36 @@ impl Line {
                 Self::of_impossible(&told, &kind(reason), facelets, doubtful)
             }
             // Rule 4: a file or picture without a cube has no facelets to print.
-            Err(Refused::Input(reason)) => Self::of_refusal(&format!("{reason:#}"), "input"),
+            Err(Refused::Input(reason)) => {
+                let code = code_of(reason);
+                let refusal = Self::of_refusal(&format!("{reason:#}"), "input");
+                Self { code, names_file: code == WRONG, ..refusal }
+            }
+            Err(Refused::Pictures(reasons, code)) => {
+                Self { code: *code, names_file: true, ..Self::of_refusal(reasons, "input") }
+            }
             Err(Refused::Colours(reason)) => Self::of_refusal(&reason.to_string(), &kind(reason)),
         }
     }
 }
 
-/// Returns the line about a cube, as text or JSON, and whether the cube was read. `name` is the
+/// Returns the line about a cube, as text or JSON, and the exit code. `name` is the
 /// name of the cube's file or picture; `decided` has its colours, or the reason why there are none.
 pub(super) fn report(
     name: &str,
     decided: &std::result::Result<Decision, Refused>,
     json: bool,
-) -> (String, bool) {
+) -> (String, u8) {
     let mut line = Line::of(decided);
     let text = if json {
         line.json["file"] = name.into();
         line.json.to_string()
+    } else if line.names_file {
+        line.text
     } else {
         format!("{name}: {}", line.text)
     };
-    (text + "\n", line.read)
+    (text + "\n", line.code)
 }
 
 /// Number of the first square of each face, in the order URFDLB. A file of measured squares has the
@@ -196,21 +211,20 @@ pub fn measured_squares(text: &str) -> Result<[[f64; 3]; 54]> {
     Ok(rgb)
 }
 
-/// Returns a line about the cube of each file of 54 measured colours, and whether all cubes were
-/// read.
+/// Returns a line about the cube of each file of 54 measured colours, and the exit code.
 #[must_use]
-pub fn colours(files: &[impl AsRef<Path>], json: bool) -> (String, bool) {
-    let (mut text, mut all) = (String::new(), true);
+pub fn colours(files: &[impl AsRef<Path>], json: bool) -> (String, u8) {
+    let (mut text, mut code) = (String::new(), 0);
     for path in files {
         let decided = || -> std::result::Result<Decision, Refused> {
             let text = text::read(path.as_ref(), text::SCENARIO).map_err(anyhow::Error::from)?;
             Ok(decide_cube(&measured_squares(&text)?)?)
         };
-        let (line, read) = report(&path.as_ref().display().to_string(), &decided(), json);
+        let (line, outcome) = report(&path.as_ref().display().to_string(), &decided(), json);
         text += &line;
-        all &= read;
+        code = code.max(outcome);
     }
-    (text, all)
+    (text, code)
 }
 
 /// Returns the main face of a picture: the widest of those with at least 0.8 times the best
@@ -222,12 +236,12 @@ fn dominant(mut faces: Vec<FaceSighting>) -> Option<FaceSighting> {
     faces.into_iter().max_by(|a, b| a.width_px().total_cmp(&b.width_px()))
 }
 
-/// Returns the line about a cube from pictures of its faces U, R, F, D, L, B, and whether the cube
-/// was read. Each face is upright, as in the usual net.
+/// Returns the line about a cube from pictures of its faces U, R, F, D, L, B, and the exit
+/// code. Each face is upright, as in the usual net.
 #[must_use]
-pub(crate) fn scan(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
-    let mut faults = String::new();
-    let decided = || -> std::result::Result<Decision, Refused> {
+pub(crate) fn scan(images: &[impl AsRef<Path>], json: bool) -> (String, u8) {
+    let (mut faults, mut code) = (String::new(), 0);
+    let mut decided = || -> std::result::Result<Decision, Refused> {
         if images.len() != 6 {
             return Err(anyhow!("{} pictures instead of six, U R F D L B", images.len()).into());
         }
@@ -244,13 +258,14 @@ pub(crate) fn scan(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
                 // All pictures are read, so that the error names each one that must be taken
                 // again.
                 Err(reason) => {
+                    code = code.max(code_of(&reason));
                     let between = if faults.is_empty() { "" } else { "; " };
                     let _ = write!(faults, "{between}face {}: {reason:#}", face_letter(face));
                 }
             }
         }
         if !faults.is_empty() {
-            return Err(anyhow!(faults).into());
+            return Err(Refused::Pictures(faults.clone(), code));
         }
         Ok(decide_cube(&rgb)?)
     };
@@ -321,13 +336,13 @@ mod tests {
             report("x.json", &decide_cube(&rgb).map_err(Refused::from), true)
         };
 
-        let (line, ok) = read(&truth);
+        let (line, code) = read(&truth);
         let line: Value = serde_json::from_str(&line).unwrap();
-        assert!(ok);
+        assert_eq!(code, 0);
         assert_eq!(line["facelets"], face_letters(&truth));
-        let (line, ok) = read(&flipped);
+        let (line, code) = read(&flipped);
         let line: Value = serde_json::from_str(&line).unwrap();
-        assert!(!ok);
+        assert_eq!(code, 1);
         assert_eq!(line["refusal"], "edge-flipped");
     }
 
@@ -342,28 +357,28 @@ mod tests {
         }
         let rgb = measured_squares(&file(&turned)).unwrap();
 
-        let (line, ok) = report("x.json", &decide_cube(&rgb).map_err(Refused::from), false);
+        let (line, code) = report("x.json", &decide_cube(&rgb).map_err(Refused::from), false);
 
-        assert!(ok, "{line}");
+        assert_eq!(code, 0, "{line}");
         assert!(line.contains(&face_letters(&truth)), "{line}");
         assert!(line.contains("put right: the picture of face F is turned clockwise"), "{line}");
 
         let mut guess = decide_cube(&measured_squares(&file(&truth)).unwrap()).unwrap();
         guess.margins[7] = 0.001;
-        let (line, ok) = report("x.json", &Ok(guess), true);
+        let (line, code) = report("x.json", &Ok(guess), true);
         let line: Value = serde_json::from_str(&line).unwrap();
-        assert!(!ok && line.get("facelets").is_none(), "{line}");
+        assert!(code == 1 && line.get("facelets").is_none(), "{line}");
         assert_eq!((&line["refusal"], &line["doubtful"]), (&json!("contradicted"), &json!(["U8"])));
     }
 
     #[test]
     fn scan_names_every_unreadable_picture() {
-        let (text, ok) = scan(&["a.png", "b.png", "c.png", "d.png", "e.png", "f.png"], false);
+        let (text, code) = scan(&["a.png", "b.png", "c.png", "d.png", "e.png", "f.png"], false);
 
-        assert!(!ok);
+        assert_eq!((code, text.matches("a.png").count()), (2, 1), "{text}");
         for face in ["face U", "face R", "face F", "face D", "face L", "face B"] {
-            assert!(text.contains(face), "{text}");
+            assert!(text.contains(&format!("{face}: cannot read ")), "{text}");
         }
-        assert!(!scan(&["a.png"], false).1);
+        assert_eq!(scan(&["a.png"], false).1, 1);
     }
 }

@@ -9,10 +9,12 @@ use super::output::{Output, complain, refuse};
 use crate::cell::Arm;
 use crate::error::Error;
 use crate::hw::emulator::{At, EmulatorOptions, LineFaults, SensorKind};
+use crate::hw::text;
 use crate::motion::AXES;
 use crate::run::emulate::{Emulated, emulate};
 use crate::run::exertion;
-use crate::scenario::Override;
+use crate::scenario::keys::{BridgeKind, Pace};
+use crate::scenario::{Override, Scenario};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 
@@ -124,8 +126,13 @@ pub(super) fn run(args: &EmulateArgs, output: &mut Output) -> anyhow::Result<u8>
             places.camera.len(),
             devices.display()
         ));
-        let path = scenario.path.display();
-        complain(&format!("start the run in another terminal: rubik-robot run {path}"));
+        if !scenario.bridge.kind.is_hardware() {
+            complain(
+                "this scenario simulates its own plant, and its run connects to nothing: set \
+                 bridge.kind = \"serial\" for the run, as below",
+            );
+        }
+        complain(&format!("start the run in another terminal: {}", run_line(args, &scenario)));
     };
     match emulate(&scenario, options, &devices, announce) {
         Ok(done) => {
@@ -142,6 +149,30 @@ pub(super) fn run(args: &EmulateArgs, output: &mut Output) -> anyhow::Result<u8>
             Ok(if matches!(error, Error::Fatal { .. }) { 3 } else { 4 })
         }
     }
+}
+
+/// Returns the command that starts the run of the emulated robot: the options of this emulator that
+/// the run needs as well, and those without which the run would not connect to it.
+fn run_line(args: &EmulateArgs, scenario: &Scenario) -> String {
+    let path = scenario.path.display().to_string();
+    let mut words = vec!["rubik-robot run".to_owned(), text::quoted(&path).into_owned()];
+    let mut set = |option: &str| words.push(format!("--set {}", text::quoted(option)));
+    args.scenario.set.iter().for_each(|option| set(option));
+    // The last of two options for one key counts, so these come behind the user's own.
+    if scenario.bridge.kind != BridgeKind::Serial {
+        set("bridge.kind=serial");
+        if scenario.pace != Pace::RealTime {
+            set("pace=real-time");
+        }
+        // The only profile that hardware accepts.
+        set("control.profile=workshop");
+    }
+    if let Some(devices) = &args.devices {
+        // The key is relative to the scenario's folder, the option to the working directory.
+        let devices = std::path::absolute(devices).unwrap_or_else(|_| devices.clone());
+        set(&format!("bridge.devices={}", devices.display()));
+    }
+    words.join(" ")
 }
 
 /// Returns the options of the emulator.
@@ -302,6 +333,41 @@ mod tests {
         assert!(options(&["--no-watchdog"]).no_watchdog);
         assert_eq!(options(&["--stay"]).ends_after, None);
         assert_eq!(options(&["--sensors", "controller"]).sensors, SensorKind::Controller);
+    }
+
+    /// The line is typed as it stands: it repeats the options, and the run connects.
+    #[test]
+    fn run_line_repeats_options_and_connects() {
+        let line = |text: &str, more: &[&str]| {
+            let scenario = scenario::read(std::path::Path::new("a cell.toml"), text, &[]).unwrap();
+            let words = ["emulate", "a cell.toml"].iter().chain(more);
+            run_line(&Line::parse_from(words).args, &scenario)
+        };
+        let serial = "task = \"solve\"\npace = \"real-time\"\n[bridge]\nkind = \"serial\"\n";
+        let plant = "task = \"solve\"\n";
+
+        let more = ["--set", "task=face_turn", "--set", "cube.state=\"U\"", "--devices", "/d d"];
+        assert_eq!(line(serial, &[]), "rubik-robot run 'a cell.toml'");
+        assert_eq!(
+            line(serial, &more),
+            "rubik-robot run 'a cell.toml' --set task=face_turn --set 'cube.state=\"U\"' \
+             --set 'bridge.devices=/d d'"
+        );
+        let connects = line(plant, &[]);
+        assert_eq!(
+            connects,
+            "rubik-robot run 'a cell.toml' --set bridge.kind=serial --set pace=real-time \
+             --set control.profile=workshop"
+        );
+        let overrides: Vec<_> = connects
+            .split(" --set ")
+            .skip(1)
+            .map(|option| Override::parse(option).unwrap())
+            .collect();
+        for text in [plant, include_str!("../../scenarios/solve.toml")] {
+            let read = scenario::read(std::path::Path::new("a"), text, &overrides);
+            assert!(read.is_ok_and(|scenario| scenario.bridge.kind.is_hardware()), "{text}");
+        }
     }
 
     #[test]

@@ -103,8 +103,7 @@ pub fn evaluate(manifest: &Path, json: bool, misses: bool, plot: Option<&Path>) 
 
 /// Reads a manifest; returns the true faces of each picture by the picture's name.
 fn truths(manifest: &Path) -> Result<BTreeMap<String, Vec<Truth>>> {
-    let text =
-        text::read(manifest, text::LIST).with_context(|| format!("{}", manifest.display()))?;
+    let text = text::read(manifest, text::LIST)?;
     let mut by_image: BTreeMap<String, Vec<Truth>> = BTreeMap::new();
     for (number, line) in text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty()) {
         let at = || format!("{}:{}", manifest.display(), number + 1);

@@ -4,6 +4,7 @@
 //! - out: a line for each face, or a line of JSON for each picture
 
 use super::image_file::load;
+use super::output::{code_of, line_about};
 use crate::vision::colours::{LETTERS, is_colourless};
 use crate::vision::{DetectorSettings, FaceSighting, detect};
 use anyhow::anyhow;
@@ -44,19 +45,19 @@ fn face_json(face: &FaceSighting) -> Value {
     })
 }
 
-/// Returns the faces of each picture, or the reason why there are none, and whether every picture
-/// shows a face. A file that is no picture gets a line as well. The faces of a black and white
-/// picture come with the reason why their colours have no meaning.
+/// Returns the faces of each picture, or the reason why there are none, and the exit code. A file
+/// that is no picture gets a line as well. The faces of a black and white picture come with the
+/// reason why their colours have no meaning.
 #[must_use]
-pub(super) fn face(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
-    let (mut text, mut all) = (String::new(), true);
+pub(super) fn face(images: &[impl AsRef<Path>], json: bool) -> (String, u8) {
+    let (mut text, mut code) = (String::new(), 0);
     for path in images {
         let name = path.as_ref().display().to_string();
         let found = load(path.as_ref()).map_err(anyhow::Error::from).and_then(|image| {
             detect(&image, None, &DetectorSettings::default()).map_err(|refusal| anyhow!(refusal))
         });
         // A picture without a face does not end the others.
-        all &= found.is_ok();
+        code = code.max(found.as_ref().err().map_or(0, code_of));
         // Writing to a string cannot fail.
         let _ = match (&found, json) {
             (Ok(faces), true) => {
@@ -71,7 +72,7 @@ pub(super) fn face(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
                 let reason = format!("{reason:#}");
                 writeln!(text, "{}", json!({ "image": name, "faces": [], "reason": reason }))
             }
-            (Err(reason), false) => writeln!(text, "{name}: {reason:#}"),
+            (Err(reason), false) => writeln!(text, "{}", line_about(&name, reason)),
             (Ok(faces), false) => faces.iter().enumerate().try_for_each(|(i, f)| {
                 let c = letters(f);
                 let weakest = f.confidences.iter().copied().fold(1.0, f64::min);
@@ -95,7 +96,7 @@ pub(super) fn face(images: &[impl AsRef<Path>], json: bool) -> (String, bool) {
             }),
         };
     }
-    (text, all)
+    (text, code)
 }
 
 #[cfg(test)]
@@ -108,21 +109,22 @@ mod tests {
 
     #[test]
     fn unreadable_file_gets_a_line_with_reason() {
-        let (text, all) = face(&["Cargo.toml", "no/such.png"], true);
+        let (text, code) = face(&["Cargo.toml", "no/such.png"], true);
 
         let lines: Vec<Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
-        assert!(!all);
-        assert_eq!(lines.len(), 2);
+        assert_eq!((code, lines.len()), (2, 2));
         assert!(lines.iter().all(|l| l["reason"].is_string()), "{text}");
+        let (text, _) = face(&["no/such.png"], false);
+        assert_eq!(text, "cannot read no/such.png: there is no such file\n");
     }
 
     #[test]
     fn a_picture_of_one_pixel_is_too_small() {
         let pixel = bytes(&DynamicImage::new_rgb8(1, 1), ImageFormat::Png);
 
-        let (line, found) = face(&[&Written::new("one.png", &pixel).0], true);
+        let (line, code) = face(&[&Written::new("one.png", &pixel).0], true);
 
-        assert!(!found && line.contains("only 1x1 px"), "{line}");
+        assert!(code == 1 && line.contains("only 1x1 px"), "{line}");
     }
 
     #[test]
@@ -135,8 +137,8 @@ mod tests {
         let grey = DynamicImage::from(coloured.to_luma8());
         let line = |name: &str, picture: &DynamicImage| {
             let file = Written::new(name, &bytes(picture, ImageFormat::Png));
-            let (line, found) = face(&[&file.0], true);
-            assert!(found, "{line}");
+            let (line, code) = face(&[&file.0], true);
+            assert_eq!(code, 0, "{line}");
             (serde_json::from_str::<Value>(&line).unwrap(), face(&[&file.0], false).0)
         };
 

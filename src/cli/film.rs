@@ -33,8 +33,8 @@ Examples:
   rubik-robot film run.mcap -o mission.gif
   rubik-robot film run.mcap -o large.gif --width 800
 
-A film takes about a minute on all cores, a larger one more. It shows four scenes: the cube is
-taken, read, turned and handed back.")]
+It shows four scenes: the cube is taken, read, turned and handed back. It is drawn on all cores; a
+wider film takes longer.")]
 pub(super) struct FilmArgs {
     /// Recording of a whole mission (MCAP)
     recording: PathBuf,

@@ -160,7 +160,7 @@ impl FrameTruth {
     /// Unreadable file, or a wrong line.
     pub(super) fn read_all(folder: &Path) -> Result<Vec<Self>> {
         let path = frames_of(folder);
-        let text = text::read(&path, text::LIST).with_context(|| path.display().to_string())?;
+        let text = text::read(&path, text::LIST)?;
         let lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty());
         lines
             .map(|(number, line)| {

@@ -13,6 +13,7 @@
 use super::arguments::{check_centre, positive};
 use super::frames::{FrameTruth, Optics, rows};
 use super::image_file::load;
+use super::output::{code_of, line_about};
 use crate::spatial::Pose;
 use crate::vision::colours::LETTERS;
 use crate::vision::pose::nearest_of_24;
@@ -45,7 +46,7 @@ Keys of an answer with --json:
   faces              faces that were used, the dominant one first
   reason             reason why there is no pose, in the place of all other keys
 
-Exit codes: 0 every picture gives a pose, 1 a picture does not.")]
+Exit codes: 0 every picture gives a pose, 1 a picture does not, 2 a picture cannot be read.")]
 pub(super) struct LocateArgs {
     /// Picture files (PNG, JPEG)
     #[arg(required = true)]
@@ -136,15 +137,15 @@ fn confidence(location: &CubeLocation) -> f64 {
     location.faces.iter().map(|f| f.confidence).fold(0.0, f64::max)
 }
 
-/// Returns the answers for all pictures, and whether each has a pose.
-pub(super) fn locate(args: &LocateArgs) -> (String, bool) {
-    let (mut text, mut all) = (String::new(), true);
+/// Returns the answers for all pictures, and the exit code.
+pub(super) fn locate(args: &LocateArgs) -> (String, u8) {
+    let (mut text, mut code) = (String::new(), 0);
     for path in &args.images {
         let name = path.display().to_string();
         let found = load(path).map_err(anyhow::Error::from).and_then(|image| {
             find(&image, &args.optics.lens(image.width(), image.height()), args.cube_mm * 1e-3)
         });
-        all &= found.is_ok();
+        code = code.max(found.as_ref().err().map_or(0, code_of));
         // Writing to a string cannot fail.
         let _ = match found {
             Ok(location) if args.json => writeln!(text, "{}", answer(&name, &location)),
@@ -153,10 +154,10 @@ pub(super) fn locate(args: &LocateArgs) -> (String, bool) {
                 let reason = format!("{reason:#}");
                 writeln!(text, "{}", json!({ "image": name, "reason": reason }))
             }
-            Err(reason) => writeln!(text, "{name}: {reason:#}"),
+            Err(reason) => writeln!(text, "{}", line_about(&name, &reason)),
         };
     }
-    (text, all)
+    (text, code)
 }
 
 /// Returns a location as JSON.
@@ -290,11 +291,12 @@ fn quantile(values: &[f64], share: f64) -> f64 {
 /// Distance of the dominant face from the truth beyond which the report is wrong (m).
 const ASTRAY: f64 = 0.015;
 
-/// Measures all frames; returns the table, and whether every frame gave a right pose.
+/// Measures all frames; returns the table and the exit code, which is 1 unless every frame gave a
+/// right pose.
 ///
 /// # Errors
 /// Unreadable folder.
-pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(String, bool)> {
+pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(String, u8)> {
     let frames = FrameTruth::read_all(&args.folder)?;
     let mut measured = Measured::default();
     for frame in &frames {
@@ -309,7 +311,7 @@ pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(String, bool)> {
     } else {
         measured.table(frames.len())?
     };
-    Ok((text, all))
+    Ok((text, u8::from(!all)))
 }
 
 /// Errors over the frames of a folder.

@@ -4,7 +4,8 @@
 //! - a file is written beside its final path and renamed when it is complete
 //! - a command never writes to a file that it reads, nor two outputs to one file
 
-use crate::hw::text::printable;
+use crate::hw::image_file::Unreadable;
+use crate::hw::text::{Unread, printable};
 use crate::record::place::Place;
 use anyhow::Context as _;
 use image::{ImageFormat, RgbImage};
@@ -26,6 +27,17 @@ impl fmt::Display for Refused {
 }
 
 impl std::error::Error for Refused {}
+
+/// Returns a line about a file of several: its name and the reason, which may name the file itself.
+pub(super) fn line_about(name: &str, reason: &anyhow::Error) -> String {
+    if code_of(reason) == WRONG { format!("{reason:#}") } else { format!("{name}: {reason:#}") }
+}
+
+/// Returns the exit code of an input without a result: [`WRONG`] if its file cannot be read, 1 if
+/// the file has no answer.
+pub(super) fn code_of(reason: &anyhow::Error) -> u8 {
+    if reason.is::<Unread>() || reason.is::<Unreadable>() { WRONG } else { 1 }
+}
 
 /// Makes the error of a refused call or scenario.
 pub(super) fn refuse(reason: impl fmt::Display) -> anyhow::Error {

@@ -5,10 +5,10 @@
 //! - exit code: 1 if no message can be read
 
 use super::output::{clash, complain, refuse};
+use crate::hw::text;
 use crate::record::place::Place;
 use crate::record::recover_file::recover_file;
 use clap::Args;
-use std::fs::File;
 use std::io::{BufReader, BufWriter};
 use std::path::PathBuf;
 
@@ -32,9 +32,7 @@ pub(super) struct RecoverArgs {
 /// Writes the repaired recording; returns the exit code.
 pub(super) fn run(args: &RecoverArgs) -> anyhow::Result<u8> {
     clash(&[("the recording", Some(&args.recording))], &[("-o", Some(&args.output))])?;
-    let file = File::open(&args.recording)
-        .map_err(|error| refuse(format!("{}: {error}", args.recording.display())))?;
-    let from = BufReader::new(file);
+    let from = BufReader::new(text::open_any(&args.recording).map_err(refuse)?);
     // The new file gets its name only when it is complete.
     let (to, mut place) = Place::create(&args.output)
         .map_err(|error| refuse(format!("{}: {error}", args.output.display())))?;

@@ -10,13 +10,13 @@ use super::record;
 use super::ui::{Ui, UiArgs, UiKind};
 use crate::actors::control::is_speed;
 use crate::desk::Desk;
-use crate::record::reading::{Label, Piece, open};
+use crate::hw::text;
+use crate::record::reading::{Label, Piece, Reading};
 use crate::run::SIGNALS;
 use crate::run::show::Show;
 use crate::run::verify::{self, Verified};
 use crate::scenario::{self, Override, Scenario};
 use clap::Args;
-use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -60,6 +60,7 @@ pub(super) struct ReplayArgs {
 
 /// Shows or verifies a recording; returns the exit code.
 pub(super) fn run(args: &ReplayArgs, output: &mut Output) -> anyhow::Result<u8> {
+    args.ui.check().map_err(refuse)?;
     let (label, scenario) = load(&args.recording).map_err(refuse)?;
     if !args.verify {
         return show(args, &scenario);
@@ -146,7 +147,7 @@ fn json(verified: &Verified) -> String {
 /// The reason, with the recording's name.
 pub(super) fn read(path: &Path, scenario: &Scenario) -> Result<Show, String> {
     let title = path.display().to_string();
-    let file = File::open(path).map_err(|why| format!("{title}: {why}"))?;
+    let file = text::open_any(path).map_err(|why| why.to_string())?;
     let file = BufReader::with_capacity(1 << 20, file);
     Show::read(file, scenario, &title).map_err(|why| format!("{title}: {why}"))
 }
@@ -154,7 +155,7 @@ pub(super) fn read(path: &Path, scenario: &Scenario) -> Result<Show, String> {
 /// Reads the label of a recording (version, options and other facts), and its scenario.
 pub(super) fn load(path: &Path) -> Result<(Label, Scenario), String> {
     let mut label = Label::default();
-    let reading = open(path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let reading = Reading::seekable(text::open_any(path).map_err(|why| why.to_string())?);
     // The label is spread over the first pieces of the file.
     for piece in reading {
         label.take(&piece);

@@ -5,12 +5,12 @@
 
 use super::output::{clash, complain, refuse, save};
 use super::{picture, replay};
+use crate::hw::text;
 use crate::operator::Snapshot;
 use crate::record::reading::{End, Label};
 use crate::record::report::{gather, page};
 use clap::Args;
 use image::codecs::jpeg::JpegEncoder;
-use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -36,7 +36,7 @@ pub(super) fn run(args: &ReportArgs) -> anyhow::Result<u8> {
     let unread =
         |why: &dyn std::fmt::Display| refuse(format!("{}: {why}", args.recording.display()));
     clash(&[("the recording", Some(&args.recording))], &[("-o", Some(&args.output))])?;
-    let file = File::open(&args.recording).map_err(|why| unread(&why))?;
+    let file = text::open_any(&args.recording).map_err(refuse)?;
     let mut story = gather(BufReader::with_capacity(1 << 20, file)).map_err(|why| unread(&why))?;
     // Drawings need a scenario that is valid in this version; a report can do without them.
     if !story.plans.is_empty() {
@@ -111,6 +111,6 @@ mod tests {
         let broken = why("taks = 1");
         assert!(broken.contains("its scenario is not valid") && broken.contains("taks"));
         let gone = why("task = \"idle\"");
-        assert!(gone.starts_with("/nowhere/run.mcap: No such file"), "{gone}");
+        assert!(gone.starts_with("cannot read /nowhere/run.mcap: there is no"), "{gone}");
     }
 }

@@ -97,7 +97,7 @@ fn facelet_colours(image: &Path, boxes: &Boxes) -> Result<[[f64; 3]; 54]> {
 
 /// Reads a file of boxes.
 fn read_boxes(path: &Path) -> Result<Boxes> {
-    let text = text::read(path, text::SCENARIO).with_context(|| format!("{}", path.display()))?;
+    let text = text::read(path, text::SCENARIO)?;
     parse_boxes(&text).with_context(|| format!("{}", path.display()))
 }
 
@@ -107,13 +107,13 @@ fn read_boxes(path: &Path) -> Result<Boxes> {
 /// Error of the file, with its path.
 fn read_table(path: &Path) -> Result<ColourTable> {
     let name = || format!("{}", path.display());
-    let text = text::read(path, text::LIST).with_context(name)?;
+    let text = text::read(path, text::LIST)?;
     let table: ColourTable = serde_json::from_str(&text).with_context(name)?;
     table.check().with_context(name)?;
     Ok(table)
 }
 
-/// Reads the cube of each picture; returns a line for each, and whether all cubes were read.
+/// Reads the cube of each picture; returns a line for each, and the exit code.
 ///
 /// # Errors
 /// Unusable file of boxes, or table.
@@ -122,10 +122,10 @@ pub(crate) fn rig(
     boxes: &Path,
     table: Option<&Path>,
     json: bool,
-) -> Result<(String, bool)> {
+) -> Result<(String, u8)> {
     let boxes = read_boxes(boxes)?;
     let table = table.map(read_table).transpose()?;
-    let (mut text, mut all) = (String::new(), true);
+    let (mut text, mut code) = (String::new(), 0);
     for image in images {
         // A cube that cannot be read gets a line and does not end the others.
         let decided = || -> std::result::Result<Decision, Refused> {
@@ -135,11 +135,11 @@ pub(crate) fn rig(
                 None => decide_cube(&rgb)?,
             })
         };
-        let (line, read) = report(&image.display().to_string(), &decided(), json);
+        let (line, outcome) = report(&image.display().to_string(), &decided(), json);
         text += &line;
-        all &= read;
+        code = code.max(outcome);
     }
-    Ok((text, all))
+    Ok((text, code))
 }
 
 /// Parses lines of a picture's file name and its 54 facelets (URFDLB).
@@ -182,8 +182,7 @@ pub(crate) fn learn(images: &[PathBuf], boxes: &Path, states: Option<&Path>) -> 
     let states = match states {
         None => None,
         Some(path) => {
-            let text =
-                text::read(path, text::LIST).with_context(|| format!("{}", path.display()))?;
+            let text = text::read(path, text::LIST)?;
             Some(parse_states(&text).with_context(|| format!("{}", path.display()))?)
         }
     };

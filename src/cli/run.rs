@@ -4,7 +4,7 @@
 //! - out: the summary, as a table or as one line of JSON; a recording; files for a later resume
 //! - exit code: that of the summary
 
-use super::arguments::ScenarioArgs;
+use super::arguments::{ScenarioArgs, check_devices};
 use super::output::{Output, clash, complain, refuse};
 use super::record;
 use super::ui::{Ui, UiArgs};
@@ -12,6 +12,7 @@ use crate::actors::control::is_speed;
 use crate::desk::Desk;
 use crate::error::{Error, NonFatal};
 use crate::hw::driver::missing_core;
+use crate::record::journal::Journal;
 use crate::record::place::Place;
 use crate::record::recorder::Recorder;
 use crate::record::summary::{EndedBy, Summary};
@@ -96,7 +97,7 @@ struct KeepArgs {
     /// Save the journal that a resumed run needs to FILE
     ///
     /// With --world the default is WORLD.journal. The journal of an interrupted run is not
-    /// overwritten: resume the run, or remove the file.
+    /// overwritten: resume that run with --resume, or name another file.
     #[arg(long, value_name = "FILE", verbatim_doc_comment)]
     journal: Option<PathBuf>,
     /// Save the state of the simulated plant to FILE
@@ -131,6 +132,8 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     let keep =
         saved_files(&args.keep, scenario.bridge.kind, scenario.controller.task).map_err(refuse)?;
     check_outputs(args, &keep)?;
+    check_journal(&keep, scenario.bridge.kind)?;
+    check_devices(&scenario)?;
 
     let desk = Desk::default();
     let kind = args.ui.kind(args.json);
@@ -187,6 +190,7 @@ impl RunArgs {
 
     /// Checks that the options agree with the scenario and with each other.
     fn check(&self, scenario: &Scenario) -> anyhow::Result<()> {
+        self.ui.check().map_err(refuse)?;
         // Real-time rights have a meaning on the wall clock only.
         if self.require_rt && scenario.pace != Pace::RealTime {
             return Err(refuse("--require-rt: the pace is virtual: add --pace real-time"));
@@ -240,7 +244,12 @@ impl RunArgs {
             quiet: ui.has_terminal(),
             interruptible: true,
             speed: self.speed,
-            stuck: Some(if ui.has_terminal() { end_stuck_on_terminal } else { end_stuck }),
+            stuck: Some(match (ui.has_terminal(), self.json) {
+                (false, false) => end_stuck::<false, false>,
+                (false, true) => end_stuck::<false, true>,
+                (true, false) => end_stuck::<true, false>,
+                (true, true) => end_stuck::<true, true>,
+            }),
         }
     }
 }
@@ -253,19 +262,24 @@ fn is_interrupted(done: &Result<Summary, Error>) -> bool {
     }
 }
 
-/// Ends the program when an actor blocks all others. No other thread could end it then.
+/// Ends the program when an actor blocks all others. No other thread could end it then. A UI in the
+/// `TERMINAL` is closed first; for `JSON` the last line of stdout is the summary.
 #[allow(clippy::needless_pass_by_value, reason = "the signature is that of `RunOptions::stuck`")]
-fn end_stuck(error: Error) {
+fn end_stuck<const TERMINAL: bool, const JSON: bool>(error: Error, summary: Summary) {
+    if TERMINAL {
+        tui::restore_terminal();
+    }
     complain(&format!(
         "{error}: the drives were commanded to switch off, and the program ends at once"
     ));
+    if JSON {
+        let mut output = Output::stdout();
+        // If stdout cannot be written, the exit code remains.
+        let _ = output.line(&summary.json()).and_then(|()| output.flush());
+    } else if let Some(remedy) = &summary.remedy {
+        complain(&format!("what to do: {remedy}"));
+    }
     std::process::exit(STUCK);
-}
-
-/// Restores the terminal, then ends the program as [`end_stuck`].
-fn end_stuck_on_terminal(error: Error) {
-    tui::restore_terminal();
-    end_stuck(error);
 }
 
 /// Returns the files that outlive the run, or the error of the options that name them.
@@ -327,6 +341,29 @@ fn check_outputs(args: &RunArgs, keep: &SavedFiles) -> anyhow::Result<()> {
     )
 }
 
+/// Refuses to begin beside the journal of an interrupted run, which may be the only way to find out
+/// what the hands hold.
+fn check_journal(keep: &SavedFiles, bridge: BridgeKind) -> anyhow::Result<()> {
+    let Some(path) = keep.journal.as_ref().filter(|_| !keep.resume) else { return Ok(()) };
+    // A journal that cannot be read, or that another run writes, is refused when the run opens it.
+    let Some(doing) = Journal::interrupted(path) else { return Ok(()) };
+    let world = match &keep.world {
+        Some(world) => format!(", and the new run replaces the saved plant {}", world.display()),
+        None => String::new(),
+    };
+    let resumes = if keep.world.is_none() && !bridge.is_hardware() {
+        "--resume and the --world of that run"
+    } else {
+        "--resume"
+    };
+    Err(refuse(format!(
+        "--journal: an earlier run was interrupted while {doing}, and its journal {} is still \
+         there: resume that run with {resumes}. To start anew, name other files; or remove the \
+         journal: then the earlier run cannot be resumed any more{world}",
+        path.display()
+    )))
+}
+
 /// Prints the summary of a run, or its error; returns the exit code.
 fn print_summary(
     done: Result<Summary, Error>,
@@ -349,6 +386,8 @@ fn print_summary(
             let summary = run::not_begun(scenario, &error);
             if args.json {
                 output.line(&summary.json())?;
+            } else if let Some(remedy) = &summary.remedy {
+                complain(&format!("what to do: {remedy}"));
             }
             Ok(summary.exit_code())
         }

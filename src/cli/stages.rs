@@ -7,7 +7,7 @@
 
 use super::arguments::{check_centre, positive};
 use super::image_file::load;
-use super::output::save_picture;
+use super::output::{code_of, line_about, save_picture};
 use crate::spatial::Pose;
 use crate::vision::homography::Point;
 use crate::vision::paper::{Filters, Square, Stages, classes};
@@ -75,12 +75,12 @@ impl StagesArgs {
 }
 
 /// Computes the stages of each picture and writes them to the folder, if one is given. Returns a
-/// line of JSON or a table for each picture, and whether all pictures could be read.
+/// line of JSON or a table for each picture, and the exit code.
 ///
 /// # Errors
 /// A folder or file that cannot be written.
-pub(super) fn stages(args: &StagesArgs) -> Result<(String, bool)> {
-    let (mut text, mut all) = (String::new(), true);
+pub(super) fn stages(args: &StagesArgs) -> Result<(String, u8)> {
+    let (mut text, mut code) = (String::new(), 0);
     let StagesArgs { images, json, .. } = args;
     let (folder, json) = (args.out.as_deref(), *json);
     if let Some(folder) = folder {
@@ -96,13 +96,12 @@ pub(super) fn stages(args: &StagesArgs) -> Result<(String, bool)> {
         let (lens, image) = match read {
             Ok(read) => read,
             Err(reason) => {
-                all = false;
-                let reason = format!("{reason:#}");
-                let line = json!({ "image": name, "reason": reason });
+                code = code.max(code_of(&reason));
                 let _ = if json {
-                    writeln!(text, "{line}")
+                    let reason = format!("{reason:#}");
+                    writeln!(text, "{}", json!({ "image": name, "reason": reason }))
                 } else {
-                    writeln!(text, "{name}: {reason}")
+                    writeln!(text, "{}", line_about(&name, &reason))
                 };
                 continue;
             }
@@ -122,7 +121,7 @@ pub(super) fn stages(args: &StagesArgs) -> Result<(String, bool)> {
         }
         text += &if json { found.json(&name) } else { found.words(&name) };
     }
-    Ok((text, all))
+    Ok((text, code))
 }
 
 /// Results of one picture.
@@ -324,10 +323,10 @@ mod tests {
             json: true,
             ..StagesArgs::default()
         };
-        let (text, all) = stages(&args).unwrap();
+        let (text, code) = stages(&args).unwrap();
 
         let line: serde_json::Value = serde_json::from_str(&text).unwrap();
-        assert!(all);
+        assert_eq!(code, 0);
         assert_eq!(line["stages"].as_array().unwrap().len(), 7);
         let files = line["files"].as_array().unwrap();
         assert_eq!(files.len(), 8);

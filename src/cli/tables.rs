@@ -45,13 +45,7 @@ pub(super) struct TablesArgs {
 #[derive(Debug, Subcommand)]
 enum Action {
     /// Build the tables that are missing or cannot be used
-    #[command(after_help = "\
-Examples:
-  rubik-robot tables build                           # all tables, more than 1 GB
-  rubik-robot tables build phase1-large phase2-large
-  rubik-robot tables build --threads 4
-
-Exit codes: 0 built, 1 a table cannot be written to the folder, 2 usage.")]
+    #[command(after_help = build_help())]
     Build(Names),
     /// List the tables with size, state and purpose
     #[command(after_help = "\
@@ -78,6 +72,21 @@ Examples:
 
 Exit codes: 0 removed, 1 a file cannot be removed, 2 usage.")]
     Remove(Names),
+}
+
+/// Returns the end of the help of `tables build`, with the size of all tables.
+fn build_help() -> String {
+    let bytes: usize = solver::all_tables().iter().map(|spec| spec.bytes).sum();
+    format!(
+        "\
+Examples:
+  rubik-robot tables build                           # all tables: {:.1} GB
+  rubik-robot tables build phase1-large phase2-large
+  rubik-robot tables build --threads 4
+
+Exit codes: 0 built, 1 a table cannot be written to the folder, 2 usage.",
+        bytes as f64 * 1e-9
+    )
 }
 
 /// Tables of a subcommand.

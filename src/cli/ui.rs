@@ -72,6 +72,20 @@ impl UiArgs {
         }
     }
 
+    /// Checks that the options of the page are given only with a page.
+    pub(super) fn check(&self) -> Result<(), String> {
+        let given = self.listen.as_ref().map(|_| "--listen");
+        let Some(option) = given.or((!self.host.is_empty()).then_some("--host")) else {
+            return Ok(());
+        };
+        let word = match self.ui {
+            Some(UiKind::None) => "none",
+            Some(UiKind::Tui) => "tui",
+            Some(UiKind::Web) | None => return Ok(()),
+        };
+        Err(format!("{option}: --ui {word} has no page: use --ui web, or leave {option} out"))
+    }
+
     /// Opens a UI at a desk and prints the address of the page. If the page cannot be served and no
     /// option asks for it, the run has no UI.
     pub(super) fn open(&self, kind: UiKind, desk: UiEnd) -> anyhow::Result<Ui> {
@@ -301,6 +315,26 @@ fn wait(run_end: &RunEnd) -> anyhow::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn page_options_without_a_page_are_refused() {
+        let args = |ui, listen: Option<&str>, host: &[&str]| UiArgs {
+            ui,
+            listen: listen.map(str::to_owned),
+            host: host.iter().map(|name| name.parse().unwrap()).collect(),
+        };
+
+        for kind in [UiKind::None, UiKind::Tui] {
+            let why = args(Some(kind), Some("8780"), &[]).check().unwrap_err();
+            assert!(why.starts_with("--listen: --ui "), "{why}");
+            let why = args(Some(kind), None, &["robot.example"]).check().unwrap_err();
+            assert!(why.starts_with("--host: --ui "), "{why}");
+            assert_eq!(args(Some(kind), None, &[]).check(), Ok(()));
+        }
+        for kind in [Some(UiKind::Web), None] {
+            assert_eq!(args(kind, Some("8780"), &["robot.example"]).check(), Ok(()));
+        }
+    }
 
     #[test]
     fn address_accepts_ports_and_addresses() {

@@ -16,7 +16,8 @@ Examples:
   rubik-robot vision eval photographs/manifest.jsonl  # shares found and read, time of a picture
   rubik-robot vision stages photo.jpg -o stages       # figure 4 of the paper for a picture
 
-Exit codes: 0 done, 1 a picture has no face or no pose, or colours make no cube, 2 usage.")]
+Exit codes: 0 done, 1 a picture has no face or no pose, or colours make no cube, 2 usage, or a
+file cannot be read.")]
 pub(super) struct VisionArgs {
     #[command(subcommand)]
     what: What,
@@ -31,7 +32,7 @@ Examples:
   rubik-robot vision face photo.jpg
   rubik-robot vision face *.png --json
 
-Exit codes: 0 every picture shows a face, 1 a picture shows none.")]
+Exit codes: 0 every picture shows a face, 1 a picture shows none, 2 a picture cannot be read.")]
     Face {
         /// Picture files (PNG, JPEG)
         #[arg(required = true)]
@@ -49,7 +50,8 @@ Examples:
 Each face is upright as in the usual net: U above F, D below F. Pictures that were turned, exchanged
 or mirrored are recognised and put right where exactly one cube fits; the line says which (\"put
 right:\", in JSON \"correction\").
-Exit codes: 0 the cube is read, 1 a picture shows no face, or no cube fits all stickers.")]
+Exit codes: 0 the cube is read, 1 a picture shows no face, or no cube fits all stickers, 2 a
+picture cannot be read.")]
     Scan {
         /// Pictures of the faces U, R, F, D, L and B, in this order (PNG, JPEG)
         #[arg(required = true, num_args = 6, value_names = ["U", "R", "F", "D", "L", "B"])]
@@ -69,7 +71,7 @@ Examples:
   rubik-robot vision colours measured/*.json --json
 
 Faces that were turned, exchanged or mirrored are put right as by `vision scan`.
-Exit codes: 0 all cubes are read, 1 no cube fits the colours of a file.")]
+Exit codes: 0 all cubes are read, 1 no cube fits the colours of a file, 2 a file cannot be read.")]
     Colours {
         /// Files of measured colours (JSON)
         #[arg(required = true)]
@@ -86,7 +88,8 @@ Examples:
   rubik-robot vision rig new.png --boxes rig.txt
   rubik-robot vision rig new.png --boxes rig.txt --table rig.json --json
 
-Exit codes: 0 all cubes are read, 1 a cube is not, 2 the boxes or the table cannot be used.")]
+Exit codes: 0 all cubes are read, 1 a cube is not, 2 a picture, the boxes or the table cannot be
+read.")]
     Rig {
         /// Picture files (PNG, JPEG)
         #[arg(required = true)]
@@ -164,7 +167,8 @@ Examples:
   rubik-robot vision stages photo.jpg
   rubik-robot vision stages photo.jpg -o stages --fx 600
 
-Exit codes: 0 done, 1 a picture cannot be read, 2 the folder cannot be written.")]
+Exit codes: 0 done, 1 the optics are not those of a picture, 2 a picture cannot be read, or the
+folder cannot be written.")]
     Stages(stages::StagesArgs),
 }
 
@@ -178,11 +182,11 @@ pub(super) fn vision(args: &VisionArgs, output: &mut Output) -> anyhow::Result<u
             rig::rig(images, boxes, table.as_deref(), *json)
         }
         What::Learn { images, boxes, states } => {
-            rig::learn(images, boxes, states.as_deref()).map(|text| (text, true))
+            rig::learn(images, boxes, states.as_deref()).map(|text| (text, 0))
         }
         What::Eval { manifest, json, misses, plot } => {
             let plot = plot.as_deref();
-            evaluate::evaluate(manifest, *json, *misses, plot).map(|text| (text, true))
+            evaluate::evaluate(manifest, *json, *misses, plot).map(|text| (text, 0))
         }
         What::Stages(args) => stages::stages(args),
         What::Locate(args) => Ok(locate::locate(args)),
@@ -195,10 +199,10 @@ pub(super) fn vision(args: &VisionArgs, output: &mut Output) -> anyhow::Result<u
         }
     };
     match done {
-        Ok((text, all)) => {
+        Ok((text, code)) => {
             output.text(&text)?;
             // The text has a line for each picture, also for those that failed.
-            Ok(u8::from(!all))
+            Ok(code)
         }
         Err(error) => {
             complain(&format!("{error:#}"));

@@ -4,7 +4,7 @@
 //! - in: a scenario, an arm whose hand is empty
 //! - out: weight, centre, bias and residuals; the lines for the scenario
 
-use super::arguments::ScenarioArgs;
+use super::arguments::{ScenarioArgs, check_devices};
 use super::output::{Output, complain, refuse};
 use crate::error::Error;
 use crate::run::weigh::weigh_tool;
@@ -45,6 +45,7 @@ pub(super) fn run(args: &WeighArgs, output: &mut Output) -> anyhow::Result<u8> {
             args.arm
         )));
     };
+    check_devices(&scenario)?;
     let progress =
         |index: usize, count: usize| complain(&format!("orientation {} of {count}", index + 1));
     match weigh_tool(&scenario, arm, progress) {

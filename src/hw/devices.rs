@@ -15,6 +15,7 @@ use super::note::Notes;
 use super::port::Port;
 use super::serial::axis::Rules;
 use super::serial::{AXIS_BAUD, Line, SerialArm, SerialPort};
+use super::text::Unread;
 use crate::cell::Arm;
 use crate::motion::AXES;
 use serde::de::{Deserializer, Error as _};
@@ -310,7 +311,8 @@ impl Devices {
         check: impl FnOnce(&File) -> std::io::Result<()>,
     ) -> Result<Self, NoDevice> {
         let fail = |why: &str| NoDevice(format!("{}: {why}", path.display()));
-        let (file, text) = read(path).map_err(|e| fail(&e.to_string()))?;
+        let (file, text) =
+            read(path).map_err(|why| NoDevice(Unread::new(path, why).to_string()))?;
         // The open file is checked, because its name may lead to another one meanwhile.
         check(&file).map_err(|e| fail(&e.to_string()))?;
         let devices = parse(&text).map_err(|(at, why)| {
@@ -727,7 +729,7 @@ mod tests {
         let wrong = Devices::load(&path).unwrap_err().to_string();
         std::fs::remove_file(&path).unwrap();
         assert!(wrong.contains("unknown field `speed`") && wrong.contains(".toml:"), "{wrong}");
-        assert!(Devices::load(&path).unwrap_err().to_string().contains("No such file"));
+        assert!(Devices::load(&path).unwrap_err().to_string().contains("no such file"));
     }
 
     /// Another user puts a file at the default path before this one does.
@@ -770,7 +772,8 @@ mod tests {
 
         for path in [fifo.clone(), "/dev/zero".into(), std::env::temp_dir()] {
             let error = Devices::load(&path).unwrap_err().to_string();
-            assert_eq!(error, format!("{}: not a regular file", path.display()));
+            let why = if path.is_dir() { "it is a folder" } else { "not a regular file" };
+            assert_eq!(error, format!("cannot read {}: {why}", path.display()));
         }
         std::fs::remove_file(&fifo).unwrap();
         let full = "#".repeat(1 << 20);

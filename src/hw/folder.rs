@@ -5,6 +5,7 @@
 
 use super::camera::{Frame, FrameSource, NoFrame};
 use super::image_file::load_frame;
+use super::text::Unread;
 use std::path::{Path, PathBuf};
 
 /// Frames from files.
@@ -22,7 +23,7 @@ impl FolderCamera {
     pub fn open(name: &str, folder: &Path) -> Result<Self, NoFrame> {
         let refuse = |reason: String| NoFrame { camera: name.to_owned(), reason };
         let entries =
-            std::fs::read_dir(folder).map_err(|e| refuse(format!("{}: {e}", folder.display())))?;
+            std::fs::read_dir(folder).map_err(|e| refuse(Unread::new(folder, e).to_string()))?;
         let mut files: Vec<PathBuf> = entries
             .filter_map(|entry| Some(entry.ok()?.path()))
             .filter(|path| {

@@ -38,7 +38,7 @@ pub struct Unreadable(String);
 
 impl From<std::io::Error> for Unreadable {
     fn from(error: std::io::Error) -> Self {
-        Self(error.to_string())
+        Self(text::reason(&error).into_owned())
     }
 }
 
@@ -58,7 +58,7 @@ fn refuse<T>(reason: impl Into<String>) -> Result<T> {
 /// # Errors
 /// Reason why the file is no usable picture, with its path.
 pub fn load(path: &Path) -> Result<RgbImage> {
-    let read = || decode(&bytes_of(File::open(path)?)?);
+    let read = || decode(&bytes_of(text::open_any(path).map_err(|unread| unread.why)?)?);
     named(path, read())
 }
 
@@ -72,9 +72,9 @@ pub fn load_frame(path: &Path) -> Result<RgbImage> {
     named(path, read())
 }
 
-/// Puts the path before the reason of an error.
+/// Puts the path before the reason of an error, as [`text::Unread`] does.
 fn named(path: &Path, read: Result<RgbImage>) -> Result<RgbImage> {
-    read.map_err(|Unreadable(why)| Unreadable(format!("{}: {why}", path.display())))
+    read.map_err(|Unreadable(why)| Unreadable(format!("cannot read {}: {why}", path.display())))
 }
 
 /// Reads the bytes of a file, at most one more than [`MOST_BYTES`], which shows that the file is

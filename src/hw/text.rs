@@ -12,7 +12,7 @@ use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{self, ErrorKind, Read};
 use std::os::unix::fs::OpenOptionsExt as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Greatest size of a scenario and of the files beside it (bytes).
 pub const SCENARIO: u64 = 1 << 20;
@@ -83,6 +83,68 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
+/// Quotes a word for a shell, where it needs quotes.
+#[must_use]
+pub fn quoted(word: &str) -> Cow<'_, str> {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=+,:@%".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        return Cow::Borrowed(word);
+    }
+    // Between single quotes only the quote itself is special: close, add an escaped one, open
+    // again.
+    Cow::Owned(format!("'{}'", word.replace('\'', "'\\''")))
+}
+
+/// Error of a file that cannot be read: its message is "cannot read FILE: REASON" in all commands.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot read {}: {}", path.display(), reason(why))]
+pub struct Unread {
+    path: PathBuf,
+    /// Error of the operating system. It is not the source of this one, whose message has it.
+    pub why: io::Error,
+}
+
+impl Unread {
+    /// Makes the error of the file at `path`.
+    #[must_use]
+    pub fn new(path: &Path, why: io::Error) -> Self {
+        Self { path: path.to_owned(), why }
+    }
+}
+
+impl From<Unread> for io::Error {
+    fn from(unread: Unread) -> Self {
+        Self::new(unread.why.kind(), unread)
+    }
+}
+
+/// Returns the reason why a file cannot be read, in words.
+#[must_use]
+pub fn reason(why: &io::Error) -> Cow<'static, str> {
+    match why.kind() {
+        ErrorKind::NotFound => "there is no such file".into(),
+        ErrorKind::IsADirectory => "it is a folder".into(),
+        ErrorKind::PermissionDenied => "this user may not read it".into(),
+        _ => why.to_string().into(),
+    }
+}
+
+/// Opens a file, or anything else that can be read to its end: a pipe, but no folder.
+///
+/// # Errors
+/// [`Unread`].
+pub fn open_any(path: &Path) -> Result<File, Unread> {
+    let open = || {
+        let file = File::open(path)?;
+        // A folder can be opened; only the first read from it fails.
+        if file.metadata()?.is_dir() {
+            return Err(ErrorKind::IsADirectory.into());
+        }
+        Ok(file)
+    };
+    open().map_err(|why| Unread::new(path, why))
+}
+
 /// Opens a regular file.
 ///
 /// # Errors
@@ -143,9 +205,10 @@ pub fn of(from: impl Read, most: u64) -> io::Result<String> {
 /// Reads the text of a file or a pipe.
 ///
 /// # Errors
-/// The error of the operating system; the text is not UTF-8, or larger than `most` (bytes).
-pub fn read(path: &Path, most: u64) -> io::Result<String> {
-    of(File::open(path)?, most)
+/// [`Unread`]: the error of the operating system; the text is not UTF-8, or larger than `most`
+/// (bytes).
+pub fn read(path: &Path, most: u64) -> Result<String, Unread> {
+    of(open_any(path)?, most).map_err(|why| Unread::new(path, why))
 }
 
 #[cfg(test)]
@@ -188,11 +251,22 @@ mod tests {
     }
 
     #[test]
+    fn words_for_a_shell_are_quoted() {
+        assert_eq!(quoted("control.grip_n=26.5"), "control.grip_n=26.5");
+        assert_eq!(quoted("plant.cube_kind=\"dry\""), "'plant.cube_kind=\"dry\"'");
+        assert_eq!((quoted("it's"), quoted("")), ("'it'\\''s'".into(), "''".into()));
+    }
+
+    #[test]
     fn endless_or_too_large_file_is_refused() {
         let folder = std::env::temp_dir().join(format!("rubik-robot-text-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let (file, pipe) = (folder.join("file"), folder.join("pipe"));
-        let told = |path: &Path| read(path, SCENARIO).unwrap_err().to_string();
+        let told = |path: &Path| {
+            let error = read(path, SCENARIO).unwrap_err().to_string();
+            let why = error.strip_prefix(&format!("cannot read {}: ", path.display()));
+            why.unwrap_or_else(|| panic!("{error}")).to_owned()
+        };
         make_pipe(&pipe);
 
         for path in [Path::new("/dev/zero"), &pipe] {
@@ -205,7 +279,8 @@ mod tests {
         });
         assert_eq!(read(&pipe, SCENARIO).unwrap(), "text");
         writer.join().unwrap();
-        assert_eq!(read(&folder, SCENARIO).unwrap_err().kind(), ErrorKind::IsADirectory);
+        assert_eq!(told(&folder), "it is a folder");
+        assert_eq!(told(Path::new("/nowhere")), "there is no such file");
         std::fs::write(&file, vec![b' '; SCENARIO as usize]).unwrap();
         assert_eq!(read(&file, SCENARIO).unwrap().len() as u64, SCENARIO);
         std::fs::write(&file, vec![b' '; SCENARIO as usize + 1]).unwrap();

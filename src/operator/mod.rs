@@ -17,7 +17,7 @@ mod stage;
 
 pub use input::{Input, Manual, Step};
 pub use question::{Answer, Question, Subject};
-pub use remedy::remedy;
+pub use remedy::{remedy, run_remedy};
 pub use snapshot::{
     ActorView, ArmView, CameraView, Class, ControlView, CubeView, HandView, LayerTurn, Mark,
     Message, Net, OutcomeView, PlanLine, Reading, Services, ServoTiming, Snapshot, State,

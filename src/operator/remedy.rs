@@ -1,6 +1,42 @@
-//! Instructions for a person at an arm that has stopped.
+//! Instructions for a person at an arm, or a run, that has stopped.
 
+use crate::error::{Error, Fatal, System};
 use crate::motion::ArmFault;
+
+/// Returns the instruction for the error that ended a run; `None` if the text of the error has it,
+/// or nothing is broken.
+#[must_use]
+pub fn run_remedy(error: &Error) -> Option<&'static str> {
+    match error {
+        Error::Fatal { cause, .. } => Some(match cause {
+            Fatal::Arm(fault) => remedy(fault),
+            Fatal::Bridge(_) => {
+                "Check the robot's lines, cards and supply (`rubik-robot doctor SCENARIO` checks \
+                 its devices), then start a new run."
+            }
+            Fatal::TooNear(_) => {
+                "Check what is in the path of the arms and whether the cell is as the scenario \
+                 describes it, then start a new run."
+            }
+            Fatal::Kernel(_) => DEFECT,
+        }),
+        Error::System { cause, .. } => match cause {
+            System::Silent { .. } => Some(
+                "Check that the machine is not overloaded (`rubik-robot doctor`) and start a new \
+                 run; if it happens again, report it with a recording (--record).",
+            ),
+            System::Panicked { .. } | System::Closed(_) => Some(DEFECT),
+            // The reason names the part and what is wrong with it.
+            System::NotCreated { .. } => None,
+        },
+        // A refused command or the operator's end: nothing is broken.
+        Error::NonFatal { .. } => None,
+    }
+}
+
+/// Instruction for a run that a defect of this program ended.
+const DEFECT: &str = "This is a defect of the program: start a new run with --record FILE; if it \
+                      happens again, report it with the recording.";
 
 /// Returns the instruction for a fault: the person follows it before the next run. A fault stays
 /// until the arm is reset, which the start of a run does.
@@ -51,5 +87,34 @@ pub fn remedy(fault: &ArmFault) -> &'static str {
         ArmFault::EncoderFrozen { .. } | ArmFault::EncoderJump { .. } => {
             "Check the axis's encoder and its cable, and synchronise the arm before the next run."
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_fatal_error_has_a_remedy() {
+        let fatal = |cause| Error::Fatal { actor: "edp".into(), place: "servo", cause, last: None };
+        let system = |cause| Error::System { actor: "mp".into(), place: "execute", cause };
+
+        for cause in [
+            Fatal::Arm(ArmFault::EmergencyStop),
+            Fatal::Bridge("gone".into()),
+            Fatal::Kernel("waits".into()),
+            Fatal::TooNear("the table".into()),
+        ] {
+            assert!(run_remedy(&fatal(cause)).is_some_and(|words| words.contains("new run")));
+        }
+        let stop = fatal(ArmFault::EmergencyStop.into());
+        assert_eq!(run_remedy(&stop), Some(remedy(&ArmFault::EmergencyStop)));
+        let silent = System::Silent { who: "mp".into(), seconds: 10.0 };
+        let panicked = System::Panicked { who: "mp".into(), why: "a defect".into() };
+        for cause in [silent, panicked, System::Closed("mp".into())] {
+            assert!(run_remedy(&system(cause)).is_some());
+        }
+        let told = System::NotCreated { who: "bridge".into(), why: "no file".into() };
+        assert_eq!(run_remedy(&system(told)), None);
     }
 }

@@ -15,7 +15,7 @@
 use crate::hw::{new_file, text};
 use crate::tasks::Entry;
 use std::fmt::Debug;
-use std::fs::File;
+use std::fs::{File, TryLockError};
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
@@ -53,8 +53,8 @@ pub enum Unreadable {
     Taken,
     /// Unfinished run in the journal, which a new journal would overwrite.
     #[error(
-        "the journal records a run that was interrupted while {0}: continue the run with \
-         --resume, or remove this file"
+        "an earlier run was interrupted while {0}, and its journal is still there: continue that \
+         run with --resume, or name another file"
     )]
     Unfinished(String),
     /// Error of the operating system.
@@ -193,6 +193,18 @@ impl Journal {
             ),
         };
         format!("{place}: the journal cannot be written: {why}; {rest}")
+    }
+
+    /// Returns what a run was doing when it was interrupted, if the journal at `path` is that of a
+    /// run that is neither over nor still going on. The file stays as it is.
+    #[must_use]
+    pub fn interrupted(path: &Path) -> Option<String> {
+        let file = text::open(path).ok()?;
+        // A run holds an exclusive lock on its journal as long as it lives.
+        if matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)) {
+            return None;
+        }
+        Self::last(path).ok().flatten().filter(|last| !last.over).map(|last| last.doing)
     }
 
     /// Returns the last entry of a journal; `None` if there is no file or no entry in it.

@@ -106,6 +106,10 @@ pub struct Summary {
     /// Code of the error that ended the run; `None` if none did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fault: Option<FaultCode>,
+    /// Instruction for the operator after that error, as a sentence; `None` if there is none.
+    /// Summaries of older builds have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub remedy: Option<String>,
     /// Task of the scenario: "solve", "`face_turn`", "acquire".
     pub task: String,
     /// Seed.
@@ -216,6 +220,7 @@ impl Summary {
             reason: reason.to_owned(),
             ended_by,
             fault: None,
+            remedy: None,
             task: task.to_owned(),
             seed,
             cube_start: cube.map(str::to_owned),
@@ -334,6 +339,9 @@ impl Summary {
         if let Some(fault) = self.fault {
             row(&mut t, "fault code", &fault.to_string());
         }
+        if let Some(remedy) = &self.remedy {
+            row(&mut t, "what to do", remedy);
+        }
         t
     }
 
@@ -421,6 +429,7 @@ mod tests {
             reason: "the cube in the plant is solved".into(),
             ended_by: EndedBy::Task,
             fault: None,
+            remedy: None,
             task: "solve".into(),
             seed: 1,
             cube_start: Some("U".repeat(54)),
@@ -490,6 +499,21 @@ mod tests {
         s.accidents = Some(vec![Accident { time_s: 12.34, what: "it fell".into() }]);
 
         assert!(s.table().contains("12.3 s: it fell\n"), "{}", s.table());
+    }
+
+    #[test]
+    fn remedy_is_last_row_and_optional_field() {
+        let mut s = summary();
+        assert!(!s.table().contains("what to do") && !s.json().contains("remedy"));
+        s.remedy = Some("Check the encoder.".into());
+
+        assert!(
+            s.table().ends_with("\nwhat to do             Check the encoder.\n"),
+            "{}",
+            s.table()
+        );
+        let read: Summary = serde_json::from_str(&s.json()).unwrap();
+        assert_eq!(read, Summary { peak_force_n: Some(f64::MAX), ..s });
     }
 
     #[test]

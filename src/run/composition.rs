@@ -9,7 +9,7 @@ use super::failure::not_created;
 use super::gate::Gate;
 use super::operator::OperatorChannels;
 use super::options::{PlantProbe, RunOptions};
-use super::outcome::{Done, Truth};
+use super::outcome::{Done, Truth, unaccounted};
 use super::plan::Plan;
 use super::plant_hash::plant_hash;
 use super::recording;
@@ -140,7 +140,14 @@ impl Composition<'_> {
         self.operator.started(self.options.wait).await?;
         let (mut servos, jams) = self.start_servos(world)?;
         let services = self.services(servos.clock.clone());
-        let (pace, stuck) = (self.scenario.pace, self.options.stuck);
+        let pace = self.scenario.pace;
+        let stuck = self.options.stuck.map(|stuck| {
+            let scenario = self.scenario.clone();
+            move |error: Error| {
+                let summary = unaccounted(&scenario, &error);
+                stuck(error, summary);
+            }
+        });
         let watchdog = &services.supervision.watchdog;
         let outside = supervise(&servos, watchdog, &self.faults, pace, stuck)
             .inspect_err(|_| servos.switches.stop.store(true, Ordering::Release))?;

@@ -5,6 +5,7 @@ use crate::error::Error;
 use crate::hw::plant::Plant;
 use crate::record::playback::Playback;
 use crate::record::recorder::Recorder;
+use crate::record::summary::Summary;
 use std::path::PathBuf;
 
 /// Options of a run's start.
@@ -28,8 +29,8 @@ pub struct RunOptions {
     /// Initial limit of virtual time, in multiples of real time; 0 for as fast as it computes.
     pub speed: f64,
     /// Function that is called from a thread outside the runtime when an actor blocks all others.
-    /// The run cannot end by itself then.
-    pub stuck: Option<fn(Error)>,
+    /// The run cannot end by itself then. Its summary has the error, but no figures.
+    pub stuck: Option<fn(Error, Summary)>,
 }
 
 /// Surroundings of a run, which its caller owns and which outlive it.

@@ -21,7 +21,7 @@ use crate::actors::mp::Ending;
 use crate::cube::{Facelets, format_turns};
 use crate::error::{Error, NonFatal};
 use crate::hw::plant::{self, Verdict};
-use crate::operator::OutcomeView;
+use crate::operator::{OutcomeView, run_remedy};
 use crate::record::summary::{Accident, EndedBy, Exertion, Outcome, Phase, SensorPeak, Summary};
 use crate::scenario::{ControllerConfig, Scenario};
 use crate::servo::period::Length;
@@ -78,6 +78,20 @@ impl Truth {
 /// Returns the summary of a run that `error` ended before its task began.
 #[must_use]
 pub(crate) fn not_begun(scenario: &Scenario, error: &Error) -> Summary {
+    let cube = (!scenario.bridge.kind.is_hardware()).then(|| scenario.cube().to_string());
+    without_account(scenario, error, cube.as_deref())
+}
+
+/// Returns the summary of a run that `error` ended in its task without an account: the plant may
+/// have moved, so its figures are unknown.
+pub(super) fn unaccounted(scenario: &Scenario, error: &Error) -> Summary {
+    let Summary { cube_start, .. } = not_begun(scenario, error);
+    Summary { cube_start, drops_noticed: None, ..without_account(scenario, error, None) }
+}
+
+/// Returns the summary of a run that has only its error. `cube` is that of the plant, if it is sure
+/// not to have changed.
+fn without_account(scenario: &Scenario, error: &Error, cube: Option<&str>) -> Summary {
     let ended_by = match error {
         Error::NonFatal { cause: NonFatal::Terminated, .. } => EndedBy::Operator,
         Error::NonFatal { cause: NonFatal::Interrupted, .. } => EndedBy::Interrupt,
@@ -85,10 +99,10 @@ pub(crate) fn not_begun(scenario: &Scenario, error: &Error) -> Summary {
         Error::Fatal { .. } => EndedBy::Fatal,
         Error::System { .. } => EndedBy::System,
     };
-    let cube = (!scenario.bridge.kind.is_hardware()).then(|| scenario.cube().to_string());
     let (task, reason) = (scenario.controller.task.word(), error.to_string());
-    let summary = Summary::not_started(task, scenario.seed, cube.as_deref(), &reason, ended_by);
-    Summary { fault: Some(error.code()), ..summary }
+    let summary = Summary::not_started(task, scenario.seed, cube, &reason, ended_by);
+    let remedy = run_remedy(error).map(str::to_owned);
+    Summary { fault: Some(error.code()), remedy, ..summary }
 }
 
 /// Returns the summary of a run; `period` is the length of a servo period (s).
@@ -112,6 +126,7 @@ pub(super) fn summary(
         reason,
         ended_by,
         fault: ending.error.as_ref().map(Error::code),
+        remedy: ending.error.as_ref().and_then(run_remedy).map(str::to_owned),
         task: config.task.word().to_owned(),
         seed,
         cube_start: truth.map(|t| t.start.to_string()),

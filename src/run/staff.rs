@@ -54,7 +54,7 @@ pub(super) fn supervise(
     watchdog: &Watchdog,
     faults: &InjectedFaults,
     pace: Pace,
-    stuck: Option<fn(Error)>,
+    stuck: Option<impl FnOnce(Error) + Send + 'static>,
 ) -> Result<Option<Outside>, Error> {
     let (beats, heart) = (Arc::clone(&servos.switches), Arc::clone(&faults.heart));
     // The heartbeat is a task of the actors' runtime, so it stops if any of them blocks that.

@@ -47,8 +47,8 @@ const SHIPPED: [(&str, &str); 2] = [
 /// the program (`shipped:solve`, `shipped:table`).
 ///
 /// # Errors
-/// The error of the operating system for the file.
-pub fn text(path: &Path) -> std::io::Result<String> {
+/// The file cannot be read.
+pub fn text(path: &Path) -> Result<String, text::Unread> {
     let shipped = SHIPPED.iter().find(|(name, _)| path.as_os_str() == *name);
     shipped.map_or_else(|| text::read(path, text::SCENARIO), |(_, text)| Ok((*text).to_owned()))
 }
@@ -61,13 +61,7 @@ pub fn text(path: &Path) -> std::io::Result<String> {
 pub fn load(path: &Path, overrides: &[Override]) -> Result<Scenario, Faults> {
     let text = text(path).map_err(|error| {
         let mut faults = Faults::default();
-        let reason = match error.kind() {
-            std::io::ErrorKind::NotFound => "there is no such file".to_owned(),
-            std::io::ErrorKind::InvalidData => "the file is not UTF-8 text".to_owned(),
-            std::io::ErrorKind::IsADirectory => "a folder, not a scenario file".to_owned(),
-            _ => error.to_string(),
-        };
-        faults.add(None, format!("{}: {reason}", path.display()));
+        faults.add(None, error.to_string());
         faults
     })?;
     read(path, &text, overrides)

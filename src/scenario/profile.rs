@@ -95,7 +95,7 @@ fn read<T: serde::de::DeserializeOwned>(
         match text::read(&file, text::SCENARIO) {
             Ok(text) => (text, file.display().to_string()),
             Err(error) => {
-                reader.fault(at, format!("`{at}`: {}: {error}", file.display()));
+                reader.fault(at, format!("`{at}`: {error}"));
                 return None;
             }
         }

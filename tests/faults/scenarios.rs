@@ -687,11 +687,14 @@ fn each_fault_gives_expected_exit_code_and_message() {
             // Only outcome and reason are searched for places, because every summary names both
             // arms.
             let reason = format!("{} {}", summary["outcome"], summary["reason"]);
-            // Exit codes 3 and 4 are those of errors, each of which has a code. A run whose actors
-            // are all blocked ends without a summary.
-            let fault = summary["fault"].as_str();
+            // Exit codes 3 and 4 are those of errors, each of which has a code and a remedy, also
+            // if the actors are all blocked.
+            let (fault, remedy) = (summary["fault"].as_str(), summary["remedy"].as_str());
             let by_error = exit == Some(3) || exit == Some(4);
-            assert!(summary.is_null() || fault.is_some() == by_error, "{name}: {last}");
+            assert_eq!((fault.is_some(), remedy.is_some()), (by_error, by_error), "{name}: {last}");
+            assert!(summary["outcome"].is_string() && summary["reason"].is_string(), "{last}");
+            // Blocked actors give no account, so the figures are unknown.
+            assert_eq!(summary["cube_end"].is_null(), *name == "spin_mp", "{name}: {last}");
             // The colour U that the fault gives to F1 may be its own; then the fault changes
             // nothing.
             let shows_u = || summary["cube_start"].as_str().unwrap()[18..].starts_with('U');

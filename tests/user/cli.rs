@@ -117,6 +117,8 @@ fn invalid_speeds_and_addresses_exit_with_2() {
         (["--speed", "1e-300"], "--speed"),
         (["--speed", "0.001"], "--speed"),
         (["--listen", "everywhere"], "--listen everywhere"),
+        (["--ui=none", "--listen=everywhere"], "--listen: --ui none has no page"),
+        (["--ui=none", "--host=robot.example"], "--host: --ui none has no page"),
         // An address that is reserved for documentation, so no machine has it.
         (["--listen", "192.0.2.1:80"], "192.0.2.1"),
     ] {
@@ -373,6 +375,64 @@ fn failed_calibration_keeps_the_existing_file() {
 
     assert_ne!(done.status.code(), Some(0), "{}", text(&done.stderr));
     assert_eq!(std::fs::read_to_string(kept.path()).unwrap(), "kept\n", "{}", text(&done.stderr));
+}
+
+/// Every command says it in the same words, names the file once and exits with 2.
+#[test]
+fn file_that_cannot_be_read_exits_2() {
+    let new = std::env::temp_dir().join(format!("rubik-robot-{}-unread", std::process::id()));
+    let new = new.to_str().unwrap();
+    let film = format!("{new}.gif");
+    let commands: &[&[&str]] = &[
+        &["check", "FILE"],
+        &["run", "FILE"],
+        &["campaign", "FILE", "--runs", "1"],
+        &["campaign", "scenarios/idle.toml", "--runs", "1", "--vary", "FILE"],
+        &["campaign", "merge", "FILE"],
+        &["run", "scenarios/hardware.toml", "--set", "bridge.devices=FILE"],
+        &["weigh", "scenarios/hardware.toml", "--arm", "track", "--set", "bridge.devices=FILE"],
+        &["replay", "FILE"],
+        &["replay", "FILE", "--verify"],
+        &["report", "FILE", "-o", new],
+        &["film", "FILE", "-o", &film],
+        &["recover", "FILE", "-o", new],
+        &["vision", "face", "FILE"],
+        &["vision", "locate", "FILE", "--fx", "600"],
+        &["vision", "stages", "FILE"],
+        &["vision", "colours", "FILE"],
+        &["vision", "eval", "FILE"],
+        &["vision", "rig", "FILE", "--boxes", "FILE"],
+        &["vision", "learn", "FILE", "--boxes", "FILE"],
+    ];
+    for (file, why) in
+        [("/nowhere/file", "there is no such file"), ("/proc/self", "it is a folder")]
+    {
+        for command in commands {
+            let args: Vec<String> = command.iter().map(|word| word.replace("FILE", file)).collect();
+            let done = robot(&args.iter().map(String::as_str).collect::<Vec<_>>());
+
+            let told = format!("{}{}", text(&done.stdout), text(&done.stderr));
+            assert_eq!(done.status.code(), Some(2), "{args:?}: {told}");
+            assert!(told.contains(&format!("cannot read {file}: {why}")), "{args:?}: {told}");
+            assert_eq!(told.matches(file).count(), 1, "{args:?}: {told}");
+            assert!(!std::path::Path::new(new).exists(), "{args:?}");
+        }
+    }
+}
+
+#[test]
+fn help_gives_sizes_and_required_options() {
+    let help =
+        |args: &[&str]| text(&robot(args).stdout).split_whitespace().collect::<Vec<_>>().join(" ");
+
+    // The large tables alone take more than a gigabyte.
+    let build = help(&["tables", "build", "--help"]);
+    let size = build.split("all tables: ").nth(1).unwrap().split(' ').next().unwrap();
+    assert!((1.0..100.0).contains(&size.parse::<f64>().unwrap()), "{build}");
+    let campaign = help(&["campaign", "--help"]);
+    assert!(campaign.contains("required without --soak"), "{campaign}");
+    assert!(!help(&["campaign", "merge", "--help"]).contains("soak"));
+    assert!(!help(&["film", "--help"]).contains("minute"));
 }
 
 #[test]

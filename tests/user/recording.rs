@@ -555,8 +555,10 @@ fn failed_commands_keep_an_existing_recording() {
     };
 
     refused(&["report", file, "-o", file], 2, "is the recording and would be overwritten");
-    // This run fails before its first period.
-    let never = ["run", "scenarios/hardware.toml", "--ui", "none", "--json", "--record", file];
+    // This run fails before its first period: its file of devices has none.
+    let none = format!("bridge.devices={}", no_devices("kept_none.toml"));
+    let mut never = vec!["run", "scenarios/hardware.toml", "--ui", "none", "--json"];
+    never.extend(["--set", &none, "--record", file]);
     refused(&never, 4, "is as it was");
     let junk = place("junk.mcap");
     std::fs::write(&junk, "no recording").unwrap();
@@ -979,6 +981,13 @@ fn report_shows_injected_fault_and_controllers_reaction() {
     assert!(timeline.contains(">warnings<") && timeline.contains("eased back"), "{timeline}");
 }
 
+/// Writes a file of devices without any, which no run on hardware can use.
+fn no_devices(name: &str) -> String {
+    let path = place(name);
+    std::fs::write(&path, "").unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
 #[test]
 fn recording_of_failed_start_holds_the_reason() {
     let path = place("never.mcap");
@@ -989,6 +998,8 @@ fn recording_of_failed_start_holds_the_reason() {
         "--ui",
         "none",
         "--json",
+        "--set",
+        &format!("bridge.devices={}", no_devices("never_none.toml")),
         "--record",
         path.to_str().unwrap(),
     ]);

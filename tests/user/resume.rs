@@ -190,7 +190,6 @@ fn run_refuses_invalid_unfinished_or_locked_journal() {
     let cases = [
         ("a thesis", "", false, "not the state of a plant"),
         ("", "notes", false, "line 1"),
-        ("", unfinished, false, "interrupted while turning: continue the run with --resume"),
         ("", unfinished, true, "the journal records an interrupted run"),
     ];
 
@@ -227,6 +226,34 @@ fn run_refuses_invalid_unfinished_or_locked_journal() {
     let folder = std::env::temp_dir();
     let (code, stderr) = run(&folder, &notes, false);
     assert!(code == 4 && stderr.contains("not a file"), "{code} {stderr}");
+}
+
+/// The first advice is to resume: to remove the journal would give up the saved world as well.
+#[test]
+fn new_run_beside_interrupted_journal_exits_2() {
+    let (world, notes) = (place("world-beside"), place("journal-beside"));
+    let unfinished = r#"{"doing":"turning","held":["One",null],"handing_back":false,"over":false}"#;
+    std::fs::write(&notes, format!("{unfinished}\n")).unwrap();
+    for with_world in [true, false] {
+        let mut run = program();
+        run.args(["run", "scenarios/solve.toml", "--json", "--journal"]).arg(&notes);
+        if with_world {
+            run.arg("--world").arg(&world);
+        }
+        let out = run.output().unwrap();
+
+        let told = String::from_utf8_lossy(&out.stderr).into_owned();
+        assert_eq!(out.status.code(), Some(2), "{told}");
+        let begin = "--journal: an earlier run was interrupted while turning, and its journal ";
+        assert!(told.starts_with(begin), "{told}");
+        let (resume, anew) = (told.find("--resume"), told.find("To start anew"));
+        assert!(resume.is_some() && resume < anew, "{told}");
+        let wanted = if with_world { "replaces the saved plant" } else { "--world of that run" };
+        assert!(told.contains(wanted) && !told.contains("could not be created"), "{told}");
+        assert_eq!(std::fs::read_to_string(&notes).unwrap().trim(), unfinished);
+        assert!(!world.exists(), "a refused run writes nothing");
+    }
+    std::fs::remove_file(&notes).unwrap();
 }
 
 /// `ulimit -f 1` simulates a disk that is full at the third or fourth entry. The run warns, marks

@@ -251,7 +251,10 @@ mod tests {
         assert!(scenario.load_devices().1.is_ok(), "the command line names it");
         fs::set_permissions(&file, fs::Permissions::from_mode(0o644)).unwrap();
         let (weight, fact, fix) = one(&folder, &IDLE.replace("devices.toml", "nosuch.toml"));
-        assert!(weight == Weight::Refused && fact.contains("nosuch.toml: No such file"), "{fact}");
+        assert!(
+            weight == Weight::Refused && fact.contains("nosuch.toml: there is no such file"),
+            "{fact}"
+        );
         assert_eq!(fix.as_deref(), Some(NAME_DEVICES));
         assert!(look(&folder, &IDLE.replace("serial", "plant")).is_empty());
     }
