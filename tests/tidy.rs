@@ -172,7 +172,8 @@ fn long_test_names(text: &str) -> Vec<(usize, String)> {
     let mut found = Vec::new();
     let mut test = false;
     for (number, line) in bare.lines().enumerate() {
-        test |= line.trim_start().starts_with("#[test]");
+        let line = line.trim_start();
+        test |= line.starts_with("#[test]") || line.starts_with("#[tokio::test");
         let words = tokens(line);
         let name = words.iter().position(|t| t == "fn").and_then(|at| words.get(at + 1));
         if let Some(name) = name.filter(|_| std::mem::take(&mut test))

@@ -475,7 +475,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn force_sensor_of_a_moving_arm_is_not_zeroed() {
+    async fn moving_arm_keeps_its_force_zero() {
         let (link, mut end) = driver::link();
         let clock = Clock::new(Instant::now(), Arc::default());
         tokio::spawn({

@@ -242,7 +242,7 @@ pub fn overwrite(path: &Path) -> io::Result<File> {
 /// Parts of a written file that survive a power cut.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sync {
-    /// Nothing is waited for.
+    /// None: the writer does not wait for the disk.
     No,
     /// The content: the name may still be that of the older file.
     Content,

@@ -127,6 +127,24 @@ pub struct Grip {
 }
 
 impl Grip {
+    /// Number of grips: 24 over one layer and 24 over two.
+    pub const COUNT: usize = 2 * Self::OF_DEPTH;
+    /// Number of grips of one depth.
+    pub const OF_DEPTH: usize = 24;
+
+    /// Iterates over all grips in the order of their numbers.
+    pub fn every() -> impl Iterator<Item = Self> {
+        Self::all(Depth::One).chain(Self::all(Depth::Two))
+    }
+
+    /// Returns the number of this grip, less than [`Grip::COUNT`]: that of its rotation, and 24
+    /// more over two layers.
+    #[must_use]
+    pub fn number(self) -> usize {
+        let deep = self.hold.depth == Depth::Two;
+        self.rotation().index() + if deep { Self::OF_DEPTH } else { 0 }
+    }
+
     /// Iterates over all 24 grips of a depth.
     pub fn all(depth: Depth) -> impl Iterator<Item = Self> {
         Rotation24::all().map(move |r| Self::from_rotation(r, depth))

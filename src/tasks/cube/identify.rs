@@ -15,14 +15,13 @@
 //! their order counts.
 
 use super::hold::{Grip, Hand, Hold, Step};
-use super::plan::{Depths, NoPlan, Reach, Stop, Terms, compatible};
+use super::plan::{NoPlan, Reach, Stop, Terms, compatible, of_rotations};
 use crate::cube::{Face, Rotation24, rotation_index};
-use crate::motion::Depth;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Number of grips of a hand: 24 over one layer, then 24 over two.
-const GRIPS: usize = 48;
+/// Number of grips of a hand.
+const GRIPS: usize = Grip::COUNT;
 /// Number of sets of seen faces; the last one has all faces.
 const SETS: usize = 64;
 const ALL: usize = SETS - 1;
@@ -60,7 +59,7 @@ pub fn looks(
     let search = Search::new(wanted, terms, reach);
     // An unwanted face counts as seen from the beginning, so every goal is the full set.
     let seen = (0..6).filter(|&f| !wanted.faces[f]).fold(0, |set, f| set | 1 << f);
-    let grip = grip_number(start.1);
+    let grip = start.1.number();
     search.quickest(State { hand: start.0, grip, seen, at: None }).ok_or(NoPlan::Unseen)
 }
 
@@ -77,11 +76,28 @@ struct State {
 }
 
 impl State {
+    /// Number of states.
+    const COUNT: usize = 2 * GRIPS * SETS * PLACES;
+
     /// Returns the index of this state among all.
     fn index(&self) -> usize {
-        let place = self.at.map_or(0, |at| 1 + at.number());
-        ((self.hand.index() * GRIPS + self.grip) * SETS + self.seen) * PLACES + place
+        ((self.hand.index() * GRIPS + self.grip) * SETS + self.seen) * PLACES
+            + place_number(self.at)
     }
+
+    /// Returns the state with this index.
+    fn with_index(index: usize) -> Self {
+        let (rest, place) = (index / PLACES, index % PLACES);
+        let (held, seen) = (rest / SETS, rest % SETS);
+        let hand = if held < GRIPS { Hand::Track } else { Hand::Postument };
+        let at = place.checked_sub(1).and_then(Stop::numbered);
+        Self { hand, grip: held % GRIPS, seen, at }
+    }
+}
+
+/// Returns the number of a place of the hands, less than [`PLACES`].
+fn place_number(at: Option<Stop>) -> usize {
+    at.map_or(0, |at| 1 + at.number())
 }
 
 /// The quickest path to a state.
@@ -99,11 +115,6 @@ enum Move {
     Look(Face),
     /// The other hand grasps the cube in this grip, and the former holder leaves.
     HandOver(Hand, Grip),
-}
-
-/// Returns the number of a grip: that of its rotation, and 24 more if it is over two layers.
-fn grip_number(grip: Grip) -> usize {
-    grip.rotation().index() + if grip.hold.depth == Depth::Two { 24 } else { 0 }
 }
 
 /// Data of one search.
@@ -129,49 +140,43 @@ struct Search {
 impl Search {
     /// Tabulates the meetings, times and views.
     fn new(wanted: &Wanted, terms: &Terms, reach: &impl Reach) -> Self {
-        let grips: Vec<Grip> = Grip::all(Depth::One).chain(Grip::all(Depth::Two)).collect();
-        // The meeting depends on the rotations alone, so depths share it.
-        let rotations: Vec<_> = grips[..24].iter().map(|g| g.rotation().quaternion()).collect();
-        let by_rotation: Vec<Option<Stop>> = rotations
-            .iter()
-            .flat_map(|track| rotations.iter().map(move |postument| (track, postument)))
-            .map(|(track, postument)| {
-                reach.grasp(*track, *postument)?;
-                Some(Stop::grasp(rotation_index(&(track.inverse() * postument)) as u8))
-            })
-            .collect();
-        let meetings = (0..GRIPS * GRIPS)
-            .map(|pair| {
-                let (track, postument) = (pair / GRIPS, pair % GRIPS);
-                let meets = compatible(grips[track].hold, grips[postument].hold, terms.rule);
-                by_rotation[track % 24 * 24 + postument % 24].filter(|_| meets)
-            })
-            .collect();
+        let grips: Vec<Grip> = Grip::every().collect();
+        let mut meetings = of_rotations(|track, postument| {
+            reach.grasp(*track, *postument)?;
+            Some(Stop::grasp(rotation_index(&(track.inverse() * postument)) as u8))
+        });
+        for (pair, meeting) in meetings.iter_mut().enumerate() {
+            let [track, postument] = [pair / GRIPS, pair % GRIPS].map(|grip| grips[grip].hold);
+            *meeting = meeting.filter(|_| compatible(track, postument, terms.rule));
+        }
         let hands = [Hand::Track, Hand::Postument];
-        let seconds: Vec<f64> = (0..PLACES * Stop::COUNT * 2)
-            .filter_map(|n| {
-                let (place, to, hand) = (n / 2 / Stop::COUNT, n / 2 % Stop::COUNT, hands[n % 2]);
-                let from = place.checked_sub(1).and_then(Stop::numbered);
-                Some(reach.path(from, Stop::numbered(to)?, hand))
-            })
-            .collect();
-        let to_views = seconds.iter().enumerate().filter(|(n, _)| n / 2 % Stop::COUNT >= 24);
+        let stops = || (0..Stop::COUNT).filter_map(Stop::numbered);
+        let (mut seconds, mut least) = (Vec::new(), f64::INFINITY);
+        for from in std::iter::once(None).chain(stops().map(Some)) {
+            for to in stops() {
+                for hand in hands {
+                    let path = reach.path(from, to, hand);
+                    seconds.push(path);
+                    least = if to.is_view() { path.min(least) } else { least };
+                }
+            }
+        }
         Self {
-            choices: if terms.depths == Depths::One { 24 } else { GRIPS },
+            choices: terms.depths.grips(),
             meetings,
             views: (0..2 * GRIPS)
                 .map(|n| views(hands[n / GRIPS], grips[n % GRIPS], wanted, reach))
                 .collect(),
             grasp: terms.costs.grasp,
-            least: to_views.map(|(_, seconds)| *seconds).fold(f64::INFINITY, f64::min),
             seconds,
+            least,
             grips,
         }
     }
 
     /// Returns the time of a path (s).
     fn path(&self, from: Option<Stop>, to: Stop, free: Hand) -> f64 {
-        let place = from.map_or(0, |from| 1 + from.number());
+        let place = place_number(from);
         self.seconds[(place * Stop::COUNT + to.number()) * 2 + free.index()]
     }
 
@@ -183,27 +188,24 @@ impl Search {
     /// Returns the steps of the quickest path from `start` to a state in which all faces were seen.
     fn quickest(&self, start: State) -> Option<Vec<Step>> {
         let none = Best { seconds: f64::INFINITY, from: None };
-        let mut best = vec![none; 2 * GRIPS * SETS * PLACES];
+        let mut best = vec![none; State::COUNT];
         best[start.index()].seconds = 0.0;
         // A positive number and its bits, read as an integer, have the same order.
         let mut open = BinaryHeap::from([Reverse((self.rest(&start).to_bits(), start.index()))]);
-        let mut states = vec![None; best.len()];
-        states[start.index()] = Some(start);
         while let Some(Reverse((bits, index))) = open.pop() {
-            let (seconds, state) = (best[index].seconds, states[index]?);
+            let (seconds, state) = (best[index].seconds, State::with_index(index));
             // The state was reached sooner after this entry.
             if f64::from_bits(bits) > seconds + self.rest(&state) {
                 continue;
             }
             if state.seen == ALL {
-                return Some(written(index, &best, &states));
+                return Some(written(index, &best));
             }
             self.expand(state, |next, step, cost| {
                 let (to, seconds) = (next.index(), seconds + cost);
                 // Times that differ by rounding alone keep the earlier path.
                 if seconds < best[to].seconds - 1e-9 {
                     best[to] = Best { seconds, from: Some((index, step)) };
-                    states[to] = Some(next);
                     open.push(Reverse(((seconds + self.rest(&next)).to_bits(), to)));
                 }
             });
@@ -251,7 +253,7 @@ fn views(holder: Hand, grip: Grip, wanted: &Wanted, reach: &impl Reach) -> Vec<(
 }
 
 /// Returns the steps that lead to the state with the index `end`.
-fn written(end: usize, best: &[Best], states: &[Option<State>]) -> Vec<Step> {
+fn written(end: usize, best: &[Best]) -> Vec<Step> {
     let (mut moves, mut at) = (Vec::new(), end);
     while let Some((before, step)) = best[at].from {
         moves.push((before, step));
@@ -259,7 +261,7 @@ fn written(end: usize, best: &[Best], states: &[Option<State>]) -> Vec<Step> {
     }
     let mut steps = Vec::new();
     for (before, step) in moves.into_iter().rev() {
-        let Some(State { hand: holder, .. }) = states[before] else { continue };
+        let holder = State::with_index(before).hand;
         match step {
             Move::Look(face) => steps.push(Step::Look { viewer: holder.other(), face }),
             Move::HandOver(hand, grip) => {
@@ -278,6 +280,7 @@ mod tests {
     use super::super::replay::replay;
     use super::*;
     use crate::cube::{Axis, Facelets};
+    use crate::motion::Depth;
     use nalgebra::UnitQuaternion;
 
     /// A cell whose cameras can be brought before one side only of what each hand holds.

@@ -224,7 +224,7 @@ mod tests {
     /// The rules are stated twice: by axes in the planner, by grid cells in the replay.
     #[test]
     fn replay_allows_same_pairs_of_holds_as_planner() {
-        let all: Vec<Grip> = Grip::all(Depth::One).chain(Grip::all(Depth::Two)).collect();
+        let all: Vec<Grip> = Grip::every().collect();
         let mut legal = 0;
         for rule in [Rule::Strict, Rule::Clearance] {
             for (a, b) in all.iter().flat_map(|a| all.iter().map(move |b| (a, b))) {

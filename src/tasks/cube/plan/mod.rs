@@ -34,7 +34,7 @@ pub mod travel;
 
 pub use planner::{Effort, Planner, taken};
 pub use terms::{Costs, Depths, Rule, Terms, compatible, turnable};
-pub use travel::{ArmsAt, Everywhere, Reach, Reachable, RollLimits, Stop};
+pub use travel::{ArmsAt, Everywhere, Reach, Reachable, RollLimits, Stop, of_rotations};
 
 use super::hold::{Grip, Hand, Hands, Step};
 use super::replay::{Illegal, replay};

@@ -12,8 +12,8 @@
 
 use super::super::hold::{Grip, Hand, Hold};
 use super::terms::{Depths, Rule, Terms, compatible, turnable};
-use super::travel::{ArmsAt, Reach};
-use crate::cube::{Face, Rotation24, Turn, rotation_index};
+use super::travel::{ArmsAt, Reach, of_rotations};
+use crate::cube::{Face, Turn, rotation_index};
 use crate::motion::Depth;
 use std::f64::consts::FRAC_PI_2;
 
@@ -37,19 +37,14 @@ struct Now {
     rolled: [i8; 2],
 }
 
-/// Number of grips of one hand: two depths of 24 rotations.
-const GRIPS: usize = 48;
+/// Number of grips of one hand.
+const GRIPS: usize = Grip::COUNT;
 /// Number of states with one hand: two hands.
 const STATES: usize = 2 * GRIPS;
 
-/// Returns the index of a grip, 0..48: that of its rotation, plus 24 for a grip over two layers.
-fn grip_number(grip: Grip) -> usize {
-    grip.rotation().index() + if grip.hold.depth == Depth::Two { 24 } else { 0 }
-}
-
 /// Returns the index, 0..96, of the state in which this hand alone holds the cube in this grip.
 fn state_number((hand, grip): (Hand, Grip)) -> usize {
-    hand.index() * GRIPS + grip_number(grip)
+    hand.index() * GRIPS + grip.number()
 }
 
 /// All data of the search that do not depend on the solution.
@@ -107,9 +102,8 @@ pub(super) struct Scratch {
 impl<'a, R: Reach> Moves<'a, R> {
     /// Tabulates the terms and the reach over all pairs of grips, once for all solutions.
     pub(super) fn new(terms: &Terms, start: (Hand, Grip), reach: &'a R) -> Self {
-        let grips: Vec<Grip> = Grip::all(Depth::One).chain(Grip::all(Depth::Two)).collect();
-        let after =
-            grips.iter().map(|g| [0, 1, 2, 3].map(|q| grip_number(g.after_turn(q)))).collect();
+        let grips: Vec<Grip> = Grip::every().collect();
+        let after = grips.iter().map(|g| [0, 1, 2, 3].map(|q| g.after_turn(q).number())).collect();
         let table = |value: &dyn Fn(Hold, Hold) -> bool| {
             let all = grips.iter().flat_map(|a| grips.iter().map(move |b| (a.hold, b.hold)));
             all.map(|(a, b)| value(a, b)).collect::<Vec<_>>()
@@ -118,19 +112,11 @@ impl<'a, R: Reach> Moves<'a, R> {
             table(&|a, b| compatible(a, b, terms.rule)),
             table(&|a, b| turnable(a, b, terms.rule)),
         );
-        // The arms' meeting depends on the rotations alone, so depths share it: 576 inquiries
-        // instead of 2304.
-        let meet = |a: usize, b: usize| {
-            let [a, b] = [a, b]
-                .map(|g| Rotation24::from_index(g).unwrap_or(Rotation24::IDENTITY).quaternion());
-            let limits = reach.grasp(a, b)?;
-            let meeting = rotation_index(&(a.inverse() * b)) as u8;
+        let places = of_rotations(|track, postument| {
+            let limits = reach.grasp(*track, *postument)?;
+            let meeting = rotation_index(&(track.inverse() * postument)) as u8;
             Some(Place { meeting, rolls: [limits.track, limits.postument].map(rolls_within) })
-        };
-        let by_rotation: Vec<_> = (0..24 * 24).map(|i| meet(i / 24, i % 24)).collect();
-        // Grips of both depths are numbered by their rotation modulo 24.
-        let places =
-            (0..GRIPS * GRIPS).map(|i| by_rotation[i / GRIPS % 24 * 24 + i % GRIPS % 24]).collect();
+        });
         Self {
             reach,
             terms: *terms,
@@ -196,7 +182,7 @@ impl<'a, R: Reach> Moves<'a, R> {
         // The hand that gives the cube back, over the depth that its receiver allows.
         let finishers = (0..STATES).filter(|s| {
             self.terms.finish.is_none_or(|hand| hand.index() == s / GRIPS)
-                && s % GRIPS < grip_count(self.terms.finish_depths)
+                && s % GRIPS < self.terms.finish_depths.grips()
         });
         let end = finishers.min_by(|&a, &b| best[last][a].cost.total_cmp(&best[last][b].cost))?;
         // No episode at all: the cube is solved and in the right hand, so no hand has to leave.
@@ -311,7 +297,7 @@ impl<'a, R: Reach> Moves<'a, R> {
     ) {
         let (holder, held) = (hand_of(state), state % GRIPS);
         let hand = holder.other();
-        let count = grip_count(self.terms.depths);
+        let count = self.terms.depths.grips();
         for grip in 0..count {
             let both = if holder == Hand::Track { [held, grip] } else { [grip, held] };
             let pair = both[0] * GRIPS + both[1];
@@ -420,11 +406,6 @@ impl<'a, R: Reach> Moves<'a, R> {
 /// Returns the hand that holds alone in a state.
 fn hand_of(state: usize) -> Hand {
     if state < GRIPS { Hand::Track } else { Hand::Postument }
-}
-
-/// Returns the number of grips of these depths. They have the first numbers.
-fn grip_count(depths: Depths) -> usize {
-    if depths == Depths::One { 24 } else { GRIPS }
 }
 
 /// Returns the index of the cheapest state that is reached but not settled.

@@ -16,7 +16,7 @@
 //! test holds both together.
 
 use crate::motion::Depth;
-use crate::tasks::cube::hold::{Hand, Hold};
+use crate::tasks::cube::hold::{Grip, Hand, Hold};
 use serde::{Deserialize, Serialize};
 
 /// Rule by which pairs of holds and turns are allowed.
@@ -42,6 +42,14 @@ pub enum Depths {
     One,
     /// One layer or two.
     Both,
+}
+
+impl Depths {
+    /// Returns the number of grips of these depths. They have the first numbers.
+    #[must_use]
+    pub fn grips(self) -> usize {
+        if self == Self::One { Grip::OF_DEPTH } else { Grip::COUNT }
+    }
 }
 
 /// Times that motions cost (s).

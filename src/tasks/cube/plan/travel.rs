@@ -8,8 +8,8 @@
 //! track advances again: see the mission's `regrasp`. The wrists start from where the last turns
 //! have left them.
 
-use super::super::hold::Hand;
-use crate::cube::rotation_index;
+use super::super::hold::{Grip, Hand};
+use crate::cube::{Rotation24, rotation_index};
 use crate::generators::position::Speeds;
 use crate::motion::{JointPositions, ROLL};
 use crate::reach::MeetingTable;
@@ -63,6 +63,12 @@ impl Stop {
         (number < Self::COUNT).then_some(Self(number as u8))
     }
 
+    /// Returns whether the meeting is a view, and no grasp.
+    #[must_use]
+    pub fn is_view(self) -> bool {
+        self.number() >= GRASPS
+    }
+
     /// Returns the number of the meeting, less than [`Stop::COUNT`].
     #[must_use]
     pub fn number(self) -> usize {
@@ -102,6 +108,23 @@ pub trait Reach {
     fn least_travel(&self) -> f64 {
         0.0
     }
+}
+
+/// Returns a value for each pair of grips, `[track grip * Grip::COUNT + postument grip]`, that
+/// depends on the rotations of both tools in the cube alone. Grips of both depths share it: 576
+/// inquiries instead of 2304.
+pub fn of_rotations<T: Copy>(
+    value: impl Fn(&UnitQuaternion<f64>, &UnitQuaternion<f64>) -> Option<T>,
+) -> Vec<Option<T>> {
+    let tools: Vec<_> = Rotation24::all().map(Rotation24::quaternion).collect();
+    let pairs = tools.iter().flat_map(|a| tools.iter().map(move |b| (a, b)));
+    let by_rotation: Vec<Option<T>> = pairs.map(|(a, b)| value(a, b)).collect();
+    // Grips of both depths are numbered by their rotation modulo 24.
+    let shared = |pair: usize| {
+        let [track, postument] = [pair / Grip::COUNT, pair % Grip::COUNT].map(|g| g % tools.len());
+        by_rotation[track * tools.len() + postument]
+    };
+    (0..Grip::COUNT * Grip::COUNT).map(shared).collect()
 }
 
 /// Arms that reach everywhere in the same time and roll by half a turn either way.
