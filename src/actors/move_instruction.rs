@@ -430,5 +430,16 @@ mod tests {
         assert!(yields.end(Ending::Slowing), "a compliant behaviour is at rest at once");
         let mut fast = MoveInstruction::begin(&joints, &manner());
         assert!(fast.end(Ending::AtOnce), "the servo brakes a motion whose partner has stopped");
+        let turn = Behaviour::Turn {
+            angle: 1.0,
+            speed: 0.7,
+            acceleration: 3.0,
+            torque: 2.0,
+            least_torque: 0.0,
+            selector: [false; 6],
+            stiff: false,
+        };
+        let mut turns = MoveInstruction::begin(&turn, &manner());
+        assert!(!turns.end(Ending::AtOnce), "a turning wrist slows down");
     }
 }

@@ -1009,4 +1009,22 @@ mod tests {
             assert!(guard.check_speed(0, &far, &near, 0.1).is_ok());
         }
     }
+    #[test]
+    fn forearm_is_slow_near_operator() {
+        let mut cell = example_cell();
+        let from = JointPositions([0.4, 0.0, -1.6, 0.3, 1.3, 1.57, 0.0]);
+        let mut to = from;
+        to.0[1] += 0.05;
+        let bodies = Guard::of(&cell, 0.25).bodies(0, &from);
+        // The elbow is at the operator's place, and the hand is an arm's length away.
+        cell.hand.world_from_cube.translation.vector = bodies.forearm()[0].0.coords;
+        let zone_from_world = cell.hand.world_from_cube.inverse();
+        let off =
+            |(at, radius): (Point3<f64>, f64)| cell.hand.distance(&(zone_from_world * at)) - radius;
+        assert!(bodies.hand().map(off).into_iter().all(|off| off > 1.2 * SLOW_DISTANCE));
+
+        let guard = Guard::of(&cell, 0.25);
+        assert!(guard.check_speed(0, &from, &to, 0.01).is_err());
+        assert!(guard.check_speed(0, &from, &to, 1.0).is_ok());
+    }
 }

@@ -414,6 +414,26 @@ mod tests {
     use crate::tasks::{Action, Event, Finish, Forces, Readings, Task};
     use crate::vision::sensor::FaceReading;
 
+    fn controller(text: &str) -> ControllerConfig {
+        crate::scenario::read(std::path::Path::new("t.toml"), text, &[]).unwrap().controller
+    }
+
+    #[test]
+    fn visual_servo_is_gentle_near_a_person_only() {
+        let keys = "[control]\nhand_acceleration_mm_s2 = 200\nlinear_acceleration_mm_s2 = 900\n";
+        let person = visual_order(&controller(keys));
+        let table = visual_order(&controller(&format!("{keys}[hand]\nkeeper = \"table\"\n")));
+
+        assert_eq!((person.acceleration, table.acceleration), (0.2, 0.9));
+    }
+
+    #[test]
+    fn joint_speeds_are_those_of_their_motors() {
+        let controller = controller("[control]\njoint_speed_deg_s = 150\n");
+        let speeds = manner(&controller, 0).speeds.joint.map(|speed| speed.to_degrees().round());
+        assert_eq!(speeds[1..6], [91.0, 150.0, 150.0, 150.0, 150.0]);
+    }
+
     /// Performs a mission without a plant: each motion succeeds, and a look at a face gives what
     /// `look` returns for its `camera_from_face`. Returns the phases, the messages to the operator,
     /// the number of looks, and the end of the mission.

@@ -255,3 +255,24 @@ fn both<T>(a: Result<T, Error>, b: Result<T, Error>) -> Result<(T, T), Error> {
         (Err(error), Ok(_)) | (Ok(_), Err(error)) => Err(error),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::move_instruction::example_manner;
+    use super::*;
+    use crate::motion::{AXES, JointPositions};
+
+    /// Returns two motions through free space, of which the first has ended with this outcome.
+    fn after(outcome: Outcome) -> Running {
+        let target = JointPositions([0.5; AXES]);
+        let joints = Behaviour::Joints { target, speed: 1.0, seconds: 1.0 };
+        let other = MoveInstruction::begin(&joints, &example_manner());
+        Running { motions: [None, Some(other)], outcomes: [Some(outcome), None] }
+    }
+
+    #[test]
+    fn alarm_of_one_arm_stops_both_at_once() {
+        assert!(after(Outcome::OverForce(0, 30.0)).end(), "no further macrostep");
+        assert!(!after(Outcome::Reached).end(), "the other arm slows down first");
+    }
+}

@@ -883,6 +883,35 @@ fn reported_speed_near_person_is_the_fastest_point() {
 }
 
 #[test]
+fn forearm_near_person_counts() {
+    let mut config = quiet(cell());
+    config.cell.arms.remove(0);
+    config.arms.remove(0);
+    let arm = PlantArm::new(&config.cell.arms[0], &config.arms[0], true);
+    // Only the elbow is at the person's place.
+    let [_, _, elbow, pitch, _] = arm.points();
+    config.cell.hand.world_from_cube.translation.vector = elbow;
+    config.cell.hand.half_extent = Vector3::repeat(0.01);
+    assert!((pitch - elbow).norm() > 2.0 * Exertion::NEAR);
+    let mut servo = TestServo::new(Plant::new(config, 1).unwrap());
+    let mut q = servo.joints(0);
+
+    let mut fastest = 0.0_f64;
+    for _ in 0..100 {
+        let before = servo.plant.arms[0].points()[2];
+        q.0[2] += 5e-4;
+        servo.aim(0, &q);
+        servo.tick();
+        let way = servo.plant.arms[0].points()[2] - before;
+        fastest = fastest.max(way.norm() / PERIOD);
+    }
+
+    let near = servo.plant.verdict().exertion.near_person;
+    // The elbow turns about the shoulder; points of the forearm next to it are a little faster.
+    assert!(fastest > 0.03 && near > 0.95 * fastest, "{near} {fastest}");
+}
+
+#[test]
 fn verdict_keeps_least_distance_between_the_arms() {
     let mut config = quiet(cell());
     config.cell.arms[1].world_from_base.translation.vector.y += 2.0;

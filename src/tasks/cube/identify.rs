@@ -383,6 +383,62 @@ mod tests {
         assert_eq!(steps, sides.map(|face| Step::Look { viewer: hand.other(), face }));
     }
 
+    /// Arms with random times between meetings.
+    struct Random(Vec<f64>);
+
+    impl Reach for Random {
+        fn grasp(&self, a: UnitQuaternion<f64>, b: UnitQuaternion<f64>) -> Option<RollLimits> {
+            Everywhere.grasp(a, b)
+        }
+        fn view(&self, holder: Hand, _: usize) -> bool {
+            holder == Hand::Track
+        }
+        fn travel(&self, from: Option<ArmsAt>, newcomer: Hand, meeting: u8) -> f64 {
+            Everywhere.travel(from, newcomer, meeting)
+        }
+        fn path(&self, from: Option<Stop>, to: Stop, _: Hand) -> f64 {
+            self.0[from.map_or(0, |from| 1 + from.number()) * Stop::COUNT + to.number()]
+        }
+    }
+
+    /// The lower bound of the search is none if a quicker order exists.
+    #[test]
+    fn no_order_of_looks_is_quicker() {
+        use rand::{Rng as _, SeedableRng as _};
+        let (hand, grip) = start(Depth::One);
+        let visible = [Face::U, Face::R, Face::L].map(|side| grip.rotation().face(side));
+        let mut faces = [false; 6];
+        for face in visible {
+            faces[face.index()] = true;
+        }
+        let wanted = Wanted { faces, hidden: Vec::new() };
+        for seed in 0..50 {
+            let mut random = rand_pcg::Pcg64::seed_from_u64(seed);
+            let times = (0..PLACES * Stop::COUNT).map(|_| random.random_range(0.5..4.0)).collect();
+            let reach = Random(times);
+            let seconds = |order: [usize; 3]| {
+                let stops = order.map(|side| Stop::view(hand, side));
+                let from = [None, Some(stops[0]), Some(stops[1])];
+                let paths = from.into_iter().zip(stops);
+                paths.map(|(from, to)| reach.path(from, to, hand.other())).sum::<f64>()
+            };
+
+            let steps = looks((hand, grip), &wanted, &Terms::of(Rule::Clearance), &reach).unwrap();
+
+            let order: Vec<usize> = steps
+                .iter()
+                .filter_map(|step| match step {
+                    Step::Look { face, .. } => visible.iter().position(|seen| seen == face),
+                    _ => None,
+                })
+                .collect();
+            let found = seconds(order.try_into().unwrap());
+            let all = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+            let least = all.map(seconds).into_iter().fold(f64::INFINITY, f64::min);
+            assert!((found - least).abs() < 1e-9, "{seed}: {found} {least}");
+        }
+    }
+
     #[test]
     fn planner_reports_unseen_faces_of_blind_cameras() {
         let blind = OneSide(7);

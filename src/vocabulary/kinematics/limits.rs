@@ -93,6 +93,29 @@ mod tests {
     use super::*;
 
     #[test]
+    fn uncoupled_speed_moves_its_motor_at_the_limit() {
+        for name in ["irp6_track", "irp6_postument"] {
+            let model = builtin(name).unwrap();
+            let from = JointPositions([0.5, 0.1, -1.5, 0.1, 0.5, 1.0, 0.5]);
+            for axis in [0, 1, 6] {
+                let (speed, mut to) = (model.uncoupled_speed(axis), from);
+                if axis == 0 && !model.has_track {
+                    assert_eq!(speed, f64::INFINITY);
+                    continue;
+                }
+                to.0[axis] += speed;
+                let (before, after) = (model.motors(&from), model.motors(&to));
+                for motor in 0..7 {
+                    let moved = (after.0[motor] - before.0[motor]).abs();
+                    let wanted = if motor == axis { model.motor_speed_limit } else { 0.0 };
+                    assert!((moved - wanted).abs() < 1e-9, "{name} {axis} {motor}: {moved}");
+                }
+            }
+            assert!([2, 3, 4, 5].iter().all(|&axis| model.uncoupled_speed(axis).is_infinite()));
+        }
+    }
+
+    #[test]
     fn excesses_contain_every_exceeded_limit() {
         let model = builtin("irp6_track").unwrap();
         let q = JointPositions([2.0, 0.0, -1.57, 0.0, 1.0, 1.0, 3.5]);

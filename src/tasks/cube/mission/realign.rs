@@ -489,6 +489,21 @@ mod tests {
         assert!((off - (-0.5 + 0.2 + PAD_GIVE)).abs() < 1e-9, "{off}");
     }
 
+    /// Fingers with little room would hit the corners of the layer.
+    #[test]
+    fn jaws_open_wide_beside_misaligned_layer() {
+        let mut stage = failed(-0.5);
+        stage.robot.settings.regrasp_opening = WIDTH + 0.01;
+        let wide = stage.robot.settings.opening;
+        decides(&mut stage, 1, true);
+
+        let takes = async |robot: &mut Robot| regrasp_layer(robot, Hand::Track, false).await;
+        let (_, actions) = stage.play(takes, &mut goes_well);
+
+        let Some(Behaviour::Jaw { jaw, .. }) = order(&actions[0]) else { panic!("{actions:?}") };
+        assert_eq!(jaw.opening, wide);
+    }
+
     #[test]
     fn regrasp_rolls_jaws_to_angle_of_misaligned_layer() {
         let mut stage = failed(-0.5);
