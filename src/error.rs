@@ -136,41 +136,6 @@ pub enum FaultCode {
     NotCreated,
 }
 
-impl FaultCode {
-    /// All codes.
-    pub const ALL: [Self; 29] = [
-        Self::CommandRefused,
-        Self::Terminated,
-        Self::Interrupted,
-        Self::ResumedArmNotSynchronised,
-        Self::NoReading,
-        Self::ForceZeroMoved,
-        Self::InvalidArguments,
-        Self::OverCurrent,
-        Self::LimitSwitch,
-        Self::FollowingError,
-        Self::ForceSensor,
-        Self::PowerStage,
-        Self::HomingSwitchMissing,
-        Self::HomingSwitchHeld,
-        Self::HomingZeroMissing,
-        Self::SynchronisationLost,
-        Self::HeartbeatLost,
-        Self::MissedPeriods,
-        Self::BridgeSilent,
-        Self::EmergencyStop,
-        Self::EncoderFrozen,
-        Self::EncoderJump,
-        Self::BridgeFault,
-        Self::KernelFault,
-        Self::TooNear,
-        Self::MailboxClosed,
-        Self::NoAnswer,
-        Self::Panic,
-        Self::NotCreated,
-    ];
-}
-
 impl fmt::Display for FaultCode {
     /// Writes the name in kebab case.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -360,12 +325,47 @@ impl System {
 mod tests {
     use super::*;
 
+    /// All codes in their order.
+    const ALL: [FaultCode; 29] = [
+        FaultCode::CommandRefused,
+        FaultCode::Terminated,
+        FaultCode::Interrupted,
+        FaultCode::ResumedArmNotSynchronised,
+        FaultCode::NoReading,
+        FaultCode::ForceZeroMoved,
+        FaultCode::InvalidArguments,
+        FaultCode::OverCurrent,
+        FaultCode::LimitSwitch,
+        FaultCode::FollowingError,
+        FaultCode::ForceSensor,
+        FaultCode::PowerStage,
+        FaultCode::HomingSwitchMissing,
+        FaultCode::HomingSwitchHeld,
+        FaultCode::HomingZeroMissing,
+        FaultCode::SynchronisationLost,
+        FaultCode::HeartbeatLost,
+        FaultCode::MissedPeriods,
+        FaultCode::BridgeSilent,
+        FaultCode::EmergencyStop,
+        FaultCode::EncoderFrozen,
+        FaultCode::EncoderJump,
+        FaultCode::BridgeFault,
+        FaultCode::KernelFault,
+        FaultCode::TooNear,
+        FaultCode::MailboxClosed,
+        FaultCode::NoAnswer,
+        FaultCode::Panic,
+        FaultCode::NotCreated,
+    ];
+
     #[test]
     fn codes_are_the_names_that_docs_list() {
         let docs = include_str!("../docs/faults.md");
-        let codes = FaultCode::ALL.map(|code| code.to_string());
+        let codes = ALL.map(|code| code.to_string());
 
-        for (code, variant) in codes.iter().zip(FaultCode::ALL) {
+        assert!(ALL.iter().enumerate().all(|(number, code)| *code as usize == number));
+        assert_eq!(ALL.len(), FaultCode::NotCreated as usize + 1, "the last code");
+        for (code, variant) in codes.iter().zip(ALL) {
             assert!(docs.contains(&format!("| `{code}` |")), "docs/faults.md lacks {code}");
             assert_eq!(serde_json::to_value(variant).unwrap(), *code.as_str());
             assert_eq!(codes.iter().filter(|other| *other == code).count(), 1);

@@ -7,6 +7,7 @@
 //! Sources are never pooled: photographs of one camera say nothing about another one.
 
 use crate::campaign::statistics::wilson;
+use crate::record::report::escaped;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -158,11 +159,6 @@ impl Reliability {
         }
         svg + "</svg>\n"
     }
-}
-
-/// Returns a text in which no character is markup.
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;")
 }
 
 #[cfg(test)]

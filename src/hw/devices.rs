@@ -11,6 +11,7 @@
 use super::force::{ForceSource, FtController, NetFt, NoSensor, Words};
 use super::isa::IsaArm;
 use super::isa::registers::{AxisKind, REVOLUTION};
+use super::new_file::{self, Foreign};
 use super::note::Notes;
 use super::port::Port;
 use super::serial::axis::Rules;
@@ -449,17 +450,16 @@ impl Devices {
 /// Returns the reason why a file of `owner` with these permissions is not believed by the user
 /// `own`, with what to do, or `None`.
 fn distrust(owner: u32, mode: u32, own: u32) -> Option<&'static str> {
-    if owner != own && owner != 0 {
-        return Some(
+    Some(match new_file::foreign(owner, mode, own)? {
+        Foreign::Owner => {
             "it belongs to another user, who may have written anything: name it by \
-             `--set bridge.devices=FILE` if you trust it",
-        );
-    }
-    // A group may have members.
-    (mode & 0o022 != 0).then_some(
-        "other users may write it: run `chmod go-w FILE`, or name it by \
-         `--set bridge.devices=FILE`",
-    )
+             `--set bridge.devices=FILE` if you trust it"
+        }
+        Foreign::Rights => {
+            "other users may write it: run `chmod go-w FILE`, or name it by \
+             `--set bridge.devices=FILE`"
+        }
+    })
 }
 
 /// Opens a devices file and returns it with its text. Only a regular file is accepted: reading a

@@ -128,7 +128,10 @@ fn kind_of(found: &Metadata) -> &'static str {
 }
 
 /// Returns whether `path` leads to this open file.
-fn is_at(file: &File, path: &Path) -> io::Result<bool> {
+///
+/// # Errors
+/// Error of the operating system.
+pub(crate) fn is_at(file: &File, path: &Path) -> io::Result<bool> {
     let own = file.metadata()?;
     match path.symlink_metadata() {
         Ok(at) => Ok((at.dev(), at.ino()) == (own.dev(), own.ino())),
@@ -140,9 +143,25 @@ fn is_at(file: &File, path: &Path) -> io::Result<bool> {
 /// Returns whether only this user, or root, can have written the file with this metadata.
 #[must_use]
 pub fn is_trusted(found: &Metadata) -> bool {
-    let owned = found.uid() == 0 || found.uid() == geteuid().as_raw();
-    // Rights of the group and of all others to write.
-    owned && found.mode() & 0o022 == 0
+    foreign(found.uid(), found.mode(), geteuid().as_raw()).is_none()
+}
+
+/// Reason why another user can have written a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Foreign {
+    /// It belongs to another user than root.
+    Owner,
+    /// Its group or all others may write it. A group may have members.
+    Rights,
+}
+
+/// Returns the reason why another user than `own` or root can have written a file of `owner` with
+/// these permissions, or `None`.
+pub(super) fn foreign(owner: u32, mode: u32, own: u32) -> Option<Foreign> {
+    if owner != own && owner != 0 {
+        return Some(Foreign::Owner);
+    }
+    (mode & 0o022 != 0).then_some(Foreign::Rights)
 }
 
 /// Returns the path of the file to which the links of `path` lead; it need not exist. Only links of
@@ -265,17 +284,32 @@ pub fn rename(beside: &Path, path: &Path, synced: bool) -> io::Result<()> {
 /// # Errors
 /// Error of the operating system, and those of [`create`]; the older file is still there then.
 pub fn replace(path: &Path, ending: &str, bytes: &[u8], sync: Sync) -> io::Result<()> {
+    replace_with(path, ending, sync, |file| file.write_all(bytes)).map(drop)
+}
+
+/// Writes a file as [`replace`] does, with the content that `write` writes; returns the open file.
+///
+/// # Errors
+/// Those of [`replace`] and of `write`; the older file is still there then.
+pub fn replace_with(
+    path: &Path,
+    ending: &str,
+    sync: Sync,
+    write: impl FnOnce(&mut File) -> io::Result<()>,
+) -> io::Result<File> {
     let new = beside(path, ending);
     let mut file = create(&new)?;
-    let written = file
-        .write_all(bytes)
+    let written = write(&mut file)
         .and_then(|()| if sync == Sync::No { Ok(()) } else { file.sync_data() })
         .and_then(|()| rename(&new, path, sync == Sync::All));
-    if written.is_err() {
-        // A part of a file is of no use.
-        let _ = fs::remove_file(&new);
+    match written {
+        Ok(()) => Ok(file),
+        Err(why) => {
+            // A part of a file is of no use.
+            let _ = fs::remove_file(&new);
+            Err(why)
+        }
     }
-    written
 }
 
 /// Syncs the folder of a file, so that the file's name survives a power cut. A sync of the file

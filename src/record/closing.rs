@@ -8,7 +8,7 @@
 //! grow with the file.
 
 use super::chunk;
-use mcap::records::{Record, Statistics, op};
+use mcap::records::{MessageHeader, Record, Statistics, op};
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// Set of places, as its size and the sum of its hashes.
@@ -56,14 +56,10 @@ pub(super) struct Closing {
 }
 
 impl Closing {
-    /// Counts a message.
-    pub(super) fn message(&mut self) {
+    /// Counts a message, and notes its position in the last chunk; `None` if it is in no chunk.
+    pub(super) fn message(&mut self, header: &MessageHeader, at: Option<u64>) {
         self.messages += 1;
-    }
-
-    /// Notes a message at this position in the last chunk.
-    pub(super) fn message_in_chunk(&mut self, body: &[u8], at: u64) {
-        if let Ok(Record::Message { header, .. }) = mcap::parse_record(op::MESSAGE, body) {
+        if let Some(at) = at {
             self.there.messages.add((self.chunk, header.channel_id, header.log_time, at));
         }
     }

@@ -346,10 +346,7 @@ impl<R: Read> Reading<R> {
         let Some((opcode, length)) = head(rest) else { return false };
         // The records of a chunk were checked when it was unpacked.
         let Some(body) = rest.get(HEAD..HEAD + length as usize) else { return false };
-        if opcode == op::MESSAGE {
-            self.closing.message_in_chunk(body, at as u64);
-        }
-        self.keep(opcode, body);
+        self.keep(opcode, body, Some(at as u64));
         let next = at + HEAD + body.len();
         self.chunk = (records, next);
         true
@@ -383,7 +380,7 @@ impl<R: Read> Reading<R> {
                 if opcode == op::ATTACHMENT && !has_right_sum(&body) {
                     return self.damage.at(at, "the checksum of an attachment is wrong");
                 }
-                self.keep(opcode, &body);
+                self.keep(opcode, &body, None);
             }
             op::MESSAGE_INDEX => self.closing.list(self.records.body()),
             op::HEADER | 0x80.. => {}
@@ -429,15 +426,16 @@ impl<R: Read> Reading<R> {
         }
     }
 
-    /// Keeps what a record describes, or delivers its item.
-    fn keep(&mut self, opcode: u8, body: &[u8]) {
+    /// Keeps what a record describes, or delivers its item. `place` is the position of the record
+    /// in the last chunk; `None` if it is in no chunk.
+    fn keep(&mut self, opcode: u8, body: &[u8], place: Option<u64>) {
         let record = match mcap::parse_record(opcode, body).map(Record::into_owned) {
             Ok(record) => record,
             Err(why) => return self.damage.at(self.records.at(), &why.to_string()),
         };
         let piece = match record {
             Record::Message { header, data } => {
-                self.closing.message();
+                self.closing.message(&header, place);
                 let known = self.described.channels.get(&header.channel_id);
                 // A message without a channel has no type. It is left out.
                 let Some(channel) = known.or_else(|| self.spare.channels.get(&header.channel_id))

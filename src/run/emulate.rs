@@ -14,7 +14,7 @@ use crate::error::{Error, Fatal};
 use crate::hw::devices::{self, CameraDevice, Devices};
 use crate::hw::driver::RealTime;
 use crate::hw::emulator::{CameraServer, Course, EmulatedArm, Emulator, EmulatorOptions};
-use crate::hw::new_file;
+use crate::hw::new_file::{self, Sync};
 use crate::hw::plant::render::PlantCamera;
 use crate::hw::plant::{Plant, Verdict};
 use crate::hw::scene::Scene;
@@ -90,44 +90,20 @@ impl DeviceFile {
         );
         let fail = |why: &str| format!("{}: {why}", path.display());
         may_be_replaced(path).map_err(|why| fail(&why))?;
-        let new = new_file::beside(path, ".new");
         // The lock belongs to the open file, so it survives the renaming.
-        locked(&new, &text)
-            .and_then(|file| match new_file::rename(&new, path, false) {
-                Ok(()) => Ok(Self { path: path.to_owned(), file }),
-                Err(why) => {
-                    let _ = std::fs::remove_file(&new);
-                    Err(why)
-                }
-            })
+        new_file::replace_with(path, ".new", Sync::No, |file| file.write_all(text.as_bytes()))
+            .map(|file| Self { path: path.to_owned(), file })
             .map_err(|e| fail(&e.to_string()))
-    }
-
-    /// Returns whether the path still leads to this file. Another emulator may have replaced it.
-    fn is_there(&self) -> std::io::Result<bool> {
-        let (at, own) = (std::fs::symlink_metadata(&self.path)?, self.file.metadata()?);
-        Ok((at.dev(), at.ino()) == (own.dev(), own.ino()))
     }
 }
 
 impl Drop for DeviceFile {
     fn drop(&mut self) {
-        if self.is_there().unwrap_or(false) {
+        // Another emulator may have replaced it.
+        if new_file::is_at(&self.file, &self.path).unwrap_or(false) {
             let _ = std::fs::remove_file(&self.path);
         }
     }
-}
-
-/// Creates a file that holds `text` and that this user alone can read, and locks it before it has
-/// any content. In a shared folder another user's link may have this name, so an existing file is
-/// not opened.
-///
-/// # Errors
-/// If the name exists, or the file cannot be written or locked.
-fn locked(path: &Path, text: &str) -> std::io::Result<File> {
-    let mut file = new_file::create(path)?;
-    file.write_all(text.as_bytes())?;
-    Ok(file)
 }
 
 /// Checks that there is no file at `path`, or one that this user's emulator has left behind.
@@ -299,7 +275,8 @@ mod tests {
     fn device_file_locked_by_another_build_is_kept() {
         let folder = Folder::new("emulate-build");
         let path = folder.0.join("devices.toml");
-        let file = locked(&path, "emulated = true\nof_a_later_build = 1\n").unwrap();
+        let mut file = new_file::create(&path).unwrap();
+        file.write_all(b"emulated = true\nof_a_later_build = 1\n").unwrap();
 
         let told = DeviceFile::write(&path, &emulated()).err().unwrap_or_default();
         assert!(told.contains("another emulator is running"), "{told}");

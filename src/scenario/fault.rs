@@ -108,9 +108,14 @@ impl Faults {
         self.push(Fault { place: place.cloned(), reason: reason.into(), help: None });
     }
 
+    /// Returns whether no further fault is collected.
+    pub(crate) fn is_full(&self) -> bool {
+        self.0.len() >= MOST
+    }
+
     /// Adds a fault unless there are too many.
     fn push(&mut self, fault: Fault) {
-        if self.0.len() < MOST {
+        if !self.is_full() {
             self.0.push(fault);
         }
     }

@@ -159,6 +159,10 @@ impl Reader {
 
     /// Reports a key that does not exist.
     pub(crate) fn unknown(&mut self, entry: &Entry, path: &str, known: &[&str]) {
+        // The advice takes time, which a file with thousands of unknown keys must not.
+        if self.faults.is_full() {
+            return;
+        }
         let section = if path.is_empty() { String::new() } else { format!(" in [{path}]") };
         let reason = format!("unknown key `{}`{section}", entry.key);
         let all = self.everywhere.map_or_else(Vec::new, |names| names());

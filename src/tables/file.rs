@@ -203,17 +203,11 @@ pub(super) fn write(
     // A crash must leave no file that looks complete: sync before the rename. Both paths are in one
     // folder, so the rename is atomic.
     remove_rests(path);
-    let beside = new_file::beside(path, ".tmp");
-    let written = new_file::create(&beside).and_then(|mut file| {
+    let written = new_file::replace_with(path, ".tmp", Sync::All, |file| {
         file.write_all(&head(spec, sum(table, workers)))?;
-        file.write_all(table)?;
-        file.sync_all()?;
-        new_file::rename(&beside, path, true)
+        file.write_all(table)
     });
-    if written.is_err() {
-        let _ = fs::remove_file(&beside);
-    }
-    written
+    written.map(drop)
 }
 
 /// Removes the note that the file of a table was sound, so that the next [`open`] computes the

@@ -226,6 +226,9 @@ pub(super) fn decide_face_with(
         // A tile that resembles no colour is not certain, even if the best guess has no rival.
         confidences[i] = (-(d[best] / 30.0)).exp() / weight;
     }
+    if is_colourless(rgb) {
+        return (colours, [0.0; 9]);
+    }
     // One face seldom determines its light: white in the light of a lamp looks like yellow by day.
     let under_any_light = over_all_lights(&seen);
     for (i, confidence) in confidences.iter_mut().enumerate() {
@@ -233,9 +236,6 @@ pub(super) fn decide_face_with(
         if rims[i].is_none() {
             *confidence = confidence.min(under_any_light[i][usize::from(colours[i])]);
         }
-    }
-    if is_colourless(rgb) {
-        confidences = [0.0; 9];
     }
     (colours, confidences)
 }
@@ -270,9 +270,10 @@ fn over_all_lights(seen: &[Seen; 9]) -> [[f64; 6]; 9] {
             .fold(1e-4, f64::max);
         let even = Light(gains.map(|g| g / brightest));
         let tones = seen.map(|tile| Tone::new(even.undo(tile.linear), &Shades::ANY));
+        let unlikely = -2.0 * prior.ln();
         for exposure in EXPOSURES {
             let light = Light(even.0.map(|g| g * exposure));
-            let mut cost = -2.0 * prior.ln();
+            let mut cost = unlikely;
             let mut shares = [[0.0; 6]; 9];
             for ((tile, tone), shares) in seen.iter().zip(&tones).zip(&mut shares) {
                 let d = if tile.clipped == [false; 3] {

@@ -75,13 +75,26 @@ fn run_survives_signals_without_meaning() {
     }
     std::thread::sleep(Duration::from_millis(300));
     assert!(run.try_wait().unwrap().is_none(), "it goes on");
-    // `timeout --signal=ALRM` means the end; the limit of processor time comes again and again.
-    for signal in [Signal::XCPU, Signal::XCPU, Signal::ALARM] {
-        kill_process(process, signal).unwrap();
-    }
-    let out = run.wait_with_output().unwrap();
+    kill_process(process, Signal::TERM).unwrap();
+    assert!(run.wait_with_output().unwrap().status.code().is_some());
+}
 
-    assert!(out.status.code().is_some(), "{:?}", out.status);
+/// `timeout --signal=ALRM` means the end; the limit of processor time comes again and again.
+#[test]
+fn signals_of_limits_end_the_run() {
+    for signals in [&[Signal::XCPU, Signal::XCPU][..], &[Signal::ALARM]] {
+        let mut run = program();
+        // It would last longer than the patience.
+        let mut run = run.args(LONG).arg("idle.time_s=600").stdout(Stdio::null()).spawn().unwrap();
+        until("the start of the run", || ignores(&run, Signal::USR1));
+        for signal in signals {
+            kill_process(Pid::from_child(&run), *signal).unwrap();
+        }
+        until("the end of the run", || run.try_wait().unwrap().is_some());
+
+        let status = run.wait().unwrap();
+        assert!(status.code().is_some(), "{signals:?}: {status:?}");
+    }
 }
 
 /// The size of a stack larger than the address space makes each thread impossible.
