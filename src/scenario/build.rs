@@ -46,8 +46,7 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
     motion::profile(root, reader);
     motion::speeds(&root.control, &arms, reader);
     motion::impact(&root.control, reader);
-    let period = root.real_time.period;
-    motion::self_excitation(&root.control, &root.visual_servo, period, &arms, reader);
+    motion::self_excitation(root, &arms, reader);
     let (keeper, hand) = place(&root.hand, root.cell.table_height, root.cube.edge, reader);
     check::hand_force(&root.control, keeper, reader);
 

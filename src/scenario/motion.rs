@@ -21,7 +21,7 @@
 //! Rotations are checked at the same frequency as translations. A locked arm would let its tool
 //! tilt at 56 Hz and more, but the regulators of its motors follow nothing so fast.
 
-use super::keys::{Control, Profile, VisualServo};
+use super::keys::{Control, Profile};
 use super::root::Root;
 use super::section::Reader;
 use crate::cell::{Arm, ForceSensor};
@@ -146,14 +146,8 @@ pub(super) fn impact(control: &Control, reader: &mut Reader) {
 
 /// Checks that no force-controlled direction makes its arm vibrate by the inertia of the tool,
 /// which the force sensor measures. The gain of that loop is [`tff::self_excitation`].
-pub(super) fn self_excitation(
-    control: &Control,
-    visual_servo: &VisualServo,
-    period: f64,
-    arms: &[Option<Arm>],
-    reader: &mut Reader,
-) {
-    let c = control;
+pub(super) fn self_excitation(root: &Root, arms: &[Option<Arm>], reader: &mut Reader) {
+    let (c, visual_servo, period) = (&root.control, &root.visual_servo, root.real_time.period);
     let (speed, force) = c.visual_approach();
     let visual = guarded_admittance(speed, force);
     // A pull at a cube in the other gripper ends at half the force of an approach, so its
@@ -162,6 +156,8 @@ pub(super) fn self_excitation(
     let turn_admittance = turn::most_ordered(c.turn_speed) / c.turn_torque;
     for arm in arms.iter().flatten() {
         let (mass, moment, about_z) = inertia(&arm.sensor);
+        // A hand that yields may hold the cube alone.
+        let mass = mass + root.cube.mass;
         // Each row: key, admittance, virtual inertia, and mass or moment of inertia of the tool.
         // The first two rows are the visual servo along and across its approach.
         let rows = [

@@ -54,7 +54,7 @@ use self::frame::{Frame, about};
 use self::grasp::{Grasp, Hands, Touch};
 use self::hand::OperatorHand;
 use self::jaw::PlantJaw;
-use self::sensor::{Load, WristSensor};
+use self::sensor::{Carried, Load, WristSensor};
 use self::undoing::Undoing;
 use super::port::{Port, PortFault};
 use super::scene::{Scene, SceneArm, SceneCube};
@@ -493,7 +493,15 @@ impl Port for Plant {
             let sensor = &mut self.sensors[i];
             // The inertia of the body beyond the sensor acts at its centre of mass.
             let (velocity, spin) = arm.velocity_at(&sensor.centre(&arm.world_from_flange));
-            let load = Load { at: &tool.p, force: &force, torque: &torque, velocity, spin };
+            let alone = self.grasps[i].holds() && !self.grasps[1 - i].holds();
+            let cube = alone.then(|| Carried {
+                mass: self.config.cell.cube.mass,
+                centre: self.core.p,
+                // The cube moves with the hand. Its own place is a balance of forces, whose
+                // differences from period to period are too coarse for an acceleration.
+                velocity: arm.velocity_at(&self.core.p).0,
+            });
+            let load = Load { at: &tool.p, force: &force, torque: &torque, velocity, spin, cube };
             reading.wrench_on_sensor = sensor.read(&arm.world_from_flange, &load);
             let saturated = sensor.saturated;
             if saturated && !self.saturated[i] {
