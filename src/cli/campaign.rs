@@ -6,6 +6,7 @@
 //! - exit code: see the help below
 
 use super::arguments::ScenarioArgs;
+use super::mix::{Size, mixed};
 use super::output::{Output, WRONG, clash, complain, refuse, save};
 use super::progress::Bar;
 use super::record;
@@ -33,7 +34,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// Exit code of an interrupted campaign.
-const INTERRUPTED: u8 = 130;
+pub(super) const INTERRUPTED: u8 = 130;
 /// Begin of the error of drawn values.
 const DRAWN: &str = "the values that seed";
 /// Largest seed of a first run. The seed of each run, also of the last, is an integer of TOML.
@@ -54,12 +55,13 @@ Examples:
   rubik-robot campaign merge 1.jsonl 2.jsonl 3.jsonl 4.jsonl -o report.html
   rubik-robot campaign scenarios/solve.toml --runs 20 --json | tail -1
   rubik-robot campaign scenarios/solve.toml --soak 8
+  rubik-robot campaign scenarios/solve.toml --mix --hours 1
 
 Run i has the seed S + i: another cube, hand, light, cell and noise. The verdict is the plant's. A
 run that panics or exceeds --limit-s is a failure; the report gives the command that repeats it.
 Exit codes: 0 the campaign was performed, with any result; 1 the share of --at-least was not
 reached, or a soak was not steady or had a failed mission; 2 usage, scenario or state file;
-4 system; 130 interrupted."
+4 system; 130 interrupted. With --mix: 1 a run broke a rule."
 )]
 pub(super) struct CampaignArgs {
     #[command(subcommand)]
@@ -70,8 +72,8 @@ pub(super) struct CampaignArgs {
     /// Override of a key in all runs, as in control.grip_n=30; repeatable
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Number of runs, over all shards; required without --soak
-    #[arg(long, value_name = "N", required_unless_present = "soak",
+    /// Number of runs, over all shards; required without --soak and --mix
+    #[arg(long, value_name = "N", required_unless_present_any = ["soak", "mix"],
           value_parser = clap::value_parser!(u64).range(1..=MOST_RUNS))]
     runs: Option<u64>,
     /// Seed of the first run; the next runs have the next seeds
@@ -105,6 +107,17 @@ pub(super) struct CampaignArgs {
     #[arg(long, value_name = "HOURS",
           conflicts_with_all = ["runs", "jobs", "vary", "shard", "state", "output"])]
     soak: Option<f64>,
+    /// Inject a random mix of two to four faults into each run, for --hours, and check its rules
+    ///
+    /// A run may fail, but never report an untrue success, die, miss a fallen cube, press with more
+    /// than 65 N, damage the cube, or go on for ever. For a broken rule the command prints the
+    /// smallest mix that still breaks it.
+    #[arg(long, requires = "hours",
+          conflicts_with_all = ["soak", "runs", "vary", "shard", "state", "output", "at_least"])]
+    mix: bool,
+    /// Time after which --mix begins no further run
+    #[arg(long, value_name = "HOURS", requires = "mix")]
+    hours: Option<f64>,
     /// Number of seeds of a soak: its missions take them in turn and repeat them
     #[arg(long, value_name = "N", default_value_t = 4, requires = "soak",
           value_parser = clap::value_parser!(u64).range(1..=1000))]
@@ -155,6 +168,14 @@ pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8
     // A soak runs in this process, so that the growth of its memory can be measured.
     if let Some(hours) = args.soak {
         return soaked(&scenario, args, hours, output);
+    }
+    if let Some(hours) = args.hours {
+        if !hours.is_finite() || hours <= 0.0 {
+            return Err(refuse(format!("--hours {hours}: give a number of hours above 0")));
+        }
+        let limit = Duration::from_secs(args.limit_s);
+        let size = Size { seed: args.seed, hours, jobs: args.jobs, limit };
+        return mixed(&scenario, &size, args.result.json, output);
     }
     args.result.check().map_err(refuse)?;
     let vary = args.vary.as_deref().map(read_vary).transpose().map_err(refuse)?;
@@ -605,7 +626,7 @@ fn duration(seconds: f64) -> String {
 }
 
 /// Returns a flag that a signal sets. A second signal ends the process.
-fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
+pub(super) fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in run::ending_signals() {
         // The conditional shutdown comes first, so that the first signal only sets the flag.

@@ -23,6 +23,7 @@ mod help;
 mod keys;
 mod kinematics;
 mod locate;
+mod mix;
 mod output;
 mod picture;
 mod plan;

@@ -1,0 +1,334 @@
+//! Mixes of faults: random combinations for missions, the rules that no run may break, and the
+//! smallest mix that still breaks one.
+//!
+//! - in: a seed, the names of arms and cameras; the result of a run
+//! - out: a mix, which depends on nothing but the seed and the names; a broken rule; a smaller mix
+//!
+//! | rule | limit | reason |
+//! |---|---|---|
+//! | the process ends by itself, with a summary | | a panic leaves the arms to the controllers |
+//! | success is true | the plant's cube | the controller's belief may be wrong |
+//! | no fallen cube is unnoticed | | a person or a later grasp would meet it |
+//! | contacts stay below a force | [`MOST_FORCE`] | the range of the wrist sensors |
+//! | the cube is neither crushed nor pulled apart | | |
+//! | the mission ends | [`LONGEST`] | the last fault ends long before |
+
+use super::result::{RunResult, Verdict};
+use crate::scenario::injected::FaultKind;
+use rand::seq::IndexedRandom as _;
+use rand::{Rng as _, SeedableRng as _};
+use rand_pcg::Pcg64;
+use std::fmt;
+
+/// Greatest contact force at a tool (N).
+pub(crate) const MOST_FORCE: f64 = 65.0;
+/// Longest simulated time of a mission with faults (s).
+pub(crate) const LONGEST: f64 = 1800.0;
+/// Least and greatest number of faults in a mix.
+const FAULTS: (usize, usize) = (2, 4);
+/// Time in which faults that begin at a time begin (s); missions take about 210 s.
+const BEGIN: (f64, f64) = (1.0, 230.0);
+
+/// Kind of a fault in a mix, with the ranges from which its keys are drawn.
+struct Sort {
+    kind: FaultKind,
+    /// Range of the magnitude, in the unit of the kind.
+    magnitude: Option<(f64, f64)>,
+    /// Range of the duration (s); `None` for faults that stay.
+    duration: Option<(f64, f64)>,
+    part: Part,
+}
+
+/// Part that fails.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Part {
+    None,
+    Arm,
+    /// One axis of an arm, 1 to 6.
+    Axis,
+    /// One direction of an arm's force sensor.
+    Direction,
+    Camera,
+    Sticker,
+    /// An actor of an arm.
+    Actor,
+}
+
+/// The kinds that a mix may have. Faults that end every process at once are left out, since they
+/// would hide all others: a power cut, and an actor that blocks all of them.
+const SORTS: [Sort; 24] = {
+    use FaultKind as K;
+    const fn sort(
+        kind: FaultKind,
+        magnitude: Option<(f64, f64)>,
+        duration: Option<(f64, f64)>,
+        part: Part,
+    ) -> Sort {
+        Sort { kind, magnitude, duration, part }
+    }
+    [
+        sort(K::EncoderFreeze, None, Some((0.01, 1.0)), Part::Axis),
+        sort(K::EncoderJump, Some((-50.0, 50.0)), Some((0.01, 1.0)), Part::Axis),
+        sort(K::OverCurrent, Some((1.0, 30.0)), Some((0.01, 0.5)), Part::Axis),
+        sort(K::LimitSwitch, None, Some((0.01, 1.0)), Part::Axis),
+        sort(K::ForceDropout, None, Some((0.01, 3.0)), Part::Arm),
+        sort(K::ForceNan, None, Some((0.01, 3.0)), Part::Direction),
+        sort(K::ForceSaturation, None, Some((0.01, 3.0)), Part::Direction),
+        sort(K::ForceBias, Some((-40.0, 40.0)), Some((0.1, 60.0)), Part::Direction),
+        sort(K::MissedPeriods, Some((1.0, 60.0)), None, Part::None),
+        sort(K::CameraBlackout, None, Some((0.1, 30.0)), Part::Camera),
+        sort(K::CameraSilent, None, Some((0.1, 30.0)), Part::Camera),
+        sort(K::LateFrames, Some((10.0, 500.0)), Some((0.1, 30.0)), Part::Camera),
+        sort(K::Slip, Some((0.0, 0.6)), Some((0.1, 3.0)), Part::Arm),
+        sort(K::Drop, None, None, Part::Arm),
+        sort(K::Jam, Some((0.5, 5.0)), Some((0.5, 8.0)), Part::None),
+        sort(K::TurnUndone, Some((0.2, 2.0)), None, Part::None),
+        sort(K::Push, Some((-25.0, 25.0)), Some((0.1, 2.0)), Part::Direction),
+        sort(K::Withdraw, None, None, Part::None),
+        sort(K::Misread, None, None, Part::Sticker),
+        sort(K::LateMessage, Some((1.0, 60.0)), None, Part::Arm),
+        sort(K::DuplicatedMessage, None, None, Part::Arm),
+        sort(K::ActorHang, None, None, Part::Actor),
+        sort(K::ClockJump, Some((10.0, 5000.0)), None, Part::None),
+        sort(K::EmergencyStop, None, None, Part::None),
+    ]
+};
+
+/// Events that may begin a fault.
+const EVENTS: [&str; 4] = ["grasped", "released", "turn_begins", "turned"];
+
+/// Faults of one run.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Mix {
+    /// Each fault as the keys of a `[[fault]]`, in the form `key = value`.
+    faults: Vec<Vec<String>>,
+}
+
+impl Mix {
+    /// Draws the mix of a seed for a cell with these arms and cameras.
+    pub(crate) fn draw(seed: u64, arms: &[&str], cameras: &[&str]) -> Self {
+        // A stream of its own: the run draws its cube and noise from the same seed.
+        let mut random = Pcg64::seed_from_u64(seed ^ 0x6d69_785f_6661_756c);
+        let count = random.random_range(FAULTS.0..=FAULTS.1);
+        let faults = (0..count).filter_map(|number| {
+            let sort = SORTS.choose(&mut random)?;
+            Some(keys(number, sort, arms, cameras, &mut random))
+        });
+        Self { faults: faults.collect() }
+    }
+
+    /// Returns the number of faults.
+    pub(crate) fn len(&self) -> usize {
+        self.faults.len()
+    }
+
+    /// Returns the mix without the fault with this number.
+    pub(crate) fn without(&self, number: usize) -> Self {
+        let mut faults = self.faults.clone();
+        faults.remove(number);
+        Self { faults }
+    }
+
+    /// Returns the override that injects the mix, in the form `KEY=VALUE` of `--set`.
+    pub(crate) fn set(&self) -> String {
+        let tables = self.faults.iter().map(|keys| format!("{{ {} }}", keys.join(", ")));
+        format!("fault=[{}]", tables.collect::<Vec<_>>().join(", "))
+    }
+}
+
+/// Writes the mix as the end of a scenario.
+impl fmt::Display for Mix {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for keys in &self.faults {
+            writeln!(f, "[[fault]]\n{}\n", keys.join("\n"))?;
+        }
+        Ok(())
+    }
+}
+
+/// Draws the keys of one fault.
+fn keys(
+    number: usize,
+    sort: &Sort,
+    arms: &[&str],
+    cameras: &[&str],
+    random: &mut Pcg64,
+) -> Vec<String> {
+    let mut keys =
+        vec![format!("name = \"mix{}\"", number + 1), format!("kind = \"{}\"", sort.kind.word())];
+    let arm = |random: &mut Pcg64| arms.choose(random).map(|arm| format!("arm = \"{arm}\""));
+    match sort.part {
+        Part::None => {}
+        Part::Arm => keys.extend(arm(random)),
+        Part::Axis => {
+            keys.extend(arm(random));
+            keys.push(format!("axis = {}", random.random_range(1..=6)));
+        }
+        Part::Direction => {
+            keys.extend(arm(random));
+            // A push has no torque.
+            let most = if sort.kind == FaultKind::Push { 2 } else { 5 };
+            keys.push(format!("direction = {}", random.random_range(0..=most)));
+        }
+        Part::Camera => {
+            keys.extend(cameras.choose(random).map(|camera| format!("camera = \"{camera}\"")));
+        }
+        Part::Sticker => {
+            let letters = ['U', 'R', 'F', 'D', 'L', 'B'];
+            let letter = |random: &mut Pcg64| letters[random.random_range(0..6)];
+            let (face, place) = (letter(random), random.random_range(1..=9));
+            keys.push(format!("sticker = \"{face}{place}\""));
+            keys.push(format!("colour = \"{}\"", letter(random)));
+        }
+        Part::Actor => {
+            let actor = if random.random_bool(0.5) { "ecp" } else { "edp" };
+            keys.push(format!("actor = \"{actor}\""));
+            keys.extend(arm(random));
+        }
+    }
+    if random.random_bool(0.5) {
+        let event = EVENTS.choose(random).copied().unwrap_or(EVENTS[0]);
+        keys.push(format!("event = \"{event}\""));
+        keys.push(format!("nth = {}", random.random_range(1..=12)));
+        if event == "turned" {
+            keys.push(format!("turned_deg = {:.1}", random.random_range(5.0..85.0)));
+        }
+        keys.push(format!("delay_s = {:.2}", random.random_range(0.0..2.0)));
+    } else {
+        keys.push(format!("at_s = {:.2}", random.random_range(BEGIN.0..BEGIN.1)));
+    }
+    let drawn = |(low, high): (f64, f64), random: &mut Pcg64| random.random_range(low..=high);
+    if let Some(range) = sort.magnitude {
+        keys.push(format!("magnitude = {:.2}", drawn(range, random)));
+    }
+    if let Some(range) = sort.duration {
+        keys.push(format!("duration_s = {:.2}", drawn(range, random)));
+    }
+    keys
+}
+
+/// Rule that a run has broken.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Broken {
+    /// The process ended without a valid summary, with the reason.
+    Died(String),
+    /// The run did not end within its time by the wall clock.
+    Endless,
+    /// The run reported a success that is none, with the reason.
+    Untrue(String),
+    /// The cube fell more often than the controller noticed.
+    UnnoticedDrop,
+    /// Contact force at a tool (N).
+    Force(f64),
+    /// The cube was crushed or pulled apart.
+    Damaged,
+    /// Simulated time of the mission (s).
+    TooLong(f64),
+}
+
+impl Broken {
+    /// Returns the first rule that a run has broken.
+    pub(crate) fn by(result: &RunResult) -> Option<Self> {
+        match result.verdict {
+            Verdict::Died => return Some(Self::Died(result.reason.clone())),
+            Verdict::TimedOut => return Some(Self::Endless),
+            Verdict::Failed if result.reason.contains("the summary reports a solved cube") => {
+                return Some(Self::Untrue(result.reason.clone()));
+            }
+            Verdict::Solved | Verdict::Failed | Verdict::Aborted => {}
+        }
+        let figures = result.figures.as_ref()?;
+        let force = figures.peak_contact_n.unwrap_or(0.0);
+        let mishaps = &figures.mishaps;
+        let rules = [
+            (figures.has_unnoticed_drop() == Some(true), Self::UnnoticedDrop),
+            (force > MOST_FORCE, Self::Force(force)),
+            (mishaps.crushed + mishaps.pops > 0, Self::Damaged),
+            (figures.sim_time_s > LONGEST, Self::TooLong(figures.sim_time_s)),
+        ];
+        rules.into_iter().find_map(|(broken, rule)| broken.then_some(rule))
+    }
+
+    /// Returns whether two runs break the same rule.
+    pub(crate) fn is_like(&self, other: &Self) -> bool {
+        std::mem::discriminant(self) == std::mem::discriminant(other)
+    }
+}
+
+impl fmt::Display for Broken {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Died(why) => write!(f, "the process ended without a summary: {why}"),
+            Self::Endless => write!(f, "the run did not end"),
+            Self::Untrue(why) => write!(f, "a success that is none: {why}"),
+            Self::UnnoticedDrop => write!(f, "the cube fell, and the controller did not notice"),
+            Self::Force(n) => write!(f, "a contact of {n:.0} N, more than {MOST_FORCE:.0} N"),
+            Self::Damaged => write!(f, "the cube was crushed or pulled apart"),
+            Self::TooLong(s) => write!(f, "the mission took {s:.0} s, more than {LONGEST:.0} s"),
+        }
+    }
+}
+
+/// Returns the smallest mix that `breaks` the rule: faults are left out one by one as long as the
+/// rest still breaks it.
+///
+/// # Errors
+/// The first error of `breaks`.
+pub(crate) fn shrunk<E>(
+    mut mix: Mix,
+    mut breaks: impl FnMut(&Mix) -> Result<bool, E>,
+) -> Result<Mix, E> {
+    let mut number = 0;
+    while mix.len() > 1 && number < mix.len() {
+        let fewer = mix.without(number);
+        if breaks(&fewer)? {
+            mix = fewer;
+        } else {
+            number += 1;
+        }
+    }
+    Ok(mix)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::{Override, read};
+    use std::collections::BTreeSet;
+    use std::path::Path;
+
+    const ARMS: [&str; 2] = ["track", "postument"];
+    const CAMERAS: [&str; 3] = ["standalone", "track_hand", "postument_hand"];
+
+    #[test]
+    fn every_drawn_mix_is_a_valid_scenario() {
+        let mut kinds = BTreeSet::new();
+        for seed in 0..400 {
+            let mix = Mix::draw(seed, &ARMS, &CAMERAS);
+            assert!((FAULTS.0..=FAULTS.1).contains(&mix.len()));
+            assert_eq!(mix, Mix::draw(seed, &ARMS, &CAMERAS));
+
+            let by_option = read(Path::new("t.toml"), "", &[Override::parse(&mix.set()).unwrap()]);
+            let by_file = read(Path::new("t.toml"), &mix.to_string(), &[]);
+
+            let faults = by_option.map_err(|e| format!("{mix}: {e}")).unwrap().plant.faults;
+            assert_eq!(faults.len(), mix.len());
+            assert_eq!(by_file.unwrap().plant.faults, faults);
+            kinds.extend(faults.iter().filter_map(|fault| fault.kind.map(FaultKind::word)));
+        }
+        assert_eq!(kinds.len(), SORTS.len(), "every kind is drawn");
+    }
+
+    #[test]
+    fn shrinking_keeps_only_the_faults_that_break_the_rule() {
+        let mix = (0..).map(|seed| Mix::draw(seed, &ARMS, &CAMERAS)).find(|m| m.len() == 4);
+        let mix = mix.unwrap();
+        let needed = [mix.faults[1].clone(), mix.faults[3].clone()];
+
+        let small = shrunk(mix, |fewer| {
+            Ok::<_, ()>(needed.iter().all(|fault| fewer.faults.contains(fault)))
+        });
+
+        assert_eq!(small.unwrap().faults, needed);
+    }
+}
