@@ -199,7 +199,9 @@ fn keys(
     }
     let drawn = |(low, high): (f64, f64), random: &mut Pcg64| random.random_range(low..=high);
     if let Some(range) = sort.magnitude {
-        keys.push(format!("magnitude = {:.2}", drawn(range, random)));
+        let magnitude = drawn(range, random);
+        let digits = if sort.kind == FaultKind::MissedPeriods { 0 } else { 2 };
+        keys.push(format!("magnitude = {magnitude:.digits$}"));
     }
     if let Some(range) = sort.duration {
         keys.push(format!("duration_s = {:.2}", drawn(range, random)));
