@@ -262,7 +262,7 @@ impl Tally {
     }
 
     /// Returns the hashes of the plants' parameters, each once. There is only one if the plants of
-    /// all runs had the same drives, trip limits, friction and pads.
+    /// all runs had the same limits: drives, friction, pads, cube, sensors and operator.
     pub(crate) fn plants(&self) -> Vec<&str> {
         let figures = self.results.iter().filter_map(|r| r.figures.as_ref());
         let plants: BTreeSet<&str> = figures.filter_map(|f| f.plant_hash.as_deref()).collect();

@@ -49,7 +49,8 @@ pub struct Phase {
 }
 
 /// Largest force and torque at one tool over the whole run: of the contact in the plant, and of the
-/// wrist sensor without the weight of the tool, sampled once a macrostep.
+/// wrist sensor without the weight of the tool, as the virtual sensor samples it: every 40 ms, so
+/// that it may miss the peak which stopped a motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SensorPeak {
     /// Name of the effector.

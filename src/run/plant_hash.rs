@@ -3,8 +3,10 @@
 //!
 //! | part | parameters |
 //! |---|---|
-//! | plant | motors, pads, layers of the cube, sensors, the operator's times, time step |
+//! | plant | model, motors, pads, layers of the cube, sensors, the operator's times, periods |
 //! | drives | pulse widths and their slew |
+//! | tools and cube | weight and centre of each tool, edge and mass of the cube |
+//! | person | size of the zone |
 //! | declared times | localisation, reading of a face, node of the solver |
 //!
 //! The speeds that the controller chooses are no part of it: they are what a comparison measures.
@@ -20,7 +22,13 @@ pub(super) fn plant_hash(plant: u32, controller: &ControllerConfig) -> u32 {
         .map(|effector| (effector.gains.pwm_limit, effector.gains.pwm_slew))
         .collect();
     let (vision, node) = (&controller.vision, controller.planner.node_cost);
+    // The plant's own tools have errors that campaigns draw, so the believed ones count.
+    let cell = &controller.cell;
+    let tools: Vec<_> =
+        cell.arms.iter().map(|arm| (arm.sensor.weight, arm.sensor.centre_in_flange)).collect();
+    let cube = (cell.cube.edge, cell.cube.mass);
     let limits = (plant, drives, vision.localisation, vision.face, node);
+    let limits = (limits, tools, cube, cell.hand.half_extent);
     crc32fast::hash(format!("{limits:?}").as_bytes())
 }
 
@@ -35,12 +43,17 @@ mod tests {
         let controller =
             read(Path::new("t.toml"), "", &[]).map(|scenario| scenario.controller).unwrap();
         let plain = plant_hash(7, &controller);
-        let changes: [fn(&mut ControllerConfig); 5] = [
+        let changes: [fn(&mut ControllerConfig); 10] = [
             |c| c.effectors[0].gains.pwm_limit *= 1.1,
             |c| c.effectors[1].gains.pwm_slew *= 1.1,
             |c| c.vision.localisation = 0.0,
             |c| c.vision.face = 0.0,
             |c| c.planner.node_cost = 0.0,
+            |c| c.cell.arms[0].sensor.weight = 0.01,
+            |c| c.cell.arms[1].sensor.centre_in_flange.z += 0.01,
+            |c| c.cell.cube.mass = 0.02,
+            |c| c.cell.cube.edge *= 1.01,
+            |c| c.cell.hand.half_extent.x = 0.0,
         ];
 
         for (number, change) in changes.iter().enumerate() {

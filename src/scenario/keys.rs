@@ -248,8 +248,8 @@ section! {
         /// Reciprocal damping b of a yielding linear direction; the contact is stable for b <= 0.4
         /// / (stiffness x delay).
         linear_admittance [mm_sn]: f64 = 1.0, 0.0..=50.0;
-        // The loop through the inertia of the tool has a gain of 1.04 at 31 Hz without this mass,
-        // and of 0.48 with 20 kg.
+        // Without this mass a fast approach excites itself through the inertia of the tool
+        // (`scenario::motion`).
         /// Virtual mass m of a yielding linear direction; 0 is the plain scaling of the paper.
         linear_inertia [kg]: f64 = 20.0, 0.0..=1000.0;
         /// Reciprocal damping b of a yielding rotation.
@@ -277,7 +277,8 @@ section! {
         /// Torque at which a motion in contact is aborted.
         torque_limit [nm]: f64 = 4.5, 0.1..=5.0;
         /// Largest speed of an arm near the operator's hand (the reduced speed of ISO 10218).
-        hand_speed [mm_s]: f64 = 250.0, 10.0..=1000.0;
+        // The last centimetres of a visual approach are as fast as 26 mm/s.
+        hand_speed [mm_s]: f64 = 250.0, 30.0..=1000.0;
         /// Acceleration of the visual servo, which leads an arm to the operator's hand.
         hand_acceleration [mm_s2]: f64 = 300.0, 10.0..=5000.0;
         /// Speed of straight lines to and from the operator's hand.

@@ -14,8 +14,9 @@ use crate::reach::guard::{Guard, Near, PlannedMotion};
 use crate::spatial::Pose;
 
 /// Most rounds in which a motion gets more time. A longer motion also has longer ramps until they
-/// reach their full length, so the speed near the hand may fall by less than the time grows.
-const ROUNDS: u32 = 4;
+/// reach their full length, so within a ramp the speed near the hand falls by the cube root of the
+/// time. A speed three times too large needs about twenty rounds then; most motions need two.
+const ROUNDS: u32 = 40;
 /// Largest ratio of a speed to its limit that counts as slow enough; it leaves room for rounding.
 const ENOUGH: f64 = 1.0 + 1e-9;
 

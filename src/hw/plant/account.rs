@@ -23,7 +23,25 @@ use crate::spatial::Twist;
 use nalgebra::{Point3, Vector3};
 
 impl Plant {
-    /// Updates the verdict at the end of a period (peaks of force and speed, slips, crushes, drops,
+    /// Raises the peaks of the contact forces to those of a substep.
+    pub(super) fn record_peaks(&mut self) {
+        // The chain is closed as soon as a second hand touches the cube that one holds.
+        let both = self.arms.len() == 2
+            && self.balance.touches.iter().all(Touch::any)
+            && self.grasps.iter().any(Grasp::holds);
+        let v = &mut self.verdict;
+        for (i, touch) in self.balance.touches.iter().enumerate().take(self.arms.len()) {
+            let (force, torque) = (touch.force.norm(), touch.torque.norm());
+            v.arm_peak_force[i] = v.arm_peak_force[i].max(force);
+            v.arm_peak_torque[i] = v.arm_peak_torque[i].max(torque);
+            if both {
+                v.peak_force = v.peak_force.max(force);
+                v.peak_torque = v.peak_torque.max(torque);
+            }
+        }
+    }
+
+    /// Updates the verdict at the end of a period (peaks of motors and speed, slips, crushes, drops,
     /// pops, stuck layers), and lets the operator's hand react.
     pub(super) fn record_period(&mut self) {
         let core = self.balance.core(&self.puzzle);
@@ -33,21 +51,9 @@ impl Plant {
             rotation_vector(&(core.r * self.core.r.transpose())) / self.config.period.seconds();
         self.velocity = Twist { linear: moved, angular: turned };
         self.core = core;
-        // The chain is closed as soon as a second hand touches the cube that one holds.
-        let both = self.arms.len() == 2
-            && self.balance.touches.iter().all(Touch::any)
-            && self.grasps.iter().any(Grasp::holds);
         for i in 0..self.arms.len() {
             let touch = &self.balance.touches[i];
-            let (force, torque) = (touch.force.norm(), touch.torque.norm());
             let squeeze = touch.pads[0].max(touch.pads[1]).max(touch.palm);
-            let v = &mut self.verdict;
-            v.arm_peak_force[i] = v.arm_peak_force[i].max(force);
-            v.arm_peak_torque[i] = v.arm_peak_torque[i].max(torque);
-            if both {
-                v.peak_force = v.peak_force.max(force);
-                v.peak_torque = v.peak_torque.max(torque);
-            }
             let grasp = &self.grasps[i];
             let (distance, angle) = grasp.slip;
             // The cube does not slip between opening jaws: they let it go.

@@ -53,15 +53,19 @@ impl Identity {
         Self { seed, cell: checksum(&cell), mechanics }
     }
 
-    /// Returns a CRC-32 over the parameters that decide how fast and how gently a task can be done:
+    /// Number of the model. Each change of its equations that may make a task easier or harder
+    /// raises it: times of two models are not comparable.
+    const MODEL: u32 = 2;
+
+    /// Returns a CRC-32 over the number of the model and the parameters that decide how fast and how gently a task can be done:
     /// motors with their limits and friction, pads, layers of the cube, ranges and delay of the
-    /// force sensors, the operator's times, the time step.
+    /// force sensors, the operator's times, the period and its substeps.
     ///
     /// Campaigns draw the other parameters for each run: the errors of the cell, noise, and how the
     /// operator's hand shakes and tilts. They make a run different, but not easier.
     #[must_use]
     pub fn bounds(config: &PlantConfig) -> u32 {
-        let PlantConfig { cell, arms, cube, jaws, noise, hand, substeps, .. } = config;
+        let PlantConfig { cell, arms, cube, jaws, noise, hand, period, substeps, .. } = config;
         let HandScript {
             appears,
             arrival,
@@ -84,6 +88,7 @@ impl Identity {
             return_solved_only,
             pull,
         } = hand;
+        let steps = (period, substeps);
         let limits: Vec<_> = cell
             .arms
             .iter()
@@ -96,7 +101,7 @@ impl Identity {
         );
         let heats = MotorDynamics::HEATS;
         let delay = noise.delay_periods;
-        checksum(&(arms, cube, jaws, substeps, limits, heats, delay, operator))
+        checksum(&(Self::MODEL, arms, cube, jaws, steps, limits, heats, delay, operator))
     }
 
     /// Returns the reason why a plant of this identity cannot continue with a state of `other`.

@@ -11,6 +11,7 @@
 mod account;
 mod arm;
 mod balance;
+mod carried;
 mod collision;
 pub mod config;
 mod cube;
@@ -47,6 +48,7 @@ pub use verdict::{Counts, Event, Exertion, Incident, Part, Verdict, Whereabouts}
 
 use self::arm::PlantArm;
 use self::balance::{Balance, HandHold, Surroundings, moved};
+use self::carried::Carried;
 use self::collision::Collisions;
 use self::cube::Puzzle;
 use self::fault::{Faults, OutsideFault};
@@ -54,7 +56,7 @@ use self::frame::{Frame, about};
 use self::grasp::{Grasp, Hands, Touch};
 use self::hand::OperatorHand;
 use self::jaw::PlantJaw;
-use self::sensor::{Carried, Load, WristSensor};
+use self::sensor::{Load, WristSensor};
 use self::undoing::Undoing;
 use super::port::{Port, PortFault};
 use super::scene::{Scene, SceneArm, SceneCube};
@@ -100,6 +102,7 @@ pub struct Plant {
     puzzle: Puzzle,
     balance: Balance,
     grasps: [Grasp; 2],
+    carried: Carried,
     hand: OperatorHand,
     state: State,
     last_holder: Option<usize>,
@@ -173,6 +176,7 @@ impl Plant {
             puzzle: start::puzzle(&config, seed),
             balance: Balance::new(world_from_cube, cell.cube.edge, cell.table_height),
             grasps: [Grasp::OPEN; 2],
+            carried: Carried::default(),
             hand,
             state,
             last_holder: None,
@@ -308,6 +312,7 @@ impl Plant {
         // The cube comes first: its balance at the present tools makes the forces that the arms
         // take in this substep.
         self.step_cube(t, dt);
+        self.record_peaks();
         let pushes = self.faults.acting.push;
         for (i, arm) in self.arms.iter_mut().enumerate() {
             let touch = &self.balance.touches[i];
@@ -405,8 +410,21 @@ impl Plant {
             })
         });
         let weight = Vector3::new(0.0, 0.0, -GRAVITY * self.config.cell.cube.mass);
+        let weight = weight + self.carried.force;
         let around = Surroundings { tools, hands, hold, weight, dt };
         self.balance.step(&mut self.puzzle, &mut self.grasps, &around);
+    }
+
+    /// Takes over how a cube that one hand alone holds has moved in this period.
+    fn feel_inertia_of_cube(&mut self) {
+        let holder = match [0, 1].map(|i| self.grasps[i].holds()) {
+            [true, false] => Some(0),
+            [false, true] => Some(1),
+            _ => None,
+        };
+        let centre = self.balance.core(&self.puzzle).p;
+        let now = holder.map(|i| (i, self.arms[i].velocity_at(&centre).0));
+        self.carried.advance(now, self.config.cell.cube.mass, self.config.period.seconds());
     }
 
     fn tool(&self, i: usize) -> Frame {
@@ -479,6 +497,7 @@ impl Port for Plant {
         }
         // The axis changes between periods, so that all substeps of a period see the same bodies.
         self.reconsider_axis();
+        self.feel_inertia_of_cube();
         self.period = period + 1;
         self.verdict.period = self.period;
         for (i, reading) in readings.iter_mut().enumerate() {
@@ -493,15 +512,7 @@ impl Port for Plant {
             let sensor = &mut self.sensors[i];
             // The inertia of the body beyond the sensor acts at its centre of mass.
             let (velocity, spin) = arm.velocity_at(&sensor.centre(&arm.world_from_flange));
-            let alone = self.grasps[i].holds() && !self.grasps[1 - i].holds();
-            let cube = alone.then(|| Carried {
-                mass: self.config.cell.cube.mass,
-                centre: self.core.p,
-                // The cube moves with the hand. Its own place is a balance of forces, whose
-                // differences from period to period are too coarse for an acceleration.
-                velocity: arm.velocity_at(&self.core.p).0,
-            });
-            let load = Load { at: &tool.p, force: &force, torque: &torque, velocity, spin, cube };
+            let load = Load { at: &tool.p, force: &force, torque: &torque, velocity, spin };
             reading.wrench_on_sensor = sensor.read(&arm.world_from_flange, &load);
             let saturated = sensor.saturated;
             if saturated && !self.saturated[i] {

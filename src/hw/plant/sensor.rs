@@ -7,8 +7,8 @@
 //!   about its centre
 //!
 //! The acceleration is the mean over the period, the difference of two velocities: a sensor
-//! integrates over its sample. A cube in the jaws of one hand alone adds its inertia to the contact.
-//! Between two hands it hardly accelerates, and there its inertia is left out.
+//! integrates over its sample. The inertia of a cube in the jaws is part of the
+//! contact: see `carried`.
 
 use super::config::SensorNoise;
 use super::dynamics::Link;
@@ -32,19 +32,6 @@ pub(super) struct Load<'a> {
     pub(super) velocity: Vector3<f64>,
     /// Angular velocity (rad/s).
     pub(super) spin: Vector3<f64>,
-    /// Cube that only this hand holds.
-    pub(super) cube: Option<Carried>,
-}
-
-/// Cube in the jaws of one hand, in the world.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Carried {
-    /// Mass (kg).
-    pub(super) mass: f64,
-    /// Centre (m).
-    pub(super) centre: Vector3<f64>,
-    /// Velocity of the centre (m/s).
-    pub(super) velocity: Vector3<f64>,
 }
 
 /// Momentum of the body beyond the sensor, in the world.
@@ -71,8 +58,6 @@ pub(super) struct WristSensor {
     seconds: f64,
     /// Momentum at the end of the last period; `None` before the first.
     momentum: Option<Momentum>,
-    /// Velocity of a carried cube at the end of the last period (m/s).
-    carried: Option<Vector3<f64>>,
     noise: SensorNoise,
     rng: Pcg64,
     bias: [f64; 6],
@@ -112,7 +97,6 @@ impl WristSensor {
             inertia: Vector3::from(last.inertia) * (mass / last.mass),
             seconds: period.seconds(),
             momentum: None,
-            carried: None,
             noise: *noise,
             rng,
             bias,
@@ -135,11 +119,9 @@ impl WristSensor {
         let (inertial, inertial_moment) = self.inertial(world_from_flange, load);
         // Inertia acts at the centre of mass, as the weight does.
         let weight = Vector3::new(0.0, 0.0, -self.sensor.weight) + inertial;
-        let (cube, at_cube) = self.cube_inertia(load);
-        let total = load.force + weight + cube;
-        // All forces have levers about the sensor's origin.
+        let total = load.force + weight;
+        // Both forces have levers about the sensor's origin.
         let moment = load.torque
-            + (at_cube - world_from_sensor.p).cross(&cube)
             + (load.at - world_from_sensor.p).cross(load.force)
             + (self.centre(world_from_flange) - world_from_sensor.p).cross(&weight)
             + inertial_moment;
@@ -172,19 +154,6 @@ impl WristSensor {
         let told = self.late[(self.next + LATEST - delay) % LATEST];
         self.next = (self.next + 1) % LATEST;
         Wrench::from_directions(told)
-    }
-
-    /// Returns the inertial force of a carried cube in this period (N), in the world, and the point
-    /// at which it acts (m).
-    fn cube_inertia(&mut self, load: &Load<'_>) -> (Vector3<f64>, Vector3<f64>) {
-        let last = std::mem::replace(&mut self.carried, load.cube.map(|cube| cube.velocity));
-        match (load.cube, last) {
-            (Some(Carried { mass, centre, velocity }), Some(last)) => {
-                ((last - velocity) * (mass / self.seconds), centre)
-            }
-            // A cube that was just taken has no acceleration yet.
-            _ => (Vector3::zeros(), *load.at),
-        }
     }
 
     /// Returns the inertial force (N) of the body beyond the sensor and the inertial torque about
@@ -239,18 +208,12 @@ mod tests {
                     torque: &still,
                     velocity: Vector3::x() * 2.0 * since,
                     spin: Vector3::z() * 3.0 * since,
-                    cube: Some(Carried {
-                        mass: 0.1,
-                        centre: Vector3::new(0.0, 0.0, 0.25),
-                        velocity: Vector3::x() * 2.0 * since,
-                    }),
                 },
             );
         }
 
-        // 1 kg at 2 m/s2, 66 mm beyond the sensor; 3 rad/s2 about the axis of 6 g m2 a 2.5 kg. A cube
-        // of 0.1 kg at 2 m/s2, 160 mm beyond the sensor.
-        assert!((reading.force - Vector3::new(-2.2, 0.0, -GRAVITY)).norm() < 1e-9);
-        assert!((reading.torque - Vector3::new(0.0, -0.164, -0.0072)).norm() < 1e-9);
+        // 1 kg at 2 m/s2, 66 mm beyond the sensor; 3 rad/s2 about the axis of 6 g m2 a 2.5 kg.
+        assert!((reading.force - Vector3::new(-2.0, 0.0, -GRAVITY)).norm() < 1e-9);
+        assert!((reading.torque - Vector3::new(0.0, -0.132, -0.0072)).norm() < 1e-9);
     }
 }

