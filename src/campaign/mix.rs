@@ -14,6 +14,7 @@
 //! | the mission ends | [`LONGEST`] | the last fault ends long before |
 
 use super::result::{RunResult, Verdict};
+use crate::record::summary::Summary;
 use crate::scenario::injected::FaultKind;
 use rand::seq::IndexedRandom as _;
 use rand::{Rng as _, SeedableRng as _};
@@ -21,9 +22,9 @@ use rand_pcg::Pcg64;
 use std::fmt;
 
 /// Greatest contact force at a tool (N).
-pub(crate) const MOST_FORCE: f64 = 65.0;
+pub const MOST_FORCE: f64 = 65.0;
 /// Longest simulated time of a mission with faults (s).
-pub(crate) const LONGEST: f64 = 1800.0;
+pub const LONGEST: f64 = 1800.0;
 /// Least and greatest number of faults in a mix.
 const FAULTS: (usize, usize) = (2, 4);
 /// Time in which faults that begin at a time begin (s); missions take about 210 s.
@@ -79,7 +80,8 @@ const SORTS: [Sort; 24] = {
         sort(K::CameraBlackout, None, Some((0.1, 30.0)), Part::Camera),
         sort(K::CameraSilent, None, Some((0.1, 30.0)), Part::Camera),
         sort(K::LateFrames, Some((10.0, 500.0)), Some((0.1, 30.0)), Part::Camera),
-        sort(K::Slip, Some((0.0, 0.6)), Some((0.1, 3.0)), Part::Arm),
+        // Pads without any friction leave the quasi-static cube no place to be.
+        sort(K::Slip, Some((0.05, 0.6)), Some((0.1, 3.0)), Part::Arm),
         sort(K::Drop, None, None, Part::Arm),
         sort(K::Jam, Some((0.5, 5.0)), Some((0.5, 8.0)), Part::None),
         sort(K::TurnUndone, Some((0.2, 2.0)), None, Part::None),
@@ -211,7 +213,7 @@ fn keys(
 
 /// Rule that a run has broken.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Broken {
+pub enum Broken {
     /// The process ended without a valid summary, with the reason.
     Died(String),
     /// The run did not end within its time by the wall clock.
@@ -229,6 +231,12 @@ pub(crate) enum Broken {
 }
 
 impl Broken {
+    /// Returns the first rule that a run with this summary has broken.
+    #[must_use]
+    pub fn of_summary(summary: &Summary) -> Option<Self> {
+        Self::by(&RunResult::of_summary(summary, Vec::new()))
+    }
+
     /// Returns the first rule that a run has broken.
     pub(crate) fn by(result: &RunResult) -> Option<Self> {
         match result.verdict {
@@ -322,8 +330,8 @@ mod tests {
     }
 
     #[test]
-    fn shrinking_keeps_only_the_faults_that_break_the_rule() {
-        let mix = (0..).map(|seed| Mix::draw(seed, &ARMS, &CAMERAS)).find(|m| m.len() == 4);
+    fn shrinking_keeps_only_faults_that_break_rule() {
+        let mix = (0..100).map(|seed| Mix::draw(seed, &ARMS, &CAMERAS)).find(|m| m.len() == 4);
         let mix = mix.unwrap();
         let needed = [mix.faults[1].clone(), mix.faults[3].clone()];
 

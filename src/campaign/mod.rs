@@ -14,14 +14,14 @@
 //! | [`state`] | the file from which a campaign continues |
 //! | [`benchmark`], `protocol` | pure: scrambles and scores, the protocol in Markdown |
 //! | [`page`] | pure: the report in HTML |
-//! | `mix` | pure: mixes of faults, the rules for them, the smallest mix that breaks one |
+//! | [`mix`] | pure: mixes of faults, the rules for them, the smallest mix that breaks one |
 //! | `runner`, `soak` | shells: a process for each run, missions in a row in this process |
 //!
 //! The verdict on a run comes from the plant, by way of the run's summary. A run that panics, is
 //! killed or exceeds its time counts as a failure with its seed. It does not end the campaign.
 
 pub mod benchmark;
-pub(crate) mod mix;
+pub mod mix;
 pub mod page;
 pub(crate) mod protocol;
 pub(crate) mod result;

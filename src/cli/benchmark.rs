@@ -7,6 +7,7 @@
 use super::arguments::{ScenarioArgs, not_negative};
 use super::campaign::{Campaign, LAST_SEED, Performed, Shape, seedless, writable};
 use super::output::{Output, WRONG, clash, complain, refuse, save};
+use super::stop::INTERRUPTED;
 use crate::campaign::benchmark::{Kind, Score, clearances, score, scramble, scrambled, tier};
 use crate::campaign::protocol::{Setup, protocol};
 use crate::campaign::tally::Tally;
@@ -105,7 +106,7 @@ pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u
     }
     // An interrupted benchmark is no failed one: it has an exit code of its own.
     let interrupted = performed == Performed::Interrupted;
-    Ok(if interrupted { 130 } else { u8::from(!score.is_whole()) })
+    Ok(if interrupted { INTERRUPTED } else { u8::from(!score.is_whole()) })
 }
 
 /// Returns the kind of trial that the options ask for.

@@ -10,6 +10,7 @@ use super::mix::{Size, mixed};
 use super::output::{Output, WRONG, clash, complain, refuse, save};
 use super::progress::Bar;
 use super::record;
+use super::stop::{INTERRUPTED, stop_flag};
 use crate::campaign::page;
 use crate::campaign::result::{RunResult, Verdict};
 use crate::campaign::runner::{Job, Runner};
@@ -20,7 +21,6 @@ use crate::campaign::vary::{Drawn, Variations};
 use crate::hw::{new_file, text};
 use crate::record::place::Place;
 use crate::record::running_program;
-use crate::run;
 use crate::scenario::{self, CameraSource, Override, Scenario};
 use crate::tables;
 use anyhow::Context as _;
@@ -29,12 +29,9 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufReader, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-/// Exit code of an interrupted campaign.
-pub(super) const INTERRUPTED: u8 = 130;
 /// Begin of the error of drawn values.
 const DRAWN: &str = "the values that seed";
 /// Largest seed of a first run. The seed of each run, also of the last, is an integer of TOML.
@@ -623,18 +620,6 @@ fn duration(seconds: f64) -> String {
         s if s < 5400.0 => format!("{:.0} min", s / 60.0),
         s => format!("{:.1} h", s / 3600.0),
     }
-}
-
-/// Returns a flag that a signal sets. A second signal ends the process.
-pub(super) fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in run::ending_signals() {
-        // The conditional shutdown comes first, so that the first signal only sets the flag.
-        let again = Arc::clone(&stop);
-        signal_hook::flag::register_conditional_shutdown(signal, i32::from(INTERRUPTED), again)?;
-        signal_hook::flag::register(signal, Arc::clone(&stop))?;
-    }
-    Ok(stop)
 }
 
 /// Checks a scenario under overrides and drawn values.

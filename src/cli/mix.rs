@@ -1,13 +1,13 @@
 //! `rubik-robot campaign --mix`: missions with random mixes of faults, until a time is over.
 //!
 //! - in: a scenario, the first seed, hours
-//! - out: how the runs ended; for each broken rule the smallest mix that still breaks it, as the end
-//!   of a scenario
+//! - out: how the runs ended; for each broken rule the smallest mix that still breaks it, as the
+//!   end of a scenario
 //! - exit code: 0 no rule was broken, 1 one was, 130 interrupted
 
 use super::arguments::ScenarioArgs;
-use super::campaign::{INTERRUPTED, stop_flag};
 use super::output::{Output, complain, refuse};
+use super::stop::{INTERRUPTED, stop_flag};
 use crate::campaign::mix::{Broken, Mix, shrunk};
 use crate::campaign::result::{RunResult, Verdict};
 use crate::campaign::runner::{Job, Runner};
@@ -146,14 +146,12 @@ fn report(
         output.text(&format!("{}\n", serde_json::json!({ "ended": counts, "broken": found })))?;
         return Ok(());
     }
-    let mut text = String::new();
     for (verdict, count) in ended {
-        text += &format!("{:<22} {count}\n", verdict.word());
+        output.text(&format!("{:<22} {count}\n", verdict.word()))?;
     }
-    text += &format!("{:<22} {}\n", "broken rules", found.len());
+    output.text(&format!("{:<22} {}\n", "broken rules", found.len()))?;
     for Found { seed, broken, mix } in found {
-        text += &format!("\n# seed {seed}: {broken}\n{mix}");
+        output.text(&format!("\n# seed {seed}: {broken}\n{mix}"))?;
     }
-    output.text(&text)?;
     Ok(())
 }

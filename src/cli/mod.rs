@@ -39,6 +39,7 @@ mod schema;
 mod shell;
 mod solve;
 mod stages;
+mod stop;
 mod tables;
 mod ui;
 mod urdf;

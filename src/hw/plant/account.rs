@@ -41,8 +41,8 @@ impl Plant {
         }
     }
 
-    /// Updates the verdict at the end of a period (peaks of motors and speed, slips, crushes, drops,
-    /// pops, stuck layers), and lets the operator's hand react.
+    /// Updates the verdict at the end of a period (peaks of motors and speed, slips, crushes,
+    /// drops, pops, stuck layers), and lets the operator's hand react.
     pub(super) fn record_period(&mut self) {
         let core = self.balance.core(&self.puzzle);
         // The cube has no inertia in the model, so its velocity is the mean over the period.

@@ -57,9 +57,10 @@ impl Identity {
     /// raises it: times of two models are not comparable.
     const MODEL: u32 = 2;
 
-    /// Returns a CRC-32 over the number of the model and the parameters that decide how fast and how gently a task can be done:
-    /// motors with their limits and friction, pads, layers of the cube, ranges and delay of the
-    /// force sensors, the operator's times, the period and its substeps.
+    /// Returns a CRC-32 over the number of the model and the parameters that decide how fast and
+    /// how gently a task can be done: motors with their limits and friction, pads, layers of the
+    /// cube, ranges and delay of the force sensors, the operator's times, the period and its
+    /// substeps.
     ///
     /// Campaigns draw the other parameters for each run: the errors of the cell, noise, and how the
     /// operator's hand shakes and tilts. They make a run different, but not easier.
