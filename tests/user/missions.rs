@@ -104,7 +104,8 @@ fn wrong_force_sign_causes_over_force() {
 
 #[test]
 fn delayed_forces_cause_an_oscillation() {
-    let summary = fails_spoilt(&["control.force_delay_periods=60"]);
+    // At the usual limit the growing swing may end as an over-force first.
+    let summary = fails_spoilt(&["control.force_delay_periods=60", "control.force_limit_n=40"]);
     assert!(summary.reason.contains("oscillation"), "{}", summary.reason);
 }
 
