@@ -242,9 +242,7 @@ impl Broken {
         match result.verdict {
             Verdict::Died => return Some(Self::Died(result.reason.clone())),
             Verdict::TimedOut => return Some(Self::Endless),
-            Verdict::Failed if result.reason.contains("the summary reports a solved cube") => {
-                return Some(Self::Untrue(result.reason.clone()));
-            }
+            Verdict::Untrue => return Some(Self::Untrue(result.reason.clone())),
             Verdict::Solved | Verdict::Failed | Verdict::Aborted => {}
         }
         let figures = result.figures.as_ref()?;

@@ -19,6 +19,8 @@ pub enum Verdict {
     Solved,
     /// The task ended, but the plant is not as demanded.
     Failed,
+    /// The controller reported a solved cube, but the plant's cube is not solved.
+    Untrue,
     /// A fatal error, a system error or the operator ended the run.
     Aborted,
     /// The run exceeded its time by the wall clock.
@@ -34,6 +36,7 @@ impl Verdict {
         match self {
             Self::Solved => "solved",
             Self::Failed => "failed",
+            Self::Untrue => "untrue success",
             Self::Aborted => "aborted",
             Self::TimedOut => "timed out",
             Self::Died => "died",
@@ -294,7 +297,7 @@ fn judged(summary: &Summary) -> (Verdict, String) {
         (Outcome::Solved, EndedBy::Task) if summary.task == "solve" => match &summary.cube_end {
             Some(end) if solved(end) => (Verdict::Solved, summary.reason.clone()),
             Some(_) => (
-                Verdict::Failed,
+                Verdict::Untrue,
                 "the summary reports a solved cube, but the plant's cube is not solved".into(),
             ),
             None => (Verdict::Failed, "the cube at the end is unknown".into()),
@@ -383,7 +386,7 @@ pub(super) mod tests {
 
         reported.cube_end = Some(Facelets::from(&crate::cube::Cube::scrambled(3)).to_string());
         let bad = process(&reported.json(), "", Ended::Code(0));
-        assert_eq!(bad.verdict, Verdict::Failed);
+        assert_eq!(bad.verdict, Verdict::Untrue);
         assert!(bad.reason.contains("the plant's cube is not"));
     }
 

@@ -167,9 +167,7 @@ pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8
         return soaked(&scenario, args, hours, output);
     }
     if let Some(hours) = args.hours {
-        if !hours.is_finite() || hours <= 0.0 {
-            return Err(refuse(format!("--hours {hours}: give a number of hours above 0")));
-        }
+        let hours = positive_hours("--hours", hours)?;
         let limit = Duration::from_secs(args.limit_s);
         let size = Size { seed: args.seed, hours, jobs: args.jobs, limit };
         return mixed(&scenario, &size, args.result.json, output);
@@ -633,6 +631,14 @@ fn check(path: &Path, text: &str, set: &[Override], drawn: &[Drawn]) -> Result<S
     scenario::read(path, text, &overrides).map_err(|faults| faults.to_string())
 }
 
+/// Returns the hours of an option, or refuses them.
+fn positive_hours(option: &str, hours: f64) -> anyhow::Result<f64> {
+    if hours.is_finite() && hours > 0.0 {
+        return Ok(hours);
+    }
+    Err(refuse(format!("{option} {hours}: must be a number of hours above 0, as in 8")))
+}
+
 /// Performs a soak of `hours` of simulated time; returns the exit code.
 fn soaked(
     scenario: &ScenarioArgs,
@@ -641,9 +647,7 @@ fn soaked(
     output: &mut Output,
 ) -> anyhow::Result<u8> {
     args.result.check().map_err(refuse)?;
-    if !(hours.is_finite() && hours > 0.0) {
-        return Err(refuse("--soak: must be a number of hours above 0, as in 8"));
-    }
+    let hours = positive_hours("--soak", hours)?;
     let scenarios = soak_scenarios(scenario, args)?;
     let stop = stop_flag()?;
     complain("     hours  missions  memory [MiB]  times real time  mission [s]  drift [s]");

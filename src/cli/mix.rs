@@ -94,13 +94,14 @@ fn performed(
     let mix = |seed: u64| Mix::draw(seed, &arms, &cameras);
     let jobs: Vec<Job> =
         seeds.iter().map(|&seed| Job { seed, set: vec![mix(seed).set()] }).collect();
-    let mut results = Vec::new();
+    let mut runs = Vec::new();
     runner.perform(&jobs, stop, &|| Ok(()), |result| {
-        results.push(result);
+        let mix = mix(result.seed);
+        runs.push((result, mix));
         Ok(())
     })?;
-    results.sort_by_key(|result| result.seed);
-    Ok(results.into_iter().map(|result| (mix(result.seed), result)).map(|(m, r)| (r, m)).collect())
+    runs.sort_by_key(|(result, _)| result.seed);
+    Ok(runs)
 }
 
 /// Returns the smallest part of a mix that still breaks the same rule with the same seed. A stop

@@ -55,29 +55,22 @@ pub(super) fn slow_down(
         (Some(order), Some(manner), Some(arm)) => manner.seconds(order, arm),
         _ => 0.0,
     });
-    let mut slower = 1.0;
-    for _ in 0..ROUNDS {
-        let factor = (0..2)
-            .filter(|&i| lasts[i] > 0.0)
-            .filter_map(|i| {
-                let (seconds, profile) = (slower * lasts[i], manners.get(i)?.speeds.profile);
-                // The windows of legs are shares of the time, so legs keep their shape when they
-                // get more of it. The profile of other motions depends on the duration.
-                let legs = matches!(orders[i], Some(Behaviour::Legs { .. }));
-                let share = |part| if legs { part } else { profile.share(part, seconds) };
-                let course = || Some(guard.course(i, &known[i]?.desired_joints, &ways[i]));
-                Some(
-                    course()?
-                        .hand_speed_factor(seconds, share)
-                        .max(course()?.motor_speed_factor(seconds, share)),
-                )
-            })
-            .fold(1.0, f64::max);
-        if factor <= ENOUGH {
-            break;
-        }
-        slower *= factor;
-    }
+    let slower = slow_enough(1.0, |slower| {
+        let too_fast = |i: usize| {
+            let (seconds, profile) = (slower * lasts[i], manners.get(i)?.speeds.profile);
+            // The windows of legs are shares of the time, so legs keep their shape when they get
+            // more of it. The profile of other motions depends on the duration.
+            let legs = matches!(orders[i], Some(Behaviour::Legs { .. }));
+            let share = |part| if legs { part } else { profile.share(part, seconds) };
+            let course = || Some(guard.course(i, &known[i]?.desired_joints, &ways[i]));
+            Some(
+                course()?
+                    .hand_speed_factor(seconds, share)
+                    .max(course()?.motor_speed_factor(seconds, share)),
+            )
+        };
+        (0..2).filter(|&i| lasts[i] > 0.0).filter_map(too_fast).fold(1.0, f64::max)
+    });
     // Orders that are slow enough stay as they were, to the bit.
     if slower <= 1.0 {
         return;
@@ -87,6 +80,20 @@ pub(super) fn slow_down(
             manner.set_duration(order, arm, slower * lasts[i]);
         }
     }
+}
+
+/// Returns a time at least `seconds` long in which a motion is slow enough. `factor` returns how
+/// many times too fast the motion is if it takes some time.
+fn slow_enough(seconds: f64, factor: impl Fn(f64) -> f64) -> f64 {
+    let mut seconds = seconds;
+    for _ in 0..ROUNDS {
+        let factor = factor(seconds);
+        if factor <= ENOUGH {
+            break;
+        }
+        seconds *= factor;
+    }
+    seconds
 }
 
 /// Slows down only the beginning and the end of joint motions that begin or end near the operator's
@@ -133,10 +140,7 @@ fn slow_ends(
     }
     // Each end is made slow enough by itself. Then it is slow enough within the whole as well.
     let slow = |begin: f64, end: f64| {
-        let mut seconds = all(begin, end);
-        for _ in 0..ROUNDS {
-            seconds *= factor(begin, end, seconds).max(1.0);
-        }
+        let seconds = slow_enough(all(begin, end), |seconds| factor(begin, end, seconds));
         if begin < end { seconds } else { 0.0 }
     };
     let lasts = [slow(0.0, until), all(until, from), slow(from, 1.0)];
@@ -238,5 +242,22 @@ fn longest_path(order: Option<&Behaviour>, arm: &ArmState) -> PlannedMotion {
             PlannedMotion::Line(arm.desired_base_from_tool * Pose::translation(0.0, 0.0, *distance))
         }
         order => path(order, arm),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Within a ramp that gets longer with the motion, the speed falls by the cube root of the
+    /// time: a motion that is three times too fast needs 27 times its time.
+    #[test]
+    fn motion_within_its_ramp_becomes_slow_enough() {
+        let factor = |seconds: f64| 3.0 / seconds.cbrt();
+
+        let seconds = slow_enough(1.0, factor);
+
+        assert!((1.0..1.0001).contains(&factor(seconds)), "{seconds}");
+        assert_eq!(slow_enough(30.0, factor), 30.0);
     }
 }

@@ -1,5 +1,5 @@
-//! Bookkeeping of the plant at the end of a period: peaks, slips, drops, pops, stuck layers,
-//! collisions.
+//! Bookkeeping of the plant: peaks of the contact forces after each substep; the other peaks, slips,
+//! drops, pops, stuck layers and collisions at the end of a period.
 //!
 //! - in: the plant's state
 //! - out: its [`Verdict`](super::Verdict), and the cube as the operator sees it
@@ -279,10 +279,11 @@ impl Plant {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::{EDGE, TestServo, cell, quiet};
-    use super::super::{Counts, Start, Verdict, Whereabouts};
+    use super::super::testing::{EDGE, TestServo, cell, held, quiet};
+    use super::super::{Counts, CubeMechanics, Jaws, Start, Verdict, Whereabouts};
     use super::*;
     use crate::cube::Face;
+    use crate::motion::PERIOD;
     use crate::spatial::Pose;
     use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
@@ -336,5 +337,23 @@ mod tests {
             "{:?}",
             tilted.events
         );
+    }
+
+    /// A blow of the jaws may be over when the period ends.
+    #[test]
+    fn peaks_are_those_of_every_substep() {
+        let mut servo =
+            TestServo::new(Plant::new(held(Jaws::rubber(), CubeMechanics::of_2007()), 1).unwrap());
+        servo.jaws[1] = (0.055, 30.0);
+        let mut at_ends: f64 = 0.0;
+        for _ in 0..1000 {
+            servo.run(PERIOD);
+            at_ends = at_ends.max(servo.plant.balance.touches[1].force.norm());
+        }
+
+        let peak = servo.plant.verdict().arm_peak_force[1];
+
+        assert!(at_ends > 1.0, "the jaws have met the cube: {at_ends:?}");
+        assert!(peak > at_ends + 1e-3, "{peak} {at_ends}");
     }
 }

@@ -91,7 +91,7 @@ pub(super) struct Surroundings<'a> {
     pub(super) hands: [Option<Hands<'a>>; 2],
     /// Hold of the operator's hand.
     pub(super) hold: Option<HandHold>,
-    /// Weight of the cube, in the world (N).
+    /// Weight of the cube, with the force of inertia while one hand carries it, in the world (N).
     pub(super) weight: Vector3<f64>,
     /// Time of the substep (s).
     pub(super) dt: f64,

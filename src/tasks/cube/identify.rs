@@ -348,10 +348,11 @@ mod tests {
         }
     }
 
-    /// Arms whose path between two views takes longer the farther the views' sides are apart.
-    struct InOrder;
+    /// Arms whose times between two stops are those of a function. The cube is in the track hand
+    /// at the views.
+    struct Timed<F>(F);
 
-    impl Reach for InOrder {
+    impl<F: Fn(Option<Stop>, Stop) -> f64> Reach for Timed<F> {
         fn grasp(&self, a: UnitQuaternion<f64>, b: UnitQuaternion<f64>) -> Option<RollLimits> {
             Everywhere.grasp(a, b)
         }
@@ -362,9 +363,7 @@ mod tests {
             Everywhere.travel(from, newcomer, meeting)
         }
         fn path(&self, from: Option<Stop>, to: Stop, _: Hand) -> f64 {
-            // The sides 0, 1 and 2 in the quickest order 2, 0, 1.
-            let place = |stop: Stop| [1.0, 5.0, 0.0][stop.number() % 3];
-            from.map_or(place(to), |from| (place(from) - place(to)).abs() + 0.1)
+            self.0(from, to)
         }
     }
 
@@ -377,28 +376,15 @@ mod tests {
             faces[face.index()] = true;
         }
         let wanted = Wanted { faces, hidden: Vec::new() };
+        // A path takes longer the farther the sides are apart, and 2, 0, 1 is the quickest order.
+        let place = |stop: Stop| [1.0_f64, 5.0, 0.0][stop.number() % 3];
+        let arms = Timed(|from: Option<Stop>, to: Stop| {
+            from.map_or(place(to), |from| (place(from) - place(to)).abs() + 0.1)
+        });
 
-        let steps = looks((hand, grip), &wanted, &Terms::of(Rule::Clearance), &InOrder).unwrap();
+        let steps = looks((hand, grip), &wanted, &Terms::of(Rule::Clearance), &arms).unwrap();
 
         assert_eq!(steps, sides.map(|face| Step::Look { viewer: hand.other(), face }));
-    }
-
-    /// Arms with random times between meetings.
-    struct Random(Vec<f64>);
-
-    impl Reach for Random {
-        fn grasp(&self, a: UnitQuaternion<f64>, b: UnitQuaternion<f64>) -> Option<RollLimits> {
-            Everywhere.grasp(a, b)
-        }
-        fn view(&self, holder: Hand, _: usize) -> bool {
-            holder == Hand::Track
-        }
-        fn travel(&self, from: Option<ArmsAt>, newcomer: Hand, meeting: u8) -> f64 {
-            Everywhere.travel(from, newcomer, meeting)
-        }
-        fn path(&self, from: Option<Stop>, to: Stop, _: Hand) -> f64 {
-            self.0[from.map_or(0, |from| 1 + from.number()) * Stop::COUNT + to.number()]
-        }
     }
 
     /// The lower bound of the search is none if a quicker order exists.
@@ -414,8 +400,11 @@ mod tests {
         let wanted = Wanted { faces, hidden: Vec::new() };
         for seed in 0..50 {
             let mut random = rand_pcg::Pcg64::seed_from_u64(seed);
-            let times = (0..PLACES * Stop::COUNT).map(|_| random.random_range(0.5..4.0)).collect();
-            let reach = Random(times);
+            let times: Vec<f64> =
+                (0..PLACES * Stop::COUNT).map(|_| random.random_range(0.5..4.0)).collect();
+            let reach = Timed(|from: Option<Stop>, to: Stop| {
+                times[from.map_or(0, |from| 1 + from.number()) * Stop::COUNT + to.number()]
+            });
             let seconds = |order: [usize; 3]| {
                 let stops = order.map(|side| Stop::view(hand, side));
                 let from = [None, Some(stops[0]), Some(stops[1])];
