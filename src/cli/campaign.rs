@@ -9,7 +9,6 @@ use super::arguments::ScenarioArgs;
 use super::mix::{Size, mixed};
 use super::output::{Output, WRONG, clash, complain, refuse, save};
 use super::progress::Bar;
-use super::record;
 use super::stop::{INTERRUPTED, stop_flag};
 use crate::campaign::page;
 use crate::campaign::result::{RunResult, Verdict};
@@ -443,7 +442,7 @@ impl Campaign {
         let sum = sum(path, &scenario).map_err(unread)?;
         let header = Header {
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            build: record::build(),
+            build: crate::record::build(),
             scenario: path.display().to_string(),
             scenario_sum: sum.clone(),
             set: args.set.clone(),
@@ -516,9 +515,10 @@ impl Campaign {
             found.header.runs = own.runs;
         }
         is_same_campaign(&found.header, own)?;
-        let cut = if found.torn { "; its last line was cut off and is left out" } else { "" };
+        let cut =
+            if found.torn { "; its last line was cut off, so that run is repeated" } else { "" };
         complain(&format!(
-            "{}: continuing after {} of {} runs{cut}",
+            "{}: has {} of {} runs, the campaign continues{cut}",
             path.display(),
             found.results.len(),
             self.jobs.len()

@@ -1,6 +1,8 @@
 //! `run --record FILE`: starts a recording, and reports it at the end of the run.
 
+use crate::record::build;
 use crate::record::calibration;
+use crate::record::last_second::LastSecond;
 use crate::record::place::Place;
 use crate::record::recorder::{Patience, Recorder, Written};
 use crate::record::sheet::RunInfo;
@@ -9,7 +11,7 @@ use crate::scenario::{Override, Scenario};
 use crate::servo::period::Length;
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Kind of a run that is recorded.
@@ -34,10 +36,31 @@ pub(super) fn begin(
         Pace::Virtual => Patience::Waits,
         Pace::RealTime => Patience::Never,
     };
-    Recorder::begin_at(file, Some(place), about(scenario, overrides, begun)?, patience)
+    let mut about = about(scenario, overrides, begun)?;
+    about.facts.insert("build".into(), build());
+    Recorder::begin_at(file, Some(place), about, patience)
 }
 
-/// Returns the description that a recording of this scenario begins with.
+/// Returns the keeper of the last second of a run, whose file will be in the user's folder of
+/// states: `rubik-robot` in `XDG_STATE_HOME`, else in `~/.local/state`. `None` if there is neither.
+pub(super) fn last_second(
+    scenario: &Scenario,
+    overrides: &[Override],
+    begun: Begun,
+) -> std::io::Result<Option<LastSecond>> {
+    let set = |name: &str| {
+        let path = std::env::var_os(name).map(PathBuf::from);
+        // The XDG base directory specification ignores relative paths.
+        path.filter(|path| path.is_absolute())
+    };
+    let states =
+        set("XDG_STATE_HOME").or_else(|| set("HOME").map(|home| home.join(".local/state")));
+    let Some(states) = states else { return Ok(None) };
+    let about = about(scenario, overrides, begun)?;
+    Ok(Some(LastSecond::new(states.join("rubik-robot"), about)))
+}
+
+/// Returns the description that a recording of this scenario begins with, without the build.
 fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> std::io::Result<RunInfo> {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     let config = &scenario.controller;
@@ -52,7 +75,6 @@ fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> std::io::
     // The metadata of MCAP is a map of texts.
     let facts = [
         ("version", env!("CARGO_PKG_VERSION").to_owned()),
-        ("build", build()),
         ("platform", format!("{} {}", std::env::consts::ARCH, std::env::consts::OS)),
         ("scenario", scenario.path.display().to_string()),
         ("task", config.task.word().to_owned()),
@@ -89,13 +111,6 @@ fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> std::io::
         start,
         length,
     })
-}
-
-/// Returns the checksum of the running program: two builds of one version may differ.
-pub(super) fn build() -> String {
-    let program = crate::record::running_program().and_then(std::fs::read);
-    program
-        .map_or_else(|_| "unknown".to_owned(), |bytes| format!("{:08x}", crc32fast::hash(&bytes)))
 }
 
 /// Returns the message about a recording at the end of its run.

@@ -45,7 +45,8 @@ Examples:
   rubik-robot run scenarios/solve.toml --record run.mcap                # for report and replay
 
 Progress is printed to stderr, the summary to stdout; with --json its last line is one object.
-At a terminal the operator's page is served at http://127.0.0.1:8780/ and stays after the run.
+At a terminal the operator's page is served at the printed address and stays after the run.
+shipped:solve is the scenario that is built into the program.
 --ui tui shows the run in the terminal instead, --ui none shows no UI.
 With a UI the task idle waits for commands of its operator until the operator ends it: exit code 0.
 Exit codes: 0 done, 1 failed or aborted, 2 usage or scenario, 3 fatal (an effector), 4 system.")]
@@ -94,7 +95,7 @@ pub(super) struct RunArgs {
 /// Files that outlive the run.
 #[derive(Debug, Args)]
 struct KeepArgs {
-    /// Save the journal that a resumed run needs to FILE
+    /// Write to FILE the journal with which --resume can continue the run
     ///
     /// With --world the default is WORLD.journal. The journal of an interrupted run is not
     /// overwritten: resume that run with --resume, or name another file.
@@ -140,10 +141,19 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     // From here on a refusal is printed after the UI is closed, on the terminal as it was before.
     let ui = args.ui.open(kind, desk.ui_end()).map_err(|error| refuse(format!("{error:#}")))?;
     let has_ui = !matches!(ui, Ui::None);
-    let recorder = args.recorder(&scenario, more, has_ui)?;
+    // A replay needs all overrides: those of --set and those of the options.
+    let overrides: Vec<_> = args.scenario.overrides().into_iter().chain(more).collect();
+    let begun = record::Begun { attended: has_ui, resumed: args.keep.resume };
+    let recorder = args.recorder(&scenario, &overrides, begun)?;
+    // A campaign repeats a run that fails.
+    let last_second = (!args.with_parent)
+        .then(|| record::last_second(&scenario, &overrides, begun))
+        .transpose()
+        .map_err(|error| refuse(format!("{}: {error}", scenario.path.display())))?;
     let context = RunContext {
         desk: has_ui.then(|| desk.run_end()),
         recorder: recorder.clone(),
+        last_second: last_second.flatten(),
         saved: keep,
         ..RunContext::default()
     };
@@ -215,21 +225,17 @@ impl RunArgs {
         }
     }
 
-    /// Starts the recording if `--record` is given. `more` are the overrides by other options than
-    /// `--set`; `attended` says whether an operator can be asked.
+    /// Starts the recording of a run under these overrides if `--record` is given.
     fn recorder(
         &self,
         scenario: &Scenario,
-        more: Vec<Override>,
-        attended: bool,
+        overrides: &[Override],
+        begun: record::Begun,
     ) -> anyhow::Result<Recorder> {
         let Some(path) = &self.record else { return Ok(Recorder::default()) };
         let file = Place::create(path)
             .map_err(|error| refuse(format!("--record: {}: {error}", path.display())))?;
-        // A replay needs all overrides: those of --set and those of the options.
-        let overrides: Vec<_> = self.scenario.overrides().into_iter().chain(more).collect();
-        let begun = record::Begun { attended, resumed: self.keep.resume };
-        record::begin(file, scenario, &overrides, begun).context("--record")
+        record::begin(file, scenario, overrides, begun).context("--record")
     }
 
     /// Returns the options of the run for a UI.

@@ -1,6 +1,7 @@
 //! Entries of a recording: everything that a run records besides its servo records.
 
 use super::sensed::Sensed;
+use super::summary::Summary;
 use crate::hw::scene::Scene;
 use crate::operator::{Class, Input};
 use crate::tasks::Picture;
@@ -31,6 +32,13 @@ pub enum Entry {
 }
 
 impl Entry {
+    /// Returns the entries of the end of a run: the phase "end" with the verdict `word`, and the
+    /// summary.
+    pub(crate) fn end(word: &str, summary: &Summary) -> [Self; 2] {
+        let json = vec![("json".to_owned(), summary.json())];
+        [Self::Phase("end".to_owned(), word.to_owned()), Self::Facts("summary", json)]
+    }
+
     /// Returns the entry that records an input of the operator, as JSON.
     #[must_use]
     pub fn input(input: &Input) -> Self {

@@ -3,7 +3,7 @@
 //!
 //! - writing a recording: [`recorder`] (the thread), `place` (the path of the file), [`sheet`] (the
 //!   topics), `file` (MCAP); the messages are in `cdr`, `schema`, `standard`, [`tick`], `sensed`,
-//!   `belief`, `calibration` and [`urdf`]
+//!   `belief`, `calibration` and [`urdf`]; [`last_second`] needs no thread
 //! - reading a recording: [`reading`] (whole, cut off or damaged) with `framing` (records),
 //!   `chunk` and `closing` (the index), [`recover_file`], `playback` (as port and sensors of a
 //!   run), [`report`]
@@ -17,6 +17,7 @@ pub(crate) mod entry;
 pub(crate) mod file;
 mod framing;
 pub mod journal;
+pub mod last_second;
 pub(crate) mod place;
 pub(crate) mod playback;
 pub mod reading;
@@ -43,4 +44,11 @@ pub(crate) fn running_program() -> std::io::Result<std::path::PathBuf> {
     // The path of the program on disk may lead to another build by now.
     let own = std::path::Path::new("/proc/self/exe");
     if own.exists() { Ok(own.to_owned()) } else { std::env::current_exe() }
+}
+
+/// Returns the checksum of the running program: two builds of one version may differ.
+pub(crate) fn build() -> String {
+    let program = running_program().and_then(std::fs::read);
+    program
+        .map_or_else(|_| "unknown".to_owned(), |bytes| format!("{:08x}", crc32fast::hash(&bytes)))
 }

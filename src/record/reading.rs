@@ -88,9 +88,6 @@ pub enum Unreadable {
     /// Error of the operating system.
     #[error("{0}")]
     File(#[from] std::io::Error),
-    /// Content that is no recording.
-    #[error("not a recording: {0}")]
-    Format(String),
     /// Message that is not of its type.
     #[error("{topic}: {why}")]
     Message {
@@ -384,7 +381,7 @@ impl<R: Read> Reading<R> {
             }
             op::MESSAGE_INDEX => self.closing.list(self.records.body()),
             op::HEADER | 0x80.. => {}
-            _ => self.damage.at(at, "a record of this type cannot be here"),
+            _ => self.damage.at(at, "a record of its type does not belong among the data"),
         }
     }
 

@@ -111,6 +111,9 @@ pub struct Summary {
     /// Summaries of older builds have none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remedy: Option<String>,
+    /// Path of the recording of the last second before that error; `None` if there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub last_second: Option<String>,
     /// Task of the scenario: "solve", "`face_turn`", "acquire".
     pub task: String,
     /// Seed.
@@ -222,6 +225,7 @@ impl Summary {
             ended_by,
             fault: None,
             remedy: None,
+            last_second: None,
             task: task.to_owned(),
             seed,
             cube_start: cube.map(str::to_owned),
@@ -343,6 +347,9 @@ impl Summary {
         if let Some(remedy) = &self.remedy {
             row(&mut t, "what to do", remedy);
         }
+        if let Some(path) = &self.last_second {
+            row(&mut t, "last second", path);
+        }
         t
     }
 
@@ -431,6 +438,7 @@ mod tests {
             ended_by: EndedBy::Task,
             fault: None,
             remedy: None,
+            last_second: None,
             task: "solve".into(),
             seed: 1,
             cube_start: Some("U".repeat(54)),

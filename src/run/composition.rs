@@ -32,6 +32,7 @@ use crate::hw::driver::{Switches, Timing};
 use crate::hw::plant::Verdict;
 use crate::hw::scene::{Scene, SceneArm};
 use crate::motion::PERIOD;
+use crate::record::last_second::LastSecond;
 use crate::record::playback::Playback;
 use crate::scenario::keys::Pace;
 use crate::scenario::{ControllerConfig, Scenario};
@@ -56,6 +57,8 @@ pub(super) struct Composition<'a> {
     pub(super) operator: OperatorChannels,
     /// Recording that is verified.
     pub(super) playback: Option<Playback>,
+    /// Keeper of the last second.
+    pub(super) last_second: Option<LastSecond>,
     /// Flags of the faults that are injected outside the plant.
     pub(super) faults: InjectedFaults,
     /// Probe of the plant, for a judge of the run.
@@ -221,7 +224,16 @@ impl Composition<'_> {
             operator.record_inputs(&clock);
         }
         let (stop_button, playback) = (operator.stop_button.clone(), self.playback.clone());
-        let parts = servos::Parts { links, switches, clock, stop_button, trace, playback, between };
+        let parts = servos::Parts {
+            links,
+            switches,
+            clock,
+            stop_button,
+            trace,
+            playback,
+            last_second: self.last_second.clone(),
+            between,
+        };
         Ok((start_servos(&drive, world, parts)?, jams))
     }
 

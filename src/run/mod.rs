@@ -50,6 +50,7 @@ use crate::error::Error;
 use crate::hw::driver;
 use crate::motion::PERIOD;
 use crate::record::calibration;
+use crate::record::last_second::LastSecond;
 use crate::record::recorder::{Entry, Recorder};
 use crate::record::summary::{EndedBy, Outcome, Summary};
 use crate::scenario::Scenario;
@@ -108,7 +109,7 @@ pub fn run_with(
     context: RunContext,
 ) -> Result<Summary, Error> {
     let begun = Instant::now();
-    let recorder = context.recorder.clone();
+    let (recorder, last_second) = (context.recorder.clone(), context.last_second.clone());
     let (ui, operator) = operator::start_ui(scenario, options, &context)?;
     let interrupt = options
         .interruptible
@@ -131,6 +132,7 @@ pub fn run_with(
                     summary.reason = summary.reason.replacen(BY_OPERATOR, "interrupted", 1);
                 }
             }
+            summary.last_second = kept_last_second(last_second.as_ref(), &summary);
             conclude(&summary, ui, &recorder);
             Ok(summary)
         }
@@ -139,7 +141,11 @@ pub fn run_with(
             let came = interrupt.is_some_and(|i| i.came());
             let error = if came { outcome::interrupted(error) } else { error };
             let (period, summary) = (recorder.latest(), not_begun(scenario, &error));
-            record_end(&recorder, period, error.to_string(), &summary);
+            // An arm that could not be synchronised has moved already.
+            if let Some(path) = kept_last_second(last_second.as_ref(), &summary) {
+                tracing::warn!("the last second before the error: {path}");
+            }
+            record_end(&recorder, period, &error.to_string(), &summary);
             Err(error)
         }
     }
@@ -149,13 +155,30 @@ pub fn run_with(
 fn conclude(summary: &Summary, ui: Ui, recorder: &Recorder) {
     ui.over(outcome::outcome(summary));
     let period = (summary.sim_time_s / PERIOD).round() as u64;
-    record_end(recorder, period, outcome::outcome(summary).verdict, summary);
+    record_end(recorder, period, &outcome::outcome(summary).verdict, summary);
+}
+
+/// Writes the last second of a run that a fatal or a system error ended. Returns the path of the
+/// file; `None` if there is none, also if it could not be written.
+fn kept_last_second(last_second: Option<&LastSecond>, summary: &Summary) -> Option<String> {
+    let failed = matches!(summary.ended_by, EndedBy::Fatal | EndedBy::System);
+    let last_second = last_second.filter(|_| failed)?;
+    match last_second.write(&outcome::outcome(summary).verdict, summary) {
+        Ok(path) => path.map(|path| path.display().to_string()),
+        Err(why) => {
+            tracing::warn!("the last second of the run could not be written: {why}");
+            None
+        }
+    }
 }
 
 /// Records the end of a run: the phase "end" with the verdict `word`, and the summary.
-fn record_end(recorder: &Recorder, period: u64, word: String, summary: &Summary) {
-    recorder.record(period, || Entry::Phase("end".to_owned(), word));
-    recorder.record(period, || Entry::Facts("summary", vec![("json".into(), summary.json())]));
+fn record_end(recorder: &Recorder, period: u64, word: &str, summary: &Summary) {
+    if recorder.is_on() {
+        for entry in Entry::end(word, summary) {
+            recorder.record(period, || entry);
+        }
+    }
 }
 
 /// Creates the world and the controller, and runs them to their end.
@@ -168,7 +191,7 @@ fn carried_out(
     context: RunContext,
     operator: OperatorChannels,
 ) -> Result<Done, Error> {
-    let RunContext { recorder, playback, saved, probe, .. } = context;
+    let RunContext { recorder, last_second, playback, saved, probe, .. } = context;
     let playback = playback.map(|(playback, _)| playback);
     let plan = Plan::of(&scenario.controller)?;
     let goal = settings::goal(&scenario.controller, plan.angle);
@@ -211,6 +234,7 @@ fn carried_out(
         options,
         operator,
         playback,
+        last_second,
         faults,
         probe,
         uncalibrated,

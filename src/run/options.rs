@@ -3,6 +3,7 @@
 use crate::desk::RunEnd;
 use crate::error::Error;
 use crate::hw::plant::Plant;
+use crate::record::last_second::LastSecond;
 use crate::record::playback::Playback;
 use crate::record::recorder::Recorder;
 use crate::record::summary::Summary;
@@ -43,6 +44,8 @@ pub struct RunContext {
     /// Recording in place of the plant, the sensors and the operator, and whether an operator could
     /// be asked in that run.
     pub playback: Option<(Playback, bool)>,
+    /// Keeper of the last second, which is written after a fatal or a system error.
+    pub last_second: Option<LastSecond>,
     /// Files that outlive a run.
     pub saved: SavedFiles,
     /// Probe that sees the plant after each period, under virtual time. It is for a judge of the

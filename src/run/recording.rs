@@ -10,6 +10,7 @@ use crate::actors::control::Control;
 use crate::emergency_stop::StopSignal;
 use crate::hw::driver::{Histogram, RecordSink, Timing};
 use crate::operator::Input;
+use crate::record::last_second::LastSecond;
 use crate::record::playback::Playback;
 use crate::record::recorder::{Both, Entry, Recorder};
 use std::fmt::Write;
@@ -41,6 +42,18 @@ pub(super) fn with_playback(
 ) -> Box<dyn RecordSink> {
     match playback {
         Some(playback) => Box::new(Both(sink, Box::new(playback))),
+        None => sink,
+    }
+}
+
+/// Returns a sink of servo records that passes them to `sink`, and also to the keeper of the last
+/// second, if there is one.
+pub(super) fn with_last_second(
+    sink: Box<dyn RecordSink>,
+    last_second: Option<LastSecond>,
+) -> Box<dyn RecordSink> {
+    match last_second {
+        Some(last_second) => Box::new(Both(sink, Box::new(last_second))),
         None => sink,
     }
 }

@@ -21,9 +21,9 @@ use crate::hw::driver::{
 };
 use crate::hw::port::PortFault;
 use crate::motion::PERIOD;
+use crate::record::last_second::LastSecond;
 use crate::record::playback::Playback;
 use crate::record::recorder::{Entry, Recorder};
-use crate::record::run_hash::RunHash;
 use crate::scenario::ControllerConfig;
 use crate::scenario::keys::{Pace, RealTime};
 use crate::servo::period::Length;
@@ -181,6 +181,8 @@ pub(super) struct Parts {
     pub(super) trace: Trace,
     /// Recording that is verified.
     pub(super) playback: Option<Playback>,
+    /// Keeper of the last second.
+    pub(super) last_second: Option<LastSecond>,
     /// Work between two periods.
     pub(super) between: BetweenPeriods,
 }
@@ -230,10 +232,12 @@ pub(super) fn start_servos(
         stop_button,
         trace,
         playback,
+        last_second,
         between,
     } = parts;
     let (recorder, latest) = (trace.recorder(), trace.latest().cloned());
     let seen = Seen { to: trace.hash().clone(), latest: latest.clone() };
+    let seen = recording::with_last_second(Box::new(seen), last_second);
     let new_core = |sink, world: &mut World| {
         Core::new(configs, ends, Arc::clone(&switches), sink, world)
             .map_err(|e| not_created("servo", &e.to_string()))
@@ -242,7 +246,7 @@ pub(super) fn start_servos(
     match drive.pace {
         // Everything in one task: records are hashed, kept and compared inline.
         Pace::Virtual => {
-            let sink = recording::kept(Box::new(seen), recorder);
+            let sink = recording::kept(seen, recorder);
             let core = new_core(recording::with_playback(sink, playback), &mut world)?;
             synchronised = core.synchronised().collect();
             driver = run_virtual(core, world, drive.missed_limit, between);
@@ -297,7 +301,7 @@ fn run_virtual(
 /// If the system gives no thread.
 fn write_records(
     mut written: rtrb::Consumer<ServoRecord>,
-    mut sink: Seen<RunHash>,
+    mut sink: Box<dyn RecordSink>,
 ) -> Result<JoinHandle<()>, Error> {
     let thread = std::thread::Builder::new().name("records".into());
     let work = move || {

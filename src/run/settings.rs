@@ -428,7 +428,7 @@ mod tests {
     }
 
     #[test]
-    fn joint_speeds_are_those_of_their_motors() {
+    fn joint_speed_is_limited_by_its_motor() {
         let controller = controller("[control]\njoint_speed_deg_s = 150\n");
         let speeds = manner(&controller, 0).speeds.joint.map(|speed| speed.to_degrees().round());
         assert_eq!(speeds[1..6], [91.0, 150.0, 150.0, 150.0, 150.0]);

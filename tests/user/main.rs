@@ -7,6 +7,7 @@ mod campaign;
 mod cli;
 mod damage;
 mod hardware;
+mod last_second;
 mod missions;
 mod page;
 #[path = "../program/mod.rs"]

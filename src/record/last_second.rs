@@ -1,0 +1,132 @@
+//! The last second of a run: the servo records that are written after a fatal or a system error,
+//! even if the run is not recorded.
+//!
+//! - in: servo records, of which the last second is kept; at the end the summary of the run
+//! - out: a small recording, which `report` and other readers of MCAP open
+//!
+//! A folder keeps the newest `KEPT` files. A run on hardware fails seldom, and its last second is
+//! what a person asks for first; a simulated one fails often, and can be repeated.
+
+use super::build;
+use super::entry::Entry;
+use super::file::{File, Unwritten};
+use super::sheet::{MessageWriter, RunInfo};
+use super::summary::Summary;
+use crate::hw::driver::{RecordSink, ServoRecord};
+use crate::hw::new_file::{self, Sync};
+use std::collections::VecDeque;
+use std::io::{self, Cursor};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Number of files that a folder keeps.
+const KEPT: usize = 20;
+/// Beginning and ending of the names of the files.
+const NAME: (&str, &str) = ("last-second-", ".mcap");
+
+/// Keeper of the last second of a run. A clone keeps the same records.
+#[derive(Clone)]
+pub struct LastSecond(Arc<Inner>);
+
+struct Inner {
+    records: Mutex<VecDeque<ServoRecord>>,
+    /// Number of records in a second.
+    most: usize,
+    /// Folder of the files.
+    folder: PathBuf,
+    /// Description of the run; `None` after the file was written.
+    about: Mutex<Option<RunInfo>>,
+}
+
+impl LastSecond {
+    /// Makes the keeper of the run that `about` describes. Its file will be in `folder`, which need
+    /// not exist.
+    #[must_use]
+    pub fn new(folder: PathBuf, about: RunInfo) -> Self {
+        let most = (about.cell.arms.len() as f64 / about.length.seconds()).ceil() as usize;
+        let records = Mutex::new(VecDeque::with_capacity(most));
+        Self(Arc::new(Inner { records, most, folder, about: Mutex::new(Some(about)) }))
+    }
+
+    /// Writes the records to a new file and removes the oldest files of the folder. `word` is the
+    /// verdict on the run. Returns the path of the file; `None` if the run had no servo period, or
+    /// at a second call.
+    ///
+    /// # Errors
+    /// Error of the operating system.
+    pub(crate) fn write(&self, word: &str, summary: &Summary) -> io::Result<Option<PathBuf>> {
+        let Inner { records, folder, about, .. } = &*self.0;
+        let records = records.lock().unwrap_or_else(PoisonError::into_inner);
+        let about = about.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let (Some(mut about), false) = (about, records.is_empty()) else { return Ok(None) };
+        // Only now: the checksum reads the whole program.
+        about.facts.insert("build".into(), build());
+        let bytes = recording(about, &records, word, summary).map_err(io::Error::other)?;
+        std::fs::create_dir_all(folder)?;
+        let path = unused(folder);
+        new_file::replace(&path, ".part", &bytes, Sync::Content)?;
+        remove_oldest(folder);
+        Ok(Some(path))
+    }
+}
+
+impl RecordSink for LastSecond {
+    fn record(&mut self, record: &ServoRecord) {
+        let mut records = self.0.records.lock().unwrap_or_else(PoisonError::into_inner);
+        if records.len() >= self.0.most {
+            records.pop_front();
+        }
+        records.push_back(*record);
+    }
+}
+
+/// Returns a recording of these servo records, with the end of the run behind them: the verdict
+/// `word` and the summary.
+fn recording(
+    about: RunInfo,
+    records: &VecDeque<ServoRecord>,
+    word: &str,
+    summary: &Summary,
+) -> Result<Vec<u8>, Unwritten> {
+    let mut bytes = Cursor::new(Vec::new());
+    let mut file = File::begin(&mut bytes)?;
+    let mut writer = MessageWriter::new(about);
+    writer.begin(&mut file)?;
+    for record in records {
+        writer.tick(record, &mut file)?;
+    }
+    let end = writer.tick_of(records.back().map_or(0, |last| last.period));
+    for entry in Entry::end(word, summary) {
+        writer.entry(end, &entry, &mut file)?;
+    }
+    file.finish()?;
+    Ok(bytes.into_inner())
+}
+
+/// Returns a path in `folder` whose name no file has: the time now, so that names sort by age.
+fn unused(folder: &Path) -> PathBuf {
+    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+    let millis = now.unwrap_or_default().as_millis();
+    let name = |n: u32| folder.join(format!("{}{millis:013}-{n}{}", NAME.0, NAME.1));
+    // Runs that end in the same millisecond have their own processes, hence numbers.
+    name(std::process::id())
+}
+
+/// Removes the oldest files of last seconds from `folder`. A file that cannot be removed stays.
+fn remove_oldest(folder: &Path) {
+    let Ok(entries) = std::fs::read_dir(folder) else { return };
+    let mut files: Vec<_> = entries
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|path| {
+            let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+            name.starts_with(NAME.0) && name.ends_with(NAME.1)
+        })
+        .collect();
+    files.sort();
+    for old in files.iter().rev().skip(KEPT) {
+        if let Err(why) = std::fs::remove_file(old) {
+            tracing::warn!("{}: {why}", old.display());
+        }
+    }
+}
