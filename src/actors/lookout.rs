@@ -1,5 +1,5 @@
 //! The lookout: stops all arms when one comes too near an obstacle, or too fast near the operator's
-//! hand. It covers motions whose path no check knows before, as that of the visual servo.
+//! hand. It covers motions whose path no check knows before, such as that of the visual servo.
 //!
 //! - in: the states that the EDPs publish; from MP, whether the hands are to keep apart
 //! - out: an emergency stop, with its reason on every UI and as the error that ends the run

@@ -18,14 +18,15 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 The track arm shows the cube to a fixed camera. A camera in a hand is moved around the cube that
-the other arm holds. The arms are driven through the hardware port, and the frames come from the
+the other arm holds. The arms are driven through the hardware port, and the pictures come from the
 camera. One adjustment finds focal lengths, principal point, k1, k2, the camera's pose, the pose of
 the cube in the hand, and the length of its edge.
 
-Poses and their s.d. are relative to the encoders of the arm, with which a fixed camera must agree.
+Poses and their s.d. are relative to the pose that the encoders give, since a camera only has to
+agree with them.
 The absolute pose is less certain, by the errors that all poses of the arm have in common (sag,
-base). Its s.d. is printed as well and written to [plant.errors]. The lines `off by` compare with
-the truth of the plant, which only a simulation can print.
+base). Its s.d. is printed as well and written to [plant.errors]. The lines `off by` give the
+difference from the true values, which only a simulation knows.
 
 Examples:
   rubik-robot calibrate scenarios/solve.toml
@@ -36,7 +37,7 @@ Exit codes: 0 every camera is calibrated, 1 a camera is not, 2 usage or scenario
 pub(super) struct CalibrateArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
-    /// Name of the only camera to calibrate [default: all cameras]
+    /// Calibrate this camera only [default: all cameras]
     #[arg(long)]
     camera: Option<String>,
     /// Number of poses of the arm for each camera
@@ -67,7 +68,7 @@ pub(super) fn calibrate(args: &CalibrateArgs, output: &mut Output) -> anyhow::Re
                 let names: Vec<&str> = cameras.iter().map(|c| c.name.as_str()).collect();
                 let names = names.join(", ");
                 return Err(refuse(format!(
-                    "--camera {name}: no camera of the scenario, which has {names}"
+                    "--camera {name}: the scenario has no such camera; it has {names}"
                 )));
             };
             Some(index)

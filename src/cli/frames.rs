@@ -204,7 +204,7 @@ pub(super) fn render(args: &RenderArgs) -> Result<(String, u8)> {
     let Some(camera) = cameras.iter().find(|c| c.name == args.camera) else {
         let names: Vec<&str> = cameras.iter().map(|c| c.name.as_str()).collect();
         complain(&format!(
-            "--camera {}: no camera of the scenario, which has {}",
+            "--camera {}: the scenario has no such camera; it has {}",
             args.camera,
             names.join(", ")
         ));

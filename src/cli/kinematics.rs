@@ -56,7 +56,7 @@ pub(super) fn run(args: &KinematicsArgs, output: &mut Output) -> anyhow::Result<
         let names: Vec<&str> = arms.iter().map(|a| a.name.as_str()).collect();
         let names = names.join(" and ");
         return Err(refuse(format!(
-            "--arm {}: no arm of the scenario, which has {names}",
+            "--arm {}: the scenario has no such arm; it has {names}",
             args.arm
         )));
     };

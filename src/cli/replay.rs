@@ -6,7 +6,6 @@
 //! - exit code: see the help below
 
 use super::output::{Output, complain, refuse};
-use super::record;
 use super::ui::{Ui, UiArgs, UiKind};
 use crate::actors::control::is_speed;
 use crate::desk::Desk;
@@ -30,15 +29,16 @@ Examples:
   rubik-robot replay run.mcap --speed 10
   rubik-robot replay run.mcap --verify
 
---verify runs the whole controller again on the recorded readings of the port, answers of the
-sensors and inputs of the operator. Each command and each drive of each servo period must be equal,
-to the bit. Of a run on the wall clock only the servos run again, with the recorded commands, missed
-periods and stops as inputs: the time at which a command reached its servo depended on threads.
+--verify runs the whole controller again on the recorded inputs: readings of the hardware (encoders,
+currents, switches), answers of the virtual sensors, inputs of the operator. Each motion command and
+each command to a drive must be equal, to the bit. Of a run on the wall clock only the servos run
+again, with the recorded commands, missed periods and stops as inputs: the time at which a command
+reached its servo depended on threads.
 
-Exit codes: 0 everything that was compared is equal (the command reports if a part could not be
-compared: a recording that is cut off, damaged or has gaps, or an injected fault of an actor or of
-the clock), 1 a value differs, 2 the recording cannot be used (for example that of a resumed run) or
-nothing was compared.")]
+Exit codes: 0 everything that was compared is equal, 1 a value differs, 2 the recording cannot be
+used (for example that of a resumed run) or nothing was compared. The command reports if a part
+could not be compared: a recording that is cut off, damaged or has gaps, or an injected fault of an
+actor or of the clock.")]
 pub(super) struct ReplayArgs {
     /// Recording (MCAP)
     recording: PathBuf,
@@ -196,7 +196,7 @@ fn fits(label: &Label, force: bool) -> Result<(), String> {
             return Err(format!("{what}: the controllers may differ; --force verifies it anyway"));
         }
         complain(&what);
-    } else if label.fact("build") != record::build() {
+    } else if label.fact("build") != crate::record::build() {
         complain("the recording is of another build of this version, which may cause differences");
     }
     Ok(())

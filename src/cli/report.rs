@@ -21,7 +21,7 @@ Examples:
   rubik-robot run scenarios/solve.toml --record run.mcap
   rubik-robot report run.mcap -o report.html
 
-The page has verdict, figures, curves, pictures and plan. It needs no other files: it can be
+The page has the verdict, figures, curves, pictures and the plan. It needs no other files: it can be
 mailed, printed and archived.")]
 pub(super) struct ReportArgs {
     /// Recording (MCAP)

@@ -39,15 +39,14 @@ pub(super) struct SolveArgs {
     /// Kind of search
     #[arg(long, value_enum, default_value_t = Mode::TwoPhase)]
     mode: Mode,
-    /// Length of a solution that is short enough (turns): the search ends there
-    ///
-    /// Without a budget the search ends at a solution of that length, or at the shortest one.
+    /// Stop at the first solution of at most N turns
     #[arg(long, value_name = "N")]
     max_length: Option<u8>,
-    /// Time limit for a cube (ms): the best solution until then
+    /// Time limit for a cube (ms); prints the best solution found until then
     #[arg(long, value_name = "N", conflicts_with = "budget_nodes")]
     budget_ms: Option<u64>,
-    /// Number of states to search: the best solution in them is the same each time
+    /// Greatest number of states to search; the result is the same each time
+    /// [default in two-phase: 500000, unless another limit is given]
     #[arg(long, value_name = "N")]
     budget_nodes: Option<u64>,
     /// Number of threads [default: number of cores that this process may use]

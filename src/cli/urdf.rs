@@ -43,7 +43,7 @@ pub(super) fn run(args: &UrdfArgs, output: &mut Output) -> anyhow::Result<u8> {
                 let names: Vec<_> = cell.arms.iter().map(|arm| arm.name.as_str()).collect();
                 let names = names.join(" and ");
                 return Err(refuse(format!(
-                    "--arm {name}: no arm of the scenario, which has {names}"
+                    "--arm {name}: the scenario has no such arm; it has {names}"
                 )));
             }
             index

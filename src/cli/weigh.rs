@@ -41,7 +41,7 @@ pub(super) fn run(args: &WeighArgs, output: &mut Output) -> anyhow::Result<u8> {
         let names: Vec<&str> = arms.iter().map(|a| a.name.as_str()).collect();
         let names = names.join(" and ");
         return Err(refuse(format!(
-            "--arm {}: no arm of the scenario, which has {names}",
+            "--arm {}: the scenario has no such arm; it has {names}",
             args.arm
         )));
     };

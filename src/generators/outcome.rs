@@ -62,14 +62,18 @@ impl std::fmt::Display for Outcome {
             ["along x", "along y", "along z", "about x", "about y", "about z"];
         match *self {
             Self::Reached => f.write_str("the target is reached"),
-            Self::Touched(way) => write!(f, "touched after {:.1} mm", way * 1e3),
+            Self::Touched(way) => write!(f, "the palm touched after {:.1} mm", way * 1e3),
             Self::NotTouched => f.write_str("nothing was touched on the way"),
             Self::Grasped(width) => write!(f, "the jaws hold {:.1} mm", width * 1e3),
             Self::Empty(width) => write!(f, "the jaws closed to {:.1} mm on nothing", width * 1e3),
             Self::Secured => f.write_str("the cube is seated"),
-            Self::Turned(angle) => write!(f, "turned by {:.0} deg", angle.to_degrees()),
+            Self::Turned(angle) => write!(f, "the face turned by {:.0} deg", angle.to_degrees()),
             Self::Stalled(angle, torque) => {
-                write!(f, "stood still after {:.0} deg under {torque:.1} Nm", angle.to_degrees())
+                write!(
+                    f,
+                    "the turn stood still after {:.0} deg under {torque:.1} Nm",
+                    angle.to_degrees()
+                )
             }
             Self::Slipped(angle, torque) => write!(
                 f,

@@ -564,7 +564,7 @@ fn currents<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<f64>, D::Error> {
 
 #[cfg(not(feature = "isa"))]
 const NO_PORTS: &str =
-    "this program was built without port instructions: cargo build --release --features isa";
+    "this program cannot access I/O ports: build it with `cargo build --release --features isa`";
 
 impl EffectorDevices {
     /// Returns the motor currents above which the serial controllers stop their motors (A), the
@@ -578,7 +578,8 @@ impl EffectorDevices {
         if has_track && self.max_currents.first() == Some(&0.0) {
             let name = &self.name;
             return Err(NoDevice(format!(
-                "effector \"{name}\": max_currents: axis 0: the track does not move with 0 A"
+                "effector \"{name}\": max_currents: the limit of axis 0, the rail, is 0 A, so it \
+                 cannot move: set a larger one"
             )));
         }
         let limit = |axis: usize| self.max_currents.get(axis).copied().unwrap_or(ORIGINAL[axis]);

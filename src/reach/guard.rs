@@ -12,6 +12,7 @@
 //! | arm, hand and cube to the table | `MIN_HEIGHT` | the arms' places are believed, not known |
 //! | arm to the operator's zone | `MIN_ZONE_DISTANCE` | only the hand that takes the cube enters |
 //! | arm to arm, on a path | 1 mm more (`MARGIN_ON_PATH`) | a path that is allowed is not stopped |
+//! | arm to arm, moving | 1 mm less (`LATITUDE`) | arms follow their set values to 1 or 2 mm |
 //! | bodies too near, on a path | `DIP_ON_PATH` | rounding: no path leads nearer |
 //! | places between the checked ones | `FINE` | bodies pass each other between two places |
 //! | bodies too near, watched | `DIP_WATCHED` | a hand that turns out of a corner may dip |

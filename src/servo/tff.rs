@@ -6,9 +6,9 @@
 //! direction.
 //!
 //! The sensor also measures the inertia of the tool beyond it. A compliant arm that vibrates at a
-//! frequency f then may excite itself: the force m a of its own vibration makes the law move the
+//! frequency f may then excite itself: the force m a of its own vibration makes the law move the
 //! tool further. [`self_excitation`] is the gain of that loop at the frequency where it feeds
-//! itself. It must stay at most [`MOST_SELF_EXCITATION`] in each direction with a force law.
+//! itself. It must not exceed [`MOST_SELF_EXCITATION`] in each direction with a force law.
 //! Without a virtual mass the law damps a vibration until the delay of the loop reverses its phase,
 //! so `2 pi f m B` must be small. With a virtual mass M the loop has the gain m / M at most, but no
 //! damping of its own, so m / M must be small compared with the damping of the arm.
@@ -82,8 +82,9 @@ impl ForceLaw {
         base_from_tool * moved.rotated(&tool_from_axes).displacement()
     }
 
-    /// Scales the last displacement by `share` and returns the `base_from_tool` to which it leads
-    /// from the given pose. The law remembers the scaled displacement as its own.
+    /// Replaces the displacement of the last [`Self::step`] by `share` (0 to 1) of it.
+    /// `base_from_tool` is the pose that was passed to `step`. Returns the new commanded
+    /// `base_from_tool`. The law remembers the shorter displacement.
     pub fn shorten(&mut self, share: f64, base_from_tool: &Pose) -> Pose {
         let Twist { linear, angular } = self.last;
         self.last = Twist { linear: linear * share, angular: angular * share };

@@ -46,8 +46,8 @@ impl Symmetry {
         }
     }
 
-    /// Returns the index of the twists that the image of a cube has, from the index `number` of the
-    /// cube's own twists.
+    /// Returns the index of the corners' orientations (0..2187) of the image of a cube, from the
+    /// index `number` of the cube's own.
     fn twist(&self, number: usize) -> usize {
         let mut image = [0; 8];
         for (i, &t) in with_twist(number).twists().iter().enumerate() {

@@ -474,7 +474,7 @@ impl Shade {
 /// Comparison of a tile with each prototype, before the exposure is known.
 #[derive(Debug, Clone, Copy, Default)]
 struct Tone {
-    /// Squared distances of hue; for white, of saturation.
+    /// Squared distances of hue in units of their spreads; for white, of saturation.
     chroma: [f64; 6],
     /// Logarithm of the value, and of the value of the coloured part alone.
     value: [f64; 2],
@@ -495,7 +495,8 @@ impl Tone {
         Self::of(linear, shades, 0..6)
     }
 
-    /// Compares a tile, in linear RGB, with the prototypes of `colours` only.
+    /// Compares a tile as [`Self::new`] does, with the prototypes of `colours` (in 0..6) only. The
+    /// `chroma` of the others is 0 and has no meaning.
     fn of(linear: [f64; 3], shades: &Shades, colours: Range<usize>) -> Self {
         let shade = Shade::new(linear);
         let blur = shade.blur();

@@ -92,7 +92,10 @@ pub enum Undecided {
         decision: Box<Decision>,
     },
     /// The pictures make a cube only if they are put down in another way, and there are several.
-    #[error("the pictures do not fit each other as they lie; one of these is so: {}", either(ways))]
+    #[error(
+        "the pictures do not fit each other as they are; one of these is the cause: {}",
+        either(ways)
+    )]
     Misfit {
         /// Possible faults of the pictures.
         ways: Vec<Placement>,

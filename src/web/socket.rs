@@ -413,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn only_new_messages_are_sent_until_run_changes() {
+    fn only_new_messages_are_sent_until_another_run() {
         let message = |number: u64, text: &str| Message {
             number,
             time: 0.0,

@@ -303,7 +303,7 @@ mod tests {
             (IDLE, sensor("net_ft:somewhere"), "expected an address and a port"),
             (IDLE, sensor(&nowhere), "nosensor: No such file"),
             (IDLE, currents(AXES, 0.01), "a grip of 40 N takes"),
-            (track.as_str(), of_track(currents(0, 0.0)), "the track does not move with 0 A"),
+            (track.as_str(), of_track(currents(0, 0.0)), "so it cannot move"),
             (IDLE, without, "axis 2 has no line"),
             (IDLE, of_track(postument(&folder)), "no [[effector]] \"postument\""),
         ] {

@@ -1,5 +1,5 @@
-//! Bookkeeping of the plant: peaks of the contact forces after each substep; the other peaks, slips,
-//! drops, pops, stuck layers and collisions at the end of a period.
+//! Bookkeeping of the plant: peaks of the contact forces after each substep; the other peaks,
+//! slips, drops, pops, stuck layers and collisions at the end of a period.
 //!
 //! - in: the plant's state
 //! - out: its [`Verdict`](super::Verdict), and the cube as the operator sees it

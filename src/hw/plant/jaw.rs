@@ -1,5 +1,4 @@
-//! Jaw of a gripper: a small motor behind a fine screw, which moves both pads towards or from each
-//! other.
+//! Jaw of a gripper: a small motor behind a fine screw, which moves both pads together or apart.
 //!
 //! - in: pulse width, force with which the cube pushes each pad
 //! - out: distance between the pads, encoder, current

@@ -1,4 +1,4 @@
-//! A cube as two vectors of bytes: its turns, and its entry in a table.
+//! A cube as two vectors of bytes: how it is turned, and where its entry in a table is.
 //!
 //! - in: a cube, a turn after or before all others, an axis that is made upright
 //! - out: the turned cube; the line and the bit of its entry
@@ -212,8 +212,8 @@ fn turn_bytes(turn: &Cube) -> TurnBytes {
     TurnBytes { from: part(PIECE), add: part(!PIECE), whole }
 }
 
-/// Reads an entry of a table whose design has this `base`. Returns a lower bound on the distance of
-/// the entry's cube from the solved one (turns).
+/// Returns a lower bound on the number of turns that solve the cube of `entry`. `base` is the
+/// number of turns up to which all cosets of the table have one code ([`super::build`]).
 #[inline(always)]
 pub(super) fn bound(table: &[u8], base: u8, entry: Entry) -> u8 {
     let line = &table[entry.line as usize..][..LINE];

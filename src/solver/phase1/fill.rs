@@ -17,7 +17,8 @@ const KNOWN: [u64; 13] = [
     1, 4, 50, 592, 7156, 87236, 1043817, 12070278, 124946368, 821605960, 1199128738, 58202444, 476,
 ];
 
-/// Builds the table [`NEAR`](super::NEAR), and the move tables that this needs.
+/// Returns the bytes of the table [`NEAR`](super::NEAR). Builds the move tables that it needs
+/// first.
 pub(super) fn build_near(workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
     near(&Frames::build(), workers, progress)
 }

@@ -13,7 +13,7 @@
 //!
 //! | limit | value | reason |
 //! |---|---|---|
-//! | [`CLEARLY`] | 0.6 | another colour is clearly nearer below this share of the own distance |
+//! | [`CLEARLY`] | 0.6 | another colour is clearly nearer below this share of its own distance |
 //! | [`ODD_STICKERS`] | 2 | a turn changes three stickers on a side, a reflection changes one |
 //! | [`ROW_SEEN`] | 2 of 3 | a turn changes all three stickers of a row at the rim |
 //! | [`CHECK_TRIES`] | 3 | looks at a side, each from another place |
