@@ -1,14 +1,17 @@
 //! Look at one face by the camera in a hand.
 //!
-//! A covered sticker is looked at from beside, and is never guessed.
+//! A covered sticker is looked at from beside, and is never guessed. No hand grasps a cube that lies
+//! tilted in the other one: a finger that came over a corner of it has pressed with 108 N.
 //!
 //! - in: the face, the hand that looks, readings at several exposures
-//! - out: the light of the stickers in [`super::sight`]; a hidden face as a failure
+//! - out: the light of the stickers in [`super::sight`]; a hidden face or a tilted cube as a failure
 //! - source: Zieliński et al. (2007), pp. 372-373; heuristics: own work
 //!
 //! | limit | value | reason |
 //! |---|---|---|
 //! | [`LOOK_TRIES`] | 6 | looks at one face in one grasp before it counts as hidden there |
+//! | [`TILTED`] | 12 deg | missions without a fault see at most 2 deg, a lost grip 24 to 36 deg |
+//! | [`TILTED_LOOKS`] | 2 | one wrong pose must not end a mission |
 
 use super::failure::Failure;
 use super::regrasp::{self, Coming};
@@ -20,6 +23,10 @@ use crate::vision::sensor::FaceReading;
 
 /// Looks at one face in one grasp before it counts as hidden there.
 pub(super) const LOOK_TRIES: u32 = 6;
+/// Angle from the believed attitude of the cube from which on it lies tilted in the hand (rad).
+const TILTED: f64 = 0.21;
+/// Number of looks at one face that see the cube tilted before the mission believes them.
+const TILTED_LOOKS: u32 = 2;
 /// Exposures of the looks at one face, as multiples of the nominal one: glare and shadow each hide
 /// stickers at one of them.
 const EXPOSURES: [f64; 3] = [1.0, 0.6, 1.6];
@@ -65,9 +72,21 @@ pub(super) async fn show(robot: &mut Robot, viewer: Hand, face: Face) -> Result<
 /// Looks at a face up to [`LOOK_TRIES`] times, each time from another place: reflections and
 /// sampling differ, and an obstacle covers other stickers.
 async fn read_face(robot: &mut Robot, viewer: Hand, face: Face) -> Result<(), Failure> {
+    let mut tilted = 0;
     for tries in 1.. {
         let exposure = exposure(robot, tries);
         let reading = robot.look(viewer, face, exposure).await?;
+        let tilt = reading.as_ref().map_or(0.0, |seen| tilt_seen(robot, viewer, face, seen));
+        let reading = if tilt > TILTED {
+            tilted += 1;
+            let why = format!("the cube is tilted by {:.0} deg", tilt.to_degrees());
+            if tilted >= TILTED_LOOKS {
+                return Err(lies_tilted(viewer.other(), why));
+            }
+            Err(why)
+        } else {
+            reading
+        };
         match reading.and_then(|reading| keep(robot, face, exposure, reading)) {
             Ok(reading) => {
                 // The pose of the face is also a measurement of the cube in the hand.
@@ -86,6 +105,22 @@ async fn read_face(robot: &mut Robot, viewer: Hand, face: Face) -> Result<(), Fa
         }
     }
     Ok(())
+}
+
+/// Returns the angle (rad) between the believed attitude of a face and the seen one.
+fn tilt_seen(robot: &Robot, viewer: Hand, face: Face, seen: &FaceReading) -> f64 {
+    let believed = robot.belief.face_in_camera(viewer, face, &robot.arms);
+    believed.map_or(0.0, |believed| believed.rotation.angle_to(&seen.camera_from_face.rotation))
+}
+
+/// Returns the failure of a cube that lies tilted in `holder`, for the reason `why`. Only the track
+/// can give it back; a person must take it out of the other hand.
+fn lies_tilted(holder: Hand, why: String) -> Failure {
+    let why = format!("{why} in the {} hand, and no other hand can grasp it", holder.name());
+    match holder {
+        Hand::Track => Failure::GiveBack(why),
+        Hand::Postument => Failure::Final(format!("{why}: a person must take it out")),
+    }
 }
 
 /// Returns the exposure of try number `tries`, from 1, to read a face, as a multiple of the

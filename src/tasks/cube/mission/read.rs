@@ -185,9 +185,11 @@ mod tests {
     use super::super::testing::{Stage, goes_well, order, settings};
     use super::*;
     use crate::generators::Behaviour;
+    use crate::tasks::cube::hold::Hand;
     use crate::tasks::cube::hold::Hold;
     use crate::tasks::{Action, Event};
     use crate::vision::sensor::FaceReading;
+    use nalgebra::{UnitQuaternion, Vector3};
 
     /// Look at a face in a hold, and whether the camera moved aside or nearer for it.
     #[derive(Debug, Clone, Copy, PartialEq)]
@@ -321,5 +323,48 @@ mod tests {
         // The doubt repeats, and there is no operator.
         assert!(looks[2].is_empty(), "{looks:?}");
         assert_eq!(end, Err(Failure::GiveBack("red?".to_owned())));
+    }
+
+    /// Reads the cube on a stage where `holder` holds it. The first `tilted` looks see it turned by
+    /// 20 deg about the camera's x axis. Returns the end and the number of looks.
+    fn read_tilted(holder: Hand, tilted: u32) -> (Result<Vec<Step>, Failure>, u32) {
+        let mut stage = Stage::holding(settings());
+        let held = stage.robot.belief.held[Hand::Track.index()].take();
+        stage.robot.belief.held[holder.index()] = held;
+        let mut looks = 0;
+        let (end, _) =
+            stage.play(
+                async |robot| read_and_plan(robot).await,
+                &mut |action, arms| match action {
+                    Action::Look { view, .. } => {
+                        looks += 1;
+                        let reading = super::super::testing::reading([0; 9], 1.0);
+                        let angle = if looks <= tilted { 20_f64.to_radians() } else { 0.0 };
+                        let tilt = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), angle);
+                        let mut camera_from_face = view.camera_from_face;
+                        camera_from_face.rotation = tilt * camera_from_face.rotation;
+                        Event::Looked(Ok(FaceReading { camera_from_face, ..reading }))
+                    }
+                    Action::Think(_) => {
+                        Event::Thought(Conclusion(Err(NoAnswer::Unplanned("thought".to_owned()))))
+                    }
+                    action => goes_well(action, arms),
+                },
+            );
+        (end, looks)
+    }
+
+    #[test]
+    fn tilted_cube_is_never_grasped_by_other_hand() {
+        let (end, looks) = read_tilted(Hand::Track, u32::MAX);
+        let Err(Failure::GiveBack(why)) = end else { panic!("{end:?}") };
+        assert!(why.contains("tilted by 20 deg in the track hand"), "{why}");
+        assert_eq!(looks, 2, "one wrong pose would not do");
+
+        let (end, _) = read_tilted(Hand::Postument, u32::MAX);
+        assert!(matches!(end, Err(Failure::Final(_))), "{end:?}");
+
+        let (end, looks) = read_tilted(Hand::Track, 1);
+        assert_eq!((end, looks), (Err(Failure::GiveBack("thought".to_owned())), 7));
     }
 }

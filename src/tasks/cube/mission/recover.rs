@@ -8,6 +8,7 @@
 //! | a hand lost the cube, the partner holds it | the cube is read again, or goes back |
 //! | the cube fell | the hand moves to the place of hand-over, and takes it again |
 //! | a grasp failed, the partner holds the cube | the cube is read again, or goes back |
+//! | the cube lies tilted in a hand | the track gives it back; a person takes it out of the other |
 //! | a turn failed | the layer is brought back into line, then the cube is read again |
 //! | [`MOST_RECOVERIES`] recoveries failed | the cube goes back as it is |
 //! | the operator does not let go | the operator keeps the cube, and the mission ends |
