@@ -55,9 +55,9 @@ enum Part {
     Actor,
 }
 
-/// The kinds that a mix may have. Faults that end every process at once are left out, since they
-/// would hide all others: a power cut, and an actor that blocks all of them.
-const SORTS: [Sort; 24] = {
+/// The kinds that a mix may have. An actor that blocks all others is left out: it ends the process
+/// at once, and would hide the other faults. A run is resumed after a power cut.
+const SORTS: [Sort; 26] = {
     use FaultKind as K;
     const fn sort(
         kind: FaultKind,
@@ -93,6 +93,8 @@ const SORTS: [Sort; 24] = {
         sort(K::ActorHang, None, None, Part::Actor),
         sort(K::ClockJump, Some((10.0, 5000.0)), None, Part::None),
         sort(K::EmergencyStop, None, None, Part::None),
+        sort(K::DiskFull, None, None, Part::None),
+        sort(K::PowerCut, None, None, Part::None),
     ]
 };
 
@@ -129,6 +131,13 @@ impl Mix {
         let mut faults = self.faults.clone();
         faults.remove(number);
         Self { faults }
+    }
+
+    /// Returns the mix of the run that resumes this one after a power cut: without power cuts.
+    pub(crate) fn after_cut(&self) -> Self {
+        let cut = format!("kind = \"{}\"", FaultKind::PowerCut.word());
+        let faults = self.faults.iter().filter(|keys| !keys.contains(&cut)).cloned();
+        Self { faults: faults.collect() }
     }
 
     /// Returns the override that injects the mix, in the form `KEY=VALUE` of `--set`.
@@ -338,5 +347,21 @@ mod tests {
         });
 
         assert_eq!(small.unwrap().faults, needed);
+    }
+
+    #[test]
+    fn resumed_run_has_no_power_cut() {
+        let mixes = (0..400).map(|seed| Mix::draw(seed, &ARMS, &CAMERAS));
+        let cut = mixes.filter(|mix| mix.set().contains("power_cut")).collect::<Vec<_>>();
+
+        assert!(!cut.is_empty());
+        for mix in cut {
+            let after = mix.after_cut();
+            let read = read(Path::new("t.toml"), "", &[Override::parse(&after.set()).unwrap()]);
+            let faults = read.unwrap().plant.faults;
+            assert_eq!(faults.len(), after.len());
+            assert!(after.len() < mix.len());
+            assert!(faults.iter().all(|fault| fault.kind != Some(FaultKind::PowerCut)));
+        }
     }
 }

@@ -19,7 +19,7 @@ pub enum Verdict {
     Solved,
     /// The task ended, but the plant is not as demanded.
     Failed,
-    /// The controller reported a solved cube, but the plant's cube is not solved.
+    /// The controller reported success, but the plant is not as the scenario demands.
     Untrue,
     /// A fatal error, a system error or the operator ended the run.
     Aborted,
@@ -289,7 +289,7 @@ impl RunResult {
 }
 
 /// Returns the verdict on a run and its reason. A mission counts as solved only if its summary also
-/// says that the cube in the plant is solved.
+/// says that the cube in the plant is solved, whatever the outcome in it.
 fn judged(summary: &Summary) -> (Verdict, String) {
     let solved = |letters: &str| letters.parse::<Facelets>().is_ok_and(|f| f.is_solved());
     match (summary.outcome, summary.ended_by) {
@@ -304,6 +304,9 @@ fn judged(summary: &Summary) -> (Verdict, String) {
         },
         // The other tasks do not solve the cube, so there is nothing to compare.
         (Outcome::Solved, EndedBy::Task) => (Verdict::Solved, summary.reason.clone()),
+        (Outcome::Failed, EndedBy::Task) if summary.untrue => {
+            (Verdict::Untrue, summary.reason.clone())
+        }
         (Outcome::Failed, EndedBy::Task) => (Verdict::Failed, summary.reason.clone()),
         _ => (Verdict::Aborted, summary.reason.clone()),
     }
@@ -388,6 +391,14 @@ pub(super) mod tests {
         let bad = process(&reported.json(), "", Ended::Code(0));
         assert_eq!(bad.verdict, Verdict::Untrue);
         assert!(bad.reason.contains("the plant's cube is not"));
+
+        // As the run itself judges such a cube.
+        (reported.outcome, reported.untrue) = (Outcome::Failed, true);
+        reported.reason = "the controller reports success, but the cube is not solved".into();
+        let untrue = process(&reported.json(), "", Ended::Code(1));
+        assert_eq!((untrue.verdict, &untrue.reason), (Verdict::Untrue, &reported.reason));
+        reported.untrue = false;
+        assert_eq!(process(&reported.json(), "", Ended::Code(1)).verdict, Verdict::Failed);
     }
 
     #[test]

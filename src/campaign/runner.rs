@@ -21,6 +21,8 @@ use std::time::{Duration, Instant};
 
 /// Time between two polls of a process.
 const POLL: Duration = Duration::from_millis(10);
+/// Signal that ends a process without a clean-up.
+const KILLED: i32 = 9;
 /// Length of the end of a stream that is kept (bytes).
 const KEPT_BYTES: usize = 1 << 20;
 
@@ -31,6 +33,30 @@ pub(crate) struct Job {
     pub seed: u64,
     /// Drawn values, in the form `KEY=VALUE` of `--set`.
     pub set: Vec<String>,
+    /// Files of a run that is resumed after a power cut; `None` for a run that ends with it.
+    pub kept: Option<Kept>,
+}
+
+/// Files of a run that outlive a power cut, and its continuation.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Kept {
+    /// State of the simulated plant. The journal is beside it.
+    pub world: PathBuf,
+    /// Recording.
+    pub recording: PathBuf,
+    /// Drawn values of the resumed run.
+    pub set: Vec<String>,
+}
+
+impl Kept {
+    /// Removes the files, as far as they exist.
+    fn remove(&self) {
+        let beside = |end: &str| PathBuf::from(format!("{}.{end}", self.world.display()));
+        for file in [&self.world, &self.recording, &beside("journal"), &beside("lock")] {
+            // A file that stays costs room, but no result.
+            let _ = std::fs::remove_file(file);
+        }
+    }
 }
 
 /// Program, scenario and limits of the runs.
@@ -108,8 +134,8 @@ impl Runner {
         })
     }
 
-    /// Returns the command of a run.
-    fn command(&self, job: &Job) -> Command {
+    /// Returns the command of a run, or of the run that resumes it after a power cut.
+    fn command(&self, job: &Job, resumes: bool) -> Command {
         let mut command = Command::new(&self.program);
         // The path of the running program may be a link in /proc, which would be the name in a list
         // of processes.
@@ -119,8 +145,14 @@ impl Runner {
             .arg(job.seed.to_string())
             // The run ends with the campaign, even if the campaign is killed.
             .arg("--with-parent");
-        for option in self.set.iter().chain(&job.set) {
+        let kept_set = job.kept.as_ref().filter(|_| resumes).map(|kept| &kept.set);
+        for option in self.set.iter().chain(kept_set.unwrap_or(&job.set)) {
             command.args([OsString::from("--set"), option.into()]);
+        }
+        if let Some(kept) = &job.kept {
+            command.arg("--world").arg(&kept.world);
+            command.arg(if resumes { "--resume" } else { "--record" });
+            command.args((!resumes).then_some(&kept.recording));
         }
         command
             // The last lines of the output become the reason of a failure; neither a log nor a
@@ -135,10 +167,30 @@ impl Runner {
         command
     }
 
-    /// Performs one run. Returns `None` if it was stopped.
+    /// Performs one run, and resumes it after a power cut if its files are kept. Returns `None` if
+    /// it was stopped.
     fn perform_one(&self, job: &Job, stopped: &dyn Fn() -> bool) -> Result<Option<RunResult>> {
+        let first = self.perform_process(self.command(job, false), stopped)?;
+        let Some(kept) = &job.kept else { return Ok(first.map(|end| end.result(job))) };
+        // A power cut kills its process, and saves the state of the plant.
+        let cut = first.as_ref().is_some_and(|end| end.ended == Ended::Signal(KILLED));
+        let last = if cut && kept.world.exists() {
+            self.perform_process(self.command(job, true), stopped)
+        } else {
+            Ok(first)
+        };
+        kept.remove();
+        Ok(last?.map(|end| end.result(job)))
+    }
+
+    /// Performs the process of one run. Returns `None` if it was stopped.
+    fn perform_process(
+        &self,
+        mut command: Command,
+        stopped: &dyn Fn() -> bool,
+    ) -> Result<Option<ProcessEnd>> {
         let begun = Instant::now();
-        let mut child = self.command(job).spawn()?;
+        let mut child = command.spawn()?;
         // Both streams are read all the time, since a full pipe would block the process.
         let streams = (child.stdout.take().map(read_tail), child.stderr.take().map(read_tail));
         let ended = self.wait(&mut child, begun, stopped);
@@ -147,10 +199,8 @@ impl Runner {
             String::from_utf8_lossy(&bytes).into_owned()
         };
         let (stdout, stderr) = (text(streams.0), text(streams.1));
-        let wall = begun.elapsed().as_secs_f64();
-        Ok(ended?.map(|ended| {
-            RunResult::of_process(job.seed, &job.set, (&stdout, &stderr), ended, wall)
-        }))
+        let wall_time_s = begun.elapsed().as_secs_f64();
+        Ok(ended?.map(|ended| ProcessEnd { stdout, stderr, ended, wall_time_s }))
     }
 
     /// Waits for the end of a run's process, and kills it at the time limit, counted from `begun`.
@@ -180,6 +230,22 @@ impl Runner {
             }
             std::thread::sleep(POLL);
         }
+    }
+}
+
+/// End of the process of a run.
+struct ProcessEnd {
+    stdout: String,
+    stderr: String,
+    ended: Ended,
+    wall_time_s: f64,
+}
+
+impl ProcessEnd {
+    /// Returns the result of the run.
+    fn result(&self, job: &Job) -> RunResult {
+        let streams = (self.stdout.as_str(), self.stderr.as_str());
+        RunResult::of_process(job.seed, &job.set, streams, self.ended, self.wall_time_s)
     }
 }
 
@@ -226,7 +292,7 @@ mod tests {
     }
 
     fn jobs(seeds: std::ops::Range<u64>) -> Vec<Job> {
-        seeds.map(|seed| Job { seed, set: vec![] }).collect()
+        seeds.map(|seed| Job { seed, set: vec![], kept: None }).collect()
     }
 
     fn all(runner: &Runner, jobs: &[Job], stop: &AtomicBool) -> Vec<RunResult> {
@@ -306,5 +372,32 @@ mod tests {
 
         assert_eq!(outcome.unwrap_err().to_string(), "it has changed");
         assert_eq!(seeds, [0, 1]);
+    }
+
+    #[test]
+    fn run_is_resumed_after_power_cut() {
+        // The stand-in saves its state and is killed, and names its options when it is resumed.
+        let script = "case \"$*\" in\n*--resume*) echo \"$*\" >&2; exit 7;;\n\
+                      *\"$SAVES\"*) : > \"${0%/*}/world\"; kill -9 $$;;\n*) kill -9 $$;;\nesac";
+        let script = script.replace("$SAVES", "a=1");
+        let runner = runner("resumes", &script);
+        let world = runner.program.with_file_name("world");
+        let run = |set: &str| {
+            let kept = Kept {
+                world: world.clone(),
+                recording: world.with_extension("mcap"),
+                set: vec!["a=2".into()],
+            };
+            let job = Job { seed: 1, set: vec![set.into()], kept: Some(kept) };
+            all(&runner, &[job], &AtomicBool::new(false)).remove(0)
+        };
+
+        let cut = run("a=1");
+        let killed = run("a=0");
+
+        assert!(cut.reason.contains("exit code 7"), "{cut:?}");
+        assert!(cut.reason.contains("--set a=2") && !cut.reason.contains("a=1"), "{cut:?}");
+        assert!(!world.exists(), "its files are removed");
+        assert!(killed.reason.contains("signal 9"), "{killed:?}");
     }
 }

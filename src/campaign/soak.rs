@@ -7,7 +7,7 @@
 //!
 //! | fault | threshold | reason |
 //! |---|---|---|
-//! | memory grows | [`GROWTH`] or [`GROWTH_MIB`] | counted from the second tenth on |
+//! | memory in use grows | [`GROWTH`] or [`GROWTH_MIB`] | counted from the second tenth on |
 //! | a repeated mission differs | none | a mission repeats to the bit |
 
 use super::result::{Figures, RunResult, Verdict};
@@ -231,7 +231,7 @@ fn perform(scenario: &Scenario) -> Option<RunResult> {
 
 /// Returns the resident memory of this process, without what its allocator keeps for later (MiB).
 fn resident_mib() -> Option<f64> {
-    give_back();
+    trim_heap();
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|l| l.strip_prefix("VmRSS:"))?;
     let kib: f64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
@@ -240,7 +240,7 @@ fn resident_mib() -> Option<f64> {
 
 /// Gives memory that is free back to the system, where the allocator can. Whether it keeps 20 MiB
 /// of an ended mission depends on which thread freed them last, and is no growth.
-fn give_back() {
+fn trim_heap() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     #[expect(unsafe_code, reason = "a call of the C library that takes no pointer")]
     // SAFETY: it returns free pages of the heap, and touches no memory that is in use.

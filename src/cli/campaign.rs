@@ -460,7 +460,7 @@ impl Campaign {
                 check(path, &text, &args.overrides(), &drawn)
                     .map_err(|faults| format!("{DRAWN} {seed} draws are refused:\n{faults}"))?;
             }
-            jobs.push(Job { seed, set: drawn.iter().map(Drawn::option).collect() });
+            jobs.push(Job { seed, set: drawn.iter().map(Drawn::option).collect(), kept: None });
         }
         let cores = tables::cores();
         let runner = Runner {

@@ -10,7 +10,7 @@ use super::output::{Output, complain, refuse};
 use super::stop::{INTERRUPTED, stop_flag};
 use crate::campaign::mix::{Broken, Mix, shrunk};
 use crate::campaign::result::{RunResult, Verdict};
-use crate::campaign::runner::{Job, Runner};
+use crate::campaign::runner::{Job, Kept, Runner};
 use crate::record::running_program;
 use crate::scenario::Scenario;
 use crate::tables;
@@ -92,8 +92,7 @@ fn performed(
     let arms: Vec<&str> = cell.arms.iter().map(|arm| arm.name.as_str()).collect();
     let cameras: Vec<&str> = cell.cameras.iter().map(|camera| camera.name.as_str()).collect();
     let mix = |seed: u64| Mix::draw(seed, &arms, &cameras);
-    let jobs: Vec<Job> =
-        seeds.iter().map(|&seed| Job { seed, set: vec![mix(seed).set()] }).collect();
+    let jobs: Vec<Job> = seeds.iter().map(|&seed| job(seed, &mix(seed))).collect();
     let mut runs = Vec::new();
     runner.perform(&jobs, stop, &|| Ok(()), |result| {
         let mix = mix(result.seed);
@@ -102,6 +101,17 @@ fn performed(
     })?;
     runs.sort_by_key(|(result, _)| result.seed);
     Ok(runs)
+}
+
+/// Returns the run of a seed with a mix. Its files are in the folder for temporary files.
+fn job(seed: u64, mix: &Mix) -> Job {
+    let file = |end: &str| {
+        let name = format!("rubik-robot-mix-{}-{seed}.{end}", std::process::id());
+        std::env::temp_dir().join(name)
+    };
+    let set = vec![mix.after_cut().set()];
+    let kept = Kept { world: file("json"), recording: file("mcap"), set };
+    Job { seed, set: vec![mix.set()], kept: Some(kept) }
 }
 
 /// Returns the smallest part of a mix that still breaks the same rule with the same seed. A stop
@@ -115,8 +125,7 @@ fn smallest(
 ) -> anyhow::Result<Mix> {
     shrunk(mix, |fewer| {
         let mut breaks = false;
-        let job = Job { seed, set: vec![fewer.set()] };
-        runner.perform(&[job], stop, &|| Ok(()), |result| {
+        runner.perform(&[job(seed, fewer)], stop, &|| Ok(()), |result| {
             breaks = Broken::by(&result).is_some_and(|now| now.is_like(broken));
             Ok(())
         })?;

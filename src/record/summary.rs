@@ -111,6 +111,9 @@ pub struct Summary {
     /// Summaries of older builds have none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remedy: Option<String>,
+    /// Whether the controller reported a success that the plant contradicts.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub untrue: bool,
     /// Path of the recording of the last second before that error; `None` if there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub last_second: Option<String>,
@@ -225,6 +228,7 @@ impl Summary {
             ended_by,
             fault: None,
             remedy: None,
+            untrue: false,
             last_second: None,
             task: task.to_owned(),
             seed,
@@ -438,6 +442,7 @@ mod tests {
             ended_by: EndedBy::Task,
             fault: None,
             remedy: None,
+            untrue: false,
             last_second: None,
             task: "solve".into(),
             seed: 1,

@@ -127,6 +127,7 @@ pub(super) fn summary(
         ended_by,
         fault: ending.error.as_ref().map(Error::code),
         remedy: ending.error.as_ref().and_then(run_remedy).map(str::to_owned),
+        untrue: outcome == Outcome::Failed && ending.finish.as_ref().is_some_and(|f| f.achieved),
         last_second: None,
         task: config.task.word().to_owned(),
         seed,
