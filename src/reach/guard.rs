@@ -12,7 +12,7 @@
 //! | arm, hand and cube to the table | `MIN_HEIGHT` | the arms' places are believed, not known |
 //! | arm to the operator's zone | `MIN_ZONE_DISTANCE` | only the hand that takes the cube enters |
 //! | arm to arm, on a path | 1 mm more (`MARGIN_ON_PATH`) | a path that is allowed is not stopped |
-//! | arm to arm, moving | 1 mm less (`LATITUDE`) | arms follow their set values to 1 or 2 mm |
+//! | arm to arm and hand to hand, moving | 1 mm less (`LATITUDE`) | states differ by periods |
 //! | bodies too near, on a path | `DIP_ON_PATH` | rounding: no path leads nearer |
 //! | places between the checked ones | `FINE` | bodies pass each other between two places |
 //! | bodies too near, watched | `DIP_WATCHED` | a hand that turns out of a corner may dip |
@@ -56,8 +56,8 @@ const FINE: f64 = 0.004;
 const LEAST_SHARE: f64 = 1e-4;
 /// Distance that the arms keep on a path beyond the least one (m).
 const MARGIN_ON_PATH: f64 = 0.001;
-/// Distance by which moving arms may come nearer than the least one (m). Two arms that pass each
-/// other at a metre per second follow their set values to a millimetre or two.
+/// Distance by which moving arms may come nearer than the least one (m). The latest states of two
+/// arms may be a period or two apart, which is 2 to 4 mm for arms that pass each other at 1 m/s.
 const LATITUDE: f64 = 0.001;
 /// Distance from the operator's zone within which a hand is slow (m).
 const SLOW_DISTANCE: f64 = 0.18;
@@ -110,7 +110,7 @@ impl Distances {
 
     /// Returns whether the hands are known to be apart.
     fn apart(&self) -> bool {
-        self.hands.is_some_and(|hands| hands >= MIN_DISTANCE)
+        self.hands.is_some_and(|hands| hands >= MIN_DISTANCE - LATITUDE)
     }
 
     /// Returns the larger value of each distance in `self` and `before`, as the least that must be

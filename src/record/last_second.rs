@@ -1,7 +1,8 @@
 //! The last second of a run: the servo records that are written after a fatal or a system error,
 //! even if the run is not recorded.
 //!
-//! - in: servo records, of which the last second is kept; at the end the summary of the run
+//! - in: servo records, of which the last 2 s are kept: the arms take up to 0.6 s to come to rest
+//!   after an error; at the end the summary of the run
 //! - out: a small recording, which `report` and other readers of MCAP open
 //!
 //! A folder keeps the newest `KEPT` files. A run on hardware fails seldom, and its last second is
@@ -19,6 +20,8 @@ use std::io::{self, Cursor};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
+/// Time that the kept records cover (s): a second before an error, and the standstill after it.
+const COVERED: f64 = 2.0;
 /// Number of files that a folder keeps.
 const KEPT: usize = 20;
 /// Beginning and ending of the names of the files.
@@ -30,7 +33,7 @@ pub struct LastSecond(Arc<Inner>);
 
 struct Inner {
     records: Mutex<VecDeque<ServoRecord>>,
-    /// Number of records in a second.
+    /// Number of records that are kept.
     most: usize,
     /// Folder of the files.
     folder: PathBuf,
@@ -43,7 +46,8 @@ impl LastSecond {
     /// not exist.
     #[must_use]
     pub fn new(folder: PathBuf, about: RunInfo) -> Self {
-        let most = (about.cell.arms.len() as f64 / about.length.seconds()).ceil() as usize;
+        let periods = (COVERED / about.length.seconds()).ceil() as usize;
+        let most = about.cell.arms.len() * periods;
         let records = Mutex::new(VecDeque::with_capacity(most));
         Self(Arc::new(Inner { records, most, folder, about: Mutex::new(Some(about)) }))
     }
@@ -65,7 +69,7 @@ impl LastSecond {
         std::fs::create_dir_all(folder)?;
         let path = unused(folder);
         new_file::replace(&path, ".part", &bytes, Sync::Content)?;
-        remove_oldest(folder);
+        remove_oldest(folder, &path);
         Ok(Some(path))
     }
 }
@@ -103,30 +107,37 @@ fn recording(
     Ok(bytes.into_inner())
 }
 
-/// Returns a path in `folder` whose name no file has: the time now, so that names sort by age.
+/// Returns the path of a new file in `folder`. Its name begins with the time, so that names sort by
+/// age, and ends with the number of the process: two runs may end in one millisecond.
 fn unused(folder: &Path) -> PathBuf {
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
     let millis = now.unwrap_or_default().as_millis();
-    let name = |n: u32| folder.join(format!("{}{millis:013}-{n}{}", NAME.0, NAME.1));
-    // Runs that end in the same millisecond have their own processes, hence numbers.
-    name(std::process::id())
+    folder.join(format!("{}{millis:013}-{}{}", NAME.0, std::process::id(), NAME.1))
 }
 
-/// Removes the oldest files of last seconds from `folder`. A file that cannot be removed stays.
-fn remove_oldest(folder: &Path) {
+/// Removes the oldest files of last seconds from `folder`, but never `newest`: a clock that is slow
+/// gives it an early name. A file that cannot be removed stays.
+fn remove_oldest(folder: &Path, newest: &Path) {
     let Ok(entries) = std::fs::read_dir(folder) else { return };
     let mut files: Vec<_> = entries
         .flatten()
         .map(|entry| entry.path())
         .filter(|path| {
+            if path == newest {
+                return false;
+            }
             let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
             name.starts_with(NAME.0) && name.ends_with(NAME.1)
         })
         .collect();
     files.sort();
-    for old in files.iter().rev().skip(KEPT) {
-        if let Err(why) = std::fs::remove_file(old) {
-            tracing::warn!("{}: {why}", old.display());
+    for old in files.iter().rev().skip(KEPT - 1) {
+        match std::fs::remove_file(old) {
+            // A run that ended at the same time has removed it.
+            Err(why) if why.kind() != io::ErrorKind::NotFound => {
+                tracing::warn!("{}: {why}", old.display());
+            }
+            _ => {}
         }
     }
 }

@@ -130,7 +130,10 @@ fn campaign_resumes_from_a_truncated_state_file() {
 
     assert_eq!(object(&out, 0), whole);
     let stderr = text(&out.stderr);
-    assert!(stderr.contains("continuing after 2 of 4 runs; its last line was cut off"), "{stderr}");
+    assert!(
+        stderr.contains("has 2 of 4 runs, the campaign continues; its last line was cut"),
+        "{stderr}"
+    );
     assert!(stderr.contains("campaign: 2 runs"), "{stderr}");
     assert_eq!(std::fs::read_to_string(state.path()).unwrap().lines().count(), 5);
     // A complete campaign runs nothing more. `--resume` is an alias of `--state`.

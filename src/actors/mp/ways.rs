@@ -82,8 +82,8 @@ pub(super) fn slow_down(
     }
 }
 
-/// Returns a time at least `seconds` long in which a motion is slow enough. `factor` returns how
-/// many times too fast the motion is if it takes some time.
+/// Returns a time at least `seconds` long in which a motion is slow enough, to 1e-6 of its speed.
+/// `factor` returns how many times too fast the motion is if it takes some time.
 fn slow_enough(seconds: f64, factor: impl Fn(f64) -> f64) -> f64 {
     let mut seconds = seconds;
     for _ in 0..ROUNDS {
@@ -257,7 +257,7 @@ mod tests {
 
         let seconds = slow_enough(1.0, factor);
 
-        assert!((1.0..1.0001).contains(&factor(seconds)), "{seconds}");
+        assert!((1.0..1.000_001).contains(&factor(seconds)), "{seconds}");
         assert_eq!(slow_enough(30.0, factor), 30.0);
     }
 }
