@@ -39,7 +39,7 @@ pub(super) struct EmulateArgs {
     /// Seed of the plant and of the transmission faults [default: the scenario's]
     #[arg(long, value_name = "N")]
     seed: Option<String>,
-    /// State of the cube: 54 letters URFDLB, each face in reading order
+    /// State of the cube: 54 letters, faces in the order U R F D L B, each face in reading order
     #[arg(long, value_name = "FACELETS")]
     cube: Option<String>,
     /// Write the list of emulated devices to FILE, from which `run` opens them

@@ -33,7 +33,7 @@ Examples:
   rubik-robot film run.mcap -o mission.gif
   rubik-robot film run.mcap -o large.gif --width 800
 
-It shows four scenes: the cube is taken, read, turned and handed back. It is drawn on all cores; a
+The film shows four scenes: the cube is taken, read, turned and handed back. All cores draw it; a
 wider film takes longer.")]
 pub(super) struct FilmArgs {
     /// Recording of a whole mission (MCAP)
@@ -46,11 +46,11 @@ pub(super) struct FilmArgs {
     width: u32,
 }
 
-/// Number of pictures of a scene.
+/// Number of pictures of a shot.
 const PICTURES: usize = 30;
 /// Time between two pictures (1/100 s).
 const DELAY: u16 = 10;
-/// Time for which the last picture of a scene stays (1/100 s).
+/// Time for which the last picture of a shot stays (1/100 s).
 const LAST_DELAY: u16 = 80;
 /// Simulated time before the cube is held, and before the end of the run, that is shown (s).
 const LEAD: f64 = 9.0;

@@ -40,7 +40,7 @@ Files of the folder:
   manifest.jsonl   a line for each visible face, as `vision eval` reads it
 
 Poses are three rows of four (m). Camera axes are those of OpenCV; cube axes are R = +x, B = +y,
-U = +z; face axes are x along its columns, y along its rows, z into the cube.
+U = +z; face axes are x towards the next column, y towards the next row, z into the cube.
 Exit codes: 0 rendered, 2 usage or scenario.")]
 pub(super) struct RenderArgs {
     #[command(flatten)]

@@ -36,8 +36,8 @@ Keys of an answer with --json:
   camera_from_cube   pose, three rows of four (m): takes coordinates of the cube to those of the
                      camera (x right, y down, z forward); the origin is the centre of the cube, the
                      axes are along its edges (any of the 24 ways to name them)
-  camera_from_face   pose of the dominant face: origin in its centre, x along its columns and y
-                     along its rows as read in the picture, z into the cube
+  camera_from_face   pose of the dominant face: origin in its centre, x to the next column and
+                     y to the next row as read in the picture, z into the cube
   covariance         6 x 6, of a small error of camera_from_cube in the camera's axes: x, y, z (m),
                      then rotation about the centre of the cube (rad); it includes noise and model,
                      but no errors of the given optics

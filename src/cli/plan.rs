@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Args)]
 pub(super) struct PlanArgs {
-    /// State of the cube: 54 letters URFDLB, each face in reading order
+    /// State of the cube: 54 letters, faces in the order U R F D L B, each face in reading order
     cube: String,
     /// Rule that says in which pairs of grips both hands may hold the cube at the same time
     ///

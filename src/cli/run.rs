@@ -60,7 +60,7 @@ pub(super) struct RunArgs {
     /// Seed of the plant: cube, hand, errors and noise [default: the scenario's]
     #[arg(long, value_name = "N")]
     seed: Option<String>,
-    /// State of the cube: 54 letters URFDLB, each face in reading order
+    /// State of the cube: 54 letters, faces in the order U R F D L B, each face in reading order
     #[arg(long, value_name = "FACELETS")]
     cube: Option<String>,
     /// Clock of the run

@@ -24,7 +24,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Args)]
 pub(super) struct SolveArgs {
-    /// Cube: 54 letters URFDLB, each face in reading order; - for stdin
+    /// Cube: 54 letters, faces in the order U R F D L B, each in reading order; - for stdin
     ///
     /// Stdin has one cube per line. A cube may also have six lines of 9 letters, or the lines of a
     /// net (3 of 3, 3 of 12 with L F R B, 3 of 3). Blanks do not count. Colours (w r o y g b) are
@@ -56,7 +56,7 @@ pub(super) struct SolveArgs {
     #[arg(long, value_name = "N", verbatim_doc_comment,
           value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
-    /// Goal instead of the solved cube: 54 letters URFDLB
+    /// Goal instead of the solved cube: 54 letters, faces in the order U R F D L B
     #[arg(long, value_name = "FACELETS")]
     to: Option<String>,
     /// Print one line of JSON for each cube

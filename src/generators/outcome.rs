@@ -123,7 +123,6 @@ impl Outcome {
     /// come to an end.
     #[must_use]
     pub fn words(outcome: Option<Self>) -> String {
-        outcome
-            .map_or_else(|| "it did not come to an end".to_owned(), |outcome| outcome.to_string())
+        outcome.map_or_else(|| "the motion did not end".to_owned(), |outcome| outcome.to_string())
     }
 }

@@ -196,11 +196,13 @@ impl IsaDevice {
         // axis by a wrong angle.
         for axis in &self.resolvers {
             let increments = arm.model.increments.get(*axis).copied();
-            if increments != Some(REVOLUTION as f64) {
-                let has = increments.map_or("none for it".to_owned(), |n| format!("{n}"));
+            let Some(increments) = increments else {
+                return Err(format!("resolvers: there is no axis {axis}"));
+            };
+            if increments != REVOLUTION as f64 {
                 return Err(format!(
-                    "resolvers: axis {axis} counts {REVOLUTION} a revolution, \
-                     the arm's profile has {has}"
+                    "resolvers: axis {axis} has {increments} increments per revolution in the \
+                     arm's profile; a resolver has {REVOLUTION}"
                 ));
             }
         }
@@ -897,10 +899,7 @@ mod tests {
 
         let refused = |card: IsaDevice| card.arm(track, &[]).err().unwrap_or_default();
         let resolvers = refused(IsaDevice { resolvers: vec![2], ..IsaDevice::default() });
-        assert!(
-            resolvers.contains("axis 2 counts 682") && resolvers.contains("4000"),
-            "{resolvers}"
-        );
+        assert!(resolvers.contains("axis 2 has 4000") && resolvers.contains("682"), "{resolvers}");
         let units = refused(IsaDevice { units_per_ampere: vec![1.0], ..IsaDevice::default() });
         assert!(units.contains("8 numbers"), "{units}");
         assert!(refused(IsaDevice { power_axis: 8, ..IsaDevice::default() }).contains("axis 8"));

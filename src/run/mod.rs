@@ -44,7 +44,6 @@ pub(crate) use outcome::{exertion, not_begun};
 pub use settings::planner;
 
 use crate::actors::trace::Trace;
-use crate::actors::ui::Ui;
 use crate::desk::RunEnd;
 use crate::error::Error;
 use crate::hw::driver;
@@ -132,30 +131,27 @@ pub fn run_with(
                     summary.reason = summary.reason.replacen(BY_OPERATOR, "interrupted", 1);
                 }
             }
+            // The page says that the run is over before a slow disk may delay the file.
+            ui.over(outcome::outcome(&summary));
             summary.last_second = kept_last_second(last_second.as_ref(), &summary);
-            conclude(&summary, ui, &recorder);
+            let period = (summary.sim_time_s / PERIOD).round() as u64;
+            record_end(&recorder, period, &outcome::outcome(&summary).verdict, &summary);
             Ok(summary)
         }
         Err(error) => {
             ui.over(outcome::broken_off(&error));
             let came = interrupt.is_some_and(|i| i.came());
             let error = if came { outcome::interrupted(error) } else { error };
-            let (period, summary) = (recorder.latest(), not_begun(scenario, &error));
+            let (period, mut summary) = (recorder.latest(), not_begun(scenario, &error));
             // An arm that could not be synchronised has moved already.
-            if let Some(path) = kept_last_second(last_second.as_ref(), &summary) {
+            summary.last_second = kept_last_second(last_second.as_ref(), &summary);
+            if let Some(path) = &summary.last_second {
                 tracing::warn!("the last second before the error: {path}");
             }
             record_end(&recorder, period, &error.to_string(), &summary);
             Err(error)
         }
     }
-}
-
-/// Shows the summary on the UIs and records it.
-fn conclude(summary: &Summary, ui: Ui, recorder: &Recorder) {
-    ui.over(outcome::outcome(summary));
-    let period = (summary.sim_time_s / PERIOD).round() as u64;
-    record_end(recorder, period, &outcome::outcome(summary).verdict, summary);
 }
 
 /// Writes the last second of a run that a fatal or a system error ended. Returns the path of the

@@ -427,8 +427,9 @@ mod tests {
         assert_eq!((person.acceleration, table.acceleration), (0.2, 0.9));
     }
 
+    /// The coupled joints keep the wanted speed, because their limits depend on the posture.
     #[test]
-    fn joint_speed_is_limited_by_its_motor() {
+    fn waist_speed_is_limited_by_its_motor() {
         let controller = controller("[control]\njoint_speed_deg_s = 150\n");
         let speeds = manner(&controller, 0).speeds.joint.map(|speed| speed.to_degrees().round());
         assert_eq!(speeds[1..6], [91.0, 150.0, 150.0, 150.0, 150.0]);

@@ -148,8 +148,8 @@ pub struct Turning {
 /// How a camera in a hand looks at one face.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
-    /// Expected pose of the face: origin in its centre, x along columns, y along rows of reading
-    /// order.
+    /// Expected pose of the face: origin in its centre, x to the next column, y to the next row in
+    /// reading order.
     pub camera_from_face: Pose,
     /// Exposure, as a multiple of the camera's nominal one.
     pub exposure: f64,

@@ -173,13 +173,12 @@ struct Profile {
 }
 
 impl Profile {
-    /// Returns the place along the normal of a tap, a sample of the profile (px from the side's
-    /// middle).
+    /// Returns the place of sample `tap` on the normal of the side (px from the side's middle).
     fn at(&self, tap: usize) -> f64 {
         self.start + self.step * tap as f64
     }
 
-    /// Returns the tap that is nearest to a place along the normal (px from the side's middle).
+    /// Returns the sample that is nearest to a place on the normal (px from the side's middle).
     fn tap(&self, at: f64) -> usize {
         (((at - self.start) / self.step).round().max(0.0) as usize).min(self.count - 1)
     }

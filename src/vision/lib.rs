@@ -215,8 +215,8 @@ impl FaceSighting {
 /// The cube localised in 3-D.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CubeSighting {
-    /// Frame of the dominant face: origin in the face's centre, x along the columns and y along the
-    /// rows of its reading order, z into the cube (away from the camera if the face is frontal).
+    /// Frame of the dominant face: origin in the face's centre, x to the next column and y to the
+    /// next row in reading order, z into the cube (away from the camera if the face is frontal).
     pub camera_from_face: Pose,
     /// Other solution of the planar pose, and its root mean square error (px).
     pub other: (Pose, f64),

@@ -30,8 +30,8 @@ use nalgebra::{
 #[derive(Debug, Clone, PartialEq)]
 pub struct CubeLocation {
     /// Pose of the cube, exact up to the 24 rotations of a cube. The origin is in the cube's
-    /// centre. The axes are parallel to those of the dominant face: x along its columns, y along
-    /// its rows, z into the cube.
+    /// centre. The axes are parallel to those of the dominant face: x to the next column, y to
+    /// the next row, z into the cube.
     pub camera_from_cube: Pose,
     /// Covariance of a small motion of the cube in the camera frame: translation (m), rotation
     /// about the cube's centre (rad). It follows from the residual, so it excludes calibration
@@ -44,7 +44,7 @@ pub struct CubeLocation {
     /// Other orientation, if a single face leaves two that fit.
     pub other: Option<Pose>,
     /// Poses in the cube's frame of the faces that took part, dominant one first: origin in the
-    /// face's centre, x along its columns, y along its rows, z into the cube.
+    /// face's centre, x to the next column, y to the next row, z into the cube.
     pub used: Vec<Pose>,
     /// Index in `used` of each of `faces`.
     pub sightings: Vec<usize>,

@@ -112,11 +112,12 @@ fn slow_adapters(serial: &[String]) -> Option<Finding> {
         text.trim().parse::<u32>().ok().filter(|&milliseconds| milliseconds > 1)
     };
     let slow: Vec<&String> = serial.iter().filter(|name| timer(name).is_some()).collect();
+    let names: Vec<&str> = slow.iter().map(|name| name.as_str()).collect();
     let first = slow.first()?;
     Some(Finding {
         name: "serial adapters",
         weight: Weight::Note,
-        fact: format!("{} of them delay answers by more than 1 ms", slow.len()),
+        fact: format!("answers are delayed by more than 1 ms: {}", names.join(", ")),
         fix: Some(format!(
             "echo 1 | sudo tee /sys/class/tty/{first}/device/latency_timer   (for each adapter; or \
              install packaging/udev)"

@@ -189,7 +189,7 @@ const LATE: u32 = 2;
 const SETTLING: u32 = 4;
 
 impl Axis {
-    /// Makes an axis before its first exchange.
+    /// Makes the record of an axis with which nothing was exchanged yet.
     #[must_use]
     pub fn new(rules: Rules) -> Self {
         Self {

@@ -1,5 +1,5 @@
-//! Moves of the states of phase 1: class of (slice, flip), twist, and the symmetry that leads from
-//! the cube to the representative of the class.
+//! Moves of the states of phase 1: class of (slice, flip), the symmetry that maps the cube to the
+//! representative of the class, and the twist of its image under that symmetry.
 //!
 //! - in: the coordinates and classes of the cube
 //! - out: [`Frames`], the moves of all states; [`Place`], a state
@@ -75,8 +75,8 @@ impl Frames {
             + self.classes.stabilisers.len() * 2
     }
 
-    /// Returns the state of a cube in phase 1: class, twist, and the symmetry that leads to the
-    /// representative of the class.
+    /// Returns the phase 1 state of `cube`: its class, the symmetry that maps it to the
+    /// representative of the class, and the twist of its image under that symmetry.
     pub(crate) fn place(&self, cube: &Cube) -> Place {
         let (class, symmetry) = self.classes.find(quad(cube, 8) / 24, flip(cube));
         let twist = self.twist_images[usize::from(symmetry) * TWISTS + twist(cube)];

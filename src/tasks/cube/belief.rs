@@ -190,8 +190,8 @@ impl Belief {
         Some(world_from_camera.inverse() * world_from_cube * self.cube_from_face(face))
     }
 
-    /// Returns the frame of a face: origin in its centre, x along columns, y along rows, z into the
-    /// cube.
+    /// Returns the frame of a face: origin in its centre, x to the next column, y to the next row,
+    /// z into the cube.
     #[must_use]
     pub fn cube_from_face(&self, face: Face) -> Pose {
         let (x, y) = face.reading_axes();

@@ -396,7 +396,7 @@ mod tests {
 
     /// A contact while the cube is held out may be a person who takes it.
     #[test]
-    fn contact_while_offering_cube_detects_person() {
+    fn pull_after_contact_in_offer_detects_person() {
         // The hand yields once more to an obstacle that still presses after a while.
         let (end, words, _) = held_out(&[MET], &[MET, Outcome::Touched(0.003)]);
 
@@ -416,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn contact_while_retracting_cube_detects_person() {
+    fn pull_after_contact_in_retraction_detects_person() {
         let (end, words, _) = held_out(&[MET, MET], &[Outcome::NotTouched, Outcome::Touched(0.0)]);
 
         assert_eq!(end, Ok(()));
