@@ -10,8 +10,6 @@ use crate::actors::control::Control;
 use crate::emergency_stop::StopSignal;
 use crate::hw::driver::{Histogram, RecordSink, Timing};
 use crate::operator::Input;
-use crate::record::last_second::LastSecond;
-use crate::record::playback::Playback;
 use crate::record::recorder::{Both, Entry, Recorder};
 use std::fmt::Write;
 use std::time::Duration;
@@ -25,35 +23,13 @@ pub(super) fn started(recorder: &Recorder) {
     recorder.record(0, || Entry::input(&Input::Start));
 }
 
-/// Returns a sink of servo records that passes them to `sink`, and also to the recorder if it is
-/// on.
-pub(super) fn kept(sink: Box<dyn RecordSink>, recorder: &Recorder) -> Box<dyn RecordSink> {
-    match recorder.ticks() {
-        Some(ticks) => Box::new(Both(sink, Box::new(ticks))),
-        None => sink,
-    }
-}
-
-/// Returns a sink of servo records that passes them to `sink`, and also compares them with
-/// `playback`, if there is one.
-pub(super) fn with_playback(
+/// Returns a sink of servo records that passes them to `sink`, and also to `other` if there is one.
+pub(super) fn with(
     sink: Box<dyn RecordSink>,
-    playback: Option<Playback>,
+    other: Option<impl RecordSink + 'static>,
 ) -> Box<dyn RecordSink> {
-    match playback {
-        Some(playback) => Box::new(Both(sink, Box::new(playback))),
-        None => sink,
-    }
-}
-
-/// Returns a sink of servo records that passes them to `sink`, and also to the keeper of the last
-/// second, if there is one.
-pub(super) fn with_last_second(
-    sink: Box<dyn RecordSink>,
-    last_second: Option<LastSecond>,
-) -> Box<dyn RecordSink> {
-    match last_second {
-        Some(last_second) => Box::new(Both(sink, Box::new(last_second))),
+    match other {
+        Some(other) => Box::new(Both(sink, Box::new(other))),
         None => sink,
     }
 }

@@ -237,7 +237,7 @@ pub(super) fn start_servos(
     } = parts;
     let (recorder, latest) = (trace.recorder(), trace.latest().cloned());
     let seen = Seen { to: trace.hash().clone(), latest: latest.clone() };
-    let seen = recording::with_last_second(Box::new(seen), last_second);
+    let seen = recording::with(Box::new(seen), last_second);
     let new_core = |sink, world: &mut World| {
         Core::new(configs, ends, Arc::clone(&switches), sink, world)
             .map_err(|e| not_created("servo", &e.to_string()))
@@ -246,8 +246,8 @@ pub(super) fn start_servos(
     match drive.pace {
         // Everything in one task: records are hashed, kept and compared inline.
         Pace::Virtual => {
-            let sink = recording::kept(seen, recorder);
-            let core = new_core(recording::with_playback(sink, playback), &mut world)?;
+            let sink = recording::with(seen, recorder.ticks());
+            let core = new_core(recording::with(sink, playback), &mut world)?;
             synchronised = core.synchronised().collect();
             driver = run_virtual(core, world, drive.missed_limit, between);
         }
@@ -255,7 +255,7 @@ pub(super) fn start_servos(
             // The ring holds 512 periods, which is 1 s at 2 ms: the writer may be late, and the
             // servo never waits for it.
             let (ring, written) = rtrb::RingBuffer::<ServoRecord>::new(512 * links.len().max(1));
-            let core = new_core(recording::kept(Box::new(ring), recorder), &mut world)?;
+            let core = new_core(recording::with(Box::new(ring), recorder.ticks()), &mut world)?;
             synchronised = core.synchronised().collect();
             if let Some(latest) = &latest {
                 latest.lock().punctual = Some((Arc::clone(&switches), drive.real_time.period));

@@ -81,7 +81,7 @@ async fn read_face(robot: &mut Robot, viewer: Hand, face: Face) -> Result<(), Fa
         let reading = if tilt > TILTED {
             tilted += 1;
             let why = format!("the cube is tilted by {:.0} deg", tilt.to_degrees());
-            // Nothing is read in the last try, so there is no reading against that one pose.
+            // The last look decides alone, because no later one can contradict its pose.
             if tilted >= TILTED_LOOKS || tries >= LOOK_TRIES {
                 return Err(tilted_in(robot, viewer.other(), &why));
             }

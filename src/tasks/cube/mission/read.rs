@@ -185,8 +185,7 @@ mod tests {
     use super::super::testing::{Stage, goes_well, order, settings};
     use super::*;
     use crate::generators::Behaviour;
-    use crate::tasks::cube::hold::Hand;
-    use crate::tasks::cube::hold::Hold;
+    use crate::tasks::cube::hold::{Hand, Hold};
     use crate::tasks::{Action, Event};
     use crate::vision::sensor::FaceReading;
     use nalgebra::{UnitQuaternion, Vector3};
