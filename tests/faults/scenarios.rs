@@ -279,8 +279,10 @@ fn jam_stops_the_layer_within_force_limits() {
 fn layer_slipping_back_leaves_cube_and_forces_unchanged() {
     each_seed(|seed| {
         let fine = seed.seen("turn_undone", &["fault.0.turned_deg=179"]);
-        assert_eq!(fine.summary.outcome, Outcome::Solved);
+        assert_eq!((fine.summary.outcome, fine.summary.untrue), (Outcome::Solved, false));
         let seen = seed.seen("turn_undone", &[]);
+        // The controller reports a turn that the plant does not have.
+        assert_eq!((seen.summary.outcome, seen.summary.untrue), (Outcome::Failed, true));
         assert_eq!(seen.summary.cube_end, seen.summary.cube_start);
         assert!(seen.summary.turned_deg.unwrap().abs() < 5.0);
         assert_eq!((seen.verdict.counts.slips, seen.verdict.counts.drops), (0, 0));
