@@ -11,6 +11,8 @@
 //! | no fallen cube is unnoticed | | a person or a later grasp would meet it |
 //! | contacts stay below a force | [`MOST_FORCE`] | the range of the wrist sensors |
 //! | the cube is neither crushed nor pulled apart | | |
+//! | no hand opens on a cube that nothing else holds | | it would fall |
+//! | after a stop no drive goes on, and no arm moves | 0.55 s | only a person may end a stop |
 //! | the mission ends | [`LONGEST`] | the last fault ends long before |
 
 use super::result::{RunResult, Verdict};
@@ -53,11 +55,13 @@ enum Part {
     Sticker,
     /// An actor of an arm.
     Actor,
+    /// A file that the run writes.
+    File,
 }
 
 /// The kinds that a mix may have. An actor that blocks all others is left out: it ends the process
 /// at once, and would hide the other faults. A run is resumed after a power cut.
-const SORTS: [Sort; 26] = {
+const SORTS: [Sort; 29] = {
     use FaultKind as K;
     const fn sort(
         kind: FaultKind,
@@ -93,7 +97,10 @@ const SORTS: [Sort; 26] = {
         sort(K::ActorHang, None, None, Part::Actor),
         sort(K::ClockJump, Some((10.0, 5000.0)), None, Part::None),
         sort(K::EmergencyStop, None, None, Part::None),
-        sort(K::DiskFull, None, None, Part::None),
+        sort(K::DiskFull, None, Some((0.1, 60.0)), Part::File),
+        sort(K::DiskError, None, Some((0.1, 60.0)), Part::File),
+        sort(K::TornWrite, None, Some((0.1, 60.0)), Part::File),
+        sort(K::LostWrite, None, Some((0.1, 60.0)), Part::File),
         sort(K::PowerCut, None, None, Part::None),
     ]
 };
@@ -184,6 +191,12 @@ fn keys(
         Part::Camera => {
             keys.extend(cameras.choose(random).map(|camera| format!("camera = \"{camera}\"")));
         }
+        Part::File => {
+            // The world's state stands for the real cell, which loses nothing.
+            let all = ["recording", "journal", "world"];
+            let files = if sort.kind == FaultKind::LostWrite { &all[..2] } else { &all[..] };
+            keys.extend(files.choose(random).map(|file| format!("file = \"{file}\"")));
+        }
         Part::Sticker => {
             let letters = ['U', 'R', 'F', 'D', 'L', 'B'];
             let letter = |random: &mut Pcg64| letters[random.random_range(0..6)];
@@ -235,6 +248,10 @@ pub enum Broken {
     Force(f64),
     /// The cube was crushed or pulled apart.
     Damaged,
+    /// The last hand that held the cube opened its jaws in the air.
+    LetFall,
+    /// An arm moved, or its drives went on, after a stop.
+    MovedAfterStop,
     /// Simulated time of the mission (s).
     TooLong(f64),
 }
@@ -257,10 +274,13 @@ impl Broken {
         let figures = result.figures.as_ref()?;
         let force = figures.peak_contact_n.unwrap_or(0.0);
         let mishaps = &figures.mishaps;
+        let acts = figures.violations.unwrap_or_default();
         let rules = [
             (figures.has_unnoticed_drop() == Some(true), Self::UnnoticedDrop),
             (force > MOST_FORCE, Self::Force(force)),
             (mishaps.crushed + mishaps.pops > 0, Self::Damaged),
+            (acts.let_fall > 0, Self::LetFall),
+            (acts.restarts + acts.moved_after_stop > 0, Self::MovedAfterStop),
             (figures.sim_time_s > LONGEST, Self::TooLong(figures.sim_time_s)),
         ];
         rules.into_iter().find_map(|(broken, rule)| broken.then_some(rule))
@@ -281,6 +301,8 @@ impl fmt::Display for Broken {
             Self::UnnoticedDrop => write!(f, "the cube fell, and the controller did not notice"),
             Self::Force(n) => write!(f, "a contact of {n:.0} N, more than {MOST_FORCE:.0} N"),
             Self::Damaged => write!(f, "the cube was crushed or pulled apart"),
+            Self::LetFall => write!(f, "the last hand that held the cube opened in the air"),
+            Self::MovedAfterStop => write!(f, "an arm moved, or its drives went on, after a stop"),
             Self::TooLong(s) => write!(f, "the mission took {s:.0} s, more than {LONGEST:.0} s"),
         }
     }

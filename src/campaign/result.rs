@@ -5,7 +5,7 @@
 //!   without a summary has failed
 
 use crate::cube::Facelets;
-use crate::record::summary::{EndedBy, Exertion, Outcome, Summary};
+use crate::record::summary::{EndedBy, Exertion, Outcome, Summary, Violations};
 use serde::{Deserialize, Serialize};
 
 /// Longest reason that is kept (characters).
@@ -97,6 +97,9 @@ pub struct Figures {
     pub sim_time_s: f64,
     /// Mishaps in the plant, whether or not the mission recovered from them.
     pub mishaps: Mishaps,
+    /// Acts that no controller may do, as the plant counted them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub violations: Option<Violations>,
     /// Number of times that the mission read and planned again, by its own count.
     pub recoveries: u32,
     /// Hash over every servo record and message, hexadecimal.
@@ -223,6 +226,7 @@ impl RunResult {
                     crushed: summary.crushed.unwrap_or(0),
                     collisions: summary.collisions.unwrap_or(0),
                 },
+                violations: summary.violations,
                 recoveries: summary.recoveries,
                 hash: summary.hash.clone(),
                 plant_hash: summary.plant_hash.clone(),

@@ -7,7 +7,7 @@
 //! a process that exceeds its time. When the campaign is stopped it kills all processes, which
 //! leave no result.
 
-use super::result::{Ended, RunResult};
+use super::result::{Ended, RunResult, Verdict};
 use rustix::process::{Pid, Signal, kill_process_group};
 use std::ffi::OsString;
 use std::io::{Read, Result};
@@ -174,13 +174,17 @@ impl Runner {
         let Some(kept) = &job.kept else { return Ok(first.map(|end| end.result(job))) };
         // A power cut kills its process, and saves the state of the plant.
         let cut = first.as_ref().is_some_and(|end| end.ended == Ended::Signal(KILLED));
-        let last = if cut && kept.world.exists() {
-            self.perform_process(self.command(job, true), stopped)
+        let result = if !cut {
+            Ok(first.map(|end| end.result(job)))
+        } else if kept.world.exists() {
+            let last = self.perform_process(self.command(job, true), stopped);
+            last.map(|end| end.map(|end| end.result(job)))
         } else {
-            Ok(first)
+            // A run that can no longer save its world removes the file: no run can resume it.
+            Ok(first.map(|end| end.aborted(job)))
         };
         kept.remove();
-        Ok(last?.map(|end| end.result(job)))
+        result
     }
 
     /// Performs the process of one run. Returns `None` if it was stopped.
@@ -247,6 +251,13 @@ impl ProcessEnd {
         let streams = (self.stdout.as_str(), self.stderr.as_str());
         RunResult::of_process(job.seed, &job.set, streams, self.ended, self.wall_time_s)
     }
+
+    /// Returns the result of a run that a power cut ended, and that no run can resume because the
+    /// file of its simulated world was lost before.
+    fn aborted(&self, job: &Job) -> RunResult {
+        let reason = "the power was cut after the file of the simulated world was lost";
+        RunResult { verdict: Verdict::Aborted, reason: reason.into(), ..self.result(job) }
+    }
 }
 
 /// Reads a stream to its end in a thread, which returns the last bytes.
@@ -270,7 +281,6 @@ fn read_tail(mut stream: impl Read + Send + 'static) -> JoinHandle<Vec<u8>> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::result::Verdict;
     use super::*;
     use std::os::unix::fs::PermissionsExt as _;
 
@@ -393,11 +403,13 @@ mod tests {
         };
 
         let cut = run("a=1");
-        let killed = run("a=0");
+        let lost = run("a=0");
 
         assert!(cut.reason.contains("exit code 7"), "{cut:?}");
         assert!(cut.reason.contains("--set a=2") && !cut.reason.contains("a=1"), "{cut:?}");
         assert!(!world.exists(), "its files are removed");
-        assert!(killed.reason.contains("signal 9"), "{killed:?}");
+        // Without the world nothing can be resumed, which is no death of the program.
+        assert_eq!(lost.verdict, Verdict::Aborted, "{lost:?}");
+        assert!(lost.reason.contains("simulated world was lost"), "{lost:?}");
     }
 }

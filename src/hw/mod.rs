@@ -19,4 +19,5 @@ pub mod port;
 pub mod scene;
 pub mod serial;
 pub mod socket_camera;
+pub mod storage;
 pub mod text;

@@ -12,6 +12,7 @@
 //! | a line longer than `LONGEST` | refused with its number |
 //! | values beyond `FARTHEST` or `MOST_SHORT` | refused with the number of the line |
 
+use crate::hw::storage::{Storage, StorageFault};
 use crate::hw::{new_file, text};
 use crate::tasks::Entry;
 use std::fmt::Debug;
@@ -24,6 +25,8 @@ use std::path::{Path, PathBuf};
 pub struct Journal {
     path: PathBuf,
     keeps: Box<dyn Durable>,
+    /// Storage of the file, in which faults can be injected.
+    storage: Storage,
 }
 
 /// Storage that keeps lines through a power cut.
@@ -107,7 +110,7 @@ impl Journal {
     /// or removed if `storage` fails.
     #[must_use]
     pub fn kept_by(path: &Path, storage: Box<dyn Durable>) -> Self {
-        Self { path: path.to_owned(), keeps: storage }
+        Self { path: path.to_owned(), keeps: storage, storage: Storage::default() }
     }
 
     /// Opens the journal at `path`. With `go_on` the run continues the journal that is there;
@@ -158,7 +161,7 @@ impl Journal {
             }
         }
         keeps_name(path)?;
-        Ok(Self { path: path.to_owned(), keeps: Box::new(file) })
+        Ok(Self::kept_by(path, Box::new(file)))
     }
 
     /// Writes an entry and returns once it is durable.
@@ -171,7 +174,14 @@ impl Journal {
             return Err(io::Error::new(io::ErrorKind::InvalidInput, "the entry is too long"));
         }
         line.push(b'\n');
-        self.keeps.append(&line)
+        let Self { keeps, storage, .. } = self;
+        storage.write(&line, |bytes| keeps.append(bytes))
+    }
+
+    /// Returns the storage of the journal, in which faults can be injected.
+    #[must_use]
+    pub fn storage(&self) -> Storage {
+        self.storage.clone()
     }
 
     /// Marks a journal that can no longer be written, so that no run continues from its last entry.
@@ -179,12 +189,17 @@ impl Journal {
     #[must_use]
     pub(crate) fn given_up(self, why: &io::Error) -> String {
         let place = self.path.display();
-        // Overwriting in place needs no space, so it works on a full disk.
-        let marked = new_file::overwrite(&self.path).and_then(|mut file| {
-            file.write_all(GIVEN_UP)?;
-            file.set_len(GIVEN_UP.len() as u64)?;
+        let mark = |bytes: &[u8]| {
+            let mut file = new_file::overwrite(&self.path)?;
+            file.write_all(bytes)?;
+            file.set_len(bytes.len() as u64)?;
             file.sync_all()
-        });
+        };
+        // Overwriting in place needs no space, so it works on a full disk.
+        let marked = match self.storage.fault() {
+            Some(StorageFault::Full) => mark(GIVEN_UP),
+            _ => self.storage.write(GIVEN_UP, mark),
+        };
         let rest = match marked.or_else(|_| std::fs::remove_file(&self.path)) {
             Ok(()) => "the run continues and cannot be resumed".to_owned(),
             Err(left) => format!(

@@ -16,7 +16,8 @@ use super::file::File;
 use super::place::Place;
 use super::sheet::{MessageWriter, RunInfo};
 use crate::hw::driver::{RecordSink, ServoRecord};
-use std::io::{Seek, Write};
+use crate::hw::storage::{Storage, StorageFault};
+use std::io::{Seek, SeekFrom, Write};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -80,21 +81,26 @@ struct Shared {
     patience: Patience,
     counts: Arc<Counts>,
     thread: Mutex<Option<JoinHandle<Written>>>,
-    full: Arc<AtomicBool>,
+    storage: Storage,
 }
 
-/// Device with a switch that makes it full, for tests and for the injected fault.
+/// Device of the recording, with the fault that its storage has at present.
 struct Device<W> {
     to: W,
-    full: Arc<AtomicBool>,
+    storage: Storage,
 }
 
-impl<W: Write> Write for Device<W> {
+impl<W: Write + Seek> Write for Device<W> {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        if self.full.load(Ordering::Acquire) {
-            return Err(std::io::ErrorKind::StorageFull.into());
+        match self.storage.fault() {
+            None => return self.to.write(bytes),
+            // Lost bytes leave a gap in the file: the next ones are written behind it.
+            Some(StorageFault::Lost) => {
+                self.to.seek(SeekFrom::Current(bytes.len() as i64))?;
+            }
+            Some(_) => self.storage.write(bytes, |part| self.to.write_all(part))?,
         }
-        self.to.write(bytes)
+        Ok(bytes.len())
     }
 
     fn flush(&mut self) -> std::io::Result<()> {
@@ -103,7 +109,7 @@ impl<W: Write> Write for Device<W> {
 }
 
 impl<W: Seek> Seek for Device<W> {
-    fn seek(&mut self, to: std::io::SeekFrom) -> std::io::Result<u64> {
+    fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
         self.to.seek(to)
     }
 }
@@ -124,11 +130,11 @@ pub struct Ticks {
 }
 
 impl Recorder {
-    /// Returns a switch that makes each further write fail as on a full disk, for the injected
-    /// fault; `None` if nothing is recorded.
+    /// Returns the storage of the recording, in which faults can be injected; `None` if nothing is
+    /// recorded.
     #[must_use]
-    pub fn full(&self) -> Option<Arc<AtomicBool>> {
-        self.0.as_ref().map(|shared| Arc::clone(&shared.full))
+    pub fn storage(&self) -> Option<Storage> {
+        self.0.as_ref().map(|shared| shared.storage.clone())
     }
 
     /// Starts a recorder that writes to `to`. `about` describes the run; `patience` is whether the
@@ -156,8 +162,8 @@ impl Recorder {
         patience: Patience,
     ) -> std::io::Result<Self> {
         let (queue, entries) = sync_channel(QUEUE);
-        let full = Arc::new(AtomicBool::new(false));
-        let to = Device { to, full: Arc::clone(&full) };
+        let storage = Storage::default();
+        let to = Device { to, storage: storage.clone() };
         let (ticks, records) = rtrb::RingBuffer::new(TICKS);
         let counts = Arc::new(Counts::default());
         let thread = std::thread::Builder::new().name("recorder".into()).spawn({
@@ -179,7 +185,7 @@ impl Recorder {
             patience,
             counts,
             thread: Mutex::new(Some(thread)),
-            full,
+            storage,
         }))))
     }
 

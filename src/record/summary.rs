@@ -65,6 +65,18 @@ pub struct SensorPeak {
     pub felt_torque_nm: f64,
 }
 
+/// Numbers of acts that no controller may do, whatever fails around it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Violations {
+    /// Falls of a cube because the last hand that held it opened its jaws.
+    pub let_fall: u32,
+    /// Arms whose drives went on again after the drives of an arm had gone off.
+    pub restarts: u32,
+    /// Motions of an arm later than 0.55 s after the drives of an arm had gone off.
+    pub moved_after_stop: u32,
+}
+
 /// Undesired event in the plant.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Accident {
@@ -183,6 +195,10 @@ pub struct Summary {
     pub crushed: Option<u32>,
     /// Number of collisions: contacts of the plant that must not happen.
     pub collisions: Option<u32>,
+    /// Acts that no controller may do, as the plant counted them. Summaries of older builds have
+    /// none.
+    #[serde(default)]
+    pub violations: Option<Violations>,
     /// Undesired events in the plant in the order of time: the events that are counted above,
     /// layers that do not move under load, and sensors that leave their range. A run with very many
     /// events leaves out the last.
@@ -258,6 +274,7 @@ impl Summary {
             pops: none,
             crushed: none,
             collisions: none,
+            violations: None,
             accidents: none.map(|_| Vec::new()),
             turned_deg: None,
             phases: Vec::new(),
@@ -477,6 +494,7 @@ mod tests {
             pops: Some(0),
             crushed: Some(0),
             collisions: Some(0),
+            violations: Some(Violations::default()),
             accidents: Some(vec![]),
             turned_deg: None,
             phases: vec![Phase { name: "acquire".into(), sim_time_s: 10.0, wall_time_s: 0.5 }],

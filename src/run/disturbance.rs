@@ -1,4 +1,4 @@
-//! Faults that are injected outside the plant: into cameras, messages, the clock, actors, the disk.
+//! Faults that are injected outside the plant: into cameras, messages, clock, actors, and files.
 //!
 //! The plant decides when they begin and end. Cameras and actors read flags; the world of a run
 //! carries out the rest. No kernel sees any of them.
@@ -8,6 +8,8 @@
 
 use crate::actors::fault::ActorFault;
 use crate::emergency_stop::StopButton;
+use crate::hw::storage::{Storage, StorageFault};
+use crate::scenario::injected::FaultFile;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -53,8 +55,8 @@ pub(super) enum Disturbance {
     Spin(Actor),
     /// The heartbeat of the actors stops.
     HeartBeat,
-    /// The recorder's device is full.
-    DiskFull,
+    /// The storage of a file fails.
+    Storage(FaultFile, StorageFault),
     /// The operator presses the emergency stop.
     EmergencyStop,
     /// The power of the cell and its computer fails.
@@ -106,8 +108,12 @@ pub(super) struct InjectedFaults {
     pub(super) cameras: Vec<Arc<CameraFaults>>,
     /// Whether the heartbeat of the actors has stopped.
     pub(super) heart: Arc<AtomicBool>,
-    /// Whether the recorder's device is full.
-    pub(super) disk: Arc<AtomicBool>,
+    /// Storage of the recording.
+    pub(super) recording: Storage,
+    /// Storage of the journal.
+    pub(super) journal: Storage,
+    /// Storage of the world's state.
+    pub(super) world: Storage,
     /// Button of the operator's emergency stop.
     pub(super) emergency: StopButton,
 }
@@ -179,7 +185,14 @@ impl InjectedFaults {
             }
             // Parts of the run as a whole.
             Disturbance::HeartBeat => self.heart.store(begins, Ordering::Release),
-            Disturbance::DiskFull => self.disk.store(begins, Ordering::Release),
+            Disturbance::Storage(file, fault) => {
+                let storage = match file {
+                    FaultFile::Recording => &self.recording,
+                    FaultFile::Journal => &self.journal,
+                    FaultFile::World => &self.world,
+                };
+                storage.set(begins.then_some(fault));
+            }
             // The button latches, so the end of the fault does not release it.
             Disturbance::EmergencyStop => self.emergency.press(),
             // The world carries these out itself.

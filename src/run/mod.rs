@@ -191,18 +191,19 @@ fn carried_out(
     let playback = playback.map(|(playback, _)| playback);
     let plan = Plan::of(&scenario.controller)?;
     let goal = settings::goal(&scenario.controller, plan.angle);
-    // Two injected faults act on handles that exist already: the desk's button and the recorder's
-    // disk.
-    let faults = InjectedFaults {
-        emergency: operator.stop_button.clone(),
-        disk: recorder.full().unwrap_or_default(),
-        ..InjectedFaults::new(scenario.controller.cell.cameras.len())
-    };
     // Files are claimed before the plant exists: the state of another run, finished or still
     // running, must not be overwritten.
     let claim = |path: &PathBuf| Kept::claim(path, scenario.pace, operator.trace.clone());
     let kept = saved.world.as_ref().map(claim).transpose()?;
     let logbook = Logbook::open(&saved)?;
+    // Some injected faults act on handles that exist already: the desk's button and the files.
+    let faults = InjectedFaults {
+        emergency: operator.stop_button.clone(),
+        recording: recorder.storage().unwrap_or_default(),
+        journal: logbook.storage().unwrap_or_default(),
+        world: kept.as_ref().map(Kept::storage).unwrap_or_default(),
+        ..InjectedFaults::new(scenario.controller.cell.cameras.len())
+    };
     let control = &operator.control;
     let (world, cameras, notes) = match &playback {
         Some(playback) => {

@@ -20,9 +20,11 @@ use super::task::Performed;
 use crate::actors::mp::Ending;
 use crate::cube::{Facelets, format_turns};
 use crate::error::{Error, NonFatal};
-use crate::hw::plant::{self, Verdict};
+use crate::hw::plant::{self, Verdict, verdict};
 use crate::operator::{OutcomeView, run_remedy};
-use crate::record::summary::{Accident, EndedBy, Exertion, Outcome, Phase, SensorPeak, Summary};
+use crate::record::summary::{
+    Accident, EndedBy, Exertion, Outcome, Phase, SensorPeak, Summary, Violations,
+};
 use crate::scenario::{ControllerConfig, Scenario};
 use crate::servo::period::Length;
 use crate::tasks::cube::mission::Goal;
@@ -158,6 +160,7 @@ pub(super) fn summary(
         pops: counts.map(|c| c.pops),
         crushed: counts.map(|c| c.crushed),
         collisions: counts.map(|c| c.collisions),
+        violations: counts.map(|c| violations(&c.violations)),
         accidents: verdict.map(|v| accidents(v, config, period)),
         turned_deg,
         phases: phases(ending, *ended),
@@ -166,6 +169,12 @@ pub(super) fn summary(
         uncalibrated: done.uncalibrated.clone(),
         plant_hash: truth.map(|t| format!("{:08x}", t.bounds)),
     }
+}
+
+/// Returns the plant's counts of what no controller may do, for the summary.
+fn violations(counts: &verdict::Violations) -> Violations {
+    let verdict::Violations { let_fall, restarts, moved_after_stop } = *counts;
+    Violations { let_fall, restarts, moved_after_stop }
 }
 
 /// Returns the angle by which the plant's layer was turned (deg), positive in the ordered sense;

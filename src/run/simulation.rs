@@ -19,6 +19,7 @@ use crate::hw::plant::{
     CubeMechanics, HandScript, Jaws, Lying, Plant, PlantConfig, SensorNoise, Start, sagging,
 };
 use crate::hw::serial::axis::Rules;
+use crate::hw::storage::StorageFault;
 use crate::motion::JointPositions;
 use crate::operator::Class;
 use crate::reach::{Meeting, MeetingTable};
@@ -412,7 +413,11 @@ fn fault_event(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -> 
         K::ActorHang => Disturbance::Hang(who()?),
         K::ActorSpin => Disturbance::Spin(who()?),
         K::HeartBeatLoss => Disturbance::HeartBeat,
-        K::DiskFull => Disturbance::DiskFull,
+        // Disturbances of the storage of a file.
+        K::DiskFull => Disturbance::Storage(keys.file, StorageFault::Full),
+        K::DiskError => Disturbance::Storage(keys.file, StorageFault::Broken),
+        K::TornWrite => Disturbance::Storage(keys.file, StorageFault::Torn),
+        K::LostWrite => Disturbance::Storage(keys.file, StorageFault::Lost),
         K::EmergencyStop => Disturbance::EmergencyStop,
     };
     // The plant times the disturbance like a fault of its own and reports its index.

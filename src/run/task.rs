@@ -14,6 +14,7 @@ use crate::actors::notice::Notice;
 use crate::actors::services::Services;
 use crate::actors::watchdog::{Caught, panicked};
 use crate::error::Error;
+use crate::hw::storage::Storage;
 use crate::motion::PERIOD;
 use crate::operator::Input;
 use crate::reach::{MeetingTable, ReachSettings};
@@ -59,6 +60,11 @@ impl Logbook {
         let journal = Journal::open(path, files.resume);
         let journal = journal.map_err(|why| unusable(path, &why.to_string()))?;
         Ok(Self { journal: Some(journal), resumes: files.resume, last })
+    }
+
+    /// Returns the storage of the journal, in which faults can be injected; `None` without one.
+    pub(super) fn storage(&self) -> Option<Storage> {
+        self.journal.as_ref().map(Journal::storage)
     }
 
     /// Returns whether the interrupted run that this one resumes had written an entry.

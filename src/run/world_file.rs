@@ -15,9 +15,10 @@ use super::failure::not_created;
 use crate::actors::notice::Notice;
 use crate::actors::trace::Trace;
 use crate::error::Error;
-use crate::hw::new_file;
+use crate::hw::new_file::{self, Sync};
 use crate::hw::plant::Plant;
 use crate::hw::plant::saved::{Saved, Unfit};
+use crate::hw::storage::Storage;
 use crate::motion::PERIOD;
 use crate::scenario::keys::Pace;
 use std::fs::File;
@@ -46,6 +47,8 @@ pub(super) struct Kept {
     trace: Trace,
     /// Whether a write has failed: no other one is tried.
     lost: bool,
+    /// Storage of the file, in which faults can be injected.
+    storage: Storage,
     /// Lock file, which stays locked as long as this lives.
     _lock: File,
 }
@@ -73,7 +76,8 @@ impl Kept {
         if !new_file::is_ours(&lock, &beside) {
             return Err(refused(path, &Unfit::Taken));
         }
-        Ok(Self { path: path.to_owned(), pace, trace, lost: false, _lock: lock })
+        let storage = Storage::default();
+        Ok(Self { path: path.to_owned(), pace, trace, lost: false, storage, _lock: lock })
     }
 
     /// Returns `plant` as it is, or if `resume` in the state that the interrupted run left in the
@@ -120,10 +124,23 @@ impl Kept {
     ) -> Result<(), Error> {
         let failed =
             |why| format!("{}: the plant cannot save its state: {why}", self.path.display());
-        let written = plant.saved().write(&self.path, true);
+        let written = self.write(plant, true);
         written
             .and_then(|()| Ok(keeps_name(&self.path)?))
             .map_err(|why| not_created("plant", &failed(why)))
+    }
+
+    /// Writes the plant's state as its storage does. With `synced` the content survives a power cut
+    /// of the simulating machine.
+    fn write(&self, plant: &Plant, synced: bool) -> Result<(), Unfit> {
+        let sync = if synced { Sync::Content } else { Sync::No };
+        let bytes = plant.saved().to_bytes()?;
+        self.storage.write(&bytes, |part| Ok(new_file::replace(&self.path, ".new", part, sync)?))
+    }
+
+    /// Returns the storage of the file, in which faults can be injected.
+    pub(super) fn storage(&self) -> Storage {
+        self.storage.clone()
     }
 
     /// Writes the plant's state after every [`KEPT_EVERY`]th period. If that fails, removes the
@@ -132,7 +149,7 @@ impl Kept {
         if self.lost || !period.is_multiple_of(KEPT_EVERY) {
             return;
         }
-        if let Err(why) = plant.saved().write(&self.path, self.pace == Pace::Virtual) {
+        if let Err(why) = self.write(plant, self.pace == Pace::Virtual) {
             // Once: a full disk would fail again a tenth of a second later.
             self.lost = true;
             let place = self.path.display();

@@ -74,8 +74,14 @@ words! {
         ActorSpin = "actor_spin",
         /// The heartbeat of the actors stops.
         HeartBeatLoss = "heart_beat_loss",
-        /// The recorder's device is full.
+        /// The device of `file` is full.
         DiskFull = "disk_full",
+        /// The device of `file` fails: writes end with an error and leave nothing.
+        DiskError = "disk_error",
+        /// The device of `file` fails halfway: writes end with an error and leave their first half.
+        TornWrite = "torn_write",
+        /// The device of `file` reports writes as successful, but they leave nothing.
+        LostWrite = "lost_write",
         /// The clock jumps ahead by magnitude (ms).
         ClockJump = "clock_jump",
         /// The emergency stop is pressed.
@@ -121,6 +127,18 @@ words! {
     }
 }
 
+words! {
+    /// File whose storage can fail.
+    pub FaultFile {
+        /// The recording of `--record`.
+        Recording = "recording",
+        /// The journal of `--journal`.
+        Journal = "journal",
+        /// The state of the simulated world, of `--world`.
+        World = "world",
+    }
+}
+
 section! {
     /// Injected fault.
     pub FaultKeys {
@@ -154,6 +172,8 @@ section! {
         camera: Option<String> = None;
         /// Actor that has the fault, of `arm` or `camera`.
         actor: Option<FaultActor> = None;
+        /// File whose storage has the fault.
+        file: FaultFile = FaultFile::Recording;
         /// Sticker that is misread, in reading order: "U1" to "B9".
         sticker: Option<String> = None;
         /// Colour that it shows: the letter of the face that has this colour.
@@ -215,6 +235,9 @@ fn needs(kind: FaultKind) -> Needs {
         | K::ActorSpin
         | K::HeartBeatLoss
         | K::DiskFull
+        | K::DiskError
+        | K::TornWrite
+        | K::LostWrite
         | K::EmergencyStop
         | K::PowerCut => none,
     }
@@ -257,6 +280,7 @@ pub(super) fn check(
     check.actor();
     check.direction();
     check.sticker();
+    check.file();
     for (key, reason) in check.wrong {
         reader.fault(&format!("{path}.{key}"), format!("`{path}.{key}`: {reason}"));
     }
@@ -377,6 +401,14 @@ impl Check<'_> {
         if is_along && self.fault.direction > 2 {
             let reason = format!("\"{}\" takes directions 0 to 2 only: along x, y, z", kind.word());
             self.wrong("direction", reason);
+        }
+    }
+
+    /// Checks that the state of the world loses no writes. Its file stands for the real cell, which
+    /// cannot go back in time.
+    fn file(&mut self) {
+        if (self.kind, self.fault.file) == (FaultKind::LostWrite, FaultFile::World) {
+            self.wrong("file", "\"lost_write\" takes \"recording\" or \"journal\"");
         }
     }
 

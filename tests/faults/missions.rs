@@ -91,7 +91,7 @@ impl Seed {
     }
 }
 
-fn beside(world: &Path, end: &str) -> PathBuf {
+pub(super) fn beside(world: &Path, end: &str) -> PathBuf {
     PathBuf::from(format!("{}.{end}", world.display()))
 }
 
@@ -157,6 +157,24 @@ fn layer_is_realigned_with_biased_force_sensor() {
     check_realigned("bias", 20.0);
 }
 
+/// A stale journal would count as true in a run that resumes, so the file is gone.
+#[test]
+fn mission_with_torn_journal_is_solved_without_it() {
+    let cube = scrambled(&scramble(MOVES, 1)).to_string();
+    let world = Seed(1).place("torn");
+
+    let out = Seed(1).run("faults/solve_torn_write", &cube, &world, &[]);
+
+    let told = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(0), "{told}");
+    let lost = "the journal cannot be written: Input/output error (os error 5)";
+    assert!(told.contains(lost) && told.contains("cannot be resumed"), "{told}");
+    assert!(!beside(&world, "journal").exists());
+    for end in ["", ".lock"] {
+        std::fs::remove_file(format!("{}{end}", world.display())).unwrap();
+    }
+}
+
 #[test]
 fn each_mission_fault_has_a_test() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/faults");
@@ -169,5 +187,6 @@ fn each_mission_fault_has_a_test() {
 
     // This fault begins at the time of the inspection of one seed: tests/user/missions.rs tests it.
     names.retain(|name| name != "blind");
-    assert_eq!(names, ["bias", "drop", "jam", "power_cut", "push", "slip", "turn_undone"]);
+    let tested = ["bias", "drop", "jam", "power_cut", "push", "slip", "torn_write", "turn_undone"];
+    assert_eq!(names, tested);
 }

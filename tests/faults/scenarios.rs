@@ -5,6 +5,7 @@
 //! exit codes come from the program itself. A hundred seeds of each scenario:
 //! `FAULT_SEEDS=100 cargo test --release --test faults scenarios::`.
 
+use crate::missions::beside;
 use crate::program::program;
 use crate::seeds::{Seed, each_seed, profile};
 use nalgebra::Vector3;
@@ -644,7 +645,9 @@ const REPORTS: &[(&str, i32, &[&str])] = &[
     ("lost_message", 4, &["system", "the mailbox of edp track is closed"]),
     ("late_message", 0, &["solved"]),
     ("duplicated_message", 0, &["came twice: executed once", "edp track", "period=2"]),
-    ("disk_full", 0, &["the recording stops: no storage space", "lost: no storage space"]),
+    ("disk_full", 0, &["the recording stops: No space left", "lost: No space left"]),
+    ("disk_error", 0, &["state can no longer be saved: Input/output error", "it is removed"]),
+    ("lost_write", 0, &["the layer was turned by"]),
     ("push", 1, &["over-force", "hand while turning"]),
     ("under_constrained", 0, &["solved"]),
     ("jaw_calibration", 0, &["solved"]),
@@ -672,11 +675,17 @@ fn each_fault_gives_expected_exit_code_and_message() {
                 .env("NO_COLOR", "1");
             let file =
                 std::env::temp_dir().join(format!("rubik-faults-{}.mcap", std::process::id()));
-            if *name == "disk_full" {
-                run.arg("--record").arg(&file);
+            match *name {
+                "disk_full" | "lost_write" => _ = run.arg("--record").arg(&file),
+                "disk_error" => _ = run.arg("--world").arg(&file),
+                _ => {}
             }
             let run = run.output().unwrap();
-            let _ = std::fs::remove_file(file);
+            // A world that failed is removed; its lock and journal stay.
+            assert!(*name != "disk_error" || !file.exists(), "a stale world would count as true");
+            for file in [file.clone(), beside(&file, "lock"), beside(&file, "journal")] {
+                let _ = std::fs::remove_file(file);
+            }
             let out = String::from_utf8(run.stdout).unwrap();
             let err = String::from_utf8(run.stderr).unwrap();
             let last = out.lines().last().unwrap_or_default();

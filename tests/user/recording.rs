@@ -541,6 +541,25 @@ fn reported_message_count_matches_recording_after_full_disk() {
     assert!(all.abs_diff(written + lost) < all / 50, "{written} and {lost} of {all}");
 }
 
+/// The device loses the writes of half a second. A reader finds all other messages and says that
+/// the recording is damaged.
+#[test]
+fn lost_writes_cost_only_their_own_messages() {
+    let path = place("lost_write.mcap");
+    let file = path.to_str().unwrap();
+    let (_, stderr) = run("scenarios/faults/lost_write.toml", &["--record", file]);
+    let (written, lost) = counted(&stderr);
+    assert_eq!(lost, 0, "the run cannot notice: {stderr}");
+
+    let mended = place("lost_write_mended.mcap");
+    let output = perform(&["recover", file, "-o", mended.to_str().unwrap()]);
+
+    let said = String::from_utf8(output.stdout).unwrap() + &String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("it was damaged"), "{said}");
+    let left = messages(open(&mended).unwrap()).len();
+    assert!((written * 3 / 4..written).contains(&left), "{left} of {written}: {said}");
+}
+
 #[test]
 fn failed_commands_keep_an_existing_recording() {
     let (path, _) = recorded("kept.mcap", "scenarios/idle.toml", &IDLE);

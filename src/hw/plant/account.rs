@@ -141,7 +141,7 @@ impl Plant {
         if acting.lost.contains(&true) {
             self.look_for_drop();
         }
-        self.undoing = self.undoing.after(acting.undo.is_some(), self.balance.split);
+        self.undoing = self.undoing.after(acting.undo.is_some(), self.balance.split, turned);
         if let (Some(takes), Undoing::Turn(_)) = (acting.undo, self.undoing) {
             // The fault undoes a quarter turn in the time that it `takes`.
             self.undo_turn(
@@ -212,6 +212,8 @@ impl Plant {
                 self.record(Incident::GraspLost { arm: i });
             }
         }
+        // A grip that is lost has slipped; any other one ends by its opening jaws.
+        let let_fall = self.last_holder.is_some() && !self.grasps.iter().any(|g| g.lost);
         // A cube in the air is one body without a grasp.
         self.grasps = [Grasp::OPEN; 2];
         self.regroup();
@@ -224,6 +226,7 @@ impl Plant {
         }
         self.state = State::Falling { velocity: self.velocity.linear };
         self.verdict.counts.drops += 1;
+        self.verdict.counts.violations.let_fall += u32::from(let_fall);
         self.record(Incident::Drop { arm: self.last_holder });
     }
 
@@ -280,6 +283,7 @@ impl Plant {
 #[cfg(test)]
 mod tests {
     use super::super::testing::{EDGE, TestServo, cell, held, quiet};
+    use super::super::verdict::Violations;
     use super::super::{Counts, CubeMechanics, Jaws, Start, Verdict, Whereabouts};
     use super::*;
     use crate::cube::Face;
@@ -330,7 +334,10 @@ mod tests {
         assert_eq!(flat.counts, Counts::default(), "{:?}", flat.events);
         assert_eq!((count(&flat, laid_down), count(&flat, drop)), (1, 0), "{:?}", flat.events);
         assert_eq!(tilted.cube, Whereabouts::Tray { down: Face::U, fell: true });
-        assert_eq!(tilted.counts, Counts { drops: 1, ..Counts::default() }, "{:?}", tilted.events);
+        // The jaws opened, so the fall breaks a rule of conduct.
+        let violations = Violations { let_fall: 1, ..Violations::default() };
+        let fell = Counts { drops: 1, violations, ..Counts::default() };
+        assert_eq!(tilted.counts, fell, "{:?}", tilted.events);
         assert_eq!(
             (count(&tilted, laid_down), count(&tilted, drop)),
             (0, 1),

@@ -532,6 +532,11 @@ impl PlantArm {
         }
     }
 
+    /// Returns the true joint positions (rad or m).
+    pub(super) fn joints(&self) -> [f64; AXES] {
+        self.q
+    }
+
     /// Returns the base frame in the world.
     pub(super) fn world_from_base(&self) -> &Frame {
         &self.world_from_base

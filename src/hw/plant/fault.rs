@@ -170,7 +170,7 @@ pub struct OutsideFault {
 }
 
 /// Angle from which on a layer counts as turning (rad).
-const TURNING: f64 = 0.035;
+pub(super) const TURNING: f64 = 0.035;
 
 /// A fault and its progress.
 #[derive(Debug, Clone)]

@@ -30,6 +30,7 @@ mod rest;
 pub mod saved;
 mod sensor;
 mod start;
+mod stop_watch;
 #[cfg(test)]
 pub(in crate::hw) mod testing;
 #[cfg(test)]
@@ -57,6 +58,7 @@ use self::grasp::{Grasp, Hands, Touch};
 use self::hand::OperatorHand;
 use self::jaw::PlantJaw;
 use self::sensor::{Load, WristSensor};
+use self::stop_watch::StopWatch;
 use self::undoing::Undoing;
 use super::port::{Port, PortFault};
 use super::scene::{Scene, SceneArm, SceneCube};
@@ -117,6 +119,7 @@ pub struct Plant {
     saturated: [bool; 2],
     /// Whether the power stages were on in the last period.
     powered: [bool; 2],
+    stop_watch: StopWatch,
     /// Faults to inject.
     faults: Faults,
     operator_has: bool,
@@ -190,6 +193,7 @@ impl Plant {
             crushed: [false; 2],
             saturated: [false; 2],
             powered: [false; 2],
+            stop_watch: StopWatch::default(),
             faults: Faults::new(&[]),
             operator_has: config.start == Start::Hand,
             angle_at_split: 0.0,
@@ -300,6 +304,20 @@ impl Plant {
 
     fn both_hold(&self) -> bool {
         self.grasps.iter().all(Grasp::holds)
+    }
+
+    /// Remembers whose drives are on, and counts what an arm does after a stop.
+    fn watch_stops(&mut self, drives: &[ArmDrive]) {
+        for (on, drive) in self.powered.iter_mut().zip(drives) {
+            *on = drive.enabled;
+        }
+        let time = (self.time(), self.config.period.seconds());
+        let mut joints = [[0.0; AXES]; 2];
+        for (joints, arm) in joints.iter_mut().zip(&self.arms) {
+            *joints = arm.joints();
+        }
+        let violations = &mut self.verdict.counts.violations;
+        self.stop_watch.watch(time, self.powered, joints, violations);
     }
 
     fn step(&mut self, drives: &[ArmDrive], t: f64, dt: f64) {
@@ -532,9 +550,7 @@ impl Port for Plant {
         self.look_for_collisions();
         self.record_period();
         self.apply_faults();
-        for (on, drive) in self.powered.iter_mut().zip(drives) {
-            *on = drive.enabled;
-        }
+        self.watch_stops(drives);
         Ok(())
     }
 }

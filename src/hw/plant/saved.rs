@@ -4,7 +4,6 @@
 //!   events
 //! - not saved: speeds (the brakes hold once the power is off), the sensors' noise, all that
 //!   follows from scenario and seed
-//! - a crash cannot cut the file off: a new file replaces the old one as a whole
 //! - a file fits one plant only, see [`Identity`]; an impossible state is refused with its place
 
 use super::arm::SavedArm;
@@ -17,7 +16,6 @@ use super::identity::Identity;
 use super::plausible::{self, Wrong};
 use super::verdict::Counts;
 use super::{Plant, State};
-use crate::hw::new_file::{self, Sync};
 use crate::hw::text;
 use crate::motion::{AXES, Depth};
 use nalgebra::Vector3;
@@ -166,14 +164,12 @@ impl Saved {
         Ok(())
     }
 
-    /// Writes the state to a file, which replaces an older one as a whole. With `synced` the bytes
-    /// are on the disk before the new file takes the name of the old one.
+    /// Returns the bytes of a file with the state, which [`Self::parse`] reads.
     ///
     /// # Errors
-    /// Errors of the operating system; the old file is still there then.
-    pub fn write(&self, path: &Path, synced: bool) -> Result<(), Unfit> {
-        let bytes = serde_json::to_vec(self)?;
-        Ok(new_file::replace(path, ".new", &bytes, if synced { Sync::Content } else { Sync::No })?)
+    /// If a number is not finite, so that JSON cannot hold it.
+    pub fn to_bytes(&self) -> Result<Vec<u8>, Unfit> {
+        Ok(serde_json::to_vec(self)?)
     }
 }
 

@@ -91,6 +91,20 @@ pub struct Counts {
     pub collisions: u32,
     /// Readings of a wrist sensor at the end of its range, counted when they begin.
     pub saturations: u32,
+    /// Rules of conduct that the controller broke. States of older builds have none.
+    #[serde(default)]
+    pub violations: Violations,
+}
+
+/// Numbers of acts that no controller may do, whatever fails around it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+pub struct Violations {
+    /// Falls of a cube because the last hand that held it opened its jaws.
+    pub let_fall: u32,
+    /// Arms whose drives went on again after the drives of an arm had gone off.
+    pub restarts: u32,
+    /// Motions of an arm later than 0.55 s after the drives of an arm had gone off.
+    pub moved_after_stop: u32,
 }
 
 /// Place of the cube.

@@ -1,0 +1,101 @@
+//! Watch for what no arm may do after a stop.
+//!
+//! - in: power stages and joints of all arms in each period
+//! - out: counts of [`Violations`]
+//!
+//! | rule | threshold | reason |
+//! |---|---|---|
+//! | drives that went off stay off | | only a person may end a stop |
+//! | arms rest after drives went off | [`SETTLED`], [`MOVING`] | the other arm yields for 0.5 s |
+
+use super::verdict::Violations;
+use crate::motion::AXES;
+
+/// Time from the stop to the rest of all arms (s). A run ends some 0.6 s after its stop.
+const SETTLED: f64 = 0.55;
+/// Speed of a joint that counts as motion (rad/s or m/s). An arm that has yielded still does half
+/// of it then.
+const MOVING: f64 = 0.1;
+
+/// State of the watch.
+#[derive(Debug, Clone, Default)]
+pub(super) struct StopWatch {
+    /// Whether each arm's drives were on in the last period.
+    on: [bool; 2],
+    /// Joints of each arm in the last period (rad or m).
+    joints: [[f64; AXES]; 2],
+    /// Time of the first stop (s).
+    stopped: Option<f64>,
+    /// Whether a motion after it is counted.
+    counted: bool,
+}
+
+impl StopWatch {
+    /// Compares the arms with the rules at `time` (s), `dt` (s) after the last call: whether the
+    /// drives of each are `on`, and its `joints` (rad or m). Adds each broken rule to `violations`.
+    pub(super) fn watch(
+        &mut self,
+        (time, dt): (f64, f64),
+        on: [bool; 2],
+        joints: [[f64; AXES]; 2],
+        violations: &mut Violations,
+    ) {
+        let (was_on, from) = (self.on, self.joints);
+        (self.on, self.joints) = (on, joints);
+        for (was, is) in was_on.into_iter().zip(on) {
+            if was && !is {
+                self.stopped.get_or_insert(time);
+            }
+            if !was && is && self.stopped.is_some() {
+                violations.restarts += 1;
+            }
+        }
+        let steps = from.as_flattened().iter().zip(joints.as_flattened());
+        let fastest = steps.map(|(from, to)| (to - from).abs() / dt).fold(0.0, f64::max);
+        let settled = self.stopped.is_some_and(|at| time > at + SETTLED);
+        if settled && fastest > MOVING && !self.counted {
+            self.counted = true;
+            violations.moved_after_stop += 1;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns what a watch counts at these moments, 2 ms after each other from `begin` (s) on: the
+    /// drives that are on, and the first joint of the second arm (rad).
+    fn counted(begin: f64, moments: &[([bool; 2], f64)]) -> Violations {
+        let (mut watch, mut violations) = (StopWatch::default(), Violations::default());
+        for (period, &(on, joint)) in moments.iter().enumerate() {
+            let mut joints = [[0.0; AXES]; 2];
+            joints[1][0] = joint;
+            let time = begin + 2e-3 * period as f64;
+            watch.watch((time, 2e-3), on, joints, &mut violations);
+        }
+        violations
+    }
+
+    #[test]
+    fn arm_may_yield_but_not_move_after_stop() {
+        let (on, held) = ([true; 2], [false, true]);
+        let after = |periods: usize, speed: f64| {
+            let mut moments = vec![(on, 0.0), (held, 0.1)];
+            moments.resize(periods, (held, 0.1));
+            moments.push((held, 0.1 - 2e-3 * speed));
+            counted(1.0, &moments)
+        };
+        let none = Violations::default();
+
+        assert_eq!(after(270, 2.0), none, "yields");
+        assert_eq!(after(280, 0.9 * MOVING), none, "rests");
+        assert_eq!(after(280, 1.1 * MOVING), Violations { moved_after_stop: 1, ..none });
+        assert_eq!(
+            counted(0.0, &[(on, 0.0), (held, 0.0), (on, 0.0)]),
+            Violations { restarts: 1, ..none }
+        );
+        // Drives that go on at the beginning break no rule, and neither does motion without a stop.
+        assert_eq!(counted(0.0, &[([false; 2], 0.0), (on, 0.0), (on, 9.0)]), none);
+    }
+}
