@@ -12,9 +12,9 @@ pub(super) enum Undoing {
     /// No fault of this kind acts, or nothing turns yet.
     #[default]
     Not,
-    /// It undoes this turn.
+    /// The fault undoes this turn.
     Turn(Split),
-    /// That turn is over.
+    /// The turn that the fault undid is over; the fault undoes no other.
     Over,
 }
 
@@ -22,7 +22,8 @@ impl Undoing {
     /// Returns the state, one period later, of a fault that undoes a turn. `acts` is whether the
     /// fault acts in that period, `turns` the turn that is under way in it.
     pub(super) fn after(self, acts: bool, turns: Option<Split>) -> Self {
-        // A fault by time alone ended in the middle of a half turn, or undid the next turn as well.
+        // A fault that lasted a set time ended in the middle of a half turn, or undid the next turn
+        // as well. So it lasts as long as its turn.
         match (self, turns) {
             _ if !acts => Self::Not,
             (Self::Not, Some(split)) => Self::Turn(split),
