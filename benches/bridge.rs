@@ -3,7 +3,7 @@
 //!
 //! Pseudo-terminals replace the serial lines. The bench therefore measures the bridge and the
 //! kernel, without the 0.22 ms that 18 bytes take at 921600 baud. The emulator answers from a
-//! thread of its own. With `-- --json` the last line is for programs.
+//! thread of its own. With `-- --json` the last line of the output is JSON.
 
 use rubik_robot::arms::builtin;
 use rubik_robot::cell::{Arm, ForceSensor, Gripper};
@@ -18,6 +18,7 @@ use rubik_robot::spatial::Pose;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+/// Number of exchanges.
 const PERIODS: u64 = 5000;
 /// Time that 10 bytes out and 8 in take on a line of 921600 baud with 11 bits a byte (us).
 const ON_THE_LINE: f64 = 18.0 * 11.0 / 0.9216;
@@ -68,6 +69,7 @@ fn arm(name: &str) -> Arm {
     }
 }
 
+/// Exchanges orders and answers with the emulator in each period and prints the times.
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arms = [arm("track"), arm("postument")];
     let emulated: Vec<_> = arms
@@ -79,7 +81,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let axes = devices.effector.iter().flat_map(|e| &e.axes).filter(|a| !a.is_empty()).count();
     let stop = Arc::new(AtomicBool::new(false));
     let ends = Arc::clone(&stop);
-    // A lower priority than that of the bridge, whose time is measured.
+    // The emulator has a lower priority than the bridge, whose time is measured.
     let server = std::thread::spawn(move || {
         let _rights = RealTime::acquire(70, None);
         emulator.run(&ends, |_, _| {})
@@ -90,7 +92,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     let rights = RealTime::acquire(80, None);
     for warning in &rights.warnings {
-        println!("not had: {warning}");
+        println!("not granted: {warning}");
     }
     let drive = ArmDrive { enabled: true, pwm: [100; 7], ..ArmDrive::OFF };
     let mut readings = [ArmReading::default(); 2];

@@ -1,4 +1,5 @@
-//! Plans of two arms for seeded cubes, by rule: `cargo bench --bench planner -- --cubes 1000`.
+//! Quality and time of the plans of two arms for seeded cubes, for each rule of grasping:
+//! `cargo bench --bench planner -- --cubes 1000`.
 //!
 //! Each plan is for the reach and speeds of the built-in cell. It begins as the mission's plan
 //! does, after the looks at the cube, and counts only after a replay on a cube of stickers with two
@@ -13,6 +14,7 @@ use std::cell::Cell;
 use std::path::Path;
 use std::time::Instant;
 
+/// Plans the solution of each cube by each rule, and prints a table of turns, grasps and times.
 fn main() {
     let number = |name: &str, default: u64| {
         let mut arguments = std::env::args().skip_while(|a| a != name).skip(1);

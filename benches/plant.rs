@@ -19,8 +19,10 @@ use std::time::Instant;
 
 mod rig;
 
+/// Edge of the cube (m).
 const EDGE: f64 = 0.057;
 
+/// Measures and prints the time of a period of the cell at rest and while a layer turns.
 fn main() {
     if !rig::is_selected("plant") {
         return;
@@ -94,6 +96,7 @@ struct Rig {
 }
 
 impl Rig {
+    /// Makes a rig whose plant begins with the cube at the place `start`, without any command yet.
     fn new(start: Start) -> Self {
         let cell = cell();
         let gains = rig::configs()[0].gains.clone();
@@ -116,7 +119,8 @@ impl Rig {
         let ahead = Translation3::new(0.0, 0.0, EDGE / 3.0);
         let tool_from_cube = Pose::from_parts(ahead, tool.rotation.inverse());
         let mut rig = Self::new(Start::Held { arm: 0, tool_from_cube });
-        // The forces settle before they are zeroed, and the jaws close before anything turns.
+        // The forces settle before the sensors are zeroed, and the jaws close before a layer is
+        // turned.
         rig.jaw(0, 1);
         rig.run(200);
         for link in &mut rig.links {
@@ -135,18 +139,21 @@ impl Rig {
         rig
     }
 
+    /// Commands an arm to a position-force motion in the frame of its tool for 20 s.
     fn send(&mut self, arm: usize, directions: [Direction; 6]) {
         let motion = Motion::Task { frame: Frame::Tool, directions };
         let command = MoveCommand { motion, periods: 10_000, jaw: None };
         let _ = self.links[arm].send(ServoCommand::Move { command, start: 0 });
     }
 
+    /// Commands an arm to hold its pose for `periods` periods while its jaw closes on the cube.
     fn jaw(&mut self, arm: usize, periods: u32) {
         let jaw = JawCommand { opening: 0.053, force_limit: 40.0, stops: Depth::One };
         let command = MoveCommand { motion: Motion::Hold, periods, jaw: Some(jaw) };
         let _ = self.links[arm].send(ServoCommand::Move { command, start: 0 });
     }
 
+    /// Runs a number of servo periods of both arms.
     fn run(&mut self, periods: u32) {
         for _ in 0..periods {
             self.period += 1;
@@ -155,6 +162,7 @@ impl Rig {
         }
     }
 
+    /// Runs a number of servo periods; returns the times of their exchanges with the plant (ns).
     fn measure(&mut self, periods: u32) -> Histogram<u64> {
         self.timed.times.reset();
         self.run(periods);
@@ -189,8 +197,8 @@ fn cell() -> Cell {
         })
         .collect();
     let meeting = world_from_tool(&arms[0]).translation.vector + Vector3::x() * (2.0 * EDGE / 3.0);
-    let about = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI);
-    arms[1].world_from_base = Pose::from_parts(Translation3::identity(), about);
+    let half_turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI);
+    arms[1].world_from_base = Pose::from_parts(Translation3::identity(), half_turn);
     let miss = meeting - world_from_tool(&arms[1]).translation.vector;
     arms[1].world_from_base.translation.vector = miss;
     Cell {

@@ -26,20 +26,23 @@ use std::time::Duration;
 
 mod rig;
 
+/// Length of a round.
 const SECOND: Duration = Duration::from_secs(1);
 
-/// All rounds of one kind.
+/// All rounds of one kind, with what they have measured (ns).
 struct Kind {
     name: &'static str,
+    /// Whether the rounds run under the bench's own load.
     loaded: bool,
     what: What,
     late: Histogram<u64>,
     jitter: Histogram<u64>,
-    /// Time from the begin of a period to its end: to read, to compute, to hand over to the bridge
-    /// and to wake it (ns).
+    /// Duration of the work of a period: to read, to compute, to hand the drives over to the bridge
+    /// and to wake the bridge (ns).
     work: Histogram<u64>,
     /// 99th percentile of the lateness in each round (us).
     p99: Vec<f64>,
+    /// Number of missed periods in all rounds.
     missed: u64,
 }
 
@@ -48,15 +51,18 @@ struct Kind {
 enum What {
     /// The servo's thread, with the time that it spins before each period (ns).
     Servo(u64),
+    /// The program `cyclictest` of the package rt-tests.
     Cyclictest,
 }
 
 impl Kind {
+    /// Makes a kind of round without results.
     fn new(name: &'static str, loaded: bool, what: What) -> Self {
         let [late, jitter, work] = std::array::from_fn(|_| rig::histogram());
         Self { name, loaded, what, late, jitter, work, p99: Vec::new(), missed: 0 }
     }
 
+    /// Runs one round and adds its results.
     fn round(&mut self) {
         let load = self.loaded.then(Load::start);
         let mut late = rig::histogram();
@@ -73,11 +79,14 @@ impl Kind {
         }
     }
 
+    /// Returns a quantile of the lateness in all rounds (us), 0.5 for the median; `None` if no
+    /// round has a result.
     fn share(&self, share: f64) -> Option<f64> {
         (!self.late.is_empty()).then(|| rig::us(&self.late, share))
     }
 }
 
+/// Runs the rounds of all kinds and prints the results, as text or as one line of JSON.
 fn main() {
     if !rig::is_selected("servo_jitter") {
         return;
@@ -163,7 +172,7 @@ fn main() {
     if theirs.late.is_empty() {
         println!("not compared: cyclictest is not installed (package rt-tests) or lacks rights");
     }
-    // A thread of its own: this one shall keep its ordinary priority.
+    // A thread of its own asks for the rights, so that this thread keeps its ordinary priority.
     let rights =
         std::thread::spawn(|| RealTime::acquire(WallOptions::default().priority, None).warnings);
     for warning in rights.join().unwrap_or_default() {
@@ -174,6 +183,7 @@ fn main() {
     }
 }
 
+/// Returns the name of a kind of round for the output.
 fn name(kind: &Kind) -> String {
     format!("{}{}", kind.name, if kind.loaded { ", loaded" } else { "" })
 }
@@ -238,6 +248,7 @@ struct Load {
 }
 
 impl Load {
+    /// Starts the threads. They end when the value is dropped.
     fn start() -> Self {
         let stop = Arc::new(AtomicBool::new(false));
         let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);

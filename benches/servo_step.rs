@@ -25,6 +25,7 @@ use std::time::{Duration, Instant};
 mod rig;
 use rig::{COMPLIANT, START, Still};
 
+/// Number of allocations of this program so far.
 static ALLOCATIONS: AtomicU64 = AtomicU64::new(0);
 
 /// The system's allocator with a counter of allocations.
@@ -47,6 +48,7 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
+/// Measures and prints times and allocations of a servo period, and the times of its parts.
 fn main() {
     if !["servo_step", "servo_period", "servo_parts"].iter().any(|name| rig::is_selected(name)) {
         return;
@@ -90,7 +92,7 @@ fn main() {
     criterion.final_summary();
 }
 
-/// Times of single periods.
+/// Times of single periods (ns), and the number of allocations in all of them.
 struct Measured {
     times: hdrhistogram::Histogram<u64>,
     allocations: u64,
@@ -126,6 +128,7 @@ struct Pair {
 }
 
 impl Pair {
+    /// Makes both servos and sends each its position-force command.
     fn new() -> Self {
         let (mut links, ends): (Vec<_>, Vec<_>) = (0..2).map(|_| link()).unzip();
         let (sink, records) = rtrb::RingBuffer::<ServoRecord>::new(64);

@@ -25,6 +25,7 @@ use rubik_robot::vision::{
 use std::hint::black_box;
 use std::path::Path;
 
+/// Edge of the cube (m).
 const EDGE: f64 = 0.057;
 
 /// Renders a picture of a cube that is `shift` m to the right of its usual place. Returns the
@@ -49,6 +50,8 @@ fn frame(width: u32, height: u32, shift: f64) -> (RgbImage, Intrinsics, Pose, Po
     (image, intrinsics, world_from_camera, world_from_cube)
 }
 
+/// Measures, on rendered pictures, how long it takes to locate the cube without a prediction and to
+/// track it from a predicted pose.
 fn benches(c: &mut Criterion) {
     for (width, height) in [(640, 480), (1280, 960)] {
         let (image, intrinsics, world_from_camera, world_from_cube) = frame(width, height, 0.0);
@@ -75,7 +78,7 @@ fn benches(c: &mut Criterion) {
         group.bench_function("tracking: lattices in the predicted window", |b| {
             b.iter(|| detect(black_box(&image), window, &settings));
         });
-        // The cube moves by 2 mm in each frame, forth and back.
+        // The cube moves by 2 mm in each frame, back and forth.
         let moved = frame(width, height, 0.002).0;
         let mut watcher = CubeWatcher::new(world_from_camera, intrinsics, EDGE, settings);
         let mut time = 0.0_f64;

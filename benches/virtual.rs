@@ -10,8 +10,10 @@ use std::time::Instant;
 
 mod rig;
 
+/// Number of servo periods in a run.
 const PERIODS: u64 = 100_000;
 
+/// Measures and prints the time of a period without arms and with two arms.
 fn main() {
     if !rig::is_selected("virtual") {
         return;

@@ -34,6 +34,7 @@ const STICKERS: [[f64; 3]; 6] = [
     [27.0, 70.0, 158.0],
 ];
 
+/// Widths and heights of the pictures (px).
 const SIZES: [(u32, u32); 2] = [(640, 480), (1280, 960)];
 
 /// Renders eight pictures of a cube that appears 100 px to 200 px wide, each in another light, at
@@ -93,6 +94,7 @@ fn photographs(folder: &Path, width: u32, height: u32) -> Vec<RgbImage> {
         .collect()
 }
 
+/// Measures the detection of faces in whole pictures, for each size, set of pictures and method.
 fn whole_frame(c: &mut Criterion) {
     let folder = std::env::var_os("RUBIK_PHOTOGRAPHS");
     for (width, height) in SIZES {
@@ -150,6 +152,7 @@ fn made_up() -> Vec<[[f64; 3]; 54]> {
     (0..50).map(cube).collect()
 }
 
+/// Measures the decision of the colours of one face, and of the 54 facelets of a cube.
 fn colours(c: &mut Criterion) {
     let mut sets = vec![("rendered", faces(&rendered(640, 480)))];
     if let Some(folder) = std::env::var_os("RUBIK_PHOTOGRAPHS") {

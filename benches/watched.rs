@@ -4,8 +4,8 @@
 //! searches for the cube 25 times a second: alone, with a page, with a recorder, and with both.
 //!
 //! The kinds of run alternate, so that a passing disturbance of the machine affects all of them,
-//! and each round begins with another kind. Figures are medians over the rounds of the values in
-//! the servo's own histograms. The page is a client that reads each snapshot, as a browser on
+//! and each round begins with another kind. Figures are values of the servo's own histograms, as
+//! medians over the rounds. The page is a client that reads each snapshot, as a browser on
 //! another machine does; a browser on the same cores is a load of its own.
 //!
 //! - `-- --rounds=N` (8), `-- --seconds=S` (4), `-- --json`: one line for a program
@@ -48,6 +48,7 @@ struct Round {
     snapshots: f64,
 }
 
+/// Quantiles of a histogram of times (us).
 #[derive(Clone, Copy, Default)]
 struct Quantiles {
     p50: f64,
@@ -55,12 +56,14 @@ struct Quantiles {
     max: f64,
 }
 
+/// Returns the number of the option `--name=NUMBER`, or `otherwise` if the option is not given.
 fn option(name: &str, otherwise: f64) -> f64 {
     let found =
         std::env::args().find_map(|arg| arg.strip_prefix(&format!("--{name}="))?.parse().ok());
     found.unwrap_or(otherwise)
 }
 
+/// Runs all rounds of all kinds and prints the report.
 fn main() {
     if !rig::is_selected("watched") {
         return;
@@ -80,7 +83,7 @@ fn main() {
             let kind = &mut kinds[(round + i) % 4];
             let result = run(kind, seconds, &file);
             if let Err(why) = &result {
-                eprintln!("{}: a round is left out: {why}", kind.name);
+                eprintln!("{}: round {} is left out: {why}", kind.name, round + 1);
             }
             kind.rounds.push(result.ok());
         }
@@ -148,9 +151,9 @@ fn run(kind: &Kind, seconds: f64, file: &std::path::Path) -> Result<Round, Strin
     }
     child.wait().map_err(message)?;
     if let Some(watched) = watched {
-        round.snapshots = watched.join().map_err(|_| "the page's thread died")?? / seconds;
+        round.snapshots = watched.join().map_err(|_| "the page's thread panicked")?? / seconds;
     }
-    if round.wake_up.p99 > 0.0 { Ok(round) } else { Err("the servo told nothing".to_owned()) }
+    if round.wake_up.p99 > 0.0 { Ok(round) } else { Err("the servo printed no times".to_owned()) }
 }
 
 /// Connects to the WebSocket `address` as an operator's page does and reads all messages until the
@@ -162,7 +165,7 @@ fn watch(address: &str) -> Result<f64, String> {
         let mut count = 0.0;
         while let Some(Ok(message)) = page.next().await {
             let Message::Text(text) = message else { continue };
-            // Parsed as in a browser: a client that only reads would be faster.
+            // The text is parsed as in a browser: a client that only reads would be faster.
             let value: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
             count += f64::from(value["snapshot"]["time"].as_f64().is_some_and(|time| time > 0.0));
             if value["snapshot"]["control"] == "ended" {
@@ -183,10 +186,12 @@ fn quantiles(text: &str) -> Quantiles {
     Quantiles { p50: of("p50 "), p99: of("p99 "), max: of("max ") }
 }
 
+/// Returns the number at the beginning of a text; NaN if there is none.
 fn number(text: &str) -> f64 {
     text.split_whitespace().next().and_then(|n| n.parse().ok()).unwrap_or(f64::NAN)
 }
 
+/// Returns the median of the values; NaN if there are none.
 fn median(values: impl Iterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);
@@ -200,6 +205,8 @@ fn ratio(kind: &Kind, alone: &Kind, of: impl Fn(&Round) -> f64) -> f64 {
     median(pairs.filter_map(|(with, without)| Some(of(with.as_ref()?) / of(without.as_ref()?))))
 }
 
+/// Prints a table with a row for each kind of run, or one line of JSON. The first kind is the run
+/// without page and recorder, `seconds` is the length of a round.
 fn report(kinds: &[Kind; 4], seconds: f64) {
     let alone = &kinds[0];
     if rig::json() {

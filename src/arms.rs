@@ -26,7 +26,8 @@ pub fn builtin_text(name: &str) -> Option<&'static str> {
 /// that name.
 #[must_use]
 pub fn builtin(name: &str) -> Option<ArmModel> {
-    // The texts are part of the program; the tests below parse each of them.
+    // A text that cannot be parsed would look like an unknown name, but the tests below parse all
+    // texts.
     builtin_text(name).and_then(|text| toml::from_str(text).ok())
 }
 

@@ -4,7 +4,7 @@
 //!   inputs
 //! - a run (its UI actor, a replay) has a [`RunEnd`]: each value that it publishes replaces the one
 //!   before, so a run never waits for a slow UI
-//! - the [`Desk`] itself is owned above both: it outlives a run, and its UIs show the next one
+//! - the [`Desk`] outlives a run: the same UIs show the next run
 
 use crate::emergency_stop::{EmergencyStop, StopButton, StopSignal};
 use crate::operator::{Input, Snapshot, Stage};
@@ -34,7 +34,7 @@ pub enum Pixels {
     File(Vec<u8>),
 }
 
-/// The latest picture of each camera, in the scenario's order.
+/// The latest picture of each camera, in the scenario's order; `None` before its first picture.
 pub type Pictures = Vec<Option<Arc<Picture>>>;
 
 /// The desk, with the emergency stop that the operator presses at it.
@@ -45,6 +45,7 @@ pub struct Desk {
 }
 
 impl Default for Desk {
+    /// Makes a desk without a run: the stop is released, and there are no inputs and pictures.
     fn default() -> Self {
         // The desk keeps the right to release the stop: a run gets handles only.
         let stop = EmergencyStop::default();
@@ -108,7 +109,8 @@ pub struct UiEnd {
 }
 
 impl UiEnd {
-    /// Sends an input to the run; returns `false` if no run takes it now.
+    /// Queues an input for the run, also before a run takes inputs. Returns `false` if the input is
+    /// lost, because the queue is full or the desk is gone.
     #[must_use]
     pub fn send(&self, input: Input) -> bool {
         if input == Input::EmergencyStop {
@@ -177,6 +179,7 @@ impl RunEnd {
 pub struct Inputs {
     /// Receiver of the inputs; `None` only while this value is dropped.
     receiver: Option<mpsc::Receiver<Input>>,
+    /// Place at the desk to which the receiver returns.
     from: Arc<Mutex<Option<mpsc::Receiver<Input>>>>,
 }
 
@@ -196,6 +199,7 @@ impl Inputs {
 }
 
 impl Drop for Inputs {
+    /// Returns the receiver to the desk.
     fn drop(&mut self) {
         // The next taker also gets the inputs that are still in the queue.
         *self.from.lock().unwrap_or_else(PoisonError::into_inner) = self.receiver.take();

@@ -5,9 +5,10 @@
 //! it works even if all actors are dead. The flag stays set until its owner releases it, and the
 //! arms stay stopped until each is reset as well.
 //!
-//! A stop is made in two places. [`Desk::default`](crate::desk::Desk) makes that of the operator. A
-//! run under virtual time makes another one behind its gate (`run/operator.rs`), because there the
-//! operator's press counts from the beginning of a period. Under the wall clock both are the same.
+//! A stop is made in two places. [`Desk::default`](crate::desk::Desk) makes the operator's. A run
+//! under virtual time makes a second one behind its gate (`run/gate.rs`), which passes the
+//! operator's inputs on between two periods only. There a press counts from the beginning of a
+//! period, so the run can be repeated. Under the wall clock the operator's stop is the only one.
 //!
 //! | handle | may | holders |
 //! |---|---|---|
@@ -16,7 +17,7 @@
 //! | [`StopButton`] | press | the operator's UIs: page, terminal, keys |
 //! | | | the second signal to the process (`run/interrupt.rs`) |
 //! | | | the injected fault `emergency_stop` (`run/disturbance.rs`) |
-//! | | | the lookout over places and speeds (`actors/lookout.rs`) |
+//! | | | the lookout, which finds arms too near or too fast (`actors/lookout.rs`) |
 //! | | | the watchdog outside the runtime, when an actor blocks all others (`run/staff.rs`) |
 //! | | | the gate, which forwards a press at the desk |
 //! | [`StopSignal`] | read | the servo ([`Switches`](crate::hw::driver::Switches)) |
@@ -52,7 +53,8 @@ impl EmergencyStop {
     }
 }
 
-/// A handle that can press the stop and nothing else. The default is of a stop that nothing reads.
+/// A handle that can press the stop and nothing else. The default handle belongs to a stop of its
+/// own, which nothing reads.
 #[derive(Debug, Clone, Default)]
 pub struct StopButton(Arc<AtomicBool>);
 
@@ -63,7 +65,8 @@ impl StopButton {
     }
 }
 
-/// A handle that can read the stop and nothing else. The default is of a stop that has no button.
+/// A handle that can read the stop and nothing else. The default handle belongs to a stop of its
+/// own, which nothing can press.
 #[derive(Debug, Clone, Default)]
 pub struct StopSignal(Arc<AtomicBool>);
 

@@ -5,14 +5,14 @@
 //! - system: trouble with messages, or an actor that could not be created
 //!
 //! A failed step of the task (the cube slipped, a face could not be read) is an outcome, not an
-//! error. Every error carries its class as its type, the actor that detected it and the place.
+//! error. Every error carries its class as its variant, the actor that detected it and the place.
 
 use crate::motion::{ArmFault, ArmState, MoveRefused};
 use serde::{Deserialize, Serialize};
 use std::any::Any;
 use std::fmt;
 
-/// An error that crosses a mailbox.
+/// An error as one actor reports it to another.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Error {
     /// A failure after which the actor that asked may continue.
@@ -50,7 +50,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// Returns the severity of its class: 0 non-fatal, 1 fatal, 2 system.
+    /// Returns the severity of the error's class: 0 non-fatal, 1 fatal, 2 system.
     #[must_use]
     pub fn gravity(&self) -> u8 {
         match self {
@@ -60,7 +60,7 @@ impl Error {
         }
     }
 
-    /// Returns the code of its cause.
+    /// Returns the code of the error's cause.
     #[must_use]
     pub fn code(&self) -> FaultCode {
         match self {
@@ -124,7 +124,7 @@ pub enum FaultCode {
     BridgeFault,
     /// The task's kernel is defective.
     KernelFault,
-    /// An arm is too near an obstacle, or too fast near the person.
+    /// An arm is too near an obstacle, or too fast near the operator's hand.
     TooNear,
     /// The mailbox of an actor is closed.
     MailboxClosed,
@@ -165,8 +165,8 @@ fn arm_code(fault: &ArmFault) -> FaultCode {
     }
 }
 
-/// Returns the servo period of an arm's last state, for the text of an error; empty without a
-/// state.
+/// Returns the words `, period N` with the servo period of an arm's last state, for the text of an
+/// error; empty without a state.
 fn when(last: Option<&ArmState>) -> String {
     last.map_or_else(String::new, |state| format!(", period {}", state.period))
 }
@@ -216,7 +216,7 @@ pub enum NonFatal {
     ZeroMoved {
         /// Name of the effector.
         effector: String,
-        /// Difference of the two zeros in that direction (N, Nm).
+        /// Difference of the two zeros in `direction` (N or Nm).
         by: f64,
         /// Direction: 0..=2 along x, y, z of the tool, 3..=5 about them.
         direction: usize,
@@ -241,8 +241,8 @@ impl NonFatal {
     }
 }
 
-/// Returns unit and axis of a component of a wrench (0 to 2 forces, 3 to 5 torques), for the text
-/// of an error.
+/// Returns unit and axis of a component of a wrench, such as `N along x`, for the text of an error.
+/// The components 0 to 2 are forces, 3 to 5 torques.
 fn along(direction: usize) -> &'static str {
     // The remainder keeps any index within the table: the text of an error must not panic.
     ["N along x", "N along y", "N along z", "Nm about x", "Nm about y", "Nm about z"][direction % 6]

@@ -15,7 +15,7 @@
 //! | results | [`record`] | hash, summary, recordings, journal |
 //! | files | [`tables`] | tables of the solver, kept in files |
 //! | channels | [`desk`] | snapshots up, inputs down |
-//! | hardware | [`hw`] | ports, the servo's drivers of time, cameras, the simulated plant |
+//! | hardware | [`hw`] | ports, the drivers that call the servo, cameras, the simulated plant |
 //! | stop | [`emergency_stop`] | handles that press, read or release the emergency stop |
 //! | task kernels | [`tasks`] | event -> next action; the regrasp plan |
 //! | pure | [`generators`], [`vision`], [`solver`] | step(inputs) -> output |

@@ -1,4 +1,4 @@
-//! Common parts of the benches of the servo: arms that do not move, histograms, output.
+//! Common parts of the benches: arms that do not move, options, histograms and output.
 #![allow(dead_code, unreachable_pub, reason = "not every bench needs all of it")]
 
 #[path = "../../tests/servo_rig/mod.rs"]
@@ -15,7 +15,7 @@ use rubik_robot::servo::io::{ArmDrive, ArmReading};
 use rubik_robot::servo::{ServoCommand, ServoConfig};
 use std::f64::consts::TAU;
 
-/// Direction that yields to a force.
+/// Direction of a position-force motion that yields to a force and stands still without one.
 pub const COMPLIANT: Direction =
     Direction::Guarded { velocity: 0.0, admittance: 0.001, inertia: 20.0 };
 
@@ -65,6 +65,8 @@ impl Still {
 }
 
 impl Port for Still {
+    /// Returns the same encoder counts in each period, with a force that alternates between 2 N and
+    /// -2 N along x and z of the sensor, with a cycle of 64 periods.
     fn exchange(
         &mut self,
         period: u64,

@@ -1,9 +1,9 @@
 //! The clock of a run: maps servo periods to the runtime's time and back.
 //!
 //! Period `p` begins at `origin + p * 2 ms`, plus the time of all periods that the servo has
-//! missed, since the servo numbers its periods without gaps. On hardware the origin is the
-//! beginning of the servo's thread, which first waits for controllers that boot late. A clock ahead
-//! of the servo would make every picture seem fresher than it is.
+//! missed, since the servo numbers its periods without gaps. On hardware the servo first waits for
+//! controllers that boot late, so [`Clock::begins`] moves period 0 to the beginning of the servo. A
+//! clock ahead of the servo would make every picture seem fresher than it is.
 
 use crate::hw::driver::Switches;
 use crate::motion::PERIOD;
@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// The clock of a run.
+/// The clock of a run, which counts servo periods of 2 ms. All clones show the same time.
 #[derive(Debug, Clone)]
 pub struct Clock {
     origin: Instant,
@@ -23,8 +23,8 @@ pub struct Clock {
 }
 
 impl Clock {
-    /// Returns a clock whose period 0 begins at `origin`. The servo reports the periods that it has
-    /// missed in its `switches`.
+    /// Returns a clock whose period 0 begins at `origin`. `switches` are the flags in which the
+    /// servo counts the periods that it has missed.
     #[must_use]
     pub fn new(origin: Instant, switches: Arc<Switches>) -> Self {
         Self { origin, late: Arc::default(), switches }
@@ -45,7 +45,7 @@ impl Clock {
         self.origin + self.behind() + Duration::from_secs_f64(PERIOD).saturating_mul(periods)
     }
 
-    /// Returns the number of the present period.
+    /// Returns the number of the present servo period; 0 before the first one.
     #[must_use]
     pub fn period(&self) -> u64 {
         // In whole microseconds: a quotient of floating-point seconds may fall short of a period.
@@ -53,7 +53,7 @@ impl Clock {
         (served.as_micros() / Duration::from_secs_f64(PERIOD).as_micros()) as u64
     }
 
-    /// Sleeps until a period begins.
+    /// Sleeps until the servo period `period` begins; returns at once if it has begun.
     pub async fn until(&self, period: u64) {
         // The servo may miss more periods during the sleep, which moves the beginning.
         while Instant::now() < self.instant(period) {

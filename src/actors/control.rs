@@ -34,7 +34,7 @@ impl Control {
     }
 }
 
-/// The run was terminated by the operator.
+/// Error of a wait for the operator: the run was terminated, or no operator is left.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Terminated;
 
@@ -68,19 +68,21 @@ pub async fn permission_soon(
     tokio::time::timeout(LOOK, permission(control)).await.ok()
 }
 
-/// Reason for which simulated time passes in real time.
+/// Reason for which simulated time must not pass faster than real time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Attended {
-    /// There is none.
+    /// No reason: simulated time may pass as fast as the set speed allows.
     #[default]
     No,
-    /// The operator moves an arm by hand. A speed that the operator has set counts instead.
+    /// The operator moves an arm by hand. If the operator has set a speed, that speed counts
+    /// instead of real time.
     ByHand,
-    /// The operator answers a question within its seconds.
+    /// A question is open, and the operator has only its time limit to answer.
     Asked,
 }
 
-/// Lowest speed of simulated time, as a multiple of real time. A lower one would sleep for hours.
+/// Lowest speed of simulated time, as a multiple of real time. At a lower speed the [`Pacer`] would
+/// sleep for hours.
 pub const SLOWEST: f64 = 0.01;
 
 /// Returns whether `factor` is a valid limit of the speed of simulated time, as a multiple of real
@@ -90,8 +92,8 @@ pub fn is_speed(factor: f64) -> bool {
     factor == 0.0 || factor.is_finite() && factor >= SLOWEST
 }
 
-/// The limit of the speed of simulated time. A spectator can slow it down; the events in it stay
-/// the same.
+/// Limit of the speed of simulated time. A spectator can slow a run down with it; the events of the
+/// run stay the same.
 #[derive(Debug, Clone, Default)]
 pub struct Tempo(Arc<TempoState>);
 
@@ -107,8 +109,8 @@ struct TempoState {
 }
 
 impl Tempo {
-    /// Sets the largest speed of simulated time to `factor`, a multiple of real time: 0 for no
-    /// limit, at least [`SLOWEST`] otherwise.
+    /// Sets the largest speed of simulated time to `factor`, a multiple of real time. A positive
+    /// factor below [`SLOWEST`] is raised to it; 0, a negative or a not finite one means no limit.
     pub fn set(&self, factor: f64) {
         let factor = if factor.is_finite() && factor > 0.0 { factor.max(SLOWEST) } else { 0.0 };
         self.0.limit.store(factor.to_bits(), Ordering::Relaxed);
@@ -129,7 +131,7 @@ impl Tempo {
     }
 
     /// Returns the present time of a clock that stops while the run waits for its start or is
-    /// slowed down.
+    /// slowed down. The difference of two such times is the time that the run has worked.
     #[must_use]
     pub fn working_time(&self) -> Instant {
         let (now, waited) = (Instant::now(), self.0.held_back.load(Ordering::Relaxed));
@@ -137,8 +139,9 @@ impl Tempo {
         now.checked_sub(Duration::from_nanos(waited)).unwrap_or(now)
     }
 
-    /// Sets why simulated time must not pass faster than real time at present: because MP waits
-    /// for an answer or an order of the operator, or [`Attended::No`] if it may.
+    /// Sets the reason for which simulated time must not pass faster than real time from now on;
+    /// [`Attended::No`] if it may. MP sets it while it waits for an answer or an order of the
+    /// operator.
     pub fn attend(&self, attended: Attended) {
         self.0.attended.store(attended as u8, Ordering::Relaxed);
     }
@@ -149,7 +152,8 @@ impl Tempo {
 pub struct Pacer {
     tempo: Tempo,
     control: watch::Receiver<Control>,
-    /// Present limit, with the moment and the simulated time (s) since which it counts.
+    /// Present limit (multiple of real time), with the moment and the simulated time (s) since
+    /// which it counts; `None` without a limit.
     since: Option<(f64, Instant, f64)>,
 }
 
@@ -169,9 +173,9 @@ impl Pacer {
         let attended = self.tempo.0.attended.load(Ordering::Relaxed);
         let asked = attended == Attended::Asked as u8;
         let limit = match self.tempo.limit() {
-            // A person answers a question or ends a pause, and periods go on meanwhile.
+            // Periods go on while a person thinks about a question or a pause: in real time.
             _ if asked || *self.control.borrow() == Control::Paused => 1.0,
-            // An arm that is moved by hand is watched, unless a speed was asked for.
+            // The operator watches an arm that is moved by hand, unless a speed was set.
             0.0 if attended == Attended::ByHand as u8 => 1.0,
             limit => limit,
         };

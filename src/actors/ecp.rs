@@ -25,7 +25,8 @@ use std::time::Duration;
 use tokio::sync::{mpsc, oneshot};
 use tracing::Instrument as _;
 
-/// Capacity of the mailbox: one request under way and one end from above.
+/// Capacity of the mailbox. MP waits for the answer of a request before it sends the next one, and
+/// few requests have no answer ([`Request::End`], [`Request::Watch`]).
 const MAILBOX: usize = 4;
 
 /// Channel of an answer.
@@ -52,7 +53,7 @@ pub struct EcpHandle {
     mailbox: mpsc::Sender<Request>,
     /// Signs of life of the ECP, one for each request and each macrostep.
     alive: Arc<AtomicU64>,
-    /// Longest time between two signs of life.
+    /// Longest time between two signs of life of an ECP in order.
     patience: Duration,
 }
 
@@ -75,8 +76,8 @@ impl EcpHandle {
         self.ask("behave", |reply| Request::Behave { behaviour, reply }).await
     }
 
-    /// Ends the behaviour that the ECP is carrying out, at its next macrostep or after it: see
-    /// [`Ending`].
+    /// Ends the behaviour that the ECP is carrying out: at the next macrostep, or some macrosteps
+    /// later if the motion must slow down first (see [`Ending`]).
     ///
     /// # Errors
     /// System when the ECP is gone.
@@ -100,7 +101,7 @@ impl EcpHandle {
         self.ask("synchronise", |reply| Request::Synchronise { reply }).await
     }
 
-    /// Returns the effector's state.
+    /// Asks the EDP for the present state of the arm and returns it.
     ///
     /// # Errors
     /// The errors of the EDP.
@@ -175,7 +176,7 @@ pub struct Parts {
     pub services: Services,
 }
 
-/// The actor.
+/// The actor ECP: its parts, its mailbox and its supervision.
 struct Ecp {
     name: String,
     parts: Parts,
@@ -185,7 +186,7 @@ struct Ecp {
     heartbeat: Heartbeat,
 }
 
-/// Creates an ECP over its effector's EDP.
+/// Starts the ECP of the effector `name` as a task, and returns the sending end of its mailbox.
 #[must_use]
 pub fn spawn(name: &str, parts: Parts) -> EcpHandle {
     let (mailbox, requests) = mpsc::channel(MAILBOX);
@@ -233,9 +234,9 @@ impl Ecp {
                 // reads the mailbox for an end from above.
                 Request::Behave { behaviour, reply } => {
                     self.parts.services.trace.message("mp", &self.name, &behaviour);
-                    tracing::debug!(?behaviour, "begins");
+                    tracing::debug!(?behaviour, "a behaviour begins");
                     let answer = self.behave(&behaviour).await;
-                    tracing::debug!(?answer, "ends");
+                    tracing::debug!(?answer, "a behaviour ends");
                     self.parts.services.trace.message(&self.name, "mp", &answer);
                     let _ = reply.send(answer);
                 }
@@ -273,7 +274,8 @@ impl Ecp {
         }
     }
 
-    /// Runs the generator of a behaviour to its end, one command a macrostep.
+    /// Runs the generator of a behaviour to its end: one command for the EDP in each macrostep.
+    /// Returns the outcome and the state of the arm at the end.
     async fn behave(&mut self, behaviour: &Behaviour) -> Result<(Outcome, ArmState), Error> {
         let mut motion = MoveInstruction::begin(behaviour, &self.parts.manner);
         let mut state = self.heartbeat.away(self.parts.edp.state()).await?;

@@ -31,19 +31,20 @@ use std::time::Duration;
 use tokio::sync::{mpsc, oneshot, watch};
 use tracing::Instrument as _;
 
-/// Periods between the answer to a macrostep and its end.
+/// Servo periods between the answer to a macrostep and the end of the macrostep.
 const EARLY: u64 = 2;
 /// Periods that zeroing a force sensor lasts: ten samples and the filters before them.
 const BIAS_PERIODS: u64 = 16;
-/// Largest motion of a joint in [`REST_PERIODS`] of an arm that is at rest (m, rad). A tool of
-/// 1.1 kg that slows down like this adds less than 0.1 N of inertia to the reading.
+/// Largest motion of a joint in [`REST_PERIODS`] that counts as rest (m, rad). A tool of 1.1 kg
+/// that slows down like this adds less than 0.1 N of inertia to the reading.
 const STILL: f64 = 2.5e-4;
-/// Largest motion of the roll of an arm at rest (rad). The roll settles last, and its axis passes
-/// through the tool's centre of mass, so its motion adds no force.
+/// Largest motion of the wrist roll in [`REST_PERIODS`] that counts as rest (rad). The roll settles
+/// last, and its axis passes through the tool's centre of mass, so its motion adds no force.
 const ROLL_STILL: f64 = 2.5e-3;
 /// Periods between two samples of an arm that comes to rest.
 const REST_PERIODS: u64 = 12;
-/// Most samples of an arm that comes to rest: 0.6 s. Arms were at rest after 0.2 s in missions.
+/// Most samples for which a zeroing waits until the arm is at rest (0.6 s together). Arms were at
+/// rest after 0.2 s in missions.
 const REST_TRIES: u32 = 25;
 /// Largest change of a sensor's zero that is not reported (N, Nm). In missions without faults the
 /// zero moves by 1.7 N and 0.13 Nm at most. The causes are drift, errors of the believed weights
@@ -78,6 +79,7 @@ pub struct EdpHandle {
     name: String,
     mailbox: mpsc::Sender<Request>,
     state: watch::Receiver<ArmState>,
+    /// Longest time of an answer beyond the time that the request itself takes.
     patience: Duration,
 }
 
@@ -112,7 +114,8 @@ impl EdpHandle {
     }
 
     /// Homes the arm, axis by axis, and returns its state; returns at once if the arm is
-    /// synchronised already. An arm that is not accepts only relative motions of its motors.
+    /// synchronised already. Without synchronisation an arm accepts only relative motions of its
+    /// motors.
     ///
     /// # Errors
     /// Fatal when the arm does not find a switch or an encoder's zero, or another fault stops it.
@@ -136,6 +139,9 @@ impl EdpHandle {
         self.state.clone()
     }
 
+    /// Sends a request to the EDP and waits for its answer: at most for `lasts`, the time that the
+    /// request takes, plus `patience`, or without a limit if `lasts` is `None`. `place` names the
+    /// request in an error.
     async fn ask(
         &self,
         place: &'static str,
@@ -154,7 +160,7 @@ impl EdpHandle {
     }
 }
 
-/// The actor with its memory.
+/// The actor EDP with its memory.
 struct Edp {
     name: String,
     link: ServoLink,
@@ -162,7 +168,7 @@ struct Edp {
     mailbox: mpsc::Receiver<Request>,
     state: watch::Sender<ArmState>,
     trace: Trace,
-    /// First period after the last command.
+    /// First period after the last commanded move, at which the next one begins at the earliest.
     free: u64,
     fault: Arc<ActorFault>,
     heartbeat: Heartbeat,
@@ -173,7 +179,8 @@ struct Edp {
     zeroed: bool,
 }
 
-/// Creates an EDP around one arm's servo.
+/// Starts the EDP of the arm `name` as a task, which commands the servo behind `link`. Returns the
+/// sending end of its mailbox.
 #[must_use]
 pub fn spawn(name: &str, mut link: ServoLink, services: &Services) -> EdpHandle {
     let (mailbox, requests) = mpsc::channel(MAILBOX);
@@ -240,6 +247,8 @@ impl Edp {
         }
     }
 
+    /// Sends a command to the servo and returns its ticket, the number by which [`Edp::done`] waits
+    /// for it. An injected fault sends the command twice. `place` names the request in an error.
     fn send(&mut self, place: &'static str, command: ServoCommand) -> Result<u64, Error> {
         self.trace.message("edp", &self.name, &command);
         if self.fault.is_doubled() {
@@ -275,14 +284,14 @@ impl Edp {
             tracing::warn!(
                 actor = %self.name,
                 period = self.clock.period(),
-                "a command came twice: executed once"
+                "a command reached the servo twice: it was executed once"
             );
         }
         self.check("execute")
     }
 
     /// Waits until a command without a motion has been in effect for `periods` periods, and returns
-    /// the state of the arm. `sent` is the result of sending the command.
+    /// the state of the arm. `sent` is the ticket of the command, or the error of sending it.
     async fn after(&mut self, sent: Result<u64, Error>, periods: u64) -> Result<ArmState, Error> {
         let ticket = sent?;
         self.done("service", ticket, self.free.max(self.clock.period()) + periods).await?;
@@ -326,7 +335,7 @@ impl Edp {
             // motion of the zero.
             let zeroed = std::mem::replace(&mut self.zeroed, true);
             let by = (before - state.wrench_in_tool).directions();
-            tracing::debug!(zeroed, ?by, "the zero moves");
+            tracing::debug!(zeroed, ?by, "the zero of the force sensor moves");
             match moved_most(&by).filter(|_| zeroed) {
                 None => return Ok(state),
                 Some((direction, by)) => {
@@ -375,7 +384,8 @@ impl Edp {
 
     /// Waits until `period` has begun and the servo has at most [`EARLY`] periods left of the
     /// command with the number `ticket`. Polls the servo, because under the wall clock the servo's
-    /// periods and the runtime's time differ a little. `place` names the request in an error.
+    /// periods and the runtime's time differ a little. Fails if the servo has not come that far
+    /// [`SILENCE`] later; `place` names the request in the error.
     async fn done(&mut self, place: &'static str, ticket: u64, period: u64) -> Result<(), Error> {
         self.heartbeat.away(self.clock.until(period)).await;
         let patience = (SILENCE / POLL.as_secs_f64()) as u64;
@@ -421,7 +431,7 @@ impl Edp {
             Some(MoveRefused::Aborted) if place == "execute" => {
                 silent(HEARTBEAT_TIMEOUT.as_secs_f64())
             }
-            // The refusal belongs to the last move. For any other request it is old news.
+            // A refusal is an error of the move that was refused, not of a later request.
             Some(refused) if place == "execute" => {
                 Err(Error::NonFatal { actor, place, cause: NonFatal::Refused(refused) })
             }
@@ -475,7 +485,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn moving_arm_keeps_its_force_zero() {
+    async fn force_sensor_of_moving_arm_is_not_zeroed() {
         let (link, mut end) = driver::link();
         let clock = Clock::new(Instant::now(), Arc::default());
         tokio::spawn({
@@ -514,7 +524,7 @@ mod tests {
     /// A change of a force sensor's zero is reported with its direction if it is larger than drift
     /// explains.
     #[test]
-    fn force_sensor_zero_shift_beyond_drift_names_direction() {
+    fn large_shift_of_force_zero_names_its_direction() {
         assert_eq!(moved_most(&[3.7, -2.0, 3.0, 0.3, -0.2, 0.1]), None);
         assert_eq!(moved_most(&[f64::NAN; 6]), None);
 

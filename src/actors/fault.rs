@@ -1,5 +1,5 @@
-//! A fault that is injected into one actor. No kernel sees it: the loop of the actor checks for it
-//! at the points at which it may occur.
+//! The faults that a scenario injects into one actor. No kernel sees them: the loop of the actor
+//! checks for them at the points at which they may occur.
 //!
 //! | fault | effect | detected by |
 //! |---|---|---|
@@ -37,7 +37,7 @@ impl ActorFault {
     /// If a panic is injected.
     pub(crate) async fn before_message(&self) {
         self.occur().await;
-        // Taken out, as all faults of a message are: each counts for one message.
+        // The swap clears the delay, so that the fault delays one message only.
         let late = self.late.swap(0, Ordering::AcqRel);
         if late > 0 {
             tokio::time::sleep(std::time::Duration::from_millis(late)).await;

@@ -1,9 +1,9 @@
 //! Homing under the operator's control: a pause or a terminate stops an arm that is being
 //! synchronised.
 //!
-//! The servo accepts no other command while it homes. So it is stopped as after the loss of an
-//! actor: by the order to hold, under which it also begins no homing. The next request continues
-//! with the axes that are not synchronised yet.
+//! The servo accepts no other command while it homes. So the order to hold ([`Clock::hold`]) stops
+//! the homing, as after the loss of an actor. Under this order the servo begins no homing either.
+//! The next request continues with the axes that are not synchronised yet.
 
 use super::clock::Clock;
 use super::control::Control;
@@ -15,8 +15,9 @@ use tokio::sync::watch;
 /// Time in which an arm stops (periods of 2 ms). Braking takes about 0.1 s.
 const BRAKES: u64 = 75;
 
-/// Message to the operator about an arm that was stopped.
-pub(crate) const STOPPED_MESSAGE: &str = "the arm is stopped and not synchronised";
+/// Message to the operator about an arm whose homing a pause or a terminate has stopped.
+pub(crate) const STOPPED_MESSAGE: &str =
+    "the homing was stopped: the arm is not synchronised yet, and a resume continues the homing";
 
 /// Waits until an arm is synchronised and returns `true`. If the operator pauses or terminates the
 /// run before that, stops the arm and returns `false`. `synchronises` is the request under way.
@@ -42,9 +43,9 @@ pub(crate) async fn wait_for_homing(
     clock.until(end).await;
     clock.hold(false);
     match done {
-        // The last axis was done in the same moment.
+        // The last axis was synchronised in the moment of the stop.
         Ok(_) => Ok(true),
-        // The refusal is the stop that was asked for.
+        // The stop that the operator ordered appears as a refusal.
         Err(Error::NonFatal {
             cause: NonFatal::Refused(MoveRefused::Aborted | MoveRefused::PartnerStopped),
             ..

@@ -16,10 +16,10 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 #[derive(Debug, Clone, Default)]
 pub struct LatestValues(Arc<Mutex<Latest>>);
 
-/// The values.
+/// Latest values of all actors and arms.
 #[derive(Debug, Default)]
 pub struct Latest {
-    /// Latest state of every effector, with its peaks between two snapshots.
+    /// Latest state of every effector, with its peaks since the last snapshot.
     pub arms: Vec<ArmLatest>,
     /// Activity of MP, in words.
     pub mp: &'static str,
@@ -110,10 +110,11 @@ impl LatestValues {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Merges `peaks` into those of an arm: they come from states that are not shown themselves. An
-    /// arm without a state yet ignores them.
+    /// Raises the peaks of the arm with the index `arm` to those in `peaks`, where these are
+    /// larger. A replay shows only some of the recorded states, and `peaks` cover all of them. Does
+    /// nothing for an arm without a state.
     pub fn peaked(&self, arm: usize, peaks: &Peaks) {
-        // An arm whose first state has not come is not shown, and neither are its peaks.
+        // An arm is not shown before its first state, and its peaks are not either.
         if let Some(arm) = self.lock().arms.get_mut(arm) {
             arm.peaks.merge(peaks);
         }
@@ -129,8 +130,8 @@ impl LatestValues {
         latest.sights[camera] = Some(sight);
     }
 
-    /// Replaces the texts that name the behaviours of the two effectors; `None` is an effector
-    /// without an order.
+    /// Replaces the texts that name the ordered behaviours of the two effectors; `None` stands for
+    /// an effector without an order.
     pub fn ordered(&self, orders: &[Option<Behaviour>; 2]) {
         self.lock().orders = [0, 1].map(|i| orders[i].as_ref().map(words));
     }
@@ -160,6 +161,7 @@ pub struct Seen<S> {
 }
 
 impl<S: RecordSink> RecordSink for Seen<S> {
+    /// Copies a record to the latest values, if there is a UI, and passes it on.
     fn record(&mut self, record: &ServoRecord) {
         if let Some(latest) = &self.latest {
             latest.arm(record);

@@ -1,5 +1,6 @@
 //! The lookout: stops all arms when one comes too near an obstacle, or too fast near the operator's
-//! hand. It covers motions whose path no check knows before, such as that of the visual servo.
+//! hand. It also covers motions whose path is not known beforehand, such as those of the visual
+//! servo.
 //!
 //! - in: the states that the EDPs publish; from MP, whether the hands are to keep apart
 //! - out: an emergency stop, with its reason on every UI and as the error that ends the run
@@ -19,13 +20,13 @@ use tokio::sync::watch;
 /// Time between two checks of the arms.
 const INTERVAL: Duration = Duration::from_millis(20);
 
-/// A flag of MP for the lookout: the commanded motions keep the hands apart, so that fingers and
-/// cubes count as obstacles.
+/// A flag of MP for the lookout: while it is set, the commanded motions keep the hands apart, so
+/// fingers and cubes count as obstacles.
 #[derive(Debug, Clone, Default)]
 pub struct Apart(Arc<AtomicBool>);
 
 impl Apart {
-    /// Sets whether the lookout must keep the hands apart; if not, they may touch.
+    /// Sets whether the lookout must keep the hands apart (`true`) or they may touch (`false`).
     pub fn set(&self, apart: bool) {
         self.0.store(apart, Ordering::Release);
     }

@@ -1,15 +1,18 @@
-//! The actors of a run: UI, MP, an ECP and an EDP per effector, and VSPs. `run` creates them.
+//! The actors of a run: UI, MP (master process), an ECP (effector control process) and an EDP
+//! (effector driver process) for each effector, and VSPs (virtual sensor processes). The module
+//! `run` creates them.
 //!
 //! An actor is a tokio task with a bounded mailbox. Requests travel down a tree (MP, ECP, EDP),
-//! answers return by `oneshot`, and states travel up by `watch`. So no cycle of actors can wait.
+//! answers return by `oneshot`, and states travel up by `watch`. So no actors can wait for each
+//! other in a cycle.
 //!
 //! - actors: `ui`, `mp`, `ecp`, `edp`, `vsp`
 //! - parts of actors: `move_instruction` runs a generator, `homing` synchronises an arm, `present`
 //!   makes the UI's snapshots
 //! - services of all actors: `services` with `clock`, `control`, `work`, `trace`, `latest`,
 //!   `notice`
-//! - supervision: `watchdog` detects actors that fail, `lookout` arms that come too near an
-//!   obstacle; `fault` injects failures
+//! - supervision: `watchdog` detects actors that fail, `lookout` stops arms that come too near an
+//!   obstacle, `fault` injects failures
 
 pub mod clock;
 pub mod control;

@@ -13,8 +13,8 @@
 //! |---|---|---|
 //! | motion meets an obstacle | `force_limit` on the change | a constant offset is no contact |
 //! | motion near the operator | [`NearHand::force`] | a person's hand may be the obstacle |
-//! | pause or resume | `REST` | a faster one is a following error of axis 6 |
-//! | end from above | `ENDS` | the next order waits, but a fast motor must not stop at once |
+//! | pause or resume | `REST` | a faster change would be a following error of axis 6 |
+//! | end by the superior actor | `ENDS` | a fast motor must not stop at once |
 
 use super::control::Control;
 use crate::error::{Error, NonFatal};
@@ -34,7 +34,7 @@ pub struct MoveInstruction {
     ramp: u32,
     /// Macrosteps from the present pace to rest, 0..=`ramp`.
     pace: u32,
-    /// Whether it has been ended from above and slows down.
+    /// Whether the superior actor has ended the motion, which slows down now.
     ending: bool,
     /// Limit of the force near the operator's hand; `None` for behaviours that yield there or let
     /// the cube go.
@@ -49,8 +49,8 @@ pub struct MoveInstruction {
 /// the full speed of axis 6 its regulator lags by 4 rad of the motor, which is a following error.
 const REST: f64 = 0.6;
 
-/// Time in which a motion that is ended from above comes to rest (s). A fast motor that is stopped
-/// at once trips its power stage.
+/// Time in which a motion that the superior actor ends comes to rest (s). A fast motor that is
+/// stopped at once trips its power stage.
 const ENDS: f64 = 0.12;
 
 /// Parameters of all generators of an effector.
@@ -172,10 +172,10 @@ fn tool_distance(arm: &ArmState, target: &Pose) -> (f64, f64) {
     (distance, from.rotation.angle_to(&target.rotation))
 }
 
-/// How the superior actor ends a motion.
+/// Manner in which MP, the superior actor, ends a motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ending {
-    /// A fast motion first slows down in its generator.
+    /// A fast motion first slows down: its generator gets a falling pace.
     Slowing,
     /// A motion on a path through free space ends at once, and the servo brakes the motors as it
     /// does for an arm that met an obstacle. Both arms then brake alike, so that neither leaves
@@ -185,7 +185,7 @@ pub enum Ending {
 }
 
 impl MoveInstruction {
-    /// Creates the move instruction that carries out a behaviour. It begins at full pace.
+    /// Creates the move instruction that carries out a behaviour. The motion begins at full pace.
     #[must_use]
     pub fn begin(behaviour: &Behaviour, manner: &Manner) -> Self {
         let macrostep = f64::from(manner.compliance.macrostep) * PERIOD;
@@ -223,7 +223,8 @@ impl MoveInstruction {
         if ending == Ending::AtOnce && self.free_limit.is_some() {
             return true;
         }
-        // The others are slow or yield to forces. The servo smooths what is left of their speed.
+        // Behaviours that are not in this list are slow or yield to forces, so they end at once.
+        // The servo smooths the remainder of their speed.
         self.ending = matches!(
             self.begun.0,
             Behaviour::Turn { .. }
@@ -311,6 +312,8 @@ mod tests {
     use super::*;
     use crate::motion::{AXES, Depth, JawCommand, JointPositions, Motion};
 
+    /// Returns parameters of generators with a zone of the operator's hand: a box with edges of
+    /// 0.2 m around x = z = 1 m, near which the force limit is 10 N.
     fn manner() -> Manner {
         let speeds = Speeds {
             joint: [0.5; AXES],

@@ -25,7 +25,8 @@ pub struct Services {
     pub tempo: Tempo,
     /// Trace of messages, notices and pictures.
     pub trace: Trace,
-    /// Recording under verification, which delivers in place of cameras.
+    /// Recording that this run repeats for a verification: its results of vision replace those of
+    /// the cameras. `None` in any other run.
     pub playback: Option<Playback>,
     /// Watchdog of the actors, and faults that are injected into them.
     pub(crate) supervision: Supervision,
@@ -47,8 +48,8 @@ impl Services {
         }
     }
 
-    /// Returns these services for one actor, with the `fault` through which a test can make this
-    /// actor fail; `None` if no fault is planned for it.
+    /// Returns these services for one actor. `fault` holds the faults that the scenario injects
+    /// into this actor; `None` if there are none.
     pub(crate) fn under(&self, fault: Option<&Arc<ActorFault>>) -> Self {
         let mut services = self.clone();
         services.supervision.fault = fault.cloned().unwrap_or_default();

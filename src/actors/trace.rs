@@ -3,7 +3,8 @@
 //! part.
 //!
 //! - in: messages, notices, pictures, beliefs, each with its period or time
-//! - out: the hash, which covers messages alone; the recording and the latest values, for people
+//! - out: the hash, which covers the messages but not the rest of these inputs; the recording and
+//!   the latest values, for people
 //!
 //! The journal is none of these sinks: MP alone writes it, and waits until an entry is durable.
 
@@ -32,7 +33,7 @@ pub struct Trace {
     notices: mpsc::Sender<Notice>,
 }
 
-/// A look of a camera's VSP.
+/// Request to a camera's VSP, with the servo periods of the request and of the exposure.
 pub(crate) struct Look<'a> {
     /// Name of the VSP.
     pub(crate) sensor: &'a str,
@@ -40,7 +41,7 @@ pub(crate) struct Look<'a> {
     pub(crate) period: u64,
     /// The request.
     pub(crate) asked: &'a str,
-    /// Period of the light.
+    /// Period in which the picture was exposed.
     pub(crate) exposed: u64,
 }
 

@@ -1,11 +1,11 @@
 //! UI: the actor that presents the run to the operator and applies the operator's inputs.
 //!
-//! It owns the snapshot that each UI shows, and applies their inputs: page, terminal and the keys
-//! on stdin share one [`Desk`]. Notices arrive by a bounded mailbox, quick values by the
-//! [`LatestValues`]. No other actor waits for it. It lives on a thread of its own, in wall-clock
-//! time: a virtual run neither sees it nor slows down for it. The emergency stop bypasses all
-//! actors on its path to the servos ([`crate::emergency_stop`]). The UI writes lines to stderr;
-//! stdout stays for machines.
+//! It makes the snapshots that all user interfaces show (page, terminal), and applies the inputs
+//! that they and the keys on stdin send: all of them share one [`Desk`]. Notices arrive by a
+//! bounded mailbox, values that change in each period by the [`LatestValues`]. No other actor waits
+//! for the UI. It lives on a thread of its own, in wall-clock time: a virtual run neither sees it
+//! nor slows down for it. The emergency stop bypasses all actors on its path to the servos
+//! ([`crate::emergency_stop`]). The UI writes lines to stderr; stdout stays for machines.
 //!
 //! - in: inputs of the operator, notices of the other actors, the latest values
 //! - out: snapshots, pictures and the stage; the operator's control; answers and orders to MP
@@ -229,7 +229,9 @@ fn apply(input: &Input, controls: &OperatorControls) -> Result<bool, &'static st
             Err("the run is terminated")
         }
         (Input::Start | Input::Resume, _) => Ok(set(Control::Running)),
-        (Input::Pause | Input::Manual { .. }, Control::Waiting) => Err("the run has not begun"),
+        (Input::Pause | Input::Manual { .. }, Control::Waiting) => {
+            Err("the run has not begun: start it first")
+        }
         (Input::Pause, _) => Ok(set(Control::Paused)),
         (Input::Terminate, _) => Ok(set(Control::Terminated)),
         // The desk has pressed the button before it sent this input. A run that waits for its start
@@ -249,7 +251,7 @@ fn apply(input: &Input, controls: &OperatorControls) -> Result<bool, &'static st
         }
         (Input::Speed { .. }, _) => Err("the least speed is 0.01 times real time; 0 is unlimited"),
         // These are inputs of a replay.
-        (Input::Quit | Input::Seek { .. }, _) => Err("not during a run"),
+        (Input::Quit | Input::Seek { .. }, _) => Err("a run cannot do this, only a replay"),
     }
 }
 
@@ -272,8 +274,8 @@ fn listen_to_stdin(desk: UiEnd, alone: bool) -> std::io::Result<()> {
 /// Sends the operator's input that each line names, until the lines end. `alone` means that there
 /// is no other UI: then the end of the lines starts the run.
 fn listen(lines: impl BufRead, desk: &UiEnd, alone: bool) {
-    // A job in the background may not read the terminal, which is an error as SIGTTIN is ignored.
-    // It may come to the foreground again.
+    // A process in the background may not read the terminal: the read fails, since the signal
+    // SIGTTIN is ignored. The process may come to the foreground again, so the read is repeated.
     let mut lines = lines.lines();
     let in_background = |why: &std::io::Error| why.raw_os_error() == Some(libc::EIO);
     let next = std::iter::from_fn(|| {
@@ -292,7 +294,7 @@ fn listen(lines: impl BufRead, desk: &UiEnd, alone: bool) {
             "t" | "terminate" | "q" => Input::Terminate,
             "e" | "stop" => Input::EmergencyStop,
             other => {
-                let _ = writeln!(std::io::stderr(), "'{other}' is none of s, p, r, t, e");
+                let _ = writeln!(std::io::stderr(), "unknown key '{other}': use s, p, r, t or e");
                 continue;
             }
         };
@@ -340,8 +342,8 @@ mod tests {
         assert!(run.stop_signal().is_pressed());
     }
 
-    /// Returns the control of a waiting run after these lines on stdin, and whether the emergency
-    /// stop is pressed.
+    /// Lets a run that waits for its start read `lines` from stdin. Returns its control after them,
+    /// and whether the emergency stop is pressed. `alone` means that there is no other UI.
     fn after(lines: &str, alone: bool) -> (Control, bool) {
         let (controls, _task) = controls(Control::Waiting);
         let (ui, run) = Desk::default().ends();

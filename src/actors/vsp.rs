@@ -50,10 +50,10 @@ const BLACK: f64 = 6.0;
 /// Bytes between two samples of that mean. It is prime, so the samples cover all channels and
 /// columns.
 const SAMPLES: usize = 211;
-/// Longest time of reading a face. It is longer than that of the image worker, so that the error
-/// names the worker.
+/// Longest time of an answer to a look. It is longer than the limit of the image worker, so that
+/// the error names the worker.
 const PATIENCE: Duration = work::IMAGE.saturating_add(Duration::from_millis(500));
-/// Name of the worker in errors.
+/// Name in errors, and time limit, of the worker that processes pictures.
 const WORKER: (&str, Duration) = ("the image worker", work::IMAGE);
 /// Capacity of the mailbox: the owner asks for one face at a time.
 const MAILBOX: usize = 2;
@@ -163,7 +163,7 @@ struct Vsp {
     target: watch::Sender<Option<Target>>,
 }
 
-/// Creates the VSP of a camera.
+/// Starts the VSP of a camera as a task, and returns the sending end of its mailbox.
 #[must_use]
 pub(crate) fn spawn(name: &str, parts: Parts) -> VspHandle {
     let Supervision { watchdog, fault, .. } = parts.services.supervision.clone();
@@ -253,7 +253,7 @@ impl Vsp {
     }
 
     /// Looks for the cube in the picture that the camera delivers in `period`, and publishes the
-    /// pose of the cube.
+    /// pose of the cube if it is found.
     async fn localise(&mut self, period: u64) {
         let (Some(mut source), Some(mut watcher)) = (self.source.take(), self.watcher.take())
         else {
@@ -265,6 +265,7 @@ impl Vsp {
             Window::Whole => None,
             Window::Around { centre, reach } => Some((centre, reach)),
         };
+        // A search for a cube at an unknown place continues in the whole picture.
         let elsewhere = sensing.mode == Mode::Seek;
         // The text identifies the request in a recording, so that a replay detects a different one.
         let asked = format!("{sensing:?}");
@@ -501,8 +502,8 @@ fn not_recorded<T>() -> Result<T, String> {
     Err("the recording does not contain this look".to_owned())
 }
 
-/// Creates the VSP that aggregates the wrist forces each `periods` servo periods: the norms now and
-/// their peaks since the start.
+/// Starts the VSP that aggregates the wrist forces each `periods` servo periods. Returns a receiver
+/// of its results: the norms of forces and torques now, and their peaks since the start.
 #[must_use]
 pub(crate) fn spawn_forces(
     services: &Services,
@@ -548,6 +549,7 @@ mod tests {
     use crate::scenario::keys::Pace;
     use image::RgbImage;
 
+    /// Camera whose driver panics.
     struct Broken;
 
     impl FrameSource for Broken {

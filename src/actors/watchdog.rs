@@ -56,7 +56,7 @@ impl Default for Supervision {
     }
 }
 
-/// Length of the last part of each wait for an answer.
+/// Length of the last part of each wait for an answer, see [`within`].
 const LAST: Duration = Duration::from_millis(50);
 
 /// Awaits `future` for at most `limit`; returns `None` if it takes longer. A jump of the clock ends
@@ -137,11 +137,11 @@ const SILENCE: Duration = Duration::from_millis(80);
 /// suspended no sample is taken, so no actor becomes silent.
 const SAMPLES: u32 = 8;
 
-/// Patiences of the outside watch after which work that runs inline counts as hung: work is longer
-/// than any work item of an actor, and a busy machine may be slow.
+/// Number of patiences of the outside watch after which long work that runs inline counts as hung.
+/// This work takes longer than any work item of an actor, and a busy machine may be slow.
 const INLINE: u32 = 6;
 
-/// Long work that runs inline, at most one at a time.
+/// Long work that runs inline, on the thread of all actors: at most one at a time.
 #[derive(Debug, Default)]
 struct Inline {
     who: Mutex<String>,
@@ -246,7 +246,7 @@ impl Watchdog {
         self.heartbeats.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits until an actor panics, is silent or has stopped the arms, and returns that error.
+    /// Waits until an error has been raised or an actor is silent, and returns that error.
     pub(crate) async fn raised(&self) -> Error {
         let mut listens = self.listen();
         tokio::select! {
@@ -257,7 +257,8 @@ impl Watchdog {
         }
     }
 
-    /// Waits until an actor has been at one work item for [`SILENCE`], and raises that error.
+    /// Waits until an actor has been at one work item for [`SILENCE`]. Raises this error and
+    /// returns it.
     async fn silence(&self) -> Error {
         let mut samples = Samples::default();
         loop {
@@ -341,6 +342,7 @@ pub(crate) struct Caught<F>(pub(crate) Pin<Box<F>>);
 impl<F: Future> Future for Caught<F> {
     type Output = Result<F::Output, Box<dyn Any + Send>>;
 
+    /// Polls the inner future, and returns its panic as an error.
     fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Self::Output> {
         // The future may be inconsistent after a panic: it is dropped and never polled again.
         match catch_unwind(AssertUnwindSafe(|| self.0.as_mut().poll(context))) {
@@ -423,7 +425,8 @@ mod tests {
         assert_eq!(error, "system, supervisor, watch: no answer from mp in 0.3 s");
     }
 
-    /// Under virtual time the actor that asked for the work counts as waiting.
+    /// Under virtual time the actor that asked for the work counts as waiting, so the heartbeats of
+    /// the actors do not show that the work hangs.
     #[test]
     fn watchdog_thread_reports_hanging_inline_work() {
         let watchdog = Watchdog::default();

@@ -22,8 +22,8 @@ pub(crate) const IMAGE: Duration = Duration::from_secs(3);
 /// Longest time of a search or of a write to a disk by the wall clock. A plan takes a few seconds
 /// on a slow machine; a longer limit would only leave the arms waiting.
 pub(crate) const SEARCH: Duration = Duration::from_secs(60);
-/// Share of a limit that is left after a jump of the clock, for example while the process was
-/// stopped: the worker did nothing during the jump.
+/// Divisor of a limit: this part of the limit is left for a worker after a jump of the clock, for
+/// example while the process was stopped, since the worker did nothing during the jump.
 const REST: u32 = 3;
 
 /// The door for long work of a run.
@@ -63,13 +63,13 @@ impl Work {
                 tokio::time::sleep(Duration::from_secs_f64(seconds)).await;
                 Ok(result)
             }
-            // The effort is a figure of virtual time: here the work takes its own.
+            // The declared effort counts under virtual time only.
             Pace::RealTime => pooled(who, limit, move || work().0).await,
         }
     }
 
-    /// Does work that takes no time of a virtual run and may take long by the wall clock, as a wait
-    /// for a disk. Other actors and the heartbeat run meanwhile.
+    /// Does work that takes no simulated time but may take long by the wall clock, such as a write
+    /// to a disk. Under the wall clock other actors and the heartbeat run meanwhile.
     ///
     /// # Errors
     /// As [`Self::run`].
@@ -84,7 +84,8 @@ impl Work {
         }
     }
 
-    /// Does work on this thread, which blocks all actors.
+    /// Does work on this thread, which blocks all actors. Returns its result, or the error of its
+    /// panic.
     fn inline<T>(&self, who: &str, work: impl FnOnce() -> T) -> Result<T, System> {
         // The panic drops all that the work owned, so nothing half done is left behind.
         let caught = || catch_unwind(AssertUnwindSafe(work));
@@ -139,7 +140,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn hanging_worker_is_late_after_its_limit() {
+    async fn hanging_worker_is_reported_after_its_limit() {
         let (end, ended) = std::sync::mpsc::channel::<()>();
         let hangs = move || {
             let _ = ended.recv();

@@ -69,8 +69,8 @@ pub fn tier(text: &str) -> Result<Kind, String> {
     }
 }
 
-/// Returns moves that scramble a cube. No two of them could be joined into one: a face does not
-/// turn twice in a row, nor with only a turn of the opposite face between.
+/// Returns the moves with which a seed scrambles a cube. No two of them could be joined into one: a
+/// face does not turn twice in a row, nor with only a turn of the opposite face between.
 #[must_use]
 pub fn scramble(moves: u64, seed: u64) -> Vec<Turn> {
     // Cubes, hands and cells are drawn from the plain seed; the moves must not depend on them.

@@ -6,9 +6,9 @@
 //!
 //! | rule | limit | reason |
 //! |---|---|---|
-//! | the process ends by itself, with a summary | | a panic leaves the arms to the controllers |
+//! | the process ends by itself, with a summary | | a panic leaves the arms without control |
 //! | success is true | the plant's cube | the controller's belief may be wrong |
-//! | no fallen cube is unnoticed | | a person or a later grasp would meet it |
+//! | no fallen cube is unnoticed | | a person or a later grasp could hit it |
 //! | contacts stay below a force | [`MOST_FORCE`] | the range of the wrist sensors |
 //! | the cube is neither crushed nor pulled apart | | |
 //! | no hand opens on a cube that nothing else holds | | it would fall |
@@ -29,7 +29,8 @@ pub const MOST_FORCE: f64 = 65.0;
 pub const LONGEST: f64 = 1800.0;
 /// Least and greatest number of faults in a mix.
 const FAULTS: (usize, usize) = (2, 4);
-/// Time in which faults that begin at a time begin (s); missions take about 210 s.
+/// Span of simulated time in which a fault begins that waits for no event (s). Missions take about
+/// 210 s.
 const BEGIN: (f64, f64) = (1.0, 230.0);
 
 /// Kind of a fault in a mix, with the ranges from which its keys are drawn.
@@ -45,6 +46,7 @@ struct Sort {
 /// Part that fails.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Part {
+    /// No single part.
     None,
     Arm,
     /// One axis of an arm, 1 to 6.
@@ -59,10 +61,11 @@ enum Part {
     File,
 }
 
-/// The kinds that a mix may have. An actor that blocks all others is left out: it ends the process
-/// at once, and would hide the other faults. A run is resumed after a power cut.
+/// Kinds of faults that a mix may have. An actor that blocks all others is left out: it ends the
+/// process at once, and would hide the other faults. After a power cut the run is resumed.
 const SORTS: [Sort; 29] = {
     use FaultKind as K;
+    /// Makes a kind with its ranges: a function, so that the list below has a line for each kind.
     const fn sort(
         kind: FaultKind,
         magnitude: Option<(f64, f64)>,
@@ -84,7 +87,7 @@ const SORTS: [Sort; 29] = {
         sort(K::CameraBlackout, None, Some((0.1, 30.0)), Part::Camera),
         sort(K::CameraSilent, None, Some((0.1, 30.0)), Part::Camera),
         sort(K::LateFrames, Some((10.0, 500.0)), Some((0.1, 30.0)), Part::Camera),
-        // Pads without any friction leave the quasi-static cube no place to be.
+        // Some friction is left: without any, the quasi-static model has no place for the cube.
         sort(K::Slip, Some((0.05, 0.6)), Some((0.1, 3.0)), Part::Arm),
         sort(K::Drop, None, None, Part::Arm),
         sort(K::Jam, Some((0.5, 5.0)), Some((0.5, 8.0)), Part::None),
@@ -118,7 +121,8 @@ pub(crate) struct Mix {
 impl Mix {
     /// Draws the mix of a seed for a cell with these arms and cameras.
     pub(crate) fn draw(seed: u64, arms: &[&str], cameras: &[&str]) -> Self {
-        // A stream of its own: the run draws its cube and noise from the same seed.
+        // The constant separates this random stream from those of the run's cube and noise, which
+        // have the same seed.
         let mut random = Pcg64::seed_from_u64(seed ^ 0x6d69_785f_6661_756c);
         let count = random.random_range(FAULTS.0..=FAULTS.1);
         let faults = (0..count).filter_map(|number| {
@@ -133,14 +137,15 @@ impl Mix {
         self.faults.len()
     }
 
-    /// Returns the mix without the fault with this number.
+    /// Returns the mix without the fault with this number (from 0).
     pub(crate) fn without(&self, number: usize) -> Self {
         let mut faults = self.faults.clone();
         faults.remove(number);
         Self { faults }
     }
 
-    /// Returns the mix of the run that resumes this one after a power cut: without power cuts.
+    /// Returns the mix for the run that resumes this one after a power cut: the same mix without
+    /// power cuts.
     pub(crate) fn after_cut(&self) -> Self {
         let cut = format!("kind = \"{}\"", FaultKind::PowerCut.word());
         let faults = self.faults.iter().filter(|keys| !keys.contains(&cut)).cloned();
@@ -154,7 +159,7 @@ impl Mix {
     }
 }
 
-/// Writes the mix as the end of a scenario.
+/// Text of the mix: lines that inject it if they are appended to a scenario.
 impl fmt::Display for Mix {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for keys in &self.faults {
@@ -164,7 +169,8 @@ impl fmt::Display for Mix {
     }
 }
 
-/// Draws the keys of one fault.
+/// Draws the keys of one fault of the kind `sort`, in the form `key = value`. `number` is its place
+/// in the mix (from 0).
 fn keys(
     number: usize,
     sort: &Sort,
@@ -184,7 +190,7 @@ fn keys(
         }
         Part::Direction => {
             keys.extend(arm(random));
-            // A push has no torque.
+            // A push is a force: directions 0 to 2. A sensor also has torques: 3 to 5.
             let most = if sort.kind == FaultKind::Push { 2 } else { 5 };
             keys.push(format!("direction = {}", random.random_range(0..=most)));
         }
@@ -210,6 +216,7 @@ fn keys(
             keys.extend(arm(random));
         }
     }
+    // Half of the faults wait for an event, the others begin at a time.
     if random.random_bool(0.5) {
         let event = EVENTS.choose(random).copied().unwrap_or(EVENTS[0]);
         keys.push(format!("event = \"{event}\""));
@@ -240,7 +247,7 @@ pub enum Broken {
     Died(String),
     /// The run did not end within its time by the wall clock.
     Endless,
-    /// The run reported a success that is none, with the reason.
+    /// The run reported a success, but the plant's cube is not solved; with the reason.
     Untrue(String),
     /// The cube fell more often than the controller noticed.
     UnnoticedDrop,
@@ -297,7 +304,7 @@ impl fmt::Display for Broken {
         match self {
             Self::Died(why) => write!(f, "the process ended without a summary: {why}"),
             Self::Endless => write!(f, "the run did not end"),
-            Self::Untrue(why) => write!(f, "a success that is none: {why}"),
+            Self::Untrue(why) => write!(f, "the run reported an untrue success: {why}"),
             Self::UnnoticedDrop => write!(f, "the cube fell, and the controller did not notice"),
             Self::Force(n) => write!(f, "a contact of {n:.0} N, more than {MOST_FORCE:.0} N"),
             Self::Damaged => write!(f, "the cube was crushed or pulled apart"),
@@ -308,8 +315,8 @@ impl fmt::Display for Broken {
     }
 }
 
-/// Returns the smallest mix that `breaks` the rule: faults are left out one by one as long as the
-/// rest still breaks it.
+/// Returns a smallest part of `mix` that still breaks a rule: leaves out faults one by one as long
+/// as the others still break it. `breaks` runs a mix and says whether it breaks the rule.
 ///
 /// # Errors
 /// The first error of `breaks`.

@@ -15,7 +15,7 @@
 //! | [`benchmark`], `protocol` | pure: scrambles and scores, the protocol in Markdown |
 //! | [`page`] | pure: the report in HTML |
 //! | [`mix`] | pure: mixes of faults, the rules for them, the smallest mix that breaks one |
-//! | `runner`, `soak` | shells: a process for each run, missions in a row in this process |
+//! | `runner`, `soak` | start runs: each in a process of its own, or in a row in this process |
 //!
 //! The verdict on a run comes from the plant, by way of the run's summary. A run that panics, is
 //! killed or exceeds its time counts as a failure with its seed. It does not end the campaign.

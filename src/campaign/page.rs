@@ -24,7 +24,7 @@ const LISTED: usize = 500;
 /// Number of runs above which a strip shows only a part of the solved ones.
 const DOTS: usize = 2000;
 
-/// Returns the report of a campaign as an HTML page. `aim` is the demanded share of solved runs
+/// Returns the report of a campaign as an HTML page. `aim` is the required share of solved runs
 /// (`--at-least`).
 #[must_use]
 pub fn page(tally: &Tally, aim: Option<f64>) -> String {
@@ -67,11 +67,11 @@ fn grouped(value: u64) -> String {
 }
 
 /// Appends the head of the page: the share of solved runs with its 95 % interval, and the most
-/// important figures. `aim` is the demanded share (`--at-least`).
+/// important figures. `aim` is the required share (`--at-least`).
 fn head(html: &mut String, tally: &Tally, title: &str, aim: Option<f64>) {
     let failed = tally.runs() - tally.solved;
     let [low, high] = tally.interval;
-    // Without a demanded share any failure colours the verdict red.
+    // Without a required share any failure colours the verdict red.
     let reached = aim.map_or(failed == 0, |aim| tally.success() >= aim);
     let class = if reached && tally.runs() > 0 && tally.is_complete() { "good" } else { "bad" };
     let _ = write!(
@@ -133,8 +133,8 @@ fn figures(tally: &Tally) -> impl Iterator<Item = (&RunResult, &Figures)> {
     tally.results.iter().filter_map(|r| Some((r, r.figures.as_ref()?)))
 }
 
-/// Draws the share of successful runs with its 95 % interval. The scale reaches from a little below
-/// the interval, or below `aim` (the share of `--at-least`), up to 100 %.
+/// Draws the share of solved runs with its 95 % interval; returns the SVG. The scale reaches from a
+/// little below the interval, or below `aim` (the share of `--at-least`), up to 100 %.
 fn interval(tally: &Tally, aim: Option<f64>) -> String {
     let [low, high] = tally.interval;
     let least = aim.map_or(low, |aim| low.min(aim));
@@ -273,8 +273,8 @@ const PANEL: f64 = 130.0;
 /// Vertical position of the axis (px).
 const BOTTOM: f64 = TOP + PANEL;
 
-/// Draws the histogram of `values`, each with whether its run was solved. The failed runs are the
-/// red bottom of a bar. `whole` is for whole numbers.
+/// Draws the histogram of `values`, each with whether its run was solved; returns the SVG. The
+/// failed runs are the red bottom of a bar. `whole` says that the values are whole numbers.
 fn histogram(title: &str, values: &[(f64, bool)], whole: bool) -> String {
     let mut svg = format!(
         "<svg class=\"wide histogram\" viewBox=\"0 0 {WIDE} {:.0}\" role=img><title>{title}</title>\
@@ -383,7 +383,7 @@ impl Bars {
         }
     }
 
-    /// Draws round values below the axis. If each whole number has its own bar, its value is
+    /// Draws round values below the axis. If each whole number has its own bar, the value is
     /// centred below the bar.
     fn draw_marks(&self, svg: &mut String, whole: bool) {
         let (from, by, count) = (self.from, self.by, self.counts.len() as f64);
@@ -458,13 +458,13 @@ fn value<'a>(run: &'a RunResult, key: &str) -> Option<&'a str> {
     run.set.iter().find_map(|option| option.strip_prefix(key)?.strip_prefix('='))
 }
 
-/// Draws the strip of a key: a dot for each run, at the value that was drawn for the key. A key
-/// with listed values gets a table instead.
+/// Draws the strip of a key: a dot for each run, at the value that was drawn for the key. Returns
+/// the SVG. A key with listed values gets a table instead.
 fn strip(tally: &Tally, key: &str, distribution: &Distribution) -> String {
     if let Distribution::OneOf(values) = distribution {
         return table_of(tally, key, values);
     }
-    // A campaign may have ten million runs. Solved ones are sampled; failures are all shown.
+    // A campaign may have ten million runs. A part of the solved ones is shown, but all failures.
     let every = tally.results.len().div_ceil(DOTS).max(1);
     let points: Vec<(f64, bool, u64)> = tally
         .results
@@ -600,6 +600,7 @@ mod tests {
     use super::super::state::tests::header;
     use super::*;
 
+    /// Returns the tally of runs with values drawn by the `--vary` text. Each seventh run failed.
     fn tally(runs: u64, vary: &str) -> Tally {
         let mut header = header(runs, "1/1");
         header.vary = vary.into();

@@ -19,7 +19,7 @@ pub(crate) struct Setup {
     /// Effectors: name, kind, distance at the start from the tool point to the nearest place where
     /// the centre of the cube may be (m).
     pub effectors: Vec<(String, String, f64)>,
-    /// Smallest distance of that kind that the benchmark accepts (m).
+    /// Smallest such distance of an effector that the benchmark accepts (m).
     pub clearance: f64,
     /// Cameras: name and place.
     pub cameras: Vec<(String, String)>,
@@ -84,6 +84,7 @@ fn hand_back_words(setup: &Setup) -> &'static str {
     }
 }
 
+/// Appends the title with the result, and the table of program, scenario and command.
 fn title(t: &mut String, setup: &Setup, tally: &Tally, score: &Score) {
     let header = &tally.header;
     let word = if score.is_whole() { "passed" } else { "not passed" };
@@ -99,6 +100,7 @@ fn title(t: &mut String, setup: &Setup, tally: &Tally, score: &Score) {
     line(t, &format!("| Command | `{}` |", setup.command));
 }
 
+/// Appends the section "Purpose".
 fn purpose(t: &mut String) {
     line(t, "\n## Purpose\n");
     // The paragraphs of the file have line breaks of their own, for readers of the plain text.
@@ -111,6 +113,7 @@ fn purpose(t: &mut String) {
     );
 }
 
+/// Appends the section "Task".
 fn task(t: &mut String, setup: &Setup) {
     let returns = hand_back_words(setup);
     line(t, "\n## Task\n");
@@ -134,6 +137,7 @@ fn task(t: &mut String, setup: &Setup) {
     line(t, &text);
 }
 
+/// Appends the section "Setup": the cube, its pose at the start and at the end, and the cell.
 fn objects(t: &mut String, setup: &Setup) {
     line(t, "\n## Setup\n");
     // The protocol is in the units of a workshop; the program computes in SI units.
@@ -177,6 +181,7 @@ fn objects(t: &mut String, setup: &Setup) {
     );
 }
 
+/// Appends the section "Robot": effectors, clearances and cameras, and what is known beforehand.
 fn robot(t: &mut String, setup: &Setup, tally: &Tally) {
     line(t, "\n## Robot\n");
     for (name, kind, distance) in &setup.effectors {
@@ -197,7 +202,8 @@ fn robot(t: &mut String, setup: &Setup, tally: &Tally) {
              this project)."
         ),
     );
-    // The demanded clearance was compared with the cell as believed; these values are the plant's.
+    // The required clearance was checked in the cell as the controller believes it to be. These
+    // values are the true ones, from the plant.
     let measured = Spread::of(clearances(tally).map(|(_, mm)| mm));
     if !measured.is_empty() {
         let (min, max) = (measured.min, measured.max);
@@ -220,6 +226,7 @@ fn robot(t: &mut String, setup: &Setup, tally: &Tally) {
     );
 }
 
+/// Appends the section "Procedure".
 fn procedure(t: &mut String, setup: &Setup) {
     line(t, "\n## Procedure\n");
     let returns = hand_back_words(setup);
@@ -240,6 +247,7 @@ fn procedure(t: &mut String, setup: &Setup) {
     );
 }
 
+/// Appends the section "Constraints".
 fn constraints(t: &mut String, setup: &Setup, tally: &Tally) {
     line(t, "\n## Constraints\n");
     let (simulated, wall) = (setup.limit, tally.header.limit_s);
@@ -255,6 +263,7 @@ fn constraints(t: &mut String, setup: &Setup, tally: &Tally) {
     );
 }
 
+/// Appends the section "Scoring".
 fn scoring(t: &mut String) {
     line(t, "\n## Scoring\n");
     line(
@@ -267,6 +276,7 @@ fn scoring(t: &mut String) {
     );
 }
 
+/// Appends accuracy, distributions of the figures, and mishaps.
 fn results(t: &mut String, tally: &Tally, score: &Score) {
     let [low, high] = tally.interval.map(|x| 100.0 * x);
     // A trial that takes longer than the limit is solved but has not passed. The interval is of the
@@ -299,6 +309,7 @@ fn results(t: &mut String, tally: &Tally, score: &Score) {
     let _ = writeln!(t, "\nCounted by the plant: {}.", counts.join(", "));
 }
 
+/// Appends a table with a row for each trial.
 fn trials(t: &mut String, setup: &Setup, tally: &Tally) {
     t.push_str(
         "\n| seed | scramble | result | turns | grasps | time [s] | peak force [N] | \

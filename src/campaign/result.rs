@@ -285,15 +285,15 @@ impl RunResult {
         result
     }
 
-    /// Returns whether both results agree, apart from the time by the wall clock.
+    /// Returns whether both results are equal, apart from the time by the wall clock.
     #[must_use]
     pub(crate) fn agrees(&self, other: &Self) -> bool {
         Self { wall_time_s: other.wall_time_s, ..self.clone() } == *other
     }
 }
 
-/// Returns the verdict on a run and its reason. A mission counts as solved only if its summary also
-/// says that the cube in the plant is solved, whatever the outcome in it.
+/// Returns the verdict on a run and its reason. A mission whose summary states success counts as
+/// solved only if the plant's cube in the same summary is solved.
 fn judged(summary: &Summary) -> (Verdict, String) {
     let solved = |letters: &str| letters.parse::<Facelets>().is_ok_and(|f| f.is_solved());
     match (summary.outcome, summary.ended_by) {
@@ -329,7 +329,8 @@ fn phase(stderr: &str) -> &str {
 }
 
 /// Returns the message of a panic in `stderr`, or else the last line that does not name a phase.
-/// The text begins with a semicolon, to follow a reason; it is empty if there is no line.
+/// The text begins with a semicolon, since it is appended to a reason; it is empty if there is no
+/// line.
 fn tail(stderr: &str) -> String {
     let mut lines = stderr.lines();
     let panicked = lines.by_ref().find(|line| line.contains("panicked at"));
@@ -358,6 +359,7 @@ fn short(text: &str) -> String {
 pub(super) mod tests {
     use super::*;
 
+    /// Returns the summary of a run that solved its cube.
     fn summary(seed: u64) -> Summary {
         let mut s = Summary::not_started("solve", seed, Some(&"U".repeat(54)), "", EndedBy::Task);
         s.outcome = Outcome::Solved;
@@ -366,7 +368,8 @@ pub(super) mod tests {
         s
     }
 
-    /// Returns a result for the tests of this folder.
+    /// Returns a result with this peak force (N) and 400 s + that number of simulated time, for the
+    /// tests of this folder.
     pub(in crate::campaign) fn result(seed: u64, verdict: Verdict, force: f64) -> RunResult {
         let mut result = RunResult::of_summary(&summary(seed), vec![]);
         result.verdict = verdict;
@@ -381,6 +384,7 @@ pub(super) mod tests {
         result
     }
 
+    /// Returns the result of a process for seed 3 with this output and end.
     fn process(stdout: &str, stderr: &str, ended: Ended) -> RunResult {
         RunResult::of_process(3, &["a.b=1".into()], (stdout, stderr), ended, 1.5)
     }

@@ -1,11 +1,11 @@
 //! The runner of a campaign: it performs each run in a process of its own, several at a time.
 //!
 //! - in: the program, and for each run its seed and options
-//! - out: a [`RunResult`] for each run that ended, in the order of the ends
+//! - out: a [`RunResult`] for each run, in the order in which they end
 //!
 //! The process isolates the run: a panic, an abort, a leak or a hang ends with it. The runner kills
-//! a process that exceeds its time. When the campaign is stopped it kills all processes, which
-//! leave no result.
+//! a process that exceeds its time. When the campaign is stopped, the runner kills all processes,
+//! which leave no result.
 
 use super::result::{Ended, RunResult, Verdict};
 use rustix::process::{Pid, Signal, kill_process_group};
@@ -23,7 +23,7 @@ use std::time::{Duration, Instant};
 const POLL: Duration = Duration::from_millis(10);
 /// Signal that ends a process without a clean-up.
 const KILLED: i32 = 9;
-/// Length of the end of a stream that is kept (bytes).
+/// Number of bytes that are kept from the end of stdout and of stderr.
 const KEPT_BYTES: usize = 1 << 20;
 
 /// Run to be performed.
@@ -33,18 +33,19 @@ pub(crate) struct Job {
     pub seed: u64,
     /// Drawn values, in the form `KEY=VALUE` of `--set`.
     pub set: Vec<String>,
-    /// Files of a run that is resumed after a power cut; `None` for a run that ends with it.
+    /// Files with which the run is resumed after a simulated power cut; `None` if a power cut ends
+    /// the run.
     pub kept: Option<Kept>,
 }
 
-/// Files of a run that outlive a power cut, and its continuation.
+/// Files that outlive a simulated power cut, and the values of the run that resumes after it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Kept {
     /// State of the simulated plant. The journal is beside it.
     pub world: PathBuf,
-    /// Recording.
+    /// Recording of the run before the power cut.
     pub recording: PathBuf,
-    /// Drawn values of the resumed run.
+    /// Drawn values of the resumed run, in the form `KEY=VALUE` of `--set`.
     pub set: Vec<String>,
 }
 
@@ -172,7 +173,7 @@ impl Runner {
     fn perform_one(&self, job: &Job, stopped: &dyn Fn() -> bool) -> Result<Option<RunResult>> {
         let first = self.perform_process(self.command(job, false), stopped)?;
         let Some(kept) = &job.kept else { return Ok(first.map(|end| end.result(job))) };
-        // A power cut kills its process, and saves the state of the plant.
+        // A simulated power cut kills the process of the run after it saved the state of the plant.
         let cut = first.as_ref().is_some_and(|end| end.ended == Ended::Signal(KILLED));
         let result = if !cut {
             Ok(first.map(|end| end.result(job)))
@@ -226,8 +227,8 @@ impl Runner {
             }
             let late = begun.elapsed() > self.limit;
             if late || stopped() {
-                // An error means that it has just ended by itself. The whole group is killed,
-                // because a child of the run would keep the streams open.
+                // An error means that the process has just ended by itself. Its whole group is
+                // killed, because a child of the run would keep the streams open.
                 let _ = kill_process_group(Pid::from_child(child), Signal::KILL);
                 child.wait()?;
                 return Ok(late.then_some(Ended::TimedOut(self.limit.as_secs_f64())));
@@ -301,10 +302,12 @@ mod tests {
         }
     }
 
+    /// Returns a job for each seed.
     fn jobs(seeds: std::ops::Range<u64>) -> Vec<Job> {
         seeds.map(|seed| Job { seed, set: vec![], kept: None }).collect()
     }
 
+    /// Performs the jobs and returns their results in the order of the seeds.
     fn all(runner: &Runner, jobs: &[Job], stop: &AtomicBool) -> Vec<RunResult> {
         let mut results = Vec::new();
         runner
@@ -318,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn hanging_crashing_or_flooding_run_ends_no_other() {
+    fn hanging_crashing_or_flooding_run_spares_other_runs() {
         // $7 is the seed.
         let script = "case $7 in\n0) sleep 60;;\n1) kill -9 $$;;\n2) yes | head -c 9000000;;\n\
                       *) echo \"thread 'main' panicked at a.rs:1:1:\" >&2; echo why >&2; \

@@ -7,7 +7,7 @@
 //!
 //! | fault | threshold | reason |
 //! |---|---|---|
-//! | memory in use grows | [`GROWTH`] or [`GROWTH_MIB`] | counted from the second tenth on |
+//! | memory in use grows | [`GROWTH`] or [`GROWTH_MIB`] | counted after the second tenth |
 //! | a repeated mission differs | none | a mission repeats to the bit |
 
 use super::result::{Figures, RunResult, Verdict};
@@ -22,9 +22,9 @@ use std::time::Instant;
 
 /// Number of parts of a soak, each of which ends with a report.
 pub(crate) const PARTS: usize = 10;
-/// Share by which the memory may grow after the second tenth, or by [`GROWTH_MIB`] if that is more.
+/// Share by which the memory may grow after the second tenth of the soak.
 const GROWTH: f64 = 0.05;
-/// Growth of the memory that is allowed in any case (MiB).
+/// Growth of the memory that is allowed even if it exceeds [`GROWTH`] (MiB).
 const GROWTH_MIB: f64 = 8.0;
 
 /// Report at the end of a tenth.
@@ -92,7 +92,7 @@ impl Soak {
     #[must_use]
     pub(crate) fn unsteady_reason(&self) -> Option<String> {
         if self.tenths.len() < PARTS {
-            return Some("it ended before its tenth tenth".to_owned());
+            return Some("it ended before its last tenth".to_owned());
         }
         // A soak that measured or compared too little must not pass.
         match (self.is_flat(), self.repeated) {
@@ -160,6 +160,8 @@ pub(crate) fn soak(
 ) -> Soak {
     let mut soak = Soak::default();
     let mut firsts = BTreeMap::new();
+    // Simulated time so far (s); simulated time and missions, and wall clock, when the present
+    // tenth began.
     let (mut time, mut begun, mut clock) = (0.0, (0.0, 0), Instant::now());
     let mut drift: f64 = 0.0;
     for scenario in scenarios.iter().cycle() {
@@ -229,7 +231,8 @@ fn perform(scenario: &Scenario) -> Option<RunResult> {
     }
 }
 
-/// Returns the resident memory of this process, without what its allocator keeps for later (MiB).
+/// Returns the resident memory of this process (MiB), without free memory that its allocator keeps;
+/// `None` if the system does not report it.
 fn resident_mib() -> Option<f64> {
     trim_heap();
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
@@ -238,8 +241,8 @@ fn resident_mib() -> Option<f64> {
     Some(kib / 1024.0)
 }
 
-/// Gives memory that is free back to the system, where the allocator can. Whether it keeps 20 MiB
-/// of an ended mission depends on which thread freed them last, and is no growth.
+/// Gives free memory back to the system, where the allocator can. Otherwise the allocator may keep
+/// 20 MiB of an ended mission, depending on which thread freed them last, which is no growth.
 fn trim_heap() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     #[expect(unsafe_code, reason = "a call of the C library that takes no pointer")]
@@ -254,6 +257,7 @@ mod tests {
     use super::super::result::tests::result;
     use super::*;
 
+    /// Returns the report of a tenth with this resident memory (MiB).
     fn tenth(resident: f64) -> Tenth {
         Tenth {
             hours: 1.0,
@@ -277,7 +281,7 @@ mod tests {
         assert_eq!(Soak::default().is_flat(), None);
         let mut short = of(107.0);
         short.tenths.pop();
-        assert!(short.unsteady_reason().unwrap().contains("ended before its tenth tenth"));
+        assert!(short.unsteady_reason().unwrap().contains("ended before its last tenth"));
     }
 
     #[test]

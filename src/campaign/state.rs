@@ -18,7 +18,7 @@ const LONGEST: u64 = 1 << 20;
 pub(crate) const MOST_RUNS: u64 = 10_000_000;
 /// Build of a campaign whose shards were performed by different builds of one version.
 pub(crate) const SEVERAL: &str = "several";
-/// Number of missing shards that are named.
+/// Largest number of missing shards that are named; further ones are only counted.
 const NAMED: usize = 20;
 
 /// Identity of a campaign. Two files belong together if [`Header::differs`] finds no difference.
@@ -116,7 +116,7 @@ impl Header {
         runs.checked_sub(first + 1).map_or(0, |others| others / step + 1)
     }
 
-    /// Returns a message about the limit of runs or shards that the campaign exceeds, if any.
+    /// Returns a message if the campaign has more runs or shards than [`MOST_RUNS`].
     fn excess(&self) -> Option<String> {
         let most = |what: &str, count| {
             (count > MOST_RUNS).then(|| format!("{count} {what} exceed the limit of {MOST_RUNS}"))
@@ -378,6 +378,7 @@ impl std::fmt::Display for MissingShards {
     }
 }
 
+/// Returns the error of a seed with two different results.
 fn contradiction(seed: u64) -> String {
     format!("seed {seed} has two different results: were the programs different?")
 }
@@ -417,6 +418,7 @@ pub(super) mod tests {
         }
     }
 
+    /// Returns the state file of a campaign of ten runs, with results of these seeds.
     fn file(seeds: &[u64]) -> String {
         let lines: String =
             seeds.iter().map(|s| line(&result(*s, Verdict::Solved, *s as f64))).collect();
@@ -507,7 +509,8 @@ pub(super) mod tests {
         assert_eq!(shard("1/2", &[5]).missing_shards(&several), MissingShards::default());
     }
 
-    /// The largest campaign is evaluated without a list of its ten million shards.
+    /// A header beyond a limit is refused, or ignored if it is a later one. At the limit the
+    /// missing shards are counted without a list of ten million.
     #[test]
     fn read_refuses_too_many_runs_or_shards() {
         for (runs, shard, reason) in [

@@ -1,5 +1,5 @@
-//! The sum of a campaign: share of solved runs with its interval, failures by phase, distributions
-//! of the runs' figures.
+//! The summed results of a campaign: share of solved runs with its interval, failures by phase,
+//! distributions of the runs' figures.
 //!
 //! - in: the header and the results that exist
 //! - out: one JSON object for machines, a table for people. The object does not depend on the order
@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
-/// The sum of a campaign.
+/// Summed results of a campaign.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tally {
     /// Header of the campaign.
@@ -65,8 +65,8 @@ impl Tally {
         let (mut mishaps, mut mishaps_and_solved, mut recoveries) = (Mishaps::default(), (0, 0), 0);
         for (result, figures) in results.iter().filter_map(|r| Some((r, r.figures.as_ref()?))) {
             mishaps.add(&figures.mishaps);
-            // A mishap alone is no failure: a mission may recover from it. How many do is a figure
-            // of its own.
+            // A mishap alone is no failure: a mission may recover from it. Those that were solved
+            // nevertheless are counted.
             if figures.mishaps.count() > 0 {
                 mishaps_and_solved.0 += 1;
                 mishaps_and_solved.1 += u64::from(result.verdict == Verdict::Solved);
@@ -116,6 +116,7 @@ impl Tally {
         Spread::of(self.figures().filter_map(of))
     }
 
+    /// Returns the figures of all runs that have some.
     fn figures(&self) -> impl Iterator<Item = &Figures> {
         self.results.iter().filter_map(|r| r.figures.as_ref())
     }
@@ -141,7 +142,7 @@ impl Tally {
         self.figures().filter(unknown).count() as u64
     }
 
-    /// Returns the force limits of the runs, for people: "20.0 N".
+    /// Returns the force limit of the runs for people: "20.0 N", or a range if it was varied.
     #[must_use]
     pub fn limit(&self) -> String {
         // Runs may differ in their limit: `--vary` can draw it.
@@ -235,6 +236,7 @@ impl Tally {
         t
     }
 
+    /// Appends the rows about the runs: scenario, seeds, share of solved runs, rate.
     fn add_runs(&self, t: &mut String) {
         let header = &self.header;
         let shard = match header.shard.to_string() {
@@ -269,6 +271,7 @@ impl Tally {
         plants.into_iter().collect()
     }
 
+    /// Appends a row for the distribution of each quantity.
     fn add_spreads(&self, t: &mut String) {
         row(t, "", &Spread::COLUMNS.map(|name| format!("{name:>9}")).join(" "));
         for (_, words, of, decimals) in QUANTITIES {
@@ -281,6 +284,7 @@ impl Tally {
         }
     }
 
+    /// Appends the rows with the counts of mishaps, excessive contacts and runs without a verdict.
     fn add_mishaps(&self, t: &mut String) {
         let m = &self.mishaps;
         row(t, "jams, slips, drops", &format!("{}, {}, {}", m.jams, m.slips, m.drops));
@@ -337,6 +341,7 @@ pub(super) fn figure(value: f64, decimals: usize) -> String {
     format!("{value:.decimals$}")
 }
 
+/// Appends a row to the table for people.
 fn row(table: &mut String, name: &str, value: &str) {
     // Writing to a string cannot fail.
     let _ = writeln!(table, "{name:<22} {value}");
@@ -348,6 +353,8 @@ mod tests {
     use super::super::state::tests::header;
     use super::*;
 
+    /// Returns the state of a shard from seed 5 on, in which seed 9 failed, seed 11 died, and the
+    /// others are solved with a peak force (N) equal to the seed.
     fn state(runs: u64, shard: &str) -> State {
         let header = header(runs, shard);
         let outcome = |seed: u64| match seed {

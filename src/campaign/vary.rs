@@ -1,8 +1,8 @@
 //! Variations of a campaign: keys of a scenario whose values are drawn by the seed of each run.
 //!
 //! - in: a TOML file in the form of a scenario, with a distribution in place of each value
-//! - out: for a seed, options `KEY=VALUE` as of `run --set`. The draws of a key do not depend on
-//!   the other keys of the file
+//! - out: for a seed, overrides `KEY=VALUE`, as `run --set` takes them. The draws of a key do not
+//!   depend on the other keys of the file
 //!
 //! ```toml
 //! plant.errors.base_mm = { uniform = [0, 2] }
@@ -12,8 +12,8 @@
 //! fault = { one_of = [[], [{ kind = "jam", magnitude = 3, event = "turned", turned_deg = 30 }]] }
 //! ```
 //!
-//! A value of `one_of` may be a whole list, as the list of faults. It is passed as an option in one
-//! line and replaces the list of the scenario.
+//! A value of `one_of` may be a whole list, such as the list of faults. It is written in one line
+//! as the value of `--set`, and replaces the list of the scenario.
 
 use crate::scenario::fault::{Faults, Source};
 use crate::scenario::tree::{self, Entry, Node, Value};
@@ -64,7 +64,7 @@ pub enum Distribution {
         /// Range; a value outside is drawn again.
         within: (f64, f64),
     },
-    /// List of values, each as probable as another.
+    /// List of values, all equally probable.
     OneOf(Vec<Choice>),
 }
 
@@ -115,7 +115,7 @@ impl Variations {
         } else if keys.is_empty() && faults.0.is_empty() {
             faults.add(None, format!("{}: no key is varied", path.display()));
         }
-        // The order of the file must not matter.
+        // The keys are sorted, so that their order in the file does not matter.
         keys.sort_by(|a: &Key, b| a.name.cmp(&b.name));
         if faults.0.is_empty() { Ok(Self { keys }) } else { Err(faults.sorted()) }
     }
@@ -128,8 +128,8 @@ impl Variations {
     /// Draws the values of the run with this seed.
     #[must_use]
     pub fn draw(&self, seed: u64) -> Vec<Drawn> {
-        // Each key has a random stream of its own, so that a key more or less changes no other
-        // draw.
+        // Each key has a random stream of its own, so that adding or removing a key does not change
+        // the draws of the others.
         let of = |key: &Key| {
             let (value, from) =
                 key.distribution.draw(&mut Pcg64::seed_from_u64(mixed(&key.name, seed)));
@@ -216,8 +216,8 @@ fn gather(node: &Node, path: &str, keys: &mut Vec<Key>, faults: &mut Faults) {
         faults.add_with_help(Some(&node.place), reason, help);
         return;
     };
-    // A table with a keyword is a distribution; any other one is a section of the scenario. A file
-    // whose top level has a keyword is not a distribution as a whole.
+    // A table with a keyword is a distribution; any other one is a section of the scenario. The top
+    // level of the file is always a section.
     if entries.iter().any(|e| WORDS.contains(&e.key.as_str())) && !path.is_empty() {
         if let Some(distribution) = distribution(node, path, faults) {
             keys.push(Key { name: path.to_owned(), distribution, place: node.place.label() });
@@ -235,7 +235,8 @@ fn gather(node: &Node, path: &str, keys: &mut Vec<Key>, faults: &mut Faults) {
     }
 }
 
-/// Reads the distribution of the key `path` from its table, and adds what is wrong to `faults`.
+/// Reads the distribution of the key `path` from its table, and adds what is wrong to `faults`;
+/// `None` if the table has no valid distribution.
 fn distribution(node: &Node, path: &str, faults: &mut Faults) -> Option<Distribution> {
     let Value::Table(entries) = &node.value else { return None };
     let (mut distribution, mut within) = (None, None);
@@ -297,7 +298,7 @@ fn distribution(node: &Node, path: &str, faults: &mut Faults) -> Option<Distribu
     distribution
 }
 
-/// Reads a list of two finite numbers.
+/// Reads a list of two finite numbers; `None` if the value is anything else.
 fn pair(node: &Node) -> Option<(f64, f64)> {
     let Value::Array(items) = &node.value else { return None };
     let number = |node: &Node| match node.value {
@@ -311,7 +312,7 @@ fn pair(node: &Node) -> Option<(f64, f64)> {
     }
 }
 
-/// Reads a list of two whole numbers, the smaller first.
+/// Reads a list of two whole numbers, the smaller first; `None` if the value is anything else.
 fn whole_pair(node: &Node) -> Option<(i64, i64)> {
     let Value::Array(items) = &node.value else { return None };
     match items.iter().map(|i| &i.value).collect::<Vec<_>>()[..] {
@@ -330,7 +331,8 @@ fn choices(node: &Node) -> Option<Vec<Choice>> {
     items.iter().map(choice).collect()
 }
 
-/// Writes a value in one line: numbers and words as in the file, lists and tables without comments.
+/// Returns a value as TOML in one line: numbers and texts as in the file, lists and tables without
+/// comments.
 fn in_a_line(node: &Node) -> Option<String> {
     let list = |texts: Option<Vec<String>>| texts.map(|texts| texts.join(","));
     match &node.value {
@@ -350,7 +352,7 @@ fn in_a_line(node: &Node) -> Option<String> {
     }
 }
 
-/// Writes a key in the syntax of TOML, with quotes where it needs them.
+/// Returns a key in the syntax of TOML, with quotes where it needs them.
 fn key(name: &str) -> String {
     let bare = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
     let quoted = || serde_json::to_string(name).unwrap_or_default();
@@ -370,6 +372,7 @@ mod tests {
                         [control]\ngrip_n = { normal = [26, 1.5], within = [25, 27] }\n\
                         [planner]\nnode_budget = { whole = [3, 5] }\n";
 
+    /// Returns the value that a seed draws for a key.
     fn of(vary: &Variations, seed: u64, key: &str) -> String {
         vary.draw(seed).into_iter().find(|d| d.key == key).unwrap().value
     }

@@ -20,12 +20,13 @@ pub(super) struct ScenarioArgs {
 }
 
 impl ScenarioArgs {
-    /// Returns the overrides of `--set` that can be read.
+    /// Returns the overrides of `--set`, without those that cannot be parsed: [`Self::load`]
+    /// refuses these.
     pub(super) fn overrides(&self) -> Vec<Override> {
         self.set.iter().filter_map(|text| Override::parse(text).ok()).collect()
     }
 
-    /// Loads the scenario under `--set` and the overrides in `more`.
+    /// Loads the scenario with the overrides of `--set` and, after them, those in `more`.
     ///
     /// # Errors
     /// All errors of the file and of the overrides, one a line.
@@ -51,7 +52,7 @@ impl ScenarioArgs {
     }
 }
 
-/// Parses the value of an option that is a size: a finite number of 0 or more.
+/// Parses the value of an option that must be a finite number of 0 or more.
 pub(super) fn not_negative(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(number) if number.is_finite() && number >= 0.0 => Ok(number),
@@ -60,35 +61,37 @@ pub(super) fn not_negative(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Checks that the principal point of a lens is in a picture of this size. A point outside belongs
-/// to a lens of another resolution, with which a pose is wrong although its residual is small.
+/// Checks that the principal point of a lens is inside a picture of this size (px). A point outside
+/// was calibrated for another resolution: poses would be wrong although their residuals are small.
 ///
 /// # Errors
-/// The point, the size of the picture, and the size to which the lens may belong.
+/// A text with the point, the size of the picture, and the size for which the lens may have been
+/// calibrated.
 pub(super) fn check_centre(lens: &Lens, width: u32, height: u32) -> Result<(), String> {
     let (x, y) = lens.centre;
-    // The centre of pixel 0 is 0, so its border is half a pixel before it.
+    // The centre of the first pixel has coordinate 0, so the picture begins at -0.5.
     let inside = |at: f64, size: u32| (-0.5..=f64::from(size) - 0.5).contains(&at);
     if inside(x, width) && inside(y, height) {
         return Ok(());
     }
-    // The point is near the middle of the picture for which it was calibrated.
+    // A principal point is near the middle of the picture for which it was calibrated.
     let size = |at: f64| (2.0 * at + 1.0).round();
     let of = if x > 0.0 && y > 0.0 {
-        format!(" (some {} x {} px)", size(x), size(y))
+        format!(" (about {} x {} px)", size(x), size(y))
     } else {
         String::new()
     };
     Err(format!(
         "the principal point ({x}, {y}) is outside of the picture of {width} x {height} px: the \
-         optics seem to be of another resolution{of}: scale fx, fy, cx and cy to this one"
+         optics seem to be those of another resolution{of}: scale fx, fy, cx and cy to this one"
     ))
 }
 
-/// Refuses to begin on hardware without the file of its devices.
+/// Checks that the file of devices of a scenario on hardware can be read. Other scenarios have no
+/// such file.
 ///
 /// # Errors
-/// The file cannot be read, with what to do.
+/// The reason why the file cannot be read, with what to do.
 pub(super) fn check_devices(scenario: &Scenario) -> anyhow::Result<()> {
     if !scenario.bridge.kind.is_hardware() {
         return Ok(());
@@ -123,6 +126,6 @@ mod tests {
             assert!(check_centre(&at(centre), 320, 240).is_err(), "{centre:?}");
         }
         let why = check_centre(&at((639.5, 479.5)), 320, 240).unwrap_err();
-        assert!(why.contains("320 x 240 px") && why.contains("(some 1280 x 960 px)"), "{why}");
+        assert!(why.contains("320 x 240 px") && why.contains("(about 1280 x 960 px)"), "{why}");
     }
 }

@@ -1,4 +1,5 @@
-//! `rubik-robot benchmark`: measures accuracy and speed in trials, and writes their protocol.
+//! `rubik-robot benchmark`: measures accuracy and speed in trials, and writes a report, the
+//! protocol.
 //!
 //! - in: a tier M-N (M cubes, N moves of scramble) or a number of missions; a seed
 //! - out: the protocol as Markdown, or one line of JSON
@@ -30,10 +31,10 @@ A tier M-N is M consecutive trials with cubes that N seeded moves have scrambled
 Yang, Lancaster, Srinivasa and Smith (RA-L 2020). It is passed if all trials are. The cube lies on
 the table at the start and at the end, and no person is in the cell. A mission begins and ends in
 a person's hand.
-Exit codes: 0 every trial passed, 1 a trial failed, 2 usage or scenario, 130 interrupted.")]
+Exit codes: 0 every trial passed, 1 a trial failed, 2 wrong usage or scenario, 130 interrupted.")]
 #[command(group(clap::ArgGroup::new("kind").required(true).args(["mission", "tier"])))]
 pub(super) struct BenchmarkArgs {
-    /// Perform K whole missions
+    /// Perform K whole missions, each from a person's hand back into it
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     mission: Option<u64>,
     /// Perform M consecutive trials with cubes scrambled by N moves
@@ -88,7 +89,7 @@ pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u
     check_clearance(args, &setup)?;
     let mut campaign = campaign(args, kind, &from)?;
     let performed = campaign.perform(&kind.name())?;
-    // A protocol of trials with two scenarios would describe neither.
+    // The scenario has changed: a protocol of trials with two scenarios would describe neither.
     if performed == Performed::Changed {
         return Ok(WRONG);
     }
@@ -104,7 +105,7 @@ pub(super) fn run(args: &BenchmarkArgs, output: &mut Output) -> anyhow::Result<u
     } else if args.output.is_none() {
         output.text(&text)?;
     }
-    // An interrupted benchmark is no failed one: it has an exit code of its own.
+    // An interrupted benchmark has not failed, so it has an exit code of its own.
     let interrupted = performed == Performed::Interrupted;
     Ok(if interrupted { INTERRUPTED } else { u8::from(!score.is_whole()) })
 }

@@ -22,8 +22,8 @@ the other arm holds. The arms are driven through the hardware port, and the pict
 camera. One adjustment finds focal lengths, principal point, k1, k2, the camera's pose, the pose of
 the cube in the hand, and the length of its edge.
 
-Poses and their s.d. are relative to the pose that the encoders give, since a camera only has to
-agree with them.
+Poses and their s.d. (standard deviations) are relative to the pose that the encoders give, since a
+camera only has to agree with them.
 The absolute pose is less certain, by the errors that all poses of the arm have in common (sag,
 base). Its s.d. is printed as well and written to [plant.errors]. The lines `off by` give the
 difference from the true values, which only a simulation knows.
@@ -33,7 +33,7 @@ Examples:
   rubik-robot calibrate scenarios/solve.toml --camera standalone --views 40 --seed 3
   rubik-robot calibrate scenarios/solve.toml -o cameras.toml  # sections to copy into a scenario
 
-Exit codes: 0 every camera is calibrated, 1 a camera is not, 2 usage or scenario.")]
+Exit codes: 0 every camera is calibrated, 1 a camera is not, 2 wrong usage or scenario.")]
 pub(super) struct CalibrateArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
@@ -43,7 +43,7 @@ pub(super) struct CalibrateArgs {
     /// Number of poses of the arm for each camera
     #[arg(long, default_value_t = 30, value_parser = clap::value_parser!(u32).range(6..=200))]
     views: u32,
-    /// Seed of the plant's truth and noise [default: the scenario's]
+    /// Seed of the simulated plant's true errors and noise [default: the scenario's]
     #[arg(long)]
     seed: Option<u64>,
     /// Write the calibrated camera sections with their errors to FILE (TOML)
@@ -58,7 +58,7 @@ pub(super) struct CalibrateArgs {
 pub(super) fn calibrate(args: &CalibrateArgs, output: &mut Output) -> anyhow::Result<u8> {
     clash(&[("the scenario", Some(&args.scenario.scenario))], &[("-o", args.output.as_ref())])?;
     let mut scenario = args.scenario.load(&[]).map_err(refuse)?;
-    // Another seed draws another truth around the numbers of the scenario.
+    // Another seed draws other true values of the plant, around those of the scenario.
     scenario.seed = args.seed.unwrap_or(scenario.seed);
     let cameras = &scenario.controller.cell.cameras;
     let wanted = match &args.camera {
@@ -103,7 +103,7 @@ fn name<'a>(cell: &'a Cell, report: &Report) -> &'a str {
     &cell.cameras[report.camera].name
 }
 
-/// Returns the errors of a camera as JSON.
+/// Returns the errors of a camera against its true values as JSON.
 fn errors_object(errors: &Errors) -> Value {
     json!({ "focal_percent": errors.focal * 100.0, "centre_px": errors.centre,
         "place_mm": errors.place * 1e3, "tilt_deg": errors.tilt.to_degrees(),
@@ -167,7 +167,7 @@ fn words(cell: &Cell, report: &Report) -> String {
     text + &hand_words(report)
 }
 
-/// Returns the values that were found, each with its standard deviation.
+/// Returns the calibrated values as lines of text, each with its standard deviation (s.d.).
 fn found_words(found: &Calibrated) -> String {
     let (lens, d) = (&found.setup.lens, &found.deviations);
     let at = found.setup.camera.translation.vector * 1e3;
@@ -272,7 +272,7 @@ fn section(config: &ControllerConfig, reports: &[Report]) -> String {
             CameraSource::Renderer => "renderer".to_owned(),
             CameraSource::Folder(folder) => folder.display().to_string(),
         };
-        // A list in a scenario replaces the built-in one, so all cameras are written.
+        // A list of cameras in a scenario replaces the built-in one, so all cameras are written.
         text += &camera_section(camera, &source, found, |arm| cell.arms[arm].name.clone());
     }
     let all: Vec<&Calibrated> = reports.iter().filter_map(|r| r.found.as_ref().ok()).collect();

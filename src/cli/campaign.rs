@@ -31,9 +31,10 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-/// Begin of the error of drawn values.
+/// Beginning of the message about drawn values that the scenario refuses. It tells these errors,
+/// which name the file of `--vary`, from others.
 const DRAWN: &str = "the values that seed";
-/// Largest seed of a first run. The seed of each run, also of the last, is an integer of TOML.
+/// Largest seed of a first run, so that the seeds of all runs are integers of TOML (64 bits).
 pub(super) const LAST_SEED: u64 = i64::MAX as u64 - MOST_RUNS;
 
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
@@ -53,11 +54,12 @@ Examples:
   rubik-robot campaign scenarios/solve.toml --soak 8
   rubik-robot campaign scenarios/solve.toml --mix --hours 1
 
-Run i has the seed S + i: another cube, hand, light, cell and noise. The verdict is the plant's. A
-run that panics or exceeds --limit-s is a failure; the report gives the command that repeats it.
+Run i (from 0) has the seed S + i: another cube, hand, light, cell and noise. The simulated plant
+decides whether a run is solved, not the controller. A run that panics or exceeds --limit-s is a
+failure; the report gives the command that repeats it.
 Exit codes: 0 the campaign was performed, with any result; 1 the share of --at-least was not
-reached, or a soak was not steady or had a failed mission; 2 usage, scenario or state file;
-4 system; 130 interrupted. With --mix: 1 a run broke a rule."
+reached, or a soak was not steady or had a failed mission; 2 wrong usage, scenario or state file;
+4 system error; 130 interrupted. With --mix: 1 a run broke a rule."
 )]
 pub(super) struct CampaignArgs {
     #[command(subcommand)]
@@ -98,16 +100,16 @@ pub(super) struct CampaignArgs {
     result: ResultArgs,
     /// Run missions one after the other in one process for HOURS of simulated time
     ///
-    /// The soak reports how much the memory grows, and whether missions with the same seed drift
-    /// apart in time. Without --at-least each of its missions must be solved.
+    /// The soak reports how much the memory grows, and whether missions with the same seed repeat
+    /// exactly. Without --at-least each of its missions must be solved.
     #[arg(long, value_name = "HOURS",
           conflicts_with_all = ["runs", "jobs", "vary", "shard", "state", "output"])]
     soak: Option<f64>,
-    /// Inject a random mix of two to four faults into each run, for --hours, and check its rules
+    /// Inject a random mix of two to four faults into each run, for --hours, and check safety rules
     ///
-    /// A run may fail, but never report an untrue success, die, miss a fallen cube, press with more
-    /// than 65 N, damage the cube, or go on for ever. For a broken rule the command prints the
-    /// smallest mix that still breaks it.
+    /// The rules: a run may fail, but it must never report an untrue success, crash, miss a fallen
+    /// cube, press with more than 65 N, damage the cube, or go on for ever. For a broken rule the
+    /// command prints the smallest mix that still breaks it.
     #[arg(long, requires = "hours",
           conflicts_with_all = ["soak", "runs", "vary", "shard", "state", "output", "at_least"])]
     mix: bool,
@@ -134,6 +136,7 @@ pub(super) struct ResultArgs {
     json: bool,
 }
 
+/// Subcommand of `campaign`.
 #[derive(Debug, Subcommand)]
 enum Part {
     /// Merge the state files of shards and report on the whole campaign
@@ -176,7 +179,7 @@ pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8
     let inputs = [("the scenario", args.scenario.as_ref()), ("--vary", args.vary.as_ref())];
     let outputs = [("--state", args.state.as_ref()), ("-o", args.result.output.as_ref())];
     clash(&inputs, &outputs)?;
-    // Without `--runs` there is a soak, which has returned above.
+    // A call without `--runs` is a soak or a mix, and has returned above.
     let shape = Shape {
         seed: args.seed,
         runs: args.runs.unwrap_or(1),
@@ -186,7 +189,7 @@ pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8
     };
     let (text, vary) = vary.unzip();
     let draw = |seed: u64| vary.as_ref().map_or_else(Vec::new, |vary: &Variations| vary.draw(seed));
-    // An error of a drawn value is one of the file of --vary.
+    // An error of a drawn value comes from the file of --vary, which the message then names.
     let refused = |faults: String| {
         let drawn = args.vary.as_ref().filter(|_| faults.starts_with(DRAWN));
         let from = drawn.map_or_else(String::new, |path| format!("--vary: {}: ", path.display()));
@@ -202,7 +205,7 @@ pub(super) fn run(args: &CampaignArgs, output: &mut Output) -> anyhow::Result<u8
     if interrupted && args.state.is_none() {
         complain("interrupted: with --state FILE a campaign can be continued");
     }
-    // An early end loses no result: the report is of those that there are.
+    // A campaign that ended early reports the results that it has.
     let code = args.result.report(&Tally::of(&campaign.state), output)?;
     Ok(match performed {
         Performed::Interrupted => INTERRUPTED,
@@ -286,7 +289,7 @@ impl ResultArgs {
         }
         let Some(share) = self.at_least else { return Ok(0) };
         let (runs, solved) = (tally.runs(), tally.solved);
-        // A part of the runs, or runs of several programs, can be no measurement of the share.
+        // A part of the runs, or runs of different programs, do not measure the share.
         let reason = if !tally.is_complete() || runs == 0 {
             format!("{runs} of {} runs have a result", tally.asked)
         } else if !tally.is_of_one_build() {
@@ -320,7 +323,7 @@ pub(super) fn writable(path: &Path) -> Result<(), String> {
     tried.map_err(|why| format!("-o: {shown}: {why}"))
 }
 
-/// Checks that no override sets one seed for all runs.
+/// Checks that no override of `--set` sets the seed, which would be the same in all runs.
 pub(super) fn seedless(set: &[String]) -> Result<(), String> {
     let is_seed = |text: &String| Override::parse(text).is_ok_and(|over| over.key == "seed");
     if set.iter().any(is_seed) {
@@ -365,9 +368,11 @@ pub(super) enum Performed {
 )]
 struct Changed(String);
 
-/// The scenario at the begin of the campaign. Each run reads the file again.
+/// Scenario as it was when the campaign began. Each run reads the file again, so a change of the
+/// file would go unnoticed without this check.
 struct Given {
     from: ScenarioArgs,
+    /// Checksum of the scenario at the beginning, see [`sum`].
     sum: String,
 }
 
@@ -408,14 +413,15 @@ fn sum(path: &Path, read: &Scenario) -> std::io::Result<String> {
     Ok(format!("{:08x}", sum.finalize()))
 }
 
-/// A campaign whose scenarios are checked.
+/// Campaign whose scenarios have been checked.
 pub(super) struct Campaign {
-    /// Results that are known.
+    /// Description of the campaign, and the results so far.
     pub state: State,
     given: Given,
     runner: Runner,
+    /// Runs that have no result yet.
     jobs: Vec<Job>,
-    /// State file.
+    /// State file to which each result is appended, if `--state` names one.
     kept: Option<File>,
 }
 
@@ -475,11 +481,12 @@ impl Campaign {
         Ok(Self { state, given: Given { from, sum }, runner, jobs, kept: None })
     }
 
-    /// Takes the results of a state file and appends new results to it.
+    /// Takes over the results in the state file at `path`, or creates the file. New results will be
+    /// appended to it.
     fn keep_in(&mut self, path: &Path) -> Result<(), String> {
         let own = new_file::resolve(path).and_then(|path| new_file::open_or_create(&path));
         let mut file = own.map_err(|e| e.to_string())?;
-        // The lock of the file is released when its process ends, even if it is killed.
+        // The file is locked; the lock is released when this process ends, even if it is killed.
         if !new_file::is_ours(&file, path) {
             return Err("another campaign is writing it: name another file".to_owned());
         }
@@ -509,7 +516,7 @@ impl Campaign {
         path: &Path,
     ) -> Result<(), String> {
         let own = &self.state.header;
-        // A campaign may get more runs: the later of two first lines counts.
+        // A campaign may get more runs: then a second header is appended, which counts.
         let longer = found.header.is_extended_by(own) && found.header.runs < own.runs;
         if longer {
             found.header.runs = own.runs;
@@ -523,7 +530,7 @@ impl Campaign {
             found.results.len(),
             self.jobs.len()
         ));
-        // The next line must not begin with the rest of a cut one.
+        // An incomplete last line is removed, so that the next result begins a line.
         file.set_len(found.whole)
             .and_then(|()| file.seek(SeekFrom::End(0)))
             .map_err(|e| e.to_string())?;
@@ -536,7 +543,7 @@ impl Campaign {
         Ok(())
     }
 
-    /// Performs the runs that have no result yet.
+    /// Performs the runs that have no result yet. `title` names them in the progress bar.
     pub(super) fn perform(&mut self, title: &str) -> anyhow::Result<Performed> {
         let stop = stop_flag()?;
         let (bar, begun) = (Bar::new(title), Instant::now());
@@ -557,7 +564,7 @@ impl Campaign {
                 bar.say(&sentence(&result));
             }
             state.results.insert(result.seed, result);
-            // The mean time of the runs of this call predicts the rest.
+            // The mean time of the runs of this call predicts the time that is left.
             let left = begun.elapsed().as_secs_f64() / f64::from(done)
                 * (all - state.results.len()) as f64;
             let words = format!(
@@ -582,7 +589,8 @@ impl Campaign {
     }
 }
 
-/// Checks that a file's header is that of this campaign; otherwise returns the difference.
+/// Checks that the header `found` in a state file is that of this campaign, `own`; otherwise
+/// returns the difference and what to do.
 fn is_same_campaign(found: &Header, own: &Header) -> Result<(), String> {
     if own.is_extended_by(found) && own.runs < found.runs {
         let runs = found.runs;
@@ -620,7 +628,8 @@ fn duration(seconds: f64) -> String {
     }
 }
 
-/// Checks a scenario under overrides and drawn values.
+/// Reads the text of a scenario with the overrides `set` and the drawn values; returns all errors
+/// as text.
 fn check(path: &Path, text: &str, set: &[Override], drawn: &[Drawn]) -> Result<Scenario, String> {
     let drawn = drawn.iter().map(|d| Override {
         option: d.from.clone(),
@@ -631,7 +640,7 @@ fn check(path: &Path, text: &str, set: &[Override], drawn: &[Drawn]) -> Result<S
     scenario::read(path, text, &overrides).map_err(|faults| faults.to_string())
 }
 
-/// Returns the hours of an option, or refuses them.
+/// Returns the hours of an option, or refuses a number that is not above 0.
 fn positive_hours(option: &str, hours: f64) -> anyhow::Result<f64> {
     if hours.is_finite() && hours > 0.0 {
         return Ok(hours);

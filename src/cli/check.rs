@@ -3,7 +3,7 @@
 use super::arguments::ScenarioArgs;
 use super::output::{Output, refuse};
 
-/// Checks a scenario and returns the exit code.
+/// Checks a scenario and prints a line about its content; returns the exit code.
 pub(super) fn run(args: &ScenarioArgs, output: &mut Output) -> anyhow::Result<u8> {
     let scenario = args.load(&[]).map_err(refuse)?;
     let controller = &scenario.controller;

@@ -27,7 +27,7 @@ pub(super) fn cubes(from: impl BufRead) -> impl Iterator<Item = io::Result<Strin
     })
 }
 
-/// Lines, and the cubes that are made of them.
+/// Parser that makes cubes of lines.
 struct Cubes<L> {
     lines: L,
     /// Lines of a layout that is not complete.
@@ -41,7 +41,7 @@ impl<L: Iterator<Item = io::Result<String>>> Cubes<L> {
     fn advance(&mut self) -> io::Result<Option<String>> {
         while self.ready.is_empty() {
             let Some(line) = self.lines.next().transpose()? else {
-                // Lines of a layout without an end.
+                // The layout has no end, so its lines are cubes of their own.
                 self.ready.extend(self.begun.drain(..));
                 break;
             };
@@ -63,7 +63,7 @@ impl<L: Iterator<Item = io::Result<String>>> Cubes<L> {
         Ok(self.ready.pop_front())
     }
 
-    /// Makes a cube of the lines.
+    /// Makes one cube of the lines in `begun`, which complete a layout.
     fn complete(&mut self) {
         let lines: Vec<String> = self.begun.drain(..).collect();
         self.ready.push_back(lines.join("\n"));
@@ -74,7 +74,7 @@ impl<L: Iterator<Item = io::Result<String>>> Cubes<L> {
 fn lines(mut from: impl BufRead) -> impl Iterator<Item = io::Result<String>> {
     // Text in UTF-16 has no line ends of one byte, so it is read whole. A file of cubes has an end.
     let mut whole = VecDeque::new();
-    // An error of this look at the first bytes is returned again when the first line is read.
+    // The first bytes show the byte-order mark. An error here occurs again when a line is read.
     if matches!(from.fill_buf(), Ok([0xFF, 0xFE, ..] | [0xFE, 0xFF, ..])) {
         match text::of(&mut from, text::LIST) {
             Ok(text) => whole.extend(text.lines().map(|line| Ok(line.to_owned()))),
@@ -86,7 +86,7 @@ fn lines(mut from: impl BufRead) -> impl Iterator<Item = io::Result<String>> {
         let read = next_line(&mut from, LONGEST, &mut line).transpose()?;
         // A line that is no text is refused as any wrong line; the next lines are answered.
         let cube = || String::from_utf8_lossy(&line).into_owned();
-        // A longer line is no cube, even if it begins like one.
+        // A line that is too long is refused, even if it begins like a cube.
         let long = || format!("a line of more than {LONGEST} bytes");
         Some(read.map(|complete| if complete { cube() } else { long() }))
     });
@@ -100,10 +100,13 @@ mod tests {
 
     const CUBE: &str = "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB";
 
+    /// Returns the texts of the cubes in a stream.
     fn texts(bytes: &[u8]) -> Vec<String> {
         cubes(bytes).map(Result::unwrap).collect()
     }
 
+    /// The lines of a complete layout make one cube; each line of a broken layout is a cube of its
+    /// own, which will be refused.
     #[test]
     fn layouts_are_joined_and_broken_ones_split() {
         let sides = "UUUUUUUUU\nRRRRRRRRR\nFFFFFFFFF\nDDDDDDDDD\nLLLLLLLLL\nBBBBBBBBB";
@@ -116,9 +119,11 @@ mod tests {
         assert_eq!(found, [CUBE, sides, "UUU", "URF", CUBE, joined, "BBBBBBBBB", "UUU"]);
     }
 
-    /// A reader of answers gets one for each cube as soon as its last line is written.
+    /// A cube is returned as soon as its last line is there, without a look at the next line: a
+    /// program that writes cubes one by one waits for each answer.
     #[test]
     fn cube_is_complete_with_its_last_line() {
+        /// Reader that panics when it is read after its end.
         struct Ends<'a>(&'a [u8]);
         impl io::Read for Ends<'_> {
             fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {

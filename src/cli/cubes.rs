@@ -1,9 +1,10 @@
-//! `vision colours` and `vision scan`: reads whole cubes; and the line about a cube.
+//! `vision colours` and `vision scan`: read whole cubes, and print a line about each.
 //!
 //! - in: files of 54 measured colours, or pictures of the six faces
 //! - out: a line of text or of JSON for each cube
 //!
-//! Facelets are named by face and number in reading order: U1..U9, R1.., F, D, L, B.
+//! Facelets are named by their face and their number in reading order: U1 to U9, R1 to R9, and so
+//! on for F, D, L and B.
 
 use super::image_file::load;
 use super::output::{WRONG, code_of};
@@ -39,12 +40,12 @@ impl From<anyhow::Error> for Refused {
     }
 }
 
-/// Margin below which the likeliest cube contradicts what a sticker looks like. Readings of
-/// photographs that were right had margins of 0.05 and more, readings of wrongly placed pictures
-/// less than 0.01.
+/// Margin ([`Decision::margins`]) of a facelet below which the likeliest cube contradicts the look
+/// of its sticker. Right readings of photographs had margins of 0.05 and more, readings of wrongly
+/// placed pictures less than 0.01.
 const CONTRADICTED: f64 = 0.02;
 
-/// Returns the name of a facelet: `U1`.
+/// Returns the name of a facelet (0 to 53, in the order URFDLB): 0 is `U1`, 53 is `B9`.
 fn facelet_name(facelet: usize) -> String {
     format!("{}{}", face_letter(facelet / 9), facelet % 9 + 1)
 }
@@ -54,12 +55,12 @@ fn names(facelets: &[usize]) -> Vec<String> {
     facelets.iter().map(|&f| facelet_name(f)).collect()
 }
 
-/// Returns the 54 letters of a cube.
+/// Returns the 54 letters of a cube, from the face (0 to 5 = URFDLB) of each facelet.
 pub(super) fn face_letters(facelets: &[u8; 54]) -> String {
     facelets.iter().map(|&f| face_letter(usize::from(f))).collect()
 }
 
-/// Returns the name of an error's variant as one word for programs: `CornerTwisted` becomes
+/// Returns the variant name of an error as one word for programs: `CornerTwisted` becomes
 /// `corner-twisted`.
 fn kind(reason: &impl std::fmt::Debug) -> String {
     // The word follows from the name of the variant, so it needs no table that could lack one.
@@ -74,26 +75,27 @@ fn kind(reason: &impl std::fmt::Debug) -> String {
     word
 }
 
-/// Line about a cube, in both forms.
+/// Line about a cube, as text and as JSON.
 struct Line {
-    /// Words after the name of the file.
+    /// Text after the name of the file.
     text: String,
-    /// The same for programs, without the name of the file.
+    /// Same content for programs, without the name of the file.
     json: Value,
     /// Exit code: 0 if the cube was read.
     code: u8,
-    /// Whether the words name the file.
+    /// Whether `text` names the file already.
     names_file: bool,
 }
 
 impl Line {
-    /// Makes the line of a cube that was read. `correction` says how its pictures were put right.
+    /// Makes the line of a cube that was read. `correction` says which of its pictures were turned,
+    /// exchanged or mirrored, if any.
     fn of_reading(decision: &Decision, correction: Option<&str>) -> Self {
         let facelets = face_letters(&decision.facelets);
         let weakest = decision.margins.iter().copied().fold(1.0, f64::min);
         let doubtful = names(&decision.doubtful);
         let colours: String = decision.colours.iter().map(|&c| LETTERS[usize::from(c)]).collect();
-        // Three decimals are more than the margins are worth.
+        // The margins mean nothing beyond three decimals.
         let round = |v: f64| (v * 1000.0).round() / 1000.0;
         let mut json = json!({ "facelets": facelets, "colours": colours,
             "margins": decision.margins.map(round).to_vec(), "doubtful": doubtful });
@@ -108,8 +110,9 @@ impl Line {
         Self { text, json, code: 0, names_file: false }
     }
 
-    /// Makes the line of a refusal that shows what was read, so that the wrong stickers can be
-    /// found.
+    /// Makes the line of a refusal that shows the colours that were read and the `doubtful`
+    /// facelets, so that a person can find the wrong stickers. `kind` is the reason as a word for
+    /// programs.
     fn of_impossible(reason: &str, kind: &str, facelets: &[u8; 54], doubtful: &[usize]) -> Self {
         let (read, doubtful) = (face_letters(facelets), names(doubtful));
         Self {
@@ -120,7 +123,7 @@ impl Line {
         }
     }
 
-    /// Makes the line of a refusal that has only its reason.
+    /// Makes the line of a refusal without facelets. `kind` is the reason as a word for programs.
     fn of_refusal(reason: &str, kind: &str) -> Self {
         let json = json!({ "reason": reason, "refusal": kind });
         Self { text: reason.to_owned(), json, code: 1, names_file: false }
@@ -137,7 +140,8 @@ impl Line {
                 Self::of_impossible(reason, "contradicted", &cube.facelets, &contradicted)
             }
             Ok(cube) => Self::of_reading(cube, None),
-            // Rule 2: pictures that lie in another way are read as if they had been put right.
+            // Rule 2: pictures that were turned, exchanged or mirrored are put right, and rule 1
+            // holds for the result.
             Err(Refused::Colours(Undecided::Misplaced { placement, decision })) => {
                 match Self::of(&Ok((**decision).clone())) {
                     Self { code: 0, .. } => {
@@ -146,7 +150,7 @@ impl Line {
                     refused => refused,
                 }
             }
-            // Rule 3: an impossible cube prints what was read.
+            // Rule 3: the line of an impossible cube shows the colours that were read.
             Err(Refused::Colours(Undecided::Impossible { reason, facelets, doubtful })) => {
                 let told = format!("this cube cannot exist: {reason}");
                 Self::of_impossible(&told, &kind(reason), facelets, doubtful)
@@ -165,8 +169,8 @@ impl Line {
     }
 }
 
-/// Returns the line about a cube, as text or JSON, and the exit code. `name` is the
-/// name of the cube's file or picture; `decided` has its colours, or the reason why there are none.
+/// Returns the line about a cube, as text or JSON, and the exit code. `name` is the name of the
+/// cube's file or pictures; `decided` has its colours, or the reason why there are none.
 pub(super) fn report(
     name: &str,
     decided: &std::result::Result<Decision, Refused>,
@@ -196,7 +200,7 @@ const FIRST_SQUARE: [usize; 6] = [1, 28, 19, 46, 10, 37];
 pub fn measured_squares(text: &str) -> Result<[[f64; 3]; 54]> {
     let squares: BTreeMap<String, [f64; 3]> =
         serde_json::from_str(text).context("must be {\"1\": [r, g, b], ... \"54\": [r, g, b]}")?;
-    // A missing square would be found below, but not a surplus one.
+    // The loop below finds a missing square, but no surplus one.
     if squares.len() != 54 {
         bail!("the file has {} squares instead of 54", squares.len());
     }
@@ -228,7 +232,7 @@ pub fn colours(files: &[impl AsRef<Path>], json: bool) -> (String, u8) {
 }
 
 /// Returns the main face of a picture: the widest of those with at least 0.8 times the best
-/// confidence.
+/// confidence. The faces are sorted, the most certain one first.
 fn dominant(mut faces: Vec<FaceSighting>) -> Option<FaceSighting> {
     let best = faces.first()?.confidence;
     // A face in the background may be nearly as certain, but it is smaller.
@@ -236,8 +240,8 @@ fn dominant(mut faces: Vec<FaceSighting>) -> Option<FaceSighting> {
     faces.into_iter().max_by(|a, b| a.width_px().total_cmp(&b.width_px()))
 }
 
-/// Returns the line about a cube from pictures of its faces U, R, F, D, L, B, and the exit
-/// code. Each face is upright, as in the usual net.
+/// Reads a cube from pictures of its faces U, R, F, D, L, B. Returns the line about it, as text or
+/// JSON, and the exit code. Each face is upright, as in the usual net: U above F, D below F.
 #[must_use]
 pub(crate) fn scan(images: &[impl AsRef<Path>], json: bool) -> (String, u8) {
     let (mut faults, mut code) = (String::new(), 0);
@@ -279,7 +283,8 @@ mod tests {
     use super::*;
     use crate::cube::{Cube, Facelets};
 
-    /// Returns a file of 54 measured colours, as a cube with these facelets has them in even light.
+    /// Returns the text of a file of 54 colours, as measured in even light on a cube with these
+    /// facelets.
     fn file(facelets: &[u8; 54]) -> String {
         const STICKERS: [[f64; 3]; 6] = [
             [235.0, 235.0, 235.0],
@@ -324,9 +329,10 @@ mod tests {
         assert_eq!(error.to_string(), "colour of square 54 is missing");
     }
 
-    /// A possible cube gives its facelets, an impossible one gives the reason as one word.
+    /// The line about a possible cube has its facelets, that about an impossible one the reason as
+    /// one word.
     #[test]
-    fn report_gives_facelets_or_reason_cube_is_impossible() {
+    fn report_gives_facelets_or_reason_of_refusal() {
         let truth = *Facelets::from(&Cube::scrambled(4)).colours();
         let mut flipped = truth;
         flipped.swap(5, 10);
@@ -346,10 +352,10 @@ mod tests {
         assert_eq!(line["refusal"], "edge-flipped");
     }
 
-    /// A turned picture is put right, and the line says so; a sticker that no cube allows is
-    /// refused.
+    /// A turned picture is put right, and the line says so. A cube with a margin below
+    /// [`CONTRADICTED`] is refused.
     #[test]
-    fn report_tells_corrected_pictures_and_contradictions() {
+    fn report_names_corrected_pictures_and_contradictions() {
         let truth = *Facelets::from(&Cube::scrambled(4)).colours();
         let mut turned = truth;
         for tile in 0..9 {

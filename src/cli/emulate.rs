@@ -1,8 +1,8 @@
 //! `rubik-robot emulate`: emulates the robot of a scenario on serial lines, datagrams and sockets.
 //!
-//! - in: a scenario, faults of the lines
-//! - out: a file of devices for `rubik-robot run`; at the end the truth of the plant, as a table or
-//!   as one line of JSON
+//! - in: a scenario, transmission faults to inject
+//! - out: a file of devices for `rubik-robot run`; at the end the true events and state of the
+//!   simulated plant, as a table or as one line of JSON
 
 use super::arguments::ScenarioArgs;
 use super::output::{Output, complain, refuse};
@@ -30,9 +30,10 @@ Examples:
   rubik-robot emulate scenarios/hardware.toml --missed 0.001 --lost 0.05 --reordered 0.05
   rubik-robot emulate scenarios/hardware.toml --unplug track.3@20   # disconnect a line at 20 s
 
-The emulator ends 3 s after the last command of the controller, or by Ctrl-C, and prints the truth
-of the plant. Times of faults count from the first command.
-Exit codes: 0 ended, 2 usage or scenario, 3 fatal (an effector), 4 system.")]
+The emulator simulates the arms, cameras, force sensors and cube. It ends 3 s after the last command
+of the controller, or by Ctrl-C, and prints what truly happened: forces, slips, the cube at the end.
+Times of faults count from the first command.
+Exit codes: 0 ended, 2 wrong usage or scenario, 3 an effector failed, 4 system error.")]
 pub(super) struct EmulateArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
@@ -63,13 +64,14 @@ pub(super) struct EmulateArgs {
     /// Share of force datagrams that are sent after the next datagram (0 to 1)
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     reordered: f64,
-    /// Reset an axis controller after S s, as in track.3@20; repeatable
+    /// Reset an axis controller after S seconds, as in track.3@20 (effector track, axis 3);
+    /// repeatable
     #[arg(long, value_name = "EFFECTOR.AXIS@S")]
     reset: Vec<String>,
-    /// Disconnect a line after S s, as in track.3@20; repeatable
+    /// Disconnect the serial line of an axis after S seconds, as in track.3@20; repeatable
     #[arg(long, value_name = "EFFECTOR.AXIS@S")]
     unplug: Vec<String>,
-    /// Silence a force sensor after S s, as in track@20; repeatable
+    /// Silence the force sensor of an effector after S seconds, as in track@20; repeatable
     #[arg(long, value_name = "EFFECTOR@S")]
     silence: Vec<String>,
     /// Let axis controllers follow their last command for ever
@@ -86,18 +88,20 @@ pub(super) struct EmulateArgs {
     json: bool,
 }
 
+/// Kind of the emulated force sensors, as a word of the command line.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum SensorWord {
-    /// ATI Net F/T, over UDP datagrams
+    /// Like an ATI Net F/T sensor: over UDP datagrams
     NetFt,
-    /// A sensor controller, over a serial line
+    /// Like a force sensor with a controller box: over a serial line
     Controller,
 }
 
-/// Time from the last command until the emulator ends (s).
+/// Time without a command of the controller after which the emulator ends (s).
 const LEAVES: f64 = 3.0;
 
-/// Emulates the cell until the controller has left, and prints the truth; returns the exit code.
+/// Emulates the cell until the controller has left, and prints what happened in it; returns the
+/// exit code.
 pub(super) fn run(args: &EmulateArgs, output: &mut Output) -> anyhow::Result<u8> {
     let mut more = Vec::new();
     if let Some(seed) = &args.seed {
@@ -112,7 +116,7 @@ pub(super) fn run(args: &EmulateArgs, output: &mut Output) -> anyhow::Result<u8>
     let options = options(args, faults, scenario.seed);
     let devices =
         args.devices.clone().unwrap_or_else(|| scenario.bridge.devices_at(&scenario.path));
-    // The devices exist when this is called, so that a run can start.
+    // This is called once the devices exist: it tells the user how to start the run.
     let announce = |places: &crate::hw::devices::Devices, warnings: &[String]| {
         for warning in warnings {
             complain(&format!("not real time: {warning}; see rubik-robot doctor"));
@@ -158,13 +162,13 @@ fn run_line(args: &EmulateArgs, scenario: &Scenario) -> String {
     let mut words = vec!["rubik-robot run".to_owned(), text::quoted(&path).into_owned()];
     let mut set = |option: &str| words.push(format!("--set {}", text::quoted(option)));
     args.scenario.set.iter().for_each(|option| set(option));
-    // The last of two options for one key counts, so these come behind the user's own.
+    // The last of two options for one key counts, so these come after the user's own.
     if scenario.bridge.kind != BridgeKind::Serial {
         set("bridge.kind=serial");
         if scenario.pace != Pace::RealTime {
             set("pace=real-time");
         }
-        // The only profile that hardware accepts.
+        // Hardware accepts no other profile.
         set("control.profile=workshop");
     }
     if let Some(devices) = &args.devices {
@@ -193,7 +197,7 @@ fn options(args: &EmulateArgs, faults: LineFaults, seed: u64) -> EmulatorOptions
 /// Returns the transmission faults that the options ask for, or a message about the first wrong
 /// option.
 fn faults(args: &EmulateArgs, arms: &[Arm]) -> Result<LineFaults, String> {
-    // The parser of clap checks numbers only; a share has a range of its own.
+    // clap checks only that the shares are numbers, not their range.
     for (option, share) in [
         ("missed", args.missed),
         ("corrupt", args.corrupt),
@@ -224,7 +228,8 @@ fn faults(args: &EmulateArgs, arms: &[Arm]) -> Result<LineFaults, String> {
     })
 }
 
-/// Parses place and time of a fault: `track.3@20`, or `track@20` without an axis.
+/// Parses effector, axis and time (s) of a fault: `track.3@20`, or `track@20` unless `with_axis`,
+/// which gives axis 0. Returns a message if the text is wrong or the scenario has no such effector.
 fn at(text: &str, arms: &[Arm], with_axis: bool) -> Result<At, String> {
     let example = if with_axis { "track.3@20" } else { "track@20" };
     let wrong = || format!("must be like {example}");
@@ -233,7 +238,7 @@ fn at(text: &str, arms: &[Arm], with_axis: bool) -> Result<At, String> {
     if !(0.0..f64::INFINITY).contains(&time) {
         return Err("the time must be a number of seconds, 0 or more".to_owned());
     }
-    // A sensor is one of an effector, so its place has no axis.
+    // A force sensor belongs to an effector, so its place has no axis.
     let (name, axis) = if with_axis {
         let (name, axis) = place.split_once('.').ok_or_else(wrong)?;
         (name, axis.parse().ok().filter(|axis| *axis <= AXES).ok_or_else(wrong)?)
@@ -335,7 +340,8 @@ mod tests {
         assert_eq!(options(&["--sensors", "controller"]).sensors, SensorKind::Controller);
     }
 
-    /// The line is typed as it stands: it repeats the options, and the run connects.
+    /// A user can type the printed line as it is: it repeats the emulator's options and adds those
+    /// with which the run connects to the emulated devices.
     #[test]
     fn run_line_repeats_options_and_connects() {
         let line = |text: &str, more: &[&str]| {

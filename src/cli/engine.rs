@@ -8,7 +8,7 @@
 //! | first, two-phase | two phases (`solver`) | not proven |
 //! | korf | pattern databases of the paper (`solver::korf`) | proven |
 //! | optimal | one large table (`solver::optimal`) | proven |
-//! | robot | plans of many two-phase solutions (`PlanSearch`) | not asked |
+//! | robot | the fastest plan of many two-phase solutions (`PlanSearch`) | no |
 
 use super::output::complain;
 use super::progress::{Bar, print_news};
@@ -39,7 +39,7 @@ pub(super) enum Mode {
     TwoPhase,
     /// Proven shortest solution by Korf's pattern databases: slow from 17 turns on
     Korf,
-    /// Proven shortest solution
+    /// Proven shortest solution by one large table
     Optimal,
     /// Solution that takes the two arms the least time, among many of the two-phase search
     Robot,
@@ -56,9 +56,9 @@ pub(super) struct Limits {
     pub(super) nodes: Option<u64>,
 }
 
-/// Number of states without a limit: about 50 ms.
+/// Number of states that a search without other limits examines, in about 50 ms.
 pub(super) const USUAL_NODES: u64 = 500_000;
-/// Number of solutions among which `robot` chooses.
+/// Number of solutions among which the mode `robot` chooses.
 const CANDIDATES: usize = 1000;
 
 /// Result of a search.
@@ -80,22 +80,24 @@ pub(super) enum Unsolved {
     /// Proof that no solution has at most this number of turns.
     #[error("there is no solution of {0} turns or fewer (proven)")]
     None(u8),
-    /// Reason why no solution was found.
+    /// Reason why no solution was found, although one may exist.
     #[error("{0}")]
     NotFound(String),
 }
 
-/// A mode with its tables.
+/// Solver of one mode, with its limits and tables.
 pub(super) struct Engine {
     mode: Mode,
     limits: Limits,
     /// Number of threads for one cube.
     threads: usize,
+    /// Tables of the two-phase search.
     tables: Tables,
+    /// Solver of the modes `korf` and `optimal`; `None` if its tables cannot be used.
     exact: Option<Exact>,
     /// Planner of the mode `robot`.
     planner: Option<Planner>,
-    /// Tables of the engine, for people.
+    /// Name of the tables, for a text such as "searched with the large tables".
     pub(super) with: &'static str,
 }
 
@@ -146,7 +148,7 @@ impl Engine {
             Mode::Robot => self.for_arms(cube)?,
         };
         let solver::Solution { turns, nodes, proven } = found;
-        // A search with a longest solution may end without any.
+        // A search with a maximum length may end without a solution.
         if turns.is_empty() && !cube.is_solved() {
             let asked = self.limits.max_length.unwrap_or_default();
             return Err(Unsolved::NotFound(format!(
@@ -157,7 +159,7 @@ impl Engine {
         Ok(Answer { turns, nodes, optimal: proven, time: begun.elapsed() })
     }
 
-    /// Searches by two-phase within the limits.
+    /// Searches in two phases within the limits. The solution has no turns if none is found.
     fn two_phase(&self, cube: &Cube) -> solver::Solution {
         let Limits { max_length, time, nodes } = self.limits;
         // A maximum length ends the search by itself, so it needs no limit of states.
@@ -176,7 +178,11 @@ impl Engine {
         within(time, &stop, || solver::solve_watched(cube, &self.tables, &budget, &watch))
     }
 
-    /// Searches for a proven shortest solution.
+    /// Searches for a solution that is proven to be a shortest one, within the limits.
+    ///
+    /// # Errors
+    /// The proof that there is no solution within the maximum length, or the reason why none was
+    /// found.
     fn shortest(&self, cube: &Cube) -> Result<solver::Solution, Unsolved> {
         let no_tables = || {
             Unsolved::NotFound(
@@ -248,7 +254,7 @@ pub(super) struct PlanSearch<'a> {
 }
 
 impl PlanSearch<'_> {
-    /// Returns the best plan from the grasp `start`, and the number of states of the last search.
+    /// Returns the best plan from the grasp `start`, and the limit of states of the last search.
     /// Without a time limit there is a single search with the whole effort. With a limit, each
     /// search has twice the effort of the one before, until the next would exceed the time.
     pub(super) fn best(&self, cube: &Cube, start: (Hand, Grip)) -> Result<(Plan, u64), NoPlan> {
@@ -256,7 +262,7 @@ impl PlanSearch<'_> {
         let mut effort = if self.time.is_some() { FIRST } else { self.effort };
         let mut plan = self.planner.best(cube, start, self.tables, effort)?;
         if let Some(time) = self.time {
-            // With twice the effort, the next search takes about twice the time of all before it.
+            // The next search takes at most about twice the time of all before it.
             while begun.elapsed() * 3 <= time {
                 effort = Effort { nodes: effort.nodes * 2, candidates: effort.candidates * 2 };
                 let better = self.planner.best(cube, start, self.tables, effort)?;
@@ -270,7 +276,7 @@ impl PlanSearch<'_> {
     }
 }
 
-/// Returns the planner of the built-in cell.
+/// Returns the planner of the built-in cell; `None` if it cannot be made.
 fn planner() -> Option<Planner> {
     let scenario = scenario::read(Path::new("the built-in cell"), "", &[]).ok()?;
     run::planner(&scenario.controller).ok()
@@ -280,7 +286,7 @@ fn planner() -> Option<Planner> {
 fn within<T>(time: Option<Duration>, stop: &AtomicBool, work: impl FnOnce() -> T) -> T {
     let Some(time) = time else { return work() };
     let (done, over) = channel::<()>();
-    // A thread keeps the time, so that the search need not read the clock.
+    // Another thread watches the clock, so that the search need not read it.
     std::thread::scope(|scope| {
         scope.spawn(move || {
             if over.recv_timeout(time) == Err(RecvTimeoutError::Timeout) {
@@ -311,7 +317,8 @@ pub(super) fn default_tables(store: &Store, workers: Threads) -> Tables {
     Tables::with(&Tables::DEFAULT.map(|spec| obtain(store, spec, workers)))
 }
 
-/// Opens a table. Reports on stderr why it cannot be used, unless it was never built.
+/// Opens a table that is built. Returns `None` if it cannot be used, and reports the reason on
+/// stderr, unless the table was never built.
 fn sound(store: &Store, spec: &TableSpec, workers: Threads) -> Option<Bytes> {
     let opened = store.open(spec, &workers);
     if let Err(reason) = &opened
@@ -326,7 +333,7 @@ fn sound(store: &Store, spec: &TableSpec, workers: Threads) -> Option<Bytes> {
     opened.ok()
 }
 
-/// Obtains a table from the store, with a bar if it must be built.
+/// Obtains a table from the store. Shows a progress bar if it must be built.
 fn obtain(store: &Store, spec: &TableSpec, workers: Threads) -> Bytes {
     let bar = Bar::new(spec.name);
     let listener = |spec: &TableSpec, news: crate::tables::News<'_>| print_news(spec, &news);
@@ -335,7 +342,7 @@ fn obtain(store: &Store, spec: &TableSpec, workers: Threads) -> Bytes {
 }
 
 /// Obtains the best table for shortest solutions: the largest that is built, otherwise the largest
-/// that leaves half of the memory free.
+/// that leaves half of the available memory free. Also returns its name for people.
 fn optimal_table(store: &Store, workers: Threads) -> (Option<Exact>, &'static str) {
     let [small, standard] = &optimal::TABLES;
     let there = |spec: &'static TableSpec| Some((spec, sound(store, spec, workers)?));
@@ -348,13 +355,13 @@ fn optimal_table(store: &Store, workers: Threads) -> (Option<Exact>, &'static st
     (exact, if spec.name == small.name { "the small table" } else { "the standard table" })
 }
 
-/// Obtains the tables of the mode `korf`.
+/// Obtains the tables of the mode `korf` and makes its solver; `None` if they cannot be used.
 fn korf(store: &Store, workers: Threads) -> Option<Exact> {
     let tables = [0, 1, 2].map(|i| for_ever(obtain(store, &korf::TABLES[i], workers)));
     Korf::new(tables).ok().map(Exact::Korf)
 }
 
-/// Keeps a table until the process ends. The engine lives as long.
+/// Leaks a table, which then stays in memory until the process ends, as the engine does.
 fn for_ever(bytes: Bytes) -> &'static [u8] {
     // The solver borrows its table for the life of the process, so a leak loses nothing.
     let bytes: &'static Bytes = Box::leak(Box::new(bytes));
@@ -364,7 +371,7 @@ fn for_ever(bytes: Bytes) -> &'static [u8] {
 /// Returns the available memory (bytes); 0 if the system does not report it.
 fn memory() -> usize {
     let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
-    // The estimate of the kernel includes caches that it can free.
+    // MemAvailable is the kernel's estimate, which includes caches that it can free.
     let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:"));
     let kilobytes = line.and_then(|l| l.trim().trim_end_matches("kB").trim().parse::<usize>().ok());
     kilobytes.unwrap_or(0) * 1024

@@ -9,9 +9,10 @@
 //! |---|---|---|
 //! | found | each centre is within a quarter of the smallest tile pitch | it is on its tile |
 //! | read | found, and all nine colours are right | |
-//! | wrong report | no face of the manifest fits | confident from `CONFIDENT` on |
+//! | wrong report | no face of the manifest fits | the detector sees a face where none is |
 //!
-//! The four reading orders of a face are equal: after a roll of 45 deg no order is the upright one.
+//! All four reading orders of a face count as right: after a roll of 45 deg none is the upright
+//! one.
 
 use super::faces::letters;
 use super::image_file::load;
@@ -31,14 +32,19 @@ use std::time::Instant;
 /// Least confidence of a wrong report that counts as confident.
 const CONFIDENT: f64 = 0.8;
 
-/// One face of a manifest.
+/// True face of a picture: a line of a manifest.
 #[derive(Debug, Clone, Deserialize)]
 struct Truth {
+    /// Path of the picture from the manifest's folder.
     image: String,
+    /// Nine letters of colours in reading order.
     face: String,
+    /// Centres of the tiles in reading order (px).
     all_centres: [(f64, f64); 9],
+    /// Class of difficulty, by which faces are grouped.
     #[serde(default)]
     tier: String,
+    /// Origin of the picture, by which faces are grouped.
     #[serde(default)]
     source: String,
 }
@@ -74,6 +80,7 @@ struct Evaluation {
     /// Counts by tier and source.
     groups: BTreeMap<(String, String), Tally>,
     images: usize,
+    /// Faces that the detector reported.
     reports: usize,
     /// Reports that fit no face of the manifest. They are wrong, or the manifest lacks the face.
     wrong: usize,
@@ -81,6 +88,7 @@ struct Evaluation {
     wrong_confident: usize,
     /// Time of each picture, without reading the file (ms), sorted.
     times: Vec<f64>,
+    /// Texts about missed faces, misread faces and wrong reports.
     misses: Vec<String>,
     /// Confidences of the tiles of found faces, by source.
     reliability: Reliability,
@@ -120,8 +128,8 @@ fn truths(manifest: &Path) -> Result<BTreeMap<String, Vec<Truth>>> {
     Ok(by_image)
 }
 
-/// Returns the sighting, in that of its four reading orders whose tile centres are near those of a
-/// true face; `None` if there is no such order.
+/// Returns the sighting in the one of its four reading orders whose tile centres are near those of
+/// a true face (a quarter of the tile pitch); `None` if there is no such order.
 fn fitting(sighting: &FaceSighting, truth: &Truth) -> Option<FaceSighting> {
     let reach = 0.25 * smallest_pitch(&truth.all_centres);
     let near = |s: &FaceSighting| {
@@ -280,6 +288,7 @@ impl Evaluation {
 mod tests {
     use super::*;
 
+    /// Returns a true face with a tile pitch of 10 px.
     fn truth() -> Truth {
         Truth {
             image: "a.png".into(),
@@ -292,6 +301,7 @@ mod tests {
         }
     }
 
+    /// Returns the sighting that agrees with [`truth`].
     fn sighting() -> FaceSighting {
         FaceSighting {
             corners: [(15.0, 25.0), (45.0, 25.0), (45.0, 55.0), (15.0, 55.0)],
@@ -317,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn face_0_3_tile_pitches_off_is_wrong() {
+    fn face_off_by_third_of_pitch_is_wrong() {
         let mut all = Evaluation::default();
         let mut off = sighting();
         off.centres.iter_mut().for_each(|c| c.0 += 3.0);

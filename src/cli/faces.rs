@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Returns points as JSON with two decimals (px), which is finer than any detector.
+/// Returns points as JSON with two decimals (px), which is finer than the detector measures.
 fn rounded(points: &[(f64, f64)]) -> Value {
     let two = |v: f64| (v * 100.0).round() / 100.0;
     points.iter().map(|p| json!([two(p.0), two(p.1)])).collect()
@@ -25,7 +25,7 @@ pub(super) fn letters(face: &FaceSighting) -> String {
 
 /// Returns the reason why the colours of the faces have no meaning, if there is one.
 fn no_colour(faces: &[FaceSighting]) -> Option<&'static str> {
-    // A picture with one coloured face is no black and white one.
+    // A picture with a coloured face is not black and white.
     let colourless = !faces.is_empty() && faces.iter().all(|face| is_colourless(&face.rgb));
     colourless.then_some("no colour: the picture is black and white")
 }
@@ -56,7 +56,7 @@ pub(super) fn face(images: &[impl AsRef<Path>], json: bool) -> (String, u8) {
         let found = load(path.as_ref()).map_err(anyhow::Error::from).and_then(|image| {
             detect(&image, None, &DetectorSettings::default()).map_err(|refusal| anyhow!(refusal))
         });
-        // A picture without a face does not end the others.
+        // After a picture without a face the next ones are still read.
         code = code.max(found.as_ref().err().map_or(0, code_of));
         // Writing to a string cannot fail.
         let _ = match (&found, json) {

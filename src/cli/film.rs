@@ -63,7 +63,7 @@ const CLOSE: f64 = 6.0;
 /// Colours of the palette; its last one is transparent.
 const COLOURS: usize = 128;
 
-/// Writes the film of a recording. Returns the exit code.
+/// Writes the film of a recording; returns the exit code.
 pub(super) fn run(args: &FilmArgs, output: &mut Output) -> anyhow::Result<u8> {
     clash(&[("the recording", Some(&args.recording))], &[("-o", Some(&args.output))])?;
     if !args.output.extension().is_some_and(|end| end.eq_ignore_ascii_case("gif")) {
@@ -91,7 +91,7 @@ pub(super) fn run(args: &FilmArgs, output: &mut Output) -> anyhow::Result<u8> {
     Ok(0)
 }
 
-/// A part of the film from one view.
+/// Part of the film that is drawn from one view.
 struct Shot {
     scenes: Vec<Scene>,
     view: View,
@@ -121,10 +121,10 @@ impl Shot {
     }
 }
 
-/// Returns the four shots of a mission.
+/// Returns the four shots of a mission. `size` is the width and height of the film (px).
 ///
 /// # Errors
-/// The part of a mission that the recording does not have.
+/// A text that names the part of a mission that the recording lacks.
 fn shots(
     show: &Show,
     controller: &ControllerConfig,
@@ -171,7 +171,8 @@ fn shots(
     Ok(shots)
 }
 
-/// Returns when the first turn of a face begins and ends, within a span of time (s).
+/// Returns when the first turn of a face within a span of time begins and ends (s); `None` if there
+/// is none.
 fn first_turn(show: &Show, (begin, end): (f64, f64)) -> Option<(f64, f64)> {
     let times: Vec<f64> =
         (0..((end - begin) / STEP) as u32).map(|k| begin + STEP * f64::from(k)).collect();
@@ -183,10 +184,10 @@ fn first_turn(show: &Show, (begin, end): (f64, f64)) -> Option<(f64, f64)> {
     Some((times[first], times[first + count - 1]))
 }
 
-/// Returns the scene of a snapshot. `colours` are the cube's facelets at the start of the solution,
-/// for the time before the controller has read them. `last` keeps the cube's last known pose, for
-/// the time when the person has it back. While no arm holds the cube, it is in the hand of the
-/// person, if the cell has one.
+/// Returns the scene of a snapshot; `None` if the controller has not seen the cube so far.
+/// `colours` are the cube's facelets at the start of the solution, for the time before the
+/// controller has read them. `last` keeps the cube's last known pose, for the time when the person
+/// has it back. While no arm holds the cube, it is in the hand of the person, if the cell has one.
 fn scene(
     snapshot: &Snapshot,
     colours: &str,
@@ -203,8 +204,8 @@ fn scene(
     *last = cube.world_from_cube;
     let mut scene = picture::during(&snapshot, controller)?;
     if snapshot.cube.held_by.is_empty() && cell.keeper == Keeper::Person {
-        // Vision knows the turn of the cube only up to its symmetry: the hand's turn is that of the
-        // scenario.
+        // Vision knows the orientation of the cube only up to its symmetry, so the hand is drawn
+        // with the orientation in the scenario.
         let place = scene.cube.world_from_cube.translation;
         scene.hand = Some(Pose::from_parts(place, cell.hand.world_from_cube.rotation));
     }
@@ -248,14 +249,15 @@ fn encoded(shots: &[Vec<RgbImage>], (width, height): (u32, u32)) -> anyhow::Resu
     Ok(film)
 }
 
-/// The colours that all pictures share.
+/// Colours that all pictures of the film share.
 struct Palette {
     quantiser: NeuQuant,
+    /// Red, green and blue of each colour.
     rgb: Vec<u8>,
 }
 
 impl Palette {
-    /// The index that leaves a pixel as it is: the one after the last colour.
+    /// Index of a transparent pixel, which leaves the pixel below as it is: the last index.
     const TRANSPARENT: u8 = (COLOURS - 1) as u8;
 
     /// Chooses the colours that suit the middle pictures of all shots.

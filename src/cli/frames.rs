@@ -1,4 +1,4 @@
-//! `vision render`: renders frames of a cube with the exact truth, to check any tool for poses.
+//! `vision render`: renders frames of a cube with the exact truth, to check tools that find poses.
 //!
 //! - in: a scenario (camera, cube), the number of poses, their spread, a seed
 //! - out: a folder of PNG files, `frames.jsonl` (a line for each frame: optics, pose, faces) and
@@ -41,7 +41,7 @@ Files of the folder:
 
 Poses are three rows of four (m). Camera axes are those of OpenCV; cube axes are R = +x, B = +y,
 U = +z; face axes are x towards the next column, y towards the next row, z into the cube.
-Exit codes: 0 rendered, 2 usage or scenario.")]
+Exit codes: 0 rendered, 2 wrong usage or scenario.")]
 pub(super) struct RenderArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
@@ -57,10 +57,10 @@ pub(super) struct RenderArgs {
     /// Name of a camera of the scenario
     #[arg(long, default_value = "standalone")]
     camera: String,
-    /// Width of the dominant face, if seen frontally (px)
+    /// Width of the face that looks most at the camera, if seen frontally (px)
     #[arg(long, default_value_t = 100.0, value_parser = positive)]
     width_px: f64,
-    /// Largest tilt of the dominant face (deg)
+    /// Largest tilt of this face against the line of sight (deg)
     #[arg(long, default_value_t = 40.0)]
     tilt_deg: f64,
     /// Standard deviation of the image noise, in levels 0 to 255 [default: plant.noise.image]
@@ -71,6 +71,7 @@ pub(super) struct RenderArgs {
     look: LookWord,
 }
 
+/// Look of the frames, as a word of the command line.
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum LookWord {
@@ -80,7 +81,7 @@ enum LookWord {
     Studio,
 }
 
-/// Optics with the names of calibration tools.
+/// Optics of a camera (px), with the field names that calibration tools use.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(super) struct Optics {
     fx: f64,
@@ -122,6 +123,7 @@ fn frames_of(folder: &Path) -> PathBuf {
     folder.join("frames.jsonl")
 }
 
+/// Upper three rows of the homogeneous matrix of a pose (m).
 type Rows = [[f64; 4]; 3];
 
 /// Returns a pose as the upper three rows of its homogeneous matrix (m).
@@ -130,7 +132,7 @@ pub(super) fn rows(pose: &Pose) -> Rows {
     std::array::from_fn(|i| std::array::from_fn(|j| m[(i, j)]))
 }
 
-/// A visible face of a frame.
+/// Truth of a visible face in a frame: a JSON object of `frames.jsonl`.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct FaceTruth {
     face: String,
@@ -140,7 +142,7 @@ struct FaceTruth {
     colours: String,
 }
 
-/// Truth of a frame.
+/// Truth of a frame: a line of `frames.jsonl`.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct FrameTruth {
     pub(super) image: String,
@@ -357,7 +359,7 @@ const FACES: [(&str, Direction, Direction, Direction); 6] = [
     ("B", [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]),
 ];
 
-/// Least cosine between the sight and a face's normal for the face to count as visible.
+/// Least cosine between the line of sight and the inward normal of a visible face (about 75 deg).
 const VISIBLE: f64 = 0.26;
 
 impl Shot<'_> {
@@ -462,7 +464,7 @@ mod tests {
         }
     }
 
-    /// The dominant face has the demanded distance, which gives its width, and is in the picture.
+    /// The dominant face has the requested distance, which gives its width, and is in the picture.
     #[test]
     fn random_poses_keep_distance_and_fit_the_picture() {
         let camera = Camera {

@@ -16,13 +16,13 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ("Files", &["replay", "report", "film", "recover", "urdf", "schema", "completions", "man"]),
 ];
 
-/// Sets a help text of `program` that lists its commands in groups. The help of the commands stays
-/// as it is.
+/// Gives `program` a help text that lists its commands in groups. The helps of the commands stay
+/// as they are.
 pub(super) fn with_groups(program: Command) -> Command {
     let commands = commands(&program);
     let header = program.get_styles().get_header();
     let options = format!("{header}Options:{header:#}");
-    // Braces are doubled for the names that clap replaces.
+    // Doubled braces stay single ones in the template: clap replaces the names in them.
     let template = format!(
         "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{commands}\
          {options}\n{{options}}{{after-help}}"
@@ -133,7 +133,7 @@ mod tests {
         });
     }
 
-    /// Values are checked as well, as far as their own parser can.
+    /// Parses each example with clap, which also checks the values of its options. No command runs.
     #[test]
     fn examples_are_valid_calls() {
         let mut count = 0;

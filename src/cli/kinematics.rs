@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, Args)]
 pub(super) struct KinematicsArgs {
-    /// Question about each row
+    /// Quantity to compute for each row
     question: Question,
     /// Name of an effector; the built-in cell has track and postument
     #[arg(long)]
@@ -31,19 +31,19 @@ pub(super) struct KinematicsArgs {
     json: bool,
 }
 
-/// A question about each row.
+/// Quantity that is computed for each row.
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Question {
-    /// Poses base_from_flange and base_from_tool for joint positions
+    /// Poses of flange and tool in the frame of the base, from joint positions
     Fk,
-    /// Joint positions for a pose base_from_tool, near the current ones
+    /// Joint positions near the current ones, from a pose base_from_tool
     Ik,
-    /// Motor positions for joint positions
+    /// Motor positions, from joint positions
     Motors,
 }
 
-/// Answers the question of `args` for each row of numbers on stdin; returns the exit code.
+/// Computes the quantity of `args` for each row of numbers on stdin; returns the exit code.
 pub(super) fn run(args: &KinematicsArgs, output: &mut Output) -> anyhow::Result<u8> {
     // The built-in cell is a scenario that sets no key.
     let loaded = match &args.scenario {
@@ -65,9 +65,10 @@ pub(super) fn run(args: &KinematicsArgs, output: &mut Output) -> anyhow::Result<
     Ok(0)
 }
 
-/// Largest deviation of a row's rotation from an orthonormal one: numbers with six decimals pass.
+/// Largest element of `R^T R - I` for a rotation matrix R of a row: six decimals are enough.
 const ORTHONORMAL: f64 = 1e-5;
 
+/// Answer to a row of `fk`: the upper three rows of two homogeneous matrices (m).
 #[derive(Serialize)]
 struct Poses {
     base_from_flange: [[f64; 4]; 3],
@@ -75,12 +76,14 @@ struct Poses {
     limits: Vec<String>,
 }
 
+/// Answer to a row of `ik` (rad; m for the track).
 #[derive(Serialize)]
 struct Joints<'a> {
     joints: &'a [f64],
     limits: Vec<String>,
 }
 
+/// Answer to a row of `motors` (rad).
 #[derive(Serialize)]
 struct Motors<'a> {
     motors: &'a [f64],
@@ -90,12 +93,13 @@ struct Motors<'a> {
 /// Largest length of a row (bytes).
 const LONGEST: usize = 1 << 16;
 
+/// Answer to a wrong row.
 #[derive(Serialize)]
 struct Refusal {
     error: String,
 }
 
-/// Answers all rows in their order, each by one line of JSON. Bytes that are no text make a wrong
+/// Answers all rows in their order, each by one line of JSON. Bytes that are not UTF-8 make a wrong
 /// row and do not end the stream.
 ///
 /// # Errors
@@ -123,9 +127,8 @@ pub(crate) fn stream(
     answers.flush()
 }
 
-/// Returns the line of JSON that answers a row, without its end of line. Returns `None` for an
-/// empty line and for a comment (`#`), which are no rows. A header is answered by an error, as any
-/// row without numbers.
+/// Returns the line of JSON that answers a row, without a line break. Returns `None` for an empty
+/// line and for a comment (`#`), which are no rows. A line of column names is a wrong row.
 #[must_use]
 pub(crate) fn answer(
     question: Question,
@@ -162,7 +165,7 @@ fn forward(model: &ArmModel, flange_from_tool: &Pose, line: &str) -> Result<Stri
 fn inverse(model: &ArmModel, flange_from_tool: &Pose, line: &str) -> Result<String, String> {
     let what = "numbers: base_from_tool by rows (12), then the current joints";
     let numbers = numbers(line, 12 + axes(model), what)?;
-    // The pose is that of the tool; the kinematics is that of the flange.
+    // The row has the pose of the tool; the inverse kinematics takes that of the flange.
     let base_from_tool = pose_of(&numbers[..12])?;
     let near = joints_of(model, &numbers[12..]);
     let joints = model
@@ -183,7 +186,7 @@ fn axes(model: &ArmModel) -> usize {
     if model.has_track { AXES } else { AXES - 1 }
 }
 
-/// Parses a row of `count` finite numbers, which `what` names in an error.
+/// Parses a row of `count` finite numbers. `what` says in an error message what they are.
 fn numbers(line: &str, count: usize, what: &str) -> Result<Vec<f64>, String> {
     let numbers = line
         .split(',')
@@ -201,7 +204,7 @@ fn numbers(line: &str, count: usize, what: &str) -> Result<Vec<f64>, String> {
     }
 }
 
-/// Returns the joints of a row. An arm without a track has d0 = 0.
+/// Returns the joint positions of a row. An arm without a track gets d0 = 0.
 fn joints_of(model: &ArmModel, numbers: &[f64]) -> JointPositions {
     let mut joints = JointPositions::default();
     // The track is the first joint, so an arm without one begins at the second.
@@ -231,7 +234,7 @@ fn rows(pose: &Pose) -> [[f64; 4]; 3] {
     std::array::from_fn(|row| std::array::from_fn(|column| m[(row, column)]))
 }
 
-/// Returns the limits of joints and motors that are exceeded.
+/// Returns a text for each limit of a joint or motor that these joint positions exceed.
 fn limits(model: &ArmModel, joints: &JointPositions) -> Vec<String> {
     let motors = model.motors(joints);
     let excesses = model.joint_excesses(joints).chain(model.motor_excesses(&motors));
@@ -250,6 +253,7 @@ mod tests {
     use crate::arms::builtin;
     use serde_json::Value;
 
+    /// Returns the parsed answer to a row of an arm with a tool of 250 mm.
     fn ask(question: Question, arm: &str, line: &str) -> Value {
         let tool = Pose::translation(0.0, 0.0, 0.25);
         let text = answer(question, &builtin(arm).unwrap(), &tool, line).unwrap();
@@ -269,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn input_row_beyond_limits_names_exceeded_limits() {
+    fn answer_names_the_limits_that_joints_exceed() {
         let pose = ask(Question::Fk, "irp6_track", "2.0,0.5,-1.2,0.3,0.4,1.0,-0.5");
 
         let limits: Vec<_> = pose["limits"].as_array().unwrap().iter().collect();

@@ -8,7 +8,7 @@
 //! | the face is another object | [`LEAST_CONFIDENCE`] | a wrong face gives a wrong pose |
 //! | the edges are not those of a cube | [`RESIDUAL`] | then the pose is wrong |
 //! | optics of another resolution | [`check_centre`] | the pose has a small residual and is wrong |
-//! | wrong report | [`ASTRAY`] | the pose is of another object, and not an error of a pose |
+//! | the pose is far from the truth | [`ASTRAY`] | it is that of another object |
 
 use super::arguments::{check_centre, positive};
 use super::frames::{FrameTruth, Optics, rows};
@@ -61,7 +61,7 @@ pub(super) struct LocateArgs {
     json: bool,
 }
 
-/// Optics on the command line, as calibration tools print them.
+/// Optics of a camera on the command line, with the names that calibration tools use.
 #[derive(Debug, Args)]
 struct OpticsArgs {
     /// Focal length along x (px)
@@ -96,7 +96,7 @@ struct OpticsArgs {
 impl OpticsArgs {
     /// Returns the lens for a picture of this size.
     fn lens(&self, width: u32, height: u32) -> Lens {
-        // Without a given point the optical axis meets the middle of the picture.
+        // The default of the principal point is the middle of the picture.
         let middle = |n: u32| 0.5 * (f64::from(n) - 1.0);
         Lens {
             focal: (self.fx, self.fy.unwrap_or(self.fx)),
@@ -107,7 +107,7 @@ impl OpticsArgs {
     }
 }
 
-/// Least confidence of a face that gives a pose: below it the rows may be of another object.
+/// Least confidence of a face that gives a pose: below it the face may be another object.
 const LEAST_CONFIDENCE: f64 = 0.45;
 /// Largest mean distance of the edges in the picture from those of the pose (px).
 const RESIDUAL: f64 = 2.0;
@@ -137,7 +137,7 @@ fn confidence(location: &CubeLocation) -> f64 {
     location.faces.iter().map(|f| f.confidence).fold(0.0, f64::max)
 }
 
-/// Returns the answers for all pictures, and the exit code.
+/// Locates the cube in each picture. Returns a line of text or of JSON for each, and the exit code.
 pub(super) fn locate(args: &LocateArgs) -> (String, u8) {
     let (mut text, mut code) = (String::new(), 0);
     for path in &args.images {
@@ -197,7 +197,7 @@ fn answer(name: &str, location: &CubeLocation) -> Value {
 fn words(location: &CubeLocation) -> String {
     let at = location.camera_from_cube.translation.vector * 1e3;
     let spread = |i: usize| location.covariance[(i, i)].max(0.0).sqrt();
-    // The largest deviation of the three axes.
+    // The largest standard deviation of the rotations about the three axes.
     let turn = (3..6).map(spread).fold(0.0, f64::max).to_degrees();
     format!(
         "cube at x {:.2}, y {:.2}, z {:.2} mm (s.d. {:.2}, {:.2}, {:.2} mm, {turn:.2} deg), \
@@ -229,7 +229,7 @@ median, 12.6 at 95 %).
 Exit codes: 0 all frames give a pose, 1 a frame gives none, or one that is wrong by more than
 15 mm, 2 the folder cannot be read.")]
 pub(super) struct AccuracyArgs {
-    /// Folder of `vision render`
+    /// Folder that `vision render` wrote
     folder: PathBuf,
     /// Error to add to the focal lengths of the camera before locating (%)
     #[arg(long, value_name = "PERCENT", default_value_t = 0.0, allow_hyphen_values = true)]
@@ -264,6 +264,7 @@ impl Errors {
         [rms(&self.lateral), p95(&self.lateral), rms(&self.depth), p95(&self.depth)]
     }
 
+    /// Returns these errors as JSON.
     fn json(&self) -> Value {
         let [a, b, c, d] = self.figures();
         json!({ "frames": self.depth.len(), "lateral_rms_mm": a, "lateral_p95_mm": b,
@@ -280,7 +281,7 @@ impl Errors {
     }
 }
 
-/// Returns the quantile `share` of values in any order; NaN of none.
+/// Returns the quantile `share` (0 to 1) of values in any order; NaN if there are none.
 fn quantile(values: &[f64], share: f64) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -288,11 +289,12 @@ fn quantile(values: &[f64], share: f64) -> f64 {
     sorted.get(at.min(values.len().saturating_sub(1))).copied().unwrap_or(f64::NAN)
 }
 
-/// Distance of the dominant face from the truth beyond which the report is wrong (m).
+/// Distance of the reported dominant face from the nearest true face beyond which the report is
+/// wrong (m).
 const ASTRAY: f64 = 0.015;
 
-/// Measures all frames; returns the table and the exit code, which is 1 unless every frame gave a
-/// right pose.
+/// Measures the errors of all frames in a folder. Returns them as a table or JSON, and the exit
+/// code, which is 1 unless every frame gave a right pose.
 ///
 /// # Errors
 /// Unreadable folder.
@@ -317,14 +319,19 @@ pub(super) fn accuracy(args: &AccuracyArgs) -> Result<(String, u8)> {
 /// Errors over the frames of a folder.
 #[derive(Debug, Default)]
 struct Measured {
+    /// Errors of the centre of the dominant face.
     face: Errors,
+    /// Errors of the centre of the cube, in frames of two or three faces.
     several: Errors,
+    /// Errors of the centre of the cube, in frames of one face.
     single: Errors,
+    /// Normalised squared error of each pose, see [`nees_of`].
     nees: Vec<f64>,
     /// Times of localisation (ms).
     times: Vec<f64>,
     /// Errors of rotation (rad).
     turns: Vec<f64>,
+    /// Texts about frames without a pose, or with a wrong one.
     misses: Vec<String>,
 }
 
@@ -379,6 +386,8 @@ impl Measured {
         (squares / self.turns.len().max(1) as f64).sqrt()
     }
 
+    /// Returns the errors as JSON. `frames` is the number of all frames, also of those that are
+    /// missed.
     fn json(&self, frames: usize, args: &AccuracyArgs) -> Value {
         let Self { face, several, single, nees, times, misses, .. } = self;
         json!({ "frames": frames, "focal_error_percent": args.focal_error_percent,
@@ -388,6 +397,8 @@ impl Measured {
             "nees_p95": quantile(nees, 0.95), "median_ms": quantile(times, 0.5), "misses": misses })
     }
 
+    /// Returns the errors as a table. `frames` is the number of all frames, also of those that are
+    /// missed.
     fn table(&self, frames: usize) -> Result<String> {
         let mut out = String::from(
             "point                                  frames   lateral mm: r.m.s., p95     \
@@ -422,7 +433,8 @@ fn scaled(optics: &Optics, factor: f64) -> Lens {
     lens
 }
 
-/// Returns the centre of the true face that is nearest to a point.
+/// Returns the centre of the face of the true cube (edge in m) that is nearest to a point. Points
+/// are in the frame of the camera (m).
 fn face_nearest(truth: &Pose, edge: f64, to: &Point3<f64>) -> Point3<f64> {
     let half = edge / 2.0;
     let mut best = (f64::INFINITY, *to);
@@ -449,7 +461,7 @@ fn error_of(found: &Pose, truth: &Pose) -> Vector6<f64> {
     Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
 }
 
-/// Returns the squared error over its covariance; `None` if the covariance is singular.
+/// Returns the normalised squared error (NEES), `e^T C^-1 e`; `None` if the covariance is singular.
 fn nees_of(error: &Vector6<f64>, covariance: &Matrix6<f64>) -> Option<f64> {
     Some(error.dot(&covariance.cholesky()?.solve(error)))
 }

@@ -1,8 +1,9 @@
-//! `rubik-robot campaign --mix`: missions with random mixes of faults, until a time is over.
+//! `rubik-robot campaign --mix`: missions with random mixes of faults, until the given time is
+//! over.
 //!
 //! - in: a scenario, the first seed, hours
-//! - out: how the runs ended; for each broken rule the smallest mix that still breaks it, as the
-//!   end of a scenario
+//! - out: how the runs ended; for each broken rule ([`Broken`]) the smallest mix that still breaks
+//!   it, as lines to append to a scenario
 //! - exit code: 0 no rule was broken, 1 one was, 130 interrupted
 
 use super::arguments::ScenarioArgs;
@@ -18,7 +19,7 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Size of the search.
+/// Extent of the search for broken rules.
 pub(super) struct Size {
     /// Seed of the first mix.
     pub seed: u64,
@@ -30,15 +31,17 @@ pub(super) struct Size {
     pub limit: Duration,
 }
 
-/// Mix that broke a rule.
+/// Rule that a run broke.
 struct Found {
+    /// Seed of the run.
     seed: u64,
     broken: Broken,
-    /// The smallest mix that still breaks it.
+    /// Smallest mix of faults that still breaks the rule with this seed.
     mix: Mix,
 }
 
-/// Performs missions with mixes of faults, and reports the rules that they break.
+/// Performs missions with mixes of faults, and reports the rules that they break; returns the exit
+/// code.
 pub(super) fn mixed(
     from: &ScenarioArgs,
     size: &Size,
@@ -81,7 +84,8 @@ pub(super) fn mixed(
     })
 }
 
-/// Performs the runs of these seeds, each with its mix; returns those that ended, by their seeds.
+/// Performs the runs of these seeds, each with the mix that its seed draws. Returns the results in
+/// the order of the seeds; a stop leaves out runs that have not ended.
 fn performed(
     runner: &Runner,
     scenario: &Scenario,
@@ -115,7 +119,7 @@ fn job(seed: u64, mix: &Mix) -> Job {
 }
 
 /// Returns the smallest part of a mix that still breaks the same rule with the same seed. A stop
-/// ends the search with what is left.
+/// ends the search with the smallest part so far.
 fn smallest(
     runner: &Runner,
     seed: u64,

@@ -2,8 +2,8 @@
 //!
 //! - in: arguments, files, and rows or cubes on stdin
 //! - out: text or lines of JSON on stdout; warnings, errors and progress on stderr
-//! - exit codes: 0 done; 1 the task failed or was aborted; 2 usage or scenario; 3 fatal (effector);
-//!   4 system; 130 interrupted
+//! - exit codes: 0 done; 1 the task failed or was aborted; 2 wrong usage or scenario; 3 an effector
+//!   failed; 4 system error; 130 interrupted by a signal
 
 mod arguments;
 mod benchmark;
@@ -59,7 +59,7 @@ use tracing_subscriber::prelude::*;
 const HELP: &str = "\
 Try these commands, in this order:
   rubik-robot run scenarios/solve.toml                    # the whole mission
-  rubik-robot run scenarios/solve.toml --seed 7           # another cube, hand and cell
+  rubik-robot run scenarios/solve.toml --seed 7           # another cube, hand and noise
   rubik-robot run scenarios/face_turn.toml --set control.compliance=none
                                                           # one turn without force control
   rubik-robot run scenarios/solve.toml --json | tail -1   # the summary for a program
@@ -67,6 +67,7 @@ Try these commands, in this order:
   rubik-robot check scenarios/solve.toml                  # the errors of a scenario
   rubik-robot keys control                                # keys with unit, default and meaning
   echo 0,-1.57,0,1.56,1.57,-1.57 | rubik-robot kinematics fk --arm postument
+                                                          # the pose of a hand, from its joints
   rubik-robot vision face photo.jpg                       # the faces of a cube in a photograph
   rubik-robot solve --scramble \"R U2 F' L\"                # turns that solve a cube
   rubik-robot tables build                                # larger tables, for shorter solutions
@@ -74,8 +75,9 @@ Try these commands, in this order:
   rubik-robot doctor                                      # is this machine fit for real time?
   rubik-robot help run                                    # options and examples of a command
 
-Exit codes: 0 done, 1 the task failed or was aborted, 2 usage or scenario, 3 fatal (an effector),
-4 system, 130 interrupted. RUST_LOG=rubik_robot=debug logs the work of the actors to stderr.";
+Exit codes: 0 done, 1 the task failed or was aborted, 2 wrong usage or scenario, 3 an effector
+failed, 4 system error, 130 interrupted by a signal.
+The environment variable RUST_LOG=rubik_robot=debug makes a run log its inner steps to stderr.";
 
 /// A robot with two arms that takes, reads, solves and returns a Rubik's cube, in a simulated cell
 #[derive(Debug, Parser)]
@@ -120,9 +122,10 @@ Examples:
     },
     /// Compute the kinematics of an arm for rows of numbers on stdin
     #[command(after_help = "\
-Rows are CSV, in rad and m; for the track arm d0 comes first. Each row is answered by one line of
-JSON, a wrong row by {\"error\": ...}. A row of `ik` has 12 numbers of base_from_tool, row by row
-(3 x 4), then the current joints.
+Rows are CSV, in rad and m. A row of `fk` or `motors` has the joint positions: q1 to q6, and for an
+arm on a track its position d0 before them. A row of `ik` has 12 numbers of the pose base_from_tool
+(the upper three rows of its 4 x 4 matrix, row by row), then the current joint positions.
+Each row is answered by one line of JSON, a wrong row by {\"error\": ...}.
 
 Examples:
   echo 0,-1.57,0,1.56,1.57,-1.57 | rubik-robot kinematics fk --arm postument
@@ -140,7 +143,8 @@ Examples:
   rubik-robot scramble --count 5 --facelets | rubik-robot solve -
 
 Answers are printed in the order of the cubes. A cube that is refused is answered by the reason.
-Exit codes: 0 all cubes are solved, 1 a cube has no such solution, 2 a cube was refused.")]
+Exit codes: 0 all cubes are solved, 1 no solution of a cube was found within the limits, 2 a cube
+was refused.")]
     Solve(solve::SolveArgs),
     /// Plan the grasps and turns of both arms for a cube
     #[command(after_help = "\
@@ -169,8 +173,8 @@ Examples:
   rubik-robot tables remove phase1-large
   RUBIK_ROBOT_TABLES=/data/tables rubik-robot tables build
 
-The command solve builds the tables that its mode needs, except the large ones of two-phase:
-those are built by this command only.")]
+`rubik-robot solve` builds the tables that its mode needs by itself, except phase1-large and
+phase2-large: only `tables build` builds these. They make two-phase search faster.")]
     Tables(tables::TablesArgs),
     /// Find cubes in pictures, read their colours, and measure the accuracy
     Vision(vision::VisionArgs),
@@ -186,7 +190,7 @@ those are built by this command only.")]
     Film(film::FilmArgs),
     /// Repair a recording that was cut off or damaged
     Recover(recover::RecoverArgs),
-    /// Print the cell, or one arm, as URDF
+    /// Print the cell, or one arm, as URDF (the robot description of ROS)
     Urdf(urdf::UrdfArgs),
     /// Print the JSON schema of scenarios, for editors
     #[command(after_help = "\
@@ -198,7 +202,7 @@ An editor with a TOML language server (taplo, Even Better TOML) checks and compl
 scenario whose first line is
   #:schema ./scenario.schema.json")]
     Schema,
-    /// Print the completions for a shell
+    /// Print a script with which a shell completes commands and options
     #[command(after_help = "\
 Examples:
   rubik-robot completions bash > ~/.local/share/bash-completion/completions/rubik-robot
@@ -273,7 +277,7 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Logs to stderr as `wanted`, the value of `RUST_LOG`, asks for.
+/// Starts the log to stderr. `wanted` is the value of `RUST_LOG`, see [`log_filter`].
 fn log_to_stderr(wanted: Option<&str>) {
     // stdout belongs to the results, which a program may read.
     let log = tracing_subscriber::fmt::layer()

@@ -28,18 +28,19 @@ impl fmt::Display for Refused {
 
 impl std::error::Error for Refused {}
 
-/// Returns a line about a file of several: its name and the reason, which may name the file itself.
+/// Returns the error line about one of several input files: its name and the reason. The error of a
+/// file that cannot be read names the file already.
 pub(super) fn line_about(name: &str, reason: &anyhow::Error) -> String {
     if code_of(reason) == WRONG { format!("{reason:#}") } else { format!("{name}: {reason:#}") }
 }
 
-/// Returns the exit code of an input without a result: [`WRONG`] if its file cannot be read, 1 if
-/// the file has no answer.
+/// Returns the exit code for an input without a result: [`WRONG`] if its file cannot be read, 1 if
+/// it was read, but gives no result.
 pub(super) fn code_of(reason: &anyhow::Error) -> u8 {
     if reason.is::<Unread>() || reason.is::<Unreadable>() { WRONG } else { 1 }
 }
 
-/// Makes the error of a refused call or scenario.
+/// Makes the error of a wrong call or scenario, see [`Refused`].
 pub(super) fn refuse(reason: impl fmt::Display) -> anyhow::Error {
     anyhow::Error::new(Refused(reason.to_string()))
 }
@@ -114,8 +115,8 @@ fn first_clash(inputs: &[Named<'_>], outputs: &[Named<'_>]) -> Option<String> {
     None
 }
 
-/// Checks whether two paths lead to one file, which need not exist yet. A device or a pipe is no
-/// file: several outputs may go to it.
+/// Checks whether two paths lead to the same file, which need not exist yet. A device or a pipe is
+/// no file: several outputs may go to it.
 fn is_same(one: &Path, other: &Path) -> bool {
     use std::os::unix::fs::MetadataExt as _;
     // Hard links have different paths but one inode.
@@ -133,9 +134,9 @@ fn is_same(one: &Path, other: &Path) -> bool {
     whole(one).is_some_and(|one| whole(other) == Some(one))
 }
 
-/// Reads the next line of a stream into `line`, without its end. Keeps the first `most` bytes of a
-/// longer line and skips the rest. Returns whether the line is complete, or `None` at the end of
-/// the stream.
+/// Reads the next line of a stream into `line`, without its line break. Keeps the first `most`
+/// bytes of a longer line and skips its other bytes. Returns whether all bytes of the line were
+/// kept, or `None` at the end of the stream.
 ///
 /// # Errors
 /// Error of reading.
@@ -173,6 +174,7 @@ pub(crate) fn next_line(
 #[derive(Debug)]
 pub(crate) struct Output<W: Write = io::Stdout> {
     to: BufWriter<W>,
+    /// Whether the reader has closed the pipe.
     closed: bool,
 }
 
@@ -199,7 +201,8 @@ impl<W: Write> Output<W> {
         self.take(written)
     }
 
-    /// Writes text without a line break at its end.
+    /// Writes text, and adds no line break. Control characters are spelled out, except line breaks
+    /// and tabs.
     ///
     /// # Errors
     /// As [`Output::line`].
@@ -208,7 +211,7 @@ impl<W: Write> Output<W> {
         self.take(written)
     }
 
-    /// Calls `writer` with the buffered stream.
+    /// Calls `writer` with the buffered stream, to which it writes bytes as they are.
     ///
     /// # Errors
     /// As [`Output::line`].
@@ -235,7 +238,8 @@ impl<W: Write> Output<W> {
         self.closed
     }
 
-    /// Turns the error of a closed pipe into a success, and remembers it.
+    /// Passes on the result of a write. A closed pipe counts as a success, and is remembered for
+    /// [`Output::is_closed`].
     fn take(&mut self, result: io::Result<()>) -> anyhow::Result<()> {
         match result {
             Err(error) if error.kind() == ErrorKind::BrokenPipe => {
@@ -251,6 +255,7 @@ impl<W: Write> Output<W> {
 mod tests {
     use super::*;
 
+    /// Writer to a pipe that its reader has closed.
     struct Broken;
     impl Write for Broken {
         fn write(&mut self, _: &[u8]) -> io::Result<usize> {
@@ -272,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn output_sends_no_orders_to_the_terminal() {
+    fn output_spells_out_terminal_escape_sequences() {
         let mut output = Output::new(Vec::new());
 
         output.line("name \x1b]0;x\x07").unwrap();
@@ -289,7 +294,7 @@ mod tests {
         std::fs::create_dir_all(&folder).unwrap();
         let path = folder.join("report.html");
         save(&path, b"old").unwrap();
-        // A folder in the place of the temporary file makes the write fail, as a full disk would.
+        // A folder at the path of the temporary file makes the write fail, as a full disk would.
         std::fs::create_dir(folder.join("report.html.part")).unwrap();
 
         assert!(format!("{:#}", save(&path, b"new").unwrap_err()).contains("report.html: "));
@@ -304,7 +309,8 @@ mod tests {
         std::fs::remove_dir_all(folder).unwrap();
     }
 
-    /// Checks paths, links, hard links and files that do not exist yet.
+    /// Checks two paths to one file, symbolic and hard links, and files that do not exist yet. A
+    /// device may take several outputs.
     #[test]
     fn output_path_aliasing_another_file_is_refused() {
         let folder = std::env::temp_dir().join(format!("rubik-robot-clash-{}", std::process::id()));

@@ -60,7 +60,7 @@ pub(super) fn picture(args: &PictureArgs, output: &mut Output) -> anyhow::Result
                 let names: Vec<&str> = cell.cameras.iter().map(|c| c.name.as_str()).collect();
                 let names = names.join(", ");
                 return Err(refuse(format!(
-                    "--camera {name}: no camera of the scenario, which has {names}"
+                    "--camera {name}: the scenario has no such camera; it has {names}"
                 )));
             };
             let look = Look { lens_cap: scenario.plant.keys.lens_cap, ..Look::default() };
@@ -76,7 +76,7 @@ pub(super) fn picture(args: &PictureArgs, output: &mut Output) -> anyhow::Result
     Ok(0)
 }
 
-/// Draws the cell from outside.
+/// Draws the cell from outside, in a picture of this width and height (px).
 pub(super) fn outside(
     scene: &Scene,
     controller: &ControllerConfig,
@@ -123,7 +123,8 @@ pub(super) fn during(snapshot: &Snapshot, controller: &ControllerConfig) -> Opti
     })
 }
 
-/// Returns the scene before a run, by the controller's belief.
+/// Returns the scene before a run: the arms at their start, and the cube with these facelets at its
+/// place in the person's hand or on the table.
 fn before(controller: &ControllerConfig, cube: &Facelets) -> Scene {
     let cell = &controller.cell;
     let arms: Vec<SceneArm> = cell

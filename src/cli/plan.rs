@@ -1,7 +1,7 @@
 //! `rubik-robot plan`: plans the grasps and turns of both arms for a cube, without moving them.
 //!
 //! - in: a cube, a cell, the rule of the grippers
-//! - out: the plan with its time, beside a plan by the rule of the original robot
+//! - out: the plan with its time, beside a plan by the rule of the original robot of 2007
 
 use super::engine::{PlanSearch, default_tables};
 use super::output::{Output, WRONG, complain, refuse};
@@ -23,14 +23,16 @@ use std::time::{Duration, Instant};
 pub(super) struct PlanArgs {
     /// State of the cube: 54 letters, faces in the order U R F D L B, each face in reading order
     cube: String,
-    /// Rule that says in which pairs of grips both hands may hold the cube at the same time
+    /// Rule that says how both hands may hold the cube at the same time, and which layers they can
+    /// turn then
     ///
     /// The default is the rule of the cell's grippers.
     #[arg(long, value_enum)]
     rule: Option<RuleWord>,
-    /// Time limit of the planner (ms) [default: its limits in the scenario]
+    /// Time limit of the planner (ms) [default: none, but limits from the scenario]
     ///
-    /// The limits in the scenario are planner.node_budget and planner.candidates.
+    /// Those limits are the keys planner.node_budget (states to search) and planner.candidates
+    /// (solutions to compare).
     #[arg(long, value_name = "N")]
     budget_ms: Option<u64>,
     /// Print each step with its hands, time and reason
@@ -44,11 +46,12 @@ pub(super) struct PlanArgs {
     json: bool,
 }
 
+/// Rule of the planner ([`Rule`]), as a word of the command line.
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum RuleWord {
-    /// As in the paper of 2007: two grasps for each turn, four if it turns the face opposite the
-    /// last one
+    /// Rule of the original robot of 2007: two grasps for each turn, four if the face is opposite
+    /// to that of the turn before
     Original,
     /// Palms touch the cube: only hands on opposite faces can turn a layer
     Strict,
@@ -66,7 +69,7 @@ impl From<RuleWord> for Rule {
     }
 }
 
-/// Plans and prints; returns the exit code.
+/// Plans the cube of the arguments and prints the plan; returns the exit code.
 pub(super) fn run(args: &PlanArgs, output: &mut Output) -> anyhow::Result<u8> {
     let scenario = match &args.scenario {
         Some(path) => scenario::load(path, &[]),
@@ -107,20 +110,22 @@ fn print_refusal(refusal: &Refusal, args: &PlanArgs, output: &mut Output) -> any
     if args.json {
         output.line(&refusal.json(&args.cube).to_string())?;
     } else {
-        let repair = refusal.repair().map(|r| format!("; least repair: {r}"));
+        let repair = refusal.repair().map(|r| format!("; smallest repair: {r}"));
         complain(&format!("{}{}", refusal.message(), repair.unwrap_or_default()));
     }
     Ok(WRONG)
 }
 
-/// A plan, and the plan that it is compared with.
+/// Plan for a cube, beside the plan of the original robot.
 struct Work {
+    /// Rule of `plan`.
     rule: Rule,
     plan: Plan,
-    /// Number of hand-overs during the looks before the plan.
+    /// Number of hand-overs before the plan, while the faces are shown to the cameras.
     looks: usize,
     /// Plan of the shortest solution by the rule of the original robot.
     baseline: Result<Plan, NoPlan>,
+    /// Computing time.
     time: Duration,
 }
 
@@ -130,7 +135,7 @@ fn work(search: &PlanSearch<'_>, cube: &Cube) -> Result<Work, NoPlan> {
     let planner = search.planner;
     let begun = Instant::now();
     let (steps, start) = planner.looks(taken())?;
-    // The looks at the faces need hand-overs before any plan, so they are counted apart.
+    // The hand-overs for showing the faces come before any plan, so they are counted apart.
     let looks = steps.iter().filter(|s| matches!(s, Step::Grasp { .. })).count();
     let (plan, nodes) = search.best(cube, start)?;
     // The original robot took the shortest solution, without regard to its grasps.
@@ -140,7 +145,7 @@ fn work(search: &PlanSearch<'_>, cube: &Cube) -> Result<Work, NoPlan> {
     Ok(Work { rule: planner.rule(), plan, looks, baseline, time: begun.elapsed() })
 }
 
-/// Returns the number of grasps that are not followed by a turn.
+/// Returns the number of hand-overs: grasps that are not followed by a turn.
 fn hand_overs(plan: &Plan) -> usize {
     let turns_next = |i: usize| matches!(plan.steps.get(i + 1), Some(Step::Turn { .. }));
     let grasps = plan.steps.iter().enumerate();
@@ -215,7 +220,7 @@ impl Work {
         }
         write!(
             text,
-            "Planned in {:.2} s; the looks before it take {} hand-over{}.\n\n{}",
+            "Planned in {:.2} s; reading the faces before takes {} hand-over{}.\n\n{}",
             self.time.as_secs_f64(),
             self.looks,
             if self.looks == 1 { "" } else { "s" },

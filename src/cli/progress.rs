@@ -11,12 +11,13 @@ use std::time::{Duration, Instant};
 /// Width of the bar (characters).
 const WIDTH: usize = 30;
 
-/// Bar of one piece of work.
+/// Progress bar of one piece of work.
 pub(super) struct Bar {
     title: String,
+    /// Whether stderr is a terminal.
     terminal: bool,
     begun: Instant,
-    /// Time and share of the last drawing.
+    /// Time of the last drawing, and share of the work in it.
     drawn: Mutex<(Instant, f64)>,
 }
 
@@ -33,7 +34,7 @@ impl Bar {
         self.show_with(share, "");
     }
 
-    /// Shows the share of the work that is done, followed by words.
+    /// Shows the share of the work that is done (0..=1), followed by `words`.
     pub(super) fn show_with(&self, share: f64, words: &str) {
         let mut drawn = self.drawn.lock().unwrap_or_else(PoisonError::into_inner);
         let mut stderr = std::io::stderr();

@@ -14,7 +14,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Kind of a run that is recorded.
+/// Circumstances of a recorded run, which its recording names.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Begun {
     /// Whether an operator can be asked.
@@ -31,7 +31,7 @@ pub(super) fn begin(
     overrides: &[Override],
     begun: Begun,
 ) -> std::io::Result<Recorder> {
-    // On the virtual clock the run can wait for the disk. The wall clock waits for nothing.
+    // In simulated time the run can wait for the disk; in real time it cannot.
     let patience = match scenario.pace {
         Pace::Virtual => Patience::Waits,
         Pace::RealTime => Patience::Never,
@@ -60,7 +60,8 @@ pub(super) fn last_second(
     Ok(Some(LastSecond::new(states.join("rubik-robot"), about)))
 }
 
-/// Returns the description that a recording of this scenario begins with, without the build.
+/// Returns the description with which a recording of this scenario begins, without facts about the
+/// build of the program.
 fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> std::io::Result<RunInfo> {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     let config = &scenario.controller;
@@ -70,7 +71,7 @@ fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> std::io::
         Pace::Virtual => "virtual",
         Pace::RealTime => "real-time",
     };
-    // The truth of a cube on hardware is not known.
+    // Only a simulation knows the true state of the cube.
     let truth = (!scenario.bridge.kind.is_hardware()).then(|| scenario.cube().to_string());
     // The metadata of MCAP is a map of texts.
     let facts = [

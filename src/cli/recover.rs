@@ -20,7 +20,7 @@ Examples:
 
 The new file has everything that is not damaged, up to the cut if there is one, and an index, so
 that any tool opens it. A damaged chunk, about a second of the run, is left out.
-Exit codes: 0 repaired, 1 no message can be read, 2 usage.")]
+Exit codes: 0 repaired, 1 no message can be read, 2 wrong usage, or a file cannot be opened.")]
 pub(super) struct RecoverArgs {
     /// Recording (MCAP)
     recording: PathBuf,
@@ -29,7 +29,7 @@ pub(super) struct RecoverArgs {
     output: PathBuf,
 }
 
-/// Writes the repaired recording; returns the exit code.
+/// Writes the messages of a damaged recording that can be read to a new one; returns the exit code.
 pub(super) fn run(args: &RecoverArgs) -> anyhow::Result<u8> {
     clash(&[("the recording", Some(&args.recording))], &[("-o", Some(&args.output))])?;
     let from = BufReader::new(text::open_any(&args.recording).map_err(refuse)?);

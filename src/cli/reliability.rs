@@ -1,10 +1,11 @@
-//! Calibration of the tiles' confidences: how often tiles that are told with some confidence are
-//! right.
+//! Reliability of the confidences that the detector reports for tiles: how often the colour of a
+//! tile with a given confidence is right.
 //!
-//! - in: confidence of each tile that was read, and whether its colour is right, by source
+//! - in: confidence of each tile that was read, and whether its colour is right, by source (for
+//!   example a camera or a set of photographs)
 //! - out: a table of classes of confidence, and a plot (SVG)
 //!
-//! Sources are never pooled: photographs of one camera say nothing about another one.
+//! Sources are never pooled: photographs of one camera say nothing about those of another.
 
 use crate::campaign::statistics::wilson;
 use crate::record::report::escaped;
@@ -15,20 +16,21 @@ use std::fmt::Write as _;
 /// Least confidence of each class; the last class ends at 1.
 const CLASSES: [f64; 7] = [0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98];
 
-/// Confidence from which a tile is told as certain.
+/// Least confidence of a tile that counts as certain.
 const CERTAIN: f64 = 0.9;
 
-/// Tiles of one class of confidence.
+/// Counts of the tiles in one class of confidence.
 #[derive(Debug, Clone, Copy, Default)]
 struct Class {
     tiles: u64,
+    /// Tiles with the right colour.
     right: u64,
-    /// Sum of the confidences.
+    /// Sum of the confidences of the tiles.
     confidence: f64,
 }
 
 impl Class {
-    /// Adds the tiles of another class.
+    /// Returns the counts of both classes together.
     fn and(self, other: Self) -> Self {
         Self {
             tiles: self.tiles + other.tiles,
@@ -43,7 +45,8 @@ impl Class {
 pub(super) struct Reliability(BTreeMap<String, [Class; CLASSES.len()]>);
 
 impl Reliability {
-    /// Adds a tile of a source that was told with this confidence.
+    /// Counts a tile of a source, which was read with this confidence; `right` says whether its
+    /// colour is right.
     pub(super) fn add(&mut self, source: &str, confidence: f64, right: bool) {
         let class = CLASSES.iter().rposition(|least| confidence >= *least).unwrap_or(0);
         let classes = self.0.entry(source.to_owned()).or_default();
@@ -51,14 +54,15 @@ impl Reliability {
         classes[class] = classes[class].and(tile);
     }
 
-    /// Returns the tiles of a source that were told as certain.
+    /// Returns the counts of the certain tiles of a source: those with the confidence [`CERTAIN`]
+    /// or more.
     fn certain(classes: &[Class]) -> Class {
         let certain = classes.iter().zip(CLASSES).filter(|(_, least)| *least >= CERTAIN);
         certain.fold(Class::default(), |sum, (class, _)| sum.and(*class))
     }
 
-    /// Returns the classes as a table. For the tiles that were told as certain it states the
-    /// largest share of wrong ones that these numbers allow (95 %).
+    /// Returns the classes as a table. Below those of each source is the share of wrong tiles among
+    /// the certain ones, as an upper bound (end of the 95 % interval).
     pub(super) fn text(&self) -> String {
         let mut out = String::from("source             confidence    tiles  wrong  share right\n");
         for (source, classes) in &self.0 {
@@ -86,7 +90,7 @@ impl Reliability {
         out
     }
 
-    /// Returns the classes of each source for programs.
+    /// Returns the classes of each source as JSON.
     pub(super) fn json(&self) -> Value {
         let sources = self.0.iter().map(|(source, all)| {
             let classes: Vec<Value> = all

@@ -65,7 +65,7 @@ pub(super) fn run(args: &ReplayArgs, output: &mut Output) -> anyhow::Result<u8> 
     if !args.verify {
         return show(args, &scenario);
     }
-    // The start of a resumed run is in files that change later.
+    // A resumed run began from the files of --journal and --world, which have changed since.
     if label.fact("resumed") == "true" {
         return Err(refuse(format!(
             "{}: a resumed run cannot be verified: its start is in the files of --journal and \
@@ -87,7 +87,8 @@ pub(super) fn run(args: &ReplayArgs, output: &mut Output) -> anyhow::Result<u8> 
     Ok(u8::from(!same))
 }
 
-/// Shows a recording in a UI; without one, prints its phases and messages at once.
+/// Shows a recording in a UI; without one, prints its phases and messages at once. Returns the exit
+/// code.
 fn show(args: &ReplayArgs, scenario: &Scenario) -> anyhow::Result<u8> {
     if !is_speed(args.speed) {
         return Err(refuse(
@@ -168,7 +169,8 @@ pub(super) fn load(path: &Path) -> Result<(Label, Scenario), String> {
     Ok((label, scenario))
 }
 
-/// Returns the scenario of a recording with this label.
+/// Returns the scenario of the recording at `path`, from its label; otherwise the reason why it has
+/// none that is valid in this version.
 pub(super) fn scenario_of(label: &Label, path: &Path) -> Result<Scenario, String> {
     if label.fact("version").is_empty() || label.scenario.is_empty() {
         let path = path.display();

@@ -31,7 +31,7 @@ pub(super) struct ReportArgs {
     output: PathBuf,
 }
 
-/// Writes the report; returns the exit code.
+/// Writes the report of the recording; returns the exit code.
 pub(super) fn run(args: &ReportArgs) -> anyhow::Result<u8> {
     let unread =
         |why: &dyn std::fmt::Display| refuse(format!("{}: {why}", args.recording.display()));
@@ -70,18 +70,18 @@ const SIZE: (u32, u32) = (480, 360);
 /// Quality of the file of a drawing, of 100.
 const QUALITY: u8 = 75;
 
-/// Time of a drawing (s), its words, and its file.
+/// Time of a drawing (s), the step of the plan in words, and the JPEG file.
 type Drawing = (f64, String, Vec<u8>);
 
-/// Draws the cell in several steps of the plan. The recording is read a second time for it; `label`
-/// is the recording's label from the first time.
+/// Draws the cell in up to [`DRAWINGS`] steps of the plan. Reads the recording a second time;
+/// `label` is its label, which was read the first time.
 ///
 /// # Errors
 /// Reason why there are no drawings.
 fn drawn(recording: &Path, label: &Label) -> Result<Vec<Drawing>, String> {
     let scenario = replay::scenario_of(label, recording)?;
     let show = replay::read(recording, &scenario)?;
-    // A step without a scene has no drawing: the belief may lack the cube.
+    // A step has no drawing if the controller did not know where the cube was.
     let drawing = |(time, words, snapshot): (f64, String, Arc<Snapshot>)| {
         let scene = picture::during(&snapshot, &scenario.controller)?;
         let image = picture::outside(&scene, &scenario.controller, SIZE);

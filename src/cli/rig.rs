@@ -1,4 +1,5 @@
-//! `rubik-robot vision rig` and `vision learn`: reads whole cubes in a rig with fixed cameras.
+//! `rubik-robot vision rig` and `vision learn`: read whole cubes in a rig with fixed cameras, and
+//! learn the colours of the rig.
 //!
 //! - in: pictures; a file of boxes with a line for each facelet (faces URFDLB, each in reading
 //!   order): one or more boxes `x y width height` (px) that show the facelet
@@ -16,7 +17,7 @@ use image::RgbImage;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Places of each facelet in the picture: boxes `[x, y, width, height]`.
+/// Places of each facelet in the picture: boxes `[x, y, width, height]` (px).
 pub(crate) type Boxes = [Vec<[u32; 4]>; 54];
 
 /// Parses a file of boxes.
@@ -77,8 +78,8 @@ pub(crate) fn measure(image: &RgbImage, boxes: &Boxes) -> Result<[Vec<[u8; 3]>; 
     Ok(pixels)
 }
 
-/// Returns the mean colour of the pixels between the quartiles of brightness: without glare and
-/// grooves.
+/// Returns the mean colour of the pixels whose brightness is between the quartiles, which leaves
+/// out glare and grooves.
 fn trimmed(pixels: &mut [[u8; 3]]) -> [f64; 3] {
     pixels.sort_by_key(|p| p.iter().map(|&v| u32::from(v)).sum::<u32>());
     // Glare makes the brightest pixels, grooves make the darkest.
@@ -155,7 +156,7 @@ fn parse_states(text: &str) -> Result<BTreeMap<String, String>> {
     Ok(states)
 }
 
-/// Parses the colours of a cube from 54 letters.
+/// Parses the 54 letters of a possible cube. Returns the face (0 to 5 = URFDLB) of each facelet.
 fn parse_state(text: &str) -> Result<[u8; 54]> {
     let mut facelets = [0u8; 54];
     if text.chars().count() != 54 {

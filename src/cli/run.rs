@@ -25,7 +25,7 @@ use clap::{Args, ValueEnum};
 use rustix::process::{Signal, set_parent_process_death_signal};
 use std::path::PathBuf;
 
-/// Exit code of an error of the system.
+/// Exit code of a run in which an actor blocks all others: that of a system error.
 const STUCK: i32 = 4;
 
 #[derive(Debug, Args)]
@@ -36,7 +36,7 @@ Examples:
   rubik-robot run shipped:solve --cube UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB
   rubik-robot run scenarios/solve.toml --pace real-time
   rubik-robot run scenarios/idle.toml --pace real-time --require-rt
-  rubik-robot run scenarios/face_turn.toml --set control.force_sign=-1  # a wrong controller
+  rubik-robot run scenarios/face_turn.toml --set control.force_sign=-1  # wrong sign: it fails
   rubik-robot run scenarios/solve.toml --ui web --wait --speed 5        # watch it in a browser
   rubik-robot run scenarios/idle.toml --ui web                          # jog an arm
   rubik-robot run scenarios/solve.toml --json | tail -1                 # the summary for a program
@@ -44,12 +44,14 @@ Examples:
   rubik-robot run scenarios/solve.toml --world cell.json --resume       # then continue it
   rubik-robot run scenarios/solve.toml --record run.mcap                # for report and replay
 
-Progress is printed to stderr, the summary to stdout; with --json its last line is one object.
+Progress is printed to stderr, the summary to stdout; with --json the last line of stdout is one
+JSON object.
 At a terminal the operator's page is served at the printed address and stays after the run.
 shipped:solve is the scenario that is built into the program.
 --ui tui shows the run in the terminal instead, --ui none shows no UI.
 With a UI the task idle waits for commands of its operator until the operator ends it: exit code 0.
-Exit codes: 0 done, 1 failed or aborted, 2 usage or scenario, 3 fatal (an effector), 4 system.")]
+Exit codes: 0 done, 1 the task failed or was aborted, 2 wrong usage or scenario, 3 an effector
+failed, 4 system error, 130 interrupted by a signal.")]
 #[allow(
     clippy::struct_excessive_bools,
     reason = "switches of the command line, independent of each other"
@@ -68,7 +70,8 @@ pub(super) struct RunArgs {
     /// The default is that of the scenario.
     #[arg(long, value_enum)]
     pace: Option<PaceWord>,
-    /// Refuse to run without every real-time right (with --pace real-time)
+    /// Refuse to run unless all real-time rights are granted, which `rubik-robot doctor` checks
+    /// (with --pace real-time)
     #[arg(long)]
     require_rt: bool,
     /// Record the run to FILE (MCAP), for replay, report and ROS 2 tools
@@ -79,7 +82,7 @@ pub(super) struct RunArgs {
     /// Wait for the operator's start: the page's button, or s and Enter
     #[arg(long)]
     wait: bool,
-    /// Speed of simulated time as a multiple of real time; 0: no limit
+    /// Speed of simulated time as a multiple of real time, 0.01 or more; 0: no limit
     #[arg(long, value_name = "FACTOR", default_value_t = 0.0)]
     speed: f64,
     #[command(flatten)]
@@ -117,7 +120,7 @@ struct KeepArgs {
 enum PaceWord {
     /// Simulated time, as fast as the computer allows; repeatable bit for bit
     Virtual,
-    /// The wall clock
+    /// Real time: the computer's clock
     RealTime,
 }
 
@@ -145,14 +148,14 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     let overrides: Vec<_> = args.scenario.overrides().into_iter().chain(more).collect();
     let begun = record::Begun { attended: has_ui, resumed: args.keep.resume };
     let recorder = args.recorder(&scenario, &overrides, begun)?;
-    // A campaign repeats a run that fails.
+    // A run of a campaign keeps no last second: if it fails, it can be repeated.
     let last_second = (!args.with_parent)
         .then(|| record::last_second(&scenario, &overrides, begun))
         .transpose()
         .unwrap_or_else(|error| {
-            // A run that asks for no recording needs none.
+            // No option asked for this recording, so the run continues without it.
             complain(&format!(
-                "its last second cannot be kept: {}: {error}",
+                "the last second of the run cannot be kept: {}: {error}",
                 scenario.path.display()
             ));
             None
@@ -173,7 +176,7 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     if let (Some(written), Some(path)) = (written, &args.record) {
         complain(&record::result_message(path, &written));
     }
-    // The result is used up by the summary below.
+    // Printing the summary consumes the result, so it is examined before.
     let leaves = is_interrupted(&done);
     let code = print_summary(done, &scenario, args, output)?;
     output.flush()?;
@@ -208,14 +211,16 @@ impl RunArgs {
     /// Checks that the options agree with the scenario and with each other.
     fn check(&self, scenario: &Scenario) -> anyhow::Result<()> {
         self.ui.check().map_err(refuse)?;
-        // Real-time rights have a meaning on the wall clock only.
+        // Real-time rights matter on the wall clock only.
         if self.require_rt && scenario.pace != Pace::RealTime {
             return Err(refuse("--require-rt: the pace is virtual: add --pace real-time"));
         }
         // A servo that runs on any core instead is late at times, which the key was set to prevent.
         let core = scenario.real_time.core.filter(|_| scenario.pace == Pace::RealTime);
         if let Some(why) = core.and_then(|core| missing_core(core as usize)) {
-            return Err(refuse(format!("real_time.core: {why}: set one of these, or none")));
+            return Err(refuse(format!(
+                "real_time.core: {why}: set the key to one of these, or leave it out"
+            )));
         }
         if !is_speed(self.speed) {
             let reason = "must be a factor of 0.01 or more, or 0 for as fast as possible";
@@ -232,7 +237,8 @@ impl RunArgs {
         }
     }
 
-    /// Starts the recording of a run under these overrides if `--record` is given.
+    /// Starts the recording of a run with these overrides. Without `--record` returns a recorder
+    /// that records nothing.
     fn recorder(
         &self,
         scenario: &Scenario,
@@ -267,7 +273,7 @@ impl RunArgs {
     }
 }
 
-/// Returns whether an interrupt ended the run: then the program ends as well.
+/// Returns whether a signal ended the run. Then the program ends at once, also with a page open.
 fn is_interrupted(done: &Result<Summary, Error>) -> bool {
     match done {
         Ok(summary) => summary.ended_by == EndedBy::Interrupt,
@@ -275,8 +281,8 @@ fn is_interrupted(done: &Result<Summary, Error>) -> bool {
     }
 }
 
-/// Ends the program when an actor blocks all others. No other thread could end it then. A UI in the
-/// `TERMINAL` is closed first; for `JSON` the last line of stdout is the summary.
+/// Ends the program when an actor blocks all others, since the run cannot end by itself then. With
+/// `TERMINAL` the terminal UI is closed first; with `JSON` the last line of stdout is the summary.
 #[allow(clippy::needless_pass_by_value, reason = "the signature is that of `RunOptions::stuck`")]
 fn end_stuck<const TERMINAL: bool, const JSON: bool>(error: Error, summary: Summary) {
     if TERMINAL {
@@ -287,7 +293,7 @@ fn end_stuck<const TERMINAL: bool, const JSON: bool>(error: Error, summary: Summ
     ));
     if JSON {
         let mut output = Output::stdout();
-        // If stdout cannot be written, the exit code remains.
+        // If stdout cannot be written, the exit code still tells of the error.
         let _ = output.line(&summary.json()).and_then(|()| output.flush());
     } else if let Some(remedy) = &summary.remedy {
         complain(&format!("what to do: {remedy}"));
@@ -301,7 +307,7 @@ fn saved_files(
     bridge: BridgeKind,
     task: Task,
 ) -> Result<SavedFiles, &'static str> {
-    // A file of the plant's state would contradict the real cell.
+    // A saved state of the plant could contradict the real cell.
     if args.world.is_some() && bridge.is_hardware() {
         return Err(
             "--world: hardware keeps its state itself: leave the option out, or simulate the plant",
@@ -321,7 +327,7 @@ fn saved_files(
     if args.resume && args.world.is_none() && !bridge.is_hardware() {
         return Err("--resume: name the saved plant of the interrupted run with --world");
     }
-    // Only this task writes a journal from which it can continue.
+    // Only the task solve writes a journal from which it can continue.
     if args.resume && task != Task::Solve {
         return Err("--resume: only a run of the task solve can be resumed");
     }
@@ -338,14 +344,14 @@ fn check_outputs(args: &RunArgs, keep: &SavedFiles) -> anyhow::Result<()> {
             PathBuf::from(path)
         })
     };
-    // The files beside the world are written as well.
+    // Names of the other files that are written beside the world and the recording.
     let (lock, new) = (beside(&keep.world, ".lock"), beside(&keep.world, ".new"));
     let part = beside(&args.record, ".part");
     clash(
         &[("the scenario", Some(&args.scenario.scenario))],
         &[
             ("--record", args.record.as_ref()),
-            ("--record's beginning", part.as_ref()),
+            ("--record's temporary file", part.as_ref()),
             ("--journal", keep.journal.as_ref()),
             ("--world", keep.world.as_ref()),
             ("--world's lock", lock.as_ref()),
@@ -354,8 +360,8 @@ fn check_outputs(args: &RunArgs, keep: &SavedFiles) -> anyhow::Result<()> {
     )
 }
 
-/// Refuses to begin beside the journal of an interrupted run, which may be the only way to find out
-/// what the hands hold.
+/// Refuses to overwrite the journal of an interrupted run, unless this run resumes it: the journal
+/// may be the only way to find out what the hands hold.
 fn check_journal(keep: &SavedFiles, bridge: BridgeKind) -> anyhow::Result<()> {
     let Some(path) = keep.journal.as_ref().filter(|_| !keep.resume) else { return Ok(()) };
     // A journal that cannot be read, or that another run writes, is refused when the run opens it.
@@ -371,8 +377,8 @@ fn check_journal(keep: &SavedFiles, bridge: BridgeKind) -> anyhow::Result<()> {
     };
     Err(refuse(format!(
         "--journal: an earlier run was interrupted while {doing}, and its journal {} is still \
-         there: resume that run with {resumes}. To start anew, name other files; or remove the \
-         journal: then the earlier run cannot be resumed any more{world}",
+         there: resume that run with {resumes}. To start a new run, name other files; or remove \
+         the journal: then the earlier run cannot be resumed any more{world}",
         path.display()
     )))
 }

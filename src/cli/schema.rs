@@ -10,7 +10,8 @@ use super::output::Output;
 use crate::scenario::{self, section::Key};
 use serde_json::{Map, Value, json};
 
-/// Sections that are lists of tables. The schema allows each element all keys of the built-in ones.
+/// Sections that are lists of tables. The schema allows each element all keys that a built-in
+/// element has.
 const LISTS: [&str; 4] = ["effector", "camera", "vsp", "fault"];
 
 /// Prints the schema; returns the exit code.
@@ -54,7 +55,8 @@ fn table() -> Value {
     json!({"type": "object", "additionalProperties": false, "properties": {}})
 }
 
-/// Adds a key to the schema of a section, in the nested section that `path` leads to.
+/// Adds a key to the schema of a section. `path` is the key's path within this section: the names
+/// of nested sections, which are added as needed, and the name of the key.
 fn insert(table_of: &mut Value, path: &[&str], key: &Key) {
     match path {
         [] => {}
@@ -69,7 +71,8 @@ fn insert(table_of: &mut Value, path: &[&str], key: &Key) {
     }
 }
 
-/// Returns the schema of a key. Its type is derived from the words that people read.
+/// Returns the schema of a key. Its type follows from the words for it in the list of keys, see
+/// [`kind`].
 fn value(key: &Key) -> Value {
     let mut schema = kind(&key.kind);
     if let (Some(range), Some(fields)) = (&key.range, schema.as_object_mut()) {
@@ -91,9 +94,9 @@ fn value(key: &Key) -> Value {
     schema
 }
 
-/// Parses a default, which is written as in TOML. Returns `None` for words as "(not given)".
+/// Parses a default, which is written as in TOML. Returns `None` for words such as "(not given)",
+/// which are no TOML.
 fn default(text: &str) -> Option<Value> {
-    // A default in words, as "(not given)", is no TOML.
     let document: toml::Table = toml::from_str(&format!("v = {text}")).ok()?;
     serde_json::to_value(document.get("v")?).ok()
 }
@@ -117,7 +120,7 @@ fn kind(words: &str) -> Value {
         "whole number" => json!({"type": "integer"}),
         "text" => json!({"type": "string"}),
         "true | false" => json!({"type": "boolean"}),
-        // Any other words describe a key of several types: every value passes the schema.
+        // Other words describe a key of several types, for which the schema allows every value.
         _ => json!({}),
     }
 }

@@ -2,7 +2,7 @@
 
 use super::output::{Output, refuse};
 
-/// Prints the completions of `program` for a shell.
+/// Prints the script with which a shell completes the words of `program`; returns the exit code.
 pub(super) fn completions(
     shell: clap_complete::Shell,
     program: &mut clap::Command,
@@ -14,7 +14,7 @@ pub(super) fn completions(
     Ok(0)
 }
 
-/// Prints the manual page of a command, or without one of `program`.
+/// Prints the manual page of `command`, or of `program` if it is `None`; returns the exit code.
 pub(super) fn manual(
     command: Option<&str>,
     mut program: clap::Command,

@@ -1,4 +1,4 @@
-//! `rubik-robot solve` and `rubik-robot scramble`: solves cubes, and draws them.
+//! `rubik-robot solve` and `rubik-robot scramble`: solve cubes, and draw random ones.
 //!
 //! - in: a cube or a scramble; or cubes on stdin; or a seed
 //! - out: turns, as text or as a line of JSON for each cube, in the order of the cubes
@@ -27,13 +27,14 @@ pub(super) struct SolveArgs {
     /// Cube: 54 letters, faces in the order U R F D L B, each in reading order; - for stdin
     ///
     /// Stdin has one cube per line. A cube may also have six lines of 9 letters, or the lines of a
-    /// net (3 of 3, 3 of 12 with L F R B, 3 of 3). Blanks do not count. Colours (w r o y g b) are
-    /// named by the centres.
+    /// net (3 of 3, 3 of 12 with L F R B, 3 of 3). Blanks do not count. Instead of faces the
+    /// letters may be colours (w r o y g b): each stands for the face whose centre has it.
     #[arg(required_unless_present = "scramble", conflicts_with = "scramble")]
     cube: Option<String>,
     /// Scramble to solve: the moves that scramble a solved cube
     ///
-    /// Moves are U R F D L B, wide ones as Rw or r, M E S, and x y z, each also with 2 or '.
+    /// Moves are turns of faces (U R F D L B), of two layers (Rw or r), of slices (M E S) and of
+    /// the whole cube (x y z), each also with 2 or '.
     #[arg(long, value_name = "MOVES")]
     scramble: Option<String>,
     /// Kind of search
@@ -91,20 +92,25 @@ const UNSOLVED: u8 = 1;
 /// Reason why a cube is not solved.
 #[derive(Debug)]
 pub(super) enum Refusal {
+    /// Text that is no list of 54 facelets.
     Facelets(ParseFacelets),
+    /// Facelets that no real cube can have; and their smallest repair.
     Impossible(ImpossibleCube, Option<Repair>),
+    /// Text that is no list of moves.
     Moves(ParseMoves),
+    /// Search without a solution.
     Unsolved(Unsolved),
-    /// Cube that is held in another orientation, so that the centre of face U is not on top, say;
-    /// and its facelets in the usual orientation.
+    /// Possible cube that is held in another orientation: a centre does not have the letter of its
+    /// face; and the facelets as named by the centres.
     Turned(ImpossibleCube, Facelets),
 }
 
 impl Refusal {
-    /// Returns the reason for an impossible cube, with its repair.
+    /// Makes the refusal of facelets that are no valid cube: [`Refusal::Turned`] if only the
+    /// centres are named otherwise, else [`Refusal::Impossible`] with the repair.
     fn impossible(facelets: &Facelets, reason: ImpossibleCube) -> Self {
         match (reason, facelets.normalised()) {
-            // A cube in another orientation is possible: its letters need only be named otherwise.
+            // A cube in another orientation is possible: it only needs other letters.
             (ImpossibleCube::CentreElsewhere { .. }, Ok((named, _))) => Self::Turned(reason, named),
             _ => Self::Impossible(reason, Some(Repair::of(facelets))),
         }
@@ -172,7 +178,7 @@ impl Refusal {
     }
 }
 
-/// Parses a cube. Returns its stickers as well, which name it in answers.
+/// Parses a cube. Also returns its facelets, with which the answers name the cube.
 pub(super) fn read(text: &str) -> Result<(Cube, Facelets), Refusal> {
     let facelets: Facelets = text.parse().map_err(Refusal::Facelets)?;
     let cube = Cube::try_from(facelets).map_err(|e| Refusal::impossible(&facelets, e))?;
@@ -183,32 +189,35 @@ pub(super) fn read(text: &str) -> Result<(Cube, Facelets), Refusal> {
 /// is named by the face on whose centre it is after the moves.
 fn scrambled(text: &str) -> Result<(Cube, Facelets), Refusal> {
     let moves = parse_moves(text).map_err(Refusal::Moves)?;
-    // Rotations turn the centres as well, so the cube is named as it is held after the moves.
+    // Turns of the whole cube move the centres, so the letters are named by their new places.
     let named = after_moves(&Facelets::solved(), &moves).named_by_position();
     let facelets = named.map_err(|e| Refusal::Impossible(e, None))?;
     let cube = Cube::try_from(facelets).map_err(|e| Refusal::impossible(&facelets, e))?;
     Ok((cube, facelets))
 }
 
-/// Line of an answer. Its text goes to stdout, or to stderr if it has an exit code.
+/// Answer to a cube. The text goes to stdout; without `--json` a refusal goes to stderr.
 struct Line {
     text: String,
+    /// Exit code: 0 if the cube is solved.
     code: u8,
 }
 
-/// Engine and options that answer cubes.
+/// Engine that solves the cubes, with the options that shape the answers.
 struct Desk {
     engine: Engine,
+    /// State that the turns lead to, instead of the solved cube.
     goal: Cube,
     json: bool,
     mode: Mode,
 }
 
 impl Desk {
-    /// Answers a cube: one of a stream, or the one of the command line if `alone`.
+    /// Answers a cube: one of a stream, or the one of the command line if `alone`. `given` is the
+    /// text of the cube, which a refusal repeats in JSON.
     fn answer(&self, given: &str, cube: Result<(Cube, Facelets), Refusal>, alone: bool) -> Line {
         let solved = cube.and_then(|(cube, facelets)| {
-            // Turns that lead from the cube to the goal solve the cube as seen from the goal.
+            // Turns that lead from the cube to the goal are those that solve this product.
             let seen = self.goal.inverse().then(&cube);
             self.engine.solve(&seen).map(|a| (facelets, a)).map_err(Refusal::Unsolved)
         });
@@ -235,7 +244,8 @@ impl Desk {
         }
     }
 
-    /// Returns the turns with their number, the proof and the cost of the search.
+    /// Returns an answer for a person: the turns, their number, whether they are proven to be the
+    /// shortest, and the states and time of the search.
     fn explained(&self, answer: &Answer) -> String {
         if answer.turns.is_empty() {
             return "no turn is needed: the cube is at its goal".to_owned();
@@ -347,9 +357,9 @@ fn print_refusal(
     Ok(WRONG)
 }
 
-/// Answers the cubes of stdin in their order, several at a time.
+/// Answers the cubes of stdin in their order, `workers` at a time; returns the exit code.
 ///
-/// It does not wait for the threads to end: one of them may block in a read of stdin when the
+/// Does not wait for the threads to end: the one that reads stdin may block for ever after the
 /// reader of the answers has left.
 fn answer_stream(desk: &Arc<Desk>, workers: usize, output: &mut Output) -> anyhow::Result<u8> {
     // Bounded channels keep a fast input from filling the memory.
@@ -384,7 +394,8 @@ fn answer_stream(desk: &Arc<Desk>, workers: usize, output: &mut Output) -> anyho
     write_in_order(&done, desk.json, output)
 }
 
-/// Writes answers in the order of their numbers, each as soon as all before it are written.
+/// Writes answers in the order of their numbers, each as soon as all before it are written. Returns
+/// the largest of their exit codes.
 fn write_in_order(
     done: &Receiver<(usize, std::io::Result<Line>)>,
     json: bool,
@@ -421,7 +432,7 @@ fn write_in_order(
     Ok(code)
 }
 
-/// Draws cubes and prints them; returns the exit code.
+/// Draws random cubes and prints them, or the turns that make them; returns the exit code.
 pub(super) fn scramble(args: &ScrambleArgs, output: &mut Output) -> anyhow::Result<u8> {
     let now = || SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     // A seed drawn from the clock is short enough to be typed again.
@@ -439,8 +450,8 @@ pub(super) fn scramble(args: &ScrambleArgs, output: &mut Output) -> anyhow::Resu
             }
             continue;
         };
-        // The inverse of a solution makes the cube.
-        // A scramble need not be short: 20 turns are found fast.
+        // The inverse of a solution makes the cube. A scramble need not be short, so the search
+        // stops at the first solution of at most 20 turns, which it finds fast.
         let solution = solve(&cube, tables, &Budget { nodes: 20_000, max_length: 20 });
         let turns: Vec<_> = solution.turns.iter().rev().map(|t| t.inverse()).collect();
         let text = format_turns(&turns);

@@ -20,7 +20,7 @@ use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Colours of the six classes in the pictures.
+/// Colours in which the six colour classes of the detector are drawn.
 const SHADES: [[u8; 3]; 6] =
     [[255, 255, 255], [220, 20, 40], [0, 170, 70], [255, 220, 0], [255, 120, 0], [30, 90, 230]];
 
@@ -88,8 +88,8 @@ pub(super) fn stages(args: &StagesArgs) -> Result<(String, u8)> {
     }
     for path in images {
         let name = path.display().to_string();
-        // A picture that cannot be read, or is not that of the optics, gets a line and does not end
-        // the others.
+        // A picture that cannot be read, or does not fit the optics, gets a line with the reason,
+        // and the next pictures follow.
         let read = load(path)
             .map_err(anyhow::Error::from)
             .and_then(|image| Ok((args.lens(&image)?, image)));
@@ -127,9 +127,13 @@ pub(super) fn stages(args: &StagesArgs) -> Result<(String, u8)> {
 /// Results of one picture.
 struct Found {
     stages: Stages,
+    /// Square that the paper's detector found.
     square: Result<Square, Refusal>,
+    /// Pose of the square, if the optics are known.
     pose: Option<CubeSighting>,
+    /// Faces that the default detector found.
     faces: Result<Vec<FaceSighting>, Refusal>,
+    /// Names of the pictures that were written.
     files: Vec<String>,
 }
 
@@ -253,7 +257,8 @@ impl Found {
         Ok(files)
     }
 
-    /// Draws the faces of the default detector, and the largest square with its tiles.
+    /// Draws the faces of the default detector (yellow), and the paper's square with its tiles
+    /// (magenta), on the picture.
     fn draw_result(&self, mut picture: RgbImage) -> RgbImage {
         for face in self.faces.as_ref().map_or(&[][..], Vec::as_slice) {
             outline(&mut picture, &face.corners, [255, 255, 0]);
@@ -265,7 +270,7 @@ impl Found {
         if let Ok(square) = &self.square {
             outline(&mut picture, &square.corners, [255, 0, 255]);
             for &tile in &square.tiles {
-                // The stages work on a picture that is smaller by `step`.
+                // The stages work on a picture that is smaller by the factor `step`.
                 let whole = |v: f64| (v + 0.5) * self.stages.step as f64 - 0.5;
                 let centre = self.stages.regions[tile].centre;
                 blot(&mut picture, (whole(centre.0), whole(centre.1)), 1.5, [255, 0, 255]);
@@ -279,7 +284,7 @@ impl Found {
 fn outline(picture: &mut RgbImage, corners: &[Point; 4], colour: [u8; 3]) {
     for i in 0..4 {
         let (a, b) = (corners[i], corners[(i + 1) % 4]);
-        // The limit keeps wrong corners far outside the picture from taking for ever.
+        // Wrong corners may be far outside the picture: the limit bounds the time to draw them.
         let steps = (2.0 * (b.0 - a.0).hypot(b.1 - a.1)).clamp(1.0, 20_000.0) as usize;
         for k in 0..=steps {
             let t = k as f64 / steps as f64;
@@ -288,7 +293,8 @@ fn outline(picture: &mut RgbImage, corners: &[Point; 4], colour: [u8; 3]) {
     }
 }
 
-/// Draws the part of a disc that is inside the picture.
+/// Draws the part of a disc that is inside the picture. `at` is its centre, `radius` its radius
+/// (px).
 fn blot(picture: &mut RgbImage, at: Point, radius: f64, colour: [u8; 3]) {
     let reach = radius.ceil() as i64;
     let (x0, y0) = (at.0.round() as i64, at.1.round() as i64);

@@ -1,4 +1,4 @@
-//! Stop of a command that performs many runs, by a signal.
+//! Flag by which a signal stops a command that performs many runs.
 
 use crate::run;
 use std::sync::Arc;
@@ -7,7 +7,11 @@ use std::sync::atomic::AtomicBool;
 /// Exit code of a command that a signal stopped.
 pub(super) const INTERRUPTED: u8 = 130;
 
-/// Returns a flag that a signal sets. A second signal ends the process.
+/// Returns a flag that the first ending signal (Ctrl-C, say) sets. A second one ends the process at
+/// once, with the exit code [`INTERRUPTED`].
+///
+/// # Errors
+/// A handler cannot be installed.
 pub(super) fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in run::ending_signals() {

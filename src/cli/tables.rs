@@ -12,11 +12,11 @@ use crate::tables::{Observer, Store, Threads, Unusable};
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
 
-/// Folder of the tables.
+/// Folder of the solver's tables, as an option.
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Args)]
 pub(super) struct Folder {
-    /// Folder of the tables [default: RUBIK_ROBOT_TABLES, or the XDG cache]
+    /// Folder of the solver's tables [default: $RUBIK_ROBOT_TABLES, or ~/.cache/rubik-robot]
     #[arg(long, value_name = "DIR", global = true)]
     tables: Option<PathBuf>,
 }
@@ -53,7 +53,7 @@ Examples:
   rubik-robot tables list
   rubik-robot tables list --json
 
-Exit codes: 0 listed, 1 a table cannot be used, 2 usage.")]
+Exit codes: 0 listed, 1 a built table cannot be used, 2 wrong usage.")]
     List(Names),
     /// Verify the checksums of the tables and count their entries by value
     #[command(after_help = "\
@@ -61,8 +61,9 @@ Examples:
   rubik-robot tables verify
   rubik-robot tables verify phase2
 
-The values of entries are distances, or distances modulo 3.
-Exit codes: 0 all tables are sound, 1 a table is not, 2 usage.")]
+Entries are distances in turns; some tables keep them modulo 3, or how each turn changes them.
+Exit codes: 0 no table is damaged (one that is not built counts as sound), 1 a table is damaged,
+2 wrong usage.")]
     Verify(Names),
     /// Remove the files of the tables
     #[command(after_help = "\
@@ -70,7 +71,7 @@ Examples:
   rubik-robot tables remove
   rubik-robot tables remove phase1-large
 
-Exit codes: 0 removed, 1 a file cannot be removed, 2 usage.")]
+Exit codes: 0 removed, 1 a file cannot be removed, 2 wrong usage.")]
     Remove(Names),
 }
 
@@ -84,7 +85,7 @@ Examples:
   rubik-robot tables build phase1-large phase2-large
   rubik-robot tables build --threads 4
 
-Exit codes: 0 built, 1 a table cannot be written to the folder, 2 usage.",
+Exit codes: 0 built, 1 a table cannot be written to the folder, 2 wrong usage.",
         bytes as f64 * 1e-9
     )
 }
@@ -171,7 +172,8 @@ pub(super) fn run(args: &TablesArgs, output: &mut Output) -> anyhow::Result<u8> 
     Ok(u8::from(failed))
 }
 
-/// Builds a table unless it can be used; returns its state.
+/// Builds a table, unless a usable one is there. Returns its state in words, or why it cannot be
+/// kept in the folder.
 fn build(store: &Store, spec: &TableSpec, workers: Threads) -> Result<String, String> {
     let Err(reason) = store.open(spec, &workers) else { return Ok("was built already".to_owned()) };
     let bar = Bar::new(spec.name);
@@ -190,7 +192,8 @@ fn build(store: &Store, spec: &TableSpec, workers: Threads) -> Result<String, St
     }
 }
 
-/// Verifies a table; returns its state.
+/// Verifies a table. Returns its state in words, or why it cannot be used. A table that is not
+/// built is no error.
 fn verify(store: &Store, spec: &TableSpec, workers: Threads) -> Result<String, String> {
     match store.verify(spec, &workers) {
         Ok(counts) => Ok(format!("sound; entries of each value {counts:?}")),

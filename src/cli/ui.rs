@@ -1,6 +1,6 @@
-//! The operator's UI of a run or a replay: the page, the terminal, or none.
+//! The operator's UI of a run or a replay: the page, the terminal UI, or none.
 //!
-//! - in: `--ui`, `--listen`, the UI's end of a desk
+//! - in: `--ui`, `--listen`, `--host`; the UI's end of a [`desk`](crate::desk)
 //! - out: an open UI, which the command closes or leaves to its operator at the end
 
 use super::output::complain;
@@ -20,7 +20,7 @@ use std::time::Duration;
 
 /// First port of the page without `--listen`.
 const PORT: u16 = 8780;
-/// Number of ports that are tried. The first ones may be in use by other runs.
+/// Number of ports that are tried, from [`PORT`] on: other runs may use the first ones.
 const PORTS: u16 = 10;
 
 /// Name of the loopback address.
@@ -47,12 +47,12 @@ pub(super) struct UiArgs {
     pub(super) host: Vec<HostName>,
 }
 
-/// Kind of UI.
+/// Kind of UI, as a word of the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum UiKind {
     /// Page in the browser
     Web,
-    /// In this terminal, also over ssh
+    /// Text UI in this terminal, also over ssh
     Tui,
     /// Messages as lines of text on stderr
     None,
@@ -113,7 +113,8 @@ impl UiArgs {
         }
     }
 
-    /// Starts the server of the page.
+    /// Starts the server of the page at the address of `--listen`, otherwise at the first free one
+    /// of [`PORTS`] ports.
     fn serve(&self, desk: &UiEnd) -> anyhow::Result<Server> {
         if let Some(text) = &self.listen {
             let address = address(text).ok_or_else(|| {
@@ -123,10 +124,10 @@ impl UiArgs {
                 )
             })?;
             return Server::start_behind(desk.clone(), address, self.host.clone())
-                .map_err(|error| unheard(address, &error));
+                .map_err(|error| listen_error(address, &error));
         }
         let mut last = None;
-        // Each run of this machine has a page of its own.
+        // Each run on this machine has a page of its own, so the first ports may be in use.
         for port in PORT..PORT + PORTS {
             let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
             match Server::start_behind(desk.clone(), address, self.host.clone()) {
@@ -142,7 +143,7 @@ impl UiArgs {
 }
 
 /// Returns the error of a page that cannot listen on an address, with what to do.
-fn unheard(address: SocketAddr, error: &std::io::Error) -> anyhow::Error {
+fn listen_error(address: SocketAddr, error: &std::io::Error) -> anyhow::Error {
     let port = address.port();
     let why = match error.kind() {
         ErrorKind::AddrInUse => format!(
@@ -154,17 +155,18 @@ fn unheard(address: SocketAddr, error: &std::io::Error) -> anyhow::Error {
             "this machine has no such address: `ip address` lists them".to_owned()
         }
         ErrorKind::PermissionDenied => {
-            format!("port {port} needs a right of its own: name a port from 1024 on")
+            format!("port {port} needs a special right: name a port from 1024 on")
         }
         _ => error.to_string(),
     };
     anyhow!("the page cannot listen on {address}: {why}")
 }
 
-/// Parses the value of `--listen`. A port alone is of the loopback address.
+/// Parses the value of `--listen`. A port alone stands for this port of the loopback address, an
+/// address alone for its port [`PORT`]. Returns `None` for any other text.
 fn address(text: &str) -> Option<SocketAddr> {
     let port = |text: &str| text.parse::<u16>().ok();
-    // The name of the loopback is resolved here; the printed address has the number.
+    // `localhost` is resolved here, so the printed address has the number.
     let named = text.get(..LOCALHOST.len()).is_some_and(|n| n.eq_ignore_ascii_case(LOCALHOST));
     if named {
         let rest = &text[LOCALHOST.len()..];
@@ -172,7 +174,7 @@ fn address(text: &str) -> Option<SocketAddr> {
         return port.map(|port| SocketAddr::from((Ipv4Addr::LOCALHOST, port)));
     }
     text.parse().ok().or_else(|| {
-        // An address alone has the default port. That of IPv6 may be in brackets, as before a port.
+        // An address without a port. One of IPv6 may be in brackets, as it must be before a port.
         let bare = text.strip_prefix('[').and_then(|text| text.strip_suffix(']'));
         let six = bare.and_then(|text| text.parse::<Ipv6Addr>().ok()).map(IpAddr::V6);
         let ip = six.or_else(|| text.parse().ok()).map(|ip| SocketAddr::from((ip, PORT)));
@@ -188,9 +190,9 @@ fn address(text: &str) -> Option<SocketAddr> {
 pub(super) enum Ui {
     /// No page and no panels: messages are lines on stderr.
     None,
-    /// The page.
+    /// Page in the browser.
     Web(Server),
-    /// The terminal.
+    /// Text UI in this terminal.
     Tui(Terminal),
 }
 
@@ -201,6 +203,9 @@ impl Ui {
     }
 
     /// Closes the UI at once.
+    ///
+    /// # Errors
+    /// The terminal UI failed while it was shown.
     pub(super) fn leave(self) -> anyhow::Result<()> {
         match self {
             Self::None | Self::Web(_) => Ok(()),
@@ -211,8 +216,11 @@ impl Ui {
         }
     }
 
-    /// Keeps the UI after a run until the operator leaves: by the page's button, by Ctrl-C, or by
-    /// `q`.
+    /// Keeps the UI open after a run until the operator leaves: by the page's button, by Ctrl-C, or
+    /// in the terminal UI by the key `q`.
+    ///
+    /// # Errors
+    /// The terminal UI failed while it was shown, or no handler of signals can be installed.
     pub(super) fn linger(self, run_end: &RunEnd) -> anyhow::Result<()> {
         match self {
             Self::None => Ok(()),
@@ -232,16 +240,17 @@ impl Ui {
     }
 }
 
-/// Thread of the UI in the terminal. It restores the terminal when it ends: by a key, by a signal
-/// that ends the program, or when this handle is dropped.
+/// Handle of the thread of the terminal UI. The thread restores the terminal when it ends: by a
+/// key, by a signal that ends the program, or when this handle is dropped.
 #[derive(Debug)]
 pub(super) struct Terminal {
+    /// Set to make the thread end.
     leave: Arc<AtomicBool>,
     thread: Option<std::thread::JoinHandle<std::io::Result<()>>>,
 }
 
 impl Terminal {
-    /// Takes control of the terminal and starts the thread.
+    /// Switches the terminal to the UI's screen and starts the thread that shows the UI of `desk`.
     fn open(desk: UiEnd) -> std::io::Result<Self> {
         let screen = tui::Screen::open()?;
         let leave = Arc::new(AtomicBool::new(false));
@@ -253,8 +262,8 @@ impl Terminal {
         let thread = std::thread::Builder::new().name("tui".into()).spawn(move || {
             let shown = tui::show(screen, &desk, &leaves);
             if let Err(error) = &shown {
-                // The run is not shown any more. A replay ends; a run continues until a signal.
-                complain(&format!("the terminal: {error}: stop the run with a signal"));
+                // The UI is gone. A replay ends; a run continues until a signal ends it.
+                complain(&format!("the terminal UI failed: {error}: SIGTERM stops the run"));
                 let _ = desk.send(Input::Quit);
             }
             shown
@@ -262,11 +271,11 @@ impl Terminal {
         Ok(Self { leave, thread: Some(thread) })
     }
 
-    /// Waits until the thread has ended.
+    /// Waits until the terminal UI has ended, and returns its error.
     fn wait(mut self) -> anyhow::Result<()> {
         match self.left() {
-            Some(Ok(shown)) => Ok(shown.context("the terminal")?),
-            Some(Err(_)) => Err(anyhow!("the thread of the terminal panicked")),
+            Some(Ok(shown)) => Ok(shown.context("the terminal UI")?),
+            Some(Err(_)) => Err(anyhow!("the thread of the terminal UI panicked")),
             None => Ok(()),
         }
     }
@@ -289,12 +298,12 @@ impl Terminal {
 impl Drop for Terminal {
     fn drop(&mut self) {
         self.leave.store(true, Ordering::Release);
-        // A panic was reported by its hook.
+        // The panic hook has already reported a panic of the thread.
         let _ = self.left();
     }
 }
 
-/// Waits for a signal to this process, or for the page's button that ends the program.
+/// Waits for a signal that ends the program, or for the page's button that does.
 fn wait(run_end: &RunEnd) -> anyhow::Result<()> {
     let signalled = Arc::new(AtomicBool::new(false));
     for signal in SIGNALS {

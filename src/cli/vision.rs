@@ -1,4 +1,4 @@
-//! `rubik-robot vision`: calls the subcommand.
+//! `rubik-robot vision`: declares its subcommands, with their helps, and calls the one of the call.
 
 use super::output::{Output, WRONG, complain};
 use super::{cubes, evaluate, faces, frames, locate, rig, stages};
@@ -16,13 +16,14 @@ Examples:
   rubik-robot vision eval photographs/manifest.jsonl  # shares found and read, time of a picture
   rubik-robot vision stages photo.jpg -o stages       # figure 4 of the paper for a picture
 
-Exit codes: 0 done, 1 a picture has no face or no pose, or colours make no cube, 2 usage, or a
-file cannot be read.")]
+Exit codes: 0 done, 1 a picture has no face or no pose, or colours make no cube, 2 wrong usage, or
+a file cannot be read.")]
 pub(super) struct VisionArgs {
     #[command(subcommand)]
     what: What,
 }
 
+/// Subcommand of `vision`.
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Subcommand)]
 enum What {
@@ -82,7 +83,9 @@ Exit codes: 0 all cubes are read, 1 no cube fits the colours of a file, 2 a file
     },
     /// Read cubes in a rig with fixed cameras, at known places of the picture
     #[command(after_help = "\
-A file of boxes has 54 lines in the order URFDLB, each with one or more boxes: x y width height.
+A rig is a set of fixed cameras whose joint picture shows all faces, always at the same places.
+A file of boxes has a line for each of the 54 facelets (faces U R F D L B, each in reading order),
+with one or more boxes of pixels: x y width height, then those of the next box.
 
 Examples:
   rubik-robot vision rig new.png --boxes rig.txt
@@ -106,8 +109,9 @@ read.")]
     },
     /// Learn the colours of a rig from pictures of known cubes, and print the table
     #[command(after_help = "\
-A file of boxes has 54 lines in the order URFDLB, each with one or more boxes: x y width height. A
-file of states has lines of a picture's file name and its 54 facelets.
+A file of boxes has a line for each of the 54 facelets (faces U R F D L B, each in reading order),
+with one or more boxes of pixels: x y width height. A line of a file of states is the file name of a
+picture and the 54 letters of its cube, in the same order.
 
 Examples:
   rubik-robot vision learn known/*.png --boxes rig.txt > rig.json

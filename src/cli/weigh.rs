@@ -2,7 +2,7 @@
 //! sensor, in several orientations of the wrist.
 //!
 //! - in: a scenario, an arm whose hand is empty
-//! - out: weight, centre, bias and residuals; the lines for the scenario
+//! - out: weight, centre of mass, bias and residuals; the keys to set in the scenario
 
 use super::arguments::{ScenarioArgs, check_devices};
 use super::output::{Output, complain, refuse};
@@ -13,15 +13,16 @@ use clap::Args;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-The gripper must be empty and free of contact. The wrist turns by up to 150 deg at the present place
-of the arm.
+The tool is all that the force sensor in the wrist carries: the gripper, which must be empty and
+free of contact. The arm turns its wrist by up to 150 deg where it is, and reads the sensor in
+several orientations.
 
 Examples:
   rubik-robot weigh scenarios/idle.toml --arm postument  # on the simulated plant
   rubik-robot weigh scenarios/hardware.toml --arm track  # on hardware, or on `rubik-robot emulate`
 
-Exit codes: 0 measured, 1 the readings do not determine the weight, 2 usage or scenario, 3 fatal
-(an effector), 4 system.")]
+Exit codes: 0 measured, 1 the readings do not determine the weight, 2 wrong usage or scenario, 3 an
+effector failed, 4 system error.")]
 pub(super) struct WeighArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
@@ -84,7 +85,7 @@ fn json(arm: &str, w: &Weighed, orientations: usize) -> serde_json::Value {
     })
 }
 
-/// Returns the result as a table, with the lines for the scenario.
+/// Returns the result as a table, followed by the keys to set in the scenario.
 fn table(arm: &str, w: &Weighed, orientations: usize) -> String {
     let c = w.centre_in_flange.coords * 1e3;
     let b = w.bias.directions();

@@ -1,4 +1,4 @@
-//! Orders from above, and the generators that carry them out.
+//! Orders of MP to an effector, and the generators that carry them out.
 //!
 //! - in: a [`Behaviour`]: plain data, complete in itself
 //! - out: a [`Generator`], which is asked for the set values of each macrostep
@@ -110,8 +110,8 @@ pub enum Behaviour {
         /// Whether the rotation follows the velocity at any torque, without compliance.
         stiff: bool,
     },
-    /// Yielding in the selected directions until the behaviour is ended from above, or a force
-    /// limit is exceeded.
+    /// Yielding in the selected directions until MP ends the behaviour, or a force limit is
+    /// exceeded.
     Comply {
         /// Directions that yield.
         selector: Selector,
@@ -136,6 +136,7 @@ pub struct Generator {
     swing: swing::Swing,
 }
 
+/// The generator of one kind of motion.
 #[derive(Debug, Clone)]
 enum Kind {
     Position(position::Position),
@@ -147,8 +148,8 @@ enum Kind {
 }
 
 impl Behaviour {
-    /// Makes the generator that carries out this behaviour. `speeds` are the full speeds of
-    /// position control.
+    /// Makes the generator that carries out this behaviour on an arm with this `compliance`.
+    /// `speeds` are the full speeds of position control.
     #[must_use]
     pub fn generator(&self, compliance: &Compliance, speeds: &position::Speeds) -> Generator {
         let kind = match *self {
@@ -216,14 +217,15 @@ impl Generator {
     /// that uses the visual sensor, where in the picture and at which exposure the sensor must look
     /// from now on.
     pub fn next(&mut self, inputs: &Inputs<'_>) -> (Next, Option<Sensing>) {
-        debug_assert!(is_rigid(&inputs.arm.desired_base_from_tool), "{:?}", inputs.arm);
+        debug_assert!(is_rigid(&inputs.arm.desired_base_from_tool), "not rigid: {:?}", inputs.arm);
         debug_assert!((0.0..=1.0).contains(&inputs.pace), "pace: {}", inputs.pace);
         // An oscillation ends any behaviour, before its own limits name another cause.
         if let Some(oscillates) = self.swing.note(inputs) {
             return (Next::Done(oscillates), None);
         }
         let next = match &mut self.kind {
-            // Its set values are a function of time, so it slows down its own time.
+            // Position control computes its set values by its own clock, which it slows down
+            // itself.
             Kind::Position(g) => g.next(inputs),
             Kind::Grasp(g) => slowed(g.next(inputs), inputs),
             Kind::Secure(g) => slowed(g.next(inputs), inputs),
@@ -245,7 +247,7 @@ impl Generator {
     }
 
     /// Returns whether the generator can continue although its last command was refused for the
-    /// reason `why`, which `inputs.arm.refused` shows.
+    /// reason `why`. Its next call gets this reason in `inputs.arm.refused`.
     #[must_use]
     pub fn tolerates(&self, why: &MoveRefused) -> bool {
         matches!(self.kind, Kind::VisualServo(_)) && visual_servo::VisualServo::tolerates(why)
@@ -268,7 +270,7 @@ fn slowed(next: Next, inputs: &Inputs<'_>) -> Next {
                 }
             }
         }
-        // Less than the whole step, from the present set value.
+        // The tool makes only a part of the step from the present set pose.
         Motion::Pose(pose) if inputs.pace < 1.0 => {
             let from = inputs.arm.desired_base_from_tool;
             *pose = Pose::from_parts(
@@ -276,7 +278,8 @@ fn slowed(next: Next, inputs: &Inputs<'_>) -> Next {
                 from.rotation.slerp(&pose.rotation, inputs.pace),
             );
         }
-        // At full pace a pose stays to the bit. The other motions come from position control alone.
+        // At full pace the pose is kept exactly. The other motions come from position control
+        // alone.
         Motion::Pose(_)
         | Motion::Hold
         | Motion::Motors(_)

@@ -34,7 +34,7 @@ pub struct Compliance {
 }
 
 /// Largest distance by which jaws may be forced apart while they hold the cube flat (m). A cube
-/// that turns between fingers of 12 mm about the palm's axis is tilted by 6 deg then.
+/// that turns about the palm's axis between fingers 12 mm wide is then tilted by 6 deg.
 pub const FORCED_APART: f64 = 0.001;
 
 /// Returns the admittance (m/(s N)) of a direction that moves at `speed` (m/s) until it meets a
@@ -134,7 +134,7 @@ mod tests {
             let Direction::Guarded { velocity: v, admittance, inertia } =
                 compliance.guarded(velocity, 4.0)
             else {
-                panic!("it yields to a force alone")
+                panic!("the direction is not guarded")
             };
             assert_eq!((v, inertia), (velocity, compliance.linear_inertia));
             assert!((velocity.abs() / admittance - 8.0).abs() < 1e-12);

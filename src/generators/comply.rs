@@ -3,14 +3,15 @@
 //! | case | threshold | reason |
 //! |---|---|---|
 //! | pull | above `pull` for `PULL_SECONDS` | a knock is no pull |
-//! | strain of an arm that waits | `STRAIN_SECONDS` | yielding relieves it; a pull is shorter |
-//! | strain of a partner | at once | it is driven by the other arm |
-//! | strain in a direction that does not yield | at once | nothing relieves it |
+//! | overload of an arm that waits for a pull | `STRAIN_SECONDS` | yielding may relieve it |
+//! | overload of a partner arm | at once | the other arm drives it |
+//! | overload in a direction that does not yield | at once | nothing relieves it |
 //! | jaws of a partner that are forced apart | `FORCED_APART` | the cube turns in the hand |
 //!
 //! - in: the wrench, the distance of the jaws
-//! - out: directions that seek zero force, until the behaviour is ended from above or the operator
-//!   pulls
+//! - out: directions that seek zero force, until MP ends the behaviour or the operator pulls
+//!
+//! An overload is a force or torque beyond the limits of [`Compliance`].
 
 use super::compliance::{Compliance, Selector};
 use super::inputs::Inputs;
@@ -26,20 +27,23 @@ const STRAIN_SECONDS: f64 = 0.5;
 /// Memory of a yielding arm.
 #[derive(Debug, Clone)]
 pub struct Comply {
+    /// Force of a pull (N) and the longest wait for it (s); `None` for a partner arm.
     pull: Option<(f64, f64)>,
     selector: Selector,
     compliance: Compliance,
+    /// Number of macrosteps since the behaviour began.
     steps: u32,
+    /// Number of macrosteps in a row with the force of a pull.
     pulled: u32,
+    /// Number of macrosteps in a row with an overload.
     strained: u32,
     /// Least distance of the jaws since the behaviour began (m).
     jaws: Option<f64>,
 }
 
 impl Comply {
-    /// Makes the behaviour of a hand that yields while the partner arm drives it, until the
-    /// behaviour is ended from above. A force beyond the limits, or jaws that are forced apart, end
-    /// it at once.
+    /// Makes the behaviour of a hand that yields while the partner arm drives it, until MP ends the
+    /// behaviour. A force beyond the limits, or jaws that are forced apart, end it at once.
     #[must_use]
     pub fn until_ended(selector: Selector, compliance: Compliance) -> Self {
         Self { pull: None, selector, compliance, steps: 0, pulled: 0, strained: 0, jaws: None }
@@ -119,19 +123,21 @@ mod tests {
         None
     }
 
+    /// Makes the behaviour of an arm that waits up to 10 s for a pull of 5 N.
     fn presented() -> Comply {
         Comply::until_pulled(5.0, [true; 6], 10.0, compliance())
     }
 
+    /// A force above that of a pull must last for 0.3 s.
     #[test]
-    fn force_for_0_3_s_counts_as_pull() {
+    fn sustained_force_counts_as_pull() {
         let (at, outcome) = end(presented(), &[(0.0, 0.5), (60.0, 1.0)]).unwrap();
 
         assert_eq!(outcome, Outcome::Pulled);
         assert!((0.78..0.84).contains(&at), "{at}");
     }
 
-    /// Two strains of 0.4 s are relieved, and one that stays ends the wait after 0.5 s.
+    /// Two overloads of 0.4 s are tolerated, and one that lasts ends the wait after 0.5 s.
     #[test]
     fn lasting_excess_force_ends_wait_for_pull() {
         let waits = || Comply::until_pulled(f64::INFINITY, [true; 6], 10.0, compliance());
@@ -142,7 +148,7 @@ mod tests {
         assert!((0.5..0.56).contains(&at), "{at}");
     }
 
-    /// The strain is either a force against which the hand cannot yield, or a torque that a force
+    /// The overload is either a force against which the hand cannot yield, or a torque that a force
     /// causes by its lever.
     #[test]
     fn excess_force_in_rigid_direction_ends_pull_wait() {

@@ -23,14 +23,14 @@ use crate::motion::{ArmState, Depth, JawCommand, PERIOD};
 pub(super) const SQUEEZE: f64 = 0.002;
 /// Largest distance of the set value below the least width, where the stroke of the jaws ends (m).
 const BELOW: f64 = 0.001;
-/// Distance from the least width within which jaws close slowly (m): 3 mm to the width of a cube,
-/// and 5 mm for a cube off the middle. At full speed v the jaws would push a cube with half of v
-/// over the admittance, until the arm follows.
+/// Distance above the least width within which jaws close slowly (m): 3 mm up to the width of a
+/// cube, and 5 mm for a cube that is not in the middle between them. At full speed v the jaws would
+/// push a cube with the force v / (2 admittance) until the arm follows.
 const NEAR: f64 = 0.008;
 /// Largest motion of jaws at rest in [`STILL`] seconds (m).
 const STAND: f64 = 0.0001;
 const STILL: f64 = 0.15;
-/// Part of [`NEAR`] for cubes that are narrower than their edge (m).
+/// Part of [`NEAR`] below the width of a cube (m).
 const NARROWER: f64 = 0.003;
 /// Time in which the grip builds up, as measured in the plant (s).
 const BUILD_UP: f64 = 0.15;
@@ -44,11 +44,12 @@ pub fn closing_seconds(stroke: f64, slow: f64, fast: f64) -> f64 {
     (stroke - near) / fast.max(slow) + near / slow + BUILD_UP + STILL
 }
 
+/// Kind of motion of the jaws.
 #[derive(Debug, Clone, Copy)]
 enum Mode {
-    /// Closing until something is held.
+    /// Closing with a grip force (N) until something of at least the least width (m) is held.
     Close { force: f64, least_width: f64, stops: Depth },
-    /// Motion to a set opening.
+    /// Motion to a set opening in at least `seconds`; `strained` motions ignore the force limits.
     Open { jaw: JawCommand, seconds: f64, strained: bool },
 }
 
@@ -58,9 +59,13 @@ pub struct Grasp {
     mode: Mode,
     selector: Selector,
     compliance: Compliance,
+    /// Number of macrosteps since the beginning.
     steps: u32,
+    /// Last set distance between the pads while closing (m).
     set: f64,
+    /// Set distance between the pads at the beginning of an opening (m).
     start: f64,
+    /// Macrostep since which the jaws have been at rest, and the distance of the pads then (m).
     still_since: u32,
     still_at: f64,
 }
@@ -93,6 +98,7 @@ impl Grasp {
         Self::with(Mode::Open { jaw, seconds, strained }, selector, compliance)
     }
 
+    /// Makes a generator that has not begun its motion.
     fn with(mode: Mode, selector: Selector, compliance: Compliance) -> Self {
         Self {
             mode,
@@ -111,8 +117,8 @@ impl Grasp {
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Next {
         let arm = inputs.arm;
         if self.steps == 0 {
-            // Opening starts from the set value, because a held object keeps the jaws wider than
-            // it. Closing starts from the measured width.
+            // Opening starts from the set value, since a held object keeps the jaws wider than
+            // that. Closing starts from the measured width.
             self.start = arm.desired_jaw_opening;
             self.set = arm.jaw_opening;
             self.still_at = arm.jaw_opening;
@@ -129,14 +135,17 @@ impl Grasp {
         }
     }
 
+    /// Returns the length of a macrostep (s).
     fn macrostep_seconds(&self) -> f64 {
         f64::from(self.compliance.macrostep) * PERIOD
     }
 
+    /// Returns the next command of a motion to the set values `jaw` in at least `seconds`, or the
+    /// outcome at its end.
     fn open(&mut self, jaw: JawCommand, seconds: f64) -> Next {
         let step = self.macrostep_seconds();
         let way = (jaw.opening - self.start).abs();
-        // Linear in time, no faster than the jaws can follow.
+        // The opening is linear in time, and no faster than the jaws can follow.
         let seconds = seconds.max(way / self.compliance.jaw_open_speed);
         let share = f64::from(self.steps) * step / seconds;
         // One more macrostep, so that the jaws reach their set value before the behaviour ends.
@@ -147,6 +156,8 @@ impl Grasp {
         self.command(JawCommand { opening, ..jaw })
     }
 
+    /// Returns the next command of jaws that close with the grip force `force` (N), or the outcome
+    /// once they are at rest: whether they hold something of at least `least_width` (m).
     fn close(&mut self, arm: &ArmState, force: f64, least_width: f64, stops: Depth) -> Next {
         let step = self.macrostep_seconds();
         // Rest is measured from the last motion, so that slow creeping does not count as rest.
@@ -172,13 +183,14 @@ impl Grasp {
         let lowest = floor.max(arm.jaw_opening - SQUEEZE);
         let near = least_width + NEAR;
         let (slow, fast) = (self.compliance.jaw_close_speed, self.compliance.jaw_reach_speed);
-        // Down by a fast step, but near the cube by no more than a slow one.
+        // The set value falls by a fast step, but near the cube by no more than a slow one.
         let next = (self.set - slow * step).min((self.set - fast * step).max(near));
-        // Never up again: otherwise an object that pushes the jaws open would lead them.
+        // The set value never rises: otherwise an object that pushes the jaws open would lead them.
         self.set = self.set.min(next.max(lowest));
         self.command(JawCommand { opening: self.set, force_limit: force, stops })
     }
 
+    /// Returns the command that moves the jaws while the selected directions yield.
     fn command(&self, jaw: JawCommand) -> Next {
         Next::Go(self.compliance.task(self.compliance.yielding(&self.selector), Some(jaw)))
     }
@@ -208,7 +220,7 @@ mod tests {
                 Next::Go(other) => panic!("{other:?}"),
             }
         }
-        panic!("it never ends")
+        panic!("the grasp never ends")
     }
 
     #[test]
@@ -279,7 +291,7 @@ mod tests {
                 match grasp.next(&Inputs { arm: &arm, target: None, period: 0, pace: 1.0 }) {
                     Next::Go(command) => {
                         set = command.jaw.unwrap().opening;
-                        assert!(*first.get_or_insert(set) < arm.jaw_opening, "they jump");
+                        assert!(*first.get_or_insert(set) < arm.jaw_opening, "the set value jumps");
                     }
                     Next::Done(outcome) => return (outcome, set),
                 }

@@ -14,8 +14,8 @@ pub struct Inputs<'a> {
     pub target: Option<&'a Target>,
     /// Number of the present servo period.
     pub period: u64,
-    /// Share of its speed at which the generator may move on, 0..=1. It is below 1 while a pause
-    /// brings the arm to rest.
+    /// Factor of the speed at which the generator may move on, 0..=1. It is below 1 while a pause
+    /// brings the arm to rest, and until a resumed arm has its full speed again.
     pub pace: f64,
 }
 
@@ -46,12 +46,12 @@ pub struct Sensing {
 pub enum Window {
     /// The whole picture.
     Whole,
-    /// The place where the track of the sensor expects the cube, or without a track the
-    /// surroundings of this place.
+    /// The place where the sensor expects the cube from its earlier pictures, or without such an
+    /// expectation the surroundings of `centre`.
     Around {
         /// Centre of the cube in the world (m).
         centre: Vector3<f64>,
-        /// Largest distance of the cube from there (m).
+        /// Largest distance of the cube from `centre` (m).
         reach: f64,
     },
 }

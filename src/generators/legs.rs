@@ -1,6 +1,6 @@
-//! A motion of joints in legs, each of which begins before the last one has ended.
+//! A motion of joints in legs that overlap: a leg may begin while the previous one still moves.
 //!
-//! - in: the ends of the legs, and their windows of the whole time
+//! - in: the ends of the legs, and their windows: shares of the time of the motion
 //! - out: the joint positions after a share of that time
 //! - The joints are displaced by the sum of all legs, each by the share that [`Profile`] gives it
 //!   in its window. Windows and ramps are shares of the whole time, so a slower motion follows the
@@ -15,12 +15,12 @@ use serde::{Deserialize, Serialize};
 /// Number of legs of a motion.
 const LEGS: usize = 3;
 
-/// One leg.
+/// One leg of a motion.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Leg {
-    /// Joint positions at its end.
+    /// Joint positions at the end of the leg.
     pub to: JointPositions,
-    /// Shares of the whole time at which it begins and ends, 0..=1.
+    /// Shares of the time of the motion at which the leg begins and ends, 0..=1.
     pub window: (f64, f64),
 }
 
@@ -36,8 +36,8 @@ pub struct Legs {
 }
 
 impl Legs {
-    /// Returns the joint positions of a motion that begins at `start` after the share `part` of its
-    /// time (0..=1).
+    /// Returns the joint positions after the share `part` of the time (0..=1), in a motion that
+    /// begins at `start`.
     #[must_use]
     pub fn at(&self, start: &JointPositions, part: f64) -> JointPositions {
         self.displaced(start, &self.moves(start), part)
@@ -61,7 +61,7 @@ impl Legs {
         moves: &[[f64; AXES]; LEGS],
         part: f64,
     ) -> JointPositions {
-        // All legs are added up, so that overlapping ones blend.
+        // The legs are added up, so that overlapping ones blend.
         let mut at = *start;
         let roll = self.roll.share(part, 1.0);
         for (Leg { window: (begins, ends), .. }, by) in self.legs.iter().zip(moves) {
@@ -126,10 +126,13 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// Returns joint positions of the track (m) and of joint 1 (rad), the others at 0.
     fn to(track: f64, joint: f64) -> JointPositions {
         JointPositions([track, joint, 0.0, 0.0, 0.0, 0.0, 0.0])
     }
 
+    /// Makes three legs: the track retracts, joint 1 moves, the track advances. The second leg
+    /// overlaps each of the others by the share `overlap` of the time.
     fn legs(overlap: f64) -> Legs {
         let leg = |to, window| Leg { to, window };
         Legs {

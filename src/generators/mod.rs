@@ -3,13 +3,12 @@
 //! - in: the state of the arm, the latest target of the visual sensor, the number of the servo
 //!   period ([`Inputs`])
 //! - out: the command of the next macrostep, or an [`Outcome`] ([`Next`]); a generator that uses
-//!   the visual sensor also returns how it should look from now on ([`Sensing`])
+//!   the visual sensor also returns how the sensor must look from now on ([`Sensing`])
 //! - source: Zieliński et al. (2007), pp. 370-371 and 374: pure position control, grasping,
 //!   securing, turning, and the visual servo
 //!
-//! An order from above is a [`Behaviour`], plain data, from which [`Behaviour::generator`] makes
-//! the generator. The coordination decides where the generator runs: in an ECP (sporadic) or in MP
-//! (continuous).
+//! MP orders a [`Behaviour`], plain data, from which [`Behaviour::generator`] makes the generator.
+//! The coordination decides where the generator runs: in an ECP (sporadic) or in MP (continuous).
 
 mod behaviour;
 mod compliance;

@@ -17,7 +17,8 @@ pub enum Next {
 pub enum Outcome {
     /// The target is reached.
     Reached,
-    /// The palm's stops touch the cube after this distance (m).
+    /// The palm's stops touch the cube: after this distance (m), or in the visual servo with this
+    /// distance left to the seat (m).
     Touched(f64),
     /// The whole distance is done without a contact.
     NotTouched,
@@ -32,17 +33,19 @@ pub enum Outcome {
     /// The hand has turned by this angle (rad) against so small a torque (Nm) that the grip must
     /// have slipped on the face.
     Slipped(f64, f64),
-    /// The wrench oscillates in this direction, with this amplitude (N, Nm) and this frequency
-    /// (Hz).
+    /// The wrench oscillates in this direction of the tool frame (0..=2 along x, y, z, 3..=5 about
+    /// them), with this amplitude (N, Nm) and this frequency (Hz).
     Oscillates(usize, f64, f64),
     /// The turn has stopped at this angle (rad) under this torque (Nm).
     Stalled(f64, f64),
-    /// A force (N) or torque (Nm) exceeds its limit, mostly in this direction.
+    /// A force (N) or torque (Nm) exceeds its limit, mostly in this direction (0..=5, as in
+    /// [`Outcome::Oscillates`]).
     OverForce(usize, f64),
     /// The object in the jaws has forced them apart by this distance since the behaviour began (m):
     /// it turns between them.
     ForcedApart(f64),
-    /// The behaviour was ended from above.
+    /// MP has ended the behaviour before its own end: the step of the task is over, the partner arm
+    /// has reported an alarm, or the operator has terminated the run.
     Ended,
     /// The operator pulls at the cube.
     Pulled,
@@ -71,7 +74,7 @@ impl std::fmt::Display for Outcome {
             Self::Stalled(angle, torque) => {
                 write!(
                     f,
-                    "the turn stood still after {:.0} deg under {torque:.1} Nm",
+                    "the turn stalled after {:.0} deg under {torque:.1} Nm",
                     angle.to_degrees()
                 )
             }
@@ -100,14 +103,14 @@ impl std::fmt::Display for Outcome {
             Self::ForcedApart(way) => {
                 write!(f, "slip: the cube has forced the jaws apart by {:.1} mm", way * 1e3)
             }
-            Self::Ended => f.write_str("ended from above"),
+            Self::Ended => f.write_str("MP ended the motion before its own end"),
             Self::Pulled => f.write_str("the operator pulls"),
             Self::LostSight(seconds) => write!(f, "the cube was out of sight for {seconds:.1} s"),
             Self::OutOfZone(seconds) => {
                 write!(f, "the cube stayed outside the place of hand-over for {seconds:.1} s")
             }
-            Self::OutOfReach(why) => write!(f, "the arm does not get there ({why})"),
-            Self::TimedOut(seconds) => write!(f, "not done in {seconds:.1} s"),
+            Self::OutOfReach(why) => write!(f, "the arm cannot reach the cube ({why})"),
+            Self::TimedOut(seconds) => write!(f, "the motion did not end within {seconds:.1} s"),
         }
     }
 }
@@ -119,8 +122,8 @@ impl Outcome {
         matches!(self, Self::OverForce(..) | Self::Oscillates(..) | Self::ForcedApart(_))
     }
 
-    /// Returns an outcome in words, for the operator. `None` stands for a behaviour that did not
-    /// come to an end.
+    /// Returns an outcome in words, for the operator. `None` stands for a behaviour without an
+    /// outcome.
     #[must_use]
     pub fn words(outcome: Option<Self>) -> String {
         outcome.map_or_else(|| "the motion did not end".to_owned(), |outcome| outcome.to_string())

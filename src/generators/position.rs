@@ -83,6 +83,7 @@ impl Speeds {
     }
 }
 
+/// Motion that is made; `start` are the set values at its beginning, `None` before the first call.
 #[derive(Debug, Clone, Copy)]
 enum Goal {
     Joints { start: Option<JointPositions>, target: JointPositions },
@@ -95,12 +96,14 @@ enum Goal {
 pub struct Position {
     goal: Goal,
     speeds: Speeds,
+    /// Fraction of the full speeds, 0..=1.
     fraction: f64,
     /// Least duration (s).
     least: f64,
+    /// Length of a macrostep (periods).
     macrostep: u32,
-    /// Number of macrosteps of the motion at full pace, 0 before the first call, and the number
-    /// that is done. Slowed motions do parts of macrosteps.
+    /// Number of macrosteps of the motion at full pace (0 before the first call), and the number
+    /// done. A macrostep at a lower pace counts as a part of one.
     steps: f64,
     done: f64,
 }
@@ -156,13 +159,14 @@ impl Position {
                 start.translation.vector.lerp(&target.translation.vector, s).into(),
                 start.rotation.slerp(&target.rotation, s),
             )),
-            // Legs have profiles of their own, in their windows.
+            // Each leg has its own profile, in its own window, so it gets the share of the time.
             Goal::Legs { start: Some(start), legs } => Motion::Joints(legs.at(&start, part)),
             Goal::Joints { .. } | Goal::Line { .. } | Goal::Legs { .. } => Motion::Hold,
         };
         Next::Go(MoveCommand { motion, periods: self.macrostep, jaw: None })
     }
 
+    /// Stores the set values at the beginning, and computes the number of macrosteps of the motion.
     fn begin(&mut self, inputs: &Inputs<'_>) {
         let seconds = match &mut self.goal {
             Goal::Joints { start, target } => {

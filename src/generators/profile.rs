@@ -23,7 +23,7 @@ const STEEPEST: f64 = 0.5 * PEAK_ACCELERATION / PEAK_SPEED;
 /// Time that a ramp loses against a motion at full speed, as a share of the ramp's time.
 const LOST: f64 = 7.0 / 15.0;
 
-/// Family of courses with the same time of a ramp.
+/// Family of motion profiles whose ramps take the same time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Profile {
     /// Time of a ramp (s).
@@ -31,8 +31,8 @@ pub struct Profile {
 }
 
 impl Profile {
-    /// Returns the share of the distance that is done after a part of the time, 0..=1, in a motion
-    /// that takes `duration` (s).
+    /// Returns the share of its distance, 0..=1, that a motion of `duration` (s) has covered after
+    /// the share `part` of its time (0..=1).
     #[must_use]
     pub fn share(&self, part: f64, duration: f64) -> f64 {
         if duration <= 2.0 * self.ramp {
@@ -126,7 +126,7 @@ mod tests {
                 if k > 1 && k < 999 {
                     let jerk = (at(k + 2) - 2.0 * at(k + 1) + 2.0 * at(k - 1) - at(k - 2))
                         / (2.0 * h * h * h);
-                    // w'' of a ramp x^2 (2 - x)^2 is 8 at its beginning.
+                    // The speed of a ramp, x^2 (2 - x)^2, has the second derivative 8 at x = 0.
                     let bound = 8.0 * peak / (r * r) * 1.01 + 2e-15 / (h * h * h);
                     prop_assert!(jerk.abs() <= bound, "{} {}", jerk, bound);
                 }

@@ -34,6 +34,8 @@ const NEAR: f64 = 1.0;
 /// Time that the jaws need for their grip (s).
 const GRIP: f64 = 0.15;
 
+/// Kind of motion along z, with its speed (m/s), longest distance (m) and contact force (N), or
+/// with its seat.
 #[derive(Debug, Clone, Copy)]
 enum Mode {
     Approach { speed: f64, distance: f64, force: f64 },
@@ -57,9 +59,13 @@ pub struct Secure {
     mode: Mode,
     selector: Selector,
     compliance: Compliance,
+    /// Set position of the tool in the base at the beginning (m); `None` before the first call.
     start: Option<Vector3<f64>>,
+    /// Distance between the pads at the beginning (m).
     opening: f64,
+    /// Number of macrosteps since the beginning.
     steps: u32,
+    /// Number of readings in a row that show contact.
     confirmed: u32,
     /// Step in which the jaws began to clench.
     clenching: Option<u32>,
@@ -108,6 +114,7 @@ impl Secure {
         Self::with(Mode::Press(Seat { press, force, stops }), selector, compliance)
     }
 
+    /// Makes a generator that has not begun its motion.
     fn with(mode: Mode, selector: Selector, compliance: Compliance) -> Self {
         Self {
             mode,
@@ -141,7 +148,7 @@ impl Secure {
             | Mode::Withdraw { speed, distance, force } => {
                 // A retraction is an approach with the opposite sense: its force is a pull.
                 let sense = if matches!(self.mode, Mode::Approach { .. }) { 1.0 } else { -1.0 };
-                // Generators move on from set values, so the distance is one of set values.
+                // A command moves the set pose, so the distance is measured between set poses.
                 let way = (arm.desired_base_from_tool.translation.vector - start).norm();
                 let contact = sense * arm.wrench_in_tool.force.z;
                 self.confirmed = if contact > force { self.confirmed + 1 } else { 0 };
@@ -166,7 +173,7 @@ impl Secure {
         }
     }
 
-    /// Presses the cube into the palm until the measured force `contact` has settled (N), then
+    /// Presses the cube into the palm until the measured force `contact` (N) has settled, then
     /// clenches the jaws until `contact` has fallen to zero. Each stage also ends after its longest
     /// time.
     fn seat(&mut self, seat: &Seat, mut directions: [Direction; 6], contact: f64) -> Next {
@@ -176,7 +183,7 @@ impl Secure {
         let near = self.selector[2] && (contact - wanted).abs() < NEAR;
         self.settled = if near { self.settled + 1 } else { 0 };
         let rests = f64::from(self.settled) * step >= SETTLED;
-        // Press, then clench. Each stage ends by the settled force or by its time.
+        // The jaws clench only after pressing. Each stage ends by the settled force or by its time.
         match self.clenching {
             None if rests || f64::from(self.steps) * step > PRESS => {
                 (self.clenching, self.settled) = (Some(self.steps), 0);
@@ -209,9 +216,9 @@ mod tests {
     use super::*;
     use crate::motion::{ArmState, Motion};
 
-    /// Presses a cube into a palm, in which the measured force follows the wanted one after `lag`
-    /// (s). With `yields` all directions yield, else none. Returns the outcome and the time until
-    /// then (s).
+    /// Presses a cube into a palm, where the measured force follows the wanted one after `lag` (s).
+    /// With `yields` all directions yield, else none. Returns the outcome, and the time (s) at
+    /// which it came.
     fn seats(lag: f64, yields: bool) -> (Outcome, f64) {
         let mut secure = Secure::press(8.0, 40.0, [yields; 6], Depth::One, compliance());
         let step = 8.0 * PERIOD;
@@ -233,7 +240,7 @@ mod tests {
                 arm.wrench_in_tool.force.z = wanted;
             }
         }
-        panic!("it never ends")
+        panic!("the securing never ends")
     }
 
     #[test]

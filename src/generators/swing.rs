@@ -34,6 +34,7 @@ struct Side {
     sign: i8,
     /// Largest excursion to either side since the oscillation began (N, Nm).
     amplitude: f64,
+    /// Number of changes of side in a row.
     swings: u32,
     /// Periods of the last change of side, and of the first one.
     changed: u64,
@@ -41,6 +42,8 @@ struct Side {
 }
 
 impl Side {
+    /// Returns [`Outcome::Oscillates`] for a direction, 0..=5, with amplitude (N, Nm) and frequency
+    /// (Hz).
     fn outcome(&self, direction: usize) -> Outcome {
         let time = self.changed.saturating_sub(self.began) as f64 * PERIOD;
         // Two changes of side make one period of the oscillation.
@@ -99,8 +102,8 @@ mod tests {
     use crate::motion::ArmState;
     use crate::spatial::Wrench;
 
-    /// Applies the force along z that `force` returns for a time (s), over 4 s in macrosteps of 16
-    /// ms. Returns the oscillation that was detected, if any.
+    /// Applies the force along z (N) that `force` returns for a time (s), over 4 s in macrosteps of
+    /// 16 ms. Returns the oscillation that was detected, if any.
     fn run(force: impl Fn(f64) -> f64) -> Option<Outcome> {
         let mut swing = Swing::default();
         (0..250).find_map(|step| {
@@ -127,7 +130,7 @@ mod tests {
         assert_eq!(run(|t| if t > 1.0 { 12.0 } else { 0.0 }), None);
         assert_eq!(run(|t| 4.5 * (3.0 * std::f64::consts::TAU * t).sin()), None);
         assert_eq!(run(|t| 15.0 * (0.5 * std::f64::consts::TAU * t).sin()), None);
-        // A knock that rings out is none either.
+        // A knock that rings out is no oscillation either.
         assert_eq!(
             run(|t| 20.0 * (-6.0 * t).exp() * (3.0 * std::f64::consts::TAU * t).sin()),
             None

@@ -2,11 +2,11 @@
 //!
 //! | case | threshold | reason |
 //! |---|---|---|
-//! | turn that stalls | `STALL_ANGLE` in `STALL_SECONDS` | the set torque only stops the layer |
+//! | turn that stalls | `STALL_ANGLE` in `STALL_SECONDS` | the set torque does not end the turn |
 //! | torque beyond the grips | `MOST_TORQUE` for `TOO_LONG` | pads carry 1.1 to 1.8 Nm under 40 N |
 //! | jaws that are forced apart | `FORCED_APART` | the cube turns between them |
-//! | turn without torque | `least_torque` beyond `LEAST_SAID` | no face followed the hand |
-//! | torque at both ends of a turn | `ENDS` is ignored | backlash, acceleration, the next detent |
+//! | turn without torque | `least_torque`, angle above `LEAST_SAID` | no face followed the hand |
+//! | torque at both ends of a turn | `ENDS`: ignored | backlash, acceleration, the next detent |
 //! | layer that lags behind the wrist | `TWIST_STIFFNESS`, `MOST_TWIST` | both grips twist |
 //! | layer that resists | `RESISTANCE`, `FOLLOWS` | friction alone must not slow a turn |
 //!
@@ -27,9 +27,10 @@ const STALL_ANGLE: f64 = 0.0175;
 const STALL_SECONDS: f64 = 3.0;
 /// Largest remaining angle at which the turn is complete (rad).
 const TOLERANCE: f64 = 0.003;
-/// Time constant of slowing down: speed per remaining angle and acceleration (s).
+/// Speed near the end of a turn (rad/s), divided by the remaining angle (rad) and the acceleration
+/// (rad/s2): in s.
 const SLOWING: f64 = 4.0;
-/// Slowest speed (rad/s).
+/// Lowest speed at both ends of a turn (rad/s), unless its ordered speed is lower.
 const CREEP: f64 = 0.02;
 /// Stiffness of both grips against twist, by which the layer lags behind the wrist (Nm/rad): rubber
 /// pads of 120 Nm/rad in series, the cube and the arms. The wrist turns farther by the twist that
@@ -86,6 +87,7 @@ pub struct Turn {
     start: Option<f64>,
     /// Least distance of the jaws since the turn began (m).
     jaws: Option<f64>,
+    /// Number of macrosteps since the turn began.
     steps: u32,
     /// Step of the last progress, and the angle then (rad).
     progress_at: u32,
@@ -153,8 +155,8 @@ impl Turn {
             return self.brake(broken_off);
         }
         self.record(&progress);
-        // Only a torque against the turn is resistance, and its low-pass leaves sudden torques to
-        // the compliance.
+        // Only a torque against the turn is resistance. The low-pass filter leaves sudden torques
+        // to the compliance.
         let resistance = (progress.torque * self.order.angle.signum())
             .clamp(0.0, RESISTANCE * self.order.torque);
         self.resisted += (resistance - self.resisted) * (self.seconds() / FOLLOWS).min(1.0);
@@ -219,7 +221,7 @@ impl Turn {
         if left <= 0.0 {
             return Next::Done(why);
         }
-        // Without compliance, so that the deceleration is the same under any torque.
+        // The command has no compliance, so that the deceleration is the same under any torque.
         self.go(Direction::Unguarded { velocity: left * self.order.angle.signum() })
     }
 
@@ -245,7 +247,8 @@ impl Turn {
         let Order { angle, speed, acceleration, torque, stiff, .. } = self.order;
         let ramp = acceleration * f64::from(self.steps) * self.seconds();
         let left = progress.left;
-        // Proportional to the remaining angle near the end, and within the acceleration before.
+        // The speed is proportional to the remaining angle near the end of the turn. Before that
+        // the acceleration limits it.
         let slowing =
             (SLOWING * acceleration * left).min((2.0 * acceleration * left.max(0.0)).sqrt());
         // The ordered speed of a turn may be lower than the creep speed at its ends.
@@ -255,7 +258,8 @@ impl Turn {
             self.ordered = speed;
             Direction::Unguarded { velocity }
         } else {
-            // The admittance belongs to the highest order, so any speed stops at the set torque.
+            // With the admittance of the highest ordered speed a turn at any speed stops at the set
+            // torque.
             let most = most_ordered(speed);
             let admittance = most / torque;
             let ordered = (speed + admittance * self.resisted).min(most);
@@ -274,13 +278,15 @@ impl Turn {
         Next::Go(self.compliance.task(directions, None))
     }
 
+    /// Returns the outcome of a turn that stalls here, with its angle (rad) and torque (Nm).
     fn stalled(&self, progress: &Progress) -> Outcome {
         Outcome::Stalled(progress.turned * self.order.angle.signum(), progress.torque)
     }
 }
 
-/// Returns the time that a turn by `angle` (rad) takes (s), with the time lost at its ends as
-/// measured in the simulated plant. `speed` is in rad/s, `acceleration` in rad/s2.
+/// Returns the time that a turn by `angle` (rad) takes (s). It includes the time lost at both ends
+/// of a turn, which was measured in the simulated plant. `speed` is in rad/s, `acceleration` in
+/// rad/s2.
 #[must_use]
 pub fn seconds(angle: f64, speed: f64, acceleration: f64) -> f64 {
     /// Time lost at both ends, at 1 rad/s2 (s).
@@ -325,7 +331,7 @@ mod tests {
             fastest = fastest.max(velocity.abs());
             arm.joints.0[6] += velocity * 8.0 * PERIOD;
         }
-        panic!("it never ends")
+        panic!("the turn never ends")
     }
 
     /// The speeds span the range of `control.turn_speed_deg_s` (1 to 180 deg/s). A turn at 0.1
@@ -339,7 +345,7 @@ mod tests {
                 let (outcome, fastest) = turned(angle, speed, stiff);
 
                 if degrees < 1.0 {
-                    // Slower than a stall.
+                    // In 3 s this layer turns by less than `STALL_ANGLE`.
                     assert!(matches!(outcome, Outcome::Stalled(..)), "{outcome:?}");
                 } else {
                     assert!(
@@ -382,7 +388,7 @@ mod tests {
             fastest = fastest.max(velocity);
             arm.joints.0[6] += velocity * 8.0 * PERIOD;
         }
-        panic!("it never ends")
+        panic!("the turn never ends")
     }
 
     #[test]

@@ -48,12 +48,13 @@ pub struct Order {
     /// Distance before the seat below which the last pose is frozen, because the gripper hides the
     /// cube (m).
     pub frozen: f64,
-    /// Radius of the place in which a cube at rest is seen (m).
+    /// Distance from the first seen position within which the cube must stay to count as at rest
+    /// (m).
     pub still: f64,
-    /// Time in this place after which the cube is at rest (s).
+    /// Time within this distance after which the cube counts as at rest (s).
     pub still_seconds: f64,
-    /// Motion of the cube that breaks off the approach (m); at least 0.05 m near the cube, where it
-    /// is hidden.
+    /// Distance by which the cube must move to break off the approach (m); at least 0.05 m once the
+    /// gripper hides the cube.
     pub retreat: f64,
     /// Largest speed of the tool (m/s) and of its rotation (rad/s).
     pub speed: (f64, f64),
@@ -67,7 +68,7 @@ pub struct Order {
     pub inertia: f64,
     /// Distance beyond the seat at which the approach is given up (m).
     pub overrun: f64,
-    /// Age of a target that is no longer followed (s).
+    /// Age above which a target is no longer followed (s).
     pub stale: f64,
     /// Time without any target after which the servo gives up (s).
     pub patience: f64,
@@ -76,13 +77,14 @@ pub struct Order {
     pub zone: (Pose, Vector3<f64>),
 }
 
+/// Stage of the servo: the motion that it makes now.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Stage {
     /// Motion to the vicinity of the cube, which is followed.
     Follow,
-    /// Approach, with the goal at its beginning.
+    /// Approach. `began_at` is the position of the goal at its beginning, in the base (m).
     Approach { began_at: Vector3<f64> },
-    /// Motion straight back to the place to wait, away from anything between the fingers.
+    /// Motion straight back to the pose `wait`, away from anything between the fingers.
     BackOff { wait: Pose },
 }
 
@@ -101,11 +103,16 @@ pub struct VisualServo {
     stage: Stage,
     /// Filtered `base_from_tool` at the seat.
     goal: Option<Pose>,
+    /// Period of the last picture that was taken into account.
     seen: u64,
+    /// Velocity of the set position (m/s), and angular velocity of the set orientation (rad/s).
     velocity: Led,
     spin: Led,
+    /// Place where the cube has stayed, if it was seen inside the zone.
     rest: Option<Rest>,
+    /// Number of readings in a row that show contact.
     confirmed: u32,
+    /// Period in which the behaviour began.
     first_period: Option<u64>,
     /// Last place of the cube in the world.
     cube: Option<Vector3<f64>>,
@@ -119,20 +126,20 @@ pub struct VisualServo {
     /// Number of pictures in a row of a frozen approach that show the cube elsewhere, and the
     /// period of the latest one.
     gone: (u32, u64),
-    /// Exposure that was ordered last, and the one with which the cube was seen.
+    /// Exposure that was ordered last, and the one with which the cube was last seen.
     asked: f64,
     exposure: f64,
 }
 
-/// Share of a new goal in the filtered one.
+/// Share of a new measurement in the filtered goal.
 const FILTER: f64 = 0.4;
 /// Speed per distance to the goal (1/s).
 const FOLLOW_GAIN: f64 = 2.5;
-/// Largest distance from the waiting pose of a gripper that has reached it (m), (rad).
+/// Largest distance (m) and rotation (rad) from a pose at which the gripper has reached it.
 const THERE: (f64, f64) = (0.006, 0.03);
 
-/// Step by which an arm that does not fold far enough waits nearer after each refusal (m), and the
-/// least part of the vicinity: the fingers must not reach the cube yet.
+/// Step by which an arm that cannot fold far enough waits nearer after each refusal (m), and the
+/// least share of [`Order::vicinity`] that remains: the fingers must not reach the cube yet.
 const NEARER: f64 = 0.005;
 const NEAREST: f64 = 2.0 / 3.0;
 
@@ -144,10 +151,10 @@ const RUN_OUT: (f64, f64) = (0.8, 4.0);
 /// exposure was not chosen for the light of each workshop.
 const EXPOSURES: [f64; 4] = [1.0, 1.0, 1.8, 0.55];
 const TRY: f64 = 0.4;
-/// Radius of the search around the last place of the cube (m): a hand at 0.25 m/s within a frame,
-/// and the lag of the filter.
+/// Radius of the search around the last place of the cube (m). It covers the way of a hand at 0.25
+/// m/s between two pictures, and the lag of the filter.
 const REACH: f64 = 0.05;
-/// Number of patiences for which a cube that never comes to rest is followed.
+/// Multiple of [`Order::patience`] for which a cube that never comes to rest is followed.
 const RESTLESS: f64 = 5.0;
 /// Number of pictures in a row that must show a hidden cube elsewhere. A single pose of a hidden
 /// cube may be wrong.
@@ -162,8 +169,8 @@ impl VisualServo {
     pub fn new(order: Order, compliance: Compliance) -> Self {
         Self {
             order,
-            // Its approach is faster than that of a grasp, and its virtual mass is checked by
-            // itself.
+            // The approach is faster than that of a grasp, so the order has a virtual mass of its
+            // own, which is checked separately.
             compliance: Compliance { linear_inertia: order.inertia, ..compliance },
             stage: Stage::Follow,
             goal: None,
@@ -233,7 +240,7 @@ impl VisualServo {
             return Next::Done(excess);
         }
         let pose = inputs.arm.desired_base_from_tool;
-        // Below this distance the gripper hides the cube.
+        // Nearer than `order.frozen` the gripper hides the cube.
         let close = matches!(self.stage, Stage::Approach { .. })
             && self.distance(&pose).is_some_and(|d| d < self.order.frozen);
         let gone = close && self.is_gone(inputs.target);
@@ -315,7 +322,7 @@ impl VisualServo {
     /// longer updated in the last part of an approach.
     fn is_gone(&mut self, target: Option<&Target>) -> bool {
         let (Some(target), Some(goal)) = (target, self.goal) else { return false };
-        // The place of the cube by the frozen goal, which the gripper moves to.
+        // Place of the cube by the frozen goal, to which the gripper moves.
         let hidden = self.order.world_from_base * goal * Point3::new(0.0, 0.0, self.order.seat);
         let (times, last) = self.gone;
         if target.period > last.max(self.seen) {
@@ -341,14 +348,17 @@ impl VisualServo {
         goal * Pose::translation(0.0, 0.0, -self.vicinity)
     }
 
+    /// Sets both velocities to zero.
     fn stop(&mut self) {
         (self.velocity, self.spin) = (Led::default(), Led::default());
     }
 
+    /// Returns the command that holds the tool for a macrostep.
     fn hold(&self) -> MoveCommand {
         MoveCommand { motion: Motion::Hold, periods: self.compliance.macrostep, jaw: None }
     }
 
+    /// Returns the length of a macrostep (s).
     fn step_seconds(&self) -> f64 {
         f64::from(self.compliance.macrostep) * PERIOD
     }
@@ -393,7 +403,8 @@ impl VisualServo {
             (cube.translation.vector - rotation * Vector3::z() * self.order.seat).into(),
             rotation,
         );
-        // The noise of a pose is filtered. It takes the nearer of two orientations that look alike.
+        // A filter reduces the noise of the pose. The goal takes the nearer one of the two
+        // orientations in which a gripper looks the same.
         let goal = match self.goal {
             Some(old) => Pose::from_parts(
                 old.translation.vector.lerp(&wanted.translation.vector, FILTER).into(),
@@ -405,8 +416,9 @@ impl VisualServo {
             ),
         };
         self.goal = Some(goal);
-        // By the place and not by the speed: a pose that jitters by a millimetre seems to move for
-        // ever. A cube that was held still was once followed for 300 s and never approached.
+        // Rest is judged by the place and not by the speed: a pose that jitters by a millimetre
+        // seems to move for ever. A cube that was held still was once followed for 300 s and never
+        // approached.
         let stays = |s: &Rest| (seen - s.at).norm() <= self.order.still;
         if !is_inside || !self.rest.as_ref().is_some_and(stays) {
             self.rest = is_inside.then_some(Rest { at: seen, since: target.period });
@@ -420,8 +432,8 @@ impl VisualServo {
         self.rest.is_some_and(|s| seconds(s) > self.order.still_seconds)
     }
 
-    /// Moves to the pose where the gripper waits for a cube at rest, and begins the approach from
-    /// there.
+    /// Returns the command towards the pose in which the gripper waits. If the gripper is there and
+    /// the cube is at rest, begins the approach and returns its first command.
     fn follow(&mut self, inputs: &Inputs<'_>, goal: &Pose) -> Next {
         let pose = inputs.arm.desired_base_from_tool;
         let wait = self.waiting(goal);
@@ -446,15 +458,15 @@ impl VisualServo {
         let acceleration = self.order.acceleration;
         self.velocity = self.velocity.towards(way, linear, acceleration, step);
         // The angular speed is reached as soon as the linear one. If a cube turns past 45 deg,
-        // other sides are grasped and the tool turns all the way back. Without a limit axis 6 would
-        // not follow.
+        // other sides are grasped and the tool turns all the way back. Without a limit of the
+        // acceleration, axis 6 would not follow.
         let angular_acceleration = acceleration * angular / linear;
         self.spin = self.spin.towards(turn, angular, angular_acceleration, step);
         self.go_on(pose)
     }
 
-    /// Decelerates to rest within some tenths of a second. An abrupt stop would be measured by the
-    /// wrist as a blow, and five blows in a row as an oscillation.
+    /// Decelerates to rest within some tenths of a second. The force sensor would measure an abrupt
+    /// stop as a blow, and five blows in a row as an oscillation.
     fn run_out(&mut self, pose: &Pose) -> Next {
         let step = self.step_seconds();
         self.velocity = self.velocity.running_out(RUN_OUT.0 * step);
@@ -499,7 +511,7 @@ impl VisualServo {
         self.confirmed =
             if inputs.arm.wrench_in_tool.force.z > order.touch { self.confirmed + 1 } else { 0 };
         let left = inputs.arm.desired_base_from_tool.inverse() * goal;
-        // Two readings in a row: a single one may be noise.
+        // Contact needs two readings in a row, since a single one may be noise.
         if self.confirmed >= 2 {
             return Next::Done(Outcome::Touched(left.translation.z));
         }
@@ -520,7 +532,7 @@ impl VisualServo {
             inertia: c.angular_inertia,
         };
         let rotation = left.rotation.scaled_axis();
-        // Slower for the last 3 cm, where contact is expected.
+        // The gripper is slower for the last 3 cm, where contact is expected.
         let forward = if left.translation.z < 0.03 { limit * 0.5 } else { limit };
         let directions = [
             linear(left.translation.x),
@@ -546,6 +558,7 @@ fn way_and_turn(from: &Pose, to: &Pose) -> (Vector3<f64>, Vector3<f64>) {
     (way, from.rotation.rotation_to(&to.rotation).scaled_axis())
 }
 
+/// Returns whether a gripper at `pose` has reached the pose `wanted`: see [`THERE`].
 fn is_at(pose: &Pose, wanted: &Pose) -> bool {
     let (way, turn) = way_and_turn(pose, wanted);
     way.norm() < THERE.0 && turn.norm() < THERE.1
@@ -572,15 +585,15 @@ impl Led {
     /// the remaining distance.
     fn towards(self, way: Vector3<f64>, most: f64, acceleration: f64, step: f64) -> Self {
         let left = way.norm();
-        // Proportional near the goal, within the speed, and slow enough to stop on the rest of the
-        // way.
+        // The speed is proportional to the distance near the goal, at most `most`, and low enough
+        // to stop on the remaining distance.
         let stops = (2.0 * Self::BRAKES * acceleration * left).sqrt();
         let speed = (FOLLOW_GAIN * left).min(most).min(stops);
         let wanted = if left > 1e-9 { way * (speed / left) } else { Vector3::zeros() };
         let missing = wanted - self.velocity;
         let jerk = acceleration / Self::RISES;
-        // At this acceleration the missing velocity is reached when the acceleration is back at 0;
-        // more would overshoot it.
+        // With this acceleration the missing velocity is reached just when the acceleration is back
+        // at 0; a higher one would overshoot.
         let reaches = (2.0 * jerk * missing.norm()).sqrt();
         let aim = (missing / step).cap_magnitude(acceleration.min(reaches));
         let change = (aim - self.acceleration).cap_magnitude(jerk * step);
@@ -598,6 +611,7 @@ impl Led {
         Self { velocity, acceleration: Vector3::zeros() }
     }
 
+    /// Returns whether the velocity is zero.
     fn rests(&self) -> bool {
         self.velocity == Vector3::zeros()
     }
@@ -688,7 +702,7 @@ mod tests {
         assert!(fastest > 0.99 * most && (goal - at).norm() < 1e-4, "{fastest} {at}");
     }
 
-    /// The cube moves all the time, so the arm gives up in the end.
+    /// The cube moves all the time, so the servo gives up in the end.
     #[test]
     fn following_a_restless_cube_times_out() {
         let (_, outcome) = run(|period| {
@@ -747,7 +761,7 @@ mod tests {
                 Next::Go(_) => {}
             }
         }
-        panic!("never ends");
+        panic!("the servo never ends");
     }
 
     #[test]
@@ -786,7 +800,8 @@ mod tests {
         };
         let (pose, outcome) = run(target);
 
-        // No contact ends the approach here, so it overruns the seat and reports it.
+        // No contact ends the approach here: the gripper overruns the seat, and the servo reports
+        // that nothing was touched.
         assert_eq!(outcome, Outcome::NotTouched);
         let tip = pose * Point3::new(0.0, 0.0, 0.019);
         assert!((tip.y, tip.z - 1.2) < (1e-3, 1e-3) && (tip.x - 1.015).abs() < 2e-3, "{tip}");
@@ -879,7 +894,7 @@ mod tests {
                 arm.desired_base_from_tool = next;
             }
         }
-        panic!("no end");
+        panic!("the servo never ends");
     }
 
     #[test]
@@ -909,7 +924,7 @@ mod tests {
         };
         let span = (0.5, 1.02);
 
-        // The place to wait would be at 1.06 m.
+        // For a cube at 1.18 m the place to wait would be at 1.06 m.
         let (outcome, _) =
             run_within(span, |period| at(if period < 1500 { 1.18 } else { 1.0 }, period));
         assert_eq!(outcome, Outcome::NotTouched, "there, and nothing pushes back");
@@ -955,7 +970,7 @@ mod tests {
         let (outcome, place) = run_within((0.5, 0.95), cube);
 
         assert!(matches!(outcome, Outcome::OutOfReach(_)), "{outcome:?}");
-        // It is there after 5 s, and its patience would last for 5 s more.
+        // The arm is at the limit after 5 s, and its patience would last for 5 s more.
         assert!(last.get() < 3500, "at once: {last:?}");
         assert!(place.x > 0.94 && place.x <= 0.95, "{place}");
     }
@@ -974,7 +989,8 @@ mod tests {
             },
             |period, place| {
                 if period > 3000 {
-                    // Once it has moved back, its place does not matter.
+                    // A tool that has moved sideways is no longer in front of the cube's first
+                    // place.
                     let beside = if place.y.abs() < 5e-3 { place.x } else { f64::INFINITY };
                     least.set(least.get().min(beside));
                 }
@@ -988,7 +1004,8 @@ mod tests {
     /// Single pictures of the cube at another place do not count.
     #[test]
     fn arm_follows_cube_pulled_from_between_fingers() {
-        // While the servo looks, at the end of that time, and later.
+        // Periods from which on the cube is elsewhere: while the servo looks, at the end of that
+        // time, and later.
         let from = [1500, 1900, 1940, 1980, 2020, 2060, 2100, 2140, 2180, 2220, 2400, 3000];
         for from in from {
             let (y, _) = reached(|period| Some(if period < from { 0.0 } else { 0.12 }));
@@ -1007,7 +1024,8 @@ mod tests {
                 2400..2440 | 2700 => Some(0.12),
                 _ => None,
             },
-            // As far off as a hidden cube may seem, and farther than the operator draws it.
+            // A cube as far off as a hidden one may seem, and one farther off than an operator
+            // draws it.
             |p| Some(if p < 2400 { 0.0 } else { 0.04 }),
             |p| Some(if p < 2400 { 0.0 } else { 0.6 }),
         ];
@@ -1064,7 +1082,7 @@ mod tests {
         let (mut spin, mut fastest, mut turned_back) = (Vector3::zeros(), 0.0_f64, false);
         for step in 1..500_u64 {
             let period = step * 8;
-            // To and fro past 45 deg, where another side of the cube is the nearest one.
+            // The cube turns to and fro past 45 deg, where another of its sides is the nearest.
             let angle = 0.9 * (period as f64 * 0.002).sin();
             let turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), angle);
             // The cube moves up and down, so that it is not approached.
@@ -1075,7 +1093,7 @@ mod tests {
             let Next::Go(MoveCommand { motion: Motion::Pose(pose), .. }) =
                 generator.next(&inputs).0
             else {
-                panic!("it follows");
+                panic!("the arm does not follow");
             };
             let before = arm.desired_base_from_tool.rotation;
             let next = before.rotation_to(&pose.rotation).scaled_axis() / 0.016;

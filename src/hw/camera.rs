@@ -2,7 +2,7 @@
 
 use image::RgbImage;
 
-/// One exposure.
+/// One picture of a camera, with its time.
 #[derive(Debug, Clone)]
 pub struct Frame {
     /// Servo period of the middle of the exposure.

@@ -5,8 +5,8 @@
 //! writes its own.
 //!
 //! - in: the file (TOML)
-//! - out: the open bridge, [`SerialPort`] or [`IsaArm`]s behind a port, with its force sensors; the
-//!   addresses of the cameras
+//! - out: the open bridge, a [`SerialPort`] or a port of [`IsaArm`]s, with its force sensors; the
+//!   sockets of the cameras
 
 use super::force::{ForceSource, FtController, NetFt, NoSensor, Words};
 use super::isa::IsaArm;
@@ -37,24 +37,26 @@ pub fn default_path() -> PathBuf {
     place(std::env::var_os("XDG_RUNTIME_DIR"), std::env::temp_dir())
 }
 
+/// Returns the default path from `own`, the value of `XDG_RUNTIME_DIR`, and from `temporary`, the
+/// folder for temporary files.
 fn place(own: Option<OsString>, temporary: PathBuf) -> PathBuf {
     // The specification of XDG_RUNTIME_DIR ignores relative paths.
     let own = own.map(PathBuf::from).filter(|own| own.is_absolute() && own.is_dir());
     own.unwrap_or(temporary).join("rubik-robot-devices.toml")
 }
 
-/// Advice for a user whose file of devices cannot be used.
+/// Advice for a user whose devices file cannot be used.
 pub const NAME_DEVICES: &str = "start `rubik-robot emulate`, or name your devices there";
 
-/// Greatest size of a file of devices (bytes).
+/// Greatest size of a devices file (bytes).
 const LARGEST: u64 = 1 << 20;
 
 /// All devices of a machine.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Devices {
-    /// Whether an emulator provides them. It holds a lock on the file while it runs; after its end
-    /// the names of its lines may belong to other programs.
+    /// Whether an emulator provides the devices. The emulator holds a lock on the file while it
+    /// runs; after its end the names of its lines may belong to other programs.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub emulated: bool,
     /// Devices of each effector.
@@ -83,12 +85,13 @@ pub struct EffectorDevices {
     #[serde(deserialize_with = "scale")]
     pub counts_per_newton_metre: f64,
     /// First I/O port of the parallel interface (PCI-1751) that carries the readings of an
-    /// `ft_controller`, as `lspci -v` prints it. Without it they come by the line.
+    /// `ft_controller`, as `lspci -v` prints it. Without this key the readings come by the serial
+    /// line.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ft_parallel: Option<u16>,
-    /// Motor currents of axes 0..=6 and the jaw at which their controllers stop (A). The first may
-    /// be 0 for an arm without a track. The default is the original's: that of its serial
-    /// controllers or of its ISA cards.
+    /// Motor currents of axes 0..=6 and the jaw above which their controllers stop (A). The first
+    /// may be 0 for an arm without a track. An empty list means the limits of the original robot's
+    /// serial controllers or ISA cards.
     #[serde(deserialize_with = "currents")]
     pub max_currents: Vec<f64>,
     /// ISA card of the effector. Used if bridge.kind = "isa".
@@ -98,9 +101,9 @@ pub struct EffectorDevices {
 
 /// An ISA card.
 ///
-/// A missing pointer, divisor or current has the original's value for an arm with or without a
-/// track. The other known differences between the original's two cards must be given: see
-/// `resolvers`, `sync_active_high`, `power_axis`.
+/// A missing pointer, divisor or current has the value of the original robot's card for an arm with
+/// or without a track. The other known differences between the original's two cards must be given:
+/// see `resolvers`, `sync_active_high`, `power_axis`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct IsaDevice {
@@ -118,7 +121,8 @@ pub struct IsaDevice {
     /// Axes whose synchronisation switch is active high at its encoder card: in the 2008 sources
     /// axes 1 to 5 of the postument.
     pub sync_active_high: Vec<usize>,
-    /// Axis whose status shows the power of all axes: 6; in the 2008 sources 2 for the postument.
+    /// Axis whose status shows the power of all axes. The default is 6; in the 2008 sources it is 2
+    /// for the postument.
     pub power_axis: usize,
     /// Units of motor current per ampere (1/A), the jaw's last.
     pub units_per_ampere: Vec<f64>,
@@ -129,6 +133,7 @@ pub struct IsaDevice {
 }
 
 impl Default for IsaDevice {
+    /// Returns a card with the original's settings for its arm, encoders only and no interrupt.
     fn default() -> Self {
         Self {
             offset: 0,
@@ -143,13 +148,13 @@ impl Default for IsaDevice {
     }
 }
 
-/// Settings of one of the original's two cards.
+/// Settings of one of the original robot's two ISA cards.
 struct Original {
     first_pointer: u8,
     divisor: u8,
     /// Limits of the currents (units), the jaw's last.
     max_currents: [u8; AXES + 1],
-    /// Units of current per ampere of the jaw (1/A): 25.3 and 34.7 per 100 mA.
+    /// Units of current per ampere of the jaw (1/A). The original gives 25.3 and 34.7 per 100 mA.
     jaw_units: f64,
 }
 
@@ -181,7 +186,7 @@ impl IsaDevice {
     pub fn arm(&self, arm: &Arm, max_currents: &[f64]) -> Result<IsaArm<()>, String> {
         let has_track = arm.model.has_track;
         let original = if has_track { Original::TRACK } else { Original::POSTUMENT };
-        // Defaults are the original's; the jaw has a scale of its own on each card.
+        // The jaw has a scale of its own on each of the original's cards.
         let mut units_per_ampere = [UNITS_PER_AMPERE; AXES + 1];
         units_per_ampere[AXES] = original.jaw_units;
         if !self.units_per_ampere.is_empty() {
@@ -245,6 +250,7 @@ impl IsaDevice {
 }
 
 impl Default for EffectorDevices {
+    /// Returns an effector without devices; the scales are the default of ATI's boxes.
     fn default() -> Self {
         Self {
             name: String::new(),
@@ -280,7 +286,7 @@ pub enum ForceDevice<'a> {
     Controller(&'a str),
 }
 
-/// Error of a device that is missing, or is not what the file names.
+/// Error of a device that is missing or cannot be used, or of a wrong devices file.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct NoDevice(pub String);
@@ -309,6 +315,8 @@ impl Devices {
         Self::load_if(path, |_| Ok(()))
     }
 
+    /// Reads a devices file (TOML) if `check` accepts the open file. The file of an emulator that
+    /// has ended is refused.
     fn load_if(
         path: &Path,
         check: impl FnOnce(&File) -> std::io::Result<()>,
@@ -336,7 +344,7 @@ impl Devices {
     /// Returns the text of a devices file (TOML) that lists these devices.
     ///
     /// # Errors
-    /// [`NoDevice`] if TOML cannot express them, which does not happen with paths in UTF-8.
+    /// [`NoDevice`] if TOML cannot express the devices, which does not happen with paths in UTF-8.
     pub fn text(&self) -> Result<String, NoDevice> {
         toml::to_string(self).map_err(|e| NoDevice(e.to_string()))
     }
@@ -344,10 +352,10 @@ impl Devices {
     /// Returns the devices of an effector.
     ///
     /// # Errors
-    /// [`NoDevice`] if the file has none for it.
+    /// [`NoDevice`] if the file has no entry for this effector.
     pub fn of_effector(&self, name: &str) -> Result<&EffectorDevices, NoDevice> {
         let found = self.effector.iter().find(|e| e.name == name);
-        found.ok_or_else(|| NoDevice(format!("the devices have no [[effector]] \"{name}\"")))
+        found.ok_or_else(|| NoDevice(format!("the devices file has no [[effector]] \"{name}\"")))
     }
 
     /// Checks that each arm's jaw controller allows the motor current that the grip force `grip`
@@ -387,10 +395,10 @@ impl Devices {
     /// Returns the device of a camera.
     ///
     /// # Errors
-    /// [`NoDevice`] if the file has none for it.
+    /// [`NoDevice`] if the file has no entry for this camera.
     pub fn of_camera(&self, name: &str) -> Result<&CameraDevice, NoDevice> {
         let found = self.camera.iter().find(|c| c.name == name);
-        found.ok_or_else(|| NoDevice(format!("the devices have no [[camera]] \"{name}\"")))
+        found.ok_or_else(|| NoDevice(format!("the devices file has no [[camera]] \"{name}\"")))
     }
 
     /// Opens the serial lines and force sensors of these arms and joins them to one bridge. `rules`
@@ -449,8 +457,8 @@ impl Devices {
     }
 }
 
-/// Returns the reason why a file of `owner` with these permissions is not believed by the user
-/// `own`, with what to do, or `None`.
+/// Returns the reason why the user `own` must not trust a file of the user `owner` with the
+/// permissions `mode`, with what to do; `None` if the file can be trusted.
 fn distrust(owner: u32, mode: u32, own: u32) -> Option<&'static str> {
     Some(match new_file::foreign(owner, mode, own)? {
         Foreign::Owner => {
@@ -470,7 +478,8 @@ pub(crate) fn read(path: &Path) -> std::io::Result<(File, String)> {
     super::text::open_text(path, LARGEST)
 }
 
-/// Returns whether the emulator that wrote a file still runs, by its lock on it.
+/// Returns whether the emulator that wrote a devices file still runs: it then holds a lock on the
+/// file.
 pub(crate) fn is_held(file: &File) -> std::io::Result<bool> {
     match file.try_lock_shared() {
         Err(TryLockError::WouldBlock) => Ok(true),
@@ -479,7 +488,8 @@ pub(crate) fn is_held(file: &File) -> std::io::Result<bool> {
     }
 }
 
-/// Parses a text; returns the devices, or the first mistake with its position (bytes).
+/// Parses the text of a devices file; returns the devices, or the first mistake with its position
+/// in the text (bytes).
 fn parse(text: &str) -> Result<Devices, (usize, String)> {
     let wrong = |error: toml::de::Error| {
         (error.span().map_or(0, |span| span.start), error.message().to_owned())
@@ -501,6 +511,7 @@ struct Lines {
     effector: Vec<LinesOfEffector>,
 }
 
+/// Names of an effector's serial lines, and of its force sensor, with their positions.
 #[derive(Deserialize)]
 struct LinesOfEffector {
     #[serde(default)]
@@ -529,6 +540,7 @@ impl Lines {
     }
 }
 
+/// Reads a scale, and refuses one that is not a number above 0.
 fn scale<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
     let scale = f64::deserialize(from)?;
     if scale.is_finite() && scale > 0.0 {
@@ -541,6 +553,8 @@ fn scale<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
 /// Limits that controllers accept (A): a command has 16 bits for the milliamperes.
 const CURRENTS: std::ops::RangeInclusive<f64> = 0.001..=65.5;
 
+/// Reads `max_currents`: an empty list, or one limit for each of eight motors, each within
+/// [`CURRENTS`]. The first may be 0.
 fn currents<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<f64>, D::Error> {
     let currents = Vec::<f64>::deserialize(from)?;
     if !currents.is_empty() && currents.len() != AXES + 1 {
@@ -564,6 +578,7 @@ fn currents<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<f64>, D::Error> {
     Ok(currents)
 }
 
+/// Reason why this program cannot reach an ISA card or a PCI-1751 board, with what to do.
 #[cfg(not(feature = "isa"))]
 const NO_PORTS: &str =
     "this program cannot access I/O ports: build it with `cargo build --release --features isa`";
@@ -580,7 +595,7 @@ impl EffectorDevices {
         if has_track && self.max_currents.first() == Some(&0.0) {
             let name = &self.name;
             return Err(NoDevice(format!(
-                "effector \"{name}\": max_currents: the limit of axis 0, the rail, is 0 A, so it \
+                "effector \"{name}\": max_currents: the limit of axis 0, the track, is 0 A, so it \
                  cannot move: set a larger one"
             )));
         }
@@ -605,6 +620,7 @@ impl EffectorDevices {
         })
     }
 
+    /// Opens the serial lines of the axes that the arm drives.
     fn lines(&self, has_track: bool) -> Result<[Option<Line>; AXES + 1], NoDevice> {
         let mut lines = [const { None }; AXES + 1];
         for (axis, path) in self.paths(has_track) {
@@ -652,6 +668,7 @@ impl EffectorDevices {
         }
     }
 
+    /// Returns the error of this effector's force sensor, with a reason.
     fn no_sensor(&self, why: &str) -> NoDevice {
         NoDevice(format!("effector \"{}\", force = \"{}\": {why}", self.name, self.force))
     }
@@ -685,12 +702,16 @@ pub fn ask_parallel(base: u16) -> Result<(), String> {
     parallel(base).map(drop)
 }
 
+/// Asks for access to the I/O ports of the parallel interface whose first port is `base`, without
+/// writing to them.
 #[cfg(feature = "isa")]
 fn parallel(base: u16) -> Result<super::isa::PortIo, String> {
     use super::force::Pci1751;
     super::isa::PortIo::board(base, Pci1751::<super::isa::PortIo>::PORTS)
 }
 
+/// Refuses access to the parallel interface: without the feature `isa` there are no port
+/// instructions.
 #[cfg(not(feature = "isa"))]
 fn parallel(_: u16) -> Result<std::convert::Infallible, String> {
     Err(format!("ft_parallel: {NO_PORTS}"))
@@ -702,6 +723,7 @@ fn words(base: u16) -> Result<Box<dyn Words>, String> {
     Ok(Box::new(super::force::Pci1751::new(parallel(base)?)))
 }
 
+/// Refuses the parallel interface, like [`parallel`].
 #[cfg(not(feature = "isa"))]
 fn words(base: u16) -> Result<Box<dyn Words>, String> {
     parallel(base).map(|none| match none {})
@@ -735,7 +757,8 @@ mod tests {
         assert!(Devices::load(&path).unwrap_err().to_string().contains("no such file"));
     }
 
-    /// Another user puts a file at the default path before this one does.
+    /// Another user may put a file at the default path first. Such a file is read only if the
+    /// command line names it.
     #[test]
     fn devices_file_of_others_needs_to_be_named() {
         use std::os::unix::fs::PermissionsExt as _;

@@ -8,7 +8,7 @@ use super::image_file::load_frame;
 use super::text::Unread;
 use std::path::{Path, PathBuf};
 
-/// Frames from files.
+/// A camera whose frames are the image files of a folder.
 #[derive(Debug)]
 pub struct FolderCamera {
     name: String,
@@ -41,6 +41,7 @@ impl FolderCamera {
 }
 
 impl FrameSource for FolderCamera {
+    /// Reads the next file of the folder as the frame of `period`; the exposure has no effect.
     fn grab(&mut self, period: u64, _exposure: f64) -> Result<Frame, NoFrame> {
         let refuse = |reason: String| NoFrame { camera: self.name.clone(), reason };
         let Some(file) = self.files.next() else {
@@ -58,7 +59,7 @@ mod tests {
 
     /// A damaged file and a pipe cost one frame each, not the run.
     #[test]
-    fn folder_skips_unreadable_files() {
+    fn unreadable_file_costs_only_its_own_frame() {
         let folder = Folder::new("folder-bad");
         let palette = include_bytes!("../../tests/corpus/image/palette-of-four-bytes.png");
         std::fs::write(folder.0.join("a.png"), palette).unwrap();

@@ -25,7 +25,8 @@ use std::path::Path;
 /// Largest number of pixels: more than a still camera has, and few enough for a small machine.
 const MOST_PIXELS: u64 = 50_000_000;
 
-/// Largest number of pixels of a camera's frame: a camera delivers many of them.
+/// Largest number of pixels of a camera's frame. It is smaller than [`MOST_PIXELS`], because a
+/// camera delivers many frames.
 const MOST_OF_FRAME: u64 = 16_000_000;
 
 /// Largest size of a file (bytes).
@@ -45,7 +46,7 @@ impl From<std::io::Error> for Unreadable {
 /// Result of the reading of a picture.
 type Result<T> = std::result::Result<T, Unreadable>;
 
-/// Returns the error with this reason.
+/// Returns an [`Unreadable`] error with this reason.
 fn refuse<T>(reason: impl Into<String>) -> Result<T> {
     Err(Unreadable(reason.into()))
 }
@@ -62,8 +63,8 @@ pub fn load(path: &Path) -> Result<RgbImage> {
     named(path, read())
 }
 
-/// Reads a picture file of a camera like [`load`]. It is a regular file with at most 16 million
-/// pixels.
+/// Reads a camera's picture file as [`load`] does. Only a regular file with at most 16 million
+/// pixels is accepted.
 ///
 /// # Errors
 /// Reason why the file is no usable picture, with its path.
@@ -93,7 +94,7 @@ pub fn decode(bytes: &[u8]) -> Result<RgbImage> {
     decode_within(bytes, MOST_PIXELS)
 }
 
-/// Decodes a picture of at most `most` pixels.
+/// Decodes a picture of at most `most` pixels. A panic of the decoder becomes an error.
 fn decode_within(bytes: &[u8], most: u64) -> Result<RgbImage> {
     guarded(|| decoded(bytes, most))
 }
@@ -103,7 +104,7 @@ fn guarded(decode: impl FnOnce() -> Result<RgbImage> + std::panic::UnwindSafe) -
     catch_unwind(decode).unwrap_or_else(|_| refuse("damaged picture: the decoder panicked"))
 }
 
-/// Decodes a picture of at most `most` pixels; a decoder may panic.
+/// Decodes a picture of at most `most` pixels, without a guard against a decoder that panics.
 fn decoded(bytes: &[u8], most: u64) -> Result<RgbImage> {
     if bytes.len() as u64 > MOST_BYTES {
         return refuse(format!("the file is larger than {} MiB", MOST_BYTES >> 20));
@@ -208,6 +209,7 @@ pub(crate) mod tests {
     pub(crate) struct Written(pub(crate) std::path::PathBuf);
 
     impl Written {
+        /// Writes `bytes` to a file in the folder for temporary files; its name ends with `name`.
         pub(crate) fn new(name: &str, bytes: &[u8]) -> Self {
             let path = std::env::temp_dir().join(format!("rubik-{}-{name}", std::process::id()));
             std::fs::write(&path, bytes).unwrap();
@@ -228,6 +230,7 @@ pub(crate) mod tests {
         out.into_inner()
     }
 
+    /// Writes `bytes` to a file whose name ends with `name`; returns the error when it is loaded.
     fn reason(name: &str, bytes: &[u8]) -> String {
         format!("{:#}", load(&Written::new(name, bytes).0).unwrap_err())
     }
@@ -288,7 +291,7 @@ pub(crate) mod tests {
 
     /// A camera's folder may hold a large photograph, and a pipe that has no writer.
     #[test]
-    fn camera_frame_is_small_and_regular() {
+    fn camera_frame_must_be_small_regular_file() {
         let large = Written::new("frame.png", &vast(4_100));
         let why = load_frame(&large.0).unwrap_err().to_string();
         assert!(why.contains("4100 x 4100 px is more than 16 million"), "{why}");

@@ -32,8 +32,8 @@ fn scan_without_tables(bytes: &[u8]) -> Option<usize> {
         match *segment {
             // Fill bytes may stand before a marker.
             [0xFF, 0xFF, ..] => at += 1,
-            // The tables are there (C4), or the picture is not sequential with Huffman codes (SOF0,
-            // SOF1), for which alone the standard has tables.
+            // The file has tables (C4), or its picture is not sequential with Huffman codes: the
+            // standard has tables only for such pictures (SOF0, SOF1).
             [0xFF, 0xC2..=0xCF, ..] => return None,
             [0xFF, 0xDA, ..] => return Some(at),
             [0xFF, _, high, low, ..] => at += 2 + usize::from(u16::from_be_bytes([high, low])),
@@ -139,7 +139,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn other_bytes_stay_as_they_are() {
+    fn bytes_that_need_no_tables_stay_unchanged() {
         let file = encoded();
         let stripped = without_huffman_tables(&file);
         // The same picture, said to be progressive.

@@ -1,5 +1,5 @@
-//! Hardware: the ports, the servo's drivers of time, cameras, and the simulated plant behind the
-//! same port.
+//! Hardware: the ports to the arms, the drivers that call the servo in each period of wall or
+//! virtual time, the cameras, and the simulated plant behind the same port.
 //!
 //! No file here names an actor or a task.
 

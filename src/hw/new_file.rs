@@ -24,9 +24,9 @@ use std::path::{Path, PathBuf};
 const WARY: i32 = libc::O_NOFOLLOW | libc::O_NONBLOCK | libc::O_NOCTTY;
 /// Rights of a new file: for its user alone.
 const PRIVATE: u32 = 0o600;
-/// Longest chain of links.
+/// Largest number of links that [`resolve`] follows.
 const MOST_LINKS: usize = 8;
-/// Tries to create a file whose name another process takes and frees meanwhile.
+/// Number of tries to create a file, in case another process takes and frees its name meanwhile.
 const TRIES: usize = 5;
 
 /// Returns the path with an ending, such as `.part`, behind its name.
@@ -55,7 +55,8 @@ pub fn is_ours(file: &File, path: &Path) -> bool {
         Ok(()) => true,
         Err(TryLockError::WouldBlock) => false,
         Err(TryLockError::Error(why)) => {
-            tracing::warn!("{}: {why}", path.display());
+            let path = path.display();
+            tracing::warn!("{path}: cannot be locked ({why}): let no other run write it");
             true
         }
     }
@@ -66,13 +67,15 @@ pub fn is_ours(file: &File, path: &Path) -> bool {
 ///
 /// # Errors
 /// Error of the operating system; [`ErrorKind::ResourceBusy`] if another process is writing the
-/// file; the reason why something else at `path` may not be removed.
+/// file; [`ErrorKind::AlreadyExists`] if a link, a pipe, a folder, a device or another user's file
+/// has the name.
 pub fn create(path: &Path) -> io::Result<File> {
     for _ in 0..TRIES {
         let mut new = File::options();
         let new = new.read(true).write(true).create_new(true).mode(PRIVATE).custom_flags(WARY);
         match new.open(path) {
-            // Between creation and lock another process may have taken the file for a left one.
+            // Before the lock another process may have removed the file, which looked like one
+            // that a killed process left.
             Ok(file) if is_ours(&file, path) && is_at(&file, path)? => return Ok(file),
             Ok(_) => {}
             Err(why) if why.kind() == ErrorKind::AlreadyExists => remove_left(path)?,
@@ -82,7 +85,8 @@ pub fn create(path: &Path) -> io::Result<File> {
     Err(busy(path))
 }
 
-/// Removes a file that a killed process of this user has left at `path`.
+/// Removes a file that a killed process of this user has left at `path`. A file that is locked, or
+/// that may be something else, stays and is an error.
 fn remove_left(path: &Path) -> io::Result<()> {
     let gone = |why: &io::Error| why.kind() == ErrorKind::NotFound;
     let found = match path.symlink_metadata() {
@@ -113,7 +117,7 @@ fn remove_left(path: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Names the kind of a file that is no regular one.
+/// Returns the kind of a file that is not a regular file, in words for a message.
 fn kind_of(found: &Metadata) -> &'static str {
     let kind = found.file_type();
     if kind.is_symlink() {
@@ -127,7 +131,7 @@ fn kind_of(found: &Metadata) -> &'static str {
     }
 }
 
-/// Returns whether `path` leads to this open file.
+/// Returns whether `path` is a name of this open file. A link to the file does not count.
 ///
 /// # Errors
 /// Error of the operating system.
@@ -149,14 +153,14 @@ pub fn is_trusted(found: &Metadata) -> bool {
 /// Reason why another user can have written a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Foreign {
-    /// It belongs to another user than root.
+    /// The file belongs to another user, not root.
     Owner,
-    /// Its group or all others may write it. A group may have members.
+    /// The file's group, which may have other members, or all users may write it.
     Rights,
 }
 
-/// Returns the reason why another user than `own` or root can have written a file of `owner` with
-/// these permissions, or `None`.
+/// Returns the reason why another user than `own` or root can have written a file of the user
+/// `owner` with the permissions `mode`; `None` if no other user can.
 pub(super) fn foreign(owner: u32, mode: u32, own: u32) -> Option<Foreign> {
     if owner != own && owner != 0 {
         return Some(Foreign::Owner);
@@ -226,8 +230,8 @@ pub fn open_device(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
-/// Opens a regular file of its own name for appending, without changing its content, or creates it.
-/// The caller locks it.
+/// Opens the regular file at `path` for appending, or creates it. A link to a file is refused. The
+/// caller locks the file.
 ///
 /// # Errors
 /// Error of the operating system; something else than a regular file is at `path`.
@@ -235,7 +239,7 @@ pub fn open_or_create(path: &Path) -> io::Result<File> {
     let mut options = File::options();
     options.read(true).append(true).create(true).mode(PRIVATE).custom_flags(WARY);
     let file = options.open(path).map_err(|why| match path.symlink_metadata() {
-        // The errors of the system for a link and for a pipe name neither.
+        // The system's error does not say that a link or a pipe is in the way.
         Ok(found) if !found.is_file() => {
             let why = format!("{} has this name: name another file", kind_of(&found));
             refuse(path, ErrorKind::AlreadyExists, &why)
@@ -279,7 +283,7 @@ pub fn rename(beside: &Path, path: &Path, synced: bool) -> io::Result<()> {
     if synced { keep_name(path) } else { Ok(()) }
 }
 
-/// Writes a file: a new one beside it, at `path` with `ending`, which then takes its name.
+/// Writes `bytes` to a new file, whose name is `path` with `ending`, and then renames it to `path`.
 ///
 /// # Errors
 /// Error of the operating system, and those of [`create`]; the older file is still there then.
@@ -423,7 +427,7 @@ mod tests {
     }
 
     #[test]
-    fn name_cannot_be_kept_in_a_missing_folder() {
+    fn sync_of_name_fails_in_missing_folder() {
         let folder = Folder::new("new-file-name");
 
         keep_name(&folder.0.join("file")).unwrap();
@@ -432,7 +436,7 @@ mod tests {
     }
 
     #[test]
-    fn own_link_leads_to_its_target() {
+    fn resolve_follows_links_except_of_other_users() {
         let folder = Folder::new("new-file-link");
         let [one, two, target] = ["one", "two", "target"].map(|name| folder.0.join(name));
         std::os::unix::fs::symlink("two", &one).unwrap();

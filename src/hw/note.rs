@@ -1,7 +1,7 @@
-//! Non-fatal events at a bridge, for the log.
+//! Non-fatal events at the bridge to the arms' hardware, for the log.
 //!
-//! An exchange must not wait for a log. It puts notes into a ring, and another thread makes
-//! sentences of them. A note that does not fit into the ring is dropped.
+//! An exchange with the hardware must not wait for the log. It puts notes into a ring buffer, and
+//! another thread makes sentences of them. A note that does not fit into the ring is dropped.
 
 use std::collections::BTreeMap;
 
@@ -40,7 +40,8 @@ pub enum NoteKind {
     NoInterrupt,
     /// Reading of the force sensor that left its range, and was dropped.
     OverRange {
-        /// Index of the direction, 0..=5.
+        /// Index of the direction: 0..=2 force along x, y, z of the sensor, 3..=5 torque about
+        /// them.
         direction: usize,
         /// Value (N or Nm).
         reading: f64,
@@ -104,6 +105,7 @@ pub struct Digest {
     now: u64,
 }
 
+/// Notes of one kind about one effector since the last report.
 #[derive(Debug, Default)]
 struct Kind {
     /// Period of the first note that was not reported yet.
@@ -153,23 +155,30 @@ impl Digest {
     }
 }
 
+/// Returns the sentence for a kind of event, without effector, time and number of times.
 fn words(what: &NoteKind) -> String {
     match *what {
         NoteKind::Missed { axis } => format!("axis {axis} did not answer in time"),
         NoteKind::Late { axis } => format!("axis {axis} seems to have answered late"),
         NoteKind::MissedTogether => "several axes at once did not answer in time".to_owned(),
-        NoteKind::Impossible { axis } => format!("axis {axis} gave an impossible answer"),
-        NoteKind::NoInterrupt => "interrupt not received: check the cabinet".to_owned(),
+        NoteKind::Impossible { axis } => {
+            format!("axis {axis} gave an impossible answer, which was ignored")
+        }
+        NoteKind::NoInterrupt => "no interrupt from the ISA card: check the cabinet".to_owned(),
         NoteKind::OverRange { direction, .. } => {
-            format!("force sensor beyond its range in direction {direction}: reading dropped")
+            let quantity = if direction < 3 { "force" } else { "torque" };
+            let axis = ["x", "y", "z"][direction % 3];
+            format!("force sensor: {quantity} {axis} is beyond its range, the reading was dropped")
         }
         NoteKind::ForceSilent => "no reading of the force sensor: check its controller".to_owned(),
         NoteKind::ForceBack => "the force sensor answers again".to_owned(),
         NoteKind::ForceStatus { status } => {
-            format!("the force sensor reports status {status:#010x}")
+            format!("the force sensor reports a fault: status {status:#010x}")
         }
         NoteKind::Lost { .. } => "datagrams of the force sensor were lost".to_owned(),
-        NoteKind::Reordered => "a datagram of the force sensor came late".to_owned(),
+        NoteKind::Reordered => {
+            "a datagram of the force sensor came late and was ignored".to_owned()
+        }
     }
 }
 

@@ -27,12 +27,12 @@ pub trait Port: Send {
         true
     }
 
-    /// Repeats the stop of a port whose exchange has failed. The bridge thread calls it in each
+    /// Sends the stop again after an exchange has failed. The bridge thread calls this in each
     /// period until the run ends, so that a controller that missed the stop may receive it later.
     fn repeat_stop(&mut self) {}
 
-    /// Returns the delay that the last exchange caused beyond its period. The virtual driver asks
-    /// for it: in virtual time nothing but a port causes a delay.
+    /// Returns the delay that the last exchange caused beyond its period. Only the virtual driver
+    /// calls this: in virtual time nothing but a port causes a delay.
     fn delay(&mut self) -> Delay {
         Delay::default()
     }
@@ -41,7 +41,8 @@ pub trait Port: Send {
 /// Delay between an exchange and the next period.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Delay {
-    /// Number of grid points that passed. The world moved on in them under the last drive commands.
+    /// Number of servo periods that were skipped. The world moved on in them under the last drive
+    /// commands.
     pub periods: u64,
     /// Time by which the clock jumped ahead (s). The world did not move in it.
     pub jump: f64,

@@ -12,7 +12,7 @@ pub struct Scene {
     pub period: u64,
     /// The cube's body.
     pub cube: SceneCube,
-    /// Joint frames and gripper of each effector.
+    /// Joint frames and gripper of each effector; only the first `arm_count` entries count.
     pub arms: [SceneArm; 2],
     /// Number of effectors that exist.
     pub arm_count: usize,
@@ -21,7 +21,7 @@ pub struct Scene {
     pub hand: Option<Pose>,
 }
 
-/// The cube as seen.
+/// Place, motion and colours of the cube.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SceneCube {
     /// `world_from_cube` of the middle layer.
@@ -30,14 +30,15 @@ pub struct SceneCube {
     pub velocity: crate::spatial::Twist,
     /// Edge (m).
     pub edge: f64,
-    /// Colours of the 54 stickers in the order URFDLB (0..=5 in the same order of colours).
+    /// Colours of the 54 stickers, nine of each face in the order URFDLB. A colour is the number
+    /// (0..=5) in that order of the face to which it belongs on a solved cube.
     pub facelets: [u8; 54],
     /// Axis whose layers are turned, and the angles of its negative and positive outer layer
     /// against the middle layer (rad), right-handed about the axis.
     pub turned: (Axis, f64, f64),
 }
 
-/// An arm as seen.
+/// Places of the parts of an arm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SceneArm {
     /// Origins of base (on the floor), shoulder, elbow, wrist pitch centre and flange, in the world

@@ -3,10 +3,10 @@
 //! - out: a request of 16 bytes, little-endian: the servo period of the request (u64) and the
 //!   exposure (f64)
 //! - in: a header of 24 bytes, little-endian: the frame's period by the camera's own clock (u64),
-//!   width and height (u32), length of the rest (u64). The pixels follow, 3 bytes each, row by row.
-//!   A refusal has the width 0, and its reason follows as text
+//!   width and height (u32), number of bytes that follow (u64). The pixels follow, 3 bytes each,
+//!   row by row. A refusal has the width 0, and its reason follows as text
 //! - the camera counts its own periods, so the difference between the two clocks is estimated from
-//!   requests and frames. A frame is never older than its request: the request that was answered
+//!   requests and frames. A frame is never older than its request, so the request that was answered
 //!   fastest shows the difference best
 
 use super::camera::{Frame, FrameSource, NoFrame};
@@ -21,9 +21,9 @@ use std::time::Duration;
 pub const REQUEST: usize = 16;
 /// Bytes before the pixels.
 pub const HEADER: usize = 24;
-/// Timeout of a frame.
+/// Longest wait for the socket in one read or write.
 const PATIENCE: Duration = Duration::from_secs(1);
-/// Greatest size of a frame (bytes). A header that claims more must not make us allocate it.
+/// Greatest size of a frame (bytes). A wrong header must not make this program allocate more.
 const LARGEST: usize = 64 << 20;
 
 /// Encodes a request for a frame at servo period `period`; `exposure` scales the nominal exposure
@@ -52,7 +52,7 @@ pub struct Header {
     pub width: u32,
     /// Height (pixels).
     pub height: u32,
-    /// Length of the rest (bytes).
+    /// Length of the pixels, or of the reason of a refusal (bytes).
     pub length: u64,
 }
 
@@ -82,17 +82,18 @@ impl Header {
     }
 }
 
-/// Estimate of the difference between our clock and the camera's (periods), from recent frames.
+/// Estimate of the difference between the servo's clock and the camera's (periods), from recent
+/// frames.
 #[derive(Debug, Clone, Default)]
 struct Offset(VecDeque<i64>);
 
 impl Offset {
-    /// Number of recent frames that count. Older ones are dropped because our clock falls behind
-    /// with each period that the servo misses.
+    /// Number of recent frames that count. Older ones are dropped because the servo's clock falls
+    /// behind the camera's with each period that the servo misses.
     const FRAMES: usize = 50;
 
-    /// Converts `stamp`, the period of a frame by the camera's clock, to a servo period; the frame
-    /// was requested in servo period `asked`.
+    /// Converts `stamp`, the period of a frame by the camera's clock, to a servo period, and takes
+    /// the frame into the estimate. The frame was requested in servo period `asked`.
     fn ours(&mut self, asked: u64, stamp: u64) -> u64 {
         // A camera may send any number as its period, so the difference wraps.
         let seen = (asked as i64).wrapping_sub(stamp as i64);
@@ -131,10 +132,12 @@ impl SocketCamera {
         Ok(this)
     }
 
+    /// Returns the error of this camera with a reason.
     fn refuse(&self, reason: String) -> NoFrame {
         NoFrame { camera: self.name.clone(), reason }
     }
 
+    /// Connects to the socket and sets its timeouts.
     fn open(&self) -> Result<UnixStream, NoFrame> {
         let refuse = |e: std::io::Error| self.refuse(format!("{}: {e}", self.path.display()));
         let stream = UnixStream::connect(&self.path).map_err(refuse)?;
@@ -143,6 +146,7 @@ impl SocketCamera {
         Ok(stream)
     }
 
+    /// Requests one frame; returns its header and the bytes that follow it.
     fn fetch(
         stream: &mut UnixStream,
         period: u64,
@@ -154,7 +158,7 @@ impl SocketCamera {
         let header = Header::decode(&header);
         if header.length > LARGEST as u64 {
             let length = header.length;
-            let error = format!("a frame of {length} bytes, more than {LARGEST}");
+            let error = format!("a frame of {length} bytes exceeds the limit of {LARGEST} bytes");
             return Err(std::io::Error::other(error));
         }
         let mut bytes = vec![0; header.length as usize];
@@ -164,6 +168,7 @@ impl SocketCamera {
 }
 
 impl FrameSource for SocketCamera {
+    /// Requests a frame and waits for it. After an error the next call connects again.
     fn grab(&mut self, period: u64, exposure: f64) -> Result<Frame, NoFrame> {
         // A camera that was lost before is connected again.
         let mut stream = match self.stream.take() {
@@ -178,7 +183,7 @@ impl FrameSource for SocketCamera {
             return Err(self.refuse(String::from_utf8_lossy(&bytes).into_owned()));
         }
         let image = RgbImage::from_raw(header.width, header.height, bytes)
-            .ok_or_else(|| self.refuse("a frame shorter than its header states".into()))?;
+            .ok_or_else(|| self.refuse("the frame has less data than its header states".into()))?;
         Ok(Frame { period: self.offset.ours(period, header.period), image })
     }
 }
@@ -236,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn socket_camera_receives_frames_refusals_and_connection_loss() {
+    fn socket_camera_reports_frames_refusals_and_lost_connection() {
         let path = std::env::temp_dir().join(format!("rubik-camera-{}", std::process::id()));
         let server = CameraServer::start(&path, Box::new(Stub)).unwrap();
         let mut camera = SocketCamera::connect("standalone", &path).unwrap();

@@ -5,7 +5,8 @@
 //! - [`read`] takes pipes as well, and refuses a file without end when the greatest size is reached
 //! - [`open`] takes regular files only, so it never waits
 //! - [`deep_line`] and [`printable`] guard against texts of other people: against keys that are
-//!   nested so deeply that a parser overflows the stack, and against orders to the terminal
+//!   nested so deeply that a parser overflows the stack, and against characters that a terminal
+//!   obeys
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
@@ -29,8 +30,9 @@ pub fn deep_line(text: &str) -> Option<usize> {
     text.lines().position(is_deep).map(|index| index + 1)
 }
 
-/// Returns whether a line may have a dotted key with too many parts. Values, texts and comments are
-/// not told from keys, since none has a long chain of dots between words.
+/// Returns whether a line may have a dotted key with more than [`MOST_PARTS`] parts. The function
+/// does not distinguish values, strings and comments from keys: ordinary ones have no long chain of
+/// dots between words.
 fn is_deep(line: &str) -> bool {
     // A quoted part may contain any character, so the dots behind quotes count for the whole line.
     let (mut plain, mut quoted, mut last, mut blank) = (0, 0, b' ', false);
@@ -60,9 +62,9 @@ fn is_deep(line: &str) -> bool {
     false
 }
 
-/// Returns a text for a screen: each control character other than a line break and a tab is spelled
-/// out as in JSON, since a terminal would obey it. So are characters that change the direction of
-/// the text.
+/// Returns a text for a screen. Control characters other than a line break and a tab, which a
+/// terminal would obey, are spelled out as in JSON (`\u001b`). So are characters that change the
+/// direction of the text.
 #[must_use]
 pub fn printable(text: &str) -> Cow<'_, str> {
     let is_order = |c: char| {
@@ -83,15 +85,15 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
-/// Quotes a word for a shell, where it needs quotes.
+/// Returns a word for a shell, in single quotes if it needs quotes.
 #[must_use]
 pub fn quoted(word: &str) -> Cow<'_, str> {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=+,:@%".contains(c);
     if !word.is_empty() && word.chars().all(plain) {
         return Cow::Borrowed(word);
     }
-    // Between single quotes only the quote itself is special: close, add an escaped one, open
-    // again.
+    // Between single quotes only a single quote is special. It is replaced by the end of the
+    // quotes, an escaped quote, and the beginning of new quotes.
     Cow::Owned(format!("'{}'", word.replace('\'', "'\\''")))
 }
 
@@ -100,7 +102,8 @@ pub fn quoted(word: &str) -> Cow<'_, str> {
 #[error("cannot read {}: {}", path.display(), reason(why))]
 pub struct Unread {
     path: PathBuf,
-    /// Error of the operating system. It is not the source of this one, whose message has it.
+    /// Error of the operating system. It is not the `source` of this error, because the message
+    /// contains it already.
     pub why: io::Error,
 }
 
@@ -148,7 +151,7 @@ pub fn open_any(path: &Path) -> Result<File, Unread> {
 /// Opens a regular file.
 ///
 /// # Errors
-/// The error of the operating system, or that the path is no regular file.
+/// The error of the operating system, or an error that the path leads to no regular file.
 pub fn open(path: &Path) -> io::Result<File> {
     // Without O_NONBLOCK the open of a pipe waits for a writer. Without O_NOCTTY a terminal could
     // become the one that controls this process.
@@ -289,6 +292,7 @@ mod tests {
         assert_eq!(told(&file), "not text in UTF-8: save it as UTF-8");
         std::fs::remove_dir_all(folder).unwrap();
     }
+
     #[test]
     fn byte_order_mark_tells_the_encoding() {
         let marked = "\u{feff}edge = 57\n";

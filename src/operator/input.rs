@@ -1,21 +1,22 @@
 //! Inputs of the operator to a run.
 //!
-//! The page, the terminal, the keys and the recording share one type with the actor that obeys it.
+//! The page, the terminal, the keys on stdin, the recording, and the actor that obeys the inputs
+//! share one type.
 
 use super::Answer;
 use serde::{Deserialize, Serialize};
 
 /// An input of the operator.
 ///
-/// Its JSON is that of a recording: the name alone, or the name with the arguments,
-/// `{"seek":{"time":1.0}}`. A page writes `{"command":"seek","time":1.0}`; its names are the
-/// aliases where a recording has another one.
+/// Its JSON form is that of a recording: the name alone, or the name with the arguments, as in
+/// `{"seek":{"time":1.0}}`. A page writes `{"command":"seek","time":1.0}` instead; where its name
+/// of an input differs from that in a recording, the page's name is the `alias`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Input {
     /// Starts a run that waits for its start.
     Start,
-    /// Brings all motions to rest within a macrostep; the task keeps its place.
+    /// Brings all motions to rest along their paths; the task keeps its place.
     Pause,
     /// Continues after a pause.
     #[serde(rename = "run", alias = "resume")]
@@ -110,7 +111,7 @@ pub enum Manual {
     Joint(Step),
     /// Moves along (0, 1, 2: m) or about (3, 4, 5: rad) an axis of the tool.
     Tool(Step),
-    /// Moves the pads to a distance.
+    /// Moves the pads of the jaws to a distance from each other.
     Jaw {
         /// Distance between the pads (m).
         opening: f64,
@@ -125,6 +126,7 @@ pub enum Manual {
 }
 
 impl Manual {
+    /// Returns the order with its arguments, for people.
     fn describe(&self) -> String {
         // People read millimetres and degrees; the input itself is in SI units.
         let degrees = |angle: f64| format!("{:+.1} deg", angle.to_degrees());
@@ -148,7 +150,7 @@ impl Manual {
     }
 }
 
-/// Motion of one axis by a distance.
+/// Motion of one axis by a length or an angle.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Step {
     /// Index of the axis.

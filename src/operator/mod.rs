@@ -1,12 +1,11 @@
-//! The operator's vocabulary: the data that a UI shows, and the inputs that it may send.
+//! The operator's vocabulary: plain data that a user interface shows, and inputs that it may send.
+//! The page, the terminal, the keys on stdin and a replayed recording share these types.
 //!
-//! It is plain data. The page, the terminal, the keys on stdin and a replayed recording share it.
-//!
-//! - [`Stage`]: the part that does not change in a run (solids, names, limits); sent once
+//! - [`Stage`]: the data that do not change in a run (solids, names, limits); sent once
 //! - [`Snapshot`]: the controller's *belief* at one moment; none of it is the plant's truth
 //! - [`Input`]: an input of the operator
 //! - [`Question`]: a question of the controller, with its [`Answer`]
-//! - source: the UI process of Zieliński et al. (2007), p. 369; the original's operator panel
+//! - source: the UI process of Zieliński et al. (2007), p. 369, and the operator's panel there
 
 mod input;
 mod question;

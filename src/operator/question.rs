@@ -10,7 +10,7 @@ pub struct Question {
     pub number: u64,
     /// Text of the question, for people.
     pub text: String,
-    /// Action of the task without an answer, for people.
+    /// Description of the task's action if no answer comes, for people.
     pub otherwise: String,
     /// Time for an answer (s).
     pub seconds: f64,
@@ -59,11 +59,11 @@ pub enum Answer {
 }
 
 impl Answer {
-    /// Returns whether the answer fits a question of this subject.
+    /// Checks whether the answer fits a question of this subject.
     #[must_use]
     pub fn fits(&self, subject: &Subject) -> bool {
         match (self, subject) {
-            // An operator may decline any question. Stickers are checked when they are parsed.
+            // An operator may decline any question. Stickers were checked when they were parsed.
             (Self::Declined, _) | (Self::Stickers { .. }, Subject::Stickers { .. }) => true,
             (Self::Choice { option }, Subject::Choice { options }) => *option < options.len(),
             _ => false,

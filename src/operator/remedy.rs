@@ -3,8 +3,8 @@
 use crate::error::{Error, Fatal, System};
 use crate::motion::ArmFault;
 
-/// Returns the instruction for the error that ended a run; `None` if the text of the error has it,
-/// or nothing is broken.
+/// Returns the instruction for a person after an error that ended a run; `None` if the text of the
+/// error itself says what to do, or if nothing is broken.
 #[must_use]
 pub fn run_remedy(error: &Error) -> Option<&'static str> {
     match error {
@@ -26,10 +26,10 @@ pub fn run_remedy(error: &Error) -> Option<&'static str> {
                  run; if it happens again, report it with a recording (--record).",
             ),
             System::Panicked { .. } | System::Closed(_) => Some(DEFECT),
-            // The reason names the part and what is wrong with it.
+            // The text of the error names the part and what is wrong with it.
             System::NotCreated { .. } => None,
         },
-        // A refused command or the operator's end: nothing is broken.
+        // A command was refused, or the operator ended the run: nothing is broken.
         Error::NonFatal { .. } => None,
     }
 }
@@ -38,8 +38,8 @@ pub fn run_remedy(error: &Error) -> Option<&'static str> {
 const DEFECT: &str = "This is a defect of the program: start a new run with --record FILE; if it \
                       happens again, report it with the recording.";
 
-/// Returns the instruction for a fault: the person follows it before the next run. A fault stays
-/// until the arm is reset, which the start of a run does.
+/// Returns the instruction for a person after a fault of an arm, to be followed before the next
+/// run. A fault lasts until the arm is reset, which happens at the start of a run.
 #[must_use]
 pub fn remedy(fault: &ArmFault) -> &'static str {
     match fault {
@@ -61,7 +61,7 @@ pub fn remedy(fault: &ArmFault) -> &'static str {
         ArmFault::PowerStage { .. } => {
             "Check the power stage and its supply, clear its fault there, then start a new run."
         }
-        // The three faults of a synchronisation have the same two suspects.
+        // All three faults of a synchronisation come from the switch or from the encoder.
         ArmFault::SwitchExpected { .. }
         | ArmFault::SwitchHeld { .. }
         | ArmFault::ZeroExpected { .. } => {
@@ -94,6 +94,7 @@ pub fn remedy(fault: &ArmFault) -> &'static str {
 mod tests {
     use super::*;
 
+    /// Fatal and system errors have an instruction, except if the text of the error has it already.
     #[test]
     fn every_fatal_error_has_a_remedy() {
         let fatal = |cause| Error::Fatal { actor: "edp".into(), place: "servo", cause, last: None };

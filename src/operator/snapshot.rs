@@ -1,4 +1,4 @@
-//! The controller's belief at one moment, as a UI shows it.
+//! The controller's belief at one moment, as a user interface (UI) shows it.
 
 use super::Question;
 use crate::motion::AXES;
@@ -6,17 +6,17 @@ use crate::spatial::Pose;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// Everything that changes in a run. A slow UI misses snapshots. Only [`Snapshot::messages`] are
-/// numbered without gaps, by [`Message::number`].
+/// All data that change in a run. A slow UI misses snapshots, but each message has a number without
+/// gaps ([`Message::number`]), so that the UI can tell which ones are new.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Snapshot {
-    /// Number of the snapshot. It grows by one with each.
+    /// Number of the snapshot: one more than that of the snapshot before.
     pub number: u64,
     /// Simulated or real time since the start (s).
     pub time: f64,
-    /// Speed of time as a multiple of real time.
+    /// Present speed of the run's time as a multiple of real time.
     pub factor: f64,
-    /// Limit of that speed which the operator has set; 0 for none.
+    /// Limit of that speed as the operator has set it; 0 for none.
     pub speed: f64,
     /// State of the run under the operator's control.
     pub control: ControlView,
@@ -39,7 +39,7 @@ pub struct Snapshot {
     /// Plan of the task; empty before there is one.
     #[serde(with = "shared")]
     pub plan: Arc<Vec<PlanLine>>,
-    /// Index of the plan's line that is being executed.
+    /// Index of the plan's line that is being executed; `None` before there is a plan.
     pub step: Option<usize>,
     /// Timing of the servo; only in real-time runs.
     pub servo: Option<ServoTiming>,
@@ -50,7 +50,7 @@ pub struct Snapshot {
     /// Latest messages, oldest first.
     #[serde(with = "shared")]
     pub messages: Arc<Vec<Message>>,
-    /// End of the run.
+    /// Verdict on the run and its figures; `None` before the run is over.
     pub outcome: Option<OutcomeView>,
 }
 
@@ -97,7 +97,7 @@ pub enum ControlView {
 pub enum State {
     /// The actor is not created yet, or gone.
     Absent,
-    /// The axes of an EDP are not synchronised.
+    /// The axes of an EDP (effector driver process) are not synchronised.
     NotSynchronised,
     /// The actor waits for a message.
     Idle,
@@ -129,9 +129,9 @@ pub struct ArmView {
     pub joints: [f64; AXES],
     /// Measured motor angles (rad).
     pub motors: [f64; AXES],
-    /// Frames in the world, in the order of [`FRAMES`](super::FRAMES), to which
-    /// [`Stage::solids`](super::Stage::solids) are attached. They include the controller's belief
-    /// of the base.
+    /// Frames of the arm in the world, in the order of [`FRAMES`](super::FRAMES). The
+    /// [`Stage::solids`](super::Stage::solids) are attached to them. The base is where the
+    /// controller believes it.
     pub frames: Vec<Pose>,
     /// Measured distance between the pads (m).
     pub opening: f64,
@@ -147,7 +147,7 @@ pub struct ArmView {
     pub following: f64,
     /// Whether the axes are synchronised.
     pub synchronised: bool,
-    /// Fault that has stopped the arm.
+    /// Fault that has stopped the arm; `None` if it has not stopped.
     pub fault: Option<String>,
     /// Instruction for a person after that fault.
     pub remedy: Option<String>,
@@ -156,7 +156,7 @@ pub struct ArmView {
 /// Believed place and appearance of the cube.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct CubeView {
-    /// Pose of the cube's body; `None` while it is unknown.
+    /// Pose of the cube in the world; `None` while it is unknown.
     pub world_from_cube: Option<Pose>,
     /// Indices of the effectors that hold the cube.
     pub held_by: Vec<usize>,
@@ -164,7 +164,7 @@ pub struct CubeView {
     pub with: String,
     /// Colours of the 54 facelets in the order URFDLB as letters, `-` where unknown.
     pub facelets: String,
-    /// Layer that is being turned.
+    /// Layer that is being turned; `None` if none is.
     pub turned: Option<LayerTurn>,
 }
 
@@ -184,7 +184,7 @@ pub struct HandView {
     pub world_from_cube: Pose,
     /// Speed of its centre (m/s).
     pub speed: f64,
-    /// Time since the exposure (s).
+    /// Time since the exposure of the picture (s).
     pub age: f64,
 }
 
@@ -200,9 +200,9 @@ pub struct CameraView {
     pub time: f64,
     /// Size of the picture, columns and rows (px).
     pub size: (u32, u32),
-    /// Closed outlines of the faces that were localised (px).
+    /// Outlines of the faces that were localised: closed polygons, column and row (px).
     pub outlines: Vec<Vec<(f64, f64)>>,
-    /// Tiles that were read.
+    /// Tiles (stickers in the picture) that were read.
     pub marks: Vec<Mark>,
     /// Description of the result, or the reason why there is none.
     pub words: String,
@@ -226,7 +226,7 @@ pub struct Mark {
 pub struct Net {
     /// 54 facelets in the order URFDLB, each face in reading order; empty before the first look.
     pub facelets: Vec<Option<Reading>>,
-    /// Whether the whole cube has been decided, not only face by face.
+    /// Whether the colours were decided for the whole cube together, not only face by face.
     pub decided: bool,
 }
 
@@ -259,7 +259,7 @@ pub struct ServoTiming {
     pub late: f64,
     /// Longest computation of a period (s).
     pub work: f64,
-    /// Number of grid points that were missed since the start.
+    /// Number of servo periods that were missed since the start.
     pub missed: u64,
 }
 
@@ -270,11 +270,11 @@ pub struct Services {
     pub manual: bool,
     /// Whether the speed of time can be limited, because time is simulated.
     pub speed: bool,
-    /// Length of the replay in which times can be sought (ms); `None` if this is no replay.
+    /// Length of the replay, whose times can be jumped to (ms); `None` if this is no replay.
     pub seek_ms: Option<u64>,
 }
 
-/// Severity of a message. The last three are the paper's classes of errors.
+/// Severity of a message. The last three are the classes of errors of Zieliński et al. (2007).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Class {

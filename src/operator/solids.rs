@@ -1,7 +1,8 @@
-//! Solids with which a UI draws the cell: primitive shapes attached to the frames of the links.
+//! Solids with which a user interface draws the cell: primitive shapes attached to the frames of
+//! the links.
 //!
-//! No drawing of the arm is public, so its shapes are those that the collision model assumes. The
-//! sizes of the gripper are those of the scenario.
+//! No drawing of the arm is public, so the shapes of its links are those that the collision model
+//! assumes. The sizes of the gripper are those of the scenario.
 //!
 //! - in: the cell as the controller believes it, the joints of an arm
 //! - out: the [`Solid`]s, sent once; the frames of the links, sent with each snapshot
@@ -18,7 +19,7 @@ use serde::{Deserialize, Serialize};
 pub const FRAMES: [&str; 8] =
     ["base", "column", "lower arm", "upper arm", "wrist", "flange", "tool", "jaws"];
 
-/// A shape about the origin of its own frame.
+/// A primitive shape in its own frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "shape", rename_all = "snake_case")]
 pub enum Shape {
@@ -43,7 +44,7 @@ pub struct Solid {
     pub arm: Option<usize>,
     /// Index in [`FRAMES`].
     pub frame: usize,
-    /// Pose in that frame.
+    /// Pose of the solid in that frame.
     pub pose: Pose,
     /// Shape of the solid.
     #[serde(flatten)]
@@ -55,22 +56,23 @@ pub struct Solid {
     pub jaw: i8,
 }
 
+// Colours of the solids: red, green, blue, 0..=255.
 const PAINT: [u8; 3] = [214, 120, 34];
 const DARK: [u8; 3] = [70, 76, 84];
 const METAL: [u8; 3] = [168, 174, 182];
 const PAD: [u8; 3] = [40, 44, 50];
 const FLOOR_STONE: [u8; 3] = [120, 124, 130];
 
-/// Computes the frames of an arm at these joints, in the world. `world_from_base` is the pose of
-/// the base as the controller believes it.
+/// Computes the frames of an arm with these joint positions, in the world and in the order of
+/// [`FRAMES`]. `world_from_base` is the pose of the base as the controller believes it.
 #[must_use]
 pub fn arm_frames(arm: &Arm, world_from_base: &Pose, joints: &JointPositions) -> Vec<Pose> {
     let points = arm.model.points(joints);
     let base_from_flange = arm.model.base_from_flange(joints);
-    // All pitch axes are parallel, and joint 1 turns them about the vertical.
+    // All pitch axes are parallel and horizontal; joint 1 turns them about the vertical.
     let pitch = Vector3::new(-joints.0[1].sin(), joints.0[1].cos(), 0.0);
     let link = |from: Point3<f64>, to: Point3<f64>| {
-        // A link of no length has no direction, and any will do for a drawing.
+        // A link without a length has no direction. For a drawing any direction will do.
         let z = (to - from).try_normalize(1e-9).unwrap_or_else(Vector3::z);
         pose_from_axes(pitch.cross(&z), pitch, z, from)
     };
@@ -106,7 +108,8 @@ pub struct ArmJoints {
 /// [`arm_frames`]; `None` if frames are missing.
 #[must_use]
 pub fn joints_of(frames: &[Pose]) -> Option<ArmJoints> {
-    // A link's frame begins at its lower joint, so the flange is where the last link ends.
+    // The frame of a link has its origin at the link's lower joint: that of the column at the base,
+    // that of the lower arm at the shoulder, and so on.
     let [_, base, shoulder, elbow, wrist, flange, tool, _] = *frames else { return None };
     let joints = [base, shoulder, elbow, wrist, flange];
     let points = joints.map(|frame| Point3::from(frame.translation.vector));
@@ -142,7 +145,7 @@ pub fn arm_solids(cell: &Cell) -> Vec<Solid> {
     solids
 }
 
-/// Adds the solids of one arm.
+/// Adds the solids of the arm with this index: from base to fingers, and its rail.
 fn one_arm(solids: &mut Vec<Solid>, index: usize, arm: &Arm) {
     let [lower, upper, wrist] = arm.model.links;
     let height = arm.model.shoulder_height;
@@ -162,7 +165,7 @@ fn one_arm(solids: &mut Vec<Solid>, index: usize, arm: &Arm) {
     // The ball screws are behind the column, one on each side.
     add(1, [-0.17, 0.09, height - 0.42], boxed(0.09, 0.07, 0.40), METAL, 0);
     add(1, [-0.17, -0.09, height - 0.42], boxed(0.09, 0.07, 0.40), METAL, 0);
-    // The lower arm: two parallel bars.
+    // The lower arm consists of two parallel bars.
     for side in [0.075, -0.075] {
         add(2, [0.0, side, lower / 2.0], boxed(0.10, 0.045, lower + 0.08), PAINT, 0);
     }

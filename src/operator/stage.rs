@@ -1,11 +1,11 @@
-//! The part of a run that does not change; each UI receives it once.
+//! The data of a run that do not change; each user interface receives them once.
 
 use super::Solid;
 use crate::motion::AXES;
 use crate::spatial::Pose;
 use serde::{Deserialize, Serialize};
 
-/// The scene and its names.
+/// The data of a run that do not change: its origin, arms, cameras, solids and limits.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Stage {
     /// Path of the scenario or of the recording that is shown.
@@ -30,9 +30,9 @@ pub struct Stage {
     pub solids: Vec<Solid>,
     /// Edge of the cube (m).
     pub edge: f64,
-    /// Pose at which the operator's hand is expected.
+    /// Pose in the world at which the operator's hand is expected.
     pub hand_zone: Option<Pose>,
-    /// Limits that curves are drawn against.
+    /// Limits that are drawn in the curves.
     pub limits: Limits,
 }
 
@@ -66,7 +66,7 @@ pub struct CameraStage {
     pub size: (u32, u32),
 }
 
-/// Limits of the behaviours.
+/// Limits of the behaviours (motions with a goal), and the length of a servo period.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Limits {
     /// Force at which a behaviour is aborted (N).

@@ -1,14 +1,15 @@
 //! The arms as capsules, and the distances between them.
 //!
-//! The gripper's capsules are those that its parts sweep when the wrist rolls, so one distance is
-//! valid for every roll. Pairs that touch by design are left out: fingers with fingers, palms with
-//! the cube while both hands are on it, palm with palm. Distances above [`FAR`] count as equal.
+//! The capsules of the gripper contain what its parts sweep when the wrist rolls, so one distance
+//! is valid for every roll. Where both hands are at one cube, the pairs that touch by design are
+//! left out: fingers with fingers, palms with the cube, palm with palm. Distances above [`FAR`]
+//! count as equal.
 
 use crate::cell::{Arm, Cell, Gripper, HandZone};
 use crate::motion::JointPositions;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
-/// A segment with a radius.
+/// Capsule: all points within a radius of a segment.
 #[derive(Debug, Clone, Copy)]
 struct Capsule {
     /// Ends of the segment (m).
@@ -22,17 +23,19 @@ struct Capsule {
 }
 
 impl Capsule {
+    /// Makes the capsule about the segment between `ends` (m).
     fn new(ends: [Point3<f64>; 2], radius: f64) -> Self {
         let reach = 0.5 * (ends[1] - ends[0]).norm() + radius;
         Self { ends, radius, middle: nalgebra::center(&ends[0], &ends[1]), reach }
     }
 
+    /// Returns the capsule displaced by a vector (m).
     fn moved(&self, by: Vector3<f64>) -> Self {
         Self { ends: self.ends.map(|p| p + by), middle: self.middle + by, ..*self }
     }
 
-    /// Returns the lowest height of the body (m), taken as a cylinder with flat ends, since no part
-    /// of an arm ends in a ball.
+    /// Returns the height of the lowest point above the floor (m). The body counts as a cylinder
+    /// with flat ends, since no part of an arm ends in a ball.
     fn lowest(&self) -> f64 {
         let along = (self.ends[1] - self.ends[0]).try_normalize(1e-9).map_or(0.0, |axis| axis.z);
         let low = self.ends[0].z.min(self.ends[1].z);
@@ -44,25 +47,27 @@ impl Capsule {
 /// Radii of column, lower arm, upper arm, wrist (m). They are assumed, since no drawing of the arm
 /// is public.
 const LINK_RADII: [f64; 4] = [0.12, 0.09, 0.08, 0.07];
-/// Radius that the gripper's body sweeps, with the camera beside it, 0.055 m off the axis (m).
+/// Radius that the gripper's body sweeps (m), with the camera that is 0.055 m off its axis.
 const GRIPPER_RADIUS: f64 = 0.075;
 /// Half the thickness of the palm plate (m).
 const PLATE: f64 = 0.006;
-/// Least gap between the grippers' parts in the nominal grasps (m): corrections are smaller.
+/// Least gap between the two grippers' parts in nominal grasps (m): corrections of a grasp are
+/// smaller.
 const FINGER_GAP: f64 = 0.003;
-/// Distance below its centre that counts of a cube (m), less than half of its edge: it may be laid
-/// on a table.
+/// Distance from a cube's centre down to the height that counts as its lowest (m). It is less than
+/// half of the edge, so that a cube may be laid on a table.
 const CUBE_HALF_HEIGHT: f64 = 0.015;
 /// Radius that the closed fingers sweep (m).
 const FINGERS_RADIUS: f64 = 0.040;
 
-/// One arm in one place.
+/// Bodies of one arm at given joint positions, in the world.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Bodies {
     /// Column, lower arm, upper arm, wrist, gripper.
     links: [Capsule; 5],
-    /// Sweep of the palm plate's corners over the roll, as four diagonals.
+    /// Disc that the palm plate's corners sweep when the wrist rolls, as four diagonals.
     plate: [Capsule; 4],
+    /// Both fingers, closed, with what they sweep when the wrist rolls.
     fingers: Capsule,
     /// The cube between the fingers, as a sphere about its centre.
     cube: Capsule,
@@ -78,7 +83,7 @@ impl Bodies {
         let link = |i: usize| Capsule::new([points[i], points[i + 1]], LINK_RADII[i]);
         let palm = -arm.gripper.palm;
         let gripper = Capsule::new([points[4], on_axis(palm - GRIPPER_RADIUS)], GRIPPER_RADIUS);
-        // A capsule ends in balls: its segment is shorter than the diagonal by the thickness.
+        // A capsule ends in balls, so its segment is shorter at each end by its radius.
         let half = arm.gripper.palm_half_width * std::f64::consts::SQRT_2 - PLATE;
         // Four diagonals, 45 deg apart, approximate the disc that the corners sweep.
         let plate = [(1.0, 0.0), (0.0, 1.0), (0.707, 0.707), (0.707, -0.707)].map(|(x, y)| {
@@ -95,7 +100,7 @@ impl Bodies {
         }
     }
 
-    /// Returns the bodies moved by a vector of the world: an arm that is carried along its track.
+    /// Returns the bodies moved by a vector of the world (m), as by an arm's track.
     pub(super) fn moved(&self, by: Vector3<f64>) -> Self {
         Self {
             links: self.links.map(|c| c.moved(by)),
@@ -105,8 +110,8 @@ impl Bodies {
         }
     }
 
-    /// Returns the longest distance by which any body of the arm has moved since `before` (m). By a
-    /// straight motion no distance between two bodies changes by more.
+    /// Returns the longest distance by which an end of any body has moved since `before` (m). In a
+    /// straight motion no point of a body moves farther.
     pub(super) fn moved_since(&self, before: &Self) -> f64 {
         let ends = |at: &Self| {
             let links = at.links.into_iter().chain(at.plate);
@@ -124,8 +129,8 @@ impl Bodies {
         [a, b, c, d, e, f, (self.cube.middle, self.cube.radius)]
     }
 
-    /// Returns points along the axis of the upper arm, from the elbow on, with the radius of the
-    /// arm (m).
+    /// Returns points along the axis of the forearm (called upper arm in an IRp-6), from the elbow
+    /// to the wrist, each with the forearm's radius (m).
     pub(super) fn forearm(&self) -> [(Point3<f64>, f64); 6] {
         let forearm = &self.links[2];
         let [elbow, wrist] = forearm.ends;
@@ -139,9 +144,9 @@ impl Bodies {
         ends.map(|p| p.z).fold(f64::INFINITY, f64::min)
     }
 
-    /// Returns the lowest height above the floor of upper arm, wrist, gripper, palm, fingers and
-    /// cube (m). The cube counts with little more than its centre, since it may come down to a
-    /// table.
+    /// Returns the height above the floor (m) of the lowest point of upper arm, wrist, gripper,
+    /// palm, fingers and cube. The cube counts with [`CUBE_HALF_HEIGHT`] below its centre, since it
+    /// may be laid on a table.
     pub(super) fn lowest(&self) -> f64 {
         // Column and lower arm do not count: they are the part that rises from the floor.
         let parts = self.links[2..].iter().chain(&self.plate).chain([&self.fingers]);
@@ -149,8 +154,8 @@ impl Bodies {
         self.cube.ends.iter().map(|end| end.z - CUBE_HALF_HEIGHT).fold(lowest, f64::min)
     }
 
-    /// Returns the distance of the arm from the zone (m): of all its parts with `whole`, else of
-    /// column, lower arm and upper arm alone.
+    /// Returns the distance of the arm from the zone (m): of all its parts if `whole`, else of
+    /// column, lower arm and upper arm alone. At most [`FAR`]; negative if a part reaches in.
     pub(super) fn distance_to_zone(&self, zone: &HandZone, whole: bool) -> f64 {
         let zone_from_world = zone.world_from_cube.inverse();
         let parts = if whole { &self.links[..] } else { &self.links[..3] };
@@ -158,8 +163,8 @@ impl Bodies {
         let hand = self.plate.iter().chain(&hand).take(if whole { usize::MAX } else { 0 });
         parts.iter().chain(hand).fold(FAR, |nearest, part| {
             let far = zone.distance(&(zone_from_world * part.middle));
-            // The sphere about a part is farther than the nearest part: its segment need not be
-            // measured.
+            // If the sphere about a part is farther than the nearest part so far, its segment need
+            // not be measured.
             if far - part.reach >= nearest {
                 return nearest;
             }
@@ -168,26 +173,27 @@ impl Bodies {
         })
     }
 
-    /// Returns the distance of gripper and cube from the arm's own links (m).
+    /// Returns the distance of gripper and cube from the arm's own links (m), at most [`FAR`].
     pub(super) fn own(&self) -> f64 {
         let mut nearest = Nearest::default();
-        // The gripper is joined to the wrist, and so is left out against it.
+        // The gripper is joined to the wrist, so the distance between these two is left out.
         nearest.of(&[self.links[4], self.cube], &self.links[..3]);
         nearest.of(&[self.cube], &self.links[3..4]);
         nearest.0
     }
 }
 
-/// Returns whether two grippers can hold one cube, each over one layer: fingers, palms and cube
-/// must leave each other room. `rotation` is the second hand's tool in the first's, one of the 24
-/// of a cube.
+/// Returns whether two grippers can hold one cube, each over one layer, without a collision of
+/// their fingers and palms. `rotation` is the second hand's tool in the first one's tool frame, one
+/// of the 24 rotations of a cube.
 ///
-/// Hands with palms on one face collide. So do adjacent ones if each has a finger on the face under
-/// the other's palm, since these two fingers cross outside the edge between the palms.
+/// Hands with palms on one face collide. Hands with palms on adjacent faces collide if each has a
+/// finger under the other's palm, since these two fingers cross outside the edge between the palms.
 pub(super) fn hands_fit(cell: &Cell, rotation: &UnitQuaternion<f64>) -> bool {
     let half = 0.5 * cell.cube.edge;
     let parts = |gripper: &Gripper| {
-        // Tool axes about the cube's centre, which lies a third of the edge before the tool point.
+        // Coordinates along the tool's axes, from the cube's centre, which is a third of the edge
+        // beyond the tool point.
         let near = -cell.cube.edge / 3.0;
         let (x, tip, palm) =
             (0.5 * gripper.finger_width, near + gripper.finger_tip, near - gripper.palm);
@@ -203,7 +209,7 @@ pub(super) fn hands_fit(cell: &Cell, rotation: &UnitQuaternion<f64>) -> bool {
     let (first, second) = (parts(&cell.arms[0].gripper), parts(&cell.arms[1].gripper));
     first.iter().all(|a| {
         second.iter().all(|b| {
-            // The 24 rotations take boxes along the axes to boxes along the axes.
+            // A box along the axes, turned by one of the 24 rotations, is still along the axes.
             let corners = (rotation * b.0, rotation * b.1);
             let (low, high) = (corners.0.inf(&corners.1), corners.0.sup(&corners.1));
             // Boxes are apart if they are apart along one axis.
@@ -212,8 +218,8 @@ pub(super) fn hands_fit(cell: &Cell, rotation: &UnitQuaternion<f64>) -> bool {
     })
 }
 
-/// Returns the least distance between two arms whose hands are on one cube (m). Fingers are left
-/// out, and so is the cube against the hands.
+/// Returns the least distance between two arms whose hands are at one cube (m), at most [`FAR`].
+/// Fingers are left out, and so is the cube against grippers and palms.
 pub(super) fn at_the_cube(a: &Bodies, b: &Bodies) -> f64 {
     let mut nearest = Nearest::default();
     nearest.arms(a, b);
@@ -222,8 +228,9 @@ pub(super) fn at_the_cube(a: &Bodies, b: &Bodies) -> f64 {
     nearest.0
 }
 
-/// Returns the least distance of the parts that [`at_the_cube`] leaves out (m): fingers, and the
-/// cube of a hand that may hold one, from each other and from the other hand.
+/// Returns the least distance between parts that [`at_the_cube`] leaves out (m), at most [`FAR`]:
+/// from the fingers of each hand, and from its cube if it may `hold` one, to the other hand's
+/// fingers and cube and to the other arm.
 pub(super) fn hands(a: &Bodies, b: &Bodies, hold: [bool; 2]) -> f64 {
     let mut nearest = Nearest::default();
     let parts = |body: &Bodies, holds: bool| {
@@ -241,8 +248,8 @@ pub(super) fn hands(a: &Bodies, b: &Bodies, hold: [bool; 2]) -> f64 {
     nearest.0
 }
 
-/// Returns the least distance between a hand with the cube and another, empty one that is away from
-/// it (m).
+/// Returns the least distance between the arm `holder`, whose hand has the cube, and the arm
+/// `other`, whose hand is empty and not at the cube (m), at most [`FAR`].
 pub(super) fn apart(holder: &Bodies, other: &Bodies) -> f64 {
     let mut nearest = Nearest::default();
     nearest.arms(holder, other);
@@ -264,11 +271,11 @@ pub(super) fn newcomer_apart(newcomer: usize, track: &Bodies, postument: &Bodies
     }
 }
 
-/// Largest distance that is computed (m): greater ones count as equal, which saves most of the
+/// Largest distance that is computed (m). Larger ones count as equal to it, which saves most of the
 /// work.
 const FAR: f64 = 0.10;
 
-/// The least distance of the pairs that were compared, or [`FAR`] (m).
+/// The least distance of the pairs of bodies that were compared, at most [`FAR`] (m).
 struct Nearest(f64);
 
 impl Default for Nearest {
@@ -290,7 +297,8 @@ impl Nearest {
     fn of(&mut self, a: &[Capsule], b: &[Capsule]) {
         for x in a {
             for y in b {
-                // Most pairs are farther apart than the nearest one, which their spheres show.
+                // The spheres about two bodies show that most pairs are farther apart than the
+                // nearest one so far.
                 let far = self.0 + x.reach + y.reach;
                 if (x.middle - y.middle).norm_squared() < far * far {
                     self.0 = self.0.min(between(x, y));
@@ -305,7 +313,8 @@ fn between(a: &Capsule, b: &Capsule) -> f64 {
     let (u, v) = (a.ends[1] - a.ends[0], b.ends[1] - b.ends[0]);
     let w = a.ends[0] - b.ends[0];
     let (uu, uv, vv, uw, vw) = (u.dot(&u), u.dot(&v), v.dot(&v), u.dot(&w), v.dot(&w));
-    // Nearest points of two segments: those of the lines, then each clamped in turn.
+    // Nearest points of the two segments: a.ends[0] + s u and b.ends[0] + t v, with s and t first
+    // as on infinite lines, then clamped to the segments one after the other.
     let along = |t: f64| t.clamp(0.0, 1.0);
     let determinant = uu * vv - uv * uv;
     let mut s = if determinant > 1e-12 { along((uv * vw - vv * uw) / determinant) } else { 0.0 };
@@ -322,16 +331,19 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// Makes random points with coordinates from -1 to 1 m.
     fn point() -> impl Strategy<Value = Point3<f64>> {
         prop::array::uniform3(-1.0..1.0f64).prop_map(Point3::from)
     }
 
+    // Numbers of the parts of an arm, after column 0, lower arm 1, upper arm 2 and wrist 3.
     const GRIPPER: usize = 4;
     const PLATE: usize = 5;
     const FINGERS: usize = 6;
     const CUBE: usize = 7;
 
-    /// Returns an arm of balls, one for each part: links, gripper, palm plate, fingers, cube.
+    /// Returns an arm whose parts are balls of 1 cm radius, each part at the point that `at`
+    /// returns for its number.
     fn of_balls(at: impl Fn(usize) -> Point3<f64>) -> Bodies {
         let ball = |part: usize| Capsule::new([at(part); 2], 0.01);
         Bodies {
@@ -342,15 +354,15 @@ mod tests {
         }
     }
 
-    /// Returns an arm of which the parts `near` are 2 cm from the origin, towards `side` (1 or -1)
-    /// along x, and all others far from everything.
+    /// Returns an arm whose parts with the numbers `near` are 2 cm from the origin, towards `side`
+    /// (1 or -1) along x. All its other parts are far away.
     fn with_near(near: &[usize], side: f64) -> Bodies {
         let x = |part: usize| if near.contains(&part) { 0.02 } else { 10.0 * (part + 1) as f64 };
         of_balls(|part| Point3::new(side * x(part), 0.0, 0.0))
     }
 
-    /// Every pair of parts of two arms counts either in [`at_the_cube`] or in [`hands`], never in
-    /// both, except for the two palm plates, which count in none.
+    /// Every pair of parts of two arms counts in exactly one of [`at_the_cube`] and [`hands`]. Only
+    /// the pair of palm plates counts in neither.
     #[test]
     fn arm_and_hand_distances_share_no_part_pair() {
         for i in 0..=CUBE {
@@ -380,14 +392,15 @@ mod tests {
     /// Brings one part after the other near the own links, the zone and the table, and checks in
     /// which distances it counts.
     #[test]
-    fn self_zone_and_table_distances_cover_intended_parts() {
+    fn own_zone_and_table_distances_cover_intended_parts() {
         let zone = HandZone {
             world_from_cube: crate::spatial::Pose::identity(),
             half_extent: Vector3::repeat(0.01),
         };
         for i in 0..=CUBE {
             for j in 0..i {
-                // The gripper is joined to the wrist, and the cube is in the fingers.
+                // Only gripper and cube count against the own links. The gripper does not count
+                // against the wrist, to which it is joined.
                 let own = i == GRIPPER && j < 3 || i == CUBE && j < GRIPPER;
                 assert_eq!(with_near(&[i, j], 1.0).own() < FAR, own, "{i} {j}");
             }
@@ -400,7 +413,7 @@ mod tests {
             );
             let lowered = of_balls(|part| Point3::new(0.0, 0.0, if part == i { 0.5 } else { 1.0 }));
             let lowest = match i {
-                // Column and lower arm do not count: the cube is the lowest then.
+                // Column and lower arm do not count: at 1 m the cube is the lowest of all others.
                 0 | 1 => 1.0 - CUBE_HALF_HEIGHT,
                 // The cube may be laid on the table.
                 CUBE => 0.5 - CUBE_HALF_HEIGHT,
@@ -408,7 +421,7 @@ mod tests {
             };
             assert!((lowered.lowest() - lowest).abs() < 1e-12, "{i}: {}", lowered.lowest());
         }
-        // A cylinder on its side is as low as its radius, an upright one as low as its end.
+        // A lying cylinder reaches below its axis by its radius, an upright one ends with its axis.
         let capsule = |to: Vector3<f64>| {
             let from = Point3::new(0.0, 0.0, 1.0);
             Capsule::new([from, from + to], 0.1).lowest()

@@ -1,4 +1,4 @@
-//! The default cell, as far as reach is concerned, for tests, benches and examples.
+//! A cell with the arms and cameras of the default one, for tests, benches and examples.
 
 use crate::arms::builtin;
 use crate::cell::{Arm, Camera, Cell, CubeSpec, ForceSensor, Gripper, HandZone, Intrinsics, Mount};
@@ -7,8 +7,8 @@ use crate::motion::JointPositions;
 use crate::spatial::{Pose, pose_from_axes};
 use nalgebra::{Point3, Vector3};
 
-/// Returns a cell of two IRp-6 arms 2.11 m apart along y, with a camera in each hand. Scenarios own
-/// the real numbers.
+/// Returns a cell of two IRp-6 arms 2.11 m apart along y, with a camera on each hand. Real runs
+/// read their numbers from scenarios.
 ///
 /// # Panics
 /// Never panics: the arms' profiles are part of the program.
@@ -31,6 +31,7 @@ pub fn example_cell() -> Cell {
     }
 }
 
+/// Returns an arm with this built-in profile and its base at x, y in the world (m).
 fn arm(name: &str, profile: &str, x: f64, y: f64) -> Arm {
     Arm {
         name: name.into(),
@@ -59,6 +60,10 @@ fn arm(name: &str, profile: &str, x: f64, y: f64) -> Arm {
     }
 }
 
+/// Returns the model of a built-in arm profile.
+///
+/// # Panics
+/// If there is no profile of this name.
 fn model(profile: &str) -> ArmModel {
     builtin(profile).unwrap_or_else(|| unreachable!("{profile} is built in"))
 }

@@ -5,7 +5,7 @@ use crate::kinematics::ArmModel;
 use crate::motion::JointPositions;
 use crate::spatial::Pose;
 
-/// An arm that is to retract.
+/// Model of an arm by which the distance is computed that its tool can retract.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fold {
     model: ArmModel,
@@ -15,12 +15,12 @@ pub struct Fold {
 impl Fold {
     /// Distance between the places that are checked (m).
     const STEP: f64 = 0.002;
-    /// Distance that stays free before the place where a joint meets its limit (m). The arm starts
-    /// from where the servo has it by then, not from where it was asked, and must not be refused
-    /// for a tenth of a millimetre.
+    /// Distance that stays free before the place where a joint meets its limit (m). The arm may
+    /// begin to retract a little beside the commanded place, and the motion must not be refused for
+    /// a tenth of a millimetre.
     const SPARE: f64 = 0.004;
 
-    /// Makes the model by which the possible retraction of an arm is computed.
+    /// Makes this model of an arm of a cell.
     #[must_use]
     pub fn of(arm: &Arm) -> Self {
         Self { model: arm.model.clone(), tool_from_flange: arm.flange_from_tool.inverse() }
@@ -32,8 +32,8 @@ impl Fold {
         Self::of(&super::example_cell().arms[0])
     }
 
-    /// Returns joint positions of the track arm of the example cell from which it can retract only
-    /// by a part of 0.3 m, and its `base_from_tool` there.
+    /// Returns joint positions of the track arm of the example cell from which it can retract by
+    /// less than 0.3 m, and its `base_from_tool` there.
     #[cfg(test)]
     pub(crate) fn example_stand() -> (JointPositions, Pose) {
         let arm = &super::example_cell().arms[0];
@@ -41,8 +41,9 @@ impl Fold {
         (joints, arm.model.base_from_flange(&joints) * arm.flange_from_tool)
     }
 
-    /// Returns the part of `distance` (m) by which the tool can retract along its own z, with 4 mm
-    /// left to the joint limit. The arm is at `joints`, its tool at `base_from_tool`.
+    /// Returns how far the tool can retract along its own z (m): by `distance`, or as far as leaves
+    /// 4 mm before a joint meets its limit, if that is less. The arm is at `joints`, its tool at
+    /// `base_from_tool`.
     #[must_use]
     pub fn retractable(
         &self,
@@ -55,16 +56,17 @@ impl Fold {
         if goes < distance + Self::SPARE { (goes - Self::SPARE).max(0.0) } else { distance }
     }
 
-    /// Returns how far up to `distance` the tool can retract before a joint meets its limit, found
-    /// in steps of 2 mm (m).
+    /// Returns how far the tool can retract before a joint meets its limit, `distance` at most (m).
+    /// It is checked in steps of 2 mm.
     fn limit(&self, base_from_tool: &Pose, joints: &JointPositions, distance: f64) -> f64 {
         let steps = (distance / Self::STEP).ceil() as u32;
         let (mut near, mut goes) = (*joints, 0.0);
         for step in 1..=steps {
-            // The last place is the whole distance, without the rounding of the sum of steps.
+            // The last step may be shorter: it ends exactly at the whole distance.
             let gone = if step == steps { distance } else { Self::STEP * f64::from(step) };
             let tool = base_from_tool * Pose::translation(0.0, 0.0, -gone);
-            // From place to place, so that the inverse follows the arm's branch.
+            // Each solution is the nearest to the one before, so that the inverse kinematics stays
+            // on the arm's branch.
             let found = self.model.inverse(&(tool * self.tool_from_flange), &near);
             let Some(joints) = found.ok().filter(|joints| self.model.check(joints).is_ok()) else {
                 break;
@@ -81,7 +83,7 @@ mod tests {
     use crate::reach::example_cell;
 
     #[test]
-    fn arm_retracts_until_elbow_meets_limit() {
+    fn retraction_ends_before_elbow_meets_limit() {
         let arm = &example_cell().arms[0];
         let (joints, tool) = Fold::example_stand();
         let fold = Fold::of(arm);
@@ -98,7 +100,7 @@ mod tests {
             assert_eq!(
                 fold.retractable(&tool, &joints, distance),
                 distance,
-                "the whole of a shorter retraction"
+                "a shorter retraction is possible in full"
             );
         }
         assert_eq!(fold.retractable(&tool, &joints, 0.0), 0.0);

@@ -1,10 +1,10 @@
 //! A guard over both arms. It checks where they may be, which paths they may take, and how fast
 //! they may be near the operator's hand.
 //!
-//! - in: the believed cell, the joints of both arms, the paths that are asked for
-//! - out: the first pair of bodies that would come too near; the factor by which a path is too fast
-//!   for the operator or for the motors
-//! - the bodies are those of the search for meetings (`bodies`)
+//! - in: the believed cell, the joint positions of both arms, the paths that are asked for
+//! - out: the first pair of bodies that would come too near; the factor by which a path exceeds the
+//!   speed limit near the operator's hand, or that of the motors
+//! - the bodies are the capsules of `bodies`, as in the search for meetings
 //!
 //! | case | threshold | reason |
 //! |---|---|---|
@@ -12,17 +12,17 @@
 //! | arm, hand and cube to the table | `MIN_HEIGHT` | the arms' places are believed, not known |
 //! | arm to the operator's zone | `MIN_ZONE_DISTANCE` | only the hand that takes the cube enters |
 //! | arm to arm, on a path | 1 mm more (`MARGIN_ON_PATH`) | a path that is allowed is not stopped |
-//! | arm to arm and hand to hand, moving | 1 mm less (`LATITUDE`) | states differ by periods |
-//! | bodies too near, on a path | `DIP_ON_PATH` | rounding: no path leads nearer |
+//! | arm to arm and hand to hand, moving | 1 mm less (`LATITUDE`) | the two states differ in age |
+//! | bodies too near already, on a path | `DIP_ON_PATH` | for rounding: no path leads nearer |
 //! | places between the checked ones | `FINE` | bodies pass each other between two places |
-//! | bodies too near, watched | `DIP_WATCHED` | a hand that turns out of a corner may dip |
+//! | bodies too near already, moving | `DIP_WATCHED` | a hand that turns out of a corner may dip |
 //! | jaws that may hold a cube | `WIDTH_TOLERANCE` | tilted grasps, calibration of the jaws |
 //! | slow hand near the operator's | `SLOW_DISTANCE` | speeds are judged within 0.175 m of it |
 //!
-//! Fingers and cubes meet by design where both hands are at one cube. They are left out of a path
-//! that begins or ends there, and checked on every other. Without faults the guard refuses few
-//! paths: where the arms are not quite where the table of paths has them, two hands may be nearer
-//! at the end of a path than the table says. The mission then takes a longer path.
+//! Where both hands are at one cube, their fingers and the cube meet by design. These are left out
+//! on a path that begins or ends there, and checked on every other path. Without faults the guard
+//! refuses few paths. It does if the arms are a little beside the beginning of a path in the table
+//! and the hands therefore come nearer than the table says. The mission then takes a longer path.
 
 use super::bodies::{Bodies, at_the_cube, hands};
 use super::motors::{MOMENTS, MOTORS, farthest_turn};
@@ -45,27 +45,28 @@ const TAKER: usize = 0;
 /// Tolerance of the width of jaws that hold a cube (m): for a tilted grasp, and for an error of the
 /// jaws' calibration.
 const WIDTH_TOLERANCE: f64 = 0.006;
-/// Number of places at which every path is checked. Between two of them it is checked again and
-/// again, as long as bodies may have come too near in between.
+/// Number of equal parts of a path; it is checked at the end of each. A part in which bodies may
+/// come too near is halved again and again.
 const STEPS: u32 = 24;
-/// Motion between two places that are not checked in between (m). Two bodies that pass each other
-/// come nearer by a tenth of it at most, if they are 5 mm apart at both places.
+/// Motion between two places (m) up to which no place in between is checked. Two bodies that are 5
+/// mm apart at both places and pass each other come nearer by a tenth of it at most.
 const FINE: f64 = 0.004;
-/// Share of a path that is not divided any more: a line jumps where the inverse changes its branch,
-/// and halving would never end there.
+/// Share of a path that is not halved any more. Where the inverse kinematics changes its branch,
+/// the joints jump even in the shortest part of a line, so halving would never end.
 const LEAST_SHARE: f64 = 1e-4;
-/// Distance that the arms keep on a path beyond the least one (m).
+/// Distance that the arms keep on a path beyond [`MIN_DISTANCE`] (m).
 const MARGIN_ON_PATH: f64 = 0.001;
-/// Distance by which moving arms may come nearer than the least one (m). The latest states of two
-/// arms may be a period or two apart, which is 2 to 4 mm for arms that pass each other at 1 m/s.
+/// Distance by which arms that are watched while they move may come nearer than [`MIN_DISTANCE`]
+/// (m). The latest states of the two arms may be a period or two apart in time, which is 2 to 4 mm
+/// for arms that pass each other at 1 m/s.
 const LATITUDE: f64 = 0.001;
 /// Distance from the operator's zone within which a hand is slow (m).
 const SLOW_DISTANCE: f64 = 0.18;
-/// Distance by which two bodies that are too near may come still nearer on a path that is asked for
-/// (m).
+/// Distance by which two bodies that are too near at the beginning of a path may come still nearer
+/// on it (m): for rounding.
 const DIP_ON_PATH: f64 = 1e-4;
-/// This distance for arms that are watched while they move (m): a hand that is turned out of a
-/// corner may dip first.
+/// Distance by which two bodies that are too near may come still nearer while the arms are watched
+/// in motion (m): a hand that is turned out of a corner may dip first.
 const DIP_WATCHED: f64 = 2e-3;
 
 /// The guard, with the cell as the controller believes it.
@@ -73,48 +74,55 @@ const DIP_WATCHED: f64 = 2e-3;
 pub struct Guard {
     /// Shared between copies: each order has a copy of its own.
     cell: Arc<Cell>,
-    /// Largest speed near the operator's hand (m/s); `None` if a table has the cube, since there is
-    /// no hand then.
+    /// Largest speed near the operator's hand (m/s); `None` if the cube is taken from a table,
+    /// since no person's hand is near then.
     hand_speed: Option<f64>,
-    /// Whether there is no cube at which the hands are to meet.
+    /// Whether the hands are never to meet at a cube: see [`Guard::by_hand`].
     never_meet: bool,
-    /// Whether each hand may hold a cube.
+    /// Whether each hand may hold a cube: see [`Guard::holding`].
     hold: [bool; 2],
 }
 
-/// Distances of all guarded bodies from what they must not meet (m); `None` for an arm that does
-/// not exist or whose joints are unknown.
+/// Distances of all guarded bodies from the obstacles that they must not touch (m); `None` for an
+/// arm that does not exist or whose joint positions are unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Distances {
+    /// Height of each arm above the table.
     table: [Option<f64>; 2],
+    /// Distance of each hand from its own arm's links.
     own: [Option<f64>; 2],
+    /// Distance of each arm from the operator's zone; `None` without a person.
     zone: [Option<f64>; 2],
+    /// Distance between the arms, without the parts that meet at one cube.
     arms: Option<f64>,
+    /// Distance between the parts that meet at one cube: fingers and cube with the other hand.
     hands: Option<f64>,
 }
 
 impl Distances {
-    /// Returns all distances (m): of each arm to the table, then to its own links, then to the
-    /// zone; after these between the arms, and between the hands.
+    /// Returns all distances (m): of both arms from the table, of both hands from their own links,
+    /// of both arms from the operator's zone, between the arms, and between the hands.
     fn all(&self) -> [Option<f64>; 8] {
         let Self { table, own, zone, arms, hands } = *self;
         [table[0], table[1], own[0], own[1], zone[0], zone[1], arms, hands]
     }
 
-    /// Returns the distances for hands that are to meet: those between fingers and cubes are left
-    /// out.
+    /// Returns these distances without the one between the hands, for hands that are to meet at one
+    /// cube.
     #[must_use]
     pub fn meeting(self) -> Self {
         Self { hands: None, ..self }
     }
 
-    /// Returns whether the hands are known to be apart.
+    /// Returns whether the hands are known to be at least [`MIN_DISTANCE`] apart, less
+    /// [`LATITUDE`].
     fn apart(&self) -> bool {
         self.hands.is_some_and(|hands| hands >= MIN_DISTANCE - LATITUDE)
     }
 
-    /// Returns the larger value of each distance in `self` and `before`, as the least that must be
-    /// kept from now on: a body that was once far enough may not come near again.
+    /// Returns for each distance the larger one of `self`, the present value, and `before`. A body
+    /// that was too near and has moved away may not come back, so this is the distance from which
+    /// it must not come nearer.
     #[must_use]
     pub fn or_more(&self, before: &Self) -> Self {
         let more = |now: Option<f64>, before: Option<f64>| {
@@ -135,16 +143,17 @@ impl Distances {
     }
 }
 
-/// A pair of bodies that comes too near, or a hand that is too fast.
+/// Pair of bodies that comes too near, or hand that is too fast.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Near {
-    /// Both arms, at this distance (m).
+    /// The two arms, at this distance (m).
     #[error("the arms come within {:.0} mm of each other", .0 * 1e3)]
     Arms(f64),
-    /// Fingers or a cube and the other hand, which are not to meet now (m).
+    /// The fingers or the cube of one hand and the other hand, at this distance (m), though the
+    /// hands are not to meet now.
     #[error("the hands come within {:.0} mm of each other", .0 * 1e3)]
     Hands(f64),
-    /// An arm, or that part of it that may not enter, and the operator's zone.
+    /// An arm and the operator's zone. The hand of the arm that takes the cube may enter the zone.
     #[error("the {arm} arm comes within {:.0} mm of the operator's zone", .distance * 1e3)]
     Zone {
         /// Name of the arm.
@@ -160,7 +169,7 @@ pub enum Near {
         /// Distance (m).
         distance: f64,
     },
-    /// A hand and the table.
+    /// An arm, its hand or its cube, and the table.
     #[error("the hand of the {arm} arm comes within {:.0} mm of the table", .height * 1e3)]
     Table {
         /// Name of the arm.
@@ -168,7 +177,7 @@ pub enum Near {
         /// Height above the table (m).
         height: f64,
     },
-    /// A hand that is too fast near the operator's.
+    /// A hand or forearm that is too fast near the operator's hand.
     #[error(
         "the hand of the {arm} arm moves at {:.0} mm/s where the operator's hand may be",
         .speed * 1e3
@@ -181,22 +190,22 @@ pub enum Near {
     },
 }
 
-/// Motion that an arm is asked for.
+/// Motion that is planned for an arm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PlannedMotion {
-    /// The arm stays, or moves by less than the guard keeps free.
+    /// The arm stays, or moves by less than the distances that the guard keeps.
     Stays,
     /// All joints move to these positions in the same time.
     Joints(JointPositions),
-    /// The joints move in legs that share their time.
+    /// The joints move in legs, which may overlap in time.
     Legs(Legs),
-    /// The tool moves straight to this `base_from_tool`; d0 stays.
+    /// The tool moves straight to this `base_from_tool`; the track (d0) stays.
     Line(Pose),
 }
 
 /// Place of both arms on their paths.
 struct Place {
-    /// Share of the paths.
+    /// Share of the paths that is covered there, 0..=1.
     part: f64,
     joints: [Option<JointPositions>; 2],
     bodies: [Option<Bodies>; 2],
@@ -205,7 +214,7 @@ struct Place {
 
 impl Place {
     /// Returns the longest distance by which two bodies may have approached each other since
-    /// `before` (m): both may have moved as far as the one that moved farthest.
+    /// `before` (m): twice the longest motion of any body, since both may have moved by it.
     fn moved_since(&self, before: &Self) -> f64 {
         let pairs = self.bodies.iter().zip(&before.bodies);
         let moves = pairs.filter_map(|(now, then)| Some(now.as_ref()?.moved_since(then.as_ref()?)));
@@ -213,7 +222,7 @@ impl Place {
     }
 }
 
-/// Distances that a check allows.
+/// Tolerance of a check of distances.
 struct Tolerance {
     /// Distance by which bodies that are too near already may come still nearer (m).
     dip: f64,
@@ -222,10 +231,10 @@ struct Tolerance {
 }
 
 impl Tolerance {
-    /// For a path that is asked for.
+    /// Tolerance for a path that is asked for.
     const ON_PATH: Self = Self { dip: DIP_ON_PATH, margin: MARGIN_ON_PATH };
 
-    /// Returns the least distances that a check allows (m), in the order of [`Distances::all`].
+    /// Returns the least distances (m) that a check allows, in the order of [`Distances::all`].
     fn least(&self) -> [f64; 8] {
         let (own, arms) = (MIN_DISTANCE, MIN_DISTANCE + self.margin);
         [MIN_HEIGHT, MIN_HEIGHT, own, own, MIN_ZONE_DISTANCE, MIN_ZONE_DISTANCE, arms, arms]
@@ -233,22 +242,23 @@ impl Tolerance {
 }
 
 impl Guard {
-    /// Makes a guard for a cell, with the largest speed near the operator's hand (m/s).
+    /// Makes a guard for a cell. `hand_speed` is the largest speed near the operator's hand (m/s).
     #[must_use]
     pub fn of(cell: &Cell, hand_speed: f64) -> Self {
         let hand_speed = (cell.keeper == Keeper::Person).then_some(hand_speed);
         Self { cell: Arc::new(cell.clone()), hand_speed, never_meet: false, hold: [true; 2] }
     }
 
-    /// Returns a guard under which hands that are apart stay apart: an operator who moves an arm by
-    /// hand has no plan of meetings.
+    /// Returns this guard for an operator who moves the arms: the hands must not meet, since no
+    /// plan says that they are to.
     #[must_use]
     pub fn by_hand(self) -> Self {
         Self { never_meet: true, ..self }
     }
 
-    /// Sets the openings of the jaws (m). From now on a hand counts as holding a cube if its jaws
-    /// are as wide as one, or if their opening is unknown.
+    /// Sets the openings of both hands' jaws (m); `None` if unknown. From now on a hand counts as
+    /// holding a cube if its jaws are about as far open as a cube's edge, or if their opening is
+    /// unknown.
     pub fn holding(&mut self, openings: [Option<f64>; 2]) {
         let is_wide = |opening: f64| (opening - self.cell.cube.edge).abs() < WIDTH_TOLERANCE;
         self.hold = openings.map(|opening| opening.is_none_or(is_wide));
@@ -259,7 +269,7 @@ impl Guard {
         self.cell.arms[arm].name.clone()
     }
 
-    /// Returns the bodies of an arm in the world.
+    /// Returns the bodies of an arm at these joint positions, in the world.
     fn bodies(&self, arm: usize, joints: &JointPositions) -> Bodies {
         Bodies::of(&self.cell, &self.cell.arms[arm], joints)
     }
@@ -286,7 +296,7 @@ impl Guard {
             _ => None,
         };
         let off = |i: usize| {
-            // Without a person there is no zone to keep off.
+            // Without a person the arms need not keep off the zone.
             let body = bodies[i].as_ref().filter(|_| self.hand_speed.is_some());
             body.map(|body| body.distance_to_zone(&self.cell.hand, i != TAKER))
         };
@@ -299,20 +309,21 @@ impl Guard {
         }
     }
 
-    /// Checks arms whose distances were `before` and are `now`. Bodies that are too close already
-    /// may move apart.
+    /// Checks the distances of moving arms, which were `before` and are `now`. Bodies that were too
+    /// near before may move apart.
     ///
     /// # Errors
-    /// The first pair that is too close and was not before, or that has come closer.
+    /// The first pair that is too near and was not before, or that has come still nearer by more
+    /// than 2 mm.
     pub fn check_motion(&self, before: &Distances, now: &Distances) -> Result<(), Near> {
         self.within(before, now, &Tolerance { dip: DIP_WATCHED, margin: -LATITUDE })
     }
 
-    /// Checks that no distance of `now` is too small. A distance that was too small `before` may be
-    /// smaller by the dip of `tolerance` at most.
+    /// Checks that no distance of `now` is too small. A distance that was too small `before` may
+    /// have become smaller by the dip of `tolerance` at most.
     ///
     /// # Errors
-    /// The first pair of bodies that is too close.
+    /// The first pair of bodies that is too near.
     fn within(
         &self,
         before: &Distances,
@@ -322,10 +333,11 @@ impl Guard {
         let pairs = before.all().into_iter().zip(now.all()).zip(tolerance.least());
         let too_near = pairs.enumerate().find_map(|(which, ((before, now), least))| {
             let (before, now) = (before?, now?);
-            // Below the least distance only pairs that were as near before are allowed, and only if
-            // they do not come nearer.
+            // Below the least distance only pairs that were as near before are allowed, unless they
+            // come nearer by more than the dip.
             (now < least.min(before - tolerance.dip)).then_some((which, now))
         });
+        // The numbers are those of `Distances::all`.
         match too_near {
             None => Ok(()),
             Some((arm @ (0 | 1), height)) => Err(Near::Table { arm: self.name(arm), height }),
@@ -340,12 +352,13 @@ impl Guard {
         }
     }
 
-    /// Checks whether the arms may take these paths. Both begin and end together, and at each
-    /// moment both have covered the same share of their paths. Bodies that are too close at the
-    /// beginning may move apart, so that an operator can move an arm out of a corner.
+    /// Checks whether the arms may take the paths `ways` from the joint positions `from`. Both arms
+    /// begin and end together, and at each moment both have covered the same share of their paths.
+    /// Bodies that are too near at the beginning may move apart, so that an operator can move an
+    /// arm out of a corner.
     ///
     /// # Errors
-    /// The first pair of bodies that comes too close on the paths.
+    /// The first pair of bodies that comes too near on the paths.
     pub fn check_paths(
         &self,
         from: [Option<&JointPositions>; 2],
@@ -354,7 +367,7 @@ impl Guard {
         let mut courses = self.courses(from, ways);
         let places = self.places(&mut courses);
         let apart = self.stay_apart(&places);
-        // Hands that are to meet may touch with fingers and cube, on all of the path.
+        // Fingers and cube of hands that are to meet may touch on the whole path.
         let as_meant = |distances: Distances| if apart { distances } else { distances.meeting() };
         let before = as_meant(places[0].distances);
         let check =
@@ -363,11 +376,12 @@ impl Guard {
         pairs.try_for_each(|(last, next)| self.check_between(&mut courses, last, next, &check))
     }
 
-    /// Applies `check` to the places of the paths after `from` up to `to`. Where bodies may have
-    /// come too near in between, it halves the interval again and again.
+    /// Applies `check` to the distances at the place `to`. If bodies may have come too near between
+    /// `from` and `to`, applies it to places in between as well: it halves the interval again and
+    /// again.
     ///
     /// # Errors
-    /// The first pair of bodies that comes too close.
+    /// The first pair of bodies that comes too near.
     fn check_between(
         &self,
         courses: &mut [Option<Course<'_>>; 2],
@@ -376,7 +390,8 @@ impl Guard {
         check: &impl Fn(Distances) -> Result<(), Near>,
     ) -> Result<(), Near> {
         let moved = to.moved_since(from);
-        // Bodies at distances a and b, which move by m in between, keep (a + b - m) / 2.
+        // Two bodies at distance a here and b there, which approach or part by m in all, are never
+        // nearer than (a + b - m) / 2.
         let pairs = from
             .distances
             .all()
@@ -388,7 +403,7 @@ impl Guard {
         };
         let divisible = to.part - from.part > LEAST_SHARE;
         if divisible && moved > FINE && pairs.into_iter().any(may_dip) {
-            // As the servo does, the inverse of a line continues from the place before.
+            // The inverse kinematics of a line continues from the place before, as the servo does.
             for (course, joints) in courses.iter_mut().zip(from.joints) {
                 if let (Some(course), Some(joints)) = (course, joints) {
                     course.last = joints;
@@ -401,8 +416,8 @@ impl Guard {
         check(to.distances)
     }
 
-    /// Returns whether the hands must stay apart on the paths of both arms: they are apart at the
-    /// beginning and at the end, or the guard is made by [`Guard::by_hand`], which allows no
+    /// Returns whether the hands must stay apart on the paths `ways` of both arms: they are apart
+    /// at the beginning and at the end, or the guard is made by [`Guard::by_hand`], which allows no
     /// meeting.
     #[must_use]
     pub fn keep_apart(
@@ -413,20 +428,22 @@ impl Guard {
         self.stay_apart(&self.places(&mut self.courses(from, ways)))
     }
 
-    /// Returns what [`Guard::keep_apart`] returns, for paths that are given by the places on them.
+    /// Returns whether the hands must stay apart, as [`Guard::keep_apart`], for paths given by the
+    /// places on them.
     fn stay_apart(&self, places: &[Place]) -> bool {
         let (begin, end) = (&places[0].distances, &places[places.len() - 1].distances);
         self.never_meet && begin.hands.is_some() || begin.apart() && end.apart()
     }
 
-    /// Returns the places at which every path is checked, with the beginning. A line is followed
-    /// place by place, so that the inverse kinematics stays on its branch.
+    /// Returns the beginning and the ends of the [`STEPS`] equal parts of the paths, at which every
+    /// path is checked. A line is followed place by place, so that the inverse kinematics stays on
+    /// its branch.
     fn places(&self, courses: &mut [Option<Course<'_>>; 2]) -> Vec<Place> {
         (0..=STEPS).map(|step| self.place(courses, f64::from(step) / f64::from(STEPS))).collect()
     }
 
-    /// Returns the joint positions of both arms along their paths, computed place by place; `None`
-    /// for an arm whose joints are unknown.
+    /// Returns the [`Course`] of each arm on its path in `ways`; `None` for an arm whose joint
+    /// positions are unknown.
     fn courses(
         &self,
         from: [Option<&JointPositions>; 2],
@@ -435,15 +452,17 @@ impl Guard {
         [0, 1].map(|i: usize| from[i].map(|from| self.course(i, from, ways[i])))
     }
 
-    /// Returns the place of both arms after the share `part` of their paths.
+    /// Returns the place of both arms after the share `part` (0..=1) of their paths.
     fn place(&self, courses: &mut [Option<Course<'_>>; 2], part: f64) -> Place {
         let joints = courses.each_mut().map(|course| course.as_mut().map(|course| course.at(part)));
         let bodies = self.bodies_of_both(joints.each_ref().map(Option::as_ref));
         Place { part, joints, bodies, distances: self.distances_of(&bodies) }
     }
 
-    /// Returns the joint positions of an arm along a path that begins at `from`, computed place by
-    /// place.
+    /// Returns the course of an arm on the path `way`, which begins at the joint positions `from`.
+    ///
+    /// # Panics
+    /// If the cell has no such arm.
     #[must_use]
     pub fn course(&self, arm: usize, from: &JointPositions, way: &PlannedMotion) -> Course<'_> {
         let of = &self.cell.arms[arm];
@@ -452,10 +471,10 @@ impl Guard {
     }
 
     /// Checks the speed of an arm that has moved from one set of joint positions to another in
-    /// `seconds`, if its hand is near the operator's zone.
+    /// `seconds` (s), if its hand or forearm is near the operator's zone.
     ///
     /// # Errors
-    /// The speed, if it is more than a fifth above its limit.
+    /// [`Near::TooFast`], if the speed is more than a fifth above its limit.
     pub fn check_speed(
         &self,
         arm: usize,
@@ -472,15 +491,15 @@ impl Guard {
         }
     }
 
-    /// Returns the longest distance that a part of the arm has moved near the operator's zone (m),
-    /// or `None` if no part of the arm is near. Any part of a hand that is near counts with the
-    /// farthest motion of the whole hand, since the hand turns; a point of the forearm counts with
-    /// its own motion.
+    /// Returns the longest distance that a part of the arm near the operator's zone has moved (m),
+    /// or `None` if no part of the arm is near. If any part of the hand is near, the motions of all
+    /// its parts count, since the hand may turn; a point of the forearm counts if it is near
+    /// itself.
     fn near_hand(&self, from: &Bodies, to: &Bodies) -> Option<f64> {
         let zone = &self.cell.hand;
         let zone_from_world = zone.world_from_cube.inverse();
         let off = |at: &Point3<f64>| zone.distance(&(zone_from_world * at));
-        // A part is as near as its surface: its own radius comes on top of the distance.
+        // The surface of a part counts, so its radius is added to the threshold.
         let is_near = |(a, radius): (Point3<f64>, f64), b: Point3<f64>| {
             off(&a).min(off(&b)) < radius + SLOW_DISTANCE
         };
@@ -499,28 +518,29 @@ impl Guard {
     }
 }
 
-/// Joint positions of an arm along its path. Each is computed from the one before, so that the
-/// inverse kinematics stays on its branch.
+/// Course of an arm: its joint positions along a path. Each is computed from the one before, so
+/// that the inverse kinematics stays on its branch.
 #[derive(Debug)]
 pub struct Course<'a> {
     guard: &'a Guard,
     arm: usize,
     from: JointPositions,
     way: PlannedMotion,
-    /// Last computed joint positions.
+    /// Joint positions that were computed last.
     last: JointPositions,
     /// `base_from_tool` at the beginning.
     tool: Pose,
 }
 
 impl Course<'_> {
-    /// Returns the factor by which the hand exceeds its speed limit near the operator's zone; 1 or
-    /// less means slow enough. The path takes `seconds` (s), and `share` maps a share of this time
-    /// to the share of the path that is covered by then.
+    /// Returns the largest speed of the hand or forearm near the operator's zone, divided by the
+    /// limit there; 1 or less means slow enough, and 0 that no part comes near. The path takes
+    /// `seconds` (s), and `share` maps a share of this time to the share of the path that is
+    /// covered by then.
     #[must_use]
     pub fn hand_speed_factor(mut self, seconds: f64, share: impl Fn(f64) -> f64) -> f64 {
         let (guard, arm) = (self.guard, self.arm);
-        // A table has no hand that could be hurt.
+        // Where the cube is taken from a table, no person's hand could be hurt.
         let Some(allowed) = guard.hand_speed else { return 0.0 };
         let step = seconds / f64::from(MOMENTS);
         let mut last = guard.bodies(arm, &self.from);
@@ -535,8 +555,9 @@ impl Course<'_> {
             .fold(0.0, f64::max)
     }
 
-    /// Returns the factor by which the fastest motor of the arm exceeds its speed limit; 1 or less
-    /// means that all are slow enough. The arguments are those of [`Course::hand_speed_factor`].
+    /// Returns the largest speed of a motor of the arm, divided by 0.95 of the motors' limit; 1 or
+    /// less means that all are slow enough. The arguments are those of
+    /// [`Course::hand_speed_factor`].
     #[must_use]
     pub fn motor_speed_factor(mut self, seconds: f64, share: impl Fn(f64) -> f64) -> f64 {
         let (model, from) = (&self.guard.cell.arms[self.arm].model, self.from);
@@ -544,8 +565,9 @@ impl Course<'_> {
         farthest_turn(model, &from, |part| self.at(share(part))) / allowed
     }
 
-    /// Returns the share of the path until which a part of the hand is near the operator's zone,
-    /// and the share from which on it is near again: (0, 1) if it is near at neither end.
+    /// Returns the share of the path until which the hand or forearm is near the operator's zone at
+    /// the beginning, and the share from which on it is near until the end: (0, 1) if it is near at
+    /// neither end.
     #[must_use]
     pub fn near_ends(mut self) -> (f64, f64) {
         let (guard, arm) = (self.guard, self.arm);
@@ -558,20 +580,21 @@ impl Course<'_> {
             .collect();
         let begin = near.iter().take_while(|near| **near).count() as u32;
         let end = near.iter().rev().take_while(|near| **near).count() as u32;
-        // One step more, since the places in between were not checked.
+        // Up to the first moment that is not near, since the places before it were not checked.
         let until = if begin == 0 { 0.0 } else { share(begin.min(MOMENTS)) };
         (until, if end == 0 { 1.0 } else { 1.0 - share(end.min(MOMENTS)) })
     }
 
-    /// Returns the joint positions after the share `part` of the path. Where a line leaves the
-    /// arm's reach, the arm stays at the last place within it: the servo refuses the rest.
+    /// Returns the joint positions after the share `part` (0..=1) of the path. Where a line leaves
+    /// the arm's reach, the arm stays at the last place within reach, since the servo refuses to
+    /// follow it farther.
     fn at(&mut self, part: f64) -> JointPositions {
         self.last = match self.way {
             PlannedMotion::Stays => self.from,
             PlannedMotion::Joints(to) => self.from.towards(&to, part),
             PlannedMotion::Legs(legs) => legs.at(&self.from, part),
             PlannedMotion::Line(to) => {
-                // Near the last place the inverse stays on its branch, as the servo does.
+                // The solution nearest to the last place stays on its branch, as the servo does.
                 let arm = &self.guard.cell.arms[self.arm];
                 let tool = Pose::from_parts(
                     self.tool.translation.vector.lerp(&to.translation.vector, part).into(),
@@ -593,8 +616,8 @@ mod tests {
     use rand::{Rng as _, SeedableRng as _};
     use rand_pcg::Pcg64;
 
-    /// Every meeting is allowed. An arm that enters the partner or the table is refused, both on a
-    /// planned path and while its motion is watched. A path out of a collision is allowed.
+    /// The guard allows every meeting. It refuses an arm that enters the other arm or the table,
+    /// both on a planned path and while the motion is watched. It allows a path out of a collision.
     #[test]
     fn guard_allows_arm_meetings_and_refuses_collisions() {
         let cell = example_cell();
@@ -603,7 +626,7 @@ mod tests {
         let meetings = table.grasps.iter().flatten().chain(table.views.iter().flatten().flatten());
         let (mut refused, mut into, mut on_and_on) = (0, 0, 0);
         for meeting in meetings {
-            // The hands are at one cube.
+            // The hands are at one cube, so they are to meet.
             let distances = |stand: [Option<&JointPositions>; 2]| guard.distances(stand).meeting();
             let free = distances([Some(&meeting.track), Some(&meeting.postument)]);
             assert_eq!(guard.check_motion(&free, &free), Ok(()));
@@ -622,25 +645,25 @@ mod tests {
             let Some(near) = (1..=20).map(nearer).find(meets) else { continue };
             refused += 1;
 
-            // The path there is refused where it comes too near, the path out of there is not.
+            // The path to the place that is too near is refused, the path back from it is not.
             let ends = [&meeting.track, &near].map(|track| [Some(track), Some(&meeting.postument)]);
             let to = |ends: [Option<&JointPositions>; 2]| {
                 ends.map(|to| PlannedMotion::Joints(*to.unwrap()))
             };
             assert!(guard.check_paths(ends[0], to(ends[1]).each_ref()).is_err());
-            // Fingers and cubes that are apart on both sides may be too near on a straight path.
+            // Fingers and cubes that are apart at both ends may be too near on the path.
             let out = guard.check_paths(ends[1], to(ends[0]).each_ref());
             assert!(matches!(out, Ok(()) | Err(Near::Hands(_))), "{out:?}");
 
-            // Bodies that are too near already do not allow the arm to go on, or the other hand to
-            // enter the table.
+            // If bodies are too near already, the arm still may not go on in the same direction,
+            // and the other hand may not enter the table.
             let mut on = near;
             on.0[0] += 0.02;
             let on = [Some(&on), Some(&meeting.postument)];
             let nears = distances(on).arms < distances(ends[1]).arms;
             let further = guard.check_paths(ends[1], to(on).each_ref());
             assert!(further.is_err() == nears || matches!(further, Err(Near::Hands(_))));
-            // A distance between the two limits allows a motion under watch to go on for a while.
+            // A motion that is watched may go on for a while, since its limits are less strict.
             let watched = guard.check_motion(&distances(ends[1]), &distances(on));
             assert!(nears || watched.is_ok());
             on_and_on += usize::from(watched.is_err());
@@ -678,14 +701,14 @@ mod tests {
             let out = guard.check_paths(ends[0], [&back, &PlannedMotion::Stays]);
             assert!(matches!(out, Ok(()) | Err(Near::Hands(_))), "{out:?}");
         }
-        // Hands of a view may pass each other without meeting.
+        // The hands of a view may pass each other, so not all meetings are refused farther on.
         assert!(refused >= 16, "{refused}");
         assert!(into >= refused / 2, "{into} of {refused}");
         assert!(on_and_on >= refused / 2, "{on_and_on} of {refused}");
     }
 
     /// Checks a path of the track arm past the postument, drawn at random, on which the arms are
-    /// too close only between two places of the coarse check.
+    /// too near only between two of the places at which every path is checked.
     #[test]
     fn path_check_finds_collisions_between_coarse_steps() {
         let cell = example_cell();
@@ -701,6 +724,7 @@ mod tests {
             track.0[1..5].iter_mut().for_each(|joint| *joint += random.random_range(-1.2..1.2));
             track
         };
+        // The least distance between the arms on a path, measured in this number of steps.
         let least = |from: &JointPositions, to: &JointPositions, steps: u32| {
             let nearest = |step: u32| {
                 let track = from.towards(to, f64::from(step) / f64::from(steps));
@@ -724,8 +748,8 @@ mod tests {
         assert!(matches!(refused, Err(Near::Arms(_) | Near::Hands(_))), "{refused:?}");
     }
 
-    /// Checks random lines of the tool. On some of them the inverse kinematics jumps to another
-    /// branch, where halving the interval alone would never end.
+    /// Checks random straight paths of the tool. On some of them the inverse kinematics jumps to
+    /// another branch. There, halving the interval until the motion is small would never end.
     #[test]
     fn path_check_terminates_at_jumps_of_inverse_kinematics() {
         let cell = example_cell();
@@ -749,7 +773,7 @@ mod tests {
 
     /// Hands that begin and end apart may not meet in between. Hands that end at one cube may.
     #[test]
-    fn hands_may_come_close_only_at_shared_cube() {
+    fn hands_may_come_near_only_at_shared_cube() {
         let cell = example_cell();
         let guard = Guard::of(&cell, 0.25);
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
@@ -771,7 +795,7 @@ mod tests {
             );
             met += 1;
 
-            // Under control by hand there is no meeting.
+            // Arms that an operator moves must not meet.
             if guard.distances(stands(back)).apart() {
                 let by_hand =
                     guard.clone().by_hand().check_paths(stands(back), [&to, &PlannedMotion::Stays]);
@@ -783,9 +807,9 @@ mod tests {
                 continue;
             }
             let way = guard.check_paths(stands(&before), [&past, &PlannedMotion::Stays]);
-            assert!(way.is_err(), "through the other hand");
+            assert!(way.is_err(), "a path through the other hand is refused");
             passed += usize::from(matches!(way, Err(Near::Hands(_))));
-            // Nor may they be there while they are watched, unless they are to meet.
+            // While they are watched, the hands may be at one cube only if they are to meet.
             let (far, near) =
                 (guard.distances(stands(&before)), guard.distances(stands(&meeting.track)));
             assert!(matches!(guard.check_motion(&far, &near), Err(Near::Hands(_))));
@@ -794,7 +818,8 @@ mod tests {
         assert!(met >= 12 && passed >= 4, "{met} {passed}");
     }
 
-    /// Jaws of unknown opening count as holding a cube as well.
+    /// Jaws that are about as far open as the cube's edge count as holding it. So do jaws whose
+    /// opening is unknown.
     #[test]
     fn jaws_as_wide_as_cube_count_as_holding() {
         let cell = example_cell();
@@ -819,7 +844,7 @@ mod tests {
             for wide in [edge - 0.007, edge + 0.007, 0.09] {
                 assert_eq!(apart([Some(wide); 2]), empty, "{wide}");
             }
-            // Jaws whose opening is unknown again may have closed on a cube meanwhile.
+            // Jaws whose opening has become unknown may have closed on a cube in the meantime.
             let mut guard = Guard::of(&cell, 0.25);
             guard.holding([Some(0.0); 2]);
             guard.holding([None; 2]);
@@ -829,8 +854,8 @@ mod tests {
         assert!(told_apart >= 4, "{told_apart}");
     }
 
-    /// A body that has left a collision may not return. One that is still too close may come closer
-    /// by a small tolerance.
+    /// A body that has left a collision may not return. A body that is still too near may come
+    /// still nearer, but by 2 mm at most.
     #[test]
     fn watched_motion_near_table_may_dip_by_tolerance() {
         let guard = Guard::of(&example_cell(), 0.25);
@@ -838,13 +863,13 @@ mod tests {
 
         assert_eq!(above(0.05).or_more(&above(0.01)), above(0.05));
         assert_eq!(above(0.01).or_more(&above(0.05)), above(0.05));
-        // An arm that is unknown now keeps no distance, and one that is known for the first time
-        // keeps the present one.
+        // An arm that is unknown now has no distance to keep. An arm that is known for the first
+        // time keeps its present one.
         assert_eq!(Distances::default().or_more(&above(0.05)), Distances::default());
         assert_eq!(above(0.01).or_more(&Distances::default()), above(0.01));
 
         assert!(guard.check_motion(&above(0.05), &above(0.004)).is_err());
-        // Watched, a hand may dip when it is turned out of a corner.
+        // A hand that is watched may dip when it is turned out of a corner.
         assert_eq!(guard.check_motion(&above(0.004), &above(0.0025)), Ok(()));
         assert!(guard.check_motion(&above(0.004), &above(0.0015)).is_err());
 
@@ -854,9 +879,10 @@ mod tests {
         assert!(guard.check_motion(&apart(0.05), &apart(0.0039)).is_err());
     }
 
-    /// A planned path is refused even where a motion under watch may still come a little closer.
+    /// A planned path from a place too near the table may not come nearer, even where a motion that
+    /// is watched may by up to 2 mm.
     #[test]
-    fn planned_path_towards_too_close_table_is_refused() {
+    fn planned_path_towards_too_near_table_is_refused() {
         let cell = example_cell();
         let guard = Guard::of(&cell, 0.25);
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
@@ -925,7 +951,7 @@ mod tests {
         let meeting = table.grasps.iter().flatten().next().unwrap();
         let stands = [Some(&meeting.track), Some(&meeting.postument)];
         let mut turned = [meeting.track, meeting.postument];
-        // Aside by the waist, and back again.
+        // Both arms are turned aside by the waist, and the checked path leads back.
         turned[0].0[1] += 0.6;
         turned[1].0[1] += 0.6;
         let went = |arm: usize, at: Point3<f64>, keeper: Keeper| {
@@ -956,12 +982,12 @@ mod tests {
             |way: Result<(), Near>| way.is_err_and(|near| near.to_string().contains("zone"));
 
         let forearm = |arm: usize| nalgebra::center(&points(arm)[2], &points(arm)[3]);
-        // Forearm and hand of the arm that has no business there; the forearm of the one that has.
+        // No part of the postument may enter the zone, and the forearm of the track may not either.
         assert!(refused(went(1, forearm(1), Keeper::Person)));
         assert!(refused(went(1, points(1)[4], Keeper::Person)));
         assert!(refused(went(0, forearm(0), Keeper::Person)));
         assert_eq!(went(0, points(0)[4], Keeper::Person), Ok(()), "its hand takes the cube");
-        // No hand is at a table.
+        // Where the cube is taken from a table, there is no person to protect.
         assert_eq!(went(1, points(1)[4], Keeper::Table), Ok(()));
     }
 
@@ -970,7 +996,7 @@ mod tests {
         let cell = example_cell();
         let guard = Guard::of(&cell, 0.25);
         let arm = &cell.arms[0];
-        // Before the hand-over place, approaching along +x.
+        // The tool is on the -x side of the operator's zone and points along +x.
         let rotation =
             nalgebra::UnitQuaternion::from_axis_angle(&nalgebra::Vector3::y_axis(), 1.571);
         let standing = |x: f64| {
@@ -983,7 +1009,7 @@ mod tests {
         let ((far, _), (near, at)) = (standing(0.25), standing(0.05));
         let even = |u: f64| u;
 
-        // 0.2 m: in 1.2 s slow enough, in 0.6 s not.
+        // The path of 0.2 m is slow enough in 1.2 s, but not in 0.6 s.
         for way in [PlannedMotion::Line(at), PlannedMotion::Joints(near)] {
             let slow = guard.course(0, &far, &way).hand_speed_factor(1.2, even);
             let fast = guard.course(0, &far, &way).hand_speed_factor(0.6, even);
@@ -993,7 +1019,7 @@ mod tests {
         assert!(guard.check_speed(0, &far, &near, 1.2).is_ok());
         let told = guard.check_speed(0, &far, &near, 0.4).unwrap_err().to_string();
         assert!(told.contains("track arm moves at 5") && told.contains("mm/s"), "{told}");
-        // A part is as near as its surface, however far off its middle is.
+        // The surface of a part counts: its centre is beyond the threshold here.
         let (bodies, mut aside) = (guard.bodies(0, &near), cell.clone());
         let nearest = |cell: &Cell, counts: f64| {
             let zone_from_world = cell.hand.world_from_cube.inverse();
@@ -1010,7 +1036,7 @@ mod tests {
         moved.0[6] += 0.5;
         moved.0[5] += 0.1;
         assert!(Guard::of(&aside, 0.25).check_speed(0, &near, &moved, 0.01).is_err());
-        // Elsewhere, or without a person, the hand may be as fast.
+        // Far from the operator's zone, or without a person, the hand may move as fast.
         let mut elsewhere = cell.clone();
         elsewhere.hand.world_from_cube.translation.vector.x += 1.0;
         for cell in [elsewhere, Cell { keeper: Keeper::Table, ..cell.clone() }] {
@@ -1020,8 +1046,9 @@ mod tests {
             assert!(guard.check_speed(0, &far, &near, 0.1).is_ok());
         }
     }
+
     #[test]
-    fn forearm_is_slow_near_operator() {
+    fn forearm_speed_is_limited_near_operator() {
         let mut cell = example_cell();
         let from = JointPositions([0.4, 0.0, -1.6, 0.3, 1.3, 1.57, 0.0]);
         let mut to = from;

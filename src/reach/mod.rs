@@ -1,8 +1,15 @@
 //! The places where two arms can meet: for each relative orientation of the tools, joint positions
-//! of both arms.
+//! of both arms. Paths between them, and a [`guard`] over all motions, are here as well.
 //!
-//! The table is computed once per cell from the belief, on the EDP side, and handed to MP as data:
-//! the tasks themselves know no kinematics.
+//! The table is computed once for a cell, as the controller believes the cell to be. Tasks receive
+//! it as data, since they know no kinematics.
+//!
+//! | word | meaning |
+//! |---|---|
+//! | track, postument | the arm on a linear track (arm 0), the arm on a fixed base (arm 1) |
+//! | meeting | joint positions of both arms in which both hands work at one cube |
+//! | newcomer, holder | the arm whose hand is free, the arm whose hand holds the cube |
+//! | separation | distance by which the track retracts between two meetings |
 //!
 //! - in: the [`Cell`](crate::cell::Cell), [`ReachSettings`]
 //! - out: [`MeetingTable`], equal for equal inputs (seeded search)
@@ -45,14 +52,17 @@ mod tests {
     static TABLE: LazyLock<MeetingTable> =
         LazyLock::new(|| MeetingTable::compute(&CELL, &SETTINGS));
 
+    /// Returns the pose of an arm's tool in the world.
     fn world_from_tool(arm: &Arm, joints: &JointPositions) -> Pose {
         arm.world_from_base * arm.model.base_from_flange(joints) * arm.flange_from_tool
     }
 
+    /// Iterates over all meetings of the example cell: the grasps, then the views.
     fn meetings() -> impl Iterator<Item = &'static Meeting> {
         TABLE.grasps.iter().flatten().chain(TABLE.views.iter().flatten().flatten())
     }
 
+    /// Returns the largest difference between elements of two poses' matrices (m or 1).
     fn difference(a: &Pose, b: &Pose) -> f64 {
         (a.to_homogeneous() - b.to_homogeneous()).amax()
     }
@@ -71,7 +81,8 @@ mod tests {
         }
     }
 
-    /// A grasp is possible unless both palms are on one face or the fingers would cross.
+    /// A grasp is possible unless both palms are on one face of the cube or the fingers of the two
+    /// hands would cross.
     #[test]
     fn search_finds_all_possible_grasps_and_views() {
         let (grasps, views) = TABLE.found();
@@ -177,7 +188,8 @@ mod tests {
         }
     }
 
-    /// Each hand can turn a layer by a quarter either way, and by a half turn one way.
+    /// Each hand can turn a layer by a quarter in both directions, and by a half turn in at least
+    /// one.
     #[test]
     fn grasps_allow_quarter_and_half_turns() {
         use std::f64::consts::{FRAC_PI_2, PI};

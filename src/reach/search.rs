@@ -2,12 +2,13 @@
 //!
 //! A candidate is a cube in space, the grasp of the first hand, the travel of the track and, for a
 //! view, the roll of the camera. The joint positions of both arms follow in closed form. The cost
-//! of a candidate is a time: the path from a common reference, so that motions between meetings are
-//! short, with penalties for narrow margins.
+//! of a candidate is a time (s): that of the motion to it from joint positions that are the
+//! reference of all meetings, so that motions between meetings are short. Narrow margins add
+//! penalties.
 //!
 //! | sample | share | reason |
 //! |---|---|---|
-//! | next to the best one, in wide and in narrow steps by turns | 1/2 | improvement |
+//! | near the best one so far, in wide and in narrow steps by turns | 1/2 | improvement |
 //! | another grasp of the cube where another meeting has it | 3/8 | short paths between meetings |
 //! | anywhere in `BOX` | 1/8 | escape from a local minimum |
 
@@ -28,17 +29,19 @@ use std::f64::consts::PI;
 
 /// Space in which cubes are tried (m): x, y, z of the world, between the arms.
 const BOX: [(f64, f64); 3] = [(-0.3, 0.9), (0.8, 1.7), (1.0, 1.8)];
-/// Room that the track keeps beyond the separation, and at its far end (m).
+/// Room that the track keeps beyond the separation, and twice that at its far end (m).
 const TRACK_ROOM: f64 = 0.02;
 /// Clearance below which a candidate is penalised (m).
 const GOOD_CLEARANCE: f64 = 0.06;
 
-/// Demand on a pair of stances.
+/// Kind of meeting that is searched for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Wanted {
-    /// Both hands hold the cube; this is the rotation of the postument's tool in the track's tool.
+    /// Both hands hold the cube; this is the rotation of the postument's tool in the track's tool
+    /// frame.
     Grasp(UnitQuaternion<f64>),
-    /// The other hand's camera looks against this normal, which is in the holder's tool frame.
+    /// The arm `holder` (0 track, 1 postument) has the cube, and the other hand's camera looks at
+    /// the face with this outward `normal` in the holder's tool frame.
     View { holder: usize, normal: Vector3<f64> },
 }
 
@@ -49,7 +52,7 @@ struct Candidate {
     world_from_tool: Pose,
     /// Travel of the track, d0 (m).
     track: f64,
-    /// Roll of the looking camera (rad).
+    /// Roll of the camera about its optical axis, for a view (rad).
     roll: f64,
 }
 
@@ -64,8 +67,8 @@ struct Found {
 
 impl MeetingTable {
     /// Searches the meetings of the track arm (`cell.arms[0]`) and the postument arm
-    /// (`cell.arms[1]`), in about a second. The table is empty if there are fewer arms, or if the
-    /// first has no track on which it could retract.
+    /// (`cell.arms[1]`), in about a second. The table is empty if the cell has fewer than two arms,
+    /// or if the first arm has no track on which it could retract.
     #[must_use]
     pub fn compute(cell: &Cell, settings: &ReachSettings) -> Self {
         table(cell, settings)
@@ -89,11 +92,11 @@ fn table(cell: &Cell, settings: &ReachSettings) -> MeetingTable {
     for _ in 0..ROUNDS {
         for (i, wanted) in wanted.iter().enumerate() {
             found[i] = search.improve(wanted, found[i].as_ref());
-            // Later searches try the cube where this meeting has it.
+            // The searches for other meetings also try the cube at the place of this one.
             search.known.extend(found[i].map(|f| f.candidate.world_from_tool));
         }
         search.settle(&found);
-        // The costs were relative to the last reference.
+        // The reference has changed, and the costs with it.
         for (wanted, slot) in wanted.iter().zip(&mut found) {
             *slot = slot.and_then(|f| search.evaluate(wanted, &f.candidate, f64::INFINITY));
         }
@@ -112,9 +115,9 @@ fn table(cell: &Cell, settings: &ReachSettings) -> MeetingTable {
     table
 }
 
-/// Searches again for the meetings from which the paths to other meetings are blocked, the worst
-/// first, and accepts only places with free paths. A meeting for which there is none keeps its
-/// place.
+/// Searches again for the meetings from which paths to other meetings are blocked, beginning with
+/// the most blocked one. It accepts only places from which all these paths are free. A meeting for
+/// which there is no such place stays where it is.
 fn clear_ways(search: &mut Search, wanted: &[Wanted], found: &mut [Option<Found>]) {
     let mut tried = vec![false; found.len()];
     for _ in 0..found.len() {
@@ -127,7 +130,7 @@ fn clear_ways(search: &mut Search, wanted: &[Wanted], found: &mut [Option<Found>
         let worst = (0..found.len())
             .filter(|&i| !tried[i])
             .map(|i| (blocked(i), i))
-            // The first of equals, so that the table is repeatable.
+            // Among equally blocked meetings the first one, so that the table is repeatable.
             .max_by_key(|&(count, i)| (count, std::cmp::Reverse(i)));
         let Some((1.., worst)) = worst else { return };
         tried[worst] = true;
@@ -156,13 +159,13 @@ struct Search<'a> {
     cell: &'a Cell,
     settings: &'a ReachSettings,
     random: Pcg64,
-    /// Joint positions of both arms from which paths are counted.
+    /// Joint positions of both arms from which the motion to each candidate is timed.
     reference: [JointPositions; 2],
-    /// Tools of meetings that were found: good places for others.
+    /// The `world_from_tool` of each meeting found so far: good places for other meetings too.
     known: Vec<Pose>,
     /// Travel of the track in the reference, d0 (m).
     track: f64,
-    /// Meetings to which the path must be free.
+    /// Meetings to which the usual path from a new meeting must be free.
     peers: Vec<Meeting>,
     /// The [`rotations`] of a cube.
     rotations: [UnitQuaternion<f64>; 24],
@@ -171,7 +174,7 @@ struct Search<'a> {
 impl<'a> Search<'a> {
     /// Makes a search that has found no meeting yet.
     fn new(cell: &'a Cell, settings: &'a ReachSettings) -> Self {
-        // The first reference: both arms halfway in their ranges, facing the partner.
+        // The first reference: both arms bent, each facing its partner.
         let facing = |sign: f64, track: f64, roll: f64| {
             JointPositions([track, sign * 1.4, -1.57, 0.0, 0.0, roll, 0.0])
         };
@@ -188,13 +191,13 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Returns the cheapest meeting that fulfils `wanted`, among the one that is known already and
-    /// new samples.
+    /// Draws new samples and returns the cheapest meeting that fulfils `wanted`, which may be the
+    /// one `known` before; `None` if there is none at all.
     fn improve(&mut self, wanted: &Wanted, known: Option<&Found>) -> Option<Found> {
         let mut best = known.copied();
         for i in 0..self.settings.samples {
             let candidate = match &best {
-                // Next to the best one: wide steps leave a local minimum, narrow ones refine.
+                // Near the best one: wide steps leave a local minimum, narrow ones refine.
                 Some(found) if i % 2 == 0 => {
                     let size = if i % 4 == 0 { 0.3 } else { 0.08 };
                     self.next_to(&found.candidate, size)
@@ -211,7 +214,7 @@ impl<'a> Search<'a> {
         best
     }
 
-    /// Sets the reference joint positions to the median of the meetings that were found.
+    /// Sets the reference joint positions to the medians over all `found` meetings, joint by joint.
     fn settle(&mut self, found: &[Option<Found>]) {
         let middle = |of: &dyn Fn(&Meeting) -> JointPositions| {
             JointPositions(std::array::from_fn(|axis| {
@@ -241,12 +244,13 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Returns a candidate near one in which the cube is where a known meeting has it, but the hand
-    /// holds it in another of the 24 rotations.
+    /// Returns a candidate with the cube near its place in a known meeting, but held in a random
+    /// one of the 24 rotations.
     fn like_another(&mut self) -> Candidate {
         let known = self.known[self.random.random_range(0..self.known.len())];
         let other = self.rotations[self.random.random_range(0..24)];
-        // The cube's centre is a third of an edge before the tool point when one layer is held.
+        // The cube's centre is a third of an edge beyond the tool point, since the fingers hold one
+        // layer.
         let into = Translation3::new(0.0, 0.0, self.cell.cube.edge / 3.0);
         let candidate = Candidate {
             world_from_tool: known * into * other * into.inverse(),
@@ -256,7 +260,8 @@ impl<'a> Search<'a> {
         self.next_to(&candidate, 0.2)
     }
 
-    /// Returns a random candidate near `candidate`, at a distance that grows with `size`.
+    /// Returns a random candidate near `candidate`. `size` scales the standard deviations: with 1
+    /// they are 0.3 m, 0.8 rad, 0.2 m of the track, and 1 rad of the camera's roll.
     fn next_to(&mut self, candidate: &Candidate, size: f64) -> Candidate {
         let mut step = |scale: f64| scale * size * self.normal();
         let shift = Vector3::new(step(0.3), step(0.3), step(0.3));
@@ -274,20 +279,21 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Returns a normally distributed number.
+    /// Returns a random number of the standard normal distribution.
     fn normal(&mut self) -> f64 {
         StandardNormal.sample(&mut self.random)
     }
 
-    /// Returns the range of the track position in which the track can still retract by the
-    /// separation (m).
+    /// Returns the range of track positions d0 from which the track can retract by the separation
+    /// (m).
     fn track_range(&self) -> (f64, f64) {
         let (low, high) = self.cell.arms[0].model.joint_limits[0];
         let low = low.max(0.0) + self.settings.separation + TRACK_ROOM;
         (low, (high - 2.0 * TRACK_ROOM).max(low + 1e-6))
     }
 
-    /// Returns the meeting of a candidate if it is allowed and its cost is less than `limit` (s).
+    /// Returns the meeting of a candidate, or `None` if it is not allowed or costs `limit` (s) or
+    /// more.
     fn evaluate(&self, wanted: &Wanted, candidate: &Candidate, limit: f64) -> Option<Found> {
         let (tools, need) = self.tools(wanted, candidate)?;
         let stances_of = |arm: usize, limit: f64| {
@@ -307,7 +313,8 @@ impl<'a> Search<'a> {
         let mut best: Option<Found> = None;
         for a in track.iter() {
             for b in postument.iter() {
-                // Without the penalty the cost is a lower bound, and distances are the dearer part.
+                // A penalty only adds to this cost. A pair that costs too much already is skipped
+                // before its distances are computed, which takes long.
                 let cost = a.cost + b.cost;
                 let below = best.map_or(limit, |f| f.cost);
                 if cost >= below {
@@ -342,7 +349,7 @@ impl<'a> Search<'a> {
     }
 
     /// Returns the poses of both tools in the world, and whether the wrists must be able to roll
-    /// there.
+    /// there; `None` for a view if no camera is on the other hand.
     fn tools(&self, wanted: &Wanted, candidate: &Candidate) -> Option<([Pose; 2], Roll)> {
         let into = Translation3::new(0.0, 0.0, self.cell.cube.edge / 3.0);
         match wanted {
@@ -373,7 +380,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Returns the tool in the frame of the camera on the viewer's flange.
+    /// Returns the pose of the viewer's tool in the frame of the camera on its flange; `None` if
+    /// there is no such camera.
     fn camera_from_tool(&self, viewer: usize) -> Option<Pose> {
         self.cell.cameras.iter().find_map(|camera| match camera.mount {
             Mount::Flange { arm, flange_from_camera } if arm == viewer => {
@@ -383,8 +391,9 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Returns the least distance at the meeting and on the paths to it (m); `None` if it is too
-    /// small, or if an arm is too low.
+    /// Returns the least distance between the arms at the meeting, while a hand retracts, and while
+    /// the track separates (m). Returns `None` if a distance is below the wanted clearance, or if
+    /// an arm is too low over the table.
     fn clearance(&self, wanted: &Wanted, a: &Stance, b: &Stance) -> Option<f64> {
         let arms: [&Arm; 2] = [&self.cell.arms[0], &self.cell.arms[1]];
         let floor = self.cell.table_height + self.settings.above_table;
@@ -412,8 +421,8 @@ impl<'a> Search<'a> {
         };
         for &newcomer in newcomers {
             let (holder, other) = (here[1 - newcomer], gone[newcomer]);
-            // Half retracted the newcomer is still beside the cube: its fingers may not count
-            // there.
+            // The fingers of a newcomer that is half retracted are still beside the cube, so they
+            // are left out.
             least = least.min(enough(at_the_cube(&holder, &half_gone[newcomer]))?);
             least = least.min(enough(self.separating(newcomer, &holder, &other))?);
         }
@@ -421,7 +430,8 @@ impl<'a> Search<'a> {
     }
 
     /// Returns the least distance between the arms while the track retracts by the separation (m).
-    /// `holder` has the cube, and `other` is the newcomer, retracted along its tool.
+    /// `holder` is the arm that has the cube. `other` is the arm `newcomer` (0 track, 1 postument),
+    /// which is retracted along its tool already.
     fn separating(&self, newcomer: usize, holder: &Bodies, other: &Bodies) -> f64 {
         const STEPS: u32 = 5;
         let away = self.cell.arms[0].world_from_base.rotation * -Vector3::y();

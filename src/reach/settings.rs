@@ -3,22 +3,22 @@
 /// Demands on meetings, and the effort of the search for them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReachSettings {
-    /// Distance by which the track retracts along -y between meetings (m).
+    /// Distance by which the arm on the track retracts along -y between meetings (m).
     pub separation: f64,
     /// Distance by which each arm can retract along its own tool axis (m).
     pub back: f64,
     /// Distance from a hand's camera to the face that it looks at (m).
     pub view_distance: f64,
-    /// Distance by which the tools can be shifted along each axis, for other depths and corrections
-    /// (m).
+    /// Distance by which each tool can be shifted from a meeting along any of its axes, for grasps
+    /// at other depths and for corrections (m).
     pub shift: f64,
-    /// Least distance between the capsules of the arms (m).
+    /// Least distance between the arms, which are modelled as capsules (m).
     pub clearance: f64,
-    /// Least height of wrists and tools above the table (m).
+    /// Least height above the table of the axes of wrist and gripper, and of the cube's centre (m).
     pub above_table: f64,
-    /// Number of random poses that are tried for each meeting, near to and far from the known ones.
+    /// Number of random poses that are tried for each meeting in each round of the search.
     pub samples: u32,
-    /// Seed of the search.
+    /// Seed of the random numbers of the search.
     pub seed: u64,
 }
 

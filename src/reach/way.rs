@@ -1,18 +1,19 @@
-//! The quickest path from one meeting to another: the track retracts only as far as it must, while
-//! all joints move across.
+//! The quickest path from one meeting to another. The track retracts only as far as it must and
+//! advances again (two strokes), while all joints move from one meeting to the other (the motion
+//! across).
 //!
-//! - in: the believed cell, both ends, the arms' speeds
-//! - out: a [`MeetingPath`]: the windows of its legs, and its time
-//! - method: candidates are ordered by a lower bound of their time; the cheapest tests come first,
-//!   and the first candidate that is timed in full and free of collisions is the quickest
+//! - in: the believed cell, joint positions at both ends of the path, the arms' speeds
+//! - out: a [`MeetingPath`]: the share of its time that each of these motions has, and its time
+//! - method: candidates are ordered by a lower bound of their time, and the cheapest tests come
+//!   first; the first candidate that is timed in full and free of collisions is the quickest
 //!
 //! | choice | constant | reason |
 //! |---|---|---|
-//! | separations from 0 to the usual one | `FINE` | 0.10 m suffices on average |
+//! | step of the separations from 0 to the usual one | `FINE` | 0.10 m suffices on average |
 //! | overlap of a stroke with the motion across | `OVERLAPS` | the arms must be apart in between |
-//! | longer ramps | `RAMPS` | short ramps leave the speed to the joints' acceleration |
-//! | moments of a path, in long steps | `MOMENTS`, `STRIDE` | a blocked path is found soon |
-//! | moments before a path is timed | `GLANCES` | those that blocked others are the likeliest |
+//! | longer ramps | `RAMPS` | with short ramps the joints' acceleration bounds the speed |
+//! | order of the checked moments, in long steps | `STRIDE` | a blocked path is found soon |
+//! | moments checked before a path is timed | `GLANCES` | timing takes longer than a few checks |
 //! | factor of the bound | `MISSED` | motions are timed at moments, which may miss the peak |
 
 use super::bodies::{Bodies, newcomer_apart};
@@ -34,35 +35,37 @@ pub(super) struct Ends {
     pub(super) newcomer: usize,
 }
 
-/// Path of both arms from one meeting to another: the track retracts and advances again while all
-/// joints move across, as early and as late as the arms are clear of each other. Times are shares
-/// of the whole.
+/// Path of both arms from one meeting to another. The track retracts and advances again while all
+/// joints move across. The three motions overlap as far as the arms stay clear of each other.
+/// Durations and times are shares of the whole time, except [`MeetingPath::seconds`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct MeetingPath {
     /// Distance by which the track retracts (m).
     pub separation: f64,
     /// Duration of the retraction, and of the advance.
     pub stroke: f64,
-    /// Beginning of the motion across; it ends at the same distance from the end.
+    /// Beginning of the motion across. It ends as long before the end of the whole time.
     pub across: f64,
-    /// Duration in which motions reach their full speed.
+    /// Duration in which a motion reaches its full speed.
     pub ramp: f64,
-    /// Least time of arms with these motors, without rolls of the wrists (s).
+    /// Least time of the path within the limits of joints and motors, without rolls of the wrists
+    /// (s).
     pub seconds: f64,
 }
 
-/// Steps of the separations that are tried (m).
+/// Step from one separation that is tried to the next (m).
 pub(super) const FINE: f64 = 0.02;
-/// Shares of a stroke, or of half of the motion across if that is shorter, that overlap with the
-/// other.
+/// Overlaps of a stroke with the motion across, as shares of the shorter one of the stroke and half
+/// of the motion across.
 const OVERLAPS: [f64; 5] = [1.0, 0.75, 0.5, 0.25, 0.0];
 /// Factors by which ramps are longer than usual. With the usual ramp the acceleration of the joints
 /// may bound their speed.
 const RAMPS: [f64; 3] = [1.0, 1.5, 2.2];
-/// Step from moment to moment. It has no common divisor with their number, so all are visited.
+/// Step from one checked moment to the next. It has no common divisor with the 61 moments, so all
+/// are visited.
 const STRIDE: u32 = 23;
-/// Least share of the greatest speed and acceleration that shows at the moments at which a motion
-/// is timed. With it as a factor the bound is never above the time.
+/// Least share of the greatest speed or acceleration of a motion that shows at the moments at which
+/// it is timed. With this factor the bound of a path is never above the time that is found later.
 const MISSED: f64 = 0.85;
 
 /// Iterates over the distances by which the track may retract between two meetings: 0, then in
@@ -71,8 +74,9 @@ pub(super) fn separations(most: f64) -> impl Iterator<Item = f64> {
     (0..).map(|step| f64::from(step) * FINE).take_while(move |by| *by < most + 0.5 * FINE)
 }
 
-/// Returns the least distance between the arms, and of each hand from its own arm (m). The hand of
-/// `newcomer` is free, and the other hand holds the cube.
+/// Returns the least distance between the arms, and of each hand from its own arm, at these joint
+/// positions (m). The hand of `newcomer` (0 track, 1 postument) is free, and the other hand holds
+/// the cube.
 pub(super) fn clearance(cell: &Cell, joints: &[JointPositions; 2], newcomer: usize) -> f64 {
     let [track, postument] =
         [0, 1].map(|arm: usize| Bodies::of(cell, &cell.arms[arm], &joints[arm]));
@@ -81,8 +85,8 @@ pub(super) fn clearance(cell: &Cell, joints: &[JointPositions; 2], newcomer: usi
 }
 
 impl MeetingPath {
-    /// Returns the quickest path between two meetings that keeps the clearance; `None` if no
-    /// candidate does.
+    /// Returns the quickest candidate path between two meetings on which the arms keep the
+    /// clearance; `None` if there is none.
     pub(super) fn quickest(
         cell: &Cell,
         settings: &ReachSettings,
@@ -96,10 +100,10 @@ impl MeetingPath {
         }
         let ends = Ends { from, to, newcomer };
         let mut check = FreeCheck::new(cell, settings, speeds, &ends);
-        // Sorted by time, the quickest last. A time is a lower bound until the path is timed in
-        // full.
+        // Sorted by time, the quickest last: `pop` takes it. A time is a lower bound until the path
+        // is timed in full.
         let mut ways = Vec::new();
-        // `order` breaks ties, so that the result is that of a plain search.
+        // Among equally quick paths the first in `order` wins, as in a search that times all.
         let rank = |&(way, timed, order): &(Self, Timed, usize)| (way.seconds, timed, order);
         let insert = |ways: &mut Vec<_>, new| {
             let place = ways.partition_point(|other| rank(other) > rank(&new));
@@ -130,14 +134,15 @@ impl MeetingPath {
         None
     }
 
-    /// Returns a lower bound of the time of this path (s), from the joints' motion between the
-    /// meetings and the retraction of the track.
+    /// Returns a lower bound of the time of this path (s), from each joint's motion across and the
+    /// stroke of the track, taken alone.
     fn bound(&self, speeds: &Speeds, Ends { from, to, .. }: &Ends) -> f64 {
         let profile = Profile { ramp: self.ramp };
         let least = |distance: f64, axis: usize, window: f64| {
             let (speed, acceleration) = (speeds.joint[axis], speeds.joint_acceleration[axis]);
-            // In a whole time of 1 s the profile needs these multiples of the limits. Speeds fall
-            // with 1/T and accelerations with 1/T^2, so these are the times that keep them.
+            // If the path took 1 s, the motion would need these multiples of its limits. In a time
+            // T speeds fall with 1/T and accelerations with 1/T^2, so the multiple of the speed and
+            // the root of that of the acceleration are the times (s) that keep the limits.
             let by_speed = profile.fraction(distance, speed, f64::INFINITY, window);
             by_speed.max(profile.fraction(distance, f64::INFINITY, acceleration, window).sqrt())
         };
@@ -169,7 +174,7 @@ impl MeetingPath {
         to: &[JointPositions; 2],
     ) -> impl Iterator<Item = Self> {
         let across = from.iter().zip(to).map(|(from, to)| speeds.joints_seconds(from, to, 1.0));
-        // At least 0.1 s, since the times below are shares of the whole: ends may be equal.
+        // The two ends may be equal. At least 0.1 s, so that no share of the whole is divided by 0.
         let across = across.fold(0.0, f64::max).max(0.1);
         let (speeds, most) = (*speeds, settings.separation);
         separations(most).flat_map(move |separation| {
@@ -178,8 +183,8 @@ impl MeetingPath {
             let stroke = speeds.joints_seconds(&JointPositions::default(), &drawn_back, 1.0);
             OVERLAPS.into_iter().flat_map(move |overlap| {
                 let at_once = overlap * stroke.min(0.5 * across);
-                // An overlap shortens the whole by its part at the beginning and by that at the
-                // end.
+                // Each stroke, at the beginning and at the end, adds the part of it that does not
+                // overlap.
                 let seconds = across + 2.0 * (stroke - at_once);
                 RAMPS.map(|longer| Self {
                     separation,
@@ -192,8 +197,8 @@ impl MeetingPath {
         })
     }
 
-    /// Returns the legs of both arms between these joint positions. Their windows and ramps are
-    /// shares of the whole time.
+    /// Returns the legs of both arms from the joint positions `from` to those of `to`. Windows and
+    /// ramps are shares of the whole time.
     #[must_use]
     pub fn legs(
         &self,
@@ -202,9 +207,10 @@ impl MeetingPath {
         to: &[JointPositions; 2],
     ) -> [Legs; 2] {
         let rolls = [0, 1].map(|arm: usize| to[arm].0[ROLL] - from[arm].0[ROLL]);
-        // The roll has all of the time, so its ramp is the usual one.
+        // The roll has the whole time, so its ramp is the usual one, as a share of it.
         let roll = Profile { ramp: speeds.profile.ramp / self.seconds_with_rolls(speeds, rolls) };
-        // Retract, across, advance. Both arms have the same windows, so that they move evenly.
+        // The windows of retraction, motion across and advance. Both arms have the same ones, so
+        // that they move evenly.
         let windows =
             [(0.0, self.stroke), (self.across, 1.0 - self.across), (1.0 - self.stroke, 1.0)];
         [0, 1].map(|arm: usize| {
@@ -218,7 +224,7 @@ impl MeetingPath {
         })
     }
 
-    /// Returns the time of the path if both wrists also roll by these angles (s).
+    /// Returns the time of the path (s) if the wrists also roll by these angles (rad).
     #[must_use]
     pub fn seconds_with_rolls(&self, speeds: &Speeds, rolls: [f64; 2]) -> f64 {
         let (speed, acceleration) = (speeds.joint[ROLL], speeds.joint_acceleration[ROLL]);
@@ -243,29 +249,31 @@ impl MeetingPath {
 /// Method by which the time of a path was found, in the order of effort.
 #[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
 enum Timed {
-    /// By its bound, which it cannot undercut.
+    /// Lower bound of each motion alone.
     Bound,
-    /// By its joints; its motors may take longer.
+    /// Time that the joints need together; the motors may take longer.
     Joints,
-    /// By joints and motors.
+    /// Time that joints and motors need: the time of the path.
     Motors,
 }
 
-/// Number of moments at which a path is checked before it is timed.
+/// Number of moments at which the clearance of a path is checked before the path is timed.
 const GLANCES: usize = 3;
 
-/// Check of paths between two meetings, at the moments first that blocked others.
+/// Check whether the arms keep the clearance on paths between two meetings. It begins with the
+/// moments at which other paths were blocked.
 struct FreeCheck<'a> {
     cell: &'a Cell,
     settings: &'a ReachSettings,
     speeds: &'a Speeds,
     ends: &'a Ends,
-    /// All moments; those that blocked a path come first, the last one foremost.
+    /// All moments of a path, each as a number in 0..=[`MOMENTS`]. Those at which a path was
+    /// blocked come first, the latest of them foremost.
     moments: Vec<u32>,
 }
 
 impl<'a> FreeCheck<'a> {
-    /// Makes a check that has seen no path yet.
+    /// Makes a check for paths between the joint positions of `ends`.
     fn new(
         cell: &'a Cell,
         settings: &'a ReachSettings,
@@ -279,7 +287,7 @@ impl<'a> FreeCheck<'a> {
     }
 
     /// Returns whether the arms are nearer than the clearance at one of the first `count` moments
-    /// of the list. The moment that shows it moves to the front of the list.
+    /// of the list. The first blocked moment moves to the front of the list.
     fn finds_blocked(&mut self, way: &MeetingPath, count: usize) -> bool {
         let legs = way.legs(self.speeds, &self.ends.from, &self.ends.to);
         let looks = self.moments.iter().take(count);
@@ -291,7 +299,7 @@ impl<'a> FreeCheck<'a> {
         blocking.is_some()
     }
 
-    /// Returns whether the arms keep the clearance at this moment of a path.
+    /// Returns whether the arms keep the clearance at a moment (0..=[`MOMENTS`]) of a path.
     fn is_free_at(&self, legs: &[Legs; 2], moment: u32) -> bool {
         let part = f64::from(moment) / f64::from(MOMENTS);
         let joints = [0, 1].map(|arm: usize| legs[arm].at(&self.ends.from[arm], part));
@@ -304,6 +312,7 @@ mod tests {
     use super::super::{MeetingTable, example_cell};
     use super::*;
 
+    /// Returns the speeds that these tests assume for the arms.
     fn speeds() -> Speeds {
         Speeds {
             joint: [0.15, 2.6, 2.6, 2.6, 2.6, 2.6, 0.8],
@@ -317,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn no_path_is_quicker_than_its_bound() {
+    fn path_time_is_never_below_its_bound() {
         let (cell, settings, speeds) = (example_cell(), ReachSettings::default(), speeds());
         let table = MeetingTable::compute(&cell, &settings);
         let grasps: Vec<_> = table.grasps.iter().flatten().collect();
@@ -333,7 +342,7 @@ mod tests {
                 (ways, nearest) = (ways + 1, nearest.max(bound / least));
             }
         }
-        assert!(ways > 1000 && nearest > 0.8, "{nearest} of the time at most in {ways} paths");
+        assert!(ways > 1000 && nearest > 0.8, "bounds reach {nearest} of the time in {ways} paths");
     }
 
     /// Times every path in full, then returns the quickest one that is free.
@@ -357,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn quickest_path_equals_that_of_plain_search() {
+    fn quickest_path_equals_result_of_full_search() {
         let (cell, settings) = (example_cell(), ReachSettings::default());
         let table = MeetingTable::compute(&cell, &settings);
         let grasps: Vec<_> = table.grasps.iter().flatten().collect();

@@ -1,9 +1,9 @@
-//! The separation of two arms on paths that are not in the table of meetings: from the place where
-//! the track takes a cube, and back to there.
+//! The separation of two arms on paths that are not in the table of meetings: between a meeting and
+//! the place where the track takes a cube.
 //!
-//! - in: the believed cell, joint positions of both arms where they are apart and at a meeting
-//! - out: the distance by which the track retracts from the meeting (m), so that the straight path
-//!   is free
+//! - in: the believed cell; joint positions of both arms at a meeting, and where they are apart
+//! - out: the distance by which the track must retract from the meeting (m), so that the straight
+//!   path in joint space between that place and the place apart is free
 
 use super::motors::MOMENTS;
 use super::settings::ReachSettings;
@@ -27,13 +27,13 @@ impl WayFinder {
     }
 
     /// Returns the least distance by which the track must retract from the meeting with the joint
-    /// positions `met`, so that the straight path in joint space from there to the positions
-    /// `apart` is free in both directions (m). `newcomer` is the arm whose hand is free: 0 track, 1
-    /// postument.
+    /// positions `met` (m). From the retracted place the straight path in joint space to the
+    /// positions `apart`, and back, keeps the clearance. `newcomer` is the arm whose hand is free:
+    /// 0 track, 1 postument.
     ///
-    /// It is `None` if no separation up to the usual one suffices, or if the arms are too close at
-    /// the meeting or during the retraction, as where both hands have their fingers beside one
-    /// cube.
+    /// Returns `None` if no distance up to [`ReachSettings::separation`] suffices, or if the arms
+    /// are nearer than the clearance at the meeting or during the retraction. They are, for
+    /// example, where both hands have their fingers beside one cube.
     #[must_use]
     pub fn least_separation(
         &self,
@@ -72,14 +72,14 @@ impl WayFinder {
         [0, 1].map(|arm: usize| super::example_cell().arms[arm].start)
     }
 
-    /// Returns joint positions of both arms near a meeting of the example cell from which the track
-    /// must retract before it may go to its start while the postument stays, and the least distance
-    /// of this retraction (m).
+    /// Returns joint positions of both arms near a meeting of the example cell, and the least
+    /// distance (m) by which the track must retract from there. Only then may it go to its start
+    /// while the postument stays.
     #[cfg(test)]
     pub(crate) fn example_place(&self) -> ([JointPositions; 2], f64) {
         let table = super::MeetingTable::compute(&self.cell, &self.settings);
         let [track, _] = Self::example_start();
-        // The track comes nearer than it would, until it must retract.
+        // The track is moved beyond the meeting in steps of 1 cm, until it must retract.
         let nearer = |met: [JointPositions; 2]| {
             (0..20).map(move |step| {
                 let mut met = met;
@@ -92,7 +92,7 @@ impl WayFinder {
             let by = self.least_separation(&[track, met[1]], &met, 1)?;
             (by > 0.0).then_some((met, by))
         });
-        found.unwrap_or_else(|| unreachable!("some meetings of the example need it"))
+        found.unwrap_or_else(|| unreachable!("near some meetings the track must retract"))
     }
 
     /// Returns whether both arms keep the clearance at these joint positions.
@@ -108,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn least_separation_is_shortest_that_keeps_clearance() {
+    fn least_separation_is_shortest_distance_keeping_clearance() {
         let finder = WayFinder::of_example();
         let (cell, settings) = (&finder.cell, finder.settings);
         let table = MeetingTable::compute(cell, &settings);
@@ -116,6 +116,7 @@ mod tests {
         let mut kept = Vec::new();
         for (i, meeting) in table.grasps.iter().flatten().enumerate() {
             let met = meeting.short_of(i % 2);
+            // The least clearance on the path after a retraction by this distance.
             let least = |by: f64, moments: u32| {
                 let clearances = (0..=moments).map(|moment| {
                     let mut to = met;
@@ -127,7 +128,7 @@ mod tests {
                 clearances.fold(f64::INFINITY, f64::min)
             };
             let by = finder.least_separation(&apart, &met, i % 2).unwrap();
-            // Checked at more moments than the finder does.
+            // At more moments than the finder checks, the arms may come 4 mm nearer.
             assert!(least(by, 400) > settings.clearance - 0.004, "{by} m: {meeting:?}");
             if by > 0.0 {
                 assert!(least(by - FINE, MOMENTS) < settings.clearance, "{by} m: {meeting:?}");

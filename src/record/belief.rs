@@ -1,5 +1,5 @@
-//! Belief of a task's kernel about the cube in a recording: as JSON for replays, and as fields of a
-//! message for other tools.
+//! Belief of a task's kernel (the part that chooses the next action) about the cube, as a recording
+//! holds it: as JSON for replays, and as fields of messages for other tools.
 
 use super::cdr::Writer;
 use crate::operator::{Net, PlanLine};
@@ -9,14 +9,15 @@ use nalgebra::UnitQuaternion;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// State of the cube at one moment; an unknown field is empty. Colours are 54 letters URFDLB.
+/// State of the cube at one moment; an unknown field is empty. Colours are 54 letters out of
+/// URFDLB, `?` for an unknown one.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct CubeKnown {
     /// Colours as the cameras read them.
     pub identified: String,
     /// Confidence of each colour, 0 to 1.
     pub confidences: Vec<f64>,
-    /// Colours that follow from the turns that were carried out.
+    /// Colours as the controller believes them after the turns that were carried out.
     pub believed: String,
     /// Colours in the plant.
     pub truth: String,
@@ -24,12 +25,13 @@ pub(crate) struct CubeKnown {
     pub holders: Vec<String>,
 }
 
-/// Form of a [`Picture`] in the file. Its field names are part of the format.
+/// [`Picture`] as JSON in the file. The names of its fields are part of the file format.
 #[derive(Debug, Serialize, Deserialize)]
 struct Wire {
     world_from_base: [Option<Pose>; 2],
     tool_from_cube: [Option<Pose>; 2],
     facelets: Option<crate::cube::Facelets>,
+    /// Turn that is under way: effector, number of the face, `cube_from_tool`.
     turning: Option<(usize, usize, UnitQuaternion<f64>)>,
     net: Net,
     plan: Vec<PlanLine>,

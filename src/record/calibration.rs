@@ -1,22 +1,23 @@
-//! Calibration results in a recording: cameras and cube as the run believed them after a
-//! calibration, which differ from its scenario. A replay needs them to draw the results of vision
-//! in the right place.
+//! Calibration results in a recording: the cameras and the edge of the cube as the run believed
+//! them after a calibration. They differ from those of the scenario, and a replay needs them to
+//! draw the results of vision in the right place.
 //!
-//! - in: the cell that the controller believes; or the label of a recording
-//! - out: texts by name; or the cell with those cameras
+//! - in: the cell that the controller believes; or the [`Label`] of a recording
+//! - out: texts by name for the recording; or the cell with the calibrated cameras and cube
 
 use super::reading::Label;
 use crate::cell::{Cell, Mount};
 use crate::spatial::Pose;
 use serde::{Deserialize, Serialize};
 
-/// Name of the facts in a recording.
+/// Name of the metadata record that holds the results of a calibration.
 pub(crate) const NAME: &str = "calibration";
 
-/// Form of a camera in the file. Its field names are part of the format.
+/// Camera as JSON in the file. The names of its fields are part of the file format.
 #[derive(Debug, Serialize, Deserialize)]
 struct Wire {
     name: String,
+    /// Focal lengths, optical centre (pixels) and radial distortion, as in `Intrinsics`.
     focal: (f64, f64),
     centre: (f64, f64),
     distortion: (f64, f64),
@@ -46,8 +47,8 @@ pub(crate) fn facts(cell: &Cell) -> Vec<(String, String)> {
     facts.map(|(name, value)| (name.to_owned(), value)).to_vec()
 }
 
-/// Writes the calibration that a recording contains into `cell`, the cell of its scenario. `label`
-/// holds the recording's metadata; without a calibration in it nothing changes.
+/// Copies the calibration in a recording's metadata (`label`) to `cell`, the cell of its scenario.
+/// Without a calibration in the recording nothing changes.
 pub(crate) fn apply(label: &Label, cell: &mut Cell) {
     // A missing fact is an empty text, which is no number.
     if let Ok(edge) = label.of(NAME, "edge_m").parse() {

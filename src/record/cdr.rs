@@ -1,12 +1,12 @@
-//! Encoding of ROS 2 messages: little-endian plain CDR (XCDR1) with its four bytes of
-//! encapsulation.
+//! Encoding of ROS 2 messages: little-endian plain CDR (XCDR1, common data representation) with its
+//! four bytes of encapsulation.
 //!
 //! - in: the fields of a message in the order of its definition
 //! - out: bytes; and back
 //! - source: OMG CORBA 3.0, chapter 15 (alignment, strings, sequences); DDSI-RTPS 2.2, 10
 //!   (encapsulation)
 //!
-//! Each primitive is aligned to its size. Positions count from the end of the encapsulation.
+//! Each primitive is aligned to a multiple of its size, counted from the end of the encapsulation.
 
 /// Encapsulation of little-endian plain CDR, and two bytes of options that are 0.
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
@@ -24,7 +24,7 @@ impl Default for Writer {
 }
 
 impl Writer {
-    /// Begins a message in `buffer`, whose content is dropped and whose memory is reused.
+    /// Begins a message in the memory of `buffer`, whose content is dropped.
     #[must_use]
     pub fn new(mut buffer: Vec<u8>) -> Self {
         buffer.clear();
@@ -173,6 +173,7 @@ impl<'a> Reader<'a> {
         Ok(taken)
     }
 
+    /// Reads a primitive of `N` bytes, which is aligned to a multiple of `N`.
     fn primitive<const N: usize>(&mut self) -> Result<[u8; N], Malformed> {
         self.take(N, N)?.try_into().map_err(|_| Malformed)
     }
@@ -180,7 +181,7 @@ impl<'a> Reader<'a> {
     /// Reads a `uint8`.
     ///
     /// # Errors
-    /// [`Malformed`] if the message ends before.
+    /// [`Malformed`] if the message has no more bytes.
     pub(crate) fn u8(&mut self) -> Result<u8, Malformed> {
         Ok(self.primitive::<1>()?[0])
     }

@@ -1,18 +1,18 @@
 //! Chunk of an MCAP file: records that are compressed together and have a checksum.
 //!
 //! - in: the body of the chunk's record, which may be damaged or cut off
-//! - out: its records, and why they are not the ones that were written
+//! - out: its records, and the reason if they are not those that were written
 //!
 //! The compressions are those of the specification: none, `lz4` and `zstd`. `zstd` is decoded by
-//! `ruzstd`, a decoder without C: other programs compile the library of C for half a minute, and
-//! only foreign recordings need it.
+//! `ruzstd`, a decoder in Rust: the usual library in C takes half a minute to compile, and only
+//! recordings of other programs need it.
 
 use super::framing::{self, LONGEST, extent, head, text};
 use mcap::records::op;
 use std::io::Read;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Size of the fields before the data, with the longest name of a compression (bytes).
+/// Size of the fields before the data if the compression has the longest name (bytes).
 pub(super) const HEAD: usize = BEFORE + 4 + NAME + 8;
 /// Size of times, length and checksum (bytes).
 const BEFORE: usize = 8 + 8 + 8 + 4;
@@ -25,16 +25,19 @@ const STEP: usize = 1 << 16;
 struct Fields<'a> {
     /// Times of the first and the last message (ns).
     times: [u64; 2],
-    /// Length of the records (bytes) and their checksum; 0 for none.
+    /// Length of the unpacked records (bytes).
     size: u64,
+    /// Checksum of the unpacked records; 0 means none.
     sum: u32,
+    /// Name of the compression.
     compression: &'a [u8],
-    /// Length of the data that the chunk gives (bytes), and the data that are there.
+    /// Length of the compressed data according to the chunk (bytes).
     length: u64,
+    /// Compressed data that are there; a damaged or cut chunk may have more or fewer.
     data: &'a [u8],
 }
 
-/// Splits the body of a chunk. `None` if it ends before its data.
+/// Splits the body of a chunk into its fields. Returns `None` if it ends before its data.
 fn fields(body: &[u8]) -> Option<Fields<'_>> {
     let (first, rest) = body.split_first_chunk()?;
     let (last, rest) = rest.split_first_chunk()?;
@@ -52,8 +55,9 @@ fn fields(body: &[u8]) -> Option<Fields<'_>> {
     })
 }
 
-/// Returns the length that the fields of a chunk give to its body (bytes), whose first bytes are
-/// `body`. `None` if they are not those of a chunk.
+/// Returns the length of a chunk's body according to its fields (bytes). `body` may hold only the
+/// first bytes of it, at least up to the data. Returns `None` if these are not the fields of a
+/// chunk.
 pub(super) fn length(body: &[u8]) -> Option<usize> {
     let Fields { compression, length, .. } = fields(body)?;
     // A chunk of a later version may have another compression: a short word.
@@ -64,21 +68,22 @@ pub(super) fn length(body: &[u8]) -> Option<usize> {
 }
 
 /// Returns the fields of a chunk that its index repeats: times of the first and the last message
-/// (ns), length of the data and of the records (bytes).
+/// (ns), lengths of the compressed data and of the unpacked records (bytes).
 pub(super) fn summary(body: &[u8]) -> Option<([u64; 2], [u64; 2])> {
     let Fields { times, size, length, .. } = fields(body)?;
     Some((times, [length, size]))
 }
 
-/// Records of a chunk.
+/// Unpacked records of a chunk.
 pub(super) struct Unpacked {
-    /// Records, whole ones only.
+    /// Encoded records one after the other, without a last one that is incomplete.
     pub(super) records: Vec<u8>,
-    /// Reason why they must not be trusted.
+    /// Reason why the records must not be trusted; `None` if they are sound.
     pub(super) flaw: Option<String>,
 }
 
-/// Unpacks a chunk and compares it with its checksum.
+/// Unpacks the body of a chunk, and compares the records with their checksum or, if it has none,
+/// with their length.
 pub(super) fn unpack(body: &[u8]) -> Unpacked {
     let Some(fields) = fields(body) else {
         return Unpacked { records: Vec::new(), flaw: Some("it has no data".to_owned()) };
@@ -108,13 +113,14 @@ pub(super) fn unpack(body: &[u8]) -> Unpacked {
     if flaw.is_none() && fields.sum == 0 && records.len() as u64 != fields.size {
         flaw = Some(format!("it has {} bytes instead of {}", records.len(), fields.size));
     }
+    // A damaged chunk may end in the middle of a record.
     let (whole, why) = whole(&records);
     records.truncate(whole);
     Unpacked { records, flaw: flaw.or(why.map(str::to_owned)) }
 }
 
-/// Returns all that a decoder delivers, at most [`LONGEST`] bytes, and the reason if it does not
-/// reach the end. A panic of the decoder is an error of the file.
+/// Returns the bytes that a decoder delivers, and the reason if it fails before the end or delivers
+/// more than [`LONGEST`] bytes. If the decoder panics, the file counts as damaged.
 fn drained<D: Read, E: std::fmt::Display>(
     decoder: impl FnOnce() -> Result<D, E>,
 ) -> (Vec<u8>, Option<String>) {
@@ -124,7 +130,7 @@ fn drained<D: Read, E: std::fmt::Display>(
         loop {
             let there = records.len();
             if there + STEP > records.capacity() {
-                // Growth by a quarter: the usual one would take up to twice the memory.
+                // The memory grows by a quarter. `Vec` itself would double it.
                 records.reserve_exact(STEP.max(there / 4));
             }
             records.resize(there + STEP, 0);
@@ -143,8 +149,8 @@ fn drained<D: Read, E: std::fmt::Display>(
     (records, flaw)
 }
 
-/// Returns the length of the records at the front of `bytes` that are whole (bytes), and the reason
-/// if there is more that is no record of a chunk.
+/// Returns the length of the complete records at the front of `bytes` (bytes), and the reason if
+/// other bytes follow, which are no record that a chunk may hold.
 fn whole(bytes: &[u8]) -> (usize, Option<&'static str>) {
     let mut at = 0;
     while let Some(rest) = bytes.get(at..).filter(|rest| !rest.is_empty()) {
@@ -153,8 +159,8 @@ fn whole(bytes: &[u8]) -> (usize, Option<&'static str>) {
         let record = end.and_then(|end| rest.get(..end));
         let Some(record) = record else { return (at, Some("a record is longer than its chunk")) };
         match record[0] {
-            // The format allows neither in a chunk. The chunk is damaged, or made to fill the
-            // memory: the size of these items is not counted.
+            // The format allows none of these in a chunk. The chunk is damaged, or made to fill the
+            // memory, since nothing limits the total size of metadata and attachments.
             0 | op::CHUNK | op::ATTACHMENT | op::METADATA => {
                 return (at, Some("metadata or an attachment in a chunk"));
             }

@@ -1,17 +1,17 @@
-//! Judgement of the index at the end of an MCAP file, by which other programs read it.
+//! Check of the index at the end of an MCAP file. Other programs need it to read the file.
 //!
 //! - in: the records of the data as they were found, then those of the summary
 //! - out: the reason why a reader that trusts the index cannot use the file
 //! - source: the MCAP specification, version 0: summary section, footer
 //!
-//! The places of all records are compared by a sum over their hashes, so that the memory does not
-//! grow with the file.
+//! The index must list each record at the place where it was found. The two sets of places are
+//! compared by a sum over the hashes of the places, so that the memory does not grow with the file.
 
 use super::chunk;
 use mcap::records::{MessageHeader, Record, Statistics, op};
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-/// Set of places, as its size and the sum of its hashes.
+/// Set of places in the file, kept as its size and the sum of the hashes of its places.
 #[derive(Debug, Default, PartialEq, Eq)]
 struct Places {
     count: u64,
@@ -19,6 +19,7 @@ struct Places {
 }
 
 impl Places {
+    /// Adds a place to the set.
     fn add(&mut self, place: impl Hash) {
         let mut hash = DefaultHasher::new();
         place.hash(&mut hash);
@@ -39,24 +40,28 @@ struct Table {
 /// Index of a file that is being read.
 #[derive(Debug, Default)]
 pub(super) struct Closing {
+    /// Places where records were found.
     there: Table,
+    /// Places that the index lists.
     listed: Table,
+    /// Number of messages found.
     messages: u64,
-    /// Position of the last chunk.
+    /// Position of the last chunk found.
     chunk: u64,
     statistics: Option<Statistics>,
     /// Position behind the data; `None` before they end.
     begin: Option<u64>,
-    /// Position of the first record of the group of offsets.
+    /// Position of the first summary offset, a record that locates a group of the summary.
     offsets: Option<u64>,
-    /// Whether the summary has a list of chunks.
+    /// Whether the summary has a record before its footer.
     has_records: bool,
     /// First reason why the index cannot be used.
     flaw: Option<String>,
 }
 
 impl Closing {
-    /// Counts a message, and notes its position in the last chunk; `None` if it is in no chunk.
+    /// Counts a message, and notes its position `at` in the last chunk (bytes); `None` if it is in
+    /// no chunk.
     pub(super) fn message(&mut self, header: &MessageHeader, at: Option<u64>) {
         self.messages += 1;
         if let Some(at) = at {
@@ -64,7 +69,7 @@ impl Closing {
         }
     }
 
-    /// Notes a list of messages in the last chunk.
+    /// Notes the places in the body of a message index, which lists messages of the last chunk.
     pub(super) fn list(&mut self, body: &[u8]) {
         if let Ok(Record::MessageIndex(list)) = mcap::parse_record(op::MESSAGE_INDEX, body) {
             for entry in list.records {
@@ -87,7 +92,7 @@ impl Closing {
         }
     }
 
-    /// Begins the summary, whose first record is at `at`.
+    /// Notes that the data end, and that the summary begins at the position `at`.
     pub(super) fn begin(&mut self, at: u64) {
         self.begin = Some(at);
     }
@@ -107,14 +112,15 @@ impl Closing {
         self.flaw.as_deref()
     }
 
-    /// Takes a record of the summary at the position `at`. `sum` is the checksum of the summary up
-    /// to here, with the fields of the footer before its own.
+    /// Takes a record of the summary at the position `at`; the footer, which ends the summary,
+    /// starts the comparison. `sum` is the checksum of the summary up to this record; for the
+    /// footer, it includes the fields before the footer's own checksum.
     pub(super) fn take(&mut self, record: Record<'_>, at: u64, sum: u32) {
         match record {
             Record::Footer(footer) => {
                 self.places(footer.summary_start, footer.summary_offset_start, at);
                 self.compare(footer.summary_start != 0);
-                // The reasons above say more.
+                // The reasons found above say more, so they have precedence.
                 if footer.summary_crc != 0 && footer.summary_crc != sum {
                     self.fails("its checksum is wrong");
                 }
@@ -136,14 +142,15 @@ impl Closing {
             }
             Record::Schema { .. } | Record::Channel(_) => {}
             other if other.opcode() >= 0x80 => {}
-            _ => self.fails(format!("a record at byte {at} does not belong into it")),
+            _ => self.fails(format!("a record at byte {at} does not belong there")),
         }
         self.has_records = true;
     }
 
-    /// Compares the places in the footer with those of the records. The footer is at `footer`.
+    /// Compares the positions of the summary (`start`) and of its offsets (`offsets`) according to
+    /// the footer with those found. The footer itself is at the position `footer`.
     fn places(&mut self, start: u64, offsets: u64, footer: u64) {
-        // An empty summary begins nowhere.
+        // For an empty summary the footer says 0 or, in some files, the end of the data.
         let begin = if self.has_records { self.begin.unwrap_or(0) } else { 0 };
         let none = !self.has_records && Some(start) == self.begin;
         if start != begin && !none {
@@ -156,7 +163,8 @@ impl Closing {
         }
     }
 
-    /// Compares the lists of the summary with the records of the data. A list may be absent.
+    /// Compares the lists and counts of the index with the records of the data. A list may be
+    /// absent.
     fn compare(&mut self, has_summary: bool) {
         let (there, listed) = (&self.there, &self.listed);
         if listed.messages.count > 0 && there.messages != listed.messages {
@@ -174,9 +182,9 @@ impl Closing {
             lists.into_iter().find(|(_, there, listed)| listed.count > 0 && there != listed);
         let mut why = wrong.map(|(what, there, listed)| {
             if there.count == listed.count {
-                format!("at least one of its {what} is another one")
+                format!("it describes at least one of its {what} wrongly")
             } else {
-                format!("it lists {} {what} of {}", listed.count, there.count)
+                format!("it lists {} of {} {what}", listed.count, there.count)
             }
         });
         if let (None, Some(statistics)) = (&why, &self.statistics) {

@@ -10,7 +10,7 @@ use image::RgbImage;
 /// One item that a run hands to the recorder, besides the servo records.
 #[derive(Debug, Clone)]
 pub enum Entry {
-    /// Line of the log: class, source, text.
+    /// Line of the log: class, name of the actor, text.
     Log(Class, String, String),
     /// Beginning of a phase: its name, and an empty outcome. The last phase is "end"; its outcome
     /// is that of the run.
@@ -19,20 +19,20 @@ pub enum Entry {
     Sensed(Sensed),
     /// Picture of a camera, by the camera's index in the cell.
     Picture(usize, RgbImage),
-    /// Time that reading a face took by the wall clock (s).
+    /// Wall-clock time that the reading of one face of the cube took (s).
     FaceTook(f64),
     /// Scene that the plant shows.
     Scene(Box<Scene>),
     /// Input of the operator, as JSON.
     Operator(String),
-    /// Belief of the kernel about the cube, and its plan.
+    /// Belief of the task's kernel about the cube, and its plan.
     Belief(Box<Picture>),
-    /// Texts by name, under a common title: the servo's timing, the summary.
+    /// Texts by name, under a common title such as "timing" (of the servo) or "summary".
     Facts(&'static str, Vec<(String, String)>),
 }
 
 impl Entry {
-    /// Returns the entries of the end of a run: the phase "end" with the verdict `word`, and the
+    /// Returns the two entries that end a run: the phase "end" with the verdict `word`, and the
     /// summary.
     pub(crate) fn end(word: &str, summary: &Summary) -> [Self; 2] {
         let json = vec![("json".to_owned(), summary.json())];

@@ -9,7 +9,7 @@ use super::schema::Kind;
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
 
-/// Size of a chunk before compression (bytes): about one second of two arms.
+/// Size of a chunk before compression (bytes): about one second of a run with two arms.
 const CHUNK: u64 = 768 * 1024;
 
 /// Quality of service of a channel that keeps its latest message for subscribers that join late
@@ -32,15 +32,19 @@ fn reason(error: &mcap::McapError) -> String {
     cause.map_or_else(|| error.to_string(), ToString::to_string)
 }
 
-/// A file being written.
+/// MCAP file that is being written.
 pub struct File<W: Write + Seek> {
     writer: mcap::Writer<W>,
+    /// Number of the schema of each type of messages.
     schemas: BTreeMap<Kind, u16>,
+    /// Channels by topic.
     channels: BTreeMap<String, Channel>,
 }
 
+/// Channel of a topic.
 struct Channel {
     id: u16,
+    /// Number of messages so far.
     count: u32,
 }
 
@@ -55,8 +59,9 @@ impl<W: Write + Seek> File<W> {
             .library(concat!("rubik-robot ", env!("CARGO_PKG_VERSION")))
             .compression(Some(mcap::Compression::Lz4))
             .chunk_size(Some(CHUNK))
-            // A chunk is written at once, after its length: a reader then knows where a chunk that
-            // was cut off should have ended. With seeking the length is written afterwards.
+            // The library then writes a whole chunk at once, its length first, so that a reader
+            // knows where a chunk that was cut off should have ended. With seeking it would write
+            // the length last.
             .disable_seeking(true)
             .create(to)?;
         Ok(Self { writer, schemas: BTreeMap::new(), channels: BTreeMap::new() })
@@ -89,6 +94,8 @@ impl<W: Write + Seek> File<W> {
         Ok(self.writer.write_to_known_channel(&header, data)?)
     }
 
+    /// Writes the channel of a topic whose messages have this type, and returns the channel's
+    /// number.
     fn channel(&mut self, topic: &str, kind: Kind) -> Result<u16, Unwritten> {
         // Topics of one type share its schema.
         let schema = if let Some(id) = self.schemas.get(&kind) {
@@ -100,7 +107,8 @@ impl<W: Write + Seek> File<W> {
             id
         };
         let mut metadata = BTreeMap::new();
-        // These two are written once, at the beginning: a player must keep them.
+        // These two topics get one message, at the beginning. A player must keep it for subscribers
+        // that join later.
         if matches!(topic, "/robot_description" | "/tf_static") {
             metadata.insert("offered_qos_profiles".to_owned(), LATCHED.to_owned());
         }
@@ -136,7 +144,7 @@ impl<W: Write + Seek> File<W> {
         Ok(self.writer.attach(&attachment)?)
     }
 
-    /// Ends the chunk, so that all messages written before can be read even after a crash.
+    /// Ends the current chunk, so that all messages written so far can be read even after a crash.
     ///
     /// # Errors
     /// Error of the device.

@@ -1,7 +1,7 @@
 //! Records of an MCAP file one after the other, also those after a damaged place.
 //!
 //! - in: the bytes of a file
-//! - out: each record of its top level; each place that is no record; the end of the file
+//! - out: each record that is in no chunk; each place that is no record; the end of the file
 //! - source: the MCAP specification, version 0
 //!
 //! A record is an opcode, a length and a body. A wrong length hides the beginning of the next
@@ -15,7 +15,7 @@
 //! | message index | its list fits and is a multiple of 16 bytes |
 //! | attachment, metadata | all their texts fit |
 //! | end of the data | its length of 4, and a record of the summary after it |
-//! | schema, channel, message | two more records after it; only in a file without chunks |
+//! | schema, channel, message | two records that follow it; only in a file without chunks |
 
 use super::chunk;
 use mcap::records::op;
@@ -27,25 +27,25 @@ pub(super) const LONGEST: usize = 64 << 20;
 pub(super) const HEAD: usize = 9;
 /// Number of bytes that the search for a record reads at once.
 const WINDOW: usize = 1 << 16;
-/// Largest length of a record that only the records after it confirm (bytes).
+/// Largest length of a record that is confirmed only by the records after it (bytes).
 const LINKED: usize = 1 << 20;
 /// Largest number of pairs of texts in a record: in memory a map takes ten times its size in the
 /// file.
 pub(super) const PAIRS: usize = 1 << 16;
-/// Largest number of pairs in a record that the search for records takes for one. A file may have
-/// heads that look like those of a long map at every few bytes, so that the search would not end.
+/// Largest number of pairs of texts in a record that the search accepts. At every few bytes a
+/// hostile file may have a head that looks like that of a long map; the search would take too long.
 const FOUND_PAIRS: usize = 1 << 9;
-/// Number of zeros at the end of a file from which on they count as never written (bytes). Records
-/// end with some zeros as well.
+/// Least number of zeros at the end of a file that count as never written (bytes). A record may end
+/// with some zeros, too.
 pub(super) const BLANK: usize = 16;
 
-/// Item of a file's top level.
+/// Item of a file outside its chunks.
 #[derive(Debug)]
 pub(super) enum Found {
     /// Record with this opcode, whose body is [`Records::body`]. `flaw` tells why its head is
     /// damaged although its body may be sound.
     Record { opcode: u8, flaw: Option<&'static str> },
-    /// Place that is no record, with the reason. The next item is after it.
+    /// Place that is no record, with the reason. The next item begins behind this place.
     Damage(&'static str),
     /// End of the file in the middle of the record with this opcode, whose body so far is
     /// [`Records::body`].
@@ -68,12 +68,13 @@ pub(super) struct Records<R> {
     at: u64,
     /// Length of the current item with its head (bytes).
     current: usize,
-    /// Whether the file has no more bytes, and the error of the device that ended it.
+    /// Whether the file has no more bytes.
     ended: bool,
+    /// Error of the device that ended the reading.
     failure: Option<std::io::Error>,
-    /// Whether there was a chunk.
+    /// Whether the file had a chunk so far.
     chunked: bool,
-    /// Checksum of the bytes that were passed.
+    /// Checksum of the bytes passed since the beginning or since [`Self::sum_from_next`].
     sum: crc32fast::Hasher,
 }
 
@@ -127,8 +128,8 @@ impl<R: Read> Records<R> {
         self.current
     }
 
-    /// Returns the checksum of all bytes before the current record, or of those since
-    /// [`Self::sum_from_next`], and of the first `more` bytes of the current record.
+    /// Returns the checksum of all bytes before the current record and of its first `more` bytes.
+    /// After [`Self::sum_from_next`] the checksum begins there.
     pub(super) fn sum(&self, more: usize) -> u32 {
         let mut sum = self.sum.clone();
         sum.update(self.rest().get(..more).unwrap_or_default());
@@ -142,7 +143,7 @@ impl<R: Read> Records<R> {
         self.sum = crc32fast::Hasher::new();
     }
 
-    /// Counts the bytes behind the current item to the end of the file. They are passed.
+    /// Passes all bytes behind the current item, and returns their number.
     pub(super) fn count_rest(&mut self) -> u64 {
         self.pass(self.current);
         self.current = 0;
@@ -176,15 +177,15 @@ impl<R: Read> Records<R> {
         if opcode == op::CHUNK { self.chunk(whole) } else { self.record(opcode, whole) }
     }
 
-    /// Returns the record at the current position, whose head gives `opcode` and a length of
-    /// `whole` bytes.
+    /// Returns the record at the current position, or the damage there. Its head gives `opcode` and
+    /// a length of `whole` bytes with the head.
     fn record(&mut self, opcode: u8, whole: usize) -> Found {
         if opcode == 0 {
             return self.search("no record");
         }
         if !self.fill(whole) {
-            // Either the file ends in this record, or its length is wrong: then another one is
-            // within it.
+            // Either the file ends in this record, or its length is wrong: then another record
+            // begins within it.
             let within = 1..self.rest().len();
             return match within.into_iter().find(|at| self.is_confirmed(*at, false)) {
                 Some(_) => self.search("a record whose length is wrong"),
@@ -193,6 +194,7 @@ impl<R: Read> Records<R> {
         }
         let body = &self.rest()[HEAD..whole];
         let extent = extent(opcode, body);
+        // A body that is exactly a chunk's belongs to a chunk whose opcode is damaged.
         let is_chunk = chunk::length(body) == Some(body.len());
         if extent != Some(body.len()) && is_chunk {
             self.current = whole;
@@ -205,7 +207,7 @@ impl<R: Read> Records<R> {
         }
         self.current = whole;
         // A later version of the format may add fields to a record, but not to these two, which
-        // part the file.
+        // separate data, summary and end of the file.
         let parts = matches!(opcode, op::FOOTER | op::DATA_END);
         match extent {
             Some(_) if fits || !parts => Found::Record { opcode, flaw: None },
@@ -213,7 +215,8 @@ impl<R: Read> Records<R> {
         }
     }
 
-    /// Returns the chunk at the current position, whose head gives a length of `whole` bytes.
+    /// Returns the chunk at the current position, or the damage there. Its head gives a length of
+    /// `whole` bytes with the head.
     fn chunk(&mut self, whole: usize) -> Found {
         self.fill(HEAD + chunk::HEAD);
         let inner = chunk::length(&self.rest()[HEAD..]).map(|length| HEAD + length);
@@ -228,7 +231,7 @@ impl<R: Read> Records<R> {
         if self.rest().len() < HEAD + chunk::HEAD && !self.fill(whole) {
             return self.cut(0, self.rest().len());
         }
-        // One of the two lengths is wrong: the one behind which no record begins.
+        // One of the two lengths is wrong. The right one is that behind which a record begins.
         for length in [Some(whole), inner].into_iter().flatten() {
             if length <= LONGEST && self.fill(length) && self.is_plausible(length) {
                 (self.current, self.chunked) = (length, true);
@@ -239,10 +242,11 @@ impl<R: Read> Records<R> {
         self.search("a chunk whose lengths do not fit")
     }
 
-    /// Searches for the next record whose lengths confirm each other, for the reason `why`. Returns
-    /// the damage; or the cut if the rest of the file is zeros.
+    /// Searches for the next record whose lengths confirm each other. Returns the damage for the
+    /// reason `why`, or [`Found::Blank`] if no record follows and the file ends with zeros.
     fn search(&mut self, why: &'static str) -> Found {
-        // The search begins behind the first byte of the damaged record.
+        // The search begins behind the first byte of the damaged record. `zeros` counts the zeros
+        // directly before the position.
         let mut zeros = u64::from(self.rest().first() == Some(&0));
         self.pass(1);
         loop {
@@ -250,6 +254,7 @@ impl<R: Read> Records<R> {
             if self.rest().is_empty() {
                 break;
             }
+            // First bytes of the records that can be confirmed, and of the magic.
             let may_begin =
                 |byte: &u8| matches!(byte, 3..=7 | &op::ATTACHMENT | &op::METADATA | 0x0f | 0x89);
             let step = self.rest().iter().position(may_begin).unwrap_or(self.rest().len());
@@ -271,8 +276,7 @@ impl<R: Read> Records<R> {
         Found::Damage(why)
     }
 
-    /// Returns the end of the file in the record with this opcode, of which `length` bytes are
-    /// there.
+    /// Returns that the file ends in the record with this opcode, after `length` bytes of it.
     fn cut(&mut self, opcode: u8, length: usize) -> Found {
         self.current = length;
         let why = self.failure.take().map_or_else(
@@ -282,8 +286,9 @@ impl<R: Read> Records<R> {
         Found::Cut(opcode, why)
     }
 
-    /// Checks whether the lengths at `at` bytes from here confirm that a record begins there. With
-    /// `reads` more of the file is read if they cannot be checked otherwise.
+    /// Checks whether a record whose lengths confirm each other begins `at` bytes from here. With
+    /// `reads`, it reads an attachment or metadata from the file to check it. Without `reads`, it
+    /// confirms them only if they are in memory already.
     fn is_confirmed(&mut self, at: usize, reads: bool) -> bool {
         if reads {
             self.fill(at + HEAD + chunk::HEAD);
@@ -317,7 +322,7 @@ impl<R: Read> Records<R> {
         }
     }
 
-    /// Checks whether three records follow each other at `at` bytes from here.
+    /// Checks whether three records follow each other from the place `at` bytes from here.
     fn is_linked(&mut self, mut at: usize) -> bool {
         for _ in 0..3 {
             self.fill(at + HEAD);
@@ -347,7 +352,7 @@ impl<R: Read> Records<R> {
         if !known || length < shortest(opcode) || length > LONGEST as u64 {
             return false;
         }
-        // A record that is there says more than its head.
+        // If the whole record is there, its fields must fit, too.
         let (begin, length) = (at + HEAD, length as usize);
         self.fill(begin + length.min(LINKED));
         self.rest().get(begin..begin + length).is_none_or(|body| match opcode {
@@ -356,16 +361,17 @@ impl<R: Read> Records<R> {
         })
     }
 
-    /// Reads until `count` bytes are there. Returns whether the file has as many.
+    /// Reads until `count` bytes are in memory. Returns `false` if the file has fewer.
     fn fill(&mut self, count: usize) -> bool {
         while self.buffer.len() - self.begin < count && !self.ended {
-            // The bytes that were passed go once they are the greater part, so each byte moves a
-            // limited number of times.
+            // The passed bytes are removed once they are more than half of the buffer, so each
+            // byte moves only a few times.
             if self.begin > self.buffer.len() / 2 {
                 self.buffer.drain(..self.begin);
                 self.begin = 0;
             }
-            // A length in the file may be wrong, so memory is taken for bytes that are there.
+            // A length in the file may be wrong, so memory grows only with the bytes that were
+            // read.
             let there = self.buffer.len();
             self.buffer.reserve_exact(WINDOW.max(there / 4));
             self.buffer.resize(there + WINDOW, 0);
@@ -385,12 +391,12 @@ impl<R: Read> Records<R> {
         self.buffer.len() - self.begin >= count
     }
 
-    /// Returns the bytes that were read and not passed.
+    /// Returns the bytes that were read and are not passed yet.
     fn rest(&self) -> &[u8] {
         &self.buffer[self.begin..]
     }
 
-    /// Moves the position by `count` bytes, or to the last byte that was read.
+    /// Moves the position by `count` bytes, but not beyond the bytes that were read.
     fn pass(&mut self, count: usize) {
         let count = count.min(self.rest().len());
         self.sum.update(&self.buffer[self.begin..self.begin + count]);
@@ -406,19 +412,19 @@ pub(super) fn head(bytes: &[u8]) -> Option<(u8, u64)> {
     Some((*opcode, u64::from_le_bytes(*rest.first_chunk()?)))
 }
 
-/// Fields of a record that decide how long its body is.
+/// Fields of a record in their order, as far as they decide how long its body is.
 struct Layout {
     /// Number of bytes before the texts.
     before: usize,
-    /// Number of texts and maps, of which each has a length before it.
+    /// Number of texts and maps; a length of 4 bytes precedes each.
     texts: usize,
-    /// Number of bytes between the texts and the last ones.
+    /// Number of bytes after these texts.
     between: usize,
-    /// Number of texts after that.
+    /// Number of further texts after these bytes.
     more: usize,
-    /// Whether a map of texts is the last text.
+    /// Whether the last of the first `texts` is a map of texts.
     has_map: bool,
-    /// Whether data with a length of 8 bytes follows.
+    /// Whether data follow, which a length of 8 bytes precedes.
     has_data: bool,
     /// Number of bytes after all of these.
     behind: usize,
@@ -454,7 +460,7 @@ fn layout(opcode: u8) -> Option<Layout> {
     })
 }
 
-/// Returns the least length of the body of a record (bytes).
+/// Returns the least length of the body of a record with this opcode (bytes), with empty texts.
 fn shortest(opcode: u8) -> u64 {
     let least = |l: Layout| {
         l.before + 4 * l.texts + l.between + 4 * l.more + 8 * usize::from(l.has_data) + l.behind
@@ -462,15 +468,15 @@ fn shortest(opcode: u8) -> u64 {
     layout(opcode).map_or(0, least) as u64
 }
 
-/// Returns how many bytes the fields of a record take; `None` if they do not fit into `body`, or
-/// if a map has more than [`PAIRS`] pairs. The data of a message have no length of their own. The
-/// MCAP library trusts these lengths when it reserves memory, and panics if an attachment ends
-/// before its checksum.
+/// Returns how many bytes the fields of a record take; 0 for an unknown opcode, `None` if they do
+/// not fit into `body` or if a map has more than [`PAIRS`] pairs. The data of a message have no
+/// length of their own and are not counted. The check comes before the MCAP library, which trusts
+/// these lengths when it reserves memory, and panics if an attachment ends before its checksum.
 pub(super) fn extent(opcode: u8, body: &[u8]) -> Option<usize> {
     extent_within(PAIRS, opcode, body)
 }
 
-/// Returns the extent of a record as [`extent`] does, whose map has at most `pairs` pairs.
+/// Returns the same as [`extent`], but accepts at most `pairs` pairs in a map.
 fn extent_within(pairs: usize, opcode: u8, body: &[u8]) -> Option<usize> {
     let Some(layout) = layout(opcode) else { return Some(0) };
     let mut rest = body.get(layout.before..)?;
@@ -501,8 +507,8 @@ fn extent_within(pairs: usize, opcode: u8, body: &[u8]) -> Option<usize> {
     Some(body.len() - rest.len())
 }
 
-/// Splits a text off the front of `rest`, by the length that precedes it; `None` if it does not end
-/// within `rest`.
+/// Splits a text off the front of `rest`, by the length of 4 bytes that precedes it. Returns `None`
+/// if the text does not end within `rest`.
 pub(super) fn text<'a>(rest: &mut &'a [u8]) -> Option<&'a [u8]> {
     let (length, behind) = rest.split_first_chunk::<4>()?;
     let (text, behind) = behind.split_at_checked(u32::from_le_bytes(*length) as usize)?;

@@ -1,16 +1,17 @@
 //! Journal of a mission: the state from which another run can continue after a crash.
 //!
-//! - in: an entry before each motion that changes the cube, its holder, or the place where another
-//!   run would look for it
-//! - out: one line of JSON per entry, durable before the motion begins; the last entry
+//! - in: an entry before each motion that changes the cube, its holder, or the place where the next
+//!   run would look for the cube
+//! - out: one line of JSON per entry, durable before the motion begins; for the next run, the last
+//!   entry
 //!
 //! | fault | result |
 //! |---|---|
 //! | a crash cuts off the last line | the entry before it counts: the motion had not begun |
 //! | a crash cuts off the first line | no entry: nothing had begun |
-//! | the journal can no longer be written | it is marked, so that no run trusts its stale entry |
-//! | a line longer than `LONGEST` | refused with its number |
-//! | values beyond `FARTHEST` or `MOST_SHORT` | refused with the number of the line |
+//! | the journal can no longer be written | it is marked, so that no run trusts its last entry |
+//! | a line longer than `LONGEST` | reading fails with the number of the line |
+//! | values beyond `FARTHEST` or `MOST_SHORT` | reading fails with the number of the line |
 
 use crate::hw::storage::{Storage, StorageFault};
 use crate::hw::{new_file, text};
@@ -24,6 +25,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug)]
 pub struct Journal {
     path: PathBuf,
+    /// Storage to which the lines go.
     keeps: Box<dyn Durable>,
     /// Storage of the file, in which faults can be injected.
     storage: Storage,
@@ -49,10 +51,10 @@ impl Durable for File {
 #[derive(Debug, thiserror::Error)]
 pub enum Unreadable {
     /// Path of something else than a file: a folder, a device.
-    #[error("not a file")]
+    #[error("not a file, but a folder or a device: name another path")]
     NoFile,
     /// Lock of another run on the file.
-    #[error("another run is writing this journal")]
+    #[error("another run is writing this journal: name another file")]
     Taken,
     /// Unfinished run in the journal, which a new journal would overwrite.
     #[error(
@@ -63,7 +65,7 @@ pub enum Unreadable {
     /// Error of the operating system.
     #[error("{0}")]
     File(#[from] io::Error),
-    /// Line that is no entry, in a journal without any entry.
+    /// Line that is no entry, in a file without any entry.
     #[error("line {line} is no journal entry: {why}")]
     Line {
         /// Number of the line, from 1.
@@ -80,7 +82,7 @@ pub enum Unreadable {
         why: &'static str,
     },
     /// Line longer than any entry.
-    #[error("line {0} is longer than any journal entry")]
+    #[error("line {0} is longer than any journal entry: this file is no journal")]
     Long(usize),
     /// Mark of a run that continued after it could no longer write its journal.
     #[error(
@@ -95,8 +97,8 @@ const LONGEST: u64 = 4096;
 
 /// Largest distance of a joint from its zero (rad or m), and of the cube from an arm's base (m).
 const FARTHEST: f64 = 20.0;
-/// Largest value of [`Entry::short`], the part of a retraction that the arm could not do (m). 1e308
-/// made a resumed run hang.
+/// Largest value of [`Entry::short`], the part of a retraction that the arm could not do (m). A
+/// resumed run hung with a value of 1e308.
 const MOST_SHORT: f64 = 1.0;
 
 /// First bytes of each entry.
@@ -113,8 +115,8 @@ impl Journal {
         Self { path: path.to_owned(), keeps: storage, storage: Storage::default() }
     }
 
-    /// Opens the journal at `path`. With `go_on` the run continues the journal that is there;
-    /// otherwise it begins an empty one.
+    /// Opens the journal at `path` and locks it. With `go_on` the run continues the journal that is
+    /// there; otherwise it begins an empty one.
     ///
     /// # Errors
     /// If the file is no journal, if another run writes it, or if a new journal would overwrite
@@ -123,8 +125,8 @@ impl Journal {
         Self::open_in(path, go_on, new_file::keep_name)
     }
 
-    /// Opens a journal as [`Journal::open`] does. `keeps_name` syncs the file's folder, so that a
-    /// new file is not lost in a power cut.
+    /// Opens a journal as [`Journal::open`] does. `keeps_name` syncs the folder of the file, so
+    /// that a power cut does not remove the name of a new file.
     fn open_in(
         path: &Path,
         go_on: bool,
@@ -138,16 +140,16 @@ impl Journal {
         if !new_file::is_ours(&file, path) {
             return Err(Unreadable::Taken);
         }
-        // The lock comes before the reading: no other run can add an entry in between.
+        // The file is locked before it is read, so no other run can add an entry in between.
         let last = match Self::last(path) {
-            // A journal with the mark holds no state that could be lost.
+            // A journal that was given up holds no state that a new one could destroy.
             Err(Unreadable::GivenUp) if !go_on => None,
             last => last?,
         };
         match last {
             Some(last) if !go_on && !last.over => return Err(Unreadable::Unfinished(last.doing)),
             Some(_) if go_on => {
-                // A line that a crash cut off gets an end, or the next entry would be part of it.
+                // A line that a crash cut off gets its end, or the next entry would be part of it.
                 let cut = std::fs::read(path)?.last().is_some_and(|&byte| byte != b'\n');
                 if cut {
                     file.write_all(b"\n")?;
@@ -167,7 +169,7 @@ impl Journal {
     /// Writes an entry and returns once it is durable.
     ///
     /// # Errors
-    /// Error of the operating system; an entry that is too long to be read back.
+    /// Error of the operating system; also if the entry is too long to be read back.
     pub fn write(&mut self, entry: &Entry) -> io::Result<()> {
         let mut line = serde_json::to_vec(entry)?;
         if line.len() as u64 > LONGEST {
@@ -185,7 +187,8 @@ impl Journal {
     }
 
     /// Marks a journal that can no longer be written, so that no run continues from its last entry.
-    /// If it cannot be marked, it is removed. Returns the message for the operator.
+    /// If it cannot be marked, it is removed. `why` is the error of the write that failed. Returns
+    /// the message for the operator.
     #[must_use]
     pub(crate) fn given_up(self, why: &io::Error) -> String {
         let place = self.path.display();
@@ -253,7 +256,7 @@ impl Journal {
                     plausible(&entry).map_err(|why| Unreadable::Value { line, why })?;
                     last = Some(entry);
                 }
-                // The very first entry, which a crash cut off: nothing had begun.
+                // A crash cut off the very first entry: nothing had begun.
                 Err(why) if line == 1 && why.is_eof() && may_begin_entry(&bytes) => {}
                 // A run that continued after a crash has left the torn line among whole ones. So a
                 // bad line is an error only in a journal without any entry.
@@ -267,8 +270,8 @@ impl Journal {
     }
 }
 
-/// Checks that the positions of arms and cube in a journal's entry are possible, since a resumed
-/// run moves to them. Returns the reason if they are not.
+/// Checks whether the positions of arms and cube in a journal's entry are possible, since a resumed
+/// run moves to them. Returns the reason as an error if they are not.
 fn plausible(entry: &Entry) -> Result<(), &'static str> {
     // The comparisons are false for NaN, so NaN is refused as well.
     let within = |values: &[f64], most: f64| values.iter().all(|value| value.abs() <= most);
@@ -344,7 +347,7 @@ mod tests {
                 assert_eq!(Journal::last(&path).unwrap(), None, "cut at {cut}");
 
                 let mut journal = Journal::open(&path, go_on).unwrap();
-                // There is still none if another crash comes before the next entry.
+                // If another crash comes before the next entry, there is still no entry.
                 assert_eq!(Journal::last(&path).unwrap(), None, "cut at {cut}");
                 journal.write(&entry("turning")).unwrap();
                 assert_eq!(Journal::last(&path).unwrap(), Some(entry("turning")), "cut at {cut}");
@@ -362,7 +365,7 @@ mod tests {
             "{\"kind\": ",
             "{\"doing\":\"x\",\"held\":7",
             "{ \"doing\":\"",
-            // A part of an entry with an end of line, which no crash leaves.
+            // A part of an entry that ends with an end of line. No crash leaves this.
             &format!("{}\n", &whole[..40]),
         ];
         for text in foreign {
@@ -380,6 +383,8 @@ mod tests {
         std::fs::remove_file(path).unwrap();
     }
 
+    /// The folder of the file is synced when the journal is opened. If that fails, so does the
+    /// opening; a second journal on the same file is refused before.
     #[test]
     fn journal_file_name_is_durable_before_first_entry() {
         for go_on in [true, false] {

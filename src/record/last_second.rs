@@ -1,12 +1,12 @@
 //! The last second of a run: the servo records that are written after a fatal or a system error,
 //! even if the run is not recorded.
 //!
-//! - in: servo records, of which the last 2 s are kept: the arms take up to 0.6 s to come to rest
-//!   after an error; at the end the summary of the run
+//! - in: the servo records of a run, of which those of the last 2 s are kept (the arms take up to
+//!   0.6 s to come to rest after an error); at the end the summary of the run
 //! - out: a small recording, which `report` and other readers of MCAP open
 //!
-//! A folder keeps the newest `KEPT` files. A run on hardware fails seldom, and its last second is
-//! what a person asks for first; a simulated one fails often, and can be repeated.
+//! Only the newest `KEPT` files stay in the folder. A run on hardware fails seldom, and a person
+//! asks for its last second first. A simulated run may fail often, but can be repeated.
 
 use super::build;
 use super::entry::Entry;
@@ -22,7 +22,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// Time that the kept records cover (s): a second before an error, and the standstill after it.
 const COVERED: f64 = 2.0;
-/// Number of files that a folder keeps.
+/// Number of files that stay in the folder; older ones are removed.
 const KEPT: usize = 20;
 /// Beginning and ending of the names of the files.
 const NAME: (&str, &str) = ("last-second-", ".mcap");
@@ -33,7 +33,7 @@ pub struct LastSecond(Arc<Inner>);
 
 struct Inner {
     records: Mutex<VecDeque<ServoRecord>>,
-    /// Number of records that are kept.
+    /// Largest number of records that are kept, over all arms.
     most: usize,
     /// Folder of the files.
     folder: PathBuf,
@@ -52,9 +52,9 @@ impl LastSecond {
         Self(Arc::new(Inner { records, most, folder, about: Mutex::new(Some(about)) }))
     }
 
-    /// Writes the records to a new file and removes the oldest files of the folder. `word` is the
-    /// verdict on the run. Returns the path of the file; `None` if the run had no servo period, or
-    /// at a second call.
+    /// Writes the kept records to a new file, with the verdict on the run (`word`) and its summary,
+    /// and removes the oldest files of the folder. Returns the path of the new file; `None` if the
+    /// run had no servo period, or at a second call.
     ///
     /// # Errors
     /// Error of the operating system.
@@ -63,7 +63,7 @@ impl LastSecond {
         let records = records.lock().unwrap_or_else(PoisonError::into_inner);
         let about = about.lock().unwrap_or_else(PoisonError::into_inner).take();
         let (Some(mut about), false) = (about, records.is_empty()) else { return Ok(None) };
-        // Only now: the checksum reads the whole program.
+        // The checksum reads the whole program, so it is made only for a file that is written.
         about.facts.insert("build".into(), build());
         let bytes = recording(about, &records, word, summary).map_err(io::Error::other)?;
         std::fs::create_dir_all(folder)?;
@@ -84,8 +84,8 @@ impl RecordSink for LastSecond {
     }
 }
 
-/// Returns a recording of these servo records, with the end of the run behind them: the verdict
-/// `word` and the summary.
+/// Returns the bytes of a recording with these servo records, followed by the verdict `word` and
+/// the summary of the run.
 fn recording(
     about: RunInfo,
     records: &VecDeque<ServoRecord>,
@@ -107,16 +107,17 @@ fn recording(
     Ok(bytes.into_inner())
 }
 
-/// Returns the path of a new file in `folder`. Its name begins with the time, so that names sort by
-/// age, and ends with the number of the process: two runs may end in one millisecond.
+/// Returns an unused path in `folder`. The name has the time (ms), so that names sort by age, and
+/// the number of the process, since two runs may end in one millisecond.
 fn unused(folder: &Path) -> PathBuf {
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
     let millis = now.unwrap_or_default().as_millis();
     folder.join(format!("{}{millis:013}-{}{}", NAME.0, std::process::id(), NAME.1))
 }
 
-/// Removes the oldest files of last seconds from `folder`, but never `newest`: a clock that is slow
-/// gives it an early name. A file that cannot be removed stays.
+/// Removes the oldest files of last seconds from `folder`, except the last [`KEPT`]. It never
+/// removes `newest`, whose name may be too early because the clock was set back. A file that cannot
+/// be removed stays.
 fn remove_oldest(folder: &Path, newest: &Path) {
     let Ok(entries) = std::fs::read_dir(folder) else { return };
     let mut files: Vec<_> = entries
@@ -133,9 +134,9 @@ fn remove_oldest(folder: &Path, newest: &Path) {
     files.sort();
     for old in files.iter().rev().skip(KEPT - 1) {
         match std::fs::remove_file(old) {
-            // A run that ended at the same time has removed it.
+            // If the file is gone, a run that ended at the same time has removed it.
             Err(why) if why.kind() != io::ErrorKind::NotFound => {
-                tracing::warn!("{}: {why}", old.display());
+                tracing::warn!("{}: this old file cannot be removed: {why}", old.display());
             }
             _ => {}
         }

@@ -3,7 +3,8 @@
 //!
 //! - writing a recording: [`recorder`] (the thread), `place` (the path of the file), [`sheet`] (the
 //!   topics), `file` (MCAP); the messages are in `cdr`, `schema`, `standard`, [`tick`], `sensed`,
-//!   `belief`, `calibration` and [`urdf`]; [`last_second`] needs no thread
+//!   `belief`, `calibration` and [`urdf`]; [`last_second`] writes a short recording after an error,
+//!   also if the run is not recorded
 //! - reading a recording: [`reading`] (whole, cut off or damaged) with `framing` (records),
 //!   `chunk` and `closing` (the index), [`recover_file`], `playback` (as port and sensors of a
 //!   run), [`report`]
@@ -33,20 +34,21 @@ pub mod summary;
 pub mod tick;
 pub mod urdf;
 
-/// Returns a path to the program that runs here, to start it again, to read it or to identify it.
-/// Under Linux the path is a link to the running program itself, even if another file has replaced
-/// it on disk. A forked child follows the link while it is still a copy of this process, so it
-/// starts the same program.
+/// Returns a path to the running program, to start it again, to read it or to identify it. Under
+/// Linux the path is a link to the running program itself, even if another file has replaced it on
+/// disk. A forked child follows the link while it is still a copy of this process, so it starts the
+/// same program.
 ///
 /// # Errors
-/// Error of the operating system.
+/// Error of the operating system if it does not know the path.
 pub(crate) fn running_program() -> std::io::Result<std::path::PathBuf> {
-    // The path of the program on disk may lead to another build by now.
+    // By now, the path on disk may lead to another build, so the link is preferred.
     let own = std::path::Path::new("/proc/self/exe");
     if own.exists() { Ok(own.to_owned()) } else { std::env::current_exe() }
 }
 
-/// Returns the checksum of the running program: two builds of one version may differ.
+/// Returns the checksum of the running program in hexadecimal, since two builds of one version may
+/// differ; "unknown" if the program cannot be read.
 pub(crate) fn build() -> String {
     let program = running_program().and_then(std::fs::read);
     program

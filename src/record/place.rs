@@ -1,6 +1,6 @@
 //! Path of a recording while it is written. The recording is in `FILE.part` until it holds a servo
-//! period, and is then renamed to `FILE`. A run that fails before its first period therefore leaves
-//! an older recording of that name as it is.
+//! period, and is then renamed to `FILE`. So a run that fails before its first servo period leaves
+//! an older recording at `FILE` as it is.
 
 use super::reading::{Piece, open};
 use crate::hw::new_file;
@@ -10,18 +10,20 @@ use std::path::{Path, PathBuf};
 /// Final and temporary path of a file that is being written.
 #[derive(Debug)]
 pub(crate) struct Place {
+    /// Final path.
     path: PathBuf,
-    /// Temporary path; `None` once the file has its name. A device and a pipe have theirs from the
-    /// beginning.
+    /// Temporary path; `None` once the file has its final one. A device and a pipe never have a
+    /// temporary path.
     part: Option<PathBuf>,
-    /// The file, which stays locked as long as this or its writer lives; `None` for a device.
+    /// The file, which stays locked until this handle and the writer's are closed; `None` for a
+    /// device.
     file: Option<File>,
 }
 
 impl Place {
     /// Creates the file that will be at `path`, at first under its temporary path. Both are locked
     /// against other processes until the file is closed. A device, a pipe and a stream of this
-    /// process are opened at `path` itself instead. The open waits for no reader of a pipe.
+    /// process are opened at `path` itself instead. A pipe that no program reads is an error.
     ///
     /// # Errors
     /// Error of the operating system; also if `path` leads to a file that may not be written or
@@ -31,19 +33,20 @@ impl Place {
             let place = Self { path: path.to_owned(), part: None, file: None };
             Ok((new_file::open_device(path)?, place))
         };
-        // A rename would replace the name of a stream, not the stream.
+        // The streams of this process are written directly: a rename would only replace their name.
         let streams = ["/dev/fd", "/dev/stdin", "/dev/stdout", "/dev/stderr", "/proc"];
         if streams.iter().any(|stream| path.starts_with(stream)) {
             return device(path);
         }
-        // Behind a link the target is replaced, not the link.
+        // If `path` is a link, its target is replaced, not the link.
         let path = new_file::resolve(path)?;
         if path.symlink_metadata().is_ok_and(|there| !there.is_file()) {
             return device(&path);
         }
         let part = Self::part_of(&path);
         let file = new_file::create(&part)?;
-        // Only now: a run that has renamed its temporary file holds the lock of the final one.
+        // The final path is checked after the temporary one is locked: another run may have just
+        // renamed its temporary file, and then holds the lock of the final one.
         let checked = new_file::replaceable(&path).and_then(|there| {
             if let Some(there) = there {
                 // The new file keeps the permissions of the old one. Some file systems have none,
@@ -109,7 +112,7 @@ impl Place {
         if taken { Ok(()) } else { self.rename_to_final() }
     }
 
-    /// Removes the file unless it has its final path.
+    /// Removes the file if it still has its temporary path.
     ///
     /// # Errors
     /// Error of the operating system.
@@ -121,7 +124,7 @@ impl Place {
     /// back.
     #[must_use]
     pub(crate) fn messages(&self) -> Option<u64> {
-        // A pipe or a terminal would wait for input here.
+        // Only a file is read: a pipe or a terminal would wait for input.
         let reading = self.file.as_ref().and_then(|_| open(self.at()).ok());
         let is_message = |piece: &Piece| matches!(piece, Piece::Message(_));
         reading.map(|reading| reading.filter(is_message).count() as u64)
@@ -135,6 +138,7 @@ mod tests {
     use crate::tables::testing::make_pipe;
     use std::io::Write as _;
 
+    /// Also checks links, devices and a recording that is discarded.
     #[test]
     fn old_recording_stays_until_new_one_is_renamed() {
         let folder = std::env::temp_dir().join(format!("rubik-robot-place-{}", std::process::id()));
@@ -193,7 +197,7 @@ mod tests {
         std::fs::remove_dir_all(&folder).unwrap();
     }
 
-    /// The second recording is refused before and after the first one has its name.
+    /// The second recording is refused both before and after the first one is renamed.
     #[test]
     fn second_writer_of_a_file_is_refused() {
         let folder = std::env::temp_dir().join(format!("rubik-robot-two-{}", std::process::id()));

@@ -1,9 +1,11 @@
-//! Playback of a recording to a controller: the recorded inputs are fed to it again, and its
+//! Playback of a recording to a controller: the controller gets the recorded inputs again, and its
 //! outputs are compared with the recorded ones.
 //!
 //! - in: a recording
-//! - out: a [`Port`] with the recorded readings, the answers of the sensors, the inputs of the
-//!   operator; and the first [`Divergence`]
+//! - out: a [`Port`] with the recorded readings, the answers of the sensors and the inputs of the
+//!   operator; the first [`Divergence`], if there is one
+//!
+//! A look is a request to a virtual sensor.
 
 use super::reading::{End, Label, Message, Piece, Reading, Unreadable, open};
 use super::sensed::{Found, Sensed};
@@ -16,14 +18,14 @@ use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// First difference of a run from its recording.
+/// First difference of a repeated run from its recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Divergence {
-    /// Servo period; of a look the period of 2 ms.
+    /// Number of the servo period; for a look, of the period of 2 ms.
     pub period: u64,
     /// Name of the effector or of the sensor.
     pub who: String,
-    /// Field with its recorded and its present value.
+    /// Field that differs, with its recorded and its present value.
     pub what: Difference,
 }
 
@@ -39,7 +41,7 @@ impl std::fmt::Display for Divergence {
 pub(crate) enum Played {
     /// Answer of the sensor.
     Answer(Result<Found, String>),
-    /// No answer: the recording has no further one of this sensor.
+    /// No answer: the recording has no further answer of this sensor.
     Nothing,
 }
 
@@ -51,12 +53,13 @@ pub struct Playback(Arc<Mutex<State>>);
 struct State {
     /// Names of the arms.
     arms: Vec<String>,
+    /// Rest of the recording, from which the ticks are read.
     stream: Reading<std::io::BufReader<std::fs::File>>,
     /// Ticks that were read and not compared yet.
     ahead: VecDeque<Tick>,
     /// Answers of the sensors that have not been delivered yet.
     sensed: Vec<Sensed>,
-    /// Inputs of the operator that are to come, with their periods of 2 ms.
+    /// Inputs of the operator that have not been delivered yet, with their periods of 2 ms.
     operator: VecDeque<(u64, String)>,
     /// First injected fault that is no input of the controller: period of 2 ms, description.
     injected: Option<(u64, String)>,
@@ -75,12 +78,13 @@ impl Playback {
     /// recording's metadata as well.
     ///
     /// # Errors
-    /// [`Unreadable`].
+    /// [`Unreadable`] if the file cannot be read, or a message does not fit its type.
     pub fn open(path: &Path, arms: Vec<String>) -> Result<(Self, Label), Unreadable> {
         let mut label = Label::default();
-        // A second pass reads the ticks one by one: the recording of a mission takes 200 MB.
+        // The ticks are read one by one in a second pass: the recording of a mission takes 200 MB.
         let (mut sensed, mut operator, mut injected) = (Vec::new(), VecDeque::new(), None);
-        // Behind a damaged place inputs may be missing, on which all later outputs depend.
+        // The reading ends at a damaged place: all later outputs depend on inputs that may be lost
+        // there.
         for piece in open(path)?.up_to_damage() {
             label.take(&piece);
             let Piece::Message(Message { channel, data, .. }) = piece else { continue };
@@ -112,7 +116,7 @@ impl Playback {
     }
 
     /// Returns the recorded answer to the next request to a sensor. If the request was recorded
-    /// with another text than `asked` or in another `period` of 2 ms, this is a divergence.
+    /// with another text than `asked` or in another `period` of 2 ms, that is kept as a divergence.
     #[must_use]
     pub(crate) fn sensed(&self, sensor: &str, period: u64, asked: &str) -> Played {
         let state = &mut *self.state();
@@ -128,16 +132,16 @@ impl Playback {
         Played::Answer(answer.found)
     }
 
-    /// Keeps a divergence: this run completed a request to `sensor` that the recording does not
-    /// contain. A request that the end of the run cuts off is never recorded and must not be
-    /// reported here.
+    /// Keeps as a divergence that this run completed a look of `sensor` in `period` (of 2 ms) with
+    /// the text `asked`, which the recording does not contain. A look that the end of a run cuts
+    /// off is never recorded, so the caller must not report it here.
     pub(crate) fn report_unrecorded_look(&self, sensor: &str, period: u64, asked: &str) {
         let difference = look_difference("nothing".to_owned(), period, asked);
         self.state().keep_first(period, sensor, difference);
     }
 
-    /// Returns the operator's next recorded input (JSON) if it was given in this period of 2 ms or
-    /// before.
+    /// Returns the operator's next recorded input (JSON) and removes it, if it was given in this
+    /// period of 2 ms or before; otherwise `None`.
     #[must_use]
     pub fn operator(&self, period: u64) -> Option<String> {
         let mut state = self.state();
@@ -156,7 +160,8 @@ impl Playback {
     }
 
     /// Returns the first injected fault of an actor or the clock: the period of 2 ms in which it
-    /// was logged, and its description. The recorded inputs do not contain these faults.
+    /// was logged (on the virtual clock), and its description. The recorded inputs do not contain
+    /// these faults.
     #[must_use]
     pub fn injected(&self) -> Option<(u64, String)> {
         self.state().injected.clone()
@@ -181,8 +186,8 @@ impl Playback {
         self.state().last
     }
 
-    /// Returns the flaw of the file if it is cut off or damaged, with the reason in brackets. It is
-    /// known once the ticks have been read to the end.
+    /// Returns how the file is cut off or damaged, with the reason in brackets; `None` if it is
+    /// whole, or if its ticks have not been read to the end yet.
     #[must_use]
     pub fn cut(&self) -> Option<String> {
         let state = self.state();
@@ -197,6 +202,7 @@ impl Playback {
         state.ahead.pop_front().or_else(|| state.next_tick())
     }
 
+    /// Locks the state, also after a panic of another thread that held it.
     fn state(&self) -> std::sync::MutexGuard<'_, State> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -210,13 +216,13 @@ fn operator_input(data: &[u8]) -> Result<(u64, String), super::cdr::Malformed> {
     Ok((from.u64()?, from.string()?.to_owned()))
 }
 
-/// Kinds of injected faults that are no inputs of the controller: they act on an actor or on the
-/// clock.
+/// Beginnings of the descriptions of injected faults that act on an actor or on the clock, so that
+/// no recorded input shows them.
 const PAST_INPUTS: [&str; 5] =
     ["actor panic", "actor hang", "heart beat loss", "late message", "clock jump"];
 
-/// Decodes a line of the log. If it reports an injected fault that no recorded input shows, of a
-/// kind in [`PAST_INPUTS`], returns the period of 2 ms and the description of the fault.
+/// Decodes a line of the log. If it reports an injected fault of a kind in [`PAST_INPUTS`], returns
+/// the period of 2 ms, counted from time 0 of the virtual clock, and the description of the fault.
 fn unrecorded_fault(data: &[u8]) -> Result<Option<(u64, String)>, super::cdr::Malformed> {
     let mut from = super::cdr::Reader::new(data)?;
     let time = from.time()?;
@@ -227,8 +233,8 @@ fn unrecorded_fault(data: &[u8]) -> Result<Option<(u64, String)>, super::cdr::Ma
     Ok(what.map(|what| ((time as f64 * 1e-9 / PERIOD).round() as u64, what.to_owned())))
 }
 
-/// Describes the difference between a recorded request to a sensor (`recorded`, as text) and the
-/// one that this run makes in `period` with the text `asked`.
+/// Describes the difference between a recorded look (`recorded`, as text) and the look that this
+/// run makes in `period` (of 2 ms) with the text `asked`.
 fn look_difference(recorded: String, period: u64, asked: &str) -> Difference {
     Difference { field: "look".to_owned(), recorded, now: format!("period {period}, {asked}") }
 }
@@ -245,7 +251,7 @@ impl State {
         })
     }
 
-    /// Keeps a divergence unless an earlier one is kept already, from which it may follow.
+    /// Keeps a divergence, unless an earlier one is kept already: the later may follow from it.
     fn keep_first(&mut self, period: u64, who: &str, what: Difference) {
         self.divergence.get_or_insert_with(|| Divergence { period, who: who.to_owned(), what });
     }
@@ -259,7 +265,7 @@ impl Port for Playback {
         readings: &mut [ArmReading],
     ) -> Result<(), PortFault> {
         let state = &mut *self.state();
-        // A fault of the port ends the run, which is how a playback stops it.
+        // A playback stops the run by a fault of the port.
         let ends = |reason: &str| PortFault { effector: 0, reason: reason.to_owned() };
         if state.divergence.is_some() {
             return Err(ends("the run differs from its recording"));
@@ -271,8 +277,8 @@ impl Port for Playback {
         // `period + 1` have them.
         while state.ahead.len() < readings.len() {
             let Some(tick) = state.next_tick() else {
-                // No period has used the last readings of the run. In a file that is cut off the
-                // ticks of some arms may be missing; the others are dropped.
+                // The readings at the end of the last period were never used. In a file that is
+                // cut off, ticks of some arms may be missing; those of the other arms are dropped.
                 state.ahead.clear();
                 state.over = true;
                 return Ok(());
@@ -288,7 +294,7 @@ impl Port for Playback {
         Ok(())
     }
 
-    /// Returns the number of periods that the recorded servo missed before its next one, so that
+    /// Returns the number of periods that the recorded servo missed before its next period, so that
     /// this servo misses as many.
     fn delay(&mut self) -> Delay {
         let state = self.state();
@@ -297,7 +303,8 @@ impl Port for Playback {
     }
 }
 
-/// Comparison of each record of the run with that of the recording.
+/// Each record of the run is compared with the recorded one. After the first difference nothing
+/// more is compared.
 impl RecordSink for Playback {
     fn record(&mut self, record: &ServoRecord) {
         let state = &mut *self.state();
@@ -306,7 +313,7 @@ impl RecordSink for Playback {
         }
         let who = state.arms.get(usize::from(record.arm)).cloned().unwrap_or_default();
         let Some(recorded) = state.ahead.pop_front() else {
-            // After the last recorded period a run may compute one more, which is no divergence.
+            // After the last recorded period a run may compute one more. This is no divergence.
             if !state.over {
                 let (recorded, now) = ("nothing".to_owned(), "a period".to_owned());
                 let what = Difference { field: "period".to_owned(), recorded, now };

@@ -4,20 +4,21 @@
 //! - in: an MCAP file
 //! - out: its messages in the order of the file, its metadata and attachments; and how it ends
 //!
-//! The messages of a chunk are delivered once its checksum is verified; the last chunk of a file
-//! that is cut off has none any more, and its messages are delivered without a check. A damaged
-//! chunk is left out, and the reading continues behind it.
+//! The messages of a chunk are delivered once its checksum is verified. If the file is cut off
+//! within its last chunk, the checksum cannot be verified, and the messages of that chunk are
+//! delivered without it. A damaged chunk is left out, and the reading continues behind it.
 //!
-//! The index is not used: after a crash there is none, and the order of the file is the order of
-//! the run. It is judged, because other programs use it. If the file can be read at any place, the
-//! channels in its summary replace those that a damaged chunk has described.
+//! The index at the end of the file is not used to read the messages: after a crash there is none,
+//! and the order of the file is the order of the run. The index is checked all the same, because
+//! other programs use it. If the file can be read at any place, the channels in its summary replace
+//! those that a damaged chunk described.
 //!
 //! The file may come from anywhere, so its numbers are not trusted beyond these limits:
 //!
 //! | quantity | limit | reason |
 //! |---|---|---|
-//! | length of a record or chunk | `LONGEST` | it is in memory |
-//! | all schemas and channels | `DESCRIBED` | they are kept to the end of the file |
+//! | length of a record or chunk | `LONGEST` | a whole record or chunk is kept in memory |
+//! | all schemas and channels | `DESCRIBED` | they are kept in memory to the end of the file |
 //! | pairs of texts in a record | `PAIRS` | in memory a map takes ten times its size in the file |
 
 use super::cdr::Malformed;
@@ -31,7 +32,8 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Largest size of all schemas and channels (bytes). Those of this program have some ten thousand.
+/// Largest size of all schemas and channels (bytes). Those of this program take some ten thousand
+/// bytes.
 const DESCRIBED: usize = 16 << 20;
 /// Estimated memory of a schema, a channel or a pair of texts besides its data (bytes).
 const COST: usize = 128;
@@ -56,7 +58,7 @@ pub struct Channel {
     pub schema: Arc<Schema>,
     /// Encoding of the messages.
     pub message_encoding: String,
-    /// Other facts by name.
+    /// Further texts about the channel, by name.
     pub metadata: BTreeMap<String, String>,
 }
 
@@ -65,9 +67,9 @@ pub struct Channel {
 pub struct Message {
     /// Channel of the message.
     pub channel: Arc<Channel>,
-    /// Time (ns).
+    /// Time at which the message was recorded (ns).
     pub time: u64,
-    /// Encoded fields.
+    /// Fields of the message, encoded.
     pub data: Vec<u8>,
 }
 
@@ -76,7 +78,7 @@ pub struct Message {
 pub enum Piece {
     /// Message.
     Message(Message),
-    /// Texts by name, under a common name.
+    /// Name of a metadata record, and its texts by name.
     Metadata(String, BTreeMap<String, String>),
     /// File in the recording: name, media type, bytes.
     Attachment(String, String, Vec<u8>),
@@ -88,7 +90,7 @@ pub enum Unreadable {
     /// Error of the operating system.
     #[error("{0}")]
     File(#[from] std::io::Error),
-    /// Message that is not of its type.
+    /// Message whose bytes do not fit its type.
     #[error("{topic}: {why}")]
     Message {
         /// Topic of the message.
@@ -109,12 +111,12 @@ pub struct Reading<R> {
     described: Described,
     /// Schemas and channels of the summary, for those that are not described before their messages.
     spare: Described,
-    /// Records of the current chunk, and the position of the next one.
+    /// Unpacked records of the current chunk, and the index of the first byte not yet read.
     chunk: (Vec<u8>, usize),
     /// Chunk that fails its check and may be the last one before a part of the file that was never
     /// written.
     doubtful: Option<Doubtful>,
-    /// Whether the file has had a chunk.
+    /// Whether the file had a chunk so far.
     chunked: bool,
     /// Items to be delivered.
     ready: VecDeque<Piece>,
@@ -139,8 +141,9 @@ enum Stop {
 
 /// Chunk that fails its check and ends with zeros.
 struct Doubtful {
-    /// Position in the file, and the reason why it fails.
+    /// Position of the chunk in the file.
     at: u64,
+    /// Reason why the chunk fails its check.
     why: String,
     /// Records before the zeros.
     records: Vec<u8>,
@@ -158,8 +161,9 @@ struct Described {
 /// Damaged places of a file.
 #[derive(Debug, Default)]
 struct Damage {
+    /// First damaged place, and what is wrong there.
     first: Option<String>,
-    /// Number of places after the first.
+    /// Number of damaged places after the first.
     more: u64,
     /// Number of messages whose channel is not known.
     strays: u64,
@@ -174,8 +178,8 @@ pub enum End {
     Index(String),
     /// End in the middle, with the reason: the file was cut off.
     Cut(String),
-    /// First damaged place with the reason, and the number of others. The damaged records are left
-    /// out, and those that follow are read.
+    /// First damaged place with the reason, and the number of further places. The damaged records
+    /// are left out, and those that follow are read.
     Damaged(String),
 }
 
@@ -193,14 +197,14 @@ impl End {
         self.flaw().filter(|end| !matches!(end, Self::Index(_)))
     }
 
-    /// Returns this end with the time at which the file ends (s), for a text as "cut off after 1.5
-    /// s: unexpected end".
+    /// Returns this end with the time at which the file ends (s), for a text such as "cut off after
+    /// 1.5 s: unexpected end".
     #[must_use]
     pub fn after(&self, seconds: f64) -> EndAfter<'_> {
         EndAfter { end: self, seconds }
     }
 
-    /// Writes kind, time (`when`) and reason of the end. The alternate form `{:#}` has the reason
+    /// Writes kind, time (`when`) and reason of the end. The alternate form `{:#}` puts the reason
     /// in brackets, so that a sentence can continue after it.
     fn describe(&self, f: &mut Formatter<'_>, when: &dyn Display) -> fmt::Result {
         // A damaged place may be anywhere, so it has no time.
@@ -224,7 +228,7 @@ impl Display for End {
     }
 }
 
-/// End of a file with its time.
+/// End of a file with the time at which the file ends (s).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EndAfter<'a> {
     end: &'a End,
@@ -285,7 +289,8 @@ impl<R: Read> Reading<R> {
         if self.ready.is_empty() { self.end.as_ref() } else { None }
     }
 
-    /// Handles the next record of the current chunk, or of the file.
+    /// Handles the next record of the current chunk; behind the chunk, the next record of the file.
+    /// Sets `end` when there are no more records.
     fn advance(&mut self) {
         if self.advance_in_chunk() {
             return;
@@ -304,7 +309,8 @@ impl<R: Read> Reading<R> {
         let begin = if self.begun { None } else { self.records.begin() };
         self.begun = true;
         let found = begin.unwrap_or_else(|| self.records.next());
-        // A chunk that fails its check is damaged unless the file was not written behind it.
+        // A chunk that fails its check and ends with zeros is damaged, except if only zeros follow:
+        // then its end was never written, and its first records are delivered.
         if let Some(Doubtful { at, why, records }) = self.doubtful.take() {
             match found {
                 Found::Blank(_) => self.chunk = (records, 0),
@@ -316,6 +322,7 @@ impl<R: Read> Reading<R> {
             Found::Damage(why) if self.closing.has_begun() => self.closing.fails(why),
             Found::Damage(why) => self.damage.before(self.records.at(), why),
             Found::Cut(opcode, why) => {
+                // The records that were written before the cut are delivered.
                 if opcode == op::CHUNK {
                     self.chunk = (unpack(written(self.records.body())).records, 0);
                 }
@@ -336,7 +343,7 @@ impl<R: Read> Reading<R> {
         }
     }
 
-    /// Handles the next record of the current chunk. Returns `false` at its end.
+    /// Handles the next record of the current chunk. Returns `false` if there is none.
     fn advance_in_chunk(&mut self) -> bool {
         let (records, at) = std::mem::take(&mut self.chunk);
         let rest = records.get(at..).unwrap_or_default();
@@ -349,7 +356,7 @@ impl<R: Read> Reading<R> {
         true
     }
 
-    /// Takes a record of the file; `flaw` is that of its head.
+    /// Takes the current record of the file; `flaw` says what is wrong with its head.
     fn take(&mut self, opcode: u8, flaw: Option<&'static str>) {
         if self.closing.has_begun() && opcode != op::CHUNK {
             return self.take_of_summary(opcode);
@@ -359,11 +366,12 @@ impl<R: Read> Reading<R> {
         match opcode {
             op::CHUNK => self.take_chunk(flaw),
             op::DATA_END => {
+                // The record holds the checksum of all bytes before it; 0 means none.
                 let said =
                     self.records.body().first_chunk().map_or(0, |sum| u32::from_le_bytes(*sum));
                 let sum = self.records.sum(0);
                 if said != 0 && said != sum {
-                    let why = "the checksum of all data is wrong: bytes between the chunks differ";
+                    let why = "the checksum of all data is wrong: bytes between chunks changed";
                     self.damage.only(why);
                 }
                 self.records.sum_from_next();
@@ -380,29 +388,31 @@ impl<R: Read> Reading<R> {
                 self.keep(opcode, &body, None);
             }
             op::MESSAGE_INDEX => self.closing.list(self.records.body()),
+            // Opcodes from 0x80 are private records of other programs.
             op::HEADER | 0x80.. => {}
-            _ => self.damage.at(at, "a record of its type does not belong among the data"),
+            _ => self.damage.at(at, "a record of this type does not belong among the data"),
         }
     }
 
-    /// Takes a chunk; `flaw` is that of its head.
+    /// Takes the chunk that is the current record; `flaw` says what is wrong with its head.
     fn take_chunk(&mut self, flaw: Option<&'static str>) {
         self.chunked = true;
         let at = self.records.at();
         if self.closing.has_begun() {
-            self.damage.at(at, "a chunk behind the end of the data");
+            self.damage.at(at, "a chunk follows the end of the data");
         }
         let body = self.records.body();
         let unpacked = unpack(body);
         match unpacked.flaw {
             None => {
                 if let Some(flaw) = flaw {
-                    self.damage.at(at, &format!("a chunk is sound, but {flaw}"));
+                    self.damage.at(at, &format!("the data of a chunk are sound, but {flaw}"));
                 }
                 self.chunk = (unpacked.records, 0);
             }
             Some(why) => {
                 let why = format!("a chunk is left out: {why}");
+                // Zeros at its end may have been never written: the next item of the file tells.
                 let part = without_zeros(body);
                 if part.len() < body.len() {
                     self.doubtful = Some(Doubtful { at, why, records: unpack(part).records });
@@ -413,7 +423,7 @@ impl<R: Read> Reading<R> {
         }
     }
 
-    /// Takes a record of the summary.
+    /// Takes the current record of the file, which is one of the summary.
     fn take_of_summary(&mut self, opcode: u8) {
         // The checksum of the footer covers its own first fields.
         let sum = self.records.sum(if opcode == op::FOOTER { HEAD + 8 + 8 } else { 0 });
@@ -423,8 +433,8 @@ impl<R: Read> Reading<R> {
         }
     }
 
-    /// Keeps what a record describes, or delivers its item. `place` is the position of the record
-    /// in the last chunk; `None` if it is in no chunk.
+    /// Keeps a schema or a channel; makes a message, metadata or an attachment ready for delivery.
+    /// `place` is the position of the record in the last chunk (bytes), `None` outside a chunk.
     fn keep(&mut self, opcode: u8, body: &[u8], place: Option<u64>) {
         let record = match mcap::parse_record(opcode, body).map(Record::into_owned) {
             Ok(record) => record,
@@ -513,11 +523,12 @@ impl Damage {
         self.add(format!("before byte {byte}: {why}"));
     }
 
-    /// Notes damage at an unknown place unless a place is known.
+    /// Notes damage at an unknown place, unless a damaged place is known already.
     fn only(&mut self, why: &str) {
         self.first.get_or_insert_with(|| why.to_owned());
     }
 
+    /// Keeps the text about the first damaged place, and counts the further ones.
     fn add(&mut self, what: String) {
         if self.first.is_some() {
             self.more += 1;
@@ -526,7 +537,8 @@ impl Damage {
         }
     }
 
-    /// Returns the end of a file with this damage, which is cut off if there is a reason `cut`.
+    /// Returns the end of a file with this damage. `cut` is the reason why the file is cut off, if
+    /// it is.
     fn end(&self, cut: Option<String>, closing: &Closing) -> End {
         let strays = match self.strays {
             0 => None,
@@ -570,11 +582,12 @@ fn has_right_sum(body: &[u8]) -> bool {
     sum == 0 || sum == crc32fast::hash(before)
 }
 
-/// Reads schemas and channels in the summary of a file, and returns to its beginning. `None` if the
-/// file has no sound summary.
+/// Reads schemas and channels in the summary of a file, and goes back to the beginning of the file.
+/// Returns `None` if the file has no sound summary.
 fn described_by_summary<R: Read + Seek>(from: &mut R) -> Option<Described> {
-    /// Size of the footer, and of its part that its checksum covers (bytes).
+    /// Size of the footer's body (bytes): positions of the summary and its offsets, checksum.
     const FOOTER: u64 = 20;
+    /// Size of the part of the footer that its checksum covers (bytes): all before the checksum.
     const COVERED: usize = HEAD + 8 + 8;
     let last = HEAD as u64 + FOOTER + mcap::MAGIC.len() as u64;
     let read = |from: &mut R| {
@@ -586,6 +599,7 @@ fn described_by_summary<R: Read + Seek>(from: &mut R) -> Option<Described> {
         let (_, rest) = rest.split_at_checked(8)?;
         let (sum, magic) = rest.split_first_chunk()?;
         let begin = u64::from_le_bytes(*begin);
+        // The summary lies between its position in the footer and the footer. Position 0: none.
         let length =
             (size - last).checked_sub(begin).filter(|length| *length <= DESCRIBED as u64)?;
         if head(&footer) != Some((op::FOOTER, FOOTER)) || magic != mcap::MAGIC || begin == 0 {
@@ -601,7 +615,7 @@ fn described_by_summary<R: Read + Seek>(from: &mut R) -> Option<Described> {
         (sum == 0 || sum == check.finalize()).then_some(summary)
     };
     let summary = read(from);
-    // A pipe cannot be read at any place; it is still at its beginning.
+    // In a pipe no seek works, so it is still at its beginning.
     let _ = from.seek(SeekFrom::Start(0));
     let summary = summary?;
     let (mut described, mut rest) = (Described::default(), &summary[..]);
@@ -639,14 +653,14 @@ pub struct Label {
 }
 
 impl Label {
-    /// Returns a fact about the run that is written at its beginning, such as "seed"; empty if
-    /// there is none of this name.
+    /// Returns a fact about the run that is recorded at its beginning, such as "seed"; an empty
+    /// text if there is none of this name.
     #[must_use]
     pub fn fact(&self, name: &str) -> &str {
         self.of("rubik_robot", name)
     }
 
-    /// Returns the text `name` of the metadata record `metadata`; empty if there is none.
+    /// Returns the text `name` of the metadata record `metadata`; an empty text if there is none.
     #[must_use]
     pub fn of(&self, metadata: &str, name: &str) -> &str {
         self.metadata.get(metadata).and_then(|m| m.get(name)).map_or("", String::as_str)
@@ -685,6 +699,7 @@ mod tests {
         [&[opcode][..], &(body.len() as u64).to_le_bytes(), body].concat()
     }
 
+    /// Encodes a text: length, bytes.
     fn text(text: &[u8]) -> Vec<u8> {
         [&(text.len() as u32).to_le_bytes(), text].concat()
     }
@@ -704,16 +719,19 @@ mod tests {
         record(op::CHUNK, &parts.concat())
     }
 
+    /// Returns a metadata record with one text of `bytes` bytes.
     fn metadata(bytes: usize) -> Vec<u8> {
         let map = [text(b"name"), text(&vec![b'x'; bytes])].concat();
         record(0x0c, &[text(b"note"), text(&map)].concat())
     }
 
+    /// Returns a schema with a definition of `bytes` bytes.
     fn schema(id: u16, bytes: usize) -> Vec<u8> {
         let texts = [text(b"p/msg/Type"), text(b"ros2msg"), text(&vec![b' '; bytes])].concat();
         record(0x03, &[&id.to_le_bytes()[..], &texts].concat())
     }
 
+    /// Returns a channel with the schema of the number `schema`.
     fn channel(id: u16, schema: u16) -> Vec<u8> {
         let texts = [text(b"/topic"), text(b"cdr"), text(b"")].concat();
         record(0x04, &[&id.to_le_bytes()[..], &schema.to_le_bytes(), &texts].concat())
@@ -734,8 +752,8 @@ mod tests {
         assert_eq!(pieces, [Piece::Attachment(String::new(), String::new(), Vec::new())]);
     }
 
-    /// Channels share a schema. All schemas together have a limit, for which a repeated schema
-    /// counts once.
+    /// Channels share a schema in memory. The size of all schemas together is limited; a repeated
+    /// schema counts once.
     #[test]
     fn channels_share_schemas_of_limited_total_size() {
         let records = [schema(1, 1000), channel(1, 1), channel(2, 1), message(1), message(2)];
@@ -757,11 +775,11 @@ mod tests {
 
     #[test]
     fn too_long_chunk_is_refused_at_its_head() {
-        // By its length before compression.
+        // Here its length before compression is too long.
         let long = LONGEST as u64 + 1;
         let (_, end) = read(&[chunk(long, b"")]);
         assert!(matches!(&end, End::Damaged(why) if why.contains("too long")), "{end:?}");
-        // By its length in the file, although the file has no more than the head.
+        // Here its length in the file is too long, although the file ends after the head.
         let mut head = chunk(0, b"x");
         head[1..9].copy_from_slice(&long.to_le_bytes());
         let (_, end) = read(&[head]);
@@ -771,7 +789,7 @@ mod tests {
         assert!(pieces.len() == 1 && matches!(end, End::Cut(_)), "{pieces:?}, {end:?}");
     }
 
-    /// Metadata is read between chunks, and is damage in one.
+    /// Metadata is read between chunks, but counts as damage within a chunk.
     #[test]
     fn metadata_in_a_chunk_is_damage() {
         let (pieces, end) = read(&[metadata(9), metadata(9)]);

@@ -1,14 +1,14 @@
 //! Recorder of a run: a thread that writes the file, and the handles by which the run feeds it.
 //!
-//! - in: servo records by a ring, everything else by a bounded queue
+//! - in: servo records through a ring buffer, everything else through a bounded queue
 //! - out: an MCAP file ([`super::sheet`] has its topics), and [`Written`]: the number of messages
 //!   that were written and lost
 //!
-//! Under the wall clock no actor waits for the recorder: messages that do not fit are counted and
-//! left out. On the virtual clock the run waits instead, so that no message is lost; virtual time
-//! does not pass meanwhile. If the device fails, the recorder stops writing and counts all further
-//! messages as lost, and the run continues. The messages in the file are then counted by reading
-//! it.
+//! On the wall clock no actor waits for the recorder: messages for which ring or queue have no room
+//! are left out and counted. On the virtual clock the run waits instead, so that no message is
+//! lost; virtual time does not pass meanwhile. If the device fails, the recorder stops writing and
+//! counts all further messages as lost, and the run continues. Then the recorder reads the file in
+//! order to count the messages in it.
 
 pub use super::entry::Entry;
 
@@ -25,11 +25,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Capacity of the ring (servo records): four seconds of two arms.
+/// Capacity of the ring (servo records): four seconds of two arms with a servo period of 2 ms.
 const TICKS: usize = 4096;
 /// Capacity of the queue (entries).
 const QUEUE: usize = 1024;
-/// Largest number of pictures in the queue: about 30 MB.
+/// Largest number of pictures in the queue, which take about 30 MB.
 const PICTURES: u64 = 32;
 /// Time that the recorder sleeps if there is nothing to write.
 const NAP: Duration = Duration::from_millis(2);
@@ -43,7 +43,8 @@ pub struct Written {
     pub lost: u64,
     /// Error of the device, if it failed.
     pub failure: Option<String>,
-    /// Temporary path of a recording that keeps it, because it holds no servo period.
+    /// Path of the recording if it keeps its temporary one: it holds no servo period, or could not
+    /// be renamed.
     pub aside: Option<PathBuf>,
 }
 
@@ -64,23 +65,28 @@ impl std::fmt::Display for Written {
 /// Behaviour of the run if the recorder does not keep up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Patience {
-    /// The run waits: on the virtual clock.
+    /// The run waits until there is room; for the virtual clock.
     Waits,
-    /// The run never waits: messages that do not fit are lost.
+    /// The run never waits: messages without room are lost; for the wall clock.
     Never,
 }
 
-/// Handle of a run on its recorder. All clones write to the same file. The default one records
+/// Handle by which a run records. All clones write to the same file. [`Recorder::default`] records
 /// nothing.
 #[derive(Clone, Default)]
 pub struct Recorder(Option<Arc<Shared>>);
 
+/// Data that all clones of a [`Recorder`] share.
 struct Shared {
+    /// Queue of the entries, each with its period of 2 ms.
     queue: SyncSender<(u64, Entry)>,
+    /// End of the ring for the servo; `None` once [`Recorder::ticks`] has given it away.
     ticks: Mutex<Option<rtrb::Producer<ServoRecord>>>,
     patience: Patience,
     counts: Arc<Counts>,
+    /// Thread of the recorder; `None` once it has been joined.
     thread: Mutex<Option<JoinHandle<Written>>>,
+    /// Storage of the file, in which faults can be injected.
     storage: Storage,
 }
 
@@ -114,15 +120,20 @@ impl<W: Seek> Seek for Device<W> {
     }
 }
 
+/// Counts and flags that the run and the recorder's thread share.
 #[derive(Default)]
 struct Counts {
+    /// Number of lost messages.
     lost: AtomicU64,
+    /// Number of pictures in the queue.
     pictures: AtomicU64,
+    /// Whether the run is over.
     over: AtomicBool,
+    /// Latest period of 2 ms of an entry.
     latest: AtomicU64,
 }
 
-/// Handle of the servo on the recorder: one end of a ring.
+/// Handle by which the servo records its periods: one end of a ring buffer.
 pub struct Ticks {
     ring: rtrb::Producer<ServoRecord>,
     patience: Patience,
@@ -137,8 +148,8 @@ impl Recorder {
         self.0.as_ref().map(|shared| shared.storage.clone())
     }
 
-    /// Starts a recorder that writes to `to`. `about` describes the run; `patience` is whether the
-    /// run waits if the recorder does not keep up.
+    /// Starts a recorder that writes to `to`. `about` describes the run; `patience` tells whether
+    /// the run waits if the recorder does not keep up.
     ///
     /// # Errors
     /// Error of the operating system if it cannot start the thread.
@@ -204,20 +215,20 @@ impl Recorder {
         self.0.is_some()
     }
 
-    /// Returns the latest period of 2 ms in which anything but a servo record was recorded.
+    /// Returns the number of the latest period of 2 ms in which anything but a servo record was
+    /// recorded; 0 if there was none.
     #[must_use]
     pub(crate) fn latest(&self) -> u64 {
         self.0.as_ref().map_or(0, |shared| shared.counts.latest.load(Ordering::Relaxed))
     }
 
-    /// Records an entry with the time of the beginning of a period of 2 ms. `entry` is not called
-    /// if nothing is recorded.
+    /// Records the entry that `entry` returns. Its time is the beginning of the period of 2 ms with
+    /// the number `period`. `entry` is not called if nothing is recorded.
     pub fn record(&self, period: u64, entry: impl FnOnce() -> Entry) {
         self.record_some(period, || Some(entry()));
     }
 
-    /// Records the entry that `entry` returns, if any, with the time of the beginning of a period
-    /// of 2 ms. `entry` is not called if nothing is recorded.
+    /// Records the entry that `entry` returns, if any, as [`Self::record`] does.
     pub(crate) fn record_some(&self, period: u64, entry: impl FnOnce() -> Option<Entry>) {
         let Some(shared) = &self.0 else { return };
         let Some(entry) = entry() else { return };
@@ -260,7 +271,7 @@ impl Recorder {
         shared.counts.over.store(true, Ordering::Release);
         // A panic of the recorder's thread must not end the run.
         let mut written = thread.join().unwrap_or_else(|_| Written {
-            failure: Some("the recorder died".to_owned()),
+            failure: Some("the thread of the recorder panicked".to_owned()),
             ..Written::default()
         });
         written.lost += shared.counts.lost.load(Ordering::Acquire);
@@ -269,6 +280,7 @@ impl Recorder {
 }
 
 impl Shared {
+    /// Counts a lost message.
     fn lose(&self) {
         self.counts.lost.fetch_add(1, Ordering::Relaxed);
     }
@@ -280,13 +292,13 @@ impl std::fmt::Debug for Recorder {
     }
 }
 
-/// Sink of both drivers. Under the wall clock the real-time thread calls it, so it must not wait,
-/// lock or allocate.
+/// The servo's drivers of both clocks record through this sink. On the wall clock the real-time
+/// thread calls it, so it must not wait, lock or allocate.
 impl RecordSink for Ticks {
     fn record(&mut self, record: &ServoRecord) {
         let mut rest = *record;
         while let Err(rtrb::PushError::Full(back)) = self.ring.push(rest) {
-            // If the recorder has died, a run that waits would wait for ever.
+            // If the recorder's thread has ended, a run that waits would wait for ever.
             if self.patience == Patience::Never || self.ring.is_abandoned() {
                 self.counts.lost.fetch_add(1, Ordering::Relaxed);
                 return;
@@ -311,7 +323,9 @@ impl RecordSink for Both {
 struct Clerk {
     writer: MessageWriter,
     counts: Arc<Counts>,
+    /// First failure, which ended the writing.
     failure: Option<String>,
+    /// Paths of the file; `None` if the file is not to be renamed.
     place: Option<Place>,
     /// Whether no servo record has been written yet.
     begins: bool,
@@ -347,8 +361,7 @@ impl Clerk {
         self.end(file)
     }
 
-    /// Begins the file. If that fails, returns `None`, and everything that follows is counted as
-    /// lost.
+    /// Begins the file. Returns `None` if that fails; all messages are then counted as lost.
     fn begin<W: Write + Seek>(&mut self, to: W) -> Option<File<W>> {
         let begun = File::begin(to).map_err(|why| why.to_string()).and_then(|mut file| {
             self.writer.begin(&mut file).map_err(|why| why.to_string())?;
@@ -357,7 +370,8 @@ impl Clerk {
         begun.map_err(|why| self.fail(&why)).ok()
     }
 
-    /// Returns the next entry or record in the order of the run's periods.
+    /// Returns the next entry or servo record in the order of the run's periods. `waiting` keeps an
+    /// entry that was received but comes after the next record.
     ///
     /// The records of a period are in the ring before any actor sends an entry of that period. So,
     /// once an entry is received, all records that belong before it are in the ring, and the ring
@@ -368,6 +382,7 @@ impl Clerk {
         entries: &Receiver<(u64, Entry)>,
         waiting: &mut Option<(u64, Entry)>,
     ) -> Next {
+        // Period of 2 ms of the next record in the ring.
         let next = |records: &mut rtrb::Consumer<ServoRecord>| {
             records.peek().ok().map(|r| self.writer.tick_of(r.period))
         };
@@ -379,8 +394,8 @@ impl Clerk {
         if let Some((period, entry)) = waiting.take_if(|w| record.is_none_or(|r| w.0 < r)) {
             return Next::Entry(period, entry);
         }
-        // A record may have arrived since the queue was checked, together with an entry that
-        // belongs before it. It waits for the next call.
+        // A record that arrived after the ring was checked may follow an entry that is still in the
+        // queue. So such a record waits for the next call.
         if record.is_none() {
             return Next::Nothing;
         }
@@ -396,13 +411,14 @@ impl Clerk {
         self.settle(file, written, 1);
     }
 
-    /// Writes a servo record, or counts its messages as lost. After the first one the file takes
-    /// its final path.
+    /// Writes a servo record, or counts its messages as lost. After the first servo record the file
+    /// takes its final path.
     fn record<W: Write + Seek>(&mut self, record: &ServoRecord, file: &mut Option<File<W>>) {
         let first = std::mem::take(&mut self.begins);
         let written = file.as_mut().map(|file| {
             self.writer.tick(record, file)?;
-            // A file may replace another one only if it can be read, so its chunk is ended first.
+            // The file may replace an older one only if it can be read, so its chunk is ended
+            // first.
             if first { file.flush() } else { Ok(()) }
         });
         if first && matches!(written, Some(Ok(()))) {
@@ -412,7 +428,8 @@ impl Clerk {
         self.settle(file, written, lost);
     }
 
-    /// Writes the numbers of written and lost messages, and ends the file.
+    /// Writes the numbers of written and lost messages and the times of reading faces, ends the
+    /// file and gives it its final path. Returns the result of the recording.
     fn end<W: Write + Seek>(mut self, file: Option<File<W>>) -> Written {
         let lost = self.counts.lost.load(Ordering::Acquire).to_string();
         let count = [("messages", self.writer.messages().to_string()), ("lost", lost)];
@@ -427,7 +444,8 @@ impl Clerk {
         if let Some(Err(why)) = self.place.as_ref().map(Place::sync) {
             self.fail(&why.to_string());
         }
-        // A recording without a period takes its name only if it replaces no other recording.
+        // A recording without a servo period takes its final path only if that replaces no other
+        // recording.
         self.rename(Place::rename_if_free);
         // Messages that were in a buffer when the device failed are not in the file.
         let put = self.writer.messages();
@@ -437,22 +455,22 @@ impl Clerk {
         Written { messages, lost: put.saturating_sub(messages), failure: self.failure, aside }
     }
 
-    /// Renames the file to its final path by calling `how`. A failure is logged and part of the
-    /// result, and the file stays under its temporary path.
+    /// Renames the file to its final path by calling `how`. If that fails, the file keeps its
+    /// temporary path; the failure is logged and kept for the result.
     fn rename(&mut self, how: impl FnOnce(&mut Place) -> std::io::Result<()>) {
         if let Some(place) = &mut self.place
             && let Err(why) = how(place)
         {
-            let why =
-                format!("{}: the recording cannot take its name: {why}", place.at().display());
+            let at = place.at().display();
+            let why = format!("{at}: the recording cannot be renamed to its final path: {why}");
             tracing::error!("{why}");
             self.failure.get_or_insert(why);
         }
     }
 
-    /// Handles the result of writing an item that makes `messages` messages; `written` is `None` if
-    /// there is no file any more, and the messages are then lost. A failure ends the writing to the
-    /// file.
+    /// Handles the result of writing an item that consists of `messages` messages. `written` is
+    /// `None` if an earlier failure ended the writing; all messages of the item are then lost. A
+    /// failure ends the writing to the file.
     fn settle<F>(
         &mut self,
         file: &mut Option<F>,
@@ -474,6 +492,7 @@ impl Clerk {
         }
     }
 
+    /// Logs a failure, and keeps it for the result if it is the first one.
     fn fail(&mut self, why: &str) {
         tracing::error!("the recording stops: {why}; the run continues");
         self.failure.get_or_insert_with(|| why.to_owned());

@@ -1,7 +1,7 @@
-//! Recovery of a recording file that was cut off or damaged: all that can still be read is written
-//! to a whole file with an index.
+//! Recovery of a recording that was cut off or damaged: everything that can still be read is
+//! written to a new, whole file with an index.
 //!
-//! - in: a recording that a crash, a full disk or a copy has cut off or damaged anywhere
+//! - in: a recording that a crash, a full disk or a failed copy has cut off or damaged
 //! - out: a recording that any tool opens, and a count of the saved messages
 
 use super::file::Unwritten;
@@ -22,8 +22,8 @@ pub struct Saved {
     pub end: End,
 }
 
-/// Copies all that can be read of the recording `from`, which may be cut off or damaged, to a whole
-/// recording `to`.
+/// Copies everything that can be read of the recording `from`, which may be cut off or damaged, to
+/// a whole recording `to`. Returns the number of saved messages, their span and how `from` ends.
 ///
 /// # Errors
 /// Error of the device of `to`.
@@ -43,7 +43,7 @@ pub fn recover_file<R: Read + Seek, W: Write + Seek>(from: R, to: W) -> Result<S
                 whole.writer.write_metadata(&mcap::records::Metadata { name, metadata })?;
             }
             Piece::Attachment(name, media_type, data) => {
-                // Our own attachments have no times either.
+                // The attachments of this program's recordings have no times either.
                 whole.writer.attach(&mcap::Attachment {
                     log_time: 0,
                     create_time: 0,
@@ -68,9 +68,9 @@ pub fn recover_file<R: Read + Seek, W: Write + Seek>(from: R, to: W) -> Result<S
 
 /// The new file, and the ids that its writer gave to the channels and schemas of the original.
 ///
-/// The keys of both maps are addresses of the original's channels and schemas. The library's writer
-/// compares their texts instead, which is slow for many channels with long texts. Each channel is
-/// kept alive, so that its address is not used for another one.
+/// The keys of both maps are the memory addresses of the original's channels and schemas. The
+/// writer of the MCAP library compares their texts instead, which is slow for many channels with
+/// long texts. Each channel is kept alive, so that no other channel gets its address.
 struct WholeFile<W: Write + Seek> {
     writer: mcap::Writer<W>,
     channels: BTreeMap<usize, WrittenChannel>,
@@ -82,12 +82,12 @@ struct WrittenChannel {
     id: u16,
     /// Number of its last message.
     sequence: u32,
-    /// Keeps the address valid that is the channel's key.
+    /// Keeps the channel of the original alive, whose address is the key.
     _kept: Arc<Channel>,
 }
 
 impl<W: Write + Seek> WholeFile<W> {
-    /// Writes a message, and before the first message of a channel the channel itself.
+    /// Writes a message. Writes its channel first if the new file does not have it yet.
     fn write(&mut self, message: &Message) -> Result<(), Unwritten> {
         let channel = self.channel(&message.channel)?;
         channel.sequence += 1;
@@ -110,8 +110,8 @@ impl<W: Write + Seek> WholeFile<W> {
             Entry::Vacant(place) => place,
         };
         let Channel { topic, schema, message_encoding, metadata } = &**original;
-        // Channels that share a schema in the original share it here: one of 4 MiB must not be
-        // written once for each of 200 channels.
+        // Channels that share a schema in the original share it here, too: a schema of 4 MiB must
+        // not be written once for each of 200 channels.
         let schema = match schemas.entry(Arc::as_ptr(schema) as usize) {
             Entry::Occupied(known) => *known.get(),
             Entry::Vacant(place) => *place.insert(writer.add_schema(

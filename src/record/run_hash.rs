@@ -1,31 +1,36 @@
 //! Two running hashes of a run: the run hash over all servo records and messages, and the servo
 //! hash over the servo records alone.
 //!
-//! Two runs with one seed must have equal hashes. A hash is the `SipHash` of `std` with fixed keys,
-//! which is equal for one binary on one machine. The run hash takes a message in its `Debug` form,
-//! so a renamed type changes it although no arm moves differently. The servo hash changes with the
-//! motion only.
+//! Two runs of one binary with the same seed must have equal hashes. A hash is the `SipHash` of
+//! `std` with fixed keys, which gives equal results for one binary on one machine. The run hash
+//! takes the `Debug` form of each message, so a renamed type changes it although no arm moves
+//! differently. The servo hash changes only if the servos read, get or send something else.
 
 use crate::hw::driver::{RecordSink, ServoRecord};
 use std::fmt::{Debug, Write};
 use std::hash::{DefaultHasher, Hasher};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Handle on the hashes of a run. All clones feed the same hashes.
+/// Both hashes of a run. All clones feed the same hashes.
 #[derive(Debug, Clone, Default)]
 pub struct RunHash(Arc<Mutex<State>>);
 
+/// Hashes so far, and reused memory.
 #[derive(Debug, Default)]
 struct State {
+    /// Run hash.
     hasher: DefaultHasher,
+    /// Servo hash.
     servo: DefaultHasher,
+    /// Buffer for the text of one message.
     text: String,
-    /// Buffer for the bytes of one record. Hashing them at once costs half as much as word by word.
+    /// Buffer for the bytes of one record. To hash them at once takes half the time of word by
+    /// word.
     bytes: Vec<u8>,
 }
 
-/// Sink of the virtual driver, which calls it inline. The real-time thread must not lock, so it
-/// writes to a ring instead.
+/// On the virtual clock the servos' driver calls this sink directly. On the wall clock its
+/// real-time thread must not lock, so it writes to a ring instead.
 impl RecordSink for RunHash {
     fn record(&mut self, record: &ServoRecord) {
         RunHash::record(self, record);
@@ -36,7 +41,7 @@ impl RunHash {
     /// Adds a message from one actor to another to the run hash.
     pub fn message(&self, from: &str, to: &str, message: &impl Debug) {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        // Through the guard itself the fields could not be borrowed separately.
+        // The fields cannot be borrowed separately through the guard itself.
         let state = &mut *state;
         state.text.clear();
         // Writing to a string cannot fail.
@@ -55,14 +60,14 @@ impl RunHash {
         servo.write(bytes);
     }
 
-    /// Returns the run hash over all that was added until now, as 16 hexadecimal digits.
+    /// Returns the run hash over everything added so far, as 16 hexadecimal digits.
     #[must_use]
     pub fn hash(&self) -> String {
         let state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         format!("{:016x}", state.hasher.finish())
     }
 
-    /// Returns the servo hash over all that was added until now, as 16 hexadecimal digits.
+    /// Returns the servo hash over everything added so far, as 16 hexadecimal digits.
     #[must_use]
     pub(crate) fn servo_hash(&self) -> String {
         let state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -88,11 +93,12 @@ mod tests {
         }
     }
 
-    /// A record that is hashed at once gives the hash of its words one by one.
+    /// The bytes of a record, hashed at once, give the same hash as its words one by one.
     #[test]
     fn record_hash_equals_hash_of_its_words() {
         let (hash, mut words) = (RunHash::default(), DefaultHasher::default());
-        // The message has an odd length, so no later word begins where a word of the hash does.
+        // The message has an odd length, so the words of the records begin in the middle of the
+        // words of 8 bytes that the hash takes.
         hash.message("mp", "ecp", &1.0_f64);
         words.write(b"mp>ecp:1.0");
         for _ in 0..3 {

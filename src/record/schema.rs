@@ -1,4 +1,4 @@
-//! Message types of a recording as `ros2msg` text: each definition with those of its parts.
+//! Message types of a recording as `ros2msg` text: each definition with those of the types in it.
 //!
 //! - out: name and schema of each [`Kind`]
 //! - source: the packages `std_msgs`, `sensor_msgs`, `geometry_msgs`, `tf2_msgs` and
@@ -23,9 +23,9 @@ pub enum Kind {
     CameraInfo,
     /// `rcl_interfaces/Log`.
     Log,
-    /// One arm in one servo period.
+    /// Inputs and outputs of one arm's servo in one servo period.
     ServoTick,
-    /// Colours of the cube, read, believed and true, and its holders.
+    /// Colours of the cube (as read, as believed, and the true ones) and its holders.
     CubeState,
     /// Beginning of a phase of the task.
     TaskPhase,
@@ -80,7 +80,8 @@ impl Kind {
     /// Returns the ROS definition of the message type, followed by those of all types in it.
     #[must_use]
     pub fn schema(self) -> String {
-        // A reader knows no types but those in the schema, so each lists its parts, at any depth.
+        // A reader knows only the types in the schema, so each schema lists all types that it uses,
+        // also indirectly.
         let (own, parts): (&str, &[Part]) = match self {
             Self::Text => ("string data\n", &[]),
             Self::JointState => (
@@ -175,8 +176,8 @@ const REGION: Part = (
     "uint32 x_offset\nuint32 y_offset\nuint32 height\nuint32 width\nbool do_rectify\n",
 );
 
-/// Definition of `ServoTick`. In a mask bit i is that of axis i, and bit 7 that of the jaw. Axis 0
-/// is the track (m); axes 1 to 6 are rotary (rad).
+/// Definition of `ServoTick`. In a mask, bit i stands for axis i, and bit 7 for the jaw. Axis 0 is
+/// the track (m); axes 1 to 6 are rotary (rad).
 const SERVO_TICK: &str = "\
 # One arm in one servo period: all inputs and all outputs, to the bit.
 builtin_interfaces/Time stamp
@@ -250,8 +251,8 @@ string sensor
 string asked
 # Reason why there is no result; empty with a result.
 string refusal
-# kind 0: pose x y z qx qy qz qw and speed; kind 1: a face, 63 numbers (rgb, colours, confidences, \
-pose, residual px, confidence, occluded).
+# kind 0: pose x y z qx qy qz qw, speed, period of the exposure; kind 1: a face, 63 numbers (rgb, \
+colours, confidences, pose, residual px, confidence, occluded).
 uint8 kind
 float64[] values
 ";

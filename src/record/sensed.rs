@@ -1,5 +1,5 @@
-//! Answers of virtual sensors as messages: besides the readings of the port they are inputs of the
-//! controller.
+//! Answers of virtual sensors as messages of a recording. A replay needs them: besides the readings
+//! of the port they are inputs of the controller.
 //!
 //! - in: a [`Sensed`]; or the bytes of a message
 //! - out: the bytes; or a [`Sensed`] that equals the original to the bit
@@ -16,7 +16,7 @@ pub struct Sensed {
     pub period: u64,
     /// Name of the sensor.
     pub sensor: String,
-    /// Text of the request.
+    /// Text of the request to the sensor.
     pub asked: String,
     /// Result, or the reason why there is none.
     pub found: Result<Found, String>,
@@ -25,19 +25,20 @@ pub struct Sensed {
 /// Result of a virtual sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Found {
-    /// Cube before the stand-alone camera.
+    /// Cube in front of the stand-alone camera.
     Cube {
         /// Pose of the cube.
         world_from_cube: Pose,
-        /// Speed of its centre (m/s).
+        /// Speed of the cube's centre (m/s).
         speed: f64,
         /// Period of 2 ms in which the picture was exposed.
         exposed: u64,
     },
-    /// Face before the camera of a hand.
+    /// Face of the cube in front of the camera of a hand.
     Face(FaceReading),
 }
 
+// Field `kind` of the message: which result its numbers are.
 const CUBE: u8 = 0;
 const FACE: u8 = 1;
 
@@ -49,7 +50,8 @@ impl Sensed {
         to.string(&self.sensor);
         to.string(&self.asked);
         to.string(self.found.as_ref().err().map_or("", String::as_str));
-        // All numbers are written as `float64`, which holds periods up to 2^53 exactly.
+        // All numbers are written as `float64`, which holds the numbers of periods up to 2^53
+        // exactly.
         let mut values = Vec::new();
         let kind = match &self.found {
             Ok(Found::Cube { world_from_cube, speed, exposed }) => {
@@ -66,7 +68,7 @@ impl Sensed {
                 values.extend(face.occluded.iter().map(|o| f64::from(u8::from(*o))));
                 FACE
             }
-            // Readers do not use the kind of an answer with a refusal.
+            // An answer with a reason instead of a result has no kind; readers ignore it.
             Err(_) => CUBE,
         };
         to.u8(kind);
@@ -76,7 +78,7 @@ impl Sensed {
     /// Decodes the message of an answer of a sensor.
     ///
     /// # Errors
-    /// [`Malformed`].
+    /// [`Malformed`] if the bytes are no such message.
     pub fn read(bytes: &[u8]) -> Result<Self, Malformed> {
         let mut from = Reader::new(bytes)?;
         from.time()?;
@@ -91,7 +93,7 @@ impl Sensed {
             Err(refusal)
         } else if kind == CUBE {
             let (world_from_cube, speed) = (values.pose()?, values.next()?);
-            // Recordings of older versions lack the period of the exposure.
+            // Recordings of older versions lack the period of the exposure: the request's is used.
             let exposed = values.next().map_or(period, |exposed| exposed as u64);
             Ok(Found::Cube { world_from_cube, speed, exposed })
         } else {
@@ -108,7 +110,7 @@ pub(crate) fn pose_numbers(pose: &Pose) -> [f64; 7] {
     [t.x, t.y, t.z, q.x, q.y, q.z, q.w]
 }
 
-/// Reader of the numbers of a message.
+/// Reader of the numbers of a message, one after the other.
 struct Values<I>(I);
 
 impl<I: Iterator<Item = f64>> Values<I> {
@@ -116,6 +118,7 @@ impl<I: Iterator<Item = f64>> Values<I> {
         self.0.next().ok_or(Malformed)
     }
 
+    /// Reads the next `N` numbers.
     fn array<const N: usize>(&mut self) -> Result<[f64; N], Malformed> {
         let mut values = [0.0; N];
         for value in &mut values {
@@ -124,7 +127,8 @@ impl<I: Iterator<Item = f64>> Values<I> {
         Ok(values)
     }
 
-    /// Reads a pose. The quaternion is not normalised again, which would change its bits.
+    /// Reads a pose as [`pose_numbers`] writes it. The quaternion is not normalised, since that
+    /// would change its bits.
     fn pose(&mut self) -> Result<Pose, Malformed> {
         let [x, y, z, qx, qy, qz, qw] = self.array()?;
         let rotation = UnitQuaternion::new_unchecked(Quaternion::new(qw, qx, qy, qz));
@@ -159,6 +163,7 @@ impl<I: Iterator<Item = f64>> Values<I> {
 mod tests {
     use super::*;
 
+    /// Encodes an answer and decodes the message.
     fn back(sensed: &Sensed) -> Sensed {
         let mut writer = Writer::default();
         sensed.write(9, &mut writer);

@@ -1,9 +1,9 @@
-//! Contents of a recording: turns servo records and entries into messages, by topic.
+//! Contents of a recording: converts servo records and entries into messages on topics.
 //!
-//! | topic | type | times |
+//! | topic | type | written |
 //! |---|---|---|
 //! | `/ARM/servo` | `rubik_robot_msgs/ServoTick` | each servo period, all inputs and outputs |
-//! | `/joint_states` | `sensor_msgs/JointState` | each 16 ms and arm |
+//! | `/joint_states` | `sensor_msgs/JointState` | each 16 ms for each arm |
 //! | `/ARM/wrench` | `geometry_msgs/WrenchStamped` | each 16 ms |
 //! | `/tf` | `tf2_msgs/TFMessage` | each 40 ms, all moving links |
 //! | `/ARM/tool` | `geometry_msgs/PoseStamped` | each 40 ms |
@@ -72,6 +72,7 @@ pub struct RunInfo {
 /// Converter of servo records and entries into messages of a file.
 pub struct MessageWriter {
     about: RunInfo,
+    /// Links and joints of the cell, for transforms and names.
     model: Model,
     pen: Pen,
     /// Latest joint positions of each arm.
@@ -86,6 +87,7 @@ pub struct MessageWriter {
     belief: Option<Picture>,
     /// Latest colours of the plant's cube.
     truth: String,
+    /// State of the cube that was written last.
     cube: belief::CubeKnown,
     /// Times that reading faces took (s).
     faces: Vec<f64>,
@@ -101,11 +103,12 @@ struct Pen {
     messages: u64,
 }
 
-/// Topics and frame of an arm.
+/// Topics of an arm and frame of its tool.
 struct ArmTopics {
     servo: String,
     wrench: String,
     tool: String,
+    /// Frame of the tool.
     frame: String,
     /// Names of the joints that move.
     joints: Vec<String>,
@@ -113,13 +116,14 @@ struct ArmTopics {
     moving: Vec<usize>,
 }
 
-/// Topics and frame of a camera.
+/// Topics of a camera and its optical frame.
 struct CameraTopics {
     image: String,
     info: String,
     frame: String,
 }
 
+/// Result of writing to the file.
 type Done = Result<(), Unwritten>;
 
 impl MessageWriter {
@@ -128,8 +132,8 @@ impl MessageWriter {
     #[must_use]
     pub fn new(about: RunInfo) -> Self {
         let cell = &about.cell;
-        // The model that goes out as `/robot_description` also gives the transforms, so that names
-        // and frames of both agree.
+        // One model gives both `/robot_description` and the transforms, so that their names and
+        // frames agree.
         let model = Model::of(cell, None, true);
         let arms = cell.arms.iter().enumerate().map(|(index, arm)| {
             let own = |joint: &urdf::Joint| joint.kind.drive().is_some_and(|d| d.by.0 == index);
@@ -182,8 +186,8 @@ impl MessageWriter {
         1 + each(STATES) + each(FRAMES)
     }
 
-    /// Returns the number of faces that were read and the median time of reading one (s), as texts
-    /// by name; empty if no face was read.
+    /// Returns the number of faces that were read (`faces`) and the median time that a reading took
+    /// (`face_median_s`, s) as texts by name; empty if no face was read.
     #[must_use]
     pub fn vision(&mut self) -> BTreeMap<String, String> {
         self.faces.sort_by(f64::total_cmp);
@@ -193,20 +197,21 @@ impl MessageWriter {
         facts.map(|(name, value)| (name.to_owned(), value)).into()
     }
 
-    /// Converts a servo period, which may have another length, to the period of 2 ms in which it
-    /// begins.
+    /// Converts the number of a servo period, whose length may differ from 2 ms, to the number of
+    /// the period of 2 ms in which it begins.
     #[must_use]
     pub(crate) fn tick_of(&self, period: u64) -> u64 {
         self.about.length.tick(period)
     }
 
-    /// Writes the metadata of the run, its scenario, and all messages that come once.
+    /// Writes the metadata of the run, its scenario, and all messages that are written only once.
     ///
     /// # Errors
     /// Error of the device.
     pub fn begin<W: Write + Seek>(&mut self, file: &mut File<W>) -> Done {
         file.metadata("rubik_robot", &self.about.facts)?;
-        // The map sorts names as texts: numbers of three digits keep the options in their order.
+        // The map sorts its keys as texts, so numbers of three digits keep the order of the
+        // options.
         let options = self.about.options.iter().enumerate().map(|(i, option)| {
             let text = serde_json::to_string(option).unwrap_or_default();
             (format!("{i:03}"), text)
@@ -227,7 +232,7 @@ impl MessageWriter {
                 standard::camera_info(to, start, &topics.frame, &camera.intrinsics);
             })?;
         }
-        // A file that is cut off soon still identifies its run.
+        // With the flush, even a file that is soon cut off identifies its run.
         file.flush()
     }
 
@@ -245,8 +250,8 @@ impl MessageWriter {
         })?;
         self.joints[arm] = record.state.joints;
         self.openings[arm] = record.state.jaw_opening;
-        // The ticks are for replays at the full rate. Other tools draw the rest, for which a lower
-        // rate is enough.
+        // Replays need the servo ticks at the full rate. The messages below are drawn by other
+        // tools, for which a lower rate is enough.
         let period = self.about.length.tick(record.period);
         if period.is_multiple_of(STATES) {
             self.states(arm, time, record, file)?;
@@ -257,7 +262,8 @@ impl MessageWriter {
         Ok(())
     }
 
-    /// Writes joint state and wrench of an arm; `time` is their time stamp (ns).
+    /// Writes joint state and wrench of the arm with the index `arm`; `time` is their time stamp
+    /// (ns).
     fn states<W: Write + Seek>(
         &mut self,
         arm: usize,
@@ -281,8 +287,8 @@ impl MessageWriter {
         })
     }
 
-    /// Writes the transforms of an arm's moving links, and the pose of its tool in the world;
-    /// `time` is their time stamp (ns).
+    /// Writes the transforms of the moving links of the arm with the index `arm`, and the pose of
+    /// its tool in the world; `time` is their time stamp (ns).
     fn frames<W: Write + Seek>(
         &mut self,
         arm: usize,
@@ -306,7 +312,7 @@ impl MessageWriter {
         })
     }
 
-    /// Writes an entry with the time of the beginning of a period of 2 ms.
+    /// Writes an entry. Its time is the beginning of the period of 2 ms with the number `period`.
     ///
     /// # Errors
     /// Error of the device.
@@ -338,7 +344,8 @@ impl MessageWriter {
             Entry::Picture(camera, image) => {
                 let Some(topics) = self.cameras.get(*camera) else { return Ok(()) };
                 self.jpeg.clear();
-                // A picture that cannot be encoded is left out: the device is not at fault.
+                // A picture that cannot be encoded is left out without an error: the device has not
+                // failed.
                 let encoder =
                     image::codecs::jpeg::JpegEncoder::new_with_quality(&mut self.jpeg, JPEG);
                 if image.write_with_encoder(encoder).is_err() {
@@ -348,7 +355,7 @@ impl MessageWriter {
                     standard::picture(to, time, &topics.frame, &self.jpeg);
                 })
             }
-            // Only the statistics of these times go into the file, at its end.
+            // Only the number and the median of these times go into the file, at its end.
             Entry::FaceTook(seconds) => {
                 self.faces.push(*seconds);
                 Ok(())
@@ -364,7 +371,7 @@ impl MessageWriter {
         }
     }
 
-    /// Writes the pose of the plant's cube, and its colours if they have changed.
+    /// Writes the pose of the plant's cube, and the state of the cube if its colours have changed.
     fn scene<W: Write + Seek>(&mut self, time: u64, scene: &Scene, file: &mut File<W>) -> Done {
         let place = [("world", "cube", scene.cube.world_from_cube)];
         self.pen.put(file, ("/tf", Kind::Transforms), time, |to| {
@@ -378,8 +385,8 @@ impl MessageWriter {
         self.known(time, file)
     }
 
-    /// Writes the belief `now` if it differs from the last one, and each part of it that has
-    /// changed as a message of its own: the plan, the state of the cube.
+    /// Writes the belief `now` if it differs from the last one. Writes its plan and the state of
+    /// the cube as separate messages if they have changed.
     fn belief<W: Write + Seek>(&mut self, time: u64, now: &Picture, file: &mut File<W>) -> Done {
         if self.belief.as_ref() == Some(now) {
             return Ok(());
@@ -402,7 +409,7 @@ impl MessageWriter {
         self.known(time, file)
     }
 
-    /// Writes the state of the cube: as the controller believes it, and the true colours of the
+    /// Writes the state of the cube: the belief of the controller, and the true colours of the
     /// plant's cube.
     fn known<W: Write + Seek>(&mut self, time: u64, file: &mut File<W>) -> Done {
         self.cube.truth.clone_from(&self.truth);
@@ -429,7 +436,7 @@ impl Pen {
     ) -> Done {
         let mut writer = Writer::new(std::mem::take(&mut self.buffer));
         fill(&mut writer);
-        // The writer gives its memory back for the next message.
+        // The next message uses the same memory.
         self.buffer = writer.bytes();
         file.message(topic, kind, time, &self.buffer)?;
         self.messages += 1;

@@ -1,4 +1,4 @@
-//! Standard messages of ROS 2, written from the types of this program.
+//! Standard messages of ROS 2, encoded from the types of this program.
 //!
 //! - in: poses, wrenches, joint values, pictures, texts, and their stamps (ns)
 //! - out: fields in a [`Writer`], in the order of [`super::schema`]
@@ -23,7 +23,8 @@ pub(crate) fn joint_state(to: &mut Writer, stamp: u64, names: &[String], positio
     to.f64_sequence(&[]);
 }
 
-/// Writes a `tf2_msgs/TFMessage` of transforms: parent, child, `parent_from_child`.
+/// Writes a `tf2_msgs/TFMessage`. Each transform has the frames parent and child, and the pose
+/// `parent_from_child` (m).
 pub(crate) fn transforms<'a>(
     to: &mut Writer,
     stamp: u64,
@@ -38,14 +39,14 @@ pub(crate) fn transforms<'a>(
     }
 }
 
-/// Writes a `geometry_msgs/WrenchStamped` in `frame` (N, Nm).
+/// Writes a `geometry_msgs/WrenchStamped` in the axes of `frame` (N, Nm).
 pub(crate) fn wrench(to: &mut Writer, stamp: u64, frame: &str, wrench: &Wrench) {
     to.header(stamp, frame);
     vector(to, &wrench.force);
     vector(to, &wrench.torque);
 }
 
-/// Writes a `geometry_msgs/PoseStamped` in `frame`.
+/// Writes a `geometry_msgs/PoseStamped` relative to `frame` (m).
 pub(crate) fn pose(to: &mut Writer, stamp: u64, frame: &str, pose: &Pose) {
     to.header(stamp, frame);
     vector(to, &pose.translation.vector);
@@ -53,7 +54,7 @@ pub(crate) fn pose(to: &mut Writer, stamp: u64, frame: &str, pose: &Pose) {
     to.f64s(pose.rotation.coords.as_slice());
 }
 
-/// Writes a `sensor_msgs/CompressedImage`.
+/// Writes a `sensor_msgs/CompressedImage` of a JPEG picture; `frame` is that of the camera.
 pub(crate) fn picture(to: &mut Writer, stamp: u64, frame: &str, jpeg: &[u8]) {
     to.header(stamp, frame);
     to.string("jpeg");
@@ -82,9 +83,10 @@ pub(crate) fn camera_info(to: &mut Writer, stamp: u64, frame: &str, camera: &Int
     to.bool(false);
 }
 
-/// Writes a `rcl_interfaces/Log`. Its levels are 20 info, 30 warn, 40 error and 50 fatal. The paper
-/// has two classes of errors between warning and fatal, and both have the level 40. The field
-/// `function` distinguishes them.
+/// Writes a `rcl_interfaces/Log` with the text `message` of the actor `name`. Its levels are 20
+/// info, 30 warn, 40 error and 50 fatal. [`Class`] has two kinds of errors between warning and
+/// fatal, non-fatal and system errors. Both get the level 40, and the field `function` tells them
+/// apart.
 pub(crate) fn log(to: &mut Writer, stamp: u64, class: Class, name: &str, message: &str) {
     let (level, function) = match class {
         Class::Info => (20, ""),
@@ -97,6 +99,7 @@ pub(crate) fn log(to: &mut Writer, stamp: u64, class: Class, name: &str, message
     to.u8(level);
     to.string(name);
     to.string(message);
+    // The name of the source file is empty, and the line number 0.
     to.string("");
     to.string(function);
     to.u32(0);
@@ -105,16 +108,17 @@ pub(crate) fn log(to: &mut Writer, stamp: u64, class: Class, name: &str, message
 /// Text of the field `function` for a non-fatal error.
 const NON_FATAL: &str = "non_fatal";
 
-/// Decodes an `rcl_interfaces/Log` as `log` writes it: class, name of the actor, text.
+/// Decodes an `rcl_interfaces/Log` as [`log()`] writes it. Returns class, name of the actor and
+/// text.
 ///
 /// # Errors
-/// [`Malformed`].
+/// [`Malformed`] if the bytes are no such message.
 pub(crate) fn read_log<'a>(from: &mut Reader<'a>) -> Result<(Class, &'a str, &'a str), Malformed> {
     from.time()?;
     let level = from.u8()?;
     let (name, message) = (from.string()?, from.string()?);
     from.string()?;
-    // Other programs use levels between those of the standard.
+    // Other programs use levels between those of the standard, so each class has a range.
     let class = match (level, from.string()?) {
         (0..=20, _) => Class::Info,
         (21..=30, _) => Class::Warning,

@@ -1,7 +1,7 @@
 //! Summary of a run: its verdict and figures, as JSON for programs and as a table for the operator.
 //!
-//! - in: figures of the mission and of the plant; those that only a plant can know are `None` on
-//!   hardware
+//! - in: figures of the mission and of the plant (the simulated cell); on hardware the figures that
+//!   only a plant can know are `None`
 //! - out: a line of JSON ([`Summary::json`]) or a table ([`Summary::table`]), and the exit code
 
 use crate::error::FaultCode;
@@ -48,9 +48,9 @@ pub struct Phase {
     pub wall_time_s: f64,
 }
 
-/// Largest force and torque at one tool over the whole run: of the contact in the plant, and of the
-/// wrist sensor without the weight of the tool, as the virtual sensor samples it: every 40 ms, so
-/// that it may miss the peak which stopped a motion.
+/// Largest force and torque at one tool over the whole run: true contact in the plant, and values
+/// of the wrist sensor without the weight of the tool. The virtual sensor samples the wrist sensor
+/// every 40 ms, so it may miss the peak that stopped a motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SensorPeak {
     /// Name of the effector.
@@ -86,7 +86,8 @@ pub struct Accident {
     pub what: String,
 }
 
-/// Load of motors and arms over a run, from the plant: the largest value of all motors or arms.
+/// Load of motors and arms over a run, from the plant. Each value is the worst of all motors or
+/// arms.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Exertion {
@@ -99,13 +100,14 @@ pub struct Exertion {
     /// Speed of a point of forearm, wrist, hand or fingers within 175 mm of the place where a
     /// person holds the cube (mm/s).
     pub near_person_mm_s: f64,
-    /// Smallest distance between parts of the two arms (mm); null if they were never near each
+    /// Smallest distance between parts of the two arms (mm); `None` if they were never near each
     /// other. In each grasp the fingers are some millimetres from the other palm.
     #[serde(default)]
     pub arms_apart_mm: Option<f64>,
 }
 
-/// Verdict and figures of a run. A cube is 54 letters URFDLB, named by the colours of the centres.
+/// Verdict and figures of a run. A cube is 54 letters, nine for each of the faces U R F D L B; the
+/// letter of a sticker names the face whose centre has its colour.
 ///
 /// A figure that only a plant can know is `None` on hardware.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -116,7 +118,7 @@ pub struct Summary {
     pub reason: String,
     /// Cause of the end.
     pub ended_by: EndedBy,
-    /// Code of the error that ended the run; `None` if none did.
+    /// Code of the error that ended the run; `None` if no error did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fault: Option<FaultCode>,
     /// Instruction for the operator after that error, as a sentence; `None` if there is none.
@@ -131,7 +133,7 @@ pub struct Summary {
     pub last_second: Option<String>,
     /// Task of the scenario: "solve", "`face_turn`", "acquire".
     pub task: String,
-    /// Seed.
+    /// Seed of all random numbers of the run.
     pub seed: u64,
     /// Cube of the plant at the beginning.
     pub cube_start: Option<String>,
@@ -153,17 +155,17 @@ pub struct Summary {
     /// Number of times that the cube was read and planned again after a failure.
     #[serde(default)]
     pub recoveries: u32,
-    /// Simulated time (s).
+    /// Simulated time of the run (s).
     pub sim_time_s: f64,
-    /// Time by the wall clock (s), without the wait for the start and without delays on purpose: a
-    /// limit of the speed, pauses, questions and moves by hand.
+    /// Wall-clock time of the run (s), without the wait for the start and without delays on
+    /// purpose: a limit of the speed, pauses, questions and moves by hand.
     pub wall_time_s: f64,
     /// Largest contact force of the plant at the tools while both arms hold the cube, without the
     /// forces of the grips (N); 0 if they never did.
     pub peak_force_n: Option<f64>,
     /// Largest contact torque of the plant at the tools while both arms hold the cube (Nm).
     pub peak_torque_nm: Option<f64>,
-    /// Largest contact at each tool.
+    /// Largest force and torque at each tool.
     pub sensors: Vec<SensorPeak>,
     /// Load of motors and arms. Summaries of older builds have none.
     #[serde(default)]
@@ -219,15 +221,15 @@ pub struct Summary {
     /// trips, friction, pads. Figures of two runs are comparable only if it is equal.
     #[serde(default)]
     pub plant_hash: Option<String>,
-    /// Cameras that could not be calibrated before the run, each with the reason. The run used them
-    /// as the scenario has them.
+    /// Cameras that could not be calibrated before the run, each with the reason. For them the run
+    /// used the values of the scenario.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub uncalibrated: Vec<String>,
 }
 
 impl Summary {
     /// Makes the summary of a run that ended before any arm moved: the cube is unchanged, all
-    /// figures are 0. `cube` is `None` on hardware.
+    /// figures are 0. `cube` is the cube of the plant; `None` on hardware.
     #[must_use]
     pub(crate) fn not_started(
         task: &str,
@@ -236,7 +238,7 @@ impl Summary {
         reason: &str,
         ended_by: EndedBy,
     ) -> Self {
-        // Zero where a plant would have counted, unknown on hardware.
+        // Counts of a plant are 0; on hardware they are unknown.
         let none = cube.map(|_| 0);
         Self {
             outcome: Outcome::Aborted,
@@ -257,7 +259,7 @@ impl Summary {
             turns: 0,
             grasps: 0,
             recoveries: 0,
-            // No phase, no time. A campaign leaves these zeros out of its statistics.
+            // A campaign leaves these zero times out of its statistics.
             sim_time_s: 0.0,
             wall_time_s: 0.0,
             peak_force_n: none.map(f64::from),
@@ -278,7 +280,7 @@ impl Summary {
             accidents: none.map(|_| Vec::new()),
             turned_deg: None,
             phases: Vec::new(),
-            // An empty hash is the mark by which `has_begun` detects this summary.
+            // `has_begun` recognises this summary by its empty hash.
             hash: String::new(),
             servo_hash: String::new(),
             plant_hash: None,
@@ -293,8 +295,8 @@ impl Summary {
         !self.hash.is_empty()
     }
 
-    /// Returns the exit code: 0 done, 1 failed or aborted, 3 fatal error, 4 system error, 130
-    /// interrupted.
+    /// Returns the exit code of the program: 0 done, 1 failed or aborted, 3 fatal error, 4 system
+    /// error, 130 interrupted.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match (self.outcome, self.ended_by) {
@@ -308,15 +310,15 @@ impl Summary {
         }
     }
 
-    /// Returns the ratio of simulated time to wall time.
+    /// Returns the ratio of simulated time to wall-clock time; 0 if no wall-clock time has passed.
     #[must_use]
     pub(crate) fn real_time_factor(&self) -> f64 {
         factor(self.sim_time_s, self.wall_time_s)
     }
 
-    /// Returns the summary as one line of JSON. JSON has no NaN and no infinity. A figure with one
-    /// of these values becomes the largest number instead of `null`, so that it fails each test of
-    /// an upper limit.
+    /// Returns the summary as one line of JSON. JSON has no NaN and no infinity. A time of the run,
+    /// a force or a torque with one of these values becomes the largest number instead of `null`,
+    /// so that it fails each test of an upper limit.
     #[must_use]
     pub fn json(&self) -> String {
         let mut clean = self.clone();
@@ -337,7 +339,7 @@ impl Summary {
     /// Returns the summary as a table for the operator, with an end of line after each row.
     #[must_use]
     pub fn table(&self) -> String {
-        // Times, figures, cubes and hashes, and last the verdict, which is then next to the prompt.
+        // The order is times, figures, cubes, hashes, verdict: the verdict is next to the prompt.
         let mut t = String::new();
         self.add_phases(&mut t);
         t.push('\n');
@@ -424,7 +426,7 @@ impl Summary {
     }
 }
 
-/// Returns the ratio of simulated time to wall time; 0 if no wall time has passed.
+/// Returns the ratio of simulated time to wall-clock time; 0 if no wall-clock time has passed.
 fn factor(sim_time_s: f64, wall_time_s: f64) -> f64 {
     if wall_time_s > 0.0 { sim_time_s / wall_time_s } else { 0.0 }
 }
@@ -432,10 +434,12 @@ fn factor(sim_time_s: f64, wall_time_s: f64) -> f64 {
 /// Text in place of an unknown figure.
 const UNKNOWN: &str = "(unknown)";
 
+/// Returns the text that `words` makes of a figure; [`UNKNOWN`] if the figure is `None`.
 fn known<T>(value: Option<T>, words: impl FnOnce(T) -> String) -> String {
     value.map_or_else(|| UNKNOWN.to_owned(), words)
 }
 
+/// Returns three counts separated by commas; [`UNKNOWN`] if any of them is `None`.
 fn counts(counts: [Option<u32>; 3]) -> String {
     match counts {
         [Some(a), Some(b), Some(c)] => format!("{a}, {b}, {c}"),
@@ -443,6 +447,7 @@ fn counts(counts: [Option<u32>; 3]) -> String {
     }
 }
 
+/// Adds a row to the table: name, value.
 fn row(table: &mut String, name: &str, value: &str) {
     // Writing to a string cannot fail.
     let _ = writeln!(table, "{name:<22} {value}");
@@ -452,6 +457,7 @@ fn row(table: &mut String, name: &str, value: &str) {
 mod tests {
     use super::*;
 
+    /// Returns the summary of a solved run whose peak force is NaN.
     fn summary() -> Summary {
         Summary {
             outcome: Outcome::Solved,

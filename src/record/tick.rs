@@ -13,16 +13,16 @@ use crate::spatial::Wrench;
 use std::fmt::Debug;
 use std::hash::{DefaultHasher, Hasher};
 
-/// Servo tick of a recording.
+/// Servo tick of a recording: what one servo read, got and sent in one servo period.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tick {
     /// Number of the servo period.
     pub period: u64,
     /// Index of the effector.
     pub arm: u8,
-    /// Readings of the port.
+    /// Readings of the arm's port: encoders, currents, switches, force sensor.
     pub reading: ArmReading,
-    /// Further inputs ([`Outside`]) as JSON; empty if there were none.
+    /// Inputs besides reading and command ([`Outside`]) as JSON; empty if there were none.
     pub outside: String,
     /// Command of the EDP as JSON; empty if there was none.
     pub command: String,
@@ -38,23 +38,24 @@ pub struct Tick {
     pub jaw_opening: f64,
     /// Force of the jaws (N).
     pub jaw_force: f64,
-    /// Reason why the last command was refused; empty if it was not.
+    /// Reason why the servo refused its latest command; empty if it did not.
     pub refused: String,
     /// Reason why the arm stopped; empty if it did not.
     pub fault: String,
-    /// Hash over readings, command, drives and state. It covers the poses, which are not in the
-    /// message.
+    /// Hash over readings, command, drives and state. The state includes the poses, which are not
+    /// in the message.
     pub check: u64,
 }
 
-/// Difference of two ticks in one field.
+/// Field in which a recorded tick and the same tick of a replay differ.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Difference {
-    /// Name as in the message's definition, with the index of an array or the path in a command.
+    /// Name of the field as in the definition of `ServoTick`, with the index in an array or the
+    /// path in a command.
     pub field: String,
     /// Value in the recording.
     pub recorded: String,
-    /// Value of this run.
+    /// Value of the present run.
     pub now: String,
 }
 
@@ -105,10 +106,12 @@ pub fn write(record: &ServoRecord, stamp: u64, to: &mut Writer) {
     to.u64(check(record));
 }
 
+/// Returns a command to the servo as JSON; an empty text if there is none.
 fn command_text(command: Option<&ServoCommand>) -> String {
     command.map_or_else(String::new, |c| serde_json::to_string(c).unwrap_or_default())
 }
 
+/// Returns the further inputs of a servo period as JSON; an empty text if there were none.
 fn outside_text(outside: &Outside) -> String {
     // Nearly all periods have the default. An empty text saves space at 500 Hz.
     if *outside == Outside::default() {
@@ -135,7 +138,7 @@ impl Tick {
     /// Decodes a message `ServoTick`.
     ///
     /// # Errors
-    /// `Malformed`.
+    /// `Malformed` if the bytes are no message `ServoTick`.
     pub fn read(bytes: &[u8]) -> Result<Self, Malformed> {
         let mut from = Reader::new(bytes)?;
         // The stamp follows from the period.
@@ -218,8 +221,8 @@ impl Tick {
         }
     }
 
-    /// Returns what else acted on the servo in this period besides reading and command: missed
-    /// periods, a stop and its reason.
+    /// Returns what acted on the servo in this period besides reading and command, for example
+    /// missed periods or a stop and its reason.
     ///
     /// # Errors
     /// The recorded text if it is no [`Outside`].
@@ -230,7 +233,8 @@ impl Tick {
         serde_json::from_str(&self.outside).map_err(|_| self.outside.clone())
     }
 
-    /// Returns the command of the EDP in this period.
+    /// Returns the command of the EDP (effector driver process) in this period; `None` if there
+    /// was none.
     ///
     /// # Errors
     /// The recorded text if it is no command.
@@ -243,7 +247,7 @@ impl Tick {
 
     /// Returns the first field, in the order of the message, in which this recorded tick differs
     /// from the tick `now`: readings, further inputs, command, drives, then the state. Floating
-    /// point numbers are compared by their bits.
+    /// point numbers are compared by their bits. `None` if the ticks are equal.
     #[must_use]
     pub fn difference(&self, now: &Self) -> Option<Difference> {
         // A comparison of values would find NaN different from itself, and -0 equal to 0.
@@ -267,7 +271,7 @@ impl Tick {
                 each("wrench_on_sensor", &a, &b, |x, y| bits(*x) == bits(*y))
             })
             .or_else(|| one("wrench_is_old", &a.wrench_is_old, &b.wrench_is_old))
-            // The inputs are equal up to here, so a difference below is one of the controller.
+            // The inputs are equal up to here, so a difference below comes from the controller.
             .or_else(|| one("outside", &self.outside, &now.outside))
             .or_else(|| order_difference(&self.command, &now.command))
             .or_else(|| one("enabled", &self.drive.enabled, &now.drive.enabled))
@@ -290,7 +294,8 @@ impl Tick {
             })
             .or_else(|| one("refused", &self.refused, &now.refused))
             .or_else(|| one("fault", &self.fault, &now.fault))
-            // All fields of the message are equal. The state has more of them, above all the poses.
+            // All fields of the message are equal. The hash also covers the rest of the state,
+            // above all the poses.
             .or_else(|| one("check (poses)", &self.check, &now.check))
     }
 }
@@ -306,7 +311,7 @@ fn one<T: Debug + PartialEq>(field: &str, recorded: &T, now: &T) -> Option<Diffe
 }
 
 /// Compares the recorded and the present array of a field; `same` tells whether two values are
-/// equal. The difference names the index of the first unequal values.
+/// equal. The difference names the index of the first unequal values; `None` if all are equal.
 fn each<T: Debug>(
     field: &str,
     recorded: &[T],
@@ -322,12 +327,13 @@ fn each<T: Debug>(
 }
 
 /// Compares two commands to a servo, as JSON. The difference names the path to the first unequal
-/// value, as in `command.Move.command.periods`.
+/// value, as in `command.Move.command.periods`. `None` if the texts are equal.
 fn order_difference(recorded: &str, now: &str) -> Option<Difference> {
     if recorded == now {
         return None;
     }
-    // The texts differ. If the JSON values do not, or a text is no JSON, the texts are shown.
+    // The texts differ. If their JSON values are equal all the same, or one of them is no JSON, the
+    // difference shows both texts.
     let parse = |text: &str| serde_json::from_str::<serde_json::Value>(text);
     let whole =
         Difference { field: "command".to_owned(), recorded: or_none(recorded), now: or_none(now) };
@@ -335,12 +341,13 @@ fn order_difference(recorded: &str, now: &str) -> Option<Difference> {
     Some(json_difference("command", &a, &b).unwrap_or(whole))
 }
 
+/// Returns the text of a command, or "nothing" if there was no command.
 fn or_none(text: &str) -> String {
     if text.is_empty() { "nothing".to_owned() } else { text.to_owned() }
 }
 
-/// Finds the first difference of two JSON values, in the order of `a`; `path` is where they are in
-/// the whole command. Values of different form are compared as a whole.
+/// Finds the first difference of two JSON values, in the order of `a`; `path` is their place in the
+/// whole command. Objects with different keys and arrays of different length differ as a whole.
 fn json_difference(path: &str, a: &serde_json::Value, b: &serde_json::Value) -> Option<Difference> {
     use serde_json::Value;
     match (a, b) {
@@ -366,6 +373,7 @@ mod tests {
     use crate::motion::{ArmState, JawCommand, Motion, MoveCommand};
     use crate::spatial::Pose;
 
+    /// Returns a servo record with values that are hard to encode: NaN, 1/3, a sum that rounds.
     fn record() -> ServoRecord {
         let jaw = JawCommand { opening: 0.1 + 0.2, force_limit: 40.0, stops: Depth::Two };
         let command =
@@ -383,6 +391,7 @@ mod tests {
         }
     }
 
+    /// Encodes a servo record and decodes the message.
     fn recorded(record: &ServoRecord) -> Tick {
         let mut writer = Writer::default();
         write(record, 5, &mut writer);

@@ -29,7 +29,7 @@ impl BridgeLog {
             let mut digest = Digest::new(effectors);
             let mut last = false;
             while !last {
-                // Read before the notes, so that the last digest misses none.
+                // The flag is read before the notes, so that the last digest misses none of them.
                 last = stopped.load(Ordering::Acquire);
                 for sentence in digest.sentences(&mut notes, last) {
                     tracing::warn!("{sentence}");
@@ -43,6 +43,7 @@ impl BridgeLog {
 }
 
 impl Drop for BridgeLog {
+    /// Lets the thread log its last notes, and waits for its end.
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Release);
         if let Some(thread) = self.thread.take() {

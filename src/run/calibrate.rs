@@ -45,7 +45,7 @@ pub(crate) struct Report {
     pub(crate) camera: usize,
     /// Optics and place of the camera, or the reason why there are none.
     pub(crate) found: Result<Calibrated, NotCalibrated>,
-    /// Number of poses of the arm, and number of those whose frame was usable.
+    /// Number of poses of the plan, and number of those whose frame was usable.
     pub(crate) views: (usize, usize),
     /// Simulated time of the calibration (s).
     pub(crate) time: f64,
@@ -190,6 +190,7 @@ fn calibrated(before: &Camera, setup: &Setup) -> Camera {
     camera
 }
 
+/// Returns the error of a calibration that is not possible, with its reason.
 fn failed(why: &str) -> Error {
     let cause = System::NotCreated { who: "calibration".into(), why: why.into() };
     Error::System { actor: "calibration".into(), place: "create", cause }
@@ -201,11 +202,17 @@ struct Arms {
     servos: Vec<ArmServo>,
     readings: Vec<ArmReading>,
     drives: Vec<ArmDrive>,
+    /// State of each arm after the last period.
     states: Vec<ArmState>,
+    /// Number of the last period.
     period: u64,
 }
 
 impl Arms {
+    /// Creates the servos of all arms, at rest where the plant `port` has its arms.
+    ///
+    /// # Errors
+    /// If the port fails.
     fn new(config: &ControllerConfig, mut port: Plant) -> Result<Self, Error> {
         let count = config.cell.arms.len();
         let mut readings = vec![ArmReading::default(); count];
@@ -265,6 +272,7 @@ impl Arms {
         jaw: Option<JawCommand>,
     ) -> Result<bool, Error> {
         let macrostep = manner.compliance.macrostep;
+        // At 0.8 of the full speeds, without a least duration.
         let mut generator = Position::joints(to, (0.8, 0.0), &manner.speeds, macrostep);
         loop {
             let state = self.states[arm];
@@ -422,7 +430,8 @@ fn compare(
     let before = errors(truth, &Lens::from(&believed.intrinsics), &place(believed), plan.distance);
     let after =
         found.as_ref().ok().map(|c| errors(truth, &c.setup.lens, &c.setup.camera, plan.distance));
-    // Frames and truths are compared in the world, so the error of a displaced base counts as well.
+    // Encoders and truths are compared in the world frame, so the error of a displaced base counts
+    // as well.
     let in_world = |pose: &Pose| match plan.rig {
         Rig::Fixed => *pose,
         Rig::InHand => cell.arms[plan.mover].world_from_base * pose,
@@ -474,8 +483,8 @@ fn view(rig: Rig, setup: &Setup, arm: &Pose, image: &RgbImage) -> Option<View> {
         .ok()
         .and_then(|faces| locate_in(image, &faces, setup.lens, setup.edge, Some(&expected)))
         .filter(|location| agrees(location, &expected));
-    // The prediction may be good enough to find the edges without a detection; after the first
-    // round it is.
+    // If the detection fails, the prediction may be good enough to find the edges. After the first
+    // round of the adjustment it is.
     let location = located.or_else(|| refine_in(image, setup.lens, setup.edge, &expected))?;
     if !agrees(&location, &expected) {
         return None;
@@ -521,7 +530,8 @@ fn hand_errors(
     for ((encoders, _), truth) in frames.iter().zip(truths) {
         let is = (real.inverse() * truth).translation.vector;
         let error = (camera.inverse() * encoders).translation.vector - is;
-        // Depth is the weaker measurement of one camera: both parts are reported apart.
+        // One camera measures depth less well, so the parts along and across the line of sight are
+        // reported separately.
         let along = error.dot(&is.normalize());
         sums[0] += error.norm_squared() - along * along;
         sums[1] += along * along;

@@ -17,7 +17,7 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// Most poses that are drawn for each view that is wanted.
+/// Largest number of poses that are drawn for each wanted view.
 const TRIES: usize = 4000;
 /// Working distance of a camera in a hand from the cube (m).
 const HAND_DISTANCE: f64 = 0.2;
@@ -79,11 +79,11 @@ fn reach(
     fitting.min_by(|a, b| apart(a).total_cmp(&apart(b))).copied()
 }
 
-/// Distance of every second view from the place of the hand-over, at most in each axis (m). Sag
-/// depends on the pose of the arm, and camera and arm must agree where the cube is taken.
+/// Largest distance, in each axis, of the cube from the place of the hand-over in every second view
+/// (m). Sag depends on the pose of the arm, and camera and arm must agree where the cube is taken.
 const NEAR: f64 = 0.06;
-/// Rotation of these views against the hold in which the cube is taken, at most about each axis
-/// (rad).
+/// Largest rotation, about each axis, of the cube in these views against the hold in which it is
+/// taken (rad).
 const TURNED: f64 = 0.35;
 
 /// Least height of the cube above the table while it is shown (m).
@@ -174,7 +174,7 @@ pub(super) fn standing_plan(
         {
             continue;
         }
-        // A drawn position of the track: the same view from several configurations of the arm.
+        // The track's position is drawn too, so that the views have many configurations of the arm.
         let (low, high) = arm.model.joint_limits[0];
         reference.0[0] = low + 0.05 + track * (high - low - 0.1);
         let flange = world_from_tool * arm.flange_from_tool.inverse();
@@ -267,8 +267,8 @@ pub(super) fn in_hand_plan(
     })
 }
 
-/// Sorts joint positions: each is followed by the nearest of the remaining ones, where the joint
-/// that moves farthest counts.
+/// Sorts joint positions: each is followed by the nearest of the remaining ones. The distance of
+/// two is that of the joint that moves farthest (m or rad).
 fn in_order(mut poses: Vec<JointPositions>) -> Vec<JointPositions> {
     for i in 1..poses.len() {
         let apart = |joints: &JointPositions| {

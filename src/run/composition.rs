@@ -78,6 +78,10 @@ struct Beginning {
 }
 
 impl Beginning {
+    /// Reads the facts from the world.
+    ///
+    /// # Errors
+    /// If the plant's cube has a colour that does not exist.
     fn of(world: &World, controller: &ControllerConfig) -> Result<Self, Error> {
         let start = world
             .verdict()
@@ -113,12 +117,14 @@ struct Jams {
 }
 
 impl Jams {
+    /// Creates the counter of jams. `control` tells it whether the operator pauses.
     fn watched(control: watch::Receiver<Control>) -> Self {
         let turning = Turning::default();
         let witness = Arc::new(Mutex::new(Witness::new(turning.clone(), control)));
         Self { turning, witness }
     }
 
+    /// Returns the number of jams so far.
     fn count(&self) -> u32 {
         self.witness.lock().unwrap_or_else(PoisonError::into_inner).jams
     }
@@ -138,12 +144,13 @@ impl Composition<'_> {
         plan: Plan,
         logbook: Logbook,
     ) -> Result<Done, Error> {
-        // Before the servos: their driver takes the world away.
+        // Read before the servos start, because their driver takes the world.
         let beginning = Beginning::of(&world, &self.scenario.controller)?;
         self.operator.started(self.options.wait).await?;
         let (mut servos, jams) = self.start_servos(world)?;
         let services = self.services(servos.clock.clone());
         let pace = self.scenario.pace;
+        // A blocked run makes no summary of its own, so its caller gets one without figures.
         let stuck = self.options.stuck.map(|stuck| {
             let scenario = self.scenario.clone();
             move |error: Error| {
@@ -157,7 +164,7 @@ impl Composition<'_> {
         let to_task = self.operator.to_task.take();
         let turning = jams.turning.clone();
         let assignment = Assignment { goal, plan, logbook, to_task, turning };
-        // The staff must know both before MP exists: neither case synchronises the arms here.
+        // The staff must know both before MP exists: in neither case does it synchronise the arms.
         let by_hand = assignment.is_by_hand();
         let resumes = assignment.logbook.is_broken_off();
         let mut staff = self
@@ -254,11 +261,11 @@ impl Composition<'_> {
     }
 
     /// Starts all actors below MP and synchronises the arms. `by_hand` is whether the operator
-    /// moves the arms, `resumes` whether the run continues an interrupted one; neither run
-    /// synchronises them here.
+    /// moves the arms, `resumes` whether the run continues an interrupted one; in both cases the
+    /// arms are not synchronised here.
     ///
     /// # Errors
-    /// As [`home`] and [`start_actors`].
+    /// The errors of [`home`] and [`start_actors`].
     async fn staff(
         &self,
         servos: &mut Servos,

@@ -1,7 +1,7 @@
 //! Faults that are injected outside the plant: into cameras, messages, clock, actors, and files.
 //!
-//! The plant decides when they begin and end. Cameras and actors read flags; the world of a run
-//! carries out the rest. No kernel sees any of them.
+//! The plant decides when these faults begin and end. Cameras and actors read flags; the world of a
+//! run carries out the other faults. The kernel of a task sees none of this.
 //!
 //! - in: [`Disturbance`]s that begin and end, from the world
 //! - out: flags and numbers that cameras, actors and recorder read ([`InjectedFaults`])
@@ -77,17 +77,21 @@ impl Disturbance {
 /// Flags of a camera's faults.
 #[derive(Debug, Default)]
 pub(super) struct CameraFaults {
+    /// Whether the pictures are black.
     dark: AtomicBool,
+    /// Whether no pictures come.
     silent: AtomicBool,
     /// Delay of the pictures (ms).
     late: AtomicU64,
 }
 
 impl CameraFaults {
+    /// Returns whether the camera's pictures are black.
     pub(super) fn is_dark(&self) -> bool {
         self.dark.load(Ordering::Acquire)
     }
 
+    /// Returns whether the camera delivers no pictures.
     pub(super) fn is_silent(&self) -> bool {
         self.silent.load(Ordering::Acquire)
     }
@@ -101,10 +105,15 @@ impl CameraFaults {
 /// Flags of all injected faults, by index of arm and camera.
 #[derive(Debug, Clone, Default)]
 pub(super) struct InjectedFaults {
+    /// Faults of the ECP of each arm.
     pub(super) ecps: [Arc<ActorFault>; 2],
+    /// Faults of the EDP of each arm.
     pub(super) edps: [Arc<ActorFault>; 2],
+    /// Faults of the VSP of each camera.
     pub(super) vsps: Vec<Arc<ActorFault>>,
+    /// Faults of MP.
     pub(super) mp: Arc<ActorFault>,
+    /// Faults of each camera.
     pub(super) cameras: Vec<Arc<CameraFaults>>,
     /// Whether the heartbeat of the actors has stopped.
     pub(super) heart: Arc<AtomicBool>,
@@ -129,6 +138,7 @@ impl InjectedFaults {
         }
     }
 
+    /// Returns the flags of an actor; `None` if the cell has no such actor.
     fn of(&self, who: Actor) -> Option<&Arc<ActorFault>> {
         match who {
             Actor::Mp => Some(&self.mp),

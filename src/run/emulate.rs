@@ -54,6 +54,10 @@ pub(crate) struct Emulated {
 struct Sockets(PathBuf);
 
 impl Sockets {
+    /// Creates the folder, which only this user may enter.
+    ///
+    /// # Errors
+    /// If the system refuses it, or a folder of this name exists.
     fn new() -> std::io::Result<Self> {
         let path =
             std::env::temp_dir().join(format!("rubik-robot-emulator-{}", std::process::id()));
@@ -69,9 +73,9 @@ impl Drop for Sockets {
     }
 }
 
-/// File of devices, which is removed with them. It is locked as long as they exist: after `kill -9`
-/// the file is left behind without its lock, and the names of its lines may be reused by other
-/// programs.
+/// File of devices, which is removed when the devices are. It is locked as long as they exist:
+/// after `kill -9` the file is left behind without its lock, and other programs may reuse the names
+/// of its lines.
 struct DeviceFile {
     path: PathBuf,
     file: File,
@@ -99,7 +103,7 @@ impl DeviceFile {
 
 impl Drop for DeviceFile {
     fn drop(&mut self) {
-        // Another emulator may have replaced it.
+        // Another emulator may have replaced the file, which then stays.
         if new_file::is_at(&self.file, &self.path).unwrap_or(false) {
             let _ = std::fs::remove_file(&self.path);
         }
@@ -111,29 +115,29 @@ impl Drop for DeviceFile {
 /// # Errors
 /// The reason why the file must not be replaced.
 fn may_be_replaced(path: &Path) -> Result<(), String> {
-    // Without following a link, which may lead to any file.
+    // The check does not follow a link, which may lead to any file.
     let there = match std::fs::symlink_metadata(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
         Err(error) => return Err(error.to_string()),
         Ok(there) => there,
     };
     if !there.is_file() {
-        return Err("not a regular file, and not replaced".to_owned());
+        return Err("not a regular file, so it is not replaced".to_owned());
     }
     if there.uid() != rustix::process::geteuid().as_raw() {
-        return Err("another user's file, and not replaced".to_owned());
+        return Err("another user's file, so it is not replaced".to_owned());
     }
     let (file, text) = devices::read(path).map_err(|e| e.to_string())?;
     if !text.lines().any(|line| line == "emulated = true") {
         return Err(
-            "not an emulator's file, and not replaced; name another file with --devices".to_owned()
+            "not an emulator's file, so it is not replaced; name another file with --devices"
+                .to_owned(),
         );
     }
     // The lock counts, not the rest of the text, which another build may have written.
     if devices::is_held(&file).map_err(|e| e.to_string())? {
-        return Err(
-            "another emulator is running with it; name another file with --devices".to_owned()
-        );
+        return Err("another emulator is running with this file; name another one with --devices"
+            .to_owned());
     }
     Ok(())
 }
@@ -172,7 +176,8 @@ impl Cameras {
 
 /// Emulates a scenario's cell until its controller disconnects or a signal arrives. `devices` is
 /// the path of the file that tells the controller's bridge where lines and sockets are. `announce`
-/// is called when all of them are open, with them and with the real-time rights that were denied.
+/// is called when all of these are open; it gets the devices and the real-time rights that were
+/// denied.
 ///
 /// # Errors
 /// If a line, socket or file cannot be opened, or the plant fails.
@@ -270,7 +275,7 @@ mod tests {
         assert!(DeviceFile::write(&path, &emulated()).is_ok());
     }
 
-    /// The file has a key that this build does not know.
+    /// The file has a key that this build does not know, but its lock shows that it is in use.
     #[test]
     fn device_file_locked_by_another_build_is_kept() {
         let folder = Folder::new("emulate-build");

@@ -15,8 +15,11 @@ use tokio::sync::{mpsc, watch};
 
 /// Gate between the operator and a run.
 pub(super) struct Gate {
+    /// Channels from the operator.
     pub(super) outer: Outer,
+    /// Channels to the run.
     pub(super) inner: Inner,
+    /// Recorder of the inputs that pass.
     pub(super) recorder: Recorder,
     /// Recording whose inputs pass instead of the operator's.
     pub(super) playback: Option<Playback>,
@@ -83,8 +86,8 @@ impl Gate {
             given.extend(control.input());
         }
         // An input stays outside until the inner mailbox has room, so that a recorded input is
-        // never lost. `given.len()` counts those of this period, control and stop included, which
-        // is safe.
+        // never lost. `given` also has control and stop, which need no room: the count errs on the
+        // safe side.
         while self.inner.to_task.capacity() > given.len()
             && let Some(input) = self.outer.to_task.as_mut().and_then(|i| i.try_recv().ok())
         {
@@ -104,8 +107,8 @@ impl Inner {
             Input::EmergencyStop => self.stop.button().press(),
             // The mailbox has room: the gate checked it now, or when the input was recorded.
             Input::Answer { .. } | Input::Manual { .. } => drop(self.to_task.try_send(input)),
-            // No period passes before the start, so a start is over here. The others are not inputs
-            // of the controller.
+            // No period passes before the start, so a start has no effect here. The other three are
+            // not inputs of the controller.
             Input::Start | Input::Speed { .. } | Input::Quit | Input::Seek { .. } => {}
         }
     }

@@ -9,7 +9,7 @@
 //! | XFSZ | limit of a file's size | ignored: the write fails, which is reported |
 //! | TTIN, TTOU | terminal, while in the background | ignored: keys wait for the foreground |
 //! | USR1, USR2, IO (POLL), VTALRM, PROF | other programs, by mistake | ignored: no function here |
-//! | KILL, STOP, TSTP | `kill -9`, Ctrl-Z | none is possible, or wanted by the operator |
+//! | KILL, STOP, TSTP | `kill -9`, Ctrl-Z | none: cannot be caught, or the operator wants it |
 //!
 //! The first signal acts as the operator's terminate, so that the run ends at its next macrostep
 //! and still makes its summary.
@@ -53,7 +53,7 @@ pub(crate) fn ending_signals() -> Vec<i32> {
 }
 
 /// Makes the process ignore the signals that have no meaning for a run. A handler that does nothing
-/// would not do: the system repeats the read that SIGTTIN interrupts, again and again.
+/// would not suffice: the system would repeat the read that SIGTTIN interrupts again and again.
 #[allow(unsafe_code, reason = "no safe function sets a signal to be ignored")]
 pub(super) fn ignore_others() {
     for signal in IGNORED {
@@ -105,6 +105,7 @@ impl Interrupt {
 }
 
 impl Drop for Interrupt {
+    /// Ends the thread that waits for signals.
     fn drop(&mut self) {
         self.handle.close();
     }

@@ -3,9 +3,10 @@
 //! - in: the believed cell, the settings of the search
 //! - out: the table of meetings, equal to the bit whether it was searched now or read
 //!
-//! A file names the cell and the build of the program that made it. A file of another cell, another
-//! build, or with an error is replaced by a new search. So is a file that another user can have
-//! written, since the arms move to the joints in it.
+//! A meeting is a pair of joint positions in which both hands can be at one cube. A file names the
+//! cell and the build of the program that made it. A file of another cell, another build, or with
+//! an error is replaced by a new search. So is a file that another user can have written, since the
+//! arms move to the joint positions in it.
 
 use crate::cell::Cell;
 use crate::generators::position::Speeds;
@@ -34,6 +35,7 @@ struct Kept {
     made_of: String,
     /// Build of the program.
     made_by: String,
+    // The fields of [`MeetingTable`].
     grasps: [Option<Meeting>; 24],
     views: [[Option<Meeting>; 3]; 2],
     separation: f64,
@@ -48,6 +50,7 @@ pub(crate) fn of(cell: &Cell, settings: &ReachSettings, speeds: Option<&Speeds>)
     in_folder(Store::for_user().folder(), cell, settings, speeds)
 }
 
+/// Returns the table of the meetings like [`of`], with the cache in `folder`.
 fn in_folder(
     folder: &Path,
     cell: &Cell,
@@ -95,7 +98,7 @@ fn in_folder(
 /// Reads a file; `None` if it is absent, damaged, or of a user who is not trusted.
 fn read(path: &Path) -> Option<Kept> {
     let (file, text) = text::open_text(path, LARGEST).ok()?;
-    // The owner of the open file: that of the path may change in between.
+    // The open file is checked, because another file may take its path in between.
     if !new_file::is_trusted(&file.metadata().ok()?) {
         tracing::warn!("{}: another user can write it, so it is not used", path.display());
         return None;

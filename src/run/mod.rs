@@ -7,8 +7,8 @@
 //!
 //! No actor imports anything from here. The actors get the controller's half of the scenario only;
 //! the verdict comes from the world, if that knows the truth. A run owns its UI actor, but neither
-//! page nor terminal: desk and server belong to the caller, outlive the run, and serve the next
-//! one.
+//! page nor terminal: the desk (the channels to them) and the page's server belong to the caller,
+//! outlive the run, and serve the next one.
 
 mod bridge_log;
 pub(crate) mod calibrate;
@@ -71,7 +71,7 @@ use tokio::runtime::Runtime;
 use world::World;
 use world_file::Kept;
 
-/// Longest time in which work of the actors may end after the run.
+/// Longest time that the actors' work may take to end after the run.
 const LEAVE: Duration = Duration::from_secs(1);
 
 /// Performs a scenario and returns its summary.
@@ -83,12 +83,12 @@ pub fn run(scenario: &Scenario, options: RunOptions) -> Result<Summary, Error> {
 }
 
 /// Performs a scenario with UIs, which show the controller's beliefs and send the operator's
-/// inputs; `desk` is the run's end of the channels to them. As long as they send none, a run of the
-/// cube's task is the same to the bit as without them. The idle task waits for their orders until
-/// it is terminated.
+/// inputs; `desk` is the run's end of the channels to the UIs. As long as no input comes, a run of
+/// the cube's task is the same to the bit as without UIs. The idle task waits for the operator's
+/// orders until it is terminated.
 ///
 /// # Errors
-/// As [`run`].
+/// The errors of [`run`].
 pub fn run_at(
     scenario: &Scenario,
     options: RunOptions,
@@ -101,7 +101,7 @@ pub fn run_at(
 /// to verify, files of an interrupted run, a probe of the plant.
 ///
 /// # Errors
-/// As [`run`].
+/// The errors of [`run`].
 pub fn run_with(
     scenario: &Scenario,
     options: RunOptions,
@@ -119,15 +119,15 @@ pub fn run_with(
     // The UIs exist and show each error from here on.
     match carried_out(scenario, options, context, operator) {
         Ok(done) => {
-            // Time in which the run was paused or held back is not its own.
+            // Time in which the run was paused or held back does not count as the run's.
             let worked = tempo.working_time().saturating_duration_since(begun).as_secs_f64();
             let (seed, period) = (scenario.seed, scenario.real_time.period);
             let mut summary = outcome::summary(&scenario.controller, seed, period, &done, worked);
-            // A signal acts as the operator's terminate: only here are both known.
+            // A signal acts as the operator's terminate, so the summary cannot tell them apart.
             if summary.ended_by == EndedBy::Operator && interrupt.is_some_and(|i| i.came()) {
                 summary.ended_by = EndedBy::Interrupt;
                 if summary.outcome != Outcome::Solved {
-                    // The rest of the reason says where the cube is.
+                    // The text after these words says where the cube is.
                     summary.reason = summary.reason.replacen(BY_OPERATOR, "interrupted", 1);
                 }
             }
@@ -210,7 +210,7 @@ fn carried_out(
             World::of_recording(scenario.controller.cameras.len(), playback.clone(), control)
         }
         None if scenario.bridge.kind.is_hardware() => World::of_hardware(scenario, control)?,
-        // The plant of another run, if this one resumes it.
+        // The plant starts in the state that another run left, if this run resumes that one.
         None => {
             let mut plant = plan.plant(scenario)?;
             if let Some(kept) = &kept {
@@ -220,8 +220,8 @@ fn carried_out(
             (world.keeping(kept)?, cameras, None)
         }
     };
-    // The controller's beliefs are made after the world, which has its truth from the scenario as
-    // read.
+    // The world has drawn its truth around the scenario as read. The controller's beliefs have the
+    // calibrated cameras.
     let (believed, uncalibrated) = believed(scenario, &operator.trace);
     let runtime = runtime(scenario.pace, scenario.bridge.kind.is_hardware())?;
     let bridge_log = notes.map(|notes| BridgeLog::start(notes, &believed.controller.cell));
@@ -284,9 +284,9 @@ fn runtime(pace: Pace, is_hardware: bool) -> Result<Runtime, Error> {
 mod tests {
     use super::*;
 
-    /// Its thread is left behind. Without a limit the end of the runtime waits for it.
+    /// Without a limit, the shutdown would wait for a thread that never ends.
     #[test]
-    fn hanging_work_does_not_keep_the_runtime() {
+    fn hanging_work_does_not_block_runtime_shutdown() {
         let runtime = runtime(Pace::RealTime, false).unwrap();
         let (end, ended) = std::sync::mpsc::channel::<()>();
         let hangs = move || ended.recv();

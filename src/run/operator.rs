@@ -59,7 +59,7 @@ pub(super) fn start_ui(
     tempo.set(options.speed);
     let (to_task, inputs) = mpsc::channel(INPUTS);
     let latest = context.desk.as_ref().map(|_| LatestValues::default());
-    // Without a desk no UI looks: no snapshots are made.
+    // Without a desk there is no UI, so no snapshots are made.
     let presenter = context.desk.as_ref().zip(latest.clone()).map(|(desk, latest)| {
         let stage = present::stage(scenario);
         desk.stage.send_replace(Arc::new(stage.clone()));
@@ -73,11 +73,11 @@ pub(super) fn start_ui(
         presenter,
         latest,
         recorder: context.recorder.clone(),
-        // The run reads it at its end, when all traces are in it.
+        // The run reads the hash at its end, when it covers all traces.
         hash: RunHash::default(),
     };
     let ui = Ui::spawn(parts).map_err(|e| not_created("ui", &e.to_string()))?;
-    // A verification repeats a run whose operator could be asked.
+    // In a verification, an operator can be asked if one could be asked in the recorded run.
     let attended = context.desk.is_some() || context.playback.as_ref().is_some_and(|(_, was)| *was);
     let channels = OperatorChannels {
         trace: ui.trace.clone(),

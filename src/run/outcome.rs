@@ -46,7 +46,7 @@ pub(super) struct Done {
     pub(super) performed: Performed,
     /// Facts of the plant; `None` for hardware.
     pub(super) truth: Option<Truth>,
-    /// Whether the operator moved the arms by hand, which only the operator ends.
+    /// Whether the task was to move the arms by hand, which only the operator ends.
     pub(super) by_hand: bool,
     /// Hash over servo records and messages.
     pub(super) hash: String,
@@ -189,7 +189,8 @@ fn turned_deg(goal: Option<Goal>, verdict: Option<&Verdict>) -> Option<f64> {
     }
 }
 
-/// Returns the duration of each phase; `ended` is the end of the last one by the wall clock.
+/// Returns the duration of each phase in simulated time and by the wall clock; `ended` is the end
+/// of the last phase by the wall clock.
 fn phases(ending: &Ending, ended: Instant) -> Vec<Phase> {
     // A phase ends where the next one begins.
     let ends = ending.phases.iter().skip(1).map(|p| (p.1, p.2)).chain([(ending.end, ended)]);

@@ -1,4 +1,5 @@
-//! Geometry of a run before it begins: the meetings of the arms and the start of a face turn.
+//! Geometry of a run before it begins: the meetings of the arms (joint positions in which both
+//! hands can be at one cube) and the start of a face turn.
 //!
 //! - in: the controller section
 //! - out: [`Plan`], for the task and for the plant, whose errors are drawn around it
@@ -33,12 +34,12 @@ impl Plan {
             .then(|| settings::meetings(config, &ReachSettings::default()));
         let face_turn = (config.task == Task::FaceTurn)
             .then(|| {
-                let meetings = meetings.as_ref().ok_or("both arms are needed".to_owned())?;
+                let meetings = meetings.as_ref().ok_or("a face turn needs two arms".to_owned())?;
                 settings::face_turn_start(meetings, config.face_turn.angle)
             })
             .transpose()
             .map_err(|why| not_created("task", &why))?;
-        // A half turn may have got the other sense, in which the wrist has room.
+        // For a half turn the angle may now have the other sense, in which the wrist has room.
         let (face_turn, angle) =
             face_turn.map_or((None, 0.0), |(start, angle)| (Some(start), angle));
         Ok(Self { meetings, face_turn, angle })

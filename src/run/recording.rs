@@ -34,7 +34,7 @@ pub(super) fn with(
     }
 }
 
-/// Interval at which the emergency stop is read. It bypasses all actors, so none of them reports
+/// Interval at which the emergency stop is read. The stop bypasses all actors, so no actor reports
 /// it.
 const GLANCE: Duration = Duration::from_millis(4);
 

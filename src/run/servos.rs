@@ -63,6 +63,8 @@ pub(super) struct Observer {
 }
 
 impl Observer {
+    /// Creates an observer that shows the plant to `witness`, `recorder` and `events`. `length` is
+    /// that of a servo period.
     pub(super) fn new(
         witness: Arc<Mutex<Witness>>,
         recorder: Recorder,
@@ -82,7 +84,7 @@ impl Observer {
                 .record_some(tick, || world.scene().map(|scene| Entry::Scene(Box::new(scene))));
             self.events.look(tick, world.plant());
         }
-        // The run takes this lock at its end only, so the servo's thread never waits for it.
+        // The run itself takes this lock at its end only, so the servo's thread never waits for it.
         self.witness.lock().unwrap_or_else(PoisonError::into_inner).look(tick, turned);
     }
 }
@@ -244,7 +246,7 @@ pub(super) fn start_servos(
     };
     let (synchronised, driver);
     match drive.pace {
-        // Everything in one task: records are hashed, kept and compared inline.
+        // Servos and sinks run in one task: records are hashed, kept and compared at once.
         Pace::Virtual => {
             let sink = recording::with(seen, recorder.ticks());
             let core = new_core(recording::with(sink, playback), &mut world)?;
@@ -305,7 +307,8 @@ fn write_records(
 ) -> Result<JoinHandle<()>, Error> {
     let thread = std::thread::Builder::new().name("records".into());
     let work = move || {
-        // The servo's thread drops its end as it stops; records that are left are written then.
+        // The servo's thread drops its end of the ring as it stops; the records that are left in it
+        // are still written.
         while !written.is_abandoned() || !written.is_empty() {
             while let Ok(record) = written.pop() {
                 sink.record(&record);

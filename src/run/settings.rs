@@ -31,8 +31,8 @@ use nalgebra::{Point3, Vector3};
 use std::f64::consts::PI;
 use std::sync::LazyLock;
 
-/// Returns the largest speeds of the visual servo (m/s, rad/s). Beside a person no part of the hand
-/// exceeds `control.hand_speed`.
+/// Returns the largest linear and angular speed of the visual servo (m/s, rad/s). Beside a person
+/// no part of the hand exceeds `control.hand_speed`.
 fn following(config: &ControllerConfig) -> (f64, f64) {
     /// Distance of the farthest part of a hand or its cube from the tool about which it turns (m).
     const REACH: f64 = 0.15;
@@ -159,12 +159,12 @@ pub(super) fn cube_settings(
         turn_least_torque: c.turn_least_torque,
         pull: c.approach_force,
         speed: 1.0,
-        // As a share of the speed of lines, which alone lead to the operator's hand.
+        // As a share of the speed of straight lines: only these lead to the operator's hand.
         gentle: (c.hand_line_speed / c.linear_speed).min(1.0),
         speeds: manner(config, 0).speeds,
         jaw_speeds: (c.jaw_close_speed, c.jaw_open_speed),
         jaw_reach: c.jaw_reach_speed,
-        // With one layer and with two between the fingers.
+        // First with one layer of the cube between the fingers, then with two.
         finger_depth: [Gripper::FACE_BEHIND_TOOL_ONE, Gripper::FACE_BEHIND_TOOL_TWO]
             .map(|behind| behind + arm.gripper.finger_tip),
         finger_width: arm.gripper.finger_width,
@@ -285,7 +285,7 @@ pub fn planner(config: &ControllerConfig) -> Result<Planner, String> {
     let meetings = meetings(config, &reach);
     cube_settings(config, meetings, &reach)
         .map(|settings| Planner::new(&settings))
-        .ok_or_else(|| "a plan is for two effectors".to_owned())
+        .ok_or_else(|| "a plan needs a cell with two effectors".to_owned())
 }
 
 /// Time for which a lying cube must be seen at rest before it is taken (s).
@@ -376,8 +376,8 @@ pub(super) fn face_turn_start(
     let body = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::Two };
     let turner = Hold { palm: Face::U, jaws: Axis::Y, depth: Depth::One };
     let track = turner.cube_from_tool(false, 0.0).rotation;
-    // A hold has two equivalent tool frames, half a roll apart. Each needs another meeting, with
-    // another room for the track's wrist.
+    // A hold has two equivalent tool frames, half a turn of the roll apart. Each needs another
+    // meeting, in which the track's wrist has another range left.
     let mut rooms = Vec::new();
     for half_roll in [false, true] {
         let postument = body.cube_from_tool(half_roll, 0.0).rotation;
@@ -487,6 +487,7 @@ mod tests {
         panic!("the mission never ends: {phases:?} {notes:?}");
     }
 
+    /// Returns the outcome of a behaviour that succeeds.
     fn ends_well(order: &Behaviour) -> Outcome {
         match order {
             Behaviour::Joints { .. }
@@ -576,9 +577,9 @@ mod tests {
         assert_eq!(phases.iter().filter(|p| **p == "identify again").count(), 1);
     }
 
-    /// A mapped table could end the process while arms move.
+    /// Another process may truncate a mapped file, which would end this one while arms move.
     #[test]
-    fn tables_of_a_run_are_in_memory() {
+    fn tables_of_a_run_are_copied_into_memory() {
         assert_eq!(store().residence(), Residence::Copied);
     }
 }

@@ -69,7 +69,7 @@ enum Event {
     /// Look of a camera: its index, the period in which its sensor was asked, the picture as JPEG,
     /// and the result.
     Sight(usize, u64, Option<Arc<Vec<u8>>>, Found),
-    /// Begin of a phase.
+    /// Beginning of a phase.
     Phase(String),
     /// Log message: class, actor, text.
     Message(Class, String, String),
@@ -113,7 +113,7 @@ impl Show {
             label.take(&piece);
             let Piece::Message(message) = piece else { continue };
             if show.held > most {
-                // The rest is read for the outcome, which is at the end of the file.
+                // Reading goes on without keeping, because the outcome is at the end of the file.
                 long = true;
                 continue;
             }
@@ -136,12 +136,14 @@ impl Show {
                 outcome(&summary)
             }
             (None, Some(flaw)) => cut_off(&flaw),
-            (None, None) if long => cut_off("the recording holds more than is shown"),
+            (None, None) if long => cut_off("the recording holds more than fits into memory"),
             (None, None) => cut_off("the recording does not say how the run ended"),
         };
         if long {
-            let text =
-                format!("the recording holds more than is shown: the rest from {:.1} s", show.end);
+            let text = format!(
+                "the recording holds more than fits into memory: it is shown up to {:.1} s",
+                show.end
+            );
             show.events.push((show.end, Event::Message(Class::Warning, "ui".to_owned(), text)));
         }
         // A recording that another program has written again may have another order.
@@ -171,6 +173,7 @@ impl Show {
         }
     }
 
+    /// Adds a belief of the task's kernel.
     fn take_belief(&mut self, time: f64, data: &[u8]) -> Result<(), cdr::Malformed> {
         if let Some(picture) = belief::read(cdr::Reader::new(data)?.string()?) {
             self.push(time, data.len(), Event::Belief(Box::new(picture)));
@@ -178,6 +181,8 @@ impl Show {
         Ok(())
     }
 
+    /// Adds the beginning of a phase. A phase with an outcome, the second text, is the end of the
+    /// run and is left out.
     fn take_phase(&mut self, time: f64, data: &[u8]) -> Result<(), cdr::Malformed> {
         let mut from = cdr::Reader::new(data)?;
         from.time()?;
@@ -188,6 +193,7 @@ impl Show {
         Ok(())
     }
 
+    /// Adds a log message, unless it announces a phase.
     fn take_log(&mut self, time: f64, data: &[u8]) -> Result<(), cdr::Malformed> {
         let (class, who, text) = standard::read_log(&mut cdr::Reader::new(data)?)?;
         // A phase has a message of its own.
@@ -198,6 +204,7 @@ impl Show {
         Ok(())
     }
 
+    /// Adds an input of the operator.
     fn take_input(&mut self, time: f64, data: &[u8]) -> Result<(), cdr::Malformed> {
         let mut from = cdr::Reader::new(data)?;
         from.time()?;
@@ -207,6 +214,7 @@ impl Show {
         Ok(())
     }
 
+    /// Adds the result of a camera's sensor. Results of other sensors are not shown.
     fn take_sensed(
         &mut self,
         time: f64,
@@ -237,6 +245,8 @@ impl Show {
         Ok(())
     }
 
+    /// Takes a servo tick into account, and adds the state of its arm every [`PERIODS_PER_STATE`]
+    /// periods.
     fn take_tick(
         &mut self,
         time: f64,
@@ -253,6 +263,7 @@ impl Show {
         Ok(())
     }
 
+    /// Adds an event of a time (s) that takes about `size` bytes of memory besides its entry.
     fn push(&mut self, time: f64, size: usize, what: Event) {
         self.held += size + size_of::<(f64, Event)>();
         self.events.push((time, what));
@@ -264,6 +275,8 @@ impl Show {
         format!("{}: {}", self.outcome.verdict, self.outcome.reason)
     }
 
+    /// Returns the index of a sensor's camera; `None` if the scenario has no such sensor, or it has
+    /// no camera.
     fn camera(&self, sensor: &str) -> Option<usize> {
         let vsps = &self.scenario.controller.vsps;
         let name = sensor.strip_prefix("vsp ")?;
@@ -339,10 +352,11 @@ fn cut_off(reason: &str) -> OutcomeView {
 /// State that is carried from message to message while a recording is read.
 struct Loading {
     cell: Cell,
-    /// Servo periods between two states.
+    /// Servo periods between two states that are kept.
     states: u64,
+    /// Last state of each arm, and the largest values since the last state that was kept.
     arms: Vec<(ArmState, Peaks)>,
-    /// Camera that looked last, and the index of its event. The picture's own message follows.
+    /// Camera that looked last, and the index of its event. The message with the picture follows.
     looked: Option<(usize, usize)>,
 }
 
@@ -415,6 +429,7 @@ fn found(sensed: Result<sensed::Found, String>) -> Found {
 /// Position in a recording, with the presenter and the latest values at that time.
 struct Playhead<'a> {
     show: &'a Show,
+    /// Run's end of the desk to which the playback is shown.
     to: &'a RunEnd,
     latest: LatestValues,
     presenter: Presenter,
@@ -429,6 +444,7 @@ struct Playhead<'a> {
 }
 
 impl<'a> Playhead<'a> {
+    /// Creates a playhead before the first event, and shows the recording's stage at the desk `to`.
     fn new(show: &'a Show, to: &'a RunEnd) -> Self {
         let latest = LatestValues::default();
         let mut stage = present::stage(&show.scenario);
@@ -438,7 +454,7 @@ impl<'a> Playhead<'a> {
         to.stage.send_replace(Arc::new(stage));
         to.pictures.send_replace(Pictures::new());
         let faults = vec![String::new(); show.scenario.controller.cell.arms.len()];
-        // No actor runs: actions of MP are not recorded, only its beliefs and phases.
+        // A recording has beliefs and phases, but not the actions of MP, so none are shown.
         let mut values = latest.lock();
         (values.mp, values.replayed) = ("as recorded", true);
         drop(values);
@@ -490,7 +506,7 @@ impl<'a> Playhead<'a> {
             }
             self.next += 1;
         }
-        // One belief and one picture for each camera are left of the interval.
+        // The last belief and the last picture of each camera in the interval are shown.
         if let Some(picture) = belief {
             self.latest.lock().picture = Some(picture.as_ref().clone());
         }
@@ -539,7 +555,7 @@ impl Show {
     pub fn moments(&self, most: usize) -> Vec<(f64, String, Arc<Snapshot>)> {
         let steps = self.steps();
         let count = most.min(steps.len());
-        // Both ends are among them; `max(1)` is for a single moment.
+        // The first and the last step are among the moments; `max(1)` is for a single moment.
         let moments: Vec<_> =
             (0..count).map(|i| &steps[i * (steps.len() - 1) / (count - 1).max(1)]).collect();
         let times: Vec<f64> = moments.iter().map(|(time, _)| *time).collect();
@@ -618,11 +634,13 @@ mod tests {
         crate::scenario::read(std::path::Path::new("t.toml"), "", &[]).unwrap()
     }
 
+    /// Makes a recording of these events that ends at the time `end` (s).
     fn show(events: Vec<(f64, Event)>, end: f64) -> Show {
         let title = String::new();
         Show { scenario: scenario(), title, events, held: 0, end, outcome: cut_off("") }
     }
 
+    /// Returns the record of the first arm in a period: the arm rests at its start.
     fn record(period: u64) -> ServoRecord {
         let joints = scenario().controller.cell.arms[0].start;
         ServoRecord {
@@ -669,7 +687,7 @@ mod tests {
         assert!(whole.held < 100 * (TEXT_LIMIT + 500), "{}", whole.held);
         let part = read(50 * TEXT_LIMIT);
         assert!((40..=52).contains(&part.events.len()), "{}", part.events.len());
-        assert!(part.ending().contains("holds more than is shown"), "{}", part.ending());
+        assert!(part.ending().contains("more than fits into memory"), "{}", part.ending());
     }
 
     #[test]

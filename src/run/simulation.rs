@@ -31,9 +31,9 @@ use crate::servo::period::Length;
 use crate::spatial::Pose;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 
-/// Creates the plant of a run with its seeded errors; those of the arms' bases are about the mean
-/// place of `meetings`. With a `face_turn` the arms start there, and the postument's hand holds the
-/// cube.
+/// Creates the plant of a run with its seeded errors; the bases of the arms are tilted about the
+/// mean place of `meetings`. With a `face_turn` the arms begin at its start, and the postument's
+/// hand holds the cube.
 ///
 /// # Errors
 /// If the plant section describes no possible plant.
@@ -103,6 +103,7 @@ pub(super) fn create_holding(
     let pivot = ErrorSpreads::default().pivot;
     let mut config = config(scenario, &belief, pivot, GraspError::default());
     let layer = scenario.controller.cell.cube.edge / 3.0;
+    // Errors that exist from the beginning are in this plant too; faults during a run are not.
     for keys in &scenario.plant.faults {
         add_cell_error(keys, layer, &mut config.cell);
     }
@@ -183,7 +184,7 @@ fn config(
     };
     config.substeps = keys.substeps;
     config.period = Length::of_seconds(scenario.real_time.period);
-    // The plant has a flag for two arms; the scenario may have one.
+    // The plant has a flag for each of two arms; the scenario may have only one arm.
     for (now, wanted) in config.synchronised.iter_mut().zip(&scenario.plant.synchronised) {
         *now = *wanted;
     }
@@ -322,7 +323,8 @@ fn fault_words(scenario: &Scenario) -> Vec<String> {
 /// Writer of the injected faults that have begun, for the recording alone: no part of the run sees
 /// it.
 pub(super) struct PlantEventLog {
-    /// Name of each fault; emptied when it was written, or all if nothing is recorded.
+    /// Name of each fault, replaced by an empty text once it is written. The list is empty if
+    /// nothing is recorded.
     words: Vec<String>,
     /// Number of faults that had begun at the last look.
     reported: usize,
@@ -330,6 +332,7 @@ pub(super) struct PlantEventLog {
 }
 
 impl PlantEventLog {
+    /// Makes a writer of the scenario's faults.
     pub(super) fn new(scenario: &Scenario, recorder: Recorder) -> Self {
         let words = if recorder.is_on() { fault_words(scenario) } else { Vec::new() };
         Self { words, reported: 0, recorder }
@@ -368,7 +371,7 @@ fn fault_event(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -> 
         FaultActor::Edp => Some(Actor::Edp(arm)),
         FaultActor::Vsp => Some(Actor::Vsp(camera)),
     };
-    // Faults of messages are of an EDP unless the scenario names another actor.
+    // Faults of messages affect the EDP of the arm unless the scenario names another actor.
     let receiver = who().unwrap_or(Actor::Edp(arm));
     let other = match keys.kind? {
         // Faults that the plant itself has.
@@ -420,7 +423,8 @@ fn fault_event(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -> 
         K::LostWrite => Disturbance::Storage(keys.file, StorageFault::Lost),
         K::EmergencyStop => Disturbance::EmergencyStop,
     };
-    // The plant times the disturbance like a fault of its own and reports its index.
+    // The plant decides when the disturbance begins and ends, as for its own faults, and then
+    // reports its index.
     others.push(other);
     Some(What::Elsewhere(others.len() - 1))
 }
@@ -477,6 +481,7 @@ mod tests {
     use crate::scenario;
     use std::path::Path;
 
+    /// Returns the identity of a plant whose scenario has the keys `text` and the tables `more`.
     fn identity(text: &str, more: &str) -> Identity {
         let text = format!("task = \"solve\"\nseed = 5\n{text}\n{more}\n");
         let scenario = scenario::read(Path::new("identity.toml"), &text, &[]).unwrap();

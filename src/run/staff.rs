@@ -57,7 +57,7 @@ pub(super) fn supervise(
     stuck: Option<impl FnOnce(Error) + Send + 'static>,
 ) -> Result<Option<Outside>, Error> {
     let (beats, heart) = (Arc::clone(&servos.switches), Arc::clone(&faults.heart));
-    // The heartbeat is a task of the actors' runtime, so it stops if any of them blocks that.
+    // The heartbeat is a task of the actors' runtime, so it stops if any actor blocks this runtime.
     tokio::spawn(async move {
         loop {
             if !heart.load(Ordering::Acquire) {
@@ -96,7 +96,9 @@ pub(super) struct Drivers {
     edps: Vec<EdpHandle>,
     /// Indices of the arms that must be synchronised before the task.
     unsynchronised: Vec<usize>,
+    /// Guard against collisions.
     guard: Guard,
+    /// Flag of MP for the lookout: whether the commanded motions keep the hands apart.
     apart: Apart,
 }
 
@@ -104,10 +106,15 @@ pub(super) struct Drivers {
 /// still looks while the arms come to rest.
 pub(super) struct Staff {
     _edps: Vec<EdpHandle>,
+    /// ECP of each effector.
     pub(super) ecps: Vec<ecp::EcpHandle>,
+    /// VSPs of the scenario.
     pub(super) sensors: Sensors,
+    /// Parameters of the generators of each effector.
     pub(super) manners: Vec<Manner>,
+    /// Guard against collisions.
     pub(super) guard: Guard,
+    /// Flag of MP for the lookout: whether the commanded motions keep the hands apart.
     pub(super) apart: Apart,
 }
 
@@ -142,7 +149,7 @@ pub(super) fn start_drivers(
         services.clone(),
     );
     services.supervision.watchdog.spawn("guard", watching);
-    // When arms are moved by hand, the operator decides when each is synchronised.
+    // When arms are moved by hand, the operator decides when each arm is synchronised.
     let unsynchronised = (0..edps.len()).filter(|&i| !servos.synchronised[i] && !by_hand).collect();
     Drivers { edps, unsynchronised, guard, apart }
 }
@@ -164,7 +171,7 @@ pub(super) async fn home(
         let cause = NonFatal::Lost { effector };
         return Err(Error::NonFatal { actor, place: "resume", cause });
     }
-    // One arm at a time. A panic of another actor ends the wait for this one.
+    // One arm at a time. A panic of any actor ends the wait for the arm.
     for &i in &drivers.unsynchronised {
         let now = services.clock.period() as f64 * PERIOD;
         services.trace.tell(Notice::Phase(now, format!("synchronise {}", cell.arms[i].name)));
@@ -177,7 +184,7 @@ pub(super) async fn home(
     Ok(())
 }
 
-/// Synchronises an arm. The operator may pause it, and terminate the run before it is done.
+/// Synchronises an arm. The operator may pause its homing, and may terminate the run meanwhile.
 ///
 /// # Errors
 /// If the arm fails, or the operator terminates the run.
@@ -191,7 +198,8 @@ async fn home_arm(edp: &EdpHandle, services: &Services) -> Result<(), Error> {
                 let actor = "supervisor".into();
                 return Err(Error::NonFatal { actor, place: "synchronise", cause });
             }
-            // While the operator pauses: the request for the state returns a fault of the arm.
+            // While the operator pauses, the state is requested, because it reports a fault of the
+            // arm.
             None => {
                 edp.state().await?;
                 continue;
@@ -200,7 +208,7 @@ async fn home_arm(edp: &EdpHandle, services: &Services) -> Result<(), Error> {
         if wait_for_homing(edp.synchronise(), &mut control, clock).await? {
             return Ok(());
         }
-        // The operator interrupted it: it is requested again when the operator resumes.
+        // The operator interrupted the homing. It is requested again when the operator resumes.
         let now = clock.period() as f64 * PERIOD;
         services.trace.tell(Notice::Note(now, homing::STOPPED_MESSAGE.to_owned()));
     }
@@ -340,7 +348,8 @@ impl Sensors {
         match (kind, carrier) {
             (VspKind::Cube, _) => self.trackers.push((owner, handle)),
             (VspKind::Face, Some(arm)) => self.hand_cameras.push((owner, arm, handle)),
-            // A task asks a face's sensor by the arm that carries it: without one it has no use.
+            // A task finds the sensor of a face by the arm that carries its camera, so a sensor
+            // whose camera no arm carries is never asked.
             (VspKind::Face | VspKind::Force, _) => {}
         }
     }

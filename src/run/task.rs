@@ -78,11 +78,12 @@ impl Logbook {
     }
 }
 
+/// Returns the error of a journal that cannot be used.
 fn unusable(path: &Path, why: &str) -> Error {
     not_created("journal", &format!("{}: {why}", path.display()))
 }
 
-/// Kernel that MP performs.
+/// Kernel of the task that MP performs.
 enum Kernel {
     Cube(Box<Mission>),
     Idle(Idle),
@@ -123,8 +124,8 @@ pub(super) struct Performed {
     pub(super) ended: Instant,
 }
 
-/// Performs the task with all effectors. A panic of MP is reported as an ending of the task, not as
-/// an error.
+/// Performs the task with all effectors. A panic of MP is part of the result, not an error of this
+/// function.
 ///
 /// # Errors
 /// If the cell has too few effectors for the task.
@@ -147,8 +148,8 @@ pub(super) async fn run_task(
             let patience = to_task.is_some().then_some(PATIENCE);
             let mut order =
                 mission::Assignment { held, patience, ..mission::Assignment::new(goal) };
-            // A resumed mission looks at jaws and cameras first; the entry is what they cannot
-            // show.
+            // A resumed mission first looks at jaws and cameras. The journal's last entry tells it
+            // what these cannot show.
             if logbook.resumes {
                 order = order.resumed(logbook.last);
             }

@@ -46,6 +46,7 @@ pub(crate) struct Verified {
 }
 
 impl std::fmt::Display for Verified {
+    /// Writes the result as one line for the user.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let what = if self.whole_controller { "the whole controller" } else { "the servos" };
         match &self.divergence {
@@ -58,7 +59,7 @@ impl std::fmt::Display for Verified {
             write!(f, "; {why}")?;
         }
         if self.not_compared > 0 && self.divergence.is_none() {
-            write!(f, "; {} ticks behind that were not compared", self.not_compared)?;
+            write!(f, "; {} later servo ticks were not compared", self.not_compared)?;
         }
         match &self.cut {
             Some(how) => write!(f, "; the recording is {how}"),
@@ -134,8 +135,8 @@ fn controller(playback: &Playback, scenario: &Scenario, attended: bool) -> Verif
         && length.tick(first.period) + SCENES >= noted
     {
         let ended = format!(
-            "from period {} on it cannot be compared with its recording: the injected `{what}` is \
-             not a recorded input",
+            "from period {} on the run cannot be compared with its recording: the injected \
+             `{what}` is not a recorded input",
             first.period
         );
         let not_compared = not_compared + 1;
@@ -188,9 +189,9 @@ fn servos(playback: &Playback, scenario: &Scenario) -> Result<Verified, Error> {
         *last = recorded.period;
         let outside = recorded.outside().map_err(|text| not_created("servo", &text))?;
         let order = recorded.order().map_err(|text| not_created("servo", &text))?;
-        // The run created each servo from a reading before the first period. The first recorded one
-        // differs from it only in the noise of the force sensor, which has no effect before the
-        // first order.
+        // The run created each servo from a reading before the first period, which is not recorded.
+        // The first recorded reading differs from it only in the noise of the force sensor, which
+        // has no effect before the first order.
         let servo = servo.get_or_insert_with(|| ArmServo::new(config.clone(), &recorded.reading));
         servo.apply_outside(recorded.period, &outside);
         let (drive, state) = servo.step(recorded.period, &recorded.reading, order.as_ref());
@@ -203,7 +204,8 @@ fn servos(playback: &Playback, scenario: &Scenario) -> Result<Verified, Error> {
             drive,
             state,
         };
-        // Both sides have the form of the recording. Its checksum covers the values that it omits.
+        // Both records are compared in the form of the recording. A checksum in it covers the
+        // values that a tick omits.
         let now = Tick::of(&record);
         if let Some(what) = recorded.difference(&now) {
             let divergence = Divergence { period: recorded.period, who: who.clone(), what };

@@ -140,7 +140,7 @@ struct Scale {
     period: u64,
     /// Time of the next period by the wall clock (ns); `None` under virtual time.
     next: Option<u64>,
-    /// Number of periods missed in a row that stops the arms.
+    /// Number of periods missed in a row from which on the arms are stopped.
     missed_limit: u64,
     /// Whether a signal arrived. The weighing ends then, and the bridge switches the drives off as
     /// it is dropped.
@@ -149,6 +149,11 @@ struct Scale {
 }
 
 impl Scale {
+    /// Creates the servos of all arms and performs their first period. `missed_limit` is the number
+    /// of periods missed in a row from which on the arms are stopped.
+    ///
+    /// # Errors
+    /// If the port fails, or a signal arrived.
     fn new(
         configs: Vec<ServoConfig>,
         mut world: World,
@@ -170,6 +175,7 @@ impl Scale {
         Ok(this)
     }
 
+    /// Returns the state of an arm after the last period.
     fn state(&mut self, arm: usize) -> ArmState {
         *self.links[arm].state()
     }
@@ -229,7 +235,7 @@ impl Scale {
     /// Sends a command to an arm and performs periods until it is done.
     ///
     /// # Errors
-    /// As [`Self::check`] and [`Self::step`].
+    /// The errors of [`Self::check`] and [`Self::step`].
     fn run(&mut self, arm: usize, command: ServoCommand) -> Result<(), Error> {
         let ticket =
             self.links[arm].send(command).map_err(|e| not_created("servo", &e.to_string()))?;
@@ -243,7 +249,7 @@ impl Scale {
     /// Synchronises an arm unless it is synchronised already.
     ///
     /// # Errors
-    /// As [`Self::run`].
+    /// The errors of [`Self::run`].
     fn synchronise(&mut self, arm: usize) -> Result<(), Error> {
         let known = |core: &Core| core.synchronised().nth(arm).unwrap_or(false);
         if known(&self.core) {
@@ -260,7 +266,7 @@ impl Scale {
     /// Moves an arm to joint positions in short commands, slowly at both ends.
     ///
     /// # Errors
-    /// As [`Self::run`].
+    /// The errors of [`Self::run`].
     fn go(&mut self, arm: usize, joints: &JointPositions) -> Result<(), Error> {
         let from = self.state(arm).desired_joints.0;
         // Half a cosine over time: the largest speed is pi / 2 times the mean.
@@ -284,7 +290,7 @@ impl Scale {
     /// orientation of its flange.
     ///
     /// # Errors
-    /// If the sensor gives too few readings, or as [`Self::check`].
+    /// If the sensor gives too few readings; the errors of [`Self::check`] and [`Self::step`].
     fn listen(&mut self, arm: usize, model: &ArmModel) -> Result<Sample, Error> {
         for _ in 0..(SETTLING_TIME / PERIOD) as u32 {
             self.step()?;
@@ -313,10 +319,12 @@ impl Scale {
     }
 }
 
+/// Returns the fatal error of a weighing.
 fn fatal(cause: Fatal) -> Error {
     Error::Fatal { actor: "weigh".into(), place: "servo", cause, last: None }
 }
 
+/// Returns the non-fatal error of a weighing whose arm refused a command.
 fn refuse(refused: MoveRefused) -> Error {
     Error::NonFatal { actor: "weigh".into(), place: "move", cause: NonFatal::Refused(refused) }
 }

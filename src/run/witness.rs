@@ -26,7 +26,8 @@ pub(super) struct Witness {
     turning: Turning,
     /// Control of the operator; a paused run commands no motion.
     control: watch::Receiver<Control>,
-    /// Angle of the layer (rad) and the period when it last moved; `None` between turns.
+    /// Angle of the layer (rad) and the period at which it last moved; `None` while no turn is
+    /// commanded.
     moved: Option<(f64, u64)>,
     /// Whether the present jam is counted.
     reported: bool,

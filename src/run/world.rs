@@ -62,13 +62,14 @@ enum Kind {
     Recording(Playback),
 }
 
-/// Plant that is called directly, or over the serial protocol.
+/// Plant that is called directly (`Bare`), or over the serial protocol (`Wired`).
 enum Plants {
     Bare(Box<Plant>),
     Wired(Box<Wired<Plant>>),
 }
 
 impl Plants {
+    /// Returns the plant, behind the serial protocol too.
     fn plant(&self) -> &Plant {
         match self {
             Self::Bare(plant) => plant,
@@ -76,6 +77,7 @@ impl Plants {
         }
     }
 
+    /// Returns the plant like [`Plants::plant`], for calls that change it.
     fn plant_mut(&mut self) -> &mut Plant {
         match self {
             Self::Bare(plant) => plant,
@@ -83,6 +85,7 @@ impl Plants {
         }
     }
 
+    /// Performs a period of the plant as [`Port::exchange`] does.
     fn exchange(
         &mut self,
         period: u64,
@@ -101,7 +104,8 @@ struct RecordedCamera;
 
 impl FrameSource for RecordedCamera {
     fn grab(&mut self, _: u64, _: f64) -> Result<Frame, NoFrame> {
-        Err(NoFrame { camera: "recording".into(), reason: "its sensor delivers itself".into() })
+        let reason = "the results of its sensor are recorded, but no pictures".into();
+        Err(NoFrame { camera: "recording".into(), reason })
     }
 }
 
@@ -115,6 +119,7 @@ struct FaultyCamera {
 }
 
 impl FrameSource for FaultyCamera {
+    /// Takes a picture and applies the camera's present faults: none, black or late pictures.
     fn grab(&mut self, period: u64, exposure: f64) -> Result<Frame, NoFrame> {
         if self.faults.is_silent() {
             return Err(NoFrame { camera: self.name.clone(), reason: "no picture comes".into() });
@@ -148,6 +153,7 @@ pub(super) type Cameras = Vec<Option<Box<dyn FrameSource>>>;
 pub(super) type BridgeNotes = Option<rtrb::Consumer<Note>>;
 
 impl World {
+    /// Makes a world of this kind without files and disturbances.
     fn of_kind(kind: Kind, control: &Arc<watch::Sender<Control>>) -> Self {
         Self {
             kind,
@@ -328,13 +334,15 @@ impl World {
 }
 
 impl Port for World {
+    /// Performs a period of the world, saves the plant's state if it is due, and carries out the
+    /// disturbances of this period.
     fn exchange(
         &mut self,
         period: u64,
         drives: &[ArmDrive],
         readings: &mut [ArmReading],
     ) -> Result<(), PortFault> {
-        // Only the plant's time continues in missed periods: the servo's numbers have no gaps.
+        // In missed periods the plant's time continues, but the servo's numbers have no gaps.
         let done = match &mut self.kind {
             Kind::Plant { plant, .. } => plant.exchange(period + self.ahead, drives, readings),
             Kind::Bridge(port) => port.exchange(period, drives, readings),
@@ -344,9 +352,9 @@ impl Port for World {
             kept.after(period, plant.plant());
         }
         if let (Err(fault), Kind::Bridge(_)) = (&done, &self.kind) {
-            // The operator is informed at once; the task would notice only at its next request to
-            // an arm. The message has a thread of its own: a blocked terminal must not keep this
-            // thread from switching the drives off again and again (`repeat_stop`).
+            // The operator is informed at once; the task would notice the fault only at its next
+            // request to an arm. The message has a thread of its own: a blocked terminal must not
+            // keep this thread from switching the drives off again and again (`repeat_stop`).
             let lost = format!(
                 "bridge lost: {fault}; every controller was ordered to switch off, but those that \
                  do not answer may still be on"
@@ -397,7 +405,8 @@ impl World {
         for fault in plant.plant_mut().outside_faults() {
             let Some(what) = self.disturbances.get(fault.which) else { continue };
             tracing::debug!(target: "rubik_robot::truth", ?what, fault.begins, "disturbance");
-            // Cameras, messages and actors have flags; the rest is the world's own.
+            // Disturbances of cameras, messages and actors have flags. The world carries out the
+            // others itself.
             self.faults.take(what, fault.begins);
             match (*what, fault.begins) {
                 (Disturbance::Missed(periods), true) => missed += periods,
@@ -409,7 +418,7 @@ impl World {
                 (Disturbance::Misread(sticker, _), false) => {
                     self.misread.retain(|(which, _)| *which != sticker);
                 }
-                // Flags that are set above, and the end of what happens at once.
+                // Flags are set above. Missed periods, a clock jump and a power cut have no end.
                 _ => {}
             }
         }
@@ -430,7 +439,8 @@ impl World {
 /// kills this process without any clean-up.
 fn cut(kept: Option<&Kept>, plant: &Plant) -> ! {
     if let Some(kept) = kept {
-        // If the state cannot be written, the last one, at most a tenth of a second old, stays.
+        // If this state cannot be written, the last written one stays, at most a tenth of a second
+        // old.
         let _ = kept.begin(plant);
     }
     let killed = rustix::process::kill_process(rustix::process::getpid(), Signal::KILL);

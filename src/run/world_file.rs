@@ -27,8 +27,8 @@ use std::path::{Path, PathBuf};
 
 /// Interval between two written states (servo periods).
 ///
-/// A kill of the process loses no written state. A power cut of the simulating machine may, which
-/// is not the simulated power cut of the robot:
+/// If the process is killed, no written state is lost. A real power cut of the machine that
+/// simulates, which is not the simulated power cut of the robot, may lose some:
 ///
 /// - Under virtual time each state is synced to the disk before it takes the file's name. A mission
 ///   with 6600 states took 12.9 s, and 11.9 s without syncs. The name of the first state is durable
@@ -45,7 +45,7 @@ pub(super) struct Kept {
     pace: Pace,
     /// Trace to which the loss of the file is reported.
     trace: Trace,
-    /// Whether a write has failed: no other one is tried.
+    /// Whether a write has failed. No further one is tried then.
     lost: bool,
     /// Storage of the file, in which faults can be injected.
     storage: Storage,
@@ -62,7 +62,7 @@ impl Kept {
         let path = &new_file::resolve(path).map_err(|why| refused(path, &why.into()))?;
         let beside = new_file::beside(path, ".lock");
         let check_kind = |file: &Path| {
-            // To open a device or a pipe may have effects, or block.
+            // Opening a device or a pipe may have side effects, or block.
             if std::fs::metadata(file).is_ok_and(|found| !found.is_file()) {
                 return Err(refused(file, &Unfit::NoFile));
             }
@@ -70,7 +70,7 @@ impl Kept {
         };
         check_kind(path)?;
         check_kind(&beside)?;
-        // Not truncated: the file may be another run's.
+        // The lock file is not truncated, because it may belong to another run.
         let lock = new_file::open_or_create(&beside);
         let lock = lock.map_err(|why| refused(&beside, &why.into()))?;
         if !new_file::is_ours(&lock, &beside) {
@@ -88,8 +88,7 @@ impl Kept {
     pub(super) fn resume(&self, plant: Plant, resume: bool, begun: bool) -> Result<Plant, Error> {
         let path = &self.path;
         match Saved::read(path) {
-            // A new run replaces a state, also one of another version. It refuses to replace a file
-            // that is no state.
+            // A new run replaces a state of any version. It refuses to replace any other file.
             Ok(_) | Err(Unfit::Version(_)) if !resume => Ok(plant),
             Ok(Some(saved)) => plant.restored(saved).map_err(|why| refused(path, &why)),
             Ok(None) if begun => {
@@ -98,7 +97,7 @@ impl Kept {
             }
             Ok(None) => {
                 tracing::warn!(
-                    "{}: no such file: no run had begun, so the plant starts anew",
+                    "{}: no such file: no run had begun, so the plant starts in its first state",
                     path.display()
                 );
                 Ok(plant)
@@ -182,6 +181,7 @@ fn remove_or_empty(path: &Path) -> io::Result<()> {
     }
 }
 
+/// Returns the error of a state file that cannot be used, with the reason.
 fn refused(path: &Path, why: &Unfit) -> Error {
     not_created("plant", &format!("{}: {why}", path.display()))
 }

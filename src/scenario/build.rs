@@ -130,12 +130,13 @@ fn sources(cameras: &[CameraKeys], folder: &Path, reader: &mut Reader) -> Vec<Ca
 
 /// Builds the virtual sensors; `None` for a sensor with a fault.
 fn vsps(draft: &Draft, reader: &mut Reader) -> Vec<Option<VspConfig>> {
-    // The dotted name of a sensor without a name would be wrong in faults; `check` reports it.
+    // A sensor without a name is left out, since it has no dotted name for its faults;
+    // `check::effectors` reports the missing name.
     let named = draft.vsps.iter().filter(|v| !v.name.is_empty());
     named.map(|v| vsp(v, &draft.effectors, &draft.cameras, reader)).collect()
 }
 
-/// Builds the arm of an effector.
+/// Builds the arm of an effector; `None` if its profile has a fault.
 fn arm(keys: &Effector, folder: &Path, reader: &mut Reader) -> Option<Arm> {
     let path = &keys.path();
     check::opening(&keys.gripper, path, reader);
@@ -152,7 +153,8 @@ fn arm(keys: &Effector, folder: &Path, reader: &mut Reader) -> Option<Arm> {
     })
 }
 
-/// Returns the joint positions at the start, and checks them against the limits of the model.
+/// Returns the joint positions of an effector at the start of the run. Adds a fault for each axis
+/// that would be outside the limits of the model.
 fn start(keys: &Effector, model: &ArmModel, path: &str, reader: &mut Reader) -> JointPositions {
     let mut start = [0.0; AXES];
     start[0] = keys.start_d0;
@@ -177,6 +179,7 @@ fn start(keys: &Effector, model: &ArmModel, path: &str, reader: &mut Reader) -> 
     JointPositions(start)
 }
 
+/// Builds the gripper of an effector as the controller believes it, without a zero error.
 fn gripper(keys: &GripperKeys) -> Gripper {
     Gripper {
         finger_width: keys.finger_width,
@@ -186,13 +189,14 @@ fn gripper(keys: &GripperKeys) -> Gripper {
         palm_half_width: keys.palm_half_width,
         opening: (keys.opening_min, keys.opening_max),
         opening_of_motor: keys.opening_of_motor,
-        // Only the plant has a zero error, which it draws.
+        // Only the true gripper of the plant has a zero error, drawn from the seed.
         opening_offset: 0.0,
         increments: keys.increments,
         amperes_per_newton: keys.current,
     }
 }
 
+/// Builds the force sensor in the wrist of an effector, with the load beyond it.
 fn sensor(keys: &SensorKeys) -> ForceSensor {
     let (force, torque) = (keys.range, keys.torque_range);
     ForceSensor {
@@ -203,7 +207,7 @@ fn sensor(keys: &SensorKeys) -> ForceSensor {
     }
 }
 
-/// Builds a camera.
+/// Builds a camera; `None` after a fault of its pose or mount.
 fn camera(keys: &CameraKeys, effectors: &[Effector], reader: &mut Reader) -> Option<Camera> {
     let path = &keys.path();
     let pose = camera_pose(keys, path, reader)?;
@@ -220,7 +224,8 @@ fn camera(keys: &CameraKeys, effectors: &[Effector], reader: &mut Reader) -> Opt
     })
 }
 
-/// Returns the pose of a camera, from its angles or from the point at which it looks.
+/// Returns the pose of a camera from its angles (`rpy_deg`) or from the point at which it looks
+/// (`look_at_mm`); `None` after a fault. The pose is in the frame of the camera's mount.
 fn camera_pose(keys: &CameraKeys, path: &str, reader: &mut Reader) -> Option<Pose> {
     // A given key replaces the other one, which a built-in camera of this name may have.
     let given = |key: &str| reader.is_given(&format!("{path}.{key}"));
@@ -249,7 +254,8 @@ fn camera_pose(keys: &CameraKeys, path: &str, reader: &mut Reader) -> Option<Pos
     }
 }
 
-/// Fixes a camera to the world, or to the flange of its effector.
+/// Returns the mount of a camera with the given `pose`: the world, or the flange of its effector.
+/// Returns `None` if that effector is missing or unknown.
 fn mount(
     keys: &CameraKeys,
     pose: Pose,
@@ -290,7 +296,7 @@ fn source(keys: &CameraKeys, folder: &Path, reader: &mut Reader) -> CameraSource
     CameraSource::Folder(images)
 }
 
-/// Builds a virtual sensor.
+/// Builds a virtual sensor; `None` if its owner or its camera has a fault.
 fn vsp(
     keys: &Vsp,
     effectors: &[Effector],
@@ -349,7 +355,8 @@ fn vsp_camera(
             return Err(Hole);
         }
         (_, None) => {
-            reader.fault(path, format!("`{path}` needs a camera"));
+            let word = keys.kind.word();
+            reader.fault(path, format!("`{path}`: kind = \"{word}\" needs the key `camera`"));
             return Err(Hole);
         }
         (_, Some(name)) => name,
@@ -395,7 +402,7 @@ fn cube_state(text: &str, reader: &mut Reader) -> Option<Facelets> {
 /// Makes the regrasp rule of the planner agree with the grippers: if a palm presses the cube,
 /// `Rule::Clearance` becomes `Rule::Strict`.
 ///
-/// If the scenario itself sets `Rule::Clearance` with such a palm, that is a fault.
+/// It is a fault if the scenario itself sets `Rule::Clearance` with such a palm.
 fn planner(mut planner: Planner, effectors: &[Effector], reader: &mut Reader) -> Planner {
     let presses = effectors.iter().find(|e| !e.gripper.palm_clearance);
     if let (Rule::Clearance, Some(effector)) = (planner.rule, presses) {
@@ -455,6 +462,7 @@ mod tests {
     use super::super::{Override, read};
     use super::*;
 
+    /// Returns the faults of a scenario with this text and overrides; empty if there are none.
     fn faults(text: &str, overrides: &[Override]) -> String {
         match read(Path::new("t.toml"), text, overrides) {
             Ok(_) => String::new(),

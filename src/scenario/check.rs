@@ -40,7 +40,7 @@ pub(super) fn bridge(root: &Root, reader: &mut Reader) {
     }
 }
 
-/// Checks the names of all elements, and the number of effectors.
+/// Checks the names of all effectors, cameras and VSPs, and that there are one or two effectors.
 pub(super) fn effectors(draft: &Draft, reader: &mut Reader) {
     names("effector", draft.effectors.iter().map(|e| e.name.as_str()), reader);
     names("camera", draft.cameras.iter().map(|c| c.name.as_str()), reader);
@@ -48,7 +48,9 @@ pub(super) fn effectors(draft: &Draft, reader: &mut Reader) {
     if draft.effectors.is_empty() {
         reader.fault("effector", "a scenario needs at least one [[effector]]");
     } else if draft.effectors.len() > 2 {
-        reader.fault("effector.2", "at most two effectors can be driven");
+        let count = draft.effectors.len();
+        let reason = format!("there are {count} effectors, but at most two can be driven");
+        reader.fault("effector.2", reason);
     }
 }
 
@@ -58,7 +60,8 @@ fn names<'a>(list: &str, names: impl Iterator<Item = &'a str>, reader: &mut Read
     for (index, name) in names.enumerate() {
         if name.is_empty() {
             let path = format!("{list}.{index}");
-            reader.fault(&path, format!("element {index} of [[{list}]] has no name"));
+            let reason = format!("element {index} of [[{list}]] (counted from 0) has no name");
+            reader.fault(&path, reason);
         // These names have other meanings: the owner MP, a dotted key and an index.
         } else if name == "mp" || name.contains('.') || name.parse::<f64>().is_ok() {
             let reason = format!(
@@ -242,6 +245,7 @@ mod tests {
     use super::super::{Override, read};
     use std::path::Path;
 
+    /// Returns the faults of a scenario with this text and overrides; empty if there are none.
     fn faults(text: &str, overrides: &[Override]) -> String {
         match read(Path::new("t.toml"), text, overrides) {
             Ok(_) => String::new(),

@@ -26,7 +26,8 @@ pub struct Scenario {
     pub real_time: RealTime,
     /// Connection behind the hardware port.
     pub bridge: Bridge,
-    /// Whether the command line names `bridge.devices`. Such a file is believed whoever wrote it.
+    /// Whether the command line names `bridge.devices`. Such a file is trusted even if other users
+    /// may write it.
     pub devices_named: bool,
     /// Half that the controller may know.
     pub controller: ControllerConfig,

@@ -57,7 +57,7 @@ pub(super) fn names() -> Vec<String> {
     keys.into_iter().map(|key| key.path).collect()
 }
 
-/// Parses the TOML text of the built-in cell.
+/// Parses the TOML text of the built-in cell, from which every scenario starts.
 pub(super) fn built_in(reader: &mut Reader) -> Node {
     let source = Rc::new(Source {
         name: "the built-in cell.toml".to_owned(),
@@ -86,7 +86,7 @@ pub(super) fn draft(document: &Node, built_in: &Node, reader: &mut Reader) -> Dr
     draft.cameras = list("camera", lists[1].as_ref(), built_in, reader, |c: &CameraKeys| &c.name);
     draft.vsps = list("vsp", lists[2].as_ref(), built_in, reader, |v: &Vsp| &v.name);
     draft.faults = faults(lists[3].as_ref(), reader);
-    leave_out(&mut draft, &lists);
+    drop_unusable(&mut draft, &lists);
     // A fault of the built-in cell is a fault of the program. It must be visible, not lost with
     // `silent`.
     reader.faults.0.extend(silent.faults.0);
@@ -123,8 +123,9 @@ fn faults(node: Option<&Node>, reader: &mut Reader) -> Vec<(String, FaultKeys)> 
     paths.into_iter().zip(faults).collect()
 }
 
-/// Drops built-in cameras and sensors if the scenario lacks their effector or camera.
-fn leave_out(draft: &mut Draft, lists: &[Option<Node>; 4]) {
+/// Drops built-in cameras and sensors if the scenario lacks their effector or camera. `lists` are
+/// the lists that the scenario gives itself, in the order of [`LISTS`].
+fn drop_unusable(draft: &mut Draft, lists: &[Option<Node>; 4]) {
     let effectors: Vec<&String> = draft.effectors.iter().map(|e| &e.name).collect();
     // In a list that the scenario gives itself, a reference to a missing element is a fault
     // instead.

@@ -67,6 +67,8 @@ pub struct Fault {
 }
 
 impl fmt::Display for Fault {
+    /// Writes place and reason, below them the line with carets under the key or value, and then
+    /// the advice.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.place {
             None => write!(f, "{}", self.reason)?,
@@ -94,7 +96,7 @@ impl fmt::Display for Fault {
     }
 }
 
-/// Most faults that are collected, and that are shown: a person corrects the first ones.
+/// Most faults that are collected, and most that are shown: a person corrects the first ones.
 const MOST: usize = 1000;
 const MOST_SHOWN: usize = 100;
 
@@ -113,7 +115,7 @@ impl Faults {
         self.0.len() >= MOST
     }
 
-    /// Adds a fault unless there are too many.
+    /// Adds a fault, or drops it if there are [`MOST`] already.
     fn push(&mut self, fault: Fault) {
         if !self.is_full() {
             self.0.push(fault);
@@ -130,8 +132,8 @@ impl Faults {
         self.push(Fault { place: place.cloned(), reason: reason.into(), help: Some(help.into()) });
     }
 
-    /// Sorts the faults in the order of the text; the file comes before the options, and faults
-    /// without a place last.
+    /// Sorts the faults in the order of the text, and drops repeated ones. Those of the file come
+    /// before those of options, and faults without a place come last.
     #[must_use]
     pub fn sorted(mut self) -> Self {
         self.0.sort_by_key(|f| match &f.place {
@@ -145,6 +147,7 @@ impl Faults {
 }
 
 impl fmt::Display for Faults {
+    /// Writes the first 100 faults, and the number of the others.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (i, fault) in self.0.iter().take(MOST_SHOWN).enumerate() {
             if i > 0 {
@@ -164,7 +167,8 @@ impl std::error::Error for Faults {}
 /// Longest word for which a similar one is sought (bytes).
 const LONGEST: usize = 100;
 
-/// Returns the known word that is nearest to a wrong one, if it is near enough to be meant.
+/// Returns the word of `known` that the user probably meant by the `wrong` one: a similar word, or
+/// the same word with a unit. Returns `None` if there is none.
 #[must_use]
 pub(crate) fn nearest<'a>(wrong: &str, known: &[&'a str]) -> Option<&'a str> {
     // The comparison takes the product of both lengths, and no known word is so long.

@@ -42,8 +42,8 @@ words! {
         Drop = "drop",
         /// Each layer needs more torque by magnitude (Nm).
         Jam = "jam",
-        /// The layer that has been turned slips back under the jaws until that turn is over; a
-        /// quarter turn takes magnitude (s).
+        /// The turned layer slips back under the jaws, by a quarter turn in magnitude (s), until
+        /// the turn is over.
         TurnUndone = "turn_undone",
         /// A force of magnitude (N) pushes the hand of an arm along a direction of the world.
         Push = "push",
@@ -296,7 +296,7 @@ struct Check<'a> {
 }
 
 impl Check<'_> {
-    /// Adds `key` to the list of wrong keys, with the reason.
+    /// Adds `key` to the list of wrong keys, with the reason for the user.
     fn wrong(&mut self, key: &'static str, reason: impl Into<String>) {
         self.wrong.push((key, reason.into()));
     }
@@ -356,7 +356,8 @@ impl Check<'_> {
         match (self.needs.magnitude, magnitude) {
             (Some(_), None) => self.wrong("kind", format!("\"{word}\" needs a magnitude")),
             (Some((low, high)), Some(x)) if !(low..=high).contains(&x) => {
-                self.wrong("magnitude", format!("{x} is outside {low}..{high} of \"{word}\""));
+                let reason = format!("{x} is outside {low}..{high}, the range of \"{word}\"");
+                self.wrong("magnitude", reason);
             }
             (None, Some(_)) => self.wrong("magnitude", format!("\"{word}\" takes no magnitude")),
             _ => {}
@@ -428,6 +429,8 @@ mod tests {
     use super::*;
     use std::path::Path;
 
+    /// Returns the faults of a scenario with one injected fault, whose keys are `text`; or the
+    /// number of injected faults and "fine" if there are none.
     fn faults(text: &str) -> String {
         let text = format!("task = \"face_turn\"\n[[fault]]\n{text}");
         match crate::scenario::read(Path::new("f.toml"), &text, &[]) {

@@ -107,6 +107,7 @@ pub(crate) fn all_keys() -> Vec<Key> {
 mod tests {
     use super::*;
 
+    /// Returns the faults of a scenario with this text and overrides; empty if there are none.
     fn faults(text: &str, overrides: &[Override]) -> String {
         match read(Path::new("t.toml"), text, overrides) {
             Ok(_) => String::new(),
@@ -197,9 +198,10 @@ mod tests {
         assert_eq!(vsps, ["gs2", "mpf"]);
     }
 
-    /// Each fault names its line, which takes a search through the text.
+    /// A file with very many faults is refused at once: the message names only the first faults,
+    /// since the search for the line of each takes time.
     #[test]
-    fn bombs_are_refused_in_few_words() {
+    fn file_with_thousands_of_faults_gives_short_message() {
         let cameras = "[[camera]]\n".repeat(50_000);
         let message = faults(&format!("task = \"idle\"\n{cameras}"), &[]);
         assert!(message.contains("`camera` has 50000 elements, more than 100"), "{message}");

@@ -214,6 +214,7 @@ mod tests {
     use super::super::read;
     use std::path::Path;
 
+    /// Returns the faults of a scenario whose section `control` is `keys`; empty if there are none.
     fn faults(keys: &str) -> String {
         let text = format!("[control]\n{keys}\n");
         read(Path::new("t.toml"), &text, &[])

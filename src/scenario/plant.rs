@@ -67,8 +67,8 @@ section! {
         missed: f64 = 0.0, 0.0..=1.0;
         /// Share of the answers of axes in which one bit is wrong.
         corrupt: f64 = 0.0, 0.0..=1.0;
-        /// Share of the periods in which a silence of all axes of an arm begins, in both
-        /// directions.
+        /// Share of the periods in which a silence of all axes of an arm begins: no order reaches
+        /// them, and none of their answers arrives.
         stalled: f64 = 0.0, 0.0..=0.05;
         /// Length of that silence in periods; a bridge gives up after 20.
         stall_periods: u32 = 10, 1.0..=19.0;

@@ -70,7 +70,7 @@ pub(crate) mod units {
 pub(crate) struct Key {
     /// Dotted name: `cube.edge_mm`.
     pub path: String,
-    /// Type: "number", "3 numbers", "\"a\" | \"b\"".
+    /// Type in words: `number`, `3 times number`, `"a" | "b"`.
     pub kind: String,
     /// Default as written in TOML.
     pub default: String,
@@ -143,7 +143,8 @@ impl Reader {
         *target = value.scaled(declared.factor);
     }
 
-    /// Returns the entries of a table; reports a fault for any other value.
+    /// Returns the entries of the table that the section `path` must be. Any other value is a fault
+    /// and has no entries.
     pub(crate) fn table<'n>(&mut self, node: &'n Node, path: &str) -> &'n [Entry] {
         if let Value::Table(entries) = &node.value {
             return entries;
@@ -157,9 +158,10 @@ impl Reader {
         &[]
     }
 
-    /// Reports a key that does not exist.
+    /// Adds a fault for the key of `entry`, which does not exist in the section `path`. `known` are
+    /// the keys of this section. The advice names the key that the user probably meant.
     pub(crate) fn unknown(&mut self, entry: &Entry, path: &str, known: &[&str]) {
-        // The advice takes time, which a file with thousands of unknown keys must not.
+        // The search for advice would take too long in a file with thousands of unknown keys.
         if self.faults.is_full() {
             return;
         }
@@ -181,7 +183,7 @@ impl Reader {
         self.faults.add_with_help(Some(&entry.key_place), reason, help);
     }
 
-    /// Checks whether a key, section or element was given.
+    /// Returns whether the user gave the key, section or element with the dotted name `path`.
     #[must_use]
     pub(crate) fn is_given(&self, path: &str) -> bool {
         self.places.contains_key(path)
@@ -204,6 +206,7 @@ impl Reader {
         self.faults.add_with_help(place.as_ref(), reason, help);
     }
 
+    /// Returns the place of the key `path`, or else of the nearest section above it that was given.
     fn nearest_place(&self, path: &str) -> Option<Place> {
         // A key that the document does not contain has no place, but the section above it may have
         // one.
@@ -286,6 +289,7 @@ pub(crate) struct Wrong {
 }
 
 impl Wrong {
+    /// Makes the reason for a value of a wrong type; `wanted` names the expected type in words.
     fn kind(wanted: &str, node: &Node) -> Self {
         Self {
             place: Some(node.place.clone()),
@@ -297,7 +301,7 @@ impl Wrong {
 
 /// Type of value that a key can have.
 pub(crate) trait Item: Sized {
-    /// Returns the type in words for the user: "number", "3 numbers".
+    /// Returns the type in words for the user: "number", "3 times number".
     fn kind() -> String;
     /// Reads a value of this type, in the unit of the key, from a node of the document.
     ///
@@ -343,6 +347,7 @@ impl Item for f64 {
     }
 }
 
+/// Implements [`Item`] for types of whole numbers.
 macro_rules! whole {
     ($($t:ty),*) => { $(
         impl Item for $t {

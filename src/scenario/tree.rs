@@ -52,7 +52,8 @@ pub(crate) struct Entry {
 }
 
 impl Node {
-    /// Returns the value, or "a table" and the like, for the message that the value is wrong.
+    /// Returns the value as text for the message that it is wrong; for a table, an array or a date,
+    /// its type in words.
     #[must_use]
     pub(crate) fn describe(&self) -> String {
         match &self.value {
@@ -69,7 +70,7 @@ impl Node {
         }
     }
 
-    /// Returns the value of a key of a table.
+    /// Returns the value of `key` in a table; `None` if the key is missing or the node is no table.
     #[must_use]
     pub(crate) fn get(&self, key: &str) -> Option<&Self> {
         match &self.value {
@@ -79,7 +80,7 @@ impl Node {
     }
 }
 
-/// Parses a document. Faults of syntax are added to `faults`, and the rest is returned.
+/// Parses a document. Adds faults of syntax to `faults` and returns what could be parsed.
 #[must_use]
 pub(crate) fn parse(source: &Rc<Source>, faults: &mut Faults) -> Node {
     if let Some(line) = text::deep_line(&source.text) {
@@ -208,7 +209,7 @@ fn element(items: &[Node], part: &str) -> Option<usize> {
         .or_else(|| part.parse().ok().filter(|i| *i < items.len()))
 }
 
-/// Returns the `name` of an element of a list of tables.
+/// Returns the text of the key `name` in an element of a list; `None` if it has no such text.
 #[must_use]
 pub(crate) fn name_of(node: &Node) -> Option<String> {
     match node.get("name").map(|n| &n.value) {

@@ -5,7 +5,7 @@
 //! | fault of a watchdog, emergency stop | - | drives off and brakes on until a reset |
 //! | motion that is refused on its path | - | the set values stop at once |
 //! | order to brake, from outside | `FADE` | the speed of the set values fades out |
-//! | motion that ends or is replaced at speed | `SUDDEN` | the same |
+//! | motion that ends or is replaced at speed | `SUDDEN` | the speed of the set values fades out |
 //! | stopped partner, under force control | `YIELD_NANOS` | the arm yields to forces, then holds |
 //! | stopped partner, any other motion | `FADE` | as an order to brake |
 //! | missed periods and an order to brake | `Gap::GivenUp` | set values restart from readings |
@@ -47,8 +47,11 @@ pub struct ArmServo {
     law: ForceLaw,
     watch: Watch,
     running: Option<Path>,
+    /// Command that begins later, with its first period.
     waiting: Option<(MoveCommand, u64)>,
+    /// Last period of the last command.
     command_end: u64,
+    /// Reason why the last command was refused or aborted.
     refused: Option<MoveRefused>,
     fault: Option<ArmFault>,
     synchronised: bool,
@@ -87,8 +90,8 @@ struct Measured {
 }
 
 impl ArmServo {
-    /// Largest number of periods of 2 ms before the end of a macrostep in which the next one waits
-    /// for this end.
+    /// Number of periods of 2 ms at the end of a macrostep in which a new macrostep does not
+    /// replace the running one, but follows it.
     pub const EARLY: u64 = 2;
     /// Share of a speed that is left after 2 ms of braking: 1.5 % is left after 0.1 s.
     const FADE: f64 = 0.92;
@@ -183,9 +186,12 @@ impl ArmServo {
         // An arm with a fault must not ask a controller for an encoder zero.
         self.homing_step = self.homing_step.filter(|_| self.fault.is_none());
         let (drive, state) = (self.drive(reading), self.state(period, reading, &measured));
-        debug_assert!(is_rigid(&state.base_from_tool), "measured pose: {state:?}");
-        debug_assert!(is_rigid(&state.desired_base_from_tool), "set pose: {state:?}");
-        debug_assert!(drive.pwm.iter().all(|width| width.abs() <= 255), "{drive:?}");
+        debug_assert!(is_rigid(&state.base_from_tool), "measured pose is not rigid: {state:?}");
+        debug_assert!(is_rigid(&state.desired_base_from_tool), "set pose is not rigid: {state:?}");
+        debug_assert!(
+            drive.pwm.iter().all(|width| width.abs() <= 255),
+            "a pulse width is above 255: {drive:?}"
+        );
         (drive, state)
     }
 
@@ -267,19 +273,21 @@ impl ArmServo {
         self.synchronised
     }
 
-    /// Registers that the servo missed a number of periods just before the next one.
+    /// Registers that the servo missed `missed` periods just before the next one.
     fn add_missed_periods(&mut self, missed: u64) {
         self.gap = Gap::Passed;
         self.watch.add_missed_periods(missed);
         self.jaw.add_missed_periods(missed);
     }
 
-    /// Returns the fault that has stopped the arm.
+    /// Returns the fault that has stopped the arm; `None` for an arm without a fault.
     #[must_use]
     pub fn fault(&self) -> Option<ArmFault> {
         self.fault
     }
 
+    /// Converts a reading to motor positions, joints, pose and wrench of the tool. If the counts
+    /// belong to no joints, the joints of the last period stay.
     fn measure(&mut self, reading: &ArmReading) -> Measured {
         let motors = motors_at(&self.config, reading);
         let joints = self.config.model.joints_unchecked(&motors);
@@ -298,6 +306,8 @@ impl ArmServo {
         Measured { motors, joints, base_from_flange, wrench }
     }
 
+    /// Carries out a command that takes effect at once, or prepares the motion or homing that it
+    /// orders. The state reports a refusal as `refused`.
     fn accept(&mut self, period: u64, reading: &ArmReading, command: &ServoCommand) {
         match *command {
             ServoCommand::Move { command, start } => self.accept_move(period, command, start),
@@ -333,6 +343,9 @@ impl ArmServo {
         }
     }
 
+    /// Stores a move until its first period: `start`, or a later one if the move follows the
+    /// running motion. Refuses the move if the other arm is stopped, or if it needs a synchronised
+    /// arm and this one is not.
     fn accept_move(&mut self, period: u64, command: MoveCommand, start: u64) {
         if self.fault.is_some() {
             return;
@@ -361,6 +374,7 @@ impl ArmServo {
         self.command_end = begin + u64::from(command.periods.max(1)) - 1;
     }
 
+    /// Replaces the pose of the tool on the flange; refuses one that is not finite.
     fn set_tool(&mut self, period: u64, flange_from_tool: Pose) {
         let finite = flange_from_tool.translation.vector.iter().all(|c| c.is_finite())
             && flange_from_tool.rotation.coords.iter().all(|c| c.is_finite());
@@ -377,6 +391,8 @@ impl ArmServo {
         }
     }
 
+    /// Ends a fault: the measured positions become the set values, and the memories of regulators,
+    /// filters and watchdogs are cleared.
     fn reset(&mut self, reading: &ArmReading) {
         let motors = motors_at(&self.config, reading);
         self.set = self.set.moved_to(self.chain(), motors);
@@ -428,8 +444,9 @@ impl ArmServo {
         }
     }
 
-    /// Shifts the set value of an axis as far as its counter jumped when it was set to zero, so
-    /// that the difference of set and measured value stays.
+    /// Shifts the set value of an axis as far as its counter jumped when its controller set it to
+    /// zero, so that the difference of set and measured value stays. The axis after the last motor
+    /// is the jaw.
     fn rebase(&mut self, axis: usize, reading: &ArmReading, measured: &Measured) {
         if axis == JAW {
             self.jaw.rebase(reading.jaw_count);
@@ -442,6 +459,8 @@ impl ArmServo {
         self.watch.rebase(axis, reading.counts[axis]);
     }
 
+    /// Begins the waiting command if its first period has come. Refuses the command if its end
+    /// exceeds a limit of the arm or of the jaw.
     fn begin_waiting(&mut self, period: u64) {
         let Some((command, begin)) = self.waiting else { return };
         if begin > period {
@@ -479,6 +498,7 @@ impl ArmServo {
         }
     }
 
+    /// Aborts the motion, because its command or its next set values are refused.
     fn refuse(&mut self, period: u64, refused: MoveRefused) {
         self.hold(period);
         self.refused = Some(refused);
@@ -508,6 +528,9 @@ impl ArmServo {
         }
     }
 
+    /// Advances the set values of the arm by one period: along the path of the running motion, by a
+    /// step of the homing, or by fading steps while the arm brakes. A path that leads beyond a
+    /// limit is refused there.
     fn advance(&mut self, period: u64, wrench: &Wrench) {
         if self.running.is_none() {
             // No command continues a motion that may have ended at speed.
@@ -577,6 +600,8 @@ impl ArmServo {
         }
     }
 
+    /// Returns the drive commands of this period: the pulse widths of the regulators, or drives
+    /// that are off for an arm with a fault.
     fn drive(&mut self, reading: &ArmReading) -> ArmDrive {
         let mut drive = ArmDrive { enabled: self.fault.is_none(), ..ArmDrive::OFF };
         // `OFF` alone would move the palm's stops to their first position.
@@ -608,6 +633,8 @@ impl ArmServo {
         drive
     }
 
+    /// Returns the state that the servo publishes: the measured values of the beginning of the
+    /// period, and the set values of its end.
     fn state(&self, period: u64, reading: &ArmReading, measured: &Measured) -> ArmState {
         ArmState {
             period,
@@ -642,7 +669,8 @@ impl ArmServo {
     }
 }
 
-/// The wrench as the force law gets it: late or with a wrong sign if the settings spoil it.
+/// The wrench as the force law gets it: late, or with a wrong sign, if a command has set this for a
+/// demonstration.
 #[derive(Debug, Clone, Copy)]
 struct SeenWrench {
     settings: ForceSettings,
@@ -657,6 +685,7 @@ impl Default for SeenWrench {
 }
 
 impl SeenWrench {
+    /// Number of remembered periods: enough for the longest delay.
     const LENGTH: usize = ForceSettings::LONGEST_DELAY as usize + 1;
 
     /// Stores the measured wrench of this period. Returns the wrench that the force law gets, with
@@ -675,10 +704,13 @@ fn required(config: &ServoConfig) -> u8 {
     if config.model.has_track { u8::MAX } else { !1 }
 }
 
+/// Returns whether the reading shows all axes of the arm as synchronised.
 fn is_synchronised(config: &ServoConfig, reading: &ArmReading) -> bool {
     required(config) & !reading.synchronised == 0
 }
 
+/// Returns the motor positions that the encoder counts show (rad); 0 for a track that the arm does
+/// not have.
 fn motors_at(config: &ServoConfig, reading: &ArmReading) -> MotorPositions {
     let model = &config.model;
     MotorPositions(std::array::from_fn(|axis| {

@@ -31,7 +31,7 @@ const ORDER: [usize; AXES + 1] = [2, 3, 4, 5, 6, JAW, 0, 1];
 const RAMP: f64 = 10.0;
 /// Pauses on the switch and after the zero (periods of 2 ms).
 const PAUSES: (u32, u32) = (250, 25);
-/// Number of equal readings of a switch that count.
+/// Number of equal readings in a row after which the state of a switch counts.
 const DEBOUNCE: u32 = 2;
 /// Largest distance from the edge of the switch to the zero of the encoder (rad): a revolution and
 /// a margin for the ramp.
@@ -134,7 +134,7 @@ impl Homing {
     /// [`ArmFault::SwitchExpected`], [`ArmFault::SwitchHeld`] or [`ArmFault::ZeroExpected`] if the
     /// axis does not find its switch, does not leave it, or finds no encoder zero behind it.
     pub fn step(&mut self, reading: &ArmReading) -> Result<Option<HomingStep>, ArmFault> {
-        // The next axis begins with an unknown switch: the readings of the last one do not count.
+        // The next axis begins with an unknown switch: readings of another axis do not count.
         if self.phase == Phase::Rest(0) {
             self.next += 1;
             self.switch = (false, 0);
@@ -293,6 +293,8 @@ mod tests {
     }
 
     impl Axis {
+        /// Makes axis 4 at the position `at` (rad), with a cam from -30 to -3 rad; all other axes
+        /// are synchronised.
         fn new(at: f64) -> Self {
             Self {
                 at,
@@ -337,8 +339,8 @@ mod tests {
 
             assert!((0.0..0.2).contains(&axis.at), "{}", axis.at);
             assert!(axis.log.iter().all(|v| (-15.01..=3.51).contains(v)));
-            let jerk = axis.log.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
-            assert!(jerk < 1.51, "speeds are ramped: {jerk}");
+            let change = axis.log.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
+            assert!(change < 1.51, "speeds are ramped: {change}");
         }
     }
 
@@ -369,7 +371,7 @@ mod tests {
             Err(ArmFault::SwitchExpected { axis: 4, travelled }) if travelled > 79.0
         ));
 
-        // A cam that is passed between two readings does not count.
+        // The axis passes this cam within a period, so no two readings show it.
         let mut run_over = Axis { cam: (-3.02, -3.0), ..Axis::new(20.0) };
         let ended = run_over.home();
         assert!(

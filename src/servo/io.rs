@@ -41,7 +41,8 @@ pub struct Outside {
     pub brake: Option<MoveRefused>,
     /// Fault that stops the arm.
     pub trip: Option<ArmFault>,
-    /// Whether another arm is stopped by a fault, or an actor is gone.
+    /// Whether this arm must stand by, because another arm is stopped by a fault or an actor is
+    /// gone.
     pub stands_by: bool,
 }
 

@@ -37,7 +37,8 @@ const FROZEN: f64 = 0.05;
 /// Position error that the integral ignores, because friction would make the jaw swing about it
 /// (rad of the motor).
 const DEAD_BAND: f64 = 2.0;
-/// Share of the speed of a period in the smoothed speed.
+/// Weight of the speed in the present period in the smoothed speed; the rest is the smoothed speed
+/// before.
 const SMOOTHING: f64 = 0.5;
 
 /// Jaw of one gripper.
@@ -159,7 +160,7 @@ impl Jaw {
         self.stops = command.stops;
     }
 
-    /// Keeps the present set value.
+    /// Ends the motion of the jaw: the present set value stays.
     pub fn hold(&mut self) {
         (self.from, self.to, self.end) = (self.opening, self.opening, 0);
     }
@@ -179,7 +180,7 @@ impl Jaw {
         self.hold();
     }
 
-    /// Advances the set value to `period`.
+    /// Advances the set value to that of `period`. Outside the periods of the motion it stays.
     pub fn advance(&mut self, period: u64) {
         if period < self.begin || period > self.end {
             return;
@@ -305,6 +306,8 @@ mod tests {
     use super::*;
     use crate::motion::PERIOD;
 
+    /// Returns a jaw at rest with the built-in gains whose encoder, of 128 increments per
+    /// revolution, shows `count`.
     fn jaw(count: i64) -> Jaw {
         let gripper = Gripper {
             finger_width: 0.02,
@@ -366,6 +369,7 @@ mod tests {
     }
 
     impl Motor {
+        /// Moves the motor for one period of 2 ms with the pulse width `width`.
         fn step(&mut self, width: i16) {
             let force = f64::from(width) / 255.0;
             self.speed += (1e4 * force - self.speed) * PERIOD / 0.04;
@@ -476,7 +480,7 @@ mod tests {
     }
 
     #[test]
-    fn opening_beyond_the_stroke_is_refused() {
+    fn jaw_opening_beyond_the_stroke_is_refused() {
         let command = |opening| JawCommand { opening, force_limit: 30.0, stops: Depth::One };
 
         assert_eq!(jaw(0).check(&command(0.0571), 1.0), Ok(()));

@@ -64,8 +64,8 @@ impl SetValues {
         Self { motors, joints, base_from_tool }
     }
 
-    /// Returns the set values that belong to other motor positions. If no joint positions belong to
-    /// these, the joints and the pose stay as they are.
+    /// Returns the set values that belong to the motor positions `motors`. If no joint positions
+    /// belong to these, the joints and the pose stay as they are.
     #[must_use]
     pub fn moved_to(&self, chain: Chain<'_>, motors: MotorPositions) -> Self {
         let next = Self::of_motors(chain, motors);
@@ -162,6 +162,7 @@ pub struct Path {
     pub end: u64,
 }
 
+/// Course of the set values, from the start to the end of the path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Kind {
     Hold,
@@ -178,9 +179,11 @@ enum Kind {
         from: JointPositions,
         to: JointPositions,
     },
+    /// Straight line of the tool point (`base_from_tool`), with a rotation about a fixed axis.
     Pose {
         from: Pose,
         to: Pose,
+        /// Axis of the rotation in tool axes, times its angle (rad).
         rotation: Vector3<f64>,
     },
     Task(TaskMotion),
@@ -222,7 +225,10 @@ impl Path {
         chain: Chain<'_>,
         feedback: ForceFeedback<'_>,
     ) -> Result<SetValues, MoveRefused> {
-        debug_assert!((self.begin..=self.end).contains(&period), "{period} is not of {self:?}");
+        debug_assert!(
+            (self.begin..=self.end).contains(&period),
+            "period {period} is outside the path {self:?}"
+        );
         let share = (period + 1 - self.begin) as f64 / (self.end + 1 - self.begin) as f64;
         let mix = |a: &[f64; AXES], b: &[f64; AXES]| {
             // The last period takes the goal itself: the sum may differ from it by rounding.
@@ -318,10 +324,12 @@ impl Path {
     }
 }
 
+/// Returns the motor positions `a`, each increased by that of `b` (rad).
 fn sum(a: &MotorPositions, b: &MotorPositions) -> MotorPositions {
     MotorPositions(std::array::from_fn(|i| a.0[i] + b.0[i]))
 }
 
+/// Returns the path of the tool along a straight line between two poses `base_from_tool`.
 fn straight(from: Pose, to: Pose) -> Kind {
     let rotation = (from.rotation.inverse() * to.rotation).scaled_axis();
     Kind::Pose { from, to, rotation }

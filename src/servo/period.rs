@@ -31,20 +31,20 @@ impl Length {
         Self { nanos: ((seconds * 1e9).round() as u64).clamp(500_000, 20_000_000) }
     }
 
-    /// Returns the length (s).
+    /// Returns the length of the servo period (s).
     #[must_use]
     pub fn seconds(self) -> f64 {
         // At 2 ms the literal counts, so that the default results do not depend on rounding.
         if self.nanos == TICK { PERIOD } else { self.nanos as f64 * 1e-9 }
     }
 
-    /// Returns the length (ns).
+    /// Returns the length of the servo period (ns).
     #[must_use]
     pub fn nanos(self) -> u64 {
         self.nanos
     }
 
-    /// Returns the length in periods of 2 ms.
+    /// Returns the length of the servo period as a multiple of 2 ms.
     #[must_use]
     pub fn ratio(self) -> f64 {
         self.nanos as f64 / TICK as f64

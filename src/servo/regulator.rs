@@ -238,6 +238,7 @@ mod tests {
     }
 
     impl Motor {
+        /// Turns the motor for one period of 2 ms.
         fn turn(&mut self, pwm: f64) {
             self.turn_for(pwm, 4);
         }

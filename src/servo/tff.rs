@@ -114,9 +114,10 @@ pub struct ForceFeedback<'a> {
     pub wrench: &'a Wrench,
 }
 
-/// Returns the displacement of the tool in one period of T `seconds`, in the axes of the task frame
-/// as all arguments: `d = ((B (wanted - F) + v) T^2 + B M d_last) / (T + B M)`. `last` is the
-/// displacement of the period before.
+/// Returns the displacement of the tool in one period of T `seconds` (m, rad), in each direction
+/// `d = ((B (wanted - F) + v) T^2 + B M d_last) / (T + B M)`. F is the `wrench` (N, Nm), and `last`
+/// the displacement in the period before; the other symbols are parameters of the direction. All
+/// arguments and the result are in the axes of the task frame.
 #[must_use]
 pub fn displacement(
     directions: &[Direction; 6],
@@ -229,7 +230,7 @@ fn stopped_softly(direction: usize, velocity: f64, last: f64, seconds: f64) -> f
     }
 }
 
-/// Returns whether any direction depends on the force.
+/// Returns whether any direction seeks a force or yields to one.
 #[must_use]
 pub fn depends_on_force(directions: &[Direction; 6]) -> bool {
     directions.iter().any(|d| !matches!(d, Direction::Unguarded { .. }))
@@ -244,6 +245,7 @@ mod tests {
 
     const HOLD: Direction = Direction::HOLD;
 
+    /// Returns a wrench with one component: `value` in direction `axis` (0 to 5).
     fn along(axis: usize, value: f64) -> Wrench {
         let mut components = [0.0; 6];
         components[axis] = value;
@@ -425,7 +427,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_sign_of_force_runs_away() {
+    fn wrong_force_sign_makes_arm_run_away() {
         let mut directions = [HOLD; 6];
         directions[2] = Direction::Contact { wanted: 1.0, admittance: 0.001, inertia: 20.0 };
         let mut law = ForceLaw::default();

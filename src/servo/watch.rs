@@ -26,8 +26,8 @@ pub struct Watch {
     axes: [AxisWatch; AXES],
     /// Periods since the beginning or the last reset, up to [`Watch::SETTLING`].
     age: u32,
-    /// Upper and lower limit switches that axes pressed then and have not left yet: an axis may
-    /// leave its switch.
+    /// Upper and lower limit switches that axes pressed at the beginning and have not left yet: an
+    /// axis may leave its switch.
     held_from_start: (u8, u8),
 }
 
@@ -42,7 +42,7 @@ struct Rules {
     seconds: f64,
     /// Share of the remembered speed that is left after a period.
     fade: f64,
-    /// Step between two readings that no motor makes beyond its commanded speed (rad).
+    /// Step between two readings that no motor makes in addition to its commanded step (rad).
     jump: f64,
 }
 
@@ -60,9 +60,9 @@ pub struct Wanted<'a> {
 impl Watch {
     /// Share of the remembered speed that is left after 2 ms: a time constant of 40 ms.
     const FADE: f64 = 0.95;
-    /// Step between two readings that no motor makes beyond its commanded speed (rad).
+    /// Step between two readings that no motor makes in addition to its commanded step (rad).
     const JUMP: f64 = 1.0;
-    /// Largest difference of the times with and without strain (s). The regulator lets no current
+    /// Largest time with strain, less the time without strain (s). The regulator lets no current
     /// rise to the trip, so without this limit an axis that presses on something would do so for
     /// ever.
     const OVERLOAD: f64 = 0.3;
@@ -114,14 +114,15 @@ impl Watch {
         }
     }
 
-    /// Takes `count` as the new value of an axis's counter, which was set to zero: the jump is no
-    /// motion of the axis.
+    /// Takes `count` as the new value of the counter of `axis`, which its controller has set to
+    /// zero: the jump of the counter is no motion of the axis.
     pub fn rebase(&mut self, axis: usize, count: i64) {
         self.axes[axis].rebase(count);
     }
 
-    /// Returns the first fault of this reading. Counters and strain of axes before `first_axis`
-    /// are not judged.
+    /// Returns the fault that this reading shows; of several faults, the one that is highest in the
+    /// table at the head of this module. `measured` are the motor positions of the reading. Axes
+    /// before `first_axis` are not judged by their counters and strain.
     pub fn check(
         &mut self,
         reading: &ArmReading,
@@ -365,9 +366,11 @@ mod tests {
         Watch::new(gains, &[INCREMENTS; AXES], [0; AXES], Length::default())
     }
 
+    /// Axis 3 of an arm, whose set value moves at [`SPEED`], with the watchdogs of the arm.
     #[derive(Clone)]
     struct Axis {
         watch: Watch,
+        /// Set value (increments).
         set: i64,
     }
 

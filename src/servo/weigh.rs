@@ -184,6 +184,7 @@ mod tests {
     use nalgebra::Translation3;
     use proptest::prelude::*;
 
+    /// Returns the pose of a sensor 90 mm beyond the flange, turned by -90 deg about z.
     fn flange_from_sensor() -> Pose {
         Pose::from_parts(
             Translation3::new(0.0, 0.0, 0.09),

@@ -95,8 +95,8 @@ impl WristForce {
         self.biasing_for = 0;
     }
 
-    /// Returns the number of samples that the new zero still needs. If they do not come in time,
-    /// the old zero stays.
+    /// Returns the number of samples that the new zero still needs; 0 if no zero is being measured.
+    /// If the samples do not come within 100 periods, the measurement ends and the old zero stays.
     #[must_use]
     pub fn missing_samples(&mut self) -> u32 {
         if self.biasing_for > Self::PATIENCE {
@@ -162,6 +162,7 @@ mod tests {
     use nalgebra::{Translation3, UnitQuaternion};
     use proptest::prelude::*;
 
+    /// Returns a sensor 90 mm beyond the flange, with a load of 13.18 N.
     fn sensor() -> ForceSensor {
         ForceSensor {
             flange_from_sensor: Pose::from_parts(
@@ -178,6 +179,7 @@ mod tests {
         Pose::translation(0.0, 0.0, 0.25)
     }
 
+    /// Returns a `base_from_flange` with the roll, pitch and yaw `a` (rad).
     fn turned(a: [f64; 3]) -> Pose {
         Pose::from_parts(
             Translation3::new(0.5, -0.2, 1.1),
@@ -260,9 +262,10 @@ mod tests {
         assert!((by_tool.force - Vector3::new(0.0, 0.0, 7.0)).norm() < 1e-12);
     }
 
-    /// A reading is the mean of two samples. The mean does not span a silent one.
+    /// The reported force is the mean of the last two samples. After a silent sample, and at the
+    /// beginning, it is a single one.
     #[test]
-    fn reading_is_the_mean_of_two_samples() {
+    fn reported_force_is_mean_of_two_samples() {
         let mut wrist = WristForce::new(ForceSensor { weight: 0.0, ..sensor() });
         let mut z = |force: f64| {
             let sample = Wrench::from_directions([0.0, 0.0, force, 0.0, 0.0, 0.0]);

@@ -13,10 +13,10 @@ const LONGER: u8 = 3;
 
 /// Finds up to `count` distinct solutions and returns them with the shortest first.
 ///
-/// None has more than three turns more than the shortest solution found. Two solutions that differ
+/// None is more than three turns longer than the shortest solution found. Two solutions that differ
 /// only in the order of turns of opposite faces count as one. The search for a short solution gets
-/// a tenth of the budget, the search for further ones the rest. A solved cube has one candidate,
-/// which has no turns.
+/// a tenth of the budget, the search for further solutions gets nine tenths. A solved cube has one
+/// candidate, which has no turns.
 #[must_use]
 pub fn candidates(cube: &Cube, tables: &Tables, budget: &Budget, count: usize) -> Vec<Vec<Turn>> {
     let best = solve(cube, tables, &Budget { nodes: budget.nodes / 10, ..*budget });
@@ -31,8 +31,8 @@ pub fn candidates(cube: &Cube, tables: &Tables, budget: &Budget, count: usize) -
         if found.len() < count {
             found.insert(canonical(turns));
         }
-        // Solutions with one first phase begin with the same turns; another first phase gives the
-        // planner more choice.
+        // Solutions with the same first phase begin with the same turns, so a few of them suffice;
+        // another first phase gives the planner more choice.
         match () {
             () if found.len() >= count => Continuation::Enough,
             () if siblings + 1 >= SHARED_PHASE1 => Continuation::NextPhase1,

@@ -10,7 +10,7 @@
 //! | 2 | order of the eight other edges | 8! = 40320 |
 //! | 2 | order of the four middle-layer edges | 4! = 24 |
 //!
-//! Each coordinate of the solved cube is 0, except the [`quad`]s of the edges from 0 and from 4 on.
+//! Each coordinate of the solved cube is 0, except the [`quad`]s of the edges 0..4 and 4..8.
 
 use crate::cube::{Cube, Turn};
 use std::sync::LazyLock;
@@ -29,10 +29,11 @@ pub(crate) const PERMUTATIONS: usize = 40320;
 /// Turns of phase 2, as numbers of [`Turn::index`]: U and D by any angle, the others by halves.
 pub(crate) const PHASE2_TURNS: [usize; 10] = [0, 1, 2, 9, 10, 11, 4, 7, 13, 16];
 
-/// Numbers of the sets of 4 among 12 places by their bits, and the bits by number. The middle layer
-/// (places 8..12) has the number 0.
+/// Two tables for the sets of 4 among 12 places, where bit i of a set stands for place i: the
+/// number of each set, and the set with each number. The middle layer (places 8..12) has the number
+/// 0.
 static SETS: LazyLock<(Vec<u16>, Vec<u16>)> = LazyLock::new(|| {
-    // Falling, because the bits of the middle layer are the greatest: so the goal is number 0.
+    // In descending order: the bits of the middle layer are the greatest, so it gets number 0.
     let sets: Vec<u16> = (0..4096_u16).rev().filter(|b| b.count_ones() == 4).collect();
     let mut number = vec![0; 4096];
     for (n, &bits) in sets.iter().enumerate() {
@@ -82,8 +83,8 @@ pub(crate) fn with_flip(number: usize) -> Cube {
     Cube::from_pieces(*solved.corners(), *solved.twists(), *solved.edges(), flips)
 }
 
-/// Returns the index of where the four edges `first..first + 4` are, 0..11880: 24 x (index of the
-/// set of their four places) + (index of their order on these places).
+/// Returns the index of the arrangement of the four edges `first..first + 4`, 0..11880: 24 x (index
+/// of the set of their four places) + (index of their order on these places).
 #[must_use]
 pub(crate) fn quad(cube: &Cube, first: u8) -> usize {
     // The set is the slow digit, so `quad / 24` is the coordinate of phase 1 and, once phase 1 is
@@ -210,8 +211,8 @@ pub(crate) fn flip_moves() -> Vec<u16> {
     by_quarters(FLIPS, |n| quarters.map(|q| flip(&with_flip(n).then(&q))))
 }
 
-/// Returns the move table of [`quad`]: `[turn * QUADS + quad]` is the index after the turn. It
-/// holds for every `first`, since any four edges move alike.
+/// Returns the move table of [`quad`]: `[turn * QUADS + quad]` is the index after the turn. The
+/// table is right for every `first`, since any four edges move alike.
 #[must_use]
 pub(crate) fn quad_moves() -> Vec<u16> {
     let quarters = quarters();

@@ -98,8 +98,8 @@ pub fn solve(cube: &Cube, tables: &Tables, budget: &Budget) -> Solution {
 #[must_use]
 pub fn solve_watched(cube: &Cube, tables: &Tables, budget: &Budget, watch: &Watch<'_>) -> Solution {
     let best = Mutex::new(None::<Vec<Turn>>);
-    // 30 turns always suffice. A lower bound also permits `Walk::check` to end the search without a
-    // solution.
+    // 30 turns always suffice. If the caller can use only shorter solutions, `Walk::check` may end
+    // the search without a solution.
     let longest = watch.longest.map_or(LONGEST as u8 - 1, |n| n.min(LONGEST as u8 - 1));
     let goal = Goal {
         budget,
@@ -186,7 +186,9 @@ struct Goal<'a> {
     watch: &'a Watch<'a>,
     /// Length of the longest solution that is of use (turns).
     bound: AtomicU8,
+    /// Number of nodes that all workers have visited.
     nodes: AtomicU64,
+    /// Whether the search is to end.
     over: AtomicBool,
     /// Length of the shortest solution that the search may have missed because it capped second
     /// phases (turns).
@@ -196,11 +198,12 @@ struct Goal<'a> {
     found: &'a Found<'a>,
 }
 
+/// Type of [`Goal::found`].
 type Found<'a> = dyn Fn(Vec<Turn>, usize, &Goal<'_>) -> bool + Sync + 'a;
 
 /// Searches all views of a cube with the small or the large table of phase 1, whichever `tables`
-/// has. The two instances are compiled separately, so the inner loops do not branch on the kind of
-/// table.
+/// has. The search is compiled once for each kind of table, so that its inner loops need not ask
+/// which one it is.
 fn run(views: &[View; 6], tables: &Tables, goal: &Goal<'_>) {
     match tables.phase1_table() {
         Phase1Table::Near(guide) => run_with(&guide, views, tables, goal),
@@ -248,7 +251,8 @@ fn run_with<G: Guide>(guide: &G, views: &[View; 6], tables: &Tables, goal: &Goal
             let task = next.fetch_add(1, Relaxed);
             // The length is the slowest digit: short first phases of all views come first.
             let (length, view, part) = (task / (6 * parts), task / parts % 6, task % parts);
-            // A first phase alone would be longer than a useful solution; so are all later tasks.
+            // The first phase alone would be longer than a useful solution, here and in all later
+            // tasks.
             if length > usize::from(goal.bound.load(Relaxed)) || length >= LONGEST {
                 break;
             }
@@ -277,7 +281,7 @@ struct Walk<'a, G> {
     /// Corners and upper edges after each turn of phase 1.
     first: [(u16, u16); LONGEST + 1],
     /// Lower and middle edges after each turn of phase 1, valid up to `others_known`. Most ends of
-    /// a first phase are rejected before they are needed.
+    /// a first phase are rejected before these edges are needed.
     others: [(u16, u16); LONGEST + 1],
     /// Number of turns up to which `others` is valid.
     others_known: usize,
@@ -329,7 +333,7 @@ impl<'a, G: Guide> Walk<'a, G> {
         let count = guide.children(at, turns, left - 1, &mut self.children[depth]);
         for i in 0..count {
             let child = self.children[depth][i];
-            // The goal of phase 1 is reached early: the task of that shorter length has it.
+            // The goal of phase 1 is reached early: the task of that shorter length finds it.
             if child.distance == 0 {
                 continue;
             }
@@ -422,8 +426,8 @@ impl<'a, G: Guide> Walk<'a, G> {
     #[inline]
     fn step(&mut self, depth: usize, turn: u8) {
         self.path[depth] = turn;
-        // Nearly every path reaches an end of phase 1, which needs these two. Read here, they
-        // arrive while phase 1 still waits for its own reads.
+        // Nearly every path reaches an end of phase 1, which needs corners and upper edges. Read
+        // here, they arrive while phase 1 still waits for its own reads.
         let orders = self.bounds.orders;
         let (corners, upper) = self.first[depth];
         self.first[depth + 1] = (orders.corners(corners, turn), orders.quad(upper, turn));
@@ -455,7 +459,7 @@ impl<'a, G: Guide> Walk<'a, G> {
             left = FIRST_PHASE2;
         }
         left = left.min(LONGEST_PHASE2);
-        // One bound, of the coordinates that are known anyway, rejects most ends.
+        // The bound of the corners and upper edges, which are known already, rejects most ends.
         let orders = self.bounds.orders;
         let (corners, upper) = self.first[depth];
         let upper = orders.four(upper);
@@ -463,8 +467,8 @@ impl<'a, G: Guide> Walk<'a, G> {
         if least > left {
             return;
         }
-        // Only here are the other edges worth their reads. Turns that the last end shares with this
-        // one are known already.
+        // Only here are the other edges worth their reads. They are known already up to the turns
+        // that this path shares with the last one.
         while self.others_known < depth {
             let (k, turn) = (self.others_known, self.path[self.others_known]);
             self.others[k + 1] = {

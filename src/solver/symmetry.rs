@@ -2,7 +2,8 @@
 //!
 //! A symmetry is a rotation or reflection of the cube onto itself. A state and its image have equal
 //! distances from the goal of phase 1, so a table needs one entry for each class of symmetric
-//! states: 64430 classes of (slice, flip) instead of 495 x 2048 = 1013760 states.
+//! states: 64430 classes of (slice, flip) instead of 495 x 2048 = 1013760 states. A slice is the
+//! set of places of the four middle-layer edges, a flip the state of all flips.
 //!
 //! Twists and flips are counted relative to up and down, which these symmetries keep. A reflection
 //! reverses the twists. A quarter turn about the vertical axis exchanges the pairs of side faces
@@ -20,12 +21,15 @@ pub(crate) const CLASSES: usize = 64430;
 /// One symmetry, as permutations of the places of a cube.
 #[derive(Debug, Clone, Copy)]
 struct Symmetry {
+    /// Image of each face, in the order of [`Face::ALL`].
     faces: [Face; 6],
+    /// Image of each corner place.
     corners: [u8; 8],
+    /// Image of each edge place.
     edges: [u8; 12],
-    /// Whether it is a reflection.
+    /// Whether the symmetry is a reflection.
     mirrors: bool,
-    /// Whether it exchanges the axes R-L and F-B.
+    /// Whether the symmetry exchanges the axes R-L and F-B.
     exchanges_sides: bool,
 }
 
@@ -46,8 +50,8 @@ impl Symmetry {
         }
     }
 
-    /// Returns the index of the corners' orientations (0..2187) of the image of a cube, from the
-    /// index `number` of the cube's own.
+    /// Returns the index of the twists (0..2187) of the image of a cube whose own twists have the
+    /// index `number`.
     fn twist(&self, number: usize) -> usize {
         let mut image = [0; 8];
         for (i, &t) in with_twist(number).twists().iter().enumerate() {
@@ -185,7 +189,9 @@ impl Classes {
     }
 }
 
+/// Symmetries of [`symmetries`], computed once.
 static ALL: LazyLock<[Symmetry; SYMMETRIES]> = LazyLock::new(symmetries);
+/// Tables of [`edge_bits`], computed once.
 static EDGE_BITS: LazyLock<EdgeBits> = LazyLock::new(edge_bits);
 
 /// Images of turns under the symmetries, and products of symmetries.
@@ -285,7 +291,7 @@ mod tests {
     use crate::cube::Turn;
 
     #[test]
-    fn number_of_symmetry_classes_is_the_known_one() {
+    fn symmetry_classes_have_their_known_number() {
         let classes = Classes::build();
 
         assert_eq!(classes.representatives.len(), CLASSES);

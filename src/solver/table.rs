@@ -59,7 +59,7 @@ pub(super) fn prefetch<T>(table: &[T], at: usize) {
     #[cfg(target_arch = "x86_64")]
     {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        // SAFETY: the instruction reads nothing that a program could see, wherever it points.
+        // SAFETY: a prefetch has no effect that a program could see, wherever the address points.
         #[allow(unsafe_code, reason = "the prefetch instruction is unsafe to call")]
         unsafe {
             _mm_prefetch::<_MM_HINT_T0>(table.as_ptr().wrapping_add(at).cast());

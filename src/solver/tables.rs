@@ -27,12 +27,14 @@ pub struct Tables {
     eight: Option<Bytes>,
 }
 
+/// Table of phase 1 as the set owns it: [`phase1::NEAR`] with two small tables, or
+/// [`phase1::WIDE_TABLE`].
 enum Phase1 {
     Near { small: Small, table: Bytes },
     Wide(Bytes),
 }
 
-/// Table of phase 1 that the set has.
+/// Look-up in the table of phase 1 that the set has.
 pub(super) enum Phase1Table<'a> {
     Near(Near<'a>),
     Wide(Wide<'a>),
@@ -78,7 +80,8 @@ impl Tables {
         // The sizes identify the set because no two tables have equal sizes.
         let sizes: Vec<usize> = tables.iter().map(|t| (**t).as_ref().len()).collect();
         let large = sizes == Self::LARGE.map(|spec| spec.bytes);
-        assert!(large || sizes == Self::DEFAULT.map(|spec| spec.bytes), "these tables form no set");
+        let known = large || sizes == Self::DEFAULT.map(|spec| spec.bytes);
+        assert!(known, "tables of {sizes:?} bytes are neither the default nor the large set");
         let frames = Frames::build();
         let table = Arc::clone(&tables[0]);
         let phase1 = if large {
@@ -103,6 +106,7 @@ impl Tables {
         self.frames.bytes() + self.orders.bytes() + phase1 + phase2
     }
 
+    /// Returns the look-up in the table of phase 1, with the moves that it needs.
     pub(super) fn phase1_table(&self) -> Phase1Table<'_> {
         let (frames, faces) = (&self.frames, &self.faces);
         match &self.phase1 {
@@ -115,6 +119,7 @@ impl Tables {
         }
     }
 
+    /// Returns the look-up in the tables of phase 2.
     pub(super) fn bounds(&self) -> Bounds<'_> {
         Bounds {
             orders: &self.orders,

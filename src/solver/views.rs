@@ -14,10 +14,11 @@ use std::sync::LazyLock;
 pub(super) struct View {
     /// Cube in the frame of the view, inverted if the view is of the inverse.
     pub(super) cube: Cube,
-    /// Order of its corners, and quads of its edges from 0, 4, 8.
+    /// Order of its corners, and quads of its edges 0..4, 4..8 and 8..12.
     pub(super) orders: Quads,
     /// Rotation from the frame of the view into that of the original cube.
     back: Rotation24,
+    /// Whether the view is of the inverse cube.
     inverted: bool,
 }
 

@@ -1,15 +1,16 @@
-//! The file of a table: a head of 4096 bytes, then the table.
+//! The file of a pruning table: a head of 4096 bytes, then the table.
 //!
 //! | bytes | content |
 //! |---|---|
 //! | 0..8 | `RRtable` and a line feed |
-//! | 8..12 | 0x0a0b0c0d in the byte order of the writer, as all numbers |
+//! | 8..12 | 0x0a0b0c0d, like all numbers in the byte order of the writing machine |
 //! | 12..16 | version of this format |
 //! | 16..20 | version of the table |
 //! | 20..24 | CRC-32 of the table |
 //! | 24..32 | size of the table (bytes) |
-//! | 32..36 | CRC-32 of the head, with these four bytes as 0 |
+//! | 32..36 | CRC-32 of the head, computed with 0 in these four bytes |
 //! | 64..128 | name of the table, padded with 0 |
+//! | others | 0 |
 
 use crate::hw::new_file::{self, Sync};
 use crate::hw::text;
@@ -26,13 +27,16 @@ use std::time::Duration;
 
 /// Size of the head: one page, so that the table begins on a page (bytes).
 const HEAD: usize = 4096;
+/// First bytes of every file of a table.
 const MAGIC: &[u8; 8] = b"RRtable\n";
+/// Number that shows the byte order of the machine that wrote the file.
 const MARK: u32 = 0x0a0b_0c0d;
+/// Version of the format of the file.
 const FORMAT: u32 = 1;
-/// Size of the piece that one task reads or sums (bytes).
+/// Size of the piece that one task copies or computes the checksum of (bytes).
 const PIECE: usize = 16 << 20;
 
-/// Age from which on any later change of a file changes its time as well.
+/// Age of a file from which on any change of its bytes also changes its time of modification.
 const SETTLED: Duration = Duration::from_secs(1);
 
 /// Reason why the file of a table is unusable.
@@ -58,7 +62,7 @@ pub enum Unusable {
     /// File of a machine with the other byte order.
     #[error("the table's file was written on a machine of the other byte order")]
     ByteOrder,
-    /// File of another version of the program.
+    /// File of another version of the format or of the table.
     #[error("the table's file has version {found} instead of {wanted}")]
     Version {
         /// Version of the file.
@@ -66,18 +70,18 @@ pub enum Unusable {
         /// Version that it should have.
         wanted: u32,
     },
-    /// Head whose checksum, name or size is wrong.
+    /// Head with a wrong checksum, name or size of the table.
     #[error("the table's file has a damaged head")]
     Head,
-    /// Bytes that differ from those that were written.
+    /// Table whose bytes differ from those that were written.
     #[error("the table's file is damaged: the checksum is {found:08x} instead of {wanted:08x}")]
     Checksum {
-        /// Checksum of the bytes.
+        /// Checksum of the bytes in the file.
         found: u32,
-        /// Checksum that the head has.
+        /// Checksum in the head.
         wanted: u32,
     },
-    /// Bytes as they were written, but with wrong counts.
+    /// Table whose checksum is right, but whose entries are not, as their counts show.
     #[error("the table's file has wrong contents: {0}")]
     Miscounted(String),
 }
@@ -88,12 +92,12 @@ pub enum Residence {
     /// Mapped file: available at once and shared by all processes.
     #[default]
     Mapped,
-    /// Copy in memory with large pages, which few systems have for files. It takes a second for 1.4
-    /// GiB and makes a search, which reads at random, a quarter faster.
+    /// Copy in memory with large pages, which few systems have for mapped files. Copying takes a
+    /// second for 1.4 GiB and makes a search, which reads at random, a quarter faster.
     Copied,
 }
 
-/// A mapped file; its bytes are those after the head.
+/// A mapped file, which gives the bytes after its head.
 #[derive(Debug)]
 struct Mapped(Mmap);
 
@@ -103,7 +107,7 @@ impl AsRef<[u8]> for Mapped {
     }
 }
 
-/// A copied table.
+/// A table that was copied into memory.
 #[derive(Debug)]
 struct Copied(MmapMut);
 
@@ -113,8 +117,9 @@ impl AsRef<[u8]> for Copied {
     }
 }
 
-/// Opens the file of a table and checks its size, its head and the checksum of the table. Returns
-/// the table, mapped or copied into memory.
+/// Opens the file of a table and checks its size, its head and the checksum of the table, unless a
+/// note says that this checksum was right before. Returns the bytes of the table, mapped or copied
+/// into memory.
 pub(super) fn open(
     path: &Path,
     spec: &TableSpec,
@@ -125,8 +130,8 @@ pub(super) fn open(
         io::ErrorKind::NotFound => Unusable::Absent,
         _ => Unusable::Unreadable(error),
     })?;
-    // The cheap checks first, size and head, because a mapping of a short file faults when it is
-    // read.
+    // Size and head come first: a mapping of a short file would end the process by a signal when it
+    // is read.
     let found = file.metadata()?.len();
     let wanted = (HEAD + spec.bytes) as u64;
     if found != wanted {
@@ -139,7 +144,8 @@ pub(super) fn open(
         Residence::Mapped => Arc::new(Mapped(map(&file)?)),
         Residence::Copied => Arc::new(Copied(copy(&file, spec.bytes, workers)?)),
     };
-    // An equal note says that this very file had the right checksum before.
+    // If the note beside the file equals this one, the file is unchanged since its checksum was
+    // right.
     let note = note(&file, checksum)?;
     let noted = text::open_text(&note_path(path), HEAD as u64);
     if noted.ok().is_none_or(|(_, text)| text != note) {
@@ -147,9 +153,9 @@ pub(super) fn open(
         if found != checksum {
             return Err(Unusable::Checksum { found, wanted: checksum });
         }
-        // A file whose note cannot be written is summed again next time. So is a very young file:
-        // the clock of the file system ticks every few milliseconds, so a change in the same tick
-        // would leave the time as it is.
+        // If the note cannot be written, the checksum is computed again next time. A very young
+        // file gets no note: the clock of the file system ticks every few milliseconds, and a
+        // change in the same tick would not show in the time.
         let age = file.metadata()?.modified()?.elapsed().unwrap_or_default();
         if age > SETTLED {
             let _ = new_file::replace(&note_path(path), ".tmp", note.as_bytes(), Sync::No);
@@ -165,15 +171,15 @@ pub(super) fn open(
 )]
 fn map(file: &File) -> io::Result<Mmap> {
     let mapped = unsafe { Mmap::map(file)? };
-    // Both are hints, and a kernel may ignore them: no read-ahead, and large pages.
+    // Two hints to the kernel, which may ignore them: no read-ahead, and large pages.
     let _ = mapped.advise(Advice::Random);
     #[cfg(target_os = "linux")]
     let _ = mapped.advise(Advice::HugePage);
     Ok(mapped)
 }
 
-/// Copies the table of a file into memory, with large pages where the system has them. Workers read
-/// its pieces in parallel.
+/// Copies the table in a file (`bytes` after the head) into memory, with large pages where the
+/// system has them. Workers read pieces of it in parallel.
 fn copy(file: &File, bytes: usize, workers: &dyn Workers) -> io::Result<MmapMut> {
     let mut memory = MmapMut::map_anon(bytes)?;
     #[cfg(target_os = "linux")]
@@ -193,15 +199,16 @@ fn copy(file: &File, bytes: usize, workers: &dyn Workers) -> io::Result<MmapMut>
     }
 }
 
-/// Writes a table to a temporary file in the folder of `path`, then renames that file to `path`.
+/// Writes a table with its head to a temporary file in the folder of `path`, then renames that file
+/// to `path`.
 pub(super) fn write(
     path: &Path,
     spec: &TableSpec,
     table: &[u8],
     workers: &dyn Workers,
 ) -> io::Result<()> {
-    // A crash must leave no file that looks complete: sync before the rename. Both paths are in one
-    // folder, so the rename is atomic.
+    // A crash must not leave an incomplete file at `path`: the data are on disk before the rename.
+    // Both paths are in one folder, so the rename is atomic.
     remove_rests(path);
     let written = new_file::replace_with(path, ".tmp", Sync::All, |file| {
         file.write_all(&head(spec, sum(table, workers)))?;
@@ -210,8 +217,8 @@ pub(super) fn write(
     written.map(drop)
 }
 
-/// Removes the note that the file of a table was sound, so that the next [`open`] computes the
-/// checksum of the whole file.
+/// Removes the note that the checksum of a table's file was right, so that the next [`open`]
+/// computes it again.
 pub(super) fn forget(path: &Path) {
     let _ = fs::remove_file(note_path(path));
 }
@@ -235,7 +242,7 @@ fn head(spec: &TableSpec, checksum: u32) -> [u8; HEAD] {
 fn check_head(found: &[u8; HEAD], spec: &TableSpec) -> Result<u32, Unusable> {
     let number =
         |at: usize| u32::from_ne_bytes([found[at], found[at + 1], found[at + 2], found[at + 3]]);
-    // In this order, so that the reason is the most specific: each check relies on those before.
+    // Each check relies on those before it, so the first that fails gives the exact reason.
     if found[..8] != *MAGIC {
         return Err(Unusable::Foreign);
     }
@@ -254,7 +261,7 @@ fn check_head(found: &[u8; HEAD], spec: &TableSpec) -> Result<u32, Unusable> {
     Ok(checksum)
 }
 
-/// Computes the CRC-32 of the bytes; workers sum pieces in parallel.
+/// Computes the CRC-32 of the bytes. Workers compute those of pieces in parallel.
 fn sum(bytes: &[u8], workers: &dyn Workers) -> u32 {
     let pieces: Vec<&[u8]> = bytes.chunks(PIECE).collect();
     let sums = Mutex::new(vec![Hasher::new(); pieces.len()]);
@@ -263,7 +270,7 @@ fn sum(bytes: &[u8], workers: &dyn Workers) -> u32 {
         hasher.update(pieces[i]);
         sums.lock().unwrap_or_else(PoisonError::into_inner)[i] = hasher;
     });
-    // Sums of consecutive pieces combine into the sum of all, in the order of the pieces.
+    // In the order of the pieces, their checksums combine into that of all bytes.
     let sums = sums.into_inner().unwrap_or_else(PoisonError::into_inner);
     let mut whole = Hasher::new();
     for piece in &sums {
@@ -272,8 +279,8 @@ fn sum(bytes: &[u8], workers: &dyn Workers) -> u32 {
     whole.finalize()
 }
 
-/// Returns a note that identifies this file in its present state, by its inode, size and times, and
-/// says which checksum it has.
+/// Returns the note for a file with the right checksum: its device, inode, size, times of change
+/// and checksum. The file has changed if it differs from an earlier note.
 fn note(file: &File, checksum: u32) -> io::Result<String> {
     let m = file.metadata()?;
     Ok(format!(
@@ -288,12 +295,13 @@ fn note(file: &File, checksum: u32) -> io::Result<String> {
     ))
 }
 
+/// Returns the path of the note beside the file of a table.
 fn note_path(path: &Path) -> PathBuf {
     path.with_extension("sound")
 }
 
-/// Removes the temporary files of processes that died while they wrote. The caller holds the lock,
-/// so no living process writes.
+/// Removes the temporary files of processes that died while they wrote the file at `path`. The
+/// caller holds the lock of the table, so no other process is writing now.
 pub(super) fn remove_rests(path: &Path) {
     let (Some(folder), Some(name)) = (path.parent(), path.file_name()) else { return };
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {

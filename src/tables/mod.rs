@@ -1,18 +1,18 @@
-//! Store of pruning tables in files: built once, opened by every later run.
+//! Store of the solver's pruning tables in files: built once, opened by every later run.
 //!
 //! - in: [`TableSpec`]s, a folder, [`Threads`] that build a table
-//! - out: the bytes of a table: memory-mapped from its file, or copied into large pages, or in
-//!   memory as they were built if the folder cannot be written
+//! - out: the bytes of a table: memory-mapped from its file, or copied into large pages; if the
+//!   folder cannot be written, the table as it was built in memory
 //!
 //! The store writes a file beside its final path and renames it, so the file is complete or absent.
-//! A lock keeps two processes from building one table at once. The head of the file has its name,
-//! version and checksums.
+//! A lock keeps two processes from building one table at once. The head of the file has the name,
+//! the version and the checksums of the table.
 //!
-//! To check all tables, 1.4 GiB, at each start would cost half a second. A note beside a file
-//! therefore records its inode, size and times of change when its checksum was right. The store
-//! computes the checksum again only if the file differs from the note. A program that writes to the
-//! file changes its time, which the store detects; errors of the disk itself are left to
-//! [`Store::verify`].
+//! Computing the checksums of all tables, 1.4 GiB, at each start would take half a second. A note
+//! beside a file therefore records its inode, size and times of change when its checksum was right.
+//! The store computes the checksum again only if the file differs from the note. A program that
+//! writes to the file changes its time, which the store detects. Only [`Store::verify`] detects
+//! errors of the disk itself.
 
 mod file;
 #[cfg(test)]
@@ -37,14 +37,15 @@ pub struct Store {
     residence: Residence,
 }
 
-/// Report of a store while it obtains a table.
+/// Report of a store while it builds a table.
 #[derive(Debug)]
 pub enum News<'a> {
     /// Start of a build, with the reason: the file is absent or unusable.
     Building(&'a Unusable),
-    /// Wait for another process that builds the table.
+    /// Wait for another process that has locked the table, mostly to build it.
     Waiting,
-    /// End of a build whose table could not be written to a file; it is used from memory.
+    /// End of a build whose table could not be written to a file, with the reason. The table is
+    /// used from memory.
     NotKept(io::Error),
 }
 
@@ -53,7 +54,7 @@ pub enum News<'a> {
 pub struct Observer<'a> {
     /// Listener of the reports.
     pub listener: Listener<'a>,
-    /// Listener of the share of the work that is done.
+    /// Listener that receives the share of the work that is done.
     pub progress: Progress<'a>,
 }
 
@@ -61,13 +62,14 @@ pub struct Observer<'a> {
 pub type Listener<'a> = &'a dyn Fn(&TableSpec, News<'_>);
 
 impl Store {
-    /// Makes the store of a folder, which need not exist yet.
+    /// Makes the store of a folder, which need not exist yet. Its tables are mapped.
     #[must_use]
     pub fn new(folder: PathBuf) -> Self {
         Self { folder, residence: Residence::Mapped }
     }
 
-    /// Returns this store with its tables mapped or copied into memory, as `residence` says.
+    /// Returns this store with its tables mapped from files or copied into memory, as `residence`
+    /// says.
     #[must_use]
     pub fn with(self, residence: Residence) -> Self {
         Self { residence, ..self }
@@ -80,7 +82,7 @@ impl Store {
         let set = |name: &str| {
             std::env::var_os(name).map(PathBuf::from).filter(|path| !path.as_os_str().is_empty())
         };
-        // The XDG base directory specification ignores relative paths.
+        // By the XDG base directory specification relative paths are ignored.
         let cache = || set("XDG_CACHE_HOME").filter(|path| path.is_absolute());
         let home = || set("HOME").map(|home| home.join(".cache"));
         let folder = set("RUBIK_ROBOT_TABLES").unwrap_or_else(|| {
@@ -115,8 +117,8 @@ impl Store {
         file::open(&self.path(spec), spec, self.residence, workers)
     }
 
-    /// Opens a table. Builds it first if its file is absent or unusable, and writes the file if
-    /// that is possible.
+    /// Opens a table. If its file is absent or unusable, builds the table and writes the file. If
+    /// the file cannot be written, reports that and returns the table in memory.
     pub(crate) fn obtain(
         &self,
         spec: &TableSpec,
@@ -136,8 +138,8 @@ impl Store {
         }
     }
 
-    /// Builds a table and writes its file, unless another process has done so in the meantime.
-    /// `reason` says why the present file is unusable.
+    /// Builds a table, writes its file and opens it, unless another process has done so in the
+    /// meantime. `reason` says why the present file is unusable; the listener receives it.
     ///
     /// # Errors
     /// The table in memory, and the reason why its file could not be written.
@@ -168,11 +170,11 @@ impl Store {
         kept.map_err(|error| (table as Bytes, error))
     }
 
-    /// Computes the checksum of a table's whole file and counts the entries of the table by
-    /// distance.
+    /// Checks a table's file without regard to its note: computes the checksum, then checks the
+    /// entries of the table. Returns the number of entries at each distance from the goal.
     ///
     /// # Errors
-    /// The reason why the file is unusable; a wrong count is one.
+    /// The reason why the file is unusable, which may be a wrong number of entries.
     pub fn verify(&self, spec: &TableSpec, workers: &dyn Workers) -> Result<Vec<u64>, Unusable> {
         let path = self.path(spec);
         file::forget(&path);
@@ -180,7 +182,8 @@ impl Store {
         (spec.verify)((*bytes).as_ref(), workers).map_err(Unusable::Miscounted)
     }
 
-    /// Removes a table with its note and temporary files. Returns whether there was a table.
+    /// Removes the file of a table with its note and temporary files. Waits while another process
+    /// builds the table. Returns whether there was a file of the table.
     ///
     /// # Errors
     /// The error of the operating system.
@@ -189,8 +192,8 @@ impl Store {
         if !self.folder.is_dir() {
             return Ok(false);
         }
-        // Not while another process builds the table. The lock file stays: if it were removed, a
-        // process that waits for it and one that creates a new file could both hold a lock.
+        // The lock file stays: if it were removed, a process that waits for it and one that creates
+        // a new file could both hold a lock.
         let _lock = self.lock(spec, &|_, _| ())?;
         file::forget(&path);
         file::remove_rests(&path);
@@ -200,6 +203,7 @@ impl Store {
         }
     }
 
+    /// Returns the path of the file that is locked while a table is built or removed.
     fn lock_path(&self, spec: &TableSpec) -> PathBuf {
         self.folder.join(format!("{}.lock", spec.name))
     }
@@ -228,6 +232,7 @@ mod tests {
     use crate::solver::table::InTurn;
     use std::sync::atomic::{AtomicUsize, Ordering};
 
+    /// Number of times that the table of `SPEC` was built.
     static BUILT: AtomicUsize = AtomicUsize::new(0);
 
     /// Table of 100,000 bytes with a check of each byte.
@@ -246,18 +251,21 @@ mod tests {
         },
     };
 
-    /// Returns a store whose folder, inside a new folder for this test, does not exist yet.
+    /// Returns a new folder for this test, and a store inside it whose own folder does not exist
+    /// yet.
     fn place(name: &str) -> (Folder, Store) {
         let folder = Folder::new(&format!("store-{name}"));
         let store = Store::new(folder.0.join("tables"));
         (folder, store)
     }
 
+    /// Opens a table, or builds it, without reports.
     fn obtain(store: &Store, spec: &TableSpec) -> Bytes {
         let observer = Observer { listener: &|_, _| (), progress: &|_| () };
         store.obtain(spec, &InTurn, observer)
     }
 
+    /// Returns whether the bytes are those of the table of `SPEC`.
     fn right(bytes: &Bytes) -> bool {
         (SPEC.verify)((**bytes).as_ref(), &InTurn).is_ok()
     }
@@ -285,7 +293,7 @@ mod tests {
         let rest = PathBuf::from(format!("{}.1234.tmp", store.path(&SPEC).display()));
         fs::write(&rest, "torn").unwrap();
         let other = store.folder().join("another.table.1234.tmp");
-        fs::write(&other, "not its own").unwrap();
+        fs::write(&other, "of another table").unwrap();
 
         assert!(store.remove(&SPEC).unwrap());
 
@@ -308,7 +316,7 @@ mod tests {
         assert!(!store.path(&SPEC).exists());
     }
 
-    /// A mapped table would end the process by a signal.
+    /// Reading a mapped table would end the process by a signal here.
     #[test]
     fn copied_table_survives_truncation_of_its_file() {
         let (_folder, store) = place("truncated");
@@ -321,7 +329,8 @@ mod tests {
         assert!(right(&table));
     }
 
-    /// Another user may have put links or pipes into the folder.
+    /// Another user may have put links or pipes into the folder in place of the store's files. The
+    /// store neither waits for a pipe nor writes to the file that a link names.
     #[test]
     fn store_refuses_planted_links_and_pipes() {
         let (folder, store) = place("planted");
@@ -342,7 +351,7 @@ mod tests {
     }
 
     #[test]
-    fn obtain_rebuilds_damaged_table_and_names_damage() {
+    fn damaged_table_is_reported_and_rebuilt() {
         let (_folder, store) = place("broken");
         obtain(&store, &SPEC);
         let path = store.path(&SPEC);
@@ -390,7 +399,7 @@ mod tests {
     #[test]
     fn obtain_uses_memory_if_folder_is_unwritable() {
         let folder = Folder::new("store-readonly");
-        // A file in place of the folder: not even root can create files in it.
+        // A file is in place of the folder, so not even root can create files there.
         let store = Store::new(folder.0.join("file"));
         fs::write(store.folder(), "").unwrap();
         let reports = AtomicUsize::new(0);

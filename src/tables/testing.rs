@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 pub(crate) struct Folder(pub(crate) PathBuf);
 
 impl Folder {
-    /// Makes an empty folder and removes the remains of an earlier test that was killed. The name
-    /// must be unique in the crate.
+    /// Makes an empty folder whose path contains `name` and the number of this process. Removes the
+    /// remains of an earlier test that was killed. The name must be unique in the crate.
     pub(crate) fn new(name: &str) -> Self {
         let path = std::env::temp_dir().join(format!("rubik-robot-{}-{name}", std::process::id()));
         let _ = fs::remove_dir_all(&path);
@@ -17,7 +17,7 @@ impl Folder {
         Self(path)
     }
 
-    /// Writes a file, and the folders in its name, and returns its path.
+    /// Writes a file and creates the folders in its name. Returns its path.
     pub(crate) fn write(&self, name: &str, text: &str) -> PathBuf {
         let path = self.0.join(name);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -32,8 +32,8 @@ impl Drop for Folder {
     }
 }
 
-/// Makes a named pipe. A child process, as of `mkfifo`, would hold the locks of other tests' files
-/// from its fork to its exec.
+/// Makes a named pipe. It does not run `mkfifo`: a child process would hold the locks of other
+/// tests' files from its fork to its exec.
 pub(crate) fn make_pipe(path: &Path) {
     mknodat(CWD, path, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
 }

@@ -1,9 +1,9 @@
-//! [`Workers`] that are threads.
+//! Threads as the [`Workers`] that build and check tables.
 
 use crate::solver::table::Workers;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Workers that start this number of threads for each call.
+/// Workers that run the tasks of each call on this number of threads, with the calling one.
 #[derive(Debug, Clone, Copy)]
 pub struct Threads(usize);
 
@@ -14,7 +14,7 @@ impl Threads {
         Self(count.max(1))
     }
 
-    /// Makes workers of as many threads as this process may run at once.
+    /// Makes workers with one thread for each core that this process may use.
     #[must_use]
     pub fn all() -> Self {
         Self::new(cores())
@@ -23,16 +23,16 @@ impl Threads {
 
 /// Returns the number of cores that this process may use, at least one.
 ///
-/// Affinity and the limits of a control group count, and also the share of a job under SLURM, which
-/// need not be enforced by either.
+/// CPU affinity and the limits of a control group count. So does the share of a job under SLURM
+/// (`SLURM_CPUS_PER_TASK`), which neither of them need enforce.
 #[must_use]
 pub fn cores() -> usize {
     let share = std::env::var("SLURM_CPUS_PER_TASK").ok();
     shared(std::thread::available_parallelism().map_or(1, usize::from), share.as_deref())
 }
 
-/// Returns the smaller one of the available cores and the share of a job. A share that is no
-/// number above 0 is ignored.
+/// Returns the smaller one of the number of available cores and a job's share of them. A share that
+/// is no integer above 0 is ignored.
 fn shared(available: usize, share: Option<&str>) -> usize {
     let share = share.and_then(|text| text.trim().parse().ok()).filter(|&n: &usize| n > 0);
     share.map_or(available, |share| share.min(available))
@@ -45,7 +45,7 @@ impl Workers for Threads {
 
     fn run(&self, tasks: usize, task: &(dyn Fn(usize) + Sync)) {
         let next = AtomicUsize::new(0);
-        // Each thread takes the next task when it is free: tasks differ in length.
+        // Tasks differ in length, so each thread takes the next task when it is free.
         let work = || {
             loop {
                 let number = next.fetch_add(1, Ordering::Relaxed);
@@ -58,7 +58,7 @@ impl Workers for Threads {
         // The thread of the caller works as well.
         std::thread::scope(|scope| {
             for _ in 1..self.0.min(tasks) {
-                // At the limit of threads the others do the work.
+                // If no more threads can be started, those that run do the work.
                 if std::thread::Builder::new().spawn_scoped(scope, work).is_err() {
                     break;
                 }
@@ -74,7 +74,7 @@ mod tests {
     use std::sync::Mutex;
 
     #[test]
-    fn share_of_a_job_limits_the_cores() {
+    fn share_of_slurm_job_limits_cores() {
         for (share, wanted) in
             [(None, 8), (Some("3"), 3), (Some("16"), 8), (Some("0"), 8), (Some("a few"), 8)]
         {

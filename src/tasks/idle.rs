@@ -9,7 +9,7 @@ use super::procedure::{Port, Procedure};
 use super::{Action, Effort, Event, Finish, Readings, Task, Until};
 use crate::generators::Behaviour;
 
-/// The kernel.
+/// Kernel of MP that holds all arms where they are.
 #[derive(Debug)]
 pub struct Idle {
     /// The shared state behind the port is the number of effectors.
@@ -29,6 +29,7 @@ impl Idle {
 async fn hold(port: Port<(), (), usize>, seconds: f64) -> Finish {
     let mut event = port.request(Action::Phase("idle")).await;
     if !matches!(event, Event::Trouble(_)) {
+        // No force reaches an infinite pull, so the behaviour ends by its time.
         let pull = f64::INFINITY;
         let order = Behaviour::Present { pull, selector: [false; 6], seconds };
         let effectors = port.state(|effectors| *effectors);

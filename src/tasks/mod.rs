@@ -1,4 +1,4 @@
-//! The tasks: kernels of MP, one folder a task. Pure: event -> next action.
+//! The tasks: kernels of MP, one folder a task. A kernel is pure: event -> next action.
 //!
 //! A task imports neither `hw` nor `kinematics`: poses, wrenches and reach come to it as data. One
 //! kernel serves both coordination schemes, because it orders behaviours. The shells decide where
@@ -21,9 +21,9 @@ use std::sync::Arc;
 
 /// A kernel of MP.
 pub trait Task: Send {
-    /// Input of long work that the kernel has done beside the motions; plain data.
+    /// Input of the long work that the shell does for the kernel beside the motions; plain data.
     type Thought: std::fmt::Debug + Clone + Send + 'static;
-    /// Result of that work; plain data.
+    /// Result of the long work; plain data.
     type Conclusion: std::fmt::Debug + Send + 'static;
 
     /// Returns the next action after an event. `readings` is the state of the cell at that time.
@@ -33,7 +33,7 @@ pub trait Task: Send {
         readings: &Readings<'_>,
     ) -> Action<Self::Thought>;
 
-    /// Returns the messages to the operator since the last call: where a step was repeated, and
+    /// Returns the messages to the operator since the last call, such as which step is repeated and
     /// why.
     fn notes(&mut self) -> Vec<String> {
         Vec::new()
@@ -65,17 +65,18 @@ pub struct Entry {
     pub held: [Option<Depth>; 2],
     /// Joint positions of the track arm after it had taken the cube from the operator or the table.
     pub hand_over: Option<JointPositions>,
-    /// Place of the track's tool when it closed on the cube as it was given, in the arm's base (m).
+    /// Position of the track's tool, in the arm's base, when its jaws closed on the cube that was
+    /// given (m).
     pub taken_at: Option<[f64; 3]>,
-    /// Part of the usual distance by which the track could not retract from there, because the arm
-    /// folds no farther (m).
+    /// Part of the usual retraction from [`Entry::taken_at`] that the track could not make, because
+    /// the arm folds no farther (m).
     #[serde(default)]
     pub short: f64,
     /// Last commanded position of each palm's stops. It gives the depth of a hand whose hold is not
     /// believed yet.
     #[serde(default)]
     pub stops: [Option<Depth>; 2],
-    /// Whether the operator has been offered the cube, or it is being laid down.
+    /// Whether the cube was offered to the operator, or is being laid on the table.
     pub handing_back: bool,
     /// Reason why the cube goes back unsolved, if it does.
     #[serde(default)]
@@ -169,12 +170,13 @@ pub enum Action<T> {
     Behave {
         /// One entry an effector; `None` leaves it as it is.
         orders: [Option<Behaviour>; 2],
-        /// Effectors whose end ends the step; the shell then ends the other from above.
+        /// Effectors whose behaviours must end before the step ends; the shell then ends the
+        /// behaviour of the other one.
         until: Until,
     },
     /// The force sensors of these effectors are set to zero where they are.
     Bias([bool; 2]),
-    /// The stand-alone camera's sensor begins (`true`) or ends to watch for the cube.
+    /// The stand-alone camera's sensor begins (`true`) or stops (`false`) watching for the cube.
     Watch(bool),
     /// The camera in an effector's hand reads one face.
     Look {
@@ -185,7 +187,7 @@ pub enum Action<T> {
     },
     /// The shell does long work: see [`Task::think`].
     Think(T),
-    /// The operator is asked something.
+    /// The operator is asked a question.
     Ask(Question),
     /// The shell waits for the operator's next order to an arm, while all arms hold their places.
     Await,
@@ -206,9 +208,9 @@ pub enum Action<T> {
 /// Effectors whose behaviours must end before the step ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Until {
-    /// All that have an order.
+    /// All effectors that have an order.
     All,
-    /// This one; the other is ended from above.
+    /// This effector; the shell then ends the behaviour of the other one.
     Effector(usize),
 }
 
@@ -217,9 +219,9 @@ pub enum Until {
 pub enum Event<C> {
     /// The run begins.
     Start,
-    /// The last action is carried out and has no result.
+    /// The last action was carried out, and has no result.
     Done,
-    /// Behaviours ended, each with its outcome.
+    /// Behaviours ended, each with its outcome; `None` for an effector without an order.
     Behaved([Option<Outcome>; 2]),
     /// A face was read, or the text says why it was not.
     Looked(Result<FaceReading, String>),
@@ -227,7 +229,7 @@ pub enum Event<C> {
     Thought(C),
     /// The operator has answered; `None` when no answer came in time.
     Answered(Option<Answer>),
-    /// The operator orders this of an effector.
+    /// The operator gives this order to the effector with this index.
     Ordered(usize, Manual),
     /// An effector or sensor could not carry out the action; the text names it and the reason.
     Trouble(String),
@@ -236,8 +238,8 @@ pub enum Event<C> {
 /// The end of a task, as the controller sees it. The plant decides whether the cube is solved.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Finish {
-    /// Whether the controller believes that it did what was asked.
+    /// Whether the controller believes that the task is achieved.
     pub achieved: bool,
-    /// Description of the end.
+    /// Reason of the end, in words.
     pub reason: String,
 }

@@ -18,13 +18,13 @@ use std::ops::Range;
 /// Limits and named poses of an arm that the operator moves by hand.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ArmLimits {
-    /// Whether it has an axis 0.
+    /// Whether the arm has an axis 0, the track.
     pub has_track: bool,
-    /// Poses that it can be sent to.
+    /// Named poses to which the operator can send the arm.
     pub poses: Vec<(String, JointPositions)>,
     /// Smallest and largest distance between the pads (m).
     pub opening: (f64, f64),
-    /// Force with which its jaws close (N).
+    /// Force with which the jaws close (N).
     pub grip: f64,
 }
 
@@ -35,7 +35,7 @@ impl ArmLimits {
     }
 }
 
-/// The kernel.
+/// Kernel of MP for an operator who moves the arms by hand.
 #[derive(Debug)]
 pub struct Panel {
     procedure: Procedure<(), (), Shared>,
@@ -44,6 +44,7 @@ pub struct Panel {
 /// State behind the port.
 #[derive(Debug, Default)]
 struct Shared {
+    /// States of the arms at the last event.
     arms: Vec<ArmState>,
     /// Notes that the shell has not taken yet.
     notes: Vec<String>,
@@ -53,7 +54,8 @@ struct Shared {
 const SPEED: f64 = 0.25;
 /// Least time of a motion of the jaws (s).
 const JAW_SECONDS: f64 = 0.6;
-/// Farthest distance of one order: an axis 0 or a tool (m), an angle (rad), a motor (rad).
+/// Largest step of one order: of axis 0 or of the tool along an axis (m), of a rotary joint or of
+/// the tool about an axis (rad), of a motor (rad).
 const FARTHEST: (f64, f64, f64) = (0.2, 0.6, 60.0);
 
 impl Panel {
@@ -97,15 +99,17 @@ fn action(
         return Err(format!("there is no effector {effector}"));
     };
     let behaviour = match order {
-        // Behaviours need a synchronised arm. MP synchronises it, and turns single motors, itself.
+        // MP itself synchronises an arm and turns single motors, since behaviours need a
+        // synchronised arm.
         Manual::Synchronise => return Ok(Action::Manual { effector, order }),
         Manual::Motor(step) => {
-            within(step, FARTHEST.2, limits.axes())?;
+            within(step, (FARTHEST.2, "rad"), limits.axes())?;
             return Ok(Action::Manual { effector, order });
         }
         Manual::Bias => return Ok(Action::Bias(std::array::from_fn(|i| i == effector))),
         Manual::Joint(step) => {
-            within(step, if step.axis == 0 { FARTHEST.0 } else { FARTHEST.1 }, limits.axes())?;
+            let most = if step.axis == 0 { (FARTHEST.0, "m") } else { (FARTHEST.1, "rad") };
+            within(step, most, limits.axes())?;
             // The set joints, not the measured ones: several orders in a row must not collect the
             // servo's lag.
             let mut target = state.desired_joints;
@@ -113,8 +117,9 @@ fn action(
             Behaviour::Joints { target, speed: SPEED, seconds: 0.0 }
         }
         Manual::Tool(step) => {
-            within(step, if step.axis < 3 { FARTHEST.0 } else { FARTHEST.1 }, 0..6)?;
-            // The product is from the right, so that the step is in axes of the tool.
+            let most = if step.axis < 3 { (FARTHEST.0, "m") } else { (FARTHEST.1, "rad") };
+            within(step, most, 0..6)?;
+            // A displacement on the right of the pose is one in the axes of the tool.
             let target = state.desired_base_from_tool * displacement(step);
             Behaviour::Line { target, speed: SPEED }
         }
@@ -140,6 +145,8 @@ fn action(
     Ok(Action::Behave { orders, until: Until::Effector(effector) })
 }
 
+/// Returns the displacement of a tool by a step along (axes 0..=2) or about (3..=5) one of its own
+/// axes (m, rad).
 fn displacement(step: Step) -> Pose {
     let mut axis = Vector3::zeros();
     axis[step.axis % 3] = step.by;
@@ -151,14 +158,19 @@ fn displacement(step: Step) -> Pose {
     }
 }
 
-fn within(step: Step, farthest: f64, axes: Range<usize>) -> Result<(), String> {
+/// Checks that a step is on one of `axes` and moves by at most `farthest` (in `unit`), else returns
+/// the reason for the operator.
+fn within(step: Step, (farthest, unit): (f64, &str), axes: Range<usize>) -> Result<(), String> {
     if !axes.contains(&step.axis) {
         return Err(format!("this arm has no axis {}", step.axis));
     }
     if step.by.abs() <= farthest {
         return Ok(());
     }
-    Err(format!("a step of {:.2} exceeds {farthest:.2}, the limit of one order", step.by))
+    Err(format!(
+        "a step of {:.2} {unit} exceeds {farthest:.2} {unit}, the limit of one order",
+        step.by
+    ))
 }
 
 impl Task for Panel {
@@ -187,11 +199,14 @@ mod tests {
     use super::*;
     use crate::tasks::Forces;
 
+    /// Makes the kernel for one arm without a track that knows the pose `front`.
     fn panel() -> Panel {
         let poses = vec![("front".to_owned(), JointPositions([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6]))];
         Panel::new(vec![ArmLimits { has_track: false, poses, opening: (0.04, 0.09), grip: 40.0 }])
     }
 
+    /// Returns the action of the kernel after an order to effector 0, and the notes to the
+    /// operator.
     fn after(order: Manual) -> (Action<()>, Vec<String>) {
         let mut panel = panel();
         let arms = [ArmState::default()];

@@ -34,13 +34,16 @@ pub struct RequestId(u64);
 #[derive(Debug)]
 pub struct Port<T, C, S>(Arc<Mutex<Shared<T, C, S>>>);
 
+/// Data of a [`Port`], behind its lock.
 #[derive(Debug)]
 struct Shared<T, C, S> {
+    /// Number of the latest request.
     last_id: u64,
     /// Requests that the shell has not taken yet.
     posted: VecDeque<(RequestId, Action<T>)>,
     /// Requests that the procedure still waits for, each with its answer once that has arrived.
     awaited: BTreeMap<RequestId, Option<Event<C>>>,
+    /// State that procedure and shell both see.
     state: S,
 }
 
@@ -112,10 +115,12 @@ pub struct Request<T, C, S> {
     state: RequestState<T>,
 }
 
+/// Progress of a [`Request`].
 #[derive(Debug)]
 enum RequestState<T> {
     /// Not polled yet.
     New(Option<Action<T>>),
+    /// Handed to the shell, under this id.
     Posted(RequestId),
 }
 
@@ -138,8 +143,8 @@ impl<T: Unpin, C, S> Future for Request<T, C, S> {
                 if shared.awaited.get(id).is_none_or(Option::is_none) {
                     return Poll::Pending;
                 }
-                // The entry goes with its answer: `is_waiting` counts only what is still
-                // outstanding.
+                // The entry is removed with its answer, so that `is_waiting` counts only requests
+                // without one.
                 shared.awaited.remove(id).flatten().map_or(Poll::Pending, Poll::Ready)
             }
         }
@@ -252,6 +257,7 @@ mod tests {
 
     type Bare = Port<(), (), Vec<&'static str>>;
 
+    /// Makes a procedure whose shared state is a list of names.
     fn run<F: Future<Output = Finish> + Send + 'static>(
         procedure: impl FnOnce(Bare) -> F,
     ) -> Procedure<(), (), Vec<&'static str>> {

@@ -1,4 +1,4 @@
-//! State of the terminal UI, and the input of each key. It is pure.
+//! State of the terminal UI, and the input that each key makes. Nothing here uses a terminal.
 //!
 //! - in: snapshots of the run, keys
 //! - out: inputs of the operator; the state that `draw` renders
@@ -12,7 +12,7 @@ use crate::operator::{
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 use std::sync::Arc;
 
-/// Step of an arrow key in a replay (s). The page keys step six times as far.
+/// Time by which an arrow key seeks in a replay (s). The page keys seek six times as far.
 const SEEK: f64 = 10.0;
 
 /// Coordinates in which an arm is moved by hand.
@@ -34,23 +34,25 @@ pub(super) struct App {
     pub(super) snapshot: Arc<Snapshot>,
     /// Whether a terminate waits for its confirmation.
     pub(super) sure: bool,
-    /// Whether Ctrl-C was pressed. The second one leaves the UI, even if the run has not ended.
+    /// Whether Ctrl-C was pressed. A second Ctrl-C leaves the UI even if the run has not ended.
     interrupted: bool,
     /// Remark to the operator, until the next key.
     pub(super) note: String,
     /// Index of the arm that is moved by hand.
     pub(super) arm: usize,
-    /// Coordinates in which it is moved.
+    /// Coordinates in which that arm is moved.
     pub(super) mode: Mode,
-    /// Axis that is moved.
+    /// Axis that is moved, in these coordinates.
     pub(super) axis: usize,
     /// Index of the step in [`STEPS`].
     pub(super) size: usize,
-    /// Number of the open question, its stickers as corrected, and the sticker under the cursor.
+    /// Answer to the open question about stickers: number of the question, colours as the operator
+    /// has corrected them, index of the sticker under the cursor.
     pub(super) answer: Option<(u64, Vec<Option<Face>>, usize)>,
 }
 
-/// Steps of a motion by hand: length (m), angle (rad), angle of a motor (rad).
+/// Sizes of the steps by which arms are moved by hand: length (m), angle (rad), angle of a motor
+/// (rad).
 pub(super) const STEPS: [(f64, f64, f64); 3] =
     [(0.0005, 0.003_5, 0.5), (0.002, 0.0175, 2.0), (0.01, 0.0873, 20.0)];
 
@@ -74,7 +76,8 @@ impl App {
         self.snapshot = snapshot;
     }
 
-    /// Returns the input of a key, if it has one. Other keys change the state only.
+    /// Handles a key. Returns the input to the run that it makes; `None` if it only changes the
+    /// state of the UI.
     pub(super) fn key(&mut self, key: KeyEvent) -> Option<Input> {
         self.note.clear();
         let replay = self.snapshot.services.seek_ms;
@@ -118,8 +121,8 @@ impl App {
         }
     }
 
-    /// Returns the input of a key in a replay of `length` (s), or `None` for other keys. A replay
-    /// has no arms to stop, and the operator may leave it at any time.
+    /// Returns the input of a key in a replay that lasts `length` (s); `None` if the key has none.
+    /// A replay has no arms to stop, and the operator may leave it at any time.
     fn replay(&self, code: KeyCode, length: f64) -> Option<Input> {
         let now = self.snapshot.time;
         let to = |time: f64| Some(Input::Seek { time: time.clamp(0.0, length) });
@@ -142,10 +145,10 @@ impl App {
         }
     }
 
-    /// Returns the input that sets the next slower (-1) or faster (1) limit of the simulation
-    /// speed.
+    /// Returns the input that sets the next lower (`change` = -1) or higher (1) limit of the
+    /// simulation speed.
     fn speed(&self, change: isize) -> Input {
-        // 0 means no limit, so it is the fastest.
+        // Multiples of real time. 0 means no limit, so it is the last.
         const FACTORS: [f64; 7] = [0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 0.0];
         let now = self.snapshot.speed;
         // Another UI may have set a limit that is not in the list.
@@ -154,7 +157,7 @@ impl App {
         Input::Speed { factor: FACTORS[next] }
     }
 
-    /// Returns the answer of a key to a question, if the answer is complete.
+    /// Handles a key while a question is open. Returns the answer if the key completes it.
     fn reply(&mut self, code: KeyCode, question: &Question) -> Option<Input> {
         let number = question.number;
         let declined = Input::Answer { question: number, answer: Answer::Declined };
@@ -173,7 +176,8 @@ impl App {
             Subject::Stickers { .. } => {
                 let (_, colours, at) = self.answer.as_mut()?;
                 match code {
-                    // Enter sends only nine stickers of each colour. The task checks the rest.
+                    // Enter sends the stickers only if each colour has nine. The task makes further
+                    // checks.
                     KeyCode::Enter => {
                         let all: Option<Vec<Face>> = colours.iter().copied().collect();
                         let all: [Face; 54] = all?.try_into().ok()?;
@@ -197,8 +201,8 @@ impl App {
         }
     }
 
-    /// Returns the order of a key to the arm that is moved by hand. Some keys choose the arm, the
-    /// mode, the axis or the step instead.
+    /// Handles a key while arms can be moved by hand. Returns the order that it gives to the chosen
+    /// arm; `None` if the key chooses the arm, the mode, the axis or the step instead.
     fn by_hand(&mut self, code: KeyCode) -> Option<Input> {
         let stage = Arc::clone(&self.stage);
         match code {
@@ -238,7 +242,8 @@ impl App {
         Some(Input::Manual { effector: self.arm, order })
     }
 
-    /// Returns the axes that can be chosen. An arm without a track has no axis 0.
+    /// Returns the axes of the chosen arm that can be chosen in the present mode. Joint and motor 0
+    /// are those of the track, so an arm without a track does not have them.
     pub(super) fn axes(&self) -> std::ops::Range<usize> {
         let has_track = self.stage.arms.get(self.arm).is_some_and(|arm| arm.has_track);
         match self.mode {
@@ -268,6 +273,7 @@ mod tests {
     use super::*;
     use crate::operator::{ArmStage, Services};
 
+    /// Returns a UI with two arms, of which only the second has a track.
     fn app(snapshot: Snapshot) -> App {
         let mut app = App::default();
         let arm =
@@ -278,6 +284,7 @@ mod tests {
         app
     }
 
+    /// Returns a question about the stickers of a solved cube, in which sticker 20 is doubtful.
     fn stickers() -> Question {
         Question {
             number: 3,
@@ -351,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn letters_edit_stickers_enter_answers_esc_declines() {
+    fn keys_edit_answer_and_decline_sticker_question() {
         let read = Facelets::solved();
         let mut app = app(Snapshot { question: Some(stickers()), ..Snapshot::default() });
 
@@ -399,15 +406,15 @@ mod tests {
             other => panic!("{other:?}"),
         };
 
-        // The first arm has no track. This must hold at once, after a change of mode, and after the
-        // arm with a track.
+        // The first arm has no track, so axis 0 is never chosen for it: not at first, not after a
+        // change of mode, and not after axis 0 of the other arm was chosen.
         assert_eq!(axis(press(&mut app, KeyCode::Right)), (0, 1));
         press(&mut app, KeyCode::Char('m'));
         press(&mut app, KeyCode::Char('m'));
         assert_eq!(axis(press(&mut app, KeyCode::Right)), (0, 1));
         press(&mut app, KeyCode::Tab);
         press(&mut app, KeyCode::Up);
-        assert_eq!(axis(press(&mut app, KeyCode::Right)), (1, 0), "the second has one");
+        assert_eq!(axis(press(&mut app, KeyCode::Right)), (1, 0), "the second arm has a track");
         press(&mut app, KeyCode::Tab);
         assert_eq!(axis(press(&mut app, KeyCode::Left)), (0, 1));
     }

@@ -1,7 +1,7 @@
-//! The terminal UI's picture of a snapshot and of its own state.
+//! Screen of the terminal UI: draws a snapshot of the run and the state of the UI itself.
 //!
-//! At 80 x 24 all that is needed to work must be visible. Below [`NARROW`] and [`LOW`] the layout
-//! therefore drops borders, digits and messages.
+//! Everything that an operator needs must be visible in 80 columns and 24 rows. Therefore the
+//! layout drops borders, digits and messages below [`NARROW`] columns or [`LOW`] rows.
 
 use super::app::{App, Mode, STEPS};
 use super::net::place;
@@ -13,7 +13,7 @@ use ratatui::style::{Color, Modifier, Style, Stylize};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Borders, Cell, Clear, Gauge, Paragraph, Row, Table, Wrap};
 
-/// The six colours, 0..=5 = white, red, green, yellow, orange, blue.
+/// Colours of the stickers, 0..=5 = white, red, green, yellow, orange, blue.
 const COLOURS: [Color; 6] = [
     Color::Rgb(244, 244, 240),
     Color::Rgb(200, 32, 44),
@@ -55,7 +55,7 @@ pub(super) fn frame(app: &App, frame: &mut Frame<'_>) {
         bar,
     );
     frame.render_widget(arm_table(app, narrow), arms);
-    // In a narrow terminal the actors' words get the room of a plan that does not exist yet.
+    // In a narrow terminal the words of the actors get the room of the plan until there is one.
     let stops = s.outcome.is_some() || s.arms.iter().any(|arm| arm.fault.is_some());
     let instructs = stops || s.services.manual;
     let planless = narrow && s.plan.is_empty() && !instructs;
@@ -71,7 +71,7 @@ pub(super) fn frame(app: &App, frame: &mut Frame<'_>) {
         .map(|i| Some(usize::from(s.net.facelets.get(i).copied().flatten()?.colour)))
         .collect();
     frame.render_widget(net_of(&colours, None).block(titled("cube as read")), net);
-    // A fault or the end matters more than the plan, and an idle task has none.
+    // A fault or the end of the run matters more than the plan. An idle task has no plan.
     if stops {
         frame.render_widget(stopped(s), plan);
     } else if s.services.manual {
@@ -82,7 +82,7 @@ pub(super) fn frame(app: &App, frame: &mut Frame<'_>) {
     frame.render_widget(actors_of(s, narrow), actors);
     frame.render_widget(messages_of(s, messages.height), messages);
     frame.render_widget(Paragraph::new(keys), foot);
-    // Last, so that the question covers the rest.
+    // The question is drawn last, so that it covers everything else.
     if app.snapshot.question.is_some() {
         question(app, frame);
     }
@@ -114,7 +114,7 @@ fn progress(s: &Snapshot) -> (f64, String) {
 fn heading(app: &App) -> Line<'_> {
     let s = &*app.snapshot;
     let fault = s.arms.iter().any(|arm| arm.fault.is_some());
-    // The outcome comes first: after a fault has ended a run, its verdict says more.
+    // The outcome comes first: after a fault has ended a run, the verdict says more than "fault".
     let (word, colour) = match (s.control, &s.outcome) {
         (_, Some(outcome)) if outcome.good => (outcome.verdict.as_str(), Color::Green),
         (_, Some(outcome)) => (outcome.verdict.as_str(), Color::Red),
@@ -125,7 +125,8 @@ fn heading(app: &App) -> Line<'_> {
         (ControlView::Terminated | ControlView::Ended, _) => ("ending", Color::Yellow),
     };
     let why = s.outcome.as_ref().map_or(s.phase.as_str(), |outcome| outcome.reason.as_str());
-    // The arms hold their places after the end, so the clock runs on. The time of the work counts.
+    // The arms hold their places after the end, so the clock runs on. The heading shows the time at
+    // which the work was done.
     let time = s.outcome.as_ref().and_then(|outcome| outcome.time).unwrap_or(s.time);
     Line::from(vec![
         Span::styled(format!(" {word} "), Style::new().bg(colour).fg(Color::White).bold()),
@@ -136,12 +137,12 @@ fn heading(app: &App) -> Line<'_> {
     ])
 }
 
-/// Returns the table of the arms.
+/// Returns the table of the arms: joints, jaws, forces and following error of the tool.
 fn arm_table(app: &App, narrow: bool) -> Table<'_> {
     let rows = app.snapshot.arms.iter().enumerate().map(|(i, arm)| {
         let has_track = app.stage.arms.get(i).is_none_or(|stage| stage.has_track);
         let track = if has_track { format!("{:.3} m", arm.joints[0]) } else { "-".to_owned() };
-        // At 80 columns whole degrees are all that fits.
+        // At 80 columns there is room for whole degrees only.
         let digits = usize::from(!narrow);
         let joints: Vec<String> =
             arm.joints[1..].iter().map(|q| format!("{:.digits$}", q.to_degrees())).collect();
@@ -163,8 +164,8 @@ fn arm_table(app: &App, narrow: bool) -> Table<'_> {
     if narrow { table } else { table.block(Block::bordered()) }
 }
 
-/// Returns a net of the cube. `colours` has the face whose colour each facelet has, `None` for an
-/// unread facelet; `at` is the facelet under the cursor.
+/// Returns the net of the cube. For each facelet `colours` has the index of its colour, 0..=5, or
+/// `None` if it was not read; `at` is the index of the facelet under the cursor.
 fn net_of(colours: &[Option<usize>], at: Option<usize>) -> Paragraph<'static> {
     // Two letters make a tile nearly square.
     let mut grid = vec![vec![Span::raw("  "); 12]; 9];
@@ -181,10 +182,10 @@ fn net_of(colours: &[Option<usize>], at: Option<usize>) -> Paragraph<'static> {
     Paragraph::new(grid.into_iter().map(Line::from).collect::<Vec<_>>())
 }
 
-/// Returns the plan, scrolled to its current step.
+/// Returns the plan in a panel of `height` rows, scrolled to its current step.
 fn plan_of(s: &Snapshot, height: u16) -> Paragraph<'_> {
     let shown = usize::from(height.saturating_sub(1)).max(1);
-    // The current step is a third from the top: what comes next needs more room than what was.
+    // The current step is a third from the top: the next steps need more room than the past ones.
     let first = s.step.map_or(0, |step| step.saturating_sub(shown / 3));
     let lines = s.plan.iter().enumerate().skip(first).take(shown).map(|(i, line)| {
         let text = format!("{:3}  {}", i + 1, line.what);
@@ -260,7 +261,8 @@ fn actors_of(s: &Snapshot, narrow: bool) -> Paragraph<'_> {
                 Span::raw(actor.words.clone()).dim(),
             ]);
         }
-        // The actor's own words say more than its state, and the colour shows the state.
+        // If there is room for one of them only, the actor's words replace the name of its state;
+        // the colour still shows the state.
         let words = if actor.words.is_empty() { word } else { actor.words.as_str() };
         Line::from(vec![
             Span::raw(format!("{:<14} ", actor.name)),
@@ -270,7 +272,7 @@ fn actors_of(s: &Snapshot, narrow: bool) -> Paragraph<'_> {
     Paragraph::new(s.actors.iter().map(line).collect::<Vec<_>>()).block(titled("actors"))
 }
 
-/// Returns the latest messages that fit.
+/// Returns the latest messages that fit into a panel of `height` rows.
 fn messages_of(s: &Snapshot, height: u16) -> Paragraph<'_> {
     let shown = usize::from(height.saturating_sub(1));
     let first = s.messages.len().saturating_sub(shown);
@@ -286,7 +288,7 @@ fn messages_of(s: &Snapshot, height: u16) -> Paragraph<'_> {
         .block(titled("messages"))
 }
 
-/// Returns the help for the keys that work now, in as many lines as it needs.
+/// Returns the help for the keys that work now, broken into lines of at most `width` columns.
 fn keys_of(app: &App, width: usize) -> Vec<Line<'_>> {
     const STOP: (&str, &str) = ("e F12", "emergency stop (no safety function)");
     let s = &*app.snapshot;
@@ -333,7 +335,7 @@ fn keys_of(app: &App, width: usize) -> Vec<Line<'_>> {
     }
 }
 
-/// Returns lines of keys and their meanings, as many in a line as fit.
+/// Returns lines with keys and their meanings, as many in each line as fit into `width` columns.
 fn help(keys: &[(&'static str, &'static str)], width: usize) -> Vec<Line<'static>> {
     let mut lines = vec![Line::default()];
     for (key, words) in keys {
@@ -351,11 +353,11 @@ fn help(keys: &[(&'static str, &'static str)], width: usize) -> Vec<Line<'static
     lines
 }
 
-/// Draws the open question over the rest.
+/// Draws the open question in a box over the rest of the screen; does nothing if there is none.
 fn question(app: &App, frame: &mut Frame<'_>) {
     let Some(question) = &app.snapshot.question else { return };
     let area = frame.area();
-    // The last line stays visible, because it has the emergency stop.
+    // The last line stays visible, because it shows the key of the emergency stop.
     let (width, height) = (area.width.min(70), area.height.saturating_sub(1).min(19));
     let at = Rect {
         x: area.x + (area.width - width) / 2,
@@ -400,12 +402,14 @@ mod tests {
     use ratatui::backend::TestBackend;
     use std::sync::Arc;
 
+    /// Returns the text of a screen of this size (columns, rows) that shows a snapshot.
     fn drawn(snapshot: Snapshot, (width, height): (u16, u16)) -> String {
         let mut app = App::default();
         app.take(Arc::new(snapshot));
         shown(&app, (width, height))
     }
 
+    /// Returns the text of a screen of this size (columns, rows).
     fn shown(app: &App, (width, height): (u16, u16)) -> String {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
         terminal.draw(|f| frame(app, f)).unwrap();
@@ -415,6 +419,7 @@ mod tests {
             .collect()
     }
 
+    /// Returns a snapshot of a run with one arm in step 31 of its plan.
     fn snapshot() -> Snapshot {
         let line =
             |n: usize| PlanLine { what: format!("turn {n}"), why: String::new(), seconds: 1.0 };
@@ -574,7 +579,7 @@ mod tests {
     }
 
     #[test]
-    fn sticker_question_shows_doubt_keys_and_time_left() {
+    fn sticker_question_shows_text_cursor_keys_and_time() {
         let read = crate::cube::Facelets::solved().to_string();
         let question = Question {
             number: 1,

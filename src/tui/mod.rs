@@ -1,7 +1,8 @@
 //! The operator's UI in a terminal, for work over ssh.
 //!
-//! It shows the same snapshots as the page and sends the same inputs. `app` is pure: keys in,
-//! inputs out. `draw` renders its state, and [`show`] connects both with a terminal.
+//! It shows the same snapshots as the page and sends the same inputs. `app` keeps the state of the
+//! UI and turns keys into inputs; it is pure. `draw` renders this state, and [`show`] connects both
+//! with a terminal.
 
 mod app;
 mod draw;
@@ -16,14 +17,14 @@ use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// Longest time between two redraws. Ten pictures in a second are enough for a terminal.
+/// Longest time between two redraws. Ten redraws in a second are enough for a terminal.
 const LOOK: Duration = Duration::from_millis(100);
 
 /// Shows the UI of a desk in a terminal until `leave` is set or the operator leaves. The operator
 /// can leave when the run is over, or when no run accepts inputs any more.
 ///
 /// # Errors
-/// The terminal cannot be read or written.
+/// Error of the operating system if the terminal cannot be read or written.
 pub fn show(mut screen: Screen, desk: &UiEnd, leave: &AtomicBool) -> std::io::Result<()> {
     let mut app = App::default();
     while !leave.load(Ordering::Acquire) {
@@ -40,11 +41,11 @@ pub fn show(mut screen: Screen, desk: &UiEnd, leave: &AtomicBool) -> std::io::Re
             break;
         }
     }
-    // The terminal must be restored before the message, which would vanish with the UI's screen.
+    // The terminal is restored first: a message on the UI's screen would vanish with that screen.
     drop(screen);
     let last = desk.snapshots.borrow();
     if last.control != ControlView::Ended && last.services.seek_ms.is_none() {
-        // The error of a closed stderr has no reader.
+        // If stderr is closed, no person reads the message, so the error does not matter.
         let _ = writeln!(
             std::io::stderr(),
             "the run continues without a UI until it ends; Ctrl-C ends it"
@@ -64,7 +65,7 @@ impl Screen {
     /// Stdout is no terminal, or the terminal cannot be initialised.
     pub fn open() -> std::io::Result<Self> {
         if !std::io::stdout().is_terminal() {
-            return Err(std::io::Error::other("stdout is none"));
+            return Err(std::io::Error::other("the standard output is no terminal"));
         }
         // A failed initialisation may have changed the terminal already.
         let screen = ratatui::try_init();
@@ -75,8 +76,8 @@ impl Screen {
     }
 }
 
-/// Restores the terminal. It is for a program that is ended from outside, where [`Screen`] is not
-/// dropped.
+/// Restores the terminal. A program that is ended from outside, which does not drop its [`Screen`],
+/// calls this function.
 pub fn restore_terminal() {
     let _ = ratatui::try_restore();
 }
@@ -87,7 +88,7 @@ impl Drop for Screen {
     }
 }
 
-/// Returns the next key that is pressed within [`LOOK`].
+/// Returns the next key that is pressed within [`LOOK`]; `None` if there is none.
 fn next_key() -> std::io::Result<Option<KeyEvent>> {
     if !event::poll(LOOK)? {
         return Ok(None);

@@ -1,4 +1,5 @@
-//! Places of the tiles in the net of a cube, in columns and rows of tiles.
+//! Places of the facelets in the net of a cube (the unfolded cube), in columns and rows of tiles. A
+//! tile is the picture of a facelet.
 
 use ratatui::crossterm::event::KeyCode;
 
@@ -11,9 +12,10 @@ pub(super) fn place(index: usize) -> (usize, usize) {
     (column + index % 3, row + index % 9 / 3)
 }
 
-/// Returns the tile to which a cursor key leads.
+/// Returns the index of the facelet to which a cursor key leads from the facelet `index`. At the
+/// edge of the net the cursor continues at the opposite edge. Other keys lead nowhere.
 pub(super) fn neighbour(index: usize, key: KeyCode) -> usize {
-    // The net is 12 by 9 tiles. A step of 11 or 8 is a step back, modulo the size.
+    // The net is 12 columns by 9 rows. Modulo these sizes, a step by 11 or 8 is a step back by 1.
     let (dx, dy) = match key {
         KeyCode::Left => (11, 0),
         KeyCode::Right => (1, 0),
@@ -22,7 +24,7 @@ pub(super) fn neighbour(index: usize, key: KeyCode) -> usize {
         _ => return index,
     };
     let (mut column, mut row) = place(index);
-    // Steps over the empty corners of the net until it meets a tile.
+    // The cursor steps over the empty corners of the net until it meets a tile.
     for _ in 0..12 {
         (column, row) = ((column + dx) % 12, (row + dy) % 9);
         if let Some(found) = (0..54).find(|&i| place(i) == (column, row)) {

@@ -11,9 +11,10 @@
 /// If `cost` does not have `n * n` entries.
 #[must_use]
 pub(crate) fn assign(cost: &[f64], n: usize) -> Vec<usize> {
-    assert_eq!(cost.len(), n * n, "a square matrix");
-    // One-based with a virtual column 0, as in the textbook form. `u` and `v` are the potentials of
-    // rows and columns; no reduced cost `cost - u - v` is ever negative.
+    assert_eq!(cost.len(), n * n, "the matrix of costs must be square");
+    // Rows and columns count from 1, with a virtual column 0, as in the textbook form. `u` and `v`
+    // are the potentials of rows and columns; no reduced cost `cost - u - v` is ever negative.
+    // `row_of` is the row of each column, or 0 if the column is free.
     let (mut u, mut v) = (vec![0.0; n + 1], vec![0.0; n + 1]);
     let mut row_of = vec![0usize; n + 1];
     let mut previous = vec![0usize; n + 1];
@@ -41,7 +42,8 @@ pub(crate) fn assign(cost: &[f64], n: usize) -> Vec<usize> {
                     next = j;
                 }
             }
-            // The potentials move so that the next column of the path has a reduced cost of zero.
+            // The potentials are changed so that the next column of the path has the reduced cost
+            // zero.
             for j in 0..=n {
                 if used[j] {
                     u[row_of[j]] += delta;
@@ -55,7 +57,8 @@ pub(crate) fn assign(cost: &[f64], n: usize) -> Vec<usize> {
                 break;
             }
         }
-        // Along the path, each column passes to the row before it.
+        // From the free column back along the path, each column takes the row of the column before
+        // it.
         while column != 0 {
             row_of[column] = row_of[previous[column]];
             column = previous[column];
@@ -75,7 +78,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn assignment_costs_as_little_as_cheapest_permutation(
+        fn assignment_has_cost_of_cheapest_permutation(
             cost in proptest::collection::vec(0.0..10.0f64, 16)
         ) {
             let total = |columns: &[usize]| -> f64 {

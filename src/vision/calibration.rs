@@ -4,21 +4,22 @@
 //! One least-squares adjustment estimates all unknowns: the optics, the pose of the camera, the
 //! pose of the cube, the cube's edge, and the error of each pose of the arm. A fixed camera sees a
 //! cube that the arm moves (extrinsic calibration). A camera in a hand moves around a fixed cube
-//! (hand-eye calibration). Only the grooves between tiles are used, because their places do not
-//! depend on the size of the stickers.
+//! (hand-eye calibration). Only the middles of the grooves between tiles are used, because their
+//! places do not depend on the size of the stickers.
 //!
 //! | case | threshold | reason |
 //! |---|---|---|
 //! | too few views | `LEAST_VIEWS` | a fit to fewer views may agree by chance |
 //! | views contradict each other | residual above `WORST` (px) | the model does not describe them |
-//! | error of the groove's model | `FLOOR` (px) | added to the noise of each groove |
+//! | error of the model of a groove | `FLOOR` (px) | added to the noise of each groove |
 //! | groove far from its prediction | 1 px + 2 % of a pitch | the optics are known only roughly |
-//! | outlier | Cauchy's weights from 2.4 spreads on | 95 % efficient under normal noise |
+//! | outlier | Cauchy's weights, scale 2.4 spreads | 95 % efficient under normal noise |
 //!
 //! - in: [`View`]s with the measured pose of the arm and the grooves; a first guess with its
-//!   spreads
+//!   spreads (standard deviations)
 //! - out: [`Calibrated`] with the standard deviation of each number, or [`NotCalibrated`]
-//! - source: bundle adjustment, Triggs et al. (2000); `camera_from_cube = fixed^-1 * moved * held`
+//! - source: bundle adjustment, Triggs et al. (2000); `camera_from_cube` is
+//!   `camera^-1 * arm * cube` for a fixed camera, `camera^-1 * arm^-1 * cube` for one in a hand
 
 use super::edges::{Kind, Prediction, Probe};
 use super::fit::moved;
@@ -35,7 +36,7 @@ pub struct Groove {
     pub point: Point3<f64>,
     /// Unit normal of the groove's image.
     pub normal: (f64, f64),
-    /// Place of the groove along the normal (px).
+    /// Measured place of the groove as a coordinate along the normal (px).
     pub measured: f64,
     /// Standard deviation of `measured` (px).
     pub sigma: f64,
@@ -44,10 +45,10 @@ pub struct Groove {
 /// Measurements at one pose of the arm.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
-    /// Measured pose of the arm: `world_from_tool` of the arm that shows the cube, or
-    /// `base_from_flange` of the arm that carries the camera.
+    /// Pose of the arm as its encoders report it: `world_from_tool` of the arm that shows the cube,
+    /// or `base_from_flange` of the arm that carries the camera.
     pub arm: Pose,
-    /// Grooves in the picture, in the frame of the cube as it is held.
+    /// Grooves in the picture.
     pub grooves: Vec<Groove>,
 }
 
@@ -76,7 +77,7 @@ pub struct Setup {
 /// Standard deviations of a first guess, and of the arm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spreads {
-    /// Focal lengths, relative.
+    /// Focal lengths, as a share of their values.
     pub focal: f64,
     /// Principal point (px).
     pub centre: f64,
@@ -90,9 +91,10 @@ pub struct Spreads {
     pub edge: f64,
     /// Error of each single pose of the arm: place (m) and orientation (rad).
     pub arm: (f64, f64),
-    /// Error that all poses of the arm have in common, for each axis: place in their middle (m) and
-    /// orientation (rad). Arms sag, and their bases are not exactly where they are believed to be.
-    /// The views cannot distinguish this error from the place of the camera or of the cube.
+    /// Error that all poses of the arm have in common, for each axis: place at the middle of all
+    /// poses (m) and orientation (rad). Arms sag, and their bases are not exactly where they are
+    /// believed to be. The views cannot distinguish this error from an error of the camera's or the
+    /// cube's place.
     pub common: (f64, f64),
 }
 
@@ -116,25 +118,26 @@ impl Default for Spreads {
 pub struct Calibrated {
     /// Estimated values.
     pub setup: Setup,
-    /// Standard deviations: fx, fy, cx, cy (px), k1, k2, the camera's place (m) and orientation
-    /// (rad) for each axis, the cube's place and orientation, the edge (m). Places are relative to
-    /// those that the arm's encoders report.
+    /// Standard deviations in the order of the unknowns: fx, fy, cx, cy (px), k1, k2, the camera's
+    /// place (m) and orientation (rad) for each axis, the cube's place (m) and orientation (rad)
+    /// for each axis, the edge (m). They hold for places relative to the poses that the arm's
+    /// encoders report.
     pub deviations: [f64; GLOBALS],
     /// Standard deviations of the camera's true place (m) and orientation (rad) in the world or on
     /// the flange, for each axis. They include the error that all poses of the arm have in common.
     pub true_deviations: [f64; 6],
-    /// Root mean square of the residuals (px).
+    /// Root mean square of the residuals without outliers (px).
     pub residual_px: f64,
-    /// Root mean square of the estimated errors of the arm's poses (m) and (rad).
+    /// Root mean square of the estimated errors of the arm's poses: place (m), orientation (rad).
     pub arm: (f64, f64),
-    /// Number of grooves that were used.
+    /// Number of grooves that were used, without outliers.
     pub grooves: usize,
 }
 
 /// Reason why a calibration fails.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum NotCalibrated {
-    /// There are too few views.
+    /// There are fewer than [`LEAST_VIEWS`] views.
     #[error("{views} usable views are too few: at least {} are needed", LEAST_VIEWS)]
     TooFewViews {
         /// Number of views.
@@ -161,17 +164,18 @@ pub const LEAST_VIEWS: usize = 6;
 const FLOOR: f64 = 0.06;
 /// Greatest residual of a calibration that is accepted (px).
 const WORST: f64 = 2.0;
-/// Steps of the numerical derivatives by the shared unknowns, in their order and units.
+/// Steps of the numerical derivatives with respect to the shared unknowns, in their order and
+/// units.
 const STEPS: [f64; GLOBALS] = [
     1e-4, 1e-4, 1e-4, 1e-4, 1e-6, 1e-6, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7,
     1e-7, 1e-7, 1e-8,
 ];
 
-/// Measures the grooves between neighbouring tiles of a located cube. Returns them in the frame of
-/// the cube as the arm holds it, whose rough pose is `camera_from_held`.
+/// Measures the grooves between neighbouring tiles of a cube that was located in an image. Returns
+/// them in the frame of the cube as the arm holds it, whose rough pose is `camera_from_held`.
 ///
-/// That pose decides in which of its 24 orientations `location` shows the cube. `edge` is the edge
-/// of the cube (m).
+/// The axes of `location` may be any of the 24 orientations of the cube, so `camera_from_held`
+/// decides between them. `edge` is the edge of the cube (m).
 #[must_use]
 pub fn grooves_in(
     image: &RgbImage,
@@ -199,8 +203,8 @@ pub fn grooves_in(
         let at = face * Point3::new(crossing.side.0 * pitch, crossing.side.1 * pitch, 0.0);
         let seen = lens.project(&(location.camera_from_cube * at));
         let apart = crossing.measured - seen.0 * crossing.normal.0 - seen.1 * crossing.normal.1;
-        // The optics are not known yet, so the pose fits only roughly. A crossing that is farther
-        // off is no groove.
+        // The optics are not known exactly yet, so the pose fits only roughly. A crossing that is
+        // farther off does not belong to a groove.
         if apart.abs() < 1.0 + 0.02 * crossing.scale {
             grooves.push(Groove {
                 point: held_from_cube * Point3::from(at.coords / edge),
@@ -216,10 +220,11 @@ pub fn grooves_in(
 /// Estimates the optics and the pose of the camera, the pose and the edge of the cube, and the
 /// error of each pose of the arm, from at least [`LEAST_VIEWS`] views.
 ///
-/// `guess` is a first guess of these unknowns, and `spreads` contains its standard deviations.
+/// `guess` is a first guess of these unknowns, and `spreads` are its standard deviations.
 ///
 /// # Errors
-/// [`NotCalibrated`] with the reason.
+/// [`NotCalibrated`] with the reason: too few views, views that do not determine all unknowns, or
+/// views that contradict each other.
 pub fn calibrate(
     rig: Rig,
     views: &[View],
@@ -240,8 +245,8 @@ pub fn calibrate(
     let mut spread = spread_of(&residuals);
     let mut normal = DMatrix::zeros(size, size);
     for round in 0..40 {
-        // The scale of the robust weights follows the residuals for six rounds and is then fixed,
-        // because costs at different scales cannot be compared.
+        // The scale of the robust weights is that of the residuals for six rounds. Then it is
+        // fixed, because costs at different scales cannot be compared.
         if round < 6 {
             spread = spread_of(&residuals);
             cost = problem.cost(&at, &widths, spread).0;
@@ -253,8 +258,8 @@ pub fn calibrate(
             for k in 0..size {
                 damped[(k, k)] *= 1.0 + damping;
             }
-            // The guess makes the matrix positive definite. A failure means that a value in it is
-            // not finite.
+            // The first guess, which counts as a measurement, makes the matrix positive definite.
+            // A failure therefore means that a value in it is not finite.
             let factor = damped.cholesky().ok_or(NotCalibrated::Undetermined)?;
             let candidate = &at + factor.solve(&gradient);
             let (next, next_residuals) = problem.cost(&candidate, &widths, spread);
@@ -274,8 +279,8 @@ pub fn calibrate(
     problem.result(&Adjusted { unknowns: at, residuals, covariance: inverse, spread }, spreads)
 }
 
-/// Returns the standard deviations of the first guess: those of the unknowns that all views share,
-/// then six for the arm's pose in each view. `size` is the number of all unknowns.
+/// Returns the standard deviations of all `size` unknowns before the fit: those of the first guess
+/// for the unknowns that all views share, then six for the error of the arm's pose in each view.
 fn widths(guess: &Setup, spreads: &Spreads, size: usize) -> DVector<f64> {
     let mut widths = DVector::zeros(size);
     let s = spreads;
@@ -290,7 +295,7 @@ fn widths(guess: &Setup, spreads: &Spreads, size: usize) -> DVector<f64> {
     widths
 }
 
-/// Computes the robust standard deviation of normalised residuals, which is at least 1.
+/// Computes the robust standard deviation of normalised residuals, or 1 if it is smaller.
 fn spread_of(residuals: &[f64]) -> f64 {
     // The median of the sizes of normal errors is 1 / 1.4826 of their standard deviation. Up to
     // half of the residuals may be outliers.
@@ -299,13 +304,14 @@ fn spread_of(residuals: &[f64]) -> f64 {
     sizes.get(sizes.len() / 2).map_or(1.0, |median| (1.4826 * median).max(1.0))
 }
 
-/// Minimum of the cost.
+/// Result of the fit: the minimum of the cost.
 struct Adjusted {
     /// Unknowns, as differences from the guess.
     unknowns: DVector<f64>,
     /// Normalised residuals of all grooves.
     residuals: Vec<f64>,
-    /// Covariance of the unknowns if the residuals had a spread of 1.
+    /// Covariance of the unknowns for residuals with a spread of 1. It must be multiplied by the
+    /// square of `spread`.
     covariance: DMatrix<f64>,
     /// Robust standard deviation of the residuals.
     spread: f64,
@@ -319,7 +325,8 @@ struct Problem<'a> {
 }
 
 impl Problem<'_> {
-    /// Returns the first guess plus `x`, the differences of the unknowns that all views share.
+    /// Returns the setup that differs from the first guess by `x`, the differences of the unknowns
+    /// that all views share.
     fn setup(&self, x: &[f64]) -> Setup {
         let part = |from: usize| std::array::from_fn(|k| x[from + k]);
         let mut setup = *self.guess;
@@ -335,8 +342,9 @@ impl Problem<'_> {
         setup
     }
 
-    /// Appends the residual of each groove of a view: its measured place minus that predicted by
-    /// `setup` (px), over its standard deviation. `off` is the error of the arm's pose (m, rad).
+    /// Appends the residual of each groove of a view to `out`: its measured place minus the one
+    /// that `setup` predicts (px), divided by its standard deviation. `off` is the error of the
+    /// arm's pose in this view (m, rad).
     fn residuals(&self, setup: &Setup, view: &View, off: [f64; LOCALS], out: &mut Vec<f64>) {
         let arm = moved(&view.arm, off);
         let motion = match self.rig {
@@ -352,15 +360,14 @@ impl Problem<'_> {
         }));
     }
 
-    /// Returns the unknowns of a single view from all unknowns `x`: the error of the arm's pose (m,
-    /// rad).
+    /// Returns the error of the arm's pose in a view (m, rad), which are six of the unknowns `x`.
     fn off(x: &DVector<f64>, view: usize) -> [f64; LOCALS] {
         std::array::from_fn(|k| x[GLOBALS + LOCALS * view + k])
     }
 
-    /// Computes the cost of the unknowns `x`: Cauchy's cost of all grooves, plus the squared
-    /// distance from the first guess in units of its standard deviations (`widths`). Returns the
-    /// cost and the residuals. `spread` is the robust standard deviation of the residuals.
+    /// Computes the cost of the unknowns `x`: Cauchy's cost of all grooves, plus the squares of the
+    /// differences from the first guess in units of their standard deviations (`widths`). Returns
+    /// the cost and the residuals. `spread` is the robust standard deviation of the residuals.
     fn cost(&self, x: &DVector<f64>, widths: &DVector<f64>, spread: f64) -> (f64, Vec<f64>) {
         let setup = self.setup(x.as_slice());
         let mut residuals = Vec::new();
@@ -369,8 +376,8 @@ impl Problem<'_> {
         }
         let scale = (2.4 * spread).powi(2);
         let robust: f64 = residuals.iter().map(|r| scale * (r * r / scale).ln_1p()).sum();
-        // Residuals are in units of their assumed deviation, which is `spread` times too small.
-        // The guess therefore weighs `spread` squared as much.
+        // Residuals are in units of their assumed deviations, which are `spread` times too small.
+        // The weight of the first guess is therefore multiplied by the square of `spread`.
         let belief: f64 =
             x.iter().zip(widths).map(|(x, w)| (x / w).powi(2)).sum::<f64>() * spread * spread;
         (robust + belief, residuals)
@@ -387,15 +394,16 @@ impl Problem<'_> {
     ) -> DVector<f64> {
         normal.fill(0.0);
         let mut right = DVector::zeros(x.len());
-        // The guess counts as a measurement of each unknown. It determines those that the views
-        // leave open.
+        // The first guess counts as a measurement of each unknown. It determines the unknowns that
+        // the views do not determine.
         for k in 0..x.len() {
             let weight = (spread / widths[k]).powi(2);
             normal[(k, k)] = weight;
             right[k] = -x[k] * weight;
         }
         let setup = self.setup(x.as_slice());
-        // A step of a shared unknown changes the setup alike for all views, so it is made once.
+        // A step of a shared unknown changes the setup in the same way for all views, so each
+        // changed setup is computed once.
         let ahead: Vec<Setup> = (0..GLOBALS)
             .map(|k| {
                 let mut x = x.as_slice()[..GLOBALS].to_vec();
@@ -428,7 +436,7 @@ impl Problem<'_> {
             }
             let place = |k: usize| if k < GLOBALS { k } else { LOCALS * i + k };
             for (j, residual) in here.iter().enumerate() {
-                // Cauchy's weight, the derivative of the cost: a groove of 2.4 spreads counts half.
+                // Cauchy's weight: a groove with a residual of 2.4 spreads counts half.
                 let weight = 1.0 / (1.0 + (residual / (2.4 * spread)).powi(2));
                 for a in 0..GLOBALS + LOCALS {
                     let scaled = weight * rows[(j, a)];
@@ -448,8 +456,8 @@ impl Problem<'_> {
     /// [`NotCalibrated::Contradiction`] if the residuals are too large.
     fn result(&self, adjusted: &Adjusted, spreads: &Spreads) -> Result<Calibrated, NotCalibrated> {
         let Adjusted { unknowns: x, residuals, covariance, spread } = adjusted;
-        // The reported residual is in pixels. It leaves out the outliers, which have little weight
-        // in the fit.
+        // The reported residual is in pixels and without outliers, which have little weight in the
+        // fit.
         let sigmas = self.views.iter().flat_map(|v| v.grooves.iter().map(|g| g.sigma.hypot(FLOOR)));
         let fitting: Vec<f64> = residuals
             .iter()
@@ -483,12 +491,13 @@ impl Problem<'_> {
         })
     }
 
-    /// Computes the error of the camera's place (m) and orientation (rad), for each axis, if all
-    /// poses of the arm have the same error: `place` (m) and `turn` (rad).
+    /// Computes the standard deviations of the camera's place (m) and orientation (rad), for each
+    /// axis, that follow from an error of all poses of the arm in common. Its standard deviations
+    /// are `place` (m) and `turn` (rad).
     ///
-    /// The estimate of a fixed camera turns with the hand that shows the cube, about the middle of
-    /// the hand's places. With a camera in a hand the result is 0, because the estimated place of
-    /// the cube absorbs the error.
+    /// If all poses of the hand that shows the cube are turned, the estimate of a fixed camera
+    /// turns with them about the middle of their places. With a camera in a hand the result is 0,
+    /// because the estimated place of the cube absorbs the error.
     fn common(&self, setup: &Setup, (place, turn): (f64, f64)) -> [f64; 6] {
         if self.rig == Rig::InHand {
             return [0.0; 6];
@@ -501,8 +510,8 @@ impl Problem<'_> {
             if k >= 3 {
                 return turn;
             }
-            // Only the part of the lever at right angles to an axis moves the camera along that
-            // axis.
+            // A turn moves the camera along an axis only by the part of the lever at right angles
+            // to that axis.
             let across = (lever.norm_squared() - lever[k] * lever[k]).max(0.0).sqrt();
             place.hypot(turn * across)
         })
@@ -517,6 +526,7 @@ mod tests {
     use rand_distr::{Distribution, StandardNormal};
     use rand_pcg::Pcg64;
 
+    /// Returns the true values of the unknowns in these tests.
     fn truth() -> Setup {
         Setup {
             lens: Lens {
@@ -583,6 +593,7 @@ mod tests {
         views
     }
 
+    /// Returns a first guess with usual errors.
     fn guess(truth: &Setup) -> Setup {
         let mut guess = *truth;
         guess.lens.focal = (1150.0, 1150.0);
@@ -617,7 +628,8 @@ mod tests {
         }
     }
 
-    /// An inexact arm costs accuracy, and the reported deviations account for it.
+    /// With an inexact arm the focal length is less exact. The reported standard deviation is as
+    /// large as this error.
     #[test]
     fn reported_deviation_matches_focal_error_with_inexact_arm() {
         let truth = truth();
@@ -635,10 +647,10 @@ mod tests {
         assert!((0.1..4.0).contains(&mean), "{squares:?}");
     }
 
-    /// A hand that sags moves the estimate of a fixed camera far beyond its deviations. The
-    /// reported true deviations include the sag.
+    /// If the hand sags, the error of a fixed camera's place is far beyond the reported deviations.
+    /// The reported true deviations include the sag.
     #[test]
-    fn fixed_camera_uncertainty_accounts_for_arm_sag() {
+    fn true_deviations_of_fixed_camera_include_arm_sag() {
         let truth = truth();
         for seed in 0..4 {
             let mut views = views(Rig::Fixed, &truth, (0.3e-3, 0.5e-3), 25, seed);

@@ -1,23 +1,23 @@
 //! Colours of the tiles of one face: mean RGB -> the six colours, with a confidence each.
 //!
 //! A face is compared with prototypes of the six colours under the light that explains it best. The
-//! tiles with a certain colour then say which shade of it this cube has. A whole cube is decided
+//! tiles with a certain colour then show which shade of it this cube has. A whole cube is decided
 //! without prototypes, by `whole`.
 //!
 //! | case | constant | reason |
 //! |---|---|---|
 //! | channel clips | [`CLIPPED`] | encoders do not leave it at 255 |
-//! | colour of the light | `GAINS`, log s.d. 0.25 | daylight to lamps |
-//! | light of one face unknown | `LIGHT_SPREADS` | not every camera corrects its light |
+//! | colour of the light | `GAINS`, log s.d. 0.25 | from daylight to lamps |
+//! | light of one face is unknown | `LIGHT_SPREADS` | not every camera corrects for the light |
 //! | exposure | `EXPOSURES` | the brightest tile need not be white |
-//! | weakest channel of a sticker | `PALE` | no dye absorbs all of its light |
-//! | haze on a coloured tile | `GLARE` | adds white light, which turns red into orange |
+//! | weakest channel of a sticker | `PALE` | no dye absorbs all light of a channel |
+//! | haze on a coloured tile | `GLARE` | adds white light, so that red looks like orange |
 //! | white under a tint | `TINT` | the light is estimated only roughly |
 //! | shades on one cube | `WITHIN` | makers differ more than the stickers of a cube |
 //! | clipped channel | `STRENGTH`, `CHANNEL`, `SHADE` | it shows only a lower bound |
 //! | tile clips in all channels | `YELLOW`, `RIM` | its blurred rim shows white or yellow |
-//! | tile resembles no colour | squared distance 16 | a finger must not bend the light |
-//! | ... its confidence | falls to 1/e at 30 | the best of bad guesses is not certain |
+//! | tile resembles no colour | squared distance 16 | a finger must not change the light |
+//! | confidence of such a tile | falls to 1/e at 30 | the best of bad guesses is not certain |
 //!
 //! - in: mean RGB of tiles, 0..=255, as in the image (sRGB)
 //! - out: colours 0..=5 = white, red, green, yellow, orange, blue (URFDLB), and confidences
@@ -29,12 +29,12 @@ use std::sync::LazyLock;
 pub use super::placement::Placement;
 pub use super::whole::{Decision, Undecided, decide_cube};
 
-/// Letters of the colours 0..=5.
+/// Letters of the colours 0..=5 = white, red, green, yellow, orange, blue.
 pub const LETTERS: [char; 6] = ['W', 'R', 'G', 'Y', 'O', 'B'];
 
-/// Prototypes of the six colours: hue and its spread (deg), and brightness of the strongest channel
-/// (80, 42, 32, 75, 62 and 36 % of a perfect white, as logarithms). The hue is that of [`Shade`];
-/// white has none.
+/// Prototypes of the six colours: the hue and its spread (deg), and the brightness of the strongest
+/// channel as a logarithm (80, 42, 32, 75, 62 and 36 % of a perfect white). The hue is that of
+/// [`Shade`]; white has none.
 const PROTOTYPES: [Prototype; 6] = [
     Prototype { hue: None, log_value: -0.223 },
     Prototype { hue: Some((-4.0, 8.0)), log_value: -0.868 },
@@ -47,9 +47,9 @@ const PROTOTYPES: [Prototype; 6] = [
 /// Prototype of a colour.
 #[derive(Debug, Clone, Copy)]
 struct Prototype {
-    /// Hue and its standard deviation between makers (deg).
+    /// Hue and its standard deviation between makers (deg); `None` for white.
     hue: Option<(f64, f64)>,
-    /// Logarithm of the strongest channel.
+    /// Natural logarithm of the strongest channel, in linear light.
     log_value: f64,
 }
 
@@ -78,22 +78,24 @@ static REFLECTANCES: LazyLock<[[f64; 3]; 6]> =
 /// Weakest channel of a coloured sticker as a share of its strongest one.
 const PALE: f64 = 0.05;
 
-/// Level from which a channel counts as clipped, 0..=255. Encoders do not leave it at 255.
+/// Level, 0..=255, from which on a channel counts as clipped. It is below 255, because encoders of
+/// pictures change clipped levels a little.
 pub const CLIPPED: f64 = 246.0;
 
-/// Gains of red and blue against green that the light may have, spaced evenly in their logarithm.
-/// Their prior has a standard deviation of 0.25 in the logarithm.
+/// Gains of red and of blue, relative to green, that remove the colours of possible lights. They
+/// are spaced evenly in their logarithm, whose prior has a standard deviation of 0.25.
 const GAINS: [f64; 7] = [0.6, 0.72, 0.85, 1.0, 1.18, 1.4, 1.65];
 
 /// Values that the brightest channel of the brightest tile may have under the right exposure, as
 /// shares of a perfect white.
 const EXPOSURES: [f64; 4] = [1.0, 0.75, 0.5, 0.3];
 
-/// Mean colour of a tile in linear light, and the channels that were perhaps brighter than the
-/// camera can show.
+/// Colour of a tile as the camera shows it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Seen {
+    /// Mean colour in linear RGB, 0..=1.
     linear: [f64; 3],
+    /// Whether each channel clips: it may have been brighter than the camera can show.
     clipped: [bool; 3],
 }
 
@@ -104,12 +106,12 @@ impl Seen {
         Self { linear: levels.map(to_linear), clipped: levels.map(|v| v >= CLIPPED) }
     }
 
-    /// Makes a tile from linear light of which no channel is clipped.
+    /// Makes a tile from linear RGB without a clipped channel.
     pub(super) fn whole(linear: [f64; 3]) -> Self {
         Self { linear, clipped: [false; 3] }
     }
 
-    /// Returns the tile without the colour and strength of a light.
+    /// Returns the tile with the colour and the strength of a light removed.
     fn under(&self, light: Light) -> Self {
         Self { linear: light.undo(self.linear), ..*self }
     }
@@ -117,13 +119,14 @@ impl Seen {
     /// Computes the squared distance of the tile to each of the six prototypes, in units of their
     /// spreads. `shades` are the hues of the colours on this cube.
     ///
-    /// A clipped channel gives only a lower bound of the light. Its value is taken from the
+    /// A clipped channel gives only a lower bound of the light. The channel is filled in from the
     /// prototype itself, with the strength and the glare that the other channels show.
     fn distances(&self, shades: &Shades) -> [f64; 6] {
         if self.clipped == [false; 3] {
             return Tone::new(self.linear, shades).distances(1.0);
         }
-        // A filled tile differs for each prototype, so it is compared only with that one.
+        // For each prototype the filled-in tile is another one, so it is compared only with that
+        // prototype.
         std::array::from_fn(|c| {
             let own = REFLECTANCES[c];
             let (shade, glare) = self.explained(&own, PROTOTYPES[c].hue.is_some());
@@ -135,13 +138,13 @@ impl Seen {
         })
     }
 
-    /// Returns the strength of the light and the glare with which a prototype best explains the
-    /// channels that did not clip. `own` is the linear RGB of the prototype; `coloured` is false
-    /// for white.
+    /// Returns the strength of the light (relative to the prototype) and the glare (linear light)
+    /// with which a prototype best explains the channels that do not clip. `own` is the linear RGB
+    /// of the prototype; `coloured` is false for white.
     ///
-    /// With a normal prior of the strength s about 1 and an exponential prior of the glare g, it
-    /// minimises the sum of `w_k (s own_k + g - x_k)^2`, `((s - 1) / STRENGTH)^2` and
-    /// `2 g / (0.8 GLARE)`. The strength alone is not enough: red under haze was read as orange.
+    /// The strength s has a normal prior about 1, and the glare g an exponential prior. The sum of
+    /// `w_k (s own_k + g - x_k)^2` over the channels, `((s - 1) / STRENGTH)^2` and
+    /// `2 g / (0.8 GLARE)` is least. With the strength alone, red under haze was read as orange.
     fn explained(&self, own: &[f64; 3], coloured: bool) -> (f64, f64) {
         if self.clipped == [true; 3] {
             return (1.0, 0.0);
@@ -158,7 +161,7 @@ impl Seen {
             xs += weight * own[k] * self.linear[k];
             xg += weight * self.linear[k];
         }
-        // On white, glare cannot be distinguished from strength.
+        // On white, glare and strength cannot be distinguished.
         let glare =
             if coloured { ((xg * ss - xs * sg) / (gg * ss - sg * sg)).max(0.0) } else { 0.0 };
         (((xs - sg * glare) / ss).clamp(SHADE.0, SHADE.1), glare)
@@ -167,19 +170,19 @@ impl Seen {
 
 /// Standard deviation of the strength of a tile's light, relative to that of its prototype.
 const STRENGTH: f64 = 0.5;
-/// Standard deviation of a channel, relative.
+/// Standard deviation of a channel, as a share of its value.
 const CHANNEL: f64 = 0.1;
 
-/// Least logarithm of green over blue at the rim of a clipped yellow tile. It is small, because a
-/// file stores colour at half the resolution, and rims are narrow.
+/// Least logarithm of green divided by blue at the rim of a clipped yellow tile. It is small,
+/// because files store colour at half the resolution, and rims are narrow.
 const YELLOW: f64 = 0.45;
-/// Standard deviation of that logarithm, for white and for yellow.
+/// Standard deviation of the logarithm of green divided by blue at a rim, of white and of yellow.
 const RIM: f64 = 0.2;
 
-/// Least and greatest strength of a clipped tile, relative to its prototype.
+/// Least and greatest strength of the light on a clipped tile, relative to its prototype.
 const SHADE: (f64, f64) = (0.4, 2.5);
 
-/// Factors on linear RGB that remove the effect of a light.
+/// Light, as the factors on linear RGB that remove its effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Light(pub(super) [f64; 3]);
 
@@ -191,21 +194,22 @@ pub fn decide_face(rgb: &[[f64; 3]; 9]) -> ([u8; 9], [f64; 9]) {
     decide_face_with(rgb, &[None; 9])
 }
 
-/// Decides the colours of a face like [`decide_face`]. For a tile that clips in all channels,
-/// `rims` gives the hue of its blurred rim, as linear light of any strength.
+/// Decides the colours of a face like [`decide_face`]. `rims` has the hue of the blurred rim of
+/// each tile that clips in all channels, as linear RGB of any strength; `None` if it is unknown.
 pub(super) fn decide_face_with(
     rgb: &[[f64; 3]; 9],
     rims: &[Option<[f64; 3]>; 9],
 ) -> ([u8; 9], [f64; 9]) {
     let seen = rgb.map(Seen::new);
-    // The cost of a tile is bounded, so that a finger or a logo does not bend the light.
+    // The cost of a tile is bounded by 16, so that a finger or a logo does not change the light.
     let (light, _) = fit_light(&seen, |distances| {
         distances.iter().map(|d| d.iter().copied().fold(16.0, f64::min)).sum()
     });
     let tiles = seen.map(|tile| tile.under(light));
     let shades = Shades::of(&tiles);
-    // Logarithm of green over blue at each rim. White is not bluer than the light: a rim that seems
-    // to be shows an error of the estimated light, which is subtracted.
+    // A lack of blue: the logarithm of green divided by blue at each rim. White is not bluer than
+    // the light, so a rim that seems bluer shows an error of the estimated light, which is
+    // subtracted.
     let lacks = rims.map(|rim| {
         let [_, green, blue] = light.undo(rim?);
         Some((green.max(1e-6) / blue.max(1e-6)).ln())
@@ -223,16 +227,17 @@ pub(super) fn decide_face_with(
         let best = least(&d);
         let weight: f64 = d.iter().map(|x| (-0.5 * (x - d[best])).exp()).sum();
         colours[i] = best as u8;
-        // A tile that resembles no colour is not certain, even if the best guess has no rival.
+        // A tile that resembles no colour is uncertain, even if all other colours are farther away.
         confidences[i] = (-(d[best] / 30.0)).exp() / weight;
     }
     if is_colourless(rgb) {
         return (colours, [0.0; 9]);
     }
-    // One face seldom determines its light: white in the light of a lamp looks like yellow by day.
+    // A single face seldom determines its light: white in the light of a lamp looks like yellow in
+    // daylight.
     let under_any_light = over_all_lights(&seen);
     for (i, confidence) in confidences.iter_mut().enumerate() {
-        // The rim of a tile that clips in all channels has told more than its mean colour.
+        // The rim of a tile that clips in all channels shows more than its mean colour.
         if rims[i].is_none() {
             *confidence = confidence.min(under_any_light[i][usize::from(colours[i])]);
         }
@@ -240,23 +245,24 @@ pub(super) fn decide_face_with(
     (colours, confidences)
 }
 
-/// Steps of the gains of red and of blue in [`over_all_lights`], each way, and the logarithm of a
-/// step: factors of 0.34 to 2.9 against green.
+/// Number of steps of the gains of red and of blue in [`over_all_lights`], up and down from 1.
 const LIGHT_STEPS: i32 = 6;
+/// Logarithm of the factor of one such step. All steps reach from 0.34 to 2.9.
 const LIGHT_STEP: f64 = 0.18;
 
-/// Standard deviations of the logarithm of a light's gains: of a camera that corrects the light,
-/// and of one that does not. Each is believed of half of the cameras.
+/// Standard deviations of the logarithm of a light's gains: for a camera that corrects for the
+/// light, and for one that does not. Both are assumed to be equally likely.
 const LIGHT_SPREADS: [f64; 2] = [0.25, 1.0];
 
 /// Cost of a tile that resembles no colour under a light, in -2 log likelihood.
 const NO_COLOUR: f64 = 25.0;
 
-/// Difference of costs, in -2 log likelihood, from which a light has no weight against the best.
+/// Difference of costs, in -2 log likelihood, from which on a light has no weight beside the best.
 const NO_WEIGHT: f64 = 30.0;
 
-/// Computes the probability of each colour for each tile of a face, over all lights that may be on
-/// the face. Each light counts with the likelihood of the nine tiles under it.
+/// Computes the probability of each colour for each tile of a face, as the mean over all lights
+/// that are possible. Each light is weighted by its prior and by the likelihood of the nine tiles
+/// under it.
 fn over_all_lights(seen: &[Seen; 9]) -> [[f64; 6]; 9] {
     let normal = |x: f64, spread: f64| (-0.5 * (x / spread).powi(2)).exp() / spread;
     let gains = || (-LIGHT_STEPS..=LIGHT_STEPS).map(|step| LIGHT_STEP * f64::from(step));
@@ -285,7 +291,7 @@ fn over_all_lights(seen: &[Seen; 9]) -> [[f64; 6]; 9] {
                 let total: f64 = likely.iter().sum();
                 *shares = likely.map(|share| share / total);
                 cost -= 2.0 * (total + (-0.5 * NO_COLOUR).exp()).ln();
-                // Most lights end here after a few tiles, which saves most of the time.
+                // For most lights the computation ends here after a few tiles.
                 if cost > least + NO_WEIGHT {
                     break;
                 }
@@ -293,7 +299,7 @@ fn over_all_lights(seen: &[Seen; 9]) -> [[f64; 6]; 9] {
             if cost > least + NO_WEIGHT {
                 continue;
             }
-            // The sums are relative to the best light so far.
+            // The sums are relative to the weight of the best light so far.
             if cost < least {
                 let scale = if least.is_finite() { (0.5 * (cost - least)).exp() } else { 0.0 };
                 (weights, least) = (weights * scale, cost);
@@ -309,16 +315,17 @@ fn over_all_lights(seen: &[Seen; 9]) -> [[f64; 6]; 9] {
     sum.map(|tile| tile.map(|share| share / weights))
 }
 
-/// Returns whether these tiles come from a black and white picture: their channels are equal. The
-/// tiles of a white face in a colour picture differ by noise and by the colour of the light.
+/// Returns whether these tiles come from a black and white picture: all three channels are equal in
+/// each tile. In a colour picture even the channels of white tiles differ, by noise and by the
+/// colour of the light.
 #[must_use]
 pub fn is_colourless(rgb: &[[f64; 3]]) -> bool {
     let grey = |c: &[f64; 3]| c[0].max(c[1]).max(c[2]) - c[0].min(c[1]).min(c[2]) < 0.5;
     rgb.iter().all(grey)
 }
 
-/// Hue of each colour on this cube, and its spread (deg). The reds of two makers differ more than
-/// two reds of one cube.
+/// Hue of each colour on one cube, and its standard deviation (deg). The reds of two makers differ
+/// more than two reds of one cube.
 #[derive(Debug, Clone, Copy)]
 struct Shades([(f64, f64); 6]);
 
@@ -326,7 +333,7 @@ struct Shades([(f64, f64); 6]);
 const WITHIN: f64 = 5.0;
 
 impl Shades {
-    /// Prior knowledge: the prototypes, with the spread of makers and of tiles together.
+    /// Prior knowledge of any cube: the hues and standard deviations of the prototypes.
     const ANY: Self = {
         let mut shades = [(0.0, 1.0); 6];
         let mut c = 0;
@@ -340,15 +347,15 @@ impl Shades {
     };
 
     /// Estimates the hue of each colour on this cube from the tiles of one face. Each tile counts
-    /// for a colour with the probability that it has this colour. On drawn faces this raised the
-    /// fully read ones from 528 to 545 of 631.
+    /// for a colour with the probability that it has this colour. With this estimate 545 of 631
+    /// drawn faces are read without an error, without it 528.
     fn of(tiles: &[Seen; 9]) -> Self {
         let mut shades = Self::ANY;
-        // Better hues give better probabilities. Three rounds suffice.
+        // The hues depend on the probabilities and these on the hues. Three rounds suffice.
         for _ in 0..3 {
             // Sums of weights, and of weighted differences from the prototype's hue, by colour.
             let mut sums = [(0.0, 0.0); 6];
-            // Clipping changes the hue of a tile.
+            // Tiles that clip are left out, since clipping changes the hue.
             for tile in tiles.iter().filter(|t| t.clipped == [false; 3]) {
                 let d = tile.distances(&shades);
                 let best = least(&d);
@@ -377,15 +384,15 @@ fn turn(hue: f64, from: f64) -> f64 {
     (hue - from + 180.0).rem_euclid(360.0) - 180.0
 }
 
-/// Finds the light under which the tiles look most like the six colours, and its cost. `judge`
-/// turns the squared distances of all tiles to all colours into one cost.
+/// Finds the light under which the tiles look most like the six colours. Returns the light and its
+/// cost. `judge` computes a cost from the squared distances of all tiles to all colours.
 pub(super) fn fit_light(tiles: &[Seen], judge: impl Fn(&[[f64; 6]]) -> f64) -> (Light, f64) {
     let mut best = ([1.0; 3], Light([1.0; 3]), f64::INFINITY);
     let mut distances = vec![[0.0; 6]; tiles.len()];
     let mut tones = vec![Tone::default(); tiles.len()];
     let mut attempt = |gains: [f64; 3], best: &mut ([f64; 3], Light, f64)| {
-        // Only the ratios of the gains are free. The exposure is searched apart, because only the
-        // value of a tone depends on it.
+        // The gains give only the colour of the light. Its strength is searched separately, because
+        // only the value of a tone depends on it.
         let brightest = tiles
             .iter()
             .map(|t| (0..3).map(|c| t.linear[c] * gains[c]).fold(0.0, f64::max))
@@ -415,8 +422,8 @@ pub(super) fn fit_light(tiles: &[Seen], judge: impl Fn(&[[f64; 6]]) -> f64) -> (
             attempt([red, 1.0, blue], &mut best);
         }
     }
-    // Half a step and a quarter of a step around the best. An error of the light of 5 % changes the
-    // hue of pale tiles.
+    // The search is refined in half and quarter steps around the best light, since an error of 5 %
+    // changes the hue of pale tiles.
     for step in [1.08, 1.04] {
         let [red, _, blue] = best.0;
         for r in [red / step, red, red * step] {
@@ -436,17 +443,20 @@ impl Light {
 }
 
 /// Hue, saturation and value of a tile in linear light. Glare adds white light, which lowers the
-/// saturation and keeps this hue. It would change the hue of Lab, or that of coded values.
+/// saturation but does not change this hue. It would change the hue of Lab or of sRGB levels.
 #[derive(Debug, Clone, Copy)]
 struct Shade {
-    /// Hue, -30..330 deg. It depends on the root of the middle channel's share, which spreads red,
-    /// orange and yellow evenly over their 60 deg.
+    /// Hue, -60..300 deg: red 0, green 120, blue 240. It depends on the square root of the middle
+    /// channel's share, which spreads red, orange and yellow evenly over their 60 deg.
     hue: f64,
+    /// Difference between the strongest and the weakest channel, divided by the strongest, 0..=1.
     saturation: f64,
+    /// Strongest channel.
     value: f64,
 }
 
 impl Shade {
+    /// Computes hue, saturation and value from linear RGB.
     fn new([r, g, b]: [f64; 3]) -> Self {
         let (high, low) = (r.max(g).max(b), r.min(g).min(b));
         // The six cases are the sextants of the hue circle, by the order of the channels.
@@ -464,8 +474,8 @@ impl Shade {
         Self { hue, saturation: (high - low) / high.max(1e-6), value: high }
     }
 
-    /// Returns the standard deviation of the hue (deg) by an error of the light, which changes the
-    /// hue of a pale tile more.
+    /// Returns the standard deviation of the hue (deg) that follows from an error of the light. It
+    /// is larger for a pale tile.
     fn blur(&self) -> f64 {
         12.0 * (1.0 / self.saturation.max(0.05) - 1.0)
     }
@@ -474,18 +484,19 @@ impl Shade {
 /// Comparison of a tile with each prototype, before the exposure is known.
 #[derive(Debug, Clone, Copy, Default)]
 struct Tone {
-    /// Squared distances of hue in units of their spreads; for white, of saturation.
+    /// Squared distance of the hue from that of each prototype, in units of its spread; for white,
+    /// of the saturation from 0.
     chroma: [f64; 6],
-    /// Logarithm of the value, and of the value of the coloured part alone.
+    /// Logarithm of the value, and of the value without the light that all channels share.
     value: [f64; 2],
-    /// Light that all channels share.
+    /// Light that all channels share: the weakest channel.
     grey: f64,
 }
 
 /// Mean white light on a coloured tile (haze, glare), as a share of the light that white reflects.
 const GLARE: f64 = 0.12;
 
-/// Saturation of white under the remaining error of the light.
+/// Standard deviation of the saturation of white, which follows from the error of the light.
 const TINT: f64 = 0.15;
 
 impl Tone {
@@ -508,34 +519,35 @@ impl Tone {
                 Some(_) => turn(shade.hue, hue).powi(2) / (spread * spread + blur * blur),
             };
         }
-        // On a coloured tile only the coloured light counts. The rest is glare.
+        // On a coloured tile only the coloured light counts. The light that all channels share is
+        // glare.
         let value = [1.0, shade.saturation].map(|own| (shade.value * own).max(1e-4).ln());
         Self { chroma, value, grey: shade.value * (1.0 - shade.saturation) }
     }
 
-    /// Computes the squared distance of the tile to each prototype, in units of their spreads,
-    /// after its light is multiplied by `exposure`.
+    /// Computes the squared distance of the tile to each prototype, in units of their spreads, with
+    /// its light multiplied by `exposure`.
     fn distances(&self, exposure: f64) -> [f64; 6] {
         let log_exposure = exposure.ln();
         std::array::from_fn(|c| self.distance(c, exposure, log_exposure))
     }
 
-    /// Computes the squared distance of the tile to the prototype of colour `c`, after its light is
-    /// multiplied by `exposure`.
+    /// Computes the squared distance of the tile to the prototype of colour `c`, in units of its
+    /// spreads, with its light multiplied by `exposure`, whose logarithm is `log_exposure`.
     fn distance(&self, c: usize, exposure: f64, log_exposure: f64) -> f64 {
         let p = &PROTOTYPES[c];
         let coloured = p.hue.is_some();
         let value = self.value[usize::from(coloured)] + log_exposure;
-        // Glare has an exponential prior, so a tile that is nearly as bright as white in all
-        // channels is white. The value is bounded, because shadows may darken a tile at will.
+        // Glare has an exponential prior, so a tile that is bright in all channels is white. The
+        // cost of the value is bounded, because a shadow may darken a tile by any factor.
         let glare = 2.0 * (self.grey * exposure / 0.8) / GLARE;
         let pale = if coloured { glare } else { 0.0 };
         self.chroma[c] + pale + ((value - p.log_value) / 0.6).powi(2).min(9.0)
     }
 }
 
-/// Computes the squared distance of a tile, in linear RGB, to each prototype, in units of their
-/// spreads.
+/// Computes the squared distance of a tile, given in linear RGB, to each of the six prototypes, in
+/// units of their spreads.
 pub(super) fn prototype_distances(linear: [f64; 3]) -> [f64; 6] {
     Tone::new(linear, &Shades::ANY).distances(1.0)
 }
@@ -566,12 +578,15 @@ pub(super) fn lab(rgb: [f64; 3]) -> [f64; 3] {
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
-/// Returns the index of the least value, the first one of equals.
+/// Returns the index of the least value; the first of several equal ones.
 fn least(values: &[f64]) -> usize {
     (0..values.len()).fold(0, |best, i| if values[i] < values[best] { i } else { best })
 }
 
 /// Returns the letter of a face 0..=5: U, R, F, D, L or B.
+///
+/// # Panics
+/// If `face` is above 5.
 #[must_use]
 pub fn face_letter(face: usize) -> char {
     ['U', 'R', 'F', 'D', 'L', 'B'][face]
@@ -581,7 +596,7 @@ pub fn face_letter(face: usize) -> char {
 mod tests {
     use super::*;
 
-    /// Stickers of a common cube, sRGB.
+    /// Colours of a common cube's stickers (sRGB, 0..=255), in the order of [`LETTERS`].
     const STICKERS: [[f64; 3]; 6] = [
         [235.0, 235.0, 235.0],
         [183.0, 18.0, 52.0],
@@ -592,14 +607,14 @@ mod tests {
     ];
 
     #[test]
-    fn grey_face_is_read_with_zero_confidence() {
+    fn colours_of_grey_face_have_zero_confidence() {
         let grey = std::array::from_fn(|i| [30.0 + 20.0 * i as f64; 3]);
 
         assert_eq!(decide_face(&grey).1, [0.0; 9]);
     }
 
     #[test]
-    fn red_that_clips_under_haze_is_not_orange() {
+    fn clipped_red_under_haze_is_not_orange() {
         let levels = [
             [138.0, 217.0, 176.0],
             [254.0, 217.0, 157.0],
@@ -627,9 +642,10 @@ mod tests {
         })
     }
 
-    /// White in the light of a lamp, or of a blue sky, is not told as another colour for sure.
+    /// White in the light of a lamp or of a blue sky may be read as another colour, but not with a
+    /// confidence of 0.9 or more.
     #[test]
-    fn tinted_white_is_no_certain_other_colour() {
+    fn tinted_white_is_never_certainly_another_colour() {
         let face = [0, 5, 0, 0, 5, 0, 5, 0, 0];
         for gains in [[1.0, 0.6, 0.22], [0.3, 0.5, 1.0], [0.9, 0.55, 0.15], [0.2, 0.35, 0.9]] {
             let (colours, confidences) = decide_face(&lit(face, gains));
@@ -641,8 +657,7 @@ mod tests {
         }
     }
 
-    /// Among the tiles that are told with 0.9 or more, at most one in 1000 is wrong, whatever the
-    /// light.
+    /// At most one in 1000 tiles with a confidence of 0.9 or more is wrong, in random light.
     #[test]
     fn confident_tiles_are_right_under_any_light() {
         use rand::{Rng as _, SeedableRng as _};

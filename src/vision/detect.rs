@@ -1,11 +1,11 @@
-//! Detector of a cube's faces: image -> faces, or the reason why there is none.
+//! Detector of a cube's faces: image -> faces, or the reason why no face is reported.
 //!
-//! The first case of this table that applies is the reason of a refusal:
+//! The first case of this table that applies is the reason for a refusal:
 //!
 //! | refusal | threshold | meaning |
 //! |---|---|---|
 //! | `TooFewPixels` | below 16 x 16 px | nine tiles and their gaps have no room |
-//! | `Painted` | tiles of one colour to the last bit, with sharp edges | a net on a screenshot |
+//! | `Painted` | tiles of exactly one colour, with sharp edges | a net on a screenshot |
 //! | `TooDark` | brightest candidates below 30 of 255 | edges are lost in the noise |
 //! | `Overexposed` | more than 35 % of the candidates clip | colours and grooves are lost |
 //! | `LargerLattice` | see `lattice` | a keyboard, a floor, a 4x4 cube |
@@ -14,7 +14,7 @@
 //! | `NoTiles`, `NoLattice` | - | no candidates, or no nine of them fit |
 //!
 //! - in: RGB pixels, an optional window, [`DetectorSettings`]
-//! - out: [`FaceSighting`]s, best first, or a [`Refusal`]
+//! - out: [`FaceSighting`]s, the most certain first, or a [`Refusal`]
 //! - source: own work on the paper's scheme (segmentation, filters, neighbours; Zieliński et al.
 //!   2007, p. 373)
 
@@ -47,9 +47,10 @@ pub struct DetectorSettings {
     pub least_width_px: f64,
     /// Least confidence of a face that is reported, 0..=1.
     pub least_confidence: f64,
-    /// Fewest cells, of 9, that regions of their own must hold.
+    /// Least number of the nine tiles that must be found as regions of their own.
     pub least_tiles: usize,
-    /// Number of pixels above which a picture is searched at half its size first (a third, ...).
+    /// Number of pixels above which a picture is scaled down before the first search, to half of
+    /// its width and height, a third and so on.
     pub most_pixels: usize,
 }
 
@@ -65,12 +66,12 @@ impl Default for DetectorSettings {
     }
 }
 
-/// Greatest spread of an even tile (see [`TileSample`]).
+/// Greatest spread of an even tile: see [`TileSample::spread`].
 const EVEN: f64 = 0.08;
-/// Number of sides of a cell that edges bound all around, if the sides of the tiles do not agree.
+/// Number of visible sides that is assumed for an even cell with edges all around.
 const BOUND: u8 = 4;
 
-/// Limits of a tile's shape. They are generous, because the lattice decides.
+/// Limits of a tile's shape. They are wide, because the lattice decides which regions are tiles.
 pub(super) const SHAPE: TileLimits =
     TileLimits { area: (12.0, f64::INFINITY), fullness: (0.78, 1.09), elongation: 4.5 };
 
@@ -103,8 +104,8 @@ pub fn detect(
         step += 1;
     }
     let mut result = Patch::new(image, window, step).faces(settings);
-    // A reduced picture loses small faces, so it is searched again at larger sizes. The bound on
-    // the pixels keeps the time of a huge picture finite.
+    // Small faces are lost in a reduced picture, so without a face it is searched again at larger
+    // sizes. The limit on the pixels bounds the time for a huge picture.
     while result.is_err()
         && step > 1
         && pixels / ((step - 1) * (step - 1)) <= 16 * settings.most_pixels
@@ -122,12 +123,12 @@ pub fn detect(
 
 impl Patch {
     /// Finds the regions of the patch that may be tiles: those that edges enclose at one of five
-    /// thresholds, each region once. Returns them with the edge strength of the patch and a middle
-    /// threshold.
+    /// thresholds, each region once. Returns them with the edge strength of the patch, and a
+    /// threshold at which an edge may be the side of a tile.
     pub(super) fn candidates(&self) -> (Vec<Tile>, Edges, u8) {
         let edges = Edges::new(&self.rgb, self.width, self.height);
         let (brightest, _) = self.exposure();
-        // Edges are weaker in a dark picture. In a noisy one the threshold must lie above the
+        // Edges are weaker in a dark picture. In a noisy picture the threshold must be above the
         // noise.
         let contrast = (f64::from(brightest) / 255.0).clamp(0.2, 1.0);
         let low = (7.0 * contrast).max(1.3 * f64::from(edges.floor()) + 3.0).min(40.0);
@@ -145,7 +146,7 @@ impl Patch {
     /// Finds the faces in the patch. Their places are pixels of the whole image.
     ///
     /// # Errors
-    /// [`Refusal`] by the table of the module.
+    /// [`Refusal`] as in the table of this module's header.
     fn faces(&self, settings: &DetectorSettings) -> Result<Vec<FaceSighting>, Refusal> {
         let (tiles, edges) = match settings.method {
             Method::Edges => {
@@ -159,7 +160,8 @@ impl Patch {
         let mut painted = false;
         for i in 0..lattices.len() {
             let mut seen = None;
-            // A certain lattice needs no evidence from its sides, and a larger one is no face.
+            // A certain lattice needs no evidence from its sides, and a larger one than 3x3 is no
+            // face.
             if let Some((edges, threshold)) = &edges
                 && !lattices[i].is_larger()
                 && lattices[i].score() <= lattice::CERTAIN
@@ -185,7 +187,7 @@ impl Patch {
         if !faces.is_empty() {
             return Ok(faces);
         }
-        // The exposure comes first, because it can cause each of the other failures.
+        // The exposure is checked before the cases below, because it can cause each of them.
         let (brightest, clipped) = self.exposure_of(&tiles);
         let beyond = lattices.iter().filter(|l| l.is_larger()).map(|l| l.beyond).max();
         Err(if painted {
@@ -208,8 +210,8 @@ impl Patch {
     }
 
     /// Returns the level, 0..=255, that a tenth of the tile candidates exceed, and the share of the
-    /// candidates that clip. A bright window behind a dark cube does not count. With fewer than
-    /// nine candidates the values are those of the whole patch.
+    /// candidates that clip. With these a bright window behind a dark cube does not count. With
+    /// fewer than nine candidates the values are those of the whole patch.
     fn exposure_of(&self, tiles: &[Tile]) -> (u8, f64) {
         let mut levels: Vec<[u8; 2]> = tiles
             .iter()
@@ -224,10 +226,10 @@ impl Patch {
         (levels[levels.len() * 9 / 10][0], clipped as f64 / levels.len() as f64)
     }
 
-    /// Searches for a face whose tiles are too small to be read. Returns its width in the image
-    /// (px).
+    /// Searches for a face whose tiles are too small to be read. Returns the length of its longest
+    /// side in the image (px), or `None` if there is no such face.
     fn small(&self, edges: &Edges) -> Option<f64> {
-        // Specks of noise form lattices by chance, so at least eight tiles must fit well.
+        // Specks of noise may form lattices by chance, so at least eight tiles must fit well.
         let mut tiles = Vec::new();
         for threshold in [12, 20, 32, 50, 80] {
             merge(&mut tiles, edges.tiles(threshold, &SMALL).0);
@@ -242,9 +244,9 @@ impl Patch {
         Some((0..4).map(side).fold(0.0, f64::max))
     }
 
-    /// Fits a lattice to the sides of its tiles, which are edges of at least `threshold`. Returns
-    /// the fitted lattice if it is no less certain than the given one, and the sides of the nine
-    /// tiles that are seen.
+    /// Fits a lattice to the sides of its tiles, which are edges of at least the strength
+    /// `threshold`. Returns the fitted lattice, or `None` if it is less certain than the given one,
+    /// and the visible sides of the nine tiles.
     fn mended(
         &self,
         lattice: &Lattice,
@@ -255,8 +257,8 @@ impl Patch {
         let h = &lattice.homography;
         let sides = Sides::best(edges, threshold, h, 0.5 * lattice.sticker);
         let agree = sides.total() >= doubts::AGREE;
-        // Without sides that agree, an even cell with edges all around still counts as a tile.
-        // Edges alone do not suffice: fingers and background have them as well.
+        // The given lattice is judged by its even cells with edges all around. Edges alone are not
+        // enough: fingers and background have edges as well.
         let bound = GRID.map(|g| {
             let tile =
                 edges.bound(h, g, threshold) && self.sample(h, g, lattice.sticker).spread < EVEN;
@@ -273,17 +275,18 @@ impl Patch {
         }
     }
 
-    /// Checks whether a program has painted the nine tiles of a lattice, as in a net or an icon on
-    /// a screenshot: each tile has one colour to the last bit, and ends within one pixel. A camera
-    /// adds noise, and its edges are blurred.
+    /// Returns whether a program has painted the nine tiles of a lattice, as in a net or an icon on
+    /// a screenshot: each tile has exactly one colour and ends within one pixel. A camera adds
+    /// noise and blurs the edges.
     fn is_painted(&self, lattice: &Lattice) -> bool {
         let h = &lattice.homography;
         let pitch = homography::smallest_pitch(&GRID.map(|g| apply(h, g)));
-        // Compression removes the noise of small tiles.
+        // In a photograph, compression may have removed the noise of tiles as small as this.
         if pitch < PAINTED_PITCH {
             return false;
         }
-        // Tiles that clip have no noise either. A picture of a camera ends at its first other tile.
+        // Tiles that clip have no noise in a photograph either, so at least four tiles must not
+        // clip. For a photograph `all` ends at the first tile with noise.
         let mut whole = 0;
         let even = GRID.iter().all(|g| {
             let sample = self.sample(h, *g, lattice.sticker);
@@ -294,8 +297,9 @@ impl Patch {
             && GRID.iter().map(|g| self.blurred_sides(apply(h, *g), pitch)).sum::<usize>() <= 4
     }
 
-    /// Counts the blurred sides of a tile with one colour, 0..=4: on the way out from its centre
-    /// the first pixel of another colour lies between the tile's colour and that of the next pixel.
+    /// Counts the blurred sides of a tile that has exactly one colour, 0..=4. On a line from its
+    /// centre across a blurred side, the first pixel of another colour is between the colour of the
+    /// tile and that of the next pixel. `pitch` is the distance of neighbouring tiles (px).
     fn blurred_sides(&self, centre: Point, pitch: f64) -> usize {
         let is_blurred = |(dx, dy): &(f64, f64)| {
             let at = |k: usize| {
@@ -316,8 +320,8 @@ impl Patch {
         directions.iter().filter(|direction| is_blurred(direction) == Some(true)).count()
     }
 
-    /// Turns a lattice into a face with its places in the image, its colours and confidences.
-    /// `seen` is `None` if the sides of the tiles were not examined.
+    /// Converts a lattice to a face with its places in the image, its colours and confidences.
+    /// `seen` are the visible sides of its tiles, or `None` if they were not examined.
     fn sighting(&self, lattice: &Lattice, tiles: &[Tile], seen: Option<Seen>) -> FaceSighting {
         let samples: [TileSample; 9] =
             std::array::from_fn(|i| self.sample(&lattice.homography, GRID[i], lattice.sticker));
@@ -339,17 +343,20 @@ impl Patch {
             confidences = [0.0; 9];
         }
         let sides = seen.map_or([0; 9], |seen| seen.sides);
-        // A cell without a region may be covered, and its colour is then that of a finger.
+        // A cell without a region may be covered, for example by a finger, whose colour it then
+        // has.
         for i in (0..9).filter(|&i| seen.is_some() && lattice.tiles[i].is_none()) {
             confidences[i] *= (f64::from(sides[i]) / 4.0).powi(2);
         }
         let h = &lattice.homography;
-        // Windows, cloth and drawers have nine alike as well. Each doubt lowers the confidence.
+        // Windows, cloth and drawers have nine similar parts as well. Each sign of these lowers the
+        // confidence.
         let stripes = 1.0 - (self.patchwork(h, &rgb) / 0.2).min(1.0) * (1.0 - MOST_IF_AMBIGUOUS);
         let pitch = homography::smallest_pitch(&GRID.map(|g| apply(h, g)));
         let held: Vec<&Tile> = lattice.tiles.iter().flatten().map(|&t| &tiles[t]).collect();
         let fullness = held.iter().map(|t| t.fullness).sum::<f64>() / held.len() as f64;
-        // Edges take about a pixel from each side of a tile, which is added again.
+        // The region of a tile is smaller by about a pixel on each side, since its border is an
+        // edge. This is added again.
         let doubt =
             doubts::form(lattice.sticker + 2.0 / pitch, fullness) * doubts::variety(hues(&rgb));
         let alike = seen.is_none_or(|seen| seen.agree);
@@ -368,8 +375,8 @@ impl Patch {
             colours,
             confidences,
             confidence: {
-                // A lattice that may be a cloth keeps a confidence of up to `MOST_IF_AMBIGUOUS`: it
-                // is reported as a possible face, never as a certain one.
+                // Signs of a cloth do not lower the confidence below `MOST_IF_AMBIGUOUS`: the face
+                // is reported as a possible one, but never as a certain one.
                 let found = doubts::certainty(lattice, &sides) * doubt;
                 let cloth = stripes.min(doubts::arrangement_evidence(
                     &rgb,
@@ -381,12 +388,14 @@ impl Patch {
     }
 }
 
-/// Least distance of neighbouring tiles (px) at which missing noise shows a painted face. Below it
-/// a tile may lie in one block of a compressed photograph, which loses the noise of dim blocks.
+/// Least distance of neighbouring tiles (px) at which a lack of noise shows a painted face. A
+/// smaller tile may be inside one block of a compressed photograph, and compression removes the
+/// noise of dim blocks.
 const PAINTED_PITCH: f64 = 14.0;
 
-/// Replaces lattice `i` by `better`, which was fitted to its sides, unless another lattice with a
-/// better score shares cells with `better`.
+/// Replaces lattice `i` by `better`, which was fitted to the sides of its tiles, unless another
+/// lattice with a higher score shares cells with `better`. If `better` shares cells with a lattice
+/// larger than 3x3, it becomes a part of that one.
 fn replace(lattices: &mut [Lattice], i: usize, better: Lattice, tiles: &[Tile]) {
     let rivals = (0..lattices.len()).filter(|&j| j != i).map(|j| &lattices[j]);
     let met: Vec<&Lattice> = rivals.filter(|other| better.shares_cells(other, tiles)).collect();
@@ -404,7 +413,7 @@ fn replace(lattices: &mut [Lattice], i: usize, better: Lattice, tiles: &[Tile]) 
 /// Removes each sighting that overlaps a more certain one. Returns the others, the most certain one
 /// first.
 fn distinct(mut faces: Vec<FaceSighting>) -> Vec<FaceSighting> {
-    // Two lattices of one face are fitted to the same sides and become the same face.
+    // Two lattices of one face, fitted to the same sides, have become the same face.
     faces.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
     let mut kept: Vec<FaceSighting> = Vec::with_capacity(faces.len());
     for face in faces {
@@ -416,24 +425,24 @@ fn distinct(mut faces: Vec<FaceSighting>) -> Vec<FaceSighting> {
     kept
 }
 
-/// Sides of tiles that the cells of a lattice show.
+/// Visible sides of the tiles of a lattice.
 #[derive(Debug, Clone, Copy)]
 struct Seen {
-    /// Number of sides that each cell shows.
+    /// Number of visible sides of each tile, 0..=4.
     sides: [u8; 9],
-    /// Whether the sides agree: tiles of a cube end at one distance from their middles, while each
-    /// stripe of a cloth has a width of its own.
+    /// Whether the sides agree: all tiles of a cube end at the same distance from their middles,
+    /// while each stripe of a cloth has its own width.
     agree: bool,
 }
 
-/// Adds `more` tiles to `tiles`, each once. If two lie at the same place, the larger one stays
-/// unless it is ragged.
+/// Adds `more` tiles to `tiles`. If two of about the same size are at the same place, only one
+/// stays: the larger one, unless its shape is farther from a parallelogram.
 pub(super) fn merge(tiles: &mut Vec<Tile>, more: Vec<Tile>) {
     let old = tiles.len();
     for tile in more {
         let reach = 0.25 * tile.area.sqrt();
-        // Only tiles of earlier thresholds can be the same one: regions of one threshold are
-        // disjoint.
+        // Only tiles from earlier thresholds can be the same one, since the regions of one
+        // threshold are disjoint.
         let same = tiles[..old].iter().position(|t| {
             (t.centre.0 - tile.centre.0).abs() < reach
                 && (t.centre.1 - tile.centre.1).abs() < reach
@@ -460,7 +469,8 @@ pub fn candidates(image: &RgbImage) -> Vec<Tile> {
 }
 
 /// Returns the bounding box of points (px), enlarged on each side by `margin` times its longer
-/// side. Returns `None` if the box is not finite or the window is empty.
+/// side, without the part at negative coordinates. Returns `None` if the box is not finite or
+/// nothing of it is left.
 #[must_use]
 pub fn window_around(corners: &[Point], margin: f64) -> Option<Rect> {
     let low = |f: fn(&Point) -> f64| corners.iter().map(f).fold(f64::INFINITY, f64::min);
@@ -533,7 +543,8 @@ mod tests {
         }
     }
 
-    /// A net as a program draws it: tiles of one colour with a black line around each.
+    /// Returns a net as a program draws it: tiles of exactly one colour, each with a black line
+    /// around it.
     fn painted_net() -> RgbImage {
         let colours: [[u8; 3]; 3] = [[238, 98, 30], [232, 208, 40], [28, 78, 160]];
         RgbImage::from_fn(200, 160, |x, y| {
@@ -557,7 +568,8 @@ mod tests {
         assert_eq!(found.unwrap_err(), Refusal::Painted);
     }
 
-    /// A renderer without noise draws blurred edges, as a camera does.
+    /// A picture without noise is not taken for a painted one if its edges are blurred, as those of
+    /// a camera.
     #[test]
     fn noise_free_face_with_blurred_edges_is_found() {
         let drawing = Drawing { noise: 0.0, ..drawing() };
@@ -568,7 +580,7 @@ mod tests {
     }
 
     #[test]
-    fn method_of_2007_paper_finds_a_face() {
+    fn method_of_2007_paper_finds_drawn_face() {
         let settings =
             DetectorSettings { method: Method::Paper2007, ..DetectorSettings::default() };
 
@@ -600,7 +612,7 @@ mod tests {
         assert!(matches!(refusal(&RgbImage::new(0, 0), &settings), Refusal::TooFewPixels { .. }));
     }
 
-    /// A face under two fingers is found in its place, and its hidden tiles are uncertain.
+    /// A face under two fingers is found at its place, and its hidden tiles are uncertain.
     #[test]
     fn covered_face_is_found_with_uncertain_tiles() {
         let face = Pose::from_parts(
@@ -609,7 +621,7 @@ mod tests {
         );
         let mut drawing = Drawing::new(CAMERA, vec![(face, COLOURS[0])]);
         let whole = detect(&drawing.render(), None, &DetectorSettings::default()).unwrap();
-        // Two fingers: over a tile and the rim of the middle one, and over a corner.
+        // One finger covers a tile and the rim of the middle one, another covers a corner.
         drawing.bars.push((0, [-0.4, -3.0, 0.45, -0.15], [190.0, 140.0, 110.0]));
         drawing.bars.push((0, [0.8, 0.7, 3.0, 1.4], [190.0, 140.0, 110.0]));
 
@@ -666,7 +678,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn detect_never_panics(
+        fn detect_never_panics_on_random_pictures(
             width in 0u32..60, height in 0u32..60, seed in 0u64..1000, grain in 1u32..9,
         ) {
             let level = |x: u32, y: u32, c: u64| {

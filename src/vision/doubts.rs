@@ -1,23 +1,26 @@
 //! Evidence that a lattice of nine is a face of a cube, and evidence against it.
 //!
 //! Windows, cloth, drawers, charts and keypads have lattices of nine as well. A confidence of
-//! [`MOST_IF_AMBIGUOUS`] or less says that the nine may be something else.
+//! [`MOST_IF_AMBIGUOUS`] or less says that the nine tiles may be something else.
 //!
 //! | case | threshold | reason |
 //! |---|---|---|
-//! | tiles are off the lattice | residual 0.10, unevenness 0.5 | soft; noise and glare move tiles |
-//! | row or column is open | support <= [`NOWHERE`] | the third may lie on either side |
+//! | tiles are off the lattice | residual 0.10, unevenness 0.5 | noise and glare move tiles |
+//! | row or column shows no tile | support <= [`NOWHERE`] | it may be on the opposite side |
 //! | few tiles, but exact | six, or four with [`MANY`] sides | a face under a hand: support 0.48 |
-//! | ... exact | residual < 0.03, unevenness < 0.12 | chance lattices are less regular |
-//! | cell without a region | [`SHOWN`] by its number of sides | a cut tile shows the others |
+//! | few tiles are exact | residual < 0.03, unevenness < 0.12 | chance lattices are less regular |
+//! | cell without a region | [`SHOWN`] by its number of sides | a cut tile still shows sides |
 //! | all tiles agree | [`AGREE`] of 36 sides | each stripe of a cloth has its own width |
 //! | one hue | shares of light differ by < 0.1..0.2 | windows, drawers, floors |
 //! | crossing stripes, chessboard | [`WOVEN`] | cloth |
-//! | other form | side < 0.5..0.7 pitches, fullness > 1.03..1.045 | pictures on a wall, discs |
+//! | tiles are too small | side < 0.5..0.7 pitches | pictures on a wall |
+//! | tiles are round | fullness > 1.03..1.045 | discs |
 //! | gaps of several colours | `patchwork` | stripes of a cloth |
 //!
-//! - in: a [`Lattice`], the sides of its tiles that are seen, the picture
-//! - out: factors 0..=1
+//! A threshold of two values is soft: between them the evidence changes gradually.
+//!
+//! - in: a [`Lattice`], the number of visible sides of its tiles, the picture
+//! - out: evidence for a face as factors, 0..=1
 //! - source: own work
 
 use super::classes::median;
@@ -27,32 +30,32 @@ use super::lattice::Lattice;
 use super::patch::Patch;
 use nalgebra::Matrix3;
 
-/// Greatest confidence in what may be a face as well as something else.
+/// Greatest confidence in a lattice that may be a face but also something else.
 pub(super) const MOST_IF_AMBIGUOUS: f64 = 0.6;
 
-/// Computes the confidence in a face from the places of its tiles alone, 0..=1. `sides` is the
-/// number of sides of each tile that are seen, 0..=4.
+/// Computes the confidence that a lattice is a face from the places of its tiles alone, 0..=1.
+/// `sides` is the number of visible sides of each tile, 0..=4.
 pub(super) fn certainty(lattice: &Lattice, sides: &[u8; 9]) -> f64 {
     let fit = (-(lattice.residual / 0.10).powi(2)).exp();
     let even = (-(lattice.unevenness / 0.5).powi(2)).exp();
     support(lattice, sides) * fit * even
 }
 
-/// Computes how well the tiles that are found support a face of nine, 0..=1. `sides` is the number
-/// of sides of each tile that are seen, 0..=4.
+/// Computes how well the regions and sides that were found support a face of nine tiles, 0..=1.
+/// `sides` is the number of visible sides of each tile, 0..=4.
 fn support(lattice: &Lattice, sides: &[u8; 9]) -> f64 {
-    // A cell without a region of its own may still be a tile. Then it ends where a tile does, on
-    // all sides or on those that nothing covers. The background has no sides there.
+    // A cell without a region of its own may still be a tile. Then it has edges where a tile has
+    // its sides, on all sides that nothing covers. The background has none there.
     let free = (0..9).filter(|&i| lattice.tiles[i].is_none());
     let shown: f64 = free.map(|i| SHOWN[usize::from(sides[i])]).sum();
     let held = lattice.count();
     let support = ((held as f64 + shown - 4.5) / 4.5).clamp(0.0, 1.0);
-    // Two rows do not show on which side the third one is, and neither do two columns. A cube was
-    // taken for one that lay a tile farther, and the hand closed beside it.
+    // Two rows do not show on which side the third row is, and likewise for columns. Once a cube
+    // was believed to be one tile farther, and the hand closed beside it.
     let lies = |along: fn(usize) -> usize| {
         (0..3).all(|k| {
             let mut line = (0..9).filter(|&i| along(i) == k);
-            // Three of the sides may be the next line's.
+            // Three of the sides may belong to the next row or column.
             line.clone().map(|i| sides[i]).sum::<u8>() >= 5
                 || line.any(|i| lattice.tiles[i].is_some() || sides[i] >= 3)
         })
@@ -60,31 +63,32 @@ fn support(lattice: &Lattice, sides: &[u8; 9]) -> f64 {
     if !(lies(|i| i / 3) && lies(|i| i % 3)) {
         return support.min(NOWHERE);
     }
-    // Six tiles that agree in place, size and form are a face under a hand, and so are four with
-    // enough sides of the others. They are reported (the default limit is 0.4), but not as certain.
+    // Six tiles that agree in place, size and form are a face, partly hidden by a hand. So are four
+    // tiles if the others show enough sides. Their support is above the default limit of 0.4, at
+    // which faces are reported, but not high.
     let enough = held >= 6 || (held >= 4 && sides.iter().sum::<u8>() >= MANY);
     let exact = enough && lattice.residual < 0.03 && lattice.unevenness < 0.12;
     if exact { support.max(0.48) } else { support }
 }
 
-/// Support of tiles that leave a row or a column open. It is below the least confidence that the
+/// Greatest support if a row or a column shows no tile. It is below the least confidence that the
 /// detector reports by default.
 const NOWHERE: f64 = 0.35;
 
-/// Number of visible sides, of 36, from which the tiles of a face are alike and none is covered.
+/// Least number of visible sides, of 36, at which the tiles are alike and none is covered.
 pub(super) const AGREE: u8 = 30;
 
-/// Number of visible sides, of 36, from which four tiles make a face.
+/// Least number of visible sides, of 36, at which four tiles are evidence for a face.
 const MANY: u8 = 20;
 
-/// Support by a cell that no region holds, by the number of sides that it shows. A single side may
-/// belong to the next tile.
+/// Support by a cell without a region, for 0 to 4 visible sides. A single side may belong to the
+/// next tile.
 const SHOWN: [f64; 5] = [0.0, 0.0, 0.35, 0.5, 0.6];
 
 /// Returns how much the hues of nine tiles differ: the largest difference between two tiles in the
 /// share of red, of green or of blue in their light.
 pub(super) fn hues(rgb: &[[f64; 3]; 9]) -> f64 {
-    // The constant keeps the shares of dark tiles from being those of noise.
+    // The constant is added so that noise does not decide the shares of dark tiles.
     let shares = rgb.map(|c| {
         let linear = c.map(|v| colours::to_linear(v) + 0.002);
         let sum: f64 = linear.iter().sum();
@@ -107,12 +111,12 @@ pub(super) fn variety(hues: f64) -> f64 {
 }
 
 /// Computes the evidence for a cube from the pattern of nine colours: [`MOST_IF_AMBIGUOUS`] for
-/// crossing stripes or a chessboard, up to 1 for other patterns. `held` says whether a region was
-/// found in each cell.
+/// crossing stripes or a chessboard, up to 1 for other patterns. `held` says for each cell whether
+/// a region was found in it.
 ///
-/// Where stripes of a cloth cross, the colour of a cell is the sum of its row's and its column's.
-/// On a chessboard two colours alternate. Up to two cells without a region are ignored for the
-/// chessboard, because they may show an object that lies on it.
+/// Where stripes of a cloth cross, the colour of a cell is the sum of the colour of its row and
+/// that of its column. On a chessboard two colours alternate. Up to two cells without a region are
+/// ignored in the test for a chessboard, because they may show an object that lies on it.
 pub(super) fn arrangement_evidence(rgb: &[[f64; 3]; 9], held: &[bool; 9]) -> f64 {
     let (mut all, mut crossed) = (0.0, 0.0);
     for c in 0..3 {
@@ -121,14 +125,15 @@ pub(super) fn arrangement_evidence(rgb: &[[f64; 3]; 9], held: &[bool; 9]) -> f64
             levels.iter().sum::<f64>() / levels.len() as f64
         };
         let whole = mean(&|_| true);
-        // An analysis of variance: the interaction is what rows and columns leave unexplained.
+        // Two-way analysis of variance: `crossed` is the variance that rows and columns leave
+        // unexplained.
         for (i, level) in rgb.iter().map(|p| p[c]).enumerate() {
             let (row, column) = (mean(&|j| j / 3 == i / 3), mean(&|j| j % 3 == i % 3));
             all += (level - whole).powi(2);
             crossed += (level - row - column + whole).powi(2);
         }
     }
-    // With fewer regions too few cells would be left to recognise a chessboard.
+    // With fewer than seven regions too few cells would remain to recognise a chessboard.
     let bare = held.iter().filter(|held| **held).count() >= 7;
     let chequered = chequered(rgb, |i| !bare || held[i]);
     let share = f64::min(crossed / f64::max(all, 1.0), chequered).sqrt();
@@ -154,22 +159,24 @@ fn chequered(rgb: &[[f64; 3]; 9], counts: impl Fn(usize) -> bool) -> f64 {
     left / f64::max(all, 1.0)
 }
 
-/// Root of the share of the variance that stripes or a chessboard leave unexplained, at or below
-/// which a face looks like a cloth. Six colours drawn at random have about 0.7.
+/// Limit of the square root of the share of variance that stripes or a chessboard leave
+/// unexplained. At or below it a face looks like a cloth. Six colours at random places have about
+/// 0.7.
 const WOVEN: f64 = 0.15;
 
 /// Computes the evidence for a cube from the form of its tiles, 0..=1. `share` is their side as a
-/// share of the pitch. `fullness` is their area over that of the parallelogram with the same second
-/// moments. Stickers cover most of the face, so their side is at least 0.7 pitches. Discs have a
-/// fullness of 1.047.
+/// share of the pitch. `fullness` is their area divided by that of the parallelogram with the same
+/// second moments. Stickers cover most of the face, so their side is at least 0.7 pitches. Discs
+/// have a fullness of 1.047.
 pub(super) fn form(share: f64, fullness: f64) -> f64 {
     ((share - 0.5) / 0.2).clamp(0.0, 1.0) * ((1.045 - fullness) / 0.015).clamp(0.0, 1.0)
 }
 
 impl Patch {
     /// Computes how much the colours of the four lines of gaps between the nine tiles differ,
-    /// 0..=1: the difference between the lines, less the variation along a line, as a share of
-    /// their difference from the tiles. `rgb` are the mean colours of the tiles.
+    /// 0..=1: the difference between the lines, minus the variation along a line, as a share of the
+    /// difference between gaps and tiles. `h` is the homography of the face, and `rgb` are the mean
+    /// colours of the tiles.
     ///
     /// The gaps of a cube have one colour, that of its body. On a checked cloth each line has its
     /// own colour. If there are no gaps, a line shows the colours of the three tiles beside it.
@@ -184,7 +191,7 @@ impl Patch {
         };
         let lines = [(-0.5, true), (0.5, true), (-0.5, false), (0.5, false)];
         let gaps = lines.map(|(line, across)| [-1.0, 0.0, 1.0].map(|t| mean(line, t, across)));
-        // Medians, so that a single place with glare or a finger does not count.
+        // Medians ignore a single place with glare or a finger.
         let middle = |of: &[[f64; 3]]| -> [f64; 3] {
             std::array::from_fn(|c| median(of.iter().map(|p| p[c]).collect()))
         };
@@ -208,7 +215,7 @@ mod tests {
     use crate::{Rect, testing::STICKERS};
     use image::{Rgb, RgbImage};
 
-    /// Returns a regular lattice in which tiles hold these cells.
+    /// Returns a regular lattice with tiles in the cells for which `held` is true.
     fn lattice(held: [bool; 9]) -> Lattice {
         Lattice {
             homography: Matrix3::new(20.0, 0.0, 40.0, 0.0, 20.0, 40.0, 0.0, 0.0, 1.0),
@@ -222,6 +229,7 @@ mod tests {
         }
     }
 
+    /// Returns a regular lattice with tiles in all cells except these.
     fn without(cells: &[usize]) -> Lattice {
         lattice(std::array::from_fn(|i| !cells.contains(&i)))
     }
@@ -245,7 +253,7 @@ mod tests {
 
         assert!(support(&few, &[4, 1, 2, 4, 1, 1, 0, 4, 4]) >= 0.48);
         assert!(support(&few, &[4, 0, 0, 4, 0, 0, 0, 4, 4]) < 0.1);
-        // The sides that a row of background shows belong to the next row.
+        // Three of the sides that a row of background shows may belong to the next row.
         let row = without(&[0, 1, 2]);
         assert!(support(&row, &[1, 2, 1, 4, 4, 4, 4, 4, 4]) <= NOWHERE);
         assert!(support(&row, &[2, 2, 1, 4, 4, 4, 4, 4, 4]) >= 0.48);
@@ -269,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn shades_of_one_hue_give_low_confidence() {
+    fn shades_of_one_hue_give_low_evidence() {
         let shade = |i: usize| [140.0, 95.0, 60.0].map(|c: f64| c * (0.8 + 0.04 * i as f64));
 
         assert!(variety(hues(&std::array::from_fn(shade))) < 0.65);
@@ -277,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn crossing_stripes_and_chessboards_are_no_certain_face() {
+    fn crossing_stripes_and_chessboards_give_low_evidence() {
         let stripes = [[200.0, 40.0, 30.0], [20.0, 90.0, 160.0], [90.0, 180.0, 60.0]];
         let cloth = std::array::from_fn(|i| {
             std::array::from_fn(|c| 0.5 * stripes[i % 3][c] + 0.5 * stripes[2 - i / 3][c])
@@ -297,13 +305,13 @@ mod tests {
     }
 
     #[test]
-    fn chessboard_with_object_is_no_certain_face() {
+    fn chessboard_with_object_gives_low_evidence() {
         let mut board = std::array::from_fn(|i| STICKERS[i % 2]);
         board[2] = STICKERS[3];
 
         let free = std::array::from_fn(|i| i != 2);
         assert!(arrangement_evidence(&board, &free) <= MOST_IF_AMBIGUOUS);
-        // If regions hold all cells, the odd colour is that of a tile, not of an object.
+        // If each cell has a region, the third colour is that of a tile, not of an object.
         assert!(arrangement_evidence(&board, &[true; 9]) > 0.99);
     }
 

@@ -1,17 +1,18 @@
 //! Measurement of sub-pixel edges of the tiles of a face whose pose is nearly known.
 //!
-//! A profile is sampled across each side of each tile, along the normal of the side's image. It is
-//! averaged over the middle half of the side, so that rounded corners play no part. The plateau of
-//! the profile is the tile's colour. The edge is half way from the plateau to the colour beyond.
-//! The method assumes no colours, no black gap and no size of the stickers: a groove may be wide, a
-//! dark line, or only the step between two colours.
+//! A profile, which is a row of colours, is sampled across each side of each tile, along the normal
+//! of the side's image. It is averaged over the middle half of the side, so that rounded corners
+//! play no part. The plateau of the profile is the tile's colour. The edge is where the colour is
+//! half way from the plateau to the colour beyond the side. The method assumes no colours, no black
+//! gap and no size of the stickers: the groove between two tiles may be a wide gap, a dark line, or
+//! only the step between two colours.
 //!
 //! | case | threshold | reason |
 //! |---|---|---|
 //! | edge too weak | [`CONTRAST`], or five times the noise | noise makes edges of its own |
 //! | gap shows its own colour | [`WIDE_GAP`] px | blur fills a narrower one with the tiles' light |
-//! | groove as narrow as the blur | [`NARROW`] px added | its place depends on the colours beside |
-//! | outer edge, colour of the rim unknown | [`RIM`] px added | light from beyond fills the rim |
+//! | groove as narrow as the blur | [`NARROW`] px more sigma | the colours beside it shift it |
+//! | outer edge, colour of the rim unknown | [`RIM`] px more sigma | outer light fills the rim |
 //! | side seen too small | [`LEAST_PITCH`] px a pitch | no room for a plateau and an edge |
 //! | side of an almost edge-on face | [`GRAZING`] px a pitch | enough to say that it is there |
 //!
@@ -31,29 +32,30 @@ pub(super) enum Kind {
     /// Middle between the edges of two neighbouring tiles, which is independent of the stickers'
     /// size.
     Middle,
-    /// Distance of these two edges.
+    /// Distance between the edges of two neighbouring tiles.
     Gap,
-    /// Edge of the first tile alone.
+    /// Edge of the first of two neighbouring tiles alone.
     First,
-    /// Edge of the second tile alone.
+    /// Edge of the second of two neighbouring tiles alone.
     Second,
     /// Edge of an outer tile towards the rim of the face.
     Outer,
 }
 
-/// Measured crossing of the side between two cells, or of the outer side of one cell.
+/// Measured edge at the side between two cells, or at the outer side of one cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Crossing {
     /// Number of the face, given by the caller.
     pub(super) face: usize,
+    /// Quantity that was measured.
     pub(super) kind: Kind,
     /// Middle of the side between the cells, in pitches from the face's centre.
     pub(super) side: Point,
-    /// Direction from the first cell to the second, in the face.
+    /// Direction in the face from the first cell to the second, or outwards at an outer side.
     pub(super) across: Point,
-    /// Unit normal of the side's image, in the same direction.
+    /// Unit normal of the side's image, in the direction of `across`.
     pub(super) normal: Point,
-    /// Measured place along the normal, or distance for [`Kind::Gap`] (px).
+    /// Measured place as a coordinate along the normal, or the distance for [`Kind::Gap`] (px).
     pub(super) measured: f64,
     /// Standard deviation of `measured` from noise alone (px).
     pub(super) sigma: f64,
@@ -61,20 +63,20 @@ pub(super) struct Crossing {
     pub(super) scale: f64,
 }
 
-/// Size of the stickers.
+/// Size of the stickers in a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Stickers {
-    /// Side as a share of the pitch.
+    /// Side of a sticker as a share of the pitch.
     pub(super) share: f64,
-    /// Width that blur and tone add to each side of a sticker (px).
+    /// Distance by which blur and the camera's tone curve move a sticker's edges outwards (px).
     pub(super) bloom: f64,
-    /// Width that the narrow rim adds to outer edges beyond `bloom` (px).
+    /// Distance beyond `bloom` by which the narrow rim of the face moves outer edges outwards (px).
     pub(super) outer: f64,
 }
 
 impl Crossing {
-    /// Computes the value of `measured` (px) if the face were at `camera_from_face`. `pitch` is the
-    /// distance of two tile centres (m).
+    /// Computes the value that [`Crossing::measured`] would have (px) if the face were at
+    /// `camera_from_face`. `pitch` is the distance of two tile centres (m).
     pub(super) fn predicted(
         &self,
         lens: &Lens,
@@ -104,16 +106,18 @@ impl Crossing {
     }
 }
 
-/// Places along a side at which a profile is sampled, from the middle in sides of a sticker.
+/// Places along a side at which colours are sampled, from the side's middle, as shares of a
+/// sticker's side.
 const ALONG: [f64; 5] = [-0.26, -0.13, 0.0, 0.13, 0.26];
-/// Weight of one of these samples in the mean.
+/// Weight of the samples at one of these places in the mean of all.
 const ROW: f32 = 1.0 / ALONG.len() as f32;
 /// Depth to which a profile reaches into a tile, and depth at which its plateau begins, as shares
-/// of the sticker.
+/// of a sticker's side.
 const DEPTH: (f64, f64) = (0.29, 0.14);
-/// Greatest number of taps of a profile.
+/// Greatest number of taps, which are the samples along a profile.
 const TAPS: usize = 96;
-/// Least contrast of an edge, of 255 (Euclidean in RGB). It must also be five times the noise.
+/// Least contrast of an edge: Euclidean distance in RGB, whose channels are 0..=255. The contrast
+/// must also be five times the noise.
 const CONTRAST: f32 = 14.0;
 /// Least width at which a gap shows its own colour (px).
 const WIDE_GAP: f64 = 3.0;
@@ -129,14 +133,17 @@ const GRAZING: f64 = 1.2;
 /// Colour in RGB, 0..=255.
 pub(super) type Rgb = [f32; 3];
 
+/// Returns `a` minus `b`, channel by channel.
 fn difference(a: Rgb, b: Rgb) -> Rgb {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
+/// Returns the dot product of two colours as vectors.
 fn dot(a: Rgb, b: Rgb) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
+/// Returns the Euclidean length of a difference of colours.
 fn length(a: Rgb) -> f32 {
     dot(a, a).sqrt()
 }
@@ -162,29 +169,31 @@ impl Contrast {
     }
 }
 
-/// Colours along a normal.
+/// Colours at equal steps (taps) along the normal of a side.
 struct Profile {
+    /// Colours, of which the first `count` are used.
     taps: [Rgb; TAPS],
+    /// Number of taps.
     count: usize,
     /// Place of the first tap along the normal (px); 0 is the side's middle.
     start: f64,
-    /// Distance of two taps (px).
+    /// Distance from one tap to the next (px).
     step: f64,
 }
 
 impl Profile {
-    /// Returns the place of sample `tap` on the normal of the side (px from the side's middle).
+    /// Returns the place of a tap on the normal of the side (px from the side's middle).
     fn at(&self, tap: usize) -> f64 {
         self.start + self.step * tap as f64
     }
 
-    /// Returns the sample that is nearest to a place on the normal (px from the side's middle).
+    /// Returns the tap that is nearest to a place on the normal (px from the side's middle).
     fn tap(&self, at: f64) -> usize {
         (((at - self.start) / self.step).round().max(0.0) as usize).min(self.count - 1)
     }
 
-    /// Computes the mean colour of taps `from..=to`, and the standard deviation of a single one of
-    /// them.
+    /// Computes the mean colour of the taps `from..=to`, and the noise: the standard deviation of a
+    /// channel of a single tap.
     fn plateau(&self, from: usize, to: usize) -> (Rgb, f32) {
         let taps = &self.taps[from..=to];
         let n = taps.len() as f32;
@@ -194,9 +203,9 @@ impl Profile {
     }
 
     /// Finds the place where the colour is half way from `beyond` to `plateau` (px from the side's
-    /// middle), and the slope of the colour there (contrasts per pixel). The search runs from tap
-    /// `from` to tap `last` in steps of `way`, 1 or -1. Returns `None` if the colour at `from` is
-    /// nearer to `plateau` already.
+    /// middle), and the slope of the colour there, as a share of the contrast per pixel. The search
+    /// runs from tap `from` to tap `last` in steps of `way`, 1 or -1. Returns `None` if the colour
+    /// at `from` is nearer to `plateau` already, or if there is no such place.
     fn half_way(
         &self,
         colours: Contrast,
@@ -206,15 +215,15 @@ impl Profile {
     ) -> Option<(f64, f64)> {
         let axis = colours.axis();
         let square = dot(axis, axis);
-        // Projection on the line between the two colours, 0 at `beyond` and 1 at the plateau: each
-        // channel counts by its contrast.
+        // The level of a colour is its projection on the line between the two colours: 0 at
+        // `beyond`, 1 at the plateau. Each channel thus counts by its contrast.
         let level = |tap: usize| dot(difference(self.taps[tap], colours.beyond), axis) / square;
         let (mut tap, mut before) = (from, level(from));
         if before >= 0.5 {
             return None;
         }
-        // A `last` behind `from` ends the search before it begins: the darkest tap of a groove may
-        // lie at the very end of its reach, beyond the plateau.
+        // If `last` is behind `from`, nothing is searched: the middle of a groove may be at the
+        // very end of its reach, inside a plateau.
         while (last as isize - tap as isize) * way > 0 {
             let next = tap.checked_add_signed(way)?;
             let here = level(next);
@@ -265,14 +274,15 @@ impl<'a> Probe<'a> {
         Self { raw: image.as_raw(), width, height, lens, pitch, least_along: LEAST_PITCH }
     }
 
-    /// Lets the probe measure faces that are nearly edge-on as well. Their edges are inexact, but
+    /// Returns this probe for faces that are nearly edge-on as well. Their edges are inexact, but
     /// they show that the face is there.
     pub(super) fn grazing(self) -> Self {
         Self { least_along: GRAZING, ..self }
     }
 
-    /// Samples the image at equal steps, one sample for each tap, and adds the colours to `taps`,
-    /// weighted by [`ROW`]. Returns `None` if a sample lies outside the image.
+    /// Samples the image at equal steps from the pixel `from`, one sample for each tap, and adds
+    /// the colours to `taps`, weighted by [`ROW`]. Returns `None` if a sample lies outside the
+    /// image.
     fn sample(&self, from: Point, step: Point, taps: &mut [Rgb]) -> Option<()> {
         let last = (taps.len() - 1) as f64;
         // The image is convex: if both ends lie inside, so do all samples. The margin is for the
@@ -290,8 +300,9 @@ impl<'a> Probe<'a> {
         let (mut x, mut y) = (from.0 as f32, from.1 as f32);
         let (dx, dy) = (step.0 as f32, step.1 as f32);
         for tap in taps {
-            // One instruction converts a float to and from a signed 32-bit integer. A conversion by
-            // `usize` takes a dozen, and the samples are about 4 % of the time of a run.
+            // Bilinear interpolation between four pixels. One instruction converts a float to or
+            // from a signed 32-bit integer. A conversion by way of `usize` takes a dozen, and this
+            // loop takes about 4 % of the time of a run.
             let (left, above) = (x as i32, y as i32);
             let (fx, fy) = (x - left as f32, y - above as f32);
             let (column, row) = (left as usize, above as usize);
@@ -318,16 +329,17 @@ impl<'a> Probe<'a> {
         Some(())
     }
 
-    /// Projects a point of the face, given in pitches from its centre, to the image (px). Returns
-    /// `None` if the point is not in front of the camera.
+    /// Projects a point of the face, given in pitches from the face's centre, to the image (px).
+    /// Returns `None` if the point is less than 2 cm in front of the camera.
     fn project(&self, camera_from_face: &Pose, at: Point) -> Option<Point> {
         let p = camera_from_face * Point3::new(at.0 * self.pitch, at.1 * self.pitch, 0.0);
         (p.z > 0.02).then(|| self.lens.project(&p))
     }
 
     /// Measures the edges of the nine tiles of a face and appends the crossings to `out`. `body` is
-    /// the colour between the stickers, if it is known from a face with wider gaps. Returns that
-    /// colour, from this face if its gaps are wide enough, for the next face.
+    /// the colour of the cube between the stickers, if it is known from a face measured before.
+    /// Returns this colour as measured on this face, or `body` if its gaps are too narrow to show
+    /// it.
     pub(super) fn measure(
         &self,
         prediction: &Prediction<'_>,
@@ -337,6 +349,8 @@ impl<'a> Probe<'a> {
         if self.width < 2 || self.height < 2 {
             return body;
         }
+        // `side` is on the line at x = `line` in the row `cell` if `way` is 0, else on the line at
+        // y = `line` in the column `cell`.
         let side = |line: f64, cell: f64, way: usize| {
             let (across, along) =
                 if way == 0 { ((1.0, 0.0), (0.0, 1.0)) } else { ((0.0, 1.0), (1.0, 0.0)) };
@@ -344,8 +358,8 @@ impl<'a> Probe<'a> {
             Side { face: prediction.face, middle: at, across, along, outer: false }
         };
         let cells = [0, 1].into_iter().flat_map(|way| [-1.0, 0.0, 1.0].map(|cell| (way, cell)));
-        // The four lines between the cells have three sides each. They are all sampled before any
-        // is measured, because the widest gaps give the colour for the others.
+        // The four lines between the cells have three sides each. All twelve are sampled before any
+        // is measured, because the widest gaps give the colour of the body for the others.
         let mut inner: Vec<Across> = Vec::with_capacity(12);
         for (way, cell) in cells.clone() {
             for line in [-0.5, 0.5] {
@@ -354,8 +368,8 @@ impl<'a> Probe<'a> {
         }
         let grooves: Vec<Option<Groove>> =
             inner.iter().map(|across| across.groove(prediction)).collect();
-        // A gap that is too narrow to show its own colour takes that of the wide gaps, on this face
-        // or on one measured before.
+        // For a gap that is too narrow to show its own colour, that of the wide gaps is used, on
+        // this face or on one measured before.
         let wide = inner.iter().zip(&grooves).filter_map(|(across, groove)| {
             let groove = groove.as_ref().filter(|g| g.detour)?;
             (across.width(groove)? >= WIDE_GAP).then(|| across.profile.taps[groove.middle])
@@ -381,7 +395,7 @@ impl<'a> Probe<'a> {
         body
     }
 
-    /// Samples the colours across one side of a tile. Returns `None` if the profile leaves the
+    /// Samples the profile across one side of a tile. Returns `None` if the profile leaves the
     /// image or if the face is seen too obliquely.
     fn across(&self, side: Side, prediction: &Prediction<'_>) -> Option<Across> {
         let Prediction { camera_from_face, share, .. } = *prediction;
@@ -409,7 +423,7 @@ impl<'a> Probe<'a> {
         }
         let gap = 0.5 * (1.0 - share) * scale;
         // An inner profile reaches as deep into the second tile as into the first. An outer one
-        // ends soon, because the background is of no use.
+        // ends soon beyond the rim, because the background is of no use.
         let reach = gap + DEPTH.0 * share * scale;
         let end = if side.outer { 0.12 * scale + 1.5 } else { reach };
         let step = 0.5_f64.max((reach + end) / (TAPS - 2) as f64);
@@ -453,15 +467,15 @@ struct Across {
     origin: f64,
 }
 
-/// Part of a profile between two tiles.
+/// Groove between two tiles in a profile.
 struct Groove {
     /// Colour of the first tile, and its noise.
     first: (Rgb, f32),
     /// Colour of the second tile, and its noise.
     second: (Rgb, f32),
-    /// Tap of the gap's middle.
+    /// Tap whose colour differs most from both tiles: the middle of a gap or line.
     middle: usize,
-    /// Whether there is a gap or a line at all.
+    /// Whether there is a gap or a line, not only a step from one colour to the other.
     detour: bool,
     /// First and last tap at which an edge may lie.
     reach: (usize, usize),
@@ -470,7 +484,8 @@ struct Groove {
 }
 
 impl Across {
-    /// Finds the colours of the two tiles on either side, and the middle of the gap between them.
+    /// Finds the colours of the two tiles beside the side, and the middle of the gap between them.
+    /// Returns `None` if no tap is within reach of the predicted edges.
     fn groove(&self, prediction: &Prediction<'_>) -> Option<Groove> {
         let Prediction { share, tolerance, .. } = *prediction;
         let profile = &self.profile;
@@ -493,7 +508,8 @@ impl Across {
         Some(Groove { first, second, middle, detour, reach, inner })
     }
 
-    /// Measures the width of a groove at half its depth (px).
+    /// Measures the width of a groove at half its contrast with either tile (px); `None` if an edge
+    /// is not found.
     fn width(&self, groove: &Groove) -> Option<f64> {
         let beyond = self.profile.taps[groove.middle];
         let half_way = |plateau, way, last| {
@@ -506,11 +522,11 @@ impl Across {
         )
     }
 
-    /// Finds the place of a groove that is as narrow as the blur, or of a step between two colours
-    /// (px from the side's middle). `start` is a first guess.
+    /// Finds the place of a groove that is as narrow as the blur (px from the side's middle).
+    /// `start` is a first guess.
     ///
-    /// The model is the two plateau colours with a bump of any colour between them, all blurred
-    /// alike. Returns `None` if the best fit is 1.5 px or more from `start`.
+    /// The model is a step between the two plateau colours with a line of any colour on it, both
+    /// blurred equally. Returns `None` if the best fit is 1.5 px or more from `start`.
     fn line(&self, groove: &Groove, start: f64) -> Option<f64> {
         let profile = &self.profile;
         let (a, b) = (groove.first.0, groove.second.0);
@@ -538,8 +554,9 @@ impl Across {
                 })
                 .sum::<f32>()
         };
-        // For each blur the place is the minimum of parabolas through three points, whose distance
-        // is halved twice. The blur itself is of no interest, so four values of it suffice.
+        // For each blur the place is found as the minimum of a parabola through three points, three
+        // times with half the distance each. The blur itself is of no interest, so four values of
+        // it suffice.
         let mut best = (f32::INFINITY, start, 1.0);
         for blur in [0.6, 0.85, 1.2, 1.7] {
             let mut at = start;
@@ -558,8 +575,9 @@ impl Across {
         ((best.1 - start).abs() < 1.5).then_some(best.1)
     }
 
-    /// Makes a crossing of this side from a measurement `at`: px from the side's middle, or the
-    /// width of the gap for [`Kind::Gap`]. `sigma` is its standard deviation (px).
+    /// Makes a crossing of this side from a measurement `at`: the place (px from the side's
+    /// middle), or the width of the gap (px) for [`Kind::Gap`]. `sigma` is its standard deviation
+    /// (px).
     fn crossing(&self, kind: Kind, at: f64, sigma: f64) -> Crossing {
         let measured = if kind == Kind::Gap { at } else { self.origin + at };
         Crossing {
@@ -616,7 +634,7 @@ impl Across {
                         push(Kind::Gap, b.0 - a.0, a.1.hypot(b.1));
                     }
                 }
-                // The other tile is like the gap, or its edge is too weak.
+                // The other tile has the colour of the gap, or its edge is too weak.
                 (Some(a), None) => push(Kind::First, a.0, a.1),
                 (None, Some(b)) => push(Kind::Second, b.0, b.1),
                 (None, None) => {}
@@ -628,15 +646,15 @@ impl Across {
         if direct < CONTRAST.max(5.0 * noise_a.max(noise_b)) {
             return;
         }
-        // One step only: between two tiles without a gap, or at the edge of a tile whose neighbour
-        // has the colour of the gap.
+        // There is only one step: between two tiles without a gap, or at the edge of a tile whose
+        // neighbour has the colour of the gap.
         let Some((at, slope)) = profile.half_way(colours, groove.reach.1, -1, groove.reach.0)
         else {
             return;
         };
         let sigma = f64::from(noise_a.max(noise_b) / direct) / slope;
-        // The place of the step decides which case it is. A step between the two limits is
-        // ambiguous, and is not measured.
+        // Without a gap the step is in the middle, else at an edge of the gap. A step between these
+        // two places is ambiguous and is not measured.
         if gap < 0.6 || at.abs() < 0.4 * gap {
             push(Kind::Middle, at, sigma);
         } else if at.abs() > 0.6 * gap {
@@ -654,8 +672,8 @@ impl Across {
         let (plateau, noise) = profile.plateau(0, inner);
         let last = profile.tap(edge + tolerance * scale + 1.0).min(profile.count - 2);
         let change = |tap: usize| length(difference(profile.taps[tap + 1], profile.taps[tap - 1]));
-        // The first steep place outwards is the edge of the tile: the rim lies beyond it, and only
-        // then the background, whose edge may be steeper.
+        // The first steep place outwards is the edge of the tile. Then comes the rim, and only then
+        // the edge of the background, which may be steeper.
         let least = (0.7 * CONTRAST).max(4.0 * noise);
         let Some(steep) = (inner.max(1)..=last)
             .find(|&k| change(k) >= least && (k == last || change(k) >= change(k + 1)))
@@ -668,8 +686,8 @@ impl Across {
             beyond += 1;
         }
         let beyond = (beyond + 1).min(profile.count - 1);
-        // Light from the background fills a narrow rim, so the colour of the wide gaps replaces the
-        // rim's.
+        // Light from the background brightens a narrow rim, so the colour of the wide gaps is used
+        // in place of that of the rim, if it is known.
         let here = profile.taps[beyond];
         let colours = Contrast { plateau, beyond: body.unwrap_or(here) };
         let contrast = colours.size();
@@ -692,9 +710,9 @@ struct Side {
     face: usize,
     /// Middle of the side, in pitches from the face's centre.
     middle: Point,
-    /// Direction across the side, in the face.
+    /// Unit vector across the side, in the face.
     across: Point,
-    /// Direction along the side, in the face.
+    /// Unit vector along the side, in the face.
     along: Point,
     /// Whether the side belongs to the rim of the face.
     outer: bool,

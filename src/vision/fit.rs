@@ -1,7 +1,8 @@
 //! Least squares of a few unknowns: Levenberg-Marquardt with a numerical Jacobian.
 //!
-//! - in: a start, a step for each unknown, residuals divided by their standard deviations
-//! - out: the minimum, the normal matrix there, the residuals
+//! - in: start values, a step of the numerical derivative for each unknown, a function that
+//!   computes the residuals
+//! - out: the minimum, the normal matrix and the residuals there
 //! - source: Marquardt, "An algorithm for least-squares estimation of nonlinear parameters" (1963)
 
 use crate::spatial::Pose;
@@ -10,20 +11,22 @@ use nalgebra::{SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 /// Minimum at which the descent ended.
 #[derive(Debug, Clone)]
 pub(super) struct Minimum<const N: usize> {
+    /// Unknowns.
     pub(super) at: SVector<f64, N>,
     /// Sum of the squared residuals.
     pub(super) cost: f64,
+    /// Residuals at the minimum.
     pub(super) residuals: Vec<f64>,
-    /// Transposed Jacobian times Jacobian, at the last linearisation.
+    /// Transposed Jacobian times Jacobian of the residuals, at the last linearisation.
     pub(super) normal: SMatrix<f64, N, N>,
 }
 
 /// Greatest number of linearisations.
 const ROUNDS: usize = 25;
 
-/// Minimises the sum of the squared residuals over N unknowns, from `start` on. `steps` are the
-/// steps of the numerical derivatives. `residuals` appends the residuals at given unknowns; their
-/// number must not change.
+/// Minimises the sum of the squared residuals over N unknowns, starting from `start`. `steps` are
+/// the steps of the numerical derivatives. `residuals` appends the residuals at given unknowns to
+/// its second argument; their number must not change.
 pub(super) fn minimise<const N: usize>(
     start: SVector<f64, N>,
     steps: [f64; N],
@@ -57,20 +60,21 @@ pub(super) fn minimise<const N: usize>(
             gradient += row * *e;
         }
         normal.fill_upper_triangle_with_lower_triangle();
-        // Each failed step raises the damping tenfold, and the step turns towards the gradient.
-        // Eight failures in a row are the numerical minimum.
+        // Each failed step raises the damping tenfold, which turns the next step towards the
+        // steepest descent. After eight failures in a row this is the numerical minimum.
         let mut moved_on = false;
         for _ in 0..8 {
             let mut damped = normal;
             for k in 0..N {
-                // Relative damping (Marquardt): metres and radians need no common scale.
+                // The damping is relative to each unknown (Marquardt), so that metres and radians
+                // need no common scale.
                 damped[(k, k)] *= 1.0 + damping;
             }
             let Some(factor) = damped.cholesky() else { break };
             let candidate = at - factor.solve(&gradient);
             let next_cost = evaluate(&candidate, &mut next);
             if next_cost < cost {
-                // The accepted step still counts, but a relative gain below 1e-7 ends the descent.
+                // A step with a relative gain below 1e-7 is accepted, but it ends the descent.
                 moved_on = cost - next_cost > 1e-7 * cost;
                 std::mem::swap(&mut error, &mut next);
                 (at, cost) = (candidate, next_cost);
@@ -86,8 +90,8 @@ pub(super) fn minimise<const N: usize>(
     Minimum { at, cost, residuals: error, normal }
 }
 
-/// Returns a pose after a small motion `delta` in the axes of its parent frame: translation (m),
-/// then rotation (rad) about the pose's own origin.
+/// Returns a pose after a small motion `delta` in the axes of its parent frame: translation (m) in
+/// the first three elements, rotation vector (rad) about the pose's own origin in the others.
 #[must_use]
 pub(super) fn moved(pose: &Pose, delta: [f64; 6]) -> Pose {
     let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(delta[3], delta[4], delta[5]));

@@ -1,7 +1,7 @@
 //! Least-squares homographies from one plane to another, fitted to a few points.
 //!
-//! - in: pairs of points of a model plane and of the image
-//! - out: the 3x3 matrix that maps the first to the second
+//! - in: pairs of points, each a point of a model plane and its image
+//! - out: the 3x3 matrix that maps points of the model plane to the image
 //! - source: Hartley and Zisserman, Multiple View Geometry (2004), ch. 4 (direct linear transform)
 
 use nalgebra::{Matrix3, SMatrix, SVector};
@@ -9,7 +9,8 @@ use nalgebra::{Matrix3, SMatrix, SVector};
 /// Point of a plane.
 pub type Point = (f64, f64);
 
-/// Model coordinates of the nine tiles in reading order: column - 1, row - 1.
+/// Model coordinates of the centres of a face's nine tiles in reading order, in pitches from the
+/// face's centre: (column - 1, row - 1).
 pub const GRID: [Point; 9] = [
     (-1.0, -1.0),
     (0.0, -1.0),
@@ -22,7 +23,8 @@ pub const GRID: [Point; 9] = [
     (1.0, 1.0),
 ];
 
-/// Model coordinates of the outline's corners: top-left, top-right, bottom-right, bottom-left.
+/// Model coordinates of the corners of a face's outline, in pitches from its centre: top left, top
+/// right, bottom right, bottom left.
 pub const OUTLINE: [Point; 4] = [(-1.5, -1.5), (1.5, -1.5), (1.5, 1.5), (-1.5, 1.5)];
 
 /// Maps a point by a homography. The result is not finite if the point lies on the horizon.
@@ -38,15 +40,17 @@ pub fn apply(h: &Matrix3<f64>, p: Point) -> Point {
 /// Fits the homography that maps model points to image points in the least-squares sense. Each pair
 /// is a model point and its image.
 ///
-/// The model's origin must have a finite image. Fewer than six pairs give an affinity. Returns
-/// `None` for fewer than three pairs, or if the points are degenerate.
+/// The model's origin must have a finite image. Fewer than six pairs give an affine map, which is
+/// less sensitive to errors. Returns `None` for fewer than three pairs, or if the points are
+/// degenerate (all near one line).
 #[must_use]
 pub fn fit(pairs: &[(Point, Point)]) -> Option<Matrix3<f64>> {
     if pairs.len() < 3 {
         return None;
     }
-    // Image points are centred and scaled to a size of 1 (Hartley). Pixels in the hundreds would
-    // make the normal equations ill-conditioned. The model points are of that size already.
+    // Image points are centred and scaled to a size of about 1 (Hartley), since pixels in the
+    // hundreds would make the normal equations ill-conditioned. Model points are of that size
+    // already.
     let n = pairs.len() as f64;
     let mean = pairs.iter().fold((0.0, 0.0), |m, (_, q)| (m.0 + q.0 / n, m.1 + q.1 / n));
     let scale =
@@ -54,13 +58,14 @@ pub fn fit(pairs: &[(Point, Point)]) -> Option<Matrix3<f64>> {
             / n)
             .sqrt()
             .max(1e-9);
-    // Four pairs would determine a homography, but errors of a few of them make its last row wild.
+    // Four pairs determine a homography, but with so few of them small errors make its last row,
+    // the perspective, very inexact.
     let affine = pairs.len() < 6;
 
     let mut normal = SMatrix::<f64, 8, 8>::zeros();
     let mut right = SVector::<f64, 8>::zeros();
-    // With h33 = 1 each pair gives two linear equations in the other eight elements. This is why
-    // the origin, which maps to w = 1, must have a finite image.
+    // With h33 = 1 each pair gives two linear equations in the other eight elements. The origin
+    // then maps to w = 1, so its image must be finite.
     for &((x, y), q) in pairs {
         let (u, v) = ((q.0 - mean.0) / scale, (q.1 - mean.1) / scale);
         let (px, py) = if affine { (0.0, 0.0) } else { (x, y) };
@@ -73,7 +78,7 @@ pub fn fit(pairs: &[(Point, Point)]) -> Option<Matrix3<f64>> {
             right += row * value;
         }
     }
-    // The last row of an affinity is 0 0 1. Unit equations keep the matrix regular.
+    // The last row of an affine map is 0 0 1. The equations h31 = h32 = 0 keep the matrix regular.
     if affine {
         normal[(6, 6)] = 1.0;
         normal[(7, 7)] = 1.0;
@@ -84,11 +89,11 @@ pub fn fit(pairs: &[(Point, Point)]) -> Option<Matrix3<f64>> {
     Some(outer * inner)
 }
 
-/// Computes the homography that maps the corners of the unit square, clockwise from the origin, to
-/// four points.
+/// Computes the homography that maps the corners of the unit square, (0, 0), (1, 0), (1, 1) and
+/// (0, 1), to four points.
 ///
-/// Four pairs determine it exactly, but [`fit`] requires more for a homography. Returns `None` if
-/// the last three corners lie on a line.
+/// Four pairs determine it exactly, but [`fit`] makes only an affine map of so few. Returns `None`
+/// if the last three points are on one line.
 pub(super) fn square_to(corners: &[Point; 4]) -> Option<Matrix3<f64>> {
     let (a, b, c, d) = (corners[0], corners[1], corners[2], corners[3]);
     let (dx1, dx2, sx) = (b.0 - c.0, d.0 - c.0, a.0 - b.0 + c.0 - d.0);
@@ -111,7 +116,7 @@ pub(super) fn square_to(corners: &[Point; 4]) -> Option<Matrix3<f64>> {
     ))
 }
 
-/// Returns the distance of two points.
+/// Returns the distance between two points.
 #[must_use]
 pub fn distance(a: Point, b: Point) -> f64 {
     (a.0 - b.0).hypot(a.1 - b.1)
@@ -137,10 +142,14 @@ pub fn smallest_pitch(centres: &[Point; 9]) -> f64 {
 }
 
 /// Computes the area of a polygon and its centroid. The area is positive if the corners run
-/// clockwise on the screen.
+/// clockwise on the screen (y down). The centroid of a polygon without area is not finite.
+///
+/// # Panics
+/// If there are no corners.
 #[must_use]
 pub fn polygon(corners: &[Point]) -> (f64, Point) {
-    // Relative to a corner, the products of large pixel coordinates do not cancel each other.
+    // Coordinates are taken from a corner, since the difference of products of large ones would
+    // lose digits.
     let origin = corners[0];
     let (mut area, mut cx, mut cy) = (0.0, 0.0, 0.0);
     for i in 0..corners.len() {
@@ -160,7 +169,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn fit_recovers_perspective_view_exactly() {
+    fn fit_recovers_homography_of_nine_exact_points() {
         let truth = Matrix3::new(40.0, 5.0, 310.0, -3.0, 35.0, 200.0, 0.02, -0.04, 1.0);
         let pairs: Vec<_> = GRID.iter().map(|&g| (g, apply(&truth, g))).collect();
 
@@ -172,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn centroid_of_square_is_its_centre() {
+    fn square_has_expected_area_and_centroid() {
         let (area, centre) = polygon(&[(1.0, 1.0), (3.0, 1.0), (3.0, 3.0), (1.0, 3.0)]);
 
         assert!((area - 4.0).abs() < 1e-12);

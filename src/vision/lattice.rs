@@ -1,46 +1,46 @@
 //! Search for 3x3 lattices among tile candidates, by a vote that tolerates lost and false tiles.
 //!
 //! The second moments of a candidate describe how a square tile is distorted in the picture. In the
-//! metric of these moments, its neighbours on the face lie one pitch away and at right angles. Each
+//! metric of these moments, its neighbours on the face are one pitch away and at right angles. Each
 //! pair of neighbours at right angles proposes a lattice. The lattice grows cell by cell, so that
 //! it follows the perspective, and the 3x3 window with the most tiles and the smallest residual
 //! wins. Candidates with the most neighbours propose first, because the centre tile has the most
-//! neighbours (Zieliński et al. 2007, p. 373).
+//! neighbours (Zieliński et al. 2007, p. 373). A cell is held if a tile was found in it.
 //!
 //! | case | threshold | reason |
 //! |---|---|---|
-//! | lattice is larger than 3x3 | [`LARGER`] of 16 cells around | next face: three cells a side |
-//! | the same at the picture's border | [`LARGER_AT_BORDER`] | fewer cells can be seen there |
+//! | lattice is larger than 3x3 | [`LARGER`] of 16 cells around | the cube's next face adds three |
+//! | lattice is larger, at the border | [`LARGER_AT_BORDER`] | fewer cells can be seen there |
 //! | nine tiles are certainly a face | score > [`CERTAIN`] | two faces: 7.7, one face: 8.1 to 8.7 |
-//! | tile lies in a growing cell | [`GROWING`] pitches | the next cell's place is extrapolated |
+//! | tile is in a growing cell | [`GROWING`] pitches off | the next cell's place is extrapolated |
 //! | tiles have one size | [`ALIKE`] | ratio of their sides |
-//! | lattice may hold a cut tile | [`ODD`] | the worst tile is dropped if that improves the fit |
+//! | lattice may have a cut tile | [`ODD`] | the worst tile is dropped if that improves the fit |
 //! | textured picture | [`MOST_PROPOSALS`] | bounds the time |
 //!
 //! - in: [`Tile`]s
-//! - out: [`Lattice`]s, best first
+//! - out: [`Lattice`]s, the best first
 
 use super::homography::{self, GRID, Point, apply, distance};
 use super::segment::Tile;
 use nalgebra::{Matrix2, Matrix3};
 
-/// Lattice of nine cells, some of which are held by tiles.
+/// Lattice of nine cells with the tiles that were found in some of them.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Lattice {
-    /// Map from (column - 1, row - 1) to pixels.
+    /// Map from places of the face (column - 1, row - 1) to pixels.
     pub homography: Matrix3<f64>,
-    /// Index of the tile of each cell in reading order.
+    /// Index of the tile in each cell in reading order; `None` for an empty cell.
     pub tiles: [Option<usize>; 9],
-    /// Root mean square distance of tiles from the lattice, in pitches.
+    /// Root mean square distance of tiles from the middles of their cells, in pitches.
     pub residual: f64,
-    /// Spread of the tiles' sides and skew in their cells, over the mean side.
+    /// Spread of the lengths and of the skew of the tiles' sides, divided by the mean length.
     pub unevenness: f64,
     /// Side of a tile as a share of the pitch.
     pub sticker: f64,
-    /// Number of the 16 cells around the nine that hold a tile which fits as well as the nine do.
+    /// Number of the 16 cells around the nine with a tile that fits as well as the nine do.
     pub beyond: usize,
-    /// Number of the 16 cells that lie inside the bounding box of all tiles. Near the picture's
-    /// border not all 16 can be held.
+    /// Number of the 16 cells around the nine that are inside the bounding box of all tiles. Near
+    /// the border of the picture not all 16 can have a tile.
     pub around: usize,
     /// Continuation of the lattice beyond the nine cells.
     pub onward: Onward,
@@ -55,19 +55,20 @@ pub(crate) enum Onward {
     /// The lattice continues, perhaps as another face of the cube. Two faces seen from afar at
     /// equal angles look like six rows of three in one plane.
     Perhaps,
-    /// The lattice continues, and the continuation is no other face.
+    /// The lattice continues, and the continuation is not another face.
     Larger,
 }
 
-/// Fewest held cells around the nine that make a lattice larger than 3x3: a floor, a keyboard, a
-/// 4x4 cube. Two faces seen at equal angles continue each other's columns, which are three cells.
+/// Least number of cells with tiles around the nine at which a lattice is larger than 3x3: a floor,
+/// a keyboard, a 4x4 cube. The next face of the cube, seen at an equal angle, adds only three.
 const LARGER: usize = 5;
-/// Lower bound of [`LARGER`] where fewer than 16 cells can be seen and it is reduced in proportion.
+/// Least number of such cells at the border of the picture. Where fewer than 16 cells can be seen,
+/// [`LARGER`] is reduced in proportion, but not below this.
 const LARGER_AT_BORDER: usize = 4;
 
 impl Lattice {
-    /// Builds the lattice of a homography and computes how well its tiles fit. `held` is the index
-    /// of the tile in each cell. Returns `None` if no cell is held, or if a cell is degenerate.
+    /// Makes the lattice of a homography and computes how well its tiles fit. `held` is the index
+    /// of the tile in each cell. Returns `None` if no cell has a tile, or if a cell is degenerate.
     pub(super) fn of(
         tiles: &[Tile],
         homography: Matrix3<f64>,
@@ -85,21 +86,22 @@ impl Lattice {
         }
         let mean: [f64; 3] = std::array::from_fn(|k| shapes.iter().map(|s| s[k]).sum::<f64>() / n);
         let sticker = (mean[0] * mean[1]).sqrt();
-        // The sides must be alike over the face, and the skew must be zero. Nine tiles of two faces
-        // can fit one homography to 0.016 pitches, but the tiles of the second face are skewed.
+        // On a face all sides are equal and the skew is zero. Nine tiles of two faces can fit one
+        // homography to 0.016 pitches, but then the tiles of the second face are skewed.
         let spread = shapes
             .iter()
             .map(|s| (s[0] - mean[0]).powi(2) + (s[1] - mean[1]).powi(2) + 2.0 * s[2].powi(2))
             .sum::<f64>();
         let unevenness = (spread / (2.0 * n)).sqrt() / sticker;
-        // The unit of an error is the local pitch, the root of the cell's area. It is bounded,
-        // because a cell that a bad homography magnifies would excuse any error.
+        // The unit of an error is the local pitch, the square root of the cell's area. It is
+        // bounded, because in a cell that a bad homography magnifies any error would look small.
         let square = placed.iter().map(|(g, tile)| {
             let pitch = cell_area(h, *g).abs().sqrt().min(2.0 * pitch);
             (distance(tile.centre, apply(h, *g)) / pitch).powi(2)
         });
-        // A homography has eight parameters, the affinity of fewer than six tiles has six. With few
-        // degrees of freedom left, a small residual proves little, so the sum is divided by them.
+        // A homography has eight parameters, the affine map of fewer than six tiles has six. With
+        // few degrees of freedom left a small residual proves little, so the sum is divided by
+        // their number.
         let freedom = (2.0 * n - if n < 6.0 { 6.0 } else { 8.0 }).max(1.0);
         let residual = (square.sum::<f64>() / freedom).sqrt();
         Some(Self {
@@ -114,11 +116,12 @@ impl Lattice {
         })
     }
 
-    /// Builds the lattice of a homography that was fitted to the sides of the tiles. Each cell
-    /// takes the tile in its middle whose sides are `sticker` pitches long.
+    /// Makes the lattice of a homography that was fitted to the sides of the tiles. The tile of a
+    /// cell is the one nearest to its middle whose sides are about `sticker` pitches long. Returns
+    /// `None` if no cell has a tile, or if a cell is degenerate.
     ///
-    /// `seen` is the number of sides of each tile that are seen, 0..=4. A tile with a missing side
-    /// may be cut, so it must fit better.
+    /// `seen` is the number of visible sides of each tile, 0..=4. A tile with a missing side may be
+    /// cut, so it must fit better.
     pub(super) fn from_sides(
         tiles: &[Tile],
         homography: Matrix3<f64>,
@@ -146,15 +149,16 @@ impl Lattice {
                 .map(|(i, _)| i);
         }
         let mut lattice = Self::of(tiles, homography, held)?;
-        // `of` divides by the degrees of freedom that a fit to the centres leaves. This homography
-        // was fitted to sides instead, so the mean over all 2n coordinates is the right one.
+        // `of` divides by the degrees of freedom that a fit to the centres of the tiles leaves.
+        // This homography was fitted to their sides instead, so the sum is divided by the number of
+        // all 2n coordinates.
         let n = lattice.count() as f64;
         lattice.residual *=
             ((2.0 * n - if n < 6.0 { 6.0 } else { 8.0 }).max(1.0) / (2.0 * n)).sqrt();
         Some(lattice)
     }
 
-    /// Checks whether tiles of the lattice `other` lie in two or more cells of this one. Lattices
+    /// Returns whether tiles of the lattice `other` are in two or more cells of this one. Lattices
     /// of two different faces share no cell.
     pub(super) fn shares_cells(&self, other: &Self, tiles: &[Tile]) -> bool {
         let h = &self.homography;
@@ -166,30 +170,32 @@ impl Lattice {
         shared.count() >= 2
     }
 
-    /// Returns the number of cells that are held by a tile.
+    /// Returns the number of cells with a tile.
     #[must_use]
     pub(crate) fn count(&self) -> usize {
         self.tiles.iter().flatten().count()
     }
 
-    /// Returns the score by which rival lattices are ranked: the number of tiles less a penalty for
-    /// a poor fit.
+    /// Returns the score by which rival lattices are ranked, 9 at most: the number of tiles minus a
+    /// penalty for a poor fit.
     #[must_use]
     pub(crate) fn score(&self) -> f64 {
         self.count() as f64 - 30.0 * self.residual - 6.0 * self.unevenness
     }
 
-    /// Checks whether the nine cells belong to a larger lattice, so that they are no face of a 3x3
+    /// Returns whether the nine cells belong to a larger lattice, so that they are no face of a 3x3
     /// cube.
     #[must_use]
     pub(crate) fn is_larger(&self) -> bool {
         self.onward == Onward::Larger || larger(self.beyond, self.around)
     }
 
-    /// Turns the reading order so that columns run to the right of the picture and rows run down.
+    /// Returns this lattice with its reading order turned so that columns run to the right of the
+    /// picture and rows run down.
     #[must_use]
     fn upright(mut self) -> Self {
-        // The seed proposes any of four orders. One quarter turn at a time reaches the right one.
+        // A lattice may have been proposed in any of four orders, so up to three quarter turns are
+        // needed.
         for _ in 0..4 {
             let (o, x) = (apply(&self.homography, (0.0, 0.0)), apply(&self.homography, (1.0, 0.0)));
             let (dx, dy) = (x.0 - o.0, x.1 - o.1);
@@ -210,8 +216,8 @@ impl Lattice {
     }
 }
 
-/// Checks whether a lattice is larger than 3x3, from the 16 cells around the nine: `beyond` of them
-/// hold a tile, and `around` of them lie where a tile could be found.
+/// Returns whether a lattice is larger than 3x3, from the 16 cells around the nine: `beyond` of
+/// them have a tile, and `around` of them are where a tile could be found.
 fn larger(beyond: usize, around: usize) -> bool {
     beyond >= LARGER_AT_BORDER && 16 * beyond >= LARGER * around
 }
@@ -227,14 +233,14 @@ pub(super) const CERTAIN: f64 = 8.0;
 /// Tolerance of a tile's place while a lattice grows, in pitches.
 const GROWING: f64 = 0.28;
 
-/// Finds the 3x3 lattices among tile candidates, best first; no two of them share a tile. A lattice
-/// has at least `least` tiles.
+/// Finds the 3x3 lattices among tile candidates, the best first. No two of them share a tile, and
+/// each has at least `least` tiles.
 #[must_use]
 pub(crate) fn vote(tiles: &[Tile], least: usize) -> Vec<Lattice> {
     let tiles = &Places::new(tiles);
     let near: Vec<Vec<Neighbour>> = (0..tiles.len()).map(|i| neighbours(tiles, i)).collect();
-    // A centre tile has eight neighbours and proposes first. More than eight are no better. The
-    // index keeps the order of equals deterministic.
+    // Tiles with the most neighbours propose first. The centre tile has eight, and more are no
+    // better. The index makes the order of equal ones deterministic.
     let mut order: Vec<usize> = (0..tiles.len()).filter(|&i| near[i].len() >= 2).collect();
     order.sort_by_key(|&i| (std::cmp::Reverse(near[i].len().min(8)), i));
 
@@ -248,8 +254,8 @@ pub(crate) fn vote(tiles: &[Tile], least: usize) -> Vec<Lattice> {
         let search = Search { tiles, near: &near, taken: &taken, least };
         let best = search.propose(seed, &mut proposals);
         let Some(best) = best else { continue };
-        // A full and regular face is certain, so its tiles need not propose any more. The tiles of
-        // a doubtful lattice stay free, since a later seed may find a better one.
+        // A full and regular face is certain, so its tiles are taken and propose no more. The tiles
+        // of a doubtful lattice stay free, since a later seed may find a better lattice.
         if best.score() > CERTAIN {
             for &tile in best.tiles.iter().flatten() {
                 taken[tile] = true;
@@ -264,8 +270,8 @@ pub(crate) fn vote(tiles: &[Tile], least: usize) -> Vec<Lattice> {
     kept
 }
 
-/// Computes again whether the lattice `kept[of]` continues beyond its nine cells, after it was
-/// replaced.
+/// Determines again whether the lattice `kept[of]` continues beyond its nine cells, after it was
+/// replaced by another one. `kept` are all lattices of the picture.
 pub(super) fn update_onward(tiles: &[Tile], kept: &mut [Lattice], of: usize) {
     set_onward(&Places::new(tiles), kept, of);
 }
@@ -276,15 +282,16 @@ fn set_onward(tiles: &Places, kept: &mut [Lattice], of: usize) {
     let lattice = &mut kept[of];
     let uneven;
     (lattice.beyond, uneven, lattice.around) = beyond(tiles, lattice);
-    // A continuation with tiles of other sizes is a plaid or a shelf, or by chance the faces
-    // beside. It leaves a doubt, but does not disprove the face.
+    // A continuation with tiles of other sizes may be a plaid or a shelf, or by chance the cube's
+    // next faces. The lattice is then doubtful, but it may still be a face.
     let perhaps = onward == Onward::Ends && larger(uneven, lattice.around);
     lattice.onward = if perhaps { Onward::Perhaps } else { onward };
 }
 
-/// Tiles sorted by column, so that those near a place are found fast.
+/// Tiles sorted by column, so that those near a place are found quickly.
 #[derive(Debug)]
 struct Places<'a> {
+    /// Tiles in their original order.
     tiles: &'a [Tile],
     /// Indices of the tiles, sorted by the column of the centre.
     order: Vec<usize>,
@@ -293,6 +300,7 @@ struct Places<'a> {
 }
 
 impl<'a> Places<'a> {
+    /// Sorts the tiles by the columns of their centres.
     fn new(tiles: &'a [Tile]) -> Self {
         let mut order: Vec<usize> = (0..tiles.len()).collect();
         order.sort_by(|&a, &b| tiles[a].centre.0.total_cmp(&tiles[b].centre.0));
@@ -300,8 +308,8 @@ impl<'a> Places<'a> {
         Self { tiles, order, columns }
     }
 
-    /// Returns the indices of the tiles whose centres lie in a square of half side `reach` (px)
-    /// around a place.
+    /// Returns the indices of the tiles whose centres are at most `reach` (px) from a place along x
+    /// and along y.
     fn near(&self, place: Point, reach: f64) -> impl Iterator<Item = usize> {
         let first = self.columns.partition_point(|&x| x < place.0 - reach);
         let end = self.columns.partition_point(|&x| x <= place.0 + reach).max(first);
@@ -320,16 +328,17 @@ impl std::ops::Deref for Places<'_> {
     }
 }
 
-/// Counts three kinds of the 16 cells around the nine of a lattice: cells with a tile of the size
-/// of the nine, cells with a tile whose sides are half to twice as long, and cells where a tile
-/// could be found.
+/// Counts, among the 16 cells around the nine of a lattice, those with a tile of the size of the
+/// nine, those with a tile whose sides are half to twice as long, and those where a tile could be
+/// found. Returns these three numbers.
 fn beyond(tiles: &Places, lattice: &Lattice) -> (usize, usize, usize) {
     let h = &lattice.homography;
     let rows = || tiles.iter().map(|t| t.centre.1);
     let (top, bottom) =
         (rows().fold(f64::INFINITY, f64::min), rows().fold(f64::NEG_INFINITY, f64::max));
     let (left, right) = (tiles.columns.first(), tiles.columns.last());
-    // A cell outside the bounding box of all tiles cannot be held. It must not count as empty.
+    // A cell outside the bounding box of all tiles cannot have a tile, so it must not count as
+    // empty.
     let among = |p: Point| {
         left.is_some_and(|x| p.0 >= *x)
             && right.is_some_and(|x| p.0 <= *x)
@@ -349,9 +358,9 @@ fn beyond(tiles: &Places, lattice: &Lattice) -> (usize, usize, usize) {
 /// Least and greatest ratio of the sides of two tiles of one face.
 const ALIKE: (f64, f64) = (0.75, 1.33);
 
-/// Returns the index of the tile in the cell at `g` (column - 1, row - 1), beside the nine. The
-/// tile's centre lies within `reach` pitches, and the ratio of its sides to those of the nine
-/// within `sizes`.
+/// Returns the index of a tile in the cell at `g` (column - 1, row - 1) beside the nine, or `None`
+/// if there is none. The tile's centre must be within `reach` pitches of the cell's, and the ratio
+/// of its sides to those of the nine within `sizes`.
 fn at_cell(
     tiles: &Places,
     lattice: &Lattice,
@@ -361,7 +370,7 @@ fn at_cell(
 ) -> Option<usize> {
     let h = &lattice.homography;
     let w = h[(2, 0)] * g.0 + h[(2, 1)] * g.1 + h[(2, 2)];
-    // The extrapolated plane passes its horizon at w = 0. Beyond it a cell has no image.
+    // The horizon of the extrapolated plane is at w = 0. A cell beyond it has no image.
     if w < 0.2 {
         return None;
     }
@@ -377,14 +386,14 @@ fn at_cell(
 /// Determines whether the lattice `kept[of]` continues beyond one of its four sides.
 ///
 /// Three tiles beside it may be the first row of the cube's next face. That face is a lattice of
-/// its own and bends away: its further rows do not lie where the plane of the first face predicts
+/// its own in another plane: its further rows are not where the plane of the first face predicts
 /// them.
 fn onward(tiles: &Places, kept: &[Lattice], of: usize) -> Onward {
     let lattice = &kept[of];
     let mut onward = Onward::Ends;
     for (x, y) in [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)] {
-        // Tiles in the row `far` pitches from the centre. The tolerance grows with the distance,
-        // since the homography is extrapolated.
+        // The tiles in the row or column at `far` pitches from the centre. The tolerance grows with
+        // the distance, since the homography is extrapolated.
         let row = |far: f64| -> Vec<usize> {
             let reach = 0.15 * (far - 1.0).min(2.0);
             let cells = [-1.0, 0.0, 1.0].map(|k| (far * x + k * y, far * y + k * x));
@@ -394,8 +403,8 @@ fn onward(tiles: &Places, kept: &[Lattice], of: usize) -> Onward {
         if first.len() < 2 {
             continue;
         }
-        // Another lattice counts as a face only with a tile in each row and column. Otherwise its
-        // place is not determined.
+        // Another lattice with two of these tiles counts as the next face only if it has a tile in
+        // each row and column. Otherwise its place is not determined.
         let face = kept.iter().enumerate().any(|(i, other)| {
             let whole = (0..3).all(|k| {
                 (0..3).any(|j| other.tiles[3 * k + j].is_some())
@@ -407,22 +416,23 @@ fn onward(tiles: &Places, kept: &[Lattice], of: usize) -> Onward {
         });
         let further = [3.0, 4.0, 5.0].iter().take_while(|&&far| row(far).len() >= 2).count();
         match (face, further) {
-            // The next face bends away, as a face of a cube does.
+            // The next face is in another plane, as a face of a cube is.
             (true, 0) => {}
-            // The next face lies in the same plane: seen at an equal angle, or six rows of three.
+            // The next face seems to be in the same plane: it is seen at an equal angle, or there
+            // are six rows of three in one plane.
             (true, 1 | 2) => onward = Onward::Perhaps,
-            // Two tiles beside the nine may lie there by chance.
+            // Two tiles beside the nine may be there by chance.
             (false, 0) if first.len() < 3 => onward = Onward::Perhaps,
-            // A face has three rows. A fourth one, or a row that begins no face, is a larger
-            // lattice.
+            // The next face would have three rows. With a fourth one, or a row that belongs to no
+            // face, the lattice is larger.
             _ => return Onward::Larger,
         }
     }
     onward
 }
 
-/// Keeps, of lattices that share tiles or overlap in the picture, only the best. `tiles` is the
-/// number of all tiles.
+/// Keeps only the best one of lattices that share tiles or overlap in the picture. Returns the kept
+/// ones upright, the best first. `tiles` is the number of all tiles.
 fn distinct(mut found: Vec<Lattice>, tiles: usize) -> Vec<Lattice> {
     found.sort_by(|a, b| b.score().total_cmp(&a.score()));
     let mut used = vec![false; tiles];
@@ -430,7 +440,7 @@ fn distinct(mut found: Vec<Lattice>, tiles: usize) -> Vec<Lattice> {
     for lattice in found {
         let shared = lattice.tiles.iter().flatten().filter(|&&t| used[t]).count();
         let centre = apply(&lattice.homography, (0.0, 0.0));
-        // Lattices without a common tile may still overlap in the picture. Two faces do not.
+        // Lattices without a common tile may still overlap in the picture, which two faces do not.
         let inside = kept.iter().any(|k| {
             let corners = homography::OUTLINE.map(|c| apply(&k.homography, c));
             encloses(&corners, centre)
@@ -443,7 +453,8 @@ fn distinct(mut found: Vec<Lattice>, tiles: usize) -> Vec<Lattice> {
     kept
 }
 
-/// Checks whether a convex quadrilateral encloses a point. Its corners run clockwise on the screen.
+/// Returns whether a point is inside a convex quadrilateral, whose corners run clockwise on the
+/// screen.
 #[must_use]
 pub(super) fn encloses(corners: &[Point; 4], p: Point) -> bool {
     (0..4).all(|i| {
@@ -452,26 +463,27 @@ pub(super) fn encloses(corners: &[Point; 4], p: Point) -> bool {
     })
 }
 
-/// Tile near another one, measured in the metric of the other one's moments.
+/// Tile near another one.
 #[derive(Debug, Clone, Copy)]
 struct Neighbour {
+    /// Index of the tile.
     tile: usize,
-    /// Offset from the other tile, in units in which that tile is a unit square.
+    /// Offset from the other tile, in the metric in which that other tile is a unit square.
     whitened: Point,
 }
 
-/// Returns the neighbours of tile `i`, nearest first: tiles of about its shape and size at a
-/// distance of about one pitch.
+/// Returns the neighbours of tile `i`, the nearest first, 12 at most: tiles of about its shape and
+/// size at a distance of 0.9 to 2.3 of its sides.
 fn neighbours(tiles: &Places, i: usize) -> Vec<Neighbour> {
     let me = &tiles[i];
     let [xx, xy, yy] = me.moments;
     // L is the Cholesky factor of the moments, and L^-1 whitens an offset. A unit square has second
-    // moments of 1/12, so the root of 12 makes the side of the tile the unit.
+    // moments of 1/12, so division by the root of 12 makes the side of the tile the unit.
     let l11 = xx.sqrt();
     let l21 = xy / l11;
     let l22 = (yy - l21 * l21).max(1e-9).sqrt();
     let unit = 12f64.sqrt();
-    // The trace bounds the largest eigenvalue, so no neighbour within 2.3 sides lies farther away.
+    // The trace is at least the largest eigenvalue, so no neighbour within 2.3 sides is farther.
     let reach = 2.4 * unit * (xx + yy).sqrt();
     let mut near: Vec<Neighbour> = tiles
         .near(me.centre, reach)
@@ -482,8 +494,8 @@ fn neighbours(tiles: &Places, i: usize) -> Vec<Neighbour> {
             let u = dx / l11;
             let whitened = (u / unit, (dy - l21 * u) / l22 / unit);
             let q = whitened.0.hypot(whitened.1);
-            // Tiles do not overlap, so the pitch is at least about a side. Diagonals count as well:
-            // 1.41 pitches of up to 1.6 sides.
+            // Tiles do not overlap, so the pitch is at least about a side. Neighbours across a
+            // corner count as well: they are 1.41 pitches away, and a pitch is up to 1.6 sides.
             (0.9..2.3).contains(&q).then_some(Neighbour { tile: j, whitened })
         })
         .collect();
@@ -495,7 +507,7 @@ fn neighbours(tiles: &Places, i: usize) -> Vec<Neighbour> {
     near
 }
 
-/// Checks whether two tiles may belong to one face, that is, whether their moments are alike.
+/// Returns whether two tiles may belong to one face: their areas and their shapes are similar.
 fn alike(a: &Tile, b: &Tile) -> bool {
     let ratio = b.area / a.area;
     if !(0.4..2.5).contains(&ratio) {
@@ -504,26 +516,27 @@ fn alike(a: &Tile, b: &Tile) -> bool {
     let [axx, axy, ayy] = a.moments;
     let [bxx, bxy, byy] = b.moments;
     let det = axx * ayy - axy * axy;
-    // The trace of A^-1 B is 2 for equal moments. Divided by the ratio of the areas, it compares
-    // the shapes alone: 1 for equal shapes, and more the more they differ.
+    // For the moments A and B the trace of A^-1 B is 2 if they are equal. Half of it, divided by
+    // the ratio of the areas, compares the shapes alone: it is 1 for equal shapes, else more.
     let trace = (ayy * bxx - 2.0 * axy * bxy + axx * byy) / det;
     trace / (2.0 * ratio) < 1.7
 }
 
 /// Input of a search for lattices.
 struct Search<'a> {
+    /// Tile candidates.
     tiles: &'a Places<'a>,
     /// Neighbours of each tile.
     near: &'a [Vec<Neighbour>],
     /// Whether each tile belongs to a certain lattice already.
     taken: &'a [bool],
-    /// Fewest tiles of a lattice.
+    /// Least number of tiles of a lattice.
     least: usize,
 }
 
 impl Search<'_> {
     /// Returns the best lattice that grows from the tile `seed` and a pair of its neighbours at
-    /// right angles. `proposals` counts the pairs that were tried.
+    /// right angles; `None` if no pair gives one. Adds the number of pairs tried to `proposals`.
     fn propose(&self, seed: usize, proposals: &mut usize) -> Option<Lattice> {
         let Self { near, taken, .. } = *self;
         let mut best: Option<Lattice> = None;
@@ -539,13 +552,13 @@ impl Search<'_> {
                 let (p, q) = (a.whitened, b.whitened);
                 let (lp, lq) = (p.0.hypot(p.1), q.0.hypot(q.1));
                 let cos = (p.0 * q.0 + p.1 * q.1) / (lp * lq);
-                // A row and a column are at right angles and at one pitch in the tile's own metric.
-                // The limits allow for perspective and for ragged tiles.
+                // The next tiles in a row and in a column are at right angles and equally far in
+                // the tile's own metric. The limits allow for perspective and for ragged tiles.
                 if cos.abs() > 0.4 || lq > 1.5 * lp {
                     continue;
                 }
                 *proposals += 1;
-                // A mirrored lattice would be read in the wrong order.
+                // The order of the two is chosen so that the lattice is not mirrored.
                 let right_handed = p.0 * q.1 - p.1 * q.0 > 0.0;
                 let (x, y) = if right_handed { (a.tile, b.tile) } else { (b.tile, a.tile) };
                 let Some(lattice) = self.grow(seed, x, y) else { continue };
@@ -562,7 +575,8 @@ impl Search<'_> {
     }
 
     /// Grows a lattice over 5x5 cells around the tile `seed`, from the tile `x` in the next column
-    /// and `y` in the next row. Returns the best 3x3 part of it.
+    /// and `y` in the next row. Returns the best 3x3 part of it, or `None` if no part is good
+    /// enough.
     fn grow(&self, seed: usize, x: usize, y: usize) -> Option<Lattice> {
         // The seed may be any tile of the face, so each of the nine windows around it is tried.
         let cells = self.fill(seed, x, y);
@@ -574,7 +588,8 @@ impl Search<'_> {
                     *cell = cells[top + i / 3][left + i % 3];
                 }
                 let count = held.iter().flatten().count();
-                // A score never exceeds the number of tiles, so this window cannot win any more.
+                // A score is never above the number of tiles, so a window with fewer tiles than the
+                // best score cannot win.
                 if count < self.least || best.as_ref().is_some_and(|b| (count as f64) < b.score()) {
                     continue;
                 }
@@ -588,9 +603,9 @@ impl Search<'_> {
         best
     }
 
-    /// Fills 5x5 cells with the tile `seed` in the middle, `x` in the next column, `y` in the next
-    /// row, and the tiles that lie where held cells predict them. Returns the index of the tile in
-    /// each cell.
+    /// Fills 5x5 cells: with the tile `seed` in the middle, `x` in the next column and `y` in the
+    /// next row, then with tiles at the places that filled cells predict. Returns the index of the
+    /// tile in each cell.
     fn fill(&self, seed: usize, x: usize, y: usize) -> [[Option<usize>; 5]; 5] {
         let Self { tiles, near, taken, .. } = *self;
         let at = |i: usize| tiles[i].centre;
@@ -601,8 +616,8 @@ impl Search<'_> {
         let step = |from: usize, to: usize| (at(to).0 - at(from).0, at(to).1 - at(from).1);
         let (basis_x, basis_y) = (step(seed, x), step(seed, y));
 
-        // A round reaches one cell farther. Three rounds reach all cells but the corner opposite to
-        // `x` and `y`, which is four steps away; `settle` fills it.
+        // Each round reaches one cell farther. Three rounds reach all cells except the corner
+        // opposite to `x` and `y`, which is four steps away; `settle` may fill it.
         for _ in 0..3 {
             let before = cells;
             for row in 0..5 {
@@ -615,7 +630,7 @@ impl Search<'_> {
                     else {
                         continue;
                     };
-                    // In strong perspective two cells may claim one tile. The first one keeps it.
+                    // In strong perspective one tile may fit two cells. The first one keeps it.
                     let held = |t: usize| cells.iter().flatten().any(|&c| c == Some(t));
                     let chosen = near[anchor]
                         .iter()
@@ -640,8 +655,9 @@ impl Search<'_> {
     }
 }
 
-/// Predicts the place of the tile in a cell from a held cell beside it. Returns the index of the
-/// tile in that held cell, the predicted place (px) and the pitch there (px).
+/// Predicts the place of the tile in an empty cell from a filled cell beside it. Returns the index
+/// of the tile in that filled cell, the predicted place (px) and the pitch there (px), or `None` if
+/// no cell beside it is filled.
 ///
 /// `basis_x` and `basis_y` are the steps to the next column and row at the seed (px).
 fn predict(
@@ -663,8 +679,9 @@ fn predict(
         let basis = if dr == 0 { basis_x } else { basis_y };
         let sign = -f64::from(dr + dc);
         let mut step = (basis.0 * sign, basis.1 * sign);
-        // Perspective changes the pitch over the face. The step on the anchor's far side, or a
-        // parallel one in the next line, therefore predicts better than the seed's step.
+        // Perspective changes the pitch over the face. The step on the other side of the filled
+        // cell, or a parallel one in the next row or column, therefore predicts better than the
+        // step at the seed.
         if let Some(beyond) = get(r + 2 * dr, c + 2 * dc) {
             let b = tiles[beyond].centre;
             step = (from.0 - b.0, from.1 - b.1);
@@ -683,13 +700,13 @@ fn predict(
     None
 }
 
-/// Residual and unevenness above which a lattice may hold a tile that a finger or a reflection
-/// cuts.
+/// Residual and unevenness above which a lattice may have a tile that is cut by a finger or a
+/// reflection.
 const ODD: (f64, f64) = (0.035, 0.12);
 
-/// Fits a lattice to the tiles in nine cells. It drops a tile of another size or form than the
-/// others as long as that improves the score, down to `least` tiles. Tiles that are `taken` by
-/// another lattice are not added.
+/// Fits a lattice to the tiles in nine cells. As long as it improves the score, drops the tile that
+/// differs most from the others in size, form and place, down to `least` tiles. Tiles that are
+/// `taken` by another lattice are not added. Returns `None` if the tiles fit no lattice.
 fn settle(
     tiles: &Places,
     held: [Option<usize>; 9],
@@ -698,8 +715,8 @@ fn settle(
 ) -> Option<Lattice> {
     let mut best = settle_without(tiles, held, least, taken, &[])?;
     let mut without = Vec::new();
-    // A dropped tile costs a point of the score, so only a clearly better fit pays for it. A
-    // lattice below 2 is too poor for that.
+    // A dropped tile costs one point of the score, so it is dropped only for a clearly better fit.
+    // A lattice with a score below 2 is too poor for that.
     while best.count() > least
         && (best.residual > ODD.0 || best.unevenness > ODD.1)
         && best.score() > 2.0
@@ -716,8 +733,8 @@ fn settle(
     Some(best)
 }
 
-/// Returns the index of the held cell whose tile differs most from the median tile in size, form
-/// and place.
+/// Returns the index of the cell whose tile differs most from the median tile in size, form and
+/// place; `None` without any tile.
 fn odd_one(tiles: &Places, lattice: &Lattice) -> Option<usize> {
     let h = &lattice.homography;
     let shapes = GRID.into_iter().zip(lattice.tiles).enumerate();
@@ -728,7 +745,7 @@ fn odd_one(tiles: &Places, lattice: &Lattice) -> Option<usize> {
             Some((i, shape_in_cell(h, g, tile)?, distance(tile.centre, apply(h, g)) / pitch))
         })
         .collect();
-    // The median, because a cut tile shifts the mean of a few tiles towards itself.
+    // The median is used, because a cut tile would shift the mean of a few tiles towards itself.
     let middle = |k: usize| {
         let mut sides: Vec<f64> = shapes.iter().map(|(_, s, _)| s[k]).collect();
         sides.sort_by(f64::total_cmp);
@@ -744,9 +761,9 @@ fn odd_one(tiles: &Places, lattice: &Lattice) -> Option<usize> {
     shapes.iter().max_by(|x, y| oddness(&x.1, x.2).total_cmp(&oddness(&y.1, y.2))).map(|(i, ..)| *i)
 }
 
-/// Fits the homography to the tiles in nine cells, drops tiles that do not lie on it, and fills
-/// empty cells with tiles that do, but with none that is `taken` or in `without`. Returns `None` if
-/// fewer than `least` tiles are left, or if they fit badly.
+/// Fits the homography to the tiles in nine cells, drops tiles that are off their cells, and fills
+/// empty cells with tiles that fit, except those that are `taken` or in `without`. Returns `None`
+/// if fewer than `least` tiles are left, or if they fit badly.
 fn settle_without(
     tiles: &Places,
     mut held: [Option<usize>; 9],
@@ -756,7 +773,7 @@ fn settle_without(
 ) -> Option<Lattice> {
     for round in 0..3 {
         let cells = Cells::of(tiles, &held)?;
-        // The last round only fits: its tiles may change no more.
+        // In the last round the tiles do not change any more.
         if round < 2 {
             let mut changed = cells.drop_misfits(tiles, &mut held);
             let free = |t: usize| !taken[t] && !without.contains(&t);
@@ -774,9 +791,9 @@ fn settle_without(
     None
 }
 
-/// The nine cells of a face in the picture, fitted to the tiles that hold them.
+/// The nine cells of a face in the picture, fitted to the tiles in them.
 struct Cells {
-    /// Map from the grid to the picture.
+    /// Map from places of the face (column - 1, row - 1) to pixels.
     h: Matrix3<f64>,
     /// Centres of the cells (px).
     centres: [Point; 9],
@@ -787,8 +804,8 @@ struct Cells {
 }
 
 impl Cells {
-    /// Fits the cells to the centres of the tiles that they hold. Returns `None` if the cells are
-    /// no face in front of the camera.
+    /// Fits the cells to the centres of the tiles in them. Returns `None` if the cells cannot be
+    /// those of a face in front of the camera.
     fn of(tiles: &Places, held: &[Option<usize>; 9]) -> Option<Self> {
         let pairs: Vec<(Point, Point)> = held
             .iter()
@@ -798,8 +815,8 @@ impl Cells {
         let h = homography::fit(&pairs)?;
         let centres = GRID.map(|g| apply(&h, g));
         let pitch = homography::smallest_pitch(&centres);
-        // A face is convex and not mirrored, and its corners lie in front of the camera. Tiles with
-        // a pitch below 2.5 px leave no gap between them.
+        // A face is convex and not mirrored, and its corners are in front of the camera. At a pitch
+        // below 2.5 px there is no gap between tiles.
         let corners = homography::OUTLINE.map(|c| apply(&h, c));
         let positive =
             homography::OUTLINE.iter().all(|c| h[(2, 0)] * c.0 + h[(2, 1)] * c.1 + h[(2, 2)] > 0.2);
@@ -814,13 +831,13 @@ impl Cells {
     }
 
     /// Returns the distance of a tile from the centre of cell `i`, in pitches at that cell. The
-    /// pitch there is the root of the cell's area.
+    /// pitch there is the square root of the cell's area, but at most twice the smallest pitch.
     fn error(&self, i: usize, tile: &Tile) -> f64 {
         distance(tile.centre, self.centres[i]) / self.areas[i].abs().sqrt().min(2.0 * self.pitch)
     }
 
-    /// Empties the cells whose tiles lie off the centre or do not have the size of the cell.
-    /// Returns whether there were any.
+    /// Empties the cells whose tiles are far from the cell's centre or do not have its size.
+    /// Returns whether there were such cells.
     fn drop_misfits(&self, tiles: &Places, held: &mut [Option<usize>; 9]) -> bool {
         let mut changed = false;
         for (i, slot) in held.iter_mut().enumerate() {
@@ -851,7 +868,8 @@ impl Cells {
             let fill = tiles
                 .near(self.centres[i], 0.3 * self.pitch)
                 .filter(|&t| {
-                    // Stricter than `drop_misfits`: a tile that enters must not leave again.
+                    // The limits are stricter than in `drop_misfits`, so that no tile is added and
+                    // dropped again.
                     free(t)
                         && (0.2..1.1).contains(&(tiles[t].area / self.areas[i]))
                         && error(t) < 0.15
@@ -868,12 +886,12 @@ impl Cells {
     }
 }
 
-/// Returns the lengths of a tile's sides in the frame of the cell at `g`, along the rows and along
-/// the columns, as shares of the pitch, and its skew (0 at right angles). Returns `None` if the
-/// homography is degenerate at the cell.
+/// Returns the lengths of a tile's sides along the rows and along the columns of the face at the
+/// cell `g`, as shares of the pitch, and its skew (0 at right angles, -1..=1). Returns `None` if
+/// the homography is degenerate at the cell.
 fn shape_in_cell(h: &Matrix3<f64>, g: Point, tile: &Tile) -> Option<[f64; 3]> {
-    // With J the derivative of the map at the cell and M the moments in the picture, the moments in
-    // the cell are J^-1 M J^-T, and the square of a side is 12 times its moment.
+    // J is the Jacobian of the map at the cell, and M are the moments in the picture. The moments
+    // in the cell are then J^-1 M J^-T, and the square of a side is 12 times its moment.
     let step = 0.05;
     let side = |dx: f64, dy: f64| {
         let (a, b) = (apply(h, (g.0 - dx, g.1 - dy)), apply(h, (g.0 + dx, g.1 + dy)));
@@ -887,7 +905,7 @@ fn shape_in_cell(h: &Matrix3<f64>, g: Point, tile: &Tile) -> Option<[f64; 3]> {
     Some([a, b, shape[(0, 1)] / (a * b).max(1e-9)])
 }
 
-/// Checks whether four corners make a convex quadrilateral that runs clockwise on the screen.
+/// Returns whether four corners make a convex quadrilateral that runs clockwise on the screen.
 fn convex(corners: &[Point; 4]) -> bool {
     (0..4).all(|i| {
         let (a, b, c) = (corners[i], corners[(i + 1) % 4], corners[(i + 2) % 4]);
@@ -895,7 +913,7 @@ fn convex(corners: &[Point; 4]) -> bool {
     })
 }
 
-/// Computes the area in the image of the cell at `g` (px^2).
+/// Computes the area of the cell at `g` in the image (px^2), negative if it is mirrored.
 fn cell_area(h: &Matrix3<f64>, g: Point) -> f64 {
     let corners = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]
         .map(|(x, y)| apply(h, (g.0 + x, g.1 + y)));
@@ -906,6 +924,7 @@ fn cell_area(h: &Matrix3<f64>, g: Point) -> f64 {
 mod tests {
     use super::*;
 
+    /// Returns the tile in the cell `g` of a face, with sides of 0.8 pitches.
     fn tile(h: &Matrix3<f64>, g: Point) -> Tile {
         let (o, x, y) = (apply(h, g), apply(h, (g.0 + 0.4, g.1)), apply(h, (g.0, g.1 + 0.4)));
         let (u, v) = ((x.0 - o.0, x.1 - o.1), (y.0 - o.0, y.1 - o.1));
@@ -921,11 +940,12 @@ mod tests {
         }
     }
 
+    /// Returns the homography of a face that is seen obliquely.
     fn oblique() -> Matrix3<f64> {
         Matrix3::new(30.0, 6.0, 210.0, -8.0, 22.0, 180.0, 0.03, -0.02, 1.0)
     }
 
-    /// A vote finds a face of which three tiles are lost, among four false tiles.
+    /// The vote finds a face with three lost tiles among four false tiles.
     #[test]
     fn vote_finds_face_among_false_tiles() {
         let h = oblique();
@@ -960,8 +980,8 @@ mod tests {
         assert_eq!(found.iter().map(Lattice::count).collect::<Vec<_>>(), [9, 9]);
     }
 
-    /// Returns the tiles of `rows` x `columns` cells of one plane; the first cell is the top left
-    /// one of a face.
+    /// Returns the tiles of a floor: `rows` x `columns` cells of one plane, of which the first is
+    /// at the top left of the face that [`oblique`] describes.
     fn floor(rows: i32, columns: i32) -> Vec<Tile> {
         (0..rows * columns)
             .map(|i| tile(&oblique(), (f64::from(i % columns) - 1.0, f64::from(i / columns) - 1.0)))
@@ -978,11 +998,11 @@ mod tests {
 
         assert!(!larger(3, 3));
         assert!(larger(4, 4) && larger(5, 5));
-        // Strips of width three have no more than three tiles on a side of the nine.
+        // In strips that are three cells wide at most three tiles are beside the nine on a side.
         assert!(larger(4, 3) && larger(3, 4) && larger(3, 7));
     }
 
-    /// A strip of six rows of three may be two faces seen at equal angles.
+    /// Six rows of three tiles in one plane may be two faces seen at equal angles.
     #[test]
     fn six_by_three_tiles_form_two_lattices() {
         let found = vote(&floor(6, 3), 5);
@@ -991,8 +1011,8 @@ mod tests {
         assert!(found.iter().all(|l| l.onward != Onward::Ends), "{found:?}");
     }
 
-    /// A tile that is a tenth of a pitch off its cell is kept if the cell shows all four sides, and
-    /// dropped as cut if one side is missing.
+    /// A tile that is a tenth of a pitch off its cell is kept if all its four sides are visible,
+    /// and dropped as cut if one side is missing.
     #[test]
     fn lattice_drops_displaced_tile_with_missing_side() {
         let h = oblique();
@@ -1010,7 +1030,7 @@ mod tests {
     }
 
     #[test]
-    fn only_lattices_under_three_rows_apart_share_cells() {
+    fn only_lattices_within_two_rows_share_cells() {
         let tiles = floor(5, 3);
         let on = |by: f64| {
             let shift = Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, by, 0.0, 0.0, 1.0);

@@ -1,13 +1,14 @@
 //! Vision: from an image to the faces of a cube, its pose and its colours.
 //!
-//! The crate is pure: time, randomness and calibration are arguments.
+//! The crate is pure: time, randomness and calibration are arguments. It calls one coloured square
+//! of a face a tile, and the outcome of finding a face or a cube in an image a sighting.
 //!
 //! | step | module | in -> out |
 //! |---|---|---|
 //! | segmentation | `segment` (edges), [`paper`] (colour tables) | image -> tile candidates |
 //! | lattice | `lattice` | candidates -> 3x3 lattices |
 //! | detection | [`mod@detect`] | image -> [`FaceSighting`]s, or a [`Refusal`] with the reason |
-//! | lens | `undistort` | five coefficients: point -> pixel, pixel -> direction |
+//! | lens | `undistort` | lens with five coefficients: point -> pixel, pixel -> direction |
 //! | pose | [`pose`] | sighting, lens -> [`CubeSighting`], [`pose::CubeLocation`] |
 //! | refinement | `refine` | image, first pose -> pose on sub-pixel edges, covariance |
 //! | calibration | [`calibration`] | views at known arm poses -> optics, place of the camera |
@@ -73,10 +74,10 @@ pub struct Rect {
 
 impl Rect {
     /// Returns the part of the rectangle that lies inside an image of `width` x `height` pixels, or
-    /// `None` if there is none.
+    /// `None` if the rectangle is wholly outside.
     #[must_use]
     pub fn inside(self, width: u32, height: u32) -> Option<Self> {
-        // A predicted window may reach beyond the image, and beyond the largest coordinate.
+        // A predicted window may reach beyond the image, and its end beyond the largest u32.
         let (x, y) = (self.x.min(width), self.y.min(height));
         let (right, bottom) = (
             self.x.saturating_add(self.width).min(width),
@@ -117,7 +118,7 @@ pub enum Refusal {
     /// No region looks like a tile.
     #[error("no region looks like a tile")]
     NoTiles,
-    /// There are candidates for tiles, but no lattice of 3x3.
+    /// There are candidates for tiles, but no nine of them form a lattice of 3x3.
     #[error("{tiles} regions look like tiles, but no nine of them form a lattice of 3x3")]
     NoLattice {
         /// Number of candidates.
@@ -126,25 +127,25 @@ pub enum Refusal {
     /// The tiles form a lattice of more than 3x3.
     #[error("not a face of a cube: the lattice has {beyond} more tiles around 3x3")]
     LargerLattice {
-        /// Number of tiles of the same size and pitch around the nine, of 16.
+        /// Number of the 16 places around the nine that have a tile of the same size and pitch.
         beyond: usize,
     },
-    /// The best lattice is not good enough to report.
+    /// The confidence of the best lattice is too low to report it as a face.
     #[error("a 3x3 lattice was found, but it may be no face: confidence {confidence:.2}")]
     Doubtful {
         /// Confidence of the best lattice, 0..=1.
         confidence: f64,
     },
-    /// The face is too small for the arm's work.
+    /// The face is so small that the cube may be outside the workspace of the arms.
     #[error("the face is only {width_px:.0} px wide, too small: it may be outside the workspace")]
     TooSmall {
         /// Length of the face's longest side (px).
         width_px: f64,
     },
-    /// The face is not where it was expected.
+    /// The face is not where a prediction expected it.
     #[error("the face is not where it was expected: {matched} of 9 tiles fit the prediction")]
     NotExpected {
-        /// Number of tiles that fit.
+        /// Number of tiles that fit the prediction, 0..=9.
         matched: usize,
     },
 }
@@ -152,23 +153,23 @@ pub enum Refusal {
 /// A face of a cube found in an image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FaceSighting {
-    /// Corners of the face's outline in the image (px): top-left, top-right, bottom-right and
-    /// bottom-left of the reading order of the tiles.
+    /// Corners of the face's outline in the image (px): top left, top right, bottom right and
+    /// bottom left, as in the reading order of the tiles (row by row).
     pub corners: [(f64, f64); 4],
-    /// Centres of the nine tiles in reading order (px): measured centroids where `seen`, else the
-    /// places of the lattice.
+    /// Centres of the nine tiles in reading order (px): measured centroids where `seen` is true,
+    /// else the places in the fitted lattice.
     pub centres: [(f64, f64); 9],
-    /// Whether each tile was found as a region of its own. The lattice fills in the others.
+    /// Whether each tile was found as a region of its own. The others follow from the lattice.
     pub seen: [bool; 9],
     /// Side of a tile's coloured part as a share of the pitch, 0..=1, estimated from the regions.
     pub sticker: f64,
     /// Mean colour of each tile as in the image, 0..=255: the trimmed mean of samples of its
     /// interior.
     pub rgb: [[f64; 3]; 9],
-    /// Decision for each tile on this face alone: 0..=5 = white, red, green, yellow, orange, blue
-    /// (URFDLB).
+    /// Colour of each tile, decided from this face alone: 0..=5 = white, red, green, yellow,
+    /// orange, blue (URFDLB).
     pub colours: [u8; 9],
-    /// Confidence of each decision, 0..=1.
+    /// Confidence of each tile's colour, 0..=1.
     pub confidences: [f64; 9],
     /// Confidence that this is a face of a cube, 0..=1.
     pub confidence: f64,
@@ -186,8 +187,8 @@ impl FaceSighting {
             .fold(0.0, f64::max)
     }
 
-    /// Returns the same face as it reads after `quarters` clockwise quarter turns of the picture. A
-    /// quarter turn brings the tile at the bottom left to the top left.
+    /// Returns the same face in the reading order that follows after `quarters` clockwise quarter
+    /// turns of the picture. A quarter turn brings the tile at the bottom left to the top left.
     #[must_use]
     pub fn turned(&self, quarters: usize) -> Self {
         let mut face = self.clone();
@@ -212,17 +213,17 @@ impl FaceSighting {
     }
 }
 
-/// The cube localised in 3-D.
+/// A face of a cube located in space.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CubeSighting {
-    /// Frame of the dominant face: origin in the face's centre, x to the next column and y to the
-    /// next row in reading order, z into the cube (away from the camera if the face is frontal).
+    /// Pose of the face: origin in its centre, x towards the next column and y towards the next row
+    /// in reading order, z into the cube (away from the camera if the face is frontal).
     pub camera_from_face: Pose,
-    /// Other solution of the planar pose, and its root mean square error (px).
+    /// Other pose at which a plane looks almost the same, and its root mean square error (px).
     pub other: (Pose, f64),
-    /// Edge of the face in the image (px).
+    /// Length of the face's longest side in the image (px).
     pub width_px: f64,
-    /// Root mean square of the reprojection error (px).
+    /// Root mean square of the reprojection error of `camera_from_face` (px).
     pub residual_px: f64,
     /// The face itself.
     pub face: FaceSighting,

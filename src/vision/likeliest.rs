@@ -1,12 +1,13 @@
 //! The cheapest cube that can exist, given a cost for each facelet and each colour.
 //!
-//! A cube is not 54 facelets but 8 corners and 12 edges, each once, with three sums that must
-//! agree: the twists, the flips, and the parities of the two permutations. The search keeps all of
-//! this exactly. It lays the pieces position by position. Layouts that used the same pieces and
-//! have the same sums have the same continuations, so only the cheapest of them is kept (2^8 and
-//! 2^12 sets of pieces). A forward and a backward run together give the cheapest cube with any
-//! piece at any position. From these follows how much more the best cube costs in which a facelet
-//! has another colour.
+//! A cube is not 54 independent facelets but 8 corners and 12 edges, each once. In a cube that can
+//! exist the twists of the corners cancel, the flips of the edges cancel, and the permutations of
+//! corners and edges have the same parity. The search keeps all of this exactly. It lays piece
+//! after piece on the positions. Partial layouts with the same pieces, the same sum of twists or
+//! flips and the same parity can be continued in the same ways, so only the cheapest of them is
+//! kept (2^8 and 2^12 sets of pieces). A forward and a backward run together give the cheapest cube
+//! with any piece at any position. From these the margin of a facelet follows: how much more the
+//! best cube costs in which it has another colour.
 //!
 //! - in: 54 x 6 costs (facelets and colours in the order URFDLB; the centres are fixed)
 //! - out: [`Likeliest`]: facelets, cost, and the margin of each facelet in the unit of the costs
@@ -16,7 +17,7 @@ use super::assignment::assign;
 use crate::cube::{CORNERS, EDGES, Face, facelet_at};
 use std::sync::LazyLock;
 
-/// Cheapest cube.
+/// Cheapest cube that can exist.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Likeliest {
     /// Colour of each facelet, 0..=5 = URFDLB.
@@ -38,6 +39,7 @@ pub(super) static CORNER_FACELETS: LazyLock<[[usize; 3]; 8]> =
 pub(super) static EDGE_FACELETS: LazyLock<[[usize; 2]; 12]> =
     LazyLock::new(|| EDGES.map(facelets_of));
 
+/// Returns the facelets of the position between these faces, one on each face in their order.
 fn facelets_of<const K: usize>(faces: [Face; K]) -> [usize; K] {
     // The sum of the faces' normals is the place of the piece in the 3x3x3 grid.
     let cell = faces.iter().fold([0i8; 3], |mut cell, face| {
@@ -48,7 +50,7 @@ fn facelets_of<const K: usize>(faces: [Face; K]) -> [usize; K] {
     faces.map(|face| facelet_at(cell, face))
 }
 
-/// Returns the cheapest of all cubes that can be reached from the solved one. `costs` is the cost
+/// Returns the cheapest of all cubes that turns can reach from the solved one. `costs` is the cost
 /// of each facelet in each of the six colours.
 #[must_use]
 pub(crate) fn likeliest(costs: &[[f64; 6]; 54]) -> Likeliest {
@@ -58,7 +60,8 @@ pub(crate) fn likeliest(costs: &[[f64; 6]; 54]) -> Likeliest {
     corners.run_backward();
     edges.run_forward();
     edges.run_backward();
-    // On a legal cube both permutations are even, or both are odd. Turns change both at once.
+    // On a cube that can exist the permutations of corners and edges are both even or both odd,
+    // since a turn changes both.
     let best = [0, 1].map(|parity| corners.best(parity) + edges.best(parity));
     let parity = usize::from(best[1] < best[0]);
 
@@ -70,7 +73,7 @@ pub(crate) fn likeliest(costs: &[[f64; 6]; 54]) -> Likeliest {
     corners.read(parity, &mut facelets);
     edges.read(parity, &mut facelets);
     let floor = best[parity];
-    // Another corner may change the parity, and then the best edges change with it.
+    // With another corner the parity may be the other one, and then the best edges are others too.
     corners.alternatives([edges.best(0) - floor, edges.best(1) - floor], &facelets, &mut margins);
     edges.alternatives([corners.best(0) - floor, corners.best(1) - floor], &facelets, &mut margins);
     // Rounding can make a margin of equal cubes slightly negative.
@@ -78,9 +81,9 @@ pub(crate) fn likeliest(costs: &[[f64; 6]; 54]) -> Likeliest {
     Likeliest { facelets, cost: floor + centres, margins: margins.map(|m| m.max(0.0)) }
 }
 
-/// Returns the facelets of the cheapest cube that has each piece once. Twists, flips and parities
-/// may be those of a cube that cannot exist. It is a hundred times as fast as [`likeliest`], for
-/// the rounds of an iteration.
+/// Returns the facelets of the cheapest cube that has each piece once. By its twists, flips and
+/// parities it may be a cube that cannot exist. The search is a hundred times as fast as
+/// [`likeliest`], so that an iteration can repeat it.
 #[must_use]
 pub(super) fn cheapest_pieces(costs: &[[f64; 6]; 54]) -> [u8; 54] {
     let mut facelets = [0u8; 54];
@@ -94,25 +97,30 @@ pub(super) fn cheapest_pieces(costs: &[[f64; 6]; 54]) -> [u8; 54] {
 
 /// All layouts of `N` pieces with `K` orientations each on `N` positions.
 struct Layout<'a, const N: usize, const K: usize> {
+    /// Facelets of each position.
     places: &'a [[usize; K]; N],
+    /// Colours of each piece, as faces.
     pieces: &'a [[Face; K]; N],
-    /// Cost of a piece at a position in an orientation.
+    /// Cost by position, piece and orientation.
     cost: [[[f64; K]; N]; N],
-    /// Least cost of the pieces of a set on the first positions, by sum of orientations and parity;
-    /// empty before [`Self::run_forward`].
+    /// For each set of pieces (bit mask) the least cost of these on the first positions, by the sum
+    /// of their orientations and their parity; empty before [`Self::run_forward`].
     forward: Vec<[[f64; 2]; K]>,
-    /// Least cost of the other pieces on the remaining positions, by their sum and parity; empty
-    /// before [`Self::run_backward`].
+    /// For each set of pieces (bit mask) the least cost of the other pieces on the remaining
+    /// positions, by the sum of their orientations and their parity; empty before
+    /// [`Self::run_backward`].
     backward: Vec<[[f64; 2]; K]>,
 }
 
 impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
+    /// Computes the cost of each piece in each orientation at each position from those of facelets.
     fn new(
         places: &'a [[usize; K]; N],
         pieces: &'a [[Face; K]; N],
         costs: &[[f64; 6]; 54],
     ) -> Self {
-        // The orientation `turn` puts the piece's letter k on the position's letter k + turn.
+        // The orientation `turn` puts the colour k of the piece on the facelet k + turn of the
+        // position.
         let cost = std::array::from_fn(|position: usize| {
             std::array::from_fn(|piece: usize| {
                 std::array::from_fn(|turn| {
@@ -125,12 +133,13 @@ impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
         Self { places, pieces, cost, forward: Vec::new(), backward: Vec::new() }
     }
 
+    /// Computes [`Self::forward`] for all sets of pieces, from the empty one on.
     fn run_forward(&mut self) {
         let none = [[f64::INFINITY; 2]; K];
         self.forward = vec![none; 1 << N];
         self.forward[0][0][0] = 0.0;
-        // A piece that joins a set makes a larger number, so each set is complete when it is read.
-        // The number of pieces in a set is the position that is filled next.
+        // The bit mask grows with each piece that is added, so the cost of a set is final when its
+        // turn comes. The number of pieces in a set is the position that is filled next.
         for set in 0..(1usize << N) - 1 {
             let from = self.forward[set];
             let prices = &self.cost[set.count_ones() as usize];
@@ -141,6 +150,7 @@ impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
         }
     }
 
+    /// Computes [`Self::backward`] for all sets of pieces, from the full one on.
     fn run_backward(&mut self) {
         let none = [[f64::INFINITY; 2]; K];
         self.backward = vec![none; 1 << N];
@@ -156,9 +166,10 @@ impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
         }
     }
 
-    /// Writes the cheapest layout to `facelets`, even if its orientations do not cancel.
+    /// Writes the cheapest layout to `facelets`, without regard to orientations and parity as a
+    /// whole.
     fn assign(&self, facelets: &mut [u8; 54]) {
-        // Without sums the orientations are independent, so each pair takes its cheapest one.
+        // The orientations need not cancel, so each piece has its cheapest one at each position.
         let turn = |position: usize, piece: usize| {
             let prices = &self.cost[position][piece];
             (0..K).fold(0, |best, t| if prices[t] < prices[best] { t } else { best })
@@ -170,6 +181,7 @@ impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
         }
     }
 
+    /// Writes the colours of a piece in the orientation `turn` to the facelets of a position.
     fn write(&self, position: usize, piece: usize, turn: usize, facelets: &mut [u8; 54]) {
         for k in 0..K {
             let facelet = self.places[position][(k + turn) % K];
@@ -186,8 +198,8 @@ impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
     /// Writes the cheapest layout whose orientations cancel and whose permutation has this parity
     /// to `facelets`.
     fn read(&self, parity: usize, facelets: &mut [u8; 54]) {
-        // Follows the backward run from the empty set; `sum` and `parity` are those that the
-        // remaining pieces must have.
+        // The backward costs lead from the empty set to the cheapest layout. `sum` and `parity` are
+        // those that the remaining pieces must have.
         let (mut set, mut sum, mut parity) = (0usize, 0, parity);
         for position in 0..N {
             let mut best = (f64::INFINITY, 0, 0);
@@ -209,11 +221,11 @@ impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
         }
     }
 
-    /// Lowers the margin of each facelet to that of the cheapest cube in which it has another
-    /// colour than in `facelets`, the cheapest cube.
+    /// Lowers the margin of each facelet to the additional cost of the best cube in which it has
+    /// another colour than in `facelets`, the cheapest cube.
     ///
-    /// `others` is the cost of the other kind of pieces (edges or corners) for each parity, less
-    /// the cost of the cheapest cube.
+    /// `others` is the least cost of the other kind of pieces (edges or corners) for each parity,
+    /// minus the cost of the cheapest cube.
     fn alternatives(&self, others: [f64; 2], facelets: &[u8; 54], margins: &mut [f64; 54]) {
         // Least margin of any cube with this piece in this orientation at this position: the
         // pieces before it come from the forward run, those after it from the backward run.
@@ -225,7 +237,7 @@ impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
                 let (odd, to) = (inversions(set, piece), &self.backward[set | 1 << piece]);
                 for turn in 0..K {
                     let mut least = f64::INFINITY;
-                    // Orientations must add up to a multiple of K, and the parity of the whole
+                    // All orientations must add up to a multiple of K, and the parity of the whole
                     // permutation selects the cost of the other kind of pieces.
                     for sum in 0..K {
                         let rest = &to[(2 * K - sum - turn) % K];
@@ -256,11 +268,12 @@ impl<'a, const N: usize, const K: usize> Layout<'a, N, K> {
     }
 }
 
-/// Adds one piece to the layouts with the costs `from`, in each of its orientations, and lowers the
-/// costs `to` where the result is cheaper. Both are indexed by the sum of the orientations and by
-/// the parity.
+/// Adds one piece to the partial layouts with the costs `from`, in each of its orientations, and
+/// lowers the costs `to` where the result is cheaper. `from` and `to` are indexed by the sum of the
+/// orientations and by the parity.
 ///
-/// `prices` is the cost of the piece in each orientation, and `odd` the parity that it adds.
+/// `prices` is the cost of the piece in each orientation, and `odd` is 1 if the piece changes the
+/// parity.
 fn lay<const K: usize>(
     from: &[[f64; 2]; K],
     to: &mut [[f64; 2]; K],
@@ -276,8 +289,8 @@ fn lay<const K: usize>(
     }
 }
 
-/// Returns 1 if `set`, a bit mask, contains an odd number of pieces with a higher index than
-/// `piece`, else 0. The parity of a permutation is that of its number of inversions.
+/// Returns 1 if `set`, a bit mask without `piece`, contains an odd number of pieces with a higher
+/// index than `piece`, else 0. The parity of a permutation is that of its number of inversions.
 fn inversions(set: usize, piece: usize) -> usize {
     (set >> piece).count_ones() as usize & 1
 }
@@ -288,10 +301,12 @@ mod tests {
     use crate::cube::{Cube, Facelets};
     use proptest::prelude::*;
 
+    /// Returns costs of 0 for the colours of these facelets and 1 for all other colours.
     fn costs_of(facelets: &[u8; 54]) -> [[f64; 6]; 54] {
         facelets.map(|own| std::array::from_fn(|c| if c == usize::from(own) { 0.0 } else { 1.0 }))
     }
 
+    /// Returns the facelets of a scrambled cube.
     fn facelets(seed: u64) -> [u8; 54] {
         *Facelets::from(&Cube::scrambled(seed)).colours()
     }
@@ -306,8 +321,8 @@ mod tests {
 
             prop_assert_eq!(found.facelets, truth);
             prop_assert_eq!(found.cost, 0.0);
-            // The nearest other cubes differ in three facelets: a cycle of three edges that share a
-            // colour.
+            // The nearest other cubes differ in three facelets: three edges that share a colour are
+            // exchanged in a cycle.
             prop_assert!(found.margins.iter().all(|&m| m >= 3.0));
         }
 
@@ -326,7 +341,7 @@ mod tests {
             prop_assert!(Cube::is_possible(&found.facelets));
             prop_assert!((price(&found.facelets) - found.cost).abs() < 1e-9);
             prop_assert!(price(&facelets(seed)) >= found.cost - 1e-9);
-            // The margins are those of real cubes: any cube that differs costs at least as much.
+            // Any cube that differs in a facelet costs more by at least the margin of the facelet.
             let other = facelets(seed);
             for i in 0..54 {
                 if other[i] != found.facelets[i] {
@@ -342,8 +357,9 @@ mod tests {
         let mut seen = truth;
         seen.swap(5, 10);
         let mut costs = costs_of(&seen);
-        // At facelet 5 the right colour is the cheaper one. To flip this edge back costs 1.3, to
-        // flip a second edge as well costs 3.
+        // The edge with facelets 5 and 10 is seen flipped. At facelet 5 the right colour costs 0.3
+        // and any other 1. The cube with this edge flipped back costs 1.3, a cube in which a second
+        // edge is flipped as well costs 3.
         costs[5] = std::array::from_fn(|c| if c == usize::from(truth[5]) { 0.3 } else { 1.0 });
 
         let found = likeliest(&costs);

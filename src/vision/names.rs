@@ -1,7 +1,7 @@
-//! The names of six classes of facelets that were sorted without names: white, red and so on.
+//! The names (white, red and so on) of six classes of facelets that were sorted without names.
 //!
-//! - in: linear light of 54 facelets, and the class of each one
-//! - out: colour of each class, 0..=5 = white, red, green, yellow, orange, blue
+//! - in: linear RGB of 54 facelets, and the class of each facelet
+//! - out: the colour of each class, 0..=5 = white, red, green, yellow, orange, blue
 //! - source: own work
 
 use super::assignment::assign;
@@ -17,17 +17,17 @@ static SCHEMES: LazyLock<Vec<[u8; 6]>> = LazyLock::new(|| {
     Rotation24::all().map(|r| CENTRES.map(|c| solved.rotated(r).colours()[c])).collect()
 });
 
-/// Least advantage of another scheme over the common one, in squared distances. Cubes of other
-/// schemes are rare, and a bad light must not invent one.
+/// Difference of cost (in squared distances) by which another colour scheme must be better than the
+/// common one. Cubes of other schemes are rare, and a bad light must not look like one.
 const UNCOMMON: f64 = 15.0;
 
-/// Returns the colour 0..=5 of each of the six classes. It is that of the common colour scheme, in
-/// the orientation of the cube and under the light in which the classes look most like their
+/// Returns the colour 0..=5 of each of the six classes. The colours are those of the common scheme,
+/// in the orientation of the cube and under the light with which the classes look most like their
 /// colours. Another scheme is taken only if it fits far better.
 ///
-/// `linear` is the light of each facelet, and `class` the class of each facelet.
+/// `linear` is the linear RGB of each facelet, and `class` its class, 0..=5.
 pub(super) fn name(linear: &[[f64; 3]; 54], class: &[u8; 54]) -> [u8; 6] {
-    // Medians, because a glaring facelet must not shift its class.
+    // The colour of a class is the median of its facelets, which a single reflection hardly moves.
     let means: [[f64; 3]; 6] = std::array::from_fn(|class_| {
         std::array::from_fn(|c| {
             let members = (0..54).filter(|&i| usize::from(class[i]) == class_);
@@ -46,12 +46,12 @@ pub(super) fn name(linear: &[[f64; 3]; 54], class: &[u8; 54]) -> [u8; 6] {
     let seen = means.map(Seen::whole);
     let (light, cost) = fit_light(&seen, |d| common(d).0);
     let under = |light: Light| means.map(|m| prototype_distances(light.undo(m)));
-    // Costs are never negative, so no other scheme can be better by enough. This saves most second
-    // fits.
+    // Costs are never negative, so no other scheme can be better by `UNCOMMON`. For most cubes this
+    // saves the second fit.
     if cost < UNCOMMON {
         return common(&under(light)).1;
     }
-    // Any other scheme: each name once, without regard to which faces are opposite.
+    // Any other scheme has each name once, at any of the six faces.
     let any = |d: &[[f64; 6]]| -> [u8; 6] {
         let columns = assign(&d.iter().flatten().copied().collect::<Vec<_>>(), 6);
         std::array::from_fn(|i| columns[i] as u8)

@@ -1,4 +1,5 @@
-//! The paper's own segmentation: colour tables, run lengths, union-find and filters in sequence.
+//! The segmentation of the paper (Zieliński et al. 2007): colour tables, run lengths, union-find
+//! and filters in sequence.
 //!
 //! Each of the three components of a pixel indexes a table of bit masks with one bit per colour
 //! range. The bitwise AND of the three masks is the set of ranges that the pixel lies in, so a
@@ -7,24 +8,25 @@
 //!
 //! The components are the intensity and two components of chroma relative to it: red against green,
 //! and blue. In these components the six colours are boxes, which are the same in bright and in dim
-//! light. The bands of intensity overlap, because the gap between two tiles of one colour is known
-//! only by how much darker it is than the tiles, not by its own level.
+//! light. The gap between two tiles of one colour is not known by its own level, but only by how
+//! much darker it is than the tiles, so there are several bands of intensity, which overlap.
 //!
 //! Filters then remove the regions that are no tiles, in this order:
 //!
 //! | filter | limit (default) | reason |
 //! |---|---|---|
-//! | `area` | 20 px to 1/9 of the picture | specks; nine tiles must fit in |
-//! | `boundary` | at most 1.8 of a square's | ragged or branching regions |
-//! | `circularity` | at least 0.5 | bars; a square has 0.785 |
-//! | `quadrilaterals` | 0.8 of the hull, 0.75 by four corners | rings; discs, which reach 0.64 |
+//! | `area` | 20 px to 1/9 of the picture | no specks; nine tiles must fit in |
+//! | `boundary` | at most 1.8 of a square's | no ragged or branching regions |
+//! | `circularity` | at least 0.5 | no bars; a square has 0.785 |
+//! | `quadrilaterals` | 0.8 of the hull filled | no rings |
+//! | `quadrilaterals` | 0.75 of the hull in four corners | no discs, which have 0.64 |
 //! | `once` | one region at a place | the ranges of a colour overlap |
-//! | `neighbours` | at least 2 of like size | a corner tile has three |
+//! | `neighbours` | at least 2 of similar size | a corner tile has three |
 //!
-//! Heuristics find the face among the rest. The centre tile has the most neighbours, the corner
-//! tiles have the fewest, and all tiles have about the same area. The biggest square is the cube's,
-//! and the centroids of its corner tiles are the four points of the pose. The square is right in
-//! 160 of 200 drawn frames.
+//! Heuristics find the face among the remaining regions. The centre tile has the most neighbours,
+//! the corner tiles have the fewest, and all tiles have about the same area. The largest such
+//! square of nine tiles is the face, and its pose follows from the centroids of its four corner
+//! tiles. The square is right in 160 of 200 drawn frames.
 //!
 //! - in: RGB pixels
 //! - out: the regions that each stage left (the paper's figure 4), `Tile`s, a [`Square`] or a
@@ -37,7 +39,7 @@ use super::segment::{Runs, Tile, smooth};
 use super::{FaceSighting, Rect, Refusal};
 use image::RgbImage;
 
-/// Range of a colour: lowest and highest level of intensity, of red against green, and of blue.
+/// Range of a colour: lowest and highest value of intensity, of red against green, and of blue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ColourRange {
     /// Colour 0..=5 = white, red, green, yellow, orange, blue.
@@ -65,12 +67,13 @@ const CHROMA: [(u8, Interval, Interval); 7] = [
     (5, (0, 150), (104, 255)),
 ];
 
-/// Bands of intensity. Each is a factor of 2.5 wide: shade and noise stay inside a band, and a gap
-/// with less than half of its tiles' intensity stays outside. Darker pixels have no colour.
+/// Bands of intensity, each a factor of 2.5 wide. A tile with shade and noise fits into one band,
+/// and a gap with less than half of its tiles' intensity is outside. Pixels below all bands have no
+/// colour.
 const BANDS: [(u8, u8); 5] = [(18, 45), (28, 70), (45, 112), (70, 175), (110, 255)];
 
-/// Ranges of the colours in every band, except white in the darkest two: the grey of the cube's
-/// body and of shadows lies there.
+/// Ranges of every colour in every band. White has no range in the darkest two bands, where the
+/// grey of the cube's body and of shadows lies.
 pub const RANGES: [ColourRange; RANGE_COUNT] = {
     let mut ranges =
         [ColourRange { colour: 0, intensity: (0, 0), red: (0, 0), blue: (0, 0) }; RANGE_COUNT];
@@ -90,7 +93,7 @@ pub const RANGES: [ColourRange; RANGE_COUNT] = {
 /// Number of ranges: white has two bands fewer than the other colours.
 const RANGE_COUNT: usize = CHROMA.len() * BANDS.len() - 2;
 
-/// Tables of bit masks of the three components.
+/// Tables that give the colour ranges of a pixel: a bit mask for each level of each component.
 #[derive(Debug, Clone)]
 pub struct Tables {
     /// Set of ranges, one bit each, for each level of each component.
@@ -136,7 +139,8 @@ impl Tables {
             & self.masks[2][((b * scale) >> 16) as usize]
     }
 
-    /// Returns the colour 0..=5 of the first range in which a pixel lies, or 255 if there is none.
+    /// Returns the colour 0..=5 of the first range in which a pixel (red, green, blue) lies, or 255
+    /// if there is none.
     #[must_use]
     pub fn classify(&self, pixel: [u8; 3]) -> u8 {
         match self.ranges(pixel) {
@@ -166,7 +170,7 @@ pub struct Region {
     pub runs: Vec<(usize, usize, usize)>,
     /// Number of pixels.
     pub area: f64,
-    /// Length of its boundary along the pixels' sides (px).
+    /// Length of the boundary along the sides of pixels (px).
     pub boundary: f64,
     /// Centroid (px).
     pub centre: Point,
@@ -175,6 +179,8 @@ pub struct Region {
 }
 
 impl Region {
+    /// Makes a region of its runs (row, first column, one after the last column, sorted by row) and
+    /// computes its area, boundary, centroid and moments.
     fn new(colour: u8, runs: Vec<(usize, usize, usize)>) -> Self {
         let (mut n, mut x, mut y, mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
         for &(row, start, end) in &runs {
@@ -184,30 +190,32 @@ impl Region {
             n += length;
             x += sum;
             y += length * row;
-            // Sum of the squares of a..b from its mean and its spread. No loop over pixels.
+            // The sum of the squares of a..b, from their mean and their spread without a loop.
             xx += sum * sum / length + length * (length * length - 1.0) / 12.0;
             xy += sum * row;
             yy += length * row * row;
         }
         let (x, y) = (x / n, y / n);
-        // A pixel is a square of one, not a point. It adds its own moment of 1/12.
+        // A pixel is a square of side 1, not a point, and adds its own second moment of 1/12.
         let moments = [xx / n - x * x + 1.0 / 12.0, xy / n - x * y, yy / n - y * y + 1.0 / 12.0];
         let boundary = boundary(&runs);
         Self { colour, runs, area: n, boundary, centre: (x, y), moments }
     }
 
-    /// Returns 4 pi area over the squared boundary: 1 for a circle, 0.785 for a square.
+    /// Returns the circularity: 4 pi times the area, divided by the square of the boundary. It is
+    /// about 1 for a circle and at least 0.785 for a square, and 2 at most.
     ///
-    /// A boundary along the sides of pixels is longer than the true one by up to 4/pi. The factor
-    /// removes that.
+    /// A boundary along the sides of pixels is longer than the true one: by the factor 4/pi for a
+    /// circle. It is therefore multiplied by pi/4 first.
     #[must_use]
     pub fn circularity(&self) -> f64 {
         let smooth = self.boundary * std::f64::consts::FRAC_PI_4;
         (4.0 * std::f64::consts::PI * self.area / (smooth * smooth)).min(2.0)
     }
 
-    /// Returns the share of the convex hull that the region fills, and the share of the hull that
-    /// its largest quadrilateral fills: 1 and 1 for a parallelogram, 1 and 0.64 for a circle.
+    /// Returns two shares of the area of the region's convex hull, 0..=1: that of the region, and
+    /// that of the largest quadrilateral in the hull. They are 1 and 1 for a parallelogram, 1 and
+    /// 0.64 for a circle.
     #[must_use]
     pub fn convexity(&self) -> (f64, f64) {
         let hull = hull(&self.runs);
@@ -218,6 +226,7 @@ impl Region {
         ((self.area / area).min(1.0), quadrilateral(&hull) / area)
     }
 
+    /// Returns the region as a candidate for a tile.
     fn tile(&self) -> Tile {
         let [xx, xy, yy] = self.moments;
         let fullness = self.area / (12.0 * (xx * yy - xy * xy).max(1e-9).sqrt());
@@ -230,15 +239,15 @@ impl Region {
     }
 }
 
-/// Computes the length of a region's boundary (px): the sides of pixels whose neighbour is not in
-/// the region. Each run is a row, its first column and one after its last; the runs must be sorted
-/// by row.
+/// Computes the length of a region's boundary (px): the number of sides of its pixels beyond which
+/// the neighbour is not in the region. Each run is a row, its first column and one after its last
+/// column; the runs must be sorted by row, then by column.
 fn boundary(runs: &[(usize, usize, usize)]) -> f64 {
     let mut length = 0;
     let mut above = 0;
     for (i, &(row, start, end)) in runs.iter().enumerate() {
-        // Each run brings its whole outline. The part that it shares with runs of the row above is
-        // inside the region, and was counted for both of them.
+        // The whole outline of each run is added. The part that it shares with a run of the row
+        // above is inside the region, so it is subtracted again for both of them.
         length += 2 + 2 * (end - start);
         let passed = |r: &(usize, usize, usize)| r.0 + 1 < row || (r.0 + 1 == row && r.2 <= start);
         while above < i && passed(&runs[above]) {
@@ -251,8 +260,8 @@ fn boundary(runs: &[(usize, usize, usize)]) -> f64 {
     length as f64
 }
 
-/// Computes the convex hull of a region around the corners of its pixels, clockwise on the screen
-/// (Andrew 1979).
+/// Computes the convex hull of the corners of a region's pixels, clockwise on the screen, by the
+/// method of Andrew (1979).
 fn hull(runs: &[(usize, usize, usize)]) -> Vec<Point> {
     let mut points: Vec<Point> = Vec::with_capacity(4 * runs.len());
     for &(row, start, end) in runs {
@@ -261,7 +270,8 @@ fn hull(runs: &[(usize, usize, usize)]) -> Vec<Point> {
     }
     points.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
     points.dedup();
-    // One half of the hull: a corner that does not turn the chain clockwise is inside and goes.
+    // One half of the hull. A corner at which the chain does not turn clockwise is inside the hull
+    // and is removed.
     let half = |points: &mut dyn Iterator<Item = Point>| {
         let mut chain: Vec<Point> = Vec::new();
         for p in points {
@@ -281,6 +291,7 @@ fn hull(runs: &[(usize, usize, usize)]) -> Vec<Point> {
     chain
 }
 
+/// Computes the area of a polygon (px^2).
 fn area_of(corners: &[Point]) -> f64 {
     let n = corners.len();
     (0..n)
@@ -311,18 +322,18 @@ fn quadrilateral(hull: &[Point]) -> f64 {
     best
 }
 
-/// Limits of the filters, see the table of the module.
+/// Limits of the filters: see the table in the header of this module.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Filters {
     /// Least area (px), and greatest area as a share of the picture.
     pub area: (f64, f64),
-    /// Greatest boundary, over that of a square of the same area.
+    /// Greatest boundary, divided by that of a square of the same area.
     pub boundary: f64,
-    /// Least circularity.
+    /// Least value of [`Region::circularity`].
     pub circularity: f64,
-    /// Least shares of [`Region::convexity`].
+    /// Least shares that [`Region::convexity`] returns.
     pub convexity: (f64, f64),
-    /// Least number of regions of like size within two and a half sides of a region.
+    /// Least number of regions of similar size within two and a half sides of a region.
     pub neighbours: usize,
 }
 
@@ -338,25 +349,27 @@ impl Default for Filters {
     }
 }
 
-/// Result of one stage.
+/// Result of one stage: the search for regions, or one filter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stage {
     /// Name of the stage, one word.
     pub name: &'static str,
-    /// Number of regions that are left.
+    /// Number of regions that the stage left.
     pub count: usize,
-    /// Indices of these regions. Regions below the least area are counted only.
+    /// Indices of these regions in [`Stages::regions`]. Regions below the least area are only
+    /// counted, in the first stage.
     pub left: Vec<usize>,
 }
 
-/// Regions of a picture, and those that each filter in sequence left.
+/// Regions of a picture, and which of them each filter in sequence left.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stages {
-    /// Number of the picture's pixels, across and down, that make one pixel of the regions.
+    /// Factor by which the picture was scaled down in both directions before the search. Regions
+    /// are in pixels of the smaller picture.
     pub step: usize,
-    /// Regions of one colour range, of the least area or more.
+    /// Regions of the least area or more, each of one colour range.
     pub regions: Vec<Region>,
-    /// Stages in their order; the first one left all regions.
+    /// Stages in their order. The first one is the search itself, with all regions.
     pub stages: Vec<Stage>,
 }
 
@@ -378,6 +391,8 @@ impl Stages {
         Self::run_whole(rgb, width, height, 1, filters)
     }
 
+    /// Finds and filters the regions in interleaved RGB pixels at their present size. `step` is the
+    /// factor by which the picture has been scaled down already.
     fn run_whole(rgb: &[u8], width: usize, height: usize, step: usize, filters: &Filters) -> Self {
         // The least area is applied here already: in a textured picture specks would take most of
         // the memory.
@@ -398,8 +413,8 @@ impl Stages {
             let (full, four) = regions[i].convexity();
             full >= filters.convexity.0 && four >= filters.convexity.1
         });
-        // A tile appears in each range that overlaps its colour. Which of them stays depends on all
-        // that are left at this stage, so it is computed on the first call.
+        // A tile is a region in each range that overlaps its colour. Which of these regions stays
+        // depends on all that the stage before left, so it is computed once, on the first call.
         let once = std::cell::OnceCell::new();
         filter("once", &mut |all, i| {
             let once: &Vec<bool> = once.get_or_init(|| each_once(&regions, all));
@@ -410,7 +425,7 @@ impl Stages {
             let near: &Near = near.get_or_init(|| Near::new(&regions, all));
             near.of(i).count() >= filters.neighbours
         });
-        // It borrows the regions, which move into the result.
+        // `near` borrows the regions, which move into the result.
         drop(near);
         Self { step, regions, stages }
     }
@@ -425,8 +440,8 @@ impl Stages {
     /// every filter.
     ///
     /// # Errors
-    /// [`Refusal::NoLattice`] if there is none, [`Refusal::TooSmall`] if it is so small that the
-    /// cube is outside the work-space.
+    /// [`Refusal::NoLattice`] if there is no such square, [`Refusal::TooSmall`] if the face is so
+    /// narrow that the cube is outside the workspace.
     pub fn square(&self) -> Result<Square, Refusal> {
         let left = self.last();
         let mut order: Vec<usize> = left.to_vec();
@@ -445,8 +460,9 @@ impl Stages {
         if width_px < LEAST_WIDTH { Err(Refusal::TooSmall { width_px }) } else { Ok(best) }
     }
 
-    /// Finds the square whose middle tile is the region `centre`. Eight regions of about the same
-    /// area lie around it. Those with the fewest neighbours among the nine are the corner tiles.
+    /// Finds the square of nine regions around the region `centre`: this one and the nearest eight
+    /// of about the same area. The four with the fewest neighbours among the nine are the corner
+    /// tiles. Returns `None` if the nine do not form a square.
     fn around(&self, centre: usize, near: &Near) -> Option<Square> {
         let me = &self.regions[centre];
         let metric = Metric::of(me);
@@ -471,8 +487,8 @@ impl Stages {
         // The four nearest tiles are a pitch away, the corner tiles 1.41 pitches.
         let reach = 1.3 * from(centre, others[3]);
         let beside = |i: usize| nine.iter().filter(|&&j| j != i && from(i, j) < reach).count();
-        // Corner tiles have two tiles beside them, the middles of the sides three, the centre four.
-        // Among equals the farther one is the corner.
+        // Corner tiles have two tiles beside them, those in the middle of a side three, the centre
+        // four. Among tiles with equally many the farthest from the centre count as corners.
         others.sort_by(|&a, &b| {
             beside(a).cmp(&beside(b)).then(from(centre, b).total_cmp(&from(centre, a)))
         });
@@ -480,8 +496,8 @@ impl Stages {
         let angle = |p: &Point| (p.1 - me.centre.1).atan2(p.0 - me.centre.0);
         corners.sort_by(|a, b| angle(a).total_cmp(&angle(b)));
         let corners: [Point; 4] = corners.try_into().ok()?;
-        // The four corners predict all nine places. Each must hold a tile, and the sides may differ
-        // only by perspective. This rejects rows of tiles that are no square.
+        // The four corners predict all nine places. A tile must be at each of them, and the sides
+        // may differ only by perspective. This rejects rows of tiles that are no square.
         let places = places(&corners)?;
         let sides: [f64; 4] = std::array::from_fn(|i| distance(corners[i], corners[(i + 1) % 4]));
         let (short, long) = (
@@ -492,7 +508,8 @@ impl Stages {
             nine.iter().any(|&i| distance(self.regions[i].centre, *place) < 0.1 * short)
         };
         (polygon(&corners).0 > 0.0 && places.iter().all(lies) && long < 2.2 * short).then(|| {
-            // The corner centroids enclose 2x2 of the 3x3 cells: the face is 9/4 as large.
+            // The centroids of the corner tiles enclose an area of 2x2 cells, so the face of 3x3 is
+            // 9/4 as large.
             let share = nine.iter().map(|&i| self.regions[i].area).sum::<f64>()
                 / (2.25 * polygon(&corners).0);
             let step = self.step as f64;
@@ -502,8 +519,8 @@ impl Stages {
     }
 }
 
-/// Returns the picture that the method searches (a large picture is reduced), and the colour of
-/// each of its pixels: 0..=5, or 255 for none.
+/// Returns the picture that the method searches, which is scaled down if it is large, and the
+/// colour of each of its pixels: 0..=5, or 255 for none.
 #[must_use]
 pub fn classes(image: &RgbImage) -> (RgbImage, Vec<u8>) {
     let (width, height) = (image.width() as usize, image.height() as usize);
@@ -526,14 +543,15 @@ fn step_of(width: usize, height: usize) -> usize {
         .unwrap_or(1)
 }
 
-/// Metric in which a region is a unit square.
+/// Metric in which a region that looks like a parallelogram is a unit square.
 struct Metric {
-    /// Inverse of the lower Cholesky factor of the region's moments, by rows without the zero, and
-    /// over the root of 12, since a unit square has moments of 1/12.
+    /// Inverse of the lower Cholesky factor of the region's moments, divided by the root of 12,
+    /// since a unit square has moments of 1/12. The elements are given by rows, without the zero.
     inverse: (f64, f64, f64),
 }
 
 impl Metric {
+    /// Makes the metric from the second moments of a region.
     fn of(region: &Region) -> Self {
         let [xx, xy, yy] = region.moments;
         let (a, unit) = (xx.sqrt(), 12f64.sqrt());
@@ -542,6 +560,7 @@ impl Metric {
         Self { inverse: (1.0 / (a * unit), -b / (a * c * unit), 1.0 / (c * unit)) }
     }
 
+    /// Returns the distance between two points of the picture, in sides of the region.
     fn distance(&self, p: Point, q: Point) -> f64 {
         let (dx, dy) = (q.0 - p.0, q.1 - p.1);
         let (a, b, c) = self.inverse;
@@ -549,8 +568,8 @@ impl Metric {
     }
 }
 
-/// Least width of a face (px). A cube with a narrower face is outside the work-space (Zieliński et
-/// al. 2007, p. 373).
+/// Least width of a face (px). A cube with a narrower face is outside the workspace of the arms
+/// (Zieliński et al. 2007, p. 373).
 const LEAST_WIDTH: f64 = 100.0;
 
 /// Face that the paper's heuristics find.
@@ -559,20 +578,22 @@ pub struct Square {
     /// Centroids of the corner tiles in the picture, clockwise on the screen from the top left
     /// (px).
     pub corners: [Point; 4],
-    /// Indices of its nine regions, the centre last.
+    /// Indices of its nine regions in [`Stages::regions`], the centre last.
     pub tiles: Vec<usize>,
-    /// Side of a tile as a share of the pitch.
+    /// Side of a tile as a share of the pitch, 0..=1.
     pub sticker: f64,
 }
 
 impl Square {
+    /// Returns the area between the centroids of the corner tiles (px^2).
     fn area(&self) -> f64 {
         area_of(&self.corners)
     }
 
-    /// Returns the square as a face, for the pose from four points as in the paper. Only the four
-    /// corner tiles count as seen, the centres of the others follow from them, and the face has no
-    /// colours. Returns `None` if the corners are degenerate.
+    /// Returns the square as a face, so that its pose can be computed from four points as in the
+    /// paper. Only the corner tiles count as seen, and the centres of the others follow from them.
+    /// All colours and confidences are 0. Returns `None` if the corners are degenerate (three of
+    /// them on a line).
     #[must_use]
     pub fn face(&self) -> Option<FaceSighting> {
         let unit = square_to(&self.corners)?;
@@ -596,19 +617,19 @@ fn places(corners: &[Point; 4]) -> Option<[Point; 9]> {
     Some(GRID.map(|(x, y)| apply(&unit, (0.5 * (x + 1.0), 0.5 * (y + 1.0)))))
 }
 
-/// Finds the connected regions of each colour range that have `least` pixels or more. Returns them,
-/// and the number of regions of any size.
+/// Finds the connected regions of each colour range. Returns those of `least` pixels or more, and
+/// the number of all regions.
 fn regions(rgb: &[u8], width: usize, height: usize, least: f64) -> (Vec<Region>, usize) {
     let tables = Tables::new(&RANGES);
-    // Noise would tear a tile whose colour lies near the limit of a range.
+    // Without smoothing, noise would split a tile whose colour is near the limit of a range.
     let rgb = smooth(rgb, width, height);
     let mut runs: Vec<Runs> = RANGES.iter().map(|_| Runs::default()).collect();
     let mut starts = [0; RANGE_COUNT];
     for (y, line) in rgb.chunks_exact(3 * width.max(1)).enumerate() {
         runs.iter_mut().for_each(Runs::begin_row);
         let mut before = 0;
-        // Only the bits that change between two pixels begin or end a run. One pass over the
-        // picture thus serves all ranges. The empty set after the row ends its last runs.
+        // Only bits that change from one pixel to the next begin or end a run, so one pass over the
+        // picture serves all ranges. The empty set after the row ends its last runs.
         let sets = line.as_chunks::<3>().0.iter().map(|pixel| tables.ranges(*pixel));
         for (x, set) in sets.chain([0]).enumerate() {
             let mut changes = set ^ before;
@@ -624,7 +645,7 @@ fn regions(rgb: &[u8], width: usize, height: usize, least: f64) -> (Vec<Region>,
             before = set;
         }
     }
-    // Regions of all ranges are kept, also where ranges overlap. The stage `once` selects later.
+    // The regions of all ranges are kept, though ranges overlap. The filter `once` selects later.
     let (mut all, mut count) = (Vec::new(), 0);
     for (runs, range) in runs.into_iter().zip(RANGES) {
         let (regions, any) = runs.regions(least as usize);
@@ -634,9 +655,9 @@ fn regions(rgb: &[u8], width: usize, height: usize, least: f64) -> (Vec<Region>,
     (all, count)
 }
 
-/// Selects one of the regions `among` where those of several colour ranges lie at the same place:
-/// the one most like a parallelogram, and the larger one of equals. Returns for each region whether
-/// it was selected.
+/// Selects one region at each place where regions of several colour ranges lie, out of the indices
+/// `among`. A region is preferred if it is large and its shape is near a parallelogram. Returns for
+/// each region whether it was selected.
 fn each_once(regions: &[Region], among: &[usize]) -> Vec<bool> {
     let worth = |i: usize| {
         regions[i].area.powf(0.3) * (1.0 - 2.0 * (regions[i].tile().fullness - 1.0).abs())
@@ -653,8 +674,8 @@ fn each_once(regions: &[Region], among: &[usize]) -> Vec<bool> {
     stays
 }
 
-/// Regions sorted by column, so that those near a place are found fast: a picture of a cloth has
-/// tens of thousands of them.
+/// Regions sorted by column, so that those near a place are found quickly: a picture of a textured
+/// cloth has tens of thousands of regions.
 struct Near<'a> {
     regions: &'a [Region],
     /// Columns of the centres, with the regions' indices, from left to right.
@@ -662,6 +683,7 @@ struct Near<'a> {
 }
 
 impl<'a> Near<'a> {
+    /// Sorts the regions with the indices `among`.
     fn new(regions: &'a [Region], among: &[usize]) -> Self {
         let mut columns: Vec<(f64, usize)> =
             among.iter().map(|&i| (regions[i].centre.0, i)).collect();
@@ -669,8 +691,8 @@ impl<'a> Near<'a> {
         Self { regions, columns }
     }
 
-    /// Returns the indices of the regions of about the same size within two and a half sides of
-    /// region `i`.
+    /// Returns the indices of the regions within two and a half sides of region `i` whose area is
+    /// 0.4 to 2.5 of its own.
     fn of(&self, i: usize) -> impl Iterator<Item = usize> {
         let me = &self.regions[i];
         let reach = 2.5 * me.side();
@@ -701,7 +723,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn six_sticker_colours_get_own_class_black_none() {
+    fn six_colours_are_classified_and_black_is_none() {
         let tables = Tables::new(&RANGES);
 
         let classes = [
@@ -774,7 +796,7 @@ mod tests {
     }
 
     #[test]
-    fn square_is_found_in_noise_and_dimness() {
+    fn square_is_found_in_dim_noisy_picture() {
         let (mut rgb, width, height) = picture(40);
         let mut state = 1u32;
         for value in &mut rgb {
@@ -814,7 +836,7 @@ mod tests {
 
         let pose = crate::locate(&square.face().unwrap(), lens, 0.057);
 
-        // A pitch of 19 mm is 40 px wide.
+        // The pitch of 19 mm is 40 px wide, so the distance is 19 mm * 600 px / 40 px.
         let place = pose.camera_from_face.translation.vector;
         assert!((place.z - 0.285).abs() < 0.003 && place.xy().norm() < 0.001, "{place}");
     }
@@ -832,7 +854,7 @@ mod tests {
     }
 
     #[test]
-    fn convexity_and_circularity_tell_square_circle_bar_apart() {
+    fn convexity_and_circularity_distinguish_square_circle_bar() {
         let region = |inside: &dyn Fn(f64, f64) -> bool| {
             let mut runs = Vec::new();
             for y in 0..60 {

@@ -1,19 +1,19 @@
 //! The part of an image that is searched, at full size or reduced, and the colours of its tiles.
 //!
-//! A tile may carry a maker's mark, glare or a finger's rim, so its colour is that of the pixels
-//! that most probably show the bare sticker.
+//! A maker's mark, glare or the rim of a finger may cover a part of a tile. The colour of a tile is
+//! therefore that of the pixels that most probably show the bare sticker. Levels are 0..=255.
 //!
 //! | case | threshold | reason |
 //! |---|---|---|
-//! | picture has no colours | 1 of 500 pixels exceeds 8 levels | noise is no colour |
-//! | samples of a tile | 7 x 7 over 0.36 of its side each way | its rim is blurred |
-//! | darker part is a mark | sticker holds 2 of 5 samples | else no part is the sticker |
+//! | picture has no colours | <= 1 of 500 pixels, 8 levels between channels | noise is no colour |
+//! | samples of a tile | 7 x 7, within 0.36 of its side from its middle | its rim is blurred |
+//! | darker part is a mark | sticker has 2 of 5 samples | else it is unknown which part it is |
 //! | pixels are alike | 10 levels + 12 % | noise, and shading within a tile |
-//! | rim pixel shows the tile | < 235, 30 above the gap | clipped, or the gap itself |
+//! | rim pixel shows the tile's hue | < 235, 30 above the gap | it may be clipped, or gap |
 //! | gap is dark | <= 120 | a bright gap adds its own light to the rim |
-//! | rim shows a hue | sum of light 0.5 | a few grey pixels have any hue |
+//! | rim shows a hue | sum of linear light > 0.5 | a few grey pixels have a random hue |
 //!
-//! - in: RGB pixels, a window, a whole-numbered reduction
+//! - in: RGB pixels, a window, an integer factor of reduction
 //! - out: a copy with its own pixel coordinates; a [`TileSample`] for each tile
 //! - source: own work
 
@@ -27,16 +27,21 @@ use nalgebra::Matrix3;
 /// Copy of a part of an image, at full size or reduced.
 #[derive(Debug)]
 pub(super) struct Patch {
+    /// Interleaved RGB pixels of the copy, row by row.
     pub(super) rgb: Vec<u8>,
+    /// Columns of the copy.
     pub(super) width: usize,
+    /// Rows of the copy.
     pub(super) height: usize,
+    /// Columns and rows of the image that make one pixel of the copy.
     step: usize,
+    /// First pixel of the window in the image.
     origin: (f64, f64),
 }
 
 impl Patch {
     /// Copies a window that lies inside the image. Each block of `step` x `step` pixels becomes one
-    /// pixel, their mean.
+    /// pixel of the patch, with their mean colour.
     pub(super) fn new(image: &RgbImage, window: Rect, step: usize) -> Self {
         let rgb = reduced(image.as_raw(), image.width() as usize, window, step);
         let (width, height) = (window.width as usize / step, window.height as usize / step);
@@ -46,7 +51,8 @@ impl Patch {
 
     /// Converts a pixel of the patch to one of the whole image.
     pub(super) fn to_image(&self, p: Point) -> Point {
-        // The centre of a pixel is a whole number, so a block of pixels begins half a pixel before.
+        // The centre of a pixel has integer coordinates, so a block of pixels begins half a pixel
+        // before the centre of its first one.
         let step = self.step as f64;
         ((p.0 + 0.5) * step - 0.5 + self.origin.0, (p.1 + 0.5) * step - 0.5 + self.origin.1)
     }
@@ -61,7 +67,7 @@ impl Patch {
     /// patch.
     pub(super) fn pixel(&self, p: Point) -> Option<[f64; 3]> {
         let (x, y) = (p.0.round(), p.1.round());
-        // A NaN fails each comparison, so the negation puts it outside.
+        // A NaN fails each comparison, so with the negation it counts as outside.
         if !(x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64) {
             return None;
         }
@@ -69,10 +75,10 @@ impl Patch {
         Some([self.rgb[at], self.rgb[at + 1], self.rgb[at + 2]].map(f64::from))
     }
 
-    /// Returns the level, 0..=255, that a hundredth of the pixels exceed, and the share of pixels
-    /// that clip in all channels, 0..=1.
+    /// Returns the level, 0..=255, that the brightest channel of a hundredth of the pixels exceeds,
+    /// and the share of pixels that clip in all channels, 0..=1.
     pub(super) fn exposure(&self) -> (u8, f64) {
-        // Every seventh pixel is enough for both figures.
+        // Every seventh pixel is enough for both numbers.
         let mut counts = [0u32; 256];
         let (mut total, mut clipped) = (0u32, 0u32);
         for pixel in self.rgb.chunks_exact(3).step_by(7) {
@@ -83,15 +89,16 @@ impl Patch {
         (percentile(&counts, total, 0.99), f64::from(clipped) / f64::from(total.max(1)))
     }
 
-    /// Returns whether the patch is black and white: at most one pixel in 500 has a colour.
+    /// Returns whether the patch is black and white: in at most one of 500 pixels two channels
+    /// differ by more than 8 levels.
     pub(super) fn colourless(&self) -> bool {
         let pixels = || self.rgb.chunks_exact(3).step_by(7);
         let coloured = pixels().filter(|p| p[0].max(p[1]).max(p[2]) - p[0].min(p[1]).min(p[2]) > 8);
         500 * coloured.count() <= pixels().len()
     }
 
-    /// Samples the colours inside the tile at `g` (column - 1, row - 1). `h` maps such places to
-    /// pixels of the patch, and `sticker` is the tile's side in pitches.
+    /// Samples the colours inside the tile at `g` (column - 1, row - 1). `h` maps places in this
+    /// form to pixels of the patch, and `sticker` is the tile's side in pitches.
     pub(super) fn sample(&self, h: &Matrix3<f64>, g: Point, sticker: f64) -> TileSample {
         let reach = 0.36 * sticker.clamp(0.4, 0.95);
         let mut pixels: Vec<[f64; 3]> = Vec::with_capacity(49);
@@ -105,13 +112,14 @@ impl Patch {
     }
 }
 
-/// Returns the RGB pixels of a window that lies inside a picture with this number of columns. Each
-/// block of `step` x `step` pixels becomes their mean.
+/// Returns the RGB pixels of a window of the picture `raw`, which has this number of columns; the
+/// window must be inside it. Each block of `step` x `step` pixels becomes one with their mean.
 pub(super) fn reduced(raw: &[u8], columns: usize, window: Rect, step: usize) -> Vec<u8> {
     let stride = 3 * columns;
     let (width, height) = (window.width as usize / step, window.height as usize / step);
     let mut rgb = Vec::with_capacity(3 * width * height);
-    // Rows are summed first, because their bytes are adjacent; then `step` pixels of the sums.
+    // `step` rows are summed first, because the bytes of a row are adjacent, then `step` pixels of
+    // these sums.
     let mut sums = vec![0u32; 3 * width * step];
     let n = (step * step) as u32;
     for y in 0..height {
@@ -128,7 +136,7 @@ pub(super) fn reduced(raw: &[u8], columns: usize, window: Rect, step: usize) -> 
             }
         }
         for block in sums.chunks_exact(3 * step) {
-            // Half of the divisor, so that the division rounds.
+            // The sum begins with half of the divisor, so that the division rounds.
             let mut pixel = [n / 2; 3];
             for one in block.chunks_exact(3) {
                 for (sum, value) in pixel.iter_mut().zip(one) {
@@ -141,23 +149,25 @@ pub(super) fn reduced(raw: &[u8], columns: usize, window: Rect, step: usize) -> 
     rgb
 }
 
-/// Share of half a pitch that limits the search for a tile's rim. It ends at `0.5 * RIM + 0.05`
-/// pitches from the tile's middle, in the middle of the gap: the neighbour's light begins beyond.
+/// Share of half a pitch that limits the search for a tile's rim. The search ends
+/// `0.5 * RIM + 0.05` pitches from the tile's middle, which is the middle of the gap. Beyond it the
+/// light of the neighbouring tile begins.
 const RIM: f64 = 0.9;
 
 impl Patch {
-    /// Measures the hue of the tile at `g` (column - 1, row - 1), which clips, as linear light of
-    /// any strength. `h` and `sticker` are as in [`Self::sample`]. Returns `None` if the gap beside
-    /// the tile is not dark.
+    /// Measures the hue of a tile whose pixels clip, at `g` (column - 1, row - 1). `h` and
+    /// `sticker` are as in [`Self::sample`]. Returns linear light whose strongest channel is 1, or
+    /// `None` if the gaps around the tile are not dark or the rim shows too little light.
     ///
-    /// The lens blurs before the sensor clips. Between the tile and the dark gap, the light of the
-    /// tile therefore appears below its full strength.
+    /// The lens blurs the picture before the sensor clips it. Between the tile and a dark gap, the
+    /// light of the tile therefore appears below its full strength, and its hue is visible.
     pub(super) fn rim(&self, h: &Matrix3<f64>, g: Point, sticker: f64) -> Option<[f64; 3]> {
         let half = 0.5 * sticker.clamp(0.4, 0.95);
         let middle = apply(h, g);
         let pitch = distance(middle, apply(h, (g.0 + 1.0, g.1)));
         let step = (0.5 / pitch).min(0.05);
-        // A line begins 0.08 pitches inside the tile, where it still clips.
+        // A line of pixels across the rim begins 0.08 pitches inside the tile, where they still
+        // clip. There are nine such lines on each side.
         let taps = ((0.5 * RIM + 0.05 - (half - 0.08)) / step) as usize;
         let mut lines: Vec<Vec<[f64; 3]>> = Vec::new();
         for side in 0..4 {
@@ -176,13 +186,13 @@ impl Patch {
         let top = |p: &[f64; 3]| p[0].max(p[1]).max(p[2]);
         let mut sum = [0.0; 3];
         for line in &lines {
-            // The rim reaches from the tile to the darkest place. A neighbour lies beyond it.
+            // The rim ends at the darkest place of the line. A neighbouring tile may be beyond.
             let Some(darkest) =
                 line.iter().enumerate().min_by(|a, b| top(a.1).total_cmp(&top(b.1)))
             else {
                 continue;
             };
-            // The blur adds the light of the gap as well, which is subtracted below.
+            // The blur mixes the light of the gap with that of the tile, so it is subtracted below.
             let body = darkest.1.map(to_linear);
             if top(darkest.1) > 120.0 {
                 continue;
@@ -206,15 +216,17 @@ impl Patch {
 pub(super) struct TileSample {
     /// Trimmed mean colour, 0..=255.
     pub(super) rgb: [f64; 3],
-    /// Mean distance of the samples from the trimmed mean, as a share of 255. An even tile has 0.
+    /// Mean distance of the samples from the trimmed mean, as a share of 255. It is 0 for a tile of
+    /// one even colour.
     pub(super) spread: f64,
-    /// Share of samples that lie in the image.
+    /// Share of the 49 samples that lie inside the patch.
     pub(super) inside: f64,
-    /// Whether all channels clip: white, or yellow in too much light.
+    /// Whether all channels clip: the tile is white, or yellow in too much light.
     pub(super) clipped: bool,
 }
 
 impl TileSample {
+    /// Computes the colour of a tile from its samples, of which at most 49 are inside the patch.
     fn new(mut pixels: Vec<[f64; 3]>) -> Self {
         let inside = pixels.len() as f64 / 49.0;
         if pixels.is_empty() {
@@ -238,12 +250,12 @@ impl TileSample {
     }
 }
 
-/// Counts the pixels of a tile, sorted by brightness, that are darker than the sticker: a maker's
-/// mark, or the rim of a finger.
+/// Counts the darkest pixels of a tile that do not show the sticker: those of a maker's mark or of
+/// the rim of a finger. The pixels are sorted by brightness, the darkest first.
 ///
-/// The sticker is the largest group of pixels that are alike. An exception is a group that may be a
-/// darker part under a reflection, whose light is equal in all channels. Pixels that clip are
-/// ignored while they are fewer than half.
+/// The sticker is the largest group of pixels that are alike. Pixels that clip do not lead a group
+/// unless half of all clip. A dark pixel still counts as sticker if the group's colour may be its
+/// colour under a reflection, which adds equal light to all channels.
 fn marked(sorted: &[[f64; 3]]) -> usize {
     let n = sorted.len();
     let clips = |p: &[f64; 3]| p.iter().all(|&v| v >= CLIPPED);
@@ -252,7 +264,7 @@ fn marked(sorted: &[[f64; 3]]) -> usize {
         let level = a.iter().chain(b).copied().fold(0.0, f64::max);
         (0..3).all(|c| (a[c] - b[c]).abs() < 10.0 + 0.12 * level)
     };
-    // Most tiles are even, and the comparison of all pairs below is slow.
+    // Most tiles are even and end here, since the comparison of all pairs below is slow.
     if n == 0 || alike(&sorted[n / 16], &sorted[n / 2]) {
         return 0;
     }
@@ -262,7 +274,7 @@ fn marked(sorted: &[[f64; 3]]) -> usize {
     else {
         return 0;
     };
-    // Without a group of two fifths no colour is known to be the sticker's.
+    // If no group has two fifths of the pixels, it is unknown which colour is the sticker's.
     if 5 * most < 2 * n {
         return 0;
     }
@@ -270,8 +282,8 @@ fn marked(sorted: &[[f64; 3]]) -> usize {
     sorted.iter().take_while(foreign).count().min(n / 2)
 }
 
-/// Returns whether the colour `bright` may be the colour `dark` of the same sticker under a
-/// reflection, which adds equal light to all channels.
+/// Returns whether a sticker of the colour `dark` may look like `bright` under a reflection, which
+/// adds equal light to all channels.
 fn glares(bright: &[f64; 3], dark: &[f64; 3]) -> bool {
     let (b, d) = (bright.map(to_linear), dark.map(to_linear));
     let saturation = |p: &[f64; 3]| {

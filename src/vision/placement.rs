@@ -1,41 +1,44 @@
-//! How six pictures of the faces of a cube were put down: their order, the turn of each one, and
-//! whether all are mirrored.
+//! Placements of the six pictures of a cube's faces: the order of the pictures, the turn of each
+//! one, and whether all are mirrored.
 //!
-//! Colours that make no cube as they lie may make exactly one if the pictures are put down in
-//! another way. The search enumerates all ways but for rotations of the whole cube. A face joins
-//! those before it only if the edges and corners that they complete can be pieces; the colours that
-//! do not fit a piece cost what they lack.
+//! Colours that make no cube in the given placement may make exactly one in another. The search
+//! enumerates all placements, except those that differ only by a rotation of the whole cube. It
+//! adds face after face. The edges and corners that a face completes must be pieces of a cube.
+//! Colours that do not fit a piece add to the cost, up to a budget.
 //!
-//! - in: the cost of each class for each facelet, as given; a class is a centre
-//! - out: the placements of least cost, each as close to the given one as a rotation brings it
+//! - in: the cost of each class for each facelet, as given; a class is the colour of a centre
+//! - out: the placements of least cost, each rotated so that it is as near to the given one as
+//!   possible
 //! - source: own work; branch and bound
 
 use super::likeliest::{CORNER_FACELETS, EDGE_FACELETS};
 use crate::cube::{CORNERS, EDGES, Face, Rotation24, facelet_at, facelet_place};
 use std::fmt;
 
-/// Greatest cost of the colours that do not fit a piece, in -2 log likelihood: two reflections.
+/// Greatest cost of the colours that do not fit a piece, in -2 log likelihood. It allows for two
+/// facelets with reflections.
 const BUDGET: f64 = 100.0;
 
 /// Greatest number of placements that are returned.
 const MOST: usize = 24;
 
-/// A way in which six pictures were put down.
+/// Placement of the six pictures of a cube's faces.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Placement {
-    /// Number of the picture that shows each face (URFDLB), and the quarter turns clockwise by
-    /// which it was turned.
+    /// For each face (URFDLB) the number of the picture that shows it, and the number of clockwise
+    /// quarter turns by which this picture is turned.
     shown: [(usize, usize); 6],
     /// Whether the left and the right of each picture are exchanged.
     mirrored: bool,
 }
 
 impl Placement {
-    /// Pictures in the order URFDLB, upright.
+    /// Placement as given: the pictures in the order URFDLB, upright.
     const GIVEN: Self =
         Self { shown: [(0, 0), (1, 0), (2, 0), (3, 0), (4, 0), (5, 0)], mirrored: false };
 
-    /// Returns the place in the pictures, 0..54, of a facelet of the cube, 0..54.
+    /// Returns the number of the tile in the pictures (9 times the picture plus the tile in reading
+    /// order, 0..54) that shows a facelet of the cube (0..54).
     fn source(&self, facelet: usize) -> usize {
         let (picture, quarters) = self.shown[facelet / 9];
         let mut place = (facelet % 9 / 3, facelet % 3);
@@ -48,7 +51,7 @@ impl Placement {
         9 * picture + 3 * place.0 + place.1
     }
 
-    /// Puts values of the pictures' facelets where the facelets belong on the cube.
+    /// Returns the values of the pictures' tiles in the order of the cube's facelets.
     #[must_use]
     pub(super) fn put_right<T: Copy>(&self, given: &[T; 54]) -> [T; 54] {
         std::array::from_fn(|facelet| given[self.source(facelet)])
@@ -65,7 +68,7 @@ impl Placement {
         let shown = std::array::from_fn(|face| {
             let source = |tile: usize| self.source(from(9 * face + tile));
             let picture = source(4) / 9;
-            // The first tile and its neighbour tell the turn; one of four has both in their places.
+            // Only one of the four turns brings the first tile and its neighbour to their places.
             let quarters = (0..4).find(|&quarters| {
                 let mut shown = Self::GIVEN.shown;
                 shown[face] = (picture, quarters);
@@ -80,7 +83,8 @@ impl Placement {
     /// Returns the placement of the same cube that differs from the given one in the fewest
     /// pictures.
     fn nearest_to_given(&self) -> Self {
-        // Among equal numbers of changes, turned pictures are more common than exchanged ones.
+        // With equally many changes, the placement with more turned and fewer exchanged pictures is
+        // preferred, since turned ones are more common.
         let moved = |placement: &Self| {
             placement.shown.iter().enumerate().filter(|(face, shown)| shown.0 != *face).count()
         };
@@ -90,7 +94,7 @@ impl Placement {
             .unwrap_or(Self::GIVEN)
     }
 
-    /// Returns the number of faults: pictures that are turned or in another place, and one more if
+    /// Returns the number of faults: the pictures that are turned or in another place, plus one if
     /// all are mirrored.
     pub(super) fn changes(&self) -> usize {
         let differs = self.shown.iter().zip(&Self::GIVEN.shown).filter(|(a, b)| a != b).count();
@@ -99,8 +103,8 @@ impl Placement {
 }
 
 impl fmt::Display for Placement {
-    /// Writes what is wrong with the placement: "the picture of face F is turned clockwise by a
-    /// quarter".
+    /// Writes the faults of the placement, separated by semicolons, for example "the picture of
+    /// face F is turned clockwise by a quarter".
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut faults = Vec::new();
         if self.mirrored {
@@ -118,7 +122,7 @@ impl fmt::Display for Placement {
             let fault = match (picture == face, turn) {
                 (true, "") => continue,
                 (true, turn) => format!("the picture of face {} is {turn}", letter(face)),
-                // Two pictures that are exchanged and upright are told together, once.
+                // Two upright pictures that are exchanged are reported together, once.
                 (false, "") if other && self.shown[picture].1 == 0 => {
                     if picture < face {
                         continue;
@@ -148,15 +152,16 @@ impl fmt::Display for Placement {
     }
 }
 
-/// Finds the placements under which the facelets can be the pieces of a cube, cheapest first, each
-/// other cube once. `costs` is the cost of each class for each facelet as given, in -2 log
-/// likelihood.
+/// Finds the placements under which the facelets can be the pieces of a cube, the cheapest first.
+/// Each cube is found in one placement only. `costs` is the cost of each class for each facelet as
+/// given, in -2 log likelihood.
 pub(super) fn placements(costs: &[[f64; 6]; 54]) -> Vec<Placement> {
     let least = |c: &[f64; 6]| c.iter().copied().fold(f64::INFINITY, f64::min);
     let excess = costs.map(|c| c.map(|cost| cost - least(&c)));
     let mut search = Search { excess, found: Vec::new() };
     for mirrored in [false, true] {
-        // A rotation brings any picture upright to the first place, so the first one stays there.
+        // A rotation of the cube can bring any picture upright to the first place, so the first
+        // picture stays there.
         let mut placement = Placement { mirrored, ..Placement::GIVEN };
         search.order(&mut placement, 1);
     }
@@ -164,23 +169,25 @@ pub(super) fn placements(costs: &[[f64; 6]; 54]) -> Vec<Placement> {
     search.found.iter().map(|found| found.placement.nearest_to_given()).collect()
 }
 
-/// Placement that was found, its cost and the classes of the facelets that it shows.
+/// Placement that was found.
 struct Found {
+    /// Cost of the colours that do not fit a piece, in -2 log likelihood.
     cost: f64,
     placement: Placement,
+    /// Face to which the likeliest colour of each of the cube's facelets belongs.
     read: [usize; 54],
 }
 
 /// Search for placements.
 struct Search {
-    /// Cost of each class above the cheapest class, by facelet as given.
+    /// Cost of each class beyond that of the cheapest class, for each facelet as given.
     excess: [[f64; 6]; 54],
     /// Cheapest placements so far.
     found: Vec<Found>,
 }
 
 impl Search {
-    /// Tries all orders of the pictures from this place on, then all turns.
+    /// Tries all orders of the pictures in the places from `place` on, and all turns with each.
     fn order(&mut self, placement: &mut Placement, place: usize) {
         if place == 6 {
             self.turn(placement, 1, 0.0);
@@ -193,7 +200,7 @@ impl Search {
         }
     }
 
-    /// Tries all turns of the pictures from this face on. `cost` is that of the pieces so far.
+    /// Tries all turns of the pictures from `face` on. `cost` is that of the pieces before it.
     fn turn(&mut self, placement: &mut Placement, face: usize, cost: f64) {
         if face == 6 {
             self.keep(placement, cost);
@@ -209,22 +216,24 @@ impl Search {
         placement.shown[face].1 = 0;
     }
 
-    /// Returns the cost above which a placement is not kept.
+    /// Returns the cost above which a placement is not kept: that of the worst one kept so far, or
+    /// [`BUDGET`] while there are fewer than [`MOST`].
     fn limit(&self) -> f64 {
         let full = self.found.len() >= MOST;
         let worst = self.found.iter().map(|found| found.cost).fold(0.0, f64::max);
         if full { worst } else { BUDGET }
     }
 
-    /// Keeps a complete placement, unless another one shows the same cube.
+    /// Keeps a complete placement, unless a kept one shows the same cube. If there are [`MOST`]
+    /// already, it replaces the costliest one.
     fn keep(&mut self, placement: &Placement, cost: f64) {
         let read = std::array::from_fn(|facelet| {
             let costs = &self.excess[placement.source(facelet)];
             let class = (0..6).fold(0, |best, c| if costs[c] < costs[best] { c } else { best });
-            // Each class by the face that it belongs to.
+            // The class is replaced by the face whose centre has it.
             placement.shown.iter().position(|shown| shown.0 == class).unwrap_or(0)
         });
-        // Turns of a face that looks alike in two of them give the same cube.
+        // A face may look the same after a turn, so two placements may show the same cube.
         if self.found.iter().any(|found| found.read == read) {
             return;
         }
@@ -236,8 +245,8 @@ impl Search {
         self.found.push(Found { cost, placement: placement.clone(), read });
     }
 
-    /// Returns the least cost of the edges and corners that a face completes: those that it has
-    /// with faces before it.
+    /// Returns the least cost of the edges and corners that `face` completes: those of which it is
+    /// the last face in the order URFDLB.
     fn pieces(&self, placement: &Placement, face: usize) -> f64 {
         let class = |of: Face| placement.shown[of.index()].0;
         let completed =

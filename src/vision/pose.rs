@@ -1,17 +1,17 @@
-//! Pose of a face, and of the cube, from tile centroids.
+//! Pose of a face, and of the cube, from the centroids of the tiles in a picture.
 //!
-//! A closed form gives both solutions of the planar pose. Levenberg-Marquardt refines each of them
-//! on the nine centroids. The model predicts the centroid of the *projected* sticker, with lens
-//! distortion. The projection of the sticker's centre is another point, 0.1 to 0.25 px off at 15 to
-//! 45 deg.
+//! Two poses of a plane explain a picture of it almost equally well. A closed form gives both, and
+//! Levenberg-Marquardt refines each of them on the nine centroids. The model predicts the centroid
+//! of the *projected* sticker, with lens distortion. The projection of the sticker's centre is
+//! another point, 0.1 to 0.25 px off if the face is tilted by 15 to 45 deg.
 //!
 //! | case | threshold | reason |
 //! |---|---|---|
-//! | second face belongs to the cube | rotation within 0.45 rad | between two faces it is 0.79 |
-//! | | centre within 0.35 edges | a cube beside it is one edge away |
-//! | two sightings are one face | centres within 0.1 edges | the larger one counts |
-//! | another face fits | worth 10 px of residual | it is better evidence than a close fit |
-//! | hint for one face | 3 px a radian | it outweighs the residual of a single face |
+//! | second face belongs to the cube | rotation within 0.45 rad | half way to another is 0.79 |
+//! | second face belongs to the cube | centre within 0.35 edges | a second cube is one edge away |
+//! | two sightings are one face | centres within 0.1 edges | only the larger one is used |
+//! | one more face fits | worth 10 px of residual | it is better evidence than a close fit |
+//! | hint for a single face | 3 px a radian | it outweighs the residual of a single face |
 //!
 //! - in: [`FaceSighting`]s, [`Intrinsics`](crate::cell::Intrinsics), the cube's edge (m)
 //! - out: [`CubeSighting`] of a face, [`CubeLocation`] of the cube
@@ -29,29 +29,31 @@ use nalgebra::{
 /// Location of the cube in front of a camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CubeLocation {
-    /// Pose of the cube, exact up to the 24 rotations of a cube. The origin is in the cube's
-    /// centre. The axes are parallel to those of the dominant face: x to the next column, y to
-    /// the next row, z into the cube.
+    /// Pose of the cube, known up to the 24 rotations of a cube. The origin is in the cube's
+    /// centre. The axes are parallel to those of the dominant face, which is the largest in the
+    /// picture: x to the next column, y to the next row, z into the cube.
     pub camera_from_cube: Pose,
-    /// Covariance of a small motion of the cube in the camera frame: translation (m), rotation
-    /// about the cube's centre (rad). It follows from the residual, so it excludes calibration
-    /// errors.
+    /// Covariance of the error of this pose in the axes of the camera: translation (m), then
+    /// rotation about the cube's centre (rad). It follows from the residual, so it does not contain
+    /// errors of the calibration.
     pub covariance: Matrix6<f64>,
     /// Root mean square of the reprojection error (px).
     pub residual_px: f64,
-    /// Faces that were used, dominant one first.
+    /// Detected faces that were used, the dominant one first.
     pub faces: Vec<FaceSighting>,
-    /// Other orientation, if a single face leaves two that fit.
+    /// Second pose of the cube that fits, if only a single face was used.
     pub other: Option<Pose>,
-    /// Poses in the cube's frame of the faces that took part, dominant one first: origin in the
-    /// face's centre, x to the next column, y to the next row, z into the cube.
+    /// Poses (`cube_from_face`) of all faces that were used, detected or measured by their edges
+    /// alone, the dominant one first: origin in the face's centre, x to the next column, y to the
+    /// next row, z into the cube.
     pub used: Vec<Pose>,
-    /// Index in `used` of each of `faces`.
+    /// Index in `used` of each face of `faces`.
     pub sightings: Vec<usize>,
 }
 
 impl CubeLocation {
-    /// Returns the pose of the dominant face: origin in its centre, z into the cube.
+    /// Returns the pose of the dominant face: origin in its centre, x to the next column, y to the
+    /// next row, z into the cube.
     #[must_use]
     pub fn camera_from_face(&self) -> Pose {
         self.used.first().map_or(self.camera_from_cube, |face| self.camera_from_cube * face)
@@ -66,10 +68,10 @@ impl CubeLocation {
     }
 }
 
-/// Localises a face from the centroids of its tiles. `edge` is the edge of the cube (m).
+/// Computes the pose of a face from the centroids of its tiles. `edge` is the edge of the cube (m).
 ///
 /// Two poses fit a face that is nearly frontal. The better one is `camera_from_face` of the result,
-/// the second one is `other`.
+/// the second one is `other`. If no pose can be computed, `residual_px` is infinite.
 #[must_use]
 pub fn locate(face: &FaceSighting, camera: impl Into<Lens>, edge: f64) -> CubeSighting {
     let camera = &camera.into();
@@ -91,11 +93,11 @@ pub fn locate(face: &FaceSighting, camera: impl Into<Lens>, edge: f64) -> CubeSi
     }
 }
 
-/// Localises the cube from one to three of its faces in one picture.
+/// Computes the pose of the cube from one to three of its faces in one picture.
 ///
 /// The largest face is the dominant one. Faces that do not fit the same cube are left out. `edge`
-/// is the edge of the cube (m). `hint`, a rough `camera_from_cube`, decides between the two
-/// orientations that one face leaves. Returns `None` without a face, or if no pose can be computed.
+/// is the edge of the cube (m). `hint`, a rough `camera_from_cube`, decides between the two poses
+/// that fit a single face. Returns `None` without a face, or if no pose can be computed.
 #[must_use]
 pub fn locate_cube(
     faces: &[FaceSighting],
@@ -106,7 +108,7 @@ pub fn locate_cube(
     let camera = &camera.into();
     let mut order: Vec<usize> = (0..faces.len()).collect();
     let area = |i: usize| polygon(&faces[i].corners).0;
-    // The largest face has the most exact pose, so the others are compared with it.
+    // The largest face has the most exact pose, so the other faces are compared with it.
     order.sort_by(|&a, &b| area(b).total_cmp(&area(a)));
     let faces: Vec<FaceSighting> = order.into_iter().map(|i| faces[i].clone()).collect();
     let first = faces.first()?;
@@ -128,16 +130,16 @@ pub fn locate_cube(
         }
     }
     let (_, mut location) = best?;
-    // A second face decides between the two orientations.
+    // A second face has decided between the two poses.
     if location.faces.len() > 1 {
         location.other = None;
     }
     location.residual_px.is_finite().then_some(location)
 }
 
-/// Fits the pose of the cube to the first face and to all others that belong to the same cube. The
-/// start `camera_from_cube` has the axes of the first face. Returns the cost, by which the results
-/// of several starts are compared, and the location.
+/// Fits the pose of the cube to the first face and to all other faces that belong to the same cube.
+/// The start `camera_from_cube` has the axes of the first face. Returns the location and before it
+/// its cost, by which the results of several starts are compared (px).
 fn locate_around(
     camera_from_cube: &Pose,
     faces: &[FaceSighting],
@@ -146,8 +148,8 @@ fn locate_around(
     hint: Option<&Pose>,
 ) -> (f64, CubeLocation) {
     let mut members: Vec<(usize, Pose)> = vec![(0, cube_from_face(&Rotation3::identity(), edge))];
-    // Three faces of a cube are visible. A few more sightings are tried, since some may belong to
-    // another cube.
+    // At most three faces of a cube are visible. Two more sightings are tried, since some may
+    // belong to another cube.
     for (i, face) in faces.iter().enumerate().skip(1).take(4) {
         let place = place_on_cube(camera_from_cube, &locate(face, camera, edge), edge);
         if let Some(pose) = place
@@ -163,7 +165,8 @@ fn locate_around(
             residuals(&faces[*i], &(pose * cube_from_face), camera, edge, out);
         }
     });
-    // More faces beat a smaller residual; a hint beats the residual of a single face.
+    // A further face counts more than a smaller residual, and a hint more than the residual of a
+    // single face.
     let mut cost = fit.rms - 10.0 * members.len() as f64;
     if let (Some(hint), 1) = (hint, members.len()) {
         let relative = fit.pose.rotation.inverse() * hint.rotation;
@@ -181,9 +184,9 @@ fn locate_around(
     (cost, location)
 }
 
-/// Finds the face of the cube that a sighting shows and returns it as `cube_from_face`. Returns
-/// `None` if neither of the two poses of the sighting is near a face of the cube at
-/// `camera_from_cube`.
+/// Finds the face of the cube at `camera_from_cube` that a sighting shows, and returns its pose in
+/// the cube's frame (`cube_from_face`). Returns `None` if neither of the sighting's two poses is
+/// near a face of this cube.
 fn place_on_cube(camera_from_cube: &Pose, seen: &CubeSighting, edge: f64) -> Option<Pose> {
     let nearest = [seen.camera_from_face, seen.other.0]
         .into_iter()
@@ -192,7 +195,7 @@ fn place_on_cube(camera_from_cube: &Pose, seen: &CubeSighting, edge: f64) -> Opt
             let snapped = nearest_of_24(&relative);
             let angle = (snapped.inverse() * relative).angle();
             let cube_from_face = cube_from_face(&snapped.to_rotation_matrix(), edge);
-            // Both faces predict the centre of the cube, half an edge behind them.
+            // The cube's centre is half an edge behind the sighted face.
             let centre = pose * Point3::new(0.0, 0.0, edge / 2.0);
             let apart = (centre - Point3::from(camera_from_cube.translation.vector)).norm() / edge;
             (angle < 0.45 && apart < 0.35).then_some((angle + apart, cube_from_face))
@@ -201,8 +204,8 @@ fn place_on_cube(camera_from_cube: &Pose, seen: &CubeSighting, edge: f64) -> Opt
     nearest.map(|(_, pose)| pose)
 }
 
-/// Returns the pose in the cube's frame of the face whose axes are rotated by `rotation` against
-/// the cube's. `edge` is the edge of the cube (m).
+/// Returns the pose in the cube's frame of the face whose axes are those of the cube rotated by
+/// `rotation`. `edge` is the edge of the cube (m).
 pub(super) fn cube_from_face(rotation: &Rotation3<f64>, edge: f64) -> Pose {
     let z = rotation * Vector3::z();
     Pose::from_parts(
@@ -211,7 +214,7 @@ pub(super) fn cube_from_face(rotation: &Rotation3<f64>, edge: f64) -> Pose {
     )
 }
 
-/// Returns the one of the 24 rotations of a cube that is nearest to a rotation.
+/// Returns that one of the 24 rotations of a cube which is nearest to `rotation`.
 #[must_use]
 pub fn nearest_of_24(rotation: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
     // The angle between two rotations falls as the size of the dot product of their quaternions
@@ -226,7 +229,8 @@ pub fn nearest_of_24(rotation: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
     best.1
 }
 
-/// Returns the 24 rotations of a cube: four about the normal of each of the six faces in turn.
+/// Iterates over the 24 rotations of a cube: four about the normal of each of the six faces in
+/// turn.
 pub fn cube_rotations() -> impl Iterator<Item = UnitQuaternion<f64>> {
     use std::f64::consts::FRAC_PI_2;
     let faces = [
@@ -256,7 +260,7 @@ pub fn planar_poses(face: &FaceSighting, camera: &Lens, edge: f64) -> Vec<Pose> 
     let Some(pairs) = pairs else { return Vec::new() };
     let Some(h) = homography::fit(&pairs) else { return Vec::new() };
     let h = h / h[(2, 2)];
-    // Value and Jacobian of the map at the face's centre.
+    // Value `v` and Jacobian of the homography at the face's centre.
     let v = (h[(0, 2)], h[(1, 2)]);
     let jacobian = Matrix2::new(
         h[(0, 0)] - h[(2, 0)] * v.0,
@@ -265,8 +269,8 @@ pub fn planar_poses(face: &FaceSighting, camera: &Lens, edge: f64) -> Vec<Pose> 
         h[(1, 1)] - h[(2, 1)] * v.1,
     );
     let sight = Vector3::new(v.0, v.1, 1.0);
-    // In axes whose z is the line of sight the equations of the paper take their simple form. `b`
-    // is the derivative of the projection in these axes, at unit depth.
+    // In axes whose z is the line of sight the equations of Collins and Bartoli take their simple
+    // form. `b` is the derivative of the projection in these axes, at unit depth.
     let to_sight = UnitQuaternion::rotation_between(&Vector3::z(), &sight)
         .unwrap_or_else(UnitQuaternion::identity)
         .to_rotation_matrix();
@@ -312,8 +316,8 @@ pub fn planar_poses(face: &FaceSighting, camera: &Lens, edge: f64) -> Vec<Pose> 
         .collect()
 }
 
-/// Appends two residuals for each seen tile: its measured centroid minus the one predicted by
-/// `camera_from_face` (px), in x and y.
+/// Appends two residuals (x and y, px) for each seen tile to `out`: its measured centroid minus the
+/// one that follows from the pose `camera_from_face`. `edge` is the edge of the cube (m).
 pub(super) fn residuals(
     face: &FaceSighting,
     camera_from_face: &Pose,
@@ -346,14 +350,16 @@ pub(super) fn residuals(
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Fit {
     pub(super) pose: Pose,
-    /// Root mean square distance of the points (px); each point has two residuals.
+    /// Root mean square distance of the measured points from the model (px); each point has two
+    /// residuals. Infinite without residuals.
     pub(super) rms: f64,
-    /// Covariance in the camera frame: translation (m), rotation about the pose's own origin (rad).
+    /// Covariance of the error of the pose in the axes of the camera: translation (m), then
+    /// rotation about the pose's own origin (rad).
     pub(super) covariance: Matrix6<f64>,
 }
 
-/// Fits a pose, from `start` on, so that the sum of the squared residuals is least. `residuals`
-/// appends the residuals of a pose (px).
+/// Fits a pose, starting from `start`, so that the sum of the squared residuals is least.
+/// `residuals` appends the residuals of a pose (px) to its second argument.
 pub(super) fn refine(start: &Pose, residuals: impl Fn(&Pose, &mut Vec<f64>)) -> Fit {
     let pose = |delta: &SVector<f64, 6>| moved(start, (*delta).into());
     let found = minimise(SVector::zeros(), [1e-6; 6], |delta, out| residuals(&pose(delta), out));
@@ -437,7 +443,7 @@ mod tests {
         }
 
         #[test]
-        fn two_faces_give_the_centre_of_cube(
+        fn two_faces_determine_pose_of_cube(
             z in 0.25..0.6f64, tilt_x in 0.35..0.8f64, tilt_y in -0.6..0.6f64, roll in -0.7..0.7f64,
         ) {
             let camera_from_cube = Pose::from_parts(

@@ -2,27 +2,28 @@
 //!
 //! The model is a cube with nine square stickers on each face. The size of the stickers is not
 //! known: their share of the pitch, and the width that blur adds to them, are estimated along with
-//! the pose. A face that the detector missed takes part as soon as its edges are where the pose
-//! predicts them. This also decides between the two poses that one face leaves.
+//! the pose. A measured edge is called a crossing. A face that the detector missed takes part as
+//! soon as its edges are where the pose predicts them. This also decides between the two poses that
+//! fit a single face.
 //!
 //! Tiles repeat. A pose that is one tile off along an edge of the cube predicts two thirds of its
-//! edges at other edges of the cube, and is a local optimum. If a face that must be visible is not
-//! seen whole, the fit is compared with those one tile off.
+//! tile edges where other tiles have edges, and is a local optimum. If a face that must be visible
+//! is not seen whole, the fit is compared with those one tile off.
 //!
 //! | case | threshold | reason |
 //! |---|---|---|
 //! | face takes part | [`LEAST_CROSSINGS`] | fewer edges may agree by chance |
-//! | pose accepted without a detection | [`TRACKED`] a face | a whole face has 24 |
-//! | crossing fits | [`FITS`] deviations | the rest are outliers |
-//! | two poses are one | [`SAME`] rad | two starts that end in one optimum |
+//! | pose accepted without a detection | [`TRACKED`] crossings a face | a whole face has 24 |
+//! | crossing fits | [`FITS`] deviations | all others are outliers |
+//! | two poses are one | [`SAME`] rad | two starts may end in one optimum |
 //! | second pose kept | [`RIVAL`] of the first one's support | the edges do not decide |
 //! | edge-on faces decide | [`TELLING`] more edges | they show which way the cube leans |
 //! | pass is the last one | [`SETTLED`] px | another pass would move less than the noise |
 //! | face is measured | facing [`LEAST_FACING`] | a more oblique one is only a few pixels deep |
 //! | face must be seen whole | facing [`SEEN`], [`WHOLE`] | a pose one tile off has 18 of 24 |
-//! | pose one tile off is wrong | [`BETTER`] times the support | mostly hidden: nothing decides |
+//! | pose one tile off is right | [`BETTER`] times the support | a hidden cube decides nothing |
 //!
-//! - in: image, [`Lens`], the cube's edge (m), first poses from centroids
+//! - in: an image, [`Lens`], the cube's edge (m), first poses from centroids
 //! - out: [`CubeLocation`] with its covariance
 //! - source: own work; robust weights after Cauchy
 
@@ -42,24 +43,24 @@ const FLOOR_MIDDLE: f64 = 0.05;
 const FLOOR_EDGE: f64 = 0.10;
 /// Standard deviation of the model's errors for the width of a gap (px).
 const FLOOR_GAP: f64 = 0.25;
-/// Standard deviation of the model's errors that grows with the image, in pitches.
+/// Standard deviation of the model's errors that grow with the size of the face, in pitches.
 const FLOOR_SHARE: f64 = 0.002;
-/// Spread of the width that blur adds to all edges of stickers (px).
+/// Expected standard deviation of [`Stickers::bloom`], by which blur moves all edges (px).
 const BLOOM: f64 = 0.4;
-/// Spread of the width that blur adds to outer edges beyond [`BLOOM`] (px).
+/// Expected standard deviation of [`Stickers::outer`], by which outer edges move farther (px).
 const OUTER: f64 = 0.1;
-/// Tolerances of the passes, in pitches.
+/// Greatest distance of an edge from its prediction in each of the passes, in pitches.
 const PASSES: [f64; 3] = [0.16, 0.09, 0.06];
 /// Fewest fitting crossings of a face that takes part.
 const LEAST_CROSSINGS: usize = 9;
-/// Side of a sticker as a share of the pitch that is assumed before any is seen.
+/// Side of a sticker as a share of the pitch, assumed before any sticker is measured.
 const SHARE: f64 = 0.86;
 /// Fewest fitting crossings per face at which a pose is accepted without a detection. A whole face
 /// has 24.
 const TRACKED: usize = 13;
 /// Greatest residual of a crossing that fits, in standard deviations.
 const FITS: f64 = 3.5;
-/// Rotation below which two poses count as one (rad).
+/// Angle between two poses below which they count as one (rad).
 const SAME: f64 = 0.03;
 /// Least support of a second pose that is kept, as a share of the first one's.
 const RIVAL: f64 = 0.9;
@@ -69,19 +70,20 @@ const TELLING: usize = 3;
 const SETTLED: f64 = 0.04;
 /// Least cosine between the line of sight and the normal of a face that is measured.
 const LEAST_FACING: f64 = 0.22;
-/// Least cosine at which a face is seen whole, unless something hides it.
+/// Least cosine between the line of sight and the normal of a face that is seen whole unless
+/// something hides it.
 const SEEN: f64 = 0.3;
 /// Fewest fitting crossings of a face that is seen whole. A pose one tile off has 18.
 const WHOLE: usize = 20;
-/// Factor by which the support of the right pose exceeds that of a pose one tile off. If the cube
-/// is mostly hidden, neither reaches it, and the first pose is kept.
+/// Factor by which the support of a pose one tile off must exceed that of the first pose, so that
+/// the first one is wrong. If the cube is mostly hidden, no pose does, and the first one is kept.
 const BETTER: f64 = 1.4;
 
-/// Localises the cube from the faces found in an image and refines the pose by the edges of the
-/// tiles in the image.
+/// Computes the pose of the cube from the faces found in an image and refines it by the edges of
+/// the tiles in the image. Returns `None` if no pose can be computed from the faces.
 ///
-/// The arguments are those of [`locate_cube`]. The covariance covers the noise and the
-/// imperfections of the model, but not the errors of the calibration.
+/// The arguments are those of [`locate_cube`]. The covariance contains the noise and the errors of
+/// the model, but not the errors of the calibration.
 #[must_use]
 pub fn locate_in(
     image: &RgbImage,
@@ -96,12 +98,12 @@ pub fn locate_in(
     let apart = |a: &Pose, b: &Pose| a.rotation.angle_to(&b.rotation) > SAME;
     let mut poses: Vec<Fitted> =
         fit(image, lens, edge, &coarse.camera_from_cube, share).into_iter().collect();
-    // Two starts that are nearly one end in the same optimum.
+    // The second pose that fits a single face is a second start, unless it is nearly the same.
     if let Some(start) = coarse.other.filter(|o| apart(o, &coarse.camera_from_cube)) {
         poses.extend(fit(image, lens, edge, &start, share));
     }
-    // One face leaves two poses. If both starts ended in the same one, the other is its mirror
-    // image and gets a start of its own, since it may be the right one.
+    // Two poses fit a single face. If both starts ended in the same one, the other pose, its mirror
+    // image, becomes a start as well, since it may be the right one.
     if let [fitted, rest @ ..] = poses.as_slice()
         && fitted.faces.len() == 1
         && rest.iter().all(|r| !apart(&r.pose, &fitted.pose))
@@ -113,9 +115,9 @@ pub fn locate_in(
     }
     let mut poses: Vec<(usize, Fitted)> =
         poses.into_iter().map(|p| (sides(image, lens, edge, &p.pose, share), p)).collect();
-    // The edges of one nearly frontal face fit both poses almost equally well. The faces seen
-    // edge-on show which way the cube leans, so they decide first, and the quality of the fit after
-    // them.
+    // The edges of one nearly frontal face fit both poses almost equally well. The faces that are
+    // seen edge-on show which way the cube leans, so they decide first. Then the quality of the fit
+    // decides.
     let (most, fewest) = (
         poses.iter().map(|p| p.0).max().unwrap_or(0),
         poses.iter().map(|p| p.0).min().unwrap_or(0),
@@ -134,8 +136,8 @@ pub fn locate_in(
         .map(|r| r.pose)
         .find(|r| apart(r, &fitted.pose));
     let mut location = fitted.location(other);
-    // The fit gives the faces axes of its own. A detected face keeps those of its reading order, to
-    // which its colours refer.
+    // The fit chooses the axes of the faces itself. A detected face keeps those of its reading
+    // order, to which its colours refer.
     for (index, used) in location.used.iter_mut().enumerate() {
         let near = |p: &Pose| (p.translation.vector - used.translation.vector).norm() < 0.1 * edge;
         if let Some(known) = coarse.used.iter().position(near) {
@@ -148,8 +150,8 @@ pub fn locate_in(
 }
 
 /// Refines the pose `camera_from_cube` by the edges of the tiles in an image, without any
-/// detection. The pose must be right to about a seventh of a tile, as that of a track is. Returns
-/// `None` if the edges do not support it.
+/// detection. The pose must be right to about a seventh of a tile, as the prediction of a track is.
+/// `edge` is the edge of the cube (m). Returns `None` if the edges do not support the pose.
 #[must_use]
 pub fn refine_in(
     image: &RgbImage,
@@ -164,8 +166,9 @@ pub fn refine_in(
     (crossings >= TRACKED * fitted.faces.len()).then(|| fitted.location(None))
 }
 
-/// Compares a fit with the fits whose pose is whole tiles off along an edge of the cube, and
-/// returns the best. `share` is the first guess of a sticker's side as a share of the pitch.
+/// Compares a fit that may be one tile off with fits one tile away along the edges of the cube, and
+/// returns the best. Repeats this if the best one may be one tile off as well. `share` is the first
+/// guess of a sticker's side as a share of the pitch.
 fn best_of_lattice(
     image: &RgbImage,
     lens: &Lens,
@@ -173,8 +176,8 @@ fn best_of_lattice(
     mut best: Fitted,
     share: f64,
 ) -> Fitted {
-    // The fits one tile off take six times the time, so they are made only on suspicion. Without
-    // them a tracked pose one tile off made a hand close 19 mm before the cube.
+    // The six further fits take six times the time, so they are made only if the pose is in doubt.
+    // Without them a hand once closed 19 mm before the cube, since a tracked pose was one tile off.
     while best.may_be_off(edge) {
         let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
         let off = axes.into_iter().flat_map(|axis| [axis, -axis]).filter_map(|axis| {
@@ -191,12 +194,12 @@ fn best_of_lattice(
 
 /// Returns the poses of the six faces in the cube's frame, as `cube_from_face`.
 fn faces(edge: f64) -> impl Iterator<Item = Pose> {
-    // Four rotations in a row differ only about the normal of one face.
+    // The first of four rotations is taken for each face, since they differ only about its normal.
     cube_rotations().step_by(4).map(move |r| cube_from_face(&r.to_rotation_matrix(), edge))
 }
 
-/// Returns the second pose of the cube that fits one of its faces nearly as well: its tilt against
-/// the line of sight is reversed. `cube_from_face` is that face.
+/// Returns the second pose of the cube at which one of its faces, `cube_from_face`, looks nearly
+/// the same: its tilt against the line of sight is reversed.
 fn mirrored(camera_from_cube: &Pose, cube_from_face: &Pose) -> Pose {
     let face = camera_from_cube * cube_from_face;
     let (centre, normal) = (face.translation.vector, face.rotation * Vector3::z());
@@ -212,8 +215,8 @@ fn mirrored(camera_from_cube: &Pose, cube_from_face: &Pose) -> Pose {
     )
 }
 
-/// Counts the edges between tiles that lie where the pose `camera_from_cube` predicts them, on all
-/// visible faces but the most frontal one. Faces that are only a few pixels deep count as well.
+/// Counts the edges between tiles that are where the pose `camera_from_cube` predicts them, on all
+/// visible faces except the most frontal one. Faces that are only a few pixels deep count as well.
 /// `share` is a sticker's side as a share of the pitch.
 fn sides(image: &RgbImage, lens: &Lens, edge: f64, camera_from_cube: &Pose, share: f64) -> usize {
     let probe = Probe::new(image, lens, edge / 3.0).grazing();
@@ -232,27 +235,28 @@ fn sides(image: &RgbImage, lens: &Lens, edge: f64, camera_from_cube: &Pose, shar
 struct Fitted {
     /// Pose as `camera_from_cube`.
     pose: Pose,
-    /// Covariance of a small motion: translation (m), rotation (rad).
+    /// Covariance of the error of the pose in the axes of the camera: translation (m), then
+    /// rotation (rad).
     covariance: Matrix6<f64>,
     /// Root mean square of the residuals (px).
     residual_px: f64,
-    /// Faces that take part (`cube_from_face`), with their numbers of fitting crossings.
+    /// Faces that take part (`cube_from_face`), each with its number of crossings that fit.
     faces: Vec<(Pose, usize)>,
-    /// Sum over all crossings of the quality of their fit, 0..=1 each.
+    /// Evidence for the pose: sum of the quality of fit of all crossings, 0..=1 each.
     support: f64,
 }
 
 impl Fitted {
-    /// Checks whether the pose may be one tile off: a face that must be visible is not seen whole.
-    /// The reason may also be something that hides the face.
+    /// Returns whether the pose may be one tile off: a face that must be visible is not seen whole.
+    /// Something that hides the face may also be the reason.
     fn may_be_off(&self, edge: f64) -> bool {
         let crossings =
             |face: &Pose| self.faces.iter().find(|(f, _)| f == face).map_or(0, |(_, n)| *n);
         faces(edge).any(|face| facing(&(self.pose * face)) > SEEN && crossings(&face) < WHOLE)
     }
 
-    /// Converts the fit to a location without detected faces. `other` is the second pose, which is
-    /// kept only if a single face was used.
+    /// Converts the fit to a location without detected faces. `other` is the second pose that fits,
+    /// which is kept only if a single face was used.
     fn location(self, other: Option<Pose>) -> CubeLocation {
         // The dominant face is the most frontal one.
         let mut used: Vec<Pose> = self.faces.iter().map(|(face, _)| *face).collect();
@@ -271,13 +275,13 @@ impl Fitted {
 }
 
 /// Returns the cosine between the line of sight and a face's inward normal: 1 if the face is
-/// frontal.
+/// frontal, 0 if it is edge-on, negative if it is turned away.
 fn facing(camera_from_face: &Pose) -> f64 {
     let sight = camera_from_face.translation.vector;
     (camera_from_face.rotation * Vector3::z()).dot(&sight) / sight.norm()
 }
 
-/// Unknowns: six of the pose, the stickers' share, bloom and outer bloom.
+/// Unknowns of a fit: six of the pose, then share, bloom and outer bloom of the stickers.
 type Unknowns = SVector<f64, 9>;
 
 /// Fits the pose of the cube and the size of its stickers to the edges of all visible faces.
@@ -295,8 +299,8 @@ fn fit(image: &RgbImage, lens: &Lens, edge: f64, start: &Pose, share: f64) -> Op
     };
     let mut crossings: Vec<Crossing> = Vec::new();
     let mut last: Option<Solved> = None;
-    // Each pass measures again at the better pose and within a narrower tolerance. The edge of a
-    // neighbouring tile that the first tolerance lets in is thus left out later.
+    // Each pass measures again at the improved pose and within a narrower tolerance. The edge of a
+    // neighbouring tile, which the first tolerance may let in, is thus left out later.
     for tolerance in PASSES {
         crossings.clear();
         let mut visible: Vec<(usize, Pose, f64)> = all
@@ -305,8 +309,8 @@ fn fit(image: &RgbImage, lens: &Lens, edge: f64, start: &Pose, share: f64) -> Op
             .map(|(i, face)| (i, model.pose * face, facing(&(model.pose * face))))
             .filter(|(_, _, facing)| *facing > LEAST_FACING)
             .collect();
-        // The most frontal face has the widest gaps. They show the colour of the body, which the
-        // gaps of oblique faces do not.
+        // The most frontal face comes first: its gaps are the widest and show the colour of the
+        // body, which the gaps of oblique faces may not.
         visible.sort_by(|a, b| b.2.total_cmp(&a.2));
         let mut body = None;
         for (face, camera_from_face, _) in &visible {
@@ -315,8 +319,8 @@ fn fit(image: &RgbImage, lens: &Lens, edge: f64, start: &Pose, share: f64) -> Op
             body = probe.measure(&prediction, body, &mut crossings);
         }
         let mut solved = model.solve(&crossings, share)?;
-        // A hidden face has some edges nearby by chance. They must not pull the pose, so the step
-        // is computed again without them.
+        // Near the edges of a hidden face there may be others by chance. They must not pull the
+        // pose, so the step is computed again without such faces.
         let counts = counts(&crossings, &solved);
         let known = crossings.len();
         crossings.retain(|c| counts[c.face] >= LEAST_CROSSINGS);
@@ -345,8 +349,8 @@ fn fit(image: &RgbImage, lens: &Lens, edge: f64, start: &Pose, share: f64) -> Op
     if faces.is_empty() {
         return None;
     }
-    // Each crossing adds 1 if it is exact and 0 at the limit of fitting. Support counts evidence: a
-    // mean residual would prefer a pose with few edges.
+    // Each crossing adds from 1, if it is exact, down to 0 at the limit of fitting. The sum counts
+    // evidence, while a mean residual would prefer a pose with few edges.
     let support = solved.residuals.iter().map(|r| (1.0 - (r / FITS).powi(2)).max(0.0)).sum::<f64>();
     let residual_px = residual_px(&crossings, &solved);
     Some(Fitted { pose: model.pose, covariance: solved.covariance, residual_px, faces, support })
@@ -375,7 +379,7 @@ fn counts(crossings: &[Crossing], solved: &Solved) -> [usize; 6] {
     counts
 }
 
-/// Computes the standard deviation of a crossing (px) by noise and by errors of the model.
+/// Computes the standard deviation of a crossing (px) from noise and errors of the model.
 fn deviation(crossing: &Crossing) -> f64 {
     let floor = match crossing.kind {
         Kind::Middle => FLOOR_MIDDLE,
@@ -386,7 +390,7 @@ fn deviation(crossing: &Crossing) -> f64 {
     (crossing.sigma.powi(2) + floor.powi(2) + (FLOOR_SHARE * crossing.scale).powi(2)).sqrt()
 }
 
-/// Model of the cube at the current estimate.
+/// Model of the cube with its present pose and stickers.
 struct Model<'a> {
     lens: &'a Lens,
     /// Distance of two tile centres (m).
@@ -400,12 +404,13 @@ struct Model<'a> {
 
 /// Result of a robust Gauss-Newton step.
 struct Solved {
+    /// Change of the unknowns.
     step: Unknowns,
-    /// Residual of each crossing after the step, over its standard deviation.
+    /// Residual of each crossing after the step, divided by its standard deviation.
     residuals: Vec<f64>,
     /// Robust standard deviation of these residuals, at least 1.
     spread: f64,
-    /// Covariance of the pose: translation (m), rotation (rad).
+    /// Covariance of the error of the pose: translation (m), then rotation (rad).
     covariance: Matrix6<f64>,
     /// Root mean square of the movement of the edges by the step (px).
     shift: f64,
@@ -429,7 +434,7 @@ impl Model<'_> {
     /// expected side of a sticker as a share of the pitch. Returns `None` if there are too few
     /// crossings.
     ///
-    /// One linearisation suffices: the model is linear over the small steps that are left, and each
+    /// One linearisation suffices, since the model is almost linear over such small steps and each
     /// pass measures again.
     fn solve(&self, crossings: &[Crossing], share: f64) -> Option<Solved> {
         if crossings.len() < LEAST_CROSSINGS + 3 {
@@ -457,8 +462,8 @@ impl Model<'_> {
         let mut solution = None;
         for _ in 0..4 {
             // Weak prior beliefs about the stickers keep the equations solvable if all gaps are too
-            // narrow to be measured. They weigh `spread` squared as much, because the residuals are
-            // in units of deviations that are `spread` times too small.
+            // narrow to be measured. Their weight is multiplied by the square of `spread`, since
+            // the residuals are divided by deviations that are `spread` times too small.
             let mut normal = SMatrix::<f64, 9, 9>::zeros();
             let mut right = Unknowns::zeros();
             let now = &self.stickers;
@@ -469,7 +474,7 @@ impl Model<'_> {
                 right[k] = belief * (spread / width).powi(2);
             }
             for ((row, e), r) in rows.iter().zip(&error).zip(&residuals) {
-                // Cauchy's weights, with a scale that follows the residuals' own.
+                // The weights are Cauchy's, scaled by the spread of the residuals.
                 let weight = 1.0 / (1.0 + (r / (2.4 * spread)).powi(2));
                 normal.syger(weight, row, row, 1.0);
                 right += row * (weight * e);
@@ -492,7 +497,7 @@ impl Model<'_> {
     }
 }
 
-/// Computes the robust standard deviation of normalised residuals, which is at least 1.
+/// Computes the robust standard deviation of normalised residuals, or 1 if it is smaller.
 fn spread_of(residuals: &[f64]) -> f64 {
     let mut sizes: Vec<f64> = residuals.iter().map(|r| r.abs()).collect();
     // The median of the sizes of normal errors is 1 / 1.4826 of their standard deviation.
@@ -534,6 +539,8 @@ mod tests {
         drawing
     }
 
+    /// Returns the pose of a cube 37 cm in front of the camera, tilted about x and y and rolled
+    /// about z (rad).
     fn pose(tilt: (f64, f64), roll: f64) -> Pose {
         let lean = UnitQuaternion::from_scaled_axis(Vector3::new(tilt.0, tilt.1, 0.0));
         let roll = UnitQuaternion::from_scaled_axis(Vector3::z() * roll);
@@ -549,8 +556,9 @@ mod tests {
         Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
     }
 
-    /// The centre is right to 0.2 mm across the line of sight and 1 mm along it. The normalised
-    /// squared error, whose expectation is 6, shows that the covariance is of the right size.
+    /// The centre is right to 0.2 mm across the line of sight and 1 mm along it. The squared error
+    /// normalised by the covariance, whose expected value is 6, shows that the covariance is of the
+    /// right size.
     #[test]
     fn located_centre_and_covariance_match_truth() {
         let mut nees = Vec::new();
@@ -587,7 +595,7 @@ mod tests {
     }
 
     #[test]
-    fn refine_accepts_near_pose_and_refuses_far_one() {
+    fn refinement_accepts_near_start_and_refuses_far_one() {
         let truth = pose((0.3, -0.35), 0.7);
         let image = drawing(&truth, 5).render();
         let near = moved(&truth, [1.2e-3, -1.0e-3, 3e-3, 0.02, -0.02, 0.02]);
@@ -600,7 +608,7 @@ mod tests {
     }
 
     #[test]
-    fn refine_corrects_pose_one_tile_off() {
+    fn refinement_corrects_start_one_tile_off() {
         let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
         for (seed, tilt) in [(5, (0.5, 0.45)), (6, (0.3, 0.6)), (7, (0.6, 0.2)), (9, (0.45, 0.1))] {
             let truth = pose(tilt, 0.1);
@@ -617,7 +625,7 @@ mod tests {
     }
 
     #[test]
-    fn refine_refuses_tiny_pictures_without_panic() {
+    fn refinement_refuses_tiny_pictures_without_panic() {
         for (width, height) in [(0, 0), (1, 1), (1, 300), (5, 5)] {
             let image = RgbImage::new(width, height);
             assert_eq!(refine_in(&image, &CAMERA, EDGE, &pose((0.3, 0.0), 0.0)), None);

@@ -1,11 +1,12 @@
 //! Segmentation of a picture into regions that edges enclose, without absolute colours.
 //!
-//! The picture is smoothed by 1 2 1 in both directions. The edge strength of a pixel is the largest
-//! range of a channel over a plus of five pixels. The connected regions below each of several
-//! thresholds are the candidates for tiles. Weak grooves need a low threshold, glare and shadow on
-//! a tile need a high one, so all thresholds contribute.
+//! The picture is smoothed by the kernel 1 2 1 in both directions. The edge strength of a pixel is
+//! the range (largest less smallest level) of a channel over the pixel and its four neighbours, in
+//! the channel where it is largest. Connected regions whose edge strength is below a threshold are
+//! candidates for tiles. Weak grooves between tiles need a low threshold, glare and shadow on a
+//! tile need a high one, so callers use several.
 //!
-//! - in: RGB pixels, thresholds
+//! - in: RGB pixels, thresholds of the edge strength
 //! - out: [`Tile`]s: regions that look like a parallelogram
 //! - source: run lengths and union-find as in Bruce, Balch, Veloso, "Fast and inexpensive color
 //!   image segmentation for interactive robots" (2000); the compactness measure is own work
@@ -22,23 +23,23 @@ pub struct Tile {
     pub moments: [f64; 3],
     /// Number of pixels.
     pub area: f64,
-    /// Area over that of the parallelogram with the same second moments: 1 for a parallelogram,
-    /// 1.047 for an ellipse.
+    /// Area divided by that of the parallelogram with the same second moments: 1 for a
+    /// parallelogram, 1.047 for an ellipse.
     pub fullness: f64,
 }
 
-/// Limits on regions. All are ratios or pixels, none is a colour.
+/// Limits within which a region counts as a tile. No limit depends on the colour.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct TileLimits {
     /// Smallest and largest area (px).
     pub area: (f64, f64),
     /// Least and greatest fullness (see [`Tile::fullness`]).
     pub fullness: (f64, f64),
-    /// Greatest ratio of the axes of inertia.
+    /// Greatest ratio of the longer axis of inertia to the shorter one.
     pub elongation: f64,
 }
 
-/// Interleaved RGB pixels with their edge strength.
+/// Edge strength of the pixels of a picture.
 #[derive(Debug, Clone)]
 pub(crate) struct Edges {
     /// Columns.
@@ -79,8 +80,9 @@ impl Edges {
                 let low = l[i].min(c[i]).min(r[i]).min(u[i]).min(d[i]);
                 out[i] = high - low;
             }
-            // The largest of three channels is computed at each byte, for the sake of vector code.
-            // Each third result is a pixel, the others mix two pixels.
+            // The largest of three successive bytes is computed from each byte on, since that is
+            // vector code. Each third result is that of a pixel; the others mix two pixels and are
+            // not used.
             let (first, second, third) = (&range[..inner], &range[1..=inner], &range[2..]);
             for (((largest, a), b), c) in largest.iter_mut().zip(first).zip(second).zip(third) {
                 *largest = (*a).max(*b).max(*c);
@@ -93,10 +95,11 @@ impl Edges {
         Self { width, height, strength }
     }
 
-    /// Returns the level of noise and texture: the 15th percentile of the edge strength.
+    /// Returns the edge strength that noise and texture alone cause: the 15th percentile over the
+    /// picture.
     #[must_use]
     pub(crate) fn floor(&self) -> u8 {
-        // A sparse sample of one pixel in twenty costs little and is exact enough for a percentile.
+        // One pixel in twenty is exact enough for a percentile.
         let mut counts = [0u32; 256];
         let mut total = 0;
         for y in (1..self.height.saturating_sub(1)).step_by(4) {
@@ -122,8 +125,9 @@ impl Edges {
         runs.tiles(limits)
     }
 
-    /// Checks whether edges of at least `threshold` run along all four sides of the cell at `g`
-    /// (column - 1, row - 1) of a lattice. `h` maps such places to pixels.
+    /// Returns whether edges of at least the strength `threshold` run along all four sides of a
+    /// cell of a lattice. `g` is the centre of the cell in pitches from that of the middle cell
+    /// (x along the columns, y along the rows), and `h` maps such places to pixels.
     pub(super) fn bound(&self, h: &Matrix3<f64>, g: Point, threshold: u8) -> bool {
         let strength = |p: Point| {
             let (x, y) = apply(h, p);
@@ -133,8 +137,8 @@ impl Edges {
             }
             self.strength[y as usize * self.width + x as usize]
         };
-        // Each side is searched on five lines outwards, from 0.36 to 0.60 of a pitch. One of the
-        // five may miss, at a scratch or a gap of the edge.
+        // Each side is crossed by five lines, which run outwards from 0.36 to 0.60 of a pitch. One
+        // of the five need not meet an edge, since an edge may have a scratch or a gap.
         [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)].into_iter().all(|(nx, ny)| {
             let marked = (-2..=2)
                 .filter(|k| {
@@ -151,14 +155,14 @@ impl Edges {
     }
 }
 
-/// Calls `run` with the start and the end (exclusive) of each run of values below `threshold` in a
-/// line.
+/// Calls `run` with the start and the end (exclusive) of each longest stretch of values below
+/// `threshold` in a line of pixels, from left to right.
 fn runs_below(line: &[u8], threshold: u8, mut run: impl FnMut(usize, usize)) {
     let mut start = 0;
     let mut inside = 0u64;
     for (block, values) in line.chunks(64).enumerate() {
-        // One bit per value. The comparison is vector code. A multiplication gathers eight flags in
-        // the highest byte of its product.
+        // `mask` has one bit per value, set if the value is below the threshold. The comparison is
+        // vector code, and a multiplication gathers eight flags in the highest byte of its product.
         let mut below = [0u8; 64];
         for (flag, value) in below.iter_mut().zip(values) {
             *flag = u8::from(*value < threshold);
@@ -188,8 +192,8 @@ fn runs_below(line: &[u8], threshold: u8, mut run: impl FnMut(usize, usize)) {
     }
 }
 
-/// Smooths interleaved RGB pixels by the kernel 1 2 1 (over 4) in both directions. Beyond the
-/// border its pixels are repeated.
+/// Smooths interleaved RGB pixels by the kernel 1 2 1 (divided by 4) in both directions. Beyond the
+/// border of the picture its outermost pixels are repeated.
 pub(super) fn smooth(rgb: &[u8], width: usize, height: usize) -> Vec<u8> {
     let row = 3 * width;
     let mut out = vec![0u8; rgb.len()];
@@ -210,7 +214,8 @@ pub(super) fn smooth(rgb: &[u8], width: usize, height: usize) -> Vec<u8> {
             line[row - 3 + i] = 4 * u16::from(source[row - 3 + i]);
         }
     };
-    // Three rolling rows: the kernel is separable, and each row is smoothed horizontally once.
+    // The kernel is separable: each row is smoothed horizontally once, and `a`, `b` and `c` are the
+    // results for the row above, this row and the row below.
     let (mut a, mut b, mut c) = (vec![0u16; row], vec![0u16; row], vec![0u16; row]);
     horizontal(0, &mut b);
     a.copy_from_slice(&b);
@@ -226,8 +231,8 @@ pub(super) fn smooth(rgb: &[u8], width: usize, height: usize) -> Vec<u8> {
     out
 }
 
-/// Returns the level below which the share `p` of `total` values lies. `counts` is the number of
-/// values at each level.
+/// Returns the lowest level at or below which more than the share `p` of `total` values lies.
+/// `counts` is the number of values at each level.
 #[must_use]
 pub(super) fn percentile(counts: &[u32; 256], total: u32, p: f64) -> u8 {
     let wanted = (f64::from(total) * p) as u32;
@@ -241,9 +246,11 @@ pub(super) fn percentile(counts: &[u32; 256], total: u32, p: f64) -> u8 {
     255
 }
 
-/// Run lengths with a union-find forest over them, the method of the paper and of `CMVision`.
+/// Runs of pixels in a picture with a union-find forest over them: the method of Zieliński et al.
+/// (2007) and of the program `CMVision`. The runs of a tree are a connected region.
 #[derive(Debug, Default)]
 pub(super) struct Runs {
+    /// Runs row by row, from left to right.
     all: Vec<Run>,
     /// Index of the first run of the row above.
     above: usize,
@@ -253,21 +260,23 @@ pub(super) struct Runs {
     cursor: usize,
 }
 
-/// Pixels side by side: row, first, one after the last.
+/// Pixels side by side: row, first column, one after the last column.
 pub(super) type Stretch = (usize, usize, usize);
 
 /// Run of pixels with its place in the union-find forest.
 #[derive(Debug, Clone, Copy)]
 struct Run {
+    /// First column.
     start: u32,
-    /// End of the run (exclusive).
+    /// One after the last column.
     end: u32,
+    /// Row.
     y: u32,
     /// Index of the parent run, or its own index at a root.
     parent: u32,
 }
 
-/// Sums over the pixels of a region.
+/// Sums over the pixels of a region: their number, and the sums of x, y and their products.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
     n: u64,
@@ -286,8 +295,8 @@ impl Runs {
         self.cursor = self.above;
     }
 
-    /// Adds the run `start..end` of row `y`, and joins it with the runs of the row above that it
-    /// touches. The runs of a row must come from left to right.
+    /// Adds the run of the columns `start..end` in row `y`, and joins it with the runs of the row
+    /// above that it touches. The runs of a row must come from left to right.
     pub(super) fn push(&mut self, start: usize, end: usize, y: usize) {
         let me = self.all.len() as u32;
         let mut run = Run { start: start as u32, end: end as u32, y: y as u32, parent: me };
@@ -302,8 +311,8 @@ impl Runs {
             if run.parent == me {
                 run.parent = root;
             } else {
-                // The run joins two regions. The earlier root remains, so that the number of a
-                // region follows the order of the rows.
+                // The run joins two regions. The earlier root becomes the root of both, so that the
+                // regions are numbered in the order of their first rows.
                 let mine = self.root(run.parent);
                 let (low, high) = (mine.min(root), mine.max(root));
                 self.all[high as usize].parent = low;
@@ -314,7 +323,8 @@ impl Runs {
         self.all.push(run);
     }
 
-    /// Returns the root of the tree to which run `i` belongs, and halves the path to it.
+    /// Returns the root of the tree to which run `i` belongs. Halves the path to the root, so that
+    /// later calls are quicker.
     fn root(&mut self, mut i: u32) -> u32 {
         while self.all[i as usize].parent != i {
             let grand = self.all[self.all[i as usize].parent as usize].parent;
@@ -324,8 +334,8 @@ impl Runs {
         i
     }
 
-    /// Returns the runs of each region of `least` pixels or more, row by row, and the number of
-    /// regions of any size.
+    /// Returns the runs of each region of `least` pixels or more, row by row, and the number of all
+    /// regions.
     pub(super) fn regions(mut self, least: usize) -> (Vec<Vec<Stretch>>, usize) {
         let mut areas = vec![0u32; self.all.len()];
         for i in 0..self.all.len() {
@@ -385,14 +395,14 @@ impl Runs {
 }
 
 impl Sums {
-    /// Returns the region as a tile, if it is within the limits.
+    /// Returns the region as a tile, or `None` if it is outside the limits.
     fn tile(&self, limits: &TileLimits) -> Option<Tile> {
         let n = self.n as f64;
         if n < limits.area.0 || n > limits.area.1 {
             return None;
         }
         let (x, y) = (self.x as f64 / n, self.y as f64 / n);
-        // A pixel is a square of one, not a point. It adds its own moment of 1/12.
+        // A pixel is a square of side 1, not a point, and adds its own second moment of 1/12.
         let xx = self.xx as f64 / n - x * x + 1.0 / 12.0;
         let yy = self.yy as f64 / n - y * y + 1.0 / 12.0;
         let xy = self.xy as f64 / n - x * y;
@@ -402,7 +412,7 @@ impl Sums {
         if fullness < limits.fullness.0 || fullness > limits.fullness.1 {
             return None;
         }
-        // The axes of inertia are the roots of the eigenvalues of the moments.
+        // The lengths of the axes of inertia are the square roots of the moments' eigenvalues.
         let half = f64::midpoint(xx, yy);
         let root = (half * half - det).max(0.0).sqrt();
         let elongation = ((half + root) / (half - root).max(1e-9)).sqrt();
@@ -422,6 +432,7 @@ mod tests {
     const LIMITS: TileLimits =
         TileLimits { area: (12.0, 5000.0), fullness: (0.8, 1.08), elongation: 4.0 };
 
+    /// Returns RGB pixels, 80 x 60, that are bright where `inside` is true and dark elsewhere.
     fn picture(inside: impl Fn(f64, f64) -> bool) -> Vec<u8> {
         let mut rgb = Vec::new();
         for y in 0..60 {
@@ -434,7 +445,7 @@ mod tests {
     }
 
     #[test]
-    fn square_region_is_one_tile_with_exact_centre() {
+    fn square_becomes_one_tile_with_exact_centre() {
         let rgb = picture(|x, y| (20.0..40.0).contains(&x) && (15.0..35.0).contains(&y));
 
         let (tiles, regions) = Edges::new(&rgb, 80, 60).tiles(20, &LIMITS);
@@ -445,7 +456,7 @@ mod tests {
     }
 
     #[test]
-    fn cross_is_no_tile() {
+    fn cross_shaped_region_is_no_tile() {
         let rgb = picture(|x, y| {
             let (dx, dy) = ((x - 40.0).abs(), (y - 30.0).abs());
             dx < 25.0 && dy < 25.0 && (dx < 7.0 || dy < 7.0)
@@ -475,7 +486,7 @@ mod tests {
     }
 
     #[test]
-    fn u_shape_is_one_region() {
+    fn u_shaped_area_is_one_region() {
         let mut runs = Runs::default();
         for y in 0..4 {
             runs.begin_row();

@@ -1,19 +1,20 @@
-//! Guided reading: the nine tiles of a face whose place is roughly known, from a hand camera.
+//! Guided reading: the nine tiles of a face whose place is roughly known, in a picture of a hand
+//! camera.
 //!
-//! The prediction says which face is where. The reading order therefore comes from the task, never
-//! from the picture. Tiles under a finger are reported as occluded and are never guessed.
+//! The prediction says which face is where and how it is turned, so the reading order never comes
+//! from the picture. Tiles under a finger are reported as occluded; their colours are not guessed.
 //!
 //! | case | threshold | reason |
 //! |---|---|---|
-//! | face is off its prediction | `ASTRAY` = 1 pitch | error of the take, see the constant |
-//! | window | 0.6 of its width around the face | room for `ASTRAY` and the outline |
+//! | face is off its prediction | `ASTRAY` = 1 pitch | error when the cube was taken, see there |
+//! | searched window | 0.6 of the face's width around it | room for `ASTRAY` and the outline |
 //! | picture is dark | brightest hundredth < 20 of 255 | edges are lost in the noise |
 //! | picture is overexposed | > 50 % clip, no match | colours and grooves are lost |
 //! | region may be a tile | 0.25..1.1 of a cell's area | half tiles vote as well |
 //! | region is cut, or a finger | outside 0.65..1.5 of the median | its centroid is not a centre |
 //! | too few tiles | < 4, or < 2 rows or columns | the pose would be a guess |
-//! | lattice beside is better | 2 tiles more | a column off matches two of three columns |
-//! | pose on edges is wrong | 0.06 edges or 0.1 rad | it locked onto other edges |
+//! | lattice one tile beside | 2 tiles more | a column off matches two of three columns |
+//! | pose by edges is wrong | 0.06 edges or 0.1 rad off | it locked onto other edges |
 //! | tile is occluded | spread 0.10, or no edges around it | a finger covers it or its rim |
 //!
 //! - in: RGB pixels, intrinsics, the cube's edge (m), the predicted `camera_from_face`
@@ -36,9 +37,10 @@ use nalgebra::{Point3, Translation3};
 pub struct FaceReading {
     /// Mean colour of each tile in the predicted face's reading order, 0..=255, as in the image.
     pub rgb: [[f64; 3]; 9],
-    /// Decision for each tile on this face alone: 0..=5 = white, red, green, yellow, orange, blue.
+    /// Colour of each tile, decided from this face alone: 0..=5 = white, red, green, yellow,
+    /// orange, blue.
     pub colours: [u8; 9],
-    /// Confidence of each decision, 0..=1; 0 where occluded.
+    /// Confidence of each tile's colour, 0..=1; 0 where occluded.
     pub confidences: [f64; 9],
     /// Measured pose in the axes of the predicted frame: origin in the face's centre, x along its
     /// columns, y along its rows, z into the cube.
@@ -47,26 +49,26 @@ pub struct FaceReading {
     pub residual_px: f64,
     /// Confidence that this is the predicted face at the measured pose, 0..=1.
     pub confidence: f64,
-    /// Tiles that something covers, or that do not differ from their surroundings. Their colours
-    /// mean nothing.
+    /// Whether each tile is covered by something or does not differ from its surroundings. The
+    /// colour of such a tile means nothing.
     pub occluded: [bool; 9],
 }
 
 /// Greatest distance of a face from its prediction, in tile pitches.
 ///
-/// A cube fresh from the operator's hand lies where the calibration of the stand-alone camera let
-/// the jaws close. Measured: 8.4 mm off the cube's middle, which is three standard deviations. A
-/// limit of 0.6 pitches lost that cube. From 0.5 pitches on, a column of the lattice may fit the
-/// neighbouring column, so the vote weighs matches against distance, and [`aligned`] tries the
-/// neighbouring lattices.
+/// A cube that was just taken from the operator's hand may be off the middle of the jaws, by the
+/// error of the stand-alone camera's calibration. Once it was 8.4 mm off, which is three standard
+/// deviations, and a limit of 0.6 pitches did not find it. From 0.5 pitches on, a column of the
+/// lattice may fit the neighbouring column, so [`vote`] weighs matches against distance, and
+/// [`aligned`] tries the neighbouring lattices.
 const ASTRAY: f64 = 1.0;
 
 /// Reads the colours and the pose of a face that is expected at `predicted` (`camera_from_face`) on
 /// a cube of `edge` (m).
 ///
 /// # Errors
-/// [`Refusal::NotExpected`] if too few tiles fit the prediction, else the reason why no tile is
-/// visible.
+/// [`Refusal::NotExpected`] if too few tiles fit the prediction, [`Refusal::TooDark`] or
+/// [`Refusal::Overexposed`] if the light is the reason.
 pub fn read_face(
     image: &RgbImage,
     camera: impl Into<Lens>,
@@ -89,7 +91,7 @@ pub fn read_face(
         tile.centre = patch.to_image(tile.centre);
     }
 
-    // The vote is quick, but it only shifts the prediction. A full detection also follows a tilt.
+    // The vote is quick, but it only shifts the prediction. A full detection also finds a tilt.
     let start = vote(&tiles, camera, edge, predicted)
         .or_else(|| by_detection(image, camera, edge, predicted, window))
         .ok_or(if clipped > 0.5 {
@@ -99,7 +101,7 @@ pub fn read_face(
         })?;
     let (pose, face, residual_px) = aligned(&tiles, camera, edge, &start)?;
 
-    // The pose by centroids stays if the edges give none: fingers may hide too many of them.
+    // If fingers hide too many edges, the pose from the centroids stays.
     let (pose, residual_px) = on_edges(image, camera, edge, &pose).unwrap_or((pose, residual_px));
 
     let centres = project(camera, &pose, edge, &GRID).ok_or(Refusal::NotExpected { matched: 0 })?;
@@ -108,8 +110,8 @@ pub fn read_face(
     let h = homography::fit(&pairs).ok_or(Refusal::NotExpected { matched: 0 })?;
     let samples: [_; 9] = std::array::from_fn(|i| patch.sample(&h, GRID[i], face.sticker));
     let occluded: [bool; 9] = std::array::from_fn(|i| {
-        // A finger over a part of a tile makes its colour uneven. A finger over the whole tile is
-        // even, but has no edges where the tile's sides should be.
+        // A finger over a part of a tile makes its colour uneven. A finger over the whole tile has
+        // an even colour, but no edges where the tile's sides should be.
         let even = samples[i].spread < 0.10 && samples[i].inside > 0.95;
         !even || !(face.seen[i] || edges.bound(&h, GRID[i], threshold))
     });
@@ -119,7 +121,7 @@ pub fn read_face(
         if occluded[i] {
             confidences[i] = 0.0;
         } else if samples[i].clipped {
-            // White, and yellow in too much light, clip alike.
+            // White clips in all channels, but so does yellow in too much light.
             confidences[i] *= 0.5;
         }
     }
@@ -138,16 +140,16 @@ pub fn read_face(
     })
 }
 
-/// Returns the part of the image around a face with these corners; `None` if it is too small for a
-/// face.
+/// Returns the part of the image around a face with these corners (px), with a margin of 0.6 of its
+/// width; `None` if less than 16 x 16 px are inside the image.
 fn window_inside(image: &RgbImage, corners: &[Point]) -> Option<Rect> {
     window_around(corners, 0.6)?
         .inside(image.width(), image.height())
         .filter(|w| w.width >= 16 && w.height >= 16)
 }
 
-/// Refines the pose of a face by the edges of all visible tiles. Returns it with its residual (px),
-/// if it agrees with the given pose, which comes from centroids.
+/// Refines the pose of a face by the edges of all visible tiles. Returns the refined pose with its
+/// residual (px), or `None` if it does not agree with the given `pose`, which comes from centroids.
 fn on_edges(image: &RgbImage, camera: &Lens, edge: f64, pose: &Pose) -> Option<(Pose, f64)> {
     let face_from_cube = Translation3::new(0.0, 0.0, edge / 2.0);
     let found = refine_in(image, camera, edge, &(pose * face_from_cube))?;
@@ -157,8 +159,8 @@ fn on_edges(image: &RgbImage, camera: &Lens, edge: f64, pose: &Pose) -> Option<(
         .then_some((refined, found.residual_px))
 }
 
-/// Projects places of a face (column - 1, row - 1) to pixels. Returns `None` if one of them is not
-/// in front of the camera.
+/// Projects places of a face (column - 1, row - 1) to pixels. Returns `None` if one of them is less
+/// than 2 cm in front of the camera. `edge` is the edge of the cube (m).
 fn project<const N: usize>(
     camera: &Lens,
     camera_from_face: &Pose,
@@ -177,14 +179,15 @@ fn project<const N: usize>(
     Some(out)
 }
 
-/// Shifts the predicted pose in the image plane so that most tiles lie in cells of the face, and
-/// returns it. Returns `None` if fewer than four do.
+/// Returns the predicted pose after a shift parallel to the image plane that brings the most cells
+/// of the face onto tiles. Returns `None` if fewer than four cells have a tile then.
 fn vote(tiles: &[Tile], camera: &Lens, edge: f64, predicted: &Pose) -> Option<Pose> {
     let centres = project(camera, predicted, edge, &GRID)?;
     let corners = project(camera, predicted, edge, &OUTLINE)?;
     let pitch = homography::smallest_pitch(&centres);
     let cell = polygon(&corners).0.abs() / 9.0;
-    // Each tile may be each of the nine cells, so each pair of them proposes a shift.
+    // Any tile may belong to any of the nine cells, so each pair of a tile and a cell proposes a
+    // shift.
     let fitting: Vec<&Tile> =
         tiles.iter().filter(|t| (0.25..1.1).contains(&(t.area / cell))).collect();
     let mut best: Option<(f64, Point)> = None;
@@ -202,8 +205,8 @@ fn vote(tiles: &[Tile], camera: &Lens, edge: f64, predicted: &Pose) -> Option<Po
                     fitting.iter().any(|t| distance(t.centre, place) < 0.2 * pitch)
                 })
                 .count();
-            // A shift by one pitch costs two matches, while a lattice that is one column off loses
-            // the three tiles of a column.
+            // A shift by one pitch costs as much as two matches, while a lattice that is one column
+            // off loses the three tiles of a column.
             let score = matched as f64 - 2.0 * length;
             if matched >= 4 && best.is_none_or(|(b, _)| score > b) {
                 best = Some((score, shift));
@@ -211,7 +214,8 @@ fn vote(tiles: &[Tile], camera: &Lens, edge: f64, predicted: &Pose) -> Option<Po
         }
     }
     let (_, shift) = best?;
-    // Pixels to metres at the depth of the face. The fit that follows removes the error of a tilt.
+    // The shift is converted from pixels to metres at the depth of the face. The fit that follows
+    // corrects for a tilt.
     let z = predicted.translation.z;
     let mut pose = *predicted;
     pose.translation.x += shift.0 * z / camera.focal.0;
@@ -219,8 +223,10 @@ fn vote(tiles: &[Tile], camera: &Lens, edge: f64, predicted: &Pose) -> Option<Po
     Some(pose)
 }
 
-/// Finds a first pose of the face by a full detection in `window`. The pose has the reading order,
-/// of four, that is nearest to the prediction. The detection follows larger tilts than [`vote`].
+/// Finds a first pose of the face by a full detection in `window`, which also finds faces that are
+/// tilted farther from their prediction than those of [`vote`]. A detected face may be read in four
+/// orders; the pose is that of the order nearest to the prediction. Returns `None` if no face is
+/// within [`ASTRAY`] of it.
 fn by_detection(
     image: &RgbImage,
     camera: &Lens,
@@ -244,12 +250,16 @@ fn by_detection(
         .map(|(_, f)| refine(predicted, |pose, out| residuals(&f, pose, camera, edge, out)).pose)
 }
 
-/// Fits the face to the tiles from `start` on, and from the four poses that are one tile beside it.
-/// The result of one of these counts if at least two more tiles fit. Returns the pose, the face and
-/// the residual (px).
+/// Fits the face to the tiles, starting from the pose `start` and then from the four poses that are
+/// one tile beside it. A result from beside replaces the first one if at least two more tiles fit.
+/// Returns the pose, the face and the residual (px).
 ///
-/// A face that is more than half a tile off its prediction matches it with two of three columns.
-/// This failed two of fifty missions, whose base error put the face 12 mm off.
+/// A face that is more than half a tile off its prediction may match the lattice one column beside
+/// its own, with two of three columns. Two of fifty missions failed by this, with a face 12 mm off
+/// because of an error of an arm's base.
+///
+/// # Errors
+/// [`Refusal::NotExpected`] if too few tiles fit around `start`.
 fn aligned(
     tiles: &[Tile],
     camera: &Lens,
@@ -270,8 +280,11 @@ fn aligned(
     Ok(best)
 }
 
-/// Matches tiles to the nine cells and fits the pose, three times with a smaller tolerance each.
-/// Returns the pose, the face and the residual (px).
+/// Matches tiles to the nine cells of the face at `start` and fits its pose, three times with a
+/// smaller tolerance each. Returns the pose, the face and the residual (px).
+///
+/// # Errors
+/// [`Refusal::NotExpected`] if too few tiles fit.
 fn settle(
     tiles: &[Tile],
     camera: &Lens,
@@ -290,7 +303,8 @@ fn settle(
         confidence: 0.0,
     };
     let mut residual = f64::INFINITY;
-    // The first tolerance (pitches) covers the 0.2 of the vote. A fitted pose needs less.
+    // The first tolerance (in pitches) is a little above the 0.2 of the vote. A fitted pose needs
+    // less.
     for tolerance in [0.22, 0.15, 0.12] {
         let places =
             project(camera, &pose, edge, &GRID).ok_or(Refusal::NotExpected { matched: 0 })?;
@@ -350,6 +364,7 @@ mod tests {
     };
     const COLOURS: [u8; 9] = [0, 1, 2, 3, 4, 5, 4, 1, 0];
 
+    /// Returns the pose of a face 17 cm in front of the camera: x and y (m), tilt and roll (rad).
     fn pose(x: f64, y: f64, tilt: f64, roll: f64) -> Pose {
         Pose::from_parts(
             Translation3::new(x, y, 0.17),
@@ -358,7 +373,7 @@ mod tests {
     }
 
     #[test]
-    fn sticker_colours_follow_predicted_roll_of_face() {
+    fn colours_are_read_in_order_of_predicted_face() {
         for quarter in 0..4 {
             let roll = f64::from(quarter) * std::f64::consts::FRAC_PI_2;
             let truth = pose(0.003, -0.002, 0.06, roll + 0.02);
@@ -379,7 +394,7 @@ mod tests {
     fn tiles_under_fingers_are_reported_as_occluded() {
         let truth = pose(0.002, 0.003, 0.05, 0.0);
         let mut drawing = Drawing::new(CAMERA, vec![(truth, COLOURS)]);
-        // A finger from above over the middle column down to the middle of the face.
+        // A finger covers the middle column from above down to the middle of the face.
         drawing.bars.push((0, [-0.5, -3.0, 0.5, 0.2], [120.0, 122.0, 125.0]));
 
         let reading =

@@ -1,19 +1,20 @@
-//! The sides of a face's tiles, by which a lattice is fitted even where fingers cut its tiles.
+//! The sides of a face's tiles, by which a lattice is fitted even where fingers cover parts of its
+//! tiles.
 //!
-//! A tile that a finger or a reflection cuts still shows its other sides. From each cell of a
-//! lattice, lines are followed outwards in four directions until the first edge. On the sides of
-//! tiles all lines end at one distance from the middle of their cell, on the outline of a finger or
-//! in the background they do not. The lattice is fitted to the ends that agree. The sides that
-//! agree with the fitted lattice count as seen.
+//! A tile that a finger or a reflection cuts still shows some of its sides. From the middle of each
+//! cell of a lattice, lines are followed outwards in four directions until the first edge. On sides
+//! of tiles all lines end at the same distance from the middle of their cell. On the outline of a
+//! finger or in the background they do not. The lattice is fitted to the ends that agree. The sides
+//! that agree with the fitted lattice count as seen.
 //!
 //! | case | threshold | reason |
 //! |---|---|---|
-//! | side is seen | [`ENOUGH`] of the lines of [`ALONG`] | the majority |
+//! | side is seen | [`ENOUGH`] of the five lines of [`ALONG`] | the majority |
 //! | line ends on a side | `reach`, 0.22 down to 0.08 pitches | each fit comes closer |
-//! | row or column is empty | 3 sides of 12 or fewer | a row of background shows its neighbour's |
+//! | row or column is empty | <= 3 of its 12 sides seen | the 3 sides of the row beside it |
 //! | lattice a row over is better | 2 sides more | one more may be chance |
-//! | too few ends | 24 of 180 | eight unknowns, one equation for each end |
-//! | fit is wrong | a corner moves 0.6 pitches | the start is at most a fifth off |
+//! | too few ends | < 24 of 180 | eight unknowns, one equation for each end |
+//! | fit is wrong | a corner moves 0.6 diagonals of a cell | the start is at most 0.2 pitches off |
 //!
 //! - in: [`Edges`], a first homography of the face, half a tile's side in pitches
 //! - out: the homography that fits the sides, and which sides of the nine tiles are seen
@@ -24,10 +25,10 @@ use super::homography::{self, GRID, Point, apply};
 use super::segment::Edges;
 use nalgebra::{Matrix3, SMatrix, SVector};
 
-/// The sides of nine tiles.
+/// The sides of nine tiles that were seen, and the lattice fitted to them.
 #[derive(Debug, Clone)]
 pub(super) struct Sides {
-    /// Homography from (column - 1, row - 1) to pixels.
+    /// Homography from places of the face (column - 1, row - 1) to pixels.
     pub(super) homography: Matrix3<f64>,
     /// Number of sides of each tile that are seen, 0..=4.
     pub(super) seen: [u8; 9],
@@ -35,21 +36,24 @@ pub(super) struct Sides {
     pub(super) sticker: f64,
 }
 
-/// Offsets of the lines from the middle of their cell, in pitches: some pass a maker's mark, none
-/// meets a corner.
+/// Offsets of the five lines of a direction from the middle of their cell, in pitches. Some lines
+/// pass beside a maker's mark, and none meets a corner.
 const ALONG: [f64; 5] = [-0.24, -0.12, 0.0, 0.12, 0.24];
-/// Number of lines that must end on a side.
+/// Number of lines that must end on a side so that it counts as seen.
 const ENOUGH: usize = 3;
-/// Four directions outwards.
+/// Four directions from the middle of a cell outwards.
 const DIRECTIONS: [Point; 4] = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)];
 
-/// End of a line.
+/// End of a line at the first edge.
 #[derive(Debug, Clone, Copy)]
 struct End {
+    /// Number of the line's cell in reading order, 0..9.
     cell: usize,
+    /// Index of the line's direction in [`DIRECTIONS`].
     direction: usize,
     /// Distance from the middle of the cell, in pitches.
     distance: f64,
+    /// Pixel of the end.
     pixel: Point,
 }
 
@@ -59,14 +63,15 @@ impl Sides {
         self.seen.iter().sum()
     }
 
-    /// Fits the homography like [`Self::fit`]. If a row or column then shows almost no sides, also
-    /// fits the homography that is shifted away from it by one row or column, and returns that if
-    /// it shows at least two more sides.
+    /// Fits the homography like [`Self::fit`]. If an outer row or column then shows almost no
+    /// sides, also fits the homography that is shifted away from it by one row or column, and
+    /// returns that if it shows at least two more sides. `threshold` and `half` are those of
+    /// [`Self::fit`].
     ///
-    /// If one row of a face is hidden, the lattice may have taken a row of background instead.
+    /// If one row of a face is hidden, `start` may have a row of background instead of it.
     pub(super) fn best(edges: &Edges, threshold: u8, start: &Matrix3<f64>, half: f64) -> Self {
         let mut best = Self::fit(edges, threshold, start, half);
-        // Only away from an empty row or column can the face lie.
+        // The true face can only be shifted away from an empty row or column.
         let lacks = |line: [usize; 3]| line.iter().map(|&i| best.seen[i]).sum::<u8>() <= 3;
         let over = [
             ([0, 3, 6], (1.0, 0.0)),
@@ -98,8 +103,8 @@ impl Sides {
         let mut half = half;
         for reach in [0.22, 0.16, 0.11, 0.08] {
             let ends = ends(edges, threshold, &h, half - reach - 0.02);
-            // The sides of this cube's tiles, not the first guess, say how wide its tiles are. The
-            // median ignores the ends on fingers.
+            // The width of the tiles is measured again by the ends on this cube's sides. Their
+            // median ignores ends on fingers.
             let near = |end: &&End| (end.distance - half).abs() < reach;
             let mut distances: Vec<f64> = ends.iter().filter(near).map(|e| e.distance).collect();
             distances.sort_by(f64::total_cmp);
@@ -110,7 +115,8 @@ impl Sides {
             h = fitted;
         }
         let pitch = homography::smallest_pitch(&GRID.map(|g| apply(&h, g)));
-        // An end counts for this tile only if it is nearer to its side than to the next tile's.
+        // An end counts for a tile only if it is nearer to this tile's side than to that of the
+        // next tile.
         let nearer = (0.8 * (0.5 - half)).max(0.7 / pitch);
         let reach = (1.2 / pitch).clamp(0.05, 0.10).min(nearer);
         let mut counts = [[0; 4]; 9];
@@ -128,12 +134,12 @@ impl Sides {
 fn ends(edges: &Edges, threshold: u8, h: &Matrix3<f64>, from: f64) -> Vec<End> {
     let strength = |p: Point| {
         let (x, y) = (p.0.round(), p.1.round());
-        // The border of the picture is no edge of a tile.
+        // Outside the picture and at its border there are no edges of tiles.
         let (right, bottom) = (edges.width as f64 - 2.0, edges.height as f64 - 2.0);
         let inside = x > 1.0 && y > 1.0 && x < right && y < bottom;
         inside.then(|| edges.strength[y as usize * edges.width + x as usize])
     };
-    // A maker's mark in the middle of a tile has edges as well.
+    // Lines begin outside a maker's mark in the middle of a tile, which has edges as well.
     let from = from.max(0.12);
     let mut ends = Vec::with_capacity(180);
     for (cell, g) in GRID.into_iter().enumerate() {
@@ -142,11 +148,11 @@ fn ends(edges: &Edges, threshold: u8, h: &Matrix3<f64>, from: f64) -> Vec<End> {
                 apply(h, (g.0 + nx * out - ny * along, g.1 + ny * out + nx * along))
             };
             let pitch = homography::distance(place(0.0, 0.0), place(0.5, 0.0)) * 2.0;
-            // Half a pixel, so that no edge is stepped over.
+            // Steps of half a pixel miss no edge.
             let step = 0.5 / pitch.max(1.0);
             for along in ALONG {
                 let mut out = from;
-                // Beyond 0.5 pitches begins the next cell; 0.7 allows for the error of the start.
+                // The next cell begins at 0.5 pitches; 0.7 allows for the error of the start.
                 while out < 0.7 {
                     let pixel = place(out, along);
                     match strength(pixel) {
@@ -166,14 +172,15 @@ fn ends(edges: &Edges, threshold: u8, h: &Matrix3<f64>, from: f64) -> Vec<End> {
     ends
 }
 
-/// Solves for the homography with which the sides of the tiles pass through the ends of the lines.
-/// `h` is the homography so far and `half` half a tile's side.
+/// Computes the homography with which the sides of the tiles pass through the ends of the lines, in
+/// the least-squares sense. `h` is the homography so far, and `half` is half a tile's side in
+/// pitches.
 ///
 /// An end counts less the farther it is from its side, and not at all from `reach` pitches on.
 /// Returns `None` if fewer than 24 ends count, or if a corner of the face moves too far.
 fn solve(ends: &[End], h: &Matrix3<f64>, half: f64, reach: f64) -> Option<Matrix3<f64>> {
-    // Pixels are taken about the middle and in units of a pitch, so that the equations are well
-    // conditioned.
+    // Pixels are taken from the middle of the face, in units of a cell's diagonal, so that the
+    // equations are well conditioned.
     let middle = apply(h, (0.0, 0.0));
     let scale = homography::distance(middle, apply(h, (1.0, 1.0)));
     let mut normal = SMatrix::<f64, 8, 8>::zeros();
@@ -188,8 +195,9 @@ fn solve(ends: &[End], h: &Matrix3<f64>, half: f64, reach: f64) -> Option<Matrix
         let weight = (1.0 - off * off).powi(2);
         let (u, v) = ((end.pixel.0 - middle.0) / scale, (end.pixel.1 - middle.1) / scale);
         let (g, (nx, ny)) = (GRID[end.cell], DIRECTIONS[end.direction]);
-        // On a side, one coordinate of the place in the face is known, say x. With the inverse
-        // homography g and g9 = 1: x = (g1 u + g2 v + g3) / (g7 u + g8 v + 1), linear in g.
+        // On a side, one coordinate of the place in the face is known, for example x. With the
+        // inverse homography g and g9 = 1 it is x = (g1 u + g2 v + g3) / (g7 u + g8 v + 1). Times
+        // the denominator, this is linear in g.
         let (row, target) = if ny == 0.0 {
             let x = g.0 + nx * half;
             (SVector::<f64, 8>::from([u, v, 1.0, 0.0, 0.0, 0.0, -x * u, -x * v]), x)
@@ -219,8 +227,8 @@ mod tests {
 
     const TRUTH: [f64; 9] = [33.0, 5.0, 120.0, -4.0, 30.0, 100.0, 0.02, -0.03, 1.0];
 
-    /// Returns the edges of a drawn face of nine tiles with sides of 0.8 pitches, without the
-    /// hidden tiles, and the homography of the face.
+    /// Returns the edges of a drawn face with tiles of 0.8 pitches, of which those with the numbers
+    /// `hidden` are left out, and the homography of the face.
     fn edges(hidden: &[usize]) -> (Edges, Matrix3<f64>) {
         let truth = Matrix3::from_row_slice(&TRUTH);
         let inverse = truth.try_inverse().unwrap();
@@ -236,14 +244,16 @@ mod tests {
         (Edges::new(&rgb, 240, 200), truth)
     }
 
+    /// Returns the greatest distance between the corners of a face under two homographies (px).
     fn apart(a: &Matrix3<f64>, b: &Matrix3<f64>) -> f64 {
         let at = |g: &Point| homography::distance(apply(a, *g), apply(b, *g));
         homography::OUTLINE.iter().map(at).fold(0.0, f64::max)
     }
 
     #[test]
-    fn sides_of_six_tiles_correct_crooked_lattice() {
+    fn fit_to_six_tiles_corrects_inexact_lattice() {
         let (edges, truth) = edges(&[1, 4, 6]);
+        // The first homography is shifted and too narrow.
         let mut crooked = truth;
         crooked[(0, 2)] += 4.0;
         crooked[(0, 0)] *= 0.95;
@@ -255,9 +265,9 @@ mod tests {
         assert_eq!(sides.seen, [4, 0, 4, 4, 0, 4, 0, 4, 4]);
     }
 
-    /// A lattice that lies a row too low, with a row of background, is moved up.
+    /// A lattice one row too low, whose last row is background, is moved up.
     #[test]
-    fn lattice_is_moved_off_an_empty_row() {
+    fn lattice_moves_away_from_empty_row() {
         let (edges, truth) = edges(&[0]);
         let below = truth * Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0);
 

@@ -1,8 +1,8 @@
-//! A colour table of a rig that never moves, learned from cubes of known state.
+//! A colour table of a rig (cameras and lights that never move), learned from cubes of known state.
 //!
 //! In a rig the reflections are always at the same places. Each facelet therefore has its own mean
-//! shift from its colour, and its own spread. Priors shrink both towards none while there are few
-//! samples.
+//! shift from its colour, and its own spread. While there are few samples, priors keep the shifts
+//! near 0 and the spreads near that of all facelets.
 //!
 //! - in: mean RGB of 54 facelets with their true colours, several times
 //! - out: [`ColourTable`]; with it, 54 mean colours -> [`Decision`]
@@ -13,7 +13,7 @@ use super::whole::{Decision, Undecided, decide_cube, decide_expected};
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Appearance of the six colours in a rig.
+/// Appearance of the six colours at each facelet in a rig.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ColourTable {
     /// Mean place of each colour, 0..=5 = URFDLB, in the colour space (weighted lightness, a\*,
@@ -21,7 +21,7 @@ pub struct ColourTable {
     means: [[f64; 3]; 6],
     /// Mean shift of each facelet from its colour, in the order URFDLB.
     shifts: Vec<[f64; 3]>,
-    /// Variance of each facelet, relative to the common one.
+    /// Variance of each facelet, relative to that of all facelets.
     variances: Vec<f64>,
     /// Covariance that all facelets share, row by row.
     covariance: [[f64; 3]; 3],
@@ -34,21 +34,21 @@ pub type KnownCube = ([[f64; 3]; 54], [u8; 54]);
 
 /// Weight of the prior that a facelet is not shifted, in samples.
 const UNSHIFTED: f64 = 2.0;
-/// Weight of the prior that the spread of a facelet is the common one, in samples.
+/// Weight of the prior that the spread of a facelet is that of all facelets, in samples.
 const COMMON: f64 = 6.0;
 
-/// Weight of the prior of the common spread, in samples.
+/// Weight of the prior of the spread of all facelets, in samples.
 const SPREAD_PRIOR: f64 = 18.0;
-/// Expected standard deviation, in units of the colour space.
+/// Expected standard deviation of all facelets, in units of the colour space.
 const SPREAD: f64 = 5.0;
 
 /// Reason why there is no usable table.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Unlearned {
-    /// None of the cubes has this colour.
+    /// None of the cubes has the colour of this face.
     #[error("no table can be learned: no cube has a sticker of the colour of face {0}")]
     Unseen(char),
-    /// The covariance cannot be inverted, or a value of the table is not a number.
+    /// The covariance cannot be inverted, or a value of the table is not finite or missing.
     #[error("the colour table is not usable: a value is not finite, or a spread is not positive")]
     NoSpread,
 }
@@ -57,7 +57,7 @@ impl ColourTable {
     /// Learns how the colours look at each facelet of a rig, from cubes of known state in that rig.
     ///
     /// # Errors
-    /// [`Unlearned::Unseen`] if a colour does not occur.
+    /// [`Unlearned::Unseen`] if no cube has a facelet of some colour.
     pub fn learn(cubes: &[KnownCube]) -> Result<Self, Unlearned> {
         let samples: Vec<(usize, usize, Vector3<f64>)> = cubes
             .iter()
@@ -69,7 +69,8 @@ impl ColourTable {
         let each = cubes.len() as f64;
         let mut means = [Vector3::zeros(); 6];
         let mut shifts = [Vector3::zeros(); 54];
-        // Means depend on the shifts and the shifts on the means, so both are estimated in turns.
+        // Means depend on the shifts and the shifts on the means, so both are estimated
+        // alternately.
         for _ in 0..10 {
             for (colour, mean) in means.iter_mut().enumerate() {
                 let own = samples.iter().filter(|(_, c, _)| *c == colour);
@@ -85,7 +86,7 @@ impl ColourTable {
             for (i, colour, p) in &samples {
                 sums[*i] += p - means[*colour];
             }
-            // Shrinkage: the prior counts as samples without a shift.
+            // The prior counts like UNSHIFTED samples without a shift (shrinkage).
             shifts = sums.map(|sum| sum / (each + UNSHIFTED));
         }
         let mut scatter = Matrix3::identity() * (SPREAD_PRIOR * SPREAD * SPREAD);
@@ -96,7 +97,8 @@ impl ColourTable {
             squares[*i] += d.norm_squared();
         }
         let covariance: Matrix3<f64> = scatter / (SPREAD_PRIOR + samples.len() as f64);
-        // A facelet has too few samples for a covariance of its own, so only its size is learned.
+        // A facelet has too few samples for a covariance of its own, so only the size of its
+        // covariance, relative to that of all facelets, is learned.
         let variances = squares
             .map(|sum| (sum + COMMON * covariance.trace()) / (each + COMMON) / covariance.trace());
         Ok(Self {
@@ -116,15 +118,15 @@ impl ColourTable {
     pub fn decide(&self, rgb: &[[f64; 3]; 54]) -> Result<Decision, Undecided> {
         match self.expected() {
             Ok(expected) => decide_expected(rgb, expected),
-            // A table without a usable spread has no information, so the cube decides alone.
+            // A table that is not usable has no information, so the cube is decided without it.
             Err(_) => decide_cube(rgb),
         }
     }
 
-    /// Checks whether the table can be used. Call it on a table that was read from a file.
+    /// Checks whether the table is usable, as must be done for a table that was read from a file.
     ///
     /// # Errors
-    /// [`Unlearned::NoSpread`] if it cannot.
+    /// [`Unlearned::NoSpread`] if the table is not usable.
     pub fn check(&self) -> Result<(), Unlearned> {
         self.expected().map(|_| ())
     }
@@ -132,7 +134,8 @@ impl ColourTable {
     /// Converts the table to the prior knowledge from which the colours are decided.
     ///
     /// # Errors
-    /// [`Unlearned::NoSpread`] if the covariance cannot be inverted, or a value is not a number.
+    /// [`Unlearned::NoSpread`] if the covariance cannot be inverted, or a value is not finite or
+    /// missing.
     fn expected(&self) -> Result<Expected, Unlearned> {
         let covariance = Matrix3::from(self.covariance);
         let precision = covariance.cholesky().map(|f| f.inverse()).ok_or(Unlearned::NoSpread)?;
@@ -140,7 +143,7 @@ impl ColourTable {
             self.shifts.as_slice().try_into().map_err(|_| Unlearned::NoSpread)?;
         let variances: [f64; 54] =
             self.variances.as_slice().try_into().map_err(|_| Unlearned::NoSpread)?;
-        // A file may hold anything, and one NaN would reach all facelets.
+        // A file may contain any values, and a single NaN would spoil the colours of all facelets.
         let numbers = self.means.iter().chain(&shifts).flatten().all(|v| v.is_finite());
         let positive = variances.iter().all(|v| v.is_finite() && *v > 0.0);
         if !numbers || !positive {
@@ -178,12 +181,13 @@ mod tests {
         })
     }
 
+    /// Returns the facelets of a scrambled cube.
     fn state(seed: u64) -> [u8; 54] {
         *Facelets::from(&Cube::scrambled(seed)).colours()
     }
 
     #[test]
-    fn colour_table_of_four_cubes_reads_others() {
+    fn table_learned_from_four_cubes_reads_others() {
         let known: Vec<KnownCube> = (0..4).map(|k| (measured(&state(k), k), state(k))).collect();
 
         let table = ColourTable::learn(&known).unwrap();
@@ -195,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn learn_without_a_colour_reports_that_colour() {
+    fn learning_without_green_stickers_names_green_face() {
         let mut known = (measured(&state(1), 1), state(1));
         known.1.iter_mut().filter(|c| **c == 2).for_each(|c| *c = 1);
 

@@ -1,6 +1,7 @@
-//! A renderer of cubes for tests: faces in perspective with lens, noise and, on demand, fingers.
+//! A renderer of cubes for tests: faces in perspective with lens distortion, noise and, on demand,
+//! fingers.
 //!
-//! It shares no constant with the detector. The plant has its own renderer.
+//! It shares no constant with the detector. The simulated plant has its own renderer.
 
 use super::homography::{OUTLINE, Point};
 use crate::cell::Intrinsics;
@@ -11,7 +12,7 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64;
 
-/// Stickers of a common cube, sRGB: white, red, green, yellow, orange, blue.
+/// Colours of a common cube's stickers (sRGB, 0..=255): white, red, green, yellow, orange, blue.
 pub(crate) const STICKERS: [[f64; 3]; 6] = [
     [232.0, 232.0, 232.0],
     [180.0, 22.0, 40.0],
@@ -24,21 +25,25 @@ pub(crate) const STICKERS: [[f64; 3]; 6] = [
 /// Scene to render.
 pub(crate) struct Drawing {
     pub(crate) camera: Intrinsics,
+    /// Edge of the cube (m).
     pub(crate) edge: f64,
-    /// Faces: `camera_from_face`, and the colours of the tiles.
+    /// Faces: `camera_from_face`, and the numbers of the tiles' colours in [`STICKERS`].
     pub(crate) faces: Vec<(Pose, [u8; 9])>,
-    /// Rectangles in a face's plane, over everything: index of the face, (x0, y0, x1, y1) in
-    /// pitches, colour.
+    /// Rectangles over a face, as of fingers: index of the face, (x0, y0, x1, y1) in pitches from
+    /// its centre, colour.
     pub(crate) bars: Vec<(usize, [f64; 4], [f64; 3])>,
+    /// Colour of all that is no cube.
     pub(crate) background: [f64; 3],
     /// Standard deviation of the noise, in levels of 255.
     pub(crate) noise: f64,
-    /// Factor on all light.
+    /// Factor by which all colours are multiplied.
     pub(crate) light: f64,
+    /// Seed of the noise.
     pub(crate) seed: u64,
 }
 
 impl Drawing {
+    /// Makes a scene of these faces of a cube of 57 mm in usual light, with noise.
     pub(crate) fn new(camera: Intrinsics, faces: Vec<(Pose, [u8; 9])>) -> Self {
         Self {
             camera,
@@ -78,6 +83,8 @@ impl Drawing {
         image
     }
 
+    /// Returns the part of the image in which a face can be seen: least x, least y, greatest x and
+    /// greatest y (px), with a margin.
     fn bounds(&self, face: &Pose) -> [f64; 4] {
         let mut b = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
         for (u, v) in OUTLINE {
@@ -88,6 +95,8 @@ impl Drawing {
         b
     }
 
+    /// Returns the colour of the nearest surface that is seen at a point of the image (px), without
+    /// noise.
     fn sample(&self, at: Point) -> [f64; 3] {
         let (x, y) = self.camera.unproject(at);
         let ray = Vector3::new(x, y, 1.0);

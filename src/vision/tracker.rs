@@ -1,12 +1,13 @@
 //! Tracker of the cube over time: a constant-velocity Kalman filter with gates.
 //!
-//! The centre moves at a velocity that changes slowly. The orientation is a random walk, whose
-//! error is a small rotation. Both are gated. One face alone leaves two poses with nearly the same
-//! centre, and only the angle shows that a measurement is the other pose.
+//! The track is the filtered state of the cube. Its centre moves at a velocity that changes slowly.
+//! Its orientation is a random walk, whose error is a small rotation. Gates reject measurements
+//! whose centre or orientation is too far from the prediction. Two poses fit a single face. Their
+//! centres are nearly the same, so only the orientation shows that a measurement is the wrong one.
 //!
 //! | case | threshold (default) | reason |
 //! |---|---|---|
-//! | outlier | `gate`: 4.5 deviations | rejects the other pose of a single face |
+//! | outlier | `gate`: 4.5 deviations | rejects the wrong pose of a single face |
 //! | cube has jumped | `patience`: 3 outliers in a row | outliers are single measurements |
 //! | track is lost | `lost_after`: 1 s | a hand may be anywhere by then |
 //! | measurement is old | not newer than the last one | no picture may count twice |
@@ -33,13 +34,13 @@ pub struct TrackerSettings {
     /// Spectral density of the acceleration noise (m^2/s^3). A hand that starts and stops at 0.2
     /// m/s within 0.3 s has about 0.1.
     pub acceleration: f64,
-    /// Spectral density of the rotation as a random walk (rad^2/s). A hand turns the cube
-    /// unintentionally by 0.1 rad within a second.
+    /// Spectral density of the rotation as a random walk (rad^2/s). The default, 0.01, is that of a
+    /// hand which unintentionally turns the cube by 0.1 rad in a second.
     pub turning: f64,
     /// Greatest distance of an accepted measurement from its prediction, in standard deviations of
     /// the centre or of the orientation.
     pub gate: f64,
-    /// Number of rejected measurements in a row after which the track restarts.
+    /// Number of outliers in a row at which the track restarts.
     pub patience: u32,
     /// Age of the last accepted measurement above which the track is lost (s).
     pub lost_after: f64,
@@ -57,18 +58,20 @@ pub enum Update {
     /// The track starts with the measurement, or restarts after too many rejected ones.
     Started,
     /// The measurement is accepted. The value is its distance from the prediction in standard
-    /// deviations, the larger one of place and orientation.
+    /// deviations, of the centre or of the orientation, whichever is larger.
     Accepted(f64),
     /// The measurement is rejected. The value is its distance as in [`Update::Accepted`].
     Gated(f64),
-    /// The measurement is not newer than an earlier one. It is ignored, so that none counts twice.
+    /// The measurement is not newer than an earlier one. It is ignored, so that no picture counts
+    /// twice.
     Old,
 }
 
 /// Predicted state of the cube at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Prediction {
-    /// Predicted `frame_from_cube`. The orientation is that of the last measurements.
+    /// Predicted pose of the cube in the fixed frame. The orientation is the filtered one, without
+    /// a rotation since the last measurement.
     pub pose: Pose,
     /// Velocity of the centre (m/s).
     pub velocity: Vector3<f64>,
@@ -92,6 +95,7 @@ impl Prediction {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tracker {
     settings: TrackerSettings,
+    /// State of the filter; `None` before the first measurement.
     track: Option<Track>,
     /// Number of rejected measurements in a row.
     refused: u32,
@@ -108,9 +112,12 @@ struct Track {
     measured: f64,
     /// Centre (m) and its velocity (m/s).
     state: Vector6<f64>,
+    /// Covariance of `state`.
     covariance: Matrix6<f64>,
+    /// Orientation of the cube in the fixed frame.
     orientation: UnitQuaternion<f64>,
-    /// Covariance of the orientation's error, a small rotation in the frame's axes (rad^2).
+    /// Covariance of the orientation's error, a small rotation in the axes of the fixed frame
+    /// (rad^2).
     turn_covariance: Matrix3<f64>,
 }
 
@@ -129,9 +136,10 @@ impl Tracker {
         *self = Self::new(self.settings);
     }
 
-    /// Updates the track with a measurement of the cube, `frame_from_cube`, at `time` (s). The
-    /// frame is fixed: that of the world or of a fixed camera. `spread` is the covariance of a
-    /// small error in its axes: place of the centre (m), rotation about it (rad).
+    /// Updates the track with the pose of the cube that was measured at `time` (s), in a fixed
+    /// frame: that of the world or of a fixed camera. `spread` is the covariance of the error of
+    /// `measured` in the axes of this frame: of the centre (m), then of the rotation about it
+    /// (rad).
     pub fn update(&mut self, time: f64, measured: &Pose, spread: &Matrix6<f64>) -> Update {
         if time <= self.newest {
             return Update::Old;
@@ -142,13 +150,14 @@ impl Tracker {
             return self.start(time, measured, spread);
         };
         let (place_spread, turn_spread) = parts(spread);
-        // The place and the orientation are two filters. The track changes only after both gates.
+        // The centre and the orientation have a filter each. The track changes only if both pass
+        // their gates.
         let (state, covariance) = track.at(time, self.settings.acceleration);
         let walked = self.settings.turning * (time - track.time);
         let turn_covariance = track.turn_covariance + Matrix3::identity() * walked;
         let innovation: Vector3<f64> =
             measured.translation.vector - state.fixed_rows::<3>(0).into_owned();
-        // A cube looks the same in 24 orientations. The one nearest to the track counts.
+        // A cube looks the same in 24 orientations, of which the one nearest to the track is taken.
         let relative = track.orientation.inverse() * measured.rotation;
         let named_alike = measured.rotation * nearest_of_24(&relative).inverse();
         let turn = (named_alike * track.orientation.inverse()).scaled_axis();
@@ -172,14 +181,14 @@ impl Tracker {
             return Update::Gated(distance);
         }
         self.refused = 0;
-        // Gain P H^T S^-1 with H = [1 0].
+        // The gain of the centre's filter is P H^T S^-1 with H = [1 0].
         let pht = covariance.fixed_view::<6, 3>(0, 0).into_owned();
         let gain = factor.solve(&pht.transpose()).transpose();
         let mut h = Matrix3x6::zeros();
         h.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
         let keep = Matrix6::identity() - gain * h;
         track.state = state + gain * innovation;
-        // Joseph's form stays positive for any gain.
+        // Joseph's form of the covariance stays positive for any gain.
         track.covariance =
             keep * covariance * keep.transpose() + gain * place_spread * gain.transpose();
         // The orientation has the gain P S^-1, because its error is measured directly (H = 1).
@@ -199,8 +208,8 @@ impl Tracker {
         state.fixed_rows_mut::<3>(0).copy_from(&measured.translation.vector);
         let mut covariance = Matrix6::identity() * STARTING_SPEED.powi(2);
         covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&place_spread);
-        // A restarted track keeps its choice among the 24 orientations, so that the cube's axes do
-        // not jump.
+        // Among the 24 orientations a restarted track takes the one nearest to its last, so that
+        // the cube's axes do not jump.
         let orientation = self.track.as_ref().map_or(measured.rotation, |old| {
             let relative = old.orientation.inverse() * measured.rotation;
             measured.rotation * nearest_of_24(&relative).inverse()
@@ -233,15 +242,17 @@ impl Tracker {
         })
     }
 
-    /// Returns the time since the last accepted measurement (s), which is infinite without one.
+    /// Returns the time from the last accepted measurement to `time` (s), which is infinite without
+    /// one.
     #[must_use]
     pub fn age(&self, time: f64) -> f64 {
         self.track.as_ref().map_or(f64::INFINITY, |t| (time - t.measured).max(0.0))
     }
 
-    /// Returns the window of the image to search at `time` (s): the cube's corners, with three
-    /// standard deviations and a sixth of the cube around them. `edge` is the edge of the cube (m).
-    /// Returns `None` without a track, or if the cube is not in front of the camera.
+    /// Returns the part of the image to search for the cube at `time` (s): it contains the cube's
+    /// corners with a margin of three standard deviations and a sixth of the cube. `edge` is the
+    /// edge of the cube (m). Returns `None` without a track, or if the cube is outside the picture
+    /// or not in front of the camera.
     #[must_use]
     pub fn window(
         &self,
@@ -261,8 +272,8 @@ impl Tracker {
             if corner.z < 0.02 {
                 return None;
             }
-            // The frame's axes differ from the camera's, so the largest deviation of any axis is
-            // taken in both directions of the picture.
+            // The axes of the frame are not those of the camera, so the largest deviation along any
+            // axis is taken in both directions of the picture.
             for s in [-spread, spread] {
                 corners.push(camera.project(&Point3::new(corner.x + s, corner.y + s, corner.z)));
             }
@@ -271,7 +282,7 @@ impl Tracker {
     }
 }
 
-/// Splits a covariance into those of the place (m^2) and of the rotation (rad^2).
+/// Splits a covariance of a pose into that of the place (m^2) and that of the rotation (rad^2).
 fn parts(spread: &Matrix6<f64>) -> (Matrix3<f64>, Matrix3<f64>) {
     (spread.fixed_view::<3, 3>(0, 0).into_owned(), spread.fixed_view::<3, 3>(3, 3).into_owned())
 }
@@ -281,8 +292,8 @@ impl Track {
     /// density of the acceleration noise (m^2/s^3).
     fn at(&self, time: f64, acceleration: f64) -> (Vector6<f64>, Matrix6<f64>) {
         let dt = (time - self.time).max(0.0);
-        // White noise q of the acceleration adds q dt^3/3 to the variance of the place, q dt^2/2 to
-        // the covariance and q dt to the variance of the velocity.
+        // White noise of the acceleration with the density q adds q dt^3/3 to the variance of the
+        // place, q dt to that of the velocity, and q dt^2/2 to the covariance of the two.
         let mut step = Matrix6::identity();
         let mut noise = Matrix6::zeros();
         for i in 0..3 {
@@ -302,17 +313,19 @@ mod tests {
     use rand::{Rng, SeedableRng};
     use rand_pcg::Pcg64;
 
+    /// Returns a pose with this x and z (m) and without rotation.
     fn at(x: f64, z: f64) -> Pose {
         Pose::translation(x, 0.1, z)
     }
 
+    /// Returns the covariance of a good measurement.
     fn spread() -> Matrix6<f64> {
         let deviations = Vector6::new(2e-4, 2e-4, 1e-3, 0.01, 0.01, 0.003);
         Matrix6::from_diagonal(&deviations.map(|s: f64| s * s))
     }
 
     #[test]
-    fn tracker_finds_velocity_within_a_second() {
+    fn tracker_estimates_velocity_within_one_second() {
         let mut tracker = Tracker::new(TrackerSettings::default());
         let mut random = Pcg64::seed_from_u64(1);
         for i in 0..25 {
@@ -354,9 +367,9 @@ mod tests {
         assert!((tracker.age(3.0) - 2.0).abs() < 1e-12);
     }
 
-    /// A face that is read a quarter turn round does not turn the track.
+    /// If a face is read turned by a quarter, the orientation of the track does not change.
     #[test]
-    fn face_read_quarter_turned_keeps_track_orientation() {
+    fn quarter_turned_reading_keeps_orientation_of_track() {
         let mut tracker = Tracker::new(TrackerSettings::default());
         let quarter = UnitQuaternion::from_euler_angles(0.0, 0.0, std::f64::consts::FRAC_PI_2);
         let mut other = at(0.0, 0.7);
@@ -368,7 +381,8 @@ mod tests {
         assert!(tracker.predict(0.04).unwrap().pose.rotation.angle() < 0.03);
     }
 
-    /// The other pose of a single face is gated by its angle, but a cube that turns is followed.
+    /// The wrong one of the two poses that fit a single face is gated by its angle. A cube that
+    /// really turns is followed.
     #[test]
     fn mirrored_pose_is_gated_but_turning_cube_followed() {
         let leaning = |x: f64| {
@@ -386,7 +400,7 @@ mod tests {
         assert!(matches!(mirrored, Update::Gated(_)), "{mirrored:?}");
         assert!(matches!(tracker.update(0.44, &leaning(0.15), &spread()), Update::Accepted(_)));
         for i in 0..25_i32 {
-            // 0.4 rad/s.
+            // The cube turns at 0.4 rad/s.
             let now = leaning(0.15 + 0.016 * f64::from(i));
             let update = tracker.update(0.48 + 0.04 * f64::from(i), &now, &spread());
             assert!(matches!(update, Update::Accepted(_)), "{i}: {update:?}");
@@ -417,7 +431,7 @@ mod tests {
     }
 
     #[test]
-    fn window_holds_the_cube_and_little_else() {
+    fn window_contains_cube_and_little_else() {
         let camera = Intrinsics {
             width: 640,
             height: 480,

@@ -1,14 +1,14 @@
 //! Lens model: a pinhole with radial and tangential distortion, in both directions.
 //!
-//! - in: focal lengths, principal point, k1, k2, p1, p2, k3
-//! - out: pixel of a point; direction of a pixel, or `None` where the model has no inverse
+//! - in: focal lengths and principal point (px), coefficients k1, k2, p1, p2, k3
+//! - out: the pixel of a point; the direction of a pixel, or `None` where the model has no inverse
 //! - source: Brown, "Close-range camera calibration" (1971), with the signs and the order of
 //!   `OpenCV`
 
 use crate::cell::Intrinsics;
 use nalgebra::{Matrix2, Point3, Vector2};
 
-/// Lens with five coefficients of distortion. The first pixel's centre is (0, 0).
+/// Lens with five coefficients of distortion. The centre of the first pixel is (0, 0).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lens {
     /// Focal length along x and y (px).
@@ -22,6 +22,7 @@ pub struct Lens {
 }
 
 impl From<&Intrinsics> for Lens {
+    /// Makes the lens of a camera, whose intrinsics have only the coefficients k1 and k2.
     fn from(camera: &Intrinsics) -> Self {
         let (k1, k2) = camera.distortion;
         Self {
@@ -34,6 +35,7 @@ impl From<&Intrinsics> for Lens {
 }
 
 impl From<&Lens> for Lens {
+    /// Copies the lens, so that a function can take either a lens or intrinsics.
     fn from(lens: &Lens) -> Self {
         *lens
     }
@@ -41,7 +43,7 @@ impl From<&Lens> for Lens {
 
 /// Greatest number of Newton steps of the inversion. Three to five suffice inside a picture.
 const ROUNDS: usize = 20;
-/// Greatest error of an inversion, in normalised coordinates: 1e-9 px at f = 1000.
+/// Greatest error of an inversion, in normalised coordinates: 1e-9 px at a focal length of 1000 px.
 const CLOSE: f64 = 1e-12;
 
 impl Lens {
@@ -51,7 +53,7 @@ impl Lens {
         Self { focal, centre, radial: [0.0; 3], tangential: [0.0; 2] }
     }
 
-    /// Distorts normalised coordinates (x/z, y/z).
+    /// Distorts the normalised coordinates (x/z, y/z) of a point in the camera frame.
     #[must_use]
     pub fn distort(&self, (x, y): (f64, f64)) -> (f64, f64) {
         let ([k1, k2, k3], [p1, p2]) = (self.radial, self.tangential);
@@ -63,7 +65,7 @@ impl Lens {
         )
     }
 
-    /// Computes the derivative of [`Lens::distort`].
+    /// Computes the Jacobian of [`Lens::distort`] at normalised coordinates (x, y).
     fn slope(&self, (x, y): (f64, f64)) -> Matrix2<f64> {
         let ([k1, k2, k3], [p1, p2]) = (self.radial, self.tangential);
         let r2 = x * x + y * y;
@@ -84,15 +86,15 @@ impl Lens {
     /// where the model folds back and has no inverse.
     #[must_use]
     pub fn undistort(&self, wanted: (f64, f64)) -> Option<(f64, f64)> {
-        // Newton's method, because the usual fixed-point iteration converges slowly at the border
-        // of a wide picture and does not notice the fold.
+        // Newton's method is used, since the usual fixed-point iteration converges slowly at the
+        // border of a wide picture and does not detect where the model folds back.
         let (mut x, mut y) = wanted;
         for _ in 0..ROUNDS {
             let (dx, dy) = self.distort((x, y));
             let error = Vector2::new(dx - wanted.0, dy - wanted.1);
             let slope = self.slope((x, y));
-            // On the picture's side of the fold both eigenvalues of the derivative are positive.
-            // Beyond it, points farther out have images farther in.
+            // From the centre up to the fold both eigenvalues of the Jacobian are positive. Beyond
+            // the fold, points farther out have images farther in.
             if slope.determinant() <= 1e-6 || slope.trace() <= 0.0 {
                 return None;
             }
@@ -108,7 +110,7 @@ impl Lens {
         None
     }
 
-    /// Projects a point of the camera frame (z > 0) to its pixel.
+    /// Projects a point of the camera frame (m, z > 0) to its pixel.
     #[must_use]
     pub fn project(&self, point: &Point3<f64>) -> (f64, f64) {
         let (x, y) = self.distort((point.x / point.z, point.y / point.z));
@@ -131,6 +133,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// Returns a lens for pictures of 640 x 480 px with this distortion.
     fn lens(radial: [f64; 3], tangential: [f64; 2]) -> Lens {
         Lens { focal: (600.0, 610.0), centre: (321.0, 238.0), radial, tangential }
     }
@@ -144,7 +147,7 @@ mod tests {
             let lens = lens([k1, k2, k3], [p1, p2]);
             let pixel = lens.project(&Point3::new(x, y, 1.0));
 
-            let (u, v) = lens.unproject(pixel).expect("inside the fold");
+            let (u, v) = lens.unproject(pixel).expect("the model has an inverse here");
 
             prop_assert!((u - x).abs() < 1e-10 && (v - y).abs() < 1e-10);
         }
@@ -167,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn coefficients_follow_the_order_of_opencv() {
+    fn distortion_coefficients_have_order_of_opencv() {
         // Computed by hand: x = 0.5, y = 0.25, r2 = 0.3125.
         let lens =
             Lens { focal: (1.0, 1.0), centre: (0.0, 0.0), ..lens([0.1, 0.2, 0.3], [0.01, 0.02]) };

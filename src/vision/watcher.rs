@@ -1,20 +1,22 @@
-//! The kernel of the stand-alone camera's VSP: it turns frames into the cube's pose and speed.
+//! The kernel of the stand-alone camera's VSP (virtual sensor process): it turns frames into the
+//! cube's pose and speed.
 //!
-//! With a track, the kernel measures the edges of the tiles where the track predicts them. If they
-//! do not confirm the prediction, it searches in this order: the paper's colour stage inside the
-//! predicted window, the chosen detector there, the chosen detector in the whole picture. The pose
-//! is refined on the edges of all visible faces and filtered over time.
+//! Once the cube was found, a track predicts its pose in the next frame. The kernel then measures
+//! the edges of the tiles at their predicted places. If they do not confirm the prediction, it
+//! searches in this order: with the paper's colour tables inside the predicted window, with the
+//! chosen detector inside the window, with the chosen detector in the whole picture. The pose is
+//! refined on the edges of all visible faces and filtered over time.
 //!
 //! | case | threshold | reason |
 //! |---|---|---|
 //! | prediction is stale | `FRESH` | edges are found only near their true place |
 //! | pose by edges alone | residual `FOLLOWED` | edges do not prove that there is a cube |
 //! | pose by detection | residual `RESIDUAL` | tiles and lattice prove that there is one |
-//! | face is too small | edge `LEAST_EDGE` | outside the work-space (the paper, p. 373) |
-//! | least uncertainty | `FLOOR`, `FLOOR_ANGLE` | calibration and blur leave no residual |
+//! | face is too small | edge `LEAST_EDGE` | outside the workspace (the paper, p. 373) |
+//! | least uncertainty | `FLOOR`, `FLOOR_ANGLE` | residuals do not show calibration and blur |
 //!
 //! - in: an image and its time; believed optics and place of the camera; the cube's edge (m)
-//! - out: filtered `world_from_cube`, up to the cube's own symmetry, and speed, or a [`Refusal`]
+//! - out: filtered `world_from_cube`, up to the 24 rotations of a cube, and speed, or a [`Refusal`]
 //! - source: own work; the stages are those of Zieliński et al. (2007), p. 373
 
 use super::detect::window_around;
@@ -30,13 +32,13 @@ use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 /// Pose and speed of the cube.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Watched {
-    /// `world_from_cube`; the axes are along the edges.
+    /// Pose of the cube; its axes are along its edges, in any of the 24 ways.
     pub world_from_cube: Pose,
     /// Speed of the centre (m/s).
     pub speed: f64,
 }
 
-/// The kernel with its memory.
+/// The watcher of a cube: the kernel of the VSP with its track.
 #[derive(Debug, Clone)]
 pub struct CubeWatcher {
     world_from_camera: Pose,
@@ -51,20 +53,20 @@ pub struct CubeWatcher {
 const FLOOR: f64 = 0.0005;
 /// Least standard deviation of a measured orientation about each axis (rad), for the same reason.
 const FLOOR_ANGLE: f64 = 0.005;
-/// Shortest edge of a face inside the work-space (px). Zieliński et al. (2007, p. 373) give 100 px;
-/// a face seen at 45 deg has a mean edge of 85 % of its full one.
+/// Shortest edge of a face inside the workspace of the arms (px). Zieliński et al. (2007, p. 373)
+/// give 100 px; a face seen at 45 deg has a mean edge of 85 % of its full one.
 const LEAST_EDGE: f64 = 60.0;
 /// Largest residual of a pose that is accepted (px).
 const RESIDUAL: f64 = 2.0;
 /// Largest residual of a pose that only edges confirm (px).
 const FOLLOWED: f64 = 0.6;
-/// Greatest age of a prediction whose edges are measured (s). After an older one the kernel
-/// searches.
+/// Greatest age of a prediction at which edges are measured (s). If the prediction is older, the
+/// kernel searches for faces.
 const FRESH: f64 = 0.2;
 
 impl CubeWatcher {
-    /// Creates a watcher for a fixed camera. `world_from_camera` and `intrinsics` are those that
-    /// the controller believes. `edge` is the edge of the cube (m).
+    /// Makes a watcher for a fixed camera. `world_from_camera` and `intrinsics` are those that the
+    /// controller believes. `edge` is the edge of the cube (m).
     #[must_use]
     pub fn new(
         world_from_camera: Pose,
@@ -85,11 +87,11 @@ impl CubeWatcher {
     /// and speed of the cube. A frame that is not newer than the last one changes nothing.
     ///
     /// The search begins in the window that the track predicts. Without a track it begins around
-    /// `near`, the believed centre of the cube in the world (m) and its greatest error (m).
-    /// `elsewhere` says whether the search continues in the whole picture.
+    /// `near`: the believed centre of the cube in the world and the greatest error of this belief
+    /// (m). If the cube is not there and `elsewhere` is true, the whole picture is searched.
     ///
     /// # Errors
-    /// [`Refusal`] with the reason why no cube was found, or why the found one is not accepted.
+    /// [`Refusal`] with the reason why no cube was found, or why the found cube is not accepted.
     pub fn observe(
         &mut self,
         image: &RgbImage,
@@ -109,8 +111,8 @@ impl CubeWatcher {
                 .or_else(|| near.and_then(|(centre, reach)| self.around(&centre, reach)));
             self.search(image, window, elsewhere, predicted.as_ref())?
         };
-        // The covariance is in camera axes, the track in the world. A change of axes turns both the
-        // centre and the small rotation.
+        // The covariance is in the axes of the camera, the track in those of the world. A change of
+        // axes turns both the error of the centre and the rotation vector of the orientation.
         let rotation = self.world_from_camera.rotation.to_rotation_matrix();
         let mut turn = Matrix6::zeros();
         turn.fixed_view_mut::<3, 3>(0, 0).copy_from(rotation.matrix());
@@ -119,7 +121,8 @@ impl CubeWatcher {
         let floor = Vector6::new(place, place, place, angle, angle, angle);
         let spread = turn * location.covariance * turn.transpose() + Matrix6::from_diagonal(&floor);
         let measured = self.world_from_camera * location.camera_from_cube;
-        // A gated measurement is often the second pose of a single face. It must not reach the arm.
+        // A measurement that the tracker gates out is often the second pose that fits a single
+        // face. It must not reach the arm.
         if let Update::Gated(_) = self.tracker.update(time, &measured, &spread) {
             return Err(Refusal::NotExpected { matched: 0 });
         }
@@ -128,21 +131,23 @@ impl CubeWatcher {
     }
 
     /// Measures the pose of the cube at its predicted place by the edges of its tiles alone.
-    /// Returns `None` if the prediction is too old, or if the edges do not confirm it.
+    /// Returns `None` if the prediction is too old, if the edges do not confirm it, or if the cube
+    /// is too far away.
     fn follow(&self, image: &RgbImage, predicted: &Prediction) -> Option<CubeLocation> {
         if predicted.age > FRESH {
             return None;
         }
         let camera_from_cube = self.world_from_camera.inverse() * predicted.pose;
         let location = refine_in(image, &self.intrinsics, self.edge, &camera_from_cube)?;
-        // No face is detected here, so the depth gives the size that a frontal one would have.
+        // No face is detected here, so its width is computed from the depth, as of a frontal face.
         let width = self.intrinsics.focal.0 * self.edge / location.camera_from_cube.translation.z;
         (location.residual_px < FOLLOWED && width >= LEAST_EDGE).then_some(location)
     }
 
-    /// Finds the cube by detection. If the cube was `predicted`, its colours in the window are
-    /// tried first, then the chosen method in the window, then, if `elsewhere`, in the whole
-    /// picture.
+    /// Finds the cube by detection of its faces. If the cube was `predicted`, the colour tables are
+    /// tried first, inside the window. Then follows the chosen method inside the window and, if
+    /// `elsewhere` is true, in the whole picture. Without a window the chosen method searches the
+    /// whole picture at once.
     ///
     /// # Errors
     /// [`Refusal`] with the reason why no cube was found.
@@ -154,8 +159,8 @@ impl CubeWatcher {
         predicted: Option<&Prediction>,
     ) -> Result<CubeLocation, Refusal> {
         let by_colour = DetectorSettings { method: Method::Paper2007, ..self.settings };
-        // The colour stage is quick, but it does not prove that there is a cube. It is used only
-        // where a track says that there is one.
+        // The colour tables are quick, but they do not prove that there is a cube. They are used
+        // only where a track says that there is one.
         let quick = window
             .filter(|_| predicted.is_some())
             .and_then(|window| detect(image, Some(window), &by_colour).ok());
@@ -170,18 +175,18 @@ impl CubeWatcher {
         if widest < LEAST_EDGE {
             return Err(Refusal::TooSmall { width_px: widest });
         }
-        // One face leaves two poses, and the track decides between them.
+        // Two poses fit a single face, and the track decides between them.
         let hint = predicted.map(|p| self.world_from_camera.inverse() * p.pose);
         locate_in(image, &faces, &self.intrinsics, self.edge, hint.as_ref())
             .filter(|l| l.residual_px < RESIDUAL)
             .ok_or(Refusal::NotExpected { matched: 0 })
     }
 
-    /// Returns the part of the picture in which a cube can lie whose centre is within `reach` (m)
-    /// of `centre` (m, in the world).
+    /// Returns the part of the picture in which a cube can be whose centre is within `reach` (m) of
+    /// `centre` (m, in the world); `None` if that is outside the picture or too near the lens.
     fn around(&self, centre: &Vector3<f64>, reach: f64) -> Option<Rect> {
         let seen = self.world_from_camera.inverse() * Point3::from(*centre);
-        // Behind the lens or close to it, the projection is meaningless.
+        // Behind the lens or less than 10 cm from it, the projection means nothing.
         if seen.z < 0.1 {
             return None;
         }

@@ -1,13 +1,14 @@
 //! Decision of the colours of a whole cube: 54 mean colours -> facelets, with a margin each.
 //!
-//! The only prior knowledge is that the six centres have six different colours. Six classes begin
-//! at the centres. Three estimates then alternate until they agree: the means of the classes with
-//! their common spread, the light on each face (a reflection shifts all nine of its facelets), and
-//! the likeliest cube that can exist. The names of the colours come last and change no class.
+//! The only prior knowledge is that the six centres have six different colours. Six classes, one
+//! for each colour, begin at the centres. Three estimates then alternate until they agree: the
+//! means of the classes with their common spread, the light on each face (a reflection shifts all
+//! nine of its facelets), and the likeliest cube that can exist. The names of the colours come last
+//! and change no class. Costs are -2 log likelihood.
 //!
-//! Pictures that were turned, exchanged or mirrored are recognised: they fit each other only in
-//! another way. A cube that was assembled wrongly is not read as the nearest legal one. If its
-//! facelets, taken one by one, are too clear for that, the cube is refused with the reason.
+//! Pictures that were turned, exchanged or mirrored are recognised, since they make a cube only in
+//! another placement. A cube that was assembled wrongly is not read as the nearest legal one: if
+//! its facelets are clear when taken one by one, the cube is refused with the reason.
 //!
 //! | case | threshold | reason |
 //! |---|---|---|
@@ -15,10 +16,10 @@
 //! | cube is impossible | cost > [`IMPLAUSIBLE`] | noise does this once in 10^6 at worst |
 //! | pictures may be misplaced | strain > [`UNSURE`] | right readings have almost none |
 //! | pictures are misplaced | cost lower by [`IMPLAUSIBLE`] | as for an impossible cube |
-//! | facelet unlike its colour | [`UNLIKE`] | chi square of three numbers: once in 1000 |
-//! | ... though unlike | [`LIKER`] of the other distance | classes do not scatter alike |
-//! | contested facelets evident | [`REACH`] times the others | reflections may have moved them |
-//! | weight of a learned table | [`BELIEF`] facelets | the cube at hand counts for more |
+//! | facelet is unlike its colour | [`UNLIKE`] | chi square of three numbers: once in 1000 |
+//! | it is still evident | [`LIKER`] of the other distance | some classes scatter more |
+//! | contested facelets are evident | [`REACH`] times the others | reflections may move facelets |
+//! | weight of a learned table | [`BELIEF`] facelets | the present cube counts for more |
 //! | two centres are alike | squared distance < 1 | they cannot begin two classes |
 //!
 //! - in: mean RGB of the facelets, 0..=255, as in the image (sRGB), in the order URFDLB
@@ -33,17 +34,18 @@ use super::names::name;
 use super::placement::{Placement, placements};
 use crate::cube::{Cube, Face, Facelets, ImpossibleCube, facelet_place};
 
-/// Decided colours of a whole cube.
+/// Colours of a whole cube as they were decided.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Decision {
     /// Colour of each facelet, 0..=5 = white, red, green, yellow, orange, blue.
     pub colours: [u8; 54],
-    /// Face (0..=5 = URFDLB) whose centre has the colour of each facelet, independent of the names
-    /// of the colours.
+    /// For each facelet the face (0..=5 = URFDLB) whose centre has the same colour, independent of
+    /// the names of the colours.
     pub facelets: [u8; 54],
-    /// Confidence in each facelet against the best cube in which it has another colour, 0..=1.
+    /// Confidence in each facelet compared with the best cube in which it has another colour,
+    /// 0..=1.
     pub margins: [f64; 54],
-    /// Facelets with a small margin, least certain first.
+    /// Numbers of the facelets with a small margin, the least certain first.
     pub doubtful: Vec<usize>,
 }
 
@@ -53,13 +55,13 @@ fn places(facelets: &[usize]) -> String {
     names.join(", ")
 }
 
-/// Returns what may be wrong with the pictures as text.
+/// Returns the possible faults of the pictures as text, joined by "or".
 fn either(ways: &[Placement]) -> String {
     let ways: Vec<String> = ways.iter().map(ToString::to_string).collect();
     ways.join(", or ")
 }
 
-/// Reason why there is no decision.
+/// Reason why the colours of a cube were not decided.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Undecided {
     /// A measured value is not a number.
@@ -80,18 +82,19 @@ pub enum Undecided {
         first: Face,
         /// Second face.
         second: Face,
-        /// Whether both centres are clipped.
+        /// Whether the pictures of both centres are clipped.
         overexposed: bool,
     },
-    /// The pictures make a cube only if they are put down in another way.
+    /// The pictures make a cube only in another placement.
     #[error("the pictures fit each other only in another way: {placement}")]
     Misplaced {
         /// Faults of the pictures.
         placement: Placement,
-        /// Colours of the cube with the pictures put right.
+        /// Colours of the cube after the correction of the placement.
         decision: Box<Decision>,
     },
-    /// The pictures make a cube only if they are put down in another way, and there are several.
+    /// The pictures make a cube only in another placement, and several placements are equally
+    /// simple.
     #[error(
         "the pictures do not fit each other as they are; one of these is the cause: {}",
         either(ways)
@@ -100,7 +103,7 @@ pub enum Undecided {
         /// Possible faults of the pictures.
         ways: Vec<Placement>,
     },
-    /// The facelets are clear, and no cube has them.
+    /// The facelets are clear, but no cube that can exist has them.
     #[error("this cube cannot exist: {reason}; stickers in doubt: {}", places(doubtful))]
     Impossible {
         /// Fault of the cube as it was read.
@@ -112,34 +115,35 @@ pub enum Undecided {
     },
 }
 
-/// Margin below which a facelet is doubtful, for all callers. Doubtful facelets are reported, and
-/// the cube is not solved before another look or the operator decides them. At this margin the best
-/// other cube is ten times less likely.
+/// Margin below which a facelet is doubtful. Doubtful facelets are reported, and the cube is not
+/// solved before another picture or the operator decides them. At this margin the best other cube
+/// is ten times less likely.
 const DOUBTFUL: f64 = 0.9;
 
-/// Least difference of costs at which a cube is impossible: by this much, taken together, the
-/// contested facelets look more like their own colours than like those of the likeliest cube. Noise
-/// alone moves one facelet to another colour by this much once in 10^6 times at worst.
+/// Least difference of costs at which a cube is impossible. By this sum the contested facelets look
+/// more like their own colours than like those of the likeliest cube. Noise alone moves a facelet
+/// that far towards another colour once in 10^6 times at worst.
 const IMPLAUSIBLE: f64 = 25.0;
 
-/// Strain of a reading above which the pictures may not lie as given. A reading has none if each
-/// facelet alone looks like its colour on the cube.
+/// Strain of a reading (see [`Reading::strain`]) above which the placement of the pictures may be
+/// wrong. The strain is 0 if each facelet by itself looks like its colour on the cube.
 const UNSURE: f64 = 5.0;
 
-/// Squared distance from a class above which a facelet does not look like it. With three numbers a
-/// right facelet exceeds it once in 1000 times.
+/// Squared distance from a class above which a facelet does not look like it. A facelet of the
+/// class, whose colour has three components, exceeds this once in 1000 times.
 const UNLIKE: f64 = 16.0;
 
-/// Ratio of squared distances below which [`UNLIKE`] does not apply: the facelet is this much
-/// closer to its own colour than to that of the likeliest cube. Classes do not scatter alike.
+/// Ratio of squared distances below which [`UNLIKE`] does not apply: that from the facelet's own
+/// colour, divided by that from its colour on the likeliest cube. Some classes scatter more than
+/// others, so even a member of a class may be far from it.
 const LIKER: f64 = 0.25;
 
-/// Least distance of a contested facelet from its colour on the likeliest cube, as a multiple of
-/// the distance that any certain facelet has from its own. If reflections move certain facelets
-/// far, they may have moved the contested ones as well.
+/// Least squared distance of a contested facelet from its colour on the likeliest cube, as a
+/// multiple of the greatest squared distance of a certain facelet from its own colour. If
+/// reflections move certain facelets far, they may have moved the contested ones as well.
 const REACH: f64 = 2.0;
 
-/// Weight of a learned table against the cube at hand, in facelets of a colour.
+/// Weight of a learned table compared with the present cube, in facelets of each colour.
 const BELIEF: f64 = 4.0;
 
 /// Decides the colours of the 54 facelets of a cube from their mean RGB, 0..=255. The faces are in
@@ -173,8 +177,9 @@ pub fn decide_cube(rgb: &[[f64; 3]; 54]) -> Result<Decision, Undecided> {
     }
 }
 
-/// Decides the colours of the 54 facelets of a cube in a rig, like [`decide_cube`]. `expected` are
-/// the colours and reflections that were learned in this rig.
+/// Decides the colours of the 54 facelets of a cube in a rig (a fixed set of cameras and lights),
+/// like [`decide_cube`], but without a search for other placements. `expected` are the colours and
+/// reflections that were learned in this rig.
 ///
 /// # Errors
 /// [`Undecided`] if the colours are not those of a cube.
@@ -192,15 +197,15 @@ pub(super) fn decide_expected(
     decide(rgb, &points, Sorted::of(&points, Model::of(expected, BELIEF), cheapest_pieces))
 }
 
-/// Looks for another way in which the pictures may have been put down, if their facelets do not fit
-/// a cube as they lie. Returns the refusal if another way explains them far better.
+/// Searches for another placement of the pictures if their facelets do not fit a cube as given.
+/// Returns the refusal if another placement explains them far better.
 fn misplaced(rgb: &[[f64; 3]; 54], points: &Points, given: &Sorted) -> Option<Undecided> {
     // Most readings fit, and end here without the search.
     if given.rival.is_none() && given.best.strain() < UNSURE {
         return None;
     }
-    // The classes are sorted by their numbers alone, because the pieces are unknown as long as the
-    // placement is.
+    // The only rule for sorting is nine facelets in each class, because the pieces are unknown as
+    // long as the placement is unknown.
     let loose = Sorted::of(points, Model::of_centres(points), nine_of_each);
     let mut ways: Vec<(Placement, Sorted)> = placements(&loose.best.costs)
         .into_iter()
@@ -215,8 +220,9 @@ fn misplaced(rgb: &[[f64; 3]; 54], points: &Points, given: &Sorted) -> Option<Un
         return None;
     }
     ways.retain(|(_, sorted)| sorted.best.price - least < IMPLAUSIBLE);
-    // A cube and its mirror image have the same edges and corners. The simpler fault is believed:
-    // that all pictures are mirrored, or that two are exchanged.
+    // A cube and its mirror image have edges and corners of the same colours, so mirrored and
+    // exchanged pictures may explain the same colours. The placement with the fewest faults is
+    // believed.
     ways.sort_by_key(|(placement, _)| placement.changes());
     let (first, second) = (ways[0].0.changes(), ways.get(1).map(|(other, _)| other.changes()));
     if second == Some(first) {
@@ -228,11 +234,11 @@ fn misplaced(rgb: &[[f64; 3]; 54], points: &Points, given: &Sorted) -> Option<Un
     Some(Undecided::Misplaced { placement, decision: Box::new(decision) })
 }
 
-/// Facelets that were sorted from two first models: one as it is, one that ignores brightness.
+/// Readings of the facelets from two first models: one as it is, one that ignores brightness.
 struct Sorted {
-    /// Reading of the lower cost.
+    /// Reading with the lower cost.
     best: Reading,
-    /// Other reading, if it has other facelets.
+    /// Reading with the higher cost, if its facelets are different.
     rival: Option<Reading>,
 }
 
@@ -241,8 +247,8 @@ impl Sorted {
     /// returns the classes of the facelets from the cost of each class for each facelet.
     fn of(points: &Points, model: Model, sort: fn(&[[f64; 6]; 54]) -> [u8; 54]) -> Self {
         // Sorting ends in the optimum that is nearest to its start. From the centres alone, a face
-        // in the shade passed for one of other colours: a checkerboard with one dark face was read
-        // as solved. The second start ignores brightness.
+        // in the shade may be read as one of other colours: a checkerboard cube with one dark face
+        // was read as solved. Therefore a second start ignores brightness.
         let (near, facelets) = model.clone().sort_and_learn(points, sort);
         let (by_hue, others) = model.by_hue().sort_and_learn(points, sort);
         if facelets == others {
@@ -250,7 +256,8 @@ impl Sorted {
             let best = Reading::of(if nearer { near } else { by_hue }, points);
             return Self { best, rival: None };
         }
-        // Each sorting gets the best model that it allows, so that their costs can be compared.
+        // For each of the two results the best model is fitted, so that their costs can be
+        // compared.
         let near = Reading::of(near.fitted_to(points, &facelets), points);
         let by_hue = Reading::of(by_hue.fitted_to(points, &others), points);
         let (best, rival) =
@@ -259,7 +266,10 @@ impl Sorted {
     }
 }
 
-/// Decides the colours of the 54 facelets that were sorted.
+/// Decides the colours of a cube from the readings of its 54 facelets.
+///
+/// # Errors
+/// [`Undecided::Impossible`] if the facelets show clearly that the cube cannot exist.
 fn decide(
     rgb: &[[f64; 3]; 54],
     points: &Points,
@@ -268,8 +278,8 @@ fn decide(
     if let Some(refused) = contradiction(points, &best.model, &best.costs, &best.cube) {
         return Err(refused);
     }
-    // A facelet in which the two explanations differ is no more certain than the better explanation
-    // is as a whole.
+    // Where the two readings differ, a facelet is no more certain than the better reading is as a
+    // whole.
     if let Some(rival) = rival {
         for (i, margin) in best.cube.margins.iter_mut().enumerate() {
             if rival.cube.facelets[i] != best.cube.facelets[i] {
@@ -282,9 +292,11 @@ fn decide(
 
 /// Likeliest cube under one model.
 struct Reading {
+    /// Model of the colours.
     model: Model,
     /// Cost of each colour for each facelet, in -2 log likelihood.
     costs: [[f64; 6]; 54],
+    /// Likeliest cube that can exist.
     cube: Likeliest,
     /// Cost of the cube and the model together, in -2 log likelihood.
     price: f64,
@@ -299,18 +311,20 @@ impl Reading {
         Self { model, costs, cube, price }
     }
 
-    /// Returns by how much the facelets cost less by themselves than on the cube.
+    /// Returns the strain: by how much the facelets cost less if each has the colour that it looks
+    /// like by itself, instead of its colour on the cube (-2 log likelihood).
     fn strain(&self) -> f64 {
         clearness(&self.costs, &one_by_one(&self.costs), &self.cube.facelets)
     }
 }
 
-/// Checks whether the facelets show clearly that the cube cannot exist. Returns the refusal if so.
-/// `best` is the likeliest cube that can exist.
+/// Checks whether the facelets show clearly that the cube cannot exist, and returns the refusal if
+/// they do. `best` is the likeliest cube that can exist.
 ///
-/// Contested facelets are those that look by themselves like another colour than on the likeliest
-/// cube. They are compared with classes that are learned from the other facelets alone. Otherwise
-/// they would widen these classes, and swapped pieces would pass for misread red and orange.
+/// Contested facelets are those whose colour on the likeliest cube is not the one that they look
+/// like by themselves. They are compared with classes that are learned from the other facelets
+/// alone. Otherwise they would widen these classes, and swapped pieces would look like red and
+/// orange facelets that were misread.
 fn contradiction(
     points: &Points,
     model: &Model,
@@ -321,8 +335,8 @@ fn contradiction(
     let mut best = best.facelets;
     let mut model = model.clone();
     let mut costs = *costs;
-    // Classes without the contested facelets may contest others, so the comparison is repeated
-    // until it agrees, at most three times.
+    // With classes learned without the contested facelets, other facelets may be contested. The
+    // comparison is therefore repeated until they stay the same, at most three times.
     for round in 0..3 {
         let contested: [bool; 54] = std::array::from_fn(|i| alone[i] != best[i]);
         if !contested.contains(&true) {
@@ -330,7 +344,7 @@ fn contradiction(
         }
         model.learn(points, &alone, &contested);
         costs = model.costs(points);
-        // Most cubes are finished here, before the slow search for the likeliest cube is repeated.
+        // For most cubes the check ends here, before the slow search for the likeliest cube.
         if clearness(&costs, &alone, &best) < 0.5 * IMPLAUSIBLE {
             return None;
         }
@@ -359,7 +373,7 @@ fn contradiction(
 }
 
 /// Computes by how much the facelets cost more in the colours of the likeliest cube (`best`) than
-/// in the colours that each looks like by itself (`alone`).
+/// in the colours that they look like by themselves (`alone`), in -2 log likelihood.
 fn clearness(costs: &[[f64; 6]; 54], alone: &[u8; 54], best: &[u8; 54]) -> f64 {
     let price = |facelets: &[u8; 54], i: usize| costs[i][usize::from(facelets[i])];
     (0..54).map(|i| price(best, i) - price(alone, i)).sum()
@@ -370,8 +384,7 @@ fn clearness(costs: &[[f64; 6]; 54], alone: &[u8; 54], best: &[u8; 54]) -> f64 {
 fn conclude(rgb: &[[f64; 3]; 54], Reading { model, costs, cube: best, .. }: &Reading) -> Decision {
     let own = |i: usize| costs[i][usize::from(best.facelets[i])];
     // A difference m of costs in -2 log likelihood is a ratio of likelihoods of exp(-m / 2). A
-    // facelet that only the others forced into its class is no more certain than it looks by
-    // itself.
+    // facelet that by itself looks like another colour is less certain by this ratio.
     let margins = std::array::from_fn(|i| {
         let next = (0..6).filter(|&c| c != usize::from(best.facelets[i])).map(|c| costs[i][c]);
         let alone = next.fold(f64::INFINITY, f64::min) - own(i);
@@ -392,8 +405,8 @@ fn conclude(rgb: &[[f64; 3]; 54], Reading { model, costs, cube: best, .. }: &Rea
     }
 }
 
-/// Returns the cheapest class of each facelet, without regard to the others. The centres keep their
-/// own classes.
+/// Returns the cheapest class of each facelet, without regard to the other facelets. The centres
+/// keep their own classes.
 fn one_by_one(costs: &[[f64; 6]; 54]) -> [u8; 54] {
     let mut facelets = costs.map(|c| least(&c) as u8);
     for (face, &centre) in CENTRES.iter().enumerate() {
@@ -403,8 +416,8 @@ fn one_by_one(costs: &[[f64; 6]; 54]) -> [u8; 54] {
 }
 
 /// Returns the cheapest classes of the facelets with nine facelets in each class. If these cost far
-/// more than `alone`, the classes of the facelets by themselves, the cube really does not have nine
-/// of each, and `alone` is returned.
+/// more than `alone`, the cheapest class of each facelet by itself, the cube really does not have
+/// nine facelets of each colour, and `alone` is returned.
 fn as_counted(costs: &[[f64; 6]; 54], alone: [u8; 54]) -> [u8; 54] {
     let counted = nine_of_each(costs);
     let price =
@@ -437,7 +450,7 @@ fn impossible(facelets: &[u8; 54]) -> Option<ImpossibleCube> {
     Cube::try_from(Facelets::try_from(*facelets).ok()?).err()
 }
 
-/// Returns the index of the least value, the first one of equals.
+/// Returns the index of the least value; the first of several equal ones.
 fn least(values: &[f64; 6]) -> usize {
     (0..6).fold(0, |best, i| if values[i] < values[best] { i } else { best })
 }
@@ -447,7 +460,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Stickers of a common cube, sRGB.
+    /// Colours of a common cube's stickers (sRGB, 0..=255) in the order URFDLB.
     const STICKERS: [[f64; 3]; 6] = [
         [235.0, 235.0, 235.0],
         [183.0, 18.0, 52.0],
@@ -466,6 +479,7 @@ mod tests {
         })
     }
 
+    /// Returns the facelets of a scrambled cube.
     fn scrambled(seed: u64) -> [u8; 54] {
         *Facelets::from(&Cube::scrambled(seed)).colours()
     }
@@ -499,8 +513,8 @@ mod tests {
         }
     }
 
-    /// Returns the colours of six pictures of which some are turned, exchanged or mirrored.
-    /// `places` has the picture and the quarter turns of each face.
+    /// Returns the colours `rgb` of a cube as in pictures that are turned, exchanged or mirrored.
+    /// `places` is, for each face, the number of its picture and of its clockwise quarter turns.
     fn put_down(rgb: &[[f64; 3]; 54], places: [(usize, usize); 6], mirror: bool) -> [[f64; 3]; 54] {
         let mut given = *rgb;
         for (face, (picture, quarters)) in places.into_iter().enumerate() {
@@ -518,8 +532,8 @@ mod tests {
 
     const UPRIGHT: [(usize, usize); 6] = [(0, 0), (1, 0), (2, 0), (3, 0), (4, 0), (5, 0)];
 
-    /// Checks that pictures which were put down in another way are told with the cube that they
-    /// show.
+    /// Checks that a wrong placement of pictures is refused with the fault `told`, and that the
+    /// cube is read nevertheless.
     fn check_misplaced(seed: u64, places: [(usize, usize); 6], mirror: bool, told: &str) {
         let truth = scrambled(seed);
         let rgb = put_down(&measured(&truth, [1.0, 0.95, 0.9]), places, mirror);
@@ -579,8 +593,8 @@ mod tests {
         check_misplaced(3, places, false, told);
     }
 
-    /// Two facelets that look more like each other's colour are corrected by the rest of the cube,
-    /// and are reported as doubtful.
+    /// Two facelets that look more like each other's colour are read correctly, since no other cube
+    /// can exist, and are reported as doubtful.
     #[test]
     fn exchanged_facelet_colours_are_corrected_and_reported_doubtful() {
         let truth = scrambled(5);
@@ -657,17 +671,18 @@ mod tests {
         faces.iter().map(|&face| crate::cube::facelet_at(cell, face)).collect()
     }
 
-    /// Under noise, cubes that can exist are read, and wrongly assembled ones are refused with the
-    /// right reason.
+    /// With noise, cubes that can exist are read correctly, and wrongly assembled cubes are refused
+    /// with the right reason.
     #[test]
-    fn noisy_legal_cubes_are_read_and_impossible_refused() {
+    fn noisy_legal_cubes_are_read_impossible_ones_refused() {
         use crate::cube::{CORNERS, EDGES};
         const TRIALS: u64 = 12;
-        // Makes a fault in a cube of a trial; checks whether a refusal names it.
+        // `Spoil` makes a fault in the cube of a trial, `Named` checks whether a refusal names it.
         type Spoil = fn(&mut [u8; 54], usize);
         type Named = fn(&ImpossibleCube) -> bool;
-        // A fault, its name, and the least number of trials in which it must be refused. Red and
-        // orange may lie so close that two swapped pieces look like two misread stickers.
+        // Each entry is a fault, the check of its name, and the least number of trials in which it
+        // must be refused. Red and orange may be so near that two swapped pieces look like two
+        // misread stickers.
         let kinds: [(Spoil, Named, u64); 5] = [
             (
                 |f, n| {
@@ -729,7 +744,7 @@ mod tests {
                             assert_eq!(*facelets, state);
                             refused += 1;
                         }
-                        // Facelets that were forced into another cube are at least reported.
+                        // If another cube is read, the facelets that differ are at least doubtful.
                         Ok(read) => {
                             let wrong = (0..54).filter(|&i| read.facelets[i] != state[i]);
                             assert!(wrong.clone().all(|i| read.doubtful.contains(&i)));
@@ -751,7 +766,7 @@ mod tests {
             Err(Undecided::SameCentres { overexposed: false, .. })
         ));
 
-        // White and yellow in far too much light.
+        // The centres are white and yellow in far too much light.
         (rgb[4], rgb[31]) = ([247.0, 253.0, 253.0], [247.0, 251.0, 250.0]);
         rgb[13] = [183.0, 18.0, 52.0];
         assert!(matches!(decide_cube(&rgb), Err(Undecided::SameCentres { overexposed: true, .. })));

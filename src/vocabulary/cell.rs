@@ -29,12 +29,12 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// Returns the direction of approach and the line of the jaws, in the world, with which a
-    /// gripper takes the cube from its keeper.
+    /// Returns two unit vectors in the world frame: the direction in which a gripper approaches the
+    /// cube to take it from its keeper, and the line along which the jaws then close.
     ///
     /// The robot is on the -x side of a person. Its jaws close from above and below, so that the
     /// side towards the stand-alone camera stays free. The arm reaches a cube on the table from
-    /// above, where no finger comes near the table top. The jaws then close along x, so that they
+    /// above, so that no finger comes near the table top. The jaws then close along x, so that they
     /// do not hide the cube from a camera that looks along y.
     #[must_use]
     pub fn taking(&self) -> (Vector3<f64>, Vector3<f64>) {
@@ -137,7 +137,8 @@ pub enum Mount {
     },
 }
 
-/// Pinhole camera with two coefficients of radial distortion; pixel (0, 0) is centred at (0, 0).
+/// Pinhole camera with two coefficients of radial distortion. The image coordinates (0, 0) are the
+/// centre of the first pixel, not its corner.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Intrinsics {
     /// Number of pixels in a row.
@@ -154,7 +155,8 @@ pub struct Intrinsics {
 }
 
 impl Intrinsics {
-    /// Computes the pixel of a point in the camera frame (z > 0), with distortion (px).
+    /// Computes the image coordinates (px), with distortion, of a point in the camera frame (m,
+    /// z > 0).
     #[must_use]
     pub fn project(&self, point: &Point3<f64>) -> (f64, f64) {
         let (x, y) = (point.x / point.z, point.y / point.z);
@@ -163,7 +165,8 @@ impl Intrinsics {
         (self.focal.0 * x * scale + self.centre.0, self.focal.1 * y * scale + self.centre.1)
     }
 
-    /// Computes the normalised, undistorted direction (x/z, y/z) of a pixel.
+    /// Computes the undistorted direction (x/z, y/z), in the camera frame, of the image coordinates
+    /// `pixel` (px).
     #[must_use]
     pub fn unproject(&self, pixel: (f64, f64)) -> (f64, f64) {
         let xd = (pixel.0 - self.centre.0) / self.focal.0;
@@ -219,7 +222,8 @@ impl HandZone {
         (at.coords.abs() - self.half_extent).map(|x| x.max(0.0)).norm()
     }
 
-    /// Returns the distance between the box and the segment from `a` to `b` (m).
+    /// Returns the distance between the box and the segment from `a` to `b` (m); 0 if they meet.
+    /// Both ends are in the frame of the box.
     #[must_use]
     pub fn distance_to_segment(&self, a: &Point3<f64>, b: &Point3<f64>) -> f64 {
         // The box is convex, so along the segment the distance falls and then rises: a ternary

@@ -7,8 +7,8 @@
 use crate::spatial::{Pose, Wrench};
 use serde::{Deserialize, Serialize};
 
-/// Length of a servo period of the original controller (s). Commands last, and states and frames
-/// are numbered, in this unit, even if the periods of the servo have another length.
+/// Length of a servo period of the original controller (s). Durations of commands and the numbers
+/// of states and pictures count such periods, even if those of the servo have another length.
 pub const PERIOD: f64 = 0.002;
 
 /// Number of axes of an arm without its jaw. Index 0 is the prismatic track, 1..=6 are the six
@@ -139,7 +139,8 @@ pub struct MoveCommand {
 /// Reason for which an arm stopped by itself. The text of the error gives numbers and units.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum ArmFault {
-    /// The power stage's current limit, or half of the servo profile's `trip_current` for 0.3 s.
+    /// The power stage tripped at its current limit, or the current was above half of the servo
+    /// profile's `trip_current` for 0.3 s.
     #[error("axis {axis}: over-current, {amperes:.1} A")]
     OverCurrent {
         /// Axis: 0 the track, 1..=6 the rotary axes, 7 the jaw.
@@ -331,7 +332,8 @@ pub enum MoveRefused {
     /// The arm does not know its position.
     #[error("the arm is not synchronised: only relative motor moves are possible")]
     NotSynchronised,
-    /// The servo braked the arm to rest because the actors were silent.
+    /// The servo braked the arm to rest: the operator interrupted the motion, or the actors sent no
+    /// heartbeat.
     #[error("the motion was aborted: the operator interrupted it, or the actors sent no heartbeat")]
     #[serde(rename = "BrokenOff")]
     Aborted,
@@ -385,6 +387,7 @@ pub struct ArmState {
 }
 
 impl Default for ArmState {
+    /// Returns the state of a synchronised arm before its first period: all values are zero.
     fn default() -> Self {
         Self {
             period: 0,

@@ -86,8 +86,8 @@ impl Wrench {
         [f.x, f.y, f.z, t.x, t.y, t.z]
     }
 
-    /// Expresses the wrench about another origin and in other axes. Its power with a twist that is
-    /// converted likewise stays the same.
+    /// Expresses the wrench about the origin and in the axes of the frame `to`. Its power with a
+    /// twist that is converted likewise stays the same.
     #[must_use]
     pub fn moved(&self, to_from: &Pose) -> Self {
         let force = to_from.rotation * self.force;

@@ -1,12 +1,12 @@
 //! Access control of the page's server: which requests are refused, and why.
 //!
-//! A browser runs the pages of strangers, and other users and machines reach the server as well.
+//! A browser also runs pages of strangers, and other users and machines can reach the server.
 //! Without these rules any of them could drive the robot.
 //!
 //! | request | rule | attack |
 //! |---|---|---|
-//! | foreign `Host`, on the loopback | refused | a foreign name is rebound to this address |
-//! | another host in the request line | refused | the `Host` is right and not the one that counts |
+//! | foreign `Host`, on the loopback | refused | a stranger's host name leads to this address |
+//! | another host in the request line | refused | the `Host` is right, but the other one counts |
 //! | foreign `Origin` | refused | a page of another server sends commands |
 //! | foreign `Sec-Fetch-Site` | refused, except to open the page | a page of another server asks |
 //! | picture or WebSocket without the token | refused | another user or machine sends commands |
@@ -17,8 +17,8 @@
 //! request for a picture. It is no cookie: a browser sends the cookies of a host to all its ports,
 //! and thereby to the servers of other users.
 //!
-//! A proxy for TLS and a tunnel have names and ports of their own. A loopback name is admitted with
-//! any port, and a [`HostName`] names a proxy.
+//! A proxy for TLS and a tunnel have names and ports of their own. So a loopback name is admitted
+//! with any port, and the name of a proxy is given as a [`HostName`].
 
 use axum::http::{HeaderMap, HeaderName, Uri, header};
 use std::fmt;
@@ -29,36 +29,39 @@ use std::str::FromStr;
 /// Name of the header that carries the token of a request for a picture.
 pub const TOKEN_HEADER: &str = "x-token";
 
-/// Rules of one server.
+/// Rules of access to one server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Guard {
+    /// Address at which the server listens.
     address: SocketAddr,
+    /// Secret that pictures and web sockets need, as hexadecimal digits.
     token: String,
+    /// Names of proxies that lead to the server.
     names: Vec<HostName>,
 }
 
 /// Reason why a request is refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Refused {
-    /// The request names another server, or several.
+    /// Request that names another server, or several.
     #[error(
         "refused: this server is not `{0}`: open the address that the program printed, or start \
          the program with `--host NAME` if a proxy leads here from that name"
     )]
     Host(String),
-    /// The request comes from a page of another server.
+    /// Request with the `Origin` of a page of another server.
     #[error(
         "refused: a page from `{0}` may not command this robot: open the address that the program \
          printed, or start the program with `--host NAME` if a proxy leads here from that name"
     )]
     Origin(String),
-    /// A page of another server made the request.
+    /// Request that the browser marks as made by a page of another site.
     #[error(
         "refused: a page of another site asked for this: open the address that the program printed \
          in a tab of its own"
     )]
     Site,
-    /// The token is missing or wrong.
+    /// Request with a missing or wrong token.
     #[error(
         "refused: the token is missing or wrong: open the address that the program printed at its \
          last start"
@@ -95,7 +98,8 @@ impl fmt::Display for HostName {
 }
 
 impl HostName {
-    /// Returns whether a name and a port are those of this host. A name without a port has any.
+    /// Checks whether a name and a port are those of this host. If this host name has no port, any
+    /// port will do.
     fn is(&self, (name, port): (&str, Option<u16>)) -> bool {
         self.name.eq_ignore_ascii_case(name) && (self.port.is_none() || self.port == port)
     }
@@ -122,8 +126,8 @@ impl Guard {
         Ok(Self { address, token: format!("{token:032x}"), names })
     }
 
-    /// Returns the URL for a browser. A server that listens at all addresses is reached at the one
-    /// from which this machine speaks to others.
+    /// Returns the URL for a browser. If the server listens at all addresses, the URL has the
+    /// address from which this machine speaks to others.
     #[must_use]
     pub fn url(&self) -> String {
         let mut host = self.address;
@@ -139,16 +143,17 @@ impl Guard {
         self.names.iter().map(|name| format!("https://{name}/#token={}", self.token)).collect()
     }
 
-    /// Returns the reason why a request is refused before its token counts, or `None` if it passes.
+    /// Returns the reason why a request is refused, or `None` if it passes. The token is not
+    /// checked here.
     #[must_use]
     pub fn refuses(&self, headers: &HeaderMap, uri: &Uri) -> Option<Refused> {
-        // A second header of a name could be the one that a proxy has checked.
+        // Repeated headers are refused: a proxy may have checked the other one.
         let host = match only(headers, &header::HOST) {
             Ok(Some(host)) if self.is_own(host) => host,
             Ok(host) => return Some(Refused::Host(short(host.unwrap_or_default()))),
             Err(all) => return Some(Refused::Host(all)),
         };
-        // A host in the request line counts more than the header (RFC 9112, section 3.2.2).
+        // A host in the request line has precedence over the header (RFC 9112, section 3.2.2).
         let named = uri.authority().map(axum::http::uri::Authority::as_str);
         if let Some(other) = named.filter(|named| !named.eq_ignore_ascii_case(host)) {
             return Some(Refused::Host(short(other)));
@@ -163,33 +168,34 @@ impl Guard {
         (!is_own_site(headers, uri)).then_some(Refused::Site)
     }
 
-    /// Returns [`Refused::Token`] unless the header of a request carries the token, once.
+    /// Returns [`Refused::Token`] unless the headers of a request carry the token exactly once.
     #[must_use]
     pub fn refuses_token_of(&self, headers: &HeaderMap) -> Option<Refused> {
         let given = only(headers, &HeaderName::from_static(TOKEN_HEADER)).ok().flatten();
         (!given.is_some_and(|given| self.is_token(given))).then_some(Refused::Token)
     }
 
-    /// Returns whether this is the token.
+    /// Checks whether `given` is the token.
     #[must_use]
     pub fn is_token(&self, given: &str) -> bool {
         same(given.as_bytes(), self.token.as_bytes())
     }
 
-    /// Returns whether `Host` names this server. Beyond the loopback any name will do, because a
-    /// machine has many, and a page of a stranger's name does not have the token.
+    /// Checks whether `Host` names this server. If the server listens beyond the loopback, any name
+    /// will do: a machine has many names, and a stranger's page does not have the token.
     fn is_own(&self, host: &str) -> bool {
         let Some(host) = parts(host) else { return false };
         let ip = host.0.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>();
-        // Names of the loopback cannot be rebound. A tunnel has another port than the server.
+        // Strangers cannot point names of the loopback elsewhere. The port is not compared, since a
+        // tunnel has another port than the server.
         host.0.eq_ignore_ascii_case("localhost")
             || ip.is_ok_and(|ip| ip.is_loopback() || ip == self.address.ip())
             || !self.address.ip().is_loopback()
             || self.names.iter().any(|name| name.is(host))
     }
 
-    /// Returns whether `Origin` is that of the page which this server sends: by the name of this
-    /// request, or by a name of its proxy, which may have replaced the `Host`.
+    /// Checks whether `Origin` is that of this server's own page: its host must be the `Host` of
+    /// the request, or the name of a proxy, since a proxy may have replaced the `Host`.
     fn is_own_origin(&self, origin: &str, host: &str) -> bool {
         let name = origin.strip_prefix("https://").or_else(|| origin.strip_prefix("http://"));
         name.is_some_and(|name| {
@@ -199,8 +205,9 @@ impl Guard {
     }
 }
 
-/// Returns whether a request comes from the page itself, from the person, or from no browser. A
-/// link on another site may open the page, which shows nothing without the token.
+/// Checks whether a request comes from the page itself, from the person (who typed the address), or
+/// from no browser. A link on another site may open the page, which shows nothing without the
+/// token.
 fn is_own_site(headers: &HeaderMap, uri: &Uri) -> bool {
     let is = |name, value: &str| headers.get(name).is_some_and(|v| v == value);
     let opens = uri.path() == "/" && is(MODE, "navigate") && is(DESTINATION, "document");
@@ -208,10 +215,10 @@ fn is_own_site(headers: &HeaderMap, uri: &Uri) -> bool {
     opens || sites.all(|site| site == "same-origin" || site == "none")
 }
 
-/// Returns the only header of a name, or `None` if there is none.
+/// Returns the value of the header `name`; `None` if there is no such header.
 ///
 /// # Errors
-/// There are several, or it is no text: what was sent, for the answer.
+/// The values as a text for the answer if there are several, or "?" if the value is no text.
 fn only<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Result<Option<&'a str>, String> {
     let all: Vec<_> = headers.get_all(name).iter().collect();
     match all[..] {
@@ -224,13 +231,13 @@ fn only<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Result<Option<&'a str>
     }
 }
 
-/// Returns the beginning of a text for an answer.
+/// Returns the first 80 characters of a text, for an answer.
 fn short(text: &str) -> String {
     text.chars().take(80).collect()
 }
 
-/// Returns name and port of a host as a URL has it, or `None` if it is none. An IPv6 address stands
-/// in brackets.
+/// Splits a host of a URL into name and port. Returns `None` if the text is no host. An IPv6
+/// address stands in brackets.
 fn parts(host: &str) -> Option<(&str, Option<u16>)> {
     let name_end = if host.starts_with('[') { host.find(']')? + 1 } else { 0 };
     let (name, port) = match host[name_end..].find(':') {
@@ -259,7 +266,7 @@ fn own_ip(v4: bool) -> IpAddr {
     } else {
         (Ipv6Addr::UNSPECIFIED.into(), Ipv6Addr::new(0x2001, 0xdb8, 0, 0, 0, 0, 0, 1).into())
     };
-    // To connect a UDP socket only selects the route and with it the own address.
+    // Connecting a UDP socket only selects the route, and with it the own address.
     let spoken = UdpSocket::bind((own, 0)).and_then(|socket| {
         socket.connect((others, 9))?;
         socket.local_addr()
@@ -278,11 +285,13 @@ fn same(a: &[u8], b: &[u8]) -> bool {
 mod tests {
     use super::*;
 
+    /// Returns the rules of a server at this address with these names of proxies.
     fn guard(address: &str, names: &[&str]) -> Guard {
         let names = names.iter().map(|name| name.parse().unwrap()).collect();
         Guard::of(address.parse().unwrap(), names).unwrap()
     }
 
+    /// Returns the reason why a request with these headers is refused.
     fn asked(guard: &Guard, pairs: &[(&'static str, &str)], uri: &str) -> Option<Refused> {
         let mut headers = HeaderMap::new();
         for (name, value) in pairs {
@@ -291,7 +300,7 @@ mod tests {
         guard.refuses(&headers, &uri.parse().unwrap())
     }
 
-    /// A tunnel has another port on the side of the browser, or none if it is 80.
+    /// Behind a tunnel the browser's `Host` has another port than the server, or none if it is 80.
     #[test]
     fn own_page_is_admitted_by_every_loopback_name() {
         let guard = guard("127.0.0.1:8780", &[]);
@@ -405,7 +414,7 @@ mod tests {
         }
     }
 
-    /// A request of another page of this machine has no `Origin` if it is a plain GET.
+    /// A plain GET of another site's page has no `Origin`, so `Sec-Fetch-Site` decides.
     #[test]
     fn requests_of_other_sites_are_refused() {
         let guard = guard("127.0.0.1:8780", &[]);

@@ -1,19 +1,21 @@
-//! Limits of the page's connections: their number, and the time for which one may be idle.
+//! Limits of the connections to the page's server: their number, and the time for which one may be
+//! idle.
 //!
-//! Each connection has a file descriptor. The world's file and the recording need some as well, and
-//! so does the operator who wants to press the emergency stop.
+//! Each connection takes a file descriptor. Some must stay free for the world's file, for the
+//! recording, and for the operator who wants to press the emergency stop.
 //!
 //! | case | limit | consequence |
 //! |---|---|---|
 //! | all connections | [`MOST`] | a new one displaces the one that has been idle for longest |
-//! | ... from this machine, or from others | [`SIDE`] | the operator of either finds a place |
+//! | ... from this machine, or from others | [`SIDE`] | as above; the other side finds a place |
 //! | pages with a WebSocket | [`PAGES`] | a new one displaces the one that was silent for longest |
 //! | ... from this machine, or from others | [`SIDE_PAGES`] | as above |
-//! | no request | [`ASKS`] | cut, except for pages: there may be no news for long |
-//! | answer is not read | [`TAKES`] | cut |
+//! | connection without a request | [`ASKS`] | cut, except for pages, which may be silent |
+//! | client that does not read an answer | [`TAKES`] | cut |
 //!
-//! A connection is a page's once its WebSocket has sent the token. The page that commands is never
-//! displaced. A connection from another machine displaces none of this machine.
+//! A connection counts as a page once its WebSocket has sent the token. The page that commands is
+//! never displaced. A connection from another machine displaces no connection of this machine. This
+//! machine is one side, all others are the other side.
 //!
 //! - in: connections as the system accepts them
 //! - out: the connections that are admitted
@@ -33,7 +35,8 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::oneshot;
 use tokio::time::{Instant, Sleep, sleep};
 
-/// Greatest number of connections at one time. A browser has six, and the WebSocket of its page.
+/// Greatest number of connections at one time. A browser opens up to six, and a WebSocket for each
+/// page.
 const MOST: usize = 64;
 /// Greatest number of connections from this machine, and of those from other machines.
 const SIDE: usize = 40;
@@ -41,7 +44,7 @@ const SIDE: usize = 40;
 const PAGES: usize = 32;
 /// Greatest number of pages from this machine, and of those from other machines.
 const SIDE_PAGES: usize = 24;
-/// Time within which the head of a request must arrive, and the next request after an answer.
+/// Time within which a request must arrive after the connection begins or after an answer.
 pub(super) const ASKS: Duration = Duration::from_secs(5);
 /// Time within which a part of an answer must be read.
 const TAKES: Duration = Duration::from_secs(10);
@@ -50,10 +53,11 @@ const TAKES: Duration = Duration::from_secs(10);
 #[derive(Debug)]
 struct Known {
     number: u64,
+    /// Whether it comes from another machine.
     foreign: bool,
-    /// Time of the last write to it, or of its admission; of the last message of a page.
+    /// Time of its admission or of the last write to it; for a page, of the last message from it.
     idle_since: Instant,
-    /// Whether it has become the WebSocket of a page.
+    /// Whether it is the WebSocket of a page.
     page: bool,
     /// Sender whose drop cuts the connection.
     _cut: oneshot::Sender<()>,
@@ -69,9 +73,10 @@ impl Lines {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Admits connection `number`, which comes from another machine if it is `foreign`. If there
-    /// are too many, cuts the one that has been idle for longest among those that may be cut;
-    /// returns `None` if there is none. The returned receiver ends when this connection is cut.
+    /// Admits the connection with the number `number`, which comes from another machine if
+    /// `foreign` is true. If there are too many connections, cuts the one that has been idle for
+    /// longest among those that may be cut; returns `None` if no connection may be cut. The
+    /// returned receiver ends when the admitted connection is cut.
     fn admit(
         self: &Arc<Self>,
         number: u64,
@@ -87,9 +92,10 @@ impl Lines {
     }
 }
 
-/// Makes room for one more of the connections that are `counted`, of which there may be `most` in
-/// all and on each side. Cuts the one that has been idle for longest among those that `may_go`;
-/// returns `None` if there is none.
+/// Makes room for one more connection of this side (`foreign` for other machines). Only connections
+/// that are `counted` have the limits `most`: for both sides together, and for one side. If a limit
+/// is reached, cuts the connection that has been idle for longest among those that `may_go`;
+/// returns `None` if no connection may be cut.
 fn make_room(
     all: &mut Vec<Known>,
     foreign: bool,
@@ -101,8 +107,8 @@ fn make_room(
     let side = all.iter().filter(kind).filter(|known| known.foreign == foreign).count();
     let crowded = side >= most.1;
     if crowded || all.iter().filter(kind).count() >= most.0 {
-        // A full side makes room itself. Otherwise the other side has more than its share, but a
-        // connection from another machine cannot displace one of this machine.
+        // A full side makes room itself. Otherwise the sides together are full, and either may make
+        // room; but a connection from another machine cannot displace one of this machine.
         let here = |known: &&Known| known.foreign == foreign || (!crowded && known.foreign);
         let going = all.iter().filter(kind).filter(here).filter(|known| may_go(known));
         let longest = going.min_by_key(|known| known.idle_since)?.number;
@@ -111,23 +117,24 @@ fn make_room(
     Some(())
 }
 
-/// One connection, as a request on it sees it.
+/// Handle of one connection, which the requests on it get.
 #[derive(Debug, Clone)]
 pub(super) struct Line {
     lines: Arc<Lines>,
     number: u64,
+    /// Whether the connection is the WebSocket of a page.
     page: Arc<AtomicBool>,
 }
 
 impl Line {
-    /// Returns the number of the connection, which no other one has.
+    /// Returns the number of the connection, which no other connection of the server ever has.
     pub(super) fn number(&self) -> u64 {
         self.number
     }
 
     /// Makes the connection that of a page, which may be silent. If there are too many pages, cuts
-    /// the one that has been silent for longest, except that of number `holder`. Returns `false` if
-    /// this connection has been displaced meanwhile.
+    /// the page that has been silent for longest, but never the connection with the number
+    /// `holder`. Returns `false` if this connection has been displaced, or if no page may be cut.
     pub(super) fn becomes_page(&self, holder: Option<u64>) -> bool {
         let mut all = self.lines.all();
         let Some(foreign) = self.known(&all).map(|known| known.foreign) else { return false };
@@ -155,7 +162,8 @@ impl Line {
         all.iter().find(|known| known.number == self.number)
     }
 
-    /// Restarts the idle time after a write, except for a page, which gets news without asking.
+    /// Restarts the idle time after a write to the connection, except for a page, which gets news
+    /// without asking.
     fn answered(&self) {
         if !self.page.load(Ordering::Relaxed) {
             self.heard();
@@ -174,10 +182,12 @@ impl Connected<IncomingStream<'_, Door>> for Line {
 pub(super) struct Door {
     listener: TcpListener,
     lines: Arc<Lines>,
+    /// Number of the last connection.
     last: u64,
 }
 
 impl Door {
+    /// Makes a door to this listener, without connections.
     pub(super) fn new(listener: TcpListener) -> Self {
         Self { listener, lines: Arc::default(), last: 0 }
     }
@@ -191,7 +201,7 @@ impl Listener for Door {
         loop {
             let (stream, address) = Listener::accept(&mut self.listener).await;
             self.last += 1;
-            // A connection without a place is dropped, and thereby closed.
+            // A connection that is not admitted is dropped, and thereby closed.
             let foreign = !address.ip().to_canonical().is_loopback();
             if let Some((line, cut)) = self.lines.admit(self.last, foreign) {
                 let idle = Box::pin(sleep(ASKS));
@@ -215,14 +225,14 @@ pub(super) struct Stream {
     line: Line,
     /// Receiver that ends when the connection is cut; `None` after that.
     cut: Option<oneshot::Receiver<()>>,
-    /// Timer of [`ASKS`].
+    /// Timer for the next request ([`ASKS`]).
     idle: Pin<Box<Sleep>>,
-    /// Timer of [`TAKES`], while a write waits.
+    /// Timer for the client to read ([`TAKES`]); `None` unless a write waits.
     stuck: Option<Pin<Box<Sleep>>>,
 }
 
 impl Stream {
-    /// Returns whether the connection has been cut. A cut wakes the task that polls.
+    /// Returns whether the connection has been cut. Registers the task to be woken by a cut.
     fn is_cut(&mut self, context: &mut Context<'_>) -> bool {
         // A receiver that is ready must not be polled again.
         let cut = self.cut.as_mut().is_none_or(|cut| Pin::new(cut).poll(context).is_ready());
@@ -232,7 +242,8 @@ impl Stream {
         cut
     }
 
-    /// Passes on the result of a write, which may wait for as long as [`TAKES`].
+    /// Passes on the result of a write. A write that waits for [`TAKES`], or on a connection that
+    /// is cut, fails with a timeout.
     fn written<T>(
         &mut self,
         context: &mut Context<'_>,
@@ -383,7 +394,7 @@ mod tests {
         assert!(stays(0) && !stays(1));
     }
 
-    /// Opens connections with these numbers, and makes each of them a page.
+    /// Opens connections with these numbers, 1 ms apart, and makes each of them a page.
     async fn pages(
         lines: &Arc<Lines>,
         numbers: std::ops::Range<u64>,
@@ -416,7 +427,7 @@ mod tests {
         let lines = Arc::new(Lines::default());
         let mut held = pages(&lines, 0..SIDE_PAGES as u64, false).await;
         held[1].0.heard();
-        // News to a page are no message of it.
+        // News that a page gets do not count as a message from it.
         held[2].0.answered();
         let is_cut = |cut: &mut oneshot::Receiver<()>| {
             cut.try_recv().is_err_and(|e| e == oneshot::error::TryRecvError::Closed)
@@ -444,7 +455,8 @@ mod tests {
         assert!(!stream.line.becomes_page(None));
     }
 
-    /// Connections of either side, silent or not, leave places to the operator of the other one.
+    /// However many connections and pages one side opens, an operator of the other side finds a
+    /// place (this machine is one side, all others are the other).
     #[tokio::test(start_paused = true)]
     async fn either_side_leaves_places_to_other_side() {
         for foreign in [true, false] {
@@ -473,7 +485,7 @@ mod tests {
 
         assert_eq!((theirs.len(), lines.all().len()), (100, MOST));
         assert_eq!(lines.all().iter().filter(|known| !known.foreign).count(), SIDE);
-        // This machine displaces connections of others.
+        // This machine displaces connections of other machines.
         assert!(lines.admit(300, false).is_some());
         assert_eq!(lines.all().len(), MOST);
     }

@@ -1,8 +1,9 @@
 //! Server of the operator's page: it sends snapshots to browsers and takes their inputs.
 //!
 //! The server has a thread and a runtime of its own. A slow page misses snapshots, and no run waits
-//! for it. The server belongs to the program, above the runs: it serves a desk, and shows the runs
-//! at that desk one after the other.
+//! for it. The server belongs to the program, above the runs: it serves a desk (the channels
+//! between user interfaces and runs, [`crate::desk`]), and shows the runs at that desk one after
+//! the other.
 //!
 //! - in: a [`UiEnd`] of the desk
 //! - out: the page (only assets of this folder); `GET /camera/{index}`, a picture; `GET /ws`, a
@@ -59,6 +60,7 @@ pub struct Server {
     pub url: String,
     /// URLs for browsers that reach the server through a proxy for TLS, including the token.
     pub proxy_urls: Vec<String>,
+    /// Sender whose drop stops the server.
     stop: Option<oneshot::Sender<()>>,
     thread: Option<std::thread::JoinHandle<()>>,
 }
@@ -73,7 +75,7 @@ impl Server {
         Self::start_behind(desk, address, Vec::new())
     }
 
-    /// Starts a server like [`Self::start`], which browsers reach by the `names` of proxies too.
+    /// Starts a server as [`Self::start`] does. Browsers also reach it by the `names` of proxies.
     ///
     /// # Errors
     /// As for [`Self::start`].
@@ -94,7 +96,7 @@ impl Server {
         let work = move || {
             let service = routes(shared).into_make_service_with_connect_info::<Line>();
             let served = axum::serve(Door::new(listener), service);
-            // Without a graceful shutdown: a page's WebSocket never ends by itself.
+            // The shutdown does not wait for connections: a page's WebSocket never ends by itself.
             runtime.block_on(async {
                 tokio::select! {
                     biased;
@@ -104,7 +106,7 @@ impl Server {
                     },
                 }
             });
-            // Open sockets are cut.
+            // Open connections are cut.
             runtime.shutdown_background();
         };
         let thread = std::thread::Builder::new().name("web".into()).spawn(work)?;
@@ -122,7 +124,7 @@ impl Drop for Server {
     }
 }
 
-/// Returns the routes of the server.
+/// Returns the routes of the server: WebSocket, cameras, files of the page.
 fn routes(shared: Shared) -> Router {
     let mut router =
         Router::new().route("/ws", get(socket::upgrade)).route("/camera/{index}", get(camera));
@@ -130,18 +132,18 @@ fn routes(shared: Shared) -> Router {
         router =
             router.route(path, get(move || async move { ([(header::CONTENT_TYPE, kind)], text) }));
     }
-    // The layer comes last, so that it covers all routes.
+    // The check of requests is added last, so that it covers all routes.
     router.layer(middleware::from_fn_with_state(shared.clone(), check)).with_state(shared)
 }
 
-/// Obeys a message from a page, as if that page alone were open. Needs no server, for tests.
+/// Obeys a message from a page as if no other page were open. Tests use it without a server.
 /// Returns the reason if the message is refused.
 #[must_use]
 pub fn obey(text: &str, desk: &UiEnd) -> Option<String> {
     socket::obey(text, &Arc::<Seats>::default().newcomer(0, None), desk)
 }
 
-/// Checks a request before it is answered, and adds headers of security to the answer.
+/// Checks a request before it is answered, and adds security headers to the answer.
 async fn check(State(shared): State<Shared>, request: Request, next: Next) -> Response {
     let mut response = match shared.guard.refuses(request.headers(), request.uri()) {
         Some(reason) => (StatusCode::FORBIDDEN, format!("{reason}\n")).into_response(),
@@ -151,12 +153,13 @@ async fn check(State(shared): State<Shared>, request: Request, next: Next) -> Re
     let mut set = |name: HeaderName, value: &'static str| {
         headers.insert(name, HeaderValue::from_static(value));
     };
-    // No copies of pictures remain, no guesses of types are made, and no server learns the address.
+    // Browsers keep no copies of pictures, guess no media types, load the page in no frame, and
+    // tell no server the address of the page.
     set(header::CACHE_CONTROL, "no-store");
     set(header::X_CONTENT_TYPE_OPTIONS, "nosniff");
     set(header::X_FRAME_OPTIONS, "DENY");
     set(header::REFERRER_POLICY, "no-referrer");
-    // No other page includes an answer, or keeps a handle to the page that it has opened.
+    // No page of another server may include an answer, or keep a handle to a page that it opened.
     set(HeaderName::from_static("cross-origin-resource-policy"), "same-origin");
     set(HeaderName::from_static("cross-origin-opener-policy"), "same-origin");
     // The page loads nothing from anywhere else, and no other page may frame it.
@@ -168,7 +171,7 @@ async fn check(State(shared): State<Shared>, request: Request, next: Next) -> Re
     response
 }
 
-/// Answers with the latest picture of a camera.
+/// Answers `GET /camera/{index}` with the latest picture of a camera and the number of its frame.
 async fn camera(
     State(shared): State<Shared>,
     Path(index): Path<usize>,
@@ -183,7 +186,7 @@ async fn camera(
     };
     let frame = picture.frame;
     let Some(file) = shared.pictures.file_of(index, picture).await else {
-        return (StatusCode::INTERNAL_SERVER_ERROR, "the picture cannot be written\n")
+        return (StatusCode::INTERNAL_SERVER_ERROR, "the picture cannot be encoded\n")
             .into_response();
     };
     let kind = if file.starts_with(b"\x89PNG") { "image/png" } else { "image/jpeg" };

@@ -1,5 +1,5 @@
-//! Files of the cameras' pictures for the page. Each picture is encoded once, however many pages
-//! ask for it.
+//! Files of the cameras' pictures for the page. A picture is encoded once, however many pages ask
+//! for it.
 //!
 //! - in: a raw picture, or a file
 //! - out: a JPEG or PNG file
@@ -10,16 +10,18 @@ use image::codecs::jpeg::JpegEncoder;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Quality of the pictures, of 100.
+/// Quality of the JPEG pictures, 0 to 100.
 const QUALITY: u8 = 82;
 
-/// Latest picture of one camera, with its file if it can be encoded.
+/// Latest picture of one camera that a page asked for, and its file; the file is `None` if the
+/// picture cannot be encoded.
 type Latest = Arc<tokio::sync::Mutex<Option<(Arc<Picture>, Option<Bytes>)>>>;
 
 /// Files of the latest pictures of all cameras.
 #[derive(Debug, Default)]
 pub(super) struct Files {
     cameras: Mutex<BTreeMap<usize, Latest>>,
+    /// Number of times that a picture was encoded.
     #[cfg(test)]
     encoded: std::sync::atomic::AtomicUsize,
 }
@@ -39,7 +41,8 @@ impl Files {
         #[cfg(test)]
         self.encoded.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         let source = Arc::clone(&picture);
-        // The encoder takes milliseconds, in which the thread must answer an emergency stop.
+        // The encoder takes milliseconds. It has another thread, since this one must take an
+        // emergency stop meanwhile.
         let file = tokio::task::spawn_blocking(move || encode(&source)).await.ok().flatten();
         *latest = Some((picture, file.clone()));
         file
@@ -64,7 +67,7 @@ mod tests {
     use image::RgbImage;
     use std::sync::atomic::Ordering;
 
-    /// Many pages ask at the same time, and again later.
+    /// Many pages ask for a picture at the same time, and one asks again later.
     #[tokio::test]
     async fn each_picture_is_encoded_once() {
         let picture =

@@ -1,13 +1,13 @@
-//! The right to command: one page at a time has it, and the others watch. Every page may press the
-//! emergency stop.
+//! The right to command the robot: one page at a time has it, and the others watch. Every page may
+//! press the emergency stop. The seat of a page is its place among those that command or watch.
 //!
 //! | event | rule |
 //! |---|---|
 //! | a page opens or asks, and no page commands | it commands |
-//! | a page asks, and another one commands | that one is asked, and consents or refuses |
+//! | a page asks, and another one commands | the other page is asked, and consents or refuses |
 //! | ... and neither answers nor commands for [`ANSWER`] | the page that asks commands |
 //! | the connection of the page that commands ends | its seat is kept for [`RETURN`] |
-//! | the page that commands gives up the right | the page that asks commands, else none |
+//! | the page that commands gives up the right | the page that asks commands, or else no page |
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,34 +16,39 @@ use tokio::time::Instant;
 
 /// Time within which the page that commands answers another page that asks for the right.
 pub(super) const ANSWER: Duration = Duration::from_secs(10);
-/// Time within which a page whose connection has ended finds its right to command kept.
+/// Time for which the right to command is kept for a page whose connection has ended.
 pub(super) const RETURN: Duration = Duration::from_secs(10);
 
 /// Seats of all pages.
 #[derive(Debug)]
 pub(super) struct Seats(watch::Sender<Command>);
 
-/// The page that commands, and the one that asks for it.
+/// The page that commands, and the one that asks for the right to command.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Command {
     holder: Option<Holder>,
     request: Option<Request>,
 }
 
+/// Page that commands.
 #[derive(Debug, Clone)]
 struct Holder {
+    /// Number of its connection.
     number: u64,
-    /// Name that the page has given itself. It recognises the page after a lost connection.
+    /// Name that the page has given itself, by which it is recognised after a lost connection.
     page: Option<String>,
-    /// Time at which the seat is free, after the connection has ended.
+    /// Time at which the right becomes free; `None` while the connection lasts.
     kept_until: Option<Instant>,
 }
 
+/// Page that asks for the right to command.
 #[derive(Debug, Clone)]
 struct Request {
+    /// Number of its connection.
     number: u64,
+    /// Name that the page has given itself.
     page: Option<String>,
-    /// Time at which the page that asks commands if it is not refused.
+    /// Time at which this page gets the right if it has not been refused.
     until: Instant,
 }
 
@@ -54,9 +59,9 @@ impl Default for Seats {
 }
 
 impl Seats {
-    /// Returns the seat of a new page, which commands if no other page does, or if the right is
-    /// kept for it. `number` is that of its connection; `page` is the name that it has given
-    /// itself.
+    /// Returns the seat of a new page. The page commands if no other page does, or if the right is
+    /// kept for a page of this name. `number` is that of its connection; `page` is the name that it
+    /// has given itself.
     pub(super) fn newcomer(self: &Arc<Self>, number: u64, page: Option<String>) -> Seat {
         let seat = Seat { seats: Arc::clone(self), number, page };
         seat.change(|command| {
@@ -72,20 +77,20 @@ impl Seats {
         seat
     }
 
-    /// Returns the number of the connection of the page that commands.
+    /// Returns the number of the connection of the page that commands; `None` if none does.
     pub(super) fn holder(&self) -> Option<u64> {
         self.0.borrow().holder.as_ref().map(|holder| holder.number)
     }
 }
 
-/// A seat as its page shows it.
+/// Right to command, as one page shows it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 pub(super) struct SeatView {
     /// Whether this page commands.
     own: bool,
-    /// Whether a page commands.
+    /// Whether any page commands.
     taken: bool,
-    /// The page that asks for the right to command.
+    /// Page that asks for the right to command.
     request: Option<Asks>,
 }
 
@@ -93,12 +98,14 @@ pub(super) struct SeatView {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 enum Asks {
+    /// This page.
     Own,
+    /// Another page.
     Other,
 }
 
-/// Seat of one page. A drop of it ends the request of this page, and keeps its right to command for
-/// [`RETURN`] if the page has a name.
+/// Seat of one page. When it is dropped, the request of this page ends. If the page commands and
+/// has a name, its right is kept for [`RETURN`]; without a name the right passes on.
 pub(super) struct Seat {
     seats: Arc<Seats>,
     number: u64,
@@ -111,12 +118,12 @@ impl Seat {
         self.seats.holder() == Some(self.number)
     }
 
-    /// Returns a receiver of all changes.
+    /// Returns a receiver of all changes of the right to command.
     pub(super) fn changes(&self) -> watch::Receiver<Command> {
         self.seats.0.subscribe()
     }
 
-    /// Returns the seat as this page shows it.
+    /// Returns the right to command as this page shows it.
     pub(super) fn view(&self) -> SeatView {
         let command = self.seats.0.borrow();
         let asks = |request: &Request| {
@@ -130,7 +137,7 @@ impl Seat {
     }
 
     /// Takes the right to command if no page has it, and otherwise asks the page that has it.
-    /// Returns the reason if this page must wait for the answer to another one.
+    /// Returns the reason if this page is refused because another page already asks.
     pub(super) fn take(&self) -> Option<&'static str> {
         let mut refused = None;
         self.change(|command| {
@@ -153,7 +160,8 @@ impl Seat {
         refused
     }
 
-    /// Answers the page that asks for the right to command, if this page has it.
+    /// Answers the page that asks for the right to command: passes the right on if this page
+    /// `consents`, else ends the request. Does nothing if this page does not command.
     pub(super) fn answer(&self, consents: bool) {
         self.change(|command| {
             let asked = command.request.is_some() && command.is_held_by(self.number);
@@ -166,19 +174,19 @@ impl Seat {
         });
     }
 
-    /// Restarts the time of [`ANSWER`], because this page has commanded.
+    /// Restarts the time [`ANSWER`] for the answer to a request, because this page has commanded.
     pub(super) fn has_commanded(&self) {
         self.change(|command| {
             let held = command.is_held_by(self.number);
             if let Some(request) = command.request.as_mut().filter(|_| held) {
                 request.until = Instant::now() + ANSWER;
             }
-            // No page shows the time.
+            // The pages do not show this time, so they need no news.
             false
         });
     }
 
-    /// Gives up the right to command if this page has it.
+    /// Gives up the right to command if this page has it. A page that asks gets the right.
     pub(super) fn leave(&self) {
         self.change(|command| {
             let own = command.is_held_by(self.number);
@@ -194,11 +202,13 @@ impl Seat {
         self.change(|_| false);
     }
 
+    /// Returns this page as the one that commands.
     fn holder(&self) -> Holder {
         Holder { number: self.number, page: self.page.clone(), kept_until: None }
     }
 
-    /// Changes the state at one go; `change` returns whether the pages must show it.
+    /// Changes the state in one step, after passing on or freeing a right whose time has come.
+    /// `change` returns whether the pages must be told.
     fn change(&self, change: impl FnOnce(&mut Command) -> bool) {
         self.seats.0.send_if_modified(|command| {
             let late = command.expires(Instant::now());
@@ -218,7 +228,8 @@ impl Drop for Seat {
                 return asked;
             };
             if holder.page.is_some() {
-                // The page of the operator may return before a stranger's opens.
+                // The right is kept, so that the operator's page gets it back when it reconnects,
+                // and no stranger's page does.
                 holder.kept_until = Some(Instant::now() + RETURN);
                 return asked;
             }
@@ -229,6 +240,7 @@ impl Drop for Seat {
 }
 
 impl Command {
+    /// Checks whether the page with this number of a connection commands.
     fn is_held_by(&self, number: u64) -> bool {
         self.holder.as_ref().is_some_and(|holder| holder.number == number)
     }
@@ -241,7 +253,8 @@ impl Command {
         });
     }
 
-    /// Passes on or frees the right when its time has come. Returns whether it has.
+    /// Passes on or frees the right if a request was not answered in time, or if the page for which
+    /// the right was kept has not returned. Returns whether that is so.
     fn expires(&mut self, now: Instant) -> bool {
         let unanswered = self.request.as_ref().is_some_and(|request| now >= request.until);
         let kept = self.holder.as_ref().and_then(|holder| holder.kept_until);
@@ -260,6 +273,7 @@ mod tests {
 
     const STEP: Duration = Duration::from_millis(1);
 
+    /// Returns seats with a page "a", which commands, and a page "b", which watches.
     fn two() -> (Arc<Seats>, Seat, Seat) {
         let seats = Arc::<Seats>::default();
         let holder = seats.newcomer(1, Some("a".into()));
@@ -307,7 +321,8 @@ mod tests {
         assert!(other.commands() && !holder.commands());
     }
 
-    /// A reload of the page, or a lost connection: a stranger who waits for it gets nothing.
+    /// After a reload of the page or a lost connection the page gets its right back. Until then no
+    /// other page gets it.
     #[tokio::test(start_paused = true)]
     async fn seat_is_kept_for_returning_page() {
         let (seats, holder, other) = two();

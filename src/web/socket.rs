@@ -1,13 +1,14 @@
-//! WebSocket of one page: the messages to the page, the messages from it, and its seat.
+//! WebSocket of one page: the messages to the page, the messages from the page, and its seat (its
+//! right to command or to watch).
 //!
-//! - out, JSON objects with one key each: `stage` at first and at each change; `snapshot`, without
-//!   the plan and the messages; `plan` at each change; `messages`, only those that this page has
-//!   not received; `seat` when the right to command changes; `refused` with a reason; `denied` with
-//!   a reason, if the token is wrong
-//! - in: first `{"token": TOKEN, "page": NAME}`, where the name is optional and recognises the page
-//!   after a lost connection; then an [`Input`] as `{"command": NAME, ...}` with its arguments
-//!   beside the name, `{"seat": "take"}` and `"leave"`, the answers `"give"` and `"keep"` to a page
-//!   that asks for the right to command, and `{"alive": true}`
+//! - out, JSON objects with one key each: `stage` at the beginning and at each change; `snapshot`,
+//!   without the plan and the messages; `plan` at each change; `messages`, only those that this
+//!   page has not received; `seat` when the right to command changes; `refused` with a reason;
+//!   `denied` with a reason, if the token is wrong
+//! - in: first `{"token": TOKEN, "page": NAME}`; by the name, which is optional, the page is
+//!   recognised after a lost connection; then an [`Input`] as `{"command": NAME, ...}` with its
+//!   arguments beside the name, `{"seat": "take"}` and `"leave"`, the answers `"give"` and `"keep"`
+//!   to a page that asks for the right to command, and `{"alive": true}`
 
 use super::guard::Refused;
 use super::line::{ASKS, Line};
@@ -28,20 +29,20 @@ use tokio::time::Instant;
 
 /// Greatest length of a message of a page (bytes). An answer with 54 stickers has 150.
 const LONGEST: usize = 4096;
-/// Number of refusals that may wait for a page.
+/// Number of refusals that may wait to be sent to a page.
 const REFUSALS: usize = 16;
 /// Time between two snapshots to one page.
 const INTERVAL: Duration = Duration::from_millis(50);
-/// Time without a message after which a page loses its right to command.
+/// Time without a message from a page after which the page loses its right to command.
 const SILENCE: Duration = Duration::from_secs(15);
-/// Time without a message after which a page is disconnected. A hidden page still sends one each
-/// minute, because browsers slow down its timers.
+/// Time without a message from a page after which the page is disconnected. A hidden page still
+/// sends one each minute, although browsers slow down its timers.
 const GONE: Duration = Duration::from_secs(300);
 
 /// Longest name that a page gives itself (bytes).
 const NAME: usize = 64;
 
-/// Answers `GET /ws`.
+/// Answers `GET /ws`: the connection becomes a WebSocket.
 pub(super) async fn upgrade(
     State(shared): State<Shared>,
     ConnectInfo(line): ConnectInfo<Line>,
@@ -56,14 +57,14 @@ pub(super) async fn upgrade(
         .on_upgrade(move |socket| serve(socket, shared, line))
 }
 
-/// Serves one page until it is gone. It has a place and a seat once it has sent the token.
+/// Serves one page until it is gone. The page gets a seat once it has sent the token.
 async fn serve(mut socket: WebSocket, shared: Shared, line: Line) {
     // The library answers pings, and each answer restarts the time of an idle connection.
     let hello = tokio::time::timeout(ASKS, hello(&mut socket)).await.ok().flatten();
     let hello = hello.filter(|hello| shared.guard.is_token(&hello.token));
     let Some(hello) = hello else {
         let denied = json!({ "denied": Refused::Token.to_string() }).to_string();
-        // A client that reads nothing is cut by its line.
+        // A client that does not read this is cut by the limits of `line`.
         let _ = socket.send(ws::Message::text(denied)).await;
         let _ = socket.send(ws::Message::Close(None)).await;
         return;
@@ -85,7 +86,8 @@ struct Hello {
     page: Option<String>,
 }
 
-/// Returns the first message of a page, or `None` if it is anything else or the page is gone.
+/// Returns the first message of a page; `None` if the message is anything but a [`Hello`], or if
+/// the page is gone.
 async fn hello(socket: &mut WebSocket) -> Option<Hello> {
     loop {
         match socket.recv().await?.ok()? {
@@ -96,7 +98,7 @@ async fn hello(socket: &mut WebSocket) -> Option<Hello> {
     }
 }
 
-/// Receives messages of a page and sends news to the page at the same time, until either ends.
+/// Receives messages from a page and sends news to it at the same time, until one direction ends.
 async fn converse<E>(
     from_page: impl Stream<Item = Result<ws::Message, E>> + Unpin,
     to_page: impl Sink<ws::Message> + Unpin,
@@ -105,7 +107,7 @@ async fn converse<E>(
 ) {
     let (refusals, refused) = mpsc::channel(REFUSALS);
     let heard = watch::channel(Instant::now()).0;
-    // The directions run concurrently. A page that reads nothing must be obeyed as well, because it
+    // The directions run concurrently: a page that reads nothing must be obeyed, too, because it
     // may press the emergency stop.
     tokio::select! {
         () = listen(from_page, seat, desk, &heard, &refusals) => {}
@@ -127,7 +129,7 @@ async fn listen<E>(
         match word {
             ws::Message::Text(text) => {
                 if let Some(why) = obey(text.as_str(), seat, desk) {
-                    // A page that does not read its refusals loses the next ones.
+                    // If a page does not read its refusals, further ones are dropped.
                     let _ = refusals.try_send(why);
                 }
             }
@@ -199,12 +201,17 @@ enum PageMessage {
     },
 }
 
+/// Message of a page about the right to command.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum SeatRequest {
+    /// The page takes the right, or asks for it.
     Take,
+    /// The page gives up its right.
     Leave,
+    /// The page consents to the request of another page.
     Give,
+    /// The page refuses the request of another page.
     Keep,
 }
 
@@ -213,6 +220,7 @@ enum SeatRequest {
 #[serde(try_from = "NameBesideArguments")]
 struct PageInput(Input);
 
+/// JSON object of an input: `command` is its name, the other keys are its arguments.
 #[derive(Debug, Deserialize)]
 struct NameBesideArguments {
     command: String,
@@ -234,7 +242,7 @@ impl TryFrom<NameBesideArguments> for PageInput {
 /// Obeys a message of a page. Returns the reason if it is refused.
 pub(super) fn obey(text: &str, seat: &Seat, desk: &UiEnd) -> Option<String> {
     let Ok(message) = serde_json::from_str(text) else {
-        return Some("not a command".to_owned());
+        return Some("the message is not a command".to_owned());
     };
     match message {
         PageMessage::Alive { .. } => None,
@@ -263,18 +271,19 @@ pub(super) fn obey(text: &str, seat: &Seat, desk: &UiEnd) -> Option<String> {
     }
 }
 
-/// State of a page: the latest message of each kind that was sent to it.
+/// Latest stage, snapshot, message and plan that were sent to a page.
 #[derive(Default)]
 struct Sent {
     stage: Option<Arc<Stage>>,
     snapshot: Option<Arc<Snapshot>>,
-    /// The last message.
+    /// Latest message to the operator.
     message: Option<Message>,
     plan: Option<Arc<Vec<PlanLine>>>,
 }
 
 impl Sent {
-    /// Returns what is new since the last call, as texts to send.
+    /// Returns stage, plan, messages and snapshot that have changed since the last call, as JSON
+    /// texts to send.
     fn news(&mut self, desk: &UiEnd) -> Vec<String> {
         let mut out = Vec::new();
         let stage = desk.stage.borrow().clone();
@@ -302,13 +311,14 @@ impl Sent {
         out
     }
 
-    /// Returns the new messages as a text to send. These are all of them if they belong to another
-    /// run than the last one that was sent, or if a replay jumped back.
+    /// Returns the messages of `all` that were not sent yet as a JSON text to send; `None` if there
+    /// are none. Returns all of them, or an empty list to clear the page, if they belong to another
+    /// run than the latest message that was sent, or if a replay jumped back.
     fn messages(&mut self, all: &[Message]) -> Option<String> {
         let last = all.last();
         let goes_on = self.message.as_ref().is_none_or(|had| {
             let same = all.iter().find(|message| message.number == had.number);
-            // A long run drops its first messages, perhaps including the last one that was sent.
+            // A long run drops its first messages, perhaps also the latest one that was sent.
             let dropped = || all.first().is_some_and(|first| first.number > had.number);
             same.map_or_else(dropped, |same| same == had)
         });
@@ -365,7 +375,7 @@ mod tests {
             });
             let page = converse(Box::pin(words), ReadsNothing, &seat, &ui);
             let person = async {
-                // By then the first snapshot waits to be read.
+                // After this time the first snapshot waits to be read.
                 tokio::time::sleep(4 * INTERVAL).await;
                 said.send(ws::Message::text(r#"{"command":"emergency_stop"}"#)).await.unwrap();
                 tokio::time::sleep(INTERVAL).await;
@@ -434,7 +444,7 @@ mod tests {
         assert_eq!(numbers(&[message(1, "a"), message(2, "b")]), None);
         assert_eq!(numbers(&[message(2, "b"), message(3, "c")]), Some(vec![3]));
         assert_eq!(numbers(&[message(5, "e")]), Some(vec![5]), "messages may be missing");
-        // As many messages as before, of another run.
+        // These are messages of another run, in which the same numbers occur.
         let others: Vec<Message> = (1..=6).map(|number| message(number, "other")).collect();
         assert_eq!(numbers(&others), Some(vec![1, 2, 3, 4, 5, 6]));
         // A replay jumped back to before the first message.

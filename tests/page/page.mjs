@@ -391,7 +391,7 @@ async function byHand() {
   check(await second.isDisabled("#pause"), "a second page only watches");
   await second.click("#take");
   await page.click(".asked [data-seat=keep]");
-  await second.getByText("The other page keeps the command.").waitFor();
+  await second.getByText("The other page keeps the right to command.").waitFor();
   check(await second.isDisabled("#pause"), "the first page keeps the command");
   await second.click("#take");
   await page.click(".asked [data-seat=give]");

@@ -194,7 +194,7 @@ fn wrong_index_is_reported_and_mended() {
         copy
     };
     let cases = [
-        (flipped(at(CHUNK_INDEX, 16)), "one of its chunks is another one"),
+        (flipped(at(CHUNK_INDEX, 16)), "at least one of its chunks wrongly"),
         (flipped(at(STATISTICS, 0)), "messages instead of"),
         (flipped(at(FOOTER, 0)), "the footer says byte"),
         (flipped(at(FOOTER, 8)), "for its offsets"),

@@ -881,7 +881,7 @@ fn only_one_page_commands_until_another_takes_over() {
         assert_eq!(commands.recv().await, Some(Input::Pause));
 
         second.say(json!({ "nonsense": 1 })).await;
-        assert_eq!(second.next("refused").await, json!("not a command"));
+        assert_eq!(second.next("refused").await, json!("the message is not a command"));
         drop(second);
         assert_eq!(first.next("seat").await, seat(false, false, None));
         // The emergency stop does not need the right to command.

@@ -246,8 +246,8 @@ fn new_run_beside_interrupted_journal_exits_2() {
         assert_eq!(out.status.code(), Some(2), "{told}");
         let begin = "--journal: an earlier run was interrupted while turning, and its journal ";
         assert!(told.starts_with(begin), "{told}");
-        let (resume, anew) = (told.find("--resume"), told.find("To start anew"));
-        assert!(resume.is_some() && resume < anew, "{told}");
+        let (resume, new) = (told.find("--resume"), told.find("To start a new run"));
+        assert!(resume.is_some() && resume < new, "{told}");
         let wanted = if with_world { "replaces the saved plant" } else { "--world of that run" };
         assert!(told.contains(wanted) && !told.contains("could not be created"), "{told}");
         assert_eq!(std::fs::read_to_string(&notes).unwrap().trim(), unfinished);

@@ -12,7 +12,7 @@ use crate::error::{Error, NonFatal};
 use crate::operator::{Answer, Input, Manual, Question};
 use crate::reach::guard::PlannedMotion;
 
-/// Length of a macrostep of an effector without a manner (periods).
+/// Length of a macrostep (periods) for an effector without an entry in [`Parts::manners`].
 const MACROSTEP: u32 = 8;
 
 impl Mp {
@@ -63,8 +63,8 @@ impl Mp {
         order
     }
 
-    /// Returns the operator's next input if one comes within [`LOOK`]. A terminate and the fault of
-    /// an arm come first.
+    /// Returns the operator's next input if one comes within [`LOOK`]. A terminate of the run, or a
+    /// fault of an arm, is returned as an error instead. Waits as long as the run is paused.
     async fn input(&mut self) -> Result<Option<Input>, Stop> {
         self.permitted().await??;
         let input = match &mut self.parts.operator {
@@ -87,7 +87,8 @@ impl Mp {
             Manual::Synchronise => self.synchronise(effector).await?,
             Manual::Motor(step) => self.turn_motor(effector, step.axis, step.by).await?,
             other => {
-                let cause = NonFatal::Arguments(format!("MP cannot carry out {other:?}"));
+                let why = format!("MP itself can only home an arm or turn a motor, not {other:?}");
+                let cause = NonFatal::Arguments(why);
                 let actor = "mp".into();
                 return Err(Stop::Error(Error::NonFatal { actor, place: "manual", cause }));
             }
@@ -96,7 +97,8 @@ impl Mp {
         Ok(())
     }
 
-    /// Homes an arm until it is synchronised. A pause stops the homing, and a resume continues it.
+    /// Homes the arm `effector` until it is synchronised. A pause stops the homing, and a resume
+    /// continues it.
     async fn synchronise(&mut self, effector: usize) -> Result<(), Stop> {
         let ecp = self.ecp(effector)?.clone();
         loop {
@@ -109,8 +111,8 @@ impl Mp {
         }
     }
 
-    /// Turns the motor of one axis by the angle `by` (rad), from rest to rest. A pause brings it to
-    /// rest in between.
+    /// Turns the motor of one axis by the angle `by` (rad), from rest to rest. A pause brings the
+    /// motor to rest in between, and a resume continues the turn.
     pub(super) async fn turn_motor(
         &mut self,
         effector: usize,

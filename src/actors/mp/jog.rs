@@ -10,7 +10,7 @@ use crate::motion::{AXES, Motion, MotorPositions, MoveCommand, PERIOD};
 const FASTEST: f64 = 25.0;
 /// Shortest time of a turn (s).
 const LEAST: f64 = 0.4;
-/// Time from full pace to rest (s).
+/// Time in which a pause brings the motor from full pace to rest (s).
 const REST: f64 = 0.4;
 
 /// The turn of one motor.

@@ -143,11 +143,12 @@ impl Ending {
     }
 }
 
-/// The actor.
+/// The actor MP with its memory.
 pub struct Mp {
     parts: Parts,
     /// Last state of each arm.
     arms: Vec<ArmState>,
+    /// Phases as in [`Ending::phases`].
     phases: Vec<(&'static str, f64, Instant)>,
     watchdog: Watchdog,
     /// The fault that is injected into this actor.
@@ -306,7 +307,7 @@ impl Mp {
         action
     }
 
-    /// Carries out an action and returns its event.
+    /// Carries out an action of the kernel and returns the event with which the kernel continues.
     async fn act<T: Task>(
         &mut self,
         action: Action<T::Thought>,
@@ -326,7 +327,7 @@ impl Mp {
                 Ok(Event::Done)
             }
             Action::Look { effector, view } => self.look(effector, view).await?,
-            // Long work, as the search for a plan: it leaves the runtime under the wall clock.
+            // Long work, such as the search for a plan. Under the wall clock it has its own thread.
             Action::Think(thought) => {
                 let worker = ("the planner", SEARCH);
                 let thinks = move || T::think(thought);
@@ -381,8 +382,8 @@ impl Mp {
         self.heartbeat.waits();
         self.parts.turning.set(false);
         self.parts.services.trace.ordered(&[None, None]);
-        // A terminated motion has ended as if from above. The kernel must not take that for an
-        // outcome of its own.
+        // A motion that the operator terminates has the outcome of one that MP ended. The kernel
+        // must not take it for a motion that ended by its own order.
         if *self.parts.services.control.borrow() == Control::Terminated {
             return Err(Stop::Terminated);
         }
@@ -441,7 +442,8 @@ impl Mp {
             Ok(Ok(journal)) => self.parts.journal = Some(journal),
             Ok(Err(warning)) => self.tell(Notice::Warning(self.now(), warning)),
             Err(why) => {
-                let warning = format!("{why}: this run must not be resumed");
+                let warning =
+                    format!("{why}: the journal is incomplete, so this run must not be resumed");
                 self.tell(Notice::Warning(self.now(), warning));
             }
         }
@@ -735,7 +737,7 @@ mod tests {
 
     /// An empty hand may pass where a hand with a cube is refused.
     #[tokio::test(start_paused = true)]
-    async fn empty_hand_may_pass_where_loaded_cannot() {
+    async fn empty_hand_may_pass_where_loaded_hand_cannot() {
         let cell = example_cell();
         let edge = cell.cube.edge;
         let table = MeetingTable::compute(&cell, &ReachSettings::default());

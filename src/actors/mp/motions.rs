@@ -75,10 +75,11 @@ impl Mp {
         until: Until,
     ) -> Result<[Option<Outcome>; 2], Error> {
         let (heartbeat, fault) = (self.heartbeat.clone(), Arc::clone(&self.fault));
-        looking_up(&heartbeat, &fault, self.invoke_ecps(orders, until)).await
+        wait_with_heartbeats(&heartbeat, &fault, self.invoke_ecps(orders, until)).await
     }
 
-    /// Sends the behaviours to the ECPs and returns their outcomes.
+    /// Sends the behaviours to the ECPs, waits until they have ended, and returns their outcomes;
+    /// `None` for an effector without an order. `until` says which effector's end ends both.
     async fn invoke_ecps(
         &mut self,
         orders: [Option<Behaviour>; 2],
@@ -87,7 +88,7 @@ impl Mp {
         let mut outcomes = [None, None];
         let [first, second] = orders;
         match (first, second) {
-            // Both at once: each ends the other if it leads or fails.
+            // Both at once: an effector that leads or fails ends the behaviour of the other one.
             (Some(first), Some(second)) => {
                 let (a, b) = (self.ecp(0)?.clone(), self.ecp(1)?.clone());
                 let leads = |effector| until == Until::Effector(effector);
@@ -147,7 +148,8 @@ impl Mp {
         Ok(Running { motions, outcomes: [None, None] })
     }
 
-    /// Steps the generators and returns the commands of the next macrostep.
+    /// Steps the generators and returns the commands of the next macrostep. Stores the outcome of a
+    /// motion that has ended, which gets no further command.
     fn step(&self, running: &mut Running) -> [Option<MoveCommand>; 2] {
         // One reading of control and target for both: they slow down and follow in step.
         let control = *self.parts.services.control.borrow();
@@ -194,7 +196,7 @@ impl Mp {
                 }
             }
         };
-        // One after the other would delay the second arm by an answer, a macrostep each time.
+        // Sent one after the other, the second command would wait for the answer to the first.
         let sent = async { tokio::join!(send(0), send(1)) };
         let (a, b) = self.heartbeat.away(sent).await;
         let (a, b) = both(a, b)?;
@@ -207,8 +209,8 @@ impl Mp {
     }
 }
 
-/// Requests that an ECP carries out a behaviour, and ends the behaviour of its partner if this one
-/// leads or fails.
+/// Has the ECP `own` carry out a behaviour and returns the outcome. Afterwards ends the behaviour
+/// of the ECP `partner` if the own one `leads`, has failed or has ended with an alarm.
 async fn behave_beside(
     own: EcpHandle,
     partner: EcpHandle,
@@ -228,16 +230,16 @@ async fn behave_beside(
 /// Waits for `others`, the work of other actors, and does a short work item of MP every 10 ms
 /// meanwhile. An MP that hangs does not finish the item, so the watchdog detects the hang before
 /// another actor needs an answer of MP.
-async fn looking_up<T>(
+async fn wait_with_heartbeats<T>(
     heartbeat: &Heartbeat,
     fault: &ActorFault,
     others: impl Future<Output = T>,
 ) -> T {
     /// Time between two work items: together with the watchdog's limit of 80 ms less than 0.1 s.
-    const LOOKS_UP: Duration = Duration::from_millis(10);
+    const INTERVAL: Duration = Duration::from_millis(10);
     let mut others = std::pin::pin!(others);
     loop {
-        if let Ok(answer) = tokio::time::timeout(LOOKS_UP, &mut others).await {
+        if let Ok(answer) = tokio::time::timeout(INTERVAL, &mut others).await {
             return answer;
         }
         heartbeat.works();
@@ -262,7 +264,8 @@ mod tests {
     use super::*;
     use crate::motion::{AXES, JointPositions};
 
-    /// Returns two motions through free space, of which the first has ended with this outcome.
+    /// Returns the motions of two arms through free space: that of the first arm has ended with
+    /// `outcome`, that of the second is under way.
     fn after(outcome: Outcome) -> Running {
         let target = JointPositions([0.5; AXES]);
         let joints = Behaviour::Joints { target, speed: 1.0, seconds: 1.0 };

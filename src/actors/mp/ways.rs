@@ -13,9 +13,10 @@ use crate::motion::{ArmState, JointPositions};
 use crate::reach::guard::{Guard, Near, PlannedMotion};
 use crate::spatial::Pose;
 
-/// Most rounds in which a motion gets more time. A longer motion also has longer ramps until they
-/// reach their full length, so within a ramp the speed near the hand falls by the cube root of the
-/// time. A speed three times too large needs about twenty rounds then; most motions need two.
+/// Most rounds in which [`slow_enough`] gives a motion more time. A longer motion also has longer
+/// ramps until they reach their full length, so within a ramp the speed near the hand falls only
+/// with the cube root of the time. A speed three times too large needs about twenty rounds then;
+/// most motions need two.
 const ROUNDS: u32 = 40;
 /// Largest ratio of a speed to its limit that counts as slow enough; it leaves room for rounding.
 const ENOUGH: f64 = 1.0 + 1e-9;
@@ -82,8 +83,8 @@ pub(super) fn slow_down(
     }
 }
 
-/// Returns a time at least `seconds` long in which a motion is slow enough, to 1e-6 of its speed.
-/// `factor` returns how many times too fast the motion is if it takes some time.
+/// Returns a time, at least `seconds`, in which a motion is slow enough, to 1e-6 of its speed.
+/// `factor(time)` returns how many times too fast the motion is if it takes `time` (s).
 fn slow_enough(seconds: f64, factor: impl Fn(f64) -> f64) -> f64 {
     let mut seconds = seconds;
     for _ in 0..ROUNDS {
@@ -106,7 +107,8 @@ fn slow_ends(
     orders: &mut [Option<Behaviour>; 2],
 ) {
     let moves = JointsMove::of(known, manners, orders);
-    // Beside an order of another kind both arms would no longer have done the same share.
+    // If the other arm has an order of another kind, this motion must keep its course: with legs
+    // both arms would no longer have done the same share of their paths.
     let others = orders.iter().flatten().count() > moves.len();
     let Some(first) = moves.first().filter(|_| !others) else { return };
     let profile = first.manner.speeds.profile;
@@ -128,7 +130,7 @@ fn slow_ends(
     if factor(0.0, 1.0, whole) <= ENOUGH || moves.iter().any(|m| m.seconds > 1.01 * whole) {
         return;
     }
-    // The shares until which, and from which on, any of the hands is near.
+    // The share of the path until which, and the one from which on, any hand is near the operator.
     let (until, from) = moves.iter().fold((0.0_f64, 1.0_f64), |(until, from), m| {
         let path = PlannedMotion::Joints(m.target);
         let (begin, end) = guard.course(m.arm, m.from, &path).near_ends();
@@ -148,7 +150,7 @@ fn slow_ends(
     let at_once = |a: f64, b: f64| 0.5 * profile.ramp.min(0.5 * a).min(0.5 * b);
     let overlaps = [at_once(lasts[0], lasts[1]), at_once(lasts[1], lasts[2])];
     let total = lasts.iter().sum::<f64>() - overlaps[0] - overlaps[1];
-    // To slow down the whole motion evenly is no longer than the legs.
+    // Legs are of no use if the whole motion, slowed down evenly, takes no longer.
     if total >= whole * factor(0.0, 1.0, whole) {
         return;
     }

@@ -12,7 +12,7 @@ pub(super) struct Actors<'a> {
     pub(super) control: ControlView,
     /// Whether a fatal error has stopped MP.
     pub(super) fatal: bool,
-    /// Whether the VSPs have been created.
+    /// Whether an arm has published a state; before that the VSPs count as absent.
     pub(super) begun: bool,
     /// Believed cell.
     pub(super) cell: &'a Cell,

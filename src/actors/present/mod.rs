@@ -64,7 +64,7 @@ pub struct Presenter {
     length: Length,
     /// Whether an arm has published a state.
     begun: bool,
-    /// Number of the last snapshot.
+    /// Number of the last snapshot, counted from 1; 0 before the first.
     number: u64,
     /// Name of each phase and time of its beginning (s).
     phases: Vec<(String, f64)>,
@@ -143,13 +143,15 @@ impl Presenter {
         }
     }
 
-    /// Adds a message of a recording to the next snapshot.
+    /// Adds a message of a recording, from the actor `source` at the time `time` (s), to the next
+    /// snapshot.
     pub fn recorded(&mut self, time: f64, class: Class, source: &str, text: &str) {
         self.fatal |= class == Class::Fatal;
         self.say(time, class, source, text);
     }
 
-    /// Adds a message about an input of the operator: it was obeyed, or refused with a reason.
+    /// Adds a message about an input of the operator to the next snapshot. `done` says that the
+    /// input was obeyed, or why it was refused.
     pub fn obeyed(&mut self, input: &Input, done: Result<(), &'static str>) {
         let input = input.describe();
         let (class, text) = match done {
@@ -378,7 +380,7 @@ impl Presenter {
         (age < STALE).then_some(HandView { world_from_cube, speed, age })
     }
 
-    /// Returns in words where a cube is that the camera sees while no arm holds it.
+    /// Returns in words where the cube is if the stand-alone camera sees it and no arm holds it.
     fn keeper_place(&self) -> &'static str {
         match self.cell.keeper {
             Keeper::Person => "in the operator's hand",
@@ -468,6 +470,7 @@ mod tests {
     use crate::tasks::Turning;
     use std::path::Path;
 
+    /// Returns a presenter of the built-in scenario, with its stage and its latest values.
     fn presenter() -> (Presenter, Stage, LatestValues) {
         let scenario = crate::scenario::read(Path::new("t.toml"), "", &[]).unwrap();
         let latest = LatestValues::default();

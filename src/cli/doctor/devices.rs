@@ -8,7 +8,7 @@ use rustix::io::Errno;
 use std::fs;
 use std::path::Path;
 
-/// Returns the findings about serial lines, ports and adapters.
+/// Returns the findings about serial lines, the I/O ports of ISA cards and serial adapters.
 pub(super) fn devices() -> Vec<Finding> {
     let names = serial_lines(Path::new("/dev"), Path::new("/sys/class/tty"));
     let mut findings = vec![lines(Path::new("/dev"), &names), ports()];
@@ -16,10 +16,10 @@ pub(super) fn devices() -> Vec<Finding> {
     findings
 }
 
-/// Returns the names of the serial lines in a folder of devices; `classes` is the kernel's folder
-/// of their types.
+/// Returns the sorted names of the serial lines in `devices`, usually `/dev`. `classes` is the
+/// kernel's folder `/sys/class/tty`, which has a subfolder for each line with its type.
 fn serial_lines(devices: &Path, classes: &Path) -> Vec<String> {
-    // The kernel names more ports of a PC than it has. The type of a missing one is 0.
+    // The kernel lists more ports ttyS* than the PC has. The type of a port that is missing is 0.
     let is_there = |name: &String| {
         let kind = fs::read_to_string(classes.join(name).join("type")).unwrap_or_default();
         !name.starts_with("ttyS") || kind.trim() != "0"
@@ -36,8 +36,8 @@ fn serial_lines(devices: &Path, classes: &Path) -> Vec<String> {
     names
 }
 
-/// Checks whether this user may open a device. The device stays closed: opening a line raises its
-/// DTR, which resets some controllers.
+/// Checks whether this user may read and write a device; otherwise returns the reason. The device
+/// stays closed: opening a serial line raises its DTR signal, which resets some controllers.
 pub(super) fn may_open(device: &Path) -> Result<(), Errno> {
     access(device, Access::READ_OK | Access::WRITE_OK)
 }
@@ -47,7 +47,7 @@ fn lines(devices: &Path, names: &[String]) -> Finding {
     let name = "serial lines";
     let denied: Vec<Errno> =
         names.iter().filter_map(|name| may_open(&devices.join(name)).err()).collect();
-    // No line, or a line without rights, matters only to a serial bridge: each is a note.
+    // Only a serial bridge needs the lines, so a missing line or right is a note and no fault.
     match (names.len(), denied.len()) {
         (0, _) => Finding {
             name,
@@ -70,8 +70,8 @@ fn lines(devices: &Path, names: &[String]) -> Finding {
     }
 }
 
-/// Checks whether the kernel grants this program the I/O ports of an ISA card, at the addresses of
-/// the original robot.
+/// Checks whether the kernel grants this program the I/O ports of an ISA card at the addresses that
+/// the original robot of 2007 used.
 pub(super) fn ports() -> Finding {
     let name = "ISA ports";
     // Port instructions are a feature that is chosen when the program is built.
@@ -94,18 +94,19 @@ pub(super) fn ports() -> Finding {
     }
 }
 
-/// Requests I/O ports by `ask(ports)`, in a thread that ends at once. The right belongs to this
-/// thread alone, so the program does not keep it.
+/// Requests access to I/O ports by `ask(ports)`, in a thread that ends at once. The kernel grants
+/// the access to that thread alone, so the program does not keep it. `ports` is the argument of
+/// [`ask_ports`] or [`ask_parallel`](crate::hw::devices::ask_parallel).
 pub(super) fn asked(ask: fn(u16) -> Result<(), String>, ports: u16) -> Result<(), String> {
     std::thread::spawn(move || ask(ports))
         .join()
         .unwrap_or_else(|_| Err("the thread that asked for ports panicked".to_owned()))
 }
 
-/// Returns a note if FTDI adapters delay answers by more than 1 ms, otherwise `None`. Their driver
-/// sets a delay of 16 ms at first.
+/// Returns a note if FTDI serial adapters collect answers for more than 1 ms before they pass them
+/// on, otherwise `None`. The default of their driver is 16 ms, eight servo periods.
 fn slow_adapters(serial: &[String]) -> Option<Finding> {
-    // Only the driver of FTDI has this file.
+    // Only the driver of FTDI adapters offers this file.
     let timer = |name: &&String| {
         let path = format!("/sys/class/tty/{name}/device/latency_timer");
         let text = fs::read_to_string(path).ok()?;

@@ -1,11 +1,11 @@
 //! Findings of `rubik-robot doctor`.
 
-/// A fact about one thing, and how much it matters.
+/// A fact about one property of the machine or of the robot, and how much it matters.
 pub(super) struct Finding {
     pub(super) name: &'static str,
     pub(super) weight: Weight,
     pub(super) fact: String,
-    /// Command that helps.
+    /// Command or setting that mends it; `None` if there is none, or if it needs no mending.
     pub(super) fix: Option<String>,
 }
 
@@ -14,16 +14,16 @@ pub(super) struct Finding {
 pub(super) enum Weight {
     /// No fault.
     Good,
-    /// Missing right that `--require-rt` needs.
+    /// Missing right that `run --require-rt` needs.
     Missing,
     /// Reason why `run` refuses the scenario.
     Refused,
-    /// Property that makes a servo late, or is worth knowing.
+    /// Property that can make a servo late, or that only some scenarios need.
     Note,
 }
 
 impl Weight {
-    /// Returns the word that marks a finding of this severity in the printed list.
+    /// Returns the word that marks a finding of this weight in the printed list.
     pub(super) fn word(self) -> &'static str {
         match self {
             Self::Good => "ok",
@@ -34,7 +34,7 @@ impl Weight {
     }
 }
 
-/// Returns whether any finding has this severity.
+/// Returns whether any finding has this weight.
 pub(super) fn any(findings: &[Finding], weight: Weight) -> bool {
     findings.iter().any(|finding| finding.weight == weight)
 }

@@ -5,7 +5,8 @@ use super::fix::{GRANTED, MEMBER, RULES};
 use crate::hw::driver::{Clock, RealTime, missing_core, own_cores};
 use std::fs;
 
-/// Returns the findings about the rights of a servo thread. It asks for each right.
+/// Returns the findings about the rights of a servo thread with this real-time `priority`
+/// (`SCHED_FIFO`). Requests each right, to see whether it is granted.
 pub(super) fn rights(priority: i32) -> Vec<Finding> {
     let limits = fs::read_to_string("/proc/self/limits").unwrap_or_default();
     let limit = |name: &str| -> String {
@@ -13,7 +14,7 @@ pub(super) fn rights(priority: i32) -> Vec<Finding> {
         let line = limits.lines().find(|line| line.starts_with(name)).unwrap_or_default();
         line[name.len().min(line.len())..].split_whitespace().next().unwrap_or("?").to_owned()
     };
-    // Rights belong to a thread. This one ends at once, so the program does not keep them.
+    // The priority belongs to a thread. This one ends at once, so the program does not keep it.
     let denied = std::thread::spawn(move || RealTime::acquire(priority, None).warnings)
         .join()
         .unwrap_or_default();
@@ -61,12 +62,14 @@ pub(super) fn kernel() -> Vec<Finding> {
     vec![preemption(), budget(), timer(), governor(&cores), isolation(&cores), hypervisor()]
 }
 
-/// Returns the text of a file of the kernel; empty if it does not exist.
+/// Returns the text of a kernel file (in `/proc` or `/sys`) without blanks around it; an empty text
+/// if the file cannot be read, for example because this kernel has none.
 fn read(path: &str) -> String {
     fs::read_to_string(path).unwrap_or_default().trim().to_owned()
 }
 
-/// Makes a finding: without fault if `good`, otherwise a note with the command `fix` that helps.
+/// Makes a finding: one without fault if `good`, otherwise a note with `fix`, the command or
+/// setting that mends it.
 fn note(name: &'static str, good: bool, fact: String, fix: Option<&str>) -> Finding {
     Finding {
         name,
@@ -76,10 +79,10 @@ fn note(name: &'static str, good: bool, fact: String, fix: Option<&str>) -> Find
     }
 }
 
-/// Checks that the kernel is one for real time.
+/// Checks that the kernel was built for real time (`PREEMPT_RT`).
 fn preemption() -> Finding {
     let release = read("/proc/sys/kernel/osrelease");
-    // Not every kernel for real time has the file; its version names it as well.
+    // Some real-time kernels lack the file, but name PREEMPT_RT in their version.
     let preempts =
         read("/sys/kernel/realtime") == "1" || read("/proc/version").contains("PREEMPT_RT");
     note(
@@ -109,7 +112,8 @@ fn budget() -> Finding {
 
 /// Checks the resolution of the clock.
 fn timer() -> Finding {
-    // Without high-resolution timers a sleep ends at a tick of some milliseconds.
+    // Without high-resolution timers a sleep ends only at a tick of the kernel, which come every
+    // few milliseconds.
     let resolution = Clock.resolution();
     note(
         "timer",
@@ -119,7 +123,7 @@ fn timer() -> Finding {
     )
 }
 
-/// Checks that no core reduces its frequency.
+/// Checks that the governor of each core of this process keeps the frequency at its maximum.
 fn governor(cores: &[usize]) -> Finding {
     let governors: Vec<String> = cores
         .iter()
@@ -140,15 +144,16 @@ fn governor(cores: &[usize]) -> Finding {
     )
 }
 
-/// Checks that a core is reserved for the servo.
+/// Checks that the kernel reserves a core, which the servo can use. `cores` are those on which this
+/// process may run.
 fn isolation(cores: &[usize]) -> Finding {
-    // No other thread runs on an isolated core unless it asks for it.
+    // Only threads that are pinned to an isolated core run on it.
     let isolated = read("/sys/devices/system/cpu/isolated");
     isolation_of(&isolated, cores)
 }
 
-/// Checks that a core is reserved for the servo: `isolated` is the kernel's list, and `cores` are
-/// those on which this process may run.
+/// Returns the finding about reserved cores: `isolated` is the kernel's list of them, and `cores`
+/// are those on which this process may run.
 fn isolation_of(isolated: &str, cores: &[usize]) -> Finding {
     let count = cores.len();
     let fact = match (isolated, count) {
@@ -156,7 +161,8 @@ fn isolation_of(isolated: &str, cores: &[usize]) -> Finding {
         ("", _) => format!("none of {count}"),
         (isolated, _) => format!("{isolated}: set real_time.core to one of them"),
     };
-    // The first core serves interrupts of the machine, and one must be left for all other threads.
+    // The last core is proposed: the first one serves the interrupts of the machine. One core must
+    // be left for all other threads.
     let fix = cores.last().filter(|_| count > 1).map(|core| {
         format!(
             "boot with isolcpus={core} nohz_full={core} rcu_nocbs={core}, \
@@ -166,14 +172,14 @@ fn isolation_of(isolated: &str, cores: &[usize]) -> Finding {
     note("isolated cores", !isolated.is_empty(), fact, fix.as_deref())
 }
 
-/// Returns the finding about the core that a scenario reserves for its servo; none if it reserves
-/// none.
+/// Returns the finding about `core`, the value of the scenario's key `real_time.core`: the core on
+/// which the servo thread is to run. Returns `None` if the key is not set.
 pub(super) fn core(core: Option<u32>) -> Option<Finding> {
     let core = core?;
     let missing = missing_core(core as usize);
     let weight = if missing.is_some() { Weight::Refused } else { Weight::Good };
     let fix =
-        missing.is_some().then(|| "set real_time.core to one of these, or to none".to_owned());
+        missing.is_some().then(|| "set real_time.core to one of these, or leave it out".to_owned());
     let fact = missing.unwrap_or_else(|| format!("the servo's thread can be kept on core {core}"));
     Some(Finding { name: "real_time.core", weight, fact, fix })
 }
@@ -194,6 +200,7 @@ fn hypervisor() -> Finding {
 mod tests {
     use super::*;
 
+    /// Returns the finding with this name.
     fn of<'f>(findings: &'f [Finding], name: &str) -> &'f Finding {
         findings.iter().find(|f| f.name == name).unwrap()
     }

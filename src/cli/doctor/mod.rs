@@ -33,7 +33,7 @@ devices; 1 otherwise; 2 the scenario is wrong.")]
 pub(super) struct DoctorArgs {
     /// Scenario file (TOML) whose priority, core and devices are checked
     scenario: Option<PathBuf>,
-    /// Duration of each of the two jitter measurements (s)
+    /// Duration of each of the two jitter measurements (s, 0.1 to 3600)
     #[arg(long, value_name = "S", default_value_t = 2.0)]
     seconds: f64,
     /// Print one line of JSON

@@ -1,7 +1,7 @@
-//! Probe of the jitter of a servo thread.
+//! Measurement of the jitter of a servo thread on this machine.
 //!
 //! - in: spin time, priority, duration
-//! - out: lateness of the periods of 2 ms of a thread that drives no arm
+//! - out: lateness of each period (2 ms) of a servo thread that drives no arm
 
 use crate::hw::driver::{Core, NoRecords, Switches, Timing, WallOptions, spawn_wall};
 use crate::hw::port::{Port, PortFault};
@@ -10,7 +10,7 @@ use serde_json::json;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Port without arms.
+/// Hardware port without arms.
 struct Nothing;
 
 impl Port for Nothing {
@@ -19,9 +19,9 @@ impl Port for Nothing {
     }
 }
 
-/// Runs a servo thread without arms for `seconds` and returns the lateness of its periods. The
-/// thread spins for the last `spin` ns of each wait. Returns `None` if the thread cannot be
-/// started.
+/// Runs a servo thread without arms for `seconds`, with a real-time `priority` (`SCHED_FIFO`), and
+/// returns the lateness of its periods. The thread sleeps until each period, but spins for the last
+/// `spin` ns. Returns `None` if the thread cannot be started.
 pub(super) fn probe(spin: u64, priority: i32, seconds: f64) -> Option<Timing> {
     let switches = Arc::new(Switches::default());
     // A core without arms has the thread of a run, and nothing to compute.

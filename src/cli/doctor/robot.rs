@@ -18,7 +18,7 @@ use std::fs;
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 
-/// Reason why `run` refuses the scenario, and the command that helps, if there is one.
+/// Reason why `run` refuses the scenario, and the command or setting that helps, if there is one.
 #[derive(Debug, PartialEq, Eq)]
 struct Refusal {
     fact: String,
@@ -33,13 +33,14 @@ impl Refusal {
         Self { fact: format!("{}: {errno}", device.display()), fix }
     }
 
-    /// Makes the refusal of ports that are not granted.
+    /// Makes the refusal of I/O ports to which the kernel denies access.
     fn of_ports(fact: String) -> Self {
         Self { fact, fix: Some(raw_io()) }
     }
 }
 
-/// An error of the file of devices names the value that is needed, so it has no command.
+/// Refusal of a wrong entry in the file of devices. Its text names the value that is needed, so
+/// there is no command.
 impl From<NoDevice> for Refusal {
     fn from(why: NoDevice) -> Self {
         Self { fact: why.to_string(), fix: None }
@@ -64,7 +65,7 @@ pub(super) fn robot(scenario: &Scenario) -> Vec<Finding> {
             format!("{}: its values are valid, and this user may open its devices", path.display());
         return vec![Finding { name, weight: Weight::Good, fact, fix: None }];
     }
-    // Reasons with one remedy become one finding.
+    // Reasons with the same remedy become one finding.
     let mut findings: Vec<Finding> = Vec::new();
     for Refusal { fact, fix } in refusals {
         match findings.iter_mut().find(|finding| finding.fix == fix) {
@@ -75,7 +76,7 @@ pub(super) fn robot(scenario: &Scenario) -> Vec<Finding> {
     findings
 }
 
-/// Returns the reasons why `run` would refuse the devices, by its own rules. Opens no device.
+/// Returns the reasons why `run` would refuse the devices, by the rules of `run`. Opens no device.
 fn refusals(config: &ControllerConfig, bridge: BridgeKind, devices: &Devices) -> Vec<Refusal> {
     let cards = bridge == BridgeKind::Isa;
     let mut refusals = Vec::new();
@@ -89,12 +90,12 @@ fn refusals(config: &ControllerConfig, bridge: BridgeKind, devices: &Devices) ->
         };
         refusals.extend(if cards { of_card(arm, own) } else { of_lines(arm, own) });
         refusals.extend(of_sensor(own));
-        // Each arm is checked by itself: an error of one would hide that of the next.
+        // The check stops at its first error, so each arm is checked by itself.
         let grip = devices.check_grip(std::slice::from_ref(arm), config.control.grip, cards);
         refusals.extend(grip.err().map(Refusal::from));
     }
     for (camera, source) in config.cell.cameras.iter().zip(&config.cameras) {
-        // A camera of a folder has its pictures there and no socket.
+        // A camera whose pictures come from a folder has no socket.
         if *source == CameraSource::Renderer {
             refusals.extend(of_camera(devices, &camera.name));
         }
@@ -102,7 +103,7 @@ fn refusals(config: &ControllerConfig, bridge: BridgeKind, devices: &Devices) ->
     refusals
 }
 
-/// Checks that a path is a device that this user may open.
+/// Returns why a path is not a device that this user may open; `None` if it is.
 fn of_path(path: &str) -> Option<Refusal> {
     let path = Path::new(path);
     if let Err(errno) = may_open(path) {
@@ -112,7 +113,7 @@ fn of_path(path: &str) -> Option<Refusal> {
     (!is_device).then(|| Refusal { fact: format!("{}: not a device", path.display()), fix: None })
 }
 
-/// Checks that a path is a serial line that this user may open.
+/// Returns why a path is not a serial line that this user may open; `None` if it is.
 fn of_line(path: &str) -> Option<Refusal> {
     of_path(path).or_else(|| {
         let is_line = leads_to_line(Path::new(path)) == Ok(true);
@@ -120,7 +121,7 @@ fn of_line(path: &str) -> Option<Refusal> {
     })
 }
 
-/// Checks the serial lines of an arm's axes.
+/// Returns the refusals of the serial lines of an arm's axes.
 fn of_lines(arm: &Arm, devices: &EffectorDevices) -> Vec<Refusal> {
     let refusal = |path: Result<&str, NoDevice>| match path {
         Ok(path) => of_line(path),
@@ -129,18 +130,18 @@ fn of_lines(arm: &Arm, devices: &EffectorDevices) -> Vec<Refusal> {
     devices.paths(arm.model.has_track).filter_map(|(_, path)| refusal(path)).collect()
 }
 
-/// Checks that an arm has an ISA card whose I/O ports are granted and whose UIO device can be
-/// opened.
+/// Returns the refusals of an arm's ISA card: none is named, its I/O ports are not granted, or its
+/// UIO device cannot be opened.
 fn of_card(arm: &Arm, devices: &EffectorDevices) -> Vec<Refusal> {
     let Some(card) = &devices.isa else {
         return vec![NoDevice(format!("effector \"{}\": no card is named", arm.name)).into()];
     };
-    // A card needs its ports, and its device of UIO if one is named.
+    // A card needs its I/O ports, and its device of UIO (user-space I/O) only if one is named.
     let ports = asked(ask_ports, card.offset).err().map(Refusal::of_ports);
     ports.into_iter().chain(card.uio.as_deref().and_then(of_path)).collect()
 }
 
-/// Checks the force sensor of an arm.
+/// Returns the refusals of an arm's force sensor. One on the network (`net_ft`) has no device.
 fn of_sensor(devices: &EffectorDevices) -> Vec<Refusal> {
     match devices.force_device() {
         Ok(ForceDevice::None | ForceDevice::NetFt(_)) => Vec::new(),
@@ -152,7 +153,7 @@ fn of_sensor(devices: &EffectorDevices) -> Vec<Refusal> {
     }
 }
 
-/// Checks the socket of a camera.
+/// Returns why the socket of a camera cannot be used; `None` if it can.
 fn of_camera(devices: &Devices, name: &str) -> Option<Refusal> {
     match devices.of_camera(name) {
         // The process that made the socket grants the rights to it. A rule of udev cannot.
@@ -240,7 +241,7 @@ mod tests {
         std::os::unix::fs::symlink("/dev/null", folder.0.join("line3")).unwrap();
         let (weight, fact, _) = one(&folder, IDLE);
         assert!(weight == Weight::Refused && fact.contains("line3: not a serial line"), "{fact}");
-        // The check of `run` and of `doctor` are the same.
+        // `run` refuses a file of devices that other users may write, and so does `doctor`.
         let file = folder.0.join("devices.toml");
         fs::set_permissions(&file, fs::Permissions::from_mode(0o666)).unwrap();
         let (weight, fact, fix) = one(&folder, IDLE);
@@ -358,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn camera_without_socket_or_scenario_entry_is_refused() {
+    fn camera_without_socket_or_devices_entry_is_refused() {
         let folder = Folder::new("doctor-camera");
         let text = IDLE.replace("camera = []\n", "") + "[[camera]]\nname = \"standalone\"\n";
         let camera = |name: &str, socket: &str| Devices {

@@ -18,7 +18,8 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 /// Time without a heartbeat of the actors after which the servo brakes the arms. An actor that
-/// waits for an arm learns of it at the end of the macrostep (16 ms), so within 0.1 s.
+/// waits for an arm learns of the braking at the end of the macrostep (16 ms), so it learns within
+/// 0.1 s of the last heartbeat.
 pub const HEARTBEAT_TIMEOUT: Duration = Duration::from_millis(80);
 
 /// Flags that the servo reads in each period before any arm computes. Any holder may set them,
@@ -30,8 +31,8 @@ pub struct Switches {
     pub emergency: StopSignal,
     /// Order to end the driver.
     pub stop: AtomicBool,
-    /// Loss of an actor: an arm under force control yields for 0.5 s, any other brakes. All arms
-    /// then hold and refuse motions.
+    /// Set when an actor is lost: an arm under force control yields for 0.5 s, any other arm
+    /// brakes. All arms then hold and refuse motions.
     pub hold: AtomicBool,
     /// Heartbeats of the actors. The servo watches them from the first one on: it brakes the arms
     /// after [`HEARTBEAT_TIMEOUT`] of silence and trips them after 1 s.
@@ -51,9 +52,13 @@ impl Switches {
 /// Lateness of a wall driver. The real-time thread writes it without waiting; any thread may read.
 #[derive(Debug, Default)]
 pub struct Punctual {
+    /// Largest lateness of a period since the last [`Punctual::take`] (ns).
     late: AtomicU64,
+    /// Longest work of a period since the last [`Punctual::take`] (ns).
     work: AtomicU64,
+    /// Number of periods missed so far.
     missed: AtomicU64,
+    /// Sum of the lengths of the missed periods (ns).
     missed_nanos: AtomicU64,
 }
 
@@ -97,6 +102,8 @@ pub struct Core {
     commands: Vec<Option<ServoCommand>>,
     switches: Arc<Switches>,
     records: Box<dyn RecordSink>,
+    /// Number of heartbeats at the last change of [`Switches::beats`], and the period of that
+    /// change.
     last_beat: u64,
     last_beat_period: u64,
     /// Missed periods and stops that all arms take into account in the next period.
@@ -168,12 +175,14 @@ impl Core {
         port.exchange(period, &self.drives, &mut self.readings)
     }
 
-    /// Computes the drive commands of one period from commands and readings. It allocates nothing
-    /// and never waits.
+    /// Computes the drive commands of one period from the commands to the arms and the readings,
+    /// and publishes the states. Returns the drive commands in the order of effectors. It allocates
+    /// nothing and never waits.
     pub fn compute(&mut self, period: u64) -> &[ArmDrive] {
         debug_assert!(period >= self.last_beat_period, "periods count up");
-        // Commands are taken before the button is read. In the other order a reset that follows the
-        // release of the button can meet the state of before the release, which drops the reset.
+        // Commands are taken before the button is read. In the other order, a reset that is sent
+        // after the release of the button could be taken in a period that still saw the button
+        // pressed, and would be dropped.
         for (command, end) in self.commands.iter_mut().zip(&mut self.ends) {
             *command = end.take();
         }
@@ -205,7 +214,8 @@ impl Core {
         &self.drives
     }
 
-    /// Trips all arms in the next computed period. The first fault counts until they are reset.
+    /// Trips all arms in the next computed period with `fault`, unless another fault is already
+    /// waiting to trip them.
     pub fn trip(&mut self, fault: ArmFault) {
         self.outside.trip.get_or_insert(fault);
     }
@@ -216,7 +226,8 @@ impl Core {
         self.outside.skipped += missed;
     }
 
-    /// Brakes all arms because `periods` periods were missed, and trips them 0.2 s later.
+    /// Brakes all arms because `periods` periods were missed before the period `period`, and trips
+    /// them 0.2 s later.
     pub fn stop(&mut self, period: u64, periods: u64) {
         let fault = ArmFault::Missed { periods };
         self.outside.brake.get_or_insert(MoveRefused::Stopping { periods });

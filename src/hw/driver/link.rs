@@ -1,4 +1,4 @@
-//! The wait-free channels between an EDP and the servo of its arm.
+//! The wait-free channels between an EDP, the actor that drives one arm, and the servo of the arm.
 //!
 //! A ring (`rtrb`) carries commands to the servo. A triple buffer carries the latest state back.
 //! Neither end ever waits. The EDP counts time in periods of 2 ms, the servo in its own periods;
@@ -11,36 +11,40 @@ use crate::servo::period::Length;
 /// Number of commands that fit into the ring. The servo takes one in each period.
 const DEPTH: usize = 16;
 
-/// A state, with the progress of the commands at the time at which it was written.
+/// A state of the arm, with the progress of the commands when the servo wrote it.
 #[derive(Debug, Clone, Copy, Default)]
 struct Published {
     /// State of the arm, its times in periods of 2 ms.
     state: ArmState,
-    /// Servo periods until the end of the command.
+    /// Servo periods until the end of the command that is being carried out.
     left: u64,
     /// Ticket of the last command that the servo has taken.
     taken: u64,
-    /// Number of duplicate messages, which the servo dropped.
+    /// Number of duplicate commands that the servo has dropped.
     doubles: u64,
 }
 
-/// The end of the EDP.
+/// The EDP's end of the link: it sends commands and reads states.
 #[derive(Debug)]
 pub struct ServoLink {
     /// Commands with their tickets, by which the servo recognises duplicates.
     commands: rtrb::Producer<(u64, ServoCommand)>,
     states: triple_buffer::Output<Published>,
+    /// Ticket of the last command that was sent; tickets count from 1.
     sent: u64,
+    /// Whether the next command is to arrive twice.
     doubled: bool,
     length: Length,
 }
 
-/// The end of the servo.
+/// The servo's end of the link: it takes commands and publishes states.
 #[derive(Debug)]
 pub struct ServoEnd {
     commands: rtrb::Consumer<(u64, ServoCommand)>,
     states: triple_buffer::Input<Published>,
+    /// Ticket of the last command that was taken.
     taken: u64,
+    /// Number of duplicate commands that were dropped.
     doubles: u64,
     length: Length,
 }
@@ -75,8 +79,8 @@ impl ServoLink {
     /// [`Unsent`] when the ring is full.
     pub fn send(&mut self, mut command: ServoCommand) -> Result<u64, Unsent> {
         if let ServoCommand::Move { command, start } = &mut command {
-            // 0 and `u32::MAX` periods pass unchanged: the conversion would make 1 of 0, and the
-            // servo is the one to refuse a command without a duration.
+            // 0 and `u32::MAX` periods pass unchanged. The conversion would make 1 of 0, but the
+            // servo is to refuse a command without a duration. `u32::MAX` is a command without end.
             if command.periods > 0 && command.periods < u32::MAX {
                 command.periods = self.length.count(command.periods);
             }
@@ -149,8 +153,10 @@ impl ServoEnd {
         None
     }
 
+    /// Publishes the state of the arm to the EDP, with its times converted to periods of 2 ms.
     pub(crate) fn publish(&mut self, state: &ArmState) {
-        // In the servo's periods: two servo periods can round to the same period of 2 ms.
+        // The time left stays in servo periods, because two of them can round to the same period of
+        // 2 ms.
         let left = state.command_end.saturating_sub(state.period);
         let state = ArmState {
             period: self.length.tick(state.period),

@@ -5,7 +5,8 @@
 //! - [`run_virtual`]: one task on a tokio runtime with paused time; repeatable to the bit
 //! - [`spawn_wall`]: a real-time thread with absolute sleeps and a spin; a bridge thread owns the
 //!   port
-//! - [`ServoLink`] and [`ServoEnd`]: the ends of the wait-free link between an EDP and its servo
+//! - [`ServoLink`] and [`ServoEnd`]: the ends of the wait-free link between an EDP (the actor that
+//!   drives one arm) and its servo
 //!
 //! The servo never waits: a ring brings the commands, a triple buffer takes the states.
 

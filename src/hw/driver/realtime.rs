@@ -25,7 +25,9 @@ impl RealTime {
     pub fn acquire(priority: i32, core: Option<usize>) -> Self {
         let mut warnings = Vec::new();
         if let Some(core) = core {
-            pin(core).unwrap_or_else(|error| warnings.push(format!("not on core {core}: {error}")));
+            pin(core).unwrap_or_else(|error| {
+                warnings.push(format!("the thread is not kept on core {core}: {error}"));
+            });
         }
         let scheduling = libc::sched_param { sched_priority: priority };
         // SAFETY: thread 0 is the caller; the parameter outlives the call.
@@ -55,12 +57,14 @@ impl RealTime {
 /// Amount of memory that this process may lock, so that it is not paged out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Lockable {
+    /// Any amount.
     All,
-    /// Limit (bytes).
+    /// At most this amount (bytes).
     Limited(u64),
 }
 
 impl Lockable {
+    /// Returns how much memory the calling thread may lock now.
     fn now() -> Self {
         let status = std::fs::read_to_string("/proc/thread-self/status").unwrap_or_default();
         Self::of(getrlimit(Resource::Memlock).current, &status)
@@ -135,7 +139,8 @@ fn pin(core: usize) -> std::io::Result<()> {
 /// Returns the cores that a thread of this process can be kept on, in ascending order. Cores that
 /// are switched off or belong to other control groups are not among them.
 fn usable_cores() -> Vec<usize> {
-    // The try changes the affinity of its thread, which therefore ends at once.
+    // Each try changes the affinity of the thread that makes it. A thread of its own makes the
+    // tries, and ends at once.
     let tried = std::thread::Builder::new()
         .spawn(|| (0..libc::CPU_SETSIZE as usize).filter(|core| pin(*core).is_ok()).collect());
     tried.ok().and_then(|thread| thread.join().ok()).unwrap_or_default()
@@ -176,11 +181,12 @@ fn in_words(cores: &[usize]) -> String {
     format!("{noun} {}", runs.join(", "))
 }
 
+/// Returns a warning with the error of the last system call as its reason.
 fn denied(what: &str) -> String {
     format!("{what}: {}", std::io::Error::last_os_error())
 }
 
-/// The monotonic clock, by its absolute nanoseconds.
+/// The monotonic clock, whose times are absolute nanoseconds.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Clock;
 
@@ -262,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn missing_core_is_named_with_those_that_exist() {
+    fn missing_core_message_lists_usable_cores() {
         let cores = usable_cores();
 
         assert!(own_cores().iter().all(|core| cores.contains(core)));

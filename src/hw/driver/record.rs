@@ -1,6 +1,7 @@
 //! Servo records: the inputs and outputs of one arm in one period.
 //!
-//! They suffice to replay the servo. Their hash compares two runs bit by bit.
+//! The records of a run suffice to replay its servos. Two runs are equal to the bit if the hashes
+//! of their records are equal.
 
 use crate::motion::{ArmState, Depth, Direction, Frame, Motion};
 use crate::servo::ServoCommand;
@@ -65,6 +66,7 @@ impl ServoRecord {
     }
 }
 
+/// Encoder that feeds each value to a hash, as 8 bytes, little-endian.
 struct Bytes<'a>(&'a mut dyn FnMut(&[u8]));
 
 impl Bytes<'_> {
@@ -76,6 +78,7 @@ impl Bytes<'_> {
         self.int(value.to_bits());
     }
 
+    /// Feeds each value by its bits; the number of values is not fed.
     fn floats(&mut self, values: &[f64]) {
         for value in values {
             self.float(*value);
@@ -86,6 +89,7 @@ impl Bytes<'_> {
         self.floats(&wrench.directions());
     }
 
+    /// Feeds the translation (x, y, z), then the quaternion (i, j, k, w).
     fn pose(&mut self, pose: &Pose) {
         self.floats(pose.translation.vector.as_slice());
         self.floats(pose.rotation.coords.as_slice());
@@ -95,6 +99,8 @@ impl Bytes<'_> {
         self.int(depth as u64);
     }
 
+    /// Feeds the counters, currents, flags of the axes and the wrench. Marks of extrapolated or old
+    /// values, and the inputs of the parallel interface, are left out.
     fn reading(&mut self, reading: &ArmReading) {
         for count in reading.counts {
             self.int(count as u64);
@@ -115,9 +121,10 @@ impl Bytes<'_> {
         self.wrench(&reading.wrench_on_sensor);
     }
 
+    /// Feeds a number for the kind of the command, 0 for none, then the fields of the command.
     fn command(&mut self, command: Option<&ServoCommand>) {
-        // The tag keeps kinds apart whose fields have equal bytes. Tags are numbered by hand, not
-        // by the order of the variants, so a new variant changes no old hash.
+        // The number keeps kinds apart whose fields have equal bytes. Numbers are given by hand,
+        // not by the order of the variants, so a new variant changes no old hash.
         match command {
             None => self.int(0),
             Some(ServoCommand::Move { command, start }) => {
@@ -150,6 +157,7 @@ impl Bytes<'_> {
         }
     }
 
+    /// Feeds a number for the kind of the motion, then its fields.
     fn motion(&mut self, motion: &Motion) {
         match motion {
             Motion::Hold => self.int(0),
@@ -157,7 +165,7 @@ impl Bytes<'_> {
                 self.int(1);
                 self.floats(&motors.0);
             }
-            // 4 and 5 are the two frames of a task motion.
+            // The numbers 4 and 5 belong to the two frames of a task motion.
             Motion::MotorsBy(motors) => {
                 self.int(6);
                 self.floats(&motors.0);
@@ -192,6 +200,7 @@ impl Bytes<'_> {
         }
     }
 
+    /// Feeds the commands to the drives: flags in one number, pulse widths, the palm's stops.
     fn drive(&mut self, drive: &ArmDrive) {
         self.int(u64::from(drive.enabled) | u64::from(drive.synchronise) << 8);
         for pwm in drive.pwm {

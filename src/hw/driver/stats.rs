@@ -18,7 +18,9 @@ impl Default for Histogram {
 }
 
 impl Histogram {
+    /// Number of classes for each doubling of the time.
     const FINE: u64 = 32;
+    /// Number of all classes: up to 2^31 ns, which is 2.1 s.
     const CLASSES: usize = 27 * Self::FINE as usize;
 
     /// Adds one duration to the histogram (ns).
@@ -69,6 +71,7 @@ impl Histogram {
         0
     }
 
+    /// Returns the index of the class of a duration (ns), also beyond the last class.
     fn class(nanos: u64) -> usize {
         // Below 64 ns a class is 1 ns wide, as fine as the numbers are.
         if nanos < 2 * Self::FINE {
@@ -96,8 +99,8 @@ impl Histogram {
 pub struct Timing {
     /// Delay from the grid point to the beginning of its period (ns).
     pub wake_up: Histogram,
-    /// Difference between the time between two beginnings and the length of a period (ns). Pairs
-    /// with missed periods between them are left out.
+    /// Time between the beginnings of two successive periods, as its distance from the length of a
+    /// period (ns). Pairs with missed periods between them are left out.
     pub jitter: Histogram,
     /// Duration of the work of a period (ns).
     pub work: Histogram,
@@ -118,6 +121,7 @@ impl Timing {
 }
 
 impl std::fmt::Display for Timing {
+    /// Writes one line for each histogram, with its quantiles in us, and one line with the counts.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let line = |f: &mut std::fmt::Formatter<'_>, name: &str, h: &Histogram| {
             let us = |nanos: u64| nanos as f64 / 1000.0;
@@ -162,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn every_time_lies_within_its_bucket() {
+    fn every_duration_lies_within_its_class() {
         for nanos in
             (0..200).chain((1..30).map(|e| (1u64 << e) - 1)).chain((1..30).map(|e| 1u64 << e))
         {
@@ -174,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn huge_time_counts_in_last_bucket() {
+    fn huge_duration_counts_in_last_class() {
         let mut histogram = Histogram::default();
 
         histogram.record(u64::MAX / 2);

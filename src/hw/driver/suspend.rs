@@ -2,7 +2,7 @@
 //!
 //! The grid of the servo's periods is on the monotonic clock, which stands still while the computer
 //! is suspended: no grid point passes, so no period counts as missed, but the arms' controllers
-//! live on. The clock of the time since boot counts the suspend as well.
+//! keep running. The clock of the time since boot counts the suspend as well.
 //!
 //! - in: the times of both clocks, once a period
 //! - out: the time for which the computer was suspended
@@ -35,14 +35,15 @@ impl Time for Clock {
     }
 }
 
-/// Difference of the clocks from which on it is a suspend (ns). A suspend takes far longer, and
-/// both clocks are adjusted together.
+/// Least gain of the time since boot on the monotonic time that counts as a suspend (ns). A suspend
+/// takes far longer. Adjustments of the clocks cause no gain, because they affect both clocks.
 const LEAST: u64 = 1_000_000;
 
 /// Detector of suspends.
 #[derive(Debug, Default)]
 pub(super) struct Suspends {
-    /// Largest possible lead of the time since boot before a suspend (ns).
+    /// Upper bound, from earlier readings, of the lead of the time since boot over the monotonic
+    /// time (ns); `None` before the first reading.
     lead: Option<u64>,
 }
 
@@ -50,8 +51,8 @@ impl Suspends {
     /// Reads the clocks; returns the time for which the computer was suspended since the last call
     /// (ns), 0 if it was not.
     pub(super) fn asleep(&mut self, clocks: &impl Time) -> u64 {
-        // The thread may be paused between two readings. The two monotonic readings bound the lead,
-        // so that a pause is never taken for a suspend.
+        // The thread may be paused between two readings of the clocks. Monotonic readings before
+        // and after the other one bound the lead, so that a pause is never taken for a suspend.
         let before = clocks.now();
         let boot = clocks.boot_time();
         let after = clocks.now();

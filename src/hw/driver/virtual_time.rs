@@ -42,7 +42,8 @@ pub async fn run_virtual<P: Port>(
         hook(period, port);
         let Delay { periods, jump } = port.delay();
         // A jump moves the actors' clock only: the arms do not move in it. So the servos count
-        // `periods` alone, while the lag and the limit count both.
+        // `periods` alone, while the lag behind the clock and the limit of missed periods count
+        // the jump as well.
         if jump > 0.0 {
             tokio::time::advance(Duration::from_secs_f64(jump)).await;
         }

@@ -110,7 +110,7 @@ pub fn spawn_wall_on<P: Port + 'static>(
         Ok((true, warnings)) => {
             Err(io::Error::new(io::ErrorKind::PermissionDenied, warnings.join("; ")))
         }
-        Err(_) => Err(io::Error::other("the servo thread ended before it began")),
+        Err(_) => Err(io::Error::other("the servo thread ended before its first period")),
     }
 }
 
@@ -132,6 +132,8 @@ impl<P> Wall<P> {
         })
     }
 
+    /// Stops both threads, waits for them and returns their results; `None` if they were stopped
+    /// before.
     fn end(&mut self) -> Option<WallEnd<P>> {
         let (servo, bridge) = self.threads.take()?;
         self.switches.stop.store(true, Ordering::Release);
@@ -171,7 +173,7 @@ fn run(clock: &impl Time, core: &mut Core, port: &mut BridgePort, options: &Wall
     let mut timing = Timing::default();
     let mut next = clock.now() + length;
     let mut period = 0;
-    // Beginning of the last period, if it was the grid point before this one.
+    // Time at which the last period began; `None` if periods were missed since then.
     let mut last: Option<u64> = None;
     // Grid points that passed since the last period.
     let mut missed = 0;

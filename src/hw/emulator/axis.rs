@@ -30,7 +30,7 @@ pub struct AxisController {
     /// Number of plant periods in a row in which the current was above `max_current`.
     above: u32,
     synchronise: bool,
-    /// Whether it brakes when no order comes.
+    /// Whether the controller brakes when no order comes.
     watchdog: bool,
     /// Plant periods since the last order.
     silent: u32,
@@ -94,6 +94,7 @@ impl AxisController {
         Some(self.answer(share))
     }
 
+    /// Returns whether the bytes received so far are the beginning of an order: four zeros, `#`.
     fn may_begin_an_order(&self) -> bool {
         let wanted = [0, 0, 0, 0, b'#'];
         self.pending[..self.length].iter().zip(wanted).all(|(byte, wanted)| *byte == wanted)

@@ -1,7 +1,7 @@
 //! Cameras of the emulator, which serve frames over local sockets, with one thread per camera.
 //!
 //! - in: requests with a period and an exposure
-//! - out: a header and the frame, or a header without size and the reason in words
+//! - out: a header and the frame; or a header with the width 0, and the reason in words
 
 use crate::hw::camera::FrameSource;
 use crate::hw::driver::step_back;
@@ -63,6 +63,7 @@ impl CameraServer {
 }
 
 impl Drop for CameraServer {
+    /// Ends the thread, waits for its end and removes the socket.
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Release);
         if let Some(thread) = self.thread.take() {
@@ -94,13 +95,13 @@ fn serve(
                 Err(e) if e.kind() == ErrorKind::WouldBlock => {}
                 Err(e) => return Err(e),
             }
-            // A client that stays silent must not keep the server alive.
+            // A client that stays silent must not keep the thread from ending.
             if ends.load(Ordering::Acquire) {
                 return Ok(());
             }
         }
         let (period, exposure) = decode_request(&request);
-        // An image without size carries the reason why there is none.
+        // A header with the width 0 announces the reason why there is no frame.
         let (header, bytes) = match source.grab(period, exposure) {
             Ok(frame) => {
                 let (width, height) = frame.image.dimensions();

@@ -12,7 +12,7 @@ use rand_pcg::Pcg64;
 pub struct At {
     /// Index of the effector.
     pub effector: usize,
-    /// 0 the track, 7 the jaw.
+    /// Index of the axis: 0 is the track, 7 the jaw.
     pub axis: usize,
     /// Time since the first order (s), not negative.
     pub time: f64,
@@ -29,9 +29,10 @@ pub struct LineFaults {
     pub lost: f64,
     /// Share of the force sensors' datagrams that come after their successor.
     pub reordered: f64,
-    /// Share of the periods in which a silence of all axes of an arm begins, in both directions.
+    /// Share of the periods in which a silence of all axes of an arm begins. Orders and answers are
+    /// lost during a silence.
     pub stalled: f64,
-    /// Length of this silence (periods).
+    /// Length of such a silence (periods).
     pub stall: u32,
     /// Axis controllers that are reset.
     pub resets: Vec<At>,
@@ -56,6 +57,7 @@ pub(super) fn due(faults: &mut Vec<At>, now: u64) -> impl Iterator<Item = At> {
 }
 
 impl Chance {
+    /// Makes the generator from a seed. Equal seeds give equal faults.
     pub(super) fn new(faults: LineFaults, seed: u64) -> Self {
         Self { faults, random: Pcg64::new(u128::from(seed), 0x006c_696e_6573) }
     }

@@ -13,7 +13,7 @@
 //!
 //! - in: orders on serial lines (pseudo-terminals), requests of force sensors and cameras (sockets)
 //! - out: answers, datagrams and frames; the [`Devices`], with which a bridge finds them
-//! - An encoder is read at the moment of the request, so counters are interpolated between two
+//! - A real encoder is read at the moment of the request, so counters are interpolated between two
 //!   periods of the world. After a delay of the thread, the last request is answered when the world
 //!   has caught up.
 
@@ -64,7 +64,7 @@ pub enum SensorKind {
 pub struct EmulatedArm {
     /// Name of the effector.
     pub name: String,
-    /// Whether it has an axis 0, the track.
+    /// Whether the arm has an axis 0, the track.
     pub has_track: bool,
 }
 
@@ -77,7 +77,8 @@ pub struct EmulatorOptions {
     pub faults: LineFaults,
     /// Seed of the random faults.
     pub seed: u64,
-    /// Time after the last order at which the emulation ends by itself (s); `None` for never.
+    /// Time after the last order at which the emulation ends by itself (s); with `None` it does not
+    /// end by itself.
     pub ends_after: Option<f64>,
     /// Whether the controllers have no watchdog and follow their last order for ever.
     pub no_watchdog: bool,
@@ -94,14 +95,17 @@ pub struct Course {
     pub orders: u64,
 }
 
+/// Emulated lines, controllers and force sensor of an arm.
 struct Arm {
     name: String,
+    /// Far ends of the serial lines; `None` for an axis that does not exist or is unplugged.
     lines: [Option<Pty>; AXES + 1],
     has_track: bool,
     controllers: [AxisController; AXES + 1],
     /// Lines that have received an order since the world's last period, one bit each.
     heard: u8,
     sensor: Sensor,
+    /// Whether the force sensor has fallen silent.
     silent: bool,
 }
 
@@ -112,6 +116,7 @@ pub struct Emulator<P> {
     drives: Vec<ArmDrive>,
     readings: Vec<ArmReading>,
     chance: Chance,
+    /// Time after the last order at which the emulation ends by itself (periods).
     ends_after: Option<u64>,
     course: Course,
     /// Periods of the first and of the last order.
@@ -146,7 +151,7 @@ impl<P: Port> Emulator<P> {
             course: Course::default(),
             orders: None,
         };
-        // The first orders are answered before the world makes a period.
+        // The first orders are answered before the first period of the world.
         this.latch();
         Ok(this)
     }
@@ -205,7 +210,7 @@ impl<P: Port> Emulator<P> {
                 self.course.stalled += behind;
                 next += behind * PERIOD_NANOS;
             }
-            // An emulator that never had an order waits for its controller without limit.
+            // An emulator that has not had an order yet waits for its bridge without limit.
             let gone = |(_, last): (u64, u64)| {
                 self.ends_after.is_some_and(|after| self.course.periods > last + after)
             };
@@ -255,7 +260,7 @@ impl<P: Port> Emulator<P> {
         }
         if heard > 0 {
             self.course.orders += heard;
-            // Faults are due by the time since the first order, the end by the last one.
+            // Faults are due at a time after the first order, the end at a time after the last one.
             let first = self.orders.map_or(self.course.periods, |(first, _)| first);
             self.orders = Some((first, self.course.periods));
         }
@@ -281,7 +286,7 @@ impl<P: Port> Emulator<P> {
         let _ = poll(&mut fds[..count], Some(&time));
     }
 
-    /// Applies the faults that are due: it resets controllers, unplugs lines and silences sensors.
+    /// Applies the faults that are due: resets controllers, unplugs lines and silences sensors.
     fn fail(&mut self) {
         let Some((first, _)) = self.orders else { return };
         let now = self.course.periods - first;
@@ -327,6 +332,7 @@ impl<P> std::fmt::Debug for Emulator<P> {
 }
 
 impl Arm {
+    /// Opens the pseudo-terminals and the force sensor of an arm.
     fn open(arm: &EmulatedArm, options: &EmulatorOptions) -> std::io::Result<Self> {
         let mut lines = [const { None }; AXES + 1];
         for (axis, line) in lines.iter_mut().enumerate() {

@@ -28,7 +28,7 @@ pub(super) struct NetBox {
     client: Option<SocketAddr>,
     sequence: u32,
     sample: u32,
-    /// A datagram that is sent after its successor.
+    /// A datagram that is held back, to be sent after its successor.
     held: Option<RdtRecord>,
 }
 
@@ -40,6 +40,7 @@ pub(super) struct Controller {
 }
 
 impl Sensor {
+    /// Opens a Net F/T box on a free UDP port of this machine.
     pub(super) fn net() -> std::io::Result<Self> {
         let socket = UdpSocket::bind("127.0.0.1:0")?;
         socket.set_nonblocking(true)?;
@@ -47,6 +48,7 @@ impl Sensor {
         Ok(Self::Net(NetBox { socket, address, client: None, sequence: 0, sample: 0, held: None }))
     }
 
+    /// Opens a controller on a pseudo-terminal.
     pub(super) fn controller() -> std::io::Result<Self> {
         Ok(Self::Controller(Controller { pty: Pty::open()?, wrench: Wrench::default() }))
     }
@@ -67,8 +69,8 @@ impl Sensor {
             Self::Net(sensor) => {
                 let mut bytes = [0; 64];
                 while let Ok((length, from)) = sensor.socket.recv_from(&mut bytes) {
-                    // Only the client that started the stream may stop it. Other datagrams are no
-                    // requests.
+                    // Only the client that started the stream may stop it. Any other datagram is
+                    // ignored.
                     match start_request(&bytes[..length]) {
                         Some(true) => {
                             (sensor.client, sensor.sequence) = (Some(from), 0);
@@ -105,8 +107,8 @@ impl Sensor {
             Self::Net(sensor) => {
                 sensor.sample = sensor.sample.wrapping_add(1);
                 let Some(client) = sensor.client.filter(|_| !silent) else { return };
-                // The sequence counts datagrams and shows a client which are lost, so a lost one
-                // counts as well.
+                // The client finds lost datagrams by gaps in the sequence, so a lost one counts as
+                // well.
                 sensor.sequence = sensor.sequence.wrapping_add(1);
                 let counts = wrench.directions().map(|c| (c * COUNTS).round() as i32);
                 let (sequence, sample) = (sensor.sequence, sensor.sample);

@@ -35,6 +35,7 @@ pub struct Wired<P> {
     chance: Chance,
     drives: Vec<ArmDrive>,
     readings: Vec<ArmReading>,
+    /// Whether the first exchange has settled the axes.
     begun: bool,
 }
 
@@ -102,8 +103,8 @@ impl Arm {
         // An arm without a track has no axis 0.
         for index in usize::from(!self.has_track)..=AXES {
             let axis = &mut self.axes[index];
-            // Virtual time knows no late exchange: each order is sent one period after the last
-            // one.
+            // In virtual time no exchange is late: each order is sent one period after the order
+            // before.
             axis.pass(1.0);
             let order = axis.order(&axis_drive(drive, index, &[u16::MAX; AXES + 1])).encode();
             // The bridge does not judge the lines of an arm that are all late together.
@@ -123,6 +124,8 @@ impl Arm {
 }
 
 impl<P: Port> Port for Wired<P> {
+    /// Sends the orders to the emulated controllers and judges their answers, then computes a
+    /// period of the world. The readings show the world before that period.
     fn exchange(
         &mut self,
         period: u64,
@@ -150,7 +153,8 @@ impl<P: Port> Port for Wired<P> {
             arm.talk(effector, &drives[effector], &mut self.chance)?;
             write_reading(&arm.axes, arm.has_track, reading);
             let values = self.readings[effector].wrench_on_sensor.directions();
-            // Like a real wrench: quantised, encoded, perhaps lost, decoded and judged.
+            // The wrench is treated like a real one: quantised, encoded, perhaps lost, decoded and
+            // judged.
             let counts = values.map(|c| (c * COUNTS).round() as i32);
             let record = RdtRecord { sequence: 1, sample: 1, status: 0, counts }.encode();
             let came = (!self.chance.loses()).then(|| RdtRecord::decode(&record)).flatten();

@@ -15,7 +15,7 @@ use crate::hw::note::{NoteKind, Notes};
 use crate::hw::serial::Line;
 use crate::spatial::Wrench;
 
-/// Rate of its line (bit/s).
+/// Speed of the controller's line (bit/s).
 const BAUD: u32 = 38_400;
 /// Largest number of words that may be left over from an earlier record.
 const MOST_WORDS: usize = 64;
@@ -64,6 +64,7 @@ pub fn encode_record(status: u8, wrench: &Wrench) -> [u8; RECORD] {
     bytes
 }
 
+/// Converts the counts of a record to a wrench (N, Nm).
 fn wrench_of(counts: &[i16; 6]) -> Wrench {
     Wrench::from_directions(std::array::from_fn(|i| f64::from(counts[i]) / SCALES[i]))
 }
@@ -75,7 +76,7 @@ pub trait Words: Send {
     fn take(&mut self, due: bool) -> Option<u16>;
 }
 
-/// Stage of the dialogue.
+/// Stage of the dialogue with the controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Stage {
     /// Set-up, with the index of the next line.
@@ -156,7 +157,8 @@ impl FtController {
         let mut answer = [0; 64];
         let heard = self.line.read(&mut answer).unwrap_or(0);
         let mut answered = answer[..heard].contains(&PROMPT);
-        // Both ways are read: the answers move to the parallel interface during the set-up.
+        // The line was read as well, because the answers move from it to the parallel interface
+        // during the set-up.
         if let Some(words) = &mut self.words {
             for taken in 0..CHARACTERS {
                 let Some(word) = words.take(taken > 0) else { break };
@@ -213,6 +215,8 @@ impl FtController {
 }
 
 impl ForceSource for FtController {
+    /// Carries out one step of the dialogue with the controller: sends the next line of the set-up,
+    /// or takes a record and requests the next one.
     fn read(&mut self, period: u64, effector: usize, notes: &mut Notes) -> (Wrench, bool) {
         let mut good = None;
         match self.stage {

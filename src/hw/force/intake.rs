@@ -1,4 +1,4 @@
-//! Common treatment of the readings of all force sensors.
+//! Common judgement of the readings of all force sensors: which wrench counts in a period.
 //!
 //! | case | threshold | reason |
 //! |---|---|---|
@@ -54,6 +54,7 @@ impl Taken {
 pub struct Intake {
     /// Range of each direction (N, Nm).
     range: [f64; 6],
+    /// Last reading that counted.
     last: Wrench,
     /// Periods since the last reading that counted.
     age: u32,
@@ -92,6 +93,7 @@ impl Intake {
         (wrench, if was_silent { Taken::Back } else { Taken::Fresh })
     }
 
+    /// Processes a period without a usable reading: the last one is held, or the sensor is silent.
     fn none(&mut self) -> (Wrench, Taken) {
         self.age = self.age.saturating_add(1);
         if self.age <= HOLDS {
@@ -101,6 +103,8 @@ impl Intake {
         (silent, Taken::Silent { first: self.age == HOLDS + 1 })
     }
 
+    /// Returns the first direction in which a wrench leaves the range or is NaN, with its value (N
+    /// or Nm).
     fn beyond(&self, wrench: &Wrench) -> Option<(usize, f64)> {
         let values = wrench.directions();
         // NaN is no force either. It fails every comparison, so it has a test of its own.
@@ -114,6 +118,7 @@ impl Intake {
 mod tests {
     use super::*;
 
+    /// Returns a wrench that is this force along z (N).
     fn z(force: f64) -> Wrench {
         Wrench::from_directions([0.0, 0.0, force, 0.0, 0.0, 0.0])
     }

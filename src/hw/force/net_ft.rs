@@ -101,15 +101,16 @@ impl RdtRecord {
 /// Detector of lost and late records by their numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Sequence {
+    /// Number of the newest record so far.
     last: Option<u32>,
 }
 
-/// Place of a record among those before.
+/// Place of a record among the records before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
-    /// Record that is newer than all before.
+    /// Record that is newer than all records before it.
     Newer {
-        /// Number of records between, which are lost or still to come.
+        /// Number of records between it and the newest one before, which are lost or still to come.
         missing: u32,
     },
     /// Record that is not newer.
@@ -182,8 +183,8 @@ impl NetFt {
         })
     }
 
-    /// Reads all records that have arrived and returns the newest one. `notes` gets the lost and
-    /// the reordered ones.
+    /// Reads all records that have arrived and returns the newest one; `None` if none is newer than
+    /// those of earlier periods. `notes` gets the lost and the reordered records.
     fn newest(&mut self, period: u64, effector: usize, notes: &mut Notes) -> Option<RdtRecord> {
         let mut newest = None;
         // One byte more than a record, so that a longer datagram is not cut to a valid one.
@@ -208,6 +209,7 @@ impl NetFt {
 }
 
 impl ForceSource for NetFt {
+    /// Takes the newest record that has arrived. Requests the stream again while the box is silent.
     fn read(&mut self, period: u64, effector: usize, notes: &mut Notes) -> (Wrench, bool) {
         let newest = self.newest(period, effector, notes);
         if let Some(record) = newest
@@ -252,7 +254,7 @@ pub(super) fn push_note(taken: Taken, period: u64, effector: usize, notes: &mut 
             notes.push(period, effector, NoteKind::OverRange { direction, reading });
         }
         Taken::Silent { first: true } => notes.push(period, effector, NoteKind::ForceSilent),
-        // In period 0 it is the first reading ever.
+        // The first reading ever, in period 0, ends no silence.
         Taken::Back if period > 0 => notes.push(period, effector, NoteKind::ForceBack),
         Taken::Fresh | Taken::Held | Taken::Back | Taken::Silent { first: false } => {}
     }
@@ -311,6 +313,7 @@ mod tests {
         assert_eq!(wraps.place(u32::MAX), Order::Late);
     }
 
+    /// Returns the bytes of a record with this force along z, at 10^6 counts/N.
     fn record(sequence: u32, newtons: i32) -> [u8; RDT_RECORD] {
         let counts = [0, 0, newtons * 1_000_000, 0, 0, 0];
         RdtRecord { sequence, sample: sequence, status: 0, counts }.encode()

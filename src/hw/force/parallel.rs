@@ -13,10 +13,15 @@ use std::time::{Duration, Instant};
 
 /// Ports of the board, counted from its first one.
 mod at {
+    /// Low byte of a word.
     pub(super) const LOW: u16 = 1;
+    /// Handshake lines.
     pub(super) const CONTROL: u16 = 2;
+    /// Directions of the ports.
     pub(super) const SET_UP: [u16; 2] = [3, 7];
+    /// High byte of a word.
     pub(super) const HIGH: u16 = 5;
+    /// Set-up of the interrupt, and its flag.
     pub(super) const INTERRUPT: u16 = 32;
 }
 
@@ -58,17 +63,21 @@ impl<R: Registers> Pci1751<R> {
         this
     }
 
+    /// Sets some handshake lines and clears others, and leaves the rest unchanged.
     fn control(&mut self, set: u8, clear: u8) {
         let lines = self.ports.read8(at::CONTROL);
         self.ports.write8(at::CONTROL, (lines | set) & !clear);
     }
 
+    /// Returns whether the controller has announced a word.
     fn announced(&mut self) -> bool {
         self.ports.read8(at::INTERRUPT) & FLAG != 0
     }
 }
 
 impl<R: Registers> Words for Pci1751<R> {
+    /// Takes the word that the strobe has announced and requests the next one by the handshake.
+    /// Waits up to 0.1 ms for a word that is `due`.
     fn take(&mut self, due: bool) -> Option<u16> {
         let begun = Instant::now();
         while !self.announced() {
@@ -100,13 +109,17 @@ pub(super) mod tests {
     use std::collections::VecDeque;
     use std::sync::{Arc, Mutex};
 
-    /// Board with a controller behind it, which sends a word after the last one was taken.
+    /// State of an emulated board, and of the controller behind it, which sends a word after the
+    /// last one was taken.
     struct State {
         ports: [u8; Pci1751::<Board>::PORTS as usize],
+        /// Words that the controller has not finished sending.
         waiting: VecDeque<u16>,
+        /// Whether the handshake says that the input buffer is full.
         full: bool,
     }
 
+    /// Emulated board. Clones share it.
     #[derive(Clone)]
     pub(in super::super) struct Board(Arc<Mutex<State>>);
 
@@ -118,6 +131,7 @@ pub(super) mod tests {
     }
 
     impl Board {
+        /// Makes the controller send these words, one after another.
         pub(in super::super) fn give(&self, words: &[u16]) {
             let mut state = self.0.lock().unwrap();
             state.waiting.extend(words);
@@ -126,6 +140,8 @@ pub(super) mod tests {
     }
 
     impl State {
+        /// Puts the next word on the input ports and raises the flag, if the board is set up and
+        /// the last word was taken.
         fn next(&mut self) {
             let set_up =
                 self.ports[3] == 0x03 && self.ports[7] == 0x03 && self.ports[32] & 0x10 != 0;
@@ -144,10 +160,11 @@ pub(super) mod tests {
         fn read8(&mut self, port: u16) -> u8 {
             self.0.lock().unwrap().ports[usize::from(port)]
         }
+        /// Writes a port as the board does: a write of 1 clears the flag, and the end of "input
+        /// buffer full" shows that a word was taken.
         fn write8(&mut self, port: u16, value: u8) {
             let mut state = self.0.lock().unwrap();
             match port {
-                // A write of 1 clears the flag.
                 32 => {
                     let left = state.ports[32] & FLAG & !value;
                     state.ports[32] = value & !FLAG | left;

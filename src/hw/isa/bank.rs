@@ -3,8 +3,8 @@
 //!
 //! - in, out: those of a [`Port`]; all data in between passes word by word through the registers of
 //!   [`Bank`]s
-//! - a card takes one word for each axis and interrupt, and loses a further one; it raises no
-//!   interrupt before the cause of the last one was cleared
+//! - between two interrupts a card takes one word for each axis and loses a second one; it raises
+//!   no interrupt before the cause of the last one was cleared
 //! - a reading shows the period before, so a servo has one period more of delay than against the
 //!   bare world
 //! - assumptions that the published sources neither confirm nor exclude: brakes hold while all
@@ -43,9 +43,9 @@ pub struct CardAxis {
     pub status: AxisStatus,
     /// Whether the resolver cannot be read.
     pub unreadable: bool,
-    /// Count of the world.
+    /// Counter of the axis in the world (increments).
     position: i64,
-    /// Count of the world at which the counter of the axis is zero.
+    /// Value of `position` at which the card's counter is zero.
     zero: i64,
     /// Motor current (units).
     current: u8,
@@ -96,6 +96,7 @@ pub struct Card {
 }
 
 impl Card {
+    /// Returns the index of the first axis: 0 with a track, else 1.
     fn first(&self) -> usize {
         usize::from(!self.has_track)
     }
@@ -107,6 +108,7 @@ impl Card {
         (axis <= JAW).then_some(axis)
     }
 
+    /// Carries out a command word: to the card itself, or to the axis that the pointer selects.
     fn command(&mut self, word: u16) {
         match word & 0xff00 {
             command::SET_INTERRUPT_DIVISOR => self.divisor = word as u8,
@@ -215,6 +217,8 @@ impl Card {
 }
 
 impl CardAxis {
+    /// Sets the counter of the axis to zero. The counter of a resolver keeps its angle within a
+    /// revolution.
     fn reset(&mut self) {
         self.zero = match self.kind {
             // The angle within a revolution is absolute: only whole revolutions become zero.
@@ -291,16 +295,18 @@ impl Bank {
 
 impl Registers for Bank {
     fn read8(&mut self, _: u16) -> u8 {
-        // No register of a card is read by bytes. A bus without an answer reads as ones.
+        // No register of a card is read by bytes. A bus on which no device answers reads as ones.
         0xff
     }
 
+    /// Sets the pointer; a write to any other port has no effect.
     fn write8(&mut self, at: u16, value: u8) {
         if at == port::AXIS {
             self.card().pointer = value;
         }
     }
 
+    /// Writes the binary outputs or a command word; a write to any other port has no effect.
     fn write16(&mut self, at: u16, value: u16) {
         let mut card = self.card();
         match (at, card.pointer) {
@@ -310,6 +316,8 @@ impl Registers for Bank {
         }
     }
 
+    /// Reads a register of the axis, or the inputs, that the pointer selects; all ones if the card
+    /// has no such register.
     fn read16(&mut self, at: u16) -> u16 {
         let mut card = self.card();
         // The acknowledgement of an interrupt is the read of both registers. The pointer 0xc0 also
@@ -362,7 +370,7 @@ impl ForceSource for WorldSensor {
     }
 }
 
-/// A world behind cards.
+/// A port with emulated cards before a world: the simulated plant, or the motors of a test.
 pub struct Carded<P> {
     port: IsaPort<Bank>,
     world: P,
@@ -373,7 +381,8 @@ pub struct Carded<P> {
 
 impl<P: Port> Carded<P> {
     /// Puts an emulated card for each arm before `world`, a plant at rest, and sets the cards up.
-    /// An axis that the plant reports as synchronised is so in its card, unless it has a resolver.
+    /// An axis that the plant reports as synchronised is also synchronised in its card, unless it
+    /// has a resolver.
     ///
     /// # Errors
     /// The fault of the plant.
@@ -418,14 +427,16 @@ impl<P: Port> Carded<P> {
 }
 
 impl<P: Port> Port for Carded<P> {
+    /// Exchanges drives and readings with the cards, then computes a period of the world under the
+    /// drives that the cards have taken. The readings show the world before that period.
     fn exchange(
         &mut self,
         period: u64,
         drives: &[ArmDrive],
         readings: &mut [ArmReading],
     ) -> Result<(), PortFault> {
-        // The cards show the world's last period, and the world moves by the words that they have
-        // taken now.
+        // The cards show the world's last period. The world then moves by the words that the cards
+        // have taken in this exchange.
         self.port.exchange(period, drives, readings)?;
         for (bank, drive) in self.banks.iter().zip(&mut self.drives) {
             *drive = bank.card().drive();

@@ -13,7 +13,7 @@ use super::registers::{AxisKind, AxisStatus, REVOLUTION};
 /// Periods within which a card confirms that it counts from the zero that was just found.
 const CONFIRMS: u32 = 50;
 
-/// State of an axis's zero.
+/// Knowledge about the zero of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Zero {
     /// State as the card reports it, before the first synchronisation of this run. A resolver's
@@ -23,7 +23,7 @@ enum Zero {
     None,
     /// Search for the next zero.
     Awaited,
-    /// Zero that the card has not confirmed in this number of periods.
+    /// Zero that was found this number of periods ago, and that the card has not confirmed yet.
     Found(u32),
     /// Zero that the card has confirmed.
     Confirmed,
@@ -47,6 +47,7 @@ pub(super) struct Counter {
 }
 
 impl Counter {
+    /// Makes the counter of an axis of this kind, before the first reading of the card.
     pub(super) fn new(kind: AxisKind) -> Self {
         let zero = Zero::Card;
         Self { kind, count: 0, origin: 0, step: 0, zero, passed: false, resets: false }
@@ -65,8 +66,8 @@ impl Counter {
             return true;
         }
         if self.resets {
-            // The counter as it would go on without a reset. A counter that is nearer to zero than
-            // to that has been reset.
+            // The count that a counter without a reset would show now. A counter that is nearer to
+            // zero than to this count has been reset.
             let expected = self.count + self.step;
             if card.abs() < (card - self.origin - expected).abs() {
                 self.resets = false;
@@ -95,7 +96,7 @@ impl Counter {
                 let half = REVOLUTION / 2;
                 card - ((card + half).rem_euclid(REVOLUTION) - half)
             }
-            // Nearer to zero than to the last count: the card has set its counter to zero by
+            // A count nearer to zero than to the last one: the card has set its counter to zero by
             // itself.
             AxisKind::Encoder { .. } if card.abs() < (card - self.origin - self.count).abs() => 0,
             AxisKind::Encoder { .. } => card,
@@ -107,12 +108,12 @@ impl Counter {
     /// Updates the state of the zero by whether the card reports the axis as `synchronised`.
     fn confirm(&mut self, synchronised: bool) {
         self.zero = match self.zero {
-            // The card of a resolver has no bit for it.
+            // The card of a resolver has no bit that confirms a zero.
             Zero::Found(_) | Zero::Confirmed if self.kind == AxisKind::Resolver => return,
             Zero::Found(_) if synchronised => Zero::Confirmed,
             // The card confirms only after the end of its tracking, some periods later.
             Zero::Found(periods) if periods < CONFIRMS => Zero::Found(periods + 1),
-            // It has not confirmed the zero in time, or reports none any more.
+            // The card has not confirmed the zero in time, or has lost a confirmed one.
             Zero::Found(_) => Zero::None,
             Zero::Confirmed if !synchronised => Zero::None,
             zero => zero,
@@ -147,6 +148,7 @@ impl Counter {
         self.resets = true;
     }
 
+    /// Returns the count that the servo reads (increments).
     pub(super) fn count(&self) -> i64 {
         self.count
     }
@@ -156,6 +158,8 @@ impl Counter {
         matches!(self.zero, Zero::Found(_) | Zero::Confirmed)
     }
 
+    /// Returns whether the axis has a zero: one that this run has found, or before the first
+    /// synchronisation of this run one that the card reports in `status`.
     pub(super) fn is_synchronised(&self, status: AxisStatus) -> bool {
         match self.zero {
             Zero::Card => self.kind != AxisKind::Resolver && status.synchronised,

@@ -2,8 +2,8 @@
 //!
 //! - in: the drives of a period
 //! - out: the readings of the cards in the same period
-//! - an axis takes one word for each interrupt, so a command takes the place of a pulse width, and
-//!   only one is sent in a period
+//! - an axis takes one word for each interrupt, so a period sends it either one waiting command or
+//!   its pulse width
 //! - the end of the bridge enables the cabinet's buttons again
 //!
 //! | fault | threshold | reaction |
@@ -13,7 +13,8 @@
 //! | the card raises no interrupt | 2 x [`MISS`] (20 ms) | a note |
 //! | the card raises no interrupt | [`LOST`] x [`MISS`] (30 ms) | a fault, all arms stop |
 //!
-//! The first stop takes place in the period of the error, before the servo knows of it.
+//! The stop at an error or loss of power takes place in the period in which the card shows it,
+//! before the servo knows of it.
 
 use super::counter::Counter;
 use super::registers::{
@@ -83,6 +84,7 @@ impl IsaArm<()> {
     }
 }
 
+/// An axis of a card.
 struct Axis {
     counter: Counter,
     /// Commands that are still to be sent.
@@ -93,6 +95,7 @@ struct Axis {
     asked: bool,
 }
 
+/// An arm's card, with the state of its set-up, errors and words.
 struct Arm<R> {
     parts: IsaArm<R>,
     axes: [Axis; AXES + 1],
@@ -102,8 +105,8 @@ struct Arm<R> {
     /// Errors of the axes, as in the aggregated error word.
     errors: u64,
     /// Limit switches that were hit when the drives were switched on, and have been since. They
-    /// stop no motor, because an axis must be able to leave its limit switch. The servo prevents
-    /// that it moves further onto the switch.
+    /// stop no motor, because an axis must be able to leave its limit switch. The servo keeps the
+    /// axis from moving further onto the switch.
     spared: u64,
     /// Last reading, for a period in which the card has no new one.
     last: ArmReading,
@@ -205,15 +208,18 @@ impl<R: Registers> Arm<R> {
         }
     }
 
+    /// Returns the index of the first axis: 0 with a track, else 1.
     fn first(&self) -> usize {
         usize::from(!self.parts.has_track)
     }
 
+    /// Sets the pointer to `axis`, to which the following words then belong.
     fn choose(&mut self, axis: usize) {
         let pointer = self.parts.first_pointer + (axis - self.first()) as u8;
         self.parts.registers.write8(port::AXIS, pointer);
     }
 
+    /// Writes a command word to the card, for the axis that the pointer selects.
     fn send(&mut self, word: u16) {
         self.parts.registers.write16(port::COMMAND, word);
     }
@@ -260,7 +266,7 @@ impl<R: Registers> Arm<R> {
                 AxisKind::Encoder { .. } => (Some(i64::from(counter(low, high))), reply >> 8),
             };
             let Axis { counter, commands, width, .. } = &mut self.axes[axis];
-            // The reading at the zero: the card ends its tracking.
+            // At the reading that shows the zero, the card is ordered to end its tracking.
             if counter.take(position, status) {
                 commands.push_back(command::FINISH_SYNCHRO);
                 if counter.is_off() {
@@ -303,6 +309,7 @@ impl<R: Registers> Arm<R> {
         self.errors = errors;
     }
 
+    /// Reads the binary and analog inputs of the card into `reading`.
     fn read_inputs(&mut self, reading: &mut ArmReading) {
         let registers = &mut self.parts.registers;
         registers.write8(port::AXIS, port::IO_PACKET);
@@ -414,12 +421,15 @@ impl<R: Registers> Port for IsaPort<R> {
         false
     }
 
+    /// Writes drives that are switched off to the cards of all arms.
     fn repeat_stop(&mut self) {
         for arm in &mut self.arms {
             arm.write(&ArmDrive::OFF);
         }
     }
 
+    /// Waits for the interrupt of each card and reads the card, then writes the drives. A card
+    /// without an interrupt gives its last reading and gets no words.
     fn exchange(
         &mut self,
         period: u64,
@@ -428,9 +438,9 @@ impl<R: Registers> Port for IsaPort<R> {
     ) -> Result<(), PortFault> {
         let (mut lost, begun) = (Ok(()), Instant::now());
         for (effector, (arm, reading)) in self.arms.iter_mut().zip(readings).enumerate() {
-            // The card has a clock of its own. It loses a second word in one of its periods, and
-            // both words of a counter belong together only between two of them. The wait is that of
-            // all arms together.
+            // The card has a clock of its own: it loses a second word within one of its periods,
+            // and the two words of a counter belong together only within one. So each exchange
+            // waits for the interrupt. All arms share one limit of the wait.
             let patience = if self.begun { WAIT } else { FIRST };
             let came = arm.parts.registers.interrupted(patience.saturating_sub(begun.elapsed()));
             if !(came || self.begun) {

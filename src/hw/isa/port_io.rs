@@ -54,7 +54,7 @@ fn ask(from: u16, offset: u16, count: u16) -> Result<(), String> {
         return Ok(());
     }
     let error = std::io::Error::last_os_error();
-    Err(format!("ports from {from:#x} (ioperm, needs CAP_SYS_RAWIO): {error}"))
+    Err(format!("no access to I/O ports from {from:#x} (ioperm, needs CAP_SYS_RAWIO): {error}"))
 }
 
 impl Registers for PortIo {

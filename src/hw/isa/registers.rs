@@ -221,7 +221,8 @@ pub trait Registers: Send {
     /// Returns whether the card has raised its interrupt since the last call, or raises it within
     /// this time.
     fn interrupted(&mut self, within: Duration) -> bool;
-    /// Waits the 2 ms that a card needs to take some commands. It serves set-up and end only.
+    /// Waits the 2 ms that a card needs to take some commands. Only the set-up and the end of a run
+    /// call this.
     fn pause(&mut self);
 }
 
@@ -254,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn register_words_match_the_cards_manual() {
+    fn register_words_match_original_sources() {
         assert_eq!(pulse_word(190), 0x02be);
         assert_eq!(pulse_word(-1), 0x0301);
         assert_eq!(width_of(command::RESET_ALARM), None);

@@ -44,6 +44,7 @@ impl Port for Motors {
     }
 }
 
+/// One arm's motors behind an emulated card, with the notes for the log and the present period.
 struct Rig {
     cards: Carded<Motors>,
     told: rtrb::Consumer<Note>,
@@ -67,6 +68,7 @@ impl Rig {
         Self { cards: Carded::new(motors, vec![arm], to).unwrap(), told, period: 0 }
     }
 
+    /// Makes one exchange; returns its reading. Fails the test if a word to the card is lost.
     fn exchange(&mut self, drive: ArmDrive) -> Result<ArmReading, PortFault> {
         let mut readings = [ArmReading::default()];
         self.cards.exchange(self.period, &[drive], &mut readings)?;
@@ -75,19 +77,23 @@ impl Rig {
         Ok(readings[0])
     }
 
+    /// Makes the same exchange in a number of periods; returns the last reading.
     fn go(&mut self, periods: u64, drive: ArmDrive) -> ArmReading {
         (0..periods).map(|_| self.exchange(drive).unwrap()).last().unwrap()
     }
 
+    /// Returns the reading of the motors apart from counts and zeros, to change it.
     fn shows(&mut self) -> &mut ArmReading {
         &mut self.cards.world_mut().shows
     }
 
+    /// Returns the pulse widths of axes 1 to 6 and of the jaw that the card has taken.
     fn widths(&self) -> [i16; 7] {
         let card = self.cards.bank(0).card();
         std::array::from_fn(|i| card.axes[i + 1].width)
     }
 
+    /// Returns the commands that an axis has taken, without pulse widths.
     fn told(&self, axis: usize) -> Vec<u16> {
         let card = self.cards.bank(0).card();
         card.commands.iter().filter(|(at, _)| *at == axis).map(|(_, word)| *word).collect()
@@ -96,6 +102,7 @@ impl Rig {
 
 const ENCODER: AxisKind = AxisKind::Encoder { sync_high: false };
 
+/// Returns drive commands with power on: this pulse width for each axis, its opposite for the jaw.
 fn on(width: i16) -> ArmDrive {
     ArmDrive { enabled: true, pwm: [width; 7], jaw_pwm: -width, stops: Depth::Two, synchronise: 0 }
 }
@@ -329,6 +336,7 @@ struct Whole {
 }
 
 impl Whole {
+    /// Makes the cell at rest; `synchronised` tells for each arm whether it is synchronised.
     fn new(synchronised: [bool; 2]) -> Self {
         let cell = cell();
         let config = PlantConfig { synchronised, ..PlantConfig::new(cell.clone()) };
@@ -349,6 +357,7 @@ impl Whole {
         Self { core, links, cards, told, period: 0 }
     }
 
+    /// Runs a number of servo periods, or stops at the first fault of a card.
     fn tick(&mut self, periods: u64) -> Result<(), PortFault> {
         for _ in 0..periods {
             self.period += 1;

@@ -348,7 +348,7 @@ mod tests {
 
     /// A blow of the jaws may be over when the period ends.
     #[test]
-    fn peaks_are_those_of_every_substep() {
+    fn contact_force_peak_covers_every_substep() {
         let mut servo =
             TestServo::new(Plant::new(held(Jaws::rubber(), CubeMechanics::of_2007()), 1).unwrap());
         servo.jaws[1] = (0.055, 30.0);

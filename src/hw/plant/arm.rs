@@ -25,13 +25,14 @@ use serde::{Deserialize, Serialize};
 
 /// Displacement up to which a motor's friction acts as a spring (rad of the shaft).
 const PRESLIDING: f64 = 0.005;
-/// Distance of a limit switch beyond the software limit (rad of the shaft). The set value of the
-/// period that reaches the limit stays short of the switch.
+/// Distance of a limit switch beyond the software limit (rad of the shaft). In the period in which
+/// the set value passes the limit, it stays short of the switch.
 const SWITCH: f64 = 1.0;
 /// Distance of the hard stop beyond the limit switch (rad of the shaft).
 const OVERTRAVEL: f64 = 3.0;
 
-/// Stretch that no joint's spring reaches (m, rad).
+/// Stretch of a joint's spring at which a saved state is refused (m, rad): no spring stretches so
+/// far.
 const MOST_STRETCH: f64 = 0.3;
 /// Excess over its limit that rounding may give a saved number (rad).
 const ROUNDING: f64 = 1e-6;
@@ -206,13 +207,13 @@ impl PlantArm {
         for (j, theta) in theta.iter().enumerate() {
             let off = (theta - saved.joints[j]).abs();
             if off.is_nan() || off >= MOST_STRETCH {
-                return wrong("joints", j, "not where its motor holds it");
+                return wrong("joints", j, "farther from its motor than its spring can stretch");
             }
             if saved.bristles[j].abs() > PRESLIDING + ROUNDING {
-                return wrong("bristles", j, "beyond their stretch");
+                return wrong("bristles", j, "stretched beyond the limit of the friction");
             }
             if !saved.encoders[j].fits(&self.encoders[j], saved.motors[j]) {
-                return wrong("encoders", j, "not this motor's");
+                return wrong("encoders", j, "not the encoder of this motor");
             }
         }
         Ok(())
@@ -264,7 +265,7 @@ impl PlantArm {
     /// Returns the speed of the fastest point of forearm, wrist and hand for which `is_near` holds
     /// (m/s); 0 if there is none. `fingers` is the distance of the finger tips beyond the tool (m).
     pub(super) fn fastest(&self, fingers: f64, is_near: impl Fn(&Vector3<f64>) -> bool) -> f64 {
-        /// Points on each part.
+        /// Number of sections into which each part is divided.
         const POINTS: u32 = 6;
         let [_, _, elbow, pitch, flange] = self.points();
         let tool = &self.world_from_tool;
@@ -542,8 +543,8 @@ impl PlantArm {
         &self.world_from_base
     }
 
-    /// Writes encoder counts, motor currents, limit switches and over-current flags into `reading`.
-    /// `drive` has the orders to synchronise.
+    /// Writes encoder counts and zeros, motor currents, limit and synchronisation switches and
+    /// over-current flags into `reading`. `drive` has the orders to synchronise.
     pub(super) fn read(&mut self, drive: &ArmDrive, reading: &mut ArmReading) {
         reading.upper_limits = 0;
         reading.lower_limits = 0;
@@ -640,6 +641,8 @@ impl MotorSide {
     /// Axes without a coupling to another one.
     const SINGLE: [usize; 3] = [0, 1, 6];
 
+    /// Makes the equation from `ratios`, the matrix of `motors_per_joint`, the effective `inertia`
+    /// of each motor shaft (kg m2), and `s`, the implicit factor of the springs.
     fn new(ratios: &[[f64; AXES]; AXES], inertia: &[f64; AXES], s: &[f64; AXES]) -> Self {
         // H^T Mm H + S of axes 2..=5: motors 3 to 5 follow more than one joint.
         let mut coupled = [[0.0; 4]; 4];

@@ -10,12 +10,12 @@
 //! - method: Newton with the elastic stiffness (always positive definite) and return mapping of
 //!   each friction at each evaluation. States are committed once a substep.
 //!
-//! | round of the search | threshold | reason |
+//! | a round of the search | threshold | reason |
 //! |---|---|---|
-//! | ends it early | `TOLERANCE` | the next substep takes up the rest |
-//! | ends it from `ROUNDS` on | `FAR` tolerances | more would show in a wrist sensor |
+//! | ends the search early | `TOLERANCE` | the next substep takes up the rest |
+//! | ends it from round `ROUNDS` on | `FAR` tolerances | more would show in a wrist sensor |
 //! | ends it without a balance | `STALLED`, `MOST_ROUNDS` | slip on both sides has no balance |
-//! | is halved and tried again | `OVERSHOT` | it met or left a contact unknown to the stiffness |
+//! | repeats half of its step | `OVERSHOT` | the step met or left a contact |
 
 use super::cube::{InterfaceLoad, Layers, MIDDLE, Puzzle};
 use super::frame::{Frame, about, rotation_vector, skew, solve};
@@ -62,7 +62,9 @@ pub(super) struct HandHold {
 /// Division into two bodies: the axis that turns between them, and the layers of each.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(super) struct Split {
+    /// Index of the axis, 0 to 2.
     pub(super) axis: usize,
+    /// Layers of the first and of the second body along this axis.
     pub(super) layers: [Layers; 2],
 }
 
@@ -102,7 +104,9 @@ pub(super) struct Surroundings<'a> {
 pub(super) struct Balance {
     /// Poses of the bodies in the world; the second only counts when split.
     pub(super) nodes: [Frame; 2],
+    /// Division into two bodies; `None` for one body.
     pub(super) split: Option<Split>,
+    /// Load on the interface between the bodies.
     pub(super) interface: Interface,
     /// Contacts of the grippers in the last substep.
     pub(super) touches: [Touch; 2],
@@ -114,12 +118,15 @@ pub(super) struct Balance {
     hand_before: Frame,
     /// Tools of the last substep.
     tools_before: Option<[Frame; 2]>,
+    /// Edge of the cube (m).
     edge: f64,
     /// Table under a cube of one body. A cube of two bodies is between two hands, far above it.
     rest: Rest,
 }
 
 impl Balance {
+    /// Makes a cube of one body at rest, without contacts, with this edge (m). `table` is the
+    /// height of the table (m).
     pub(super) fn new(world_from_cube: Frame, edge: f64, table: f64) -> Self {
         Self {
             edge,
@@ -181,8 +188,8 @@ impl Balance {
     /// Makes the cube two rigid bodies with `split`, or one body with `None`. The bodies stay in
     /// place, except a layer that becomes a body of its own again while a gripper still holds it:
     /// this layer returns to its former offset from the core. Otherwise it would run through its
-    /// play once more at each split, and a held layer would lean over by 9 mrad more each time
-    /// (measured on seed 20236, until the opening jaws showed 35 N).
+    /// play once more at each split, and a held layer would lean over by 9 mrad more each time. In
+    /// the run with seed 20236 it did so, until the opening jaws met 35 N.
     pub(super) fn regroup(
         &mut self,
         split: Option<Split>,
@@ -574,6 +581,7 @@ struct Step {
 }
 
 impl Step {
+    /// Places the bodies `nodes` at the end of the step.
     fn go(&self, nodes: &mut [Frame]) {
         for ((node, from), m) in nodes.iter_mut().zip(&self.from).zip(&self.moves) {
             *node = from.nudged(&m.fixed_rows::<3>(0).into(), &m.fixed_rows::<3>(3).into());
@@ -589,6 +597,7 @@ struct System {
 }
 
 impl System {
+    /// Makes a system without forces and stiffness.
     fn new() -> Self {
         Self { residual: [Vector6::zeros(); 2], stiffness: [[Matrix6::zeros(); 2]; 2] }
     }
@@ -603,6 +612,8 @@ impl System {
         }
     }
 
+    /// Adds the wrench of a gripper's contact, `touch`, to the body of index `node`. `tool` and
+    /// `body` are the frames of both in the world.
     fn load(&mut self, node: usize, tool: &Frame, body: &Frame, touch: &Touch) {
         // The torque moves from the tool point to the body's origin.
         let lever = tool.p - body.p;
@@ -613,6 +624,8 @@ impl System {
         r.fixed_rows_mut::<3>(3).add_assign(&torque);
     }
 
+    /// Adds the wrench of the spring between the bodies to both of them. `nodes` are the frames of
+    /// the bodies in the world.
     fn load_joint(&mut self, joint: &Joint, nodes: &[Frame; 2]) {
         let point = joint.frame.point(&joint.at);
         let (force, moment) = (joint.frame.r * joint.force, joint.frame.r * joint.moment);
@@ -625,6 +638,8 @@ impl System {
         }
     }
 
+    /// Adds the stiffness of the spring between the bodies. `nodes` are the frames of the bodies in
+    /// the world.
     fn stiffen_joint(&mut self, joint: &Joint, nodes: &[Frame; 2]) {
         let point = joint.frame.point(&joint.at);
         let [a, b] = nodes.map(|n| point - n.p);
@@ -647,6 +662,8 @@ impl System {
         })
     }
 
+    /// Returns the displacement of each body (m, rad, in the world) that balances the residual
+    /// under the linear stiffness, shortened to at most 1 mm and 1 deg.
     fn solve(&self, bodies: usize) -> [Vector6<f64>; 2] {
         let mut moves = [Vector6::zeros(); 2];
         // Arrays of 6 and 12 unknowns: a period must not allocate.

@@ -3,7 +3,7 @@
 //! - in: the holder and its velocity at the centre of the cube, once a period
 //! - out: the inertial force on the cube, which the pads pass on to the hand and its wrist sensor
 //!
-//! The balance of forces on the cube has no masses. The cube follows its hand, so the acceleration
+//! The balance of forces on the cube has no masses. The cube follows its hand, so its acceleration
 //! is that of the hand, as the mean of the last period: the cube's own place is too coarse for
 //! differences. Between two hands the cube hardly accelerates, and there its inertia is left out.
 //! Its rotation is left out everywhere: less than 1 mNm.
@@ -21,8 +21,9 @@ pub(super) struct Carried {
 }
 
 impl Carried {
-    /// Takes over the motion of a period of `seconds` at its end. `now` is the hand that holds the
-    /// cube of `mass` (kg) alone, with its velocity at the centre of the cube (m/s).
+    /// Computes the inertial force at the end of a period of `seconds`. `now` is the hand that
+    /// alone holds the cube of `mass` (kg), with its velocity at the centre of the cube (m/s);
+    /// `None` is no hand, or both.
     pub(super) fn advance(&mut self, now: Option<(usize, Vector3<f64>)>, mass: f64, seconds: f64) {
         self.force = match (self.last, now) {
             (Some((before, last)), Some((hand, velocity))) if before == hand => {
@@ -40,7 +41,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cube_resists_only_while_one_hand_carries_it() {
+    fn inertia_acts_while_one_hand_carries_cube() {
         let mut carried = Carried::default();
         let mut advance = |now: Option<(usize, f64)>| {
             let now = now.map(|(hand, speed)| (hand, Vector3::x() * speed));
@@ -48,9 +49,9 @@ mod tests {
             carried.force.x
         };
 
-        assert_eq!(advance(Some((0, 1.0))), 0.0, "taken at speed");
+        assert_eq!(advance(Some((0, 1.0))), 0.0, "a cube just taken has no inertia yet");
         assert!((advance(Some((0, 1.004))) + 0.2).abs() < 1e-9, "0.1 kg at 2 m/s2");
-        assert_eq!(advance(Some((1, 0.5))), 0.0, "passed on");
+        assert_eq!(advance(Some((1, 0.5))), 0.0, "passed to the other hand");
         assert_eq!(advance(None), 0.0, "between two hands");
         assert_eq!(advance(Some((1, 0.2))), 0.0);
     }

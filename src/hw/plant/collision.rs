@@ -36,6 +36,7 @@ const LOOKS: f64 = 8.0;
 /// Capsules of an arm: two fingers, hand, wrist, forearm.
 const CAPSULES: usize = 5;
 
+/// Capsule: all points within `radius` (m) of the segment from `a` to `b`, in the world.
 #[derive(Debug, Clone, Copy)]
 struct Capsule {
     a: Vector3<f64>,
@@ -56,7 +57,9 @@ struct Contact {
 #[derive(Debug, Clone, Copy)]
 struct Shape {
     capsules: [Capsule; CAPSULES],
+    /// Centre of the palm plate, in the world.
     palm: Frame,
+    /// Half the sides of the palm plate (m).
     palm_half: Vector3<f64>,
 }
 
@@ -68,10 +71,10 @@ struct Scene {
     corners: [Vector3<f64>; 8],
 }
 
-/// Contacts of the present, and the forces that they make.
+/// Contacts at the end of the last period, and the forces that they make.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Collisions {
-    /// Bits of the pairs in contact.
+    /// Set of the pairs of parts in contact, one bit for each pair.
     active: u128,
     /// Scene at the end of the last period.
     before: Option<Scene>,
@@ -294,6 +297,7 @@ impl<F: FnMut(Incident)> Look<'_, F> {
     }
 }
 
+/// Returns the part of an arm that a capsule of [`Shape::capsules`] stands for.
 fn part(arm: usize, capsule: usize) -> Part {
     match capsule {
         0 | 1 => Part::Finger(arm),
@@ -303,6 +307,7 @@ fn part(arm: usize, capsule: usize) -> Part {
 }
 
 impl Scene {
+    /// Returns all parts at the present poses of the bodies.
     fn of(bodies: &Bodies<'_>) -> Self {
         let shape = |i: usize| {
             let arm = bodies.arms.get(i)?;
@@ -354,6 +359,7 @@ impl Scene {
 }
 
 impl Shape {
+    /// Returns the parts of an arm with the gripper `g`, whose pads are `opening` (m) apart.
     fn new(arm: &PlantArm, opening: f64, g: &Gripper) -> Self {
         let tool = &arm.world_from_tool;
         let points = arm.points();
@@ -409,6 +415,8 @@ impl Shape {
     }
 }
 
+/// Returns the contact of a capsule's lower end with a table of the height `table` (m), with a
+/// negative depth if the capsule is above the table; the normal points up.
 fn above_table(c: &Capsule, table: f64) -> Contact {
     let at = if c.a.z < c.b.z { c.a } else { c.b };
     Contact { depth: table + c.radius - at.z, at, normal: Vector3::z() }

@@ -1,4 +1,5 @@
-//! Parameters of the simulated plant beyond the cell that a workshop would measure.
+//! Parameters of the simulated plant: the true [`Cell`], whose values a workshop would measure, and
+//! what is beyond it (dynamics, friction, sensor errors, the operator's hand, faults).
 //!
 //! All SI. Numbers without another source are assumptions. They give the closed chain of two arms a
 //! stiffness of 8-20 kN/m lateral and 20-45 kN/m axial at a held cube.
@@ -89,9 +90,9 @@ pub enum Start {
 /// Initial pose of the cube on the table, around the place of hand-over.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lying {
-    /// True middle of the place less the believed one, along x and y (m).
+    /// Offset of the true middle of the place from the believed one, along the world's x and y (m).
     pub offset: [f64; 2],
-    /// Share of the place's half extents within which the cube lies, uniformly.
+    /// Share of the place's half extents over which the place of the cube is drawn uniformly.
     pub spread: f64,
     /// Greatest turn about the vertical, either way (rad).
     pub yaw: f64,
@@ -136,9 +137,9 @@ pub struct ArmDynamics {
     pub play: [f64; AXES],
     /// Motors.
     pub motors: [MotorDynamics; AXES],
-    /// Share of the gravity torque at the start pose that counterbalance springs take off the
-    /// motors of axes 2 and 3. It is constant over the workspace. The pure link masses have none of
-    /// it.
+    /// Share of the gravity torque on the motors of axes 2 and 3 that counterbalance springs carry
+    /// at the start pose. The torque of the springs is the same everywhere in the workspace. The
+    /// masses of `links` do not include the springs.
     pub counterbalance: f64,
     /// Factor of gravity: 1, or 0 in tests.
     pub gravity: f64,
@@ -153,7 +154,8 @@ pub struct MotorDynamics {
     pub stall_torque: f64,
     /// Speed without load at pulse width 255 (rad/s).
     pub no_load_speed: f64,
-    /// Coulomb friction at the *joint* (N or Nm), divided by the present transmission ratio.
+    /// Coulomb friction at the *joint* (N or Nm); the present transmission ratio takes it to the
+    /// shaft.
     pub coulomb: f64,
     /// Viscous friction at the shaft (Nms/rad).
     pub viscous: f64,
@@ -161,7 +163,7 @@ pub struct MotorDynamics {
     pub stall_current: f64,
     /// Current that trips the power stage (A).
     pub trip_current: f64,
-    /// Current that the motor can carry for ever (A). The power stage also trips when the mean
+    /// Current that the motor can carry for any time (A). The power stage also trips when the mean
     /// square over [`MotorDynamics::HEATS`] exceeds the square of this current.
     pub rated_current: f64,
 }
@@ -175,9 +177,9 @@ impl ArmDynamics {
     /// Returns the assumed dynamics of an `IRp-6`. The rotors have 1e-3 kg m2 (main axes) and 3e-4
     /// (wrist). The stall torque follows from a mechanical time constant of 40 ms with the
     /// reflected load and a no-load speed of 330 rad/s. The stall current is 1.5 times the trip
-    /// current of the original's controllers, and the rated current 0.4 of the trip current, as of
-    /// DC servo motors with a peak torque of 2.5 times the rated one. The gears have a play of 0.7
-    /// arc minutes (main axes) and 2 (wrist).
+    /// current of the controllers of 2007. The rated current is 0.4 of the trip current, as in DC
+    /// servo motors whose peak torque is 2.5 times the rated one. The gears have a play of 0.7 arc
+    /// minutes (main axes) and 2 (wrist).
     #[must_use]
     pub fn irp6() -> Self {
         let motor = |inertia: f64, load: f64, coulomb: f64, trip_current: f64| MotorDynamics {
@@ -216,7 +218,8 @@ impl ArmDynamics {
 pub struct CubeMechanics {
     /// Torque that turns an unloaded layer (Nm).
     pub turning_torque: f64,
-    /// Detent (Nm): this times |sin 2 phi| is added to the turning torque.
+    /// Detent (Nm): `|sin 2 phi|` times this is added to the turning torque of a layer that is
+    /// turned by the angle phi.
     pub detent: f64,
     /// Coefficient of the friction that grows with load.
     pub friction: f64,
@@ -235,7 +238,7 @@ pub struct CubeMechanics {
 }
 
 impl CubeMechanics {
-    /// Returns the mechanics of a usual cube of 2007, the time of the paper.
+    /// Returns the mechanics of a usual cube of 2007, the year of the robot that the cell is like.
     #[must_use]
     pub fn of_2007() -> Self {
         Self {
@@ -387,16 +390,16 @@ impl SensorNoise {
     }
 }
 
-/// Behaviour of the operator's hand. The hand is on the cube's +x side of the zone, away from the
-/// robot.
+/// Behaviour of the operator's hand. The hand is at the side of the cube towards the +x of the
+/// hand-over zone, away from the robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HandScript {
-    /// Time at which it starts to bring the cube (s).
+    /// Time at which the hand starts to bring the cube (s).
     pub appears: f64,
-    /// Time that it takes to the place (s).
+    /// Duration of the hand's way to the place of hand-over (s).
     pub arrival: f64,
-    /// Place from which it comes and to which it leaves, relative to the place of hand-over, in
-    /// world axes (m).
+    /// Place from which the hand comes and to which it leaves, relative to the place of hand-over,
+    /// in world axes (m).
     pub start_offset: Vector3<f64>,
     /// Slow sway on the way and after the arrival, r.m.s. per axis (m).
     pub sway: f64,
@@ -404,36 +407,37 @@ pub struct HandScript {
     pub sway_time: f64,
     /// Tremor of 8-10 Hz, amplitude per axis (m).
     pub tremor: f64,
-    /// Time in which it calms down after its arrival (s): sway and tremor fall to a tenth.
+    /// Time in which the hand calms down after its arrival (s): sway and tremor fall to a tenth.
     pub stills: f64,
-    /// Spread of the holding point per axis, clipped to the zone (m).
+    /// Standard deviation of the place where the hand holds the cube, per axis, clipped to the zone
+    /// (m).
     pub place_spread: f64,
-    /// Spread of the tilt per axis (rad).
+    /// Standard deviation of the cube's tilt in the hand, per axis (rad).
     pub tilt_spread: f64,
-    /// Whether the cube comes in any of its 24 orientations (seeded), or in that of the zone's
-    /// pose.
+    /// Whether the cube comes in any of its 24 orientations, drawn from the seed; otherwise in that
+    /// of the zone's pose.
     pub any_orientation: bool,
-    /// Number of times that it withdraws the cube before it stays.
+    /// Number of times that the hand withdraws the cube before it holds the cube out for good.
     pub withdrawals: u32,
-    /// Distance by which it withdraws the cube (m), towards `start_offset`.
+    /// Distance by which the hand withdraws the cube (m), towards `start_offset`.
     pub withdrawal: f64,
-    /// Stiffness of its hold (N/m); a hundredth of it is the stiffness in rotation (Nm/rad).
+    /// Stiffness of the hand's hold (N/m); a hundredth of it is the stiffness in rotation (Nm/rad).
     pub stiffness: f64,
-    /// Damping of its hold (Ns/m).
+    /// Damping of the hand's hold (Ns/m); a hundredth of it is the damping in rotation (Nms/rad).
     pub damping: f64,
-    /// Load of a gripper on the cube at which it lets go after 0.3 s (N).
+    /// Load of a gripper on the cube at which the hand lets go after 0.3 s (N).
     pub release_load: f64,
-    /// Longest time from the jaws' closing to its release of the cube (s).
+    /// Longest time from the jaws' closing to the hand's release of the cube (s).
     pub release_time: f64,
-    /// Time after its release of the cube from which on it comes back for the cube (s). One gripper
-    /// must then hold the cube nearly still in the zone: for 1 s if the cube had left the zone
-    /// meanwhile, else for another 5 s.
+    /// Time after its release of the cube from which on the hand may come back for the cube (s).
+    /// One gripper must then hold the cube nearly still in the zone: for 1 s if the cube had left
+    /// the zone meanwhile, else for another 5 s.
     pub return_after: f64,
-    /// Time after which it picks up a cube that fell, to hold it out again (s).
+    /// Time after which the hand picks up a cube that fell, to hold it out again (s).
     pub picks_up_after: f64,
-    /// Whether it comes back for a solved cube only (a person sees that).
+    /// Whether the hand comes back for a solved cube only (a person sees that).
     pub return_solved_only: bool,
-    /// Pull on the cube towards the operator when it takes the cube back (N).
+    /// Pull on the cube towards the operator when the hand takes the cube back (N).
     pub pull: f64,
 }
 

@@ -24,6 +24,7 @@ const CORNER_FRICTION: f64 = 0.05 * 57.295_779_513_082_32;
 
 /// Set of layers: bit 0 the negative outer one, bit 1 the middle one, bit 2 the positive one.
 pub(super) type Layers = u8;
+/// Set of the middle layer alone.
 pub(super) const MIDDLE: Layers = 2;
 
 /// Load that an interface transmits, beside the torque about its axis.
@@ -37,6 +38,7 @@ pub(super) struct InterfaceLoad {
     pub(super) axial: f64,
 }
 
+/// Stickers of a cube, angles of its layers and their friction.
 #[derive(Debug, Clone)]
 pub(super) struct Puzzle {
     /// Colours by position in the core's frame, with the layers at the quarter of their last
@@ -46,7 +48,7 @@ pub(super) struct Puzzle {
     pub(super) angles: [[f64; 2]; 3],
     /// Factor of the unloaded friction of each interface.
     friction: [[f64; 2]; 3],
-    /// Torque that each layer needs in addition because something is stuck (Nm).
+    /// Torque that each layer needs in addition under a fault (Nm).
     pub(super) jam: f64,
     pub(super) mechanics: CubeMechanics,
     /// Destination of each sticker for a right-handed quarter turn of an outer layer.
@@ -54,6 +56,8 @@ pub(super) struct Puzzle {
 }
 
 impl Puzzle {
+    /// Makes a cube with straight layers. `friction` has, by axis and side, the factor of the
+    /// unloaded friction of each interface.
     pub(super) fn new(
         stickers: [u8; 54],
         mechanics: CubeMechanics,
@@ -156,6 +160,8 @@ fn place(index: usize) -> (Vector3<f64>, Vector3<f64>) {
     (face.normal() + column * c + row * r, face.normal())
 }
 
+/// Returns the destination of each sticker in a right-handed quarter turn of an outer layer about
+/// `axis`: the layer on the positive side if `positive`, else the one on the negative side.
 fn quarter_turn(axis: Axis, positive: bool) -> [u8; 54] {
     let unit = axis.unit();
     // A right-handed quarter: the part along the axis stays, the rest is crossed with the axis.
@@ -176,6 +182,7 @@ fn quarter_turn(axis: Axis, positive: bool) -> [u8; 54] {
 mod tests {
     use super::*;
 
+    /// Returns a cube whose stickers have their positions as colours, so that all of them differ.
     fn puzzle() -> Puzzle {
         let stickers = std::array::from_fn(|i| i as u8);
         Puzzle::new(stickers, CubeMechanics::of_2007(), [[1.0; 2]; 3])
@@ -192,7 +199,7 @@ mod tests {
         let f = 18;
         let r = 9;
         assert_eq!(&puzzle.stickers[f..f + 3], &[r as u8, r as u8 + 1, r as u8 + 2]);
-        assert_eq!(puzzle.stickers[0], 6, "U1 is what was U7");
+        assert_eq!(puzzle.stickers[0], 6, "the sticker of U7 has moved to U1");
         assert_eq!(puzzle.angles[2][1], 0.0);
     }
 

@@ -50,16 +50,20 @@ impl Screw {
         self.a.dot(&other.a) + self.l.dot(&other.l)
     }
 
+    /// Returns `self + factor * other`.
     fn plus(&self, other: &Self, factor: f64) -> Self {
         Self { a: self.a + other.a * factor, l: self.l + other.l * factor }
     }
 }
 
-/// Mass, first moment and inertia about the base's origin.
+/// Rigid body: its mass, and its first and second moments about the base's origin.
 #[derive(Clone, Copy)]
 struct Body {
+    /// Mass (kg).
     m: f64,
+    /// Mass times the centre of mass (kg m).
     h: Vector3<f64>,
+    /// Inertia about the base's origin, in base axes (kg m2).
     i: Matrix3<f64>,
 }
 
@@ -70,6 +74,7 @@ impl Body {
         i: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     };
 
+    /// Returns the body of a link whose frame in the base is `frame`.
     fn placed(link: &Link, frame: &Frame) -> Self {
         let c = frame.point(&Vector3::from(link.centre));
         // R diag(i) R^T takes the principal moments to base axes; Steiner's term moves them to the
@@ -86,6 +91,7 @@ impl Body {
         Self { m: link.mass, h: c * link.mass, i }
     }
 
+    /// Returns the two bodies as one rigid body.
     fn plus(&self, other: &Self) -> Self {
         Self { m: self.m + other.m, h: self.h + other.h, i: self.i + other.i }
     }
@@ -107,6 +113,7 @@ pub(super) struct Placement {
 }
 
 impl Placement {
+    /// Computes frames and screws at the joint positions `q` (m, rad).
     pub(super) fn new(model: &ArmModel, q: &[f64; AXES]) -> Self {
         let [a2, a3, d5] = model.links;
         let y = if model.has_track { q[0] } else { 0.0 };
@@ -162,8 +169,8 @@ impl Placement {
     }
 
     /// Returns the mass matrix and the bias torques (Coriolis, centrifugal, gravity) at joint
-    /// velocities `v`. Row and column 0 of an arm without a track are those of a unit mass without
-    /// a load.
+    /// velocities `v`. `gravity` is in base axes (m/s2). Row and column 0 of an arm without a track
+    /// are those of a unit mass without a load.
     pub(super) fn dynamics(
         &self,
         links: &[Link; AXES],
@@ -223,9 +230,9 @@ impl Placement {
     }
 }
 
-/// Link masses of the simulated arms: the carriage of the track arm, column, lower arm, upper arm,
-/// wrist pitch, wrist roll, and tool roll with sensor and gripper. They are assumptions, since the
-/// makers do not publish data.
+/// Mass properties of the simulated arms' links: the carriage of the track arm, column, lower arm,
+/// upper arm, wrist pitch, wrist roll, and tool roll with sensor and gripper. They are assumptions,
+/// since the makers do not publish data.
 pub const LINKS: [Link; AXES] = [
     Link { mass: 150.0, centre: [0.0, 0.0, 0.3], inertia: [5.0, 5.0, 8.0] },
     Link { mass: 25.0, centre: [0.0, 0.0, -0.3], inertia: [0.6, 0.6, 0.3] },
@@ -241,6 +248,7 @@ mod tests {
     use super::*;
     use crate::arms::builtin;
 
+    /// Returns 40 pairs of joint positions and joint velocities (m, rad, s), spread by sines.
     fn postures() -> Vec<([f64; AXES], [f64; AXES])> {
         (0..40)
             .map(|k| {
@@ -255,6 +263,7 @@ mod tests {
             .collect()
     }
 
+    /// Gravity in base axes, not quite along z (m/s2).
     const PULL: Vector3<f64> = Vector3::new(0.3, -0.2, -9.8);
 
     fn model() -> ArmModel {

@@ -2,18 +2,20 @@
 //!
 //! - in: the true position of the motor, the order to synchronise
 //! - out: the counter, the encoder's zero, the switch
-//! - the encoder passes its zero once a revolution; the true zero of the motor is one of these. The
-//!   switch's cam begins half a revolution before it and reaches all the way down, so one look
-//!   shows the side on which an axis is. The length of the cam is an assumption: the published
-//!   sources do not give it.
+//! - the encoder passes a zero once a revolution; the true zero of the motor is one of these. The
+//!   switch's cam ends half a revolution below the true zero and reaches down to the end of the
+//!   axis, so the switch shows at once on which side of its zero an axis is. The length of the cam
+//!   is an assumption: the published sources do not give it.
 
 use std::f64::consts::TAU;
 
-/// End of the cam (rad of the motor).
+/// Upper end of the switch's cam (rad of the motor).
 const EDGE: f64 = -0.5 * TAU;
 
+/// Encoder of a motor, with the counter of its controller.
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub(super) struct Encoder {
+    /// Increments per revolution of the motor.
     increments: f64,
     /// True count at which the counter is zero.
     origin: i64,
@@ -28,7 +30,9 @@ pub(super) struct Encoder {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Report {
     pub(super) count: i64,
+    /// Whether the encoder has passed a zero since the last report.
     pub(super) zero: bool,
+    /// Whether the cam presses the switch.
     pub(super) switch: bool,
     pub(super) synchronised: bool,
 }
@@ -75,6 +79,7 @@ impl Encoder {
     }
 }
 
+/// Returns the true count at the motor position `motor` (rad).
 fn count(increments: f64, motor: f64) -> i64 {
     (motor * increments / TAU).round() as i64
 }
@@ -97,7 +102,7 @@ mod tests {
         let found = encoder.read(0.02, true);
 
         assert_eq!(found, Report { count: 13, zero: true, switch: false, synchronised: true });
-        assert_eq!(encoder.read(TAU + 0.02, true).count, 4013, "only once");
+        assert_eq!(encoder.read(TAU + 0.02, true).count, 4013, "no second restart");
         assert!(
             !Encoder::new(4000.0, 0.0, true).read(1.0, true).synchronised,
             "a new order begins the synchronisation again"

@@ -20,7 +20,8 @@ pub struct Fault {
     pub what: What,
     /// Start of the fault.
     pub when: When,
-    /// Duration (s); infinite for good. A drop and a withdrawal happen at once and have none.
+    /// Duration (s); infinite for a fault that does not end. A drop and a withdrawal happen at once
+    /// and have none.
     pub lasts: f64,
 }
 
@@ -40,12 +41,12 @@ pub enum When {
     },
 }
 
-/// Event in the plant that may begin a fault; `None` is any arm.
+/// Event in the plant that may begin a fault. `Some` is the index of an arm, `None` any arm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Trigger {
     /// Jaws close on the cube.
     Grasped(Option<usize>),
-    /// Jaws let go of it.
+    /// Jaws let go of the cube.
     Released(Option<usize>),
     /// A layer has begun to turn between two hands.
     TurnBegins,
@@ -55,9 +56,9 @@ pub enum Trigger {
     Dropped,
     /// The cube lies on the tray.
     Landed,
-    /// The operator has let go of it.
+    /// The operator has let go of the cube.
     Given,
-    /// The operator has taken it.
+    /// The operator has taken the cube.
     Taken,
 }
 
@@ -89,33 +90,34 @@ pub enum What {
         /// Current that the power stage reports (A).
         amperes: f64,
     },
-    /// A limit switch is pressed.
+    /// The upper limit switch of an axis is pressed.
     LimitSwitch {
         /// Index of the arm.
         arm: usize,
         /// Number of the axis.
         axis: usize,
     },
-    /// The force sensor is silent.
+    /// The force sensor is silent: none of its components is a number.
     ForceDropout {
         /// Index of the arm.
         arm: usize,
     },
-    /// One component of the force is not a number.
+    /// One component of the measured wrench is not a number.
     ForceNan {
         /// Index of the arm.
         arm: usize,
         /// Component 0..=5 in the sensor's frame.
         direction: usize,
     },
-    /// One component is at the end of its range.
+    /// One component of the measured wrench is at the end of its range, with the sign of its true
+    /// value.
     ForceSaturation {
         /// Index of the arm.
         arm: usize,
         /// Component 0..=5 in the sensor's frame.
         direction: usize,
     },
-    /// One component is off by a constant.
+    /// One component of the measured wrench is off by a constant.
     ForceBias {
         /// Index of the arm.
         arm: usize,
@@ -124,12 +126,12 @@ pub enum What {
         /// Offset (N, Nm).
         by: f64,
     },
-    /// The pads of a hand hold with a share of their friction, and with the same share against a
-    /// turn between them.
+    /// The pads of a hand have only a share of their friction, and of the torque with which they
+    /// turn a tilted cube back.
     Slip {
         /// Index of the arm.
         arm: usize,
-        /// Share of the friction that is left.
+        /// Share that is left.
         friction: f64,
     },
     /// A hand holds nothing until its jaws have opened.
@@ -180,10 +182,11 @@ struct Armed {
     seen: u32,
     /// Time at which it is to begin (s).
     due: Option<f64>,
-    /// Time at which it began (s), and whether it is over.
+    /// Time at which it began (s).
     began: Option<f64>,
+    /// Whether it has ended.
     over: bool,
-    /// Count of a frozen counter.
+    /// Count at which the fault froze a counter.
     frozen: Option<i64>,
 }
 
@@ -191,6 +194,7 @@ struct Armed {
 #[derive(Debug, Clone)]
 pub(super) struct Faults {
     armed: Vec<Armed>,
+    /// Starts and ends, not yet taken, of faults outside of the plant.
     outside: Vec<OutsideFault>,
     /// Angle of the layer in the last period (rad).
     turned: f64,
@@ -227,6 +231,8 @@ impl Acting {
 }
 
 impl Trigger {
+    /// Checks whether the incident `what` is this event. Turns of a layer are no incidents and
+    /// never match.
     fn is(self, what: &Incident) -> bool {
         let fits = |wanted: Option<usize>, arm: usize| wanted.is_none_or(|w| w == arm);
         match (self, what) {
@@ -244,6 +250,7 @@ impl Trigger {
 }
 
 impl Armed {
+    /// Checks whether the fault has begun and is not over.
     fn acts(&self) -> bool {
         self.began.is_some() && !self.over
     }
@@ -265,6 +272,7 @@ impl Armed {
 }
 
 impl Faults {
+    /// Makes a schedule of these faults, of which none has begun.
     pub(super) fn new(faults: &[Fault]) -> Self {
         let armed = |fault: &Fault| Armed {
             fault: *fault,
@@ -339,14 +347,14 @@ impl Faults {
     }
 
     /// Returns the starts and ends, since the last call, of faults that act outside of the plant,
-    /// as on a camera.
+    /// for instance on a camera.
     pub(super) fn outside_faults(&mut self) -> impl Iterator<Item = OutsideFault> {
         self.outside.drain(..)
     }
 
     /// Changes an arm's reading as the acting faults demand: counters, switches, currents, forces.
-    /// `increments` are those of the axes' encoders, the jaw's last; `range` are the limits of the
-    /// force sensor (N, Nm).
+    /// `increments` are those of the encoders per revolution, the jaw's last; `range` are the
+    /// limits of the force sensor (N, Nm).
     pub(super) fn spoil(
         &mut self,
         arm: usize,
@@ -363,6 +371,8 @@ impl Faults {
 }
 
 impl Acting {
+    /// Adds the effect of an acting fault on the bodies. `begins` is whether this is the first
+    /// period of the fault. Faults of readings and outside of the plant have no effect here.
     fn add(&mut self, what: &What, begins: bool) {
         match *what {
             // Several faults at a time multiply or add their effects.
@@ -379,6 +389,8 @@ impl Acting {
 }
 
 impl Armed {
+    /// Changes the reading of the arm `of` as this fault demands, if the fault is one of that arm's
+    /// readings. `increments` and `range` are as in [`Faults::spoil`].
     fn spoil(
         &mut self,
         of: usize,
@@ -425,6 +437,7 @@ impl Armed {
     }
 }
 
+/// Returns the counter of an axis in a reading; the axis after the last one of the arm is the jaw.
 fn counter(reading: &mut ArmReading, axis: usize) -> &mut i64 {
     if axis < AXES { &mut reading.counts[axis] } else { &mut reading.jaw_count }
 }
@@ -435,6 +448,8 @@ mod tests {
 
     const FREEZE: What = What::EncoderFreeze { arm: 0, axis: 2 };
 
+    /// Returns the count of axis 2 that arm 0 reports under the faults when the true one is
+    /// `count`.
     fn read(faults: &mut Faults, count: i64) -> i64 {
         let mut reading = ArmReading::default();
         reading.counts[2] = count;
@@ -470,9 +485,9 @@ mod tests {
 
         assert_eq!(begun(&[0, 1, 0], 1.0), 0);
         assert_eq!(begun(&[0], 2.0), 0);
-        assert_eq!(begun(&[1], 3.0), 0, "the delay");
+        assert_eq!(begun(&[1], 3.0), 0, "the delay has not passed");
         assert_eq!(begun(&[1], 3.1), 1);
-        assert_eq!(begun(&[1, 1], 3.2), 0, "once");
+        assert_eq!(begun(&[1, 1], 3.2), 0, "a fault begins only once");
     }
 
     #[test]

@@ -22,10 +22,12 @@ impl Frame {
         p: Vector3::new(0.0, 0.0, 0.0),
     };
 
+    /// Returns a pose as a frame.
     pub(super) fn from_pose(pose: &Pose) -> Self {
         Self { r: *pose.rotation.to_rotation_matrix().matrix(), p: pose.translation.vector }
     }
 
+    /// Returns the frame as a pose.
     pub(super) fn to_pose(self) -> Pose {
         let rotation = Rotation3::from_matrix_unchecked(self.r);
         Pose::from_parts(
@@ -34,10 +36,12 @@ impl Frame {
         )
     }
 
+    /// Returns the composition `self * other`: `a_from_b` times `b_from_c` is `a_from_c`.
     pub(super) fn times(&self, other: &Self) -> Self {
         Self { r: self.r * other.r, p: self.r * other.p + self.p }
     }
 
+    /// Returns the inverse transform: `from_to` of `to_from`.
     pub(super) fn inverse(&self) -> Self {
         let r = self.r.transpose();
         Self { r, p: -(r * self.p) }
@@ -48,10 +52,12 @@ impl Frame {
         Self { r: self.r.tr_mul(&other.r), p: self.r.tr_mul(&(other.p - self.p)) }
     }
 
+    /// Returns a point given in `from` in the frame `to` (m).
     pub(super) fn point(&self, p: &Vector3<f64>) -> Vector3<f64> {
         self.r * p + self.p
     }
 
+    /// Returns a frame that is rotated by `r` and not displaced.
     pub(super) fn rotated(r: Matrix3<f64>) -> Self {
         Self { r, p: Vector3::zeros() }
     }
@@ -116,8 +122,8 @@ pub(super) fn skew(w: &Vector3<f64>) -> Matrix3<f64> {
 /// Returns the rotation of a cube onto itself (one of 24, entries 0 and +-1) that is nearest to
 /// `r`.
 pub(super) fn nearest_alignment(r: &Matrix3<f64>) -> Matrix3<f64> {
-    // The greatest entry of a rotation belongs to the alignment; the greatest of the rest is the
-    // second.
+    // The greatest entry of the rotation belongs to the alignment; the greatest one outside of its
+    // row and column is the second.
     let greatest = |skip: Option<(usize, usize)>| {
         let mut best = (0, 0, -1.0);
         for row in 0..3 {

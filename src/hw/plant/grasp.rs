@@ -86,15 +86,20 @@ pub(super) struct Grasp {
 
 /// Gripper and its surroundings in one evaluation.
 pub(super) struct Hands<'a> {
+    /// Sizes of the gripper.
     pub(super) gripper: &'a Gripper,
+    /// Pads of the gripper.
     pub(super) jaws: &'a Jaws,
+    /// Edge of the cube (m).
     pub(super) edge: f64,
     /// Distance between the pads (m).
     pub(super) opening: f64,
+    /// Position of the palm's stops.
     pub(super) stops: Depth,
-    /// Share of its hold that a fault leaves.
+    /// Share that a fault leaves of the torque that turns a tilted cube back, 0 to 1.
     pub(super) hold: f64,
-    /// Layer that open pads are about to touch, in the body: a lone layer may be tilted against it.
+    /// Frame, in the body's, of the layer that open pads are about to touch: a lone layer may be
+    /// turned against the body.
     pub(super) layer: Frame,
 }
 
@@ -318,6 +323,9 @@ impl Grasp {
         }
     }
 
+    /// Adds to `t` the friction of the pads and their slip. The body is displaced by `e` from its
+    /// place without strain, in tool axes; `w` is the rotation vector of `e` (rad). Elastic forces
+    /// beyond the slip surface are returned to the surface, and the excess strain becomes slip.
     fn friction(&self, t: &mut Touch, hands: &Hands, e: &Frame, w: &Vector3<f64>) {
         let j = hands.jaws;
         let strain: [f64; 5] = [
@@ -389,8 +397,8 @@ impl Grasp {
         }
     }
 
-    /// Keeps the slip of the contact `t` as last evaluated in this substep of `dt` (s). A grasp
-    /// that has slipped too far is lost.
+    /// Stores the slip and the tilt of the contact `t`, the last evaluation of this substep of `dt`
+    /// (s). A grasp that has slipped too far is lost.
     pub(super) fn commit(&mut self, t: &Touch, dt: f64) {
         for (askew, now) in self.askew.iter_mut().zip(t.askew) {
             *askew += (now - *askew) * dt / (dt + FOLLOWS);
@@ -446,8 +454,9 @@ fn palm(t: &mut Touch, hands: &Hands, local: &Frame, face: f64, w: &Vector3<f64>
         Depth::One => -Gripper::FACE_BEHIND_TOOL_ONE,
         Depth::Two => -Gripper::FACE_BEHIND_TOOL_TWO,
     };
-    // A tilted face is nearer at its stops than in the middle. Without its tilt the stops of a cube
-    // tilted by 20 deg would press with 180 N from one period to the next.
+    // A tilted face is nearer at its stops than in the middle. Without this term the stops would
+    // press on a cube tilted by 20 deg with 180 N from one period to the next. A face farther away
+    // than 5 mm does not count as near.
     let nearer = STOP_SPACING * (w.x.abs() + w.y.abs());
     if face - nearer > stop + 0.005 {
         return;

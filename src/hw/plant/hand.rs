@@ -35,7 +35,8 @@ const LOAD_TIME: f64 = 0.3;
 /// Time between two attempts to hand over the cube (s).
 const AWAY: f64 = 2.0;
 
-/// Activity of the hand.
+/// Activity of the hand. `since` is the time of its start (s), `from` and `to` are poses of the
+/// cube in the world.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 enum Phase {
     /// Waits outside with the cube.
@@ -52,7 +53,7 @@ enum Phase {
     Coming { since: f64, to: Frame },
     /// Holds the cube and pulls gently.
     Taking { since: f64, from: Frame },
-    /// Carries it away.
+    /// Carries the cube away.
     Carrying { since: f64, from: Frame },
     /// Has the cube.
     Done,
@@ -63,29 +64,32 @@ enum Phase {
 /// View of the cube that the operator has in a period, with the load on it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sight {
+    /// Pose of the cube in the world.
     pub(super) cube: Frame,
     /// Speed of its centre (m/s).
     pub(super) speed: f64,
     /// Number of grippers that hold the cube.
     pub(super) grippers: usize,
-    /// Greatest force of a gripper on it (N).
+    /// Greatest force of a gripper on the cube (N).
     pub(super) load: f64,
+    /// Whether the cube looks solved.
     pub(super) solved: bool,
     /// Whether the cube lies on the tray.
     pub(super) fallen: bool,
 }
 
-/// Durations of what the operator perceives (s); negative if it is not so.
+/// Times for which the operator has perceived certain conditions (s); negative for a condition that
+/// is not met now.
 struct Durations {
     /// Jaws hold the cube.
     closed: f64,
-    /// A gripper pulls at it.
+    /// A gripper loads the cube by more than [`HandScript::release_load`].
     loaded: f64,
-    /// The cube does not move.
+    /// The cube is nearly still, see [`STILL`].
     still: f64,
 }
 
-/// State of a hand to be saved; its times count from that moment (s).
+/// State of a hand in the plant's file; its times count from the moment of saving (s).
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub(super) struct Saved {
     phase: Phase,
@@ -94,6 +98,7 @@ pub(super) struct Saved {
     cube_left_zone: bool,
 }
 
+/// The operator's hand: its script, its present activity, and what the operator has seen.
 #[derive(Debug, Clone)]
 pub(super) struct OperatorHand {
     script: HandScript,
@@ -101,20 +106,30 @@ pub(super) struct OperatorHand {
     phase: Phase,
     /// Place of the cube in a calm hand.
     place: Frame,
+    /// Sines of the sway along each axis: amplitude (m), angular frequency (rad/s), phase (rad).
     sways: [[(f64, f64, f64); SWAYS]; 3],
+    /// Sines of the tremor along each axis, as for the sway.
     tremors: [[(f64, f64, f64); TREMORS]; 3],
     withdrawals_left: u32,
+    /// Time since which jaws have held the cube (s); `None` while no jaws hold it.
     closed_since: Option<f64>,
+    /// Time since which a gripper has loaded the cube (s), as in [`Durations`].
     loaded_since: Option<f64>,
+    /// Time since which the cube has been nearly still (s).
     still_since: Option<f64>,
+    /// Time since which the cube has lain on the tray (s).
     fallen_since: Option<f64>,
+    /// Time at which the hand last let go of the cube, or gave up taking it (s).
     let_go_at: f64,
+    /// Whether the cube has been out of the zone since the hand let go of it.
     cube_left_zone: bool,
     /// Offset of the hand from the cube's centre, in the world (m).
     grip: Vector3<f64>,
 }
 
 impl OperatorHand {
+    /// Makes a hand that waits outside of the cell with a cube of this `edge` (m). `rng` draws
+    /// where and in which orientation it will hold the cube, and its sway and tremor.
     pub(super) fn new(script: &HandScript, zone: &HandZone, edge: f64, rng: &mut Pcg64) -> Self {
         let mut normal = |spread: f64| -> f64 {
             let x: f64 = StandardNormal.sample(rng);
@@ -365,7 +380,7 @@ impl OperatorHand {
         }
     }
 
-    /// Lets go of the cube and leaves.
+    /// Lets go of the cube and leaves, at `t` (s).
     fn leave(&mut self, t: f64, sight: &Sight) {
         self.phase = Phase::Leaving { since: t, from: sight.cube };
         self.let_go_at = t;
@@ -421,6 +436,7 @@ mod tests {
     use crate::spatial::Pose;
     use rand::SeedableRng;
 
+    /// Returns a hand of the default script in a zone of 100 mm around (0.9, 0, 1.2) m.
     fn hand(seed: u64) -> OperatorHand {
         let zone = HandZone {
             world_from_cube: Pose::translation(0.9, 0.0, 1.2),

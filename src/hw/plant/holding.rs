@@ -67,7 +67,7 @@ impl Plant {
     }
 
     /// Begins the grasp of arm `i` on the cube: its pads align the layers that they press on. Then
-    /// decides anew whether the cube is one body or two.
+    /// decides again whether the cube is one body or two.
     pub(super) fn close(&mut self, i: usize) {
         let core = self.balance.core(&self.puzzle);
         let tool = self.tool(i);
@@ -145,7 +145,7 @@ impl Plant {
     }
 
     /// Makes the cube two bodies with `split`, or one body with `None`. If this is a change, the
-    /// angle of the turn is measured anew.
+    /// angle of the turn counts from here.
     fn split_as(&mut self, split: Option<Split>) {
         let before = self.balance.split;
         self.balance.regroup(split, &mut self.puzzle, &mut self.grasps);
@@ -244,8 +244,9 @@ impl Plant {
         })
     }
 
-    /// Turns a layer that two hands have turned towards its start again, under closed jaws, by at
-    /// most `most` (rad). The grasp on this layer turns along, so that no force shows the fault.
+    /// Turns a layer that two hands have turned back towards its start, by at most `most` (rad),
+    /// while the jaws stay closed. The grasp on this layer turns along, so that no force shows the
+    /// fault.
     pub(super) fn undo_turn(&mut self, most: f64) {
         let Some(split) = self.balance.split else { return };
         let turned = self.relative_angle() - self.angle_at_split;

@@ -1,4 +1,4 @@
-//! Identity of a plant: the plants that can continue from a saved state.
+//! Identity of a plant: a plant continues only from a saved state of the same identity.
 
 use super::config::{HandScript, MotorDynamics, PlantConfig};
 use crate::motion::JointPositions;
@@ -13,10 +13,11 @@ fn checksum(parts: &dyn Debug) -> u32 {
 /// Checksums of the parts that make a plant, independent of its history. A saved state fits any
 /// plant of the same identity.
 ///
-/// The start of the run is not part of it, since the state replaces it; nor are faults and the
-/// period's length, which may differ when a run continues.
+/// The start of the run is not part of the identity, since the saved state replaces it. Faults and
+/// the period's length are not part of it either: they may differ when a run continues.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Identity {
+    /// Seed of the run.
     seed: u64,
     /// CRC-32 over the true cell.
     cell: u32,

@@ -18,9 +18,10 @@ const TRIPS: f64 = 0.1;
 /// Speed over which the jaw's friction builds up (m/s).
 const CREEP: f64 = 1e-4;
 
-/// Greatest excess over its stops at which a jaw is saved (m).
+/// Greatest distance beyond its stroke at which a saved jaw is accepted (m).
 const BEYOND: f64 = 5e-3;
 
+/// State and constants of a jaw.
 #[derive(Debug, Clone)]
 pub(super) struct PlantJaw {
     gripper: Gripper,

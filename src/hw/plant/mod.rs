@@ -6,7 +6,8 @@
 //!   [`Verdict`] for summaries; a controller may see neither
 //! - 4 substeps of 0.5 ms a period, without any allocation. One seeded generator per source of
 //!   chance and sines from `libm` give the same bits in every run
-//! - it has no knowledge of the task or the controller, and only the true values of the cell
+//! - it knows nothing of the task and the controller. Its cell has the true values, not those that
+//!   the controller believes
 
 mod account;
 mod arm;
@@ -72,23 +73,23 @@ use nalgebra::{Point3, Vector3};
 /// Place of the cube, as a state.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 enum State {
+    /// In a gripper, in the operator's hand, or in both.
     Held,
-    Falling {
-        velocity: Vector3<f64>,
-    },
-    /// On the table; `fell`: no arm laid it there.
-    Tray {
-        down: Face,
-        fell: bool,
-    },
+    /// In the air, with this velocity in the world (m/s).
+    Falling { velocity: Vector3<f64> },
+    /// On the table, with the face `down` below. `fell` is whether the cube came there by a fall;
+    /// otherwise an arm laid it down, or it lay there at the start.
+    Tray { down: Face, fell: bool },
 }
 
 /// Watch for a loaded layer that does not move.
 #[derive(Debug, Clone, Copy, Default)]
 struct StillWatch {
-    /// Angle of the layer when it last moved (rad), and the period.
+    /// Angle of the layer when it last moved (rad).
     angle: f64,
+    /// Servo period since which the layer has stood still under load, off a quarter turn.
     since: u64,
+    /// Whether this standstill has been reported.
     reported: bool,
 }
 
@@ -100,31 +101,45 @@ pub struct Plant {
     arms: Vec<PlantArm>,
     jaws: Vec<PlantJaw>,
     sensors: Vec<WristSensor>,
+    /// Positions of the palms' stops, per arm.
     stops: [Depth; 2],
+    /// Stickers and layers of the cube.
     puzzle: Puzzle,
+    /// Poses of the cube's bodies, from the balance of forces on them.
     balance: Balance,
     grasps: [Grasp; 2],
+    /// Inertia of a cube that one arm alone carries.
     carried: Carried,
     hand: OperatorHand,
     state: State,
+    /// Index of the arm whose jaws were the last to close on the cube.
     last_holder: Option<usize>,
+    /// Servo periods done.
     period: u64,
+    /// Frame of the cube's core in the world at the end of the last period.
     core: Frame,
+    /// Mean velocity of the core over the last period, in the world.
     velocity: Twist,
     watch: StillWatch,
     collisions: Collisions,
+    /// Whether the cube met the ends or edges of the fingers in the last period, per arm.
     fronts: [bool; 2],
+    /// Whether a pop of the cube has been reported.
     popped: bool,
+    /// Whether a crush of the cube has been reported, per arm.
     crushed: [bool; 2],
+    /// Whether each wrist sensor was at the end of its range in the last period.
     saturated: [bool; 2],
     /// Whether the power stages were on in the last period.
     powered: [bool; 2],
     stop_watch: StopWatch,
     /// Faults to inject.
     faults: Faults,
+    /// Whether the operator has the cube.
     operator_has: bool,
-    /// Relative angle of the two bodies when they were formed (rad).
+    /// Angle of the second body's layer against the first's when the cube was last divided (rad).
     angle_at_split: f64,
+    /// State of a fault that undoes a turn.
     undoing: Undoing,
     verdict: Verdict,
 }
@@ -218,7 +233,7 @@ impl Plant {
         let axis = self.puzzle.turned_axis();
         let [negative, positive] = self.puzzle.angles[axis];
         let scene_arm = |i: usize| {
-            // A cell of one arm shows it twice; `arm_count` excludes the second.
+            // In a cell of one arm the second entry repeats the first; `arm_count` excludes it.
             let i = i.min(self.arms.len() - 1);
             let arm = &self.arms[i];
             SceneArm {
@@ -287,7 +302,7 @@ impl Plant {
     }
 
     /// Returns the starts and ends, since the last call, of faults that act outside of the plant,
-    /// as on a camera.
+    /// for instance on a camera.
     pub fn outside_faults(&mut self) -> impl Iterator<Item = OutsideFault> {
         self.faults.outside_faults()
     }
@@ -298,10 +313,12 @@ impl Plant {
         &self.config.cell
     }
 
+    /// Returns the time since the start of the run (s).
     fn time(&self) -> f64 {
         self.period as f64 * self.config.period.seconds()
     }
 
+    /// Checks whether both arms hold the cube.
     fn both_hold(&self) -> bool {
         self.grasps.iter().all(Grasp::holds)
     }
@@ -320,6 +337,8 @@ impl Plant {
         self.stop_watch.watch(time, self.powered, joints, violations);
     }
 
+    /// Moves the plant by one substep of `dt` (s), which ends at `t` (s): stops, cube, arms, jaws
+    /// and grasps, in this order.
     fn step(&mut self, drives: &[ArmDrive], t: f64, dt: f64) {
         // A cube in the way of the stops holds them where they are.
         for (i, drive) in drives.iter().enumerate() {
@@ -433,7 +452,8 @@ impl Plant {
         self.balance.step(&mut self.puzzle, &mut self.grasps, &around);
     }
 
-    /// Takes over how a cube that one hand alone holds has moved in this period.
+    /// Computes the inertial force on a cube that one arm alone holds, from the motion of that arm
+    /// in this period. The force acts in the next period.
     fn feel_inertia_of_cube(&mut self) {
         let holder = match [0, 1].map(|i| self.grasps[i].holds()) {
             [true, false] => Some(0),
@@ -445,6 +465,7 @@ impl Plant {
         self.carried.advance(now, self.config.cell.cube.mass, self.config.period.seconds());
     }
 
+    /// Returns `world_from_tool` of arm `i`, or of the only arm in a cell of one.
     fn tool(&self, i: usize) -> Frame {
         self.arms[i.min(self.arms.len() - 1)].world_from_tool
     }
@@ -467,7 +488,7 @@ impl Plant {
     }
 }
 
-/// Returns the face that a cube would come to lie on.
+/// Returns the face that looks down most, on which the cube would come to lie.
 fn lowest_face(cube: &Frame) -> Face {
     let lowest = |face: &Face| (cube.r * face.normal()).z;
     Face::ALL.into_iter().min_by(|a, b| lowest(a).total_cmp(&lowest(b))).unwrap_or(Face::D)
@@ -485,6 +506,9 @@ fn read_jaw(jaw: &mut PlantJaw, drive: &ArmDrive, reading: &mut ArmReading) {
 }
 
 impl Port for Plant {
+    /// Moves the plant by the servo period `period` under the given drive commands. Writes what the
+    /// arms' controllers measure at the end of the period into `readings`. The error is a number of
+    /// drive commands or readings that differs from the number of arms.
     fn exchange(
         &mut self,
         period: u64,

@@ -32,16 +32,18 @@ fn most(key: &str, in_grasp: bool) -> f64 {
 
 /// Checks that each number of a saved state is plausible. The error names the first one that is
 /// not, and the reason.
-pub(super) fn number(state: &Value) -> Result<(), Wrong> {
+pub(super) fn check_numbers(state: &Value) -> Result<(), Wrong> {
     look(state, "", "", false)
 }
 
+/// Checks the numbers in `value`, which is at `path` in the state; `key` is the nearest key above
+/// it, `in_grasp` whether it belongs to a grasp.
 fn look(value: &Value, path: &str, key: &str, in_grasp: bool) -> Result<(), Wrong> {
     match value {
         Value::Number(number) => {
             let (size, most) =
                 (number.as_f64().map_or(f64::INFINITY, f64::abs), most(key, in_grasp));
-            let why = || format!("{number} is beyond {most}");
+            let why = || format!("{number} is beyond {most}, the largest plausible size");
             if size <= most { Ok(()) } else { Err((path.to_owned(), why())) }
         }
         Value::Array(items) => {
@@ -49,7 +51,7 @@ fn look(value: &Value, path: &str, key: &str, in_grasp: bool) -> Result<(), Wron
                 look(item, &format!("{path}[{i}]"), key, in_grasp)?;
             }
             if key == "r" && !is_rotation(items) {
-                return Err((path.to_owned(), "it is no rotation".to_owned()));
+                return Err((path.to_owned(), "not a rotation matrix".to_owned()));
             }
             Ok(())
         }
@@ -86,22 +88,25 @@ mod tests {
 
     #[test]
     fn implausible_number_is_refused_with_its_json_path() {
-        let told = |state: Value| number(&state).unwrap_err();
+        let told = |state: Value| check_numbers(&state).unwrap_err();
         let frame = |r: [f64; 9]| json!({ "r": r, "p": [0.0, 0.0, 0.0] });
         let upright = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
         assert_eq!(
-            number(&json!({ "nodes": [frame(upright)], "identity": { "seed": u64::MAX } })),
+            check_numbers(&json!({ "nodes": [frame(upright)], "identity": { "seed": u64::MAX } })),
             Ok(())
         );
 
         assert_eq!(told(json!({ "arms": [{ "joints": [0.0, 1e20] }] })).0, "arms[0].joints[1]");
         assert_eq!(told(json!({ "nodes": [frame(upright), frame([0.0; 9])] })).0, "nodes[1].r");
         let mirrored = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0];
-        assert_eq!(told(frame(mirrored)).1, "it is no rotation");
+        assert_eq!(told(frame(mirrored)).1, "not a rotation matrix");
         let counts = json!({ "counts": { "slips": u32::MAX } });
         assert_eq!(
             told(counts),
-            ("counts.slips".to_owned(), "4294967295 is beyond 1000000000".to_owned())
+            (
+                "counts.slips".to_owned(),
+                "4294967295 is beyond 1000000000, the largest plausible size".to_owned()
+            )
         );
     }
 }

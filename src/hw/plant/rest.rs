@@ -21,7 +21,7 @@ const FRICTION: f64 = 0.4;
 const DAMPING: (f64, f64) = (20.0, 0.03);
 /// Height up to which a cube that has just left the table is near it (m).
 const NEAR: f64 = 2e-3;
-/// Depth below the table top from which on the cube is beside the table (m).
+/// Depth of the cube's centre below the table top from which on the cube is beside the table (m).
 const DEEPEST: f64 = 0.02;
 
 /// Table top, and the rest of the cube on it.
@@ -29,6 +29,7 @@ const DEEPEST: f64 = 0.02;
 pub(super) struct Rest {
     /// Height of the table top in the world (m).
     pub(super) height: f64,
+    /// Half the edge of the cube (m).
     half_edge: f64,
     /// Pose at which the cube came to rest, while it lies there.
     settled: Option<Frame>,
@@ -46,13 +47,19 @@ pub(super) struct Bearing {
     pub(super) torque: Vector3<f64>,
     /// Negated derivative of the wrench by displacement and rotation of the cube.
     pub(super) stiffness: Matrix6<f64>,
+    /// Pose at which the cube came to rest, as in [`Rest`].
     settled: Option<Frame>,
+    /// Slip after this evaluation, as in [`Rest`].
     slid: Vector3<f64>,
+    /// Pose of the cube.
     cube: Frame,
+    /// Force that carries the cube (N).
     normal: f64,
 }
 
 impl Rest {
+    /// Makes a table with its top at `height` (m), on which no cube lies yet. `edge` is the edge of
+    /// the cube (m).
     pub(super) fn new(height: f64, edge: f64) -> Self {
         Self {
             height,
@@ -142,8 +149,8 @@ impl Rest {
         bearing.stiffness[(5, 5)] += HOLDING.1;
     }
 
-    /// Keeps the action of the table on the cube as last evaluated in this substep; `None` away
-    /// from the table.
+    /// Stores the last evaluation of this substep: how the table acts on the cube, or `None` if the
+    /// cube is away from the table.
     pub(super) fn commit(&mut self, bearing: Option<Bearing>) {
         self.table_load = bearing.as_ref().map_or(0.0, |b| b.normal);
         self.settled = bearing.as_ref().and_then(|b| b.settled);
@@ -177,7 +184,7 @@ mod tests {
     use nalgebra::Matrix3;
 
     const EDGE: f64 = 0.06;
-    /// Length of a substep without any damping (s).
+    /// Length of a substep that is so long that no damping remains (s).
     const DT: f64 = 1e12;
 
     fn at(x: f64, z: f64) -> Frame {
@@ -243,7 +250,7 @@ mod tests {
 
         let little = rest.contact(&at(0.2 * most / HOLDING.0, 0.7299), DT).unwrap();
         assert!((little.force.x + 0.2 * most).abs() < 1e-9);
-        assert!(little.torque.y > 0.0, "it rubs below the centre: {}", little.torque);
+        assert!(little.torque.y > 0.0, "friction acts below the centre: {}", little.torque);
 
         let far = rest.contact(&at(0.01, 0.7299), DT).unwrap();
         assert!((far.force.x + most).abs() < 1e-9);

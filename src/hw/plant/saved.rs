@@ -133,33 +133,33 @@ impl Saved {
             return Err(Unfit::Version(version));
         }
         // The numbers are checked as JSON, which gives each of them its place in the file.
-        plausible::number(&serde_json::from_slice(bytes)?)?;
+        plausible::check_numbers(&serde_json::from_slice(bytes)?)?;
         let saved: Self = serde_json::from_slice(bytes)?;
-        saved.indices()?;
+        saved.check_indices()?;
         Ok(saved)
     }
 
     /// Checks that all indices (of axes, bodies and arms) and sets of layers are in their ranges.
-    fn indices(&self) -> Result<(), Wrong> {
+    fn check_indices(&self) -> Result<(), Wrong> {
         let wrong = |place: &str, why: &str| Err((place.to_owned(), why.to_owned()));
         if let Some(Split { axis, layers: [a, b] }) = self.split {
             if axis > 2 {
-                return wrong("split.axis", "a cube has three axes");
+                return wrong("split.axis", "not an axis of the cube, 0 to 2");
             }
             if a & b != 0 || a | b > 7 || a == 0 || b == 0 {
                 return wrong(
                     "split.layers",
-                    "two hands hold different ones of a cube's three layers",
+                    "not two separate sets of an axis's three layers (bits 1, 2, 4)",
                 );
             }
         }
         for (i, grasp) in self.grasps.iter().enumerate() {
             if grasp.node > 1 {
-                return wrong(&format!("grasps[{i}].node"), "a cube has two parts at most");
+                return wrong(&format!("grasps[{i}].node"), "not a body of the cube, 0 or 1");
             }
         }
         if self.last_holder.is_some_and(|arm| arm > 1) {
-            return wrong("last_holder", "there are two arms at most");
+            return wrong("last_holder", "not the index of an arm, 0 or 1");
         }
         Ok(())
     }
@@ -175,7 +175,8 @@ impl Saved {
 
 impl Plant {
     /// Replaces the identity of this plant by that of another configuration, for instance one
-    /// without faults. A saved state is accepted only if its identity is the same.
+    /// without the errors that faults add to the cell. A saved state is accepted only if its
+    /// identity is the same.
     #[must_use]
     pub fn known_as(self, identity: Identity) -> Self {
         Self { identity, ..self }
@@ -226,13 +227,14 @@ impl Plant {
         let (true, Ok(stickers)) = (fits, stickers) else {
             let (arms, jaws) = (saved.arms.len(), saved.jaws.len());
             let parts = format!("{arms} arms, {jaws} jaws, {} stickers", saved.stickers.len());
-            return Err(Unfit::Other(format!("it has {parts}, or a wrong number of encoders")));
+            let own = format!("{} arms, 54 stickers, {AXES} encoders an arm", self.arms.len());
+            return Err(Unfit::Other(format!("it has {parts}; this plant has {own}")));
         };
         if stickers.iter().any(|&colour| colour > 5) {
-            return Err(Unfit::Other("a sticker without a colour".to_owned()));
+            return Err(Unfit::Other("a sticker has a colour above 5".to_owned()));
         }
-        // A part is checked before it is restored. A plant that fails on the way is dropped as a
-        // whole.
+        // Each part is checked before it is restored. If one fails, this function drops the whole
+        // plant, so no half-restored one remains.
         for (i, (arm, saved)) in self.arms.iter_mut().zip(saved.arms).enumerate() {
             arm.check_saved(&saved).map_err(|(place, why)| (format!("arms[{i}].{place}"), why))?;
             arm.restore(saved);
@@ -311,7 +313,11 @@ mod tests {
             ("/last_holder", 2.into(), "last_holder: "),
             ("/grasps/0/reference/p/1", 0.6.into(), "grasps[0].reference.p[1]: "),
             ("/arms/0/bristles/4", 0.5.into(), "arms[0].bristles[4]: "),
-            ("/stickers/53", 6.into(), "the state of another plant: a sticker without a colour"),
+            (
+                "/stickers/53",
+                6.into(),
+                "the state of another plant: a sticker has a colour above 5",
+            ),
             ("/stickers", vec![0; 53].into(), "the state of another plant: "),
             ("/arms/1/encoders", serde_json::json!([]), "the state of another plant: "),
             ("/version", 4.into(), "plant state of version 4"),
@@ -338,6 +344,8 @@ mod tests {
         assert!(matches!(Saved::parse(&vec![b' '; 2 << 20]), Err(Unfit::Long)));
     }
 
+    /// Returns the reason why a plant of this configuration and seed refuses the state of the
+    /// default plant of seed 1, or `None` if it accepts the state.
     fn refused(config: PlantConfig, seed: u64) -> Option<String> {
         let saved = Plant::new(PlantConfig::new(testing::cell()), 1).unwrap().saved();
         match Plant::new(config, seed).unwrap().restored(saved) {
@@ -347,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn state_of_another_plant_is_refused_with_difference() {
+    fn state_of_another_plant_is_refused_naming_difference() {
         let other = |change: fn(&mut PlantConfig)| {
             let mut config = PlantConfig::new(testing::cell());
             change(&mut config);

@@ -7,8 +7,8 @@
 //!   about its centre
 //!
 //! The acceleration is the mean over the period, the difference of two velocities: a sensor
-//! integrates over its sample. The inertia of a cube in the jaws is part of the
-//! contact: see `carried`.
+//! integrates over its sample. The inertia of a cube in the jaws is part of the contact: see
+//! `carried`.
 
 use super::config::SensorNoise;
 use super::dynamics::Link;
@@ -20,7 +20,8 @@ use nalgebra::Vector3;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
-/// Contact on the body beyond the sensor and its motion, in the world, at the end of a period.
+/// Contact on the body beyond the sensor, and the motion of this body, in the world, at the end of
+/// a period.
 pub(super) struct Load<'a> {
     /// Point at which the contact acts (m).
     pub(super) at: &'a Vector3<f64>,
@@ -43,9 +44,10 @@ struct Momentum {
     angular: Vector3<f64>,
 }
 
-/// Longest possible delay (periods).
+/// Number of readings that are kept for a delayed report; the delay is at most one period less.
 const LATEST: usize = 128;
 
+/// Sensor in a wrist: its errors, and the rigid body beyond it.
 #[derive(Debug, Clone)]
 pub(super) struct WristSensor {
     sensor: ForceSensor,
@@ -60,10 +62,13 @@ pub(super) struct WristSensor {
     momentum: Option<Momentum>,
     noise: SensorNoise,
     rng: Pcg64,
+    /// Present bias of each component (N, Nm).
     bias: [f64; 6],
     /// Drift of the bias in a period (N, Nm).
     drift: [f64; 6],
+    /// Last readings, in a ring.
     late: [[f64; 6]; LATEST],
+    /// Place of the next reading in the ring.
     next: usize,
     /// Whether a component left the range in the last reading.
     pub(super) saturated: bool,

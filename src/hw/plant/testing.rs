@@ -11,8 +11,10 @@ use crate::spatial::Pose;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
+/// Edge of the tests' cube (m).
 pub(super) const EDGE: f64 = 0.057;
 
+/// Returns the gripper of both arms.
 fn gripper() -> Gripper {
     Gripper {
         finger_width: 0.012,
@@ -28,6 +30,7 @@ fn gripper() -> Gripper {
     }
 }
 
+/// Returns the arm on the track, or else the one on the fixed post (`postument`), at 2.11 m.
 fn arm(track: bool) -> Arm {
     let (name, y) = if track { ("irp6_track", 0.0) } else { ("irp6_postument", 2.11) };
     Arm {
@@ -46,10 +49,10 @@ fn arm(track: bool) -> Arm {
     }
 }
 
-/// Returns a cell in which both arms are in the front position of the original and face each other,
-/// with level tools that meet at one cube. The track's fingers reach over two layers, those of the
-/// postument over the opposite outer layer, with their jaws at right angles. The postument's base
-/// is placed so that the tools meet.
+/// Returns a cell in which both arms are in the front position of the robot of 2007 and face each
+/// other, with level tools that meet at one cube. The track's fingers reach over two layers, those
+/// of the postument over the opposite outer layer, with their jaws at right angles. The postument's
+/// base is placed so that the tools meet.
 pub(in crate::hw) fn cell() -> Cell {
     let mut cell = Cell {
         arms: vec![arm(true), arm(false)],
@@ -101,6 +104,7 @@ pub(super) fn quiet(cell: Cell) -> PlantConfig {
     config
 }
 
+/// Returns the configuration of a quiet plant in which the track arm holds the cube at the start.
 pub(super) fn held(jaws: Jaws, cube: CubeMechanics) -> PlantConfig {
     PlantConfig {
         start: Start::Held { arm: 0, tool_from_cube: tool_from_cube() },
@@ -110,15 +114,20 @@ pub(super) fn held(jaws: Jaws, cube: CubeMechanics) -> PlantConfig {
     }
 }
 
-/// Simplified incremental regulator of the original, for each axis: speed, position, slow integral.
+/// Servo of a plant in tests. Each axis has a simplified incremental regulator of the robot of
+/// 2007, with terms of speed, position and a slow integral.
 pub(super) struct TestServo {
+    /// Target counts of the axes, per arm.
     pub(super) target: Vec<[f64; AXES]>,
     /// Wanted opening (m) and grip (N) of each jaw.
     pub(super) jaws: Vec<(f64, f64)>,
     pub(super) stops: [Depth; 2],
+    /// Counts of the last period.
     last: Vec<[f64; AXES]>,
     last_target: Vec<[f64; AXES]>,
+    /// Sums of the position errors (counts).
     slow: Vec<[f64; AXES]>,
+    /// Set value of the opening (m) and last count of each jaw.
     jaw_state: Vec<(f64, f64)>,
     drives: Vec<ArmDrive>,
     pub(super) readings: Vec<ArmReading>,
@@ -126,6 +135,7 @@ pub(super) struct TestServo {
 }
 
 impl TestServo {
+    /// Makes a servo that holds the arms and jaws of the plant where they are, with a grip of 30 N.
     pub(super) fn new(mut plant: Plant) -> Self {
         let count = plant.cell().arms.len();
         let mut readings = vec![ArmReading::default(); count];
@@ -156,12 +166,14 @@ impl TestServo {
         self.target[arm] = std::array::from_fn(|j| motors[j] * model.increments[j] / TAU);
     }
 
+    /// Returns the target joint positions of an arm.
     pub(super) fn joints(&self, arm: usize) -> JointPositions {
         let model = &self.plant.cell().arms[arm].model;
         let m = std::array::from_fn(|j| self.target[arm][j] * TAU / model.increments[j]);
         model.joints(&MotorPositions(m)).unwrap()
     }
 
+    /// Drives arms and jaws from the last readings for one servo period of the plant.
     pub(super) fn tick(&mut self) {
         for i in 0..self.target.len() {
             let drive = &mut self.drives[i];
@@ -201,6 +213,7 @@ impl TestServo {
         self.plant.exchange(period, &self.drives, &mut self.readings).unwrap();
     }
 
+    /// Runs the servo for this time (s).
     pub(super) fn run(&mut self, seconds: f64) {
         for _ in 0..(seconds / PERIOD) as usize {
             self.tick();

@@ -32,6 +32,8 @@ fn both_hold(config: PlantConfig, grip: f64, seed: u64) -> TestServo {
     servo
 }
 
+/// Returns the configuration [`held`] with an error of the second arm's grasp: sideways and short
+/// of the cube by `millimetres` each, and tilted by `degrees`.
 fn spoilt(jaws: Jaws, millimetres: f64, degrees: f64, seed: u64) -> PlantConfig {
     let mut config = held(jaws, CubeMechanics::of_2007());
     let grasp = GraspError {
@@ -170,7 +172,7 @@ fn undriven_arm_gains_no_energy() {
         assert!(energy <= before + 1e-4, "step {k}: {before} {energy}");
         before = energy;
     }
-    assert!(plant.arms[1].vm[3].abs() > 0.1, "it falls");
+    assert!(plant.arms[1].vm[3].abs() > 0.1, "the arm falls under gravity");
 }
 
 #[test]
@@ -577,7 +579,7 @@ fn operator_gives_cube_and_takes_it_back() {
     servo.run(5.0);
     assert!(servo.plant.scene().hand.is_some(), "{:?}", servo.plant.verdict().events);
     let pull = servo.plant.balance.touches[0].force.norm();
-    assert!((4.0..9.0).contains(&pull), "it pulls gently: {pull} N");
+    assert!((4.0..9.0).contains(&pull), "the hand pulls gently: {pull} N");
     servo.jaws[0] = (0.085, 30.0);
     servo.run(6.0);
 
@@ -686,7 +688,7 @@ fn colliding_hands_push_back_and_are_reported() {
 }
 
 #[test]
-fn equal_seeds_repeat_bits_other_seeds_differ() {
+fn runs_of_equal_seeds_are_bit_identical() {
     let run = |seed: u64| {
         let mut config = spoilt(Jaws::rubber(), 1.0, 1.0, seed);
         config.noise = SensorNoise::default();
@@ -781,7 +783,7 @@ fn modes(arm: &PlantArm, dynamics: &ArmDynamics) -> Vec<(f64, f64)> {
 }
 
 #[test]
-fn locked_arms_have_plausible_modes_and_damping() {
+fn locked_arms_have_plausible_vibration_modes_and_damping() {
     let config = PlantConfig::new(cell());
     let plant = Plant::new(config.clone(), 1).unwrap();
     for (arm, dynamics) in plant.arms.iter().zip(&config.arms) {
@@ -830,7 +832,10 @@ fn motor_under_long_overload_trips_on_heat() {
     let (since, plant) = strained(0.5, 20.0);
     let heats = -MotorDynamics::HEATS * libm::log(1.0 - 1.0 / 3.488);
     let since = since.unwrap();
-    assert!((heats..heats + 8.0).contains(&since), "{since} s, not {heats} s and the way there");
+    assert!(
+        (heats..heats + 8.0).contains(&since),
+        "trips after {since} s, not {heats} s at the stop"
+    );
 
     let most = plant.verdict().exertion;
     assert!((most.current - 0.75).abs() < 0.01 && most.heat > 1.0, "{most:?}");
@@ -862,7 +867,7 @@ fn joint_takes_up_the_play_before_it_resists() {
 }
 
 #[test]
-fn reported_speed_near_person_is_the_fastest_point() {
+fn speed_near_person_is_that_of_fastest_point() {
     let swing = |beside: f64| {
         let mut cell = cell();
         cell.arms.remove(0);
@@ -893,7 +898,7 @@ fn reported_speed_near_person_is_the_fastest_point() {
 }
 
 #[test]
-fn forearm_near_person_counts() {
+fn speed_near_person_includes_that_of_forearm() {
     let mut config = quiet(cell());
     config.cell.arms.remove(0);
     config.arms.remove(0);
@@ -927,7 +932,7 @@ fn verdict_keeps_least_distance_between_the_arms() {
     config.cell.arms[1].world_from_base.translation.vector.y += 2.0;
     let mut servo = TestServo::new(Plant::new(config, 1).unwrap());
     servo.tick();
-    assert_eq!(servo.plant.verdict().exertion.arms_apart, None, "2 m apart");
+    assert_eq!(servo.plant.verdict().exertion.arms_apart, None, "the arms are 2 m apart");
 
     let mut config = quiet(cell());
     config.cell.arms[0].start.0[0] -= 0.25;
@@ -943,7 +948,7 @@ fn verdict_keeps_least_distance_between_the_arms() {
     let [first, nearer, again] = [0.0, 0.05, 0.0].map(&mut least_after);
     // The arm is moved 50 mm at once, and swings beyond.
     assert!(nearer > 0.0 && (0.045..0.1).contains(&(first - nearer)), "{first} {nearer} m");
-    assert_eq!(again, nearer, "the least is kept");
+    assert_eq!(again, nearer, "the least distance is kept");
 }
 
 #[test]

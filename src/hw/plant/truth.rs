@@ -2,12 +2,12 @@
 //!
 //! - in: the cell as believed, spreads, a seed
 //! - out: the true cell
-//! - each spread is a standard deviation per component, clipped at three of it
+//! - each spread is a standard deviation per component; errors are clipped at three times it
 //!
 //! The second arm's base is displaced *about a pivot* in the common workspace. A workshop
-//! calibrates two arms where their hands meet, so the error of orientation turns about that place,
-//! and the error of position is its rest there. A rotation of 0.5 deg about the base itself would
-//! be 15 mm at the hands, which a workshop would notice.
+//! calibrates two arms where their hands meet, so the error of orientation is a turn about that
+//! place, and the error of position is the one that remains there. A rotation of 0.5 deg about the
+//! base itself would be 15 mm at the hands, which a workshop would notice.
 
 use crate::cell::{Cell, Mount};
 use crate::spatial::Pose;
@@ -20,13 +20,13 @@ use std::f64::consts::TAU;
 /// Standard deviations of the errors; SI.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ErrorSpreads {
-    /// Between the bases, each axis, at the pivot (m).
+    /// Place of the second arm's base relative to the first, each axis, at the pivot (m).
     pub base: f64,
-    /// Between the bases, each axis (rad).
+    /// Orientation of the second arm's base relative to the first, each axis (rad).
     pub base_tilt: f64,
     /// Place in the world where the workshop brought the hands of both arms together (m).
     pub pivot: Point3<f64>,
-    /// Focal lengths, relative (both the same).
+    /// Focal lengths of a camera, as a share; both get the same error.
     pub focal: f64,
     /// Principal point, each axis (px).
     pub centre: f64,
@@ -116,7 +116,7 @@ pub fn draw(belief: &Cell, errors: &ErrorSpreads, seed: u64) -> Cell {
     // The order of the draws is part of a seed's meaning: a new one belongs at the end.
     let (base, base_tilt) = (chance.vector(errors.base), chance.vector(errors.base_tilt));
     if let Some(arm) = truth.arms.get_mut(1) {
-        // The error in axes of the world at the pivot.
+        // The error is applied in axes of the world at the pivot.
         let at = Pose::from_parts(errors.pivot.coords.into(), UnitQuaternion::identity());
         arm.world_from_base = at * small(base, base_tilt) * at.inverse() * arm.world_from_base;
     }
@@ -145,25 +145,29 @@ pub fn draw(belief: &Cell, errors: &ErrorSpreads, seed: u64) -> Cell {
     if let Some(arm) = truth.arms.get_mut(1) {
         let linear = sideways * grasp.lateral + Vector3::z() * grasp.axial;
         let off = small(linear, tilted * grasp.tilt);
-        // In axes of the tool at the meeting, where the size of the error is exact.
+        // The error is applied in axes of the tool at the meeting: its size is exact there.
         let tool = grasp.world_from_tool;
         arm.world_from_base = tool * off * tool.inverse() * arm.world_from_base;
     }
     truth
 }
 
+/// Returns the pose of a small displacement: `linear` (m), and the rotation vector `angular` (rad).
 fn small(linear: Vector3<f64>, angular: Vector3<f64>) -> Pose {
     Pose::from_parts(Translation3::from(linear), UnitQuaternion::from_scaled_axis(angular))
 }
 
+/// Random generator of the errors.
 struct Chance(Pcg64);
 
 impl Chance {
+    /// Returns a random number of this standard deviation, clipped at three times it.
     fn normal(&mut self, spread: f64) -> f64 {
         let x: f64 = StandardNormal.sample(&mut self.0);
         x.clamp(-3.0, 3.0) * spread
     }
 
+    /// Returns a random vector, each component as [`Chance::normal`].
     fn vector(&mut self, spread: f64) -> Vector3<f64> {
         Vector3::new(self.normal(spread), self.normal(spread), self.normal(spread))
     }

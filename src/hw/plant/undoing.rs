@@ -13,9 +13,9 @@ pub(super) enum Undoing {
     /// No fault of this kind acts, or nothing turns yet.
     #[default]
     Not,
-    /// It undoes this turn.
+    /// The fault undoes this turn.
     Turn(Split),
-    /// That turn is over.
+    /// The turn that the fault undid is over; the fault undoes no other.
     Over,
 }
 
@@ -24,7 +24,8 @@ impl Undoing {
     /// fault acts in that period, `turns` the layers that two hands hold in it, and `turned` their
     /// angle since both hold (rad).
     pub(super) fn after(self, acts: bool, turns: Option<Split>, turned: f64) -> Self {
-        // A fault by time alone ended in the middle of a half turn, or undid the next turn as well.
+        // A fault that lasted a set time ended in the middle of a half turn, or undid the next turn
+        // as well. So it lasts as long as its turn.
         match (self, turns) {
             _ if !acts => Self::Not,
             // Two hands that pass the cube on turn nothing. A layer that followed the strain of

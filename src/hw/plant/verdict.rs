@@ -16,7 +16,7 @@ pub struct Verdict {
     pub facelets: [u8; 54],
     /// Place of the cube.
     pub cube: Whereabouts,
-    /// Middle layer's pose.
+    /// Pose of the middle layer in the world.
     pub world_from_cube: Pose,
     /// Whether the operator has the cube back.
     pub returned: bool,
@@ -83,9 +83,9 @@ pub struct Counts {
     pub slips: u32,
     /// Falls of the cube.
     pub drops: u32,
-    /// Pops of the cube: tilt above 3 Nm or a pull above 50 N.
+    /// Pops of the cube: tilt above 3 Nm or a pull above 50 N. Only the first one is counted.
     pub pops: u32,
-    /// Squeezes above 150 N.
+    /// Squeezes of the cube above 150 N. Only the first one of each arm is counted.
     pub crushed: u32,
     /// Contacts between parts that should not touch.
     pub collisions: u32,
@@ -143,7 +143,7 @@ pub enum Incident {
         /// Index of the arm.
         arm: usize,
     },
-    /// Jaws let go of it.
+    /// Jaws let go of the cube.
     Released {
         /// Index of the arm.
         arm: usize,
@@ -154,10 +154,10 @@ pub enum Incident {
         axis: Axis,
         /// Angle from the nearest quarter turn (rad).
         angle: f64,
-        /// Torque on it (Nm).
+        /// Torque on the layer (Nm).
         torque: f64,
     },
-    /// A grip slipped since closing.
+    /// A grip has slipped by more than 1 mm or 3 deg since its jaws closed.
     Slip {
         /// Index of the arm.
         arm: usize,
@@ -166,7 +166,8 @@ pub enum Incident {
         /// Slip angle (rad).
         angle: f64,
     },
-    /// The grasp is lost: it slipped by more than 5 mm or 20 deg.
+    /// The cube fell, and this arm had lost its grasp of it before: the grasp had slipped by more
+    /// than 5 mm or 20 deg, or a fault made the arm drop the cube.
     GraspLost {
         /// Index of the arm.
         arm: usize,
@@ -188,14 +189,14 @@ pub enum Incident {
         /// Face that lies down.
         down: Face,
     },
-    /// The cube popped.
+    /// A layer of the cube popped off.
     Pop {
         /// Torque across the axis (Nm).
         tilt: f64,
         /// Force along the axis (N).
         pull: f64,
     },
-    /// An arm crushed the cube.
+    /// An arm squeezed the cube by more than 150 N.
     Crush {
         /// Index of the arm.
         arm: usize,
@@ -244,7 +245,7 @@ impl Incident {
         }
     }
 
-    /// Returns the event in words, with the names of the arms.
+    /// Returns the event in words. `arms` are the names of the arms by index.
     #[must_use]
     pub fn words(&self, arms: &[&str]) -> String {
         let name = |arm: usize| arms.get(arm).copied().unwrap_or("?");
@@ -343,7 +344,7 @@ impl Verdict {
         })
     }
 
-    /// Returns the verdict of a run without events.
+    /// Returns the verdict at the start of a run.
     pub(super) fn empty(world_from_cube: &Pose, keeper: Keeper) -> Self {
         Self {
             period: 0,

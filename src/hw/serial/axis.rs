@@ -111,6 +111,7 @@ struct Twice {
 }
 
 impl Twice {
+    /// Takes the flag of the next answer; returns the flag that counts.
     fn see(&mut self, now: bool) -> bool {
         if now == self.last {
             self.is = now;
@@ -132,7 +133,7 @@ pub struct Axis {
     /// Time since that answer by the clock, and the part of it since the previous order (periods).
     interval: Interval,
     passed: f64,
-    /// Speed before the last gap (increments per period).
+    /// Speed before the last gap without answers (increments per period).
     fast: f64,
     /// Counter of the answer from which the step is computed, and the time since then (periods). It
     /// is the last answer, except while that one may be older than it seems; then it is the one
@@ -179,17 +180,17 @@ const LEAP: f64 = 64.0;
 /// Smallest time between two answers that show a speed (periods).
 const APART: f64 = 0.5;
 /// Factor by which an answer must be nearer to where the axis was expected a period earlier, to
-/// count as late. An axis that brakes is somewhat nearer as well. If its answer were ignored, the
-/// axis would seem to have moved on, and its regulator would brake even harder.
+/// count as late. The answer of an axis that brakes is somewhat nearer to that place as well. If it
+/// were ignored, the axis would seem to have moved on, and its regulator would brake even harder.
 const CLEARLY: f64 = 3.0;
-/// Largest number of answers in a row that count as an earlier order's. An axis that brakes looks
-/// late as well, and an answer that is still due may be lost.
+/// Largest number of answers in a row that count as answers to an earlier order. The answers of an
+/// axis that brakes look late as well, and the answer that is still due may be lost.
 const LATE: u32 = 2;
 /// Number of answers that settle a start if they agree.
 const SETTLING: u32 = 4;
 
 impl Axis {
-    /// Makes the record of an axis with which nothing was exchanged yet.
+    /// Makes the state of an axis with which nothing was exchanged yet.
     #[must_use]
     pub fn new(rules: Rules) -> Self {
         Self {
@@ -275,8 +276,8 @@ impl Axis {
     /// is clearly nearer to the counter expected at the order before than to the one expected now.
     #[must_use]
     pub fn is_late(&self, answer: &[u8; STATUS]) -> bool {
-        // A corrupt answer shows no time. After two late answers the one that is due counts as
-        // lost.
+        // A corrupt answer tells nothing about its order. After two late answers the one that is
+        // still due counts as lost.
         if self.begins != Some(answer[0]) || self.late >= LATE {
             return false;
         }
@@ -303,7 +304,6 @@ impl Axis {
     /// Returns an [`AxisFault`] if the line must be given up.
     pub fn take(&mut self, answer: Option<&[u8; STATUS]>) -> Result<Answer, AxisFault> {
         let Some(bytes) = answer else {
-            // No answer.
             self.misses += 1;
             if self.misses >= self.rules.misses {
                 return Err(AxisFault::Silent(self.misses));
@@ -312,7 +312,7 @@ impl Axis {
             return Ok(Answer::Missed(self.misses));
         };
         (self.misses, self.late) = (0, 0);
-        // The answer to a parameter. It need not be a reading.
+        // The answer to a parameter only confirms it: its other bytes need not be a reading.
         if self.sent.is_some() && self.begins.is_none_or(|first| first == bytes[0]) {
             self.confirm();
             return Ok(Answer::Taken);
@@ -549,10 +549,12 @@ mod tests {
     const ON: AxisDrive =
         AxisDrive { enabled: true, width: 100, outputs: 0, max_current: None, synchronise: false };
 
+    /// Returns the answer of a synchronised axis at rest, with this counter.
     fn at(count: i32) -> Status {
         Status { count, synchronised: true, ..Status::default() }
     }
 
+    /// Lets a period pass and gives the axis this answer.
     fn after_a_period(axis: &mut Axis, answer: Option<&[u8; STATUS]>) -> Result<Answer, AxisFault> {
         axis.pass(1.0);
         axis.take(answer)

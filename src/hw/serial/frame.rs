@@ -14,6 +14,7 @@ pub const ORDER: usize = 10;
 /// Length of an answer (bytes).
 pub const STATUS: usize = 8;
 
+/// First byte of an answer, and of an order after its four zeros.
 const START: u8 = b'#';
 /// Full pulse width on the line.
 const FULL: i32 = 1000;
@@ -151,6 +152,7 @@ fn scaled(value: i32, to: i32, from: i32) -> i16 {
 }
 
 impl Parameter {
+    /// Returns the number of the parameter, in the high half of a byte, and its value.
     fn encode(self) -> (u8, i32) {
         match self {
             Self::Synchronised(is) => (0x10, i32::from(is)),
@@ -163,6 +165,8 @@ impl Parameter {
         }
     }
 
+    /// Returns the parameter with the number `which`, in the high half of the byte; `None` if there
+    /// is no such parameter or the value is beyond its range.
     fn decode(which: u8, value: i32) -> Option<Self> {
         Some(match (which, value) {
             // Values beyond the range of a parameter are wrong bytes and no order.
@@ -209,6 +213,7 @@ impl Status {
         }
     }
 
+    /// Returns the flags in the order of their bits, the lowest first.
     fn flags(&self) -> [bool; 8] {
         [
             self.upper,
@@ -228,6 +233,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// Returns a generator of random orders of all kinds.
     fn orders() -> impl Strategy<Value = Order> {
         prop_oneof![
             (-255..=255i16, any::<u8>(), any::<bool>()).prop_map(
@@ -260,8 +266,8 @@ mod tests {
             prop_assert_eq!(Status::decode(&bytes).encode(), bytes);
         }
 
-        /// Bytes that this program never sends may decode to an order. Encoding and decoding it
-        /// again gives the equal order.
+        /// Bytes that this program never sends may decode to an order. If that order is encoded and
+        /// decoded again, the result is equal to it.
         #[test]
         fn order_decoded_from_arbitrary_bytes_round_trips(bytes in any::<[u8; ORDER]>()) {
             if let Some(order) = Order::decode(&bytes) {

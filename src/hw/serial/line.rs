@@ -55,7 +55,7 @@ impl Line {
         }
         // Two programs on one line would drive the axis in turn.
         rustix::fs::flock(&fd, FlockOperation::NonBlockingLockExclusive)
-            .map_err(|_| format!("{path}: another program has it open"))?;
+            .map_err(|_| format!("{path}: another program has it open: close that program"))?;
         // A pseudo-terminal would stay claimed after a crash, because the emulator has it open.
         if !is_pseudo(&found) {
             claim(&fd).map_err(|e| fail("not a serial line", e))?;
@@ -98,7 +98,7 @@ impl Line {
     /// line is dead.
     pub fn read(&self, into: &mut [u8]) -> Option<usize> {
         match read(&self.fd, into) {
-            // Only a pseudo-terminal whose other end is gone comes to its end.
+            // Only a pseudo-terminal whose other end was closed reports an end.
             Ok(0) => None,
             Ok(n) => Some(n),
             Err(Errno::AGAIN | Errno::INTR) => Some(0),
@@ -108,6 +108,7 @@ impl Line {
 }
 
 impl Drop for Line {
+    /// Restores the former settings of the line and opens it to other programs.
     fn drop(&mut self) {
         if let Some(before) = &self.before {
             // The last orders must leave at the speed for which they were written, which takes 0.4
@@ -129,6 +130,7 @@ pub(crate) fn leads_to_line(path: &Path) -> Result<bool, Errno> {
     stat(path).map(|found| is_line(&found))
 }
 
+/// Returns whether a file with this metadata is a serial line or a pseudo-terminal.
 fn is_line(found: &Stat) -> bool {
     if FileType::from_raw_mode(found.st_mode) != FileType::CharacterDevice {
         return false;
@@ -224,8 +226,8 @@ impl Partial {
     /// Returns the number of answers that are still to come, after `gone` more bytes were thrown
     /// away.
     fn outstanding(&self, gone: usize) -> usize {
-        // After an answer in time, the missing ones are lost and not late: answers keep their
-        // order.
+        // Answers keep their order. So once an answer has come in time, those that are missing
+        // before it are lost and not late.
         if self.dead || (self.received() > 0 && !self.late) {
             return 0;
         }
@@ -263,7 +265,8 @@ impl Lines {
         self.lines.is_empty()
     }
 
-    /// Sends an order, after the remains of earlier answers are thrown away.
+    /// Throws away the bytes that have come from a line, which belong to earlier answers, and sends
+    /// the order.
     pub fn send(&mut self, line: usize, order: &[u8; ORDER]) {
         let gone = self.lines[line].drain();
         // Bytes that are thrown away here are answers that no longer have to come.
@@ -364,13 +367,14 @@ mod tests {
         (far, lines)
     }
 
+    /// Returns a deadline that leaves a test enough time for its answers.
     fn soon() -> Instant {
         Instant::now() + Duration::from_millis(500)
     }
 
-    /// A FIFO has no writer until the wrong program opens it for writing.
+    /// The reader of a named pipe (FIFO) sees whether the pipe was ever opened for writing.
     #[test]
-    fn other_file_than_line_is_not_opened() {
+    fn path_without_serial_line_is_not_opened() {
         use rustix::fs::{CWD, mknodat};
         let fifo = std::env::temp_dir().join(format!("rubik-line-{}", std::process::id()));
         mknodat(CWD, &fifo, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
@@ -394,7 +398,7 @@ mod tests {
         assert!(leads_to_line(Path::new("/dev/nosuch")).is_err());
     }
 
-    /// Returns whether other programs cannot open a terminal. Root could open it all the same.
+    /// Returns whether a terminal is claimed: no other program except root's can open it.
     #[allow(unsafe_code, reason = "no safe call reads the flag")]
     fn is_claimed(fd: &OwnedFd) -> bool {
         use std::os::fd::AsRawFd as _;
@@ -404,8 +408,8 @@ mod tests {
         claimed != 0
     }
 
-    /// The flag belongs to the terminal. The emulator keeps its own open, so a line there never has
-    /// the flag, or a killed run would leave it behind.
+    /// The claim is a flag of the terminal. A line on a pseudo-terminal is not claimed when it is
+    /// opened: the emulator keeps the terminal open, so the flag would outlive a killed run.
     #[test]
     fn claimed_line_is_closed_to_others() {
         let far = Pty::open().unwrap();

@@ -31,6 +31,7 @@ use std::time::{Duration, Instant};
 const FIRST: Duration = Duration::from_secs(1);
 /// Largest number of times that the last order is sent, until all controllers have answered.
 const LAST: u32 = 3;
+
 /// An arm's lines and its force sensor.
 pub struct SerialArm {
     /// Name of the effector, for messages.
@@ -43,11 +44,13 @@ pub struct SerialArm {
     pub force: Box<dyn ForceSource>,
 }
 
+/// An arm of a running bridge.
 struct Arm {
     name: String,
-    /// Index of each axis's line.
+    /// Index in [`Lines`] of each axis's line.
     lines: [Option<usize>; AXES + 1],
     axes: [Axis; AXES + 1],
+    /// Motor current at which each controller stops (mA), the jaw's last.
     max_currents: [u16; AXES + 1],
     force: Box<dyn ForceSource>,
 }
@@ -81,14 +84,14 @@ pub struct SerialPort {
     all_missed: bool,
 }
 
-/// Number of lines that are late, not dead, if they are silent in the same period. This machine was
-/// delayed then, or a device that they share. Measured: all lines of one arm for 3 periods, and
-/// none of the other arm.
+/// Least number of lines that count as late and not as dead if they are silent in the same period:
+/// then this machine, or a device that the lines share, was delayed. Measured: all lines of one arm
+/// were silent for 3 periods, and none of the other arm.
 const SEVERAL: usize = 3;
 /// Number of silent periods in a row of one line that are a fault although others are silent with
 /// it, or [`Rules::misses`] if that is more.
 const MOST_TOGETHER: u32 = 20;
-/// Number of silent periods in a row that are a fault if all silent lines are dead.
+/// Number of silent periods in a row of one line that are a fault if all silent lines are dead.
 const ALL_GONE: u32 = 3;
 
 impl SerialPort {
@@ -332,6 +335,7 @@ impl SerialPort {
     }
 }
 
+/// Converts a current to mA, rounded and limited to 16 bits.
 fn milliamperes(amperes: f64) -> u16 {
     (amperes * 1e3).round().clamp(0.0, 65_535.0) as u16
 }
@@ -356,6 +360,8 @@ pub(crate) fn axis_drive(
 }
 
 impl Port for SerialPort {
+    /// Sends an order to each axis and gathers the answers, and reads the force sensors. The first
+    /// call waits until all controllers have answered. After a fault each call returns that fault.
     fn exchange(
         &mut self,
         period: u64,
@@ -397,6 +403,7 @@ impl Port for SerialPort {
         false
     }
 
+    /// Puts every controller into its error mode again, if the bridge was given up.
     fn repeat_stop(&mut self) {
         if self.fault.is_some() {
             self.order_all(Mode::Error);
@@ -431,6 +438,7 @@ pub(crate) fn write_reading(axes: &[Axis; AXES + 1], has_track: bool, reading: &
 }
 
 impl Drop for SerialPort {
+    /// Puts every controller into its manual mode, or into its error mode after a fault.
     fn drop(&mut self) {
         let mode = if self.fault.is_none() { Mode::Manual } else { Mode::Error };
         // No order comes after this one, and a controller may keep the last width that it received.
@@ -498,7 +506,7 @@ mod tests {
             .into_iter()
             .unzip();
         let mut port = SerialPort::new(arms, Rules::default(), Notes::none());
-        // These tests share the processor with others.
+        // Other tests run at the same time and may delay this one.
         port.patience = Duration::from_millis(20);
 
         let done = port.exchange(0, &[ArmDrive::OFF; 3], &mut [ArmReading::default(); 3]);

@@ -1,7 +1,7 @@
-//! Histogram of times: classes with their counts, as a recording holds them.
+//! Histogram of times as a recording holds it: classes, each a time (ns) and a count.
 
-/// Parses a histogram of times: words `nanoseconds:count`, in rising order of the times. Words of
-/// another form are left out.
+/// Parses a histogram of times: words `nanoseconds:count`, in rising order of the times. Returns
+/// time (ns) and count of each class; words of another form are left out.
 pub(super) fn classes(text: &str) -> Vec<(u64, u64)> {
     let pair = |word: &str| {
         let (nanos, count) = word.split_once(':')?;

@@ -1,10 +1,11 @@
-//! Table that compares the figures of a run with those of the 2007 paper (pp. 370-375).
+//! Table that compares the figures of a run with those of the paper by Zieliński et al. (2007, pp.
+//! 370-375).
 //!
 //! | figure | source in the recording |
 //! |---|---|
-//! | servo period | `period_ns`; on the wall clock the jitter of the timing |
+//! | servo period | `period_ns`; on the wall clock also the jitter of the timing |
 //! | visual servo period | median time between two looks of the stand-alone camera |
-//! | localisation | 95 % of the looks at a cube slower than `REST`, against the plant |
+//! | localisation | error against the plant that 95 % of looks at a resting cube do not exceed |
 //! | reading one face | median of the measured times |
 //! | solution and plan | phase "plan" |
 //! | grasping and turning one face | phases of manipulation, divided by the turns |
@@ -15,7 +16,8 @@ use super::story::Story;
 use crate::record::calibration;
 use nalgebra::{Point3, Vector3};
 
-/// Largest speed of a cube at rest (m/s). A hand that holds it trembles.
+/// Largest speed of a cube that counts as resting (m/s). It is not 0, since the hand of the person
+/// who holds the cube trembles.
 const REST: f64 = 0.01;
 
 /// Row of the table.
@@ -26,12 +28,12 @@ pub(super) struct Figure {
     pub paper: &'static str,
     /// Value in this run.
     pub here: String,
-    /// Remark on how the value was found.
+    /// Remark on how the value of this run was found.
     pub remark: String,
 }
 
-/// Returns the rows of the table that compares a run with the paper of 2007, without those that the
-/// recording has no data for.
+/// Returns the rows of the table that compares a run with the paper of 2007. A row for which the
+/// recording has no data is left out.
 pub(super) fn figures(story: &Story) -> Vec<Figure> {
     [
         Some(servo_period(story)),
@@ -52,6 +54,7 @@ fn is_real_time(story: &Story) -> bool {
     story.label.fact("pace") == "real-time"
 }
 
+/// Returns the row of the servo period (ms), with its jitter if the wall clock paced the run.
 fn servo_period(story: &Story) -> Figure {
     let label = &story.label;
     let period_ms = number(label.fact("period_ns")) * 1e-6;
@@ -68,6 +71,8 @@ fn servo_period(story: &Story) -> Figure {
     Figure { what: "servo period", paper: "2 ms", here: format!("{period_ms} ms"), remark }
 }
 
+/// Returns the row of the time between two looks of the stand-alone camera (ms); `None` for fewer
+/// than two looks.
 fn visual_servo_period(story: &Story) -> Option<Figure> {
     // A median, since the camera pauses between two phases of tracking.
     let mut steps: Vec<u64> = story.looks.windows(2).map(|w| w[1].saturating_sub(w[0])).collect();
@@ -81,6 +86,7 @@ fn visual_servo_period(story: &Story) -> Option<Figure> {
     })
 }
 
+/// Returns the row of the errors of localisation (mm); `None` if [`localisation`] has too few data.
 fn localised(story: &Story) -> Option<Figure> {
     let (count, across, along) = localisation(story)?;
     Some(Figure {
@@ -94,14 +100,15 @@ fn localised(story: &Story) -> Option<Figure> {
     })
 }
 
+/// Returns the row of the time to read one face (ms); `None` if no face was read.
 fn reading(story: &Story) -> Option<Figure> {
     let read = story.faces.iter().filter(|(_, _, why)| why.is_none()).count();
     if read == 0 {
         return None;
     }
     let label = &story.label;
-    // The time that the scenario declares is no measurement. Without a measurement the value is a
-    // dash.
+    // On the virtual clock a reading takes the time that the scenario declares. This is no
+    // measurement, so without one the value is a dash.
     let looks = format!("{read} of {} looks read a face", story.faces.len());
     let measured = number(label.of("vision", "face_median_s")) * 1e3;
     let how = match (measured.is_nan(), is_real_time(story)) {
@@ -120,10 +127,12 @@ fn reading(story: &Story) -> Option<Figure> {
     })
 }
 
+/// Returns the row of the time to solve the cube and to plan (s); `None` if the run did not plan or
+/// the recording has no summary.
 fn planning(story: &Story) -> Option<Figure> {
     let phases = &story.summary.as_ref()?.phases;
     let plan = phases.iter().find(|p| p.name.starts_with("plan"))?;
-    // In virtual time planning takes a declared time, so the wall clock has the true one.
+    // On the virtual clock planning takes a declared time; the wall-clock time is the measured one.
     let time = if is_real_time(story) { plan.sim_time_s } else { plan.wall_time_s };
     Some(Figure {
         what: "solution and plan",
@@ -133,6 +142,8 @@ fn planning(story: &Story) -> Option<Figure> {
     })
 }
 
+/// Returns the row of the time per turn (s); `None` if no turn was made or the recording has no
+/// summary.
 fn turning(story: &Story) -> Option<Figure> {
     let summary = story.summary.as_ref().filter(|summary| summary.turns > 0)?;
     let manipulates = |name: &str| ["grasp", "solve", "turn", "release"].contains(&name);
@@ -149,6 +160,7 @@ fn turning(story: &Story) -> Option<Figure> {
     })
 }
 
+/// Returns the row of the time of the whole run (s); `None` if the recording has no summary.
 fn whole_run(story: &Story) -> Option<Figure> {
     let summary = story.summary.as_ref()?;
     Some(Figure {
@@ -159,10 +171,12 @@ fn whole_run(story: &Story) -> Option<Figure> {
     })
 }
 
+/// Returns `text`, or `otherwise` if it is empty.
 fn or<'a>(text: &'a str, otherwise: &'a str) -> &'a str {
     if text.is_empty() { otherwise } else { text }
 }
 
+/// Parses a number; NaN if the text is none.
 fn number(text: &str) -> f64 {
     text.parse().unwrap_or(f64::NAN)
 }
@@ -170,7 +184,8 @@ fn number(text: &str) -> f64 {
 /// Returns the number of looks at a resting cube, and the errors across and along the line of sight
 /// that 95 % of them do not exceed (mm). `None` for fewer than 10 looks.
 fn localisation(story: &Story) -> Option<(usize, f64, f64)> {
-    // The camera is where the controller believed it: after a calibration, its result.
+    // Position of the camera as the controller believed it (m): the result of a calibration, or
+    // that of the scenario.
     let found = story.label.of(calibration::NAME, "standalone_xyz");
     let eye = or(found, story.label.fact("standalone_xyz"));
     let eye: Vec<f64> = eye.split_whitespace().map(number).collect();
@@ -187,7 +202,8 @@ fn localisation(story: &Story) -> Option<(usize, f64, f64)> {
     if errors.len() < 10 {
         return None;
     }
-    // The mean error is that of the camera's calibration, which the scenario disturbs on purpose.
+    // The mean error is taken off: it comes from the pose of the camera, which the scenario
+    // disturbs on purpose.
     let mean = errors.iter().map(|e| e.0).sum::<Vector3<f64>>() / errors.len() as f64;
     let (mut across, mut along): (Vec<f64>, Vec<f64>) = errors
         .iter()
@@ -204,7 +220,7 @@ fn localisation(story: &Story) -> Option<(usize, f64, f64)> {
 }
 
 /// Returns the true centre of the cube (m) and its speed (m/s) at a time (s), interpolated between
-/// two positions in the recording.
+/// the recorded positions before and after that time. `None` if one of them is missing.
 fn truth(story: &Story, time: f64) -> Option<(Point3<f64>, f64)> {
     let after = story.cube.partition_point(|(t, _)| *t < time);
     let (b, a) = (story.cube.get(after)?, story.cube.get(after.checked_sub(1)?)?);
@@ -254,7 +270,8 @@ mod tests {
             let t = f64::from(i) * 0.04;
             let slow = 0.005 * t;
             story.cube.push((t, Point3::new(1.0 + slow, 0.0, 0.0)));
-            // Errors that alternate by 0.5 mm across and 2 mm along, and a constant one of 10 mm.
+            // The errors alternate by 0.5 mm across and 2 mm along the axis; 10 mm along are
+            // constant.
             let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
             let (along, across) = (0.010 + 0.002 * sign, 0.0005 * sign);
             story.seen.push((t + 0.02, Point3::new(1.0001 + slow + along, across, 0.0)));
@@ -262,7 +279,7 @@ mod tests {
 
         let (count, across, along) = localisation(&story).unwrap();
 
-        assert_eq!(count, 99, "the last look is after the last view");
+        assert_eq!(count, 99, "the last look comes after the last true position");
         assert!((across - 0.5).abs() < 0.05 && (along - 2.0).abs() < 0.1, "{across} {along}");
     }
 }

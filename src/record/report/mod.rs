@@ -1,8 +1,8 @@
 //! Report of a run: one self-contained HTML page, made from a recording.
 //!
 //! - in: a recording, whole or cut off
-//! - out: HTML with pictures and curves in it, for light and dark screens and for paper, without
-//!   scripts
+//! - out: HTML that contains its pictures and curves, for light and dark screens and for paper,
+//!   without scripts
 
 mod classes;
 mod figures;

@@ -1,6 +1,6 @@
 //! HTML page of a report: a function for each section, in the order of the page.
 //!
-//! All texts of the recording are escaped, since it may come from anywhere.
+//! All texts of the recording are escaped, since a recording may come from anywhere.
 
 use super::classes::{classes, count, quantile};
 use super::figures::figures;
@@ -74,7 +74,7 @@ fn head(html: &mut String, story: &Story, title: &str) {
 
 /// Returns the CSS class of the verdict, its word, and the reason.
 fn verdict(story: &Story) -> (&'static str, &'static str, String) {
-    // The summary is the last item of a run: without it the end of the run is unknown.
+    // The summary is recorded at the end of a run. Without it the end of the run is unknown.
     let Some(summary) = &story.summary else {
         let damaged = matches!(story.file_end, Some(End::Damaged(_)));
         let word = if damaged { "Damaged" } else { "Cut off" };
@@ -98,7 +98,7 @@ fn cubes(html: &mut String, story: &Story) {
     let [read, believed, truth] = &story.letters;
     // On hardware there is no true cube, only the believed one.
     let end = if truth.is_empty() { believed } else { truth };
-    // The summary has the reading that counts. A recording that is cut off has only its messages.
+    // The reading in the summary has precedence. A recording that is cut off has no summary.
     let summary_read = story.summary.as_ref().and_then(|s| s.identified.clone());
     let read = summary_read.as_ref().unwrap_or(read);
     for (words, letters) in
@@ -162,7 +162,7 @@ fn incomplete(story: &Story) -> Vec<String> {
 /// Writes the table that compares the run with the paper of 2007.
 fn table(html: &mut String, story: &Story) {
     html.push_str(
-        "<section><h2>Beside the paper</h2><table class=paper><thead>\
+        "<section><h2>Compared with the paper</h2><table class=paper><thead>\
          <tr><th>figure<th>paper, 2007<th>this run<th class=how>how</tr></thead><tbody>",
     );
     for figure in figures(story) {
@@ -183,8 +183,8 @@ fn phases(story: &Story) -> Vec<(f64, String)> {
     story.phases.iter().filter(|(_, name)| name != "end").cloned().collect()
 }
 
-/// Draws phases, holders of the cube, the operator's inputs and messages over time, with the phases
-/// as a legend.
+/// Draws phases, holders of the cube, the operator's inputs and messages over time, with a legend
+/// of the phases.
 fn timeline(html: &mut String, story: &Story) {
     let mut rows = vec![phase_row(story)];
     rows.extend(holder_rows(story));
@@ -240,7 +240,7 @@ fn holder_rows(story: &Story) -> Vec<Row> {
             if !(holders.contains(name) || holders.is_empty() && lane == last) {
                 continue;
             }
-            // A change of the other hand does not interrupt a piece.
+            // If only the other hand has changed, the piece continues.
             match pieces.last_mut() {
                 Some(before) if (before.1 - begin).abs() < 1e-9 => before.1 = until(i),
                 _ => pieces.push((*begin, until(i), escaped(name), format!("h{lane}"))),
@@ -259,8 +259,9 @@ fn holder_rows(story: &Story) -> Vec<Row> {
 /// Returns the timeline's rows of log messages: injected faults, warnings, errors. A row without a
 /// message is left out.
 fn message_rows(story: &Story) -> Vec<Row> {
+    /// Row of the injected faults.
     const TRUTH: &str = "injected faults: the truth, which the controller does not know";
-    // The plant logs the faults that the scenario injects.
+    // Faults that the scenario injects are logged by the plant.
     let rank = |class: Class, who: &str| match (who, class) {
         ("plant", _) => TRUTH,
         (_, Class::Info | Class::Warning) => "warnings",
@@ -281,14 +282,14 @@ fn message_rows(story: &Story) -> Vec<Row> {
 /// Draws the force, the torque and the grip of each arm as curves over time.
 fn forces(html: &mut String, story: &Story) {
     let label = &story.label;
-    // A limit that the recording does not have, or that is no number, has no line.
+    // No line is drawn for a limit that the recording does not have or that is no number.
     let limit = |name: &str, unit: &str| {
         let value = label.fact(name).parse::<f64>().ok()?;
         Some((value, format!("limit {value} {unit}")))
     };
     html.push_str(
-        "<section><h2>At the wrists</h2><p class=lead>The largest value in each 20 ms, of every \
-         servo period: the wrench that the tool exerts on its surroundings, without its own \
+        "<section><h2>At the wrists</h2><p class=lead>The largest value in each 20 ms, over all \
+         servo periods: the wrench that the tool exerts on its surroundings, without its own \
          weight. The bands are the phases.</p>",
     );
     let phases = phases(story);
@@ -314,13 +315,13 @@ fn forces(html: &mut String, story: &Story) {
         );
     }
     html.push_str(
-        "<p class=note>The limits stop a step with contact; free motion, where inertia is \
-         measured, has none.</p></section>\n",
+        "<p class=note>A motion with contact stops at these limits. A free motion stops when the \
+         force has changed by more than the limit of the force.</p></section>\n",
     );
 }
 
-/// Writes the timing of the servo: for a run on the wall clock as histograms, for one on the
-/// virtual clock the computing time of a period.
+/// Writes the timing of the servo: histograms for a run on the wall clock, the computing time of a
+/// servo period for a run on the virtual clock.
 fn timing(html: &mut String, story: &Story) {
     html.push_str("<section><h2>Timing of the servo</h2>");
     let label = &story.label;
@@ -340,7 +341,8 @@ fn timing(html: &mut String, story: &Story) {
             );
         }
     } else if !label.metadata.contains_key("timing") {
-        // The metadata come at the end of the run: the file is cut off, or the recorder failed.
+        // The timing is recorded at the end of the run. So the file is cut off, or the recorder
+        // failed.
         html.push_str("<p>The recording ends before the servo reported its timing.</p>");
     } else {
         for (name, words) in [
@@ -373,15 +375,15 @@ fn timing(html: &mut String, story: &Story) {
     html.push_str("</section>\n");
 }
 
-/// Selects pictures that show the course of the run, with captions, in the order of time: the
-/// picture in which the stand-alone camera found the cube, its last one, the first `FACES.0` faces
-/// that were read, and the last `FACES.1`. There are none of the turns, since the cameras look only
-/// on request.
+/// Selects pictures that show the course of the run, with captions, in the order of time: of the
+/// stand-alone camera, the picture in which it first found the cube, and the last one; of the
+/// hands' cameras, the first `FACES.0` and the last `FACES.1` faces that were read. The turns have
+/// no pictures, since the cameras look only on request.
 fn chosen(story: &Story) -> Vec<(&Shot, String)> {
-    /// Number of faces from the beginning and from the end of the run.
+    /// Number of faces at the beginning and at the end of the run.
     const FACES: (usize, usize) = (6, 3);
     let mut chosen = Vec::new();
-    // Pictures and results have times of their own, so the nearest picture is taken.
+    // Picture and result of a look have different times, so the picture nearest in time is taken.
     let standalone: Vec<_> = story.shots.iter().filter(|s| s.camera == "standalone").collect();
     if let Some((found, _)) = story.seen.first()
         && let Some(shot) = standalone
@@ -410,7 +412,7 @@ fn chosen(story: &Story) -> Vec<(&Shot, String)> {
     };
     let faces: Vec<_> =
         story.shots.iter().filter(|s| s.camera != "standalone" && read(s)).collect();
-    // The bound keeps a face of a short run from appearing in both groups.
+    // With `max`, no face of a short run belongs to both groups.
     let last = faces.len().saturating_sub(FACES.1).max(FACES.0);
     for (index, shot) in faces.iter().enumerate() {
         if index < FACES.0 || index >= last {
@@ -423,7 +425,8 @@ fn chosen(story: &Story) -> Vec<(&Shot, String)> {
     chosen
 }
 
-/// Writes the selected pictures. They are part of the page, which loads nothing.
+/// Writes the section with the pictures that [`chosen`] selects. The pictures are inside the HTML,
+/// so that the page needs no other files.
 fn pictures(html: &mut String, story: &Story) {
     let chosen = chosen(story);
     if chosen.is_empty() {
@@ -446,7 +449,7 @@ fn pictures(html: &mut String, story: &Story) {
     html.push_str("</div></section>\n");
 }
 
-/// Writes the drawings, which show the arms at work, where no camera looks. The page calls them
+/// Writes the section with drawings of the arms at work, which no camera sees. The page calls them
 /// drawings, so that no reader takes them for photographs.
 fn drawings(html: &mut String, story: &Story) {
     if story.drawn.is_empty() {
@@ -488,10 +491,10 @@ fn plan(html: &mut String, story: &Story) {
             );
         }
     }
-    // A run plans again after a failure. A new plan must not hide the one before it.
+    // A run plans again after a failure. All its plans are shown.
     for (number, (time, steps)) in story.plans.iter().enumerate() {
-        let anew = if number == 0 { "Made" } else { "Made again" };
-        let _ = write!(html, "<h3>{anew} at {time:.1} s</h3>");
+        let made = if number == 0 { "Made" } else { "Made again" };
+        let _ = write!(html, "<h3>{made} at {time:.1} s</h3>");
         html.push_str(
             "<table class=plan><thead><tr><th><th>what<th class=how>why<th class=n>planned</tr>\
              </thead><tbody>",
@@ -511,16 +514,16 @@ fn plan(html: &mut String, story: &Story) {
     html.push_str("</section>\n");
 }
 
-/// Writes a table of all log messages except those of the class info.
+/// Writes a table of all warnings and errors in the log.
 fn messages(html: &mut String, story: &Story) {
-    html.push_str("<section><h2>Messages above information</h2>");
+    html.push_str("<section><h2>Warnings and errors</h2>");
     if story.messages.is_empty() {
         html.push_str("<p>None: no warning, no error.</p></section>\n");
         return;
     }
     html.push_str("<table><thead><tr><th class=n>time<th>class<th>who<th>what</tr></thead><tbody>");
     for (time, class, who, what) in &story.messages {
-        // The colour has four levels, the text names the class of the paper.
+        // The CSS class has four levels for the colour; the text names the exact class.
         let (look, class) = match class {
             Class::Info => ("info", "info"),
             Class::Warning => ("warning", "warning"),
@@ -538,7 +541,7 @@ fn messages(html: &mut String, story: &Story) {
     html.push_str("</tbody></table></section>\n");
 }
 
-/// Writes build, options, hashes and scenario of the run: all that is needed to repeat it.
+/// Writes build, options, hashes and scenario of the run: everything that is needed to repeat it.
 fn origin(html: &mut String, story: &Story) {
     let label = &story.label;
     html.push_str("<section class=origin><h2>Origin</h2><table><tbody>");
@@ -559,16 +562,16 @@ fn origin(html: &mut String, story: &Story) {
     row("scenario", label.fact("scenario"));
     let options = label.options();
     let words: Vec<_> = options.iter().map(|(_, key, value)| format!("{key} = {value}")).collect();
-    row("overruled by", &words.join("; "));
+    row("overridden by", &words.join("; "));
     row("seed", label.fact("seed"));
     row("coordination", label.fact("coordination"));
     row("pace", label.fact("pace"));
     row("begun", &utc(label.fact("started_unix_s").parse().unwrap_or(0)));
     if let Some(summary) = &story.summary {
-        row("hash of the run", &summary.hash);
+        row("run hash", &summary.hash);
         // Summaries of older builds have no servo hash.
         if !summary.servo_hash.is_empty() {
-            row("hash of its motion", &summary.servo_hash);
+            row("servo hash", &summary.servo_hash);
         }
     }
     row("recording", &format!("{} messages over {:.1} s", story.count, story.end));
@@ -577,15 +580,15 @@ fn origin(html: &mut String, story: &Story) {
     html.push_str("</pre></section>\n");
 }
 
-/// Formats Unix time (s) as a date in UTC. Days count from 0000-03-01: in a calendar whose years
-/// begin in March the leap day is the last of its year.
+/// Formats Unix time (s) as date and time in UTC. Days count from 0000-03-01: if years begin in
+/// March, the leap day is the last day of its year.
 fn utc(seconds: u64) -> String {
     // 719,468 days lie between 0000-03-01 and 1970-01-01. An era has 400 years or 146,097 days.
     let (days, rest) = (seconds / 86_400 + 719_468, seconds % 86_400);
     let (era, day_of_era) = (days / 146_097, days % 146_097);
     let year = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
     let day_of_year = day_of_era - (365 * year + year / 4 - year / 100);
-    // Months from March: five of them have 153 days, at 31, 30, 31, 30, 31.
+    // `shifted` counts months from March. Each five months have 31 + 30 + 31 + 30 + 31 = 153 days.
     let shifted = (5 * day_of_year + 2) / 153;
     let day = day_of_year - (153 * shifted + 2) / 5 + 1;
     let month = if shifted < 10 { shifted + 3 } else { shifted - 9 };
@@ -663,7 +666,7 @@ mod tests {
         assert!(html.contains("<td>non-fatal error<td>&lt;script&gt;"), "{html}");
     }
 
-    /// Each plan is listed with its time. The style sheet hides no remark on a narrow screen.
+    /// Also checks that the style sheet does not hide the remarks (`how`) on a narrow screen.
     #[test]
     fn page_lists_each_plan_with_its_time() {
         let step = |what: &str| Step { what: what.into(), why: "so".into(), seconds: 1.0 };
@@ -703,7 +706,7 @@ mod tests {
         assert!(html.contains("10 of 100 servo periods of track are missing"), "{html}");
     }
 
-    /// The numbers of a recording may be any of 64 bits. Their sums do not overflow.
+    /// A recording may hold any number of 64 bits. Sums of them must not overflow.
     #[test]
     fn page_saturates_sums_of_extreme_numbers() {
         let (most, last) = (u64::MAX, u64::MAX);

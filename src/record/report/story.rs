@@ -12,10 +12,10 @@ use std::io::{Read, Seek};
 
 /// Length of a bin of a curve (s).
 pub(super) const BIN: f64 = 0.02;
-/// Largest number of bins of a curve: a day. Later times of a recording are not trusted, so that no
-/// file takes unbounded memory.
+/// Index of the last bin of a curve: a day. Later times in a recording go into this bin, so that no
+/// file makes the curves take unbounded memory.
 const LONGEST: usize = 24 * 3600 * 50;
-/// Smallest time between two pictures of one camera that are kept (s).
+/// Smallest time between two pictures of one camera in the report (s).
 const APART: f64 = 1.0;
 
 /// Data of a report. Times count from the first message of the recording.
@@ -25,7 +25,7 @@ pub struct Story {
     pub label: Label,
     /// Summary of the run; `None` if the recording ends before the run does.
     pub summary: Option<Summary>,
-    /// Phases: beginning (s), name. The last is "end".
+    /// Phases: beginning (s), name. The last one is "end".
     pub phases: Vec<(f64, String)>,
     /// Holders of the cube at each change: time (s), names of the effectors.
     pub holders: Vec<(f64, Vec<String>)>,
@@ -37,9 +37,9 @@ pub struct Story {
     pub drawn: Vec<(f64, String, Vec<u8>)>,
     /// Cubes that the stand-alone camera found: time (s), measured centre (m).
     pub seen: Vec<(f64, Point3<f64>)>,
-    /// Looks at a face: time (s), sensor, and the reason if the face was not read.
+    /// Looks at a face of the cube: time (s), sensor, and the reason if the face was not read.
     pub faces: Vec<(f64, String, Option<String>)>,
-    /// Times of the tracking camera's looks (periods of 2 ms).
+    /// Times at which the tracking camera was asked (periods of 2 ms).
     pub looks: Vec<u64>,
     /// True positions of the cube: time (s), centre (m).
     pub cube: Vec<(f64, Point3<f64>)>,
@@ -47,13 +47,13 @@ pub struct Story {
     pub plans: Vec<(f64, Vec<Step>)>,
     /// Colours of the cube as letters: as read, as believed, in the plant. Empty if unknown.
     pub letters: [String; 3],
-    /// Messages above information: time (s), class, source, text.
+    /// Messages that are warnings or errors: time (s), class, name of the actor, text.
     pub messages: Vec<(f64, Class, String, String)>,
     /// Inputs of the operator: time (s), description.
     pub operator: Vec<(f64, String)>,
     /// Time of the last message (s).
     pub end: f64,
-    /// End of the file.
+    /// How the file ends.
     pub file_end: Option<End>,
     /// Number of messages in the recording.
     pub count: u64,
@@ -77,7 +77,7 @@ pub struct Shot {
     pub time: f64,
     /// Name of the camera.
     pub camera: String,
-    /// File of the picture.
+    /// Picture as a JPEG file.
     pub jpeg: Vec<u8>,
 }
 
@@ -92,7 +92,7 @@ pub struct ArmStory {
     pub torque: Vec<f32>,
     /// Force of the jaws (N).
     pub grip: Vec<f32>,
-    /// Largest distance of a rotary joint from its set value (rad).
+    /// Largest following error of the rotary joints: distance from the set value (rad).
     pub following: Vec<f32>,
     /// Number of servo periods in the recording.
     pub ticks: u64,
@@ -105,7 +105,8 @@ pub struct ArmStory {
 /// Gathers the data of a report from a recording.
 ///
 /// # Errors
-/// [`Unreadable`].
+/// [`Unreadable`] if the file is no recording of this program, has no message that a report uses,
+/// or has a message that does not fit its type.
 pub fn gather<R: Read + Seek>(from: R) -> Result<Story, Unreadable> {
     let mut story = Story::default();
     let mut reading = Reading::seekable(from);
@@ -113,14 +114,14 @@ pub fn gather<R: Read + Seek>(from: R) -> Result<Story, Unreadable> {
     for piece in reading.by_ref() {
         story.label.take(&piece);
         let Piece::Message(message) = piece else { continue };
-        // The metadata with the names comes before the first message.
+        // The metadata with the names of the arms comes before the first message.
         if story.arms.is_empty() {
             let names = story.label.fact("arms").split_whitespace();
             story.arms =
                 names.map(|n| ArmStory { name: n.to_owned(), ..ArmStory::default() }).collect();
         }
         story.count += 1;
-        // On the wall clock times count from 1970.
+        // In a run on the wall clock, times count from 1970.
         let start = *start.get_or_insert(message.time);
         let time = message.time.saturating_sub(start) as f64 * 1e-9;
         story.end = story.end.max(time);
@@ -128,13 +129,13 @@ pub fn gather<R: Read + Seek>(from: R) -> Result<Story, Unreadable> {
             .take(time, &message)
             .map_err(|why| Unreadable::Message { topic: message.channel.topic.clone(), why })?;
     }
-    // An MCAP file of another program is no recording.
+    // An MCAP file of another program lacks the version of this one.
     if story.label.fact("version").is_empty() {
         return Err(Unreadable::Missing("not a recording of this program".to_owned()));
     }
     if !used {
         let flaw = reading.end().and_then(End::flaw);
-        let why = flaw.map_or_else(|| "it has none".to_owned(), |flaw| format!("it is {flaw}"));
+        let why = flaw.map_or_else(|| "there is none".to_owned(), |end| format!("it is {end}"));
         return Err(Unreadable::Missing(format!("no message of a run can be read: {why}")));
     }
     story.summary = serde_json::from_str(story.label.of("summary", "json")).ok();
@@ -160,7 +161,7 @@ impl Story {
                 let (believed, truth) = (from.string()?.to_owned(), from.string()?.to_owned());
                 let holders = from.string_sequence()?.into_iter().map(str::to_owned).collect();
                 self.letters = [identified, believed, truth];
-                // The message also comes when only the colours change.
+                // There is also a message when only the colours change.
                 if self.holders.last().is_none_or(|(_, before)| *before != holders) {
                     self.holders.push((time, holders));
                 }
@@ -197,8 +198,8 @@ impl Story {
         Ok(true)
     }
 
-    /// Adds the answer of a sensor: of the stand-alone camera, which tracks the cube, or of a
-    /// hand's camera, which reads a face.
+    /// Adds the answer of a sensor at `time` (s). The sensor is the stand-alone camera, which
+    /// tracks the cube, or a hand's camera, which reads a face.
     fn sensed(&mut self, time: f64, sensed: &Sensed) {
         let exposed = sensed.period as f64 * 0.002;
         // The text of the request is the `Debug` form of its type: `Sensing` for the tracking
@@ -234,7 +235,7 @@ impl Story {
         most(&mut arm.force, tick.wrench_in_tool.force.norm());
         most(&mut arm.torque, tick.wrench_in_tool.torque.norm());
         most(&mut arm.grip, tick.jaw_force);
-        // Joint 0 is the track, in m: it has no place in a curve in rad.
+        // Joint 0 is the track. Its error is in m, so it cannot be part of a curve in rad.
         let apart = (1..7).map(|i| (tick.joints[i] - tick.desired_joints[i]).abs());
         most(&mut arm.following, apart.fold(0.0, f64::max));
     }
@@ -242,7 +243,7 @@ impl Story {
     /// Adds the true position of the cube if the `/tf` message holds the cube's transform.
     fn transforms(&mut self, time: f64, data: &[u8]) -> Result<(), Malformed> {
         let mut from = Reader::new(data)?;
-        // The cube comes alone in its message, the links of an arm together.
+        // The cube's message has one transform. That of an arm has those of all its links.
         if from.u32()? != 1 {
             return Ok(());
         }

@@ -1,5 +1,5 @@
-//! Charts of a report as SVG: curves, histograms, a timeline, the net of a cube. The style sheet of
-//! the page gives the colours.
+//! Charts of a report as SVG: curves, histograms, a timeline, the net of a cube. Lengths are in px.
+//! The style sheet of the page gives the colours.
 
 use super::html::escaped;
 use std::fmt::Write;
@@ -13,7 +13,7 @@ const RIGHT: f64 = 12.0;
 /// Largest number of points of a curve: about one for each pixel.
 const COLUMNS: usize = 900;
 
-/// Curve over time with a limit.
+/// Curve over time, with or without a limit.
 pub(super) struct Curve<'a> {
     /// Quantity with its unit.
     pub title: &'a str,
@@ -21,7 +21,7 @@ pub(super) struct Curve<'a> {
     pub values: &'a [f32],
     /// Length of a bin (s).
     pub bin: f64,
-    /// Value and label of a dashed line.
+    /// Limit, drawn as a dashed line: value and label.
     pub limit: Option<(f64, String)>,
     /// CSS class of the line.
     pub class: &'a str,
@@ -48,10 +48,9 @@ pub(crate) fn number(value: f64) -> String {
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// Draws curves below each other on one scale of time, from 0 to `end` (s). The bands behind them
-/// are `phases`: beginning (s) and name.
+/// Draws curves below each other on one scale of time, from 0 to `end` (s). Behind them each of the
+/// `phases` (beginning in s, name) is a coloured band.
 pub(super) fn curves(curves: &[Curve<'_>], phases: &[(f64, String)], end: f64) -> String {
-    // All lengths in this module are in px.
     let (panel, gap, top) = (130.0, 34.0, 22.0);
     let height = top + curves.len() as f64 * (panel + gap) + 6.0;
     let mut svg = open(height, "curves");
@@ -136,7 +135,8 @@ fn bands(svg: &mut String, phases: &[(f64, String)], end: f64, y: f64, height: f
     }
 }
 
-/// Draws the axis of time, from 0 to `end` (s), at the height `y` (px), with labels if `numbers`.
+/// Draws the axis of time, from 0 to `end` (s), at the height `y` (px); with labels if `numbers` is
+/// set.
 fn time_axis(svg: &mut String, end: f64, y: f64, numbers: bool) {
     let by = step(end, 12.0);
     let mut tick = 0.0;
@@ -167,8 +167,8 @@ pub(super) struct Row {
     pub pieces: Vec<(f64, f64, String, String)>,
 }
 
-/// Draws a timeline from 0 to `end` (s): in each row a bar for each of its pieces, which has a
-/// beginning and an end.
+/// Draws a timeline from 0 to `end` (s): in each row a bar for each of its pieces, or a mark for a
+/// piece without a duration.
 pub(super) fn timeline(rows: &[Row], end: f64) -> String {
     let (row, gap) = (26.0, 20.0);
     let mut svg = open(rows.len() as f64 * (row + gap) + 26.0, "timeline");
@@ -177,7 +177,7 @@ pub(super) fn timeline(rows: &[Row], end: f64) -> String {
         let _ = write!(svg, "<text class=name x={LEFT} y={:.1}>{}</text>", y - 4.0, line.name);
         for (begin, until, words, class) in &line.pieces {
             let (a, b) = (x(*begin, end), x(*until, end));
-            // An event without a duration is a mark of 3 px. Its title has one more decimal.
+            // The mark of a piece without a duration is 3 px wide; its time has one more decimal.
             let (width, when) = if until > begin {
                 ((b - a).max(0.5), format!("{begin:.1} to {until:.1} s"))
             } else {
@@ -207,10 +207,11 @@ pub(super) fn timeline(rows: &[Row], end: f64) -> String {
 }
 
 /// Draws a histogram of times on a logarithmic scale. Each of `classes` is a time (ns) and its
-/// count.
+/// count, in rising order of the times. Returns an empty text if there is none.
 pub(super) fn histogram(title: &str, classes: &[(u64, u64)]) -> String {
     const BARS: usize = 70;
-    // The scale begins and ends at powers of ten, below at 100 ns or later, above at 1 us or later.
+    // The scale of time begins and ends at powers of ten. It begins at 100 ns or later, and ends at
+    // 1 us or later.
     let (Some(first), Some(last)) = (classes.first(), classes.last()) else { return String::new() };
     let low = (first.0.max(100) as f64).log10().floor();
     let high = (last.0.max(1000) as f64).log10().ceil();
@@ -284,7 +285,7 @@ fn log_time_axis(svg: &mut String, (low, high): (f64, f64), bottom: f64) {
     );
 }
 
-/// Draws the unfolded cube from 54 letters URFDLB. Tiles with other letters are grey.
+/// Draws the unfolded cube from 54 letters URFDLB. Stickers with other letters are grey.
 pub(super) fn net(letters: &str) -> String {
     let size = 15.0;
     // Column and row of each face in the net, in the order URFDLB.

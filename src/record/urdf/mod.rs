@@ -1,4 +1,4 @@
-//! Model of the cell as links and joints, and its URDF text.
+//! Model of the cell as links and joints, and its text in URDF (unified robot description format).
 
 mod model;
 mod physics;

@@ -4,7 +4,7 @@
 //! - in: a [`Cell`] (arms with their lengths, limits, tools, sensors, cameras), joint positions,
 //!   jaw openings
 //! - out: a [`Model`]; its joints give [`Model::moving`] and [`Model::fixed`] transforms, and `xml`
-//!   writes it as URDF; masses and limits are those of `physics`
+//!   writes it as URDF; masses, efforts and speeds come from `physics`
 //! - source: the axes of [`crate::kinematics`]. If all variables are zero, the lower arm points
 //!   along the base's x, and the upper arm hangs down with the wrist below it
 //!
@@ -59,9 +59,9 @@ pub struct Joint {
 /// Motion that a joint allows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum JointKind {
-    /// None.
+    /// No motion.
     Fixed,
-    /// Any motion: the cube.
+    /// Any motion; the joint of the cube.
     Floating,
     /// Rotation about an axis of the child's frame (rad).
     Turns(Drive),
@@ -72,22 +72,22 @@ pub enum JointKind {
 /// Axis of a moving joint, and the variable that moves it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Drive {
-    /// Unit vector in the child's frame.
+    /// Axis of the motion: a unit vector in the child's frame.
     pub axis: [f64; 3],
-    /// Smallest and largest value (rad or m).
+    /// Smallest and largest value of the variable (rad or m).
     pub limits: (f64, f64),
-    /// Greatest effort and speed.
+    /// Greatest effort and speed of the joint.
     pub strength: Strength,
-    /// Index of the arm in the cell, and its variable.
+    /// Variable that moves the joint: index of the arm in the cell, and variable of this arm.
     pub by: (usize, Variable),
 }
 
 /// Variable of an arm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Variable {
-    /// Entry of [`JointPositions`].
+    /// Entry of [`JointPositions`] with this index (m or rad).
     Joint(usize),
-    /// Half of the opening of the jaws.
+    /// Half of the opening of the jaws: the way of one finger (m).
     HalfOpening,
 }
 
@@ -107,8 +107,8 @@ const STICKERS: [[f64; 3]; 6] = [
 ];
 
 impl Model {
-    /// Makes the model of the whole cell, with the cube if `cube`; or if `arm` is given, of this
-    /// arm alone on its own base.
+    /// Makes the model of the whole cell, with the cube if `cube` is true. If `arm` is the index of
+    /// an arm, makes the model of this arm alone on its own base, without a cube.
     #[must_use]
     pub fn of(cell: &Cell, arm: Option<usize>, cube: bool) -> Self {
         // The first link is the root: the world, or the base of the only arm.
@@ -161,7 +161,7 @@ impl Model {
     }
 
     /// Returns parent, child and `parent_from_child` of each joint that a drive moves. `joints` and
-    /// `openings` (m) have an entry for each arm of the cell.
+    /// `openings` (of the jaws, m) have an entry for each arm of the cell.
     pub fn moving<'a>(
         &'a self,
         joints: &'a [JointPositions],
@@ -185,15 +185,16 @@ impl Model {
         }
     }
 
-    /// Gives the links behind the last axis of an arm their part of its last body, with the jaws
-    /// half open. Does nothing if the model does not have this arm.
+    /// Divides the mass and inertia of an arm's last link among the links that it carries: flange,
+    /// sensor, gripper and camera, with the jaws half open. Does nothing if the model does not have
+    /// this arm.
     fn divide_last_body(&mut self, index: usize, arm: &Arm) {
         let last = format!("{}_link{}", arm.name, AXES - 1);
         let Some(body) = self.links.iter().find(|link| link.name == last) else { return };
         let Some(body) = body.inertial else { return };
         let (low, high) = arm.gripper.opening;
         let openings = vec![f64::midpoint(low, high); index + 1];
-        // Parents are before children, so one pass finds all links behind the last one.
+        // Parents are before children, so one pass finds all links that the last link carries.
         let mut places = vec![(last.clone(), Pose::identity())];
         for joint in &self.joints {
             let parent = places.iter().find(|(name, _)| *name == joint.parent);
@@ -232,7 +233,7 @@ impl Model {
         });
     }
 
-    /// Adds the cell's table as a plate.
+    /// Adds the cell's table as a plate, 3 cm thick.
     fn table(&mut self, cell: &Cell) {
         // The scenario gives the height of the table only. The plate is drawn beside the place
         // where the hand holds the cube.
@@ -267,7 +268,8 @@ impl Model {
         self.joint("world", "cube", Pose::identity(), JointKind::Floating);
     }
 
-    /// Adds an arm from its base to its flange, then its gripper.
+    /// Adds the arm with this index in the cell: from its base to its flange, then its gripper. The
+    /// bodies are simple boxes and cylinders; only lengths, axes and limits are those of the arm.
     fn arm(&mut self, index: usize, arm: &Arm) {
         let [a2, a3, d5] = arm.model.links;
         let h = arm.model.shoulder_height;
@@ -408,8 +410,9 @@ impl JointKind {
         }
     }
 
-    /// Returns how far the joint is from its zero position, for positions as in [`Joint::place`];
-    /// `None` if no drive moves the joint.
+    /// Returns the displacement of the child's frame from its place at the variable's zero, for
+    /// positions as in [`Joint::place`]; `None` if no drive moves the joint or its arm has no
+    /// entry.
     fn displacement(&self, joints: &[JointPositions], openings: &[f64]) -> Option<Pose> {
         let drive = self.drive()?;
         let (arm, variable) = drive.by;

@@ -1,16 +1,16 @@
-//! Masses, inertias and limits of an arm for other programs: those of the simulated plant.
+//! Masses, inertias and limits of an arm for its URDF. They are those of the simulated plant.
 //!
 //! - in: the kinematics and the gripper of an arm; the plant's model of links, motors and jaws
 //! - out: an [`Inertial`] for each moving link, in the frames of [`super::model`]; effort and speed
 //!   of each drive
 //!
-//! The plant has one body for all that turns with the last axis. Flange, sensor, tool, fingers and
-//! camera take their part of it, so that the total is the plant's. The fingers do not have the
-//! inertia of the jaw's motor, which is that of 41 kg at the pads: it acts on their motion only,
-//! not on that of the arm.
+//! The plant has one body for all parts that turn with the last axis. Here flange, sensor, tool,
+//! fingers and camera each get a share of this body, so that the total stays the plant's. The
+//! inertia of the jaw's motor, which equals 41 kg at the pads, is left out: it acts on the motion
+//! of the fingers only, not on that of the arm.
 //!
-//! The ratio of a ball screw changes with its joint. A limit of URDF is one number, so it is the
-//! one that holds in the worst position.
+//! The ratio of a ball screw changes with the position of its joint. URDF has one number for each
+//! limit, so each limit is that of the worst position.
 
 use super::solid::{Shape, Solid};
 use crate::cell::Gripper;
@@ -23,17 +23,18 @@ use nalgebra::{Matrix3, Translation3, Vector3};
 use std::f64::consts::PI;
 use std::iter::Sum;
 
-/// Density of the links at the end of an arm (kg/m3): the one that other programs assume for links
-/// without a mass.
+/// Density of the links that share the last body of an arm (kg/m3). Other programs assume the same
+/// density for links without a mass.
 const DENSITY: f64 = 1000.0;
 /// Number of densities that are tried, each half of the one before.
 const ATTEMPTS: u32 = 20;
-/// Number of positions of a joint that are tried for its limits.
+/// Number of steps from the lower to the upper limit of a joint in the search for its worst
+/// position.
 const POSITIONS: u32 = 16;
-/// Step of a joint over which a ratio is measured (m or rad).
+/// Step of a joint to each side over which a gear ratio is measured (m or rad).
 const STEP: f64 = 1e-5;
 
-/// Mass, centre and inertia of a link, in its frame.
+/// Mass, centre and inertia of a link, in the frame of the link.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Inertial {
     /// Mass (kg).
@@ -54,7 +55,8 @@ pub struct Strength {
 }
 
 impl Inertial {
-    /// Makes a box of even density with this mass (kg) and these edges (m) around the origin.
+    /// Makes the body of a box with this mass (kg) and these edges (m): even density, centre in the
+    /// origin.
     pub(super) fn of_box(mass: f64, edges: [f64; 3]) -> Self {
         let [x, y, z] = edges.map(|edge| edge * edge);
         let inertia = Matrix3::from_diagonal(&(Vector3::new(y + z, x + z, x + y) * (mass / 12.0)));
@@ -76,7 +78,8 @@ impl Inertial {
         body.moved(&solid.link_from_solid)
     }
 
-    /// Returns this body in another frame, in which its own frame has the pose `pose`.
+    /// Converts this body to another frame; `pose` is the pose of its present frame in the other
+    /// one.
     fn moved(&self, pose: &Pose) -> Self {
         let rotation = *pose.rotation.to_rotation_matrix().matrix();
         let centre = rotation * self.centre + pose.translation.vector;
@@ -90,12 +93,13 @@ impl Inertial {
         self.inertia + steiner * self.mass
     }
 
-    /// Returns this body without its part `other`, in the same frame.
+    /// Returns this body without its part `other`. All are in the same frame.
     fn without(&self, other: &Self) -> Self {
         self.combined(other, -1.0)
     }
 
-    /// Returns this body with `share` of another one, in the same frame.
+    /// Returns this body together with `share` times the body `other`, in the same frame. A
+    /// negative share takes the other body away.
     fn combined(&self, other: &Self, share: f64) -> Self {
         let mass = self.mass + share * other.mass;
         let first = self.centre * self.mass + other.centre * (share * other.mass);
@@ -106,8 +110,8 @@ impl Inertial {
         Self { inertia, ..both }
     }
 
-    /// Checks whether a body can have this inertia: mass and moments are positive, and no principal
-    /// moment is greater than the sum of the other two.
+    /// Checks whether a real body can have this inertia: mass and principal moments are positive,
+    /// and no moment is greater than the sum of the other two.
     #[must_use]
     pub fn is_possible(&self) -> bool {
         let moments = self.inertia.symmetric_eigenvalues();
@@ -124,7 +128,7 @@ impl Sum for Inertial {
 }
 
 /// Returns the bodies of the carriage and the links 1 to 6 of an arm, each in the frame of its link
-/// of the model. An arm without a track has no carriage: that body is its base.
+/// of the model. An arm without a track has no carriage; the first body is then its base.
 pub(super) fn inertials(model: &ArmModel) -> [Inertial; AXES] {
     let links = ArmDynamics::irp6().links;
     let places = link_frames(model, &JointPositions([0.0; AXES]));
@@ -147,12 +151,13 @@ fn origins(model: &ArmModel) -> [Vector3<f64>; AXES] {
     [at(0.0, 0.0), at(0.0, 0.0), at(0.0, h), at(a2, h), wrist, wrist, at(a2, h - a3 - d5)]
 }
 
-/// Divides the last body of an arm into the links at its end: each of `parts` is a link's pose in
-/// the frame of the last link, and its solids. Returns the rest and the parts, each in the frame of
-/// its link.
+/// Divides the body `last` of an arm's last link among the links that this link carries: each of
+/// `parts` has the pose of such a link in the frame of the last link, and its solids. Returns the
+/// body that is left for the last link, and those of the parts, each in the frame of its link. If
+/// no density leaves a possible body, nothing is divided, and the list of parts is empty.
 pub(super) fn divided(last: &Inertial, parts: &[(Pose, &[Solid])]) -> (Inertial, Vec<Inertial>) {
     let mut density = DENSITY;
-    // Solids that are far from the body or heavier would leave one that cannot exist.
+    // Solids that are too heavy or far from the body would leave a body that cannot exist.
     for _ in 0..ATTEMPTS {
         let of = |solids: &[Solid]| solids.iter().map(|s| Inertial::of_solid(s, density)).sum();
         let bodies: Vec<Inertial> = parts.iter().map(|(_, solids)| of(solids)).collect();
@@ -166,12 +171,14 @@ pub(super) fn divided(last: &Inertial, parts: &[(Pose, &[Solid])]) -> (Inertial,
     (*last, Vec::new())
 }
 
-/// Returns the greatest effort and speed of each joint of an arm. The speed is that of a motion of
-/// this joint alone, in which the coupled motors move as well. The effort is that of its own motor
-/// at the current at which its power stage trips.
+/// Returns the greatest effort and speed of each joint of an arm, in its worst position. The speed
+/// is the one at which the fastest motor reaches its limit while this joint moves alone; coupled
+/// motors move as well. The effort is that of the joint's own motor at the current at which its
+/// power stage trips.
 pub(super) fn strengths(model: &ArmModel) -> [Strength; AXES] {
     let motors = ArmDynamics::irp6().motors;
-    let mut least = [(f64::INFINITY, 0.0_f64); AXES];
+    // For each joint, the least ratio of its own motor and the greatest ratio of any motor.
+    let mut worst = [(f64::INFINITY, 0.0_f64); AXES];
     // Only the positions of the two screws change the ratios.
     let at = |joint: usize, step: u32| {
         let (low, high) = model.joint_limits[joint];
@@ -180,7 +187,7 @@ pub(super) fn strengths(model: &ArmModel) -> [Strength; AXES] {
     for (lower, upper) in (0..=POSITIONS).flat_map(|i| (0..=POSITIONS).map(move |k| (i, k))) {
         let mut q = JointPositions([0.0; AXES]);
         (q.0[2], q.0[3]) = (at(2, lower), at(3, upper));
-        // The motors of the screws reach only a part of what the joints could.
+        // The motors of the screws cannot reach all positions within the limits of the joints.
         let motors = model.motors(&q).0;
         let reached = |axis: usize| {
             let (low, high) = model.motor_limits[axis];
@@ -189,26 +196,26 @@ pub(super) fn strengths(model: &ArmModel) -> [Strength; AXES] {
         if !(reached(2) && reached(3)) {
             continue;
         }
-        for (joint, (own, any)) in least.iter_mut().enumerate() {
+        for (joint, (own, any)) in worst.iter_mut().enumerate() {
             let ratios = ratios(model, &q, joint);
             *own = own.min(ratios[joint].abs());
             *any = ratios.iter().fold(*any, |most, ratio| most.max(ratio.abs()));
         }
     }
     std::array::from_fn(|joint| {
-        let (own, any) = least[joint];
+        let (own, any) = worst[joint];
         let motor = &motors[joint];
         let torque = motor.stall_torque * motor.trip_current / motor.stall_current;
         Strength { effort: rounded(torque * own), speed: rounded(model.motor_speed_limit / any) }
     })
 }
 
-/// Rounds a limit, whose ratio is measured over a step, to six digits behind the point.
+/// Rounds a limit to six decimals: its ratio is measured over a step, so more would be noise.
 fn rounded(limit: f64) -> f64 {
     (limit * 1e6).round() / 1e6
 }
 
-/// Returns how far each motor turns for a motion of one joint (rad/m or rad/rad).
+/// Returns the turn of each motor per motion of one joint at the position `q` (rad/m or rad/rad).
 fn ratios(model: &ArmModel, q: &JointPositions, joint: usize) -> [f64; AXES] {
     let motors = |step: f64| {
         let mut q = *q;
@@ -219,8 +226,8 @@ fn ratios(model: &ArmModel, q: &JointPositions, joint: usize) -> [f64; AXES] {
     std::array::from_fn(|motor| (after[motor] - before[motor]) / (2.0 * STEP))
 }
 
-/// Returns the greatest force of a finger, at which the clutch of the jaw slips, and its speed,
-/// half of that of the opening without load.
+/// Returns the greatest force of a finger (N), at which the clutch of the jaw slips, and its
+/// greatest speed (m/s), half of the speed at which the opening changes without load.
 pub(super) fn strength_of_finger(g: &Gripper) -> Strength {
     let jaws = Jaws::rubber();
     let [c0, c1, c2] = g.opening_of_motor;
@@ -254,8 +261,8 @@ mod tests {
         }
     }
 
-    /// The rest and the parts together are the body again. Parts that would leave nothing become
-    /// lighter.
+    /// The remaining body and the parts add up to the whole body, also if the parts were too heavy
+    /// for it and are made lighter.
     #[test]
     fn divided_body_has_mass_and_inertia_of_whole() {
         let whole = inertials(&arms()[0].model)[AXES - 1];

@@ -1,11 +1,11 @@
-//! Primitive solids of a link: what a viewer shows and with what it collides.
+//! Primitive solids of a link: its shape for viewers and for collision checks.
 
 use crate::spatial::Pose;
 
 /// Primitive solid in the frame of its link.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solid {
-    /// Pose of its centre.
+    /// Pose of the solid's centre and axes in the frame of the link.
     pub link_from_solid: Pose,
     /// Shape.
     pub shape: Shape,
@@ -18,6 +18,6 @@ pub struct Solid {
 pub enum Shape {
     /// Box with these edges (m).
     Box([f64; 3]),
-    /// Cylinder about z: radius and length (m).
+    /// Cylinder about the z axis: radius and length (m).
     Cylinder(f64, f64),
 }

@@ -9,7 +9,8 @@ use super::solid::Shape;
 use crate::spatial::Pose;
 use std::fmt::{self, Write};
 
-/// Least product of inertia that is written (kg m2): less is an error of rounding.
+/// Least moment or product of inertia that is written (kg m2). A smaller one is a rounding error
+/// and becomes 0.
 const LEAST: f64 = 1e-12;
 
 /// Returns the model as URDF text.
@@ -21,7 +22,7 @@ pub fn xml(model: &Model) -> String {
     text
 }
 
-/// Writes the robot: its links, then its joints.
+/// Writes the model as the URDF element `<robot>`: its links, then its joints.
 fn write(model: &Model, to: &mut String) -> fmt::Result {
     writeln!(to, "<?xml version=\"1.0\"?>")?;
     writeln!(to, "<robot name=\"{}\">", escaped(&model.name))?;
@@ -56,7 +57,7 @@ fn write(model: &Model, to: &mut String) -> fmt::Result {
     writeln!(to, "</robot>")
 }
 
-/// Writes a link. Each of its solids is both visual and collision geometry.
+/// Writes a link as the element `<link>`. Each of its solids is both visual and collision geometry.
 fn write_link(link: &Link, to: &mut String) -> fmt::Result {
     if link.solids.is_empty() && link.inertial.is_none() {
         return writeln!(to, "  <link name=\"{}\"/>", escaped(&link.name));
@@ -92,7 +93,7 @@ fn write_link(link: &Link, to: &mut String) -> fmt::Result {
     writeln!(to, "  </link>")
 }
 
-/// Writes mass, centre and inertia of a link.
+/// Writes mass, centre and inertia of a link as the element `<inertial>`.
 fn write_inertial(Inertial { mass, centre, inertia }: &Inertial, to: &mut String) -> fmt::Result {
     let moment = |row: usize, column: usize| {
         let moment = inertia[(row, column)];

@@ -22,15 +22,18 @@ const GAP: f64 = 2.5;
 /// Time between two readings of one counter (periods).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Interval {
+    /// Time since the last reading came.
     since: f64,
+    /// Time by which the last reading may have been taken before it came.
     older: f64,
+    /// Number of the next readings that may still be as old as the last gap.
     doubtful: u32,
 }
 
 impl Interval {
     /// Adds periods that have passed since the last reading of the counter.
     pub fn pass(&mut self, periods: f64) {
-        debug_assert!(periods.is_finite() && periods >= 0.0, "time passes forwards: {periods}");
+        debug_assert!(periods.is_finite() && periods >= 0.0, "not a time: {periods} periods");
         self.since += periods;
     }
 
@@ -55,8 +58,8 @@ impl Interval {
         self.since.max(1.0) + self.older
     }
 
-    /// Registers a reading of the counter. `shows_gap` says that the reading contains the motion
-    /// during the last gap: later readings are then as new as they seem.
+    /// Registers a reading of the counter. `shows_gap` says whether the reading contains the motion
+    /// during the last gap: if so, later readings are as new as they seem.
     pub fn read(&mut self, shows_gap: bool) {
         let gap = self.since - 1.0;
         if shows_gap {

@@ -17,6 +17,7 @@ use crate::servo::period::Length;
 /// Steps of one axis, and the backlog of its regulator (increments).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepFilter {
+    /// Step of the last period, as the regulator got it without the drained part of the backlog.
     last: f64,
     backlog: f64,
     /// Number of periods in a row in which the counter showed a step that no motor can make.
@@ -116,8 +117,10 @@ impl StepFilter {
 mod tests {
     use super::*;
 
+    /// Speed of an axis (increments per period).
     const SPEED: f64 = 300.0;
 
+    /// Returns the filter of an axis that has accelerated to [`SPEED`].
     fn running() -> StepFilter {
         let mut filter = StepFilter::new(4000.0, Length::default());
         for step in [30.0, 60.0, 90.0, 120.0, 150.0, 180.0, 210.0, 240.0, 270.0, SPEED] {

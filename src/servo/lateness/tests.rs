@@ -23,10 +23,12 @@ impl Default for Link {
 }
 
 impl Link {
+    /// Replaces the latest readings of the bridge.
     fn write(&mut self, readings: Readings) {
         self.latest = readings;
     }
 
+    /// Returns the reading of the arm as the servo gets it in `period`.
     fn fetch(&mut self, period: u64) -> ArmReading {
         let mut readings = [ArmReading::default()];
         self.extrapolator.read(period, &self.latest, &mut readings);
@@ -35,6 +37,8 @@ impl Link {
     }
 }
 
+/// Returns readings of `period` in which the counter of axis 3 shows `count`. `synchronised` is the
+/// bit mask of the synchronised axes.
 fn read(period: u64, count: i64, synchronised: u8) -> Readings {
     let mut readings = Readings { period, ..Readings::default() };
     readings.arms[0].counts[3] = count;

@@ -3,9 +3,10 @@
 //! - in: a pattern
 //! - out: the distances of its states, two in a byte, the first in the lower half
 //!
-//! A level is built in the cheaper of two directions. While the last level has fewer states than
-//! are still unknown, it *pushes*: each of its states marks its neighbours. Later, each unknown
-//! state *pulls*: it looks for a neighbour in the last level.
+//! A level is the set of all states at one distance. It is built in the cheaper of two directions.
+//! While the level before has fewer states than are still unknown, that level *pushes*: each of its
+//! states marks its neighbours. Later, each unknown state *pulls*: it looks for a neighbour in the
+//! level before.
 
 use super::pattern::Pattern;
 use crate::table::{Progress, Workers};
@@ -53,8 +54,8 @@ pub(super) fn fill(
     distances.chunks(2).map(|pair| half(&pair[0]) | pair.get(1).map_or(0, half) << 4).collect()
 }
 
-/// Gives the distance `distance` to all states without one that are one turn away from a state of
-/// `row` at `distance - 1`. Returns how many states it changed.
+/// Gives `distance` to all states of unknown distance that are one turn away from a state of `row`
+/// at `distance - 1`. Returns how many states it changed.
 fn push(pattern: &impl Pattern, distances: &[AtomicU8], row: usize, distance: u8) -> u64 {
     let columns = pattern.columns();
     let own = &distances[row * columns..][..columns];
@@ -79,7 +80,7 @@ fn push(pattern: &impl Pattern, distances: &[AtomicU8], row: usize, distance: u8
     marked
 }
 
-/// Gives the distance `distance` to all states of `row` without one that are one turn away from any
+/// Gives `distance` to all states of `row` of unknown distance that are one turn away from any
 /// state at `distance - 1`. Returns how many states it changed.
 fn pull(pattern: &impl Pattern, distances: &[AtomicU8], row: usize, distance: u8) -> u64 {
     let columns = pattern.columns();

@@ -8,7 +8,7 @@
 //!
 //! One database has the distance of each state of the eight corners, the other two those of six
 //! edges each. The greatest of the three distances is a lower bound for the cube. Depth-first
-//! searches to one more turn at a time go on until one succeeds.
+//! searches, each to one turn more than the search before, go on until one finds a solution.
 //!
 //! The solver is a baseline and deliberately has no improvements of later years; [`super::optimal`]
 //! is much faster.
@@ -115,7 +115,9 @@ pub struct Korf<'a> {
 /// A cube in the coordinates of the databases.
 #[derive(Debug, Clone, Copy)]
 struct State {
+    /// Index of the order of the corners.
     order: u16,
+    /// Index of the twists of the corners.
     twist: u16,
     /// For each edge 2 * its place + its flip.
     edges: [u8; 12],
@@ -206,11 +208,14 @@ impl<'a> Korf<'a> {
             .max(self.edge_distance(state, 1))
     }
 
+    /// Returns the number of turns that the corners of a state need at least.
     #[inline]
     fn corner_distance(&self, state: &State) -> u8 {
         distance(self.corners, usize::from(state.order) * TWISTS + usize::from(state.twist))
     }
 
+    /// Returns the number of turns that six edges of a state need at least: the first six (`half`
+    /// is 0) or the last six (1).
     #[inline]
     fn edge_distance(&self, state: &State, half: usize) -> u8 {
         let edges: &[u8; 6] = if half == 0 { &state.edges[..6] } else { &state.edges[6..] }
@@ -219,6 +224,7 @@ impl<'a> Korf<'a> {
         distance(self.edges[half], edges_number(edges))
     }
 
+    /// Returns the state after the turn with this index.
     #[inline]
     fn turned(&self, state: &State, turn: usize) -> State {
         State {
@@ -294,7 +300,7 @@ struct Walk<'a> {
 
 impl Walk<'_> {
     /// Searches for exactly `left` turns that solve the state; `last` is the face of the turn
-    /// before. Returns whether there are any. If so, they are at the end of `made`.
+    /// before. Returns whether there are such turns. If so, they are at the end of `made`.
     fn search(&mut self, state: &State, left: u8, last: Option<u8>) -> bool {
         if left == 0 {
             // The caller has checked that all three distances are 0, so each piece is in its place.
@@ -309,8 +315,9 @@ impl Walk<'_> {
             if self.nodes == PATIENCE {
                 self.report();
             }
-            // The child has `left - 1` turns. The corners come first because their distances are
-            // the greatest on average and reject the most states.
+            // After this turn `left - 1` turns remain, so a distance of `left` is too far. The
+            // corners come first: their distances are the greatest on average and reject the most
+            // states.
             if self.korf.corner_distance(&next) >= left
                 || self.korf.edge_distance(&next, 0) >= left
                 || self.korf.edge_distance(&next, 1) >= left
@@ -329,8 +336,8 @@ impl Walk<'_> {
         false
     }
 
-    /// Adds the states that this worker has visited to the total of the round, and ends the round
-    /// at its limit or when the caller wants to stop.
+    /// Adds the number of states that this worker has visited to the total of the round. Ends the
+    /// round if the total has reached its limit or the caller wants to stop.
     fn report(&mut self) {
         let nodes = self.round.nodes.fetch_add(self.nodes, Ordering::Relaxed) + self.nodes;
         self.nodes = 0;
@@ -435,7 +442,7 @@ mod tests {
     }
 
     #[test]
-    fn new_rejects_databases_of_other_sizes() {
+    fn korf_rejects_databases_of_wrong_size() {
         let wrong = Korf::new([&NEAR[1], &NEAR[1], &NEAR[2]]).unwrap_err();
 
         assert_eq!(wrong.name, "korf-corners");

@@ -1,4 +1,5 @@
-//! Patterns, all corners or six edges: the numbers of their states, and the changes by turns.
+//! Patterns, which are all corners or six edges: the numbers of their states, and how turns change
+//! these numbers.
 //!
 //! - in: a cube, or the number of a state of the pieces of a pattern
 //! - out: the number; the numbers after each turn
@@ -58,8 +59,10 @@ impl Pattern for Corners {
         TWISTS
     }
 
+    /// Looks the rows up in the move table of the corners' order.
     fn steps(&self, row: usize) -> [Step; 18] {
-        // A turn changes twists independently of the order, so its number is the permutation's.
+        // A turn changes the twists independently of the order, so the index of the turn serves as
+        // the index of the permutation.
         std::array::from_fn(|turn| (u32::from(self.orders[turn * PERMUTATIONS + row]), turn as u16))
     }
 
@@ -109,8 +112,10 @@ impl<const COUNT: usize> Pattern for Edges<COUNT> {
         1 << COUNT
     }
 
+    /// Turns unflipped edges on the places of the row, each by all 18 turns.
     fn steps(&self, row: usize) -> [Step; 18] {
-        // Turned without flips, the edges show the new places and which flips the turn inverts.
+        // After a turn, edges that were not flipped show their new places and which flips the turn
+        // inverts.
         let edges: [u8; COUNT] = places::<COUNT>(row).map(|place| place * 2);
         std::array::from_fn(|turn| {
             let number = edges_number(&edges.map(|e| self.moves[turn][usize::from(e)]));
@@ -199,6 +204,8 @@ fn places<const COUNT: usize>(mut row: usize) -> [u8; COUNT] {
 mod tests {
     use super::*;
 
+    /// Checks on scrambled cubes that `steps` and `column` of a pattern lead to the number of the
+    /// turned cube.
     fn check_steps(pattern: &impl Pattern) {
         assert_eq!(pattern.number(&Cube::SOLVED), pattern.number(&Cube::SOLVED.inverse()));
         for seed in 0..50 {

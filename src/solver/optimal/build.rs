@@ -1,13 +1,15 @@
 //! Builder of a table, distance by distance, 256 to 2048 states at a time.
 //!
-//! - in: the numbers of the cosets, the base: the distance up to which all cosets have one code
+//! - in: the numbers of the cosets (see [`super::coset`]), the base: the distance up to which all
+//!   cosets have one code
 //! - out: the bytes of the table, and the number of cosets at each distance
 //! - source: T. Rokicki, nxopt, for two bits an entry relative to a base, with a bound for smaller
 //!   distances in the same line
 //!
-//! Each row is pulled from the rows of its eighteen neighbours: it takes over the cosets that these
-//! have reached, as sets of flips. Rows are read from one set of cosets and written to another, so
-//! that workers can build all rows of a distance in parallel.
+//! A row has all cosets with one state of the corners. It is pulled from the rows of its eighteen
+//! neighbours by turns: it takes over the cosets that these have reached, as sets of flips. Rows
+//! are read from one set of cosets and written to another, so that workers can build all rows of a
+//! distance in parallel.
 //!
 //! A line of 64 bytes is one cache line. It has the first bits of 256 entries and then their second
 //! bits:
@@ -73,12 +75,13 @@ pub(super) const fn row_bytes(shape: Shape) -> usize {
     SLICES * shape.words() / HALF * LINE
 }
 
-/// Map of the edges by a turn and then a symmetry.
+/// Map of the edges by a turn and then a symmetry. A slice is a set of places of the four
+/// middle-layer edges.
 #[derive(Debug, Clone)]
 struct Motion {
     /// Maps of sets of flips, each with its matrix.
     carriers: Vec<([u16; BITS], Carrier)>,
-    /// Image of each slice, number of the carrier for its flips, and offset.
+    /// For each slice: its image, the index of the carrier for its flips, and the carrier's offset.
     slices: Vec<(u16, u16, u16)>,
 }
 
@@ -129,6 +132,7 @@ struct Step<'a> {
     /// Whether the step adds the new cosets to the target set. Otherwise the target becomes all
     /// cosets that are reached.
     only_new: bool,
+    /// Cosets nearer than `distance`, one bit each.
     from: &'a [u64],
     /// Whether each row of `from` has any cosets.
     filled: &'a [bool],
@@ -227,6 +231,7 @@ impl<'a, const WORDS: usize> Filler<'a, WORDS> {
         self.pull_anywhere(step, row, into, least)
     }
 
+    /// Runs [`Filler::pull_anywhere`], compiled for processors with AVX2.
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
     fn pull_with_avx2(
@@ -239,6 +244,7 @@ impl<'a, const WORDS: usize> Filler<'a, WORDS> {
         self.pull_anywhere(step, row, into, least)
     }
 
+    /// Does the work of [`Filler::pull`] on any processor.
     #[inline(always)]
     fn pull_anywhere(
         &self,
@@ -251,6 +257,7 @@ impl<'a, const WORDS: usize> Filler<'a, WORDS> {
         let own = sets::<WORDS>(&step.from[row * Self::ROW..][..Self::ROW]);
         let (into, _) = into.as_chunks_mut::<WORDS>();
         let mut sources: Vec<(&[[u64; WORDS]], &Motion)> = Vec::with_capacity(18);
+        // Rows without any coset so far have nothing to give.
         for (turn, &(neighbour, symmetry)) in self.neighbours[row].iter().enumerate() {
             if step.filled[neighbour] {
                 let from = sets(&step.from[neighbour * Self::ROW..][..Self::ROW]);
@@ -258,7 +265,7 @@ impl<'a, const WORDS: usize> Filler<'a, WORDS> {
             }
         }
         // Turns have inverses, so the neighbours by turns are also those that lead to this row. The
-        // motion from here to a neighbour gives the index at which its set is read.
+        // motion from this row to a neighbour gives the index at which the neighbour's set is read.
         for slice in 0..SLICES {
             let mut set = own[slice];
             for (from, motion) in &sources {
@@ -302,7 +309,7 @@ fn sets<const WORDS: usize>(row: &[u64]) -> &[[u64; WORDS]] {
     row.as_chunks().0
 }
 
-/// Packs a table into lines: `first` and `second` are the two bits of each entry, `least` is the
+/// Packs a table into lines: `first` and `second` have the two bits of each entry, `least` has the
 /// least distance in each line.
 fn lines(first: &[u64], second: &[u64], least: &[u8]) -> Vec<u8> {
     let mut table = Vec::with_capacity(first.len() * 16);

@@ -16,8 +16,8 @@
 //!
 //! The alternative of nxopt splits the corners into upper and lower ones. Then the six turns of U
 //! and D keep the coset, but the other twelve lead to up to twelve others. With tables of equal
-//! size (1.3 GB), four cubes of 16 turns took 2.7 million states and 4.9 million bounds with
-//! tetrads, 3.6 and 8.5 million with layers.
+//! size (1.3 GB), the search for four cubes of 16 turns visited 2.7 million states and read 4.9
+//! million bounds with tetrads, but 3.6 and 8.5 million with upper and lower corners.
 
 use super::flips::BITS;
 use super::geometry::{Symmetry, UPRIGHT, upright};
@@ -43,7 +43,7 @@ pub(super) enum Tetrads {
 /// Features of a cube that a table distinguishes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Shape {
-    /// Feature of the corners besides their twists.
+    /// Distinction of the corners besides their twists.
     pub(super) tetrads: Tetrads,
     /// Whether all flips count (2048) or only those of the edges outside the middle layer (256).
     pub(super) full: bool,
@@ -76,6 +76,7 @@ pub(super) type Edges = (u16, u16);
 /// Numbers of the states of corners and edges.
 #[derive(Debug, Clone)]
 pub(super) struct Cosets {
+    /// Features that the cosets distinguish.
     pub(super) shape: Shape,
     /// Number of splits of the corners into tetrads.
     pub(super) splits: usize,
@@ -92,12 +93,14 @@ pub(super) struct Cosets {
     pub(super) slices: Vec<u16>,
     /// Number of the places of the middle edges by their bits.
     pub(super) slice_of: Vec<u16>,
+    /// Symmetries that keep the up-down axis.
     pub(super) upright: [Symmetry; UPRIGHT],
 }
 
 impl Cosets {
     /// Gives each coset that `shape` distinguishes a row of the table and an index within the row.
     pub(super) fn new(shape: Shape) -> Self {
+        // Each split is numbered when the first of its sets of four corner places comes up.
         let mut split_of = vec![u8::MAX; 256];
         let mut masks = Vec::new();
         for bits in (0..=u8::MAX).filter(|b| b.count_ones() == 4) {
@@ -181,7 +184,8 @@ impl Cosets {
     /// axis.
     fn corners_image(&self, (twists, mask): &Corners, s: usize) -> Corners {
         let symmetry = &self.upright[s];
-        // A symmetry may exchange the tetrads. Then the corners of the second one are the first's.
+        // A symmetry may exchange the tetrads. Then the image's first tetrad consists of the
+        // corners of the second one.
         let exchanges = of_first_tetrad(symmetry.corners[0]) != of_first_tetrad(0);
         let (mut image, mut bits) = ([0; 8], 0);
         for (i, (&to, twist)) in symmetry.corners.iter().zip(twists).enumerate() {
@@ -290,6 +294,7 @@ mod tests {
     use super::*;
     use std::collections::HashSet;
 
+    /// Returns a shape with all flips for each distinction of the tetrads.
     fn shapes() -> [Shape; 3] {
         let all = [Tetrads::Ignored, Tetrads::Unnamed, Tetrads::Named];
         all.map(|tetrads| Shape { tetrads, full: true })

@@ -16,7 +16,7 @@
               inlined into it can use them"
 )]
 
-/// Number of bits of the longest numbers.
+/// Number of bits of the number of a state of all flips.
 pub(super) const BITS: usize = 11;
 
 /// Masks of the positions within a word whose bit `p` is 0.
@@ -29,12 +29,12 @@ const LOW: [u64; 6] = [
     0x0000_0000_ffff_ffff,
 ];
 
-/// One step of a map of sets: `new[i] = old[e(i)]`.
+/// One step of a map of sets, `new[i] = old[e(i)]`: its change `e` of the number `i`.
 #[derive(Debug, Clone, Copy)]
 enum Step {
     /// Exchanges bits `p` and `q` of the number, `p < q`.
     Swap(u8, u8),
-    /// Adds the sum of some other bits to bit `p`.
+    /// Adds to bit `p`, the first value, the sum of the other bits in a mask, the second value.
     Add(u8, u16),
 }
 
@@ -54,7 +54,7 @@ impl Carrier {
         let mut steps = Vec::new();
         // matrix = steps[0] * steps[1] * ...; each step is removed from the left by its inverse,
         // which is the step itself. First the row with several bits is reduced to the one bit that
-        // no other row has; the rest of it is a sum of other rows.
+        // no other row has; its other bits are a sum of other rows.
         if let Some(p) = rows.iter().position(|r| r.count_ones() > 1) {
             let single = (0..BITS).find(|&k| rows.iter().all(|r| *r != 1 << k)).unwrap_or(0);
             let others = rows[p] & !(1 << single);

@@ -5,8 +5,9 @@
 //! - source: the conventions of H. Kociemba for twists and flips, which [`crate::cube::Cube`] uses
 //!
 //! A piece `p` with twist `o` on place `i` has its first sticker on the `o`-th facelet of `i`. A
-//! symmetry carries that facelet to number `turn(i) + sense * o` of the image of `i`. The image
-//! therefore has the piece `image(p)` with the twist `turn(i) + sense * o - turn(p)`.
+//! symmetry carries that facelet to number `turn(i) + sense * o` of the image of `i`; `sense` is -1
+//! for a reflection, else 1. The image therefore has the piece `image(p)` with the twist
+//! `turn(i) + sense * o - turn(p)`.
 
 use crate::cube::{CORNERS, EDGES, Face};
 
@@ -23,7 +24,7 @@ pub(super) struct Symmetry {
     pub(super) edges: [u8; 12],
     /// Facelet of the image on which the first facelet of each edge place lies.
     pub(super) edge_turns: [u8; 12],
-    /// Whether it is a reflection, which reverses the twists.
+    /// Whether the symmetry is a reflection, which reverses the twists.
     pub(super) mirrors: bool,
 }
 

@@ -1,7 +1,7 @@
 //! Operations on sixteen bytes at once, by vector instructions where the processor has them.
 //!
 //! The search is written once, for any [`Lanes`]. `Vector` requires a processor with AVX2 and BMI2,
-//! and a function compiled for these, into which everything here is inlined.
+//! and a caller that is compiled for these, into which everything here is inlined.
 
 #![allow(
     clippy::inline_always,
@@ -88,6 +88,7 @@ impl Lanes for Plain {
         self.0[..7].iter().rev().fold(0, |n, b| n * 3 + u32::from(b >> 4 & 3))
     }
 
+    /// Moves the bits one by one, from the lowest one of the mask on.
     #[inline(always)]
     fn gathered(value: u32, mask: u32) -> u32 {
         let (mut bits, mut found, mut left) = (0, 0, mask);

@@ -48,8 +48,8 @@ struct Design {
     /// Number of cosets at each distance up to `base + 2`, as the first build counted them. The
     /// first five are tested against turns of whole cubes.
     distances: &'static [u64],
-    /// Number of cosets with an entry of their own: at the base and below, one further away, two,
-    /// and more.
+    /// Number of cosets with an entry of their own, in four groups by distance: at most `base`,
+    /// `base + 1`, `base + 2`, and more.
     counts: [u64; 4],
 }
 
@@ -126,12 +126,12 @@ impl Design {
     fn build(self, workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
         let filled = fill(&Cosets::new(self.shape), self.base, workers, progress);
         // An entry above the true distance would make a search prove a false bound.
-        assert_eq!(filled.counts, self.distances, "cosets at each distance");
+        assert_eq!(filled.counts, self.distances, "wrong numbers of cosets at each distance");
         filled.table
     }
 
     /// Counts how many entries of a table have each of the four codes, and compares these counts
-    /// with the known ones. Returns the counts, or a message if they or the size are wrong.
+    /// with the known ones. Returns the counts, or a message if a count or the size is wrong.
     fn verify(self, table: &[u8], workers: &dyn Workers) -> Result<Vec<u64>, String> {
         if table.len() != self.bytes() {
             return Err(format!("{} bytes instead of {}", table.len(), self.bytes()));
@@ -201,6 +201,7 @@ impl<'a> Optimal<'a> {
         Self { prober: Prober::new(&Cosets::new(design.shape)), table, base: design.base }
     }
 
+    /// Makes a search with the table of this solver.
     fn searcher(&self) -> Searcher<'_> {
         Searcher { prober: &self.prober, table: self.table, base: self.base }
     }
@@ -243,7 +244,8 @@ mod tests {
     use crate::table::InTurn;
     use std::sync::LazyLock;
 
-    /// Design without tetrads: 168 rows, which are quick to build.
+    /// Design without tetrads and with the flips of eight edges: 168 rows, which are quick to
+    /// build.
     const FEW_FLIPS: Design = Design {
         shape: Shape { tetrads: Tetrads::Ignored, full: false },
         base: 6,
@@ -317,6 +319,7 @@ mod tests {
         assert_eq!(filled.counts, known);
         let counts = count(&Cosets::new(design.shape), &filled.table, &InTurn);
         let all = 495 * 2048 * 2187;
+        // Two of the 256 entries of a line hold the least distance instead.
         let without_room = all / 128;
         assert_eq!(counts.iter().sum::<u64>(), all - without_room);
         assert!(counts[0].abs_diff(known[..9].iter().sum()) < without_room);
@@ -327,6 +330,7 @@ mod tests {
         for solver in solvers() {
             let searcher = solver.searcher();
             for seed in 0..200 {
+                // The pieces of a scrambled cube give eight turns at random.
                 let random = Cube::scrambled(seed);
                 let turns =
                     random.corners().iter().zip(random.edges()).map(|(c, e)| (c * 12 + e) % 18);
@@ -401,7 +405,7 @@ mod tests {
     }
 
     #[test]
-    fn new_rejects_table_of_unknown_size() {
+    fn solver_rejects_table_of_unknown_size() {
         assert_eq!(Optimal::new(&[0; 64]).unwrap_err(), NoSuchTable { bytes: 64 });
         assert!(SMALL.verify(&[0; 64], &InTurn).is_err());
     }

@@ -41,7 +41,9 @@ impl Bytes {
 
 /// Identity: each place has the piece of its own number.
 const NONE: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+/// Mask of the piece in a byte.
 const PIECE: u8 = 0x0f;
+/// Mask of the bit of a flip in each byte.
 const FLIP: [u8; 16] = [0x10; 16];
 /// Mask of the bits of a twist; also the modulus of twists, 3 * 16.
 const TWIST: [u8; 16] = [0x30; 16];
@@ -53,11 +55,11 @@ struct TurnBytes {
     from: Bytes,
     /// Twist or flip that is added at each place.
     add: Bytes,
-    /// Both in one byte.
+    /// Place, and twist or flip, in one byte.
     whole: Bytes,
 }
 
-/// A symmetry.
+/// A symmetry in the form of look-up tables.
 #[derive(Debug, Clone, Copy)]
 struct Image {
     /// Image of each piece, with the twist or flip that its change of name adds.
@@ -80,15 +82,19 @@ pub(super) struct Entry {
 /// Tables that turn cubes and find their entries.
 #[derive(Debug, Clone)]
 pub(super) struct Prober {
+    /// Whether the table distinguishes all flips.
     full: bool,
     turns: [TurnBytes; 18],
     /// Rotation that makes each axis upright, for the corners.
     tilted_corners: [Image; 3],
-    /// That rotation followed by a symmetry, for the edges: `[axis * 16 + symmetry]`.
+    /// Rotation that makes each axis upright, followed by a symmetry, for the edges:
+    /// `[axis * 16 + symmetry]`.
     edges: [Image; 3 * UPRIGHT],
     /// First byte of the row + the symmetry that leads to it: `[twist * splits + split]`.
     rows: Vec<u32>,
+    /// Number of splits of the corners into tetrads.
     splits: u32,
+    /// Number of the split by the places of the first tetrad as bits.
     split_of: [u8; 256],
     /// First byte within a row, by the places of the middle edges as bits.
     slices: Box<[u32; 4096]>,
@@ -167,8 +173,8 @@ impl Prober {
     /// U-D, 1 R-L, 2 F-B.
     #[inline(always)]
     pub(super) fn entry<L: Lanes>(&self, cube: &Bytes, axis: usize) -> Entry {
-        // The corners first, because their row decides which symmetry maps the edges. They need the
-        // rotation only: `rows` has the effect of the symmetry on them.
+        // The corners come first, because their row decides which symmetry maps the edges. They
+        // need only the rotation: `rows` includes the effect of the symmetry on them.
         let mut corners = L::load(&cube.corners);
         if axis != 0 {
             let image = &self.tilted_corners[axis];
@@ -237,6 +243,7 @@ mod tests {
     use super::*;
     use crate::cube::Turn;
 
+    /// Returns a prober for the flips of eight edges and one for all flips.
     fn probers() -> [Prober; 2] {
         [false, true]
             .map(|full| Prober::new(&Cosets::new(Shape { tetrads: Tetrads::Unnamed, full })))

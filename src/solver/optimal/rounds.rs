@@ -14,7 +14,8 @@ use std::sync::{Mutex, PoisonError};
 
 /// Number of turns after which the search is divided into tasks.
 const TASK_DEPTH: u8 = 3;
-/// Length from which on a search is worth dividing (turns).
+/// Length from which on a search is divided into tasks (turns). A shorter one is not worth
+/// dividing.
 const UNDIVIDED: u8 = 12;
 /// Number of tasks that a worker takes at once.
 const SHARE: usize = 16;
@@ -33,7 +34,9 @@ pub(super) struct Tasks<'a> {
 /// Conditions that end a search early.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Ends<'a> {
+    /// Number of states after which the search ends.
     pub(super) max_nodes: u64,
+    /// Flag by which the caller ends the search.
     pub(super) stop: &'a AtomicBool,
 }
 
@@ -95,8 +98,8 @@ impl<'a> Tasks<'a> {
     /// visited in each task, the greatest first. A solution is most likely there; S. Tronto reports
     /// a gain of 40 %.
     fn sort(&mut self, shares: &[u32]) {
-        // More turns may follow U, R and F (15) than D, L and B (12), so those tasks have more
-        // states anyway: the weights correct that.
+        // More turns may follow U, R and F (15) than D, L and B (12), so tasks that end with U, R
+        // or F have more states anyway: the weights correct that.
         let promise = |task: u16| {
             let weight = if self.nodes[usize::from(task)].last_face() < 3 { 9 } else { 11 };
             u64::from(shares[usize::from(task)]) * weight
@@ -122,6 +125,8 @@ struct Round<'a> {
 }
 
 impl Watch for &Round<'_> {
+    /// Adds the shares to the counts of the round, and ends the round if it is out of nodes or the
+    /// caller wants to stop.
     fn add_shares(&mut self, shares: &[(u16, u32)]) -> bool {
         let mut sum = 0;
         for &(task, nodes) in shares {
@@ -152,12 +157,14 @@ fn work(searcher: &Searcher<'_>, round: &Round<'_>) {
     work_with::<Plain>(searcher, round);
 }
 
+/// Runs [`work_with`], compiled for processors with AVX2 and BMI2.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 fn work_with_avx2(searcher: &Searcher<'_>, round: &Round<'_>) {
     work_with::<super::lanes::Vector>(searcher, round);
 }
 
+/// Does the work of [`work`] with one kind of [`Lanes`].
 #[allow(
     clippy::inline_always,
     reason = "only callees that are inlined into `work_with_avx2` can use vector instructions"

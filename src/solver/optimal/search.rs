@@ -7,11 +7,11 @@
 //!   and the choice of the end with fewer turns; the batches and the pairs of opposite quarter
 //!   turns are new here
 //!
-//! A state has two ends. A turn extends the start of its solution, which turns the cube, or the end
-//! of its solution, which turns the inverse cube. Six bounds belong to a state: of the cube and of
-//! the inverse, along three axes each. A turn changes all three bounds of its own end. At the other
-//! end a half turn changes none of them, and both quarter turns of a face lead to the same three.
-//! Therefore
+//! The search builds a solution from both ends. A turn is added after the first turns of the
+//! solution, which turns the cube, or before its last turns, which turns the inverse cube. Six
+//! bounds belong to a state: of the cube and of the inverse, along three axes each. A turn changes
+//! all three bounds of its own end. At the other end a half turn changes none of them, and both
+//! quarter turns of a face lead to the same three. Therefore
 //! - if a bound of one end is as great as the number of turns left, the search tries no half turn
 //!   at the other end;
 //! - it reads the bounds of the two quarter turns of a face once, and rejects both together.
@@ -75,12 +75,16 @@ struct Plan {
 /// One continuation of a state, or both quarter turns of a face.
 #[derive(Debug, Clone, Copy)]
 struct Try {
+    /// Entry that the next look-up reads.
     entry: Entry,
+    /// Index of the state in the batch.
     node: u8,
+    /// Index of the turn.
     turn: u8,
     /// Next look-up. 0..3: the other end, for both quarter turns; 3..6: this end; from 6 on: the
     /// remaining axes of the other end.
     stage: u8,
+    /// Bounds of the state before the turn, replaced one by one by those after it.
     bounds: [u8; 6],
 }
 
@@ -101,7 +105,9 @@ pub(super) trait Watch {
 #[derive(Debug)]
 pub(super) struct Searcher<'a> {
     pub(super) prober: &'a Prober,
+    /// Bytes of the table, as [`super::build`] describes them.
     pub(super) table: &'a [u8],
+    /// Distance up to which all cosets of the table have one code (turns).
     pub(super) base: u8,
 }
 
@@ -302,7 +308,7 @@ fn plan(node: &Node, allowed: &[u32; 7]) -> (Plan, u32) {
     (Plan { end: end as u8, axes, useful }, both[end])
 }
 
-/// Returns the axes 0, 1, 2 in descending order of their bounds.
+/// Returns the three axes, 0, 1 and 2, in descending order of their bounds.
 #[inline(always)]
 fn falling(bounds: [u8; 3]) -> [u8; 3] {
     let mut axes = [0, 1, 2];
@@ -339,7 +345,7 @@ fn allowed(last: u8) -> u32 {
     (0..6).filter(follows).fold(0, |mask, face| mask | 0b111 << (3 * face))
 }
 
-/// Returns the index of the inverse turn.
+/// Returns the index of the turn that undoes the turn with this index.
 fn inverse(turn: usize) -> usize {
     turn / 3 * 3 + 2 - turn % 3
 }

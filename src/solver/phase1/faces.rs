@@ -1,4 +1,5 @@
-//! Packed effects of the turns of each face on a distance, and the small tables that hold them.
+//! Packed effects of the turns of each face on the distance of a state, and the small tables that
+//! hold them.
 
 use super::super::coordinates::{QUADS, SLICES, TWISTS, quad_moves};
 use super::super::symmetry::CLASSES;
@@ -79,11 +80,13 @@ impl FaceCases {
     }
 }
 
-/// Two small tables, each of two of the three coordinates: (slice, flip) by class, and (slice,
-/// twist). An entry has the cases of [`FaceCases`] and the distance; both are lower bounds.
+/// Two small tables, each of two of the three coordinates of phase 1. An entry has the cases of
+/// [`FaceCases`] and the distance, which is a lower bound for all three coordinates together.
 #[derive(Debug)]
 pub(crate) struct Small {
+    /// Entry of each class of symmetric (slice, flip).
     pub(super) flips: Vec<u32>,
+    /// Entry of each (slice, twist): `[slice * TWISTS + twist]`.
     pub(super) twists: Vec<u32>,
 }
 

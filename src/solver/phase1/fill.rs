@@ -17,8 +17,7 @@ const KNOWN: [u64; 13] = [
     1, 4, 50, 592, 7156, 87236, 1043817, 12070278, 124946368, 821605960, 1199128738, 58202444, 476,
 ];
 
-/// Returns the bytes of the table [`NEAR`](super::NEAR). Builds the move tables that it needs
-/// first.
+/// Builds the move tables of phase 1, and with them the table [`NEAR`](super::NEAR).
 pub(super) fn build_near(workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
     near(&Frames::build(), workers, progress)
 }
@@ -33,9 +32,9 @@ pub(crate) fn near(frames: &Frames, workers: &dyn Workers, progress: Progress<'_
 /// `deepest`. The result has a row of [`NEAR_ROW`] bytes for each class and two bits for each
 /// twist; states beyond `deepest` have the code 3.
 ///
-/// One worker writes each row. It reads the newest entries of the 18 neighbours of the class, so no
-/// worker waits for another. Classes with symmetries of their own need no special treatment, since
-/// each symmetric entry is reached from entries of its own.
+/// Each row is written by one worker only. It reads the newest entries of the 18 neighbours of the
+/// class, so no worker waits for another. Classes with symmetries of their own need no special
+/// treatment, since each symmetric entry is reached from entries of its own.
 fn levels(frames: &Frames, deepest: u8, workers: &dyn Workers, progress: Progress<'_>) -> Vec<u8> {
     let back = Backwards::new(frames);
     let mut table = vec![u8::MAX; CLASSES * NEAR_ROW];
@@ -90,6 +89,7 @@ struct Backwards<'a> {
 }
 
 impl<'a> Backwards<'a> {
+    /// Inverts the tables of the twists' moves and images.
     fn new(frames: &'a Frames) -> Self {
         let (mut before, mut origin) = (vec![0; 18 * TWISTS], vec![0; SYMMETRIES * TWISTS]);
         for twist in 0..TWISTS {
@@ -130,7 +130,7 @@ impl Level<'_> {
             let before: &[u16; TWISTS] = rows(&back.before, turn);
             let origin: &[u16; TWISTS] = rows(&back.origin, entry & 15);
             for &twist in &newest[entry >> 4] {
-                // Forwards it is the turn, then the symmetry; so back is the symmetry first.
+                // A step is a turn, then a symmetry. So the way back undoes the symmetry first.
                 let twist = before[usize::from(origin[usize::from(twist)])];
                 let (byte, shift) = (&mut row[usize::from(twist / 4)], twist % 4 * 2);
                 let unfilled = u8::from(*byte >> shift & 3 == 3);
@@ -176,6 +176,7 @@ pub(super) fn build_wide(workers: &dyn Workers, progress: Progress<'_>) -> Vec<u
 /// Packer of the effects of all turns on the states of a class.
 struct Packer<'a> {
     frames: &'a Frames,
+    /// Distances of all states modulo 3, in the format of [`levels`].
     distances: &'a [u8],
     /// Twist after a turn: `[turn * TWISTS + twist]`.
     twist_moves: Vec<u16>,
@@ -185,6 +186,7 @@ struct Packer<'a> {
 }
 
 impl<'a> Packer<'a> {
+    /// Makes a packer from the distances of all states modulo 3, and computes its table of cases.
     fn new(frames: &'a Frames, distances: &'a [u8]) -> Self {
         let cases = std::array::from_fn(|changes| {
             let bits = |wanted: usize| {
@@ -199,8 +201,8 @@ impl<'a> Packer<'a> {
     /// say whether each turn leads nearer to the goal or farther.
     fn row(&self, class: usize, out: &mut [u8]) {
         let own = &self.distances[class * NEAR_ROW..][..NEAR_ROW];
-        // Two bits a turn. Distances modulo 3 suffice because neighbours differ by at most 1. Turn
-        // by turn, so that all reads of one pass lie in two rows.
+        // Two bits a turn. Distances modulo 3 suffice because neighbours differ by at most 1. The
+        // loop goes turn by turn, so that all reads of one pass lie in two rows.
         let mut changes = vec![0_u64; TWISTS];
         for turn in 0..18 {
             let entry = self.frames.class_moves[class * 18 + turn] as usize;
@@ -223,7 +225,8 @@ impl<'a> Packer<'a> {
     }
 }
 
-/// Differences modulo 3 of three codes, two bits each, and one subtrahend: `[subtrahend][three]`.
+/// Effects of three turns on a distance, two bits each (0 neither, 1 farther, 2 nearer):
+/// `[code of the state][codes after the turns]`. They are the differences of the codes modulo 3.
 static LESS: LazyLock<[[usize; 64]; 3]> = LazyLock::new(|| {
     std::array::from_fn(|own| {
         std::array::from_fn(|three| {
@@ -241,7 +244,10 @@ fn class_size(classes: &Classes, class: usize) -> u64 {
 }
 
 /// Checks a table [`NEAR`](super::NEAR): counts the states with each of the four codes (distance
-/// modulo 3, or far) and compares the counts with the known ones.
+/// modulo 3, or far) and compares the counts with the known ones. Returns the counts.
+///
+/// # Errors
+/// A message with the found and the known counts.
 pub(super) fn verify_near(table: &[u8], _: &dyn Workers) -> Result<Vec<u64>, String> {
     let classes = Classes::build();
     let mut found = [0_u64; 4];
@@ -257,7 +263,10 @@ pub(super) fn verify_near(table: &[u8], _: &dyn Workers) -> Result<Vec<u64>, Str
 
 /// Checks a table [`WIDE_TABLE`](super::WIDE_TABLE): computes the distances of all states again,
 /// compares the counts of distances modulo 3 with the known ones, and compares the effect of each
-/// turn with the table.
+/// turn with the table. Returns the counts.
+///
+/// # Errors
+/// A message with the number of wrong rows, or with the found and the known counts.
 pub(super) fn verify_wide(table: &[u8], workers: &dyn Workers) -> Result<Vec<u64>, String> {
     let frames = Frames::build();
     let distances = levels(&frames, 12, workers, &|_| ());

@@ -1,5 +1,5 @@
-//! Moves of the states of phase 1: class of (slice, flip), the symmetry that maps the cube to the
-//! representative of the class, and the twist of its image under that symmetry.
+//! Moves of the states of phase 1. A state is the class of (slice, flip), the symmetry that maps
+//! the cube to the representative of the class, and the twist of its image under that symmetry.
 //!
 //! - in: the coordinates and classes of the cube
 //! - out: [`Frames`], the moves of all states; [`Place`], a state
@@ -15,8 +15,11 @@ use crate::cube::Cube;
 /// and the symmetry.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Place {
+    /// Class of (slice, flip).
     pub(crate) class: u32,
+    /// Index of the twists of the image.
     pub(crate) twist: u16,
+    /// Symmetry that maps the cube to the representative.
     pub(crate) symmetry: u8,
 }
 

@@ -1,8 +1,8 @@
-//! Look-up in the two tables of phase 1: the turns after which the goal is near enough.
+//! Look-up in the two tables of phase 1: the turns after which the goal of phase 1 is within reach.
 //!
-//! - in: a state, its distance, the turns in question
-//! - out: the neighbours that are near enough, by [`Guide`]; [`Wide`] and [`Near`] give equal ones
-//!   where less than [`FAR`] turns are left
+//! - in: a state, its distance, the turns in question, the number of turns left after them
+//! - out: the neighbours from which the turns left suffice, by [`Guide`]; [`Wide`] and [`Near`]
+//!   give equal ones where less than [`FAR`] turns are left
 
 use super::super::coordinates::TWISTS;
 use super::faces::{ALL_TURNS, FaceCases, Small};
@@ -15,19 +15,20 @@ pub(super) const WIDE: usize = 3;
 /// Distance from which on [`Near`] has one code for all (turns).
 pub(crate) const FAR: u8 = 10;
 
-/// A neighbour that is near enough.
+/// A neighbour from which the turns left can lead to the goal.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Child {
     /// State after the turn; its symmetry is that of the step alone.
     pub(crate) place: Place,
     /// Turn of the representative.
     pub(crate) turn: u8,
+    /// Distance of the state after the turn from the goal (turns).
     pub(crate) distance: u8,
     /// Entry of the child, which describes its turns.
     pub(crate) entry: u32,
 }
 
-/// A table of phase 1. `at` is a state, its entry and its distance.
+/// A table of phase 1.
 pub(crate) trait Guide: Sync {
     /// Reads the entry of a state: for each turn, whether it leads nearer to the goal. Returns 0
     /// for a table without such entries, as in [`Near`].
@@ -53,6 +54,7 @@ pub(crate) struct Wide<'a> {
 }
 
 impl Guide for Wide<'_> {
+    /// Reads the three bytes of the state.
     #[inline]
     fn entry(&self, place: Place) -> u32 {
         let at = (place.class as usize * TWISTS + usize::from(place.twist)) * WIDE;
@@ -60,6 +62,8 @@ impl Guide for Wide<'_> {
         u32::from(b[0]) | u32::from(b[1]) << 8 | u32::from(b[2]) << 16
     }
 
+    /// Finds the children by the entry of the state alone, which tells how each turn changes the
+    /// distance. Reads the entries of the children for the next step.
     #[inline]
     fn children(
         &self,
@@ -100,8 +104,9 @@ impl Guide for Wide<'_> {
         turns & self.faces.masks(entry).0
     }
 
+    /// Follows turns that lead nearer until the goal is reached, and counts them.
     fn distance(&self, mut place: Place) -> u8 {
-        // The entries hold no distances: count the turns of a path that always leads nearer.
+        // The entries hold no distances.
         let mut distance = 0;
         while (place.class, place.twist) != (0, 0) {
             let (nearer, _) = self.faces.masks(self.entry(place));
@@ -154,6 +159,8 @@ impl Guide for Near<'_> {
         0
     }
 
+    /// Rejects most turns by the small tables and reads the distances after the others from the
+    /// large one.
     #[inline]
     fn children(
         &self,
@@ -182,6 +189,7 @@ impl Guide for Near<'_> {
         kept
     }
 
+    /// Finds the turns by the small tables alone.
     #[inline]
     fn last(&self, (place, _, _): (Place, u32, u8), turns: u32) -> u32 {
         // Both small tables at 0 mean no flips, no twists and the slice in its place: the goal. No
@@ -189,12 +197,13 @@ impl Guide for Near<'_> {
         turns & self.near_enough(place, 0)
     }
 
+    /// Follows turns that lead nearer until the goal is reached, and counts them.
     fn distance(&self, mut place: Place) -> u8 {
         let mut distance = 0;
         if self.code(place.class, place.twist) == 3 {
             return FAR;
         }
-        // As in `Wide`: count the turns of a path that always leads nearer, here by codes one less.
+        // A state nearer by one has the code that is smaller by one, modulo 3.
         while (place.class, place.twist) != (0, 0) {
             let nearer = (self.code(place.class, place.twist) + 2) % 3;
             let next = (0..18)

@@ -1,10 +1,12 @@
 //! Phase 1: distances of cubes from the group <U, D, R2, L2, F2, B2>, and the turns that lead
 //! nearer.
 //!
-//! The search always works on the representative of a class of (slice, flip). After each turn it
-//! applies the symmetry that makes the state a representative again, and remembers that symmetry. A
-//! state therefore is (class of slice and flips, twist), 64430 x 2187 states; a turn takes two
-//! reads; and the entry of a state describes its turns without a conversion.
+//! A slice is the set of places of the four middle-layer edges; flip and twist are the states of
+//! all flips and twists. Symmetric pairs (slice, flip) form a class. The search always works on the
+//! representative of a class. After each turn it applies the symmetry that makes the state a
+//! representative again, and remembers that symmetry. A state therefore is (class of slice and
+//! flip, twist), 64430 x 2187 states; a turn takes two reads; and the entry of a state describes
+//! its turns without a conversion.
 //!
 //! Two tables hold the same distances, so the search visits the same states with either:
 //!

@@ -7,14 +7,15 @@ use super::orders::{CORNER_CLASSES, Orders, ROW, State};
 pub(super) const MIDDLE: usize = CORNER_CLASSES * ROW;
 /// Size of [`BOUNDS`](super::BOUNDS) (bytes).
 pub(super) const BYTES: usize = MIDDLE + PERMUTATIONS * 24;
-/// Distance from which on [`EIGHT`](super::EIGHT) has one code for all (turns): the greatest of
-/// four bits.
+/// Distance from which on [`EIGHT`](super::EIGHT) has one code for all (turns): the greatest number
+/// of four bits.
 pub(super) const FARTHEST: u8 = 15;
 
 /// The tables of phase 2 with the moves of its states.
 #[derive(Clone, Copy)]
 pub(crate) struct Bounds<'a> {
     pub(crate) orders: &'a Orders,
+    /// [`BOUNDS`](super::BOUNDS).
     pub(crate) table: &'a [u8],
     /// [`EIGHT`](super::EIGHT), if the set has it.
     pub(crate) eight: Option<&'a [u8]>,

@@ -24,9 +24,9 @@ pub(crate) fn build(orders: &Orders, workers: &dyn Workers, progress: Progress<'
     }
     middle[0].store(0, Relaxed);
     for depth in 1.. {
-        // Workers write to rows of other classes, so the entries are atomic. Two that mark one
-        // entry write the same depth; only the count of marked entries, which ends the loop, may be
-        // too high then, but never wrongly zero.
+        // Workers write to rows of other classes, so the entries are atomic. Two workers that mark
+        // one entry write the same depth. Only the count of marked entries, which ends the loop,
+        // may be too high then, but never wrongly zero.
         let next = AtomicUsize::new(0);
         let marked = AtomicUsize::new(0);
         workers.run(workers.count(), &|_| {
@@ -83,9 +83,9 @@ impl FourTable<'_> {
         count
     }
 
-    /// Gives the distance `depth` to a state, unless it has a distance: the order of the corners
-    /// with the upper (`lower` is 0) or lower (1) edges on the places `four`. The symmetric states
-    /// in the same row get it as well. Returns 1 if it did so, else 0.
+    /// Gives the distance `depth` to a state, unless its distance is known: the order of the
+    /// corners with the upper (`lower` is 0) or lower (1) edges on the places `four`. Symmetric
+    /// states in the same row get the same distance. Returns 1 if the distance was new, else 0.
     #[inline]
     fn mark_four(&self, corners: u16, lower: usize, four: u16, depth: u8) -> usize {
         let Self { orders, table } = *self;
@@ -194,6 +194,7 @@ pub(super) fn verify(table: &[u8], workers: &dyn Workers) -> Result<Vec<u64>, St
 ///
 /// The index of eight edges is 24 x (index of the four upper ones) + order of the lower ones.
 fn eight_tables(orders: &Orders) -> (Vec<u16>, Vec<u16>) {
+    // A four is 24 x (number of its set of places) + order.
     let choice = |four: usize| four / 24;
     // The set of places of the lower edges follows from that of the upper ones: its complement.
     let quads: Vec<usize> =
@@ -205,6 +206,7 @@ fn eight_tables(orders: &Orders) -> (Vec<u16>, Vec<u16>) {
             (0..FOURS / 24).find(apart).unwrap_or(0)
         })
         .collect();
+    // Splits the index of eight edges into the fours of the upper and the lower ones.
     let fours = |number: usize| {
         let upper = number / 24;
         (upper as u16, (other[choice(upper)] * 24 + number % 24) as u16)
@@ -270,7 +272,7 @@ pub(super) fn build_eight(workers: &dyn Workers, progress: Progress<'_>) -> Vec<
                     }
                     row[image].store(depth, Relaxed);
                     count += 1;
-                    // As in `mark_four`: the entries of symmetric states.
+                    // As in `mark_four`, the entries of symmetric states get the same distance.
                     for s in (1..SYMMETRIES).filter(|s| own >> s & 1 == 1) {
                         row[usize::from(images[s * PERMUTATIONS + image])].store(depth, Relaxed);
                     }
@@ -278,6 +280,7 @@ pub(super) fn build_eight(workers: &dyn Workers, progress: Progress<'_>) -> Vec<
             }
             marked.fetch_add(count, Relaxed);
         });
+        // As in `build`, the number of levels is an estimate.
         progress((f64::from(depth) / 16.0).min(1.0));
         if marked.into_inner() == 0 {
             break;

@@ -45,16 +45,20 @@ pub(crate) struct Orders {
     pub(super) representatives: Vec<(u16, u16)>,
 }
 
-/// Order of the corners, and quads of the edges from 0, 4 and 8 on.
+/// Order of the corners, and quads of the edges 0..4, 4..8 and 8..12.
 pub(crate) type Quads = [u16; 4];
 
 /// A state of phase 2: order of the corners, fours of the upper and lower edges, order of the
 /// middle ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct State {
+    /// Index of the order of the corners.
     pub(crate) corners: u16,
+    /// Four of the upper edges.
     pub(crate) upper: u16,
+    /// Four of the lower edges.
     pub(crate) lower: u16,
+    /// Index of the order of the middle edges.
     pub(crate) middle: u8,
 }
 
@@ -150,15 +154,15 @@ impl Orders {
         self.corner_moves[usize::from(corners) * 18 + usize::from(turn)]
     }
 
-    /// Returns the index of where four edges are among all twelve places (a *quad*) after a turn.
+    /// Returns the *quad*, the number of the places of four edges among all twelve, after a turn.
     #[inline]
     pub(crate) fn quad(&self, quad: u16, turn: u8) -> u16 {
         self.quad_moves[usize::from(quad) * 18 + usize::from(turn)]
     }
 
-    /// Converts the index of where four edges are among all twelve places (a *quad*) into their
-    /// index among the eight places of the upper and lower layers (a *four*). They must be on these
-    /// eight.
+    /// Converts a *quad*, the number of the places of four edges among all twelve, into a *four*,
+    /// their number among the eight places of the upper and lower layers. The edges must be on
+    /// these eight places.
     #[inline]
     pub(crate) fn four(&self, quad: u16) -> u16 {
         self.four_of_set[usize::from(quad / 24)] + quad % 24
@@ -193,8 +197,8 @@ impl Orders {
         (class >> 4) * ROW + lower * FOURS + usize::from(image)
     }
 
-    /// Returns the solved state. The index of its upper edges is not 0, since the set of the lower
-    /// places has the first index.
+    /// Returns the solved state. The four of its upper edges is not 0, since the set of the lower
+    /// places has the first number.
     pub(crate) fn solved(&self) -> State {
         let cube = crate::cube::Cube::SOLVED;
         let four = |first: u8| self.four(quad(&cube, first) as u16);

@@ -62,15 +62,18 @@ pub struct Belief {
     arms: [ArmBelief; 2],
     /// Hold of each hand; `None` for a hand that holds nothing.
     pub held: [Option<Held>; 2],
+    /// Edge of the cube (m).
     edge: f64,
+    /// Place about which the error of the postument's base rotates, in the world (m).
     pivot: Point3<f64>,
+    /// Estimated numbers, see [`STATES`], and their covariance.
     state: State,
     covariance: Covariance,
 }
 
 impl Belief {
-    /// Makes a filter in which no hand holds anything. `pivot` is the place where the arms were
-    /// calibrated against each other, in the world (m).
+    /// Makes a filter in which no hand holds anything. `edge` is that of the cube (m), and `pivot`
+    /// the place where the arms were calibrated against each other, in the world (m).
     #[must_use]
     pub fn new(arms: [ArmBelief; 2], edge: f64, pivot: Point3<f64>) -> Self {
         let mut covariance = Covariance::zeros();
@@ -87,14 +90,15 @@ impl Belief {
         self.base(&self.state, hand)
     }
 
+    /// Returns `world_from_base` of a hand's arm in this state of the filter.
     fn base(&self, state: &State, hand: Hand) -> Pose {
         // The track's base defines the world: only the error between both bases can be observed.
         let measured = self.arms[hand.index()].world_from_base;
         if hand == Hand::Track {
             return measured;
         }
-        // About the pivot, not about the base: there a rotation of 0.009 rad would move the hands,
-        // a metre away, by 9 mm, and translation and rotation would be strongly correlated.
+        // The rotation is about the pivot. About the base, a rotation of 0.009 rad would move the
+        // hands, a metre away, by 9 mm, and would be strongly correlated with the translation.
         let turn = UnitQuaternion::from_scaled_axis(Vector3::new(state[3], state[4], state[5]));
         let shift = Vector3::new(state[0], state[1], state[2]);
         let about = Translation3::from(self.pivot.coords);
@@ -124,6 +128,7 @@ impl Belief {
         self.in_tool(&self.state, hand)
     }
 
+    /// Returns `world_from_cube` of the cube in the hand `holder`, in this state of the filter.
     fn cube(&self, state: &State, holder: Hand, arms: &[ArmState]) -> Option<Pose> {
         Some(self.tool(state, holder, arms) * self.in_tool(state, holder)?)
     }
@@ -182,6 +187,7 @@ impl Belief {
         self.face_at(&self.state, viewer, face, arms)
     }
 
+    /// Returns `camera_from_face` as [`Belief::face_in_camera`] does, in this state of the filter.
     fn face_at(&self, state: &State, viewer: Hand, face: Face, arms: &[ArmState]) -> Option<Pose> {
         let arm = &self.arms[viewer.index()];
         let tool_from_camera = arm.flange_from_tool.inverse() * arm.flange_from_camera?;
@@ -281,7 +287,8 @@ impl Belief {
         }
     }
 
-    /// Takes a measurement into account; `residual` is the measured value minus the predicted one.
+    /// Takes a measurement into account. `residual` is the measured value minus the predicted one,
+    /// and `sigma` are the standard deviations of the measurement.
     fn update(&mut self, residual: &dyn Fn(&Self, &State) -> Option<Residual>, sigma: &[f64; 6]) {
         let prior = self.state;
         let variances = Residual::from_iterator(sigma.iter().map(|s| s * s));
@@ -329,8 +336,8 @@ impl Belief {
     }
 }
 
-/// Returns the difference of `measured` and `predicted`: of the origins, and the rotation vector,
-/// both in the common outer frame.
+/// Returns `measured` minus `predicted`: the distance vector of the origins (m) and the rotation
+/// vector (rad), both in the frame in which the two poses are given.
 fn difference(predicted: &Pose, measured: &Pose) -> Residual {
     let shift = measured.translation.vector - predicted.translation.vector;
     let turn = (measured.rotation * predicted.rotation.inverse()).scaled_axis();
@@ -343,6 +350,7 @@ mod tests {
     use crate::cube::Axis;
     use crate::motion::Depth;
 
+    /// Makes an arm whose base is at `y` (m) in the world, with a camera in its hand.
     fn arm(y: f64) -> ArmBelief {
         ArmBelief {
             world_from_base: Pose::translation(0.0, y, 0.0),
@@ -355,10 +363,12 @@ mod tests {
         Point3::new(0.0, 1.0, 1.3)
     }
 
+    /// Makes an arm state with this set pose.
     fn posed(base_from_tool: Pose) -> ArmState {
         ArmState { desired_base_from_tool: base_from_tool, ..ArmState::default() }
     }
 
+    /// Returns the pose with its origin at `from` whose z points to `at` (m).
     fn look_at(from: Vector3<f64>, at: Vector3<f64>) -> Pose {
         let z = (at - from).normalize();
         let x = z.cross(&Vector3::z()).normalize();
@@ -458,7 +468,8 @@ mod tests {
         let doubt = belief.doubt_ahead(Hand::Postument, third, false, &arms).unwrap();
         let factor = belief.covariance.cholesky().unwrap().l();
 
-        // Worlds as likely as the filter takes them to be: how far ahead is the cube in each?
+        // True states are drawn as the filter believes them, and the distance to the cube is
+        // computed in each.
         let (mut drawn, mut squares) = (Drawn(1), 0.0);
         for _ in 0..2000 {
             let mut truth = belief.clone();
@@ -470,10 +481,11 @@ mod tests {
         assert!((doubt / found - 1.0).abs() < 0.06, "{doubt} m estimated, {found} m found");
     }
 
-    /// Normally distributed numbers from a generator of Lehmer.
+    /// Normally distributed numbers from Lehmer's random number generator, with this state.
     struct Drawn(u64);
 
     impl Drawn {
+        /// Returns the next number, of mean 0 and variance 1.
         fn normal(&mut self) -> f64 {
             // Twelve numbers between 0 and 1 have a variance of 1.
             let mut sum = -6.0;

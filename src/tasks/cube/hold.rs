@@ -98,7 +98,7 @@ impl Hold {
     }
 
     /// Returns the hold after this hand has turned the layer under its palm by `quarters`
-    /// clockwise, and whether its tool frame is the second one then. The tool rolls together with
+    /// clockwise, and whether its tool frame is then the second one. The tool rolls together with
     /// the layer. Clockwise, seen from outside, is positive about the tool's z, which points into
     /// the cube.
     #[must_use]

@@ -2,8 +2,8 @@
 //!
 //! - in: the hand that holds the cube and its grip, the views and grasps within reach with the
 //!   times between them, the wanted faces, and the faces that stay hidden in some hold
-//! - out: steps that begin with the one hand's grip and end with one hand holding alone; each
-//!   wanted face is looked at once
+//! - out: steps that begin with the grip of the holding hand and end with one hand holding alone;
+//!   each wanted face is looked at once
 //! - method: a shortest path (A*) over holder, grip, set of seen faces, and the meeting at which
 //!   the hands are. Each unseen face takes at least the time of the shortest path to a view. All
 //!   times and meetings are tabulated first, since MP waits for the search: about 15 ms
@@ -174,7 +174,8 @@ impl Search {
         }
     }
 
-    /// Returns the time of a path (s).
+    /// Returns the time of the path between two places of the hands (s). `free` is the hand that
+    /// does not hold the cube.
     fn path(&self, from: Option<Stop>, to: Stop, free: Hand) -> f64 {
         let place = place_number(from);
         self.seconds[(place * Stop::COUNT + to.number()) * 2 + free.index()]
@@ -283,7 +284,7 @@ mod tests {
     use crate::motion::Depth;
     use nalgebra::UnitQuaternion;
 
-    /// A cell whose cameras can be brought before one side only of what each hand holds.
+    /// A cell whose cameras can be brought before only one side of the cube in a hand.
     struct OneSide(usize);
 
     impl Reach for OneSide {
@@ -301,15 +302,18 @@ mod tests {
         }
     }
 
+    /// Returns the track hand with its palm on face D, over this number of layers.
     fn start(depth: Depth) -> (Hand, Grip) {
         let hold = Hold { palm: Face::D, jaws: Axis::Y, depth };
         (Hand::Track, Grip { hold, half_roll: false })
     }
 
+    /// Returns the number of grasps in a plan.
     fn hand_overs(steps: &[Step]) -> usize {
         steps.iter().filter(|s| matches!(s, Step::Grasp { .. })).count()
     }
 
+    /// Returns the faces at which a plan looks, in the order URFDLB.
     fn shown(steps: &[Step]) -> Vec<Face> {
         let mut faces: Vec<Face> = steps
             .iter()
@@ -348,8 +352,8 @@ mod tests {
         }
     }
 
-    /// Arms whose times between two stops are those of a function. The cube is in the track hand
-    /// at the views.
+    /// Arms whose times from stop to stop (s) are given by a function. Cameras can see only a cube
+    /// in the track hand.
     struct Timed<F>(F);
 
     impl<F: Fn(Option<Stop>, Stop) -> f64> Reach for Timed<F> {
@@ -387,7 +391,8 @@ mod tests {
         assert_eq!(steps, sides.map(|face| Step::Look { viewer: hand.other(), face }));
     }
 
-    /// The lower bound of the search is none if a quicker order exists.
+    /// A quicker order than the one found would show that the lower bound of the search is too
+    /// high.
     #[test]
     fn no_order_of_looks_is_quicker() {
         use rand::{Rng as _, SeedableRng as _};

@@ -208,6 +208,7 @@ fn palm(hold: Hold, partner: Hold, rule: Rule) -> Vec<Cell> {
     cells
 }
 
+/// Returns the sense of the face's outward normal along its axis, 1 or -1.
 fn sign(face: Face) -> i8 {
     if face == face.axis().positive_face() { 1 } else { -1 }
 }

@@ -59,9 +59,9 @@ pub struct ArmBelief {
 pub struct CubeSettings {
     /// The two arms, track first.
     pub arms: [ArmBelief; 2],
-    /// Distances by which they can retract along their tools.
+    /// Models that give the distance by which each arm can retract along its tool.
     pub folds: [Fold; 2],
-    /// Places where they can meet.
+    /// Places where the arms can meet.
     pub meetings: MeetingTable,
     /// Search for the distance by which the arms must separate on paths that are not in the table:
     /// from the place where a cube is taken, back to there, and after a path was refused. `None`
@@ -113,11 +113,11 @@ pub struct CubeSettings {
     pub compliance: ComplianceChoice,
     /// Order for the visual servo; the task fills in its `world_from_base`.
     pub visual: visual_servo::Order,
-    /// Rule of the regrasp plan.
+    /// Rule of holds and turns in a plan.
     pub rule: Rule,
     /// Rule by which the solution is chosen.
     pub strategy: Strategy,
-    /// Nodes that the solver may visit.
+    /// Number of nodes that the solver may visit.
     pub nodes: u64,
     /// Largest number of solutions among which the planner chooses.
     pub candidates: usize,
@@ -142,7 +142,7 @@ const OPENED: f64 = 0.09;
 const NOTICED: f64 = 0.1;
 /// Time in which the cube is seated in the palm (s).
 const SEATING: f64 = 0.6;
-/// Mean distance from the cube at which a guarded approach begins, over 300 grasps (m).
+/// Distance from the cube at which a guarded approach begins, as the mean of 300 grasps (m).
 const SHORT: f64 = 0.0055;
 
 impl CubeSettings {
@@ -195,8 +195,8 @@ impl CubeSettings {
     /// `axis` of its tool (0 x, 1 y, 2 z).
     #[must_use]
     pub fn turn_selector(&self, axis: usize) -> Selector {
-        // No direction yields: position control.
         match self.compliance {
+            // No direction yields: position control.
             ComplianceChoice::None => [false; 6],
             ComplianceChoice::Tff => [true, true, true, false, false, false],
             ComplianceChoice::TffTilts => {

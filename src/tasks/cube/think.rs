@@ -34,7 +34,7 @@ pub struct Thought {
     pub strategy: Strategy,
     /// Planner of the two arms: their reach, and what motions cost.
     pub planner: Planner,
-    /// Nodes that the solver may visit.
+    /// Number of nodes that the solver may visit.
     pub nodes: u64,
     /// Declared time of a node (s).
     pub seconds_per_node: f64,
@@ -46,7 +46,7 @@ pub struct Thought {
 #[derive(Debug)]
 pub struct Conclusion(pub Result<Answer, NoAnswer>);
 
-/// Why there is no plan.
+/// Reason why there is no plan.
 #[derive(Debug, Clone, PartialEq)]
 pub enum NoAnswer {
     /// The colours make no cube, or are not certain. Another look may help, or the operator.
@@ -58,7 +58,7 @@ pub enum NoAnswer {
 /// The uncertainty of a reading.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Doubt {
-    /// Description of it.
+    /// Description of the uncertainty.
     pub reason: String,
     /// The likeliest colours; `None` when vision has no guess.
     pub read: Option<Facelets>,
@@ -79,7 +79,7 @@ pub struct Answer {
     pub read: Facelets,
     /// Rotation from the cube frame at acquisition to the one named by the centres' colours.
     pub rotation: Rotation24,
-    /// Face turns.
+    /// Face turns of the solution.
     pub turns: Vec<Turn>,
     /// Steps of the hands.
     pub steps: Vec<Step>,

@@ -3,7 +3,8 @@
 //! - in: facelets, turns, a seed
 //! - out: a [`Cube`], which can always be solved; [`super::legality`] names the reason why stickers
 //!   do not form one
-//! - source: Kociemba's cubie level; the products are written position by position
+//! - source: Kociemba's cubie level; the product of two cubes ([`Cube::then`]) is computed position
+//!   by position
 
 use super::{Face, Facelets, Turn};
 use rand::seq::SliceRandom;
@@ -86,8 +87,8 @@ impl Cube {
     /// Makes a cube from its pieces without a check.
     ///
     /// The solver needs this to make cubes that differ from the solved one in a single coordinate.
-    /// On a cube that cannot be solved the searches end without a solution, or panic;
-    /// [`Cube::try_from`] refuses it.
+    /// If the cube cannot be solved, a search for its solution ends without one, or panics. The
+    /// conversion from [`Facelets`] refuses such a cube.
     #[must_use]
     pub const fn from_pieces(
         corners: [u8; 8],
@@ -133,7 +134,7 @@ impl Cube {
         Facelets::try_from(*colours).is_ok_and(|facelets| Self::try_from(facelets).is_ok())
     }
 
-    /// Draws a cube uniformly from all 4.3e19 states.
+    /// Draws a cube uniformly from all 4.3e19 states. Equal seeds give equal cubes.
     #[must_use]
     pub fn scrambled(seed: u64) -> Self {
         let mut random = Pcg64::seed_from_u64(seed);
@@ -151,8 +152,8 @@ impl Cube {
         for flip in &mut cube.flips[..11] {
             *flip = random.random_range(0..2);
         }
-        // Turns keep the sum of twists a multiple of 3 and the sum of flips even, so the last ones
-        // follow from the others.
+        // Turns keep the sum of twists a multiple of 3 and the sum of flips even, so the last twist
+        // and the last flip follow from the others.
         cube.twists[7] = (3 - cube.twists.iter().sum::<u8>() % 3) % 3;
         cube.flips[11] = cube.flips.iter().sum::<u8>() % 2;
         cube
@@ -191,8 +192,8 @@ impl Cube {
         product
     }
 
-    /// Returns the inverse of this state: the turns that lead from the solved cube to it undo those
-    /// that lead to this state.
+    /// Returns the inverse state: turns that lead from the solved cube to this state, followed by
+    /// turns that lead from the solved cube to the inverse, have no effect.
     #[must_use]
     pub fn inverse(&self) -> Self {
         let mut inverse = Self::SOLVED;
@@ -224,7 +225,7 @@ impl Default for Cube {
     }
 }
 
-/// Checks whether a permutation is odd.
+/// Checks whether a permutation, given as the numbers 0..n in their new order, is odd.
 pub(super) fn odd(permutation: &[u8]) -> bool {
     let inversions = (0..permutation.len())
         .map(|i| permutation[i + 1..].iter().filter(|&&p| p < permutation[i]).count())
@@ -233,6 +234,7 @@ pub(super) fn odd(permutation: &[u8]) -> bool {
 }
 
 impl From<&Cube> for Facelets {
+    /// Returns the stickers of a cube.
     fn from(cube: &Cube) -> Self {
         // Only the centres keep these colours; the pieces set all others.
         let mut faces: [Face; 54] = std::array::from_fn(|i| Face::ALL[i / 9]);
@@ -257,6 +259,7 @@ mod tests {
     use crate::cube::{facelet_at, parse_turns};
     use proptest::prelude::*;
 
+    /// Returns the cell (components -1, 0, 1 along x, y, z) of the piece on these faces.
     fn cell(faces: &[Face]) -> [i8; 3] {
         let sum: nalgebra::Vector3<f64> = faces.iter().map(|f| f.normal()).sum();
         [sum.x as i8, sum.y as i8, sum.z as i8]
@@ -276,6 +279,7 @@ mod tests {
         }
     }
 
+    /// In the superflip every piece is in its place and all twelve edges are flipped.
     #[test]
     fn known_twenty_turns_lead_to_superflip() {
         let turns = parse_turns("U R2 F B R B2 R U2 L B2 R U' D' R2 F R' L B2 U2 F2").unwrap();
@@ -310,7 +314,7 @@ mod tests {
         }
 
         #[test]
-        fn a_cube_then_its_inverse_is_solved(seed: u64) {
+        fn cube_times_its_inverse_is_solved(seed: u64) {
             let cube = Cube::scrambled(seed);
 
             prop_assert!(cube.then(&cube.inverse()).is_solved());

@@ -34,13 +34,14 @@ pub enum ParseFacelets {
         /// Letter at that position.
         letter: char,
     },
-    /// The lines of the text, of this number, are none of the known layouts.
+    /// The text has 54 letters, but its lines form no known layout. The value is the number of
+    /// lines.
     #[error(
-        "54 letters in {0} lines: expected one line, six lines of 9 (the sides in the order \
-         URFDLB), or a net (three lines of 3, three of 12 with L F R B, three of 3)"
+        "54 letters in {0} lines: expected one line, six lines of 9 or 18 of 3 (the sides in \
+         the order URFDLB), or a net (three lines of 3, three of 12 with L F R B, three of 3)"
     )]
     Layout(usize),
-    /// The letters are colours whose centres are not those of a usual cube.
+    /// The letters are colours, and those of the centres are not arranged as on a usual cube.
     #[error(
         "the letters are colours (w r o y g b), and in the orders URFDLB and ULFRBD their six \
          centres are not those of a cube with white opposite yellow, red opposite orange and green \
@@ -112,6 +113,7 @@ impl FaceletPlace {
 }
 
 impl fmt::Display for FaceletPlace {
+    /// Writes the letter of the face and the number of the sticker on it in reading order, 1..=9.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}{}", self.face.letter(), self.row * 3 + self.col + 1)
     }
@@ -155,13 +157,14 @@ impl Facelets {
         Self(colours.map(|c| c.index() as u8))
     }
 
-    /// Returns the colour of a facelet, named by the face whose centre has it on a solved cube.
+    /// Returns the colour of the facelet with this index, 0..54, named by the face whose centre has
+    /// it on a solved cube.
     #[must_use]
     pub fn colour(&self, index: usize) -> Face {
         Face::ALL[usize::from(self.0[index])]
     }
 
-    /// Returns all colours as numbers 0..=5.
+    /// Returns the colours of all facelets as numbers 0..=5 (see [`Facelets`]).
     #[must_use]
     pub fn colours(&self) -> &[u8; 54] {
         &self.0
@@ -185,7 +188,7 @@ impl Facelets {
         Self(moved)
     }
 
-    /// Checks whether each face has one colour, in any orientation.
+    /// Checks whether each face shows a single colour. The cube may be in any orientation.
     #[must_use]
     pub fn is_solved(&self) -> bool {
         self.0.chunks(9).all(|face| face.iter().all(|c| *c == face[4]))
@@ -195,14 +198,17 @@ impl Facelets {
 impl TryFrom<[u8; 54]> for Facelets {
     type Error = ParseFacelets;
 
+    /// Takes colours as numbers 0..=5.
+    ///
+    /// # Errors
+    /// [`ParseFacelets::Letter`] for the first number above 5.
     fn try_from(colours: [u8; 54]) -> Result<Self, ParseFacelets> {
         match colours.iter().position(|&c| c > 5) {
             None => Ok(Self(colours)),
             Some(at) => Err(ParseFacelets::Letter {
                 position: at + 1,
                 place: facelet_place(at),
-                // The error shows a character. The number of the colour becomes a digit, or a
-                // letter from 10.
+                // The error shows one character: a digit, or for numbers from 10 a letter.
                 letter: char::from_digit(u32::from(colours[at]), 36).unwrap_or('?'),
             }),
         }
@@ -224,6 +230,7 @@ impl From<Facelets> for String {
 }
 
 impl fmt::Display for Facelets {
+    /// Writes the 54 letters in the order URFDLB.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.0.iter().try_for_each(|&c| write!(f, "{}", Face::ALL[usize::from(c)].letter()))
     }

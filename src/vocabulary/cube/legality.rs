@@ -1,6 +1,7 @@
 //! The check whether stickers form a cube that can be solved: `Cube::try_from(Facelets)`.
 //!
-//! - in: facelets, perhaps named in another orientation: [`Facelets::normalised`]
+//! - in: facelets; [`Facelets::normalised`] first rotates those that were read in another
+//!   orientation
 //! - out: the cube, or an [`ImpossibleCube`] that names the fault and, where it can be known, the
 //!   piece
 //!
@@ -9,8 +10,8 @@
 //! | count of a colour, centres, colours that no piece has, a piece twice | always known |
 //! | flipped edge, twisted corner, two swapped pieces | known only if [`mostly_home`] |
 //!
-//! On a scrambled cube any edge may be the flipped one, so the second row needs a cube of which at
-//! least half the pieces are at home.
+//! On a scrambled cube any edge may be the flipped one, so a fault of the second row has a known
+//! place only if at least half the pieces are at home.
 
 use super::cubies::{CORNER_FACELETS, EDGE_FACELETS, odd};
 use super::{CORNERS, Cube, EDGES, Face, FaceletPlace, Facelets, Rotation24};
@@ -23,6 +24,7 @@ pub struct Piece {
 }
 
 impl Piece {
+    /// Makes the name of the piece or position with these two or three faces.
     pub(super) fn of(faces: &[Face]) -> Self {
         Self { faces: std::array::from_fn(|i| faces.get(i).copied()) }
     }
@@ -130,6 +132,8 @@ pub enum ImpossibleCube {
     },
 }
 
+/// Describes a flipped or twisted piece. `kind` is "edge" or "corner"; `how` says in which way the
+/// piece is wrong.
 fn odd_one(piece: Option<Piece>, kind: &str, how: &str) -> String {
     match piece {
         Some(piece) => format!("{kind} {piece} is {how} in its place"),
@@ -179,6 +183,10 @@ impl ImpossibleCube {
 impl TryFrom<Facelets> for Cube {
     type Error = ImpossibleCube;
 
+    /// Returns the cube that has these stickers.
+    ///
+    /// # Errors
+    /// The first reason why the stickers do not form a cube that can be solved.
     fn try_from(facelets: Facelets) -> Result<Self, ImpossibleCube> {
         // From here on the pieces can be compared by colour, since each face has the colour of its
         // own centre.
@@ -243,17 +251,18 @@ impl Facelets {
     /// centre it is. A cube after slices and rotations becomes one that face turns can make.
     ///
     /// # Errors
-    /// As [`Facelets::normalised`].
+    /// The errors of [`Facelets::normalised`].
     pub fn named_by_position(&self) -> Result<Self, ImpossibleCube> {
         let (_, rotation) = self.normalised()?;
-        // The rotation takes each face to the one that is named like its centre.
+        // The rotation takes each face to the one that has the name of its centre's colour.
         let back = rotation.inverse();
         Ok(Self::from_faces(std::array::from_fn(|i| back.face(self.colour(i)))))
     }
 }
 
+/// Checks that each centre has the colour of its own face and that each colour occurs nine times.
 fn check_colours(facelets: &Facelets) -> Result<(), ImpossibleCube> {
-    // The centres come first: a cube in another orientation would have only wrong pieces.
+    // The centres come first: on a cube in another orientation every piece would seem misplaced.
     facelets.normalised()?;
     for face in Face::ALL {
         let colour = facelets.colour(face.index() * 9 + 4);
@@ -291,8 +300,8 @@ fn pieces<const N: usize, const P: usize>(
     Ok(found)
 }
 
-/// Finds the piece with these colours in this cyclic order. Returns its index and its twist or
-/// flip: the position among `colours` of the piece's first colour.
+/// Finds the piece with these colours in this cyclic order; `None` if there is none. Returns its
+/// index and its twist or flip: the position among `colours` of the piece's first colour.
 fn find<const N: usize>(pieces: &[[Face; N]], colours: [Face; N]) -> Option<(usize, usize)> {
     (0..N).find_map(|turn| {
         let mut straight = colours;
@@ -301,6 +310,8 @@ fn find<const N: usize>(pieces: &[[Face; N]], colours: [Face; N]) -> Option<(usi
     })
 }
 
+/// Checks the sums that turns do not change: flips, twists, and the parity of the permutation.
+/// Names the wrong piece or pair if only one can be meant.
 fn check_sums(cube: &Cube) -> Result<(), ImpossibleCube> {
     // A turn flips an even number of edges.
     if cube.flips.iter().sum::<u8>() % 2 == 1 {
@@ -329,15 +340,17 @@ fn check_sums(cube: &Cube) -> Result<(), ImpossibleCube> {
     Ok(())
 }
 
-/// Checks whether at least half of the 20 pieces are at home, so that a single piece which is not
-/// must be the odd one. A scrambled cube has one piece at home on average.
+/// Checks whether at least half of the 20 pieces are at home: in their place, neither flipped nor
+/// twisted. Then a single piece that is wrong in its place is taken for the fault. A scrambled cube
+/// has only about one piece at home, and a piece in its place may be flipped or twisted by turns.
 fn mostly_home(cube: &Cube) -> bool {
     let corners = (0..8).filter(|&i| usize::from(cube.corners[i]) == i && cube.twists[i] == 0);
     let edges = (0..12).filter(|&i| usize::from(cube.edges[i]) == i && cube.flips[i] == 0);
     corners.count() + edges.count() >= 10
 }
 
-/// Returns the pairs of pieces of which each is in the other's place.
+/// Returns the pairs of pieces that are in each other's place. `order` has the piece at each
+/// position.
 fn exchanged(order: &[u8]) -> impl Iterator<Item = (usize, usize)> {
     (0..order.len()).filter_map(|i| {
         let other = usize::from(order[i]);
@@ -356,6 +369,7 @@ mod tests {
     use crate::cube::parse_turns;
     use proptest::prelude::*;
 
+    /// Returns the solved cube after swaps of the stickers of each pair, in this order.
     fn swapped(pairs: &[(usize, usize)]) -> Facelets {
         let mut colours = *Facelets::solved().colours();
         for &(a, b) in pairs {

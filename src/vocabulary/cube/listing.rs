@@ -40,11 +40,12 @@ pub enum Listing {
 }
 
 impl Listing {
-    /// Returns the progress of lines, which must not be empty.
+    /// Returns the progress of `lines`, of which there must be at least one.
     #[must_use]
     pub fn of<T: AsRef<str>>(lines: &[T]) -> Self {
         let lengths: Vec<usize> = lines.iter().map(|line| letters(line.as_ref()).count()).collect();
-        // A line of nine other characters is a mistake of its own and begins no cube.
+        // A line with a character that names neither a side nor a colour begins no cube, even if it
+        // has the right length.
         let known = |line: &T| letters(line.as_ref()).all(|c| face(c).or(colour(c)).is_some());
         let begins = LAYOUTS.iter().any(|layout| layout.starts_with(&lengths));
         if !begins || !lines.iter().all(known) {
@@ -57,6 +58,11 @@ impl Listing {
 impl FromStr for Facelets {
     type Err = ParseFacelets;
 
+    /// Reads the text of a cube in one of the layouts of this module.
+    ///
+    /// # Errors
+    /// The first wrong letter, a wrong number of letters, an unknown layout, or colours whose
+    /// centres are not those of a usual cube.
     fn from_str(text: &str) -> Result<Self, ParseFacelets> {
         let text = text.trim().trim_start_matches('\u{feff}').trim_start();
         // Each letter keeps its position in the text for the message.
@@ -67,8 +73,8 @@ impl FromStr for Facelets {
         if lengths == NET {
             letters = unfolded(&letters);
         }
-        // Text of colours has a letter that is no side's. A wrong letter is reported before a wrong
-        // length, because it says more about the mistake.
+        // A letter that names no side shows that the letters are colours. A wrong letter is
+        // reported before a wrong length, because it says more about the mistake.
         let foreign = letters.iter().take(54).position(|(_, c)| face(*c).is_none());
         let are_colours = letters.iter().all(|(_, c)| colour(*c).is_some());
         if let (Some(at), false) = (foreign, are_colours) {
@@ -80,7 +86,8 @@ impl FromStr for Facelets {
         let faces: Vec<Face> = letters.iter().filter_map(|(_, c)| named(*c)).collect();
         let faces =
             <[Face; 54]>::try_from(faces).map_err(|_| ParseFacelets::Length(letters.len()))?;
-        // Six lines of nine and a net can be told apart; other lines may be in any order.
+        // The lengths of the lines tell the known layouts apart. In any other layout the order of
+        // the sides is unknown.
         if lengths.len() > 1 && !LAYOUTS.contains(&&*lengths) {
             return Err(ParseFacelets::Layout(lengths.len()));
         }
@@ -91,17 +98,18 @@ impl FromStr for Facelets {
     }
 }
 
-/// Returns the letters of a line.
+/// Returns the characters of a line without blanks and byte-order marks.
 fn letters(line: &str) -> impl Iterator<Item = char> {
     line.chars().filter(|c| !c.is_whitespace() && *c != '\u{feff}')
 }
 
-/// Returns the side that a letter names.
+/// Returns the side that a letter names, in upper or lower case; `None` for any other letter.
 fn face(letter: char) -> Option<Face> {
     Face::from_letter(letter.to_ascii_uppercase())
 }
 
-/// Returns the side that has the colour of a letter on a solved cube.
+/// Returns the side that has the colour of a letter on a solved cube; `None` if the letter, in
+/// upper or lower case, is no colour.
 fn colour(letter: char) -> Option<Face> {
     let index = COLOURS.iter().position(|c| *c == letter.to_ascii_uppercase())?;
     Some(Face::ALL[index])
@@ -116,10 +124,10 @@ fn unfolded<T: Copy>(net: &[T]) -> Vec<T> {
 }
 
 /// Returns the cube whose stickers have these colours, each named by the side on whose centre it
-/// is. The sides are in the order URFDLB, or also in the order ULFRBD if `either`.
+/// is. The sides are in the order URFDLB. If `either` is true, the order ULFRBD is tried as well.
 ///
 /// # Errors
-/// [`ParseFacelets::Colours`] if the centres are those of a cube in none of the orders.
+/// [`ParseFacelets::Colours`] if in no tried order the centres are those of a usual cube.
 fn by_centres(colours: [Face; 54], either: bool) -> Result<Facelets, ParseFacelets> {
     let usual = Facelets::from_faces(colours).named_by_position();
     let other = || {
@@ -147,13 +155,13 @@ mod tests {
         parts.join(separator)
     }
 
-    /// Returns the text with colours in the place of sides.
+    /// Returns the text with the letter of each side replaced by that of its colour.
     fn coloured(text: &str) -> String {
         let letter = |c| COLOURS[Face::from_letter(c).unwrap().index()].to_ascii_lowercase();
         text.chars().map(letter).collect()
     }
 
-    /// Returns the net of a list in the order URFDLB.
+    /// Returns the letters of a text in the order URFDLB as a net.
     fn net(text: &str) -> String {
         let row = |face: usize, row: usize| &text[9 * face + 3 * row..][..3];
         let mut lines: Vec<String> = (0..3).map(|r| format!("    {}", row(0, r))).collect();
@@ -197,7 +205,8 @@ mod tests {
         assert_eq!(wrong.parse::<Facelets>(), Err(ParseFacelets::Colours));
     }
 
-    /// Colours of a cube that is held with yellow on top are named as it is held.
+    /// A cube is held in another orientation: each colour is named by the side that its centre is
+    /// on.
     #[test]
     fn colours_are_named_by_their_centres() {
         let (cube, _) = cube();

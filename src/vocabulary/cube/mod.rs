@@ -88,7 +88,7 @@ impl Face {
         self as usize
     }
 
-    /// Finds the face with this upper-case letter.
+    /// Finds the face with this upper-case letter; `None` for any other character.
     #[must_use]
     pub fn from_letter(letter: char) -> Option<Self> {
         Self::ALL.into_iter().find(|f| f.letter() == letter)

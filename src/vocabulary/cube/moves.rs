@@ -12,7 +12,7 @@
 //! | `y3Rw`, `R2u` | refused, a blank is asked for | a large cube's `3Rw` turns three layers |
 //! | `R5`, `Mw`, `2R` | refused | this cube has no such move |
 //! | `(R U)3` | at most [`REPEATED`] times | more is a mistake |
-//! | `(R U)'`, `(R U)x2` | refused | `'` has two meanings, `x2` is a rotation as well |
+//! | `(R U)'`, `(R U)x2` | refused | `'` has two meanings, `x2` may be a rotation or a repetition |
 //! | groups in groups | [`DEPTH`] deep, [`MOST`] moves | a short text must not fill the memory |
 
 use super::{Axis, Face, Facelets, Rotation24, Turn};
@@ -110,11 +110,13 @@ impl Move {
         let (forth, back) = (self.quarters, 4 - self.quarters);
         match self.layers {
             Layers::Face(face) => turned(*facelets, face, forth),
-            // A wide turn is a rotation of all three layers in which the third one stays in place.
-            // It is turned back first, and back is clockwise as seen from its own side.
+            // A wide turn is a rotation of the whole cube in which the opposite outer layer stays
+            // in place. So this layer is turned back first, which is clockwise as seen from its
+            // side.
             Layers::Wide(face) => rotated(turned(*facelets, face.opposite(), forth), face, forth),
             Layers::Slice(face) => {
-                // A slice is a rotation of all three layers in which both outer ones stay in place.
+                // A slice is a rotation of the whole cube in which both outer layers stay in place,
+                // so both are turned back first.
                 let outer = turned(turned(*facelets, face, back), face.opposite(), forth);
                 rotated(outer, face, forth)
             }
@@ -124,6 +126,7 @@ impl Move {
 }
 
 impl fmt::Display for Move {
+    /// Writes the move in the notation that [`parse_moves`] reads.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let suffix = ["", "2", "'"][usize::from(self.quarters) - 1];
         match self.layers {
@@ -132,7 +135,6 @@ impl fmt::Display for Move {
             Layers::Slice(face) => {
                 // The letter follows from the axis: a parsed slice always has the sense of L, F or
                 // D.
-                // A parsed rotation always has the sense of R, F or U.
                 let letter = match face.axis() {
                     Axis::X => 'M',
                     Axis::Y => 'S',
@@ -141,6 +143,7 @@ impl fmt::Display for Move {
                 write!(f, "{letter}{suffix}")
             }
             Layers::All(face) => {
+                // A parsed rotation always has the sense of R, F or U.
                 let letter = match face.axis() {
                     Axis::X => 'x',
                     Axis::Y => 'z',
@@ -204,7 +207,8 @@ pub fn parse_moves(text: &str) -> Result<Vec<Move>, ParseMoves> {
     }
 }
 
-/// Reads the move that begins at `start`. Returns it with the position after it.
+/// Reads the move that begins at `start`. Returns the move and the position of the first character
+/// after it.
 fn parse_move(letters: &[char], start: usize) -> Result<(Move, usize), ParseMoves> {
     let mut layers =
         layers(letters[start]).ok_or_else(|| unreadable(letters, start, MoveFault::NotAMove))?;
@@ -225,14 +229,14 @@ fn parse_move(letters: &[char], start: usize) -> Result<(Move, usize), ParseMove
     if letters.get(at).is_some_and(doubled) {
         return Err(unreadable(letters, start, MoveFault::NotAMove));
     }
-    // `3Rw` are three layers of a large cube: `y3Rw` is not read as y3 and Rw.
+    // `3Rw` turns three layers of a large cube, so `y3Rw` could be y and 3Rw as well as y3 and Rw.
     if number && is_wide(letters, at) {
         return Err(unreadable(letters, start, MoveFault::Ambiguous));
     }
     Ok((Move { layers, quarters }, at))
 }
 
-/// Returns whether a wide turn is at a position.
+/// Returns whether a wide turn (`Rw` or `r`) begins at position `at`.
 fn is_wide(letters: &[char], at: usize) -> bool {
     let layers = letters.get(at).and_then(|c| layers(*c));
     match layers {
@@ -242,13 +246,14 @@ fn is_wide(letters: &[char], at: usize) -> bool {
     }
 }
 
-/// Returns the number of repetitions after the parenthesis at `close`, and the position after it.
+/// Returns the number of repetitions after the closing parenthesis at `close` (1 if none is given),
+/// and the position after that number.
 fn repetitions(letters: &[char], close: usize) -> Result<(usize, usize), ParseMoves> {
     let at = close + 1;
     let digits: String = letters[at..].iter().take_while(|c| c.is_ascii_digit()).collect();
     let next = at + digits.len();
     let times = if digits.is_empty() { Some(1) } else { digits.parse().ok() };
-    // A letter may be a sign of repetition as in `(R U)x2`, or a move.
+    // A letter right after the group is refused: as in `(R U)x2`, it may mean repetition or a move.
     let ends = letters.get(next).is_none_or(|c| c.is_whitespace() || matches!(c, '(' | ')'));
     match times.filter(|times| ends && (1..=REPEATED).contains(times)) {
         Some(times) => Ok((times, next)),
@@ -284,7 +289,8 @@ fn layers(letter: char) -> Option<Layers> {
     })
 }
 
-/// Checks for an apostrophe, or one of the characters that keyboards and typesetting make of it.
+/// Checks whether a character is an apostrophe, or one of those that keyboards and typesetting put
+/// in its place.
 pub(super) fn is_prime(letter: char) -> bool {
     matches!(letter, '\'' | '’' | '‘' | '′' | '`' | '´')
 }
@@ -390,7 +396,7 @@ mod tests {
     }
 
     #[test]
-    fn groups_are_repeated() {
+    fn number_after_group_repeats_its_moves() {
         for (text, same) in [
             ("(R U)3", "R U R U R U"),
             ("(R U R' U')2 F", "R U R' U' R U R' U' F"),

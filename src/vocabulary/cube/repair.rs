@@ -25,13 +25,14 @@ pub struct StickerChange {
 }
 
 impl fmt::Display for StickerChange {
+    /// Writes the place, the present and the needed colour of the sticker: `U1 R -> F`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let place = facelet_place(self.sticker);
         write!(f, "{place} {} -> {}", self.from.letter(), self.to.letter())
     }
 }
 
-/// Repair with the fewest changes.
+/// Repair of a cube with the fewest changes of stickers.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Repair {
     /// Changes of one of these repairs; empty for a cube that can be solved.
@@ -41,6 +42,7 @@ pub struct Repair {
 }
 
 impl fmt::Display for Repair {
+    /// Writes how many stickers to change, in how many ways, and the changes of one way.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let stickers = match self.changes.len() {
             0 => return write!(f, "nothing to change"),
@@ -100,18 +102,20 @@ impl Repair {
 struct Best {
     /// Number of stickers that differ.
     cost: u16,
+    /// Number of assignments with this cost.
     ways: u64,
-    /// Number of the piece at the last of these positions.
+    /// Index of the piece at the last of these positions.
     piece: u8,
-    /// Turn of that piece.
+    /// Twist or flip of that piece.
     turn: u8,
 }
 
 /// Mark of a state that no assignment reaches. No assignment changes more than 24 stickers.
 const NONE: Best = Best { cost: 1000, ways: 0, piece: 0, turn: 0 };
 
-/// Best assignment for each set of pieces, sum of turns and parity, at the index `(set * N + sum) *
-/// 2 + parity`.
+/// Best assignment for each set of pieces, sum of their twists or flips modulo N, and parity of
+/// their order, at the index `(set * N + sum) * 2 + parity`. N is the number of stickers of a
+/// piece, P the number of pieces; bit i of `set` stands for piece i.
 struct Fit<const N: usize, const P: usize> {
     best: Vec<Best>,
 }
@@ -125,8 +129,8 @@ fn fit<const N: usize, const P: usize>(
 ) -> Fit<N, P> {
     let mut best = vec![NONE; (1 << P) * N * 2];
     best[0] = Best { cost: 0, ways: 1, piece: 0, turn: 0 };
-    // A set has a larger number than each of its subsets, so `best` of this set is final. Its size
-    // is the number of the next position.
+    // A set has a larger number than each of its subsets, so `best` of this set is final. The
+    // number of its pieces is the index of the next position.
     for set in 0..(1_usize << P) - 1 {
         let colours = places[set.count_ones() as usize].map(|p| facelets.colour(p));
         for piece in (0..P).filter(|p| set >> p & 1 == 0) {
@@ -195,6 +199,7 @@ mod tests {
         Facelets::from_faces(colours)
     }
 
+    /// Returns the facelets with other colours at the given indices.
     fn with(facelets: &Facelets, colours: &[(usize, u8)]) -> Facelets {
         let mut all = *facelets.colours();
         for &(i, c) in colours {

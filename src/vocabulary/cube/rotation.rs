@@ -1,6 +1,7 @@
 //! The 24 rotations of a cube onto itself.
 //!
-//! A rotation gives the orientation of a reading on the cube, or of one tool relative to the other.
+//! A rotation gives the orientation in which a cube was read, or that of one gripper relative to
+//! the other.
 
 use super::{Axis, Face};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
@@ -124,7 +125,7 @@ impl Rotation24 {
         moved
     }
 
-    /// Returns the product: first `other`, then this one.
+    /// Returns the product: the rotation `other`, followed by this one.
     #[must_use]
     pub fn after(self, other: Self) -> Self {
         Self(PRODUCTS[self.index()][other.index()])
@@ -146,6 +147,7 @@ impl Rotation24 {
 }
 
 impl fmt::Debug for Rotation24 {
+    /// Writes the index and the faces to which U and R move.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (up, right) = (self.face(Face::U).letter(), self.face(Face::R).letter());
         write!(f, "Rotation24({}: U to {up}, R to {right})", self.0)

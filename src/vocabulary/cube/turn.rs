@@ -51,6 +51,7 @@ impl Turn {
 }
 
 impl fmt::Display for Turn {
+    /// Writes the turn in the notation that [`parse_turns`] reads.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let suffix = ["", "2", "'"][usize::from(self.quarters) - 1];
         write!(f, "{}{suffix}", self.face.letter())
@@ -60,6 +61,11 @@ impl fmt::Display for Turn {
 impl FromStr for Turn {
     type Err = ParseTurns;
 
+    /// Reads exactly one face turn.
+    ///
+    /// # Errors
+    /// The first character that is not part of a face turn; position 1 if the text has no turn or
+    /// several.
     fn from_str(text: &str) -> Result<Self, ParseTurns> {
         match parse_turns(text)?.as_slice() {
             [turn] => Ok(*turn),

@@ -22,6 +22,7 @@ struct Angles {
 }
 
 impl Angles {
+    /// Computes the sines and cosines at these joint positions.
     fn of(q: &JointPositions) -> Self {
         let t3 = q.0[2] + q.0[3] + FRAC_PI_2;
         Self {
@@ -34,7 +35,7 @@ impl Angles {
 }
 
 impl ArmModel {
-    /// Computes `base_from_flange`. An arm without a track ignores d0.
+    /// Computes the pose of the flange in the base frame. An arm without a track ignores d0.
     #[must_use]
     pub fn base_from_flange(&self, joints: &JointPositions) -> Pose {
         let q = &joints.0;
@@ -81,8 +82,8 @@ impl ArmModel {
         let ((s1, c1), (s4, c4)) = (angles.one, angles.four);
         let pitch = Vector3::new(-s1, c1, 0.0);
         let roll = Vector3::new(c1 * c4, s1 * c4, -s4);
-        // Each rotary joint as a unit vector along its axis and a point on the axis. q3 and q4 are
-        // relative to the link before, so elbow and wrist have axes of their own.
+        // Each rotary joint q1..q6 as a unit vector along its axis and a point on the axis. q3 and
+        // q4 are relative to the link before, so elbow and wrist have axes of their own.
         let axes = [
             (Vector3::z(), shoulder),
             (pitch, shoulder),
@@ -110,7 +111,7 @@ impl ArmModel {
         if self.has_track { joints.0[0] } else { 0.0 }
     }
 
-    /// Computes the points of [`ArmModel::points`] from the sines and cosines.
+    /// Computes the points of [`ArmModel::points`] from the sines and cosines of the joint angles.
     fn points_at(&self, joints: &JointPositions, angles: &Angles) -> [Point3<f64>; 5] {
         let [a2, a3, d5] = self.links;
         let (s1, c1) = angles.one;
@@ -146,7 +147,7 @@ mod tests {
 
     /// Computes the pose of the flange by a product of exponentials. Each axis is a screw in the
     /// pose in which all variables are zero (`t3 = pi/2`: the upper arm hangs down from the
-    /// stretched lower arm). It shares only the lengths with the closed form.
+    /// stretched lower arm). This computation shares only the lengths with the closed form.
     fn by_screws(model: &ArmModel, q: &JointPositions) -> Pose {
         let [a2, a3, d5] = model.links;
         let h = model.shoulder_height;

@@ -6,9 +6,9 @@
 //! and q6 differ by pi). The elbow-down solutions are far outside the limits of q3. The track
 //! position d0 is an input.
 //!
-//! The original takes q5 from a root, which loses digits near the singularity sin q5 = 0 of the
-//! wrist. Here q5 and q6 follow from t4 by arguments of atan2 that are never both small, so the
-//! orientation is exact even there. In the singularity itself t4 keeps its old value.
+//! The original controller takes q5 from a root, which loses digits near the singularity sin q5 = 0
+//! of the wrist. Here q5 and q6 follow from t4 by arguments of atan2 that are never both small, so
+//! the orientation is exact even there. In the singularity itself t4 keeps its old value.
 
 use super::ArmModel;
 use crate::motion::{JointPositions, MoveRefused};
@@ -38,6 +38,8 @@ impl Branches {
         &self.found[..self.count]
     }
 
+    /// Appends a solution. One beyond the capacity, which the limits of an IRp-6 exclude, is
+    /// dropped.
     fn push(&mut self, joints: JointPositions) {
         if self.count < Self::MOST {
             self.found[self.count] = joints;
@@ -163,11 +165,12 @@ impl ArmModel {
         }
     }
 
-    /// Computes all joint positions of a solution from its wrist angles, q1 and d0, by the angles
-    /// of the lower and the upper arm.
+    /// Computes the joint positions of the solution that has these wrist angles, q1 (rad) and d0
+    /// (m): finds the angles of the lower and the upper arm that reach its wrist centre.
     ///
     /// # Errors
-    /// [`MoveRefused::OutOfReach`] or [`MoveRefused::NotANumber`].
+    /// [`MoveRefused::OutOfReach`] if the wrist centre is too far from, or too near to, the
+    /// shoulder; [`MoveRefused::NotANumber`] if a result is not finite.
     fn arm(
         &self,
         plane: &Plane,
@@ -213,15 +216,15 @@ const TURNS: [f64; 3] = [0.0, TAU, -TAU];
 
 impl Plane {
     /// Returns both solutions for the wrist's angles. In the singularity, where the pose does not
-    /// determine t4, they are the one with this `t4` and its mirror image.
+    /// determine t4, they are the one with the given `t4` (rad) and the one with t4 + pi.
     fn wrists(&self, t4: f64) -> [Wrist; 2] {
         // A = (s4 s5, c5, c4 s5), so its part in the plane has the length |s5| and the direction
         // t4.
         let sine = libm::hypot(self.a.x, self.a.z);
         let t4 = if sine > SINGULAR { libm::atan2(self.a.x, self.a.z) } else { t4 };
         let (s4, c4) = libm::sincos(t4);
-        // (c4, 0, -s4) is normal to the wrist in the plane: N along it is s6 and O is c6. A along
-        // (s4, 0, c4) is s5.
+        // (c4, 0, -s4) is normal to the wrist in the plane: along it N has the component s6 and O
+        // has c6. A has the component s5 along (s4, 0, c4).
         let q5 = libm::atan2(s4 * self.a.x + c4 * self.a.z, self.a.y);
         let q6 = libm::atan2(c4 * self.n.x - s4 * self.n.z, c4 * self.o.x - s4 * self.o.z);
         [
@@ -257,6 +260,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// Generates joint positions inside the joint limits of the track arm.
     fn any_joints() -> impl Strategy<Value = JointPositions> {
         let limits = builtin("irp6_track").unwrap().joint_limits;
         prop::array::uniform7(0.0..1.0f64).prop_map(move |u| {
@@ -266,6 +270,7 @@ mod tests {
         })
     }
 
+    /// Returns the largest difference of any joint (m or rad).
     fn largest_difference(a: &JointPositions, b: &JointPositions) -> f64 {
         a.0.iter().zip(&b.0).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max)
     }
@@ -307,7 +312,7 @@ mod tests {
         }
 
         #[test]
-        fn inverse_is_exact_next_to_singularity(
+        fn inverse_is_exact_next_to_wrist_singularity(
             q in any_joints(), exponent in -20.0..-3.0f64, half in 0..2i32
         ) {
             let model = builtin("irp6_track").unwrap();

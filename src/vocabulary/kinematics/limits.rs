@@ -29,7 +29,7 @@ impl ArmModel {
         self.check_motors(&self.motors(joints))
     }
 
-    /// Returns every joint that is outside its limits.
+    /// Returns an error for each joint that is outside its limits or not a finite number.
     pub fn joint_excesses(&self, joints: &JointPositions) -> impl Iterator<Item = MoveRefused> {
         excesses(self.first_axis(), joints.0, self.joint_limits).map(|(axis, value, low, high)| {
             if value.is_finite() {
@@ -40,7 +40,7 @@ impl ArmModel {
         })
     }
 
-    /// Returns every motor that is outside its limits.
+    /// Returns an error for each motor that is outside its limits or not a finite number.
     pub fn motor_excesses(&self, motors: &MotorPositions) -> impl Iterator<Item = MoveRefused> {
         excesses(self.first_axis(), motors.0, self.motor_limits).map(|(axis, value, low, high)| {
             if value.is_finite() {
@@ -52,8 +52,8 @@ impl ArmModel {
     }
 
     /// Returns the greatest speed of an axis whose motor moves no other joint (rad/s; m/s of the
-    /// track): track, waist and tool roll. It is infinite for the others, which share their motors,
-    /// so that their greatest speeds depend on the posture and on the other joints.
+    /// track): track, waist and tool roll. For the other axes it returns infinity: their motors
+    /// move several joints, so their greatest speeds depend on the posture and on those joints.
     #[must_use]
     pub fn uncoupled_speed(&self, axis: usize) -> f64 {
         match axis {
@@ -63,7 +63,7 @@ impl ArmModel {
         }
     }
 
-    /// Returns whether a joint is inside its limits.
+    /// Returns whether `value` (m or rad) is inside the limits of a joint. A NaN is not.
     pub(super) fn allows(&self, axis: usize, value: f64) -> bool {
         let (low, high) = self.joint_limits[axis];
         (low..=high).contains(&value)
@@ -75,7 +75,8 @@ impl ArmModel {
     }
 }
 
-/// Returns axis, value, low and high limit of each value outside its limits.
+/// Returns axis, value, low and high limit of each value that is outside its limits or NaN, from
+/// the axis `first` on.
 fn excesses(
     first: usize,
     values: [f64; AXES],
@@ -93,7 +94,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn uncoupled_speed_moves_its_motor_at_the_limit() {
+    fn uncoupled_speed_turns_one_motor_at_its_limit() {
         for name in ["irp6_track", "irp6_postument"] {
             let model = builtin(name).unwrap();
             let from = JointPositions([0.5, 0.1, -1.5, 0.1, 0.5, 1.0, 0.5]);
@@ -138,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn check_refuses_nan() {
+    fn check_refuses_nan_joint_position() {
         let model = builtin("irp6_postument").unwrap();
         let mut q = JointPositions([0.0, 0.0, -1.57, 0.0, 1.0, 1.0, 0.0]);
         q.0[4] = f64::NAN;

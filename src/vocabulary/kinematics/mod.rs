@@ -22,7 +22,7 @@ pub use inverse::Branches;
 use crate::motion::AXES;
 use serde::{Deserialize, Serialize};
 
-/// Geometry, transmissions and limits of an IRp-6 arm, as data (irp6 profile of the scenario).
+/// Geometry, transmissions and limits of an IRp-6 arm, as a file of `scenarios/arms` gives them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ArmModel {
@@ -45,7 +45,9 @@ pub struct ArmModel {
     pub sync: [f64; AXES],
     /// Joint offsets th1..th6 of the calibrated models (rad); 0 in the nominal one.
     pub offsets: [f64; AXES],
-    /// Constants of the lower-arm screw: sl (mm2), mi (mm2), ni (mm2), l0 (mm).
+    /// Constants of the lower-arm screw: sl (mm2), mi (mm2), ni (mm2), l0 (mm). The screw has the
+    /// length `sqrt(sl + mi cos a - ni sin a)` at the link angle a, and l0 at the synchronisation
+    /// position.
     pub lower_screw: [f64; 4],
     /// Constants of the upper-arm screw, in the same order.
     pub upper_screw: [f64; 4],

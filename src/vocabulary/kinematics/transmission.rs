@@ -43,8 +43,8 @@ impl ArmModel {
 
     /// Computes the joint positions like [`ArmModel::joints`], but without a check of limits, for
     /// arms that are a little outside them. The result is right within 6 rad of the limits of the
-    /// screw motors. Far outside, a screw takes its wrong branch; the result is not finite if the
-    /// screw is longer than the linkage.
+    /// screw motors. Further outside, it may be the wrong one of the two angles that belong to the
+    /// length of a screw. It is not finite if the linkage cannot have this length.
     #[must_use]
     pub fn joints_unchecked(&self, motors: &MotorPositions) -> JointPositions {
         let (m, g, sync, th) = (&motors.0, &self.gears, &self.sync, &self.offsets);
@@ -68,7 +68,7 @@ impl ArmModel {
 }
 
 /// Computes the extension of a ball screw beyond l0 (mm) at a link angle (rad), by the cosine rule
-/// for its two anchors.
+/// for the triangle of its two anchors and the joint.
 fn screw_length(&[sl, mi, ni, l0]: &[f64; 4], angle: f64) -> f64 {
     let (s, c) = libm::sincos(angle);
     (sl + mi * c - ni * s).sqrt() - l0
@@ -126,6 +126,7 @@ mod tests {
         }
     }
 
+    /// The constants of 2008 count the motor positions from the home pose.
     #[test]
     fn home_pose_of_2008_has_zero_motor_positions() {
         let model = builtin("irp6_postument_2008").unwrap();

@@ -1,4 +1,5 @@
-// Live curves. Each point is the largest value since the last snapshot, so that no peak is lost.
+// Live curves of forces, following errors and the timing of the servo. Each point is the largest
+// value since the last snapshot, so that no peak is lost.
 
 /**
  * Number of the newest points that are all kept. Older points are merged into one per SPAN (s), and
@@ -33,6 +34,7 @@ export function thinned(points) {
   return kept;
 }
 
+/** Charts: the value of an arm, the limit that is drawn, and the least top of the scale. */
 const CHARTS = [
   { name: "Force", unit: "N", of: (arm) => arm.peak[0], limit: (l) => l.force, least: 5 },
   { name: "Torque", unit: "Nm", of: (arm) => arm.peak[1], limit: (l) => l.torque, least: 1 },
@@ -40,6 +42,7 @@ const CHARTS = [
   { name: "Servo: late and work", unit: "µs", servo: true, limit: (l) => l.period * 1e6, least: 100 },
 ];
 
+/** The charts and their points. */
 export class Curves {
   constructor(place) {
     this.place = place;
@@ -49,6 +52,7 @@ export class Curves {
     this.charts = [];
   }
 
+  /** Makes the charts for the arms of a new run, without points. */
   set(stage) {
     this.stage = stage;
     this.points = [];
@@ -70,6 +74,7 @@ export class Curves {
     });
   }
 
+  /** Adds the point of a snapshot. Starts again if time has gone back, as in a replay. */
   show(snapshot) {
     const last = this.points.at(-1);
     if (last && snapshot.time < last.time) this.points = [];
@@ -90,6 +95,7 @@ export class Curves {
     this.charts.forEach((chart) => this.draw(chart));
   }
 
+  /** Draws one chart: scale, limit, a curve for each arm, and the latest values as its title. */
   draw(chart) {
     const { canvas } = chart;
     const ratio = Math.min(window.devicePixelRatio || 1, 2);

@@ -1,16 +1,17 @@
 // Connection to the robot: one WebSocket, which is reopened after it closes. Its first message has
 // the token of the program.
 
+/** Time between two heartbeats (ms). */
 const HEART_BEAT = 4000;
 
-/** Names under which this tab keeps the token and its own name. */
+/** Keys under which the tab's storage keeps the token and the name of the tab. */
 const TOKEN = "token";
 const PAGE = "page";
 
 /**
- * Returns the token of the address, or the one that this tab has kept. The address bar shows it no
- * longer. A tab keeps it in its storage and not in a cookie, because a browser sends the cookies of a
- * host to all its ports.
+ * Returns the token in the page's address, or else the one that this tab has kept. Removes it from
+ * the address bar. A tab keeps the token in its storage and not in a cookie, because a browser
+ * sends the cookies of a host to all its ports.
  */
 function takeToken() {
   const given = new URLSearchParams(location.hash.slice(1)).get(TOKEN);
@@ -31,11 +32,12 @@ function ownName() {
 
 let token = takeToken();
 
-/** Fetches a path of this server. */
+/** Fetches a path of this server with the token. Returns the promise of the response. */
 export function ask(path) {
   return fetch(path, { headers: { "x-token": token } });
 }
 
+/** Connection to the program, which is reopened whenever it closes. */
 export class Link {
   /**
    * `on` has a function for each kind of message: stage, snapshot, plan, messages, seat, refused,
@@ -47,7 +49,7 @@ export class Link {
     this.denied = false;
     this.open();
     setInterval(() => this.say({ alive: true }), HEART_BEAT);
-    // The address of a new start of the program may be opened in the same tab.
+    // The address that the program prints at a new start may be opened in the same tab.
     addEventListener("hashchange", () => {
       token = takeToken();
       this.wait = 400;
@@ -56,6 +58,7 @@ export class Link {
     });
   }
 
+  /** Opens the WebSocket and sends the token. Opens it again after a close, later each time. */
   open() {
     this.denied = false;
     const scheme = location.protocol === "https:" ? "wss" : "ws";
@@ -67,7 +70,7 @@ export class Link {
     };
     this.socket.onclose = () => {
       this.on.line(false);
-      // The program does not change its mind about a token.
+      // A token that was refused once is always refused, so it is not tried again.
       if (this.denied) return;
       setTimeout(() => this.open(), this.wait);
       this.wait = Math.min(this.wait * 1.6, 5000);
@@ -79,10 +82,12 @@ export class Link {
     };
   }
 
+  /** Sends a value as JSON; does nothing while there is no connection. */
   say(value) {
     if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(value));
   }
 
+  /** Sends an input of the operator: its name, and its arguments `rest`. */
   command(name, rest = {}) {
     this.say({ command: name, ...rest });
   }

@@ -1,4 +1,4 @@
-// Entry point of the page: shows the messages of the program and sends the commands of the buttons.
+// Entry point of the page: shows what the program sends, and sends the commands of the buttons.
 
 import { Link } from "./link.js";
 import { Scene } from "./scene.js";
@@ -8,6 +8,7 @@ import { Manual } from "./manual.js";
 import * as panels from "./panels.js";
 
 const $ = (id) => document.getElementById(id);
+/** Text and CSS class of each state of the run. */
 const STATES = {
   waiting: ["waiting for start", "warn"], running: ["running", "main"], paused: ["paused", "warn"],
   terminated: ["ending", "warn"], ended: ["ended", ""],
@@ -16,8 +17,11 @@ const STATES = {
 const scene = new Scene($("scene"));
 const curves = new Curves($("curves"));
 const net = new NetView($("net"), $("net-note"));
+/** Latest snapshot of the run. */
 let snapshot = null;
+/** Whether this page commands, whether any page does, and which page asks for that right. */
 let seat = { own: false, taken: false, request: null };
+/** Whether the connection to the program is open, and whether the program ever sent a seat. */
 let line = false;
 let met = false;
 /** Reason why the program does not admit this page. */
@@ -44,9 +48,9 @@ const link = new Link({
   },
   seat(fresh) {
     met = true;
-    // A page that the browser had suspended commands again, unless another page has taken over.
+    // A page that lost the right while the browser suspended it takes it again if no page has it.
     if (seat.own && !fresh.taken) link.say({ seat: "take" });
-    if (seat.request === "own" && !fresh.request && fresh.taken && !fresh.own) notice("The other page keeps the command.");
+    if (seat.request === "own" && !fresh.request && fresh.taken && !fresh.own) notice("The other page keeps the right to command.");
     seat = fresh;
     show();
   },
@@ -68,6 +72,7 @@ const link = new Link({
 });
 const manual = new Manual((command) => link.say(command));
 
+/** Shows the latest snapshot, the seat and the state of the connection in all parts of the page. */
 function show() {
   const s = snapshot;
   const own = line && seat.own;
@@ -78,7 +83,7 @@ function show() {
     : "Another page commands; this page only watches.");
   $("watching").hidden = own || !(met || denied);
   $("take").hidden = !line || asks;
-  // A modal dialog has a notice of its own.
+  // The page and the modal dialog each have a notice that another page asks.
   for (const notice of document.querySelectorAll(".asked")) notice.hidden = !(own && seat.request === "other");
   document.body.classList.toggle("watching", !own);
   if (!s) return;
@@ -92,7 +97,7 @@ function show() {
     [$("state").textContent, $("state").className] = [shown[0], `badge ${shown[1]}`];
   }
   $("phase").textContent = control === "ended" ? "" : s.phase;
-  // The run goes on holding the arms after its task, so the clock shows the time of the task.
+  // The run holds the arms after its task, so the clock shows the time at which the task ended.
   const time = (control === "ended" ? s.outcome?.time : null) ?? s.time;
   $("time").textContent = `${time.toFixed(1)} s`;
   $("factor").textContent = control === "ended" ? "" : `${s.factor.toFixed(s.factor < 10 ? 1 : 0)}×`;
@@ -144,7 +149,9 @@ function show() {
   panels.showQuestion(s.question, s.time, own, (command) => link.say(command));
 }
 
+/** Timer that hides the notice. */
 let hush;
+/** Shows a notice for 6 s. */
 function notice(text) {
   $("notice").textContent = text;
   $("notice").hidden = false;
@@ -164,8 +171,10 @@ $("speed").onchange = () => link.command("speed", { factor: Number($("speed").va
 let seeking = false;
 $("seek").onpointerdown = () => { seeking = true; };
 $("seek").onpointerup = $("seek").onpointercancel = () => { seeking = false; };
-// Dragging fires an event for each pixel: one time is sent every 100 ms, and always the last one.
+// Dragging fires an event for each pixel, so a time is sent at most every 100 ms, and the last one
+// always. `sought` is the time to send next (s), `later` the timer.
 let [sought, later] = [null, 0];
+/** Sends the time that is sought, and calls itself again after 100 ms. */
 function seek() {
   later = 0;
   if (sought === null) return;

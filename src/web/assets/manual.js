@@ -1,5 +1,5 @@
-// Manual motion: synchronise, jog by motor, joint or tool axis, jaws, named poses. Only in the task
-// `idle`.
+// Panel for moving an arm by hand: synchronise, jog by motor, joint or tool axis, jaws, named poses.
+// It is shown only while the task is idle.
 
 const $ = (id) => document.getElementById(id);
 const el = (tag, props = {}, ...children) => {
@@ -10,6 +10,10 @@ const el = (tag, props = {}, ...children) => {
 const deg = (rad) => (rad * 180) / Math.PI;
 const rad = (degrees) => (degrees * Math.PI) / 180;
 
+/**
+ * Coordinates in which an arm is moved, with three sizes of steps: [length, angle]. Lengths are in
+ * cm for joints and in mm for tool axes; angles are in degrees, for motors in rad.
+ */
 const MODES = {
   joint: { label: "Joints", steps: [[0.2, 1], [1, 5], [5, 20]] },
   tool: { label: "Tool axes", steps: [[0.5, 0.2], [2, 1], [10, 5]] },
@@ -20,6 +24,7 @@ const TOOL = ["x", "y", "z", "about x", "about y", "about z"];
 /** Formats a number, without the sign of a negative zero. */
 const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1");
 
+/** The panel, with the chosen arm, mode and size of step. */
 export class Manual {
   constructor(send) {
     this.send = send;
@@ -28,6 +33,7 @@ export class Manual {
     this.step = 1;
   }
 
+  /** Makes the buttons for the arms of a new run. */
   set(stage) {
     this.stage = stage;
     this.arm = 0;
@@ -37,11 +43,12 @@ export class Manual {
     this.build();
   }
 
+  /** Sends an order to the chosen arm. */
   order(order) {
     this.send({ command: "manual", effector: this.arm, order });
   }
 
-  /** Returns the step of an axis in SI units and as text. */
+  /** Returns the step of an axis of the chosen mode, in SI units and as text. */
   size(axis) {
     const [length, angle] = MODES[this.mode].steps[this.step];
     if (this.mode === "motor") return [angle, `${angle} rad`];
@@ -49,6 +56,7 @@ export class Manual {
     return straight ? [length * (this.mode === "tool" ? 1e-3 : 1e-2), `${length} ${this.mode === "tool" ? "mm" : "cm"}`] : [rad(angle), `${angle}°`];
   }
 
+  /** Builds the buttons for the chosen arm and mode. */
   build() {
     const arm = this.stage.arms[this.arm];
     [...$("manual-arms").children].forEach((b, i) => b.setAttribute("aria-pressed", String(i === this.arm)));
@@ -97,7 +105,7 @@ export class Manual {
     if (this.last) this.show(...this.last);
   }
 
-  /** Shows the positions. `moves` is whether the robot accepts motions now. */
+  /** Shows the positions of the chosen arm. `moves` says whether the robot accepts motions now. */
   show(snapshot, moves) {
     this.last = [snapshot, moves];
     const arm = snapshot.arms[this.arm];

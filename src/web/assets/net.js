@@ -4,11 +4,15 @@ import { COLOURS, COLOUR_NAMES, LETTERS } from "./scene.js";
 
 // Column and row of the first tile of each face in a grid of 12 x 9.
 const PLACES = [[3, 0], [6, 3], [3, 3], [3, 6], [0, 3], [9, 3]];
+/** Keys that paint a sticker, one for each colour. */
 const KEYS = "wrgyob";
+/** Confidence below which a colour is uncertain. */
 const UNSURE = 0.5;
 
+/** Returns the name of a facelet: letter of the face, number from 1 in reading order. */
 export const nameOf = (index) => `${LETTERS[Math.floor(index / 9)]}${(index % 9) + 1}`;
 
+/** Returns an empty net and its 54 tiles, which are elements of this kind. */
 function tiles(kind) {
   const net = Object.assign(document.createElement("div"), { className: "net" });
   const all = [];
@@ -23,6 +27,7 @@ function tiles(kind) {
   return [net, all];
 }
 
+/** Net that shows the colours as they were read. */
 export class NetView {
   constructor(place, note) {
     [this.net, this.tiles] = tiles("span");
@@ -33,6 +38,7 @@ export class NetView {
     this.last = "";
   }
 
+  /** Shows the colour of each facelet, and the confidence of uncertain ones. */
   show(net) {
     const text = JSON.stringify(net);
     if (text === this.last) return;
@@ -44,7 +50,8 @@ export class NetView {
       const dim = read && read.confidence < UNSURE;
       tile.classList.toggle("dim", !!dim);
       tile.title = read ? `${nameOf(i)}: ${COLOUR_NAMES[read.colour]}, confidence ${(read.confidence * 100).toFixed(0)} %` : `${nameOf(i)}: not read`;
-      // A touch screen and a keyboard show no tooltip.
+      // Touch screens and keyboards show no tooltip, so each tile also has a label, and uncertain
+      // tiles can be focused.
       tile.setAttribute("aria-label", tile.title);
       tile.textContent = dim ? (read.confidence * 100).toFixed(0) : "";
       if (dim) tile.tabIndex = 0;
@@ -60,6 +67,10 @@ export class NetView {
 
 /** Net that the operator corrects; `stickers()` returns the 54 letters. */
 export class NetEditor {
+  /**
+   * `read` has the letters as they were read, `doubtful` the indices that the controller doubts.
+   * `changed` is called with whether each colour has nine stickers.
+   */
   constructor(place, read, doubtful, changed) {
     this.colours = [...read].map((letter) => LETTERS.indexOf(letter));
     this.changed = changed;
@@ -94,11 +105,13 @@ export class NetEditor {
     this.tiles[doubtful[0] ?? 0].focus();
   }
 
+  /** Chooses the colour with which a click paints. */
   take(colour) {
     this.brush = colour;
     this.brushes.forEach(({ button }, c) => button.setAttribute("aria-pressed", String(c === colour)));
   }
 
+  /** Paints a sticker and counts the stickers of each colour. */
   paint(i, colour) {
     this.colours[i] = colour;
     const tile = this.tiles[i];
@@ -112,6 +125,7 @@ export class NetEditor {
     this.changed(counts.every((n) => n === 9));
   }
 
+  /** Handles a key on sticker `i`: a digit or a letter paints it, an arrow moves the focus. */
   key(event, i) {
     const digit = "123456".indexOf(event.key);
     const letter = KEYS.indexOf(event.key.toLowerCase());
@@ -136,6 +150,7 @@ export class NetEditor {
     }
   }
 
+  /** Returns the colours as 54 letters, `-` for an unknown one. */
   stickers() {
     return this.colours.map((c) => LETTERS[c] ?? "-").join("");
   }

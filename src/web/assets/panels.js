@@ -11,11 +11,13 @@ const el = (tag, props = {}, ...children) => {
   return it;
 };
 
+/** Text and CSS class of each state of an actor. */
 const STATES = {
   absent: ["absent", ""], not_synchronised: ["not synchronised", "warn"], idle: ["idle", ""],
   running: ["running", "main"], held: ["held", "good"], fault: ["fault", "bad"],
 };
 
+/** Shows the actors with their states and words. */
 export function showActors(actors) {
   const list = $("actors");
   actors.forEach((actor, i) => {
@@ -34,6 +36,7 @@ export function showActors(actors) {
 }
 
 let phasesShown = "";
+/** Shows the phases until now; the last one is marked unless the run is `over`. */
 export function showPhases(phases, over) {
   const key = JSON.stringify([phases, over]);
   if (key === phasesShown) return;
@@ -43,6 +46,7 @@ export function showPhases(phases, over) {
 }
 
 let plan = [];
+/** Shows the steps of a new plan with their reasons and planned times. */
 export function showPlan(lines) {
   plan = lines;
   $("plan").replaceChildren(...(lines.length
@@ -52,7 +56,7 @@ export function showPlan(lines) {
 }
 
 let stepShown;
-/** Marks the current step of the plan, or all steps after the run has succeeded. */
+/** Marks the current step of the plan, or all steps as done after the run has ended `well`. */
 export function showStep(step, well) {
   const all = step !== null && plan.length > 0 && (step >= plan.length || (well && step === plan.length - 1));
   const done = all ? plan.length : step ?? 0;
@@ -71,6 +75,7 @@ export function showStep(step, well) {
   if (now && !all) $("plan").scrollTop = now.offsetTop - $("plan").offsetTop - $("plan").clientHeight / 3;
 }
 
+/** Shows verdict, reason and figures once the run is over. */
 export function showOutcome(outcome) {
   const box = $("outcome");
   const key = JSON.stringify(outcome);
@@ -85,7 +90,7 @@ export function showOutcome(outcome) {
 }
 
 let faultsShown = "";
-/** Shows the arms that have stopped, with the fault and the remedy. */
+/** Shows the arms that have stopped, each with its fault and the remedy; equal faults only once. */
 export function showFaults(arms) {
   const stopped = arms.filter((arm) => arm.fault);
   const key = JSON.stringify(stopped.map((arm) => [arm.name, arm.fault]));
@@ -108,6 +113,7 @@ export function showLatest(over) {
   $("latest").hidden = !latest || over;
 }
 
+/** Adds new messages to the console. Clears it first if they belong to another run. */
 export function addMessages(fresh) {
   if (!fresh.length || (messages.length && fresh[0].number <= messages.at(-1).number)) {
     messages = [];
@@ -129,6 +135,7 @@ export function addMessages(fresh) {
   if (grave) [$("latest").textContent, $("latest").className] = [`${grave.time.toFixed(1)} s: ${grave.text}`, grave.class];
 }
 
+/** Returns whether the filters of the console let a message through. */
 function wanted(message) {
   const words = $("search").value.trim().toLowerCase();
   return RANK[message.class] >= RANK[$("class").value]
@@ -136,6 +143,7 @@ function wanted(message) {
     && (!words || message.text.toLowerCase().includes(words));
 }
 
+/** Appends the messages that pass the filters, and scrolls along if the end was visible. */
 function append(some) {
   const list = $("messages");
   const atEnd = list.scrollTop + list.clientHeight >= list.scrollHeight - 30;
@@ -145,6 +153,7 @@ function append(some) {
   if (atEnd) list.scrollTop = list.scrollHeight;
 }
 
+/** Shows all messages again, after a filter has changed. */
 function refilter() {
   $("messages").replaceChildren();
   append(messages);
@@ -155,6 +164,7 @@ for (const id of ["class", "source", "search"]) $(id).addEventListener("input", 
 // ---- cameras ----
 const views = [];
 
+/** Makes an empty picture for each camera of a new run. */
 export function setCameras(cameras) {
   views.length = 0;
   $("cameras").replaceChildren(...cameras.map((camera, i) => {
@@ -169,16 +179,17 @@ export function setCameras(cameras) {
   if (!cameras.length) $("cameras").append(el("p", { className: "empty", textContent: "this cell has no cameras" }));
 }
 
-/** Number of frames whose findings are kept for pictures that arrive late. */
+/** Number of frames for which the results of vision are kept, for pictures that arrive late. */
 const KNOWN = 8;
 
+/** Fetches and shows the new pictures of all cameras, with the results of vision. */
 export function showCameras(cameras) {
   cameras.forEach(async (camera, i) => {
     const view = views[i];
     if (!view || !camera.frame) return;
     view.known.set(camera.frame, camera);
     if (view.known.size > KNOWN) view.known.delete(view.known.keys().next().value);
-    // The picture arrived before the snapshot with its findings.
+    // The picture has arrived before the snapshot with the results for it.
     if (view.waits?.frame === camera.frame) show(view, view.waits.image, camera.frame);
     if (view.busy || view.frame === camera.frame) return;
     view.busy = true;
@@ -199,7 +210,7 @@ export function showCameras(cameras) {
   });
 }
 
-/** Paints a picture, with its findings if they have arrived. */
+/** Paints a picture with the results of vision; keeps it until they arrive if they have not yet. */
 function show(view, image, frame) {
   const found = view.known.get(frame);
   if (view.waits && view.waits.image !== image) view.waits.image.close();
@@ -213,6 +224,7 @@ function show(view, image, frame) {
   }
 }
 
+/** Paints a picture, the outlines of the faces found in it, and a dot on each sticker read. */
 function paint(view, image, camera) {
   const { canvas } = view;
   canvas.className = "";
@@ -252,8 +264,13 @@ function paint(view, image, camera) {
 }
 
 // ---- questions ----
+/** The open question as { number }, or null. */
 let open = null;
 
+/**
+ * Shows the open question in a modal dialog, or closes the dialog. `time` is that of the run (s);
+ * `commands` says whether this page may answer; `send` sends the answer.
+ */
 export function showQuestion(question, time, commands, send) {
   const box = $("question");
   if (!question) {
@@ -278,7 +295,7 @@ export function showQuestion(question, time, commands, send) {
       ok.onclick = () => answer({ answer: "stickers", stickers: editor.stickers() });
       buttons.push(el("button", { id: "question-decline", textContent: "I do not know", onclick: () => answer({ answer: "declined" }) }), ok);
     }
-    // The dialog covers the button of the page, so it has its own.
+    // The dialog covers the page's button to take over, so it has its own.
     const take = el("button", { id: "question-take", textContent: "Take over", className: "main", hidden: true, onclick: () => send({ seat: "take" }) });
     $("question-buttons").replaceChildren(take, ...buttons);
     box.classList.remove("watching");

@@ -56,7 +56,7 @@ void main() {
   pixel = vec4(lit, alpha);
 }`;
 
-/** Unit box: corners at +-0.5. */
+/** Returns the triangles of the unit box (+-0.5): six floats a corner, for place and normal. */
 function box() {
   const out = [];
   for (let axis = 0; axis < 3; axis++) {
@@ -78,7 +78,7 @@ function box() {
   return new Float32Array(out.flat());
 }
 
-/** Unit cylinder about z: radius 1, from z = 0 to 1. */
+/** Returns the triangles of the unit cylinder about z: radius 1, from z = 0 to 1. */
 function cylinder(parts = 24) {
   const out = [];
   for (let i = 0; i < parts; i++) {
@@ -94,13 +94,14 @@ function cylinder(parts = 24) {
 }
 
 const UNMOVED = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
-// Projection of all solids onto the floor along the light, for their shadows.
+// Projection of all solids along the light onto the floor, where it draws their shadows.
 const PRESSED = [1, 0, 0, 0, 0, 1, 0, 0, -0.35 / 0.85, 0.55 / 0.85, 0, 0, 0, 0, 0.002, 1];
+// The floor: a flat box.
 const FLOOR = { matrix: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.6, 0.6, -0.012, 1], scale: [24, 24, 0.02] };
 // Floats of one solid: matrix, scale, colour.
 const SOLID = 23;
 
-/** Column-major matrix of a pose: { translation, rotation: [x, y, z, w] }. */
+/** Returns the column-major matrix of a pose: { translation, rotation: [x, y, z, w] }. */
 export function matrix(pose) {
   const [x, y, z, w] = pose.rotation;
   const [tx, ty, tz] = pose.translation;
@@ -112,6 +113,7 @@ export function matrix(pose) {
   ];
 }
 
+/** Returns the product of two column-major 4 x 4 matrices. */
 export function multiply(a, b) {
   const out = new Array(16).fill(0);
   for (let c = 0; c < 4; c++)
@@ -120,12 +122,14 @@ export function multiply(a, b) {
   return out;
 }
 
+/** Returns the matrix of a perspective; `angle` is the vertical field of view (rad). */
 function perspective(angle, aspect, near, far) {
   const f = 1 / Math.tan(angle / 2);
   const d = near - far;
   return [f / aspect, 0, 0, 0, 0, f, 0, 0, 0, 0, (far + near) / d, -1, 0, 0, (2 * far * near) / d, 0];
 }
 
+/** Returns the matrix of a camera at `eye` that looks at the point `at`, with z upwards. */
 function look(eye, at) {
   const sub = (a, b) => a.map((v, i) => v - b[i]);
   const unit = (a) => a.map((v) => v / Math.hypot(...a));
@@ -146,6 +150,7 @@ function software() {
   return /swiftshader|llvmpipe|software/i.test(name);
 }
 
+/** Renderer of one canvas. Throws an error if the browser has no WebGL 2. */
 export class Renderer {
   constructor(canvas) {
     this.canvas = canvas;
@@ -177,7 +182,8 @@ export class Renderer {
       }
     };
     const slot = (name) => gl.getAttribLocation(program, name);
-    // One buffer for the shape and one for all solids of that shape, so that one call draws them.
+    // Each shape has a buffer for its triangles and one for all solids of that shape, so that one
+    // call draws them all.
     const mesh = (data) => {
       const vao = gl.createVertexArray();
       gl.bindVertexArray(vao);
@@ -197,8 +203,8 @@ export class Renderer {
   }
 
   /**
-   * Draws solids { mesh, matrix, scale, colour: [r, g, b] 0..1, shadow } as seen from `eye` towards
-   * `target`.
+   * Draws solids { mesh, matrix, scale, colour: [r, g, b] 0..1, alpha, shadow } as seen from `eye`
+   * towards `target`. `floor` and `haze` are colours, `detail` says how finely it draws.
    */
   draw(solids, eye, target, floor, haze, detail) {
     const { gl, at, canvas } = this;
@@ -211,13 +217,13 @@ export class Renderer {
     gl.viewport(0, 0, w, h);
     gl.clearColor(...haze, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
-    // A narrow view shows the same width of the cell as a wide one.
+    // In a narrow view the vertical angle grows, so that it shows the same width of the cell.
     const angle = w / h < 1.2 ? 2 * Math.atan(Math.tan(0.36) * 1.2 * (h / w)) : 0.72;
     const view = multiply(perspective(angle, w / h, 0.05, 40), look(eye, target));
     gl.uniformMatrix4fv(at.view, false, view);
     gl.uniform3fv(at.eye, eye);
     gl.uniform3fv(at.haze, haze);
-    // Solids of each shape in order: with a shadow, without one, transparent.
+    // The solids of each shape are sorted: with a shadow, without a shadow, transparent.
     const parts = Object.keys(this.meshes).map((name) => {
       const own = name === "floor" ? [{ ...FLOOR, colour: floor }] : solids.filter((solid) => solid.mesh === name);
       const rank = (solid) => (solid.alpha ? 2 : solid.shadow ? 0 : 1);
@@ -252,7 +258,7 @@ export class Renderer {
     some(ground, 0, 1);
     gl.enable(gl.BLEND);
     if (detail.shadows) {
-      // The stencil darkens each pixel only once.
+      // With the stencil, shadows that overlap darken a pixel only once.
       gl.uniform1i(at.kind, 2);
       gl.uniformMatrix4fv(at.press, false, PRESSED);
       gl.enable(gl.STENCIL_TEST);

@@ -1,4 +1,5 @@
-// 3-D view of the cell as believed by the controller: arms, jaws, cube with its turned layer, hand.
+// 3-D view of the cell as the controller believes it: arms, jaws, cube with its turned layer, hand.
+// Lengths are in m, angles in rad.
 
 import { Renderer, matrix, multiply } from "./render.js";
 
@@ -6,6 +7,7 @@ export const COLOURS = ["#f4f4f0", "#c8202c", "#1f8a46", "#f2c318", "#ee7a1c", "
 export const COLOUR_NAMES = ["white", "red", "green", "yellow", "orange", "blue"];
 export const LETTERS = "URFDLB";
 
+// Outward normals of the faces URFDLB in the frame of the cube.
 const NORMALS = [[0, 0, 1], [1, 0, 0], [0, -1, 0], [0, 0, -1], [-1, 0, 0], [0, 1, 0]];
 // Directions of the columns and rows of each face in reading order.
 const COLUMNS = [[1, 0, 0], [0, 1, 0], [1, 0, 0], [1, 0, 0], [0, -1, 0], [-1, 0, 0]];
@@ -13,14 +15,17 @@ const ROWS = [[0, -1, 0], [0, 0, -1], [0, 0, -1], [0, 1, 0], [0, 0, -1], [0, 0, 
 
 const rgb = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255);
 const STICKERS = COLOURS.map(rgb);
+/** Colour of a sticker that was not read. */
 const UNKNOWN = [0.42, 0.44, 0.47];
 
+/** Views to choose from: direction and distance of the camera, and the point at which it looks. */
 const VIEWS = {
   cell: { azimuth: -0.55, height: 0.36, away: 3.35, target: [0.35, 0.85, 0.86] },
   hands: { azimuth: -0.5, height: 0.3, away: 1.15, target: null },
   top: { azimuth: -Math.PI / 2 + 0.001, height: 1.5, away: 4.6, target: [0.3, 0.8, 0.6] },
 };
 
+/** Returns the pose between `a` (t = 0) and `b` (t = 1). */
 function mixPose(a, b, t) {
   const dot = a.rotation.reduce((sum, v, i) => sum + v * b.rotation[i], 0);
   const sign = dot < 0 ? -1 : 1;
@@ -32,16 +37,18 @@ function mixPose(a, b, t) {
   };
 }
 
+/** Returns the matrix of a translation. */
 function move(x, y, z) {
   return [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, x, y, z, 1];
 }
 
-/** Rotation by an angle about a unit vector. */
+/** Returns the matrix of a rotation by `angle` about the unit vector `axis`. */
 function turn(axis, angle) {
   const [s, h] = [Math.sin(angle / 2), Math.cos(angle / 2)];
   return matrix({ translation: [0, 0, 0], rotation: [...axis.map((v) => v * s), h] });
 }
 
+/** The 3-D view and its camera. */
 export class Scene {
   constructor(canvas) {
     this.canvas = canvas;
@@ -62,6 +69,7 @@ export class Scene {
     requestAnimationFrame(step);
   }
 
+  /** Takes over the stage of a new run: its solids and the place of the hand. */
   set(stage) {
     this.stage = stage;
     const zone = stage.hand_zone?.translation;
@@ -79,6 +87,7 @@ export class Scene {
     this.view = { ...this.goal };
   }
 
+  /** Shows a snapshot. The drawing moves to it smoothly from the snapshot before. */
   show(snapshot) {
     const first = !this.now;
     const moves = first || this.moved(snapshot);
@@ -106,6 +115,7 @@ export class Scene {
     return !same;
   }
 
+  /** Chooses the view `name`; the camera glides there. The view "hands" follows the cube. */
   look(name) {
     const view = { ...VIEWS[name] };
     view.target ??= this.now?.cube.world_from_cube?.translation ?? this.tools() ?? VIEWS.cell.target;
@@ -113,13 +123,14 @@ export class Scene {
     this.goal = view;
   }
 
-  /** Returns the point between the tools, or the only tool. */
+  /** Returns the mean position of all tools in the world; null without arms. */
   tools() {
     const at = this.now?.arms.map((arm) => arm.frames[6].translation);
     if (!at?.length) return null;
     return at[0].map((_, i) => at.reduce((sum, p) => sum + p[i], 0) / at.length);
   }
 
+  /** Lets pointer, wheel and keys orbit and zoom the camera. */
   steer() {
     const { canvas } = this;
     const touches = new Map();
@@ -171,7 +182,7 @@ export class Scene {
     });
   }
 
-  /** Moves the camera one step towards the chosen view. */
+  /** Moves the camera one step towards the chosen view, if it is not there yet. */
   glide() {
     if (!this.goal) return;
     const { view, goal } = this;
@@ -184,12 +195,13 @@ export class Scene {
     if (Math.abs(round) < 1e-3 && Math.abs(view.away - goal.away) < 1e-3 && !this.following) this.goal = null;
   }
 
+  /** Draws one frame, unless nothing has changed since the last one. */
   draw() {
     if (!this.stage || !this.now || !this.renderer) return;
     const begun = performance.now();
     // Rendering in software takes CPU time from the robot; 20 frames/s match the rate of snapshots.
     if (this.renderer.software && begun - (this.frames.at(-1) ?? 0) < 44) return;
-    // A scene without motion is not drawn again.
+    // A scene without motion is not drawn again, once it has been drawn in full detail.
     const dark = matchMedia("(prefers-color-scheme: dark)").matches;
     const size = `${this.canvas.clientWidth} ${this.canvas.clientHeight}`;
     const still = begun - this.since > 150 && !this.goal && this.drawn === JSON.stringify([this.view, size, this.since, dark]);
@@ -259,6 +271,10 @@ export class Scene {
     return ((this.frames.length - 1) * 1000) / (last - first);
   }
 
+  /**
+   * Adds the solids of arms and cameras. `pose` interpolates a pose between the snapshots before
+   * and now, `t` is the share of the way. A stopped arm is red.
+   */
   arms(solids, pose, t) {
     const opening = (i) => this.before.arms[i].opening * (1 - t) + this.now.arms[i].opening * t;
     const frames = this.now.arms.map((arm, i) =>
@@ -278,6 +294,7 @@ export class Scene {
     }
   }
 
+  /** Adds 26 small cubes and 54 stickers; `world` is the matrix of the cube. */
   cube(solids, world) {
     const edge = this.stage.edge;
     const pitch = edge / 3;
@@ -310,7 +327,7 @@ export class Scene {
     }
   }
 
-  /** Draws the hand behind the cube, on the side away from the robot. */
+  /** Adds the hand that holds the cube at `at`, on the side away from the robot. */
   hand(solids, at) {
     const half = this.stage.edge / 2;
     const skin = [0.85, 0.65, 0.53];
@@ -326,7 +343,7 @@ export class Scene {
     });
   }
 
-  /** Draws a transparent cube where the hand is expected. */
+  /** Adds a transparent cube where the hand is expected. */
   wanted(solids, pose) {
     const e = this.stage.edge;
     const at = pose.translation ?? pose;

@@ -11,8 +11,8 @@ pub(super) struct Drives {
 }
 
 impl Drives {
-    /// Merges `earlier` drive commands that were not carried out into these, because an order to
-    /// switch off and an order to synchronise must not get lost.
+    /// Merges `earlier` drive commands, which were not carried out, into these and returns the
+    /// result: an order to switch off and an order to synchronise must not get lost.
     pub(super) fn instead_of(mut self, earlier: &Self) -> Self {
         for (drive, earlier) in self.drives.iter_mut().zip(&earlier.drives) {
             drive.enabled &= earlier.enabled;

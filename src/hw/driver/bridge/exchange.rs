@@ -1,6 +1,7 @@
 //! The loop of the bridge thread: one exchange with the port for each period's drives.
 //!
-//! - in: drives, by a ring; only the newest are carried out, unless the port counts each
+//! - in: drives, by a ring; only the newest are carried out, unless the port
+//!   [needs each period](Port::needs_each_period)
 //! - out: readings, by a triple buffer; the port and its fault when the loop ends
 //!
 //! | event | threshold | reaction |
@@ -26,7 +27,7 @@ pub(super) const SILENCE: Duration = Duration::from_millis(200);
 pub(super) const STALL: Duration = Duration::from_millis(40);
 
 /// Time after a stall in which the stall may be the cause of a fault. It is not zero, because a
-/// serial line believes a controller's error mode only the second time.
+/// serial line believes a controller's error mode only when a second answer reports it.
 const LATELY: Duration = Duration::from_millis(40);
 
 /// Longest sleep while no drive commands come.
@@ -41,7 +42,9 @@ pub(super) struct Exchange<P, H> {
     pub(super) arms: usize,
     /// Length of a period (ns).
     pub(super) length: u64,
+    /// Drive commands from the servo.
     pub(super) incoming: rtrb::Consumer<Drives>,
+    /// Readings for the servo.
     pub(super) outgoing: triple_buffer::Input<Readings>,
     /// The latest readings.
     pub(super) latest: Readings,
@@ -51,7 +54,7 @@ pub(super) struct Exchange<P, H> {
     pub(super) over: Arc<AtomicBool>,
 }
 
-/// Times of the last orders.
+/// Times of the last drive commands, by which silences and stalls are detected.
 struct Times {
     /// Time of the last drive commands from the servo, or of the last switch-off in its place.
     heard: Instant,
@@ -69,7 +72,7 @@ impl Times {
     }
 }
 
-/// Whether the loop goes on; the fault of the port, if it ends with one.
+/// Whether the loop of the bridge thread goes on; the fault of the port, if the loop ends with one.
 type Flow = ControlFlow<Option<PortFault>>;
 
 impl<P: Port, H: FnMut(u64, &mut P)> Exchange<P, H> {
@@ -141,6 +144,7 @@ impl<P: Port, H: FnMut(u64, &mut P)> Exchange<P, H> {
         Flow::Continue(())
     }
 
+    /// Exchanges the drive commands of the arms that exist with the port; stores their readings.
     fn exchange(&mut self, period: u64, drives: &[ArmDrive; MOST_ARMS]) -> Result<(), PortFault> {
         let readings = &mut self.latest.arms[..self.arms];
         self.port.exchange(period, &drives[..self.arms], readings)

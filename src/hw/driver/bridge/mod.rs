@@ -1,9 +1,9 @@
 //! The bridge: a thread that owns the port, so that the servo thread never waits for a device.
 //!
-//! A ring carries the drives to it, a triple buffer the latest readings back. The exchange of
-//! period k takes place within that period, so its readings are there for period k + 1, as on the
-//! virtual driver. The hook after each exchange (scenes, the witness) costs this thread's time,
-//! never the servo's.
+//! A ring carries the drive commands to the bridge, a triple buffer the latest readings back. The
+//! exchange of period k takes place within that period, so its readings are there for period k + 1,
+//! as on the virtual driver. The hook after each exchange, which may publish scenes, takes time of
+//! this thread and never of the servo.
 //!
 //! - [`Bridge`]: the running thread, for the owner of the driver
 //! - [`BridgePort`]: the servo's side
@@ -89,13 +89,13 @@ impl<P: Port + 'static> Bridge<P> {
 }
 
 impl<P> Bridge<P> {
-    /// Waits for the thread, which ends when the servo's side is dropped or the port fails; returns
-    /// the port and its fault.
+    /// Ends the run and waits for the thread, which ends when the servo's side is dropped or the
+    /// port has failed. Returns the port, and its fault if it failed.
     ///
     /// # Errors
     /// The text of the thread's panic.
     pub fn join(mut self) -> Result<(P, Option<PortFault>), String> {
-        let thread = self.end().ok_or("the thread was ended before")?;
+        let thread = self.end().ok_or("the bridge thread was joined before")?;
         thread.join().map_err(|why| panic_text(&*why))
     }
 

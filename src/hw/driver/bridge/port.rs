@@ -1,6 +1,6 @@
-//! The servo's side of the bridge: it never waits.
+//! The servo's side of the bridge, which never waits.
 //!
-//! - in: the drives of a period
+//! - in: the drive commands of a period
 //! - out: the readings for a period; missing ones are extrapolated and marked, see
 //!   [`crate::servo::lateness`]
 
@@ -48,7 +48,7 @@ impl BridgePort {
         Self { drives, readings, broken, bridge, extrapolator, late: 0 }
     }
 
-    /// Informs the extrapolator that periods were missed before the next one.
+    /// Records that `missed` periods passed before the next one without a call of the servo.
     pub fn add_missed_periods(&mut self, missed: u64) {
         self.extrapolator.add_missed_periods(missed);
     }

@@ -1,3 +1,5 @@
+//! Tests of the bridge thread, and of the servo's side without a thread.
+
 use super::exchange::{SILENCE, STALL};
 use super::*;
 use crate::servo::io::ArmDrive;
@@ -13,6 +15,7 @@ fn port() -> (triple_buffer::Input<Readings>, BridgePort) {
     (outgoing, BridgePort::new(drives, readings, link, start, 2_000_000))
 }
 
+/// Fetches the reading of the only arm for `period`.
 fn fetch(port: &mut BridgePort, period: u64) -> Result<ArmReading, BridgeLost> {
     let mut readings = [ArmReading::default()];
     port.fetch(period, &mut readings).map(|()| readings[0])
@@ -32,8 +35,8 @@ fn bridge_counts_as_lost_after_50_silent_periods() {
     assert_eq!(lost, Some(203 + 50));
 }
 
-/// A port that fails at its second order to stop, like a line whose controller has stopped by
-/// itself.
+/// A port that fails at its second order to switch the drives off, like a line whose controller has
+/// stopped by itself. It counts these orders.
 #[derive(Default)]
 struct Stopped(u32);
 

@@ -15,10 +15,13 @@ use rand_pcg::Pcg64;
 /// Room around the cell.
 #[derive(Debug, Clone)]
 pub(super) struct Backdrop {
+    /// Corners with the lowest and the highest coordinates, in the world (m).
     low: Point3<f64>,
     high: Point3<f64>,
     shapes: Vec<Shape>,
+    /// Factors of red, green and blue by which the light and the white balance colour the picture.
     cast: Rgb,
+    /// Irradiance on the sides of the room.
     light: f32,
 }
 

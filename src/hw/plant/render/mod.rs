@@ -387,7 +387,7 @@ impl Renderer {
         if centre.z < 0.05 {
             return 1;
         }
-        // A corner is 0.87 edges from the centre.
+        // A corner is 0.87 edges from the centre; a little less is enough for this estimate.
         let speed = cube.velocity.linear.norm() + cube.velocity.angular.norm() * cube.edge * 0.8;
         let pixels = speed * time * self.camera.intrinsics.focal.0 / centre.z;
         // Half a pixel is not visible beside the defocus; 8 bounds the time that a frame takes.

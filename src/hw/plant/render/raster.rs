@@ -69,10 +69,10 @@ pub(super) struct Eye<'a> {
 pub(super) enum Extent<'a> {
     /// All pixels, in front of an infinitely distant background.
     All,
-    /// Pixels that see a solid, in front of a background with these reciprocal depths (1/m).
+    /// Pixels that see a solid, in front of a background with these reciprocal depths (1/m), or an
+    /// infinitely distant one with `None`.
     Before(Option<&'a [f32]>),
-    /// Pixels of a rectangle that see a solid, in front of a background with these reciprocal
-    /// depths (1/m).
+    /// Pixels of a rectangle that see a solid, in front of a background as in [`Extent::Before`].
     Inside(Window, Option<&'a [f32]>),
 }
 

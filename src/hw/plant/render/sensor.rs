@@ -4,7 +4,7 @@
 //! - out: an RGB picture
 //!
 //! The noise is drawn once as a long list of Gaussian numbers, which each row of each frame reads
-//! from a random place. It is added to the coded value, in whose units it is given. Values have
+//! from a random place. The noise is added to the coded value and has the same units. Values have
 //! four more bits than the picture, so that the sums of the demosaicing keep their fractions.
 
 use super::look::{Rgb, Sensor};
@@ -40,6 +40,7 @@ pub(super) struct Converter {
     codes: Vec<(i16, i16)>,
     /// Gaussian numbers of variance 1, in 32nds.
     noise: Vec<i16>,
+    /// Whether the sensor has an RGGB mosaic.
     pub(super) bayer: bool,
 }
 
@@ -79,7 +80,7 @@ impl Converter {
     /// Returns the coded value of a linear signal and the standard deviation of its noise.
     #[inline]
     fn code(&self, signal: f32) -> (i16, i16) {
-        // To 32 bits, because one instruction converts to them. The cast saturates, and turns NaN
+        // Via `i32`, because one instruction converts to 32 bits. The cast saturates, and turns NaN
         // into 0.
         let step = (signal * STEPS as f32 + 0.5) as i32;
         self.codes[step.clamp(0, STEPS as i32) as usize]

@@ -113,7 +113,7 @@ pub(super) struct Plate {
     pub(super) normal: Vector3<f64>,
     /// Lower and upper bound of u, then of v (m).
     pub(super) bounds: [f64; 4],
-    /// Surface.
+    /// Cover of the plate.
     pub(super) skin: Skin,
 }
 

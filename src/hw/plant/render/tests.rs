@@ -9,6 +9,7 @@ use crate::spatial::pose_from_axes;
 const EDGE: f64 = 0.057;
 const HEIGHT: f64 = 1.1;
 
+/// Returns the intrinsics of a camera without distortion; `focal` is the focal length (px).
 fn intrinsics(width: u32, height: u32, focal: f64) -> Intrinsics {
     let centre = (f64::from(width) / 2.0 - 0.5, f64::from(height) / 2.0 - 0.5);
     Intrinsics { width, height, focal: (focal, focal), centre, distortion: (0.0, 0.0) }
@@ -25,10 +26,12 @@ fn standing() -> Camera {
     }
 }
 
+/// Returns the stickers of a solved cube.
 fn solved() -> [u8; 54] {
     std::array::from_fn(|i| (i / 9) as u8)
 }
 
+/// Returns stickers on which the six colours are mixed.
 fn mixed() -> [u8; 54] {
     std::array::from_fn(|i| ((i * 7 + i / 5) % 6) as u8)
 }
@@ -59,6 +62,8 @@ fn hand_over(world_from_cube: Pose, distance: f64) -> Scene {
     scene
 }
 
+/// Makes an arm with its base at `base` and its tool at this pose, in a plausible posture with the
+/// elbow above the line from shoulder to wrist. `opening` is that of the jaws (m).
 fn arm(world_from_tool: Pose, base: Point3<f64>, opening: f64) -> SceneArm {
     let world_from_flange = world_from_tool * Pose::translation(0.0, 0.0, -0.25);
     let flange = Point3::from(world_from_flange.translation.vector);
@@ -96,6 +101,7 @@ fn in_hand() -> (Camera, Scene) {
     (camera, scene)
 }
 
+/// Returns a setting with the table below the cube of [`facing`] and walls around the camera.
 fn setting() -> Setting {
     Setting {
         table: Point3::new(0.0, 0.85, 0.75),
@@ -112,6 +118,7 @@ fn studio(camera: Camera, change: impl FnOnce(&mut Look)) -> Renderer {
     Renderer::new(camera, look, 1).with_setting(setting())
 }
 
+/// Returns the mean of a pixel's three channels, 0 to 255.
 fn brightness(image: &RgbImage, x: u32, y: u32) -> f64 {
     image.get_pixel(x, y).0.iter().map(|c| f64::from(*c)).sum::<f64>() / 3.0
 }
@@ -548,7 +555,7 @@ fn renderer_writes_sample_pictures() {
     }
 }
 
-/// Makes a cell like the original: the track arm at the origin, the postument arm 2.11 m to its
+/// Makes a cell like that of 2007: the track arm at the origin, the postument arm 2.11 m to its
 /// left.
 fn whole_cell() -> (Scene, Setting) {
     let world_from_cube = Pose::translation(0.95, 0.55, 1.05);

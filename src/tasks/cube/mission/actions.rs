@@ -100,7 +100,7 @@ impl Robot {
         self.contacts < MOST_CONTACTS
     }
 
-    /// Lets the hand that met an obstacle yield, until no force presses it any more.
+    /// Lets the hand that met an obstacle yield, until the obstacle no longer presses it.
     async fn give_way(&mut self, mut met: Alarm) -> Result<(), Failure> {
         loop {
             self.contacts += 1;
@@ -122,7 +122,7 @@ impl Robot {
         self.behave_alone(hand, yields, Doing::GivingWay).await
     }
 
-    /// Lets a hand yield, also about its own z, until no torque is left.
+    /// Lets a hand yield for [`EASE_SECONDS`], also about its own z, so that it loses its torque.
     pub(super) async fn yield_torque(&mut self, hand: Hand) -> Result<Outcomes, Failure> {
         let mut selector = self.settings.grasp_selector();
         selector[5] = true;
@@ -130,7 +130,7 @@ impl Robot {
         self.behave_alone(hand, yields, Doing::GivingWay).await
     }
 
-    /// Holds both hands in place during `seconds`.
+    /// Holds both hands in place for `seconds`.
     pub(super) async fn hold_still(&mut self, seconds: f64) -> Result<(), Failure> {
         let speed = self.settings.speed;
         // A motion to the present set values is stiff, and `seconds` is its least duration.
@@ -144,7 +144,8 @@ impl Robot {
         }
     }
 
-    /// Moves both arms to joint positions in one time; `None` leaves an arm where it is.
+    /// Moves both arms to joint positions, at which they arrive at the same time; `None` leaves an
+    /// arm where it is.
     pub(super) async fn joints(
         &mut self,
         targets: [Option<JointPositions>; 2],
@@ -224,7 +225,8 @@ impl Robot {
         }
         let mut target = self.arms[Hand::Track.index()].desired_joints;
         let back = target.0[0] - by;
-        // A resumed mission begins anywhere on the track: it stops where every meeting is cleared.
+        // A resumed mission may begin anywhere on the track, so the retraction ends where the arm
+        // is clear of every meeting.
         target.0[0] = self.least_track.map_or(back, |least| back.max(least));
         self.track_joints(target, Doing::Travelling).await
     }
@@ -267,7 +269,8 @@ impl Robot {
         Ok(false)
     }
 
-    /// Moves the track forward to the meeting, from which it was retracted by `separation` (m).
+    /// Moves the track forward to its joint positions `track` at the meeting, from which it was
+    /// retracted by `separation` (m).
     pub(super) async fn move_together(
         &mut self,
         track: JointPositions,
@@ -351,6 +354,7 @@ impl Robot {
         (off.max(self.miss) + STOP_MARGIN).clamp(least, least.max(UNSURE))
     }
 
+    /// Returns the `base_from_tool` at which a hand would have the partner's cube in a grip.
     fn grasp_pose(&self, hand: Hand, grip: Grip) -> Result<Pose, Failure> {
         let pose = self.belief.grasp_pose(hand, grip.hold, grip.half_roll, &self.arms);
         Ok(pose.ok_or("the partner does not hold the cube")?)
@@ -360,7 +364,7 @@ impl Robot {
     pub(super) async fn approach(&mut self, hand: Hand, grip: Grip) -> Result<(), Failure> {
         let s = &self.settings;
         let order = if s.compliance == ComplianceChoice::None {
-            // Position control has no contact to stop at: the slow line ends at the believed pose.
+            // Position control does not detect a contact: the slow line ends at the believed pose.
             Behaviour::Line { target: self.grasp_pose(hand, grip)?, speed: 0.2 * s.speed }
         } else {
             Behaviour::Approach {
@@ -502,6 +506,8 @@ impl Robot {
         self.stops[i] == stops && self.arms[i].jaw_opening > s.regrasp_opening - OPEN_ENOUGH
     }
 
+    /// Makes an order for jaws that open, with the palm's stops at `stops`: to the narrow opening
+    /// beside the partner's cube, else to the wide one. With `theirs` a person holds the cube.
     fn jaws_open(&self, hand: Hand, stops: Depth, theirs: bool) -> Behaviour {
         // While the partner or the operator holds the cube as well, a strain between the hands
         // moves the compliant arm before it moves the pads. A doubted sensor may steer no arm.
@@ -556,7 +562,7 @@ impl Robot {
         Ok(outcomes[Hand::Track.index()])
     }
 
-    /// Holds the cube out and waits for a pull.
+    /// Holds the cube out, waits up to [`PRESENT_SECONDS`] for a pull, and returns the outcomes.
     pub(super) async fn present(&mut self) -> Result<Outcomes, Failure> {
         self.check_hold()?;
         self.given_back = true;
@@ -767,7 +773,7 @@ mod tests {
     /// Conditions of a path between a meeting and a place apart.
     #[derive(Clone)]
     struct Conditions {
-        /// Finder of the least distance between the arms.
+        /// Finder of the least separation of the arms.
         ways: Option<WayFinder>,
         /// Whether MP refuses the first try.
         refused: bool,
@@ -796,7 +802,7 @@ mod tests {
         let mut shell = |action: &Action<Thought>, arms: &mut [ArmState; 2]| {
             let Action::Behave { orders, .. } = action else { return goes_well(action, arms) };
             let Some(Behaviour::Joints { target, .. }) = orders[0] else { panic!("{action:?}") };
-            // All but the track's own motion from or to the meeting.
+            // MP refuses only the motion on the path, not the track's motion at the meeting.
             if (orders[1].is_some() || !meets && target == track) && std::mem::take(&mut refused) {
                 return Event::Trouble("too near".to_owned());
             }
@@ -817,7 +823,7 @@ mod tests {
     }
 
     #[test]
-    fn track_arm_retracts_by_shortest_distance_in_table() {
+    fn track_arm_retracts_by_shortest_free_distance() {
         let finder = WayFinder::of_example();
         let (met, by) = finder.example_place();
         let [apart, _] = WayFinder::example_start();

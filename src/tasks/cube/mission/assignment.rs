@@ -20,7 +20,8 @@ pub enum Goal {
 pub struct Assignment {
     /// Goal of the mission.
     pub goal: Goal,
-    /// Hand that holds the cube, its hold, and whether by half a roll, for `FaceTurn`.
+    /// Hand that holds the cube at the beginning, its hold, and whether its tool frame is the
+    /// second one of that hold ([`Hold::cube_from_tool`]); for [`Goal::FaceTurn`].
     pub held: Option<(Hand, Hold, bool)>,
     /// Time that the operator has for an answer (s); `None` without an operator.
     pub patience: Option<f64>,

@@ -27,7 +27,7 @@ pub(super) fn alone(hand: Hand, behaviour: Behaviour) -> Orders {
 pub(super) enum Failure {
     /// End of the mission without a further motion, for this reason.
     Final(String),
-    /// Loss of the cube: the jaws of this hand have closed farther than on it.
+    /// Loss of the cube: the jaws of this hand have closed farther than on a cube.
     Lost(Hand),
     /// Failed grasp of this hand; its partner holds the cube.
     NotGrasped { hand: Hand, why: String },
@@ -43,11 +43,12 @@ pub(super) enum Failure {
     GiveUp { release: Option<Hand> },
     /// Return of the cube as it is, for this reason.
     GiveBack(String),
-    /// Cube that stays with the operator for this reason: it cannot be taken, or is not let go.
+    /// Cube that stays with the operator for this reason: the robot cannot take it, or the operator
+    /// does not let go.
     Left(String),
-    /// Cube of an earlier run's hand-back, which a person holds.
+    /// Cube that an earlier run was handing back, and that a person holds, for this reason.
     WithOperator(String),
-    /// Cube of an earlier run's hand-back, which no person holds out again.
+    /// Cube that an earlier run was handing back, and that no person holds out again.
     NotHeldOut,
 }
 
@@ -55,7 +56,7 @@ impl Failure {
     /// Returns the failure for an event that does not answer the action, which is a defect of the
     /// shell.
     pub(super) fn unexpected<C: Debug>(event: &Event<C>) -> Self {
-        Self::Final(format!("the shell answered with {event:?}"))
+        Self::Final(format!("the shell answered an action with another event: {event:?}"))
     }
 }
 
@@ -83,7 +84,7 @@ pub(super) struct Alarm {
 }
 
 /// Returns the first alarm among outcomes, in the order of the hands. Its message names the action
-/// `doing`.
+/// `doing`. See [`Outcome::alarms`].
 pub(super) fn alarm(outcomes: &Outcomes, doing: Doing) -> Option<Alarm> {
     let of = |hand: Hand| Some((hand, outcomes[hand.index()].filter(Outcome::alarms)?));
     let (hand, outcome) = Hand::BOTH.into_iter().find_map(of)?;

@@ -10,7 +10,7 @@
 //! | situation | threshold | decision |
 //! |---|---|---|
 //! | a contact on the path | `control.hand_force_n` | the hand yields, then pulls a little |
-//! | a person holds the cube | the pull is touched | the jaws let go |
+//! | a person holds the cube | the pull is resisted | the jaws let go |
 //! | no person takes it | 20 s | the hand pulls; if no person holds it, it retracts and retries |
 //! | no person takes it again | [`MOST_OFFERS`] | the mission ends with the cube in the hand |
 
@@ -40,7 +40,7 @@ pub(super) const UNSEEN: &str = "by the journal of the earlier run the cube was 
 enum Holder {
     /// The track hand alone.
     Robot,
-    /// A person has taken hold of the cube: the jaws must let go.
+    /// A person, who has taken hold of the cube: the jaws must let go.
     Person,
 }
 
@@ -64,7 +64,8 @@ pub(super) async fn unsolved(robot: &mut Robot, why: String) -> Result<Finish, F
     finish(robot, false)
 }
 
-/// Ends the mission after it has released the cube.
+/// Publishes and returns the end of a mission that has released the cube. `achieved` says whether
+/// the cube is in the state that the task wants.
 pub(super) fn finish(robot: &mut Robot, achieved: bool) -> Result<Finish, Failure> {
     robot.check_hold()?;
     robot.publish(Doing::Over);
@@ -167,7 +168,8 @@ async fn offer(robot: &mut Robot) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Presents the cube and waits for a pull. After a wait in vain a small pull detects a holder.
+/// Presents the cube and waits for a pull, in try number `tries`. After a wait in vain a small pull
+/// detects a holder.
 async fn wait_for_a_pull(robot: &mut Robot, tries: u32) -> Result<Holder, Failure> {
     let outcomes = robot.present().await?;
     match (alarm(&outcomes, Doing::HandingBack), outcomes[Hand::Track.index()]) {
@@ -430,7 +432,7 @@ mod tests {
 
         let Err(Failure::Final(why)) = end else { panic!("{end:?}") };
         assert!(why.contains("over-force"), "{why}");
-        // The mission ends with the cube in its hand.
+        // The mission ends with the cube in the track hand.
         let mut stage = stage();
         let recover = async |robot: &mut Robot| recover::recover(robot, Failure::Final(why)).await;
         let (end, actions) = stage.play(recover, &mut goes_well);

@@ -53,7 +53,7 @@ const ODD_STICKERS: usize = 2;
 struct Inspection {
     /// Stickers with another colour than the turns should have left.
     unexpected: Vec<(Face, usize)>,
-    /// Reason for which the turns about some axis could not be inspected.
+    /// Reason for which no look could show the turns about the palm's axis, or all other turns.
     uninspected: Option<String>,
 }
 
@@ -210,8 +210,8 @@ async fn check_side(
                 robot.nudge(viewer, NUDGES[tries as usize - 1]).await?;
                 tries += 1;
             }
-            // The other sides are inspected all the same: two odd stickers there have the cube read
-            // again at once.
+            // The other sides are inspected all the same: with two odd stickers there the cube is
+            // read again at once.
             Err(reason) => {
                 return Ok(Err(format!("face {letter} could not be inspected: {reason}")));
             }
@@ -226,7 +226,7 @@ fn compare(
     face: Face,
     reading: FaceReading,
 ) -> Result<(FaceReading, Vec<usize>), String> {
-    // A covered row could hide a turned layer, so that the look would pass without a proof.
+    // A covered row could hide a misaligned layer, and the side would count as inspected.
     if let Some(why) = reason_hidden(&reading) {
         return Err(why);
     }
@@ -237,8 +237,8 @@ fn compare(
     Ok((reading, unexpected))
 }
 
-/// Returns the reason why a reading does not show whether each layer is turned, if so many stickers
-/// are covered.
+/// Returns the reason why a reading does not show the angle of each layer, if a row at the rim has
+/// fewer than [`ROW_SEEN`] uncovered stickers.
 fn reason_hidden(reading: &FaceReading) -> Option<String> {
     let seen = |row: &[usize; 3]| row.iter().filter(|&&i| !reading.occluded[i]).count();
     if ROWS.iter().all(|row| seen(row) >= ROW_SEEN) {
@@ -391,7 +391,7 @@ mod tests {
         let meeting = settings().meetings.views[0][0];
         for (views, enough) in [
             ([meeting; 3], true),
-            // Either of both sides shows the layers across the palm's axis.
+            // One of the two sides beside the jaws is enough.
             ([meeting, None, meeting], true),
             ([meeting, meeting, None], true),
             ([meeting, None, None], false),
@@ -409,7 +409,7 @@ mod tests {
 
     #[test]
     fn two_unexpected_stickers_require_another_reading() {
-        for (covered, anew) in [(0, true), (1, true), (2, false)] {
+        for (covered, reread) in [(0, true), (1, true), (2, false)] {
             // One odd sticker counts as a reflection. Some of the three at the rim may be covered.
             let look = |looks, face: Face| {
                 let own = face as u8;
@@ -425,7 +425,7 @@ mod tests {
 
             let (end, ..) = inspects(&mut stage(None), vec![], look);
 
-            let expected = if anew { Err(Failure::ReadAgain { release: None }) } else { Ok(()) };
+            let expected = if reread { Err(Failure::ReadAgain { release: None }) } else { Ok(()) };
             assert_eq!(end, expected, "{covered}");
         }
     }

@@ -1,7 +1,7 @@
 //! Look at one face by the camera in a hand.
 //!
 //! A covered sticker is looked at from beside, and is never guessed. No hand grasps a cube that
-//! looks have shown tilted in the other one: a finger that came over a corner pressed with 108 N.
+//! lies tilted in the other hand: a finger that came over a corner pressed with 108 N.
 //!
 //! - in: the face, the hand that looks, readings at several exposures
 //! - out: the light of the stickers in [`super::sight`]; a hidden face or a tilted cube as a
@@ -45,7 +45,7 @@ pub(super) async fn show(robot: &mut Robot, viewer: Hand, face: Face) -> Result<
     let holder = viewer.other();
     let held =
         robot.belief.held[holder.index()].ok_or("the partner of the viewing hand holds no cube")?;
-    // The side of the holder's tool that the face is on.
+    // Outward normal of the face in the holder's tool frame, which gives the side.
     let in_tool = held.hold.cube_from_tool(held.half_roll, robot.settings.edge).rotation.inverse()
         * face.normal();
     let side = match in_tool {
@@ -58,7 +58,7 @@ pub(super) async fn show(robot: &mut Robot, viewer: Hand, face: Face) -> Result<
         }
     };
     let meeting = robot.settings.meetings.views[holder.index()][side]
-        .ok_or("the cell has no pose for this look")?;
+        .ok_or_else(|| format!("the cell has no pose for a look at face {}", face.letter()))?;
 
     regrasp::free(robot, viewer).await?;
     regrasp::meet(robot, viewer, meeting, Coming::ToLook).await?;

@@ -16,7 +16,7 @@
 //! | `give_back` | return of the cube |
 //! | `recover`, `realign` | decisions after a failure; realignment of a layer |
 //! | `resume` | resumption of an earlier run |
-//! | `robot`, `actions` | knowledge of the mission; its motions |
+//! | `robot`, `actions` | state of the mission; its motions |
 //! | `shared`, `sight` | state that others read; stickers that the cameras saw |
 //! | `questions`, `failure` | questions to the operator; reasons to stop a procedure |
 //! | `assignment`, `station`, `turn_in_progress` | goal, progress of the mission and of a turn |
@@ -93,7 +93,8 @@ impl Mission {
 async fn mission(mut robot: Robot) -> Finish {
     robot.read_arms();
     let mut next = begin(&mut robot).await;
-    // A mended failure may lead to any station, or to another failure: the loop ends at `Over`.
+    // Recovery from a failure may lead to any station, or to another failure. The loop ends at
+    // `Over`.
     loop {
         next = match next {
             Ok(Station::Take) => take(&mut robot).await,

@@ -11,18 +11,19 @@ use crate::cube::{Face, Keeper};
 use crate::operator::{Answer, Question, Subject};
 use crate::tasks::cube::think::Doubt;
 
-/// First option of a choice, and its index.
+/// Text and index of the first option of a choice.
 const AGAIN: &str = "look again";
 pub(super) const LOOK_AGAIN: usize = 0;
 
 /// Words of a question that the operator answers after a look at the cell.
 struct Choice<'a> {
+    /// Reason for the question.
     why: &'a str,
-    /// Things that the operator must check.
+    /// Question about the things that the operator must check.
     see: &'a str,
     /// Consequence of no answer.
     otherwise: String,
-    /// Option that ends the attempt.
+    /// Text of the option that ends the attempt.
     end: &'a str,
 }
 

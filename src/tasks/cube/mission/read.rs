@@ -10,7 +10,7 @@
 //! | limit | value | reason |
 //! |---|---|---|
 //! | [`LOOK_ROUNDS`] | 2 | rounds of looks, the second at another exposure |
-//! | [`MOST_HIDDEN`] | 3 | hidden faces from which on no other grasp is tried |
+//! | [`MOST_HIDDEN`] | 3 | faces hidden in a grasp, from which on no other grasp is tried |
 
 use super::failure::Failure;
 use super::robot::Robot;
@@ -23,7 +23,7 @@ use crate::tasks::cube::think::{Answer, Conclusion, Doubt, NoAnswer, Thought};
 
 /// Rounds of looks, the second at another exposure.
 const LOOK_ROUNDS: u32 = 2;
-/// Number of faces found hidden in a grasp from which on no other grasp is tried.
+/// Number of times that a face was hidden in a grasp from which on no other grasp is tried.
 const MOST_HIDDEN: usize = 3;
 
 /// Reads the cube in the hand that holds it, and returns the steps of the plan.
@@ -122,7 +122,8 @@ fn thought(robot: &Robot) -> Result<Thought, String> {
     for (i, seen) in robot.sight.levels().into_iter().enumerate() {
         // The colours that the operator gave need no measurement: black fills the gaps.
         let given = robot.given.map(|_| [0.0; 3]);
-        rgb[i] = seen.or(given).ok_or_else(|| format!("sticker {i} was never seen"))?;
+        let unseen = || format!("sticker {} was never seen", facelet_place(i));
+        rgb[i] = seen.or(given).ok_or_else(unseen)?;
     }
     let s = &robot.settings;
     Ok(Thought {
@@ -259,6 +260,7 @@ mod tests {
         std::array::from_fn(|i| i == 2 && face == Face::U && hold.palm == Face::D)
     }
 
+    /// Returns the holds in which the upper face was looked at.
     fn upper(looks: &[Look]) -> Vec<Hold> {
         looks.iter().filter(|look| look.face == Face::U).map(|look| look.hold).collect()
     }
@@ -358,7 +360,7 @@ mod tests {
         let (end, looks) = read_tilted(Hand::Track, u32::MAX);
         let Err(Failure::GiveBack(why)) = end else { panic!("{end:?}") };
         assert!(why.contains("tilted by 20 deg in the track hand"), "{why}");
-        assert_eq!(looks, 2, "one wrong pose would not do");
+        assert_eq!(looks, 2, "a single tilted pose is not believed");
 
         let (end, _) = read_tilted(Hand::Postument, u32::MAX);
         assert!(matches!(end, Err(Failure::Final(_))), "{end:?}");

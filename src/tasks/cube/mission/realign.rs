@@ -13,7 +13,7 @@
 //! |---|---|---|
 //! | before each try | [`WAITS`], [`WEAK_GRIP_WAIT`] | both hands yield, since a strain may pass |
 //! | the hands' forces contradict | [`CONTRADICTION`] | both hold still once ([`STAND_SECONDS`]) |
-//! | they contradict later | from the second try on | the hand regrasps with new zeros |
+//! | the forces contradict again | from the second try on | the hand regrasps with new zeros |
 //! | the layer is in line | [`IN_LINE`] | a partner with a bad grip lets go, else the turner |
 //! | the layer is misaligned | | the hand turns back with little torque ([`GENTLE`]) |
 //! | still misaligned | [`EARLY_TRIES`] tries | the hand regrasps the layer at its roll |
@@ -38,8 +38,8 @@ const IN_LINE: f64 = 0.03;
 /// Time in which the hands yield while the cube is misaligned in one of them: a weak grip that
 /// turns back at once slips on (s).
 const WEAK_GRIP_WAIT: f64 = 5.0;
-/// Angle that the rubber of the pads absorbs before it forces the jaws apart (rad). Slips are
-/// undone as well with half of it, and with nearly twice as much.
+/// Angle that the rubber of the pads absorbs before it forces the jaws apart (rad). Layers are
+/// realigned as well with half of this value, and with nearly twice as much.
 const PAD_GIVE: f64 = 0.015;
 /// Torque at which a turn back stalls (Nm): less than rubber pads transmit about any axis.
 const GENTLE: f64 = 1.0;
@@ -177,6 +177,7 @@ async fn yield_both(robot: &mut Robot, turner: Hand, seconds: f64) -> Result<(),
     fail_if_strained(alarm(&outcomes, Doing::GivingWay))
 }
 
+/// Returns [`Failure::Strained`] if an alarm ended the yielding of a hand.
 fn fail_if_strained(met: Option<Alarm>) -> Result<(), Failure> {
     met.map_or(Ok(()), |met| Err(Failure::Strained(met.why)))
 }
@@ -440,10 +441,12 @@ mod tests {
         stage.robot.decide(Hand::Track, Try { number, eased })
     }
 
+    /// Returns the distance (m) between pads on a layer that is misaligned by `angle` (rad).
     fn jaws_forced_apart(angle: f64) -> f64 {
         (WIDTH + 0.012 * libm::sin(angle)) / libm::cos(angle)
     }
 
+    /// Returns the angle of a turn back (rad). Panics at any other move.
     fn back(step: Move) -> f64 {
         if let Move::TurnBack(angle) = step { angle } else { panic!("{step:?}") }
     }
@@ -682,7 +685,7 @@ mod tests {
 
     #[test]
     fn realigned_cube_is_reread_while_recoveries_remain() {
-        for (recoveries, anew) in [(0, true), (MOST_RECOVERIES, false)] {
+        for (recoveries, reread) in [(0, true), (MOST_RECOVERIES, false)] {
             let mut stage = failed(0.0);
             stage.robot.recoveries = recoveries;
             let failure = Failure::TurnFailed { turner: Hand::Track };
@@ -695,7 +698,7 @@ mod tests {
 
             let release = Some(Hand::Track);
             let expected =
-                if anew { Failure::ReadAgain { release } } else { Failure::GiveUp { release } };
+                if reread { Failure::ReadAgain { release } } else { Failure::GiveUp { release } };
             assert_eq!(end, Err(expected));
         }
     }
@@ -716,8 +719,8 @@ mod tests {
             _ => goes_well(action, arms),
         });
 
-        let anew = ["open", "line", "zero", "line", "line", "approach", "close"];
-        assert_eq!(words(&actions)[..7], anew);
+        let regrasp = ["open", "line", "zero", "line", "line", "approach", "close"];
+        assert_eq!(words(&actions)[..7], regrasp);
         assert!(stage.notes().iter().any(|note| note.ends_with("the layer is regrasped")));
     }
 

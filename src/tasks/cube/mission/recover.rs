@@ -32,9 +32,9 @@ use crate::tasks::cube::hold::Hand;
 /// Recovers from a failure. Returns the station at which the mission continues, or the failure that
 /// replaces this one and is handled next.
 pub(super) async fn recover(robot: &mut Robot, failure: Failure) -> Result<Station, Failure> {
-    // The loss of the cube outweighs most failures. It does not if the mission ends anyhow: a hand
-    // that is pressed beyond its limits must not move on to look for the cube. A turner that lost
-    // its layer in a failed turn regrasps it: the realignment checks for that.
+    // The loss of the cube takes precedence over most failures. Exceptions are failures that end
+    // the mission anyhow: a hand that is pressed beyond its limits must not move on to look for the
+    // cube. Another one is a failed turn, since the realignment itself regrasps a lost layer.
     let looks_at_hold = !matches!(
         failure,
         Failure::Final(_) | Failure::Lost(_) | Failure::Strained(_) | Failure::TurnFailed { .. }
@@ -43,7 +43,7 @@ pub(super) async fn recover(robot: &mut Robot, failure: Failure) -> Result<Stati
         robot.check_hold()?;
     }
     match failure {
-        // No rule recovers from these.
+        // No rule recovers from these failures: the mission ends.
         Failure::Final(why) | Failure::Strained(why) | Failure::Hidden { why, .. } => {
             Ok(Station::Over(robot.failed(why)))
         }
@@ -188,6 +188,8 @@ mod tests {
     use crate::cube::{Face, Turn};
     use crate::tasks::cube::settings::CubeSettings;
 
+    /// Recovers from a failure, with all actions successful. Returns the station or the failure
+    /// that follows, and the words of the actions.
     fn recovers(
         stage: &mut Stage,
         failure: Failure,

@@ -36,7 +36,7 @@ pub(super) async fn meet(
         Coming::ToGrasp => meeting.short_of(newcomer.index()),
     };
     let meetings = &robot.settings.meetings;
-    // The table's paths begin at a meeting, so they are of no use to hands that are apart.
+    // The table's paths begin at a meeting, so hands that are apart cannot use them.
     let quick = robot.meeting.filter(|_| !robot.apart);
     let quick = quick.and_then(|last| meetings.way(&last, &meeting, newcomer.index()).copied());
     robot.meeting = Some(meeting);
@@ -76,7 +76,7 @@ pub(super) async fn return_to(robot: &mut Robot, place: JointPositions) -> Resul
         if robot.joints_unless_refused(goes).await? {
             return Ok(());
         }
-        // The refused path gets the rest of the whole separation.
+        // The track retracts by the rest of the whole separation before the path is tried again.
         if !were_apart {
             robot.separate(robot.settings.meetings.separation - by).await?;
         }
@@ -123,7 +123,7 @@ pub(super) async fn grasp(robot: &mut Robot, hand: Hand, grip: Grip) -> Result<(
     free(robot, hand).await?;
     meet(robot, hand, meeting, Coming::ToGrasp).await?;
     // The palm's stops cannot come forward against a cube, so they are set before the hand is near.
-    // Opening jaws that are open already cost 16 s in a mission.
+    // To open jaws again that are already open would cost 16 s in a mission.
     if !robot.is_open(hand, grip.hold.depth) {
         robot.open(hand, grip.hold.depth).await?;
     }

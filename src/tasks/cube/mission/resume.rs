@@ -12,7 +12,7 @@
 //! | [`LEAST_HELD`] | 0.945 edge | between closed jaws and the least width of a held cube |
 //! | [`STRAIGHT`] | 0.1 rad | closing jaws straighten a layer with a smaller angle |
 //! | [`TAKE_BACK_SECONDS`] | 3 s | the operator may take the cube that was being handed back |
-//! | [`SEEK_SECONDS`] | 5 s | an operator who wants it solved holds that cube out again |
+//! | [`SEEK_SECONDS`] | 5 s | an operator who wants that cube solved holds it out again |
 //!
 //! | hands that hold | decision |
 //! |---|---|
@@ -49,7 +49,7 @@ const SEEK_SECONDS: f64 = 5.0;
 /// the station. `last` is the last journal entry of the earlier run.
 pub(super) async fn take_stock(robot: &mut Robot, last: Entry) -> Result<Station, Failure> {
     restore(robot, &last);
-    robot.note(format!("the earlier run was interrupted while {doing}", doing = last.doing));
+    robot.note(format!("last journal entry of the earlier run: {doing}", doing = last.doing));
     let edge = robot.settings.edge;
     // A kill may come between a journal entry and its motion, so the jaws decide and not the entry.
     let holds = |hand: Hand| {
@@ -127,7 +127,7 @@ async fn take_again(robot: &mut Robot) -> Result<Station, Failure> {
 }
 
 /// Opens the track hand and retracts it by `distance` (m), before it moves sideways or its force is
-/// zeroed. Its fingers may be beside a cube that a person holds, and press it.
+/// zeroed: its fingers may press a cube that a person holds.
 async fn back_off(robot: &mut Robot, distance: f64) -> Result<(), Failure> {
     robot.open(Hand::Track, Depth::One).await?;
     robot.along(Hand::Track, -distance).await
@@ -142,7 +142,8 @@ fn begin_to_seek(robot: &mut Robot) {
     robot.forget_hand_over();
 }
 
-/// Gives the operator time to take the cube, and then has the visual servo look for it.
+/// Gives the operator [`TAKE_BACK_SECONDS`] to take the cube, and returns the station at which the
+/// visual servo looks for it.
 async fn seek(robot: &mut Robot) -> Result<Station, Failure> {
     robot.move_apart().await?;
     robot.hold_still(TAKE_BACK_SECONDS).await?;
@@ -162,7 +163,8 @@ pub(super) async fn leave_to_the_operator(
     seek(robot).await
 }
 
-/// Continues with the cube in one hand.
+/// Prepares the mission to continue with the cube in `hand`, and returns the station. `last` is the
+/// last journal entry of the earlier run.
 async fn one_holds(robot: &mut Robot, hand: Hand, last: &Entry) -> Result<Station, Failure> {
     robot.note(format!("the {} hand holds the cube", hand.name()));
     let (other, hold) = (hand.other(), assumed(last, hand));
@@ -198,7 +200,8 @@ fn way_to_clear(robot: &mut Robot, hand: Hand) -> Option<f64> {
         return None;
     }
     // The distance already retracted from a hold of one layer. From two layers it is longer, so the
-    // rest is enough for both. The whole retraction again took 7 of 200 killed runs to a limit.
+    // rest is enough for both. The whole retraction again ended at a joint limit in 7 of 200 killed
+    // runs.
     let gone = place.z - edge / 3.0;
     let left = (back - gone).clamp(0.0, back);
     (left >= NEGLIGIBLE).then(|| robot.retraction(hand, left, CLEAR * back - gone))
@@ -234,7 +237,8 @@ async fn retreat(robot: &mut Robot, holder: Hand, left: Option<f64>) -> Result<S
     Ok(Station::Read { phase: "identify" })
 }
 
-/// Continues with the cube in both hands, perhaps in the middle of a turn.
+/// Prepares the mission to continue with the cube in both hands, perhaps in the middle of a turn,
+/// and returns the station.
 async fn both_hold(robot: &mut Robot, last: &Entry) -> Result<Station, Failure> {
     robot.note("both hands hold the cube");
     robot.apart = false;
@@ -329,7 +333,7 @@ mod tests {
     use crate::tasks::cube::think::Thought;
     use crate::tasks::{Action, Event, Finish, Forces, Readings, Task};
 
-    /// Returns the last entry of a run that had taken the cube and lowered it again.
+    /// Returns the last journal entry of a run that was laying the cube down.
     fn lowering() -> Entry {
         Entry {
             doing: "laying it down".to_owned(),
@@ -347,6 +351,8 @@ mod tests {
         Stage::with(settings, assignment)
     }
 
+    /// Takes stock of what an interrupted run left, with all actions successful. Returns the
+    /// station and the actions.
     fn takes_stock(
         stage: &mut Stage,
         last: &Entry,
@@ -378,6 +384,7 @@ mod tests {
         actions.iter().filter_map(way).collect()
     }
 
+    /// Returns the index of the first action with this word.
     fn position(words: &[&str], word: &str) -> Option<usize> {
         words.iter().position(|w| *w == word)
     }
@@ -421,7 +428,7 @@ mod tests {
             assert!(zeroed.is_some() && zeroed < close && close < pull, "{words:?}");
             assert!(pull < back_at && back_at.is_some(), "{words:?}");
 
-            // The cube was retracted already, or farther.
+            // The track has already retracted, farther than usual.
             let words = super::super::testing::words(&goes_on(Keeper::Person, &last, 1.5 * back).1);
             assert_eq!(position(&words, "pull").is_some(), handing_back, "{words:?}");
             assert_eq!(position(&words, "joints"), None, "{words:?}");
@@ -626,9 +633,9 @@ mod tests {
         assert!(!end.achieved && end.reason.contains("does not let go"), "{}", end.reason);
     }
 
-    /// Plays a mission whose cube an earlier run was handing back; `undone` is the reason if it was
-    /// not solved. The visual servo ends with the outcome `ended`. Returns the end, the words of
-    /// the actions, and the patience of the visual servo (s).
+    /// Plays a mission whose cube an earlier run was handing back; `undone` is the reason if the
+    /// cube was not solved. The visual servo ends with the outcome `ended`. Returns the end, the
+    /// words of the actions, and the patience of the visual servo (s).
     fn sought(undone: Option<&str>, ended: Outcome) -> (Finish, Vec<&'static str>, Option<f64>) {
         let undone = undone.map(str::to_owned);
         let doing = "opening the jaws".to_owned();

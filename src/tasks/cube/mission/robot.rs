@@ -1,7 +1,7 @@
-//! Knowledge of the mission about cube and arms, and the requests of actions to the shell.
+//! State of the mission: its knowledge about cube and arms, and its requests to the shell.
 //!
 //! - in: the states of both arms and the event that ends an action, by the port
-//! - out: actions; a [`Failure`] if an action has not the result that it should have
+//! - out: actions; a [`Failure`] if the shell does not answer an action as expected
 //!
 //! Before each action the jaws are compared with the cube that they hold ([`Robot::check_hold`]).
 //! So a lost cube interrupts every procedure at its next action.
@@ -39,7 +39,7 @@ pub(super) type MissionPort = Port<Thought, Conclusion, Shared>;
 
 /// Number of times that the cube is read again before the mission gives up.
 pub(super) const MOST_RECOVERIES: u32 = 3;
-/// Letters of a reason that the journal stores.
+/// Largest number of letters of a reason in the journal.
 const MOST_LETTERS: usize = 500;
 /// Greatest error of the position of a cube that no grasp has measured yet (m).
 pub(super) const UNSURE: f64 = 0.012;
@@ -61,7 +61,7 @@ pub(super) enum Trust {
 /// A cube that an earlier run may have held out to a person.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct MaybeOffered {
-    /// Whether the jaw distance leaves it possible that the jaws had begun to open.
+    /// Whether the jaws may have begun to open, judged by their distance.
     pub(super) opening: bool,
 }
 
@@ -81,7 +81,7 @@ pub(super) struct Robot {
     pub(super) apart: bool,
     /// Stickers as the cameras saw them.
     pub(super) sight: Sight,
-    /// Rounds of looks at the faces.
+    /// Number of the present round of looks at the faces, from 1.
     pub(super) rounds: u32,
     /// Colours that the operator gave.
     pub(super) given: Option<Facelets>,
@@ -91,9 +91,9 @@ pub(super) struct Robot {
     pub(super) hand_over: Option<JointPositions>,
     /// Position of the track's tool when it closed on the cube, in the track's base (m).
     pub(super) taken_at: Option<[f64; 3]>,
-    /// Part of the usual retraction from there that the track's joints did not allow (m).
+    /// Part of the usual retraction from `taken_at` that the track's joints did not allow (m).
     pub(super) retract_shortfall: f64,
-    /// Distance of the jaws when they had closed on the cube (m).
+    /// Distance between the pads of each hand when they had closed on the cube (m).
     pub(super) widths: [Option<f64>; 2],
     /// Last position of the stops of each palm.
     pub(super) stops: [Depth; 2],
@@ -107,9 +107,9 @@ pub(super) struct Robot {
     pub(super) failure: Option<String>,
     /// Turn of the plan that is in progress.
     pub(super) turning: Option<Turn>,
-    /// Turning hand, its layer's face, and `cube_from_tool` with the layer in line.
+    /// Turning hand, its layer's face, and the rotation of `cube_from_tool` with the layer in line.
     pub(super) straight: Option<(Hand, Face, UnitQuaternion<f64>)>,
-    /// Turn that is in progress, or that is undone.
+    /// Record of the turn that is in progress, or whose layer is realigned.
     pub(super) turn_in_progress: Option<TurnInProgress>,
     /// Turn that stalled on its way. The cube is inspected as soon as one hand holds it alone.
     pub(super) stalled: Option<Turn>,
@@ -126,7 +126,8 @@ pub(super) struct Robot {
     pub(super) questions: u64,
     /// Cube that an earlier run may have held out, until pulls show whether a person holds it.
     pub(super) maybe_offered: Option<MaybeOffered>,
-    /// Time of the search for a cube that an earlier run was handing back (s).
+    /// Time of the search for a cube that an earlier run was handing back (s); `None` without such
+    /// a search.
     pub(super) seek_time: Option<f64>,
     /// Last journal entry of an earlier run that this one resumes.
     pub(super) earlier: Option<Entry>,
@@ -200,8 +201,8 @@ impl Robot {
         self.notes.push(text.into());
     }
 
-    /// Publishes the state that page, journal and summary show: the action that begins, and the
-    /// belief.
+    /// Publishes the state that page, journal and summary show at the beginning of the action
+    /// `doing`.
     pub(super) fn publish(&mut self, doing: Doing) {
         let (entry, picture) = (self.entry(doing), self.picture(doing));
         let (whereabouts, log) = (self.whereabouts(), self.log.clone());
@@ -232,7 +233,8 @@ impl Robot {
 
     /// Returns the belief about cube and arms during an action.
     pub(super) fn picture(&self, doing: Doing) -> Picture {
-        // `straight` stays set between the motions of a turn, but only a moving layer is shown.
+        // `straight` stays set between the motions of a turn, but the page shows only a moving
+        // layer.
         let turning = self.straight.filter(|_| doing == Doing::Turning);
         Picture {
             world_from_base: Hand::BOTH.map(|hand| Some(self.belief.world_from_base(hand))),
@@ -284,7 +286,8 @@ impl Robot {
     /// Zeroes the force sensors of the marked hands. Zeroing both at once ends a doubt about their
     /// readings.
     pub(super) async fn zero_forces(&mut self, which: [bool; 2]) -> Result<(), Failure> {
-        // Checked here as well: the doubt must last if the cube is lost and no zero follows.
+        // A lost cube prevents the zeroing, so the doubt must last: the hold is checked before the
+        // doubt ends.
         self.check_hold()?;
         if which == [true; 2] {
             self.trust = Trust::Believed;
@@ -317,10 +320,10 @@ impl Robot {
         face: Face,
         exposure: f64,
     ) -> Result<Result<FaceReading, String>, Failure> {
-        let camera_from_face = self
-            .belief
-            .face_in_camera(viewer, face, &self.arms)
-            .ok_or("there is no camera in that hand, or no cube in the other")?;
+        let camera_from_face =
+            self.belief.face_in_camera(viewer, face, &self.arms).ok_or_else(|| {
+                format!("the {} hand has no camera, or the other one no cube", viewer.name())
+            })?;
         #[cfg(test)]
         self.port.state(|shared| shared.looking = Some((face, self.belief.held)));
         let view = View { camera_from_face, exposure };
@@ -332,7 +335,7 @@ impl Robot {
     }
 
     /// Requests behaviours, and returns their outcomes, alarms included. `until` names the
-    /// behaviours that must end before the others are ended from above.
+    /// behaviours that must end before the shell ends the others.
     pub(super) async fn behave(
         &mut self,
         orders: Orders,

@@ -22,8 +22,11 @@ pub(super) struct Shared {
     pub(super) arms: [ArmState; 2],
     /// Journal entry that must be durable before the present action.
     pub(super) entry: Option<Entry>,
+    /// Believed state of the cube, for display.
     pub(super) picture: Option<Picture>,
+    /// Believed place of the cube, in words.
     pub(super) whereabouts: String,
+    /// Facts for the summary of the run.
     pub(super) log: MissionLog,
     /// Notes that the shell has not taken yet.
     pub(super) notes: Vec<String>,
@@ -32,7 +35,7 @@ pub(super) struct Shared {
     pub(super) looking: Option<(Face, [Option<Held>; 2])>,
 }
 
-/// Account of the mission's work, as the controller believes.
+/// Facts about a mission for the summary of the run, as the controller believes them.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct MissionLog {
     /// Colours that were read, in letters URFDLB by the centres' colours.

@@ -18,15 +18,17 @@ pub(super) async fn carry_out(robot: &mut Robot, steps: &[Step]) -> Result<(), F
     Ok(())
 }
 
-/// Carries out one step. After a turn that stalled the cube is inspected first, as soon as a step
-/// begins with a hand that lets go. `turns_remain`: later steps include a turn.
+/// Carries out one step of a plan. If an earlier turn stalled on its way, the cube is inspected
+/// before the next step that begins with a hand letting go. `turns_remain` says whether later steps
+/// include a turn.
 pub(super) async fn carry_out_step(
     robot: &mut Robot,
     step: Step,
     turns_remain: bool,
 ) -> Result<(), Failure> {
     robot.check_hold()?;
-    // An inspection needs a free hand. Without another turn the plan ends with one anyhow.
+    // An inspection needs a free hand. If no turn remains, the one at the end of the plan is
+    // enough.
     if turns_remain
         && let Some(hand) = leaving_hand(step)
         && robot.belief.held.iter().all(Option::is_some)
@@ -39,7 +41,7 @@ pub(super) async fn carry_out_step(
         }
         regrasp::let_go(robot, hand).await?;
         inspect(robot, true).await?;
-        // The step was to let go, and that is done.
+        // The hand has let go, so a step `Leave` is done.
         if leaves {
             return Ok(());
         }

@@ -48,7 +48,8 @@ pub(super) async fn acquire(robot: &mut Robot) -> Result<(), Failure> {
     retract_with_cube(robot, robot.settings.back).await
 }
 
-/// Lets the visual servo lead the open hand onto the cube until the palm touches it.
+/// Lets the visual servo lead the open hand onto the cube until the palm touches it, in up to
+/// [`TAKE_TRIES`] tries.
 async fn approach(robot: &mut Robot) -> Result<(), Failure> {
     let mut tries = 1;
     loop {
@@ -131,8 +132,7 @@ async fn close(robot: &mut Robot) -> Result<Option<String>, Failure> {
         Some(Outcome::Grasped(width))
             if width > LEAST_WIDTH * edge && width < edge + MOST_WIDER =>
         {
-            // The cube frame begins with this hold: the faces have their names only when all are
-            // read.
+            // This hold defines the cube frame: the faces get their names only after all are read.
             let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
             robot.belief.taken(Hand::Track, hold, false);
             robot.widths[Hand::Track.index()] = Some(width);
@@ -167,9 +167,10 @@ pub(super) async fn retract_with_cube(robot: &mut Robot, distance: f64) -> Resul
 /// Pulls at the cube a little, again and again, until no person holds it.
 pub(super) async fn wait_for_release(robot: &mut Robot) -> Result<(), Failure> {
     for tries in 1..=RELEASE_TRIES {
-        // The tries are for a person who still pulls, so an alarm of this wait ends none of them.
+        // A person who still pulls may cause an alarm in this wait, which ends no try.
         robot.wait(Hand::Track, RELEASE_WAIT).await?;
-        // A fixed wait of 2.6 s instead retracted the arm against a holder with up to 35 N.
+        // With a fixed wait of 2.6 s instead of pulls, the arm retracted against a holder with up
+        // to 35 N.
         match robot.pull(0.5, Doing::Adjusting).await? {
             Some(Outcome::Touched(_) | Outcome::OverForce(..)) => {
                 if tries == 1 {
@@ -209,8 +210,8 @@ fn released(robot: &mut Robot, pull: Option<Outcome>) -> Result<(), Failure> {
 pub(super) async fn retract(robot: &mut Robot, distance: f64) -> Result<(), Failure> {
     robot.check_hold()?;
     let goes = robot.track_retraction(distance);
-    // The shortfall belongs to the cube's retraction from the grasp, so it counts only with a cube.
-    // The place of the grasp may be unknown to a resumed run, and is not needed here.
+    // The shortfall is one of the retraction with the cube from the grasp, so it counts only with a
+    // cube. A resumed run may not know the place of the grasp, which is not needed here.
     if robot.belief.held[Hand::Track.index()].is_some() {
         robot.retract_shortfall += distance - goes;
     }
@@ -296,6 +297,7 @@ mod tests {
     use crate::tasks::cube::settings::CubeSettings;
     use crate::tasks::{Action, Event};
 
+    /// Returns whether an order is one for the visual servo.
     fn is_servo(order: &Behaviour) -> bool {
         matches!(order, Behaviour::VisualServo(_))
     }

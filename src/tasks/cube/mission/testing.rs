@@ -121,7 +121,7 @@ fn take_order() -> visual_servo::Order {
     }
 }
 
-/// Width of the cube between jaws (m).
+/// Distance between jaws that hold the cube (m).
 pub(super) const WIDTH: f64 = 0.057;
 /// Actions before a procedure counts as endless.
 const MOST_ACTIONS: usize = 2000;
@@ -175,6 +175,7 @@ impl Stage {
         Self::with(settings, Assignment::new(Goal::Solve))
     }
 
+    /// Makes a stage for a mission with this assignment. All jaws are open.
     pub(super) fn with(settings: CubeSettings, assignment: Assignment) -> Self {
         let port = Port::new(Shared::default());
         let mut robot = Robot::new(port.clone(), settings, assignment);
@@ -205,7 +206,7 @@ impl Stage {
             {
                 return (end, actions);
             }
-            let (id, action) = self.port.take_posted().expect("a procedure waits for an action");
+            let (id, action) = self.port.take_posted().expect("no action is requested");
             let mut arms = self.port.state(|shared| shared.arms);
             let event = shell(&action, &mut arms);
             self.port.state(|shared| shared.arms = arms);
@@ -269,6 +270,7 @@ pub(super) fn goes_well(action: &Action<Thought>, arms: &mut [ArmState; 2]) -> E
     }
 }
 
+/// Returns the outcome with which a behaviour succeeds.
 fn ends_well(order: &Behaviour) -> Outcome {
     match order {
         Behaviour::Joints { .. }

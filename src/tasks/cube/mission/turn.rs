@@ -29,8 +29,8 @@ const TURN_TRIES: u32 = 2;
 /// Greatest angle by which a stalled layer is eased back (rad).
 const EASE_BACK: f64 = 0.09;
 
-/// Makes a turn of the plan. The belief gets the hold after the turn at once: a failed turn is
-/// brought back into line from there.
+/// Makes a turn of the plan. The belief gets the hold after the turn before the hand moves, because
+/// the realignment after a failed turn starts from that hold.
 pub(super) async fn turn_layer(robot: &mut Robot, turner: Hand, turn: Turn) -> Result<(), Failure> {
     robot.straight = robot.straight_now(turner);
     let angle = turn_angle(robot, turner, turn.quarters)?;
@@ -52,7 +52,7 @@ pub(super) async fn turn_through(
     angle: f64,
 ) -> Result<f64, Failure> {
     let mut turned = 0.0;
-    // A stack of the remaining angles, the next one last, each with the number of its try.
+    // A stack of the remaining angles (rad), the next one last, each with the number of its try.
     let mut angles_left = vec![(angle, 1)];
     while let Some((angle, tries)) = angles_left.pop() {
         let outcomes = robot.turn(turner, angle, robot.settings.turn_torque).await?;
@@ -82,7 +82,7 @@ pub(super) async fn turn_through(
                     format!("jam: the face stalled after {degrees:.0} deg under {torque:.1} Nm");
                 return Err(failed(robot, turner, &why));
             }
-            // The grip slipped over the layer, which is somewhere behind the hand.
+            // The grip slipped over the layer, which lags behind the hand by an unknown angle.
             Some(slipped @ Outcome::Slipped(..)) => {
                 return Err(failed(robot, turner, &slipped.to_string()));
             }
@@ -140,10 +140,12 @@ fn half_turn(room: (f64, f64)) -> f64 {
 /// lets go: the task `face_turn`.
 pub(super) async fn turn_face(robot: &mut Robot, angle: f64) -> Result<Finish, Failure> {
     let held = robot.belief.held[Hand::Postument.index()].ok_or("no hand holds the cube")?;
+    // The track grasps and turns the outer layer opposite the postument's palm.
     let hold = Hold { palm: held.hold.palm.opposite(), depth: Depth::One, ..held.hold };
     let grip = Grip { hold, half_roll: false };
     robot.apart = false;
     robot.phase("grasp").await?;
+    // The postument has held the cube from the start, so its jaw distance on the cube is unknown.
     robot.close(Hand::Postument, held.hold, Closing::Straight).await?;
     robot.open(Hand::Track, Depth::One).await?;
     robot.zero_forces([true, true]).await?;

@@ -19,7 +19,7 @@ pub(super) struct TurnInProgress {
     pub(super) last_seen: (Grip, f64),
     /// Whether the turner has moved without the layer since then.
     pub(super) layer_left_behind: bool,
-    /// Reason for which the layer is turned back.
+    /// Reason for which the turn failed; `None` before that.
     why: Option<String>,
 }
 

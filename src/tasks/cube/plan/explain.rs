@@ -17,7 +17,7 @@ use crate::motion::Depth;
 use serde::Serialize;
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// A step, described for people.
+/// A step of a plan in words.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Line {
     /// The action, and the holds meanwhile.
@@ -86,6 +86,8 @@ struct Writer<'a, R> {
 }
 
 impl<'a, R: Reach> Writer<'a, R> {
+    /// Makes a writer that has written no step yet. `start` is the hand that holds the cube, with
+    /// its grip.
     fn new(start: (Hand, Grip), episodes: &[Episode], terms: &'a Terms, reach: &'a R) -> Self {
         let turns = episodes.iter().flat_map(|e| e.turns.iter().flatten()).map(|(_, turn)| *turn);
         let mut hands: Hands = [None; 2];
@@ -176,7 +178,7 @@ impl<'a, R: Reach> Writer<'a, R> {
     }
 
     /// Returns the first rule that forbids a turn with the present grips, if any does.
-    // The rules are in the order of the module's table, so the first that fails is the plainest.
+    // The rules are in the order of the module's documentation, from the plainest on.
     fn obstacle(&self, turn: Turn) -> Option<String> {
         let face = turn.face.letter();
         let [Some(track), Some(postument)] = self.hands else {

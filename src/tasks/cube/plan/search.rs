@@ -30,7 +30,8 @@ pub(super) struct Episode {
     pub(super) seconds: f64,
 }
 
-/// Grips of both hands within an episode, and the rolls of their wrists since its grasp.
+/// Numbers of the grips of both hands within an episode, and the rolls of their wrists since its
+/// grasp, in quarter turns.
 #[derive(Debug, Clone, Copy)]
 struct Now {
     grips: [usize; 2],
@@ -39,7 +40,7 @@ struct Now {
 
 /// Number of grips of one hand.
 const GRIPS: usize = Grip::COUNT;
-/// Number of states with one hand: two hands.
+/// Number of states in which one hand holds the cube alone: two hands with all their grips.
 const STATES: usize = 2 * GRIPS;
 
 /// Returns the index, 0..96, of the state in which this hand alone holds the cube in this grip.
@@ -51,6 +52,7 @@ fn state_number((hand, grip): (Hand, Grip)) -> usize {
 pub(super) struct Moves<'a, R: Reach> {
     reach: &'a R,
     terms: Terms,
+    /// State in which a plan begins.
     start: usize,
     /// Whether a hand may ever reach over two layers.
     deep: bool,
@@ -231,8 +233,8 @@ impl<'a, R: Reach> Moves<'a, R> {
 
     /// Fills `tail` with lower bounds of the time from each node to the end (s):
     /// `tail[node][face]`, where `face` is under the palm of the hand that holds alone. The bound
-    /// keeps only one of the rules, that a hand turns the face under its palm, and takes each path
-    /// for the shortest.
+    /// keeps only one of the rules, that a hand turns the face under its palm, and gives each path
+    /// the least time of all paths.
     fn tails(&self, graph: &[Vec<(Turn, usize)>], tail: &mut Vec<[f64; 6]>) {
         let grasp = self.terms.costs.grasp + self.reach.least_travel();
         // A solved cube may need no grasp at all, so its bound is 0.
@@ -277,8 +279,8 @@ impl<'a, R: Reach> Moves<'a, R> {
         }
     }
 
-    /// Returns whether one of two hands with these palm faces can make a turn, jaws left out of
-    /// account.
+    /// Returns whether one of two hands with these palm faces could make a turn, whatever the axes
+    /// of their jaws.
     fn may_turn(&self, turn: Turn, palms: [Face; 2]) -> bool {
         let opposite = palms[0] == palms[1].opposite();
         palms.contains(&turn.face)
@@ -387,17 +389,17 @@ impl<'a, R: Reach> Moves<'a, R> {
         if turn.quarters == 2 { self.terms.costs.half } else { self.terms.costs.quarter }
     }
 
-    /// Returns whether the grips `both` may meet by the original rule: its track arm changes faces
-    /// with palms at right angles, its postument arm grasps opposite. Other rules allow every
-    /// meeting.
+    /// Returns whether the grips `both` may meet by [`Rule::Original`]: the track arm takes a face
+    /// beside the postument's palm, and the postument arm grasps opposite the track's. Other rules
+    /// allow every meeting.
     fn original_meets(&self, newcomer: Hand, both: [usize; 2]) -> bool {
         let [a, b] = both.map(|g| self.grips[g].hold.palm);
         self.terms.rule != Rule::Original || (a == b.opposite()) == (newcomer == Hand::Postument)
     }
 
-    /// Returns whether the hand `stays` may keep the cube after an episode. By the original rule it
-    /// is always the newcomer: the track arm after a face change, the postument arm after a face
-    /// turn.
+    /// Returns whether the hand `stays` may keep the cube after an episode. By [`Rule::Original`]
+    /// it is always the newcomer: the track arm after it has taken a new face, the postument arm
+    /// after the turn.
     fn original_stays(&self, newcomer: Hand, stays: Hand) -> bool {
         self.terms.rule != Rule::Original || newcomer == stays
     }

@@ -13,7 +13,7 @@
 //! A layer turns between opposed hands if the body hand reaches over two layers. With clearance it
 //! also turns between adjacent hands, if the body hand's jaws are on the third axis: its fingers
 //! then hold the middle layer. `replay` states these rules a second time by cells of a grid, and a
-//! test holds both together.
+//! test compares both.
 
 use crate::motion::Depth;
 use crate::tasks::cube::hold::{Grip, Hand, Hold};
@@ -23,8 +23,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Rule {
-    /// The rule of 2007: only the track arm turns. A turn needs a face change and a face turn, and
-    /// two of both for the face opposite the last one.
+    /// The rule of 2007: only the track arm turns. A turn needs two grasps: the track takes a face
+    /// beside the postument's palm, then the postument grasps opposite the track. A turn of the
+    /// face opposite the last one needs four grasps.
     Original,
     /// Palms that touch the cube: no finger under the other's palm; layers turn between opposed
     /// hands.
@@ -45,7 +46,7 @@ pub enum Depths {
 }
 
 impl Depths {
-    /// Returns the number of grips of these depths. They have the first numbers.
+    /// Returns the number of grips of these depths. These grips have the lowest numbers.
     #[must_use]
     pub fn grips(self) -> usize {
         if self == Self::One { Grip::OF_DEPTH } else { Grip::COUNT }
@@ -69,7 +70,7 @@ pub struct Costs {
 }
 
 impl Default for Costs {
-    // Round values of the first, slow profile, for comparisons of rules without a cell.
+    // Round values for slow arms, with which rules are compared without a cell.
     fn default() -> Self {
         Self { grasp: 14.0, quarter: 4.0, half: 7.0, leave: 6.0, look: 5.0 }
     }
@@ -84,8 +85,8 @@ pub struct Terms {
     pub depths: Depths,
     /// Hand that holds the cube in the end, alone; `None` for either.
     pub finish: Option<Hand>,
-    /// Depths to which that hand may reach then: fingers over two layers are too near a table to
-    /// lay the cube down.
+    /// Depths to which that hand may reach in the end: fingers over two layers reach too far down
+    /// to lay the cube on a table.
     pub finish_depths: Depths,
     /// Times that motions cost.
     pub costs: Costs,

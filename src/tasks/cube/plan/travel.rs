@@ -312,7 +312,8 @@ mod tests {
     use crate::reach::Meeting;
     use crate::spatial::Pose;
 
-    /// Returns the reach of a table with one grasp and one view, `apart` from each other (rad).
+    /// Returns the reach of a table with one grasp and one view, whose joint positions differ by
+    /// `apart` (rad).
     fn reach(apart: f64) -> Reachable {
         let at = |angle: f64| {
             let joints = JointPositions([0.0, angle, 0.0, 0.0, 0.0, 0.0, 0.0]);

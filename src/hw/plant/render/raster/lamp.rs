@@ -13,8 +13,11 @@ pub(super) struct Lamp {
     pub(super) up: Vector3<f64>,
     pub(super) towards_f32: V3,
     pub(super) up_f32: V3,
+    /// Irradiance from all around, as in [`Light`](crate::hw::plant::render::Light).
     pub(super) ambient: f32,
+    /// Irradiance of the lamp on a surface that faces it.
     pub(super) key: f32,
+    /// Factors of red, green and blue by which the light and the white balance colour the picture.
     pub(super) cast: Rgb,
     /// Shadow: normal of the edge's plane and offset of the plane, both divided by the softness;
     /// share of the lamp's light that is lost.
