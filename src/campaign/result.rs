@@ -97,6 +97,9 @@ pub struct Figures {
     pub sim_time_s: f64,
     /// Mishaps in the plant, whether or not the mission recovered from them.
     pub mishaps: Mishaps,
+    /// Number of falls just before or after the error that ended the run.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub late_drops: Option<u32>,
     /// Acts that no controller may do, as the plant counted them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub violations: Option<Violations>,
@@ -117,11 +120,12 @@ impl Figures {
         Some(self.peak_contact_n? > self.force_limit_n?)
     }
 
-    /// Returns whether the cube fell more often than the controller reported; `None` if the reports
-    /// are unknown.
+    /// Returns whether the cube fell more often than the controller reported, apart from falls that
+    /// an error left no time to report; `None` if the reports are unknown.
     #[must_use]
     pub(crate) fn has_unnoticed_drop(&self) -> Option<bool> {
-        Some(self.mishaps.drops > self.drops_noticed?)
+        let noticeable = self.mishaps.drops.saturating_sub(self.late_drops.unwrap_or(0));
+        Some(noticeable > self.drops_noticed?)
     }
 }
 
@@ -226,6 +230,7 @@ impl RunResult {
                     crushed: summary.crushed.unwrap_or(0),
                     collisions: summary.collisions.unwrap_or(0),
                 },
+                late_drops: summary.late_drops,
                 violations: summary.violations,
                 recoveries: summary.recoveries,
                 hash: summary.hash.clone(),

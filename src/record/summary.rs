@@ -197,6 +197,10 @@ pub struct Summary {
     pub crushed: Option<u32>,
     /// Number of collisions: contacts of the plant that must not happen.
     pub collisions: Option<u32>,
+    /// Number of those falls that came later than 0.5 s before an error ended the run: the jaws had
+    /// no time to report them. Summaries of older builds have none.
+    #[serde(default)]
+    pub late_drops: Option<u32>,
     /// Acts that no controller may do, as the plant counted them. Summaries of older builds have
     /// none.
     #[serde(default)]
@@ -276,6 +280,7 @@ impl Summary {
             pops: none,
             crushed: none,
             collisions: none,
+            late_drops: None,
             violations: None,
             accidents: none.map(|_| Vec::new()),
             turned_deg: None,
@@ -500,6 +505,7 @@ mod tests {
             pops: Some(0),
             crushed: Some(0),
             collisions: Some(0),
+            late_drops: Some(0),
             violations: Some(Violations::default()),
             accidents: Some(vec![]),
             turned_deg: None,

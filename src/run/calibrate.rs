@@ -22,7 +22,7 @@ use crate::hw::plant::Plant;
 use crate::hw::plant::render::PlantCamera;
 use crate::hw::port::Port;
 use crate::hw::scene::Scene;
-use crate::motion::{ArmState, Depth, JawCommand, JointPositions};
+use crate::motion::{ArmState, Depth, JawCommand, JointPositions, PERIOD};
 use crate::reach::{MeetingTable, ReachSettings};
 use crate::scenario::keys::Task;
 use crate::scenario::{CameraSource, ControllerConfig, Scenario};
@@ -292,7 +292,7 @@ impl Arms {
             }
         }
         // A moving hand would blur the frame and lag behind its encoders.
-        for _ in 0..(REST / crate::motion::PERIOD) as usize {
+        for _ in 0..(REST / PERIOD) as usize {
             self.period(None)?;
         }
         Ok(true)
@@ -313,6 +313,10 @@ struct Taken {
 /// # Errors
 /// If the plant cannot be created, or an arm or the port fails.
 fn perform(scenario: &Scenario, index: usize, plan: &Plan) -> Result<Report, Error> {
+    // The servos of `Arms` have periods of 2 ms, so the plant needs them too.
+    let mut scenario = scenario.clone();
+    scenario.real_time.period = PERIOD;
+    let scenario = &scenario;
     let plant =
         plant_side::create_holding(scenario, plan.holder, plan.tool_from_cube, &plan.starts)
             .map_err(|why| failed(&why))?;
@@ -327,7 +331,7 @@ fn perform(scenario: &Scenario, index: usize, plan: &Plan) -> Result<Report, Err
         camera: index,
         // `compare` knows neither the number of usable views nor the time.
         views: (plan.poses.len(), used),
-        time: arms.period as f64 * crate::motion::PERIOD,
+        time: arms.period as f64 * PERIOD,
         ..compare(&scenario.controller.cell, index, plan, &arms, (taken, found))
     };
     Ok(report)

@@ -178,6 +178,10 @@ impl Composition<'_> {
         // that it does not take that actor for a stuck one.
         drop(outside);
         let verdict = self.wind_down(servos, &mut performed.ending, goal).await?;
+        // The kernel gets no event after an error, but a cube may fall while the arms come to rest.
+        if let (Some(_), Some(mission)) = (&performed.ending.error, &mut performed.mission) {
+            mission.look_back(staff.openings());
+        }
         let truth = beginning.truth(verdict, jams.count());
         let hash = self.operator.trace.hash();
         let (hash, servo_hash) = (hash.hash(), hash.servo_hash());

@@ -20,7 +20,8 @@ use super::task::Performed;
 use crate::actors::mp::Ending;
 use crate::cube::{Facelets, format_turns};
 use crate::error::{Error, NonFatal};
-use crate::hw::plant::{self, Verdict, verdict};
+use crate::hw::plant::verdict::{self, Event};
+use crate::hw::plant::{self, Incident, Verdict};
 use crate::operator::{OutcomeView, run_remedy};
 use crate::record::summary::{
     Accident, EndedBy, Exertion, Outcome, Phase, SensorPeak, Summary, Violations,
@@ -117,7 +118,8 @@ pub(super) fn summary(
 ) -> Summary {
     let truth = done.truth.as_ref();
     let verdict = truth.map(|truth| &truth.verdict);
-    let Performed { ending, log, ended, .. } = &done.performed;
+    let Performed { ending, ended, .. } = &done.performed;
+    let log = &done.performed.log();
     let end = truth.map(Truth::end);
     // Everything that only the plant knows stays `None` for hardware.
     let turned_deg = turned_deg(done.goal, verdict);
@@ -160,6 +162,7 @@ pub(super) fn summary(
         pops: counts.map(|c| c.pops),
         crushed: counts.map(|c| c.crushed),
         collisions: counts.map(|c| c.collisions),
+        late_drops: verdict.map(|v| late_drops(v, ending, period)),
         violations: counts.map(|c| violations(&c.violations)),
         accidents: verdict.map(|v| accidents(v, config, period)),
         turned_deg,
@@ -169,6 +172,20 @@ pub(super) fn summary(
         uncalibrated: done.uncalibrated.clone(),
         plant_hash: truth.map(|t| format!("{:08x}", t.bounds)),
     }
+}
+
+/// Time that jaws take to close when the cube is gone, and MP to notice it (s).
+const NOTICE: f64 = 0.5;
+
+/// Returns the number of falls after which an error ended the run before they could be noticed;
+/// `period` is the length of a servo period (s).
+fn late_drops(verdict: &Verdict, ending: &Ending, period: f64) -> u32 {
+    let late = |event: &&Event| {
+        let fell = matches!(event.what, Incident::Drop { .. });
+        fell && event.period as f64 * period > ending.end - NOTICE
+    };
+    let events = || verdict.events.iter().filter(late).count() as u32;
+    ending.error.as_ref().map_or(0, |_| events())
 }
 
 /// Returns the plant's counts of what no controller may do, for the summary.
@@ -252,7 +269,7 @@ fn verdict_of(
     end: Option<&Facelets>,
     turned_deg: Option<f64>,
 ) -> (Outcome, String, EndedBy) {
-    let Performed { ending, whereabouts, .. } = &done.performed;
+    let (ending, whereabouts) = (&done.performed.ending, &done.performed.whereabouts());
     // Any error aborts, even one after the goal was reached.
     if let Some(error) = &ending.error {
         let ended_by =

@@ -105,7 +105,7 @@ pub(super) struct Drivers {
 /// Actors below MP. EDPs and VSPs end when this is dropped, after the run has wound down: a camera
 /// still looks while the arms come to rest.
 pub(super) struct Staff {
-    _edps: Vec<EdpHandle>,
+    edps: Vec<EdpHandle>,
     /// ECP of each effector.
     pub(super) ecps: Vec<ecp::EcpHandle>,
     /// VSPs of the scenario.
@@ -116,6 +116,15 @@ pub(super) struct Staff {
     pub(super) guard: Guard,
     /// Flag of MP for the lookout: whether the commanded motions keep the hands apart.
     pub(super) apart: Apart,
+}
+
+impl Staff {
+    /// Returns the openings of the jaws of both arms (m) by the latest states of their EDPs; an
+    /// infinite one for an arm that does not exist.
+    pub(super) fn openings(&self) -> [f64; 2] {
+        let opening = |i: usize| self.edps.get(i).map(|edp| edp.watch().borrow().jaw_opening);
+        [0, 1].map(|i| opening(i).unwrap_or(f64::INFINITY))
+    }
 }
 
 /// Starts an EDP for each servo, and the guard against collisions. If the operator moves the arms
@@ -256,7 +265,7 @@ pub(super) async fn start_actors(
             done = ecps[i].behave(start) => done,
         }?;
     }
-    Ok(Staff { _edps: edps, ecps, sensors, manners, guard, apart })
+    Ok(Staff { edps, ecps, sensors, manners, guard, apart })
 }
 
 /// VSPs, each with the actor that owns it.

@@ -115,13 +115,24 @@ impl Assignment {
 pub(super) struct Performed {
     /// End of MP's work.
     pub(super) ending: Ending,
-    /// Account of the mission's kernel.
-    pub(super) log: MissionLog,
-    /// Place of the cube as the kernel believes, in words; empty if unknown.
-    pub(super) whereabouts: String,
+    /// Kernel of the cube's task, which has an account of it; `None` for another task.
+    pub(super) mission: Option<Box<Mission>>,
     /// Time at which MP's work ended, by
     /// [`Tempo::working_time`](crate::actors::control::Tempo::working_time).
     pub(super) ended: Instant,
+}
+
+impl Performed {
+    /// Returns the mission's facts for the summary; those of a mission without events for another
+    /// task.
+    pub(super) fn log(&self) -> MissionLog {
+        self.mission.as_ref().map(|mission| mission.log()).unwrap_or_default()
+    }
+
+    /// Returns the place of the cube as the kernel believes, in words; empty for another task.
+    pub(super) fn whereabouts(&self) -> String {
+        self.mission.as_ref().map(|mission| mission.whereabouts()).unwrap_or_default()
+    }
 }
 
 /// Performs the task with all effectors. A panic of MP is part of the result, not an error of this
@@ -181,11 +192,11 @@ pub(super) async fn run_task(
         Kernel::Idle(idle) => perform(mp, idle, services).await,
         Kernel::Panel(panel) => perform(mp, panel, services).await,
     };
-    let (log, whereabouts) = match kernel {
-        Kernel::Cube(mission) => (mission.log(), mission.whereabouts()),
-        Kernel::Idle(_) | Kernel::Panel(_) => (MissionLog::default(), String::new()),
+    let mission = match kernel {
+        Kernel::Cube(mission) => Some(mission),
+        Kernel::Idle(_) | Kernel::Panel(_) => None,
     };
-    Ok(Performed { ending, log, whereabouts, ended: services.tempo.working_time() })
+    Ok(Performed { ending, mission, ended: services.tempo.working_time() })
 }
 
 /// Creates the kernel of the cube's task.

@@ -70,6 +70,10 @@ pub(crate) fn weigh_tool(
     arm: usize,
     mut progress: impl FnMut(usize, usize),
 ) -> Result<(Weighed, usize), Error> {
+    // The servos below have periods of 2 ms, so the simulated plant needs them too.
+    let mut scenario = scenario.clone();
+    scenario.real_time.period = PERIOD;
+    let scenario = &scenario;
     let control = Arc::new(watch::channel(Control::Running).0);
     let world = if scenario.bridge.kind.is_hardware() {
         World::of_hardware(scenario, &control)?.0
@@ -337,8 +341,9 @@ mod tests {
 
     #[test]
     fn weigh_tool_finds_true_weight_and_centre() {
-        let scenario =
-            scenario::read(Path::new("weigh.toml"), "task = \"idle\"\nseed = 5\n", &[]).unwrap();
+        // The length of a run's periods has no part in it.
+        let text = "task = \"idle\"\nseed = 5\n[real_time]\nperiod_ms = 1\n";
+        let scenario = scenario::read(Path::new("weigh.toml"), text, &[]).unwrap();
         let truth = Plan::of(&scenario.controller).unwrap().plant(&scenario).unwrap();
 
         for arm in 0..2 {

@@ -7,7 +7,7 @@
 
 use super::procedure::{Port, Procedure};
 use super::{Action, Effort, Event, Finish, Readings, Task, Until};
-use crate::generators::Behaviour;
+use crate::generators::{Behaviour, Outcome};
 
 /// Kernel of MP that holds all arms where they are.
 #[derive(Debug)]
@@ -36,13 +36,16 @@ async fn hold(port: Port<(), (), usize>, seconds: f64) -> Finish {
         let orders = std::array::from_fn(|i| (i < effectors).then_some(order));
         event = port.request(Action::Behave { orders, until: Until::All }).await;
     }
-    match event {
-        Event::Trouble(reason) => Finish { achieved: false, reason },
-        _ => Finish {
-            achieved: true,
-            reason: format!("the arms held their places for {seconds:.0} s"),
-        },
-    }
+    let hindrance = match event {
+        Event::Trouble(reason) => Some(reason),
+        // An arm that something pushes yields instead of holding its place.
+        Event::Behaved(outcomes) => {
+            outcomes.into_iter().flatten().find(Outcome::alarms).map(|met| met.to_string())
+        }
+        _ => None,
+    };
+    let held = || format!("the arms held their places for {seconds:.0} s");
+    Finish { achieved: hindrance.is_none(), reason: hindrance.unwrap_or_else(held) }
 }
 
 impl Task for Idle {
@@ -56,5 +59,35 @@ impl Task for Idle {
 
     fn think((): ()) -> ((), Effort) {
         ((), Effort(0.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::ArmState;
+    use crate::tasks::Forces;
+
+    /// Returns the end of the task whose two arms end their behaviours with these outcomes.
+    fn ended(outcomes: [Outcome; 2]) -> Finish {
+        let arms = [ArmState::default(); 2];
+        let readings = Readings { arms: &arms, forces: Forces::default() };
+        let mut idle = Idle::new(20.0);
+        assert_eq!(idle.next(Event::Start, &readings), Action::Phase("idle"));
+        let action = idle.next(Event::Done, &readings);
+        assert!(matches!(action, Action::Behave { orders: [Some(_), Some(_)], .. }), "{action:?}");
+        match idle.next(Event::Behaved(outcomes.map(Some)), &readings) {
+            Action::Finish(finish) => finish,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn pushed_arm_ends_idling_as_failure() {
+        let waited = ended([Outcome::TimedOut(20.0), Outcome::Ended]);
+        let pushed = ended([Outcome::Ended, Outcome::OverForce(2, 60.0)]);
+
+        assert!(waited.achieved && waited.reason.contains("for 20 s"), "{waited:?}");
+        assert!(!pushed.achieved && pushed.reason.contains("over-force of 60.0 N"), "{pushed:?}");
     }
 }

@@ -644,7 +644,11 @@ const REPORTS: &[(&str, i32, &[&str])] = &[
     ("spin_mp", 4, &["system", "no answer from mp in 10.0 s", "commanded to switch off"]),
     ("lost_message", 4, &["system", "the mailbox of edp track is closed"]),
     ("late_message", 0, &["solved"]),
-    ("duplicated_message", 0, &["came twice: executed once", "edp track", "period=2"]),
+    (
+        "duplicated_message",
+        0,
+        &["reached the servo twice: it was executed once", "edp track", "period=2"],
+    ),
     ("disk_full", 0, &["the recording stops: No space left", "lost: No space left"]),
     ("disk_error", 0, &["state can no longer be saved: Input/output error", "it is removed"]),
     ("lost_write", 0, &["the layer was turned by"]),

@@ -177,7 +177,6 @@ impl CubeSettings {
             quarter: turn(std::f64::consts::FRAC_PI_2),
             half: turn(std::f64::consts::PI),
             leave,
-            look: 5.0,
         }
     }
 

@@ -48,6 +48,7 @@ mod testing;
 mod turn;
 mod turn_in_progress;
 
+use super::hold::Hand;
 use super::settings::CubeSettings;
 use super::think::{Conclusion, Thought};
 use crate::tasks::procedure::{Port, Procedure};
@@ -80,6 +81,32 @@ impl Mission {
     #[must_use]
     pub fn whereabouts(&self) -> String {
         self.procedure.port().state(|shared| shared.whereabouts.clone())
+    }
+
+    /// Corrects the account after an error has ended the run. `openings` are those of the jaws of
+    /// both hands (m) once the arms are at rest. A hand whose jaws have closed farther than on the
+    /// cube has lost it. Other jaws may have stopped with the arms, and prove nothing.
+    pub fn look_back(&mut self, openings: [f64; 2]) {
+        self.procedure.port().state(|shared| {
+            let lost = |hand: &Hand| {
+                let least = shared.least_openings[hand.index()];
+                least.is_some_and(|least| openings[hand.index()] < least)
+            };
+            let holders = Hand::BOTH.iter().filter(|h| shared.least_openings[h.index()].is_some());
+            let (losers, left): (Vec<Hand>, Vec<Hand>) = holders.copied().partition(lost);
+            let slipped = losers.iter().map(|hand| {
+                format!("the cube has slipped out of the {} hand after the error", hand.name())
+            });
+            let slipped = slipped.collect::<Vec<_>>().join(", ");
+            shared.whereabouts = match (losers.is_empty(), left.first()) {
+                (true, _) => format!("as the controller believed then, {}", shared.whereabouts),
+                (false, Some(other)) => format!("{slipped}; the {} hand had it too", other.name()),
+                (false, None) => {
+                    shared.log.drops += 1;
+                    format!("{slipped}, and has fallen")
+                }
+            };
+        });
     }
 
     /// Returns the facts of the mission for the summary of the run.
@@ -163,5 +190,35 @@ impl Task for Mission {
 
     fn think(thought: Thought) -> (Conclusion, Effort) {
         super::think::think(&thought)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::testing::{Stage, settings};
+    use super::*;
+
+    /// Returns place and falls of the cube in the account of a mission that an error ended while
+    /// the track hand held the cube, its jaws 56.7 mm open, if they are `opening` open later (m).
+    fn after_error(opening: f64) -> (String, u32) {
+        let mut mission = Mission::new(settings(), Assignment::new(Goal::Solve));
+        let mut stage = Stage::holding(settings());
+        stage.robot.publish(Doing::Nothing);
+        let published = stage.port.state(std::mem::take);
+        mission.procedure.port().state(|shared| *shared = published);
+
+        mission.look_back([opening, 0.09]);
+
+        (mission.whereabouts(), mission.log().drops)
+    }
+
+    #[test]
+    fn jaws_that_closed_after_error_lost_the_cube() {
+        let (held, none) = after_error(0.0565);
+        let (fallen, one) = after_error(0.03);
+
+        assert_eq!(held, "as the controller believed then, the track hand holds the cube");
+        assert!(fallen.contains("slipped out of the track hand after the error, and has fallen"));
+        assert_eq!((none, one), (0, 1));
     }
 }

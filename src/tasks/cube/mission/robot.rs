@@ -206,10 +206,12 @@ impl Robot {
     pub(super) fn publish(&mut self, doing: Doing) {
         let (entry, picture) = (self.entry(doing), self.picture(doing));
         let (whereabouts, log) = (self.whereabouts(), self.log.clone());
+        let least_openings = Hand::BOTH.map(|hand| self.least_opening(hand));
         let notes = std::mem::take(&mut self.notes);
         self.port.state(|shared| {
             (shared.entry, shared.picture) = (entry, Some(picture));
             (shared.whereabouts, shared.log) = (whereabouts, log);
+            shared.least_openings = least_openings;
             shared.notes.extend(notes);
         });
     }
@@ -414,13 +416,19 @@ impl Robot {
     ///
     /// [`Failure::Lost`] with the hand.
     pub(super) fn check_hold(&self) -> Result<(), Failure> {
-        // The grip closes the jaws as soon as the cube is gone.
         let lost = |hand: &Hand| {
-            let (i, gap) = (hand.index(), self.arms[hand.index()].jaw_opening);
-            self.belief.held[i].is_some()
-                && self.widths[i].is_some_and(|width| gap < width - MOST_CLOSER)
+            let opening = self.arms[hand.index()].jaw_opening;
+            self.least_opening(*hand).is_some_and(|least| opening < least)
         };
         Hand::BOTH.into_iter().find(lost).map_or(Ok(()), |hand| Err(Failure::Lost(hand)))
+    }
+
+    /// Returns the opening below which the jaws of a hand have lost the cube (m), since their grip
+    /// closes them as soon as it is gone. Returns `None` for a hand that does not hold the cube, or
+    /// whose opening at its grasp is unknown.
+    fn least_opening(&self, hand: Hand) -> Option<f64> {
+        self.belief.held[hand.index()].as_ref()?;
+        self.widths[hand.index()].map(|width| width - MOST_CLOSER)
     }
 
     /// Returns the hand that holds the cube, the track if both do.

@@ -26,6 +26,9 @@ pub(super) struct Shared {
     pub(super) picture: Option<Picture>,
     /// Believed place of the cube, in words.
     pub(super) whereabouts: String,
+    /// Opening below which the jaws of each hand have lost the cube (m); `None` for a hand without
+    /// it.
+    pub(super) least_openings: [Option<f64>; 2],
     /// Facts for the summary of the run.
     pub(super) log: MissionLog,
     /// Notes that the shell has not taken yet.

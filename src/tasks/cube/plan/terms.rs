@@ -65,14 +65,12 @@ pub struct Costs {
     pub half: f64,
     /// Opening and leaving at the end (s).
     pub leave: f64,
-    /// A look at one face (s).
-    pub look: f64,
 }
 
 impl Default for Costs {
     // Round values for slow arms, with which rules are compared without a cell.
     fn default() -> Self {
-        Self { grasp: 14.0, quarter: 4.0, half: 7.0, leave: 6.0, look: 5.0 }
+        Self { grasp: 14.0, quarter: 4.0, half: 7.0, leave: 6.0 }
     }
 }
 
