@@ -108,8 +108,9 @@ pub(super) struct CampaignArgs {
     /// Inject a random mix of two to four faults into each run, for --hours, and check safety rules
     ///
     /// The rules: a run may fail, but it must never report an untrue success, crash, miss a fallen
-    /// cube, press with more than 65 N, damage the cube, or go on for ever. For a broken rule the
-    /// command prints the smallest mix that still breaks it.
+    /// cube, open the last hand that holds it, press with more than 100 N, damage the cube, move an
+    /// arm after a stop, or go on for ever. For a broken rule the command prints the smallest mix
+    /// that still breaks it.
     #[arg(long, requires = "hours",
           conflicts_with_all = ["soak", "runs", "vary", "shard", "state", "output", "at_least"])]
     mix: bool,

@@ -6,6 +6,7 @@
 //! | limit | value | reason |
 //! |---|---|---|
 //! | [`MOST_CONTACTS`] | 3 | obstacles on one path before the mission stops trying |
+//! | [`RETRY_SPEED`] | 0.3 | an obstacle that is still there is met with a third of the blow |
 //! | [`MOST_STRAINED`] | 6 | retries of strained jaws to open; opening relieves the strain |
 //! | [`EASE_SECONDS`] | 0.6 s | a hand that yields about its own z has lost its torque by then |
 //! | [`DEVIATIONS`] | 3.5 | in 153 grasps no cube was nearer by more standard deviations |
@@ -26,6 +27,8 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 /// Number of times that a hand yields to obstacles on one path.
 const MOST_CONTACTS: u32 = 3;
+/// Speed of a path after a contact, as a share of its speed at first.
+const RETRY_SPEED: f64 = 0.3;
 /// Time in which a hand yields to an obstacle (s).
 pub(super) const GIVE_WAY_SECONDS: f64 = 1.0;
 /// Time in which a hand yields about its own z, until it has lost its torque (s).
@@ -89,7 +92,7 @@ impl Robot {
             }
             self.give_way(met).await?;
             // The journal has this motion already: a retry costs no second entry.
-            outcomes = self.behave(orders, Until::All, Doing::Adjusting).await?;
+            outcomes = self.behave(slowed(orders), Until::All, Doing::Adjusting).await?;
         }
         self.contacts = 0;
         Ok(())
@@ -608,6 +611,24 @@ impl Robot {
     }
 }
 
+/// Returns the orders with straight and joint motions at [`RETRY_SPEED`]; the others have the speeds
+/// of contacts already.
+fn slowed(orders: Orders) -> Orders {
+    orders.map(|order| {
+        order.map(|mut behaviour| {
+            match &mut behaviour {
+                Behaviour::Line { speed, .. } => *speed *= RETRY_SPEED,
+                // The time keeps two arms in step, so it grows as their speeds fall.
+                Behaviour::Joints { speed, seconds, .. } => {
+                    (*speed, *seconds) = (*speed * RETRY_SPEED, *seconds / RETRY_SPEED);
+                }
+                _ => {}
+            }
+            behaviour
+        })
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::testing::{Stage, goes_well, order, settings, taken, track, words};
@@ -879,5 +900,34 @@ mod tests {
         let (orders, end) = meets(met);
         let way = [&["legs", "yields"][..], &in_turn].concat();
         assert!(end.is_ok() && orders == way, "{orders:?}");
+    }
+
+    /// A hand that another one was pushed into met it three times with full speed.
+    #[test]
+    fn path_after_contact_is_slower_with_arms_in_step() {
+        let mut stage = Stage::holding(settings());
+        let (near, far) = (JointPositions([0.1; 7]), JointPositions([0.4; 7]));
+        let orders = stage.robot.joint_orders([Some(near), Some(far)]);
+        let mut motions = Vec::new();
+
+        let (end, _) = stage.play(
+            async |robot| robot.execute(orders, Until::All, Doing::Travelling).await,
+            &mut |action, _| {
+                let Action::Behave { orders, .. } = action else { return Event::Done };
+                let Some(Behaviour::Joints { speed, seconds, .. }) = orders[1] else {
+                    return Event::Behaved([Some(Outcome::Ended); 2]);
+                };
+                motions.push((speed, seconds, orders[0].is_some()));
+                let met = motions.len() == 1;
+                let other = if met { Outcome::OverForce(2, 30.0) } else { Outcome::Reached };
+                Event::Behaved([Some(Outcome::Reached), Some(other)])
+            },
+        );
+
+        assert_eq!(end, Ok(()));
+        let [first, again] = motions[..] else { panic!("{motions:?}") };
+        assert!(first.2 && again.2, "both arms move again: {motions:?}");
+        assert!((again.0 / first.0 - RETRY_SPEED).abs() < 1e-9, "{motions:?}");
+        assert!((first.1 / again.1 - RETRY_SPEED).abs() < 1e-9, "{motions:?}");
     }
 }

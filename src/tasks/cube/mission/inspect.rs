@@ -20,7 +20,7 @@
 //! | [`INSPECTIONS`], [`REPEAT_AFTER`] | 2, 5 s | an obstacle before a camera may leave meanwhile |
 
 use super::failure::Failure;
-use super::look::{NUDGES, exposure};
+use super::look::{NUDGES, Tilts, exposure};
 use super::questions;
 use super::regrasp::{self, Coming};
 use super::robot::Robot;
@@ -195,10 +195,11 @@ async fn check_side(
     face: Face,
 ) -> Result<Result<Vec<(Face, usize)>, String>, Failure> {
     let letter = face.letter();
-    let mut tries = 1;
+    let (mut tries, mut tilts) = (1, Tilts::default());
     loop {
         let exposure = exposure(robot, tries);
         let reading = robot.look(viewer, face, exposure).await?;
+        let reading = tilts.judge(robot, viewer, face, reading)?;
         match reading.and_then(|reading| compare(robot, face, reading)) {
             Ok((reading, unexpected)) => {
                 // The pose of the face is also a measurement of the cube in the hand.
@@ -213,6 +214,7 @@ async fn check_side(
             // The other sides are inspected all the same: with two odd stickers there the cube is
             // read again at once.
             Err(reason) => {
+                tilts.decide(robot, viewer.other())?;
                 return Ok(Err(format!("face {letter} could not be inspected: {reason}")));
             }
         }
@@ -279,7 +281,7 @@ mod tests {
     use crate::operator::Answer;
     use crate::reach::MeetingPath;
     use crate::tasks::cube::hold::{Hold, Step};
-    use crate::tasks::{Action, Event};
+    use crate::tasks::{Action, Event, View};
 
     #[test]
     fn sides_are_inspected_in_the_quickest_order() {
@@ -338,8 +340,15 @@ mod tests {
         stage
     }
 
+    /// Returns the reading with its pose, which is relative to the believed one of the face, in the
+    /// camera.
+    fn placed(view: &View, reading: FaceReading) -> FaceReading {
+        let camera_from_face = view.camera_from_face * reading.camera_from_face;
+        FaceReading { camera_from_face, ..reading }
+    }
+
     /// Inspects the cube. `look` gets the number of earlier looks and the face, and returns the
-    /// reading. Returns the result, the number of looks and the number of questions.
+    /// reading, as [`placed`] takes it. Returns the result, the number of looks and the number of questions.
     fn inspects(
         stage: &mut Stage,
         mut answers: Vec<Option<Answer>>,
@@ -348,10 +357,10 @@ mod tests {
         let (port, mut looks) = (stage.port.clone(), 0);
         let inspects = async |robot: &mut Robot| inspect(robot, false).await;
         let (end, actions) = stage.play(inspects, &mut |action, arms| match action {
-            Action::Look { .. } => {
+            Action::Look { view, .. } => {
                 let (face, _) = port.state(|shared| shared.looking).unwrap();
                 looks += 1;
-                Event::Looked(look(looks - 1, face))
+                Event::Looked(look(looks - 1, face).map(|reading| placed(view, reading)))
             }
             Action::Ask(question) => {
                 assert!(question.text.contains("could not be inspected"), "{}", question.text);
@@ -360,6 +369,20 @@ mod tests {
             _ => goes_well(action, arms),
         });
         (end, looks, count(&actions, "ask"))
+    }
+
+    #[test]
+    fn tilted_cube_ends_inspection_with_giving_it_back() {
+        let tilted = |_, face| {
+            let tilt = nalgebra::Translation3::identity()
+                * nalgebra::UnitQuaternion::from_euler_angles(0.35, 0.0, 0.0);
+            Ok(FaceReading { camera_from_face: tilt, ..one_colour(face) })
+        };
+
+        let (end, looks, _) = inspects(&mut stage(None), vec![], tilted);
+
+        let Err(Failure::GiveBack(why)) = end else { panic!("{end:?}") };
+        assert!(why.contains("tilted by 20 deg in the track hand") && looks == 2, "{why}");
     }
 
     fn dark() -> Result<FaceReading, String> {
@@ -515,13 +538,13 @@ mod tests {
             inspect(robot, false).await
         };
         let (end, _) = stage.play(goes, &mut |action, arms| match (action, order(action)) {
-            (Action::Look { .. }, _) => {
+            (Action::Look { view, .. }, _) => {
                 looks += 1;
                 let (face, _) = port.state(|shared| shared.looking).unwrap();
                 let first = 9 * face.index();
                 let turned = std::array::from_fn(|i| seen.colours()[first + i]);
                 let colours = if looks <= between { turned } else { [face as u8; 9] };
-                Event::Looked(Ok(reading(colours, 1.0)))
+                Event::Looked(Ok(placed(view, reading(colours, 1.0))))
             }
             (_, Some(Behaviour::Turn { .. })) => {
                 turns += 1;
@@ -556,9 +579,9 @@ mod tests {
 
         let inspects = async |robot: &mut Robot| inspect(robot, true).await;
         let (end, actions) = stage.play(inspects, &mut |action, arms| match action {
-            Action::Look { .. } => {
+            Action::Look { view, .. } => {
                 let (face, _) = port.state(|shared| shared.looking).unwrap();
-                Event::Looked(Ok(one_colour(face)))
+                Event::Looked(Ok(placed(view, one_colour(face))))
             }
             _ => goes_well(action, arms),
         });

@@ -13,6 +13,7 @@
 //! | [`LOOK_TRIES`] | 6 | looks at one face in one grasp before it counts as hidden there |
 //! | [`TILTED`] | 12 deg | missions without a fault see at most 2 deg, a lost grip 17 to 37 deg |
 //! | [`TILTED_LOOKS`] | 2 | one wrong pose must not end a mission that reads the face later |
+//! | [`TILTED_LOOKS`] without a readable look | 1 | no later look contradicts its pose |
 
 use super::failure::Failure;
 use super::regrasp::{self, Coming};
@@ -73,22 +74,11 @@ pub(super) async fn show(robot: &mut Robot, viewer: Hand, face: Face) -> Result<
 /// Looks at a face up to [`LOOK_TRIES`] times, each time from another place: reflections and
 /// sampling differ, and an obstacle covers other stickers.
 async fn read_face(robot: &mut Robot, viewer: Hand, face: Face) -> Result<(), Failure> {
-    let mut tilted = 0;
+    let mut tilts = Tilts::default();
     for tries in 1.. {
         let exposure = exposure(robot, tries);
         let reading = robot.look(viewer, face, exposure).await?;
-        let tilt = reading.as_ref().map_or(0.0, |seen| tilt_seen(robot, viewer, face, seen));
-        let reading = if tilt > TILTED {
-            tilted += 1;
-            let why = format!("the cube is tilted by {:.0} deg", tilt.to_degrees());
-            // The last look decides alone, because no later one can contradict its pose.
-            if tilted >= TILTED_LOOKS || tries >= LOOK_TRIES {
-                return Err(tilted_in(robot, viewer.other(), &why));
-            }
-            Err(why)
-        } else {
-            reading
-        };
+        let reading = tilts.judge(robot, viewer, face, reading)?;
         match reading.and_then(|reading| keep(robot, face, exposure, reading)) {
             Ok(reading) => {
                 // The pose of the face is also a measurement of the cube in the hand.
@@ -101,12 +91,54 @@ async fn read_face(robot: &mut Robot, viewer: Hand, face: Face) -> Result<(), Fa
                 robot.nudge(viewer, NUDGES[(tries as usize - 1) % NUDGES.len()]).await?;
             }
             Err(reason) => {
+                tilts.decide(robot, viewer.other())?;
                 let why = format!("face {} cannot be read: {reason}", face.letter());
                 return Err(Failure::Hidden { face, why });
             }
         }
     }
     Ok(())
+}
+
+/// Looks at one face that see the cube tilted in the hand.
+#[derive(Debug, Default)]
+pub(super) struct Tilts {
+    count: u32,
+    /// Tilt that the last of them saw, in words.
+    why: String,
+}
+
+impl Tilts {
+    /// Returns the reading of a look; the reason not to use it if it sees the cube tilted.
+    ///
+    /// # Errors
+    /// The failure of a tilted cube after [`TILTED_LOOKS`] looks that see it so.
+    pub(super) fn judge(
+        &mut self,
+        robot: &Robot,
+        viewer: Hand,
+        face: Face,
+        reading: Result<FaceReading, String>,
+    ) -> Result<Result<FaceReading, String>, Failure> {
+        let tilt = reading.as_ref().map_or(0.0, |seen| tilt_seen(robot, viewer, face, seen));
+        if tilt <= TILTED {
+            return Ok(reading);
+        }
+        self.count += 1;
+        self.why = format!("the cube is tilted by {:.0} deg", tilt.to_degrees());
+        if self.count >= TILTED_LOOKS {
+            self.decide(robot, viewer.other())?;
+        }
+        Ok(Err(self.why.clone()))
+    }
+
+    /// Checks that no look has seen the cube tilted in `holder`, after the last look.
+    ///
+    /// # Errors
+    /// The failure of a tilted cube if one has: no later look contradicts its pose.
+    pub(super) fn decide(&self, robot: &Robot, holder: Hand) -> Result<(), Failure> {
+        if self.count == 0 { Ok(()) } else { Err(tilted_in(robot, holder, &self.why)) }
+    }
 }
 
 /// Returns the angle (rad) between the believed attitude of a face and the seen one.

@@ -186,6 +186,7 @@ mod tests {
     use super::super::testing::{Stage, goes_well, order, settings};
     use super::*;
     use crate::generators::Behaviour;
+    use crate::spatial::Pose;
     use crate::tasks::cube::hold::{Hand, Hold};
     use crate::tasks::{Action, Event};
     use crate::vision::sensor::FaceReading;
@@ -209,12 +210,25 @@ mod tests {
     }
 
     /// Reads the cube on a stage. `hides` returns which stickers of a face are hidden in a hold.
-    /// Each request to compute a plan is answered with the last one of `doubts`, which is removed,
-    /// and with the failure to find a plan when none is left.
+    /// `doubts` are those of [`sees`].
     fn read(
         stage: &mut Stage,
-        mut doubts: Vec<Doubt>,
+        doubts: Vec<Doubt>,
         hides: impl Fn(Face, Hold) -> [bool; 9],
+    ) -> Read {
+        sees(stage, doubts, |face, hold, camera_from_face| {
+            let reading = super::super::testing::reading([0; 9], 1.0);
+            Ok(FaceReading { camera_from_face, occluded: hides(face, hold), ..reading })
+        })
+    }
+
+    /// Reads the cube on a stage. `looks_at` returns what a look at a face in a hold sees, with the
+    /// believed `camera_from_face`. Each request to compute a plan is answered with the last one of `doubts`, which is removed,
+    /// and with the failure to find a plan when none is left.
+    fn sees(
+        stage: &mut Stage,
+        mut doubts: Vec<Doubt>,
+        mut looks_at: impl FnMut(Face, Hold, Pose) -> Result<FaceReading, String>,
     ) -> Read {
         let port = stage.port.clone();
         let (mut looks, mut questions, mut nudged) = (vec![Vec::new()], Vec::new(), false);
@@ -227,10 +241,7 @@ mod tests {
                         let hold = held[1 - effector].unwrap().hold;
                         let look = Look { face, hold, nudged: std::mem::take(&mut nudged) };
                         looks.last_mut().unwrap().push(look);
-                        let reading = super::super::testing::reading([0; 9], 1.0);
-                        let camera_from_face = view.camera_from_face;
-                        let occluded = hides(face, hold);
-                        Event::Looked(Ok(FaceReading { camera_from_face, occluded, ..reading }))
+                        Event::Looked(looks_at(face, hold, view.camera_from_face))
                     }
                     Action::Think(_) => {
                         looks.push(Vec::new());
@@ -326,46 +337,41 @@ mod tests {
         assert_eq!(end, Err(Failure::GiveBack("red?".to_owned())));
     }
 
-    /// Reads the cube on a stage where `holder` holds it. The first `tilted` looks see it turned by
-    /// 20 deg about the camera's x axis. Returns the end and the number of looks.
-    fn read_tilted(holder: Hand, tilted: u32) -> (Result<Vec<Step>, Failure>, u32) {
+    /// Reads the cube on a stage where `holder` holds it. The first looks see it upright, turned by
+    /// 20 deg about the camera's x axis, or not at all (`None`), as `first` says; the others see it
+    /// upright. Returns the end and the number of looks.
+    fn read_tilted(holder: Hand, first: &[Option<bool>]) -> (Result<Vec<Step>, Failure>, usize) {
         let mut stage = Stage::holding(settings());
         let held = stage.robot.belief.held[Hand::Track.index()].take();
         stage.robot.belief.held[holder.index()] = held;
-        let mut looks = 0;
-        let (end, _) =
-            stage.play(
-                async |robot| read_and_plan(robot).await,
-                &mut |action, arms| match action {
-                    Action::Look { view, .. } => {
-                        looks += 1;
-                        let reading = super::super::testing::reading([0; 9], 1.0);
-                        let angle = if looks <= tilted { 20_f64.to_radians() } else { 0.0 };
-                        let tilt = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), angle);
-                        let mut camera_from_face = view.camera_from_face;
-                        camera_from_face.rotation = tilt * camera_from_face.rotation;
-                        Event::Looked(Ok(FaceReading { camera_from_face, ..reading }))
-                    }
-                    Action::Think(_) => {
-                        Event::Thought(Conclusion(Err(NoAnswer::Unplanned("thought".to_owned()))))
-                    }
-                    action => goes_well(action, arms),
-                },
-            );
-        (end, looks)
+        let mut first = first.iter();
+        let Read { end, looks, .. } = sees(&mut stage, vec![], |_, _, mut camera_from_face| {
+            let tilted = first.next().copied().unwrap_or(Some(false));
+            let angle = if tilted.ok_or("no face")? { 20_f64.to_radians() } else { 0.0 };
+            let tilt = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), angle);
+            camera_from_face.rotation = tilt * camera_from_face.rotation;
+            let reading = super::super::testing::reading([0; 9], 1.0);
+            Ok(FaceReading { camera_from_face, ..reading })
+        });
+        (end, looks.concat().len())
     }
 
     #[test]
     fn tilted_cube_is_never_grasped_by_other_hand() {
-        let (end, looks) = read_tilted(Hand::Track, u32::MAX);
+        let (end, looks) = read_tilted(Hand::Track, &[Some(true); 9]);
         let Err(Failure::GiveBack(why)) = end else { panic!("{end:?}") };
         assert!(why.contains("tilted by 20 deg in the track hand"), "{why}");
         assert_eq!(looks, 2, "a single tilted pose is not believed");
 
-        let (end, _) = read_tilted(Hand::Postument, u32::MAX);
+        let (end, _) = read_tilted(Hand::Postument, &[Some(true); 9]);
         assert!(matches!(end, Err(Failure::Final(_))), "{end:?}");
 
-        let (end, looks) = read_tilted(Hand::Track, 1);
+        let (end, looks) = read_tilted(Hand::Track, &[Some(true)]);
         assert_eq!((end, looks), (Err(Failure::GiveBack("thought".to_owned())), 7));
+
+        // Nothing contradicts the tilted pose.
+        let (end, looks) = read_tilted(Hand::Track, &[&[Some(true)][..], &[None; 5]].concat());
+        let Err(Failure::GiveBack(why)) = end else { panic!("{end:?}") };
+        assert!(why.contains("tilted by 20 deg") && looks == LOOK_TRIES as usize, "{why}");
     }
 }
