@@ -611,8 +611,8 @@ impl Robot {
     }
 }
 
-/// Returns the orders with straight and joint motions at [`RETRY_SPEED`]; the others have the speeds
-/// of contacts already.
+/// Returns the orders with straight and joint motions at [`RETRY_SPEED`]. The other motions have
+/// the speeds of contacts already.
 fn slowed(orders: Orders) -> Orders {
     orders.map(|order| {
         order.map(|mut behaviour| {
@@ -904,7 +904,7 @@ mod tests {
 
     /// A hand that another one was pushed into met it three times with full speed.
     #[test]
-    fn path_after_contact_is_slower_with_arms_in_step() {
+    fn path_after_contact_is_slower_in_step() {
         let mut stage = Stage::holding(settings());
         let (near, far) = (JointPositions([0.1; 7]), JointPositions([0.4; 7]));
         let orders = stage.robot.joint_orders([Some(near), Some(far)]);

@@ -342,13 +342,14 @@ mod tests {
 
     /// Returns the reading with its pose, which is relative to the believed one of the face, in the
     /// camera.
-    fn placed(view: &View, reading: FaceReading) -> FaceReading {
-        let camera_from_face = view.camera_from_face * reading.camera_from_face;
-        FaceReading { camera_from_face, ..reading }
+    fn placed(view: &View, mut reading: FaceReading) -> FaceReading {
+        reading.camera_from_face = view.camera_from_face * reading.camera_from_face;
+        reading
     }
 
     /// Inspects the cube. `look` gets the number of earlier looks and the face, and returns the
-    /// reading, as [`placed`] takes it. Returns the result, the number of looks and the number of questions.
+    /// reading, as [`placed`] takes it. Returns the result, the number of looks and the number of
+    /// questions.
     fn inspects(
         stage: &mut Stage,
         mut answers: Vec<Option<Answer>>,
