@@ -1,7 +1,8 @@
 //! Test of the servo's thread in real time: no allocation, no wait for a lock, and no system call
 //! except the sleep and the wake-up of the bridge.
 //!
-//! The record sink runs on this thread in each period and reads two counters. The allocator counts
+//! The servo's thread has the sinks of a run: the ring to the writer of records, and the recorder's.
+//! A third sink runs on it in each period and reads two counters. The allocator counts
 //! the calls of marked threads. A seccomp filter turns each system call that is not on its list
 //! into a signal. A positive control for each check runs the same thread with a sink that breaks
 //! the rule.
@@ -16,9 +17,16 @@ use rubik_robot::hw::driver::{
 use rubik_robot::motion::{
     Depth, Direction, Frame, JawCommand, JointPositions, Motion, MotorPositions, MoveCommand,
 };
+use rubik_robot::record::recorder::{Both, Patience, Recorder};
+use rubik_robot::record::sheet::RunInfo;
+use rubik_robot::scenario;
+use rubik_robot::servo::period::Length;
 use rubik_robot::servo::{ForceSettings, ServoCommand};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
+use std::collections::BTreeMap;
+use std::io::Cursor;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -205,7 +213,20 @@ fn commands() -> Vec<ServoCommand> {
     ]
 }
 
-/// Runs the servo's real-time thread with all commands, while its record sink commits `violation`.
+/// Describes the recorded run: the built-in cell, without options.
+fn about() -> RunInfo {
+    let scenario = scenario::read(Path::new("realtime.toml"), "task = \"idle\"\n", &[]).unwrap();
+    RunInfo {
+        cell: scenario.controller.cell,
+        scenario: String::new(),
+        options: Vec::new(),
+        facts: BTreeMap::new(),
+        start: 0,
+        length: Length::default(),
+    }
+}
+
+/// Runs the servo's real-time thread with all commands, while its last sink commits `violation`.
 /// Returns the numbers of allocations, forbidden system calls and records.
 fn run(violation: Violation) -> [u64; 3] {
     let seen: Arc<[AtomicU64; 3]> = Arc::default();
@@ -213,12 +234,15 @@ fn run(violation: Violation) -> [u64; 3] {
     let stop = EmergencyStop::default();
     let (button, switches) = (stop.button(), Arc::new(Switches::new(stop.signal())));
     let (mut links, ends): (Vec<ServoLink>, Vec<_>) = (0..2).map(|_| link()).unzip();
+    let (ring, _records) = rtrb::RingBuffer::new(512 * links.len());
+    let recorder = Recorder::begin(Cursor::new(Vec::new()), about(), Patience::Never).unwrap();
+    let ticks = recorder.ticks().unwrap();
     let mut port = Motors::new(2);
     let core = Core::new(
         vec![config(), config()],
         ends,
         Arc::clone(&switches),
-        Box::new(watch),
+        Box::new(Both(Box::new(Both(Box::new(ring), Box::new(ticks))), Box::new(watch))),
         &mut port,
     )
     .unwrap();
