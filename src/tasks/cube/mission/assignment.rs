@@ -41,7 +41,7 @@ impl Assignment {
     #[must_use]
     pub fn resumed(self, last: Option<Entry>) -> Self {
         // Also without an entry the mission takes stock: the hands may hold a cube.
-        let nothing = || Entry { doing: "nothing yet".to_owned(), ..Entry::default() };
+        let nothing = || Entry { doing: "none".to_owned(), ..Entry::default() };
         Self { earlier: Some(last.unwrap_or_else(nothing)), ..self }
     }
 }

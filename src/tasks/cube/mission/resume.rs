@@ -699,7 +699,7 @@ mod tests {
         let across = |r: &UnitQuaternion<f64>| (r * Vector3::z()).z.abs() < 0.1;
         let postument = rotations().into_iter().find(across).unwrap();
         for by in [-0.4, 0.4, 0.02] {
-            let last = Entry { doing: "nothing yet".to_owned(), ..Entry::default() };
+            let last = Entry { doing: "none".to_owned(), ..Entry::default() };
             let mut stage = stage(settings(), &last);
             let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), by);
             let none = nalgebra::Translation3::identity;
