@@ -223,8 +223,8 @@ mod tests {
     }
 
     /// Reads the cube on a stage. `looks_at` returns what a look at a face in a hold sees, with the
-    /// believed `camera_from_face`. Each request to compute a plan is answered with the last one of `doubts`, which is removed,
-    /// and with the failure to find a plan when none is left.
+    /// believed `camera_from_face`. Each request to compute a plan is answered with the last one of
+    /// `doubts`, which is removed, and with the failure to find a plan when none is left.
     fn sees(
         stage: &mut Stage,
         mut doubts: Vec<Doubt>,
@@ -366,6 +366,7 @@ mod tests {
         let (end, _) = read_tilted(Hand::Postument, &[Some(true); 9]);
         assert!(matches!(end, Err(Failure::Final(_))), "{end:?}");
 
+        // A second look at the first face, then one at each of the other five.
         let (end, looks) = read_tilted(Hand::Track, &[Some(true)]);
         assert_eq!((end, looks), (Err(Failure::GiveBack("thought".to_owned())), 7));
 
