@@ -24,7 +24,7 @@ use rubik_robot::vision::{DetectorSettings, FaceSighting, Method, detect};
 use std::hint::black_box;
 use std::path::Path;
 
-/// Colours of stickers in ordinary light, sRGB.
+/// Colours of stickers in ordinary light (sRGB), in the order of the faces URFDLB.
 const STICKERS: [[f64; 3]; 6] = [
     [222.0, 224.0, 219.0],
     [171.0, 30.0, 41.0],

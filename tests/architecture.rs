@@ -105,6 +105,7 @@ fn dependency_circles_do_not_grow() {
     }
 }
 
+/// Returns the number of a module's layer, from the top; `None` for a module in no layer.
 fn layer(module: &str) -> Option<usize> {
     LAYERS.iter().position(|l| l.contains(&module))
 }
@@ -286,6 +287,7 @@ fn paths(code: &str, file: &str) -> Vec<Vec<String>> {
 mod checker_tests {
     use super::*;
 
+    /// Returns the violations in a crate of one file with this text, one a line.
     fn one(file: &str, text: &str) -> String {
         violations(&[(file.to_owned(), text.to_owned())]).join("\n")
     }

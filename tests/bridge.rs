@@ -69,6 +69,7 @@ struct Rig {
 }
 
 impl Rig {
+    /// Starts an emulator of this number of arms.
     fn start(arms: usize, options: EmulatorOptions) -> Self {
         Self::late(arms, options, Some(Duration::ZERO))
     }
@@ -99,19 +100,23 @@ impl Rig {
         Self { devices, seen, stop, thread: Some(thread) }
     }
 
+    /// Opens the bridge to the emulator. An axis may miss `misses` answers in a row.
     fn bridge(&self, misses: u32, notes: Notes) -> SerialPort {
         let rules = Rules { misses, ..Rules::default() };
         self.devices.serial(&arms(self.devices.effector.len()), rules, notes).unwrap()
     }
 
+    /// Ends the emulator, and returns its account of the run.
     fn kill(&mut self) -> Course {
         self.stop.store(true, Ordering::Release);
         self.thread.take().unwrap().join().unwrap()
     }
 }
 
+/// Names of the arms.
 const NAMES: [&str; 2] = ["track", "postument"];
 
+/// Returns the first `count` arms, with the gripper and the sensor of the servo's tests.
 fn arms(count: usize) -> Vec<Arm> {
     let config = config();
     let arm = |name: &&str| Arm {
@@ -126,6 +131,7 @@ fn arms(count: usize) -> Vec<Arm> {
     NAMES[..count].iter().map(arm).collect()
 }
 
+/// Returns drives that are on: this pulse width for each axis, its opposite for the jaw.
 fn on(pwm: i16) -> ArmDrive {
     ArmDrive { enabled: true, pwm: [pwm; AXES], jaw_pwm: -pwm, stops: Depth::Two, ..ArmDrive::OFF }
 }

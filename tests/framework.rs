@@ -78,8 +78,10 @@ struct Rig {
     world_from_base: Pose,
 }
 
+/// Scenario of the track arm alone, without a camera.
 const ONE_ARM: &str = "task = \"idle\"\ncamera = []\nvsp = []\n[[effector]]\nname = \"track\"\n";
 
+/// Makes a rig without a journal.
 fn rig(coordination: Coordination) -> Rig {
     rig_with_journal(coordination, |_| None)
 }
@@ -145,15 +147,18 @@ impl Rig {
         self.scene.lock().unwrap().arms[0].world_from_tool
     }
 
+    /// Lets the arm hold its pose for this number of periods; returns its state after them.
     async fn hold(&self, periods: u32) -> ArmState {
         self.edp.execute(MoveCommand { motion: Motion::Hold, periods, jaw: None }).await.unwrap()
     }
 }
 
+/// Lets this time pass (s).
 async fn seconds(seconds: f64) {
     tokio::time::sleep(Duration::from_secs_f64(seconds)).await;
 }
 
+/// Returns the largest difference of any joint (m or rad).
 fn furthest(a: &JointPositions, b: &JointPositions) -> f64 {
     a.0.iter().zip(b.0).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }

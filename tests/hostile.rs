@@ -67,11 +67,14 @@ fn give_found(kind: &'static str, input: &[u8], read: &dyn Fn(&[u8])) {
     limited(Input::generated(kind, move || bytes.clone()), kind, input, read);
 }
 
+/// Calls the reader `read` with `input`, which the watchdog knows as `told` and messages as `name`.
+/// Fails if the reader takes too much memory or hangs.
 fn limited(told: Input, name: &str, input: &[u8], read: &dyn Fn(&[u8])) {
     let (taken, _) = search::watched(told, TIME, || read(input));
     assert!(taken < MEMORY, "{name}: {taken} bytes of memory for {} bytes", input.len());
 }
 
+/// Returns the files in the corpus of a kind, each with its path and its content.
 fn corpus(kind: &str) -> Vec<(String, Vec<u8>)> {
     let folder: PathBuf = [env!("CARGO_MANIFEST_DIR"), "tests/corpus", kind].iter().collect();
     let mut files: Vec<PathBuf> =
@@ -84,10 +87,15 @@ fn corpus(kind: &str) -> Vec<(String, Vec<u8>)> {
 /// Corruption of a file: places are taken modulo its length.
 #[derive(Debug, Clone)]
 enum Corruption {
+    /// Ends the file at a place.
     Cut(usize),
+    /// Flips these bits of the byte at a place.
     Flip(usize, u8),
+    /// Inserts bytes at a place.
     Insert(usize, Vec<u8>),
+    /// Removes a number of bytes from a place on.
     Remove(usize, usize),
+    /// Repeats a number of bytes from a place on.
     Double(usize, usize),
     /// Replaces one of the text's numbers by another.
     Number(usize, &'static str),
@@ -133,6 +141,7 @@ fn numbers(bytes: &[u8]) -> Vec<std::ops::Range<usize>> {
     found
 }
 
+/// Generates one to three corruptions of a file.
 fn corruptions() -> impl Strategy<Value = Vec<Corruption>> {
     let at = 0..100_000usize;
     let one = prop_oneof![
@@ -147,6 +156,7 @@ fn corruptions() -> impl Strategy<Value = Vec<Corruption>> {
     proptest::collection::vec(one, 1..4)
 }
 
+/// Returns the content of a file after these corruptions, one after the other.
 fn corrupted(bytes: &[u8], corruptions: &[Corruption]) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     for corruption in corruptions {
@@ -220,6 +230,7 @@ fn hostile_to(
     search::search(kind, cases, &inputs, Clone::clone, |input| give_found(kind, &input, read));
 }
 
+/// Returns bytes as a text, with a replacement for each part that is not UTF-8.
 fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
@@ -663,6 +674,7 @@ fn page_message(input: &operator::Input) -> Vec<u8> {
 struct Folder(PathBuf);
 
 impl Folder {
+    /// Makes a folder for this process, whose name ends with `name`.
     fn new(name: &str) -> Self {
         let name = format!("rubik-hostile-{}-{name}", std::process::id());
         let folder = std::env::temp_dir().join(name);

@@ -17,11 +17,16 @@ use std::path::Path;
 
 /// First words of a sentence that names no subject.
 const HEADLESS: &[&str] = &["Who", "Whoever", "What", "Whatever", "Nobody", "Somebody", "Of"];
+/// Most columns of a line.
 const COLUMNS: usize = 100;
+/// Most words in the name of a test.
 const WORDS: usize = 8;
+/// Most lines of a function.
 const LINES: usize = 70;
+/// Most arguments of a function.
 const ARGUMENTS: usize = 5;
 
+/// Returns path and text of all Rust files in these folders of the project.
 fn files(folders: &[&str]) -> Vec<File> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut files = Vec::new();
@@ -37,6 +42,7 @@ fn count(rule: &str, of_file: impl Fn(&str) -> Vec<(usize, String)>) {
     count_in(&["src", "tests", "benches", "examples"], rule, of_file);
 }
 
+/// Checks the count as [`count`] does, in the files of these folders.
 fn count_in(folders: &[&str], rule: &str, of_file: impl Fn(&str) -> Vec<(usize, String)>) {
     let files = files(folders);
     assert!(files.len() > 20, "only {} files were found", files.len());
@@ -161,12 +167,14 @@ fn sentences(text: &str) -> Vec<&str> {
     .collect()
 }
 
+/// Returns the lines of more than [`COLUMNS`] characters, each with its number.
 fn long_lines(text: &str) -> Vec<(usize, String)> {
     let long = |line: &&str| line.chars().count() > COLUMNS;
     let lines = text.lines().enumerate().filter(|(_, line)| long(line));
     lines.map(|(number, line)| (number, line.trim().to_owned())).collect()
 }
 
+/// Returns the names of tests of more than [`WORDS`] words, each with the number of its line.
 fn long_test_names(text: &str) -> Vec<(usize, String)> {
     let bare = without_comments_and_strings(text);
     let mut found = Vec::new();

@@ -41,6 +41,7 @@ fn limited(what: &str, memory: usize, read: impl FnOnce()) {
     limited_to(Input::by_name(what), what, memory, read);
 }
 
+/// Does the same as [`limited`]; `told` is the input that is reported if `read` hangs.
 fn limited_to(told: Input, what: &str, memory: usize, read: impl FnOnce()) {
     let (taken, time) = search::watched(told, HANGS, read);
     assert!(taken < memory, "{what}: {taken} bytes of memory");
@@ -83,6 +84,7 @@ fn give(what: &str, bytes: &[u8], memory: usize) {
     give_to(Input::by_name(what), what, bytes, memory);
 }
 
+/// Does the same as [`give`]; `told` is the input that is reported if it hangs.
 fn give_to(told: Input, what: &str, bytes: &[u8], memory: usize) {
     limited_to(told, what, memory, || {
         if let Ok(image) = decode(bytes) {
@@ -94,6 +96,7 @@ fn give_to(told: Input, what: &str, bytes: &[u8], memory: usize) {
     });
 }
 
+/// Returns the bytes of a file with this picture.
 fn file(picture: &DynamicImage, format: ImageFormat) -> Vec<u8> {
     let mut out = std::io::Cursor::new(Vec::new());
     picture.write_to(&mut out, format).unwrap();
@@ -181,6 +184,7 @@ fn false_size_in_header_takes_no_excess_memory() {
     for (width, height) in
         [(0, 0), (0, 5), (1, u32::MAX), (u32::MAX, u32::MAX), (20_000, 20_000), (50_000, 1000)]
     {
+        // Bits of a sample and type of the colours; the last pair is invalid.
         for depth in [[8, 2], [16, 6], [1, 0], [16, 4], [8, 3], [9, 9]] {
             let mut bytes = small.clone();
             bytes[16..20].copy_from_slice(&u32::to_be_bytes(width));
@@ -210,15 +214,22 @@ fn truncated_picture_does_not_panic() {
     }
 }
 
+/// Corruption of a file at a byte. Its number is taken modulo the file's length plus one.
 #[derive(Debug, Clone)]
 enum Corruption {
+    /// The file ends before the byte.
     Cut(usize),
+    /// The byte has another value.
     Set(usize, u8),
+    /// These bits of the byte are flipped.
     Flip(usize, u8),
+    /// These bytes come before the byte.
     Insert(usize, Vec<u8>),
+    /// This many bytes from the byte on are missing.
     Remove(usize, usize),
 }
 
+/// Returns a strategy for one to five corruptions.
 fn corruptions() -> impl Strategy<Value = Vec<Corruption>> {
     let at = 0..100_000usize;
     let one = prop_oneof![
@@ -232,6 +243,7 @@ fn corruptions() -> impl Strategy<Value = Vec<Corruption>> {
     proptest::collection::vec(one, 1..6)
 }
 
+/// Returns the bytes of a file after these corruptions, one after the other.
 fn corrupted(mut bytes: Vec<u8>, corruptions: &[Corruption]) -> Vec<u8> {
     for corruption in corruptions {
         let place = |at: usize| at % (bytes.len() + 1);
@@ -292,11 +304,15 @@ fn corrupted_picture_bytes_do_not_panic() {
 /// perspective, also beyond the horizon.
 #[derive(Debug, Clone)]
 struct Hard {
+    /// Width and height (px).
     size: (u32, u32),
+    /// Homography from the lattice to the picture (by rows), side of a tile in 255ths of the pitch,
+    /// and seed of the colours.
     lattices: Vec<([f64; 9], u8, u64)>,
 }
 
 impl Hard {
+    /// Returns the picture.
     fn draw(&self) -> RgbImage {
         let maps: Vec<(Matrix3<f64>, f64, u64)> = self
             .lattices

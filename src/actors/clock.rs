@@ -97,6 +97,7 @@ mod tests {
         clock.until(100).await;
         assert_eq!(clock.period(), 100);
 
+        // The servo misses 40 periods of 2 ms (in ns).
         switches.punctual.miss(40, 2_000_000);
 
         assert_eq!(clock.period(), 60);

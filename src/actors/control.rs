@@ -209,6 +209,8 @@ mod tests {
         let (_control, will) = watch::channel(Control::Running);
         let tempo = Tempo::default();
         let mut pacer = Pacer::new(tempo.clone(), will);
+        // Lets `seconds` of simulated time pass from the time `from` on (s); returns the real time
+        // that this takes (s).
         let run = |pacer: &mut Pacer, from: f64, seconds: f64| {
             let begun = Instant::now();
             for i in 0..=(seconds / 0.002) as u32 {
@@ -217,13 +219,15 @@ mod tests {
             begun.elapsed().as_secs_f64()
         };
 
-        assert!(run(&mut pacer, 0.0, 100.0) < 1.0);
+        assert!(run(&mut pacer, 0.0, 100.0) < 1.0, "no limit");
+        // At ten times real time a second takes 0.1 s, and at least 0.09 s after rounding.
         tempo.set(10.0);
         let worked = tempo.working_time();
         let took = run(&mut pacer, 100.0, 1.0);
         assert!((0.09..0.5).contains(&took), "{took}");
         let worked = (tempo.working_time() - worked).as_secs_f64();
         assert!(worked < took - 0.08, "{worked} of {took}: sleep does not count as work");
+        // Without a limit 0.1 s take as long, because a person attends.
         tempo.set(0.0);
         for (attended, from) in [(Attended::Asked, 101.0), (Attended::ByHand, 101.1)] {
             tempo.attend(attended);

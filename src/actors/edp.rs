@@ -493,6 +493,7 @@ mod tests {
             async move {
                 for period in 1.. {
                     let mut state = ArmState { period, ..ArmState::default() };
+                    // Joint 1 moves at 0.05 rad/s.
                     state.joints.0[1] = 1e-4 * period as f64;
                     end.publish(&state);
                     clock.until(period).await;
@@ -509,11 +510,13 @@ mod tests {
 
     #[test]
     fn arm_rest_check_allows_more_wrist_roll_motion() {
+        // Returns whether the arm is at rest if one joint has moved by an angle (rad).
         let moved = |axis: usize, by: f64| {
             let mut now = JointPositions([0.5; 7]);
             now.0[axis] += by;
             is_still(&JointPositions([0.5; 7]), &now)
         };
+        // Between the two limits `STILL` and `ROLL_STILL` only the roll of the wrist is at rest.
         for axis in 0..7 {
             assert!(moved(axis, 1e-4) && moved(axis, -1e-4), "{axis}");
             assert_eq!(moved(axis, -1e-3), axis == ROLL, "{axis}");
@@ -525,6 +528,7 @@ mod tests {
     /// explains.
     #[test]
     fn large_shift_of_force_zero_names_its_direction() {
+        // Changes of more than 8 N or 1 Nm, `ZERO_MOVED`, are reported.
         assert_eq!(moved_most(&[3.7, -2.0, 3.0, 0.3, -0.2, 0.1]), None);
         assert_eq!(moved_most(&[f64::NAN; 6]), None);
 

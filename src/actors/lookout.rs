@@ -132,6 +132,7 @@ mod tests {
         watched(keeps_apart, states).await.map(|(number, ..)| number)
     }
 
+    /// Returns the state of a synchronised arm that stands at these joint positions.
     fn standing(joints: JointPositions, period: u64) -> ArmState {
         let synchronisation = Synchronisation::Yes;
         ArmState { desired_joints: joints, synchronisation, period, ..ArmState::default() }
@@ -143,6 +144,7 @@ mod tests {
         keeps_apart: bool,
         states: &[[ArmState; 2]],
     ) -> Option<(usize, String, String)> {
+        // The limit of the speed near the operator is 0.25 m/s.
         let guard = Guard::of(&example_cell(), 0.25);
         let channels = states[0].map(watch::channel);
         let listening = channels.iter().map(|(_, states)| states.clone()).collect();
@@ -182,6 +184,7 @@ mod tests {
     async fn arm_may_leave_an_obstacle_but_not_return() {
         let table = MeetingTable::compute(&example_cell(), &ReachSettings::default());
         let meeting = table.grasps.iter().flatten().next().unwrap();
+        // Joint 2 is turned so far that the arm is too near an obstacle.
         let mut low = meeting.postument;
         low.0[2] += 0.9;
         let arms = |postument, period| [meeting.track, postument].map(|at| standing(at, period));
@@ -262,6 +265,7 @@ mod tests {
         let (track, postument) = (meeting.track, meeting.postument);
 
         assert_eq!(stopped([track, postument], [meeting.track_back, postument]).await, None);
+        // Joint 2 is turned so far that the arm is too near an obstacle.
         let mut low = postument;
         low.0[2] += 0.9;
         let warning = stopped([track, postument], [track, low]).await.unwrap();

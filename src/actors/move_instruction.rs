@@ -356,6 +356,7 @@ mod tests {
         let joints = Behaviour::Joints { target, speed: 1.0, seconds: 5.0 };
         let line = Behaviour::Line { target: Pose::translation(0.3, 0.2, 1.0), speed: 1.0 };
 
+        // The limit of `example_manner` is 20 N.
         for behaviour in [joints, line] {
             assert_eq!(ends(&behaviour, 0.3, [0.0, 19.0]), None);
             assert_eq!(ends(&behaviour, 0.3, [0.0, 21.0]), Some(Outcome::OverForce(1, 21.0)));
@@ -385,7 +386,7 @@ mod tests {
         let selector = [false; 6];
         let opens = Behaviour::Jaw { jaw, seconds: 1.0, selector, strained: false };
 
-        // Within 0.15 m of the zone, and beyond.
+        // Within 0.15 m of the zone, which spans x from 0.9 to 1.1 m, and beyond.
         for (x, ended) in [(0.8, true), (1.2, true), (0.7, false)] {
             assert_eq!(ends(&joints, x, [0.0, 11.0]).is_some(), ended, "{x}");
             assert_eq!(ends(&joints, x, [0.0, 9.0]), None);
@@ -405,6 +406,7 @@ mod tests {
         let joints = Behaviour::Joints { target, speed: 1.0, seconds: 0.0 };
         let mut motion = MoveInstruction::begin(&joints, &manner());
         let mut arm = ArmState::default();
+        // Performs a macrostep (0.016 s); returns by how much joint 1 moves in it (rad).
         let mut step = |motion: &mut MoveInstruction| {
             motion.set_pace(Control::Running);
             let Ok((MoveCommand { motion: Motion::Joints(to), .. }, _)) = motion.step(&arm, None)

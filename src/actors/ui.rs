@@ -97,7 +97,7 @@ impl Ui {
         Ok(Self { trace, stop_button, stop_signal, thread })
     }
 
-    /// Shows the outcome of the run and ends the UI.
+    /// Shows the outcome of the run and waits until the UI has ended.
     pub fn over(self, outcome: OutcomeView) {
         self.trace.tell_last(Notice::Over(outcome));
         // The panic of that thread has been printed already.
@@ -310,6 +310,8 @@ fn listen(lines: impl BufRead, desk: &UiEnd, alone: bool) {
 mod tests {
     use super::*;
 
+    /// Returns the operator's controls of a run in the state `control`, and the receiver of the
+    /// inputs that go to its task.
     fn controls(control: Control) -> (OperatorControls, mpsc::Receiver<Input>) {
         let control = Arc::new(watch::channel(control).0);
         let (to_task, task) = mpsc::channel(4);

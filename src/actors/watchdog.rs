@@ -389,6 +389,7 @@ mod tests {
         });
         assert!(quiet.await.is_err(), "no actor was silent");
 
+        // Under a paused clock an actor is silent after 80 ms, which the message rounds.
         works.waits();
         hangs.works();
         let begun = tokio::time::Instant::now();

@@ -151,6 +151,7 @@ mod tests {
         let door = Work::at(Pace::RealTime);
         let late = door.run(("the image worker", limit), hangs).await;
 
+        // The message rounds the limit of 60 ms.
         let error = late.unwrap_err();
         assert_eq!(error.to_string(), "no answer from the image worker in 0.1 s");
         drop(end);

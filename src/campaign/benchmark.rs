@@ -215,10 +215,11 @@ mod tests {
         let header = header(5, "1/1");
         let results = header.seeds().map(|s| (s, result(s, Verdict::Solved, s as f64))).collect();
         let mut state = State { header, results, whole: 0, torn: false };
+        // A trial takes 400 s + its seed, and the seeds are 5 to 9.
         let all = score(&Tally::of(&state), 1000.0);
         assert!(all.is_whole() && all.longest_row == 5 && all.trial_s.max == 409.0);
 
-        // A trial takes 400 s + its seed: the last one of 5..=9 is late.
+        // Only the last trial, which takes 409 s, is late.
         let late = score(&Tally::of(&state), 408.5);
         assert_eq!((late.is_whole(), late.passed, late.longest_row), (false, 4, 4));
         state.results.insert(6, result(6, Verdict::Failed, 6.0));

@@ -464,6 +464,7 @@ pub(super) mod tests {
         let figures =
             |reported: &Summary| process(&reported.json(), "", Ended::Code(0)).figures.unwrap();
 
+        // A force that is no number counts as above every limit.
         let bad = figures(&reported);
         assert_eq!((bad.peak_contact_n, bad.exceeds_limit()), (Some(f64::MAX), Some(true)));
         assert_eq!(bad.has_unnoticed_drop(), Some(true));

@@ -261,7 +261,8 @@ impl ProcessEnd {
     }
 }
 
-/// Reads a stream to its end in a thread, which returns the last bytes.
+/// Reads a stream to its end in a thread, which returns the last [`KEPT_BYTES`] of it, or all if
+/// they are fewer.
 fn read_tail(mut stream: impl Read + Send + 'static) -> JoinHandle<Vec<u8>> {
     std::thread::spawn(move || {
         let (mut kept, mut bytes) = (Vec::new(), vec![0; 1 << 16]);
@@ -276,6 +277,7 @@ fn read_tail(mut stream: impl Read + Send + 'static) -> JoinHandle<Vec<u8>> {
                 kept.drain(..kept.len() - KEPT_BYTES);
             }
         }
+        kept.drain(..kept.len().saturating_sub(KEPT_BYTES));
         kept
     })
 }
@@ -337,6 +339,16 @@ mod tests {
         assert!(verdicts[1..].iter().all(|v| *v == Verdict::Died), "{results:?}");
         assert!(results[1].reason.contains("signal 9"), "{results:?}");
         assert!(results[5].reason.contains("panicked at a.rs:1:1: why"), "{results:?}");
+    }
+
+    #[test]
+    fn stream_tail_has_at_most_kept_bytes() {
+        let tail = |bytes: Vec<u8>| read_tail(std::io::Cursor::new(bytes)).join().unwrap();
+        // Longer than the tail, but not yet twice as long.
+        let long = [vec![b'a'; KEPT_BYTES / 2], vec![b'b'; KEPT_BYTES]].concat();
+
+        assert!(tail(long) == vec![b'b'; KEPT_BYTES], "the last bytes");
+        assert_eq!(tail(b"short".to_vec()), b"short");
     }
 
     #[test]

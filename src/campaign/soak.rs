@@ -271,10 +271,12 @@ mod tests {
 
     #[test]
     fn memory_growth_after_first_fifth_fails_the_soak() {
+        // Returns a soak whose memory is 100 MiB in the second tenth and `last` MiB in the last.
         let of = |last: f64| {
             let tenths = [50.0, 100.0].into_iter().chain([104.0; 7]).chain([last]).map(tenth);
             Soak { tenths: tenths.collect(), repeated: (1, 0), ..Soak::default() }
         };
+        // A growth of up to `GROWTH_MIB` (8 MiB) is allowed.
         assert_eq!(of(107.0).is_flat(), Some(true));
         assert_eq!(of(109.0).is_flat(), Some(false));
         assert!(of(107.0).is_steady() && !of(109.0).is_steady());
@@ -340,6 +342,7 @@ mod tests {
         let scenario = crate::scenario::read(std::path::Path::new("t"), text, &[]).unwrap();
         let mut heard = 0;
 
+        // 40 s of simulated time (in hours) are 20 missions of 2 s.
         let soak = soak(&[scenario], 40.0 / 3600.0, &AtomicBool::new(false), |_| heard += 1);
 
         assert_eq!((heard, soak.tenths.len(), soak.solved()), (PARTS, PARTS, 20));

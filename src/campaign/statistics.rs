@@ -91,6 +91,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// Checks that an interval has these bounds, to the four digits of published tables.
     fn near(interval: [f64; 2], low: f64, high: f64) {
         assert!((interval[0] - low).abs() < 5e-5, "{interval:?} is not {low}..{high}");
         assert!((interval[1] - high).abs() < 5e-5, "{interval:?} is not {low}..{high}");

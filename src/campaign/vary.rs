@@ -363,10 +363,12 @@ fn key(name: &str) -> String {
 mod tests {
     use super::*;
 
+    /// Reads the text of a file of distributions named `v.toml`.
     fn read(text: &str) -> Result<Variations, Faults> {
         Variations::read(Path::new("v.toml"), text)
     }
 
+    /// Distributions of four keys, one of each kind.
     const FOUR: &str = "plant.errors.base_mm = { uniform = [0, 2] }\n\
                         plant.cube_kind = { one_of = [\"2007\", \"modern\"] }\n\
                         [control]\ngrip_n = { normal = [26, 1.5], within = [25, 27] }\n\

@@ -12,7 +12,7 @@ use std::path::PathBuf;
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Args)]
 pub(super) struct ScenarioArgs {
-    /// Scenario file (TOML)
+    /// Scenario file (TOML); shipped:solve and shipped:table are built into the program
     pub(super) scenario: PathBuf,
     /// Override of a key, as in control.grip_n=30; repeatable
     #[arg(long = "set", value_name = "KEY=VALUE")]

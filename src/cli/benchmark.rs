@@ -21,6 +21,7 @@ use nalgebra::Point3;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
+#[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -30,33 +31,48 @@ Examples:
 A tier M-N is M consecutive trials with cubes that N seeded moves have scrambled, in the manner of
 Yang, Lancaster, Srinivasa and Smith (RA-L 2020). It is passed if all trials are. The cube lies on
 the table at the start and at the end, and no person is in the cell. A mission begins and ends in
-a person's hand.
-Exit codes: 0 every trial passed, 1 a trial failed, 2 wrong usage or scenario, 130 interrupted.")]
+a person's hand, with a cube that its seed draws. A trial passes if the cube of the simulated cell
+is solved, and laid down or back in the hand, within --within-s. The report is a protocol: task,
+setup, robot, procedure, scoring, and a row for each trial.
+
+Keys of the object of --json:
+  benchmark    name of the benchmark, as Rubiks-5-20
+  start        place of the cube at the start, in words
+  clearance_m, within_s   the limits --clearance-mm (in m) and --within-s
+  clearances   seed and clearance_mm of each trial: distance of the nearest tool from the centre of
+               the cube at the start, in the simulated cell
+  score        trials, trials_passed, accuracy (their ratio), longest_row (passed trials in a row),
+               passed (all trials passed), trial_s and turn_s (simulated time of a passed trial and
+               per turn: min, median, p95, p99, max)
+  campaign     keys of `campaign --json`
+Exit codes: 0 every trial passed, 1 a trial failed, 2 wrong usage or scenario, or the scenario
+changed meanwhile, 4 system error, 130 interrupted.")]
 #[command(group(clap::ArgGroup::new("kind").required(true).args(["mission", "tier"])))]
 pub(super) struct BenchmarkArgs {
     /// Perform K whole missions, each from a person's hand back into it
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     mission: Option<u64>,
-    /// Perform M consecutive trials with cubes scrambled by N moves
+    /// Perform M consecutive trials with cubes scrambled by N moves (1 to 1000)
     #[arg(long, value_name = "M-N", value_parser = tier)]
     tier: Option<Kind>,
-    /// Scenario file (TOML) with the task "solve" [default: a built-in one]
-    ///
-    /// The built-in scenario is shipped:table with --tier and shipped:solve with --mission.
-    #[arg(long, value_name = "FILE")]
+    /// Scenario file (TOML) with the task solve [default: the built-in
+    /// shipped:table with --tier, shipped:solve with --mission]
+    #[arg(long, value_name = "FILE", verbatim_doc_comment)]
     scenario: Option<PathBuf>,
-    /// Override of a key in all trials; repeatable
+    /// Override of a key in all trials, as in control.grip_n=30; repeatable
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Seed of the first trial; the next trials have the next seeds
+    /// Seed of the first trial; the next ones have the next seeds
     #[arg(long, value_name = "S", default_value_t = 1,
           value_parser = clap::value_parser!(u64).range(..=LAST_SEED))]
     seed: u64,
     /// Number of processes at a time [default: the number of cores]
     #[arg(long, value_name = "J", value_parser = clap::value_parser!(u16).range(1..))]
     jobs: Option<u16>,
-    /// Least distance of a tool from the cube at the start (mm)
-    #[arg(long, value_name = "MM", default_value_t = 80.0, value_parser = not_negative)]
+    /// Least distance of a tool at the start from the places where the centre
+    /// of the cube may be (mm); a scenario with a nearer tool is refused
+    #[arg(long, value_name = "MM", default_value_t = 80.0, value_parser = not_negative,
+          verbatim_doc_comment)]
     clearance_mm: f64,
     /// Longest simulated time of a successful trial (s)
     #[arg(long, value_name = "SECONDS", default_value_t = 1800.0, value_parser = not_negative)]
@@ -68,7 +84,7 @@ pub(super) struct BenchmarkArgs {
     /// Write the report to FILE (Markdown) instead of stdout
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// End stdout with one line of JSON instead of the report
+    /// End stdout with one line of JSON instead of printing the report
     #[arg(long)]
     json: bool,
 }

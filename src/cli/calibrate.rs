@@ -19,37 +19,52 @@ use std::path::PathBuf;
 #[command(after_help = "\
 The track arm shows the cube to a fixed camera. A camera in a hand is moved around the cube that
 the other arm holds. The arms are driven through the hardware port, and the pictures come from the
-camera. One adjustment finds focal lengths, principal point, k1, k2, the camera's pose, the pose of
-the cube in the hand, and the length of its edge.
+camera. One adjustment finds focal lengths, principal point, radial distortion (k1, k2), the
+camera's pose, the pose of the cube in the hand, and the length of its edge.
 
 Poses and their s.d. (standard deviations) are relative to the pose that the encoders give, since a
 camera only has to agree with them.
 The absolute pose is less certain, by the errors that all poses of the arm have in common (sag,
 base). Its s.d. is printed as well and written to [plant.errors]. The lines `off by` give the
-difference from the true values, which only a simulation knows.
+difference from the true values, which only a simulation knows, before and after the calibration.
+Poses are in the world, or on the flange for a camera in a hand; orientations are roll, pitch, yaw.
 
 Examples:
   rubik-robot calibrate scenarios/solve.toml
   rubik-robot calibrate scenarios/solve.toml --camera standalone --views 40 --seed 3
   rubik-robot calibrate scenarios/solve.toml -o cameras.toml  # sections to copy into a scenario
 
-Exit codes: 0 every camera is calibrated, 1 a camera is not, 2 wrong usage or scenario.")]
+Keys of the object of --json: seed, and cameras with, for each camera:
+  camera (its name), poses, views (those with a usable picture), sim_time_s (simulated time)
+  focal_px, centre_px, distortion (k1, k2), xyz_mm, rpy_deg, cube_edge_mm, residual_px (r.m.s.)
+  deviations           s.d. of fx, fy, cx, cy (px), k1, k2, the camera's place (m) and orientation
+                       (rad), the cube's place (m) and orientation (rad), the edge (m)
+  camera_deviations_in_truth    s.d. of the absolute pose: place (m), orientation (rad)
+  off_before, off_after    differences from the true values: focal_percent, centre_px, place_mm,
+                       tilt_deg; and of a cube at working distance: lateral_mm, depth_mm
+  sag_mm               mean offset of the moving hand from its pose by the encoders
+  hand_before_mm, hand_after_mm    distance of this hand from where camera and encoders expect it,
+                       across and along the line of sight
+  reason               instead of the results, if the camera is not calibrated
+Exit codes: 0 every camera is calibrated, 1 a camera is not, 2 wrong usage or scenario, 4 system
+error, for example a file that cannot be written.")]
 pub(super) struct CalibrateArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
     /// Calibrate this camera only [default: all cameras]
     #[arg(long)]
     camera: Option<String>,
-    /// Number of poses of the arm for each camera
+    /// Number of poses of the arm for each camera (6 to 200)
     #[arg(long, default_value_t = 30, value_parser = clap::value_parser!(u32).range(6..=200))]
     views: u32,
-    /// Seed of the simulated plant's true errors and noise [default: the scenario's]
-    #[arg(long)]
+    /// Seed of the true errors and noise of the simulated cell
+    /// [default: that of the scenario]
+    #[arg(long, verbatim_doc_comment)]
     seed: Option<u64>,
-    /// Write the calibrated camera sections with their errors to FILE (TOML)
+    /// Write the sections of all cameras, with the new values, to FILE (TOML)
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Print one object of JSON instead of a table
+    /// Print one line of JSON instead of a table
     #[arg(long)]
     json: bool,
 }

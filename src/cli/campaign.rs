@@ -54,17 +54,37 @@ Examples:
   rubik-robot campaign scenarios/solve.toml --soak 8
   rubik-robot campaign scenarios/solve.toml --mix --hours 1
 
-Run i (from 0) has the seed S + i: another cube, hand, light, cell and noise. The simulated plant
-decides whether a run is solved, not the controller. A run that panics or exceeds --limit-s is a
-failure; the report gives the command that repeats it.
+Run i (from 0) has the seed S + i: another cube, hand, light, cell and noise. The plant (the
+simulated cell) decides whether a run is solved, not the controller. A run that panics or exceeds
+--limit-s is a failure. The report has the share of solved runs with its 95 % interval, the spread
+of forces, grasps, turns and times, the mishaps (jams, slips, drops, pops, crushes, collisions), and
+for each failure the command that repeats it.
+A soak runs missions of --soak-seeds seeds in turn, and reports how much the memory grows and
+whether missions of one seed repeat to the bit. Without --at-least all of them must be solved.
+A run of --mix may fail, but it must not report an untrue success, crash, miss a fallen cube, open
+the last hand that holds it, press with more than 100 N, damage the cube, move an arm after a stop,
+or go on for ever (more than 1800 s of simulated time, or --limit-s). For a broken rule the command
+prints the smallest mix that still breaks it, as lines for a scenario.
+
+Keys of the object of --json:
+  build, scenario, seed, asked and runs (number wanted and performed), solved, success (share of the
+  runs), interval (of this share, 95 %), failures (seed, phase, reason, verdict, command), phases
+  (failures in each), without_verdict, mishaps (of each kind), runs_with_mishaps,
+  solved_with_mishaps, recoveries, drops, runs_with_unnoticed_drops, runs_above_force_limit,
+  contact_unknown, plant_hashes; and min, median, p95, p99, max of force_limit_n, peak_force_n,
+  peak_contact_n, grasps, turns, sim_time_s, current_share, heat_share, motor_speed_rad_s,
+  near_person_mm_s, arms_apart_mm
+  --soak: soak_h, runs, solved, failures, tenths (hours, missions, resident_mib, times_real_time,
+  mission_s, drift_s), growth_mib, memory_flat, repeated, repeated_differently, drift_s, steady
+  --mix: ended (number of runs by verdict), broken (seed, rule, set: the value for --set)
 Exit codes: 0 the campaign was performed, with any result; 1 the share of --at-least was not
-reached, or a soak was not steady or had a failed mission; 2 wrong usage, scenario or state file;
-4 system error; 130 interrupted. With --mix: 1 a run broke a rule."
+reached, a soak was not steady or had a failed mission, or a run of --mix broke a rule; 2 wrong
+usage, scenario or state file, or the scenario changed meanwhile; 4 system error; 130 interrupted."
 )]
 pub(super) struct CampaignArgs {
     #[command(subcommand)]
     part: Option<Part>,
-    /// Scenario file (TOML)
+    /// Scenario file (TOML); shipped:solve and shipped:table are built into the program
     #[arg(required = true)]
     scenario: Option<PathBuf>,
     /// Override of a key in all runs, as in control.grip_n=30; repeatable
@@ -81,16 +101,17 @@ pub(super) struct CampaignArgs {
     /// Number of processes at a time [default: the number of cores]
     #[arg(long, value_name = "J", value_parser = clap::value_parser!(u16).range(1..))]
     jobs: Option<u16>,
-    /// Draw values for the keys in FILE at random for each run, as scenarios/vary/cell.toml does
-    #[arg(long, value_name = "FILE")]
+    /// Draw the values of keys at random for each run, from the distributions
+    /// in FILE (TOML), as in scenarios/vary/cell.toml
+    #[arg(long, value_name = "FILE", verbatim_doc_comment)]
     vary: Option<PathBuf>,
-    /// Perform part K of N; campaign merge joins the parts
-    #[arg(long, value_name = "K/N", default_value = "1/1")]
+    /// Perform part K of N (a shard) of the runs; campaign merge joins the state
+    /// files of all shards
+    #[arg(long, value_name = "K/N", default_value = "1/1", verbatim_doc_comment)]
     shard: Shard,
-    /// Save results to FILE and continue from it if it exists
-    ///
-    /// --runs may be larger than before.
-    #[arg(long, visible_alias = "resume", value_name = "FILE")]
+    /// Save each result to FILE (JSON lines); continue from FILE if it exists,
+    /// also with larger --runs than before
+    #[arg(long, visible_alias = "resume", value_name = "FILE", verbatim_doc_comment)]
     state: Option<PathBuf>,
     /// Longest time of a run by the wall clock (s)
     #[arg(long, value_name = "SECONDS", default_value_t = 900,
@@ -98,26 +119,21 @@ pub(super) struct CampaignArgs {
     limit_s: u64,
     #[command(flatten)]
     result: ResultArgs,
-    /// Run missions one after the other in one process for HOURS of simulated time
-    ///
-    /// The soak reports how much the memory grows, and whether missions with the same seed repeat
-    /// exactly. Without --at-least each of its missions must be solved.
-    #[arg(long, value_name = "HOURS",
+    /// Soak: run missions one after the other in one process for HOURS of
+    /// simulated time
+    #[arg(long, value_name = "HOURS", verbatim_doc_comment,
           conflicts_with_all = ["runs", "jobs", "vary", "shard", "state", "output"])]
     soak: Option<f64>,
-    /// Inject a random mix of two to four faults into each run, for --hours, and check safety rules
-    ///
-    /// The rules: a run may fail, but it must never report an untrue success, crash, miss a fallen
-    /// cube, open the last hand that holds it, press with more than 100 N, damage the cube, move an
-    /// arm after a stop, or go on for ever. For a broken rule the command prints the smallest mix
-    /// that still breaks it.
-    #[arg(long, requires = "hours",
+    /// Inject a random mix of two to four faults into each run, and check
+    /// safety rules
+    #[arg(long, requires = "hours", verbatim_doc_comment,
           conflicts_with_all = ["soak", "runs", "vary", "shard", "state", "output", "at_least"])]
     mix: bool,
-    /// Time after which --mix begins no further run
-    #[arg(long, value_name = "HOURS", requires = "mix")]
+    /// Time by the wall clock (h) after which --mix begins no further batch of
+    /// runs, four for each process
+    #[arg(long, value_name = "HOURS", requires = "mix", verbatim_doc_comment)]
     hours: Option<f64>,
-    /// Number of seeds of a soak: its missions take them in turn and repeat them
+    /// Number of seeds of a soak, which its missions take in turn
     #[arg(long, value_name = "N", default_value_t = 4, requires = "soak",
           value_parser = clap::value_parser!(u64).range(1..=1000))]
     soak_seeds: u64,
@@ -126,8 +142,9 @@ pub(super) struct CampaignArgs {
 /// Options of the report.
 #[derive(Debug, Args)]
 pub(super) struct ResultArgs {
-    /// Exit with 1 if a smaller share of the runs is solved [default: no limit]
-    #[arg(long, value_name = "SHARE")]
+    /// Exit with 1 if a smaller share of the runs is solved (0 to 1)
+    /// [default: no limit]
+    #[arg(long, value_name = "SHARE", verbatim_doc_comment)]
     at_least: Option<f64>,
     /// Write the report to FILE (HTML)
     #[arg(short, long, value_name = "FILE")]
@@ -146,10 +163,12 @@ Examples:
   rubik-robot campaign merge 1.jsonl 2.jsonl 3.jsonl 4.jsonl -o report.html
   rubik-robot campaign merge 1.jsonl 2.jsonl --at-least 0.995 --json
 
-Exit codes: 0 the files were merged, 1 the share of --at-least was not reached, 2 a file cannot be
-used.")]
+The report, and the keys of --json, are those of `campaign`. A missing shard is reported, and the
+share of --at-least then counts as not reached.
+Exit codes: 0 the files were merged, 1 the share of --at-least was not reached, 2 wrong usage, or a
+file cannot be used, 4 system error.")]
     Merge {
-        /// State files, one of each shard
+        /// State files that `campaign --state` wrote, one of each shard
         #[arg(required = true)]
         files: Vec<PathBuf>,
         #[command(flatten)]
@@ -488,7 +507,7 @@ impl Campaign {
         let own = new_file::resolve(path).and_then(|path| new_file::open_or_create(&path));
         let mut file = own.map_err(|e| e.to_string())?;
         // The file is locked; the lock is released when this process ends, even if it is killed.
-        if !new_file::is_ours(&file, path) {
+        if !new_file::lock_for_writing(&file, path) {
             return Err("another campaign is writing it: name another file".to_owned());
         }
         match State::read(BufReader::new(&file)) {

@@ -30,27 +30,44 @@ Examples:
   rubik-robot emulate scenarios/hardware.toml --missed 0.001 --lost 0.05 --reordered 0.05
   rubik-robot emulate scenarios/hardware.toml --unplug track.3@20   # disconnect a line at 20 s
 
-The emulator simulates the arms, cameras, force sensors and cube. It ends 3 s after the last command
-of the controller, or by Ctrl-C, and prints what truly happened: forces, slips, the cube at the end.
-Times of faults count from the first command.
+The emulator simulates the arms, cameras, force sensors and cube (the plant), in real time: all
+times are by the wall clock. It prints to stderr how to start the run. It ends 3 s after the last
+command of the controller, or by Ctrl-C, and prints what truly happened: forces, slips, the cube at
+the end.
+
+Keys of the object of --json:
+  task, cube_start, cube_end (54 letters), solved, returned (to the person or the table)
+  turned_deg           angle of the turned layer since both arms hold the cube
+  peak_force_n, peak_torque_nm    largest contact while both arms hold the cube
+  arm_peak_force_n, arm_peak_torque_nm, grasps    largest contact and number of grasps of each arm
+  exertion             current_share, heat_share, motor_speed_rad_s, near_person_mm_s,
+                       arms_apart_mm, as in `run --json`
+  stuck (jams), slips, drops, pops, crushed, collisions, saturations (of force sensors): numbers
+  events               events in the order of time, each [time (s), words]
+  time_s, periods      duration, in s and in periods of 2 ms
+  stalled_periods      periods without processor time
+  orders               commands to axes
 Exit codes: 0 ended, 2 wrong usage or scenario, 3 an effector failed, 4 system error.")]
 pub(super) struct EmulateArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
-    /// Seed of the plant and of the transmission faults [default: the scenario's]
-    #[arg(long, value_name = "N")]
+    /// Seed of the plant and of the transmission faults
+    /// [default: that of the scenario]
+    #[arg(long, value_name = "N", verbatim_doc_comment)]
     seed: Option<String>,
-    /// State of the cube: 54 letters, faces in the order U R F D L B, each face in reading order
-    #[arg(long, value_name = "FACELETS")]
+    /// State of the cube at the start: 54 letters, faces in the order
+    /// U R F D L B, each in reading order
+    /// [default: the scenario's, or drawn by the seed]
+    #[arg(long, value_name = "FACELETS", verbatim_doc_comment)]
     cube: Option<String>,
-    /// Write the list of emulated devices to FILE, from which `run` opens them
-    ///
-    /// Without this option, FILE is the value of the scenario's key `bridge.devices`, and `run`
-    /// finds it there.
-    #[arg(long, value_name = "FILE")]
+    /// Write the list of emulated devices to FILE, from which `run` opens
+    /// them [default: the scenario's bridge.devices, where `run` finds it]
+    #[arg(long, value_name = "FILE", verbatim_doc_comment)]
     devices: Option<PathBuf>,
-    /// Way in which the force sensors send their readings
-    #[arg(long, value_enum, default_value_t = SensorWord::NetFt)]
+    /// Force sensors: net-ft (like an ATI Net F/T sensor, over UDP) or
+    /// controller (like one with a controller box, over a serial line)
+    #[arg(long, value_enum, default_value_t = SensorWord::NetFt, verbatim_doc_comment,
+          hide_possible_values = true)]
     sensors: SensorWord,
     /// Share of axis answers that are not sent (0 to 1)
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
@@ -58,26 +75,26 @@ pub(super) struct EmulateArgs {
     /// Share of axis answers with a wrong bit (0 to 1)
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     corrupt: f64,
-    /// Share of force datagrams that are lost (0 to 1)
+    /// Share of lost force datagrams (0 to 1; net-ft only)
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     lost: f64,
-    /// Share of force datagrams that are sent after the next datagram (0 to 1)
+    /// Share of force datagrams that are one late (0 to 1; net-ft only)
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     reordered: f64,
-    /// Reset an axis controller after S seconds, as in track.3@20 (effector track, axis 3);
-    /// repeatable
-    #[arg(long, value_name = "EFFECTOR.AXIS@S")]
+    /// Reset the controller of an axis S seconds after the first command,
+    /// as in track.3@20: effector track, axis 3 (0: the track); repeatable
+    #[arg(long, value_name = "AXIS@S", verbatim_doc_comment)]
     reset: Vec<String>,
-    /// Disconnect the serial line of an axis after S seconds, as in track.3@20; repeatable
-    #[arg(long, value_name = "EFFECTOR.AXIS@S")]
+    /// Disconnect the serial line of an axis S seconds after the first
+    /// command, as in track.3@20; repeatable
+    #[arg(long, value_name = "AXIS@S", verbatim_doc_comment)]
     unplug: Vec<String>,
-    /// Silence the force sensor of an effector after S seconds, as in track@20; repeatable
-    #[arg(long, value_name = "EFFECTOR@S")]
+    /// Silence the force sensor of an effector (arm with gripper) S seconds
+    /// after the first command, as in track@20; repeatable
+    #[arg(long, value_name = "EFFECTOR@S", verbatim_doc_comment)]
     silence: Vec<String>,
-    /// Let axis controllers follow their last command for ever
-    ///
-    /// By default an axis brakes after 50 ms without a command. This option shows how an arm
-    /// without that watchdog moves on when its controller is killed.
+    /// Let each axis follow its last command for ever, as without a
+    /// watchdog; otherwise it brakes after 50 ms without a command
     #[arg(long, verbatim_doc_comment)]
     no_watchdog: bool,
     /// Continue after the controller has left, until Ctrl-C

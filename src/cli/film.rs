@@ -34,14 +34,17 @@ Examples:
   rubik-robot film run.mcap -o large.gif --width 800
 
 The film shows four scenes: the cube is taken, read, turned and handed back. All cores draw it; a
-wider film takes longer.")]
+wider film takes longer. The line on stdout has the number of pictures, their size (px) and that of
+the file (MB).
+Exit codes: 0 written, 2 wrong usage, the recording cannot be used or lacks a part of a mission, or
+the file cannot be written.")]
 pub(super) struct FilmArgs {
-    /// Recording of a whole mission (MCAP)
+    /// Recording of `run --record` (MCAP) with a whole mission
     recording: PathBuf,
-    /// Write the film to FILE (GIF)
+    /// Write the film to FILE, whose name ends in .gif
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// Width of the film (px); its height is 5/8 of it
+    /// Width of the film (px, 64 to 1280); its height is 5/8 of it
     #[arg(long, default_value_t = 480, value_parser = clap::value_parser!(u32).range(64..=1280))]
     width: u32,
 }

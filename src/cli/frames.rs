@@ -32,20 +32,30 @@ Examples:
   rubik-robot vision accuracy frames
   rubik-robot vision eval frames/manifest.jsonl
 
-Files of the folder:
-  NNNN.png         a frame
-  frames.jsonl     a line for each frame: image, width, height, intrinsics (fx fy cx cy k1 k2 p1 p2
-                   k3), cube_mm, camera_from_cube, and its visible faces: face (U R F D L B),
-                   camera_from_face, corners and centres (px), colours in reading order
-  manifest.jsonl   a line for each visible face, as `vision eval` reads it
+Looks of the frames:
+  drawn    random light, stickers and lens for each frame, with sensor mosaic, blur and reflections
+  studio   even light and noise, without sensor mosaic, blur and reflections
 
-Poses are three rows of four (m). Camera axes are those of OpenCV; cube axes are R = +x, B = +y,
-U = +z; face axes are x towards the next column, y towards the next row, z into the cube.
-Exit codes: 0 rendered, 2 wrong usage or scenario.")]
+Files of the folder:
+  NNNN.png         a frame, numbered from 0000
+  frames.jsonl     a line for each frame: image, width, height, intrinsics (fx fy cx cy k1 k2 p1 p2
+                   k3), cube_mm, camera_from_cube, and faces, the visible ones, the dominant one
+                   first: face (U R F D L B), camera_from_face, corners of the outline and centres
+                   of the tiles ([x, y] in px, clockwise from the top left, in reading order),
+                   colours (nine letters W R G Y O B in reading order)
+  manifest.jsonl   a line for each visible face, as `vision eval` reads it, with more keys: tier (A
+                   the dominant face, B another one, C one with a tile pitch below 14 px), source,
+                   id, width, height, corner_centres, min_pitch_px, n_faces, note
+
+Each sticker has a random colour, so most of the cubes cannot exist. Poses are three rows of four
+(m). Camera axes: x right, y down, z forward. Cube axes: R = +x, B = +y, U = +z. Face axes: x to the
+next column, y to the next row, z into the cube. The line on stdout has the numbers of frames and
+faces.
+Exit codes: 0 rendered, 2 wrong usage or scenario, 4 a file cannot be written.")]
 pub(super) struct RenderArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
-    /// Number of frames
+    /// Number of frames (1 to 100000)
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     poses: u32,
     /// Seed of poses, colours, light and noise
@@ -57,17 +67,19 @@ pub(super) struct RenderArgs {
     /// Name of a camera of the scenario
     #[arg(long, default_value = "standalone")]
     camera: String,
-    /// Width of the face that looks most at the camera, if seen frontally (px)
-    #[arg(long, default_value_t = 100.0, value_parser = positive)]
+    /// Width of the dominant face, which looks most at the camera, if seen
+    /// frontally (px)
+    #[arg(long, default_value_t = 100.0, value_parser = positive, verbatim_doc_comment)]
     width_px: f64,
     /// Largest tilt of this face against the line of sight (deg)
     #[arg(long, default_value_t = 40.0)]
     tilt_deg: f64,
-    /// Standard deviation of the image noise, in levels 0 to 255 [default: plant.noise.image]
-    #[arg(long)]
+    /// Standard deviation of the image noise, in levels of 0 to 255
+    /// [default: the scenario's plant.noise.image]
+    #[arg(long, verbatim_doc_comment)]
     noise: Option<f64>,
-    /// Look of the frames
-    #[arg(long, value_enum, default_value_t = LookWord::Drawn)]
+    /// Look of the frames: drawn or studio
+    #[arg(long, value_enum, default_value_t = LookWord::Drawn, hide_possible_values = true)]
     look: LookWord,
 }
 

@@ -18,12 +18,14 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, Args)]
 pub(super) struct KinematicsArgs {
-    /// Quantity to compute for each row
+    /// Quantity to compute for each row: fk, ik or motors
+    #[arg(hide_possible_values = true)]
     question: Question,
-    /// Name of an effector; the built-in cell has track and postument
-    #[arg(long)]
+    /// Name of an effector (arm with gripper); the built-in cell has track and
+    /// postument
+    #[arg(long, verbatim_doc_comment)]
     arm: String,
-    /// Scenario with the arms and tools [default: the built-in cell]
+    /// Scenario file (TOML) with the arms and tools [default: the built-in cell]
     #[arg(long, value_name = "FILE")]
     scenario: Option<PathBuf>,
     /// No effect: answers are lines of JSON in any case

@@ -32,21 +32,31 @@ Examples:
   rubik-robot vision locate photo.png --fx 600 --fy 600 --cx 319.5 --cy 239.5
   rubik-robot vision locate frames/*.png --fx 1150 --k1 -0.08 --k2 0.02 --json
 
-Keys of an answer with --json:
+Each picture gets a line: the place of the cube's centre (mm; x right, y down, z forward) with
+standard deviations (mm, and deg of rotation), number of faces used, confidence, residual (px); or
+the reason why there is no pose.
+
+Keys of a line of --json:
+  image              name of the picture
   camera_from_cube   pose, three rows of four (m): takes coordinates of the cube to those of the
                      camera (x right, y down, z forward); the origin is the centre of the cube, the
-                     axes are along its edges (any of the 24 ways to name them)
-  camera_from_face   pose of the dominant face: origin in its centre, x to the next column and
-                     y to the next row as read in the picture, z into the cube
+                     axes are those of the dominant face (one of the 24 ways to name them)
+  camera_from_face   pose of the dominant face, the largest in the picture: origin in its centre, x
+                     to the next column and y to the next row as read in the picture, z into the
+                     cube
   covariance         6 x 6, of a small error of camera_from_cube in the camera's axes: x, y, z (m),
                      then rotation about the centre of the cube (rad); it includes noise and model,
                      but no errors of the given optics
+  residual_px        r.m.s. distance of the edges in the picture from those of the pose (px)
   confidence         certainty that the picture shows a cube, 0 to 1
-  other              second pose that fits, if one face alone leaves two
-  faces              faces that were used, the dominant one first
-  reason             reason why there is no pose, in the place of all other keys
-
-Exit codes: 0 every picture gives a pose, 1 a picture does not, 2 a picture cannot be read.")]
+  other              second pose of the cube that fits, if one face alone leaves two; otherwise null
+  faces              faces that were used, the dominant one first: camera_from_face, detected
+                     (false: only its edges support it); if detected also corners of its outline
+                     ([x, y] in px, clockwise from the top left) and colours (nine letters W R G Y O
+                     B in reading order: white, red, green, yellow, orange, blue)
+If there is no pose, the keys are image and reason.
+Exit codes: 0 every picture gives a pose, 1 a picture does not, for example because the principal
+point (--cx, --cy) is outside of it, 2 wrong usage, or a picture cannot be read.")]
 pub(super) struct LocateArgs {
     /// Picture files (PNG, JPEG)
     #[arg(required = true)]
@@ -222,16 +232,28 @@ Examples:
   rubik-robot vision accuracy frames
   rubik-robot vision accuracy frames --focal-error-percent 1
 
-The command locates the cube in each frame of a folder of `vision render` and compares the pose
-with the truth. Lateral errors are across the line of sight, depth errors along it. NEES is the
-squared error over the reported covariance: 6 on average if the covariance is right (5.3 at the
-median, 12.6 at 95 %).
-Exit codes: 0 all frames give a pose, 1 a frame gives none, or one that is wrong by more than
-15 mm, 2 the folder cannot be read.")]
+The command locates the cube in each frame of a folder of `vision render`, as `vision locate` does,
+and compares the pose with the truth. The table has the r.m.s. and the 95 % quantile (p95) of errors
+of place (mm): lateral ones are across the line of sight, depth errors along it. The dominant face
+is the largest in the picture. NEES (normalised estimation error squared) is the squared error over
+the reported covariance: 6 on average if the covariance is right (5.3 at the median, 12.6 at 95 %).
+Then come the frames without a right pose, each with the reason.
+
+Keys of the object of --json:
+  frames (their number), focal_error_percent
+  face_centre, cube_centre_one_face, cube_centre_several_faces   errors of the dominant face's
+                       centre, and of the cube's in frames of one or of several faces: frames,
+                       lateral_rms_mm, lateral_p95_mm, depth_rms_mm, depth_p95_mm
+  rotation_rms_deg, nees_mean, nees_median, nees_p95
+  median_ms            time of a frame by the wall clock, with detection
+  misses               frames without a right pose, each with the reason
+Errors without a frame are null.
+Exit codes: 0 all frames give a pose, 1 a frame gives none, or one that is wrong by more than 15 mm,
+or there is no frame, 2 wrong usage, or the folder cannot be read.")]
 pub(super) struct AccuracyArgs {
     /// Folder that `vision render` wrote
     folder: PathBuf,
-    /// Error to add to the focal lengths of the camera before locating (%)
+    /// Error to add to the focal lengths before locating (%)
     #[arg(long, value_name = "PERCENT", default_value_t = 0.0, allow_hyphen_values = true)]
     focal_error_percent: f64,
     /// Print one object of JSON instead of a table

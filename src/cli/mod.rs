@@ -75,6 +75,10 @@ Try these commands, in this order:
   rubik-robot doctor                                      # is this machine fit for real time?
   rubik-robot help run                                    # options and examples of a command
 
+A scenario is a file that describes the cell and the task. The plant is the simulated cell. An
+effector is an arm with its gripper; the built-in cell has two, track and postument. A cube is 54
+letters, nine for each of the faces U R F D L B, in this order and each in reading order: row by row
+from the top, each row from the left. A letter names the face whose centre has the colour.
 Exit codes: 0 done, 1 the task failed or was aborted, 2 wrong usage or scenario, 3 an effector
 failed, 4 system error, 130 interrupted by a signal.
 The environment variable RUST_LOG=rubik_robot=debug makes a run log its inner steps to stderr.";
@@ -107,30 +111,47 @@ Examples:
   rubik-robot check scenarios/solve.toml --set control.grip_n=5
   rubik-robot check scenarios/solve.toml --set 'effector.track.tool_xyz_mm=[0,0,260]'
 
-Each error is printed with file, line and column.
-Exit codes: 0 the scenario is valid, 2 it has an error.")]
+A valid scenario gets one line: task, coordination, effectors, numbers of cameras and sensors, seed.
+Otherwise all errors go to stderr, those of the file with its line and column. Devices of hardware
+are not examined: `rubik-robot doctor` does that.
+Exit codes: 0 the scenario is valid, 2 it has an error or cannot be read.")]
     Check(ScenarioArgs),
     /// List the keys of scenarios with unit, default, range and meaning
     #[command(after_help = "\
 Examples:
   rubik-robot keys                 # all keys
   rubik-robot keys plant.errors    # the keys of a section
-  rubik-robot keys grip            # the keys with a word in their name")]
+  rubik-robot keys grip            # the keys with a word in their name
+
+Each key has two lines: its name and default; its meaning, and in parentheses type and range. The
+name ends with the unit, if there is one: grip_n (N), edge_mm (mm), period_ms (ms).
+Exit codes: 0 listed, 2 no key has the word in its name.")]
     Keys {
-        /// Part of a key's name [default: all keys]
+        /// Part of a key's name, in lower case [default: all keys]
         word: Option<String>,
     },
     /// Compute the kinematics of an arm for rows of numbers on stdin
     #[command(after_help = "\
-Rows are CSV, in rad and m. A row of `fk` or `motors` has the joint positions: q1 to q6, and for an
-arm on a track its position d0 before them. A row of `ik` has 12 numbers of the pose base_from_tool
-(the upper three rows of its 4 x 4 matrix, row by row), then the current joint positions.
-Each row is answered by one line of JSON, a wrong row by {\"error\": ...}.
+Rows are CSV; angles are in rad, lengths in m. Joint positions are q1 to q6, and for an arm on a
+track its position d0 (m) before them. Each row gets one line of JSON; empty rows and those that
+begin with # get none.
+  fk      row: joint positions
+          keys: base_from_flange, base_from_tool (poses of flange and tool in the frame of the
+          base, each the upper three rows of a 4 x 4 matrix), limits
+  ik      row: the 12 numbers of the pose base_from_tool, row by row, then the current joint
+          positions
+          keys: joints (joint positions near the current ones), limits
+  motors  row: joint positions
+          keys: motors (motor positions in rad, in the order of the joints), limits
+limits lists the limits of joints and motors that the answer exceeds, in words. The only key of the
+answer to a wrong row, or to a pose out of reach, is error.
 
 Examples:
   echo 0,-1.57,0,1.56,1.57,-1.57 | rubik-robot kinematics fk --arm postument
   echo 0.2,0,-1.57,0,1.56,1.57,-1.57 | rubik-robot kinematics motors --arm track
-  rubik-robot kinematics ik --arm postument < rows.csv")]
+  rubik-robot kinematics ik --arm postument < rows.csv
+
+Exit codes: 0 all rows are answered, some perhaps by an error, 2 wrong usage or scenario.")]
     Kinematics(kinematics::KinematicsArgs),
     /// Solve cubes in few face turns, or in the fewest
     #[command(after_help = "\
@@ -142,9 +163,22 @@ Examples:
   rubik-robot solve --budget-ms 1000 --threads 2 --scramble \"R U F2 D' L B\"
   rubik-robot scramble --count 5 --facelets | rubik-robot solve -
 
-Answers are printed in the order of the cubes. A cube that is refused is answered by the reason.
-Exit codes: 0 all cubes are solved, 1 no solution of a cube was found within the limits, 2 a cube
-was refused.")]
+Modes of the search:
+  first      first solution of the two-phase search
+  two-phase  shortest solution of the two-phase search within the budget
+  korf       proven shortest solution, by Korf's pattern databases: slow from 17 turns on
+  optimal    proven shortest solution, by one large table
+  robot      solution that takes the two arms the least time, among many of the two-phase search
+
+A cube is answered by the turns of its solution, their number (a half turn counts one), and the
+states searched; a cube of stdin by a line of turns and (number), in the order of the cubes. A cube
+without an answer gets the reason, and the smallest repair if it cannot exist.
+
+Keys of an answer with --json: cube (54 letters), solution (turns), length (their number), optimal
+(proven to be a shortest solution), nodes (states searched), time_s (by the wall clock); without a
+solution: cube (as given), error (kind, message, where, and repair if there is one).
+Exit codes, the largest of all cubes: 0 solved, 1 no solution was found within the limits, 2 wrong
+usage, or a cube was refused.")]
     Solve(solve::SolveArgs),
     /// Plan the grasps and turns of both arms for a cube
     #[command(after_help = "\
@@ -153,16 +187,36 @@ Examples:
   rubik-robot plan DRLUUBFBRBLURRLRUBLRDDFDLFUFUFFDBRDUBRUFLLFDDBFLUBLRBD --rule strict --json
   rubik-robot scramble --seed 7 --facelets | xargs rubik-robot plan --explain
 
-The plan is compared with one by the rule of the original robot of 2007. It is for the built-in
-cell, or for that of --scenario: its reach, speeds and grippers.
-Exit codes: 0 planned, 1 there is no plan, 2 the cube was refused.")]
+The plan is for the reach, speeds and grippers of the cell. A grasp closes the jaws of a hand (a
+gripper) on the cube; a hand-over is a grasp that no turn follows. Rules of the planner:
+  original   rule of the original robot (2007): two grasps for each turn, four if the face is
+             opposite to that of the turn before
+  strict     palms touch the cube: only hands on opposite faces can turn a layer
+  clearance  palms keep a distance from the cube: hands on adjacent faces can turn a layer as well
+
+The command prints turns, grasps, hand-overs and expected robot time of the plan and, for
+comparison, of the shortest solution by the rule original; then the turns of the plan.
+
+Keys of the object of --json:
+  cube, rule, solution (turns), turns, grasps, hand_overs (numbers), robot_time_s (expected)
+  steps        what the hands do, why, and seconds (expected), for each step
+  identification_hand_overs   hand-overs that reading the faces takes before the plan
+  time_s       computing time by the wall clock (s)
+  baseline     solution, turns, grasps, hand_overs, robot_time_s of the comparison; or error
+  error        for a cube that is refused: kind, message, where, repair, as with `solve --json`
+Exit codes: 0 planned, 1 there is no plan (nothing on stdout), 2 wrong usage or scenario, or the
+cube was refused.")]
     Plan(plan::PlanArgs),
     /// Draw random cubes, all equally likely, and print the turns that produce them
     #[command(after_help = "\
 Examples:
   rubik-robot scramble
   rubik-robot scramble --seed 7 --json
-  rubik-robot scramble --count 1000 --seed 1 --facelets > cubes.txt")]
+  rubik-robot scramble --count 1000 --seed 1 --facelets > cubes.txt
+
+Without --facelets a line has the turns that make the cube from a solved one, as in R U2 F'.
+Keys of a line of --json: cube (54 letters), scramble (turns), length (their number), seed.
+Exit codes: 0 printed, 2 wrong usage.")]
     Scramble(solve::ScrambleArgs),
     /// Build, list, verify and remove the tables of the solver
     #[command(after_help = "\
@@ -174,7 +228,11 @@ Examples:
   RUBIK_ROBOT_TABLES=/data/tables rubik-robot tables build
 
 `rubik-robot solve` builds the tables that its mode needs by itself, except phase1-large and
-phase2-large: only `tables build` builds these. They make two-phase search faster.")]
+phase2-large: only `tables build` builds these. They make two-phase search faster.
+A line has the name of a table, its size, its state and its purpose.
+Keys of a line of --json: name, bytes (size), ok (whether the action succeeded), state, purpose,
+path (file of the table).
+Exit codes: 0 done, 1 the action failed for a table, 2 wrong usage.")]
     Tables(tables::TablesArgs),
     /// Find cubes in pictures, read their colours, and measure the accuracy
     Vision(vision::VisionArgs),
@@ -200,13 +258,16 @@ Examples:
 
 An editor with a TOML language server (taplo, Even Better TOML) checks and completes the keys of a
 scenario whose first line is
-  #:schema ./scenario.schema.json")]
+  #:schema ./scenario.schema.json
+Exit code: 0.")]
     Schema,
     /// Print a script with which a shell completes commands and options
     #[command(after_help = "\
 Examples:
   rubik-robot completions bash > ~/.local/share/bash-completion/completions/rubik-robot
-  rubik-robot completions fish > ~/.config/fish/completions/rubik-robot.fish")]
+  rubik-robot completions fish > ~/.config/fish/completions/rubik-robot.fish
+
+Exit codes: 0 printed, 2 wrong usage.")]
     Completions {
         /// Name of the shell
         shell: clap_complete::Shell,
@@ -215,9 +276,12 @@ Examples:
     #[command(after_help = "\
 Examples:
   rubik-robot man > rubik-robot.1
-  rubik-robot man run | man -l -")]
+  rubik-robot man run | man -l -
+
+The page is text for troff. That of a command with subcommands lists these.
+Exit codes: 0 printed, 2 there is no such command.")]
     Man {
-        /// Name of a command [default: the program]
+        /// Name of a command, not of a subcommand [default: the program]
         command: Option<String>,
     },
     /// Draw the cell of a scenario, or the view of one of its cameras

@@ -21,20 +21,22 @@ Examples:
   rubik-robot picture scenarios/solve.toml  # cell.png: the cell from outside
   rubik-robot picture scenarios/solve.toml --camera standalone --out view.png
 
-The picture shows the cell before a run: the arms at their start, and the cube in its place.")]
+The picture shows the cell before a run: the arms at their start, and the cube in its place. The
+view of a camera has the size of the camera's pictures. The line on stdout has name and size (px).
+Exit codes: 0 drawn, 2 wrong usage or scenario, or the file cannot be written.")]
 pub(super) struct PictureArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
     /// Write the picture to FILE, as PNG or JPEG by its ending
     #[arg(long, value_name = "FILE", default_value = "cell.png")]
     out: PathBuf,
-    /// Draw the view of this camera instead of the cell from outside
+    /// Name of a camera: draw its view instead of the cell from outside
     #[arg(long)]
     camera: Option<String>,
-    /// Width of the view of the whole cell (px)
+    /// Width of the view from outside (px, 16 to 4096)
     #[arg(long, default_value_t = 1280, value_parser = clap::value_parser!(u32).range(16..=4096))]
     width: u32,
-    /// Height of the view of the whole cell (px)
+    /// Height of the view from outside (px, 16 to 4096)
     #[arg(long, default_value_t = 800, value_parser = clap::value_parser!(u32).range(16..=4096))]
     height: u32,
 }

@@ -21,24 +21,20 @@ use std::time::{Duration, Instant};
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Args)]
 pub(super) struct PlanArgs {
-    /// State of the cube: 54 letters, faces in the order U R F D L B, each face in reading order
+    /// State of the cube: 54 letters, faces in the order U R F D L B, each in reading order
     cube: String,
-    /// Rule that says how both hands may hold the cube at the same time, and which layers they can
-    /// turn then
-    ///
-    /// The default is the rule of the cell's grippers.
-    #[arg(long, value_enum)]
+    /// Rule of the planner (below) for holding the cube with both hands and turning
+    /// layers: original, strict or clearance [default: that of the grippers]
+    #[arg(long, value_enum, verbatim_doc_comment, hide_possible_values = true)]
     rule: Option<RuleWord>,
-    /// Time limit of the planner (ms) [default: none, but limits from the scenario]
-    ///
-    /// Those limits are the keys planner.node_budget (states to search) and planner.candidates
-    /// (solutions to compare).
-    #[arg(long, value_name = "N")]
+    /// Time limit of the planner by the wall clock (ms) [default: none, but the
+    /// keys planner.node_budget (states) and planner.candidates (solutions)]
+    #[arg(long, value_name = "N", verbatim_doc_comment)]
     budget_ms: Option<u64>,
-    /// Print each step with its hands, time and reason
+    /// Print each step of the plan first, with its start (s), hands and reason
     #[arg(long)]
     explain: bool,
-    /// Scenario with cell, grippers and speeds [default: the built-in cell]
+    /// Scenario file (TOML) with the cell [default: the built-in cell]
     #[arg(long, value_name = "FILE")]
     scenario: Option<PathBuf>,
     /// Print one line of JSON

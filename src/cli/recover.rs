@@ -19,8 +19,10 @@ Examples:
   rubik-robot report whole.mcap -o report.html
 
 The new file has everything that is not damaged, up to the cut if there is one, and an index, so
-that any tool opens it. A damaged chunk, about a second of the run, is left out.
-Exit codes: 0 repaired, 1 no message can be read, 2 wrong usage, or a file cannot be opened.")]
+that any tool opens it. A damaged chunk, about a second of the run, is left out. A line on stderr
+has the number of messages, their duration by the time of the recording (s), and the damage.
+Exit codes: 0 repaired, 1 no message can be read, 2 wrong usage, or a file cannot be opened or
+written, 4 system error.")]
 pub(super) struct RecoverArgs {
     /// Recording (MCAP)
     recording: PathBuf,

@@ -31,28 +31,39 @@ Examples:
 
 --verify runs the whole controller again on the recorded inputs: readings of the hardware (encoders,
 currents, switches), answers of the virtual sensors, inputs of the operator. Each motion command and
-each command to a drive must be equal, to the bit. Of a run on the wall clock only the servos run
+each command to a drive must be equal, to the bit. After a run on the wall clock only the servos run
 again, with the recorded commands, missed periods and stops as inputs: the time at which a command
-reached its servo depended on threads.
+reached its servo depended on threads. The command reports if a part could not be compared: a
+recording that is cut off, damaged or has gaps, or an injected fault of an actor or of the clock.
+Without --verify and without a UI the phases and messages are printed to stderr at once, with their
+simulated times (s).
 
-Exit codes: 0 everything that was compared is equal, 1 a value differs, 2 the recording cannot be
-used (for example that of a resumed run) or nothing was compared. The command reports if a part
-could not be compared: a recording that is cut off, damaged or has gaps, or an injected fault of an
-actor or of the clock.")]
+Keys of the object of --json:
+  same               whether all that was compared is equal
+  compared           number of equal servo ticks (one of one arm in a period of 2 ms)
+  not_compared       number of other ticks; at least 1 if the comparison ended early
+  whole_controller   whether all actors ran again; otherwise the servos only
+  first_difference   period, who (the actor), field, recorded, now; or null
+  ended              reason why the comparison ended before the run, or null
+  cut                why the file is cut off or damaged, or null
+Exit codes: 0 everything that was compared is equal, or the recording was shown; 1 a value differs;
+2 wrong usage, the recording cannot be used (for example that of a resumed run) or nothing was
+compared; 4 system error.")]
 pub(super) struct ReplayArgs {
-    /// Recording (MCAP)
+    /// Recording of `run --record` (MCAP)
     recording: PathBuf,
     /// Run the controller again and compare it with the recording
     #[arg(long)]
     verify: bool,
-    /// Verify a recording of another version as well
+    /// Verify a recording of another version of the program as well
     #[arg(long)]
     force: bool,
     /// Print the result of --verify as one line of JSON
     #[arg(long)]
     json: bool,
-    /// Speed of the replay as a multiple of real time; 0: no limit
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    /// Speed of the replay as a multiple of real time, 0.01 or more;
+    /// 0: no limit
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, verbatim_doc_comment)]
     speed: f64,
     #[command(flatten)]
     ui: UiArgs,

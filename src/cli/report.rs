@@ -22,9 +22,11 @@ Examples:
   rubik-robot report run.mcap -o report.html
 
 The page has the verdict, figures, curves, pictures and the plan. It needs no other files: it can be
-mailed, printed and archived.")]
+mailed, printed and archived. If the recording is damaged, it covers the part that can be read, and
+a message on stderr says so.
+Exit codes: 0 written, 2 wrong usage, the recording cannot be used, or FILE cannot be written.")]
 pub(super) struct ReportArgs {
-    /// Recording (MCAP)
+    /// Recording of `run --record` (MCAP)
     recording: PathBuf,
     /// Write the report to FILE (HTML)
     #[arg(short, long, value_name = "FILE")]

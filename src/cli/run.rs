@@ -34,22 +34,30 @@ Examples:
   rubik-robot run scenarios/solve.toml
   rubik-robot run scenarios/solve.toml --seed 7 --set coordination=continuous
   rubik-robot run shipped:solve --cube UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB
-  rubik-robot run scenarios/solve.toml --pace real-time
   rubik-robot run scenarios/idle.toml --pace real-time --require-rt
   rubik-robot run scenarios/face_turn.toml --set control.force_sign=-1  # wrong sign: it fails
   rubik-robot run scenarios/solve.toml --ui web --wait --speed 5        # watch it in a browser
-  rubik-robot run scenarios/idle.toml --ui web                          # jog an arm
   rubik-robot run scenarios/solve.toml --json | tail -1                 # the summary for a program
   rubik-robot run scenarios/solve.toml --world cell.json                # kill it at any moment,
   rubik-robot run scenarios/solve.toml --world cell.json --resume       # then continue it
   rubik-robot run scenarios/solve.toml --record run.mcap                # for report and replay
 
-Progress is printed to stderr, the summary to stdout; with --json the last line of stdout is one
-JSON object.
-At a terminal the operator's page is served at the printed address and stays after the run.
-shipped:solve is the scenario that is built into the program.
---ui tui shows the run in the terminal instead, --ui none shows no UI.
-With a UI the task idle waits for commands of its operator until the operator ends it: exit code 0.
+The plant is the simulated cell, an effector an arm with its gripper. Progress goes to stderr, the
+summary to stdout: verdict, simulated times, forces, accidents, cube. At a terminal the operator's
+page is served at the printed address, which includes a token that the page needs, and stays after
+the run. With a UI the task idle waits for commands until its operator ends it: exit code 0.
+
+Keys of the object of --json (null: not known, as figures of the plant on hardware):
+  outcome (solved, failed, aborted), reason, ended_by (task, operator, interrupt, fatal, system),
+  task, seed, cube_start, cube_end, identified (the cube as read), solution (turns of the first
+  plan), expected_s, executed, turns, grasps, recoveries, sim_time_s, wall_time_s, phases (name,
+  sim_time_s, wall_time_s), peak_force_n, peak_torque_nm, sensors (effector, force_n, torque_nm,
+  felt_force_n, felt_torque_nm: the largest at a tool, true and measured), exertion (current_share,
+  heat_share, motor_speed_rad_s, near_person_mm_s, arms_apart_mm), jams, slips, drops,
+  drops_noticed, late_drops, pops, crushed, collisions, violations (let_fall, restarts,
+  moved_after_stop), accidents (time_s, what), returned, turned_deg, force_limit_n, clearance_mm,
+  hash, servo_hash, plant_hash; if there is one: fault, remedy, untrue, last_second, uncalibrated
+docs/operating.md explains the rows of the summary, which the keys follow.
 Exit codes: 0 done, 1 the task failed or was aborted, 2 wrong usage or scenario, 3 an effector
 failed, 4 system error, 130 interrupted by a signal.")]
 #[allow(
@@ -59,20 +67,22 @@ failed, 4 system error, 130 interrupted by a signal.")]
 pub(super) struct RunArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
-    /// Seed of the plant: cube, hand, errors and noise [default: the scenario's]
-    #[arg(long, value_name = "N")]
+    /// Seed of the plant: cube, person's hand, errors and noise
+    /// [default: that of the scenario]
+    #[arg(long, value_name = "N", verbatim_doc_comment)]
     seed: Option<String>,
-    /// State of the cube: 54 letters, faces in the order U R F D L B, each face in reading order
-    #[arg(long, value_name = "FACELETS")]
+    /// State of the cube at the start: 54 letters, faces in the order U R F D L B,
+    /// each in reading order [default: the scenario's, or drawn by the seed]
+    #[arg(long, value_name = "FACELETS", verbatim_doc_comment)]
     cube: Option<String>,
-    /// Clock of the run
-    ///
-    /// The default is that of the scenario.
-    #[arg(long, value_enum)]
+    /// Clock of the run: virtual (simulated time, as fast as --speed allows;
+    /// repeatable to the bit) or real-time (the clock of the computer)
+    /// [default: that of the scenario]
+    #[arg(long, value_enum, verbatim_doc_comment, hide_possible_values = true)]
     pace: Option<PaceWord>,
-    /// Refuse to run unless all real-time rights are granted, which `rubik-robot doctor` checks
-    /// (with --pace real-time)
-    #[arg(long)]
+    /// With --pace real-time: refuse to run unless all real-time rights are
+    /// granted, which `rubik-robot doctor` checks
+    #[arg(long, verbatim_doc_comment)]
     require_rt: bool,
     /// Record the run to FILE (MCAP), for replay, report and ROS 2 tools
     #[arg(long, value_name = "FILE")]
@@ -82,8 +92,9 @@ pub(super) struct RunArgs {
     /// Wait for the operator's start: the page's button, or s and Enter
     #[arg(long)]
     wait: bool,
-    /// Speed of simulated time as a multiple of real time, 0.01 or more; 0: no limit
-    #[arg(long, value_name = "FACTOR", default_value_t = 0.0)]
+    /// Highest speed of simulated time as a multiple of real time, 0.01 or more;
+    /// 0: no limit
+    #[arg(long, value_name = "FACTOR", default_value_t = 0.0, verbatim_doc_comment)]
     speed: f64,
     #[command(flatten)]
     ui: UiArgs,
@@ -98,19 +109,16 @@ pub(super) struct RunArgs {
 /// Files that outlive the run.
 #[derive(Debug, Args)]
 struct KeepArgs {
-    /// Write to FILE the journal with which --resume can continue the run
-    ///
-    /// With --world the default is WORLD.journal. The journal of an interrupted run is not
-    /// overwritten: resume that run with --resume, or name another file.
+    /// Write to FILE the journal with which --resume can continue the run; that of
+    /// an interrupted run is not overwritten
+    /// [default: with --world its FILE with .journal appended, otherwise none]
     #[arg(long, value_name = "FILE", verbatim_doc_comment)]
     journal: Option<PathBuf>,
-    /// Save the state of the simulated plant to FILE
-    ///
-    /// A real cell keeps its state by itself. FILE.lock beside it keeps other runs from using FILE
-    /// meanwhile, and is not removed.
+    /// Save the state of the plant to FILE, as a real cell keeps its state;
+    /// FILE.lock keeps other runs from using FILE, and is not removed
     #[arg(long, value_name = "FILE", verbatim_doc_comment)]
     world: Option<PathBuf>,
-    /// Continue the interrupted run of --journal (and --world)
+    /// Continue the interrupted run of --world and --journal; task solve only
     #[arg(long)]
     resume: bool,
 }

@@ -24,40 +24,40 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Args)]
 pub(super) struct SolveArgs {
-    /// Cube: 54 letters, faces in the order U R F D L B, each in reading order; - for stdin
-    ///
-    /// Stdin has one cube per line. A cube may also have six lines of 9 letters, or the lines of a
-    /// net (3 of 3, 3 of 12 with L F R B, 3 of 3). Blanks do not count. Instead of faces the
-    /// letters may be colours (w r o y g b): each stands for the face whose centre has it.
-    #[arg(required_unless_present = "scramble", conflicts_with = "scramble")]
+    /// Cube: 54 letters, faces in the order U R F D L B, each in reading order; - for
+    /// stdin, with a cube in a line, in six lines of 9, or in a net (3 lines of 3, 3 of
+    /// 12 with L F R B, 3 of 3); blanks do not count; letters may also be colours
+    /// (w r o y g b): each stands for the face whose centre has it
+    #[arg(required_unless_present = "scramble", conflicts_with = "scramble", verbatim_doc_comment)]
     cube: Option<String>,
-    /// Scramble to solve: the moves that scramble a solved cube
-    ///
-    /// Moves are turns of faces (U R F D L B), of two layers (Rw or r), of slices (M E S) and of
-    /// the whole cube (x y z), each also with 2 or '.
-    #[arg(long, value_name = "MOVES")]
+    /// Cube as the moves that make it from a solved one: turns of faces
+    /// (U R F D L B), of two layers (Rw or r), of slices (M E S) and of the
+    /// whole cube (x y z), each also with 2 or '
+    #[arg(long, value_name = "MOVES", verbatim_doc_comment)]
     scramble: Option<String>,
-    /// Kind of search
-    #[arg(long, value_enum, default_value_t = Mode::TwoPhase)]
+    /// Mode of the search (below): first, two-phase, korf, optimal or robot
+    #[arg(long, value_enum, default_value_t = Mode::TwoPhase, hide_possible_values = true)]
     mode: Mode,
-    /// Stop at the first solution of at most N turns
-    #[arg(long, value_name = "N")]
+    /// Stop at the first solution of at most N turns (not with robot); if none is
+    /// found, a longer one counts with first or two-phase and a budget
+    #[arg(long, value_name = "N", verbatim_doc_comment)]
     max_length: Option<u8>,
-    /// Time limit for a cube (ms); prints the best solution found until then
-    #[arg(long, value_name = "N", conflicts_with = "budget_nodes")]
+    /// Time limit for a cube by the wall clock (ms); the best solution until then
+    /// counts [default: none]
+    #[arg(long, value_name = "N", conflicts_with = "budget_nodes", verbatim_doc_comment)]
     budget_ms: Option<u64>,
     /// Greatest number of states to search; the result is the same each time
-    /// [default in two-phase: 500000, unless another limit is given]
-    #[arg(long, value_name = "N")]
+    /// [default: 500000 with two-phase and robot, unless another limit is given;
+    /// otherwise none]
+    #[arg(long, value_name = "N", verbatim_doc_comment)]
     budget_nodes: Option<u64>,
-    /// Number of threads [default: number of cores that this process may use]
-    ///
-    /// With --budget-ms, and for a shortest solution, all threads search for one cube. Otherwise
-    /// each thread solves a cube of its own.
+    /// Number of threads: each solves a cube of its own, but all search for one
+    /// cube with korf, optimal, and two-phase with --budget-ms
+    /// [default: number of cores that this process may use]
     #[arg(long, value_name = "N", verbatim_doc_comment,
           value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
-    /// Goal instead of the solved cube: 54 letters, faces in the order U R F D L B
+    /// Goal instead of the solved cube: 54 letters, as those of the cube
     #[arg(long, value_name = "FACELETS")]
     to: Option<String>,
     /// Print one line of JSON for each cube
@@ -70,7 +70,7 @@ pub(super) struct SolveArgs {
 #[allow(clippy::doc_markdown, reason = "these comments are the help text")]
 #[derive(Debug, Args)]
 pub(super) struct ScrambleArgs {
-    /// Seed of the first cube [default: a random one]
+    /// Seed of the first cube; the next cubes have the next seeds [default: a random one]
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
     /// Number of cubes; each gets a line of output
@@ -79,7 +79,7 @@ pub(super) struct ScrambleArgs {
     /// Print the cubes as 54 letters instead of turns that make them
     #[arg(long)]
     facelets: bool,
-    /// Print one line of JSON for each cube: cube, scramble, length, seed
+    /// Print one line of JSON for each cube
     #[arg(long)]
     json: bool,
     #[command(flatten)]

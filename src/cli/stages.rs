@@ -29,10 +29,10 @@ pub(super) struct StagesArgs {
     /// Picture files (PNG, JPEG)
     #[arg(required = true)]
     images: Vec<PathBuf>,
-    /// Write a picture of each stage of the image processing to FOLDER
+    /// Write a picture of each stage to FOLDER (PNG), which is created
     #[arg(short, long, value_name = "FOLDER")]
     out: Option<PathBuf>,
-    /// Focal length along x (px), to compute the pose of the square
+    /// Focal length along x (px), for the pose of the face [default: no pose]
     #[arg(long, value_parser = positive)]
     fx: Option<f64>,
     /// Focal length along y (px) [default: that along x]

@@ -34,7 +34,7 @@ pub(super) struct TablesArgs {
     action: Action,
     #[command(flatten)]
     folder: Folder,
-    /// Number of threads [default: number of cores]
+    /// Number of threads [default: number of cores that this process may use]
     #[arg(long, value_name = "N", global = true)]
     threads: Option<usize>,
     /// Print one line of JSON for each table
@@ -53,6 +53,8 @@ Examples:
   rubik-robot tables list
   rubik-robot tables list --json
 
+The lines and the keys of --json are those of `rubik-robot tables --help`.
+The last line without --json is the folder.
 Exit codes: 0 listed, 1 a built table cannot be used, 2 wrong usage.")]
     List(Names),
     /// Verify the checksums of the tables and count their entries by value
@@ -61,7 +63,9 @@ Examples:
   rubik-robot tables verify
   rubik-robot tables verify phase2
 
-Entries are distances in turns; some tables keep them modulo 3, or how each turn changes them.
+The state of a sound table has the number of entries of each value, from 0. Entries are distances in
+turns; some tables keep them modulo 3, or how each turn changes them.
+The lines and the keys of --json are those of `rubik-robot tables --help`.
 Exit codes: 0 no table is damaged (one that is not built counts as sound), 1 a table is damaged,
 2 wrong usage.")]
     Verify(Names),
@@ -71,6 +75,7 @@ Examples:
   rubik-robot tables remove
   rubik-robot tables remove phase1-large
 
+The lines and the keys of --json are those of `rubik-robot tables --help`.
 Exit codes: 0 removed, 1 a file cannot be removed, 2 wrong usage.")]
     Remove(Names),
 }
@@ -85,6 +90,7 @@ Examples:
   rubik-robot tables build phase1-large phase2-large
   rubik-robot tables build --threads 4
 
+The lines and the keys of --json are those of `rubik-robot tables --help`.
 Exit codes: 0 built, 1 a table cannot be written to the folder, 2 wrong usage.",
         bytes as f64 * 1e-9
     )
@@ -93,7 +99,7 @@ Exit codes: 0 built, 1 a table cannot be written to the folder, 2 wrong usage.",
 /// Tables of a subcommand.
 #[derive(Debug, Args)]
 struct Names {
-    /// Names of tables [default: all]
+    /// Names of tables, as `tables list` prints them [default: all]
     #[arg(value_name = "NAME")]
     names: Vec<String>,
 }

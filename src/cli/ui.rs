@@ -29,20 +29,17 @@ const LOCALHOST: &str = "localhost";
 /// Options of the commands that show a run.
 #[derive(Debug, Clone, Args)]
 pub(super) struct UiArgs {
-    /// Kind of the operator's UI
-    ///
-    /// The default is web at a terminal, and none otherwise.
-    #[arg(long, value_enum, value_name = "UI")]
+    /// Operator's UI: web (a page in the browser), tui (a text UI in this
+    /// terminal, also over ssh) or none (lines of text on stderr)
+    /// [default: web at a terminal, otherwise none]
+    #[arg(long, value_enum, value_name = "UI", verbatim_doc_comment, hide_possible_values = true)]
     pub(super) ui: Option<UiKind>,
     /// Address of the page: ADDRESS:PORT, an address (also localhost), or a port
-    ///
-    /// The default is 127.0.0.1 and a free port from 8780 on. The printed address includes a token,
-    /// without which the page shows and commands nothing.
+    /// [default: 127.0.0.1 and the first free port from 8780 to 8789]
     #[arg(long, value_name = "ADDR", verbatim_doc_comment)]
     pub(super) listen: Option<String>,
-    /// Name by which browsers reach the page through a proxy: NAME or NAME:PORT
-    ///
-    /// Repeat it for several names. An ssh tunnel to a loopback name needs none.
+    /// Name by which browsers reach the page through a proxy: NAME or NAME:PORT;
+    /// repeatable; an ssh tunnel to a loopback name needs none
     #[arg(long, value_name = "NAME", verbatim_doc_comment)]
     pub(super) host: Vec<HostName>,
 }

@@ -17,12 +17,14 @@ Examples:
   rubik-robot urdf --scenario scenarios/table.toml
 
 Links, axes and ranges are those of the controller. Masses, inertias, efforts and speeds are those
-of the simulated arms. Shapes are boxes and cylinders.")]
+of the simulated arms. Shapes are boxes and cylinders. Units are those of URDF: m, kg, rad, s, N.
+Exit codes: 0 printed, 2 wrong usage or scenario.")]
 pub(super) struct UrdfArgs {
-    /// Print only the effector with this name; the built-in cell has `track` and `postument`
-    #[arg(long)]
+    /// Print only the effector (arm with gripper) with this name; the built-in cell
+    /// has track and postument [default: the whole cell]
+    #[arg(long, verbatim_doc_comment)]
     arm: Option<String>,
-    /// Scenario with the cell [default: the built-in cell]
+    /// Scenario file (TOML) with the cell [default: the built-in cell]
     #[arg(long, value_name = "FILE")]
     scenario: Option<PathBuf>,
 }

@@ -15,18 +15,27 @@ use clap::Args;
 #[command(after_help = "\
 The tool is all that the force sensor in the wrist carries: the gripper, which must be empty and
 free of contact. The arm turns its wrist by up to 150 deg where it is, and reads the sensor in
-several orientations.
+several orientations. Progress goes to stderr, the result to stdout; its last lines are keys to
+paste into the scenario, below the [[effector]] of this name.
 
 Examples:
-  rubik-robot weigh scenarios/idle.toml --arm postument  # on the simulated plant
+  rubik-robot weigh scenarios/idle.toml --arm postument  # in the simulated cell
   rubik-robot weigh scenarios/hardware.toml --arm track  # on hardware, or on `rubik-robot emulate`
 
+Keys of the object of --json:
+  arm, orientations (their number)
+  weight_n           weight of the tool (N)
+  centre_xyz_mm      its centre of mass in the frame of the flange (mm)
+  bias               reading of the sensor without a load: three forces (N), three torques (Nm)
+  residual_n, residual_nm                    r.m.s. residual of the components of the force (N)
+                                             and of the torque (Nm)
+  largest_residual_n, largest_residual_nm    largest residual (N, Nm)
 Exit codes: 0 measured, 1 the readings do not determine the weight, 2 wrong usage or scenario, 3 an
 effector failed, 4 system error.")]
 pub(super) struct WeighArgs {
     #[command(flatten)]
     scenario: ScenarioArgs,
-    /// Name of an effector of the scenario
+    /// Name of an effector (arm with gripper) of the scenario
     #[arg(long)]
     arm: String,
     /// Print one line of JSON

@@ -104,10 +104,14 @@ mod tests {
     use crate::motion::ArmState;
     use crate::spatial::Wrench;
 
+    /// Length of a macrostep (s).
+    const STEP: f64 = 0.016;
+
     /// Applies forces along z (N), each for a time (s). Returns the time (s) and the outcome with
     /// which the behaviour ended, or `None` if it goes on.
     fn end(mut comply: Comply, forces: &[(f64, f64)]) -> Option<(f64, Outcome)> {
         let step = f64::from(compliance().macrostep) * PERIOD;
+        assert_eq!(step, STEP);
         let mut now = 0.0;
         for (force, seconds) in forces {
             for _ in 0..(seconds / step).round() as u32 {
@@ -133,6 +137,7 @@ mod tests {
     fn sustained_force_counts_as_pull() {
         let (at, outcome) = end(presented(), &[(0.0, 0.5), (60.0, 1.0)]).unwrap();
 
+        // The pull begins at 0.5 s.
         assert_eq!(outcome, Outcome::Pulled);
         assert!((0.78..0.84).contains(&at), "{at}");
     }
@@ -156,10 +161,7 @@ mod tests {
         let waits = |selector| Comply::until_pulled(5.0, selector, 10.0, compliance());
 
         selector[2] = false;
-        assert_eq!(
-            end(waits(selector), &[(60.0, 1.0)]),
-            Some((0.016, Outcome::OverForce(2, 60.0)))
-        );
+        assert_eq!(end(waits(selector), &[(60.0, 1.0)]), Some((STEP, Outcome::OverForce(2, 60.0))));
         // The force yields, but the torque by its lever does not.
         let force_and_torque = Wrench::from_directions([30.0, 0.0, 0.0, 0.0, 60.0, 0.0]);
         let arm = ArmState { wrench_in_tool: force_and_torque, ..ArmState::default() };
@@ -168,8 +170,8 @@ mod tests {
         assert!(matches!(next, Next::Done(Outcome::OverForce(4, _))), "{next:?}");
     }
 
-    /// Forces jaws apart by 1.1 mm, which ends the yielding of a partner but not that of an arm
-    /// that waits for a pull, and by 0.9 mm, which ends neither.
+    /// Forces jaws that hold a cube of 56.8 mm apart by 1.1 mm, which ends the yielding of a
+    /// partner but not that of an arm that waits for a pull, and by 0.9 mm, which ends neither.
     #[test]
     fn jaws_forced_apart_end_compliance_not_pull_wait() {
         let ends = |mut comply: Comply, apart: f64| {
@@ -194,6 +196,6 @@ mod tests {
     fn excess_force_ends_compliant_motion_at_once() {
         let ended = end(Comply::until_ended([true; 6], compliance()), &[(60.0, 1.0)]);
 
-        assert_eq!(ended, Some((0.016, Outcome::OverForce(2, 60.0))));
+        assert_eq!(ended, Some((STEP, Outcome::OverForce(2, 60.0))));
     }
 }

@@ -202,7 +202,10 @@ mod tests {
     use super::*;
     use crate::motion::{Motion, MoveCommand};
 
+    /// Least width of a cube between the jaws (m).
     const LEAST: f64 = 0.055;
+    /// Width of the cube in these tests (m).
+    const CUBE: f64 = 0.0568;
 
     /// Closes jaws that follow their set value down to `stop` (m). Returns the outcome and the
     /// lowest set value.
@@ -261,7 +264,7 @@ mod tests {
         let mut grasp = Grasp::new(30.0, LEAST, [true; 6], Depth::One, compliance());
         let mut set = f64::INFINITY;
         for (step, pushed) in [0.0, 0.0, 0.0, 0.001, 0.002, 0.001].into_iter().enumerate() {
-            let arm = ArmState { jaw_opening: 0.0568 + pushed, ..ArmState::default() };
+            let arm = ArmState { jaw_opening: CUBE + pushed, ..ArmState::default() };
             let period = 8 * step as u64;
             let next = grasp.next(&Inputs { arm: &arm, target: None, period, pace: 1.0 });
             let Next::Go(MoveCommand { jaw: Some(jaw), .. }) = next else { panic!("{next:?}") };
@@ -304,9 +307,9 @@ mod tests {
 
     #[test]
     fn commanded_jaw_opening_ends_below_cube_width() {
-        let (outcome, lowest) = close(0.0568);
+        let (outcome, lowest) = close(CUBE);
 
-        assert_eq!(outcome, Outcome::Grasped(0.0568));
-        assert!((lowest - (0.0568 - SQUEEZE)).abs() < 1e-4, "{lowest}");
+        assert_eq!(outcome, Outcome::Grasped(CUBE));
+        assert!((lowest - (CUBE - SQUEEZE)).abs() < 1e-4, "{lowest}");
     }
 }

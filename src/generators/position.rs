@@ -202,6 +202,10 @@ mod tests {
     use super::*;
     use crate::motion::ArmState;
 
+    /// Length of a macrostep of 8 periods (s).
+    const STEP: f64 = 0.016;
+
+    /// Returns speed limits of 0.1 m/s for the track and 1 rad/s for the other axes.
     fn speeds() -> Speeds {
         Speeds {
             joint: [0.1, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0],
@@ -228,7 +232,7 @@ mod tests {
             match generator.next(&Inputs { arm: &arm, target: None, period: 0, pace: 1.0 }) {
                 Next::Go(MoveCommand { motion: Motion::Joints(q), .. }) => {
                     for (fastest, (q, last)) in fastest.iter_mut().zip(q.0.iter().zip(last.0)) {
-                        *fastest = fastest.max((q - last).abs() / 0.016);
+                        *fastest = fastest.max((q - last).abs() / STEP);
                     }
                     last = q;
                 }
@@ -240,6 +244,7 @@ mod tests {
             }
         }
 
+        // Half of the limits were ordered.
         assert_eq!(last, target);
         assert!(fastest[0] <= 0.05 + 1e-9 && fastest[1] <= 0.5 + 1e-9, "{fastest:?}");
         assert!(fastest[0] > 0.03, "the slowest axis uses its speed: {fastest:?}");

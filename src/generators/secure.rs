@@ -275,6 +275,8 @@ mod tests {
         let (soon, late, never) = (seats(0.05, true), seats(0.2, true), seats(9.0, true));
 
         assert!([soon, late, never].iter().all(|end| end.0 == Outcome::Secured));
+        // Pressing and clenching each last for the lag and `SETTLED`, and at most `PRESS` or
+        // `CLENCH`; the jaws need `GRIP` at least.
         assert!(soon.1 > 0.25 && soon.1 < 0.4, "{soon:?}");
         assert!(late.1 > soon.1 + 0.2 && late.1 < 0.8, "{late:?}");
         assert!(never.1 > PRESS && never.1 < PRESS + CLENCH + 0.1, "{never:?}");

@@ -658,18 +658,29 @@ mod tests {
     use super::*;
     use crate::motion::ArmState;
 
+    /// Speed limit of [`order`] (m/s).
+    const SPEED: f64 = 0.25;
+    /// Length of a macrostep (s).
+    const STEP: f64 = 0.016;
+    /// Distance from the tool point to the centre of a cube at the palm, in [`order`] (m).
+    const SEAT: f64 = 0.019;
+    /// Distance from the seat at which the gripper waits, in [`order`] (m).
+    const VICINITY: f64 = 0.1;
+
+    /// Returns an order to take a cube along x, whose zone is a box with edges of 0.4 m around x =
+    /// 1 m, z = 1.2 m.
     fn order() -> Order {
         Order {
             world_from_base: Pose::identity(),
             approach: Vector3::x(),
             jaws: Vector3::z(),
-            seat: 0.019,
-            vicinity: 0.1,
+            seat: SEAT,
+            vicinity: VICINITY,
             frozen: 0.08,
             still: 0.005,
             still_seconds: 0.5,
             retreat: 0.05,
-            speed: (0.25, 0.5),
+            speed: (SPEED, 0.5),
             acceleration: 0.5,
             approach_speed: 0.02,
             touch: 3.0,
@@ -683,7 +694,7 @@ mod tests {
 
     #[test]
     fn led_velocity_keeps_limits_and_stops_at_goal() {
-        let (most, acceleration, step) = (0.25, 0.6, 0.016);
+        let (most, acceleration, step) = (SPEED, 0.6, STEP);
         let (mut at, mut led) = (Vector3::zeros(), Led::default());
         let goal = Vector3::new(0.3, -0.4, 0.2);
         let mut fastest = 0.0_f64;
@@ -745,7 +756,7 @@ mod tests {
                 Next::Go(MoveCommand { motion: Motion::Pose(pose), .. }) => {
                     let way =
                         pose.translation.vector - arm.desired_base_from_tool.translation.vector;
-                    assert!(way.norm() <= 0.25 * 0.016 + 1e-9, "bounded step");
+                    assert!(way.norm() <= SPEED * STEP + 1e-9, "bounded step");
                     arm.desired_base_from_tool = pose;
                 }
                 Next::Go(MoveCommand { motion: Motion::Task { directions, .. }, .. }) => {
@@ -756,7 +767,7 @@ mod tests {
                         Direction::Contact { .. } => 0.0,
                     });
                     arm.desired_base_from_tool *=
-                        crate::spatial::Twist::from_directions(v.map(|c| c * 0.016)).displacement();
+                        crate::spatial::Twist::from_directions(v.map(|c| c * STEP)).displacement();
                 }
                 Next::Go(_) => {}
             }
@@ -803,8 +814,9 @@ mod tests {
         // No contact ends the approach here: the gripper overruns the seat, and the servo reports
         // that nothing was touched.
         assert_eq!(outcome, Outcome::NotTouched);
-        let tip = pose * Point3::new(0.0, 0.0, 0.019);
-        assert!((tip.y, tip.z - 1.2) < (1e-3, 1e-3) && (tip.x - 1.015).abs() < 2e-3, "{tip}");
+        let tip = pose * Point3::new(0.0, 0.0, SEAT);
+        assert!(tip.y.abs() < 1e-3 && (tip.z - 1.2).abs() < 1e-3, "{tip}");
+        assert!((tip.x - (1.0 + order().overrun)).abs() < 2e-3, "{tip}");
     }
 
     /// The pose jitters by 1 mm, which looks like a speed of 50 mm/s.
@@ -842,7 +854,7 @@ mod tests {
         let (pose, outcome) = run(|period| at(1.5, period));
         assert!(matches!(outcome, Outcome::OutOfZone(seconds) if seconds > 5.0), "{outcome:?}");
         // The vicinity of a cube at the edge, 1.2 m.
-        assert!((pose.translation.x - (1.2 - 0.019 - 0.1)).abs() < 0.01, "{pose}");
+        assert!((pose.translation.x - (1.2 - SEAT - VICINITY)).abs() < 0.01, "{pose}");
 
         let (_, outcome) = run(|period| at(if period < 2000 { 1.5 } else { 1.1 }, period));
         assert_eq!(outcome, Outcome::NotTouched);
@@ -858,7 +870,7 @@ mod tests {
         let (pose, outcome) = run(target);
 
         assert!(matches!(outcome, Outcome::LostSight(_)));
-        assert!(pose.translation.x < 1.0 - 0.019 - 0.08, "kept its distance: {pose}");
+        assert!(pose.translation.x < 1.0 - SEAT - order().frozen, "kept its distance: {pose}");
     }
 
     /// Runs the generator against an arm that refuses places nearer to its base than `least` or
@@ -884,7 +896,7 @@ mod tests {
                 Next::Go(MoveCommand { motion: Motion::Pose(pose), .. }) => pose,
                 Next::Go(MoveCommand { motion: Motion::Task { directions, .. }, .. }) => {
                     let Direction::Guarded { velocity, .. } = directions[2] else { panic!() };
-                    arm.desired_base_from_tool * Pose::translation(0.0, 0.0, velocity * 0.016)
+                    arm.desired_base_from_tool * Pose::translation(0.0, 0.0, velocity * STEP)
                 }
                 Next::Go(_) => arm.desired_base_from_tool,
             };
@@ -1013,7 +1025,7 @@ mod tests {
         }
         let (_, x) = reached(|period| Some(if period < 3000 { 0.0 } else { 0.12 }));
         // It may move sideways only from the place where it waits.
-        assert!(x < 1.0 - 0.019 - 0.1 + 2.0 * THERE.0, "{x}");
+        assert!(x < 1.0 - SEAT - VICINITY + 2.0 * THERE.0, "{x}");
 
         let stays: [fn(u64) -> Option<f64>; 4] = [
             // Two pictures of another place and a third one long after, with good pictures or none
@@ -1045,7 +1057,7 @@ mod tests {
         });
 
         assert!(matches!(outcome, Outcome::LostSight(_)), "{outcome:?}");
-        let off = pose.translation.vector - Vector3::new(1.0 - 0.019 - 0.1, 0.0, 1.2);
+        let off = pose.translation.vector - Vector3::new(1.0 - SEAT - VICINITY, 0.0, 1.2);
         assert!(off.norm() < 2.0 * THERE.0, "{off}");
     }
 
@@ -1096,8 +1108,10 @@ mod tests {
                 panic!("the arm does not follow");
             };
             let before = arm.desired_base_from_tool.rotation;
-            let next = before.rotation_to(&pose.rotation).scaled_axis() / 0.016;
-            assert!((next - spin).norm() <= 1.0 * 0.016 + 1e-6, "{spin} {next}");
+            let next = before.rotation_to(&pose.rotation).scaled_axis() / STEP;
+            // The limits of the rotation are 0.5 rad/s and, in proportion to the linear one, 1
+            // rad/s2.
+            assert!((next - spin).norm() <= 1.0 * STEP + 1e-6, "{spin} {next}");
             assert!(next.norm() <= 0.5 + 1e-6);
             turned_back |= next.dot(&spin) < 0.0 || (spin.x > 0.0) != (next.x > 0.0);
             fastest = fastest.max(next.norm());
@@ -1133,11 +1147,11 @@ mod tests {
                 Next::Done(outcome) => panic!("{outcome:?}"),
             }
             let after = arm.desired_base_from_tool.translation.vector;
-            speeds.push((after - before).norm() / 0.016);
+            speeds.push((after - before).norm() / STEP);
         }
 
         let fastest = speeds.iter().fold(0.0_f64, |most, speed| most.max(*speed));
-        let steepest = speeds.windows(2).map(|w| (w[1] - w[0]).abs() / 0.016).fold(0.0, f64::max);
+        let steepest = speeds.windows(2).map(|w| (w[1] - w[0]).abs() / STEP).fold(0.0, f64::max);
         assert!(fastest > 0.05, "it was on its way: {fastest}");
         assert!(held && speeds[100] == 0.0, "and stands soon after: {:?}", &speeds[60..110]);
         assert!(steepest < 1.01 * RUN_OUT.0, "{steepest} m/s2");

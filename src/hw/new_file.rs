@@ -47,10 +47,10 @@ fn busy(path: &Path) -> io::Error {
     refuse(path, ErrorKind::ResourceBusy, "another run is writing it: name another file")
 }
 
-/// Locks `file`, which only one process may write. Returns `false` if another process has the lock.
-/// If the file system has no locks, the function logs a warning with `path` and returns `true`.
+/// Locks `file` for this process alone. Returns `false` if another process holds the lock. On a
+/// file system without locks, logs a warning with `path` and returns `true`.
 #[must_use]
-pub fn is_ours(file: &File, path: &Path) -> bool {
+pub fn lock_for_writing(file: &File, path: &Path) -> bool {
     match file.try_lock() {
         Ok(()) => true,
         Err(TryLockError::WouldBlock) => false,
@@ -76,7 +76,7 @@ pub fn create(path: &Path) -> io::Result<File> {
         match new.open(path) {
             // Before the lock another process may have removed the file, which looked like one
             // that a killed process left.
-            Ok(file) if is_ours(&file, path) && is_at(&file, path)? => return Ok(file),
+            Ok(file) if lock_for_writing(&file, path) && is_at(&file, path)? => return Ok(file),
             Ok(_) => {}
             Err(why) if why.kind() == ErrorKind::AlreadyExists => remove_left(path)?,
             Err(why) => return Err(why),
@@ -107,7 +107,7 @@ fn remove_left(path: &Path) -> io::Result<()> {
         Err(why) if gone(&why) => return Ok(()),
         left => left?,
     };
-    if !is_ours(&left, path) {
+    if !lock_for_writing(&left, path) {
         return Err(busy(path));
     }
     // The lock is held while the name is removed: no other process takes this file for its own.

@@ -91,11 +91,13 @@ mod tests {
         let goes = fold.retractable(&tool, &joints, 0.3);
 
         assert!(goes > 0.02 && goes < 0.3, "{goes}");
+        // Checks the joints after a retraction by a distance (m).
         let at = |distance: f64| {
             let flange = tool * Pose::translation(0.0, 0.0, -distance) * fold.tool_from_flange;
             arm.model.inverse(&flange, &joints).and_then(|joints| arm.model.check(&joints))
         };
-        assert!(at(goes + 0.004).is_ok() && at(goes + 0.004 + 0.003).is_err());
+        // A step of the search and a little more beyond the spare distance, the limit is passed.
+        assert!(at(goes + Fold::SPARE).is_ok() && at(goes + Fold::SPARE + 0.003).is_err());
         for distance in [0.006, 0.011, 0.012, 0.5 * goes] {
             assert_eq!(
                 fold.retractable(&tool, &joints, distance),

@@ -616,12 +616,15 @@ mod tests {
     use rand::{Rng as _, SeedableRng as _};
     use rand_pcg::Pcg64;
 
+    /// Limit of the speed near the operator (m/s).
+    const LIMIT: f64 = 0.25;
+
     /// The guard allows every meeting. It refuses an arm that enters the other arm or the table,
     /// both on a planned path and while the motion is watched. It allows a path out of a collision.
     #[test]
     fn guard_allows_arm_meetings_and_refuses_collisions() {
         let cell = example_cell();
-        let guard = Guard::of(&cell, 0.25);
+        let guard = Guard::of(&cell, LIMIT);
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
         let meetings = table.grasps.iter().flatten().chain(table.views.iter().flatten().flatten());
         let (mut refused, mut into, mut on_and_on) = (0, 0, 0);
@@ -630,12 +633,14 @@ mod tests {
             let distances = |stand: [Option<&JointPositions>; 2]| guard.distances(stand).meeting();
             let free = distances([Some(&meeting.track), Some(&meeting.postument)]);
             assert_eq!(guard.check_motion(&free, &free), Ok(()));
+            // Joint 2 is turned so far that the postument's hand is in the table.
             let mut low = meeting.postument;
             low.0[2] += 0.9;
             let met = |track: &JointPositions, postument: &JointPositions| {
                 guard.check_motion(&free, &distances([Some(track), Some(postument)])).is_err()
             };
             assert!(met(&meeting.track, &low));
+            // Moves the track arm on along its track, in steps of 50 mm.
             let nearer = |by: u32| {
                 let mut near = meeting.track;
                 near.0[0] += 0.05 * f64::from(by);
@@ -712,7 +717,7 @@ mod tests {
     #[test]
     fn path_check_finds_collisions_between_coarse_steps() {
         let cell = example_cell();
-        let guard = Guard::of(&cell, 0.25);
+        let guard = Guard::of(&cell, LIMIT);
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
         let meeting = table.grasps.iter().flatten().next().unwrap();
         let postument = &meeting.postument;
@@ -753,7 +758,7 @@ mod tests {
     #[test]
     fn path_check_terminates_at_jumps_of_inverse_kinematics() {
         let cell = example_cell();
-        let guard = Guard::of(&cell, 0.25);
+        let guard = Guard::of(&cell, LIMIT);
         let track = &cell.arms[0];
         let mut random = Pcg64::seed_from_u64(2);
         let mut refused = 0;
@@ -775,7 +780,7 @@ mod tests {
     #[test]
     fn hands_may_come_near_only_at_shared_cube() {
         let cell = example_cell();
-        let guard = Guard::of(&cell, 0.25);
+        let guard = Guard::of(&cell, LIMIT);
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
         let (mut met, mut passed) = (0, 0);
         for meeting in table.grasps.iter().flatten() {
@@ -828,7 +833,7 @@ mod tests {
         let mut told_apart = 0;
         for meeting in table.grasps.iter().flatten() {
             let apart = |openings: [Option<f64>; 2]| {
-                let mut guard = Guard::of(&cell, 0.25);
+                let mut guard = Guard::of(&cell, LIMIT);
                 guard.holding(openings);
                 guard
                     .distances([Some(&meeting.track_back), Some(&meeting.postument)])
@@ -845,7 +850,7 @@ mod tests {
                 assert_eq!(apart([Some(wide); 2]), empty, "{wide}");
             }
             // Jaws whose opening has become unknown may have closed on a cube in the meantime.
-            let mut guard = Guard::of(&cell, 0.25);
+            let mut guard = Guard::of(&cell, LIMIT);
             guard.holding([Some(0.0); 2]);
             guard.holding([None; 2]);
             let distances = guard.distances([Some(&meeting.track_back), Some(&meeting.postument)]);
@@ -858,7 +863,7 @@ mod tests {
     /// still nearer, but by 2 mm at most.
     #[test]
     fn watched_motion_near_table_may_dip_by_tolerance() {
-        let guard = Guard::of(&example_cell(), 0.25);
+        let guard = Guard::of(&example_cell(), LIMIT);
         let above = |height: f64| Distances { table: [Some(height), None], ..Distances::default() };
 
         assert_eq!(above(0.05).or_more(&above(0.01)), above(0.05));
@@ -884,7 +889,7 @@ mod tests {
     #[test]
     fn planned_path_towards_too_near_table_is_refused() {
         let cell = example_cell();
-        let guard = Guard::of(&cell, 0.25);
+        let guard = Guard::of(&cell, LIMIT);
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
         let mut low = table.grasps.iter().flatten().next().unwrap().postument;
         low.0[2] += 0.9;
@@ -919,7 +924,7 @@ mod tests {
     #[test]
     fn straight_path_ends_at_tools_target_orientation() {
         let cell = example_cell();
-        let guard = Guard::of(&cell, 0.25);
+        let guard = Guard::of(&cell, LIMIT);
         let table = MeetingTable::compute(&cell, &ReachSettings::default());
         let arm = &cell.arms[0];
         let tool =
@@ -959,7 +964,7 @@ mod tests {
             cell.hand.world_from_cube = Pose::translation(at.x, at.y, at.z);
             cell.hand.half_extent = nalgebra::Vector3::repeat(0.03);
             cell.keeper = keeper;
-            let guard = Guard::of(&cell, 0.25);
+            let guard = Guard::of(&cell, LIMIT);
             let mut from = stands;
             from[arm] = Some(&turned[arm]);
             let back = PlannedMotion::Joints(*stands[arm].unwrap());
@@ -994,7 +999,7 @@ mod tests {
     #[test]
     fn speed_is_limited_only_near_operator() {
         let cell = example_cell();
-        let guard = Guard::of(&cell, 0.25);
+        let guard = Guard::of(&cell, LIMIT);
         let arm = &cell.arms[0];
         // The tool is on the -x side of the operator's zone and points along +x.
         let rotation =
@@ -1018,6 +1023,7 @@ mod tests {
         }
         assert!(guard.check_speed(0, &far, &near, 1.2).is_ok());
         let told = guard.check_speed(0, &far, &near, 0.4).unwrap_err().to_string();
+        // 0.2 m in 0.4 s are 0.5 m/s; other points of the hand may be a little faster.
         assert!(told.contains("track arm moves at 5") && told.contains("mm/s"), "{told}");
         // The surface of a part counts: its centre is beyond the threshold here.
         let (bodies, mut aside) = (guard.bodies(0, &near), cell.clone());
@@ -1035,12 +1041,12 @@ mod tests {
         let mut moved = near;
         moved.0[6] += 0.5;
         moved.0[5] += 0.1;
-        assert!(Guard::of(&aside, 0.25).check_speed(0, &near, &moved, 0.01).is_err());
+        assert!(Guard::of(&aside, LIMIT).check_speed(0, &near, &moved, 0.01).is_err());
         // Far from the operator's zone, or without a person, the hand may move as fast.
         let mut elsewhere = cell.clone();
         elsewhere.hand.world_from_cube.translation.vector.x += 1.0;
         for cell in [elsewhere, Cell { keeper: Keeper::Table, ..cell.clone() }] {
-            let guard = Guard::of(&cell, 0.25);
+            let guard = Guard::of(&cell, LIMIT);
             let course = guard.course(0, &far, &PlannedMotion::Line(at));
             assert_eq!(course.hand_speed_factor(0.2, even), 0.0);
             assert!(guard.check_speed(0, &far, &near, 0.1).is_ok());
@@ -1053,7 +1059,7 @@ mod tests {
         let from = JointPositions([0.4, 0.0, -1.6, 0.3, 1.3, 1.57, 0.0]);
         let mut to = from;
         to.0[1] += 0.05;
-        let bodies = Guard::of(&cell, 0.25).bodies(0, &from);
+        let bodies = Guard::of(&cell, LIMIT).bodies(0, &from);
         // The elbow is at the operator's place, and the hand is an arm's length away.
         cell.hand.world_from_cube.translation.vector = bodies.forearm()[0].0.coords;
         let zone_from_world = cell.hand.world_from_cube.inverse();
@@ -1061,7 +1067,7 @@ mod tests {
             |(at, radius): (Point3<f64>, f64)| cell.hand.distance(&(zone_from_world * at)) - radius;
         assert!(bodies.hand().map(off).into_iter().all(|off| off > 1.2 * SLOW_DISTANCE));
 
-        let guard = Guard::of(&cell, 0.25);
+        let guard = Guard::of(&cell, LIMIT);
         assert!(guard.check_speed(0, &from, &to, 0.01).is_err());
         assert!(guard.check_speed(0, &from, &to, 1.0).is_ok());
     }

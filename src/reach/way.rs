@@ -405,6 +405,7 @@ mod tests {
                 let bodies =
                     [0, 1].map(|arm: usize| Bodies::of(&cell, &cell.arms[arm], &joints[arm]));
                 let least = newcomer_apart(newcomer, &bodies[0], &bodies[1]);
+                // Between those moments the arms may come 4 mm nearer.
                 assert!(least > settings.clearance - 0.004, "{least} at {part}: {way:?}");
                 for arm in 0..2 {
                     let model = &cell.arms[arm].model;

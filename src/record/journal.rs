@@ -137,7 +137,7 @@ impl Journal {
         }
         let path = &new_file::resolve(path)?;
         let mut file = new_file::open_or_create(path)?;
-        if !new_file::is_ours(&file, path) {
+        if !new_file::lock_for_writing(&file, path) {
             return Err(Unreadable::Taken);
         }
         // The file is locked before it is read, so no other run can add an entry in between.
@@ -298,10 +298,12 @@ mod tests {
     use super::*;
     use crate::motion::{Depth, JointPositions};
 
+    /// Returns the path of a temporary file for one test.
     fn place(name: &str) -> std::path::PathBuf {
         std::env::temp_dir().join(format!("rubik-robot-journal-{}-{name}", std::process::id()))
     }
 
+    /// Returns an entry of a run that was doing this while its first hand held one layer.
     fn entry(doing: &str) -> Entry {
         Entry { doing: doing.to_owned(), held: [Some(Depth::One), None], ..Entry::default() }
     }

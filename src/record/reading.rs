@@ -737,6 +737,7 @@ mod tests {
         record(0x04, &[&id.to_le_bytes()[..], &schema.to_le_bytes(), &texts].concat())
     }
 
+    /// Returns a message on the channel of this number.
     fn message(channel: u16) -> Vec<u8> {
         record(0x05, &[&channel.to_le_bytes()[..], &[0; 20], b"data"].concat())
     }

@@ -81,6 +81,7 @@ mod tests {
     use crate::motion::ArmState;
     use crate::servo::io::{ArmDrive, ArmReading, Outside};
 
+    /// Returns the record of an arm at rest in period 1.
     fn record() -> ServoRecord {
         ServoRecord {
             period: 1,

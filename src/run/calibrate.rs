@@ -581,6 +581,7 @@ mod tests {
 
         let report = &reports[0];
         assert_eq!(report.views, (16, 16), "the cube must not disappear");
+        // Distances across the line of sight and along it.
         let (before, after) = (report.hand.0, report.hand.1.unwrap());
         assert!(before[0] > 3e-3, "the arm sags and the camera is displaced: {before:?}");
         assert!(after[0] < 1.5e-3 && after[1] < 2e-3, "{after:?}");

@@ -249,6 +249,7 @@ mod tests {
     use super::*;
     use crate::tables::testing::Folder;
 
+    /// Returns the device file of an emulator without devices.
     fn emulated() -> Devices {
         Devices { emulated: true, ..Devices::default() }
     }

@@ -95,7 +95,8 @@ fn in_folder(
     table
 }
 
-/// Reads a file; `None` if it is absent, damaged, or of a user who is not trusted.
+/// Reads a file. Returns `None` if it is absent, larger than [`LARGEST`] or damaged, or if another
+/// user can have written it.
 fn read(path: &Path) -> Option<Kept> {
     let (file, text) = text::open_text(path, LARGEST).ok()?;
     // The open file is checked, because another file may take its path in between.

@@ -414,6 +414,7 @@ mod tests {
     use crate::tasks::{Action, Event, Finish, Forces, Readings, Task};
     use crate::vision::sensor::FaceReading;
 
+    /// Returns the controller's part of a scenario with these keys.
     fn controller(text: &str) -> ControllerConfig {
         crate::scenario::read(std::path::Path::new("t.toml"), text, &[]).unwrap().controller
     }
@@ -508,7 +509,11 @@ mod tests {
     fn unreadable_face_returns_cube_with_reason() {
         let (phases, _, looks, finish) = perform(|_| Err("glare".to_owned()));
 
-        assert_eq!(looks, 3 * 6, "each try from another place, and three times a face in a hold");
+        assert_eq!(
+            looks,
+            3 * 6,
+            "six looks (`LOOK_TRIES`) in each of three grasps (`MOST_HIDDEN`)"
+        );
         assert!(!finish.achieved);
         assert!(finish.reason.contains("cannot be read: glare"), "{}", finish.reason);
         assert!(finish.reason.ends_with("handed back as it is"), "{}", finish.reason);
@@ -522,7 +527,7 @@ mod tests {
         let mut asked = Vec::new();
         let glare = |_: &Pose| Err("glare".to_owned());
         let mut twisted = *Facelets::solved().colours();
-        twisted.swap(0, 1);
+        // The colours of U9 and F3, two stickers of one corner, are exchanged.
         twisted[8] = 2;
         twisted[20] = 0;
         let answers = |question: Question| {

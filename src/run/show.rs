@@ -338,7 +338,8 @@ fn short(words: &str) -> String {
     format!("{}...", &words[..end])
 }
 
-/// Returns the outcome of a run whose end is not in the recording.
+/// Returns the outcome of a run whose end is not in the recording. `reason` says why it is not,
+/// in words for the operator.
 fn cut_off(reason: &str) -> OutcomeView {
     OutcomeView {
         verdict: "cut off".to_owned(),
@@ -630,6 +631,7 @@ mod tests {
     use crate::operator::PlanLine;
     use nalgebra::Vector3;
 
+    /// Returns the built-in scenario.
     fn scenario() -> Scenario {
         crate::scenario::read(std::path::Path::new("t.toml"), "", &[]).unwrap()
     }

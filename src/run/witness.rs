@@ -74,6 +74,7 @@ mod tests {
         let (control, will) = watch::channel(Control::Running);
         let mut witness = Witness::new(turning.clone(), will);
         let mut period = 0;
+        // Turns the layer at `speed` (rad/s) for `seconds` (s).
         let mut run = |seconds: f64, speed: f64, witness: &mut Witness| {
             for i in 0..(seconds / PERIOD) as u64 {
                 period += 1;

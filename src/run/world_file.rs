@@ -73,7 +73,7 @@ impl Kept {
         // The lock file is not truncated, because it may belong to another run.
         let lock = new_file::open_or_create(&beside);
         let lock = lock.map_err(|why| refused(&beside, &why.into()))?;
-        if !new_file::is_ours(&lock, &beside) {
+        if !new_file::lock_for_writing(&lock, &beside) {
             return Err(refused(path, &Unfit::Taken));
         }
         let storage = Storage::default();

@@ -488,6 +488,7 @@ mod tests {
 
     #[test]
     fn isa_bridge_disables_current_trip_of_axes() {
+        // Returns the currents at which the track arm's axes trip (A).
         let trips = |text: &str| {
             let scenario = read(Path::new("t.toml"), text, &[]).unwrap();
             scenario.controller.effectors[0].gains.axes.map(|axis| axis.trip_current)
@@ -538,7 +539,10 @@ mod tests {
         let point = world_from_camera.inverse() * Point3::new(1.05, 0.0, 1.2);
         let above = world_from_camera.inverse() * Point3::new(1.05, 0.0, 1.3);
 
-        assert!((camera.intrinsics.project(&point).0 - 319.5).abs() < 1e-6);
-        assert!(camera.intrinsics.project(&above).1 < 239.5);
+        // The middle of a picture of 640 x 480 pixels; y grows downwards in it.
+        let middle = (319.5, 239.5);
+        let (x, y) = camera.intrinsics.project(&point);
+        assert!((x - middle.0).abs() < 1e-6 && (y - middle.1).abs() < 1e-6, "{x} {y}");
+        assert!(camera.intrinsics.project(&above).1 < middle.1);
     }
 }

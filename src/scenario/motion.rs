@@ -239,6 +239,7 @@ mod tests {
 
     #[test]
     fn default_turn_speed_is_lower_on_hardware() {
+        // Returns the speed of a turn (deg/s), or the faults of the scenario.
         let speed = |bridge: &str, keys: &str| {
             let pace = if bridge == "plant" { "virtual" } else { "real-time" };
             let text =
@@ -247,6 +248,7 @@ mod tests {
                 .map(|scenario| scenario.controller.control.turn_speed.to_degrees().round())
                 .map_err(|faults| faults.to_string())
         };
+        // The default profile is "swift" in simulation and "workshop" on hardware.
         assert_eq!(speed("plant", ""), Ok(41.0));
         assert_eq!(speed("plant", "profile = \"workshop\""), Ok(25.0));
         assert_eq!(

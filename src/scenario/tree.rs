@@ -222,6 +222,7 @@ pub(crate) fn name_of(node: &Node) -> Option<String> {
 mod tests {
     use super::*;
 
+    /// Returns a source with this text, as from a file named `t`.
     fn source(text: &str) -> Rc<Source> {
         Rc::new(Source { name: "t".into(), text: text.into(), is_file: true })
     }

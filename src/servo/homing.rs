@@ -284,11 +284,14 @@ mod tests {
 
     /// Axis that follows its set value exactly, with a switch and an encoder.
     struct Axis {
+        /// Position of the motor (rad).
         at: f64,
         /// Positions between which the cam presses the switch (rad).
         cam: (f64, f64),
         has_zero: bool,
+        /// Bit mask of the synchronised axes.
         synchronised: u8,
+        /// Speed of the set value in each period (rad/s).
         log: Vec<f64>,
     }
 

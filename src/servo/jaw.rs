@@ -350,6 +350,7 @@ mod tests {
         }
 
         assert_eq!(openings[0], 0.074);
+        // 14 mm in 10 periods.
         assert!((openings[1] - (0.074 - 0.0014)).abs() < 1e-15);
         assert_eq!(openings[10], 0.060);
         assert_eq!(openings[12], 0.060);
@@ -422,7 +423,7 @@ mod tests {
         for late_every in [0, 7, 50] {
             let seen = gripped(late_every);
 
-            // 40 N, while the set value moves on, rests, and comes back.
+            // 40 N at 0.004 A/N, while the set value moves on, rests, and comes back.
             let off = |(current, _): &(f64, i16)| (current - 0.16).abs() > 0.008;
             let wrong = seen[640..1206].iter().chain(&seen[1230..]).find(|s| off(s));
             assert_eq!(wrong, None, "{late_every}");
@@ -502,6 +503,7 @@ mod tests {
     #[test]
     fn too_fast_jaw_command_is_refused() {
         let command = |opening| JawCommand { opening, force_limit: 30.0, stops: Depth::One };
+        // The limit is 10 000 rad/s.
         let way = (jaw(0).increments_of(0.060) * TAU / 128.0).abs();
 
         assert_eq!(jaw(0).check(&command(0.060), way / 9_900.0), Ok(()));

@@ -262,6 +262,12 @@ mod tests {
         }
     }
 
+    /// Largest pulse width.
+    const LIMIT: f64 = 190.0;
+    /// Largest change of the pulse width in a period.
+    const SLEW: f64 = 25.0;
+
+    /// Returns the built-in gains.
     fn gains() -> ServoGains {
         ServoGains::parse(IRP6).unwrap()
     }
@@ -275,7 +281,7 @@ mod tests {
         set: impl Fn(f64) -> f64,
         seconds: f64,
     ) -> (f64, f64) {
-        let mut regulator = Regulator::new(gains, 190.0).slowed(25.0);
+        let mut regulator = Regulator::new(gains, LIMIT).slowed(SLEW);
         let mut motor = Motor { position: 0.0, speed: 0.0, friction };
         let (mut last_set, mut last_count, mut worst) = (0.0, 0, 0.0f64);
         for period in 1..=(seconds / 0.002) as u32 {
@@ -310,7 +316,7 @@ mod tests {
 
     #[test]
     fn clamped_output_reverses_without_windup() {
-        let mut regulator = Regulator::new(gains().axes[1], 190.0);
+        let mut regulator = Regulator::new(gains().axes[1], LIMIT);
         for _ in 0..100 {
             assert!(regulator.step(400.0, 0.0, Some(0.0)) <= 190);
         }
@@ -323,7 +329,7 @@ mod tests {
 
     #[test]
     fn output_change_obeys_slew_limit() {
-        let mut regulator = Regulator::new(gains().axes[1], 190.0).slowed(25.0);
+        let mut regulator = Regulator::new(gains().axes[1], LIMIT).slowed(SLEW);
         let wanted = |k: i32| if k % 40 < 20 { 400.0 } else { -400.0 };
 
         let outputs: Vec<i16> =
@@ -344,7 +350,7 @@ mod tests {
             gains.trip_current = f64::INFINITY;
         }
         let length = Length::of_seconds(0.002 * ratio);
-        let mut regulator = Regulator::new(gains.for_period(length), 190.0).slowed(25.0 * ratio);
+        let mut regulator = Regulator::new(gains.for_period(length), LIMIT).slowed(SLEW * ratio);
         let mut motor = Motor { position: 0.0, speed: 0.0, friction: 15.0 };
         let step = 200.0 * 0.002 * ratio * 4000.0 / TAU;
         let (mut last, mut currents, mut largest, mut pwm) = (0.0, vec![0.0; late + 1], 0.0f64, 0);
@@ -386,7 +392,7 @@ mod tests {
 
     #[test]
     fn pulse_width_stays_without_a_current_reading() {
-        let mut regulator = Regulator::new(gains().axes[0], 190.0).slowed(25.0);
+        let mut regulator = Regulator::new(gains().axes[0], LIMIT).slowed(SLEW);
         let mut outputs = [0; 30];
         for (k, output) in outputs.iter_mut().enumerate() {
             let heard = !(10..20).contains(&k);
@@ -401,7 +407,7 @@ mod tests {
 
     #[test]
     fn single_corrupt_current_reading_barely_changes_pulse_width() {
-        let mut regulator = Regulator::new(gains().axes[0], 190.0).slowed(25.0);
+        let mut regulator = Regulator::new(gains().axes[0], LIMIT).slowed(SLEW);
         let outputs: Vec<i16> = (0..40)
             .map(|k| {
                 let current = if k == 30 { -32.7 } else { 2.0 };
@@ -413,7 +419,7 @@ mod tests {
 
     #[test]
     fn nan_wanted_step_zeroes_output_and_resets_regulator() {
-        let mut regulator = Regulator::new(gains().axes[1], 190.0);
+        let mut regulator = Regulator::new(gains().axes[1], LIMIT);
         regulator.step(5.0, 0.0, Some(0.0));
 
         let last = regulator.step(5.0, 0.0, Some(0.0));
@@ -423,6 +429,6 @@ mod tests {
             "a current of NaN counts as no reading"
         );
         assert_eq!(regulator.step(f64::NAN, 0.0, Some(0.0)), 0);
-        assert_eq!(regulator, Regulator::new(gains().axes[1], 190.0));
+        assert_eq!(regulator, Regulator::new(gains().axes[1], LIMIT));
     }
 }

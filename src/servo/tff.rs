@@ -252,9 +252,10 @@ mod tests {
         Wrench::from_directions(components)
     }
 
-    /// Simulates a tool that pushes on a spring along base z with the force `stiffness * z`.
-    /// Returns the force in each period. The force acts on the law `delay` periods late, as the
-    /// mean of two samples.
+    /// Simulates a tool that pushes on a spring along base z with the force `stiffness * z` (N/m),
+    /// by a law with this admittance (m/(s N)) and inertia (kg) that wants 10 N. Returns the force
+    /// in each period (N). The force acts on the law `delay` periods late, as the mean of two
+    /// samples.
     fn press(
         admittance: f64,
         inertia: f64,
@@ -443,7 +444,7 @@ mod tests {
             );
         }
 
-        assert!(1e4 * pose.translation.z > 65.0);
+        assert!(1e4 * pose.translation.z > 65.0, "beyond the range of a force sensor");
     }
 
     /// Motions along base and tool axes differ by the orientation of the tool.

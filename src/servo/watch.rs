@@ -418,6 +418,7 @@ mod tests {
             }
             match watch.check(&reading, &still, &wanted, 0) {
                 None => false,
+                // Strain begins at half of the trip current of 15 A.
                 Some(ArmFault::OverCurrent { axis: 1, amperes }) => amperes.abs() > 7.5,
                 other => panic!("{other:?}"),
             }
@@ -427,6 +428,8 @@ mod tests {
     #[test]
     fn strained_axis_stops_before_power_stage_trips() {
         for amperes in [8.0, -8.0] {
+            // 0.3 s of strain are 150 periods. A tenth reading that is missing counts neither way,
+            // and one without strain counts against it.
             assert_eq!(periods_of_strain(amperes, Some(amperes)), Some(150));
             assert_eq!(periods_of_strain(amperes, None).map(|periods| periods / 10), Some(16));
             assert_eq!(periods_of_strain(amperes, Some(0.0)).map(|periods| periods / 10), Some(18));

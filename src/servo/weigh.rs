@@ -203,6 +203,7 @@ mod tests {
         Sample { base_from_flange: *at, wrench_on_sensor }
     }
 
+    /// Returns the orientations with these angles of roll, pitch and yaw (rad).
     fn orientations(angles: &[[f64; 3]]) -> Vec<UnitQuaternion<f64>> {
         angles.iter().map(|a| UnitQuaternion::from_euler_angles(a[0], a[1], a[2])).collect()
     }

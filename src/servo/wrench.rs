@@ -175,6 +175,7 @@ mod tests {
         }
     }
 
+    /// Returns the `flange_from_tool` of a tool 250 mm beyond the flange.
     fn tool() -> Pose {
         Pose::translation(0.0, 0.0, 0.25)
     }
@@ -197,6 +198,7 @@ mod tests {
         Wrench { force: into * force, torque: into * arm.cross(&force) }
     }
 
+    /// Returns the size of the largest component of a wrench (N or Nm).
     fn largest(wrench: &Wrench) -> f64 {
         wrench.directions().iter().fold(0.0, |m, c| m.max(c.abs()))
     }

@@ -363,6 +363,7 @@ mod tests {
         };
         let mut foreign = sound.clone();
         foreign[8..12].reverse();
+        // The table follows a head of 4096 bytes.
         let body = sound.len() - 100_000;
         for (bytes, reason) in [
             (sound[..sound.len() - 1].to_vec(), "104095 bytes instead of 104096"),

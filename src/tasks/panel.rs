@@ -230,12 +230,16 @@ mod tests {
     #[test]
     fn panel_refuses_senseless_orders_with_reason() {
         for order in [
+            // There is no such axis.
             Manual::Joint(Step { axis: 7, by: 0.1 }),
+            // The steps are too large, or no numbers.
             Manual::Joint(Step { axis: 1, by: 3.0 }),
             Manual::Tool(Step { axis: 0, by: f64::NAN }),
             Manual::Motor(Step { axis: 1, by: 1e6 }),
+            // The arm has no track.
             Manual::Motor(Step { axis: 0, by: 2.0 }),
             Manual::Joint(Step { axis: 0, by: 0.01 }),
+            // The opening is beyond the stroke, and the pose is unknown.
             Manual::Jaw { opening: 0.2 },
             Manual::Pose { name: "moon".into() },
         ] {

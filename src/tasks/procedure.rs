@@ -255,6 +255,7 @@ impl<T, C, S> Procedure<T, C, S> {
 mod tests {
     use super::*;
 
+    /// Port whose shared state is a list of names.
     type Bare = Port<(), (), Vec<&'static str>>;
 
     /// Makes a procedure whose shared state is a list of names.
@@ -265,6 +266,7 @@ mod tests {
         Procedure::new(port.clone(), procedure(port))
     }
 
+    /// Returns the end of a procedure that has achieved its goal.
     fn done() -> Finish {
         Finish { achieved: true, reason: "done".to_owned() }
     }

@@ -296,6 +296,7 @@ mod tests {
         }
     }
 
+    /// Presses a key; returns the input that it makes.
     fn press(app: &mut App, code: KeyCode) -> Option<Input> {
         app.key(KeyEvent::from(code))
     }
@@ -386,6 +387,7 @@ mod tests {
         press(&mut idle, KeyCode::Down);
         press(&mut idle, KeyCode::Down);
         press(&mut idle, KeyCode::Char('+'));
+        // The middle step of a joint is 1 deg.
         let order = Manual::Joint(Step { axis: 2, by: 0.0175 });
         let wanted = Some(Input::Manual { effector: 1, order });
         assert_eq!(press(&mut idle, KeyCode::Right), wanted);

@@ -516,6 +516,7 @@ mod tests {
         centre: (159.5, 119.5),
         distortion: (0.0, 0.0),
     };
+    /// Numbers of the colours on the front and on the top of [`drawing`].
     const COLOURS: [[u8; 9]; 2] = [[0, 1, 2, 3, 4, 5, 4, 1, 0], [5, 5, 2, 0, 3, 3, 1, 4, 2]];
 
     /// Returns a drawing of the front and the top of a cube.

@@ -238,6 +238,7 @@ mod tests {
     fn six_tiles_support_face_unless_outer_row_missing() {
         let none = [0; 9];
 
+        // Enough tiles that agree have a support of 0.48 at least.
         assert!(support(&without(&[]), &none) > 0.99);
         assert!(support(&without(&[0, 4, 8]), &none) >= 0.48);
         assert!(support(&without(&[0, 1, 2]), &none) <= NOWHERE);

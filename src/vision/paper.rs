@@ -726,6 +726,7 @@ mod tests {
     fn six_colours_are_classified_and_black_is_none() {
         let tables = Tables::new(&RANGES);
 
+        // The colours in the order URFDLB, and black.
         let classes = [
             [220, 220, 225],
             [170, 25, 30],
@@ -751,6 +752,7 @@ mod tests {
     /// Returns a picture of a square face of nine tiles with this pitch (px), seen at right angles,
     /// and of a single tile far from the face, with its width and height.
     fn picture(pitch: usize) -> (Vec<u8>, usize, usize) {
+        /// Shades of the six colours (sRGB), in the order URFDLB.
         const SHADES: [[u8; 3]; 6] = [
             [220, 220, 225],
             [170, 25, 30],
@@ -789,6 +791,7 @@ mod tests {
         let counts: Vec<usize> = stages.stages.iter().map(|s| s.count).collect();
         assert_eq!(counts[6], 9, "{counts:?}");
         assert!(counts.is_sorted_by(|a, b| a >= b));
+        // The middles of the corner tiles: 20 px to the first tile, and half of its 32 px.
         assert_eq!(
             square.corners.map(|c| (c.0.round(), c.1.round())),
             [(36.0, 36.0), (116.0, 36.0), (116.0, 116.0), (36.0, 116.0)]
@@ -819,6 +822,7 @@ mod tests {
         let stages = Stages::run(&rgb, width, height, &Filters::default());
         let square = stages.square().unwrap();
 
+        // The middle of the first corner tile: 200 px to the tile, and half of its 320 px.
         assert!(stages.step > 1);
         assert!(distance(square.corners[0], (359.5, 359.5)) < 4.0, "{:?}", square.corners);
     }

@@ -392,6 +392,7 @@ mod tests {
         centre: (319.5, 239.5),
         distortion: (-0.08, 0.02),
     };
+    /// Edge of the cube (m).
     const EDGE: f64 = 0.057;
 
     /// Returns the face that a perfect detector would measure at this pose.

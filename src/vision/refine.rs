@@ -525,6 +525,7 @@ mod tests {
         centre: (199.5, 149.5),
         distortion: (-0.1, 0.02),
     };
+    /// Edge of the cube (m).
     const EDGE: f64 = 0.057;
 
     /// Returns a drawing of all faces of a cube with random colours.

@@ -429,6 +429,7 @@ impl Sums {
 mod tests {
     use super::*;
 
+    /// Limits of the tiles in these pictures (px).
     const LIMITS: TileLimits =
         TileLimits { area: (12.0, 5000.0), fullness: (0.8, 1.08), elongation: 4.0 };
 

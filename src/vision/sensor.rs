@@ -362,6 +362,7 @@ mod tests {
         centre: (191.5, 143.5),
         distortion: (-0.05, 0.0),
     };
+    /// Numbers of the colours of the drawn face.
     const COLOURS: [u8; 9] = [0, 1, 2, 3, 4, 5, 4, 1, 0];
 
     /// Returns the pose of a face 17 cm in front of the camera: x and y (m), tilt and roll (rad).
@@ -416,6 +417,7 @@ mod tests {
         {
             let truth = pose(x * tile, y * tile, 0.05, 0.3);
             let mut drawing = Drawing::new(CAMERA, vec![(truth, COLOURS)]);
+            // A finger covers the tile in the middle of the upper row.
             drawing.bars.push((0, [-0.5, -3.0, 0.5, -0.45], [120.0, 122.0, 125.0]));
 
             let reading =

@@ -225,6 +225,7 @@ mod tests {
     use super::*;
     use nalgebra::Matrix3;
 
+    /// Homography of the drawn face, row by row.
     const TRUTH: [f64; 9] = [33.0, 5.0, 120.0, -4.0, 30.0, 100.0, 0.02, -0.03, 1.0];
 
     /// Returns the edges of a drawn face with tiles of 0.8 pitches, of which those with the numbers
@@ -274,6 +275,7 @@ mod tests {
         let stays = Sides::fit(&edges, 30, &below, 0.38);
         let moved = Sides::best(&edges, 30, &below, 0.38);
 
+        // Six of the nine tiles with four sides each, then the eight that are there.
         assert_eq!((stays.total(), moved.total()), (24, 32));
         assert!(apart(&moved.homography, &truth) < 1.5);
     }

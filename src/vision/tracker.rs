@@ -406,6 +406,7 @@ mod tests {
             assert!(matches!(update, Update::Accepted(_)), "{i}: {update:?}");
         }
         let orientation = tracker.predict(1.44).unwrap().pose.rotation;
+        // The last measurement: 0.15 rad and 24 steps of 0.016 rad.
         assert!((orientation.angle() - 0.534).abs() < 0.03, "{orientation}");
     }
 
@@ -446,6 +447,7 @@ mod tests {
 
         let window = tracker.window(0.2, &Pose::identity(), &camera, 0.057).unwrap();
 
+        // The cube is 86 px wide, in the middle of the picture, and up to 150 px across.
         assert!(window.x < 270 && window.x + window.width > 370);
         assert!(window.width < 200 && window.height < 200, "{window:?}");
     }

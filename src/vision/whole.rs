@@ -530,6 +530,7 @@ mod tests {
         given
     }
 
+    /// Places of pictures that are all where they belong.
     const UPRIGHT: [(usize, usize); 6] = [(0, 0), (1, 0), (2, 0), (3, 0), (4, 0), (5, 0)];
 
     /// Checks that a wrong placement of pictures is refused with the fault `told`, and that the
@@ -622,18 +623,21 @@ mod tests {
         };
         let truth = scrambled(11);
 
+        // The two stickers of the edge UR are exchanged.
         let mut flipped = truth;
         flipped.swap(5, 10);
         let (reason, facelets, _) = read(&flipped);
         assert!(matches!(reason, ImpossibleCube::EdgeFlipped { .. }), "{reason}");
         assert_eq!(facelets, flipped);
 
+        // The three stickers of the corner URF go around.
         let mut twisted = truth;
         (twisted[8], twisted[9], twisted[20]) = (truth[9], truth[20], truth[8]);
         let (reason, _, doubtful) = read(&twisted);
         assert!(matches!(reason, ImpossibleCube::CornerTwisted { .. }));
         assert!(doubtful.len() >= 3);
 
+        // The edges UR and UF are exchanged.
         let mut swapped = truth;
         swapped.swap(5, 7);
         swapped.swap(10, 19);

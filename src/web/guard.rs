@@ -291,7 +291,8 @@ mod tests {
         Guard::of(address.parse().unwrap(), names).unwrap()
     }
 
-    /// Returns the reason why a request with these headers is refused.
+    /// Returns the reason why a request with these headers for `uri` is refused; `None` if it is
+    /// admitted.
     fn asked(guard: &Guard, pairs: &[(&'static str, &str)], uri: &str) -> Option<Refused> {
         let mut headers = HeaderMap::new();
         for (name, value) in pairs {

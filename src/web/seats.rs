@@ -271,6 +271,7 @@ mod tests {
     use super::*;
     use tokio::time::advance;
 
+    /// Time by which a deadline is missed.
     const STEP: Duration = Duration::from_millis(1);
 
     /// Returns seats with a page "a", which commands, and a page "b", which watches.

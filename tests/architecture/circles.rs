@@ -96,6 +96,7 @@ fn module_path(file: &str) -> Path {
     if matches!(name, "lib" | "main" | "mod") { Vec::new() } else { path }
 }
 
+/// Returns the path of the child module `name` of the module `here`.
 fn child(here: &[String], name: &str) -> Path {
     here.iter().cloned().chain([name.to_owned()]).collect()
 }
@@ -295,6 +296,7 @@ fn resolve(path: &[String], modules: &BTreeMap<Path, Module>, depth: usize) -> O
 mod finder_tests {
     use super::circles;
 
+    /// Returns the circles in these files, each a path and a text.
     fn found(files: &[(&str, &str)]) -> Vec<Vec<String>> {
         let files = files.iter().map(|(file, text)| ((*file).to_owned(), (*text).to_owned()));
         circles(&files.collect::<Vec<_>>())

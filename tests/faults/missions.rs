@@ -29,6 +29,8 @@ struct Before {
 }
 
 impl Seed {
+    /// Runs a scenario with this cube, whose plant saves its state in the file `world`; `more` are
+    /// further arguments.
     fn run(self, scenario: &str, cube: &str, world: &Path, more: &[&str]) -> Output {
         program()
             .arg("run")
@@ -91,6 +93,7 @@ impl Seed {
     }
 }
 
+/// Returns the path of a file beside that of a world, with the ending `.{end}`.
 pub(super) fn beside(world: &Path, end: &str) -> PathBuf {
     PathBuf::from(format!("{}.{end}", world.display()))
 }

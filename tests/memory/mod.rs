@@ -12,15 +12,19 @@ struct Counting;
 // The counts are per thread, because other tests and the harness allocate and free at any moment.
 // They are signed, because a thread may free the memory of another.
 thread_local! {
+    /// Bytes that the thread has allocated and not freed.
     static HELD: Cell<isize> = const { Cell::new(0) };
+    /// Maximum of [`HELD`] since [`most_held`] began.
     static MOST: Cell<isize> = const { Cell::new(0) };
 }
 
+/// Adds bytes that the thread has allocated.
 fn count_allocated(bytes: usize) {
     HELD.set(HELD.get() + bytes.cast_signed());
     MOST.set(MOST.get().max(HELD.get()));
 }
 
+/// Subtracts bytes that the thread has freed.
 fn count_freed(bytes: usize) {
     HELD.set(HELD.get() - bytes.cast_signed());
 }
@@ -50,6 +54,7 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static COUNTING: Counting = Counting;
 
+/// Lock of the thread that tests an input.
 static ALONE: Mutex<()> = Mutex::new(());
 
 /// Waits until no other thread tests an input, and keeps others waiting until the guard is dropped.

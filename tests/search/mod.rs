@@ -36,6 +36,7 @@ pub fn keep(kind: &str, input: &[u8]) -> PathBuf {
 
 /// Time at which the present input must be done, since the first one (ms); 0 if there is none.
 static DUE: AtomicU64 = AtomicU64::new(0);
+/// Present input, or the last one.
 static NOW: Mutex<Option<Input>> = Mutex::new(None);
 
 /// Closure that makes the bytes of an input again.

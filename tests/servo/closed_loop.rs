@@ -15,6 +15,7 @@ use rubik_robot::spatial::Pose;
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
 
+/// Edge of the cube (m).
 const EDGE: f64 = 0.057;
 
 /// Returns a cell whose arms face each other, with level tools that meet at a cube in the track
@@ -67,10 +68,12 @@ fn cell() -> Cell {
     cell
 }
 
+/// Returns the pose of an arm's tool in the world when its joints are at `arm.start`.
 fn world_from_tool(arm: &Arm) -> Pose {
     arm.world_from_base * arm.model.base_from_flange(&arm.start) * arm.flange_from_tool
 }
 
+/// Both arms of [`cell`] with their servos, on the simulated plant.
 struct Closed {
     core: Core,
     links: Vec<ServoLink>,
@@ -79,6 +82,7 @@ struct Closed {
 }
 
 impl Closed {
+    /// Makes a rig whose plant begins with the cube at the place `start`.
     fn new(start: Start, jaws: Jaws, noise: SensorNoise) -> Self {
         let cell = cell();
         let gains = ServoGains::parse(IRP6).unwrap();
@@ -91,11 +95,14 @@ impl Closed {
         Self { core, links, plant, period: 0 }
     }
 
+    /// Commands an arm to a motion of this number of periods.
     fn send(&mut self, arm: usize, motion: Motion, periods: u32) {
         let command = MoveCommand { motion, periods, jaw: None };
         self.links[arm].send(ServoCommand::Move { command, start: 0 }).unwrap();
     }
 
+    /// Commands an arm to hold its pose for `periods` periods while its jaws close to `opening`
+    /// (m).
     fn jaw(&mut self, arm: usize, opening: f64, periods: u32) {
         let jaw = JawCommand { opening, force_limit: 40.0, stops: Depth::One };
         let command = MoveCommand { motion: Motion::Hold, periods, jaw: Some(jaw) };
@@ -141,22 +148,26 @@ impl Closed {
         self.run(periods).iter().map(|s| s[1].wrench_in_tool.force.norm()).collect()
     }
 
+    /// Runs a servo period; returns the states of both arms.
     fn step(&mut self) -> [ArmState; 2] {
         self.period += 1;
         self.core.period(self.period, &mut self.plant).unwrap();
         [*self.links[0].state(), *self.links[1].state()]
     }
 
+    /// Runs a number of servo periods; returns the states of both arms in each.
     fn run(&mut self, periods: u32) -> Vec<[ArmState; 2]> {
         (0..periods).map(|_| self.step()).collect()
     }
 }
 
+/// Returns how far each motor of an arm is from its set value (rad).
 fn behind(cell: &Cell, arm: usize, state: &ArmState) -> [f64; 7] {
     let set = cell.arms[arm].model.motors(&state.desired_joints).0;
     std::array::from_fn(|i| (set[i] - state.motors.0[i]).abs())
 }
 
+/// Returns how far each motor of an arm is from its set value at most in these states (rad).
 fn worst(cell: &Cell, arm: usize, states: &[[ArmState; 2]]) -> [f64; 7] {
     states.iter().fold([0.0; 7], |w, s| {
         let b = behind(cell, arm, &s[arm]);
@@ -164,6 +175,7 @@ fn worst(cell: &Cell, arm: usize, states: &[[ArmState; 2]]) -> [f64; 7] {
     })
 }
 
+/// Returns the largest of these values, or 0 if all are negative.
 fn largest(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |m, v| m.max(*v))
 }

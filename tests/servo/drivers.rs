@@ -27,12 +27,14 @@ impl RecordSink for Hash {
     }
 }
 
+/// Makes the servos of two arms on `port`, with the handles to command them and their switches.
 fn core(port: &mut Motors, records: Box<dyn RecordSink>) -> (Core, Vec<ServoLink>, Arc<Switches>) {
     let switches = Arc::new(Switches::default());
     let (core, links) = core_with(Arc::clone(&switches), port, records);
     (core, links, switches)
 }
 
+/// Makes the servos of two arms as [`core`] does, with these switches.
 fn core_with(
     switches: Arc<Switches>,
     port: &mut Motors,
@@ -43,16 +45,19 @@ fn core_with(
     (core, links)
 }
 
+/// Returns the command of a motion that lasts this number of periods.
 fn go(motion: Motion, periods: u32) -> ServoCommand {
     ServoCommand::Move { command: MoveCommand { motion, periods, jaw: None }, start: 0 }
 }
 
+/// Returns the motion to the start, with joint 1 moved by `angle` (rad).
 fn swing(angle: f64) -> Motion {
     let mut goal = START;
     goal.0[1] += angle;
     Motion::Joints(goal)
 }
 
+/// Returns a motion of the tool along x of the base at 0.03 m/s.
 fn slide() -> Motion {
     let mut directions = [Direction::HOLD; 6];
     directions[0] = Direction::Unguarded { velocity: 0.03 };
@@ -202,6 +207,7 @@ fn arms_hold_when_heartbeat_stops() {
 fn one_second_without_heartbeat_switches_drives_off() {
     let mut port = Motors::new(2);
     let (mut core, mut links, switches) = core(&mut port, Box::new(NoRecords));
+    // The last heartbeat is in period 200, and a second is 500 periods.
     let mut cut = None;
 
     for period in 1..=900 {
@@ -242,8 +248,8 @@ fn wall_clock_driver_moves_arm_and_counts_periods() {
     let (core, mut links, _) = core(&mut port, Box::new(NoRecords));
     let options = WallOptions { spin: 0, ..WallOptions::default() };
     let wall = spawn_wall(core, port, |_, _| {}, options).unwrap();
-    // Other tests may keep the processor busy and pause the servo until it aborts a motion. Then the
-    // motion is tried again, but only the periods that the driver counts as missed excuse it.
+    // Other tests may keep the processor busy and pause the servo until it aborts a motion. The
+    // motion is tried again then, but only periods that the driver counts as missed excuse it.
     let (mut reached, mut aborted) = (false, 0);
     for _ in 0..20 {
         let ticket = links[1].send(go(swing(0.05), 100)).unwrap();
@@ -353,7 +359,9 @@ fn driver_names_the_thread_that_panicked() {
 
 /// Clocks of a computer that is suspended for an hour after a time.
 struct Suspended {
+    /// Time from which on the suspend lies behind (ns).
     from: u64,
+    /// Length of the suspend (ns).
     hour: u64,
 }
 
@@ -392,6 +400,7 @@ fn suspend_of_the_computer_stops_the_arms() {
         std::thread::sleep(Duration::from_millis(10));
     }
 
+    // An hour is 1 800 000 periods.
     let Some(ArmFault::Missed { periods }) = fault else { panic!("{fault:?}") };
     assert!((1_799_000..1_900_000).contains(&periods), "{periods}");
     assert!(wall.stop().timing.missed >= periods);

@@ -16,6 +16,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
+/// Both arms of the built-in cell with their servos, on the simulated plant.
 struct Rig {
     core: Core,
     links: Vec<ServoLink>,
@@ -32,6 +33,7 @@ impl Rig {
         Self::at(synchronised, Length::default())
     }
 
+    /// Makes a rig as [`Rig::new`] does, with periods of this length.
     fn at(synchronised: [bool; 2], length: Length) -> Self {
         let controller = scenario::read(Path::new("test"), "", &[]).unwrap().controller;
         let mut config = PlantConfig::new(controller.cell.clone());
@@ -56,6 +58,7 @@ impl Rig {
         Self { core, links, plant, period: 0, switches, stop }
     }
 
+    /// Runs a number of servo periods.
     fn tick(&mut self, periods: u64) {
         for _ in 0..periods {
             self.period += 1;
@@ -63,10 +66,12 @@ impl Rig {
         }
     }
 
+    /// Returns the last state of an arm.
     fn state(&mut self, arm: usize) -> ArmState {
         *self.links[arm].state()
     }
 
+    /// Moves an arm for this number of periods; returns its state after them.
     fn go(&mut self, arm: usize, motion: Motion, periods: u32) -> ArmState {
         let command = MoveCommand { motion, periods, jaw: None };
         self.links[arm].send(ServoCommand::Move { command, start: 0 }).unwrap();
@@ -260,6 +265,7 @@ fn servo_period_changes_neither_motion_duration_nor_goal() {
         let end = rig.state(1);
         assert_eq!((end.fault, end.refused), (None, None), "{milliseconds} ms");
         let lasted = end.command_end - start.period;
+        // The course of 1.6 s is 800 periods of 2 ms.
         assert!((799..=810).contains(&lasted), "{milliseconds} ms: {lasted} periods of 2 ms");
         rig.tick(length.first_after(250));
         let rest = rig.state(1);

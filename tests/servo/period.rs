@@ -13,6 +13,7 @@ use std::f64::consts::TAU;
 
 use crate::servo_rig::{Motors, START, config, first_reading};
 
+/// Direction that yields to a force and stands still without one.
 const COMPLIANT: Direction = Direction::Guarded { velocity: 0.0, admittance: 0.001, inertia: 20.0 };
 
 /// Arm whose motors are at the set values of the period before.
@@ -28,6 +29,7 @@ struct Ideal {
 }
 
 impl Ideal {
+    /// Makes an arm that rests at [`START`] and has no command.
     fn new() -> Self {
         let config = config();
         let reading = first_reading();
@@ -35,6 +37,7 @@ impl Ideal {
         Self { config, servo, reading, drive: ArmDrive::OFF, period: 0, spring: None }
     }
 
+    /// Runs a period in which the servo gets this command; returns the state of the arm.
     fn step(&mut self, command: Option<ServoCommand>) -> ArmState {
         self.period += 1;
         let (drive, state) = self.servo.step(self.period, &self.reading, command.as_ref());
@@ -65,14 +68,17 @@ impl Ideal {
     }
 }
 
+/// Returns the encoder counts at these motor positions.
 fn counts(config: &ServoConfig, motors: &MotorPositions) -> [i64; 7] {
     std::array::from_fn(|i| (motors.0[i] * config.model.increments[i] / TAU).round() as i64)
 }
 
+/// Returns the command of a motion that lasts this number of periods.
 fn go(motion: Motion, periods: u32) -> ServoCommand {
     ServoCommand::Move { command: MoveCommand { motion, periods, jaw: None }, start: 0 }
 }
 
+/// Returns a motion along the axes of `frame` that holds all directions except those in `changes`.
 fn task(frame: Frame, changes: &[(usize, Direction)]) -> Motion {
     let mut directions = [Direction::HOLD; 6];
     for (axis, direction) in changes {
@@ -81,6 +87,7 @@ fn task(frame: Frame, changes: &[(usize, Direction)]) -> Motion {
     Motion::Task { frame, directions }
 }
 
+/// Returns a direction with this velocity (m/s or rad/s), whatever the force.
 fn unguarded(velocity: f64) -> Direction {
     Direction::Unguarded { velocity }
 }
@@ -99,6 +106,7 @@ fn largest_step(config: &ServoConfig, states: &[ArmState]) -> f64 {
         .fold(0.0, f64::max)
 }
 
+/// Returns the distance of two poses: of their places (m), and of their orientations (rad).
 fn apart(a: &Pose, b: &Pose) -> (f64, f64) {
     ((a.translation.vector - b.translation.vector).norm(), a.rotation.angle_to(&b.rotation))
 }

@@ -7,10 +7,12 @@ use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+/// Runs the program with these arguments to its end.
 fn robot(args: &[&str]) -> Output {
     program().args(args).output().unwrap()
 }
 
+/// Returns an output as text.
 fn text(bytes: &[u8]) -> &str {
     std::str::from_utf8(bytes).unwrap()
 }
@@ -30,17 +32,22 @@ fn object(out: &Output, code: i32) -> Value {
 struct Place(PathBuf);
 
 impl Place {
+    /// Returns the path of a file that does not exist yet, whose name ends with `name`.
     fn new(name: &str) -> Self {
         let path =
             std::env::temp_dir().join(format!("rubik-campaign-{}-{name}", std::process::id()));
         let _ = std::fs::remove_file(&path);
         Self(path)
     }
+
+    /// Writes a file with this text, whose name ends with `name`.
     fn with(name: &str, text: &str) -> Self {
         let place = Self::new(name);
         std::fs::write(&place.0, text).unwrap();
         place
     }
+
+    /// Returns the path of the file.
     fn path(&self) -> &str {
         self.0.to_str().unwrap()
     }
@@ -52,8 +59,10 @@ impl Drop for Place {
     }
 }
 
+/// Arguments of a campaign whose runs idle for a second.
 const IDLE: [&str; 5] = ["campaign", "scenarios/idle.toml", "--set", "idle.time_s=1", "--json"];
 
+/// Runs a campaign of the idle task with further arguments.
 fn idle(more: &[&str]) -> Output {
     robot(&[&IDLE[..], more].concat())
 }
@@ -427,6 +436,7 @@ fn soak_reports_drift_and_memory_of_ten_intervals() {
     let done = object(&out, 0);
     assert_eq!(done["tenths"].as_array().unwrap().len(), 10);
     assert_eq!((&done["steady"], &done["drift_s"]), (&true.into(), &0.0.into()));
+    // 0.01 h are 36 missions of a second; the first four have seeds of their own.
     assert_eq!((&done["runs"], &done["repeated"]), (&36.into(), &32.into()));
     assert!(done["tenths"][9]["resident_mib"].as_f64().unwrap() > 1.0);
 }

@@ -4,10 +4,12 @@ use crate::program::program;
 use std::io::Write;
 use std::process::{Output, Stdio};
 
+/// Runs the program with these arguments and an empty stdin to its end.
 fn robot(args: &[&str]) -> Output {
     with_input(args, "")
 }
 
+/// Runs the program with these arguments and with `input` on stdin to its end.
 fn with_input(args: &[&str], input: &str) -> Output {
     let mut child = program()
         .args(args)
@@ -21,6 +23,7 @@ fn with_input(args: &[&str], input: &str) -> Output {
     child.wait_with_output().unwrap()
 }
 
+/// Returns an output as text.
 fn text(bytes: &[u8]) -> &str {
     std::str::from_utf8(bytes).unwrap()
 }
@@ -29,12 +32,15 @@ fn text(bytes: &[u8]) -> &str {
 struct Scenario(std::path::PathBuf);
 
 impl Scenario {
+    /// Writes a file with this text, whose name contains `name`.
     fn new(name: &str, text: &str) -> Self {
         let path =
             std::env::temp_dir().join(format!("rubik-robot-{}-{name}.toml", std::process::id()));
         std::fs::write(&path, text).unwrap();
         Self(path)
     }
+
+    /// Returns the path of the file.
     fn path(&self) -> &str {
         self.0.to_str().unwrap()
     }
@@ -46,6 +52,7 @@ impl Drop for Scenario {
     }
 }
 
+/// Returns the paths of the scenarios that the project ships.
 fn scenarios() -> Vec<std::path::PathBuf> {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios");
     let files = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path());
@@ -91,6 +98,7 @@ fn broken_scenario_lists_every_error_and_exits_2() {
 
 #[test]
 fn invalid_arguments_exit_with_2_and_a_reason() {
+    // The edge UF is flipped.
     let flipped = "UUUUUUUFURRRRRRRRRFUFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB";
     for (args, reason) in [
         (&["run", "scenarios/nosuch.toml"][..], "there is no such file"),
@@ -262,6 +270,7 @@ fn plan_needs_under_half_the_baseline_planners_grasps() {
     assert!((seconds - plan["robot_time_s"].as_f64().unwrap()).abs() < 1e-6);
     assert!(steps.iter().all(|s| !s["why"].as_str().unwrap().is_empty()));
 
+    // One sticker gets another colour.
     let twisted = cube.replacen("RR", "UR", 1);
     let out = robot(&["plan", &twisted, "--json"]);
     assert_eq!(out.status.code(), Some(2));

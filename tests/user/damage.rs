@@ -9,6 +9,7 @@ use ruzstd::encoding::{CompressionLevel, compress_to_vec};
 use std::io::Cursor;
 use std::path::PathBuf;
 
+// Opcodes of the records of an MCAP file; a list is a message index.
 const FOOTER: u8 = 0x02;
 const CHUNK: u8 = 0x06;
 const LIST: u8 = 0x07;

@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+/// Scenario in which the postument idles for 2 s over serial lines.
 const IDLE: &str = "\
 task = \"idle\"
 pace = \"real-time\"
@@ -30,6 +31,7 @@ struct Robot {
 }
 
 impl Robot {
+    /// Starts the emulator with these options, and waits until it is ready for a run.
     fn new(name: &str, options: &[&str]) -> Self {
         let folder =
             std::env::temp_dir().join(format!("rubik-robot-{}-{name}", std::process::id()));
@@ -57,6 +59,7 @@ impl Robot {
         Self { emulator, folder }
     }
 
+    /// Starts a run on the emulated devices with these options.
     fn start(&self, options: &[&str]) -> Child {
         program()
             .arg("run")
@@ -90,11 +93,13 @@ impl Drop for Robot {
     }
 }
 
+/// Returns the summary of a run, the last line of its stdout.
 fn summary(out: &Output) -> Value {
     let printed = std::str::from_utf8(&out.stdout).unwrap();
     serde_json::from_str(printed.lines().last().unwrap()).unwrap()
 }
 
+/// Returns what the program has written to stderr.
 fn stderr(out: &Output) -> String {
     String::from_utf8_lossy(&out.stderr).into_owned()
 }

@@ -11,8 +11,10 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
+/// Letters of the solved cube.
 const SOLVED: &str = "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB";
 
+/// Runs the shipped scenario `name` with the overrides `keys` in this process.
 fn run(name: &str, keys: &[&str]) -> Summary {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios").join(name);
     let keys: Vec<Override> = keys.iter().map(|key| Override::parse(key).unwrap()).collect();
@@ -42,6 +44,7 @@ fn solves(keys: &[&str]) -> Summary {
     solves_in("solve.toml", keys)
 }
 
+/// Runs a mission as [`solves`] does, in this scenario.
 fn solves_in(scenario: &str, keys: &[&str]) -> Summary {
     let summary = run(scenario, keys);
 

@@ -25,12 +25,14 @@ use tokio_tungstenite::{MaybeTlsStream, WebSocketStream, connect_async};
 /// Longest wait for an event; a busy machine is slow.
 const PATIENCE: Duration = Duration::from_secs(90);
 
+/// Returns the shipped scenario of this file name, with the keys of `set` (`KEY=VALUE`) changed.
 fn load(name: &str, set: &[&str]) -> Scenario {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios").join(name);
     let set: Vec<Override> = set.iter().map(|text| Override::parse(text).unwrap()).collect();
     scenario::load(&path, &set).unwrap()
 }
 
+/// Starts a server for the page at a free port of this machine.
 fn serve(ui: UiEnd) -> Server {
     Server::start(ui, "127.0.0.1:0".parse().unwrap()).unwrap()
 }
@@ -42,6 +44,7 @@ struct Run {
     thread: std::thread::JoinHandle<Summary>,
 }
 
+/// Starts a run with its server. The run reads no keys and prints nothing.
 fn begin(scenario: Scenario, options: RunOptions) -> Run {
     let (ui, run_end) = Desk::default().ends();
     let server = serve(ui.clone());
@@ -51,9 +54,11 @@ fn begin(scenario: Scenario, options: RunOptions) -> Run {
     Run { server, ui, thread }
 }
 
+/// Connection of a page to its server.
 struct Page(WebSocketStream<MaybeTlsStream<tokio::net::TcpStream>>);
 
 impl Page {
+    /// Opens the page of a server.
     async fn open(server: &Server) -> Self {
         Self::at(&server.url).await
     }
@@ -73,6 +78,7 @@ impl Page {
         page
     }
 
+    /// Sends a message to the server.
     async fn say(&mut self, value: Value) {
         self.0.send(Message::text(value.to_string())).await.unwrap();
     }
@@ -82,6 +88,8 @@ impl Page {
         self.until(|message| message.get(kind).cloned()).await
     }
 
+    /// Reads messages of the server until `wanted` returns a value for one, and returns that value.
+    /// Fails after [`PATIENCE`].
     async fn until<T>(&mut self, mut wanted: impl FnMut(&Value) -> Option<T>) -> T {
         let (begun, mut alive) = (Instant::now(), Instant::now());
         loop {
@@ -134,6 +142,7 @@ fn answer_to(address: impl std::net::ToSocketAddrs, head: &str) -> String {
     answer
 }
 
+/// Returns a runtime for the page of a test, on the thread of the test.
 fn runtime() -> tokio::runtime::Runtime {
     tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap()
 }

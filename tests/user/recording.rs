@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
 
+/// Runs the program to its end and returns its exit code and output.
 fn perform(arguments: &[&str]) -> Output {
     program().args(arguments).output().unwrap()
 }
@@ -35,8 +36,11 @@ fn run(scenario: &str, more: &[&str]) -> (serde_json::Value, String) {
     (summary, stderr)
 }
 
+/// Options that shorten the idle task to a second.
 pub(crate) const IDLE: [&str; 2] = ["--set", "idle.time_s=1"];
 
+/// Records a run of a scenario without loss. Returns the path of the recording and the run's
+/// summary.
 pub(crate) fn recorded(name: &str, scenario: &str, more: &[&str]) -> (PathBuf, serde_json::Value) {
     let path = place(name);
     let mut all = vec!["--record", path.to_str().unwrap()];
@@ -46,6 +50,7 @@ pub(crate) fn recorded(name: &str, scenario: &str, more: &[&str]) -> (PathBuf, s
     (path, summary)
 }
 
+/// Returns the messages among the pieces of a recording.
 pub(crate) fn messages(pieces: impl Iterator<Item = Piece>) -> Vec<Message> {
     pieces
         .filter_map(|piece| match piece {
@@ -55,6 +60,8 @@ pub(crate) fn messages(pieces: impl Iterator<Item = Piece>) -> Vec<Message> {
         .collect()
 }
 
+/// Verifies a recording by a replay. Returns the exit code, the verdict (null if there is none) and
+/// the text on stderr.
 fn verify(path: &Path, more: &[&str]) -> (Option<i32>, serde_json::Value, String) {
     let mut arguments = vec!["replay", path.to_str().unwrap(), "--verify", "--json"];
     arguments.extend(more);
@@ -453,7 +460,8 @@ fn reader_detects_a_flipped_bit_anywhere() {
     let (path, _) = recorded("flipped.mcap", "scenarios/idle.toml", &IDLE);
     let bytes = std::fs::read(&path).unwrap();
     let whole = messages(Reading::new(&bytes[..]));
-    // Up to the record with the checksum of all bytes before it.
+    // Up to the record DataEnd, which has the checksum of all bytes before it. An opcode and a
+    // length of 9 bytes begin each record.
     let end = records(&bytes, 0x0f)[0].start - 9;
 
     for at in (0..end).step_by((end / 997) | 1) {
@@ -475,8 +483,8 @@ fn every_command_reports_a_damaged_recording() {
     let (path, _) = recorded("whole_before.mcap", "scenarios/idle.toml", &time);
     let mut bytes = std::fs::read(&path).unwrap();
     let whole = messages(Reading::new(&bytes[..]));
-    // Damage the last chunk with servo periods. Smaller chunks may follow it; their number depends
-    // on the speed of the run.
+    // Damage the last chunk (opcode 6) with servo periods. Smaller chunks may follow it; their
+    // number depends on the speed of the run.
     let chunks = records(&bytes, 0x06);
     let chunk = chunks.iter().rfind(|chunk| chunk.len() > 50_000).unwrap();
     bytes[chunk.start.midpoint(chunk.end)] ^= 1;

@@ -14,6 +14,7 @@ fn run(scenario: &[&str], world: &Path) -> Command {
     command
 }
 
+/// Returns the default path of the journal of a run whose plant is in the file `world`.
 fn journal(world: &Path) -> PathBuf {
     beside(world, "journal")
 }
@@ -37,6 +38,7 @@ fn killed_after(scenario: &[&str], world: &Path, doing: &str, times: usize) {
     child.wait().unwrap();
 }
 
+/// Resumes a run, which must succeed, and returns its summary.
 fn resumed(scenario: &[&str], world: &Path) -> serde_json::Value {
     let out = run(scenario, world).arg("--resume").output().unwrap();
     let printed = String::from_utf8(out.stdout).unwrap();
@@ -50,12 +52,14 @@ fn kept(world: &Path) -> serde_json::Value {
     serde_json::from_slice(&std::fs::read(world).unwrap()).unwrap()
 }
 
+/// Removes all files that belong to the plant's state in the file `world`.
 fn remove(world: &Path) {
     for file in [world, &journal(world), &beside(world, "lock"), &beside(world, "new")] {
         let _ = std::fs::remove_file(file);
     }
 }
 
+/// Returns the path of the file beside `world` whose name has this further ending.
 fn beside(world: &Path, end: &str) -> PathBuf {
     PathBuf::from(format!("{}.{end}", world.display()))
 }
@@ -79,11 +83,13 @@ fn begun(run: &mut Command, world: &Path) -> Child {
     child
 }
 
+/// Kills a process and waits for its end.
 fn killed(mut child: Child) {
     child.kill().unwrap();
     child.wait().unwrap();
 }
 
+/// Returns the path of a temporary file for the test of this name.
 fn place(name: &str) -> PathBuf {
     std::env::temp_dir().join(format!("rubik-robot-resume-{}-{name}.json", std::process::id()))
 }

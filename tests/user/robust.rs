@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
-/// A run of simulated time that lasts a minute unless it is ended.
+/// Arguments of an idle run at the pace of the wall clock; the value of its time must follow.
 const LONG: &[&str] =
     &["run", "scenarios/idle.toml", "--ui", "none", "--json", "--speed", "1", "--set"];
+/// Value for [`LONG`]: the run lasts a minute unless it is ended.
 const MINUTE: &str = "idle.time_s=60";
 
 /// Longest time in which a process starts or ends on a busy machine.
@@ -18,6 +19,7 @@ const PATIENCE: Duration = Duration::from_secs(120);
 struct Folder(PathBuf);
 
 impl Folder {
+    /// Creates an empty folder for the test of this name.
     fn new(name: &str) -> Self {
         let path = std::env::temp_dir().join(format!("rubik-robust-{}-{name}", std::process::id()));
         let _ = std::fs::remove_dir_all(&path);
@@ -32,7 +34,7 @@ impl Drop for Folder {
     }
 }
 
-/// Waits until `happened` returns `true`.
+/// Waits until `happened` returns `true`. `what` names the event in the failure.
 fn until(what: &str, mut happened: impl FnMut() -> bool) {
     let begun = Instant::now();
     while !happened() {

@@ -16,6 +16,7 @@ fn folder() -> PathBuf {
     PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("tables")
 }
 
+/// Returns the command of the program with these arguments, the shared tables and piped streams.
 fn command(args: &[&str]) -> Command {
     let mut command = program();
     command.args(args).env("RUBIK_ROBOT_TABLES", folder());
@@ -23,6 +24,7 @@ fn command(args: &[&str]) -> Command {
     command
 }
 
+/// Runs the program with `input` on its stdin, and returns its exit code and output.
 fn robot(args: &[&str], input: &str) -> Output {
     let mut child = command(args).spawn().unwrap();
     // A program that does not read its input may have closed it.
@@ -30,20 +32,24 @@ fn robot(args: &[&str], input: &str) -> Output {
     child.wait_with_output().unwrap()
 }
 
+/// Returns what a stream has printed.
 fn text(bytes: &[u8]) -> &str {
     std::str::from_utf8(bytes).unwrap()
 }
 
+/// Returns the JSON values on stdout, one from each line.
 fn lines(out: &Output) -> Vec<Value> {
     text(&out.stdout).lines().map(|l| serde_json::from_str(l).unwrap()).collect()
 }
 
+/// Returns the facelet letters of the cube that is scrambled with this seed.
 fn facelets(seed: u64) -> String {
     Facelets::from(&Cube::scrambled(seed)).to_string()
 }
 
 /// Returns the facelet letters of a solved cube with some letters replaced, each given by its index
-/// and its new letter.
+/// and its new letter. Index 8 is U9, 9 is R1, 20 is F3: the corner URF. The edge UF has 7 (U8) and
+/// 19 (F2), the edge UR has 5 (U6) and 10 (R2).
 fn with(stickers: &[(usize, char)]) -> String {
     let mut letters: Vec<char> = Facelets::solved().to_string().chars().collect();
     for &(at, letter) in stickers {
@@ -257,6 +263,7 @@ fn closed_stdout_causes_no_panic() {
 fn printed_scramble_makes_the_printed_cube() {
     let out = robot(&["scramble", "--seed", "11", "--count", "2", "--json"], "");
 
+    assert_eq!(lines(&out).len(), 2);
     for line in lines(&out) {
         let moves = parse_moves(line["scramble"].as_str().unwrap()).unwrap();
         let made = after_moves(&Facelets::solved(), &moves);

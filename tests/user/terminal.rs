@@ -18,14 +18,20 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// Program at a terminal of 80 by 24 characters.
 struct Session {
     child: Child,
+    /// End of the pseudo-terminal at which a person types.
     keys: File,
+    /// End of the pseudo-terminal at which the program is.
     terminal: File,
+    /// Modes of the terminal before the program.
     before: Termios,
+    /// All that the program has written.
     output: Arc<Mutex<Vec<u8>>>,
+    /// Whether a thread still collects the output.
     listening: Arc<AtomicBool>,
 }
 
 impl Session {
+    /// Starts the program with these arguments at a new terminal.
     fn begin(arguments: &[&str]) -> Self {
         let master =
             openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
@@ -110,6 +116,8 @@ impl Session {
         cells.into_iter().map(|row| String::from_iter(row) + "\n").collect()
     }
 
+    /// Waits until the program shows these words or has shown them. With `SHOW` in the environment
+    /// the screen is printed.
     fn until(&self, words: &str) {
         let begun = Instant::now();
         while !self.screen().contains(words) && !self.output().contains(words) {
@@ -121,6 +129,7 @@ impl Session {
         }
     }
 
+    /// Types these bytes.
     fn press(&mut self, keys: &[u8]) {
         self.keys.write_all(keys).unwrap();
     }
@@ -155,12 +164,14 @@ impl Drop for Session {
     }
 }
 
+/// Returns the path of a temporary file with this name.
 fn place(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("terminal");
     std::fs::create_dir_all(&folder).unwrap();
     folder.join(name)
 }
 
+/// Records two seconds of the idle task and returns the path of the recording.
 fn recording(name: &str) -> PathBuf {
     let path = place(name);
     let done = program()
@@ -303,6 +314,7 @@ fn replay_accepts_seek_quit_and_ctrl_c() {
 
     let mut at_end = Session::begin(&replay);
     at_end.until("Left Right");
+    // End seeks the end.
     at_end.press(b"\x1b[F");
     at_end.until("done");
     // Home seeks the beginning, and the replay continues from there.

@@ -10,6 +10,7 @@ use rubik_robot::scenario;
 use std::collections::BTreeMap;
 use std::path::Path;
 
+/// Returns the cell of a scenario without any keys.
 fn cell() -> Cell {
     scenario::read(Path::new("t.toml"), "", &[]).unwrap().controller.cell
 }
@@ -39,6 +40,7 @@ fn pose(robot: &urdf_rs::Robot, link: &str, values: &BTreeMap<String, f64>) -> I
     pose(robot, &joint.parent.link, values) * origin * moved
 }
 
+/// Rotation as an isometry without a translation.
 trait IntoIsometry {
     fn into_isometry(self) -> Isometry3<f64>;
 }
@@ -49,6 +51,7 @@ impl IntoIsometry for UnitQuaternion<f64> {
     }
 }
 
+/// Returns the largest difference between two elements of the 4 by 4 matrices (m, or no unit).
 fn difference(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
     (a.to_homogeneous() - b.to_homogeneous()).amax()
 }

@@ -54,11 +54,13 @@ const PATTERNS: [&str; 10] = [
     "R L' U2 D2 F B",
 ];
 
+/// Returns the colours 0..=5 of the 54 stickers after these turns of a solved cube.
 fn pattern(turns: &str) -> [u8; 54] {
     let turns = if turns.is_empty() { Vec::new() } else { parse_turns(turns).unwrap() };
     *turns.into_iter().fold(Facelets::solved(), |cube, turn| cube.turned(turn)).colours()
 }
 
+/// Returns the colours 0..=5 of the 54 stickers of a cube that is scrambled with this seed.
 fn scrambled(seed: u64) -> [u8; 54] {
     *Facelets::from(&Cube::scrambled(seed)).colours()
 }
@@ -88,6 +90,7 @@ fn photographed(
     })
 }
 
+/// Returns a random exposure of each face; 1 is full light.
 fn gains(random: &mut Pcg64) -> [f64; 6] {
     [0.0; 6].map(|_| random.random_range(0.5..1.0))
 }
@@ -145,7 +148,8 @@ fn impossible_colour_readings_are_refused_or_marked_doubtful() {
     for trial in 0..TRIALS {
         let mut state = scrambled(500 + trial);
         match trial % 3 {
-            // The errors are a flipped edge, a twisted corner and a sticker of another colour.
+            // The errors are a flipped edge (UR), a twisted corner (URF) and a sticker of another
+            // colour (U1).
             0 => state.swap(5, 10),
             1 => (state[8], state[9], state[20]) = (state[9], state[20], state[8]),
             _ => state[0] = (state[0] + 1 + (trial % 5) as u8) % 6,

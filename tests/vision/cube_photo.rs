@@ -92,6 +92,7 @@ pub(crate) struct Photo {
     pub focal: f64,
 }
 
+/// Size of a photograph (px).
 const WIDTH: u32 = 480;
 const HEIGHT: u32 = 360;
 
@@ -131,13 +132,18 @@ const MAKERS: [[[f64; 3]; 6]; 4] = [
     ],
 ];
 
+/// Linear reflectances of skin.
 const SKINS: [[f64; 3]; 4] =
     [[0.78, 0.52, 0.40], [0.62, 0.36, 0.24], [0.38, 0.20, 0.12], [0.16, 0.08, 0.05]];
 
+/// Material between the coloured tiles.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Body {
+    /// Black plastic under stickers.
     Black,
+    /// White plastic under stickers.
     White,
+    /// Coloured plastic without stickers.
     Plastic,
 }
 
@@ -150,29 +156,46 @@ struct Recipe {
     radius: f64,
     /// Standard deviation of its offset (pitches).
     untidy: f64,
+    /// Gap between cubies without stickers (pitches).
     gap: f64,
+    /// Width of their rounded rim (pitches).
     bevel: f64,
+    /// Whether each centre tile has a maker's mark.
     logo: bool,
+    /// Number of fingers before the dominant face.
     fingers: usize,
     /// Linear level of a white tile.
     exposure: f64,
+    /// Stray light in each pixel; 1 is a white in full light.
     veil: f64,
+    /// Gains of red, green and blue: the light and the white balance.
     gains: [f64; 3],
+    /// Light of a lamp that the dominant face reflects; 1 is a white in full light.
     glare: f64,
+    /// Light of the highlights of a tile; 1 is a white in full light.
     gloss: f64,
+    /// Loss of light towards the corners; a corner loses this share.
     vignette: f64,
+    /// Standard deviation of the lens's blur (px).
     blur: f64,
+    /// Motion during the exposure (px).
     motion: (f64, f64),
+    /// Standard deviation of the noise without light (linear level).
     read_noise: f64,
+    /// Standard deviation of the noise at the level 1.
     shot_noise: f64,
+    /// Quality of the JPEG file, up to 100.
     quality: u8,
     /// Colour is stored at half the size, as most files do.
     halved: bool,
+    /// Width of the dominant face (px).
     face_px: f64,
+    /// Angle between its normal and the line of sight (rad).
     tilt: f64,
 }
 
 impl Recipe {
+    /// Returns random parameters for a photograph of this kind.
     fn draw(kind: Kind, random: &mut Pcg64) -> Self {
         let mut between = |low: f64, high: f64| random.random_range(low..high);
         let mut recipe = Self {
@@ -203,6 +226,7 @@ impl Recipe {
         recipe
     }
 
+    /// Changes the parameters to those of a kind.
     fn apply(&mut self, kind: Kind, random: &mut Pcg64) {
         let mut between = |low: f64, high: f64| random.random_range(low..high);
         match kind {
@@ -268,14 +292,19 @@ impl Finger {
 
 /// Background of the cube.
 struct Backdrop {
+    /// Motif, one of those in [`Backdrop::at`].
     style: usize,
     colours: [[f64; 3]; 6],
+    /// Period of the motif (px).
     pitch: f64,
+    /// Direction of the motif (rad).
     angle: f64,
+    /// Objects on a table: left, top, right and bottom edge (px), and the colour.
     boxes: Vec<([f64; 4], [f64; 3])>,
 }
 
 impl Backdrop {
+    /// Returns a random background.
     fn draw(random: &mut Pcg64) -> Self {
         let mut colour = || {
             let grey = random.random_range(0.03..0.7);
@@ -300,6 +329,7 @@ impl Backdrop {
         }
     }
 
+    /// Returns the linear colour of the background at a pixel.
     fn at(&self, x: f64, y: f64) -> [f64; 3] {
         let (s, c) = self.angle.sin_cos();
         let (u, v) = ((c * x + s * y) / self.pitch, (c * y - s * x) / self.pitch);
@@ -353,6 +383,7 @@ struct Side {
     y: Vector3<f64>,
 }
 
+/// Returns the six sides of a cube: +x, -x, +y, -y, +z, -z.
 fn sides() -> [Side; 6] {
     let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
     std::array::from_fn(|i| {
@@ -362,17 +393,27 @@ fn sides() -> [Side; 6] {
     })
 }
 
+/// Cube before a background, with all that a photograph of it depends on.
 struct Scene {
     recipe: Recipe,
     sides: [Side; 6],
+    /// Colours 0..=5 of the tiles of each side in reading order.
     colours: [[u8; 9]; 6],
+    /// Offsets of the stickers (pitches).
     offsets: [[(f64, f64); 9]; 6],
+    /// Deviations of the stickers' normals, added to the unit normal of the side.
     tilts: [[Vector3<f64>; 9]; 6],
+    /// Linear reflectances of the colours 0..=5.
     palette: [[f64; 3]; 6],
+    /// Rotation from cube coordinates to the camera's.
     rotation: Rotation3<f64>,
+    /// Cube's centre in camera coordinates (thirds of the edge).
     place: Vector3<f64>,
+    /// Focal length (px).
     focal: f64,
+    /// Direction to the lamp in camera coordinates.
     lamp: Unit<Vector3<f64>>,
+    /// Shape of the maker's mark, one of those in [`Scene::marked`].
     mark: usize,
     fingers: Vec<Finger>,
     backdrop: Backdrop,
@@ -515,6 +556,8 @@ impl Scene {
         self.surface(side, at.dot(&s.x), at.dot(&s.y), &sight)
     }
 
+    /// Returns the linear RGB light from the point (u, v) on a side of the cube, in thirds of the
+    /// edge from the side's centre. `sight` is the direction of the ray in camera coordinates.
     fn surface(&self, side: usize, u: f64, v: f64, sight: &Vector3<f64>) -> [f64; 3] {
         let recipe = &self.recipe;
         let (column, row) = ((u + 1.5).floor().clamp(0.0, 2.0), (v + 1.5).floor().clamp(0.0, 2.0));
@@ -587,6 +630,7 @@ impl Scene {
         }
     }
 
+    /// Returns what a detector should find: the visible faces, the largest first.
     fn truths(&self) -> Vec<FaceTruth> {
         let mut faces: Vec<FaceTruth> = (0..6)
             .filter(|&side| self.facing(side) > 0.05)
@@ -635,6 +679,7 @@ pub(crate) fn posed(seed: u64, face_px: f64, tilt: f64) -> Photo {
     taken(Scene::draw(Kind::Stickered, seed, Some((face_px, tilt))))
 }
 
+/// Takes the photograph of a scene; `random` gives the noise.
 fn taken((scene, mut random): (Scene, Pcg64)) -> Photo {
     let recipe = &scene.recipe;
     let (width, height) = (WIDTH as usize, HEIGHT as usize);

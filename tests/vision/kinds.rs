@@ -16,6 +16,9 @@ use std::collections::BTreeMap;
 /// Hidden share of a tile above which its colour need not be read.
 const HIDDEN: f64 = 0.3;
 
+/// Least confidence of a sure report.
+const SURE: f64 = 0.8;
+
 /// Counts of the results over the photographs of one kind.
 #[derive(Debug, Default)]
 struct Tally {
@@ -29,11 +32,11 @@ struct Tally {
     tiles: usize,
     /// Tiles with the correct colour.
     right: usize,
-    /// Tiles with a wrong colour and a confidence of 0.8 or more.
+    /// Tiles with a wrong colour and a confidence of [`SURE`] or more.
     sure: usize,
     /// Further faces at 60 deg or less to the sight, and those that were found.
     others: (usize, usize),
-    /// Reports that are no face, and those of them with a confidence of 0.8 or more.
+    /// Reports that are no face, and those of them with a confidence of [`SURE`] or more.
     wrong: usize,
     wrong_sure: usize,
     /// Reasons why no face was found.
@@ -65,8 +68,8 @@ impl Tally {
         for sighting in &sightings {
             if !photo.faces.iter().any(|t| fitting(sighting, t).is_some()) {
                 self.wrong += 1;
-                self.wrong_sure += usize::from(sighting.confidence >= 0.8);
-                if sighting.confidence >= 0.8 && std::env::var_os("VISION_SEEDS").is_some() {
+                self.wrong_sure += usize::from(sighting.confidence >= SURE);
+                if sighting.confidence >= SURE && std::env::var_os("VISION_SEEDS").is_some() {
                     println!("    {kind:?} {seed}: sure of {:.0?}", sighting.corners);
                 }
             }
@@ -89,7 +92,7 @@ impl Tally {
                     self.right += 1;
                 } else {
                     wrong += 1;
-                    self.sure += usize::from(found.confidences[i] >= 0.8);
+                    self.sure += usize::from(found.confidences[i] >= SURE);
                     *self.confused.entry((letters[is], letters[said])).or_default() += 1;
                 }
             }
@@ -108,6 +111,7 @@ impl Tally {
         read
     }
 
+    /// Counts the results over the photographs of these seeds and prints them.
     fn of(kind: Kind, seeds: std::ops::Range<u64>) -> Self {
         let mut tally = Self::default();
         let mut missed = Vec::new();
@@ -169,7 +173,7 @@ fn most_tiles_are_read_for_each_photograph_kind() {
 }
 
 /// A small tilted face has a mirrored pose that fits almost as well. It is taken for the true pose
-/// at most once in twelve photographs.
+/// at most once in twelve photographs, all but one of which must give a pose.
 #[test]
 fn mirrored_pose_of_small_tilted_face_is_rare() {
     for face_px in [45.0, 60.0, 80.0] {
@@ -194,8 +198,9 @@ fn print_share_of_read_cubes_by_kind() {
 /// Errors of the poses of faces of one size and tilt.
 #[derive(Debug, Default)]
 struct Poses {
+    /// Photographs that give a pose.
     photos: usize,
-    /// Poses whose rotation is off by more than 5 deg.
+    /// Poses whose rotation is off by more than 5 deg, up to a rotation of the cube onto itself.
     mirrored: usize,
     /// Mirrored poses whose second pose is the correct one.
     detected: usize,
@@ -204,7 +209,9 @@ struct Poses {
 }
 
 impl Poses {
+    /// Measures the pose of the cube in a photograph and notes its errors.
     fn add(&mut self, photo: &crate::cube_photo::Photo) {
+        /// Edge that the photographed cube is taken for (m).
         const EDGE: f64 = 0.057;
         let (width, height) = photo.image.dimensions();
         let lens = Lens {
@@ -231,6 +238,7 @@ impl Poses {
         self.across.push((error - sight * error.dot(&sight)).norm() * 1e3);
     }
 
+    /// Prints the counts, and the median and 90th percentile of the errors.
     fn print(&self, name: &str) {
         let mut across = self.across.clone();
         across.sort_by(f64::total_cmp);
@@ -246,6 +254,7 @@ impl Poses {
         );
     }
 
+    /// Measures and prints the poses in photographs of these seeds.
     fn of(face_px: f64, tilt_deg: f64, seeds: std::ops::Range<u64>) -> Self {
         let mut poses = Self::default();
         for seed in seeds {

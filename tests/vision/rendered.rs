@@ -15,8 +15,10 @@ use rubik_robot::vision::detect::window_around;
 use rubik_robot::vision::{DetectorSettings, Method, detect, locate_cube, locate_in, read_face};
 use std::hint::black_box;
 
+/// Edge of the cube (m).
 const EDGE: f64 = 0.057;
 
+/// Returns the stand-alone camera: at 1.1 m above the origin, looking along +y.
 fn camera() -> Camera {
     let world_from_camera =
         pose_from_axes(Vector3::x(), -Vector3::z(), Vector3::y(), Point3::new(0.0, 0.0, 1.1));
@@ -41,6 +43,7 @@ struct Errors {
 }
 
 impl Errors {
+    /// Notes the error of a point in camera coordinates (m).
     fn push(&mut self, found: Point3<f64>, truth: Point3<f64>) {
         let sight = truth.coords.normalize();
         let error = found - truth;
@@ -61,6 +64,7 @@ impl Errors {
         sorted.get(sorted.len() * 95 / 100).copied().unwrap_or(f64::NAN) * 1e3
     }
 
+    /// Prints both errors as root mean squares and 95th percentiles.
     fn print(&self, name: &str) {
         println!(
             "{name}: {} frames, lateral r.m.s. {:.3} mm (p95 {:.3}), \
@@ -127,6 +131,7 @@ fn measure(name: &str, frames: u64, look: impl Fn(u64) -> Look) -> (Errors, Erro
             .map(|a| camera_from_cube * Point3::from(a * EDGE / 2.0))
             .min_by(|a, b| (a - found).norm().total_cmp(&(b - found).norm()));
         let Some(truth) = nearest else { unreachable!() };
+        // No centre of a face is within 15 mm: vision has found something else.
         if (found - truth).norm() > 0.015 {
             missed += 1;
             continue;
@@ -152,6 +157,7 @@ fn measure(name: &str, frames: u64, look: impl Fn(u64) -> Look) -> (Errors, Erro
 fn cube_is_localised_in_studio_light() {
     let (faces, cubes, missed) = measure("studio", 60, |_| Look::studio());
 
+    // The limits of `rms` and `p95` are in millimetres.
     assert!(missed <= 1, "{missed} missed");
     assert!(Errors::rms(&faces.sideways) < 0.05 && Errors::p95(&faces.sideways) < 0.25);
     assert!(Errors::rms(&faces.depth) < 0.4 && Errors::p95(&faces.depth) < 2.0);
@@ -167,14 +173,17 @@ fn cube_is_localised_in_random_light_and_noise() {
     };
     let (faces, cubes, missed) = measure("drawn", 120, noisy);
 
+    // The limits of `rms` and `p95` are in millimetres.
     assert!(missed <= 6, "{missed} missed");
     assert!(Errors::rms(&faces.sideways) < 0.1 && Errors::p95(&faces.sideways) < 0.25);
     assert!(Errors::rms(&faces.depth) < 0.8 && Errors::p95(&faces.depth) < 2.0);
     assert!(cubes.depth.len() > 40 && Errors::rms(&cubes.sideways) < 0.2);
 }
 
-/// Takes a picture of a cube that crosses the line of sight at `speed` (m/s). Returns how much
-/// later than the picture's stamp the cube was where the picture shows it (s).
+/// Takes a picture, with this exposure, of a cube that crosses the line of sight at `speed` (m/s).
+/// The cube is 0.342 m before the camera 2 s after the start; `period` is the servo period of the
+/// picture. Returns how much later than the picture's stamp the cube was where the picture shows it
+/// (s).
 fn light_after_stamp(speed: Vector3<f64>, exposure: f64, period: u64) -> f64 {
     let at = |period: u64| {
         let way = speed * (period as f64 * PERIOD - 2.0);
@@ -310,6 +319,7 @@ fn hand_camera_reads_colours_of_held_cube() {
     errors.print("  face's centre");
 
     assert_eq!((refused, wrong), (0, 0));
+    // The limits are in millimetres.
     assert!(Errors::rms(&errors.sideways) < 0.3 && Errors::rms(&errors.depth) < 1.5);
 }
 

@@ -12,6 +12,7 @@ use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64;
 use rubik_robot::vision::{DetectorSettings, Refusal, detect};
 
+/// Size of a picture (px).
 const WIDTH: usize = 400;
 const HEIGHT: usize = 300;
 /// Number of pictures of each scene.
@@ -19,10 +20,12 @@ const PICTURES: u64 = 6;
 /// Least confidence of a sure report.
 const SURE: f64 = 0.8;
 
+/// Levels of red, green and blue, 0 to 255.
 type Colour = [f64; 3];
 /// Colour at a place of the plane; a camera straight in front of it sees x 0..4, y 0..3.
 type Scene = Box<dyn Fn(f64, f64) -> Colour>;
 
+/// Colours of the stickers of a cube.
 const STICKERS: [Colour; 6] = [
     [235.0, 235.0, 235.0],
     [183.0, 18.0, 52.0],
@@ -57,6 +60,7 @@ struct Tiles {
 }
 
 impl Tiles {
+    /// Creates square tiles; `colour` gives the colour of the tile in a row and a column.
     fn new(
         (rows, columns): (usize, usize),
         gap: f64,
@@ -67,6 +71,7 @@ impl Tiles {
         Self { rows, columns, gap, aspect: 1.0, body, colours, round: false }
     }
 
+    /// Returns the scene of these tiles in the middle of a background.
     fn on(self, ground: Colour) -> Scene {
         let (rows, columns) = (self.rows as f64, self.columns as f64);
         let side = (2.4 / (rows * self.aspect)).min(3.4 / columns);
@@ -104,6 +109,7 @@ fn plaid(random: &mut Pcg64) -> Scene {
     })
 }
 
+/// Returns a random brick wall with pale joints.
 fn bricks(random: &mut Pcg64) -> Scene {
     let height = random.random_range(0.15..0.4);
     let width = height * random.random_range(2.2..3.3);
@@ -120,6 +126,7 @@ fn bricks(random: &mut Pcg64) -> Scene {
     })
 }
 
+/// Returns a random chessboard, which is larger than the picture.
 fn chess(random: &mut Pcg64) -> Scene {
     let (a, b, side) = (any(random), any(random), random.random_range(0.25..0.5));
     Box::new(

@@ -442,8 +442,9 @@ impl Mp {
             Ok(Ok(journal)) => self.parts.journal = Some(journal),
             Ok(Err(warning)) => self.tell(Notice::Warning(self.now(), warning)),
             Err(why) => {
-                let warning =
-                    format!("{why}: the journal is incomplete, so this run must not be resumed");
+                let warning = format!(
+                    "{why}: the journal is incomplete; the run continues and must not be resumed"
+                );
                 self.tell(Notice::Warning(self.now(), warning));
             }
         }
@@ -584,11 +585,13 @@ mod tests {
         Mp { arms: arms.into(), ..Mp::new(Parts { guard: Some(guard), ..parts }) }
     }
 
+    /// Returns the state of a synchronised arm at these joint positions.
     fn arm(joints: JointPositions) -> ArmState {
         let synchronisation = Synchronisation::Yes;
         ArmState { desired_joints: joints, synchronisation, ..ArmState::default() }
     }
 
+    /// Returns a joint motion to `target` at full speed.
     fn to(target: JointPositions) -> Behaviour {
         Behaviour::Joints { target, speed: 1.0, seconds: 0.0 }
     }
@@ -606,6 +609,7 @@ mod tests {
         (meeting, along)
     }
 
+    /// Returns the guard of the example cell, with a limit of 0.25 m/s near the operator.
     fn guard() -> Guard {
         Guard::of(&example_cell(), 0.25)
     }

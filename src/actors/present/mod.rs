@@ -380,7 +380,7 @@ impl Presenter {
         (age < STALE).then_some(HandView { world_from_cube, speed, age })
     }
 
-    /// Returns in words where the cube is if the stand-alone camera sees it and no arm holds it.
+    /// Returns the words for the place of a cube that the stand-alone camera sees and no arm holds.
     fn keeper_place(&self) -> &'static str {
         match self.cell.keeper {
             Keeper::Person => "in the operator's hand",
@@ -516,7 +516,7 @@ mod tests {
         presenter.publish(&desk, Control::Running, 0.0);
 
         let snapshot = desk.snapshots.borrow().clone();
-        assert_eq!(snapshot.time, 1.0);
+        assert_eq!(snapshot.time, 1.0, "500 periods of 2 ms");
         assert_eq!(snapshot.cube.held_by, [0, 1]);
         let shown = snapshot.cube.world_from_cube.unwrap();
         assert!((shown.translation.vector - world_from_cube.translation.vector).norm() < 1e-12);

@@ -27,14 +27,28 @@ Examples:
   rubik-robot doctor --seconds 60             # a longer probe
   rubik-robot doctor --json | tail -1
 
-No device is opened, and no arm moves.
+No device is opened, and no arm moves. Each finding has a mark, and below it, after ->, the command
+or setting that helps:
+  ok        no fault
+  MISSING   a right is missing that `run --require-rt` needs
+  REFUSED   the reason why `run` refuses the scenario
+  note      the servo may be late at times, or only some scenarios need this
+The jitter is how late a servo thread with a period of 2 ms wakes up (us): one that sleeps, and one
+that spins before each period. It does not change the exit code.
+
+Keys of the object of --json:
+  real_time   whether every real-time right is granted
+  refused     whether `run` refuses the scenario
+  findings    name, state (the mark), fact, fix (null if there is none)
+  probes      jitter: name, p50_us, p99_us, p999_us, max_us, missed and periods (their numbers)
 Exit codes: 0 every real-time right is granted, and `run` would accept the scenario's core and
-devices; 1 otherwise; 2 the scenario is wrong.")]
+devices; 1 otherwise; 2 wrong usage or scenario.")]
 pub(super) struct DoctorArgs {
-    /// Scenario file (TOML) whose priority, core and devices are checked
+    /// Scenario file (TOML) whose priority, core and devices are checked [default: none]
     scenario: Option<PathBuf>,
-    /// Duration of each of the two jitter measurements (s, 0.1 to 3600)
-    #[arg(long, value_name = "S", default_value_t = 2.0)]
+    /// Duration of each of the two jitter measurements by the wall clock
+    /// (s, 0.1 to 3600)
+    #[arg(long, value_name = "S", default_value_t = 2.0, verbatim_doc_comment)]
     seconds: f64,
     /// Print one line of JSON
     #[arg(long)]

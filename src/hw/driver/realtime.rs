@@ -258,6 +258,7 @@ mod tests {
     #[test]
     fn memory_lock_limit_applies_without_ipc_lock_capability() {
         const NONE: &str = "Name:\tx\nCapEff:\t0000000000000000\n";
+        // CAP_IPC_LOCK is bit 14 of the effective capabilities.
         const IPC_LOCK: &str = "CapEff:\t0000000000004000\n";
         let limit = 8 << 20;
 

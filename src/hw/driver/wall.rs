@@ -233,6 +233,7 @@ mod tests {
 
     #[test]
     fn period_start_equal_to_now_counts_as_missed() {
+        // Periods of 2000 ns, of which the next one starts at 1000 ns.
         for (now, missed) in [(0, 0), (999, 0), (1000, 1), (2999, 1), (3000, 2), (21_500, 11)] {
             let mut next = 1000;
             assert_eq!(pass(&mut next, 2000, now), missed, "at {now}");

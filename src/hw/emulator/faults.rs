@@ -135,6 +135,7 @@ mod tests {
             }
         }
 
+        // A fifth of the answers that are not missed is corrupt.
         assert!((900..1100).contains(&missed), "{missed}");
         assert!((1600..2000).contains(&wrong), "{wrong}");
     }

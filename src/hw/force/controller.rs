@@ -350,9 +350,10 @@ mod tests {
             wrench = sensor.read(period, 0, &mut Notes::none()).0;
         }
 
+        // A status, then three forces at 20 counts/N and three torques at 1000 counts/Nm.
         assert_eq!(wrench, Wrench::from_directions([1.0, 2.0, -3.0, 1.0, 0.0, 0.5]));
         let switch = lines.iter().position(|line| line == "CP P").unwrap();
         assert_eq!(lines[..switch], lines[switch + 1..], "the settings are sent again: {lines:?}");
-        assert_eq!(lines.len(), 15);
+        assert_eq!(lines.len(), 15, "7 settings, the switch, 7 settings");
     }
 }

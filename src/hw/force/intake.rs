@@ -123,6 +123,7 @@ mod tests {
         Wrench::from_directions([0.0, 0.0, force, 0.0, 0.0, 0.0])
     }
 
+    /// Returns an intake without readings, for a sensor with a range of 130 N along z.
     fn intake() -> Intake {
         Intake::new([65.0, 65.0, 130.0, 5.0, 5.0, 5.0])
     }

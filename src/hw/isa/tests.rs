@@ -150,6 +150,7 @@ fn pulse_widths_move_counters_after_alarm_reset() {
     // One period for the word that resets the alarms, one until a counter is read.
     assert_eq!(reading.counts[1..], [99 * 20; 6], "axis 1 is the first pointer's");
     assert_eq!(reading.jaw_count, -99 * 20);
+    // The card measures in whole units: 13.7 to the ampere for an axis, 347 for the jaw.
     assert!((reading.currents[3] - 27.0 / 13.7).abs() < 1e-12);
     assert!((reading.currents[JAW] + 28.0 / 347.0).abs() < 1e-12, "it opens");
     assert_eq!(reading.inputs, 0x8421);

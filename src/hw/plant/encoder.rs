@@ -90,6 +90,7 @@ mod tests {
 
     #[test]
     fn counter_restarts_at_first_encoder_zero_past_switch() {
+        // 4000 counts a revolution; the motor begins at -5 rad.
         let mut encoder = Encoder::new(4000.0, -5.0, false);
         assert_eq!(
             encoder.read(-5.0, false),
@@ -97,8 +98,9 @@ mod tests {
         );
 
         let leaving = encoder.read(-3.0, false);
-        assert!(!leaving.switch && leaving.count == 1273);
+        assert!(!leaving.switch && leaving.count == 1273, "2 rad");
         assert!(!encoder.read(-0.01, true).synchronised);
+        // The zero is at 0 rad, 12.7 counts back.
         let found = encoder.read(0.02, true);
 
         assert_eq!(found, Report { count: 13, zero: true, switch: false, synchronised: true });

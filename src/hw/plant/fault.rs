@@ -446,6 +446,7 @@ fn counter(reading: &mut ArmReading, axis: usize) -> &mut i64 {
 mod tests {
     use super::*;
 
+    /// Fault that freezes the counter which [`read`] returns.
     const FREEZE: What = What::EncoderFreeze { arm: 0, axis: 2 };
 
     /// Returns the count of axis 2 that arm 0 reports under the faults when the true one is
@@ -453,7 +454,8 @@ mod tests {
     fn read(faults: &mut Faults, count: i64) -> i64 {
         let mut reading = ArmReading::default();
         reading.counts[2] = count;
-        faults.spoil(0, &mut reading, &[4000.0; AXES + 1], &[65.0; 6]);
+        let (increments, range) = ([4000.0; AXES + 1], [65.0; 6]);
+        faults.spoil(0, &mut reading, &increments, &range);
         reading.counts[2]
     }
 
@@ -473,8 +475,10 @@ mod tests {
     #[test]
     fn fault_begins_after_nth_event_and_delay() {
         let when = When::After { event: Trigger::Grasped(Some(1)), nth: 2, delay: 0.1 };
+        // A fault that only reports its start; 7 is any number.
         let what = What::Elsewhere(7);
         let mut faults = Faults::new(&[Fault { what, when, lasts: f64::INFINITY }]);
+        // Passes grasps of these arms at a time (s), and returns the number of faults that begin.
         let mut begun = |events: &[usize], time: f64| {
             for arm in events {
                 faults.pass_event(&Incident::Grasped { arm: *arm }, time);

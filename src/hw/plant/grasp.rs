@@ -511,6 +511,7 @@ mod tests {
         };
         for tilt in [0.0, 0.2, 0.35, 0.6] {
             let (mut last, mut most) = (0.0, 0.0_f64);
+            // The cube comes from 60 mm to 5 mm from the tool point, in steps of 10 um.
             for step in 0..5500 {
                 let p = Vector3::new(0.0, 0.0, 0.06 - 1e-5 * f64::from(step));
                 let cube = Frame { r: about(&Vector3::x(), tilt), p };

@@ -469,6 +469,7 @@ mod tests {
                 calm += (cube(&hand, 8.0 + t).p - hand.place.p).norm_squared() / 1e3;
             }
 
+            // Half a millimetre along each axis.
             assert!(calm.sqrt() < 0.5e-3 * 3_f64.sqrt(), "{}", calm.sqrt());
             assert!(moving > 4.0 * calm);
         }

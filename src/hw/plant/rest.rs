@@ -183,10 +183,12 @@ mod tests {
     use super::*;
     use nalgebra::Matrix3;
 
+    /// Edge of the cube (m). On the table, at 0.7 m, its centre is at 0.73 m.
     const EDGE: f64 = 0.06;
     /// Length of a substep that is so long that no damping remains (s).
     const DT: f64 = 1e12;
 
+    /// Returns the frame of an upright cube whose centre is at (x, 0, z) (m).
     fn at(x: f64, z: f64) -> Frame {
         Frame { r: Matrix3::identity(), p: Vector3::new(x, 0.0, z) }
     }

@@ -80,6 +80,8 @@ mod tests {
     #[test]
     fn arm_may_yield_but_not_move_after_stop() {
         let (on, held) = ([true; 2], [false, true]);
+        // Returns what is counted if the arm moves at `speed` (rad/s) this many periods after the
+        // stop. The arm may yield for 275 periods, `SETTLED`.
         let after = |periods: usize, speed: f64| {
             let mut moments = vec![(on, 0.0), (held, 0.1)];
             moments.resize(periods, (held, 0.1));

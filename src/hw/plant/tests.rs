@@ -20,6 +20,18 @@ impl Plant {
     }
 }
 
+/// Angle by which the pads give before a cube that turns forces the jaws apart (rad).
+const GIVE: f64 = 0.015;
+/// Width of a finger (m).
+const FINGER: f64 = 0.012;
+
+/// Returns how far apart fingers are that meet a cube at its corners (m). The cube is turned by
+/// `angle` (rad) about the palm's axis.
+fn opening_at_corners(angle: f64) -> f64 {
+    let tilt = angle - GIVE;
+    (EDGE + FINGER * tilt.sin()) / tilt.cos()
+}
+
 /// Returns a servo whose plant has the cube in both hands. The track's jaws close first, then the
 /// postument's, each with the force `grip` (N).
 fn both_hold(config: PlantConfig, grip: f64, seed: u64) -> TestServo {
@@ -58,6 +70,8 @@ fn turn(servo: &mut TestServo, angle: f64) {
     servo.run(0.3);
 }
 
+/// Afterwards the hand that holds the cube's body lets go, which joins the turned layer to the
+/// cube.
 #[test]
 fn quarter_turn_turns_one_face_only() {
     let mut servo = both_hold(held(Jaws::rubber(), CubeMechanics::of_2007()), 30.0, 1);
@@ -367,9 +381,8 @@ fn cube_turning_between_jaws_forces_them_apart() {
     let v = servo.plant.verdict();
     assert!(v.layer_angles[1].abs() < 0.05, "{:?}", v.layer_angles);
     assert!(!servo.plant.grasps[1].lost);
-    // Beyond the give of the pads: 0.235 rad between fingers of 12 mm.
     let apart = servo.plant.jaws[1].opening() - flat;
-    assert!((apart - ((EDGE + 0.012 * 0.2328) / 0.9725 - EDGE)).abs() < 5e-4, "{apart}");
+    assert!((apart - (opening_at_corners(0.25) - EDGE)).abs() < 5e-4, "{apart}");
     assert!(v.counts.slips > 0, "{:?}", v.counts);
 }
 
@@ -390,7 +403,7 @@ fn jaws_meet_tilted_layer_at_its_corners() {
             }
         }
 
-        let corners = (EDGE + 0.012 * (angle - 0.015).sin()) / (angle - 0.015).cos();
+        let corners = opening_at_corners(angle);
         assert!((met.unwrap() - corners).abs() < 5e-4, "{met:?} {corners}");
     }
 }
@@ -407,7 +420,7 @@ fn released_cube_falls_on_tray_and_lies_flat() {
     assert!(matches!(v.cube, Whereabouts::Tray { .. }), "{:?}", v.events);
     assert_eq!(v.counts.drops, 1);
     let height = v.world_from_cube.translation.vector.z;
-    assert!((height - servo.plant.cell().table_height - 0.0285).abs() < 1e-9);
+    assert!((height - servo.plant.cell().table_height - 0.5 * EDGE).abs() < 1e-9);
     let Whereabouts::Tray { down, fell: true } = v.cube else { panic!("{:?}", v.cube) };
     let normal = v.world_from_cube.rotation * down.normal();
     assert!((normal + Vector3::z()).norm() < 1e-6);
@@ -718,6 +731,7 @@ fn force_sensor_at_rest_reads_weight_of_tool() {
 
     let force = servo.readings[1].wrench_on_sensor.force;
 
+    // The tool weighs 10.8 N.
     let expected = servo.plant.arms[1].world_from_flange.r.tr_mul(&Vector3::new(0.0, 0.0, -10.8));
     assert!((force - expected).norm() < 1e-3, "{force}");
 }

@@ -743,6 +743,7 @@ mod tests {
             after_a_period(&mut guess, None).unwrap();
             assert!((guess.count() - i64::from(300 * (k + 1))).abs() <= 2, "{}", guess.count());
         }
+        // By 1100 increments farther than expected: beyond the usual limit of 1000.
         let far = at(300 * 39 + 1400);
         assert_eq!(
             after_a_period(&mut axis, Some(&far)),
@@ -789,6 +790,7 @@ mod tests {
     #[test]
     fn lasting_impossible_jump_of_counter_is_a_fault() {
         let mut axis = running();
+        // The largest possible step is 1000 increments in a period.
         let jumped = at(5000 + 1001).encode();
 
         assert_eq!(after_a_period(&mut axis, Some(&jumped)), Ok(Answer::Impossible(1)));

@@ -444,6 +444,7 @@ mod tests {
     use crate::scenario;
     use std::collections::BTreeMap;
 
+    /// Returns the built-in cell.
     fn cell() -> Cell {
         scenario::read(std::path::Path::new("t.toml"), "", &[]).unwrap().controller.cell
     }

@@ -370,10 +370,12 @@ mod tests {
         ]
     });
 
+    /// Returns the search with the databases [`NEAR`].
     fn near() -> Korf<'static> {
         Korf::new([&NEAR[0], &NEAR[1], &NEAR[2]]).unwrap()
     }
 
+    /// Solves a cube by one thread, without a stop.
     fn solve(korf: &Korf<'_>, cube: &Cube, limits: Limits) -> Answer {
         korf.solve(cube, limits, &InTurn, &AtomicBool::new(false))
     }

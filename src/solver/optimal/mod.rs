@@ -256,11 +256,13 @@ mod tests {
     const PHASE_1: Design =
         Design { shape: Shape { full: true, ..FEW_FLIPS.shape }, base: 8, ..FEW_FLIPS };
 
+    /// The two designs with their tables.
     static TABLES_OF_TEST: LazyLock<[(Design, build::Filled); 2]> = LazyLock::new(|| {
         [FEW_FLIPS, PHASE_1]
             .map(|design| (design, fill(&Cosets::new(design.shape), design.base, &InTurn, &|_| ())))
     });
 
+    /// Returns a search for each table of [`TABLES_OF_TEST`].
     fn solvers() -> [Optimal<'static>; 2] {
         TABLES_OF_TEST.each_ref().map(|(design, filled)| Optimal::with(*design, &filled.table))
     }
@@ -282,10 +284,12 @@ mod tests {
         }
     }
 
+    /// Returns the solved cube after these turns.
     fn after(text: &str) -> Cube {
         Cube::SOLVED.apply_all(&parse_turns(text).unwrap())
     }
 
+    /// Stop that is never pressed.
     static RUN: AtomicBool = AtomicBool::new(false);
 
     /// Watch that never ends a search.

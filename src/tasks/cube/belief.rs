@@ -359,6 +359,7 @@ mod tests {
         }
     }
 
+    /// Returns a point between the arms, about which the base of the postument is believed to err.
     fn pivot() -> Point3<f64> {
         Point3::new(0.0, 1.0, 1.3)
     }
@@ -412,6 +413,7 @@ mod tests {
             let track = look_at(place, place + Vector3::new(0.2, 0.9, 0.1));
             let mut arms = [posed(track), posed(Pose::identity())];
             let cube = truth.cube(&truth.state, Hand::Track, &arms).unwrap();
+            // 0.2 m in front of the face.
             let seen_from = cube * Point3::from(face.normal() * 0.228);
             let camera = look_at(seen_from.coords, cube.translation.vector);
             let tool_from_camera = Pose::translation(0.05, 0.0, -0.12);

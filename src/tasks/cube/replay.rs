@@ -14,12 +14,14 @@ use super::plan::terms::Rule;
 use crate::cube::{Axis, Face, Facelets, Turn};
 use crate::motion::Depth;
 
-/// A cell of the grid.
+/// A cell of the grid: its place along x (to R), y (to B) and z (to U), in cubies from the cube's
+/// centre.
 type Cell = [i8; 3];
 
 /// A step that must not be done, and the reason.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("step {step}: {fault}")]
+// Users count the steps from 1, as `plan --explain` does.
+#[error("step {}: {fault}", .step + 1)]
 pub struct Illegal {
     /// Number of the step in the plan, from 0.
     pub step: usize,
@@ -31,28 +33,35 @@ pub struct Illegal {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Fault {
     /// No hand would hold the cube.
-    #[error("the {0:?} hand lets go and no hand holds the cube")]
+    #[error("the {} hand lets go and no hand holds the cube", .0.name())]
     Dropped(Hand),
     /// The jaws lie along the palm's own axis.
-    #[error("the jaws of the {0:?} hand close along its palm's axis")]
+    #[error("the jaws of the {} hand close along its palm's axis", .0.name())]
     Jaws(Hand),
     /// Both hands fill one cell.
-    #[error("both hands fill the grid cell {0:?} around the cube")]
+    #[error(
+        "both hands fill one place: {} along x (to R), {} along y (to B) and {} along z (to U), in \
+         cubies from the cube's centre",
+        .0[0], .0[1], .0[2]
+    )]
     Collision(Cell),
     /// The hand holds nothing, but the step needs its hold.
-    #[error("the {0:?} hand holds no cube")]
+    #[error("the {} hand holds no cube", .0.name())]
     Empty(Hand),
     /// The hand holds the cube and so cannot look at it.
-    #[error("the {0:?} hand holds the cube and cannot look at it")]
+    #[error("the {} hand holds the cube and cannot look at it", .0.name())]
     Busy(Hand),
     /// The turner's palm is on another face, or it holds more than the layer.
-    #[error("the {0:?} hand holds other layers than the one that it turns")]
+    #[error("the {} hand does not hold exactly the layer that it turns", .0.name())]
     Turner(Hand),
     /// The other hand holds the layer that turns, or does not hold the middle one.
-    #[error("the {0:?} hand is in the way of the turning layer or does not hold the middle layer")]
+    #[error(
+        "the {} hand is in the way of the turning layer or does not hold the middle layer",
+        .0.name()
+    )]
     Body(Hand),
     /// The turn is the hand's second one in a grasp, and the wrist has room for one.
-    #[error("the {0:?} hand turns twice without letting go")]
+    #[error("the {} hand turns twice without letting go", .0.name())]
     TurnedTwice(Hand),
     /// The turn is by no quarter or by more than three.
     #[error("a turn by {0} quarter turns instead of 1, 2 or 3")]
@@ -218,6 +227,7 @@ mod tests {
     use super::super::plan::{compatible, turnable};
     use super::*;
 
+    /// Returns the first of the two grips of this hold.
     fn grip(palm: Face, jaws: Axis, depth: Depth) -> Grip {
         Grip { hold: Hold { palm, jaws, depth }, half_roll: false }
     }

@@ -254,6 +254,7 @@ mod tests {
 
             assert_eq!(place.index(), index);
             assert_eq!(facelet_at(place.cell(), place.face), index);
+            // Half of the edge from the centre of the cube.
             assert!((place.centre(0.057).coords.dot(&place.normal()) - 0.0285).abs() < 1e-15);
         }
         // The top left sticker of the front is on the corner at left, front, up.

@@ -378,6 +378,8 @@ mod tests {
         Facelets::try_from(colours).unwrap()
     }
 
+    /// Stickers 8, 9 and 20 are those of the corner URF, 5 and 10 those of the edge UR, 7 and 19
+    /// those of the edge UF.
     #[test]
     fn each_impossible_cube_has_its_reason() {
         let reason = |facelets: Facelets| Cube::try_from(facelets).unwrap_err().to_string();
@@ -414,6 +416,7 @@ mod tests {
     #[test]
     fn error_of_impossible_scrambled_cube_names_no_piece() {
         let turns = parse_turns("R U2 F' L D B2 R' U F D2 L' B").unwrap();
+        // The stickers are those of the edge UF, of the corner URF, and of both edges UR and UF.
         for (pairs, message) in [
             (&[(7, 19)][..], "one edge is flipped in its place: it can be any edge"),
             (
@@ -475,6 +478,7 @@ mod tests {
     #[test]
     fn mirrored_cube_is_refused_for_its_centres() {
         let mut colours = *Facelets::solved().colours();
+        // The colours of R and L are exchanged.
         colours[9..18].fill(4);
         colours[36..45].fill(1);
 

@@ -308,6 +308,7 @@ mod tests {
     use crate::cube::parse_turns;
     use proptest::prelude::*;
 
+    /// Returns the solved cube after these moves.
     fn after(text: &str) -> Facelets {
         after_moves(&Facelets::solved(), &parse_moves(text).unwrap())
     }

@@ -233,6 +233,7 @@ mod tests {
 
     #[test]
     fn flipped_edge_has_twelve_repairs_twisted_corner_eight() {
+        // Stickers 7 and 19 are those of the edge UF, 8, 9 and 20 those of the corner URF.
         let flipped = with(&Facelets::solved(), &[(7, 2), (19, 0)]);
         let twisted = with(&Facelets::solved(), &[(8, 1), (9, 2), (20, 0)]);
 

@@ -6,13 +6,18 @@ use crate::servo::io::ArmDrive;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
+/// Length of a period (ns).
+const LENGTH: u64 = 2_000_000;
+/// Priority of the bridge's thread.
+const PRIORITY: i32 = 6;
+
 /// Makes the servo's side alone, with the buffer into which a bridge would write its readings.
 fn port() -> (triple_buffer::Input<Readings>, BridgePort) {
     let (drives, _) = rtrb::RingBuffer::<Drives>::new(RING);
     let start = Readings::default();
     let (outgoing, readings) = triple_buffer::triple_buffer(&start);
     let link = (Arc::default(), std::thread::current());
-    (outgoing, BridgePort::new(drives, readings, link, start, 2_000_000))
+    (outgoing, BridgePort::new(drives, readings, link, start, LENGTH))
 }
 
 /// Fetches the reading of the only arm for `period`.
@@ -57,7 +62,7 @@ impl Port for Stopped {
 fn fault_message_names_a_preceding_transmit_stall() {
     let first = [ArmReading::default()];
     let (bridge, mut servo) =
-        Bridge::spawn(Stopped::default(), &first, 6, 2_000_000, |_, _| ()).unwrap();
+        Bridge::spawn(Stopped::default(), &first, PRIORITY, LENGTH, |_, _| ()).unwrap();
     servo.send(1, &[ArmDrive { enabled: true, ..ArmDrive::OFF }]);
 
     let fault = bridge.join().unwrap().1.unwrap();
@@ -73,7 +78,7 @@ fn fault_message_names_only_pauses_beyond_stall_limit() {
         let hears = Arc::clone(&heard);
         let hook = move |_, _: &mut Stopped| hears.store(true, Ordering::Release);
         let (bridge, mut servo) =
-            Bridge::spawn(Stopped::default(), &first, 6, 2_000_000, hook).unwrap();
+            Bridge::spawn(Stopped::default(), &first, PRIORITY, LENGTH, hook).unwrap();
         let begun = Instant::now();
         servo.send(1, &[ArmDrive { enabled: true, ..ArmDrive::OFF }]);
         while !heard.load(Ordering::Acquire) {
@@ -123,8 +128,10 @@ impl Port for Told {
 fn silent_or_dropped_servo_switches_drives_off() {
     let told = Told::default();
     let first = [ArmReading::default()];
-    let (bridge, mut servo) = Bridge::spawn(told.clone(), &first, 6, 2_000_000, |_, _| ()).unwrap();
+    let (bridge, mut servo) =
+        Bridge::spawn(told.clone(), &first, PRIORITY, LENGTH, |_, _| ()).unwrap();
     let on = ArmDrive { enabled: true, ..ArmDrive::OFF };
+    // Waits for the order number `count` that switches the drives off, and returns its time.
     let off = |count: usize| {
         let begun = Instant::now();
         loop {

@@ -6,7 +6,9 @@ use crate::cell::Intrinsics;
 
 use crate::spatial::pose_from_axes;
 
+/// Edge of the cube (m).
 const EDGE: f64 = 0.057;
+/// Height of the fixed camera and of the cube in front of it (m).
 const HEIGHT: f64 = 1.1;
 
 /// Returns the intrinsics of a camera without distortion; `focal` is the focal length (px).
@@ -296,6 +298,7 @@ fn fingertips_cover_three_stickers_at_most() {
                 };
                 let (x, y) = (place(cell % 3, point % 3), place(cell / 3, point / 3));
                 let rgb = image.get_pixel((319.5 + x).round() as u32, (239.5 + y).round() as u32);
+                // Skin is more red than blue, other than the blue stickers.
                 rgb[0] > rgb[2]
             });
             covered += u8::from(on_skin);
@@ -315,6 +318,7 @@ fn turned_layer_moves_its_stickers() {
     let mut renderer = studio(standing(), |_| ());
     let straight = renderer.render(&scene, 1.0);
     let front = 0.4 - EDGE / 2.0;
+    // A row that is a quarter of half the edge above the straight cube.
     let at = (239.5 - 600.0 / front * EDGE * 0.5 * 1.25).round() as u32;
 
     scene.cube.turned = (Axis::Y, std::f64::consts::FRAC_PI_4, 0.0);

@@ -611,8 +611,8 @@ impl Robot {
     }
 }
 
-/// Returns the orders with straight and joint motions at [`RETRY_SPEED`]. The other motions have
-/// the speeds of contacts already.
+/// Returns the orders with straight and joint motions at [`RETRY_SPEED`]; the others have the
+/// speeds of contacts already.
 fn slowed(orders: Orders) -> Orders {
     orders.map(|order| {
         order.map(|mut behaviour| {
@@ -631,7 +631,7 @@ fn slowed(orders: Orders) -> Orders {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::{Stage, goes_well, order, settings, taken, track, words};
+    use super::super::testing::{EMPTY, Stage, goes_well, order, settings, taken, track, words};
     use super::super::{give_back, regrasp};
     use super::*;
     use crate::cube::Keeper;
@@ -743,6 +743,7 @@ mod tests {
                 if let Action::Behave { orders, .. } = action
                     && let Some(Behaviour::Approach { distance, .. }) = orders[1]
                 {
+                    // The approach goes on for 15 mm beyond the believed place.
                     found = Some(distance - 0.015);
                 }
                 goes_well(action, arms)
@@ -765,6 +766,7 @@ mod tests {
         let way =
             MeetingPath { separation: 0.1, stroke: 0.3, across: 0.1, ramp: 0.1, seconds: 2.0 };
         let mut settings = settings();
+        // Between all 30 meetings, for each of the two newcomers.
         settings.meetings.ways = vec![Some(way); 30 * 30 * 2];
         let mut stage = Stage::holding(settings);
         let meeting = stage.robot.settings.meetings.grasps[0].unwrap();
@@ -829,7 +831,7 @@ mod tests {
             }
             arms[0].desired_joints = target;
             sent.push(target);
-            arms[0].jaw_opening = if lost { 0.053 } else { 0.0567 };
+            arms[0].jaw_opening = if lost { EMPTY } else { 0.0567 };
             goes_well(action, arms)
         };
         let way = async |robot: &mut Robot| {
@@ -904,7 +906,7 @@ mod tests {
 
     /// A hand that another one was pushed into met it three times with full speed.
     #[test]
-    fn path_after_contact_is_slower_in_step() {
+    fn retry_after_contact_moves_both_arms_more_slowly() {
         let mut stage = Stage::holding(settings());
         let (near, far) = (JointPositions([0.1; 7]), JointPositions([0.4; 7]));
         let orders = stage.robot.joint_orders([Some(near), Some(far)]);

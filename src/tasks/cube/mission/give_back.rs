@@ -394,6 +394,7 @@ mod tests {
         (end, words, targets)
     }
 
+    /// Outcome of a motion that met an obstacle or a person's hand.
     const MET: Outcome = Outcome::OverForce(2, 31.0);
 
     /// A contact while the cube is held out may be a person who takes it.

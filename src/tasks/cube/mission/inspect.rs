@@ -307,7 +307,8 @@ mod tests {
         };
         assert_eq!(next(&stage, &sides, &both), Some(0), "no path is known");
 
-        // The views have the numbers 24 to 26 in the table of paths.
+        // The table has a path between any two of 30 meetings, for each of the two newcomers. The
+        // views have the numbers 24 to 26.
         let mut ways = |back: f64| {
             let way = |seconds| {
                 let (separation, stroke, across, ramp) = (0.1, 0.3, 0.1, 0.1);
@@ -329,6 +330,7 @@ mod tests {
         assert_eq!(next(&stage, &sides, &[]), None);
     }
 
+    /// Letters of the solved cube.
     const SOLVED: &str = "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB";
 
     /// Makes a stage after all turns: each side has one colour, and the track holds the cube.
@@ -386,6 +388,7 @@ mod tests {
         assert!(why.contains("tilted by 20 deg in the track hand") && looks == 2, "{why}");
     }
 
+    /// Returns the failure of a look without light.
     fn dark() -> Result<FaceReading, String> {
         Err("the picture is black".to_owned())
     }
@@ -456,7 +459,7 @@ mod tests {
 
     #[test]
     fn hidden_cube_is_inspected_once_more() {
-        // Three tries at each of three sides.
+        // Three tries at each of three sides; the second inspection needs two looks.
         let look = |looks, face| if looks < 9 { dark() } else { Ok(one_colour(face)) };
 
         let (end, looks, asked) = inspects(&mut stage(Some(30.0)), vec![], look);
@@ -466,6 +469,7 @@ mod tests {
 
     #[test]
     fn operator_answer_repeats_inspection_of_hidden_cube() {
+        // Two inspections in vain need 18 looks, and the one after the answer two.
         let again = || Some(Answer::Choice { option: 0 });
         let look = |looks, face| if looks < 18 { dark() } else { Ok(one_colour(face)) };
         let (end, looks, asked) = inspects(&mut stage(Some(30.0)), vec![again()], look);

@@ -366,6 +366,7 @@ mod tests {
         let (end, _) = read_tilted(Hand::Postument, &[Some(true); 9]);
         assert!(matches!(end, Err(Failure::Final(_))), "{end:?}");
 
+        // A second look at the first face, then one at each of the other five.
         let (end, looks) = read_tilted(Hand::Track, &[Some(true)]);
         assert_eq!((end, looks), (Err(Failure::GiveBack("thought".to_owned())), 7));
 

@@ -407,7 +407,9 @@ mod tests {
     use crate::tasks::{Action, Event};
     use std::f64::consts::FRAC_PI_2;
 
+    /// Distance between jaws that hold the cube flat (m).
     const WIDTH: f64 = 0.0567;
+    /// Anticlockwise quarter turn that fails in these tests.
     const TURN: Turn = Turn { face: Face::U, quarters: 3 };
 
     /// Makes a stage on which both hands hold the cube, and the track hand's anticlockwise quarter
@@ -441,7 +443,8 @@ mod tests {
         stage.robot.decide(Hand::Track, Try { number, eased })
     }
 
-    /// Returns the distance (m) between pads on a layer that is misaligned by `angle` (rad).
+    /// Returns the distance (m) between pads, 12 mm wide, on a layer that is misaligned by `angle`
+    /// (rad).
     fn jaws_forced_apart(angle: f64) -> f64 {
         (WIDTH + 0.012 * libm::sin(angle)) / libm::cos(angle)
     }
@@ -468,6 +471,7 @@ mod tests {
         let stands = |rolled: f64| {
             let mut stage = failed(rolled);
             assert_eq!(stage.robot.belief.turn_axis(Hand::Track), Some(0));
+            // The fingers reach 17 mm deep over one layer.
             stage.robot.arms[1].jaw_opening = WIDTH + 0.017 * libm::sin(tilted - PAD_GIVE);
             decides(&mut stage, 1, true)
         };
@@ -726,14 +730,13 @@ mod tests {
 
     #[test]
     fn misalignment_angle_follows_from_jaw_opening() {
+        // Edge of the square between the jaws, and width of the pads (m).
+        let (edge, pad) = (0.057, 0.012);
         for angle in [0.0, 0.1, 0.5] {
-            let opening = (0.057 + 0.012 * libm::sin(angle)) / libm::cos(angle);
-            let found = misaligned_between(opening, 0.057, 0.012);
+            let opening = (edge + pad * libm::sin(angle)) / libm::cos(angle);
+            let found = misaligned_between(opening, edge, pad);
             assert!((found - angle).abs() < 1e-6, "{angle}");
         }
-        assert!(
-            misaligned_between(0.05, 0.057, 0.012).abs() < 1e-9,
-            "jaws narrower than the square"
-        );
+        assert!(misaligned_between(0.05, edge, pad).abs() < 1e-9, "jaws narrower than the square");
     }
 }

@@ -183,7 +183,7 @@ impl Robot {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::{Stage, goes_well, settings, words};
+    use super::super::testing::{EMPTY, Stage, goes_well, settings, words};
     use super::*;
     use crate::cube::{Face, Turn};
     use crate::tasks::cube::settings::CubeSettings;
@@ -274,7 +274,7 @@ mod tests {
     #[test]
     fn lost_cube_takes_precedence_over_other_failures() {
         let mut stage = Stage::holding(settings());
-        stage.robot.arms[0].jaw_opening = 0.053;
+        stage.robot.arms[0].jaw_opening = EMPTY;
 
         let (end, _) = recovers(&mut stage, Failure::GiveBack("no plan".to_owned()));
 
@@ -285,7 +285,7 @@ mod tests {
     #[test]
     fn strained_hand_takes_precedence_over_lost_cube() {
         let mut stage = Stage::holding(settings());
-        stage.robot.arms[0].jaw_opening = 0.053;
+        stage.robot.arms[0].jaw_opening = EMPTY;
 
         let (end, words) = recovers(&mut stage, Failure::Strained("pressed".to_owned()));
 

@@ -321,7 +321,7 @@ fn misaligned(track: &UnitQuaternion<f64>, postument: &UnitQuaternion<f64>) -> (
 mod tests {
     use super::super::assignment::{Assignment, Goal};
     use super::super::testing::{
-        Stage, WIDTH, goes_well, order, play_mission, settings, track, words,
+        EMPTY, Stage, WIDTH, goes_well, order, play_mission, settings, track, words,
     };
     use super::super::{Mission, recover};
     use super::*;
@@ -459,6 +459,7 @@ mod tests {
     fn empty_hand_retracts_until_clear_of_partners_cube() {
         let (desired_joints, stand) = Fold::example_stand();
         let goes = settings().folds[1].retractable(&stand, &desired_joints, 0.3);
+        // The joints of the arm allow six tenths of the usual retraction.
         let (back, edge) = (goes / 0.6, settings().edge);
         let way = |gone: f64| {
             let mut stage = stage(CubeSettings { back, ..settings() }, &lowering());
@@ -569,11 +570,11 @@ mod tests {
         };
 
         // Jaws that were opening close without a cube.
-        let (end, words) = offered(0.058, Outcome::Empty(0.053), Outcome::NotTouched);
+        let (end, words) = offered(0.058, Outcome::Empty(EMPTY), Outcome::NotTouched);
         assert!(end.achieved && end.reason == give_back::UNSEEN, "{}", end.reason);
         assert!(opened(&words) && position(&words, "pull").is_none(), "{words:?}");
         // Jaws that had closed farther than on a cube have lost it.
-        let (end, words) = offered(0.055, Outcome::Empty(0.053), Outcome::NotTouched);
+        let (end, words) = offered(0.055, Outcome::Empty(EMPTY), Outcome::NotTouched);
         assert!(!end.achieved && end.reason.contains("do not hold"), "{}", end.reason);
         assert!(!opened(&words), "{words:?}");
         // Jaws that are pressed while they close do not open.
@@ -593,7 +594,7 @@ mod tests {
         let last = Entry { handing_back: false, ..lowering() };
 
         let (end, _) = played(last, 0.0565, |order| match order {
-            Behaviour::Grasp { .. } => Some(Outcome::Empty(0.053)),
+            Behaviour::Grasp { .. } => Some(Outcome::Empty(EMPTY)),
             _ => None,
         });
 

@@ -49,7 +49,13 @@ pub(super) async fn acquire(robot: &mut Robot) -> Result<(), Failure> {
 }
 
 /// Lets the visual servo lead the open hand onto the cube until the palm touches it, in up to
-/// [`TAKE_TRIES`] tries.
+/// [`TAKE_TRIES`] tries. The count of the tries begins again after the operator has shown a cube
+/// that was not in reach.
+///
+/// # Errors
+/// [`Failure::Left`] after the last try, or if a retry is of no use; [`Failure::Final`] if no cube
+/// is in reach and the operator does not show it; [`Failure::NotHeldOut`] if an earlier run was
+/// handing the cube back and no person holds it out again; any failure of the hand.
 async fn approach(robot: &mut Robot) -> Result<(), Failure> {
     let mut tries = 1;
     loop {
@@ -286,7 +292,7 @@ impl Robot {
 mod tests {
     use super::super::assignment::{Assignment, Goal};
     use super::super::testing::{
-        Stage, count, goes_well, met, order, play_mission, settings, track, words,
+        EMPTY, Stage, count, goes_well, met, order, play_mission, settings, track, words,
     };
     use super::super::{Mission, recover};
     use super::*;
@@ -414,7 +420,8 @@ mod tests {
 
     #[test]
     fn jaws_accept_only_widths_of_a_cube() {
-        for (width, kept) in [(0.0565, true), (0.062, true), (0.065, false), (0.053, false)] {
+        // A clenched cube, a cube with a misaligned layer, and one with a finger beside it.
+        for (width, kept) in [(0.0565, true), (0.062, true), (0.065, false), (EMPTY, false)] {
             let mut stage = Stage::new(settings());
 
             let (end, _) = stage
@@ -490,6 +497,7 @@ mod tests {
     #[test]
     fn retraction_counts_the_distance_already_covered() {
         let (arm, goes) = folding();
+        // The joints of the arm allow six tenths of the usual retraction.
         let back = goes / 0.6;
         let drawn = |before: f64| {
             let mut stage = Stage::holding(CubeSettings { back, ..settings() });
@@ -572,7 +580,7 @@ mod tests {
     #[test]
     fn lost_cube_stops_the_next_action() {
         let mut stage = Stage::holding(settings());
-        stage.robot.arms[0].jaw_opening = 0.053;
+        stage.robot.arms[0].jaw_opening = EMPTY;
 
         let waits = async |robot: &mut Robot| robot.wait(Hand::Track, 1.0).await;
         let (end, actions) = stage.play(waits, &mut goes_well);

@@ -123,6 +123,8 @@ fn take_order() -> visual_servo::Order {
 
 /// Distance between jaws that hold the cube (m).
 pub(super) const WIDTH: f64 = 0.057;
+/// Distance between jaws that have closed farther than on a cube (m).
+pub(super) const EMPTY: f64 = 0.053;
 /// Actions before a procedure counts as endless.
 const MOST_ACTIONS: usize = 2000;
 

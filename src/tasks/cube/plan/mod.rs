@@ -127,6 +127,7 @@ mod tests {
     use crate::motion::Depth;
     use nalgebra::UnitQuaternion;
 
+    /// All rules of grasping.
     const RULES: [Rule; 3] = [Rule::Original, Rule::Strict, Rule::Clearance];
 
     /// Returns the track hand with its palm on face D, over two layers.
@@ -135,6 +136,7 @@ mod tests {
         (Hand::Track, Grip { hold, half_roll: false })
     }
 
+    /// Returns the plan of these turns from [`start`], for arms that reach everywhere.
     fn planned(text: &str, rule: Rule) -> Plan {
         plan(&[parse_turns(text).unwrap()], start(), &Terms::of(rule), &Everywhere).unwrap()
     }
