@@ -102,6 +102,14 @@ pub(super) fn check_devices(scenario: &Scenario) -> anyhow::Result<()> {
     })
 }
 
+/// Parses the value of an option that must be a finite number of any sign.
+pub(super) fn finite(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x.is_finite() => Ok(x),
+        _ => Err("must be a finite number".to_owned()),
+    }
+}
+
 /// Parses the value of an option that must be a finite number above 0.
 pub(super) fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {

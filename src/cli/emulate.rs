@@ -4,7 +4,7 @@
 //! - out: a file of devices for `rubik-robot run`; at the end the true events and state of the
 //!   simulated plant, as a table or as one line of JSON
 
-use super::arguments::ScenarioArgs;
+use super::arguments::{ScenarioArgs, not_negative};
 use super::output::{Output, complain, refuse};
 use crate::cell::Arm;
 use crate::error::Error;
@@ -70,16 +70,16 @@ pub(super) struct EmulateArgs {
           hide_possible_values = true)]
     sensors: SensorWord,
     /// Share of axis answers that are not sent (0 to 1)
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = not_negative)]
     missed: f64,
     /// Share of axis answers with a wrong bit (0 to 1)
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = not_negative)]
     corrupt: f64,
     /// Share of lost force datagrams (0 to 1; net-ft only)
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = not_negative)]
     lost: f64,
     /// Share of force datagrams that are one late (0 to 1; net-ft only)
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = not_negative)]
     reordered: f64,
     /// Reset the controller of an axis S seconds after the first command,
     /// as in track.3@20: effector track, axis 3 (0: the track); repeatable

@@ -4,7 +4,7 @@
 //! - out: a folder of PNG files, `frames.jsonl` (a line for each frame: optics, pose, faces) and
 //!   `manifest.jsonl` (a line for each face, as `vision eval` reads it)
 
-use super::arguments::{ScenarioArgs, positive};
+use super::arguments::{ScenarioArgs, not_negative, positive};
 use super::output::{WRONG, complain, save, save_picture};
 use crate::cell::{Camera, Intrinsics, Mount};
 use crate::hw::plant::render::{Look, Renderer, Setting, cube_alone};
@@ -72,11 +72,11 @@ pub(super) struct RenderArgs {
     #[arg(long, default_value_t = 100.0, value_parser = positive, verbatim_doc_comment)]
     width_px: f64,
     /// Largest tilt of this face against the line of sight (deg)
-    #[arg(long, default_value_t = 40.0)]
+    #[arg(long, default_value_t = 40.0, value_parser = not_negative)]
     tilt_deg: f64,
     /// Standard deviation of the image noise, in levels of 0 to 255
     /// [default: the scenario's plant.noise.image]
-    #[arg(long, verbatim_doc_comment)]
+    #[arg(long, verbatim_doc_comment, value_parser = not_negative)]
     noise: Option<f64>,
     /// Look of the frames: drawn or studio
     #[arg(long, value_enum, default_value_t = LookWord::Drawn, hide_possible_values = true)]

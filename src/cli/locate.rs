@@ -10,7 +10,7 @@
 //! | optics of another resolution | [`check_centre`] | the pose has a small residual and is wrong |
 //! | the pose is far from the truth | [`ASTRAY`] | it is that of another object |
 
-use super::arguments::{check_centre, positive};
+use super::arguments::{check_centre, finite, positive};
 use super::frames::{FrameTruth, Optics, rows};
 use super::image_file::load;
 use super::output::{code_of, line_about};
@@ -81,25 +81,25 @@ struct OpticsArgs {
     #[arg(long, value_parser = positive)]
     fy: Option<f64>,
     /// Principal point, x (px, centre of pixel 0 is 0) [default: the middle]
-    #[arg(long, allow_hyphen_values = true)]
+    #[arg(long, allow_hyphen_values = true, value_parser = finite)]
     cx: Option<f64>,
     /// Principal point, y (px) [default: the middle]
-    #[arg(long, allow_hyphen_values = true)]
+    #[arg(long, allow_hyphen_values = true, value_parser = finite)]
     cy: Option<f64>,
     /// Radial distortion, coefficient of r^2
-    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
+    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true, value_parser = finite)]
     k1: f64,
     /// Radial distortion, coefficient of r^4
-    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
+    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true, value_parser = finite)]
     k2: f64,
     /// Tangential distortion, first coefficient
-    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
+    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true, value_parser = finite)]
     p1: f64,
     /// Tangential distortion, second coefficient
-    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
+    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true, value_parser = finite)]
     p2: f64,
     /// Radial distortion, coefficient of r^6
-    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
+    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true, value_parser = finite)]
     k3: f64,
 }
 
@@ -254,7 +254,8 @@ pub(super) struct AccuracyArgs {
     /// Folder that `vision render` wrote
     folder: PathBuf,
     /// Error to add to the focal lengths before locating (%)
-    #[arg(long, value_name = "PERCENT", default_value_t = 0.0, allow_hyphen_values = true)]
+    #[arg(long, value_name = "PERCENT", default_value_t = 0.0, allow_hyphen_values = true,
+          value_parser = finite)]
     focal_error_percent: f64,
     /// Print one object of JSON instead of a table
     #[arg(long)]

@@ -5,7 +5,7 @@
 //!   colours on the dimmed picture; a picture of the result, with the paper's square and the faces
 //!   of the default detector; with optics also the pose from the square's four corner tiles
 
-use super::arguments::{check_centre, positive};
+use super::arguments::{check_centre, finite, positive};
 use super::image_file::load;
 use super::output::{code_of, line_about, save_picture};
 use crate::spatial::Pose;
@@ -39,10 +39,10 @@ pub(super) struct StagesArgs {
     #[arg(long, value_parser = positive, requires = "fx")]
     fy: Option<f64>,
     /// Principal point, x (px, centre of pixel 0 is 0) [default: the middle]
-    #[arg(long, allow_hyphen_values = true, requires = "fx")]
+    #[arg(long, allow_hyphen_values = true, requires = "fx", value_parser = finite)]
     cx: Option<f64>,
     /// Principal point, y (px) [default: the middle]
-    #[arg(long, allow_hyphen_values = true, requires = "fx")]
+    #[arg(long, allow_hyphen_values = true, requires = "fx", value_parser = finite)]
     cy: Option<f64>,
     /// Length of the cube's edge (mm)
     #[arg(long, default_value_t = 57.0, value_parser = positive)]

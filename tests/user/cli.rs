@@ -111,6 +111,9 @@ fn invalid_arguments_exit_with_2_and_a_reason() {
         (&["rnu"], "unrecognized subcommand"),
         (&["keys", "nosuch"], "no key"),
         (&["kinematics", "fk", "--arm", "left"], "track and postument"),
+        (&["doctor", "--seconds", "nan"], "above 0"),
+        (&["vision", "render", "x.toml", "--poses", "1", "-o", "x", "--noise", "nan"], "0 or more"),
+        (&["vision", "locate", "p.png", "--cx", "inf"], "finite"),
     ] {
         let out = robot(args);
         assert_eq!(out.status.code(), Some(2), "{args:?}: {}", text(&out.stderr));

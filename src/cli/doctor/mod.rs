@@ -11,6 +11,7 @@ mod machine;
 mod probe;
 mod robot;
 
+use super::arguments::positive;
 use super::output::{Output, refuse};
 use crate::hw::driver::{Timing, WallOptions};
 use crate::scenario::{self, Scenario};
@@ -48,7 +49,8 @@ pub(super) struct DoctorArgs {
     scenario: Option<PathBuf>,
     /// Duration of each of the two jitter measurements by the wall clock
     /// (s, 0.1 to 3600)
-    #[arg(long, value_name = "S", default_value_t = 2.0, verbatim_doc_comment)]
+    #[arg(long, value_name = "S", default_value_t = 2.0, value_parser = positive,
+          verbatim_doc_comment)]
     seconds: f64,
     /// Print one line of JSON
     #[arg(long)]
