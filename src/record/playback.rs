@@ -136,8 +136,13 @@ impl Playback {
     /// the text `asked`, which the recording does not contain. A look that the end of a run cuts
     /// off is never recorded, so the caller must not report it here.
     pub(crate) fn report_unrecorded_look(&self, sensor: &str, period: u64, asked: &str) {
-        let difference = look_difference("nothing".to_owned(), period, asked);
-        self.state().keep_first(period, sensor, difference);
+        let mut state = self.state();
+        // The answer to a look comes some periods after its request: a recording that is cut off in
+        // between has the request only, and the run looks on while its arms come to rest.
+        if !state.over {
+            let difference = look_difference("nothing".to_owned(), period, asked);
+            state.keep_first(period, sensor, difference);
+        }
     }
 
     /// Returns the operator's next recorded input (JSON) and removes it, if it was given in this

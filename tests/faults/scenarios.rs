@@ -708,8 +708,11 @@ fn each_fault_gives_expected_exit_code_and_message() {
             let err = String::from_utf8(run.stderr).unwrap();
             let last = out.lines().last().unwrap_or_default();
             let exit = run.status.code();
+            // Two layers resist the closing jaws. With most seeds, the first among them, this loads
+            // the wrist's sensor to the end of its range before the grasp is aborted: the exit code
+            // is 3 then, instead of the 1 in `REPORTS`, and the words there are not in the report.
             if (*name, exit) == ("over_constrained", Some(3)) {
-                assert!(last.contains("force sensor"), "{last}");
+                assert!(last.contains("force sensor") && last.contains("limit of its range"));
                 continue;
             }
             let summary: serde_json::Value = serde_json::from_str(last).unwrap_or_default();

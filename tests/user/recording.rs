@@ -680,6 +680,22 @@ fn verify_ends_at_actor_and_clock_faults() {
     }
 }
 
+/// The camera looks at the cube all the time, so the cuts come between looks and their answers.
+#[test]
+fn recording_cut_before_answer_to_look_verifies() {
+    let (path, _) = recorded("looks.mcap", "scenarios/acquire.toml", &[]);
+    let bytes = std::fs::read(&path).unwrap();
+    let cut = place("looks_cut.mcap");
+    for percent in [20, 40, 60] {
+        std::fs::write(&cut, &bytes[..bytes.len() * percent / 100]).unwrap();
+
+        let (code, verdict, stderr) = verify(&cut, &[]);
+
+        assert_eq!(code, Some(0), "{percent} %: {verdict} {stderr}");
+        assert!(verdict["cut"].is_string() && verdict["same"] == true, "{verdict}");
+    }
+}
+
 #[test]
 fn run_continues_when_the_disk_is_full() {
     let (without, _) = run("scenarios/idle.toml", &IDLE);

@@ -102,6 +102,7 @@ fn budget() -> Finding {
         budget == "-1" || budget == "950000",
         match budget.as_str() {
             "-1" => "real-time threads are never throttled".to_owned(),
+            "" => "the kernel does not tell how much time real-time threads have".to_owned(),
             budget => {
                 format!("real-time threads have {budget} us of each second; the servo needs 4 %")
             }
