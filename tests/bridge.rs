@@ -270,9 +270,11 @@ fn move_over_serial_lines_reaches_its_goal() {
 }
 
 /// Runs two arms over lines with injected faults until the bridge reports a fault. Returns the
-/// period, the fault, the notes of the bridge and the rig.
-fn into_a_fault(faults: LineFaults) -> (u64, PortFault, Vec<Note>, Rig) {
-    let rig = Rig::start(2, EmulatorOptions { faults, ..EmulatorOptions::default() });
+/// fault, the notes of the bridge, the rig and the bridge. The bridge still exists and the
+/// controllers have no watchdog, so that only its orders at the fault can disable the drives.
+fn into_a_fault(faults: LineFaults) -> (PortFault, Vec<Note>, Rig, SerialPort) {
+    let options = EmulatorOptions { faults, no_watchdog: true, ..EmulatorOptions::default() };
+    let rig = Rig::start(2, options);
     let (to, mut from) = notes();
     let mut port = rig.bridge(40, to);
     let (period, fault) = exchange(&mut port, &[on(20), on(20)], 0, |_, _| false).unwrap_err();
@@ -283,7 +285,7 @@ fn into_a_fault(faults: LineFaults) -> (u64, PortFault, Vec<Note>, Rig) {
     while let Ok(note) = from.pop() {
         told.push(note);
     }
-    (period, fault, told, rig)
+    (fault, told, rig, port)
 }
 
 #[test]
@@ -294,7 +296,7 @@ fn unplugged_serial_line_is_reported_and_disables_drives() {
         ..LineFaults::default()
     };
 
-    let (_, fault, told, rig) = into_a_fault(faults);
+    let (fault, told, rig, _port) = into_a_fault(faults);
 
     let path = &rig.devices.effector[1].axes[3];
     assert_eq!(fault.effector, 1);
@@ -315,8 +317,9 @@ fn reset_axis_controller_is_reported_and_disables_drives() {
         ..LineFaults::default()
     };
 
-    let (_, fault, _, rig) = into_a_fault(faults);
+    let (fault, _, rig, _port) = into_a_fault(faults);
 
+    assert_eq!(fault.effector, 0);
     assert!(fault.reason.contains("track, axis 5"), "{}", fault.reason);
     assert!(fault.reason.contains("it was reset"), "{}", fault.reason);
     std::thread::sleep(Duration::from_millis(50));

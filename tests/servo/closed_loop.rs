@@ -8,6 +8,7 @@ use rubik_robot::hw::plant::{Jaws, Plant, PlantConfig, SensorNoise, Start};
 use rubik_robot::motion::{
     ArmState, Depth, Direction, Frame, JawCommand, JointPositions, Motion, MoveCommand,
 };
+use rubik_robot::scenario::keys::Control;
 use rubik_robot::servo::regulator::{IRP6, ServoGains};
 use rubik_robot::servo::tff::{MOST_SELF_EXCITATION, Mechanics, self_excitation};
 use rubik_robot::servo::{ServoCommand, ServoConfig};
@@ -134,12 +135,15 @@ impl Closed {
         rig
     }
 
-    /// Makes `arms` compliant in x, y, z and about the approach axis for `periods` periods;
-    /// `admittance` is that of x, y and z (m/(s N)). Returns the force at arm 1 in each period (N).
-    fn relax(&mut self, arms: &[usize], admittance: f64, periods: u32) -> Vec<f64> {
-        let linear = Direction::Guarded { velocity: 0.0, admittance, inertia: 20.0 };
-        let about =
-            Direction::Guarded { velocity: 0.0, admittance: 20.0 * admittance, inertia: 0.5 };
+    /// Makes `arms` compliant for `periods` periods, along x, y, z with the admittance `along`
+    /// (m/(s N)), and about the approach axis with `about` (rad/(s Nm)). Returns the force at arm 1
+    /// in each period (N).
+    fn relax(&mut self, arms: &[usize], (along, about): (f64, f64), periods: u32) -> Vec<f64> {
+        let guarded =
+            |admittance, inertia| Direction::Guarded { velocity: 0.0, admittance, inertia };
+        let keys = Control::default();
+        let linear = guarded(along, keys.linear_inertia);
+        let about = guarded(about, keys.angular_inertia);
         let hold = Direction::HOLD;
         let directions = [linear, linear, linear, hold, hold, about];
         for arm in arms {
@@ -282,14 +286,17 @@ fn tool_shakes_exactly_when_self_excitation_exceeds_limit() {
     }
 }
 
-/// The force falls below 5 N within 0.3 s and stays below 1 N after 2 s.
+/// The force falls below 5 N within 0.3 s and stays below 1 N after 2 s, with the admittances of
+/// the keys' defaults.
 #[test]
-fn default_admittance_relaxes_force_between_arms_gripping_cube() {
+fn default_admittance_relaxes_force_between_gripping_arms() {
+    let keys = Control::default();
+    let admittance = (keys.linear_admittance, keys.angular_admittance);
     for jaws in [Jaws::rubber(), Jaws::stiff()] {
         for arms in [&[0][..], &[1], &[0, 1]] {
             let mut rig = Closed::strained(jaws, SensorNoise::default());
 
-            let forces = rig.relax(arms, 0.001, 2000);
+            let forces = rig.relax(arms, admittance, 2000);
 
             // The backlash of the gears takes up a part of the 2 mm.
             assert!(forces[0] > 35.0, "strained before: {}", forces[0]);
@@ -310,7 +317,7 @@ fn high_admittance_oscillates_when_two_arms_grip_cube() {
     // exceeds 1 / (b D) with the delay D of the loop.
     let mut rig = Closed::strained(Jaws::rubber(), SensorNoise::default());
 
-    let forces = rig.relax(&[0, 1], 0.005, 2000);
+    let forces = rig.relax(&[0, 1], (0.005, 0.1), 2000);
 
     let swing = largest(&forces[100..]);
     println!("the original's gains in a stiff chain: {swing:.1} N");
