@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn flip_set_image_matches_matrix_that_permutes_bits() {
+    fn set_image_matches_bitwise_product_for_permuting_matrix() {
         check::<32>(std::array::from_fn(|k| 1 << k), 0b101_0010_1101);
         check::<32>(std::array::from_fn(|k| 1 << (k * 7 % 11)), 0b110_0110_0011);
         check::<32>(std::array::from_fn(|k| 1 << (10 - k)), 1);
@@ -201,7 +201,7 @@ mod tests {
 
     /// The bit that moves to the place of the twelfth flip occurs in the sum only.
     #[test]
-    fn flip_set_image_matches_matrix_that_sums_bits() {
+    fn set_image_matches_bitwise_product_for_summing_matrix() {
         for sum in [0, 3, 6, 10] {
             let columns = std::array::from_fn(|k| {
                 let alone = match (k, (k + 6) % 11) {
