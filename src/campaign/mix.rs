@@ -340,6 +340,7 @@ pub(crate) fn shrunk<E>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::record::summary::{EndedBy, Violations};
     use crate::scenario::{Override, read};
     use std::collections::BTreeSet;
     use std::path::Path;
@@ -364,6 +365,40 @@ mod tests {
             kinds.extend(faults.iter().filter_map(|fault| fault.kind.map(FaultKind::word)));
         }
         assert_eq!(kinds.len(), SORTS.len(), "every kind is drawn");
+    }
+
+    #[test]
+    fn each_rule_is_broken_by_its_figure_alone() {
+        let summary = || Summary {
+            // A run that has begun, so that its figures count.
+            hash: "1".to_owned(),
+            sim_time_s: 200.0,
+            drops: Some(1),
+            drops_noticed: Some(1),
+            violations: Some(Violations::default()),
+            ..Summary::not_started("solve", 1, Some("U"), "a fault", EndedBy::Task)
+        };
+        let broken = |changed: fn(&mut Summary)| {
+            let mut summary = summary();
+            changed(&mut summary);
+            Broken::of_summary(&summary)
+        };
+        let acts = |summary: &mut Summary, violations| summary.violations = Some(violations);
+        let none = Violations::default();
+        let [mut falls, mut restarts, mut moves] = [summary(), summary(), summary()];
+        acts(&mut falls, Violations { let_fall: 1, ..none });
+        acts(&mut restarts, Violations { restarts: 1, ..none });
+        acts(&mut moves, Violations { moved_after_stop: 1, ..none });
+
+        assert_eq!(broken(|_| {}), None);
+        assert_eq!(broken(|s| s.drops = Some(2)), Some(Broken::UnnoticedDrop));
+        assert_eq!(broken(|s| s.crushed = Some(1)), Some(Broken::Damaged));
+        assert_eq!(broken(|s| s.pops = Some(1)), Some(Broken::Damaged));
+        assert_eq!(broken(|s| s.sim_time_s = 1801.0), Some(Broken::TooLong(1801.0)));
+        assert_eq!(Broken::of_summary(&falls), Some(Broken::LetFall));
+        for moved in [restarts, moves] {
+            assert_eq!(Broken::of_summary(&moved), Some(Broken::MovedAfterStop));
+        }
     }
 
     #[test]

@@ -468,6 +468,10 @@ pub(super) mod tests {
         let bad = figures(&reported);
         assert_eq!((bad.peak_contact_n, bad.exceeds_limit()), (Some(f64::MAX), Some(true)));
         assert_eq!(bad.has_unnoticed_drop(), Some(true));
+        // An error left no time to notice the second fall.
+        reported.late_drops = Some(1);
+        assert_eq!(figures(&reported).has_unnoticed_drop(), Some(false));
+        reported.late_drops = None;
         reported.sensors.pop();
         reported.drops_noticed = Some(2);
         let good = figures(&reported);

@@ -313,10 +313,7 @@ struct Taken {
 /// # Errors
 /// If the plant cannot be created, or an arm or the port fails.
 fn perform(scenario: &Scenario, index: usize, plan: &Plan) -> Result<Report, Error> {
-    // The servos of `Arms` have periods of 2 ms, so the plant needs them too.
-    let mut scenario = scenario.clone();
-    scenario.real_time.period = PERIOD;
-    let scenario = &scenario;
+    let scenario = &scenario.at_usual_period();
     let plant =
         plant_side::create_holding(scenario, plan.holder, plan.tool_from_cube, &plan.starts)
             .map_err(|why| failed(&why))?;

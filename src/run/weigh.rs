@@ -70,10 +70,7 @@ pub(crate) fn weigh_tool(
     arm: usize,
     mut progress: impl FnMut(usize, usize),
 ) -> Result<(Weighed, usize), Error> {
-    // The servos below have periods of 2 ms, so the simulated plant needs them too.
-    let mut scenario = scenario.clone();
-    scenario.real_time.period = PERIOD;
-    let scenario = &scenario;
+    let scenario = &scenario.at_usual_period();
     let control = Arc::new(watch::channel(Control::Running).0);
     let world = if scenario.bridge.kind.is_hardware() {
         World::of_hardware(scenario, &control)?.0

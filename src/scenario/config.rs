@@ -10,6 +10,7 @@ use super::plant::PlantKeys;
 use crate::cell::Cell;
 use crate::cube::{Cube, Facelets};
 use crate::hw::devices::{Devices, NoDevice};
+use crate::motion::PERIOD;
 use crate::servo::regulator::ServoGains;
 use std::path::PathBuf;
 
@@ -36,6 +37,14 @@ pub struct Scenario {
 }
 
 impl Scenario {
+    /// Returns the scenario with servo periods of 2 ms. Weighing and calibration have servos of
+    /// their own with this period, and the simulated plant must have the same one.
+    #[must_use]
+    pub fn at_usual_period(&self) -> Self {
+        let real_time = RealTime { period: PERIOD, ..self.real_time.clone() };
+        Self { real_time, ..self.clone() }
+    }
+
     /// Returns the number of periods missed in a row after which the arms brake and stop.
     #[must_use]
     pub fn missed_limit(&self) -> u64 {

@@ -486,6 +486,18 @@ mod tests {
     }
 
     #[test]
+    fn only_real_cell_loses_no_writes() {
+        let lost = |kind: &str, file: &str| {
+            faults(&format!("kind = \"{kind}\"\nfile = \"{file}\"\nat_s = 1"))
+        };
+
+        assert!(lost("lost_write", "world").contains("takes \"recording\" or \"journal\""));
+        for (kind, file) in [("lost_write", "journal"), ("torn_write", "world")] {
+            assert_eq!(lost(kind, file), "1 fine", "{kind} {file}");
+        }
+    }
+
+    #[test]
     fn sticker_is_named_by_face_and_number() {
         let keys = |sticker: &str, colour: &str| FaultKeys {
             sticker: Some(sticker.to_owned()),

@@ -527,14 +527,21 @@ fn counted(stderr: &str) -> (usize, usize) {
     (before("messages"), before("lost"))
 }
 
+/// Records a run with the scenario of this fault. Returns the recording, the numbers of messages
+/// that the program reports as written and as lost, and all that it reports.
+fn recorded_with(fault: &str) -> (PathBuf, usize, usize, String) {
+    let path = place(&format!("with_{fault}.mcap"));
+    let scenario = format!("scenarios/faults/{fault}.toml");
+    let (_, stderr) = run(&scenario, &["--record", path.to_str().unwrap()]);
+    let (written, lost) = counted(&stderr);
+    (path, written, lost, stderr)
+}
+
 /// The disk is full from the middle of the run on. A reader finds as many messages as the program
 /// reports.
 #[test]
 fn reported_message_count_matches_recording_after_full_disk() {
-    let path = place("refused.mcap");
-    let file = path.to_str().unwrap();
-    let (_, stderr) = run("scenarios/faults/disk_full.toml", &["--record", file]);
-    let (written, lost) = counted(&stderr);
+    let (path, written, lost, stderr) = recorded_with("disk_full");
     assert!(lost > 0, "{stderr}");
     assert_eq!(messages(open(&path).unwrap()).len(), written, "{stderr}");
 
@@ -553,14 +560,11 @@ fn reported_message_count_matches_recording_after_full_disk() {
 /// the recording is damaged.
 #[test]
 fn lost_writes_cost_only_their_own_messages() {
-    let path = place("lost_write.mcap");
-    let file = path.to_str().unwrap();
-    let (_, stderr) = run("scenarios/faults/lost_write.toml", &["--record", file]);
-    let (written, lost) = counted(&stderr);
+    let (path, written, lost, stderr) = recorded_with("lost_write");
     assert_eq!(lost, 0, "the run cannot notice: {stderr}");
 
     let mended = place("lost_write_mended.mcap");
-    let output = perform(&["recover", file, "-o", mended.to_str().unwrap()]);
+    let output = perform(&["recover", path.to_str().unwrap(), "-o", mended.to_str().unwrap()]);
 
     let said = String::from_utf8(output.stdout).unwrap() + &String::from_utf8_lossy(&output.stderr);
     assert!(said.contains("it was damaged"), "{said}");

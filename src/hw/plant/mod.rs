@@ -130,8 +130,7 @@ pub struct Plant {
     crushed: [bool; 2],
     /// Whether each wrist sensor was at the end of its range in the last period.
     saturated: [bool; 2],
-    /// Whether the power stages were on in the last period.
-    powered: [bool; 2],
+    /// Watch for acts after a stop, with the state of the power stages.
     stop_watch: StopWatch,
     /// Faults to inject.
     faults: Faults,
@@ -207,7 +206,6 @@ impl Plant {
             popped: false,
             crushed: [false; 2],
             saturated: [false; 2],
-            powered: [false; 2],
             stop_watch: StopWatch::default(),
             faults: Faults::new(&[]),
             operator_has: config.start == Start::Hand,
@@ -293,7 +291,7 @@ impl Plant {
     /// Returns whether an arm's power stages were on in the last period; otherwise its brakes hold.
     #[must_use]
     pub fn is_powered(&self, arm: usize) -> bool {
-        self.powered.get(arm).is_some_and(|on| *on)
+        self.stop_watch.on().get(arm).is_some_and(|on| *on)
     }
 
     /// Returns the indices of the faults that have begun, in the order of [`PlantConfig::faults`].
@@ -323,18 +321,16 @@ impl Plant {
         self.grasps.iter().all(Grasp::holds)
     }
 
-    /// Remembers whose drives are on, and counts what an arm does after a stop.
+    /// Counts what an arm does after a stop.
     fn watch_stops(&mut self, drives: &[ArmDrive]) {
-        for (on, drive) in self.powered.iter_mut().zip(drives) {
-            *on = drive.enabled;
-        }
+        let on = [0, 1].map(|i| drives.get(i).is_some_and(|drive: &ArmDrive| drive.enabled));
         let time = (self.time(), self.config.period.seconds());
         let mut joints = [[0.0; AXES]; 2];
         for (joints, arm) in joints.iter_mut().zip(&self.arms) {
             *joints = arm.joints();
         }
         let violations = &mut self.verdict.counts.violations;
-        self.stop_watch.watch(time, self.powered, joints, violations);
+        self.stop_watch.watch(time, on, joints, violations);
     }
 
     /// Moves the plant by one substep of `dt` (s), which ends at `t` (s): stops, cube, arms, jaws

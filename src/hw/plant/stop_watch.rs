@@ -31,6 +31,11 @@ pub(super) struct StopWatch {
 }
 
 impl StopWatch {
+    /// Returns whether the drives of each arm were on in the last period.
+    pub(super) fn on(&self) -> [bool; 2] {
+        self.on
+    }
+
     /// Compares the arms with the rules at `time` (s), `dt` (s) after the last call: whether the
     /// drives of each are `on`, and its `joints` (rad or m). Adds each broken rule to `violations`.
     pub(super) fn watch(
@@ -50,10 +55,13 @@ impl StopWatch {
                 violations.restarts += 1;
             }
         }
+        // Nearly all periods of a run come before any stop.
+        if self.counted || self.stopped.is_none_or(|at| time <= at + SETTLED) {
+            return;
+        }
         let steps = from.as_flattened().iter().zip(joints.as_flattened());
         let fastest = steps.map(|(from, to)| (to - from).abs() / dt).fold(0.0, f64::max);
-        let settled = self.stopped.is_some_and(|at| time > at + SETTLED);
-        if settled && fastest > MOVING && !self.counted {
+        if fastest > MOVING {
             self.counted = true;
             violations.moved_after_stop += 1;
         }

@@ -370,7 +370,7 @@ mod tests {
         let (end, looks) = read_tilted(Hand::Track, &[Some(true)]);
         assert_eq!((end, looks), (Err(Failure::GiveBack("thought".to_owned())), 7));
 
-        // Nothing contradicts the tilted pose.
+        // No later look contradicts the tilted pose.
         let (end, looks) = read_tilted(Hand::Track, &[&[Some(true)][..], &[None; 5]].concat());
         let Err(Failure::GiveBack(why)) = end else { panic!("{end:?}") };
         assert!(why.contains("tilted by 20 deg") && looks == LOOK_TRIES as usize, "{why}");
