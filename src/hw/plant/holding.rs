@@ -245,12 +245,23 @@ impl Plant {
     }
 
     /// Turns a layer that two hands have turned back towards its start, by at most `most` (rad),
-    /// while the jaws stay closed. The grasp on this layer turns along, so that no force shows the
-    /// fault.
+    /// while the jaws stay closed.
     pub(super) fn undo_turn(&mut self, most: f64) {
-        let Some(split) = self.balance.split else { return };
         let turned = self.relative_angle() - self.angle_at_split;
-        let back = -turned.clamp(-most, most);
+        self.slip_layer(-turned.clamp(-most, most));
+    }
+
+    /// Turns a layer that slips back in its jaws to the nearest quarter turn. A layer at another
+    /// angle has no room between closed pads, which would meet its corners as they open.
+    pub(super) fn end_undoing(&mut self) {
+        let (angle, quarter) = (self.relative_angle(), std::f64::consts::FRAC_PI_2);
+        self.slip_layer((angle / quarter).round() * quarter - angle);
+    }
+
+    /// Turns the layer that two hands have turned by `back` (rad) in its jaws. The grasp on this
+    /// layer turns along, so that no force shows the slip.
+    fn slip_layer(&mut self, back: f64) {
+        let Some(split) = self.balance.split else { return };
         // The layer without the middle turns.
         let body = usize::from(split.layers[1] & MIDDLE == 0);
         let by = if body == 1 { back } else { -back };

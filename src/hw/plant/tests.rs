@@ -1,5 +1,6 @@
 //! Tests of the plant as a whole.
 
+use super::fault::{Fault, What, When};
 use super::frame::rotation_vector;
 use super::grasp::Hold;
 use super::testing::{EDGE, TestServo, cell, held, quiet, world_from_tool};
@@ -334,6 +335,34 @@ fn released_layer_joins_cube_without_palm_force() {
         assert_eq!(let_go(&mut servo, 200), Some((0.0, 0.0)), "{seed}");
 
         assert_eq!(servo.plant.verdict().cube, Whereabouts::Arms([false, true]));
+    }
+}
+
+/// A hand opens while a fault undoes the turn. Its pads would meet the corners of a layer between
+/// two quarter turns.
+#[test]
+fn undone_layer_ends_at_nearest_quarter_turn() {
+    let takes = 2.0;
+    // The colour above is that of the front, 2, if the layer stays turned.
+    for (undone, above) in [(0.3, 2), (0.7, 0)] {
+        let mut config = held(Jaws::rubber(), CubeMechanics::of_2007());
+        // Both hands hold the cube from 3 s on, and the turn ends at 7.3 s.
+        let when = When::At(7.3);
+        config.faults =
+            vec![Fault { what: What::TurnUndone { takes }, when, lasts: f64::INFINITY }];
+        let mut servo = both_hold(config, 30.0, 1);
+        turn(&mut servo, FRAC_PI_2);
+        servo.run(undone * takes);
+        let way = servo.plant.verdict().layer_angles[1] + FRAC_PI_2;
+        assert!((way - undone * FRAC_PI_2).abs() < 0.05, "{way}");
+
+        assert!(let_go(&mut servo, 200).is_some());
+
+        let v = servo.plant.verdict();
+        assert_eq!(v.cube, Whereabouts::Arms([false, true]));
+        assert_eq!(v.facelets[2], above, "{undone}");
+        assert!(v.layer_angles.iter().all(|a| a.abs() < 0.02), "{:?}", v.layer_angles);
+        assert!(v.peak_force < 2.5, "{}", v.peak_force);
     }
 }
 

@@ -1,7 +1,7 @@
-//! Duration of a fault that undoes a turn: the layers slip back until that turn is over, and in no
-//! other turn.
+//! Duration of a fault that undoes a turn: the layers slip back while both hands hold them, and in
+//! no other turn. A layer that is between two quarter turns when a hand opens ends at the nearest.
 //!
-//! - in: whether the fault acts, the layers that two hands hold, and their angle
+//! - in: whether the fault acts, the layers that two closed hands hold, and their angle
 //! - out: whether the layers slip back in this period
 
 use super::balance::Split;
@@ -21,8 +21,8 @@ pub(super) enum Undoing {
 
 impl Undoing {
     /// Returns the state, one period later, of a fault that undoes a turn. `acts` is whether the
-    /// fault acts in that period, `turns` the layers that two hands hold in it, and `turned` their
-    /// angle since both hold (rad).
+    /// fault acts in that period, `turns` the layers that two closed hands hold in it, and `turned`
+    /// their angle since both hold (rad).
     pub(super) fn after(self, acts: bool, turns: Option<Split>, turned: f64) -> Self {
         // A fault that lasted a set time ended in the middle of a half turn, or undid the next turn
         // as well. So it lasts as long as its turn.
