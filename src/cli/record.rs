@@ -100,7 +100,7 @@ fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> std::io::
     };
     Ok(RunInfo {
         cell: config.cell.clone(),
-        scenario: crate::scenario::text(&scenario.path)?,
+        scenario: scenario.text.clone(),
         options: overrides
             .iter()
             .map(|o| (o.option.clone(), o.key.clone(), o.value.clone()))

@@ -10,7 +10,7 @@ use crate::run::SIGNALS;
 use crate::tui;
 use crate::web::Server;
 use crate::web::guard::HostName;
-use anyhow::{Context, anyhow};
+use anyhow::{Context, anyhow, bail};
 use clap::{Args, ValueEnum};
 use std::io::{ErrorKind, IsTerminal, Write};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
@@ -123,19 +123,16 @@ impl UiArgs {
             return Server::start_behind(desk.clone(), address, self.host.clone())
                 .map_err(|error| listen_error(address, &error));
         }
-        let mut last = None;
         // Each run on this machine has a page of its own, so the first ports may be in use.
         for port in PORT..PORT + PORTS {
             let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
             match Server::start_behind(desk.clone(), address, self.host.clone()) {
-                Ok(server) => return Ok(server),
-                Err(error) => last = Some(error),
+                Err(error) if error.kind() == ErrorKind::AddrInUse => {}
+                other => return other.map_err(|error| listen_error(address, &error)),
             }
         }
-        Err(last.map_or_else(|| anyhow!("no port"), anyhow::Error::from)).with_context(|| {
-            let last = PORT + PORTS - 1;
-            format!("ports {PORT} to {last} are in use: name another one with --listen")
-        })
+        let last = PORT + PORTS - 1;
+        bail!("ports {PORT} to {last} are in use: name another one with --listen")
     }
 }
 

@@ -16,7 +16,9 @@ use super::summary::Summary;
 use crate::hw::driver::{RecordSink, ServoRecord};
 use crate::hw::new_file::{self, Sync};
 use std::collections::VecDeque;
+use std::fs::DirBuilder;
 use std::io::{self, Cursor};
+use std::os::unix::fs::DirBuilderExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -26,6 +28,8 @@ const COVERED: f64 = 2.0;
 const KEPT: usize = 20;
 /// Beginning and ending of the names of the files.
 const NAME: (&str, &str) = ("last-second-", ".mcap");
+/// Ending behind the name of a file that is not complete yet.
+const PART: &str = ".part";
 
 /// Keeper of the last second of a run. A clone keeps the same records.
 #[derive(Clone)]
@@ -66,9 +70,10 @@ impl LastSecond {
         // The checksum reads the whole program, so it is made only for a file that is written.
         about.facts.insert("build".into(), build());
         let bytes = recording(about, &records, word, summary).map_err(io::Error::other)?;
-        std::fs::create_dir_all(folder)?;
+        // Only the user who ran the robot may read what it did.
+        DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
         let path = unused(folder);
-        new_file::replace(&path, ".part", &bytes, Sync::Content)?;
+        new_file::replace(&path, PART, &bytes, Sync::Content)?;
         remove_oldest(folder, &path);
         Ok(Some(path))
     }
@@ -128,7 +133,9 @@ fn remove_oldest(folder: &Path, newest: &Path) {
                 return false;
             }
             let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-            name.starts_with(NAME.0) && name.ends_with(NAME.1)
+            // A process that was killed while it wrote has left the part of a file.
+            let whole = name.strip_suffix(PART).unwrap_or(name);
+            whole.starts_with(NAME.0) && whole.ends_with(NAME.1)
         })
         .collect();
     files.sort();

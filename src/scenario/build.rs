@@ -57,6 +57,7 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
     let root = draft.root;
     Some(Scenario {
         path: path.to_path_buf(),
+        text: String::new(),
         seed: root.seed,
         pace: root.pace,
         real_time: root.real_time,

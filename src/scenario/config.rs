@@ -19,6 +19,8 @@ use std::path::PathBuf;
 pub struct Scenario {
     /// Path from which it was read, as the user wrote it.
     pub path: PathBuf,
+    /// Text from which it was read, for recordings: the file may have changed since.
+    pub text: String,
     /// Seed of everything random in the plant.
     pub seed: u64,
     /// Clock that drives the run.

@@ -88,7 +88,7 @@ pub fn read(path: &Path, text: &str, overrides: &[Override]) -> Result<Scenario,
     match build::scenario(path, draft, &mut reader) {
         Some(scenario) if reader.faults.0.is_empty() => {
             let devices_named = overrides.iter().any(|over| over.key == "bridge.devices");
-            Ok(Scenario { devices_named, ..scenario })
+            Ok(Scenario { devices_named, text: text.to_owned(), ..scenario })
         }
         _ => Err(reader.faults.sorted()),
     }

@@ -37,6 +37,9 @@ fn fatal_error_leaves_recording_of_last_second() {
         std::fs::write(path, "old").unwrap();
     }
 
+    let part = folder.join("last-second-9999999999900-1.mcap.part");
+    std::fs::write(&part, "killed while it was written").unwrap();
+
     let summary = run("scenarios/faults/over_current.toml", &states);
 
     assert_eq!(summary["ended_by"], "fatal", "{summary}");
@@ -46,6 +49,7 @@ fn fatal_error_leaves_recording_of_last_second() {
     assert!(path.exists());
     let kept = old.iter().filter(|path| path.exists()).count();
     assert_eq!((kept, old[24].exists(), old[5].exists()), (19, true, false));
+    assert!(!part.exists());
 
     let mut reading = open(&path).unwrap();
     let all = messages(reading.by_ref());

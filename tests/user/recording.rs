@@ -117,6 +117,27 @@ fn rewritten(from: &Path, to: &Path, mut keeps: impl FnMut(&mut Message) -> bool
     writer.finish().unwrap();
 }
 
+/// A pipe can be read only once, and a file may change after it was read.
+#[test]
+fn recording_has_the_scenario_that_was_run() {
+    let path = place("pipe.mcap");
+    let text = "task = \"idle\"  # from a pipe\n[idle]\ntime_s = 0.1\n";
+    let mut run = program()
+        .args(["run", "/dev/stdin", "--ui", "none", "--record"])
+        .arg(&path)
+        .stdin(Stdio::piped())
+        .spawn()
+        .unwrap();
+    run.stdin.take().unwrap().write_all(text.as_bytes()).unwrap();
+    assert!(run.wait().unwrap().success());
+
+    let mut label = Label::default();
+    for piece in open(&path).unwrap() {
+        label.take(&piece);
+    }
+    assert_eq!(label.scenario, text);
+}
+
 #[test]
 fn recording_holds_every_period_without_changing_the_run() {
     let (path, with) = recorded("idle.mcap", "scenarios/idle.toml", &IDLE);
