@@ -95,11 +95,13 @@ mod tests {
 
     #[test]
     fn short_motion_follows_minimum_jerk_profile() {
-        for part in [0.0, 0.1, 0.5, 0.9, 1.0] {
-            assert_eq!(Profile { ramp: 0.35 }.share(part, 0.7), minimum_jerk(part));
+        for part in [0.0_f64, 0.1, 0.5, 0.9, 1.0] {
+            let wanted = 10.0 * part.powi(3) - 15.0 * part.powi(4) + 6.0 * part.powi(5);
+            let share = Profile { ramp: 0.35 }.share(part, 0.7);
+            assert!((share - wanted).abs() < 1e-12, "{part}: {share}");
             // A motion that is slightly longer has almost the same course.
             let longer = Profile { ramp: 0.35 }.share(part, 0.7001);
-            assert!((longer - minimum_jerk(part)).abs() < 1e-3, "{part}: {longer}");
+            assert!((longer - wanted).abs() < 1e-3, "{part}: {longer}");
         }
     }
 
@@ -146,6 +148,16 @@ mod tests {
             prop_assert!((fraction - 1.0).abs() < 1e-9, "{}", fraction);
             let longer = profile.fraction(distance, speed, acceleration, 1.1 * duration);
             prop_assert!(longer < fraction);
+            // The course itself reaches one of the limits in its first ramp, and exceeds none.
+            let h = ramp.min(0.5 * duration) * 1e-3;
+            let at = |k: u32| distance * profile.share(f64::from(k) * h / duration, duration);
+            let shares = (1..=1000).map(|k| {
+                let fast = (at(k + 1) - at(k - 1)) / (2.0 * h * speed);
+                let steep = (at(k + 1) - 2.0 * at(k) + at(k - 1)) / (h * h * acceleration);
+                fast.max(steep)
+            });
+            let fullest = shares.fold(0.0, f64::max);
+            prop_assert!((fullest - 1.0).abs() < 2e-3, "{}", fullest);
         }
     }
 }

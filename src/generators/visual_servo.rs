@@ -862,14 +862,22 @@ mod tests {
 
     #[test]
     fn moving_cube_is_followed_but_not_approached() {
+        let y = |period: u64| 0.1 * (period as f64 * 0.002).sin();
         let target = |period: u64| {
-            let y = 0.1 * (period as f64 * 0.002).sin();
-            let pose = Pose::translation(1.0, y, 1.2);
+            let pose = Pose::translation(1.0, y(period), 1.2);
             (period < 8_000).then_some(Target { world_from_cube: pose, speed: 0.1, period })
         };
-        let (pose, outcome) = run(target);
+        let off = std::cell::Cell::new(0.0_f64);
+        let (pose, outcome) = run_watched(target, |period, place| {
+            // The tool has reached the cube's vicinity, and follows half a second behind the cube.
+            if (2_000..8_000).contains(&period) {
+                let wait = Vector3::new(1.0 - SEAT - VICINITY, y(period), 1.2);
+                off.set(off.get().max((place - wait).norm()));
+            }
+        });
 
         assert!(matches!(outcome, Outcome::LostSight(_)));
+        assert!(off.get() < 0.06, "{} m behind", off.get());
         assert!(pose.translation.x < 1.0 - SEAT - order().frozen, "kept its distance: {pose}");
     }
 
@@ -1168,7 +1176,11 @@ mod tests {
             );
             let tool = grasp_rotation(&cube, &Vector3::x(), &Vector3::z());
             assert!((tool * Vector3::z()).x > 0.9);
-            assert!((tool * Vector3::y()).z.abs() > 0.9);
+            assert!((tool * Vector3::y()).z > 0.9);
+            // All axes of the tool are axes of the cube.
+            let cube_from_tool = (cube.inverse() * tool).to_rotation_matrix();
+            let off = |c: &f64| (c - c.round()).abs() < 1e-9;
+            assert!(cube_from_tool.matrix().iter().all(off), "{cube_from_tool}");
         }
     }
 }

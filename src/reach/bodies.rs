@@ -430,6 +430,62 @@ mod tests {
         assert!((capsule(Vector3::new(0.0, 0.0, -0.3)) - 0.7).abs() < 1e-12);
     }
 
+    /// The bodies contain the parts of the hand at each roll of the wrist, and no body is much
+    /// larger than its part.
+    #[test]
+    fn bodies_contain_parts_of_arm_and_hand() {
+        let cell = crate::reach::example_cell();
+        for arm in &cell.arms {
+            let at = Bodies::of(&cell, arm, &arm.start);
+            let [lower, upper, wrist] = arm.model.links;
+            for (link, length) in at.links.iter().zip([0.95, lower, upper, wrist]) {
+                assert!(((link.ends[1] - link.ends[0]).norm() - length).abs() < 1e-9);
+            }
+            let (edge, gripper) = (cell.cube.edge, &arm.gripper);
+            for roll in 0..16 {
+                let mut joints = arm.start;
+                joints.0[6] += 0.2 * f64::from(roll);
+                let rolled = Bodies::of(&cell, arm, &joints);
+                let world_from_tool = arm.world_from_base
+                    * arm.model.base_from_flange(&joints)
+                    * arm.flange_from_tool;
+                // Distance of a body from a point in the tool's frame.
+                let off = |body: &Capsule, at: [f64; 3]| {
+                    between(body, &Capsule::new([world_from_tool * Point3::from(at); 2], 0.0))
+                };
+                for (x, y) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
+                    for z in [-edge / 6.0, 5.0 * edge / 6.0] {
+                        let corner = [0.5 * x * edge, 0.5 * y * edge, z];
+                        assert!(off(&at.cube, corner).abs() < 1e-9, "{corner:?}");
+                    }
+                    let out = 0.5 * edge + gripper.finger_thickness;
+                    for z in [-gripper.palm, gripper.finger_tip] {
+                        let deep = -off(&at.fingers, [0.5 * x * gripper.finger_width, y * out, z]);
+                        assert!((0.0..0.002).contains(&deep), "{deep}");
+                    }
+                    let wide = gripper.palm_half_width;
+                    let corner = [x * wide, y * wide, -gripper.palm - super::PLATE];
+                    let deep = rolled.plate.iter().map(|body| off(body, corner));
+                    let deep = deep.fold(f64::INFINITY, f64::min);
+                    assert!(deep.abs() < 1e-4, "{deep}");
+                }
+                // The camera, 55 mm beside the axis and 0.12 m behind the tool point.
+                let deep = -off(&at.links[GRIPPER], [0.055, 0.0, -0.12]);
+                assert!((0.015..0.025).contains(&deep), "{deep}");
+            }
+        }
+    }
+
+    /// Returns the least value of a convex function between 0 and 1, found by thirds.
+    fn least(of: impl Fn(f64) -> f64) -> f64 {
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..60 {
+            let third = (high - low) / 3.0;
+            if of(low + third) < of(high - third) { high -= third } else { low += third }
+        }
+        of(f64::midpoint(low, high))
+    }
+
     proptest! {
         #[test]
         fn box_to_segment_distance_matches_sampled_points(a in point(), b in point()) {
@@ -446,26 +502,22 @@ mod tests {
         }
 
         #[test]
-        fn capsule_distance_matches_distance_of_sampled_points(
-            a in point(), b in point(), c in point(), d in point()
+        fn capsule_distance_is_least_distance_of_surfaces(
+            a in point(), b in point(), c in point(), d in point(),
+            radii in prop::array::uniform2(0.0..0.3f64),
         ) {
-            let (x, y) = (
-                Capsule::new([a, b], 0.0),
-                Capsule::new([c, d], 0.0),
-            );
+            let (x, y) = (Capsule::new([a, b], radii[0]), Capsule::new([c, d], radii[1]));
 
             let distance = between(&x, &y);
 
-            let mut nearest = f64::INFINITY;
-            for i in 0..=60 {
-                for j in 0..=60 {
-                    let p = a + (b - a) * (f64::from(i) / 60.0);
-                    let q = c + (d - c) * (f64::from(j) / 60.0);
-                    nearest = nearest.min((p - q).norm());
-                }
-            }
-            prop_assert!(distance <= nearest + 1e-12 && distance > nearest - 0.06);
+            let off = |s: f64, t: f64| ((a + (b - a) * s) - (c + (d - c) * t)).norm();
+            let nearest = least(|s| least(|t| off(s, t)));
+            prop_assert!((distance - (nearest - radii[0] - radii[1])).abs() < 1e-6);
             prop_assert!((between(&y, &x) - distance).abs() < 1e-9);
+            // The sphere about a capsule contains its ends.
+            for end in x.ends {
+                prop_assert!((end - x.middle).norm() + x.radius <= x.reach + 1e-12);
+            }
         }
     }
 }

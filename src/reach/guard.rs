@@ -636,17 +636,23 @@ mod tests {
             // Joint 2 is turned so far that the postument's hand is in the table.
             let mut low = meeting.postument;
             low.0[2] += 0.9;
-            let met = |track: &JointPositions, postument: &JointPositions| {
-                guard.check_motion(&free, &distances([Some(track), Some(postument)])).is_err()
+            let watched = |track: &JointPositions, postument: &JointPositions| {
+                guard.check_motion(&free, &distances([Some(track), Some(postument)]))
             };
-            assert!(met(&meeting.track, &low));
+            let lowered = watched(&meeting.track, &low);
+            assert!(
+                matches!(&lowered, Err(Near::Table { arm, .. }) if arm == "postument"),
+                "{lowered:?}"
+            );
             // Moves the track arm on along its track, in steps of 50 mm.
             let nearer = |by: u32| {
                 let mut near = meeting.track;
                 near.0[0] += 0.05 * f64::from(by);
                 near
             };
-            let meets = |track: &JointPositions| met(track, &meeting.postument);
+            let meets = |track: &JointPositions| {
+                matches!(watched(track, &meeting.postument), Err(Near::Arms(_)))
+            };
             let Some(near) = (1..=20).map(nearer).find(meets) else { continue };
             refused += 1;
 
@@ -655,7 +661,8 @@ mod tests {
             let to = |ends: [Option<&JointPositions>; 2]| {
                 ends.map(|to| PlannedMotion::Joints(*to.unwrap()))
             };
-            assert!(guard.check_paths(ends[0], to(ends[1]).each_ref()).is_err());
+            let into_arm = guard.check_paths(ends[0], to(ends[1]).each_ref());
+            assert!(matches!(into_arm, Err(Near::Arms(_) | Near::Hands(_))), "{into_arm:?}");
             // Fingers and cubes that are apart at both ends may be too near on the path.
             let out = guard.check_paths(ends[1], to(ends[0]).each_ref());
             assert!(matches!(out, Ok(()) | Err(Near::Hands(_))), "{out:?}");
@@ -1050,6 +1057,81 @@ mod tests {
             let course = guard.course(0, &far, &PlannedMotion::Line(at));
             assert_eq!(course.hand_speed_factor(0.2, even), 0.0);
             assert!(guard.check_speed(0, &far, &near, 0.1).is_ok());
+        }
+    }
+
+    /// The limit begins where the surface of the hand is 180 mm from the zone. A fifth more speed
+    /// is tolerated.
+    #[test]
+    fn hand_speed_limit_begins_180_mm_from_zone() {
+        let mut cell = example_cell();
+        let from = JointPositions([0.4, 0.0, -1.6, 0.3, 1.3, 1.57, 0.0]);
+        let mut to = from;
+        to.0[1] += 1e-3;
+        let bodies = Guard::of(&cell, LIMIT).bodies(0, &from);
+        let nearest = |cell: &Cell| {
+            let zone_from_world = cell.hand.world_from_cube.inverse();
+            let off = bodies
+                .hand()
+                .map(|(at, radius)| cell.hand.distance(&(zone_from_world * at)) - radius);
+            off.into_iter().fold(f64::INFINITY, f64::min)
+        };
+        // The zone moves away from the hand.
+        cell.hand.world_from_cube.translation.vector = bodies.hand()[6].0.coords;
+        for (distance, limited) in [(0.175, true), (0.185, false)] {
+            while nearest(&cell) < distance {
+                cell.hand.world_from_cube.translation.vector.x += 5e-4;
+            }
+            let guard = Guard::of(&cell, LIMIT);
+            assert_eq!(guard.check_speed(0, &from, &to, 1e-3).is_err(), limited, "{distance}");
+            let course = guard.course(0, &from, &PlannedMotion::Joints(to));
+            assert_eq!(course.hand_speed_factor(1e-3, |u| u) > 0.0, limited, "{distance}");
+            let Err(Near::TooFast { speed, .. }) = guard.check_speed(0, &from, &to, 1e-3) else {
+                continue;
+            };
+            let way = speed * 1e-3;
+            assert_eq!(guard.check_speed(0, &from, &to, way / (1.15 * LIMIT)), Ok(()));
+            assert!(guard.check_speed(0, &from, &to, way / (1.25 * LIMIT)).is_err());
+        }
+    }
+
+    /// Returns the joint positions of both arms if only those of this arm are known.
+    fn alone(arm: usize, joints: &JointPositions) -> [Option<&JointPositions>; 2] {
+        if arm == 0 { [Some(joints), None] } else { [None, Some(joints)] }
+    }
+
+    /// Random paths of one arm, on which the hand stays above the table and comes too near its own
+    /// arm.
+    #[test]
+    fn hand_too_near_its_own_arm_is_refused() {
+        let cell = Cell { keeper: Keeper::Table, table_height: 0.0, ..example_cell() };
+        let guard = Guard::of(&cell, LIMIT);
+        let mut random = Pcg64::seed_from_u64(3);
+        for (i, arm) in cell.arms.iter().enumerate() {
+            let distances = |joints: &JointPositions| guard.distances(alone(i, joints));
+            let from = arm.start;
+            let mut drawn = || {
+                JointPositions(arm.model.joint_limits.map(|(low, high)| {
+                    if low < high { random.random_range(low..high) } else { low }
+                }))
+            };
+            let above = |to: &JointPositions| {
+                let at = |part: u32| from.towards(to, f64::from(part) / 100.0);
+                (0..=100).all(|part| distances(&at(part)).table[i].unwrap() > 0.03)
+            };
+            let near = |to: &JointPositions| distances(to).own[i].unwrap() < MIN_DISTANCE;
+            let paths = std::iter::repeat_with(&mut drawn).take(100_000);
+            let to = paths.into_iter().find(|to| near(to) && above(to)).unwrap();
+
+            let way = PlannedMotion::Joints(to);
+            let stays = PlannedMotion::Stays;
+            let ways = if i == 0 { [&way, &stays] } else { [&stays, &way] };
+            let asked = guard.check_paths(alone(i, &from), ways);
+            let watched = guard.check_motion(&distances(&from), &distances(&to));
+            for refused in [asked, watched] {
+                let Err(Near::Own { arm: name, distance }) = refused else { panic!("{refused:?}") };
+                assert!(name == arm.name && distance < MIN_DISTANCE, "{name}: {distance}");
+            }
         }
     }
 

@@ -39,6 +39,7 @@ pub use crate::cube::{rotation_index, rotations};
 
 #[cfg(test)]
 mod tests {
+    use super::bodies::{Bodies, at_the_cube, newcomer_apart};
     use super::ways::way_clearance;
     use super::*;
     use crate::cell::{Arm, Cell, Mount};
@@ -217,13 +218,44 @@ mod tests {
         }
     }
 
+    /// Returns the bodies of both arms at these joint positions.
+    fn bodies(joints: [JointPositions; 2]) -> [Bodies; 2] {
+        [0, 1].map(|arm: usize| Bodies::of(&CELL, &CELL.arms[arm], &joints[arm]))
+    }
+
     #[test]
     fn arms_keep_clearance_at_and_between_meetings() {
-        for a in meetings() {
+        for (number, a) in meetings().enumerate() {
             assert!(a.clearance >= SETTINGS.clearance);
+            let [track, postument] = bodies([a.track, a.postument]);
+            // The meetings are the grasps, three views with the track as the holder, three others.
+            let at = match number.checked_sub(TABLE.found().0) {
+                None => at_the_cube(&track, &postument),
+                Some(view) => newcomer_apart(usize::from(view < 3), &track, &postument),
+            };
+            assert!(at >= a.clearance, "{at} {}", a.clearance);
+            // A hand of a grasp retracts, and then the track separates.
+            for newcomer in (0..2).filter(|_| number < TABLE.found().0) {
+                let [track, postument] = bodies(a.short_of(newcomer));
+                for by in [0.0, 0.5, 1.0] {
+                    let away = -by * SETTINGS.separation * Vector3::y();
+                    let apart = newcomer_apart(newcomer, &track.moved(away), &postument);
+                    assert!(apart >= SETTINGS.clearance, "{apart}");
+                }
+            }
             for b in meetings() {
                 let clearance = way_clearance(&CELL, SETTINGS.separation, a, b);
                 assert!(clearance >= SETTINGS.clearance, "{clearance}");
+                // Half-way, with either hand as the free one.
+                for newcomer in 0..2 {
+                    let (from, to) = (a.short_of(newcomer), b.short_of(newcomer));
+                    let mut middle = [0, 1].map(|arm: usize| from[arm].towards(&to[arm], 0.5));
+                    middle[0].0[0] -= SETTINGS.separation;
+                    let [track, postument] = bodies(middle);
+                    let apart = newcomer_apart(newcomer, &track, &postument);
+                    let own = track.own().min(postument.own());
+                    assert!(apart.min(own) >= clearance - 1e-9, "{apart} {own}");
+                }
             }
         }
     }

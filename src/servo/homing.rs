@@ -289,6 +289,8 @@ mod tests {
         /// Positions between which the cam presses the switch (rad).
         cam: (f64, f64),
         has_zero: bool,
+        /// Whether the controller takes a zero while the switch is pressed.
+        is_early: bool,
         /// Bit mask of the synchronised axes.
         synchronised: u8,
         /// Speed of the set value in each period (rad/s).
@@ -303,6 +305,7 @@ mod tests {
                 at,
                 cam: (-30.0, -3.0),
                 has_zero: true,
+                is_early: false,
                 synchronised: !(1 << 4),
                 log: Vec::new(),
             }
@@ -325,7 +328,8 @@ mod tests {
                 self.at += step.step;
                 self.log.push(step.step / PERIOD);
                 let zero = self.has_zero && (self.at / TAU).floor() != before;
-                if step.synchronise != 0 && zero && !(self.cam.0..self.cam.1).contains(&self.at) {
+                let pressed = (self.cam.0..self.cam.1).contains(&self.at);
+                if step.synchronise != 0 && zero && (self.is_early || !pressed) {
                     self.synchronised |= step.synchronise;
                 }
             }
@@ -389,7 +393,19 @@ mod tests {
         let mut stuck = Axis { cam: (-50.0, 200.0), ..Axis::new(20.0) };
         assert!(matches!(
             stuck.home(),
-            Err(ArmFault::SwitchHeld { axis: 4, travelled }) if travelled < 71.0
+            Err(ArmFault::SwitchHeld { axis: 4, travelled }) if (69.0..71.0).contains(&travelled)
+        ));
+        // The upper limit switch is at 100 rad.
+        let mut stuck = Axis { cam: (-50.0, 200.0), ..Axis::new(60.0) };
+        assert!(matches!(
+            stuck.home(),
+            Err(ArmFault::SwitchHeld { axis: 4, travelled }) if (39.0..41.0).contains(&travelled)
+        ));
+        // A zero at -6 pi, on the switch, is some revolutions off.
+        let mut early = Axis { is_early: true, ..Axis::new(-20.0) };
+        assert!(matches!(
+            early.home(),
+            Err(ArmFault::ZeroExpected { axis: 4, travelled }) if travelled < 2.0
         ));
     }
 

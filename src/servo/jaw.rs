@@ -461,23 +461,41 @@ mod tests {
     }
 
     #[test]
-    fn jaw_watchdog_detects_encoder_jump_and_frozen_encoder() {
+    fn jaw_watchdog_detects_encoder_jump() {
         let mut jaw = jaw(0);
         let shows = |jaw_count| ArmReading { jaw_count, ..ArmReading::default() };
         assert_eq!(jaw.watch(&shows(1000)), None, "0.7 mm late");
         assert!(matches!(jaw.watch(&shows(1200)), Some(ArmFault::EncoderJump { axis: 7, .. })));
         jaw.add_missed_periods(1);
         assert_eq!(jaw.watch(&shows(1200)), None, "plausible after two periods");
+    }
 
-        jaw.start(&JawCommand { opening: 0.085, force_limit: 40.0, stops: Depth::One }, 1, 100);
-        let found = (1..200).find_map(|period| {
+    /// Returns the fault of a jaw whose counter stands still while it moves to `opening` (m), and
+    /// the number of periods for which its pulse width was below -60 by then.
+    fn with_still_counter(opening: f64) -> Option<(ArmFault, u32)> {
+        let (mut jaw, mut opens) = (jaw(0), 0);
+        jaw.start(&JawCommand { opening, force_limit: 40.0, stops: Depth::One }, 1, 100);
+        (1..500).find_map(|period| {
             jaw.advance(period);
-            let fault = jaw.watch(&shows(0));
+            let fault = jaw.watch(&ArmReading::default());
             let mut drive = ArmDrive::OFF;
-            jaw.drive(&shows(0), &mut drive);
-            fault
-        });
-        assert!(matches!(found, Some(ArmFault::EncoderFrozen { axis: 7, .. })), "{found:?}");
+            jaw.drive(&ArmReading::default(), &mut drive);
+            opens += u32::from(drive.jaw_pwm <= -60);
+            fault.map(|fault| (fault, opens - 1))
+        })
+    }
+
+    /// A jaw that closes may rest on an object.
+    #[test]
+    fn only_opening_jaw_can_have_frozen_encoder() {
+        let found = with_still_counter(0.085);
+
+        // 0.05 s are 25 periods.
+        let Some((ArmFault::EncoderFrozen { axis: 7, .. }, periods)) = found else {
+            panic!("{found:?}")
+        };
+        assert!((25..=27).contains(&periods), "{periods}");
+        assert_eq!(with_still_counter(0.055), None);
     }
 
     #[test]
@@ -485,19 +503,19 @@ mod tests {
         let command = |opening| JawCommand { opening, force_limit: 30.0, stops: Depth::One };
 
         assert_eq!(jaw(0).check(&command(0.0571), 1.0), Ok(()));
-        assert_eq!(
-            jaw(0).check(&command(0.0527), 1.0),
-            Ok(()),
-            "as measured at the end of the stroke"
-        );
-        let mut led = jaw(0);
-        led.start(&command(0.0527), 1, 100);
-        assert_eq!(led.to, 0.053);
-        assert!(matches!(
-            jaw(0).check(&command(0.050), 1.0),
-            Err(MoveRefused::JointLimit { axis: 7, value: 0.050, .. })
-        ));
+        for (beside, end) in [(0.0521, 0.053), (0.0919, 0.091)] {
+            assert_eq!(jaw(0).check(&command(beside), 1.0), Ok(()));
+            let mut led = jaw(0);
+            led.start(&command(beside), 1, 100);
+            assert_eq!(led.to, end);
+        }
+        for value in [0.0519, 0.0921] {
+            let beyond = MoveRefused::JointLimit { axis: 7, value, low: 0.053, high: 0.091 };
+            assert_eq!(jaw(0).check(&command(value), 1.0), Err(beyond));
+        }
         assert_eq!(jaw(0).check(&command(f64::NAN), 1.0), Err(MoveRefused::NotANumber));
+        let forceless = JawCommand { force_limit: f64::NAN, ..command(0.06) };
+        assert_eq!(jaw(0).check(&forceless, 1.0), Err(MoveRefused::NotANumber));
     }
 
     #[test]

@@ -456,7 +456,7 @@ mod tests {
         );
         let mut directions = [HOLD; 6];
         directions[0] = Direction::Unguarded { velocity: 0.1 };
-        directions[5] = Direction::Unguarded { velocity: 0.2 };
+        directions[3] = Direction::Unguarded { velocity: 0.2 };
 
         let by = |frame| {
             ForceLaw::default().step(
@@ -471,7 +471,11 @@ mod tests {
         let moved = |pose: Pose| pose.translation.vector - turned.translation.vector;
         assert!((moved(base) - Vector3::new(0.1 * PERIOD, 0.0, 0.0)).norm() < 1e-15);
         assert!((moved(tool) - Vector3::new(0.0, 0.1 * PERIOD, 0.0)).norm() < 1e-15);
-        assert!(base.rotation.angle_to(&tool.rotation) < 1e-12);
+        let about_x = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.2 * PERIOD);
+        let off =
+            |pose: Pose, wanted: UnitQuaternion<f64>| (pose.rotation.coords - wanted.coords).norm();
+        assert!(off(base, about_x * turned.rotation) < 1e-15);
+        assert!(off(tool, turned.rotation * about_x) < 1e-15);
     }
 
     #[test]

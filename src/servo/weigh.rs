@@ -242,14 +242,13 @@ mod tests {
             let at = orientations(&angles);
             let samples: Vec<_> = at.iter().map(|at| taken(at, weight, centre, &bias)).collect();
 
-            let found = match weigh(&samples, &flange_from_sensor()) {
-                Ok(found) => found,
-                Err(CannotWeigh::TooMuchAlike { .. }) => return Ok(()),
-                Err(other) => return Err(TestCaseError::fail(other.to_string())),
-            };
+            // No eight orientations that are drawn at random are too similar.
+            let found = weigh(&samples, &flange_from_sensor()).unwrap();
 
             prop_assert!((found.weight - weight).abs() < 1e-6);
             prop_assert!((found.centre_in_flange - centre).norm() < 1e-6);
+            let off = found.bias - bias;
+            prop_assert!(off.directions().iter().all(|c| c.abs() < 1e-6), "{off:?}");
             prop_assert!(found.largest_residual.0 < 1e-6 && found.largest_residual.1 < 1e-6);
             // The compensation of the servo agrees with the result: no force is left.
             let mut wrist = WristForce::new(ForceSensor {
@@ -290,8 +289,12 @@ mod tests {
         let found = weigh(&samples, &flange_from_sensor()).unwrap();
 
         assert!((found.weight - 10.0).abs() < 0.3, "{found:?}");
-        assert!(found.residual.0 > 0.05 && found.largest_residual.0 > found.residual.0);
-        assert!(found.residual.1 < 1e-2);
+        // The noise is 0.3 N in one of three components. The fit takes a part of it.
+        let whole = 0.3 / 3.0_f64.sqrt();
+        let (mean, largest) = (found.residual.0, found.largest_residual.0);
+        assert!(mean > 0.8 * whole && mean <= whole, "{mean} of {whole}");
+        assert!(largest > mean && largest < 0.6, "{largest}");
+        assert!(found.residual.1 < 1e-2 && found.largest_residual.1 < 2e-2, "{found:?}");
     }
 
     #[test]

@@ -83,4 +83,15 @@ fn most_held_returns_peak_of_allocated_bytes() {
     };
     assert_eq!(most_held(one_after_the_other), bytes, "freed memory is not counted");
     assert_eq!(most_held(|| ()), 0);
+    // Zeroed memory counts as well. Memory that grows may need its old and its new place at a time.
+    let zeroed = || drop(std::hint::black_box(vec![0_u8; bytes]));
+    assert_eq!(most_held(zeroed), bytes);
+    let grown = || {
+        let mut grown = vec![1_u8; bytes];
+        std::hint::black_box(&mut grown).reserve_exact(bytes);
+        drop(grown);
+        one();
+    };
+    assert_eq!(most_held(grown), 3 * bytes);
+    assert_eq!(most_held(one), bytes, "all memory was freed");
 }

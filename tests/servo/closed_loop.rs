@@ -193,7 +193,11 @@ fn arms_at_rest_do_not_move() {
 
     for arm in 0..2 {
         assert!(largest(&worst(&cell, arm, &states)) < 0.01);
-        assert_eq!(states[999][arm].fault, None);
+        let (state, start) = (&states[999][arm], &cell.arms[arm].start);
+        // The set value is the place of the first reading, in whole increments of the encoders.
+        let moved = state.desired_joints.0.iter().zip(&start.0).map(|(set, start)| set - start);
+        assert!(moved.fold(0.0, |m: f64, by| m.max(by.abs())) < 1e-3, "{state:?}");
+        assert_eq!(state.fault, None);
     }
 }
 
@@ -224,13 +228,19 @@ fn each_axis_follows_smooth_course_and_settles() {
         for (arm, last) in rest[499].iter().enumerate() {
             let end = behind(&cell, arm, last);
             assert_eq!((last.refused, last.fault), (None, None), "axis {axis}, arm {arm}");
+            if axis > 0 || arm == 0 {
+                let set = last.desired_joints.0[axis] - cell.arms[arm].start.0[axis];
+                assert!((set - distance).abs() < 1e-9, "axis {axis}, arm {arm}: {set}");
+            }
             let worst = worst(&cell, arm, &way);
             println!(
                 "axis {axis}, arm {arm}: {:.2} rad behind at most, {:.3} at the end",
                 worst[axis], end[axis]
             );
-            assert!(largest(&worst) < 1.5, "axis {axis}, arm {arm}: {worst:.3?} rad behind");
-            assert!(largest(&end) < 0.05, "axis {axis}, arm {arm}: {end:.3?} rad at the end");
+            // The motor of the tool's roll is the fastest one.
+            let most = if axis == 6 { 1.5 } else { 0.5 };
+            assert!(largest(&worst) < most, "axis {axis}, arm {arm}: {worst:.3?} rad behind");
+            assert!(largest(&end) < 0.02, "axis {axis}, arm {arm}: {end:.3?} rad at the end");
         }
     }
 }

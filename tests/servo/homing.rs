@@ -6,8 +6,8 @@ use rubik_robot::hw::driver::{Core, NoRecords, ServoLink, Switches, link_at};
 use rubik_robot::hw::plant::{Plant, PlantConfig};
 use rubik_robot::kinematics::ArmModel;
 use rubik_robot::motion::{
-    ArmFault, ArmState, Depth, JawCommand, JointPositions, Motion, MotorPositions, MoveCommand,
-    MoveRefused, Synchronisation,
+    ArmFault, ArmState, Depth, Direction, Frame, JawCommand, JointPositions, Motion,
+    MotorPositions, MoveCommand, MoveRefused, Synchronisation,
 };
 use rubik_robot::scenario;
 use rubik_robot::servo::period::Length;
@@ -154,7 +154,13 @@ fn arm_before_homing_takes_only_relative_moves() {
     let before = rig.state(1);
     assert!(before.motors.0.iter().all(|m| m.abs() < 0.1), "counters begin at zero");
 
-    for motion in [Motion::Joints(before.joints), Motion::Pose(before.base_from_tool)] {
+    let directions = [Direction::HOLD; 6];
+    for motion in [
+        Motion::Joints(before.joints),
+        Motion::Pose(before.base_from_tool),
+        Motion::Motors(before.motors),
+        Motion::Task { frame: Frame::Tool, directions },
+    ] {
         assert_eq!(rig.go(1, motion, 100).refused, Some(MoveRefused::NotSynchronised));
     }
     let jaw = JawCommand { opening: 0.08, force_limit: 10.0, stops: Depth::One };
@@ -173,8 +179,13 @@ fn arm_before_homing_takes_only_relative_moves() {
     assert!(matches!(refused, Some(MoveRefused::TooFast { axis: 4, .. })), "{refused:?}");
 
     // Its partner is synchronised and takes a motion to a place.
-    let goal = rig.state(0).joints;
-    assert_eq!(rig.go(0, Motion::Joints(goal), 100).refused, None);
+    let mut goal = rig.state(0).joints;
+    goal.0[1] += 0.05;
+    rig.go(0, Motion::Joints(goal), 500);
+    rig.tick(200);
+    let partner = rig.state(0);
+    assert_eq!((partner.fault, partner.refused), (None, None));
+    assert!((partner.joints.0[1] - goal.0[1]).abs() < 2e-3, "{:?}", partner.joints);
 }
 
 #[test]

@@ -58,6 +58,13 @@ impl Ideal {
         state
     }
 
+    /// Runs a period as [`Ideal::step`] does, while the other arm is stopped.
+    fn stand_by(&mut self, command: Option<ServoCommand>) -> ArmState {
+        let outside = Outside { stands_by: true, ..Outside::default() };
+        self.servo.apply_outside(self.period + 1, &outside);
+        self.step(command)
+    }
+
     /// Sends a motion of `periods` periods and runs the servo that long. Returns the state of the
     /// arm in each period.
     fn run(&mut self, motion: Motion, periods: u32) -> Vec<ArmState> {
@@ -125,8 +132,13 @@ fn motions_reach_their_goals_in_last_period() {
     assert_eq!(states[199].command_end, 200);
 
     let motors = arm.config.model.motors(&START);
-    let end = arm.run(Motion::Motors(motors), 200)[199];
-    assert!((end.desired_joints.0[1] - START.0[1]).abs() < 1e-12);
+    let way = arm.run(Motion::Motors(motors), 200);
+    let end = way[199];
+    let off = |state: &ArmState| {
+        let pairs = state.desired_joints.0.into_iter().zip(START.0);
+        pairs.map(|(joint, goal)| (joint - goal).abs()).fold(0.0, f64::max)
+    };
+    assert!(off(&way[198]) > 1e-4 && off(&end) < 1e-12);
 
     let pose = end.desired_base_from_tool
         * Pose::from_parts(
@@ -134,6 +146,8 @@ fn motions_reach_their_goals_in_last_period() {
             UnitQuaternion::from_euler_angles(0.1, 0.05, -0.1),
         );
     let way = arm.run(Motion::Pose(pose), 300);
+    let (d, _) = apart(&way[298].desired_base_from_tool, &pose);
+    assert!(d > 1e-4);
     let (d, a) = apart(&way[299].desired_base_from_tool, &pose);
     assert!(d < 1e-12 && a < 1e-7);
     let reached =
@@ -354,8 +368,8 @@ fn hold_stops_fast_motion_smoothly() {
     assert!(states.iter().all(|state| state.fault.is_none() && state.refused.is_none()));
 }
 
-/// If the other arm has stopped, the servo drops the commanded velocity of a guarded motion, which
-/// then only yields to forces. The motors slow down as gently as a wrist that turns a layer can.
+/// If the other arm has stopped, the servo drops the commanded velocity of a guarded motion. The
+/// motors slow down as gently as a wrist that turns a layer can.
 #[test]
 fn arm_slows_gently_when_its_partner_stops() {
     let mut arm = Ideal::new();
@@ -368,17 +382,42 @@ fn arm_slows_gently_when_its_partner_stops() {
     let fast = speed(&states[198..]);
     assert!(fast > 60.0, "{fast} rad/s");
 
-    let outside = Outside { stands_by: true, ..Outside::default() };
-    states.extend((0..200).map(|_| {
-        arm.servo.apply_outside(arm.period + 1, &outside);
-        arm.step(None)
-    }));
+    states.extend((0..200).map(|_| arm.stand_by(None)));
 
     let changes = states[198..].windows(3).map(|w| speed(&w[..2]) - speed(&w[1..]));
     let deceleration = changes.fold(0.0, f64::max) / PERIOD;
     // 12.5 1/s is the rate of a time constant of 80 ms; one of 35 ms has 28.
     assert!(deceleration < 13.0 * fast, "{deceleration} rad/s2 from {fast} rad/s");
     assert!(speed(&states[states.len() - 2..]) < 0.02 * fast, "the arm continues");
+}
+
+/// An arm under force control whose partner stops yields to forces for half a second, then it
+/// holds. It refuses motions as long as the partner is stopped.
+#[test]
+fn stopped_partner_makes_arm_yield_then_refuse_motions() {
+    let mut arm = Ideal::new();
+    let config = arm.config.clone();
+    let yields = Direction::Guarded { velocity: 0.0, admittance: 0.3, inertia: 0.1 };
+    let turn = task(Frame::Tool, &[(5, yields)]);
+    arm.run(turn, 10);
+    arm.step(Some(go(turn, 2000)));
+    arm.reading.wrench_on_sensor = Wrench::from_directions([0.0, 0.0, 0.0, 0.0, 0.0, 0.2]);
+
+    let states: Vec<_> = (0..300).map(|_| arm.stand_by(None)).collect();
+
+    // The yielding lasts for 250 periods. The torque of 0.2 Nm turns the tool by 0.06 rad/s.
+    let roll = |state: &ArmState| state.desired_joints.0[6];
+    let turned = (roll(&states[249]) - roll(&states[200])).abs();
+    assert!((turned - 49.0 * PERIOD * 0.06).abs() < 2e-4, "{turned} rad");
+    assert_eq!(largest_step(&config, &states[252..]), 0.0, "the arm holds");
+    let refused = Some(MoveRefused::PartnerStopped);
+    assert!(states.iter().all(|state| state.refused == refused && state.fault.is_none()));
+
+    let ordered = arm.stand_by(Some(go(turn, 100)));
+    assert_eq!((ordered.refused, arm.stand_by(None).refused), (refused, refused));
+    arm.servo.apply_outside(arm.period + 1, &Outside::default());
+    assert_eq!(arm.step(Some(go(turn, 100))).refused, None, "the partner is back");
+    assert!(roll(&arm.step(None)) != roll(&states[299]));
 }
 
 #[test]
@@ -567,33 +606,42 @@ fn axis_on_limit_switch_may_only_leave() {
 fn faults_switch_the_drives_off_until_reset() {
     type Corrupt = fn(&mut ArmReading);
 
-    let switch = |r: &mut ArmReading| r.upper_limits = 1 << 3;
+    let upper = |r: &mut ArmReading| r.upper_limits = 1 << 3;
+    let lower = |r: &mut ArmReading| r.lower_limits = 1 << 2;
+    let stage = |r: &mut ArmReading| r.power_faults = 1 << 4;
     let current = |r: &mut ArmReading| {
         r.over_currents = 1 << 5;
         r.currents[5] = 11.0;
     };
     let jump = |r: &mut ArmReading| r.counts[2] += 1200;
-    let corrupt: [(Corrupt, &str); 3] = [
-        (switch, "axis 3: limit switch"),
+    let corrupt: [(Corrupt, &str); 5] = [
+        (upper, "axis 3: limit switch"),
+        (lower, "axis 2: limit switch"),
+        (stage, "axis 4: the power stage"),
         (current, "axis 5: over-current, 11.0 A"),
         (jump, "axis 2: the encoder jumped"),
     ];
+    // The fault leaves the stops of the palm where the command has put them.
+    let jaw = JawCommand { opening: 0.074, force_limit: 20.0, stops: Depth::Two };
+    let motion = task(Frame::Base, &[(0, unguarded(0.05))]);
+    let command = MoveCommand { motion, periods: 500, jaw: Some(jaw) };
+    let deep = ServoCommand::Move { command, start: 0 };
     for (corrupt, why) in corrupt {
         let mut arm = Ideal::new();
         (0..10).for_each(|_| assert_eq!(arm.step(None).fault, None));
-        arm.step(Some(go(task(Frame::Base, &[(0, unguarded(0.05))]), 500)));
+        arm.step(Some(deep));
         assert!(arm.drive.enabled);
         corrupt(&mut arm.reading);
 
         let fault = arm.step(None);
         assert!(fault.fault.unwrap().to_string().contains(why), "{fault:?}");
-        assert_eq!(arm.drive, ArmDrive { stops: Depth::One, ..ArmDrive::OFF });
+        assert_eq!(arm.drive, ArmDrive { stops: Depth::Two, ..ArmDrive::OFF }, "{why}");
 
-        arm.reading.upper_limits = 0;
-        arm.reading.over_currents = 0;
+        arm.reading = ArmReading { counts: arm.reading.counts, ..ArmReading::default() };
         let ignored = arm.step(Some(go(task(Frame::Base, &[(0, unguarded(0.05))]), 500)));
         assert_eq!(ignored.fault, fault.fault);
         assert_eq!(ignored.desired_joints, fault.desired_joints);
+        assert!(!arm.drive.enabled, "{why}");
 
         let again = arm.step(Some(ServoCommand::Reset));
         assert_eq!(again.fault, None);
@@ -675,6 +723,32 @@ fn frozen_encoder_is_found_within_ten_periods() {
     assert!(matches!(arm.servo.fault(), Some(ArmFault::EncoderFrozen { axis: 1, .. })));
 }
 
+/// At a speed that need not show in each period, the distance of the set value tells a frozen
+/// encoder: 1 rad.
+#[test]
+fn frozen_encoder_of_slow_axis_is_found() {
+    let mut arm = Ideal::new();
+    let mut by = MotorPositions::default();
+    by.0[1] = 20.0;
+    // The motor moves by 0.01 rad in each period.
+    arm.step(Some(go(Motion::MotorsBy(by), 2000)));
+    for _ in 0..100 {
+        assert_eq!(arm.step(None).fault, None);
+    }
+    let frozen = arm.reading.counts[1];
+
+    let mut periods = 0;
+    while arm.servo.fault().is_none() && periods < 200 {
+        arm.reading.counts[1] = frozen;
+        arm.step(None);
+        periods += 1;
+    }
+
+    let fault = arm.servo.fault();
+    assert!(matches!(fault, Some(ArmFault::EncoderFrozen { axis: 1, .. })), "{fault:?}");
+    assert!((98..=104).contains(&periods), "{periods} periods");
+}
+
 #[test]
 fn jaw_opens_on_command_and_bias_zeroes_force() {
     let mut arm = Ideal::new();
@@ -699,5 +773,6 @@ fn jaw_opens_on_command_and_bias_zeroes_force() {
     for _ in 0..11 {
         end = arm.step(None);
     }
-    assert!(end.wrench_in_tool.force.norm() < 1e-12);
+    let left = end.wrench_in_tool;
+    assert!(left.force.norm() < 1e-12 && left.torque.norm() < 1e-12, "{left:?}");
 }

@@ -412,8 +412,13 @@ mod tests {
 
     proptest! {
         #[test]
-        fn parsed_moves_survive_text_round_trip(text in "[URFDLBurfdlbMESxyzw123()' ’Q]{0,20}") {
-            if let Ok(moves) = parse_moves(&text) {
+        fn parsed_moves_survive_text_round_trip(
+            any in "[URFDLBurfdlbMESxyzw123()' ’Q]{0,20}",
+            valid in "(([URFDLB]w?|[urfdlbMESxyz])['1-3]? ){1,12}",
+        ) {
+            let expected = valid.split_whitespace().count();
+            prop_assert_eq!(parse_moves(&valid).unwrap().len(), expected);
+            for moves in [any, valid].iter().filter_map(|text| parse_moves(text).ok()) {
                 let written: Vec<String> = moves.iter().map(Move::to_string).collect();
                 prop_assert_eq!(parse_moves(&written.join(" ")).unwrap(), moves);
             }

@@ -202,11 +202,12 @@ mod tests {
                 assert!((moved - r.face(face).normal()).norm() < 1e-12);
                 assert_eq!(r.axis(face.axis()), r.face(face).axis());
             }
-            let moved = r.quaternion() * Vector3::new(1.0, -1.0, 0.0);
-            assert_eq!(
-                r.cell([1, -1, 0]).map(f64::from),
-                [0, 1, 2].map(|k: usize| moved[k].round())
-            );
+            for index in 0..27_i8 {
+                let cell = [index % 3 - 1, index / 3 % 3 - 1, index / 9 - 1];
+                let moved = r.quaternion() * Vector3::from(cell.map(f64::from));
+                let wanted = [0, 1, 2].map(|k: usize| moved[k].round() as i8);
+                assert_eq!(r.cell(cell), wanted, "{r:?} of {cell:?}");
+            }
         }
     }
 

@@ -258,6 +258,7 @@ fn nearest_turn(angle: f64, to: f64) -> f64 {
 mod tests {
     use super::super::builtin;
     use super::*;
+    use nalgebra::{Quaternion, UnitQuaternion};
     use proptest::prelude::*;
 
     /// Generates joint positions inside the joint limits of the track arm.
@@ -348,13 +349,34 @@ mod tests {
     }
 
     #[test]
-    fn inverse_refuses_distant_and_nan_poses() {
+    fn inverse_refuses_unreachable_and_nan_poses() {
         let model = builtin("irp6_postument").unwrap();
         let near = JointPositions([0.0, 0.0, -1.57, 0.0, 1.56, 1.57, -1.57]);
 
         let far = Pose::translation(3.0, 0.0, 0.95);
         assert!(matches!(model.inverse(&far, &near), Err(MoveRefused::OutOfReach(d)) if d > 1.5));
-        let broken = Pose::translation(f64::NAN, 0.0, 0.95);
-        assert_eq!(model.inverse(&broken, &near), Err(MoveRefused::NotANumber));
+        // The wrist points forwards here, and its centre is at the shoulder.
+        let [lower, upper, wrist] = model.links;
+        let folded = Pose::translation(wrist, 0.0, model.shoulder_height);
+        let level = JointPositions([0.0, 0.0, -1.57, 0.0, 0.0, 1.57, 0.0]);
+        let refused = model.inverse(&folded, &level);
+        let missing = (upper - lower).abs();
+        assert!(
+            matches!(refused, Err(MoveRefused::OutOfReach(d)) if (d - missing).abs() < 1e-9),
+            "{refused:?}"
+        );
+
+        let nan = f64::NAN;
+        let unturned = UnitQuaternion::new_unchecked(Quaternion::new(nan, 0.0, 0.0, 0.0));
+        let reached = model.base_from_flange(&near);
+        assert!(model.inverse(&reached, &near).is_ok());
+        let nowhere = JointPositions([0.0, 0.0, -1.57, 0.0, nan, 1.57, -1.57]);
+        for (pose, near) in [
+            (Pose::translation(nan, 0.0, 0.95), near),
+            (Pose::from_parts(reached.translation, unturned), near),
+            (reached, nowhere),
+        ] {
+            assert_eq!(model.inverse(&pose, &near), Err(MoveRefused::NotANumber));
+        }
     }
 }

@@ -116,6 +116,35 @@ mod tests {
         }
     }
 
+    /// Each joint and each motor is tried at both of its limits, and just outside of them.
+    #[test]
+    fn each_exceeded_limit_is_refused_on_both_sides() {
+        let model = builtin("irp6_track").unwrap();
+        let middle =
+            |limits: [(f64, f64); AXES]| limits.map(|(low, high)| f64::midpoint(low, high));
+        let tried = |(low, high): (f64, f64)| {
+            [(low, false), (high, false), (low - 1e-6, true), (high + 1e-6, true)]
+        };
+        for axis in 0..AXES {
+            let (low, high) = model.joint_limits[axis];
+            for (value, outside) in tried((low, high)) {
+                let mut joints = JointPositions(middle(model.joint_limits));
+                joints.0[axis] = value;
+                let error = outside.then_some(MoveRefused::JointLimit { axis, value, low, high });
+                assert_eq!(model.check_joints(&joints), error.map_or(Ok(()), Err));
+                assert!(model.joint_excesses(&joints).eq(error));
+            }
+            let (low, high) = model.motor_limits[axis];
+            for (value, outside) in tried((low, high)) {
+                let mut motors = MotorPositions(middle(model.motor_limits));
+                motors.0[axis] = value;
+                let error = outside.then_some(MoveRefused::MotorLimit { axis, value, low, high });
+                assert_eq!(model.check_motors(&motors), error.map_or(Ok(()), Err));
+                assert!(model.motor_excesses(&motors).eq(error));
+            }
+        }
+    }
+
     #[test]
     fn excesses_contain_every_exceeded_limit() {
         let model = builtin("irp6_track").unwrap();
@@ -127,6 +156,12 @@ mod tests {
         assert!(matches!(axes[0], MoveRefused::JointLimit { axis: 0, value: 2.0, .. }));
         assert!(matches!(axes[1], MoveRefused::JointLimit { axis: 6, value: 3.5, .. }));
         assert_eq!(model.check_joints(&q), Err(axes[0]));
+        // An arm without a track has no axis 0.
+        let fixed = builtin("irp6_postument").unwrap();
+        assert_eq!(fixed.joint_excesses(&q).count(), 1);
+        let motors = MotorPositions([1e6; AXES]);
+        assert_eq!(model.motor_excesses(&motors).count(), AXES);
+        assert_eq!(fixed.motor_excesses(&motors).count(), AXES - 1);
     }
 
     #[test]
@@ -139,11 +174,17 @@ mod tests {
     }
 
     #[test]
-    fn check_refuses_nan_joint_position() {
+    fn check_refuses_nan_and_infinite_positions() {
         let model = builtin("irp6_postument").unwrap();
-        let mut q = JointPositions([0.0, 0.0, -1.57, 0.0, 1.0, 1.0, 0.0]);
-        q.0[4] = f64::NAN;
+        for wrong in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            let mut q = JointPositions([0.0, 0.0, -1.57, 0.0, 1.0, 1.0, 0.0]);
+            let mut motors = model.motors(&q);
+            assert_eq!((model.check(&q), model.check_motors(&motors)), (Ok(()), Ok(())));
+            q.0[4] = wrong;
+            motors.0[4] = wrong;
 
-        assert_eq!(model.check_joints(&q), Err(MoveRefused::NotANumber));
+            assert_eq!(model.check_joints(&q), Err(MoveRefused::NotANumber));
+            assert_eq!(model.check_motors(&motors), Err(MoveRefused::NotANumber));
+        }
     }
 }
