@@ -64,6 +64,8 @@ pub struct ArmServo {
     fade: f64,
     /// Whether the other arm is stopped.
     stands_by: bool,
+    /// Reason for which the servo stops both arms now.
+    stopping: Option<MoveRefused>,
     gap: Gap,
 }
 
@@ -140,6 +142,7 @@ impl ArmServo {
             braking: None,
             fade: libm::pow(Self::FADE, config.period.ratio()),
             stands_by: false,
+            stopping: None,
             gap: Gap::None,
             config,
         }
@@ -202,6 +205,7 @@ impl ArmServo {
         if outside.skipped > 0 {
             self.add_missed_periods(outside.skipped);
         }
+        self.stopping = outside.brake;
         if let Some(why) = outside.brake {
             self.brake(period, why);
         }
@@ -328,9 +332,9 @@ impl ArmServo {
             }
             ServoCommand::ForceSettings(settings) => self.seen_wrench.settings = settings,
             ServoCommand::Reset => self.reset(reading),
-            // Homing is a motion, and an arm whose partner is stopped refuses motions.
-            ServoCommand::Synchronise if self.stands_by => {
-                self.refused = Some(MoveRefused::PartnerStopped);
+            // Homing is a motion, and an arm that stops refuses motions.
+            ServoCommand::Synchronise if self.forbidden().is_some() => {
+                self.refused = self.forbidden();
             }
             ServoCommand::Synchronise => {
                 if self.fault.is_none() && !self.synchronised {
@@ -343,16 +347,21 @@ impl ArmServo {
         }
     }
 
+    /// Returns the reason for which the arm may begin no motion now: the other arm is stopped, or
+    /// the servo stops both arms. `None` if it may.
+    fn forbidden(&self) -> Option<MoveRefused> {
+        self.stopping.or(self.stands_by.then_some(MoveRefused::PartnerStopped))
+    }
+
     /// Stores a move until its first period: `start`, or a later one if the move follows the
-    /// running motion. Refuses the move if the other arm is stopped, or if it needs a synchronised
-    /// arm and this one is not.
+    /// running motion. Refuses the move if it is [`forbidden`](Self::forbidden), or if it needs a
+    /// synchronised arm and this one is not.
     fn accept_move(&mut self, period: u64, command: MoveCommand, start: u64) {
         if self.fault.is_some() {
             return;
         }
-        self.refused = None;
-        if self.stands_by {
-            self.refused = Some(MoveRefused::PartnerStopped);
+        self.refused = self.forbidden();
+        if self.refused.is_some() {
             return;
         }
         // An arm that does not know its position may hold, or turn its motors by an amount. A jaw

@@ -156,7 +156,7 @@ fn servo_refuses_commands_while_it_stops_the_arms() {
     assert!(ways[1] > 0.8 * full && ways[10] < 0.6 * full, "{:?}", &ways[..20]);
     assert!(ways[60..].iter().all(|way| *way < 1e-5), "{:?}", &ways[60..]);
     let moved = links[1].state().desired_joints.0[1] - START.0[1];
-    assert!(moved.abs() < 0.01, "{moved}");
+    assert!(moved.abs() < 1e-4, "an arm at rest begins no motion: {moved}");
 }
 
 /// The drives switch off in the next period. An arm moves again after the button is released and
