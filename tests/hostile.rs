@@ -579,7 +579,7 @@ fn panel() -> Panel {
 /// Gives the kernel for orders by hand an event and returns its next action.
 fn answered(panel: &mut Panel, event: Event<()>) -> Action<()> {
     let arms = [ArmState::default(); 2];
-    panel.next(event, &Readings { arms: &arms, forces: Forces::default() })
+    panel.next(event, &Readings { arms: &arms, forces: &Forces::default() })
 }
 
 /// Gives an order to the waiting kernel for orders by hand and checks its action: only an existing

@@ -174,7 +174,9 @@ pub(super) async fn run_task(
         forces: sensors.forces.take(),
         ecps: std::mem::take(ecps),
         tracker: sensors.tracker_of(Owner::Mp),
-        hand_cameras: std::array::from_fn(|arm| sensors.hand_camera_of(Owner::Mp, arm)),
+        hand_cameras: (0..config.cell.arms.len())
+            .map(|arm| sensors.hand_camera_of(Owner::Mp, arm))
+            .collect(),
         coordination: match config.coordination {
             keys::Coordination::Continuous => Coordination::Continuous,
             keys::Coordination::Sporadic => Coordination::Sporadic,

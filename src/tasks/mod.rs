@@ -90,15 +90,15 @@ pub struct Entry {
 pub struct Readings<'a> {
     /// Present states of the effectors, in the scenario's order.
     pub arms: &'a [ArmState],
-    /// Forces at the wrists as their VSP aggregates them; zeros when the scenario has none.
-    pub forces: Forces,
+    /// Forces at the wrists as their VSP aggregates them.
+    pub forces: &'a Forces,
 }
 
-/// Wrist forces of both effectors, as the VSP of the forces aggregates them.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+/// Wrist forces of all effectors, as the VSP of the forces aggregates them. Empty without this VSP.
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Forces {
-    /// One entry an effector.
-    pub arms: [WristLoad; 2],
+    /// One entry an effector, in the scenario's order.
+    pub arms: Vec<WristLoad>,
 }
 
 /// Force and torque at one wrist, as norms at the tool.
@@ -168,14 +168,14 @@ pub enum Action<T> {
     Phase(&'static str),
     /// Effectors carry out behaviours, starting together.
     Behave {
-        /// One entry an effector; `None` leaves it as it is.
-        orders: [Option<Behaviour>; 2],
+        /// One entry an effector, in the scenario's order; `None` leaves it as it is.
+        orders: Vec<Option<Behaviour>>,
         /// Effectors whose behaviours must end before the step ends; the shell then ends the
-        /// behaviour of the other one.
+        /// behaviours of the others.
         until: Until,
     },
-    /// The force sensors of these effectors are set to zero where they are.
-    Bias([bool; 2]),
+    /// The force sensors of the marked effectors are set to zero where they are.
+    Bias(Vec<bool>),
     /// The stand-alone camera's sensor begins (`true`) or stops (`false`) watching for the cube.
     Watch(bool),
     /// The camera in an effector's hand reads one face.
@@ -210,7 +210,7 @@ pub enum Action<T> {
 pub enum Until {
     /// All effectors that have an order.
     All,
-    /// This effector; the shell then ends the behaviour of the other one.
+    /// This effector; the shell then ends the behaviours of the others.
     Effector(usize),
 }
 
@@ -221,8 +221,9 @@ pub enum Event<C> {
     Start,
     /// The last action was carried out, and has no result.
     Done,
-    /// Behaviours ended, each with its outcome; `None` for an effector without an order.
-    Behaved([Option<Outcome>; 2]),
+    /// Behaviours ended, each with its outcome. One entry an order; `None` for an effector without
+    /// one.
+    Behaved(Vec<Option<Outcome>>),
     /// A face was read, or the text says why it was not.
     Looked(Result<FaceReading, String>),
     /// The long work is done, with this result.

@@ -294,7 +294,7 @@ impl Robot {
         if which == [true; 2] {
             self.trust = Trust::Believed;
         }
-        self.act(Action::Bias(which), Doing::Nothing).await.map(drop)
+        self.act(Action::Bias(which.into()), Doing::Nothing).await.map(drop)
     }
 
     /// Requests the long computation that decides the colours, solves the cube and plans the steps,
@@ -344,8 +344,11 @@ impl Robot {
         until: Until,
         doing: Doing,
     ) -> Result<Outcomes, Failure> {
-        match self.act(Action::Behave { orders, until }, doing).await? {
-            Event::Behaved(outcomes) => Ok(outcomes),
+        match self.act(Action::Behave { orders: orders.into(), until }, doing).await? {
+            // The shell answers each order, and there are two.
+            Event::Behaved(outcomes) => outcomes
+                .try_into()
+                .map_err(|other| Failure::unexpected(&Event::<()>::Behaved(other))),
             other => Err(Failure::unexpected(&other)),
         }
     }
