@@ -31,7 +31,7 @@ use rubik_robot::record::run_hash::RunHash;
 use rubik_robot::scenario::{self, keys::Pace};
 use rubik_robot::servo::ServoConfig;
 use rubik_robot::spatial::Pose;
-use rubik_robot::tasks::{Action, Effort, Entry, Event, Finish, Readings, Task, Until};
+use rubik_robot::tasks::{Action, Effort, Event, Finish, Progress, Readings, Task, Until};
 use std::io;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -45,6 +45,7 @@ struct Shift(JointPositions);
 impl Task for Shift {
     type Thought = ();
     type Conclusion = ();
+    type Entry = Progress;
 
     fn next(&mut self, event: Event<()>, readings: &Readings<'_>) -> Action<()> {
         let arms = readings.arms;
@@ -230,6 +231,7 @@ struct Uneven(Until);
 impl Task for Uneven {
     type Thought = ();
     type Conclusion = ();
+    type Entry = Progress;
 
     fn next(&mut self, event: Event<()>, readings: &Readings<'_>) -> Action<()> {
         let by = |arm: usize, share: f64| {
@@ -479,13 +481,14 @@ struct Journaled<T>(T);
 impl<T: Task> Task for Journaled<T> {
     type Thought = T::Thought;
     type Conclusion = T::Conclusion;
+    type Entry = Progress;
 
     fn next(&mut self, event: Event<T::Conclusion>, readings: &Readings<'_>) -> Action<T::Thought> {
         self.0.next(event, readings)
     }
 
-    fn entry(&self) -> Option<Entry> {
-        Some(Entry { doing: "moving".to_owned(), ..Entry::default() })
+    fn entry(&self) -> Option<Progress> {
+        Some(Progress { doing: "moving".to_owned(), over: false })
     }
 
     fn think(thought: T::Thought) -> (T::Conclusion, Effort) {
@@ -556,6 +559,7 @@ struct Phase;
 impl Task for Phase {
     type Thought = ();
     type Conclusion = ();
+    type Entry = Progress;
 
     fn next(&mut self, event: Event<()>, _: &Readings<'_>) -> Action<()> {
         match event {

@@ -6,7 +6,7 @@
 //!   effectors
 
 use super::procedure::{Port, Procedure};
-use super::{Action, Effort, Event, Finish, Readings, Task, Until};
+use super::{Action, Effort, Event, Finish, Progress, Readings, Task, Until};
 use crate::generators::{Behaviour, Outcome};
 
 /// Kernel of MP that holds all arms where they are.
@@ -51,6 +51,7 @@ async fn hold(port: Port<(), (), usize>, seconds: f64) -> Finish {
 impl Task for Idle {
     type Thought = ();
     type Conclusion = ();
+    type Entry = Progress;
 
     fn next(&mut self, event: Event<()>, readings: &Readings<'_>) -> Action<()> {
         self.procedure.port().state(|effectors| *effectors = readings.arms.len());

@@ -7,7 +7,7 @@
 //!   axes; named poses)
 
 use super::procedure::{Port, Procedure};
-use super::{Action, Effort, Event, Finish, Readings, Task, Until};
+use super::{Action, Effort, Event, Finish, Progress, Readings, Task, Until};
 use crate::generators::{Behaviour, Outcome};
 use crate::motion::{AXES, ArmState, Depth, JawCommand, JointPositions};
 use crate::operator::{Manual, Step};
@@ -176,6 +176,7 @@ fn within(step: Step, (farthest, unit): (f64, &str), axes: Range<usize>) -> Resu
 impl Task for Panel {
     type Thought = ();
     type Conclusion = ();
+    type Entry = Progress;
 
     fn next(&mut self, event: Event<()>, readings: &Readings<'_>) -> Action<()> {
         self.procedure.port().state(|shared| {

@@ -32,7 +32,7 @@ use crate::motion::{ArmState, PERIOD, Synchronisation};
 use crate::operator::Input;
 use crate::reach::guard::{Guard, Near};
 use crate::record::journal::Journal;
-use crate::tasks::{self, Action, Event, Finish, Forces, Readings, Task, Until, View};
+use crate::tasks::{Action, Event, Finish, Forces, JournalEntry, Readings, Task, Until, View};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -431,7 +431,7 @@ impl Mp {
     /// Writes the action that is about to begin into the journal, and returns once the entry is
     /// durable. A run whose journal fails continues: it is no worse than one without a journal, and
     /// its hands may hold the cube.
-    async fn note(&mut self, entry: tasks::Entry) {
+    async fn note(&mut self, entry: impl JournalEntry) {
         // The writer takes the journal with it, so a writer that fails leaves none behind.
         let Some(mut journal) = self.parts.journal.take() else { return };
         let writes = move || match journal.write(&entry) {

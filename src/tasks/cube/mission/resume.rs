@@ -23,6 +23,7 @@
 //! | both | a misaligned layer is turned into line, the turner lets go, the cube is read |
 
 use super::actions::Closing;
+use super::entry::Entry;
 use super::failure::Failure;
 use super::robot::{MOST_CLOSER, MOST_WIDER, MaybeOffered, Robot};
 use super::station::Station;
@@ -31,7 +32,6 @@ use super::turn_in_progress::TurnInProgress;
 use super::{give_back, regrasp, turn};
 use crate::cube::{Axis, Face, Keeper, rotations};
 use crate::motion::Depth;
-use crate::tasks::Entry;
 use crate::tasks::cube::hold::{Grip, Hand, Hold};
 use nalgebra::{UnitQuaternion, Vector3};
 

@@ -15,6 +15,7 @@
 //! A wrong zero of the jaws makes a clenched cube read 1 mm less.
 
 use super::assignment::{Assignment, Goal};
+use super::entry::Entry;
 use super::failure::{Failure, Orders, Outcomes, alone};
 use super::shared::{Doing, MissionLog, Shared, Shown};
 use super::sight::{Palette, Sight};
@@ -29,7 +30,7 @@ use crate::tasks::cube::hold::{Grip, Hand};
 use crate::tasks::cube::settings::CubeSettings;
 use crate::tasks::cube::think::{Conclusion, Thought};
 use crate::tasks::procedure::Port;
-use crate::tasks::{Action, Entry, Event, Finish, Picture, Turning, Until, View};
+use crate::tasks::{Action, Event, Finish, Picture, Turning, Until, View};
 use crate::vision::sensor::FaceReading;
 use nalgebra::UnitQuaternion;
 use std::sync::Arc;
