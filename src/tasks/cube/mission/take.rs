@@ -540,8 +540,14 @@ mod tests {
         assert_eq!(words(&actions), [&["joints"][..], &again].concat());
         let joints: Vec<_> =
             actions.iter().filter(|a| count(&[(*a).clone()], "joints") == 1).collect();
-        let leads_to = |order: &Option<Behaviour>| matches!(order, Some(Behaviour::Joints { target, .. }) if *target == to);
-        let leads = |action: &Action<_>| matches!(action, Action::Behave { orders, .. } if orders.iter().all(leads_to));
+        let leads_there = |order: &Option<Behaviour>| {
+            let Some(Behaviour::Joints { target, .. }) = order else { return false };
+            *target == to
+        };
+        let leads = |action: &Action<_>| {
+            let Action::Behave { orders, .. } = action else { return false };
+            orders.iter().all(leads_there)
+        };
         assert!(joints.iter().all(|action| leads(action)), "{joints:?}");
         assert!(matches!(end, Err(Failure::Final(why)) if why.contains("while moving")));
     }
