@@ -7,6 +7,7 @@
 use nalgebra::Vector3;
 use rubik_robot::actors::clock::Clock;
 use rubik_robot::actors::control::Control;
+use rubik_robot::actors::ecp::EcpHandle;
 use rubik_robot::actors::edp::EdpHandle;
 use rubik_robot::actors::move_instruction::example_manner;
 use rubik_robot::actors::mp::{Coordination, Ending, Mp, Parts};
@@ -15,10 +16,11 @@ use rubik_robot::actors::services::Services;
 use rubik_robot::actors::trace::Trace;
 use rubik_robot::actors::work::Work;
 use rubik_robot::actors::{ecp, edp};
+use rubik_robot::cell::Arm;
 use rubik_robot::emergency_stop::{EmergencyStop, StopButton};
 use rubik_robot::error::{Error, Fatal, NonFatal};
 use rubik_robot::generators::{Behaviour, Outcome};
-use rubik_robot::hw::driver::{self, Core, Switches};
+use rubik_robot::hw::driver::{self, Core, ServoLink, Switches};
 use rubik_robot::hw::plant::{Plant, PlantConfig};
 use rubik_robot::hw::scene::Scene;
 use rubik_robot::motion::{
@@ -29,7 +31,7 @@ use rubik_robot::record::run_hash::RunHash;
 use rubik_robot::scenario::{self, keys::Pace};
 use rubik_robot::servo::ServoConfig;
 use rubik_robot::spatial::Pose;
-use rubik_robot::tasks::{Action, Effort, Entry, Event, Finish, Readings, Task, Until};
+use rubik_robot::tasks::{Action, Effort, Event, Finish, Progress, Readings, Task, Until};
 use std::io;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -43,6 +45,7 @@ struct Shift(JointPositions);
 impl Task for Shift {
     type Thought = ();
     type Conclusion = ();
+    type Entry = Progress;
 
     fn next(&mut self, event: Event<()>, readings: &Readings<'_>) -> Action<()> {
         let arms = readings.arms;
@@ -51,11 +54,11 @@ impl Task for Shift {
                 let at = arms[0].desired_joints;
                 let target = JointPositions(std::array::from_fn(|i| at.0[i] + self.0.0[i]));
                 let order = Behaviour::Joints { target, speed: 0.5, seconds: 0.0 };
-                Action::Behave { orders: [Some(order), None], until: Until::All }
+                Action::Behave { orders: vec![Some(order)], until: Until::All }
             }
-            Event::Behaved([outcome, _]) => Action::Finish(Finish {
-                achieved: outcome == Some(Outcome::Reached),
-                reason: Outcome::words(outcome),
+            Event::Behaved(outcomes) => Action::Finish(Finish {
+                achieved: outcomes == [Some(Outcome::Reached)],
+                reason: Outcome::words(outcomes[0]),
             }),
             Event::Trouble(reason) => Action::Finish(Finish { achieved: false, reason }),
             other => Action::Finish(Finish { achieved: false, reason: format!("{other:?}") }),
@@ -92,40 +95,17 @@ fn rig_with_journal(
     coordination: Coordination,
     journal: impl FnOnce(&Arc<Mutex<Scene>>) -> Option<Journal>,
 ) -> Rig {
-    let scenario = scenario::read(Path::new("one_arm.toml"), ONE_ARM, &[]).unwrap();
-    let config = scenario.controller;
-    assert!(config.vsps.is_empty() && config.cell.arms.len() == 1);
-    let arm = config.cell.arms[0].clone();
-    let mut plant = Plant::new(PlantConfig::new(config.cell), 1).unwrap();
     let hash = RunHash::default();
     let stop = EmergencyStop::default();
     let switches = Arc::new(Switches::new(stop.signal()));
-    let (link, end) = driver::link();
-    let servo = ServoConfig::new(&arm, config.effectors[0].gains.clone());
-    let records = Box::new(hash.clone());
-    let mut core =
-        Core::new(vec![servo], vec![end], Arc::clone(&switches), records, &mut plant).unwrap();
-    let scene = Arc::new(Mutex::new(plant.scene()));
-    let seen = Arc::clone(&scene);
+    let (arm, link, scene) = start_arm(&switches, &hash);
     let clock = Clock::new(tokio::time::Instant::now(), Arc::clone(&switches));
-    tokio::spawn(async move {
-        let publish = |_, plant: &mut Plant| *seen.lock().unwrap() = plant.scene();
-        driver::run_virtual(&mut core, &mut plant, u64::MAX, publish).await
-    });
 
     let (control, will) = watch::channel(Control::Running);
     let (trace, notices) = Trace::bare(hash);
     let services = Services::bare(clock, will, trace);
-    let edp = edp::spawn(&arm.name, link, &services);
-    let parts = ecp::Parts {
-        edp: edp.clone(),
-        tracker: None,
-        hand_camera: None,
-        manner: example_manner(),
-        services: services.clone(),
-    };
-    let ecps = vec![ecp::spawn(&arm.name, parts)];
-    let parts = Parts::bare(ecps, vec![example_manner()], services);
+    let (edp, ecp) = actors_of(&arm.name, link, &services);
+    let parts = Parts::bare(vec![ecp], vec![example_manner()], services);
     let mp = Mp::new(Parts { coordination, journal: journal(&scene), ..parts });
     Rig {
         mp,
@@ -136,6 +116,60 @@ fn rig_with_journal(
         scene,
         world_from_base: arm.world_from_base,
     }
+}
+
+/// Starts the plant and the servo of the arm of [`ONE_ARM`]. Returns the arm, the link to its servo
+/// and the scene of the plant.
+fn start_arm(switches: &Arc<Switches>, hash: &RunHash) -> (Arm, ServoLink, Arc<Mutex<Scene>>) {
+    let scenario = scenario::read(Path::new("one_arm.toml"), ONE_ARM, &[]).unwrap();
+    let config = scenario.controller;
+    assert!(config.vsps.is_empty() && config.cell.arms.len() == 1);
+    let arm = config.cell.arms[0].clone();
+    let mut plant = Plant::new(PlantConfig::new(config.cell), 1).unwrap();
+    let (link, end) = driver::link();
+    let servo = ServoConfig::new(&arm, config.effectors[0].gains.clone());
+    let records = Box::new(hash.clone());
+    let mut core =
+        Core::new(vec![servo], vec![end], Arc::clone(switches), records, &mut plant).unwrap();
+    let scene = Arc::new(Mutex::new(plant.scene()));
+    let seen = Arc::clone(&scene);
+    tokio::spawn(async move {
+        let publish = |_, plant: &mut Plant| *seen.lock().unwrap() = plant.scene();
+        driver::run_virtual(&mut core, &mut plant, u64::MAX, publish).await
+    });
+    (arm, link, scene)
+}
+
+/// Starts the EDP and the ECP of an effector with this name.
+fn actors_of(name: &str, link: ServoLink, services: &Services) -> (EdpHandle, EcpHandle) {
+    let edp = edp::spawn(name, link, services);
+    let parts = ecp::Parts {
+        edp: edp.clone(),
+        tracker: None,
+        hand_camera: None,
+        manner: example_manner(),
+        services: services.clone(),
+    };
+    (edp, ecp::spawn(name, parts))
+}
+
+/// Makes an MP with three effectors, each with a plant of its own. Returns it with their EDPs.
+fn three_arms(coordination: Coordination) -> (Mp, Vec<EdpHandle>) {
+    let hash = RunHash::default();
+    let arms: Vec<_> = (0..3)
+        .map(|_| {
+            let switches = Arc::new(Switches::new(EmergencyStop::default().signal()));
+            let (_, link, _) = start_arm(&switches, &hash);
+            (switches, link)
+        })
+        .collect();
+    let clock = Clock::new(tokio::time::Instant::now(), Arc::clone(&arms[0].0));
+    let services = Services::bare(clock, watch::channel(Control::Running).1, Trace::bare(hash).0);
+    let actors = arms.into_iter().enumerate();
+    let (edps, ecps): (Vec<_>, _) =
+        actors.map(|(i, (_, link))| actors_of(&format!("arm {i}"), link, &services)).unzip();
+    let parts = Parts::bare(ecps, vec![example_manner(); 3], services);
+    (Mp::new(Parts { coordination, ..parts }), edps)
 }
 
 /// Distances of the task: column and wrist, about a second of motion (rad; m on the track).
@@ -187,6 +221,63 @@ async fn one_arm_runs_task_under_both_coordination_schemes() {
         assert!(ending.finish.unwrap().achieved);
         let wanted = JointPositions(std::array::from_fn(|i| from.0[i] + SHIFT.0[i]));
         assert!(furthest(&to, &wanted) < 1e-9, "{to:?} {wanted:?} {from:?}");
+    }
+}
+
+/// Task that orders the first arm a short motion, the second none and the third a long one, and
+/// ends with their outcomes in words.
+struct Uneven(Until);
+
+impl Task for Uneven {
+    type Thought = ();
+    type Conclusion = ();
+    type Entry = Progress;
+
+    fn next(&mut self, event: Event<()>, readings: &Readings<'_>) -> Action<()> {
+        let by = |arm: usize, share: f64| {
+            let at = readings.arms[arm].desired_joints;
+            let target = JointPositions(std::array::from_fn(|i| at.0[i] + share * SHIFT.0[i]));
+            Some(Behaviour::Joints { target, speed: 0.5, seconds: 0.0 })
+        };
+        match event {
+            Event::Start => {
+                Action::Behave { orders: vec![by(0, 0.5), None, by(2, 1.0)], until: self.0 }
+            }
+            other => Action::Finish(Finish { achieved: true, reason: format!("{other:?}") }),
+        }
+    }
+
+    fn think((): ()) -> ((), Effort) {
+        ((), Effort(0.0))
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn three_arms_carry_out_their_own_orders() {
+    for coordination in [Coordination::Sporadic, Coordination::Continuous] {
+        for (until, outcomes, third) in [
+            (Until::All, "Behaved([Some(Reached), None, Some(Reached)])", 1.0..1.0),
+            (Until::Effector(0), "Behaved([Some(Reached), None, Some(Ended)])", 0.5..0.99),
+        ] {
+            let (mp, edps) = three_arms(coordination);
+            let mut from = Vec::new();
+            for edp in &edps {
+                from.push(edp.state().await.unwrap().desired_joints);
+            }
+
+            let ending = mp.run(&mut Uneven(until)).await;
+
+            assert_eq!(ending.finish.unwrap().reason, outcomes, "{coordination:?}");
+            seconds(0.01).await;
+            let mut shares = Vec::new();
+            for (edp, from) in edps.iter().zip(&from) {
+                let to = edp.state().await.unwrap().desired_joints;
+                shares.push((to.0[6] - from.0[6]) / SHIFT.0[6]);
+            }
+            assert!((shares[0] - 0.5).abs() < 1e-9 && shares[1].abs() < 1e-9, "{shares:?}");
+            let near = third.start - 1e-9..third.end + 1e-9;
+            assert!(near.contains(&shares[2]), "{coordination:?} {until:?} {shares:?}");
+        }
     }
 }
 
@@ -390,13 +481,14 @@ struct Journaled<T>(T);
 impl<T: Task> Task for Journaled<T> {
     type Thought = T::Thought;
     type Conclusion = T::Conclusion;
+    type Entry = Progress;
 
     fn next(&mut self, event: Event<T::Conclusion>, readings: &Readings<'_>) -> Action<T::Thought> {
         self.0.next(event, readings)
     }
 
-    fn entry(&self) -> Option<Entry> {
-        Some(Entry { doing: "moving".to_owned(), ..Entry::default() })
+    fn entry(&self) -> Option<Progress> {
+        Some(Progress { doing: "moving".to_owned(), over: false })
     }
 
     fn think(thought: T::Thought) -> (T::Conclusion, Effort) {
@@ -467,6 +559,7 @@ struct Phase;
 impl Task for Phase {
     type Thought = ();
     type Conclusion = ();
+    type Entry = Progress;
 
     fn next(&mut self, event: Event<()>, _: &Readings<'_>) -> Action<()> {
         match event {

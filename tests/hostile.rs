@@ -37,6 +37,7 @@ use rubik_robot::record::reading::{Piece, Reading};
 use rubik_robot::record::{recover_file, report};
 use rubik_robot::scenario::{self, Override};
 use rubik_robot::servo::io::{ArmDrive, ArmReading};
+use rubik_robot::tasks::cube::mission::Entry;
 use rubik_robot::tasks::panel::{ArmLimits, Panel};
 use rubik_robot::tasks::{Action, Event, Forces, Readings, Task as _, Until};
 use rubik_robot::vision::colours::decide_cube;
@@ -461,14 +462,14 @@ fn malformed_journals_do_not_panic() {
     let path = std::env::temp_dir().join(format!("rubik-hostile-{}", std::process::id()));
     hostile("journal", "{}[]\":,\n doinghelOT0123456789.", 500, &|bytes| {
         std::fs::write(&path, bytes).unwrap();
-        if let Ok(Some(entry)) = Journal::last(&path) {
+        if let Ok(Some(entry)) = Journal::last::<Entry>(&path) {
             // The last entry can be written behind the remains of a crash, and is the last one
             // again. An entry that would become too long is refused and stays the last.
-            match Journal::open(&path, true).unwrap().write(&entry) {
+            match Journal::open::<Entry>(&path, true).unwrap().write(&entry) {
                 Ok(()) => {}
                 Err(why) => assert_eq!(why.kind(), std::io::ErrorKind::InvalidInput),
             }
-            assert_eq!(Journal::last(&path).unwrap(), Some(entry));
+            assert_eq!(Journal::last::<Entry>(&path).unwrap(), Some(entry));
         }
     });
     std::fs::remove_file(path).unwrap();
@@ -579,7 +580,7 @@ fn panel() -> Panel {
 /// Gives the kernel for orders by hand an event and returns its next action.
 fn answered(panel: &mut Panel, event: Event<()>) -> Action<()> {
     let arms = [ArmState::default(); 2];
-    panel.next(event, &Readings { arms: &arms, forces: Forces::default() })
+    panel.next(event, &Readings { arms: &arms, forces: &Forces::default() })
 }
 
 /// Gives an order to the waiting kernel for orders by hand and checks its action: only an existing

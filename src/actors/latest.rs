@@ -24,7 +24,7 @@ pub struct Latest {
     /// Activity of MP, in words.
     pub mp: &'static str,
     /// Behaviour of each effector in words; `None` without an order.
-    pub orders: [Option<&'static str>; 2],
+    pub orders: Vec<Option<&'static str>>,
     /// The kernel's belief.
     pub picture: Option<Picture>,
     /// The open question.
@@ -130,10 +130,10 @@ impl LatestValues {
         latest.sights[camera] = Some(sight);
     }
 
-    /// Replaces the texts that name the ordered behaviours of the two effectors; `None` stands for
-    /// an effector without an order.
-    pub fn ordered(&self, orders: &[Option<Behaviour>; 2]) {
-        self.lock().orders = [0, 1].map(|i| orders[i].as_ref().map(words));
+    /// Replaces the texts that name the ordered behaviours of the effectors; `None` stands for an
+    /// effector without an order.
+    pub fn ordered(&self, orders: &[Option<Behaviour>]) {
+        self.lock().orders = orders.iter().map(|order| order.as_ref().map(words)).collect();
     }
 
     /// Replaces the latest state of the arm that `record` names, and includes it in the arm's

@@ -104,8 +104,8 @@ impl Trace {
             .record_some(period, || picture().map(|picture| Entry::Belief(Box::new(picture))));
     }
 
-    /// Writes the behaviours that the two effectors are carrying out, for the UI.
-    pub(crate) fn ordered(&self, orders: &[Option<Behaviour>; 2]) {
+    /// Writes the behaviours that the effectors are carrying out, for the UI.
+    pub(crate) fn ordered(&self, orders: &[Option<Behaviour>]) {
         if let Some(latest) = &self.latest {
             latest.ordered(orders);
         }

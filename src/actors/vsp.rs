@@ -31,7 +31,7 @@ use crate::motion::{ArmState, PERIOD};
 use crate::record::playback::Played;
 use crate::record::sensed as kept;
 use crate::spatial::Pose;
-use crate::tasks::{Effort, Forces, View};
+use crate::tasks::{Effort, Forces, View, WristLoad};
 use crate::vision::sensor::{self, FaceReading};
 use crate::vision::watcher::{CubeWatcher, Watched};
 use crate::vision::{DetectorSettings, Method};
@@ -510,10 +510,10 @@ pub(crate) fn spawn_forces(
     mut states: Vec<watch::Receiver<ArmState>>,
     periods: u64,
 ) -> watch::Receiver<Forces> {
-    let (publish, forces) = watch::channel(Forces::default());
+    let mut aggregate = Forces { arms: vec![WristLoad::default(); states.len()] };
+    let (publish, forces) = watch::channel(aggregate.clone());
     let clock = services.clock.clone();
     let aggregating = async move {
-        let mut aggregate = Forces::default();
         let mut period = clock.period();
         // The actor has no mailbox: it ends when no receiver of its forces is left.
         while !publish.is_closed() {
@@ -525,7 +525,7 @@ pub(crate) fn spawn_forces(
                 felt.peak_force = felt.peak_force.max(felt.force);
                 felt.peak_torque = felt.peak_torque.max(felt.torque);
             }
-            publish.send_replace(aggregate);
+            publish.send_replace(aggregate.clone());
         }
     };
     let name = "vsp forces";

@@ -11,11 +11,11 @@
 //! | a crash cuts off the first line | no entry: nothing had begun |
 //! | the journal can no longer be written | it is marked, so that no run trusts its last entry |
 //! | a line longer than `LONGEST` | reading fails with the number of the line |
-//! | values beyond `FARTHEST` or `MOST_SHORT` | reading fails with the number of the line |
+//! | values that no run can have written | reading fails with the number of the line |
 
 use crate::hw::storage::{Storage, StorageFault};
 use crate::hw::{new_file, text};
-use crate::tasks::Entry;
+use crate::tasks::{JournalEntry, Progress};
 use std::fmt::Debug;
 use std::fs::{File, TryLockError};
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
@@ -95,12 +95,6 @@ pub enum Unreadable {
 /// Largest length of an entry without the end of its line (bytes).
 const LONGEST: u64 = 4096;
 
-/// Largest distance of a joint from its zero (rad or m), and of the cube from an arm's base (m).
-const FARTHEST: f64 = 20.0;
-/// Largest value of [`Entry::short`], the part of a retraction that the arm could not do (m). A
-/// resumed run hung with a value of 1e308.
-const MOST_SHORT: f64 = 1.0;
-
 /// First bytes of each entry.
 const HEAD: &[u8] = b"{\"doing\":\"";
 
@@ -121,13 +115,13 @@ impl Journal {
     /// # Errors
     /// If the file is no journal, if another run writes it, or if a new journal would overwrite
     /// that of an unfinished run; error of the operating system.
-    pub fn open(path: &Path, go_on: bool) -> Result<Self, Unreadable> {
-        Self::open_in(path, go_on, new_file::keep_name)
+    pub fn open<E: JournalEntry>(path: &Path, go_on: bool) -> Result<Self, Unreadable> {
+        Self::open_in::<E>(path, go_on, new_file::keep_name)
     }
 
     /// Opens a journal as [`Journal::open`] does. `keeps_name` syncs the folder of the file, so
     /// that a power cut does not remove the name of a new file.
-    fn open_in(
+    fn open_in<E: JournalEntry>(
         path: &Path,
         go_on: bool,
         keeps_name: impl FnOnce(&Path) -> io::Result<()>,
@@ -141,13 +135,15 @@ impl Journal {
             return Err(Unreadable::Taken);
         }
         // The file is locked before it is read, so no other run can add an entry in between.
-        let last = match Self::last(path) {
+        let last = match Self::last::<E>(path) {
             // A journal that was given up holds no state that a new one could destroy.
             Err(Unreadable::GivenUp) if !go_on => None,
             last => last?,
         };
         match last {
-            Some(last) if !go_on && !last.over => return Err(Unreadable::Unfinished(last.doing)),
+            Some(last) if !go_on && !last.is_over() => {
+                return Err(Unreadable::Unfinished(last.doing().to_owned()));
+            }
             Some(_) if go_on => {
                 // A line that a crash cut off gets its end, or the next entry would be part of it.
                 let cut = std::fs::read(path)?.last().is_some_and(|&byte| byte != b'\n');
@@ -169,11 +165,17 @@ impl Journal {
     /// Writes an entry and returns once it is durable.
     ///
     /// # Errors
-    /// Error of the operating system; also if the entry is too long to be read back.
-    pub fn write(&mut self, entry: &Entry) -> io::Result<()> {
+    /// Error of the operating system; also if the entry is too long to be read back, or does not
+    /// begin with `doing`.
+    pub fn write(&mut self, entry: &impl JournalEntry) -> io::Result<()> {
         let mut line = serde_json::to_vec(entry)?;
-        if line.len() as u64 > LONGEST {
-            return Err(io::Error::new(io::ErrorKind::InvalidInput, "the entry is too long"));
+        let why = match line.len() as u64 {
+            too_long if too_long > LONGEST => Some("the entry is too long"),
+            _ if !line.starts_with(HEAD) => Some("the entry does not begin with `doing`"),
+            _ => None,
+        };
+        if let Some(why) = why {
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, why));
         }
         line.push(b'\n');
         let Self { keeps, storage, .. } = self;
@@ -222,14 +224,15 @@ impl Journal {
         if matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)) {
             return None;
         }
-        Self::last(path).ok().flatten().filter(|last| !last.over).map(|last| last.doing)
+        let last = Self::last::<Progress>(path).ok().flatten();
+        last.filter(|last| !last.over).map(|last| last.doing)
     }
 
     /// Returns the last entry of a journal; `None` if there is no file or no entry in it.
     ///
     /// # Errors
     /// If the file cannot be read, or is no journal.
-    pub fn last(path: &Path) -> Result<Option<Entry>, Unreadable> {
+    pub fn last<E: JournalEntry>(path: &Path) -> Result<Option<E>, Unreadable> {
         let mut reader = match text::open(path) {
             Ok(file) => BufReader::new(file),
             Err(why) if why.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -251,9 +254,9 @@ impl Journal {
             if bytes.strip_suffix(b"\n").unwrap_or(&bytes).len() as u64 > LONGEST {
                 return Err(Unreadable::Long(line));
             }
-            match serde_json::from_slice(&bytes) {
+            match serde_json::from_slice::<E>(&bytes) {
                 Ok(entry) => {
-                    plausible(&entry).map_err(|why| Unreadable::Value { line, why })?;
+                    entry.check().map_err(|why| Unreadable::Value { line, why })?;
                     last = Some(entry);
                 }
                 // A crash cut off the very first entry: nothing had begun.
@@ -270,23 +273,6 @@ impl Journal {
     }
 }
 
-/// Checks whether the positions of arms and cube in a journal's entry are possible, since a resumed
-/// run moves to them. Returns the reason as an error if they are not.
-fn plausible(entry: &Entry) -> Result<(), &'static str> {
-    // The comparisons are false for NaN, so NaN is refused as well.
-    let within = |values: &[f64], most: f64| values.iter().all(|value| value.abs() <= most);
-    if !entry.hand_over.is_none_or(|joints| within(&joints.0, FARTHEST)) {
-        return Err("no arm can reach this place of hand-over");
-    }
-    if !entry.taken_at.is_none_or(|place| within(&place, FARTHEST)) {
-        return Err("no arm can reach this place of the grasp");
-    }
-    if !(0.0..=MOST_SHORT).contains(&entry.short) {
-        return Err("no retraction can be this much shorter than usual");
-    }
-    Ok(())
-}
-
 /// Checks whether `bytes` and [`HEAD`], with which each entry begins, agree as far as the shorter
 /// one goes. So the beginning of an entry that a crash cut off passes.
 fn may_begin_entry(bytes: &[u8]) -> bool {
@@ -297,10 +283,21 @@ fn may_begin_entry(bytes: &[u8]) -> bool {
 mod tests {
     use super::*;
     use crate::motion::{Depth, JointPositions};
+    use crate::tasks::cube::mission::Entry;
 
     /// Returns the path of a temporary file for one test.
     fn place(name: &str) -> std::path::PathBuf {
         std::env::temp_dir().join(format!("rubik-robot-journal-{}-{name}", std::process::id()))
+    }
+
+    /// Opens the journal of a mission.
+    fn open(path: &Path, go_on: bool) -> Result<Journal, Unreadable> {
+        Journal::open::<Entry>(path, go_on)
+    }
+
+    /// Returns the last entry of a mission's journal.
+    fn last(path: &Path) -> Result<Option<Entry>, Unreadable> {
+        Journal::last(path)
     }
 
     /// Returns an entry of a run that was doing this while its first hand held one layer.
@@ -313,7 +310,7 @@ mod tests {
     #[test]
     fn last_complete_entry_is_read_after_a_crash() {
         let path = place("whole");
-        let mut journal = Journal::open(&path, false).unwrap();
+        let mut journal = open(&path, false).unwrap();
         journal.write(&entry("closing")).unwrap();
         journal.write(&entry("turning")).unwrap();
         drop(journal);
@@ -323,12 +320,12 @@ mod tests {
         for cut in first..whole.len() - 1 {
             std::fs::write(&path, &whole[..cut]).unwrap();
 
-            assert_eq!(Journal::last(&path).unwrap(), Some(entry("closing")), "cut at {cut}");
+            assert_eq!(last(&path).unwrap(), Some(entry("closing")), "cut at {cut}");
 
-            let mut journal = Journal::open(&path, true).unwrap();
+            let mut journal = open(&path, true).unwrap();
             journal.write(&entry("letting go")).unwrap();
 
-            assert_eq!(Journal::last(&path).unwrap(), Some(entry("letting go")), "cut at {cut}");
+            assert_eq!(last(&path).unwrap(), Some(entry("letting go")), "cut at {cut}");
         }
         std::fs::remove_file(path).unwrap();
     }
@@ -337,7 +334,7 @@ mod tests {
     #[test]
     fn journal_with_only_a_torn_entry_is_empty() {
         let path = place("first");
-        let mut journal = Journal::open(&path, false).unwrap();
+        let mut journal = open(&path, false).unwrap();
         journal.write(&entry("wending – slowly")).unwrap();
         drop(journal);
         let whole = std::fs::read(&path).unwrap();
@@ -346,13 +343,13 @@ mod tests {
             for go_on in [true, false] {
                 std::fs::write(&path, &whole[..cut]).unwrap();
 
-                assert_eq!(Journal::last(&path).unwrap(), None, "cut at {cut}");
+                assert_eq!(last(&path).unwrap(), None, "cut at {cut}");
 
-                let mut journal = Journal::open(&path, go_on).unwrap();
+                let mut journal = open(&path, go_on).unwrap();
                 // If another crash comes before the next entry, there is still no entry.
-                assert_eq!(Journal::last(&path).unwrap(), None, "cut at {cut}");
+                assert_eq!(last(&path).unwrap(), None, "cut at {cut}");
                 journal.write(&entry("turning")).unwrap();
-                assert_eq!(Journal::last(&path).unwrap(), Some(entry("turning")), "cut at {cut}");
+                assert_eq!(last(&path).unwrap(), Some(entry("turning")), "cut at {cut}");
             }
         }
         std::fs::remove_file(path).unwrap();
@@ -373,12 +370,9 @@ mod tests {
         for text in foreign {
             std::fs::write(&path, text).unwrap();
 
-            assert!(
-                matches!(Journal::last(&path), Err(Unreadable::Line { line: 1, .. })),
-                "{text}"
-            );
+            assert!(matches!(last(&path), Err(Unreadable::Line { line: 1, .. })), "{text}");
             for go_on in [true, false] {
-                assert!(Journal::open(&path, go_on).is_err(), "{text}");
+                assert!(open(&path, go_on).is_err(), "{text}");
                 assert_eq!(std::fs::read_to_string(&path).unwrap(), text);
             }
         }
@@ -398,14 +392,16 @@ mod tests {
                 named.push(path.to_owned());
                 Ok(())
             };
-            let opened = Journal::open_in(&path, go_on, there);
+            let opened = Journal::open_in::<Entry>(&path, go_on, there);
 
             assert!(opened.is_ok());
             assert_eq!(named, std::slice::from_ref(&path));
-            let lost = Journal::open_in(&path, go_on, |_| Err(io::Error::other("no disk")));
+            let lost =
+                Journal::open_in::<Entry>(&path, go_on, |_| Err(io::Error::other("no disk")));
             assert!(matches!(lost, Err(Unreadable::Taken)), "{lost:?}");
             drop(opened);
-            let lost = Journal::open_in(&path, go_on, |_| Err(io::Error::other("no disk")));
+            let lost =
+                Journal::open_in::<Entry>(&path, go_on, |_| Err(io::Error::other("no disk")));
             assert!(matches!(lost, Err(Unreadable::File(_))), "{lost:?}");
             std::fs::remove_file(path).unwrap();
         }
@@ -414,19 +410,19 @@ mod tests {
     #[test]
     fn no_run_resumes_from_an_abandoned_journal() {
         let path = place("given-up");
-        let mut journal = Journal::open(&path, false).unwrap();
+        let mut journal = open(&path, false).unwrap();
         journal.write(&entry("closing")).unwrap();
 
         let told = journal.given_up(&io::Error::other("disk full"));
 
         assert!(told.starts_with(&format!("{}: ", path.display())), "{told}");
         assert!(told.contains("disk full; the run continues and cannot be resumed"), "{told}");
-        assert!(matches!(Journal::last(&path), Err(Unreadable::GivenUp)));
-        assert!(matches!(Journal::open(&path, true), Err(Unreadable::GivenUp)));
+        assert!(matches!(last(&path), Err(Unreadable::GivenUp)));
+        assert!(matches!(open(&path, true), Err(Unreadable::GivenUp)));
         assert!(path.exists());
         // A new run may begin its journal there.
-        Journal::open(&path, false).unwrap().write(&entry("turning")).unwrap();
-        assert_eq!(Journal::last(&path).unwrap(), Some(entry("turning")));
+        open(&path, false).unwrap().write(&entry("turning")).unwrap();
+        assert_eq!(last(&path).unwrap(), Some(entry("turning")));
 
         // If the file can be neither marked nor removed, the operator is warned.
         let journal = Journal::kept_by(&path.join("nowhere"), Box::new(File::open(&path).unwrap()));
@@ -468,18 +464,18 @@ mod tests {
     fn torn_line_of_largest_length_is_readable() {
         let path = place("longest");
         for (long, refused) in [(LONGEST, false), (LONGEST + 1, true)] {
-            Journal::open(&path, false).unwrap().write(&entry("closing")).unwrap();
+            open(&path, false).unwrap().write(&entry("closing")).unwrap();
             let whole = std::fs::read(&path).unwrap();
             std::fs::write(&path, [whole, vec![b'x'; long as usize]].concat()).unwrap();
-            assert_eq!(Journal::last(&path).is_err(), refused, "{long}");
+            assert_eq!(last(&path).is_err(), refused, "{long}");
 
-            let opened = Journal::open(&path, true);
+            let opened = open(&path, true);
 
             assert_eq!(opened.is_err(), refused, "{long}");
             if let Ok(mut journal) = opened {
                 journal.write(&entry("turning")).unwrap();
             }
-            assert_eq!(Journal::last(&path).is_err(), refused, "{long}");
+            assert_eq!(last(&path).is_err(), refused, "{long}");
             std::fs::remove_file(&path).unwrap();
         }
     }
@@ -487,33 +483,33 @@ mod tests {
     #[test]
     fn journal_refuses_to_write_too_long_entries() {
         let path = place("unreadable");
-        let mut journal = Journal::open(&path, false).unwrap();
+        let mut journal = open(&path, false).unwrap();
         journal.write(&entry("closing")).unwrap();
 
         let refused = journal.write(&entry(&"x".repeat(LONGEST as usize))).unwrap_err();
 
         assert_eq!(refused.kind(), io::ErrorKind::InvalidInput);
-        assert_eq!(Journal::last(&path).unwrap(), Some(entry("closing")));
+        assert_eq!(last(&path).unwrap(), Some(entry("closing")));
         std::fs::remove_file(path).unwrap();
     }
 
     #[test]
     fn impossible_entry_is_refused_with_line_number() {
         let path = place("values");
-        let wrong: [fn(&mut Entry); 4] = [
+        let changes: [fn(&mut Entry); 4] = [
             |entry| entry.short = 1e308,
             |entry| entry.short = -0.1,
             |entry| entry.taken_at = Some([0.0, 1e20, 0.0]),
             |entry| entry.hand_over = Some(JointPositions([1e300; 7])),
         ];
-        for change in wrong {
-            let mut journal = Journal::open(&path, false).unwrap();
+        for change in changes {
+            let mut journal = open(&path, false).unwrap();
             journal.write(&entry("closing")).unwrap();
-            let mut last = entry("turning");
-            change(&mut last);
-            journal.write(&last).unwrap();
+            let mut wrong = entry("turning");
+            change(&mut wrong);
+            journal.write(&wrong).unwrap();
 
-            let error = Journal::last(&path).unwrap_err();
+            let error = last(&path).unwrap_err();
 
             assert!(matches!(error, Unreadable::Value { line: 2, .. }), "{error}");
             std::fs::remove_file(&path).unwrap();
@@ -525,13 +521,13 @@ mod tests {
         let path = place("refused");
         std::fs::write(&path, "a poem\nof two lines\n").unwrap();
 
-        let error = Journal::last(&path).unwrap_err().to_string();
+        let error = last(&path).unwrap_err().to_string();
 
         assert!(error.starts_with("line 1 is no journal entry: "), "{error}");
         std::fs::write(&path, vec![b'x'; 100_000]).unwrap();
-        assert!(matches!(Journal::last(&path), Err(Unreadable::Long(1))));
+        assert!(matches!(last(&path), Err(Unreadable::Long(1))));
         std::fs::write(&path, "").unwrap();
-        assert_eq!(Journal::last(&path).unwrap(), None);
+        assert_eq!(last(&path).unwrap(), None);
         std::fs::remove_file(path).unwrap();
     }
 }

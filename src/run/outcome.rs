@@ -231,12 +231,16 @@ fn sensor_peaks(
     verdict: Option<&Verdict>,
 ) -> Vec<SensorPeak> {
     let arms = config.cell.arms.iter().take(2).enumerate();
-    arms.map(|(i, arm)| SensorPeak {
-        effector: arm.name.clone(),
-        force_n: verdict.map(|v| v.arm_peak_force[i]),
-        torque_nm: verdict.map(|v| v.arm_peak_torque[i]),
-        felt_force_n: ending.forces.arms[i].peak_force,
-        felt_torque_nm: ending.forces.arms[i].peak_torque,
+    arms.map(|(i, arm)| {
+        // Without the VSP that aggregates the forces none was felt.
+        let felt = ending.forces.arms.get(i).copied().unwrap_or_default();
+        SensorPeak {
+            effector: arm.name.clone(),
+            force_n: verdict.map(|v| v.arm_peak_force[i]),
+            torque_nm: verdict.map(|v| v.arm_peak_torque[i]),
+            felt_force_n: felt.peak_force,
+            felt_torque_nm: felt.peak_torque,
+        }
     })
     .collect()
 }

@@ -460,9 +460,10 @@ mod tests {
         let assignment = Assignment { patience, ..Assignment::new(Goal::Solve) };
         let mut mission = Mission::new(settings, assignment);
         let arms = [ArmState { jaw_opening: 0.057, ..ArmState::default() }; 2];
+        let readings = Readings { arms: &arms, forces: &Forces::default() };
         let (mut phases, mut notes, mut looks, mut event) = (vec![], vec![], 0, Event::Start);
         for _ in 0..2000 {
-            let action = mission.next(event, &Readings { arms: &arms, forces: Forces::default() });
+            let action = mission.next(event, &readings);
             notes.extend(mission.notes());
             event = match action {
                 Action::Finish(finish) => return (phases, notes, looks, finish),
@@ -471,7 +472,8 @@ mod tests {
                     Event::Done
                 }
                 Action::Behave { orders, .. } => {
-                    Event::Behaved(orders.map(|o| o.map(|order| ends_well(&order))))
+                    let ended = orders.iter().map(|order| order.as_ref().map(ends_well));
+                    Event::Behaved(ended.collect())
                 }
                 Action::Look { view, .. } => {
                     looks += 1;

@@ -20,11 +20,11 @@ use crate::operator::Input;
 use crate::reach::{MeetingTable, ReachSettings};
 use crate::record::journal::Journal;
 use crate::scenario::{ControllerConfig, Owner, keys};
+use crate::tasks::Task;
 use crate::tasks::cube::hold::Hand;
-use crate::tasks::cube::mission::{self, Goal, Mission, MissionLog};
+use crate::tasks::cube::mission::{self, Entry, Goal, Mission, MissionLog};
 use crate::tasks::idle::Idle;
 use crate::tasks::panel::Panel;
-use crate::tasks::{Entry, Task};
 use std::path::Path;
 use std::time::Instant;
 use tokio::sync::mpsc;
@@ -57,7 +57,7 @@ impl Logbook {
         } else {
             None
         };
-        let journal = Journal::open(path, files.resume);
+        let journal = Journal::open::<Entry>(path, files.resume);
         let journal = journal.map_err(|why| unusable(path, &why.to_string()))?;
         Ok(Self { journal: Some(journal), resumes: files.resume, last })
     }
@@ -174,7 +174,9 @@ pub(super) async fn run_task(
         forces: sensors.forces.take(),
         ecps: std::mem::take(ecps),
         tracker: sensors.tracker_of(Owner::Mp),
-        hand_cameras: std::array::from_fn(|arm| sensors.hand_camera_of(Owner::Mp, arm)),
+        hand_cameras: (0..config.cell.arms.len())
+            .map(|arm| sensors.hand_camera_of(Owner::Mp, arm))
+            .collect(),
         coordination: match config.coordination {
             keys::Coordination::Continuous => Coordination::Continuous,
             keys::Coordination::Sporadic => Coordination::Sporadic,

@@ -6,7 +6,7 @@
 //!   effectors
 
 use super::procedure::{Port, Procedure};
-use super::{Action, Effort, Event, Finish, Readings, Task, Until};
+use super::{Action, Effort, Event, Finish, Progress, Readings, Task, Until};
 use crate::generators::{Behaviour, Outcome};
 
 /// Kernel of MP that holds all arms where they are.
@@ -33,7 +33,7 @@ async fn hold(port: Port<(), (), usize>, seconds: f64) -> Finish {
         let pull = f64::INFINITY;
         let order = Behaviour::Present { pull, selector: [false; 6], seconds };
         let effectors = port.state(|effectors| *effectors);
-        let orders = std::array::from_fn(|i| (i < effectors).then_some(order));
+        let orders = vec![Some(order); effectors];
         event = port.request(Action::Behave { orders, until: Until::All }).await;
     }
     let hindrance = match event {
@@ -51,6 +51,7 @@ async fn hold(port: Port<(), (), usize>, seconds: f64) -> Finish {
 impl Task for Idle {
     type Thought = ();
     type Conclusion = ();
+    type Entry = Progress;
 
     fn next(&mut self, event: Event<()>, readings: &Readings<'_>) -> Action<()> {
         self.procedure.port().state(|effectors| *effectors = readings.arms.len());
@@ -71,12 +72,13 @@ mod tests {
     /// Returns the end of the task whose two arms end their behaviours with these outcomes.
     fn ended(outcomes: [Outcome; 2]) -> Finish {
         let arms = [ArmState::default(); 2];
-        let readings = Readings { arms: &arms, forces: Forces::default() };
+        let readings = Readings { arms: &arms, forces: &Forces::default() };
         let mut idle = Idle::new(20.0);
         assert_eq!(idle.next(Event::Start, &readings), Action::Phase("idle"));
         let action = idle.next(Event::Done, &readings);
-        assert!(matches!(action, Action::Behave { orders: [Some(_), Some(_)], .. }), "{action:?}");
-        match idle.next(Event::Behaved(outcomes.map(Some)), &readings) {
+        let Action::Behave { orders, .. } = action else { panic!("{action:?}") };
+        assert!(orders.len() == 2 && orders.iter().all(Option::is_some), "{orders:?}");
+        match idle.next(Event::Behaved(outcomes.map(Some).into()), &readings) {
             Action::Finish(finish) => finish,
             other => panic!("{other:?}"),
         }

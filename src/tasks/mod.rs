@@ -11,20 +11,24 @@ pub mod procedure;
 
 use crate::cube::{Face, Facelets};
 use crate::generators::{Behaviour, Outcome};
-use crate::motion::{ArmState, Depth, JointPositions};
+use crate::motion::ArmState;
 use crate::operator::{Answer, Manual, Net, PlanLine, Question};
 use crate::spatial::Pose;
 use crate::vision::sensor::FaceReading;
 use nalgebra::UnitQuaternion;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use std::fmt::Debug;
 use std::sync::Arc;
 
 /// A kernel of MP.
 pub trait Task: Send {
     /// Input of the long work that the shell does for the kernel beside the motions; plain data.
-    type Thought: std::fmt::Debug + Clone + Send + 'static;
+    type Thought: Debug + Clone + Send + 'static;
     /// Result of the long work; plain data.
-    type Conclusion: std::fmt::Debug + Send + 'static;
+    type Conclusion: Debug + Send + 'static;
+    /// Entry in the journal; [`Progress`] for a task that cannot be continued.
+    type Entry: JournalEntry;
 
     /// Returns the next action after an event. `readings` is the state of the cell at that time.
     fn next(
@@ -46,7 +50,7 @@ pub trait Task: Send {
 
     /// Returns the journal entry that must be on disk before the action that `next` has just
     /// returned is carried out, so that another run can continue from there.
-    fn entry(&self) -> Option<Entry> {
+    fn entry(&self) -> Option<Self::Entry> {
         None
     }
 
@@ -55,34 +59,43 @@ pub trait Task: Send {
     fn think(thought: Self::Thought) -> (Self::Conclusion, Effort);
 }
 
-/// State from which a run continues a task that another run left unfinished. The default is a task
-/// that has not begun.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct Entry {
+/// State from which a run continues a task that another run left unfinished, as the journal keeps
+/// it: a JSON object whose first key is `doing`.
+pub trait JournalEntry: Serialize + DeserializeOwned + Debug + Send + 'static {
+    /// Returns a description of the action that is about to begin, the value of `doing`.
+    fn doing(&self) -> &str;
+
+    /// Returns whether the task is finished.
+    fn is_over(&self) -> bool;
+
+    /// Checks whether a run can have written these values. A run that continues moves the arms by
+    /// them.
+    ///
+    /// # Errors
+    /// The reason why no run can.
+    fn check(&self) -> Result<(), &'static str> {
+        Ok(())
+    }
+}
+
+/// The part of a journal's entry that all tasks share; the whole entry of a task that cannot be
+/// continued.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Progress {
     /// Description of the action that is about to begin.
     pub doing: String,
-    /// Believed depth to which each hand reaches over the cube that it holds.
-    pub held: [Option<Depth>; 2],
-    /// Joint positions of the track arm after it had taken the cube from the operator or the table.
-    pub hand_over: Option<JointPositions>,
-    /// Position of the track's tool, in the arm's base, when its jaws closed on the cube that was
-    /// given (m).
-    pub taken_at: Option<[f64; 3]>,
-    /// Part of the usual retraction from [`Entry::taken_at`] that the track could not make, because
-    /// the arm folds no farther (m).
-    #[serde(default)]
-    pub short: f64,
-    /// Last commanded position of each palm's stops. It gives the depth of a hand whose hold is not
-    /// believed yet.
-    #[serde(default)]
-    pub stops: [Option<Depth>; 2],
-    /// Whether the cube was offered to the operator, or is being laid on the table.
-    pub handing_back: bool,
-    /// Reason why the cube goes back unsolved, if it does.
-    #[serde(default)]
-    pub undone: Option<String>,
     /// Whether the task is finished.
     pub over: bool,
+}
+
+impl JournalEntry for Progress {
+    fn doing(&self) -> &str {
+        &self.doing
+    }
+
+    fn is_over(&self) -> bool {
+        self.over
+    }
 }
 
 /// State of the cell as MP knows it when a kernel decides.
@@ -90,15 +103,15 @@ pub struct Entry {
 pub struct Readings<'a> {
     /// Present states of the effectors, in the scenario's order.
     pub arms: &'a [ArmState],
-    /// Forces at the wrists as their VSP aggregates them; zeros when the scenario has none.
-    pub forces: Forces,
+    /// Forces at the wrists as their VSP aggregates them.
+    pub forces: &'a Forces,
 }
 
-/// Wrist forces of both effectors, as the VSP of the forces aggregates them.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+/// Wrist forces of all effectors, as the VSP of the forces aggregates them. Empty without this VSP.
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Forces {
-    /// One entry an effector.
-    pub arms: [WristLoad; 2],
+    /// One entry an effector, in the scenario's order.
+    pub arms: Vec<WristLoad>,
 }
 
 /// Force and torque at one wrist, as norms at the tool.
@@ -168,14 +181,14 @@ pub enum Action<T> {
     Phase(&'static str),
     /// Effectors carry out behaviours, starting together.
     Behave {
-        /// One entry an effector; `None` leaves it as it is.
-        orders: [Option<Behaviour>; 2],
+        /// One entry an effector, in the scenario's order; `None` leaves it as it is.
+        orders: Vec<Option<Behaviour>>,
         /// Effectors whose behaviours must end before the step ends; the shell then ends the
-        /// behaviour of the other one.
+        /// behaviours of the others.
         until: Until,
     },
-    /// The force sensors of these effectors are set to zero where they are.
-    Bias([bool; 2]),
+    /// The force sensors of the marked effectors are set to zero where they are.
+    Bias(Vec<bool>),
     /// The stand-alone camera's sensor begins (`true`) or stops (`false`) watching for the cube.
     Watch(bool),
     /// The camera in an effector's hand reads one face.
@@ -210,7 +223,7 @@ pub enum Action<T> {
 pub enum Until {
     /// All effectors that have an order.
     All,
-    /// This effector; the shell then ends the behaviour of the other one.
+    /// This effector; the shell then ends the behaviours of the others.
     Effector(usize),
 }
 
@@ -221,8 +234,9 @@ pub enum Event<C> {
     Start,
     /// The last action was carried out, and has no result.
     Done,
-    /// Behaviours ended, each with its outcome; `None` for an effector without an order.
-    Behaved([Option<Outcome>; 2]),
+    /// Behaviours ended, each with its outcome. One entry an order; `None` for an effector without
+    /// one.
+    Behaved(Vec<Option<Outcome>>),
     /// A face was read, or the text says why it was not.
     Looked(Result<FaceReading, String>),
     /// The long work is done, with this result.

@@ -7,7 +7,7 @@
 //!   axes; named poses)
 
 use super::procedure::{Port, Procedure};
-use super::{Action, Effort, Event, Finish, Readings, Task, Until};
+use super::{Action, Effort, Event, Finish, Progress, Readings, Task, Until};
 use crate::generators::{Behaviour, Outcome};
 use crate::motion::{AXES, ArmState, Depth, JawCommand, JointPositions};
 use crate::operator::{Manual, Step};
@@ -106,7 +106,7 @@ fn action(
             within(step, (FARTHEST.2, "rad"), limits.axes())?;
             return Ok(Action::Manual { effector, order });
         }
-        Manual::Bias => return Ok(Action::Bias(std::array::from_fn(|i| i == effector))),
+        Manual::Bias => return Ok(Action::Bias((0..arms.len()).map(|i| i == effector).collect())),
         Manual::Joint(step) => {
             let most = if step.axis == 0 { (FARTHEST.0, "m") } else { (FARTHEST.1, "rad") };
             within(step, most, limits.axes())?;
@@ -141,7 +141,7 @@ fn action(
             Behaviour::Joints { target: *target, speed: SPEED, seconds: 0.0 }
         }
     };
-    let orders = std::array::from_fn(|i| (i == effector).then_some(behaviour));
+    let orders = (0..arms.len()).map(|i| (i == effector).then_some(behaviour)).collect();
     Ok(Action::Behave { orders, until: Until::Effector(effector) })
 }
 
@@ -176,6 +176,7 @@ fn within(step: Step, (farthest, unit): (f64, &str), axes: Range<usize>) -> Resu
 impl Task for Panel {
     type Thought = ();
     type Conclusion = ();
+    type Entry = Progress;
 
     fn next(&mut self, event: Event<()>, readings: &Readings<'_>) -> Action<()> {
         self.procedure.port().state(|shared| {
@@ -210,7 +211,7 @@ mod tests {
     fn after(order: Manual) -> (Action<()>, Vec<String>) {
         let mut panel = panel();
         let arms = [ArmState::default()];
-        let readings = Readings { arms: &arms, forces: Forces::default() };
+        let readings = Readings { arms: &arms, forces: &Forces::default() };
         assert!(matches!(panel.next(Event::Start, &readings), Action::Phase(_)));
         assert_eq!(panel.next(Event::Done, &readings), Action::Await);
         (panel.next(Event::Ordered(0, order), &readings), panel.notes())
@@ -220,10 +221,8 @@ mod tests {
     fn joint_step_changes_target_of_that_joint_only() {
         let (action, _) = after(Manual::Joint(Step { axis: 2, by: -0.1 }));
 
-        let Action::Behave { orders: [Some(Behaviour::Joints { target, .. }), None], .. } = action
-        else {
-            panic!("{action:?}")
-        };
+        let Action::Behave { orders, .. } = action else { panic!("{action:?}") };
+        let [Some(Behaviour::Joints { target, .. })] = orders[..] else { panic!("{orders:?}") };
         assert_eq!(target.0, [0.0, 0.0, -0.1, 0.0, 0.0, 0.0, 0.0]);
     }
 

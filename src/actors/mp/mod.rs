@@ -32,7 +32,7 @@ use crate::motion::{ArmState, PERIOD, Synchronisation};
 use crate::operator::Input;
 use crate::reach::guard::{Guard, Near};
 use crate::record::journal::Journal;
-use crate::tasks::{self, Action, Event, Finish, Forces, Readings, Task, Until, View};
+use crate::tasks::{Action, Event, Finish, Forces, JournalEntry, Readings, Task, Until, View};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -59,8 +59,8 @@ pub struct Parts {
     pub ecps: Vec<EcpHandle>,
     /// VSP of the stand-alone camera, if it delivers to MP.
     pub tracker: Option<VspHandle>,
-    /// VSPs of the hand cameras that deliver to MP.
-    pub hand_cameras: [Option<VspHandle>; 2],
+    /// VSP of the camera in each effector's hand, if it delivers to MP.
+    pub hand_cameras: Vec<Option<VspHandle>>,
     /// Scheme of coordination.
     pub coordination: Coordination,
     /// Parameters of the generators, one entry per effector.
@@ -89,7 +89,7 @@ impl Parts {
             forces: None,
             ecps,
             tracker: None,
-            hand_cameras: [None, None],
+            hand_cameras: Vec::new(),
             coordination: Coordination::Sporadic,
             manners,
             operator: None,
@@ -186,11 +186,11 @@ impl Mp {
 
     /// Returns the latest forces of the wrists; zero without a VSP that aggregates them.
     fn forces(&self) -> Forces {
-        self.parts.forces.as_ref().map(|f| *f.borrow()).unwrap_or_default()
+        self.parts.forces.as_ref().map(|f| f.borrow().clone()).unwrap_or_default()
     }
 
-    /// Returns the state of each synchronised arm; `None` for an arm that is not synchronised,
-    /// because its pose is unknown.
+    /// Returns the state of each synchronised arm of the two that the guard watches; `None` for an
+    /// arm that is not synchronised, because its pose is unknown.
     fn known(&self) -> [Option<&ArmState>; 2] {
         std::array::from_fn(|i| {
             self.arms.get(i).filter(|arm| arm.synchronisation == Synchronisation::Yes)
@@ -207,7 +207,7 @@ impl Mp {
 
     /// Checks the ordered paths against the believed cell, and slows down those that are too fast
     /// near the operator's hand.
-    fn guard_orders(&self, orders: &mut [Option<Behaviour>; 2]) -> Result<(), Near> {
+    fn guard_orders(&self, orders: &mut [Option<Behaviour>]) -> Result<(), Near> {
         let Some(guard) = self.guard() else { return Ok(()) };
         let known = self.known();
         let apart = ways::check_paths(&guard, known, orders)?;
@@ -288,7 +288,7 @@ impl Mp {
         let forces = self.forces();
         let trace = &self.parts.services.trace;
         trace.message("mp", "kernel", &(&event, &forces));
-        let action = task.next(event, &Readings { arms: &self.arms, forces });
+        let action = task.next(event, &Readings { arms: &self.arms, forces: &forces });
         trace.message("kernel", "mp", &action);
         let entry = task.entry();
         // A slow disk is no hang of MP.
@@ -321,7 +321,7 @@ impl Mp {
             }
             // Not through `done`: a motion treats its errors itself, as it may also be terminated.
             Action::Behave { orders, until } => return self.behave(orders, until).await,
-            Action::Bias(which) => self.bias(which).await.map(|()| Event::Done),
+            Action::Bias(which) => self.bias(&which).await.map(|()| Event::Done),
             Action::Watch(on) => {
                 self.watch(on).await?;
                 Ok(Event::Done)
@@ -364,7 +364,7 @@ impl Mp {
     /// their outcomes as an event. `until` says which effector decides the end.
     async fn behave<C>(
         &mut self,
-        mut orders: [Option<Behaviour>; 2],
+        mut orders: Vec<Option<Behaviour>>,
         until: Until,
     ) -> Result<Event<C>, Stop> {
         if let Err(near) = self.guard_orders(&mut orders) {
@@ -376,12 +376,12 @@ impl Mp {
         self.parts.services.trace.ordered(&orders);
         self.parts.turning.set(orders.iter().any(|o| matches!(o, Some(Behaviour::Turn { .. }))));
         let outcomes = match self.parts.coordination {
-            Coordination::Sporadic => self.invoke(orders, until).await,
-            Coordination::Continuous => self.move_all(orders, until).await,
+            Coordination::Sporadic => self.invoke(&orders, until).await,
+            Coordination::Continuous => self.move_all(&orders, until).await,
         };
         self.heartbeat.waits();
         self.parts.turning.set(false);
-        self.parts.services.trace.ordered(&[None, None]);
+        self.parts.services.trace.ordered(&[]);
         // A motion that the operator terminates has the outcome of one that MP ended. The kernel
         // must not take it for a motion that ended by its own order.
         if *self.parts.services.control.borrow() == Control::Terminated {
@@ -431,7 +431,7 @@ impl Mp {
     /// Writes the action that is about to begin into the journal, and returns once the entry is
     /// durable. A run whose journal fails continues: it is no worse than one without a journal, and
     /// its hands may hold the cube.
-    async fn note(&mut self, entry: tasks::Entry) {
+    async fn note(&mut self, entry: impl JournalEntry) {
         // The writer takes the journal with it, so a writer that fails leaves none behind.
         let Some(mut journal) = self.parts.journal.take() else { return };
         let writes = move || match journal.write(&entry) {
@@ -451,8 +451,8 @@ impl Mp {
     }
 
     /// Zeroes the force sensors of the chosen effectors under their present load.
-    async fn bias(&mut self, which: [bool; 2]) -> Result<(), Error> {
-        for (ecp, _) in self.parts.ecps.iter().zip(which).filter(|(_, wanted)| *wanted) {
+    async fn bias(&mut self, which: &[bool]) -> Result<(), Error> {
+        for (ecp, _) in self.parts.ecps.iter().zip(which).filter(|(_, wanted)| **wanted) {
             match ecp.bias().await {
                 // The sensor has been zeroed, so the task continues. The operator gets the error.
                 Err(error @ Error::NonFatal { cause: NonFatal::ZeroMoved { .. }, .. }) => {
@@ -691,7 +691,7 @@ mod tests {
 
         mp.guard_orders(&mut orders).unwrap();
 
-        let lasts = |orders: &[Option<Behaviour>; 2]| {
+        let lasts = |orders: &[Option<Behaviour>]| {
             [0, 1].map(|i| manner().seconds(orders[i].as_ref().unwrap(), &arms[i]))
         };
         let (before, after) = (lasts(&asked), lasts(&orders));

@@ -14,14 +14,16 @@ use crate::error::Error;
 use crate::generators::{Behaviour, Outcome};
 use crate::motion::MoveCommand;
 use crate::tasks::Until;
+use futures_util::future::join_all;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The motions of both effectors under continuous coordination, and their outcomes.
+/// The motions of the effectors under continuous coordination, and their outcomes: one entry an
+/// order each.
 struct Running {
     /// Motions under way.
-    motions: [Option<MoveInstruction>; 2],
-    outcomes: [Option<Outcome>; 2],
+    motions: Vec<Option<MoveInstruction>>,
+    outcomes: Vec<Option<Outcome>>,
 }
 
 impl Running {
@@ -30,10 +32,11 @@ impl Running {
         self.motions.iter().flatten().all(MoveInstruction::rests)
     }
 
-    /// Returns whether both motions must end now: one has ended with an alarm, the effector that
+    /// Returns whether all motions must end now: one has ended with an alarm, the effector that
     /// `until` names has ended its motion, or no motion is left.
     fn is_over(&self, until: Until) -> bool {
-        let led = matches!(until, Until::Effector(e) if self.outcomes[e].is_some());
+        let led =
+            matches!(until, Until::Effector(e) if matches!(self.outcomes.get(e), Some(Some(_))));
         self.alarms() || led || self.motions.iter().all(Option::is_none)
     }
 
@@ -56,10 +59,10 @@ impl Running {
 
     /// Returns the outcome of each motion; `None` for an effector without one. A motion that is
     /// still under way counts as ended by the operator's terminate.
-    fn ended(mut self) -> [Option<Outcome>; 2] {
-        for (effector, motion) in self.motions.iter().enumerate() {
+    fn ended(mut self) -> Vec<Option<Outcome>> {
+        for (motion, outcome) in self.motions.iter().zip(&mut self.outcomes) {
             if motion.is_some() {
-                self.outcomes[effector] = Some(Outcome::Ended);
+                *outcome = Some(Outcome::Ended);
             }
         }
         self.outcomes
@@ -71,37 +74,36 @@ impl Mp {
     /// generators. Returns the outcome of each.
     pub(super) async fn invoke(
         &mut self,
-        orders: [Option<Behaviour>; 2],
+        orders: &[Option<Behaviour>],
         until: Until,
-    ) -> Result<[Option<Outcome>; 2], Error> {
+    ) -> Result<Vec<Option<Outcome>>, Error> {
         let (heartbeat, fault) = (self.heartbeat.clone(), Arc::clone(&self.fault));
         wait_with_heartbeats(&heartbeat, &fault, self.invoke_ecps(orders, until)).await
     }
 
     /// Sends the behaviours to the ECPs, waits until they have ended, and returns their outcomes;
-    /// `None` for an effector without an order. `until` says which effector's end ends both.
+    /// `None` for an effector without an order. `until` says which effector's end ends the others.
     async fn invoke_ecps(
         &mut self,
-        orders: [Option<Behaviour>; 2],
+        orders: &[Option<Behaviour>],
         until: Until,
-    ) -> Result<[Option<Outcome>; 2], Error> {
-        let mut outcomes = [None, None];
-        let [first, second] = orders;
-        match (first, second) {
-            // Both at once: an effector that leads or fails ends the behaviour of the other one.
-            (Some(first), Some(second)) => {
-                let (a, b) = (self.ecp(0)?.clone(), self.ecp(1)?.clone());
-                let leads = |effector| until == Until::Effector(effector);
-                let (x, y) = tokio::join!(
-                    behave_beside(a.clone(), b.clone(), first, leads(0)),
-                    behave_beside(b, a, second, leads(1))
-                );
-                let (x, y) = both(x, y)?;
-                outcomes = [Some(x), Some(y)];
+    ) -> Result<Vec<Option<Outcome>>, Error> {
+        let mut ordered = Vec::with_capacity(orders.len());
+        for (effector, order) in orders.iter().enumerate() {
+            if let Some(order) = order {
+                ordered.push((effector, self.ecp(effector)?.clone(), *order));
             }
-            (Some(order), None) => outcomes[0] = Some(self.ecp(0)?.behave(order).await?.0),
-            (None, Some(order)) => outcomes[1] = Some(self.ecp(1)?.behave(order).await?.0),
-            (None, None) => {}
+        }
+        let behaviours = ordered.iter().map(|(effector, own, order)| {
+            let others = ordered.iter().filter(|(other, ..)| other != effector);
+            let partners = others.map(|(_, partner, _)| partner.clone()).collect();
+            behave_beside(own.clone(), partners, *order, until == Until::Effector(*effector))
+        });
+        // All at once: an effector that leads or fails ends the behaviours of the others.
+        let ended = all(join_all(behaviours).await)?;
+        let mut outcomes = vec![None; orders.len()];
+        for ((effector, ..), outcome) in ordered.into_iter().zip(ended) {
+            outcomes[effector] = Some(outcome);
         }
         self.refresh().await?;
         Ok(outcomes)
@@ -111,11 +113,11 @@ impl Mp {
     /// the generators of all effectors, a macrostep at a time. Returns the outcome of each.
     pub(super) async fn move_all(
         &mut self,
-        orders: [Option<Behaviour>; 2],
+        orders: &[Option<Behaviour>],
         until: Until,
-    ) -> Result<[Option<Outcome>; 2], Error> {
+    ) -> Result<Vec<Option<Outcome>>, Error> {
         self.refresh().await?;
-        let mut running = self.begin(&orders)?;
+        let mut running = self.begin(orders)?;
         loop {
             // A pause is no hang of MP.
             self.heartbeat.waits();
@@ -136,27 +138,26 @@ impl Mp {
     }
 
     /// Begins the motions of the ordered behaviours.
-    fn begin(&self, orders: &[Option<Behaviour>; 2]) -> Result<Running, Error> {
-        let mut motions = [None, None];
-        for (effector, order) in orders.iter().enumerate() {
-            if let Some(order) = order {
-                let manner = self.parts.manners.get(effector);
-                let manner = manner.ok_or_else(|| system("move", "an effector"))?;
-                motions[effector] = Some(MoveInstruction::begin(order, manner));
-            }
-        }
-        Ok(Running { motions, outcomes: [None, None] })
+    fn begin(&self, orders: &[Option<Behaviour>]) -> Result<Running, Error> {
+        let begin = |(effector, order): (usize, &Option<Behaviour>)| {
+            let Some(order) = order else { return Ok(None) };
+            let manner = self.parts.manners.get(effector);
+            let manner = manner.ok_or_else(|| system("move", "an effector"))?;
+            Ok(Some(MoveInstruction::begin(order, manner)))
+        };
+        let motions = orders.iter().enumerate().map(begin).collect::<Result<_, Error>>()?;
+        Ok(Running { motions, outcomes: vec![None; orders.len()] })
     }
 
     /// Steps the generators and returns the commands of the next macrostep. Stores the outcome of a
     /// motion that has ended, which gets no further command.
-    fn step(&self, running: &mut Running) -> [Option<MoveCommand>; 2] {
-        // One reading of control and target for both: they slow down and follow in step.
+    fn step(&self, running: &mut Running) -> Vec<Option<MoveCommand>> {
+        // One reading of control and target for all: they slow down and follow in step.
         let control = *self.parts.services.control.borrow();
         running.motions.iter_mut().flatten().for_each(|motion| motion.set_pace(control));
         let tracker = self.parts.tracker.as_ref();
         let target = tracker.and_then(VspHandle::target);
-        let mut commands = [None, None];
+        let mut commands = vec![None; running.motions.len()];
         for (effector, sent) in commands.iter_mut().enumerate() {
             let Some(motion) = &mut running.motions[effector] else { continue };
             match motion.step(&self.arms[effector], target.as_ref()) {
@@ -175,45 +176,42 @@ impl Mp {
         commands
     }
 
-    /// Sends the commands to both effectors at once, and stores the states with which they answer.
+    /// Sends the commands to all effectors at once, and stores the states with which they answer.
     async fn transmit(
         &mut self,
-        commands: [Option<MoveCommand>; 2],
+        commands: Vec<Option<MoveCommand>>,
         running: &Running,
     ) -> Result<(), Error> {
-        let send = |effector: usize| {
-            let command = commands[effector];
-            let ecp = self.parts.ecps.get(effector).cloned();
-            let motion = running.motions[effector].as_ref();
-            async move {
-                let (Some(ecp), Some(command)) = (ecp, command) else { return Ok(None) };
-                match ecp.transmit(command).await {
-                    // The generator reads this refusal in the state and continues.
-                    Err(error) if motion.is_some_and(|motion| motion.tolerates(&error)) => {
-                        ecp.state().await.map(Some)
+        let ecps = &self.parts.ecps;
+        let sent =
+            ecps.iter().zip(commands).zip(&running.motions).map(|((ecp, command), motion)| {
+                async move {
+                    let Some(command) = command else { return Ok(None) };
+                    match ecp.transmit(command).await {
+                        // The generator reads this refusal in the state and continues.
+                        Err(error) if motion.as_ref().is_some_and(|m| m.tolerates(&error)) => {
+                            ecp.state().await.map(Some)
+                        }
+                        sent => sent.map(Some),
                     }
-                    sent => sent.map(Some),
                 }
-            }
-        };
+            });
         // Sent one after the other, the second command would wait for the answer to the first.
-        let sent = async { tokio::join!(send(0), send(1)) };
-        let (a, b) = self.heartbeat.away(sent).await;
-        let (a, b) = both(a, b)?;
-        for (effector, state) in [a, b].into_iter().enumerate() {
+        let answers = self.heartbeat.away(join_all(sent)).await;
+        for (arm, state) in self.arms.iter_mut().zip(all(answers)?) {
             if let Some(state) = state {
-                self.arms[effector] = state;
+                *arm = state;
             }
         }
         Ok(())
     }
 }
 
-/// Has the ECP `own` carry out a behaviour and returns the outcome. Afterwards ends the behaviour
-/// of the ECP `partner` if the own one `leads`, has failed or has ended with an alarm.
+/// Has the ECP `own` carry out a behaviour and returns the outcome. Afterwards ends the behaviours
+/// of the ECPs `partners` if the own one `leads`, has failed or has ended with an alarm.
 async fn behave_beside(
     own: EcpHandle,
-    partner: EcpHandle,
+    partners: Vec<EcpHandle>,
     order: Behaviour,
     leads: bool,
 ) -> Result<Outcome, Error> {
@@ -221,8 +219,10 @@ async fn behave_beside(
     let failed = !matches!(&result, Ok((outcome, _)) if !outcome.alarms());
     if leads || failed {
         let ending = if failed { Ending::AtOnce } else { Ending::Slowing };
-        // A partner that is gone reports that in its own answer.
-        let _ = partner.end(ending).await;
+        for partner in partners {
+            // A partner that is gone reports that in its own answer.
+            let _ = partner.end(ending).await;
+        }
     }
     result.map(|(outcome, _)| outcome)
 }
@@ -248,14 +248,19 @@ async fn wait_with_heartbeats<T>(
     }
 }
 
-/// Returns both answers, or the more severe of two errors; the first one if both are equally
-/// severe.
-fn both<T>(a: Result<T, Error>, b: Result<T, Error>) -> Result<(T, T), Error> {
-    match (a, b) {
-        (Ok(a), Ok(b)) => Ok((a, b)),
-        (Err(a), Err(b)) => Err(if b.gravity() > a.gravity() { b } else { a }),
-        (Err(error), Ok(_)) | (Ok(_), Err(error)) => Err(error),
+/// Returns all answers, or the most severe of the errors; the first one of equally severe errors.
+fn all<T>(answers: Vec<Result<T, Error>>) -> Result<Vec<T>, Error> {
+    let (mut fine, mut worst) = (Vec::with_capacity(answers.len()), None::<Error>);
+    for answer in answers {
+        match answer {
+            Ok(answer) => fine.push(answer),
+            Err(error) if worst.as_ref().is_none_or(|w| error.gravity() > w.gravity()) => {
+                worst = Some(error);
+            }
+            Err(_) => {}
+        }
     }
+    worst.map_or(Ok(fine), Err)
 }
 
 #[cfg(test)]
@@ -270,7 +275,7 @@ mod tests {
         let target = JointPositions([0.5; AXES]);
         let joints = Behaviour::Joints { target, speed: 1.0, seconds: 1.0 };
         let other = MoveInstruction::begin(&joints, &example_manner());
-        Running { motions: [None, Some(other)], outcomes: [Some(outcome), None] }
+        Running { motions: vec![None, Some(other)], outcomes: vec![Some(outcome), None] }
     }
 
     #[test]

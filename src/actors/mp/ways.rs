@@ -29,7 +29,7 @@ const ENOUGH: f64 = 1.0 + 1e-9;
 pub(super) fn check_paths(
     guard: &Guard,
     known: [Option<&ArmState>; 2],
-    orders: &[Option<Behaviour>; 2],
+    orders: &[Option<Behaviour>],
 ) -> Result<bool, Near> {
     let from = known.map(|arm| arm.map(|arm| &arm.desired_joints));
     let ways = paths_of(known, orders, path);
@@ -47,15 +47,16 @@ pub(super) fn slow_down(
     guard: &Guard,
     known: [Option<&ArmState>; 2],
     manners: &[Manner],
-    orders: &mut [Option<Behaviour>; 2],
+    orders: &mut [Option<Behaviour>],
 ) {
     slow_ends(guard, known, manners, orders);
     let ways = paths_of(known, orders, path);
     // A duration of 0 marks a behaviour without a known path, which is left as it is.
-    let lasts: [f64; 2] = std::array::from_fn(|i| match (&orders[i], manners.get(i), known[i]) {
-        (Some(order), Some(manner), Some(arm)) => manner.seconds(order, arm),
-        _ => 0.0,
-    });
+    let lasts: [f64; 2] =
+        std::array::from_fn(|i| match (orders.get(i), manners.get(i), known[i]) {
+            (Some(Some(order)), Some(manner), Some(arm)) => manner.seconds(order, arm),
+            _ => 0.0,
+        });
     let slower = slow_enough(1.0, |slower| {
         let too_fast = |i: usize| {
             let (seconds, profile) = (slower * lasts[i], manners.get(i)?.speeds.profile);
@@ -76,7 +77,7 @@ pub(super) fn slow_down(
     if slower <= 1.0 {
         return;
     }
-    for (i, order) in orders.iter_mut().enumerate().filter(|(i, _)| lasts[*i] > 0.0) {
+    for (i, order) in orders.iter_mut().take(2).enumerate().filter(|(i, _)| lasts[*i] > 0.0) {
         if let (Some(order), Some(manner), Some(arm)) = (order, manners.get(i), known[i]) {
             manner.set_duration(order, arm, slower * lasts[i]);
         }
@@ -104,7 +105,7 @@ fn slow_ends(
     guard: &Guard,
     known: [Option<&ArmState>; 2],
     manners: &[Manner],
-    orders: &mut [Option<Behaviour>; 2],
+    orders: &mut [Option<Behaviour>],
 ) {
     let moves = JointsMove::of(known, manners, orders);
     // If the other arm has an order of another kind, this motion must keep its course: with legs
@@ -185,9 +186,9 @@ impl<'a> JointsMove<'a> {
     fn of(
         known: [Option<&'a ArmState>; 2],
         manners: &'a [Manner],
-        orders: &[Option<Behaviour>; 2],
+        orders: &[Option<Behaviour>],
     ) -> Vec<Self> {
-        let of_arm = |arm: usize| match orders[arm]? {
+        let of_arm = |arm: usize| match (*orders.get(arm)?)? {
             Behaviour::Joints { target, speed, seconds } => {
                 let (from, manner) = (&known[arm]?.desired_joints, manners.get(arm)?);
                 Some(Self { arm, from, target, speed, seconds, manner })
@@ -213,11 +214,13 @@ impl<'a> JointsMove<'a> {
 /// that is not synchronised counts as staying where it is.
 fn paths_of(
     known: [Option<&ArmState>; 2],
-    orders: &[Option<Behaviour>; 2],
+    orders: &[Option<Behaviour>],
     path: impl Fn(Option<&Behaviour>, &ArmState) -> PlannedMotion,
 ) -> [PlannedMotion; 2] {
-    [0, 1]
-        .map(|i: usize| known[i].map_or(PlannedMotion::Stays, |arm| path(orders[i].as_ref(), arm)))
+    [0, 1].map(|i: usize| {
+        let order = orders.get(i).and_then(Option::as_ref);
+        known[i].map_or(PlannedMotion::Stays, |arm| path(order, arm))
+    })
 }
 
 /// Returns the path on which a behaviour moves an arm, if it is known beforehand. An approach

@@ -71,7 +71,7 @@ impl Actors<'_> {
     /// Returns the state and activity of an arm's ECP for the user interfaces. `index` is that of
     /// the arm, `arm` its name.
     fn ecp(&self, index: usize, arm: &str) -> ActorView {
-        let (state, words) = match (self.moment.orders, self.moment.arms.get(index)) {
+        let (state, words) = match (&self.moment.orders, self.moment.arms.get(index)) {
             // A recording holds no orders: the motion of the arm shows that there was one.
             (None, Some(latest)) => (self.edp_state(latest).0, "not recorded"),
             (None, None) => (State::Absent, "not recorded"),

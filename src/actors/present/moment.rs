@@ -19,7 +19,7 @@ pub(super) struct Moment {
     /// Whether the operator may move arms by hand.
     pub(super) manual: bool,
     /// Order of each ECP; `None` in a replay, since a recording holds no orders.
-    pub(super) orders: Option<[Option<&'static str>; 2]>,
+    pub(super) orders: Option<Vec<Option<&'static str>>>,
     /// Open question.
     pub(super) question: Option<Question>,
 }
@@ -46,7 +46,7 @@ impl Moment {
             picture: latest.picture.clone(),
             mp: latest.mp,
             manual: latest.manual,
-            orders: (!latest.replayed).then_some(latest.orders),
+            orders: (!latest.replayed).then(|| latest.orders.clone()),
             question: latest.question.clone(),
         }
     }

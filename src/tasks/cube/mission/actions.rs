@@ -779,10 +779,10 @@ mod tests {
             let Action::Behave { orders: sent, .. } = action else {
                 return goes_well(action, arms);
             };
-            let goes_across = matches!(sent, [Some(Behaviour::Legs { .. }), ..]);
-            orders.push(match sent {
+            let goes_across = matches!(sent[0], Some(Behaviour::Legs { .. }));
+            orders.push(match sent[0] {
                 _ if goes_across => "legs",
-                [Some(Behaviour::Present { .. }), ..] => "yields",
+                Some(Behaviour::Present { .. }) => "yields",
                 _ => "joints",
             });
             match legs.take_if(|_| goes_across) {
@@ -892,13 +892,13 @@ mod tests {
     #[test]
     fn refused_path_is_split_into_three_motions() {
         let in_turn = ["joints"; 3];
-        let (orders, end) = meets(Event::Behaved([Some(Outcome::Reached); 2]));
+        let (orders, end) = meets(Event::Behaved(vec![Some(Outcome::Reached); 2]));
         assert!(end.is_ok() && orders == ["legs"], "{orders:?}");
 
         let (orders, end) = meets(Event::Trouble("too near".to_owned()));
         assert!(end.is_ok() && orders == [&["legs"][..], &in_turn].concat(), "{orders:?}");
 
-        let met = Event::Behaved([Some(Outcome::OverForce(2, 31.0)), Some(Outcome::Ended)]);
+        let met = Event::Behaved(vec![Some(Outcome::OverForce(2, 31.0)), Some(Outcome::Ended)]);
         let (orders, end) = meets(met);
         let way = [&["legs", "yields"][..], &in_turn].concat();
         assert!(end.is_ok() && orders == way, "{orders:?}");
@@ -917,12 +917,12 @@ mod tests {
             &mut |action, _| {
                 let Action::Behave { orders, .. } = action else { return Event::Done };
                 let Some(Behaviour::Joints { speed, seconds, .. }) = orders[1] else {
-                    return Event::Behaved([Some(Outcome::Ended); 2]);
+                    return Event::Behaved(vec![Some(Outcome::Ended); 2]);
                 };
                 motions.push((speed, seconds, orders[0].is_some()));
                 let met = motions.len() == 1;
                 let other = if met { Outcome::OverForce(2, 30.0) } else { Outcome::Reached };
-                Event::Behaved([Some(Outcome::Reached), Some(other)])
+                Event::Behaved(vec![Some(Outcome::Reached), Some(other)])
             },
         );
 

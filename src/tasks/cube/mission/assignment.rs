@@ -1,6 +1,6 @@
 //! Assignment of a mission: its goal, and its state at the beginning.
 
-use crate::tasks::Entry;
+use super::entry::Entry;
 use crate::tasks::cube::hold::{Hand, Hold};
 
 /// Goal of the kernel.

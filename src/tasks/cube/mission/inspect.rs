@@ -554,7 +554,7 @@ mod tests {
             (_, Some(Behaviour::Turn { .. })) => {
                 turns += 1;
                 if stalls && turns == 1 {
-                    Event::Behaved([Some(Outcome::Stalled(0.5, 2.0)), Some(Outcome::Ended)])
+                    Event::Behaved(vec![Some(Outcome::Stalled(0.5, 2.0)), Some(Outcome::Ended)])
                 } else {
                     goes_well(action, arms)
                 }

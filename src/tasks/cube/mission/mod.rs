@@ -27,6 +27,7 @@
 
 mod actions;
 mod assignment;
+mod entry;
 mod failure;
 mod give_back;
 mod inspect;
@@ -52,8 +53,9 @@ use super::hold::Hand;
 use super::settings::CubeSettings;
 use super::think::{Conclusion, Thought};
 use crate::tasks::procedure::{Port, Procedure};
-use crate::tasks::{Action, Effort, Entry, Event, Finish, Picture, Readings, Task};
+use crate::tasks::{Action, Effort, Event, Finish, Picture, Readings, Task};
 pub use assignment::{Assignment, Goal};
+pub use entry::Entry;
 use failure::Failure;
 use robot::Robot;
 pub use shared::MissionLog;
@@ -166,6 +168,7 @@ async fn read_and_solve(robot: &mut Robot, phase: &'static str) -> Result<Statio
 impl Task for Mission {
     type Thought = Thought;
     type Conclusion = Conclusion;
+    type Entry = Entry;
 
     fn next(&mut self, event: Event<Conclusion>, readings: &Readings<'_>) -> Action<Thought> {
         self.procedure.port().state(|shared| {

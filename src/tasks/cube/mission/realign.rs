@@ -430,7 +430,7 @@ mod tests {
         let turns = async |robot: &mut Robot| turn::turn_layer(robot, Hand::Track, TURN).await;
         let (end, _) = stage.play(turns, &mut |_, arms| {
             arms[0].desired_joints.0[6] += rolled;
-            Event::Behaved([Some(Outcome::Slipped(rolled, 0.01)), Some(Outcome::Ended)])
+            Event::Behaved(vec![Some(Outcome::Slipped(rolled, 0.01)), Some(Outcome::Ended)])
         });
         assert_eq!(end, Err(Failure::TurnFailed { turner: Hand::Track }));
         stage
@@ -567,7 +567,7 @@ mod tests {
                 arms[0].desired_joints.0[6] += angle;
                 let (outcome, gap) = turns.pop().unwrap_or((Outcome::Turned(*angle), None));
                 arms[0].jaw_opening = gap.unwrap_or(arms[0].jaw_opening);
-                Event::Behaved([Some(outcome), Some(Outcome::Ended)])
+                Event::Behaved(vec![Some(outcome), Some(Outcome::Ended)])
             }
             Some(Behaviour::Jaw { .. }) => {
                 arms[0].jaw_opening = 0.09;
@@ -575,9 +575,11 @@ mod tests {
             }
             Some(Behaviour::Grasp { .. }) => {
                 arms[0].jaw_opening = WIDTH;
-                Event::Behaved([Some(Outcome::Grasped(WIDTH)), None])
+                Event::Behaved(vec![Some(Outcome::Grasped(WIDTH)), None])
             }
-            Some(Behaviour::Present { .. }) => Event::Behaved([Some(Outcome::TimedOut(1.0)); 2]),
+            Some(Behaviour::Present { .. }) => {
+                Event::Behaved(vec![Some(Outcome::TimedOut(1.0)); 2])
+            }
             _ => goes_well(action, arms),
         })
     }
@@ -632,7 +634,7 @@ mod tests {
         let (end, _) = stage.play(turns, &mut |_, arms| {
             arms[0].desired_joints.0[6] += 0.3;
             arms[0].jaw_opening = jaws_forced_apart(0.2);
-            Event::Behaved([Some(Outcome::ForcedApart(0.001)), None])
+            Event::Behaved(vec![Some(Outcome::ForcedApart(0.001)), None])
         });
 
         assert!(matches!(end, Err(Failure::Strained(_))), "{end:?}");
@@ -681,7 +683,7 @@ mod tests {
         let turns = async |robot: &mut Robot| turn::turn_through(robot, Hand::Track, 1.0).await;
 
         let (end, _) = stage.play(turns, &mut |_, _| {
-            Event::Behaved([Some(Outcome::Slipped(0.1, 0.01)), Some(Outcome::Ended)])
+            Event::Behaved(vec![Some(Outcome::Slipped(0.1, 0.01)), Some(Outcome::Ended)])
         });
 
         assert!(matches!(end, Err(Failure::Final(_))), "{end:?}");
@@ -696,7 +698,7 @@ mod tests {
             let recovers = async |robot: &mut Robot| recover::recover(robot, failure).await;
 
             let (end, _) = stage.play(recovers, &mut |action, arms| match order(action) {
-                Some(Behaviour::Present { .. }) => Event::Behaved([None, None]),
+                Some(Behaviour::Present { .. }) => Event::Behaved(vec![None, None]),
                 _ => goes_well(action, arms),
             });
 
@@ -715,10 +717,10 @@ mod tests {
         let recovers = async |robot: &mut Robot| recover::recover(robot, failure).await;
 
         let (_, actions) = stage.play(recovers, &mut |action, arms| match order(action) {
-            Some(Behaviour::Present { .. }) => Event::Behaved([None, None]),
+            Some(Behaviour::Present { .. }) => Event::Behaved(vec![None, None]),
             Some(Behaviour::Grasp { .. }) => {
                 arms[0].jaw_opening = WIDTH;
-                Event::Behaved([Some(Outcome::Grasped(WIDTH)), None])
+                Event::Behaved(vec![Some(Outcome::Grasped(WIDTH)), None])
             }
             _ => goes_well(action, arms),
         });

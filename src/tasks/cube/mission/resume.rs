@@ -23,6 +23,7 @@
 //! | both | a misaligned layer is turned into line, the turner lets go, the cube is read |
 
 use super::actions::Closing;
+use super::entry::Entry;
 use super::failure::Failure;
 use super::robot::{MOST_CLOSER, MOST_WIDER, MaybeOffered, Robot};
 use super::station::Station;
@@ -31,7 +32,6 @@ use super::turn_in_progress::TurnInProgress;
 use super::{give_back, regrasp, turn};
 use crate::cube::{Axis, Face, Keeper, rotations};
 use crate::motion::Depth;
-use crate::tasks::Entry;
 use crate::tasks::cube::hold::{Grip, Hand, Hold};
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -375,11 +375,10 @@ mod tests {
     /// Returns the distances of the track's motions along its z, in order (m).
     fn ways(stage: &Stage, actions: &[Action<Thought>]) -> Vec<f64> {
         let from = stage.robot.arms[0].desired_base_from_tool;
-        let way = |action: &Action<Thought>| match action {
-            Action::Behave { orders: [Some(Behaviour::Line { target, .. }), _], .. } => {
-                Some((from.inverse() * target).translation.z)
-            }
-            _ => None,
+        let way = |action: &Action<Thought>| {
+            let Action::Behave { orders, .. } = action else { return None };
+            let Some(Behaviour::Line { target, .. }) = orders[0] else { return None };
+            Some((from.inverse() * target).translation.z)
         };
         actions.iter().filter_map(way).collect()
     }
@@ -675,7 +674,7 @@ mod tests {
         let assignment = Assignment::new(Goal::Solve).resumed(Some(last));
         let mut mission = Mission::new(settings(), assignment);
         let arms = [ArmState { jaw_opening: 0.09, ..ArmState::default() }; 2];
-        let readings = Readings { arms: &arms, forces: Forces::default() };
+        let readings = Readings { arms: &arms, forces: &Forces::default() };
         let stock = mission.next(Event::Start, &readings);
         assert!(matches!(stock, Action::Phase("take stock")) && mission.entry().is_none());
 

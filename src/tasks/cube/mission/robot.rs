@@ -15,6 +15,7 @@
 //! A wrong zero of the jaws makes a clenched cube read 1 mm less.
 
 use super::assignment::{Assignment, Goal};
+use super::entry::Entry;
 use super::failure::{Failure, Orders, Outcomes, alone};
 use super::shared::{Doing, MissionLog, Shared, Shown};
 use super::sight::{Palette, Sight};
@@ -29,7 +30,7 @@ use crate::tasks::cube::hold::{Grip, Hand};
 use crate::tasks::cube::settings::CubeSettings;
 use crate::tasks::cube::think::{Conclusion, Thought};
 use crate::tasks::procedure::Port;
-use crate::tasks::{Action, Entry, Event, Finish, Picture, Turning, Until, View};
+use crate::tasks::{Action, Event, Finish, Picture, Turning, Until, View};
 use crate::vision::sensor::FaceReading;
 use nalgebra::UnitQuaternion;
 use std::sync::Arc;
@@ -294,7 +295,7 @@ impl Robot {
         if which == [true; 2] {
             self.trust = Trust::Believed;
         }
-        self.act(Action::Bias(which), Doing::Nothing).await.map(drop)
+        self.act(Action::Bias(which.into()), Doing::Nothing).await.map(drop)
     }
 
     /// Requests the long computation that decides the colours, solves the cube and plans the steps,
@@ -344,8 +345,11 @@ impl Robot {
         until: Until,
         doing: Doing,
     ) -> Result<Outcomes, Failure> {
-        match self.act(Action::Behave { orders, until }, doing).await? {
-            Event::Behaved(outcomes) => Ok(outcomes),
+        match self.act(Action::Behave { orders: orders.into(), until }, doing).await? {
+            // The shell answers each order, and there are two.
+            Event::Behaved(outcomes) => outcomes
+                .try_into()
+                .map_err(|other| Failure::unexpected(&Event::<()>::Behaved(other))),
             other => Err(Failure::unexpected(&other)),
         }
     }

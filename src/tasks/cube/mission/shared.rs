@@ -3,16 +3,17 @@
 //! The robot publishes it with each action. Page, journal, recording and summary read it there, so
 //! that it outlives a procedure that is terminated.
 
+use super::entry::Entry;
 #[cfg(test)]
 use crate::cube::Face;
 use crate::cube::{Facelets, Turn, facelet_at, facelet_place};
 use crate::motion::ArmState;
 use crate::operator::{Net, PlanLine, Reading};
+use crate::tasks::Picture;
 #[cfg(test)]
 use crate::tasks::cube::belief::Held;
 use crate::tasks::cube::plan::explain::Line;
 use crate::tasks::cube::think::Answer;
-use crate::tasks::{Entry, Picture};
 use std::sync::Arc;
 
 /// State behind the port.

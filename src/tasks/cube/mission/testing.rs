@@ -242,7 +242,8 @@ pub(super) fn play_mission(
 ) -> (Finish, Vec<Action<Thought>>) {
     let (mut event, mut actions) = (Event::Start, Vec::new());
     for _ in 0..MOST_ACTIONS {
-        let action = mission.next(event, &Readings { arms: &arms, forces: Forces::default() });
+        let readings = Readings { arms: &arms, forces: &Forces::default() };
+        let action = mission.next(event, &readings);
         if let Action::Finish(finish) = action {
             return (finish, actions);
         }
@@ -264,7 +265,8 @@ pub(super) fn goes_well(action: &Action<Thought>, arms: &mut [ArmState; 2]) -> E
                     _ => {}
                 }
             }
-            Event::Behaved(orders.map(|order| order.as_ref().map(ends_well)))
+            let ended = orders.iter().map(|order| order.as_ref().map(ends_well));
+            Event::Behaved(ended.collect())
         }
         Action::Look { .. } => Event::Looked(Err("no face is in view".to_owned())),
         Action::Ask(_) => Event::Answered(None),
@@ -291,7 +293,7 @@ fn ends_well(order: &Behaviour) -> Outcome {
 
 /// Makes the event that a behaviour of the track has ended with this outcome.
 pub(super) fn track(outcome: Outcome) -> Event<Conclusion> {
-    Event::Behaved([Some(outcome), None])
+    Event::Behaved(vec![Some(outcome), None])
 }
 
 /// Makes the event that a behaviour of the track has ended at an obstacle.

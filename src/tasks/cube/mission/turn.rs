@@ -188,7 +188,7 @@ mod tests {
             Some(Behaviour::Turn { angle, .. }) => {
                 angles.push(*angle);
                 let outcome = ends.next().copied().unwrap_or(Outcome::Turned(*angle));
-                Event::Behaved([Some(outcome), Some(Outcome::Ended)])
+                Event::Behaved(vec![Some(outcome), Some(Outcome::Ended)])
             }
             _ => goes_well(action, arms),
         });
@@ -208,7 +208,7 @@ mod tests {
                 seen.push((angle.abs() < 0.1, *acceleration));
                 let stalled = std::mem::take(&mut stalls).then_some(Outcome::Stalled(1.0, 2.0));
                 let outcome = stalled.unwrap_or(Outcome::Turned(*angle));
-                Event::Behaved([Some(outcome), Some(Outcome::Ended)])
+                Event::Behaved(vec![Some(outcome), Some(Outcome::Ended)])
             }
             _ => goes_well(action, arms),
         });
@@ -253,7 +253,7 @@ mod tests {
             let turns = async |robot: &mut Robot| turn_face(robot, FRAC_PI_2).await;
             let (end, actions) = stage.play(turns, &mut |action, arms| match order(action) {
                 Some(Behaviour::Turn { .. }) => {
-                    Event::Behaved([Some(Outcome::Turned(turned)), Some(Outcome::Ended)])
+                    Event::Behaved(vec![Some(Outcome::Turned(turned)), Some(Outcome::Ended)])
                 }
                 _ => goes_well(action, arms),
             });
