@@ -564,7 +564,12 @@ mod tests {
         latest.saw(0, look());
         presenter.publish(&desk, Control::Running, 0.0);
 
-        assert!(desk.snapshots.borrow().cameras[0].outlines != first);
+        let outlines = desk.snapshots.borrow().cameras[0].outlines.clone();
+        assert!(!first.is_empty() && outlines.len() == first.len(), "{first:?} {outlines:?}");
+        let pairs = first.iter().flatten().zip(outlines.iter().flatten());
+        let moved: Vec<f64> = pairs.map(|(a, b)| (a.0 - b.0).hypot(a.1 - b.1)).collect();
+        println!("OUTLINES {moved:?} {:?} {:?}", desk.stage.borrow().cameras[0].pose, before.cameras[0].pose);
+        assert!(moved.iter().all(|by| *by > 5.0), "{moved:?} px");
         assert!(desk.stage.borrow().cameras[0].pose != before.cameras[0].pose);
     }
 
