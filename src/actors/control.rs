@@ -229,19 +229,22 @@ mod tests {
         assert!(worked < took - 0.08, "{worked} of {took}: sleep does not count as work");
         // Without a limit 0.1 s take as long, because a person attends or pauses the run.
         tempo.set(0.0);
-        use {Attended::*, Control::*};
-        let watched = [(Asked, Running), (ByHand, Running), (No, Paused)];
+        let watched = [
+            (Attended::Asked, Control::Running),
+            (Attended::ByHand, Control::Running),
+            (Attended::No, Control::Paused),
+        ];
         for ((attended, state), from) in watched.into_iter().zip([101.0, 101.1, 101.2]) {
             tempo.attend(attended);
             control.send_replace(state);
             let took = run(&mut pacer, from, 0.1);
             assert!((0.09..0.5).contains(&took), "{attended:?}, {state:?}: {took}");
         }
-        control.send_replace(Running);
-        tempo.attend(ByHand);
+        control.send_replace(Control::Running);
+        tempo.attend(Attended::ByHand);
         tempo.set(100.0);
         assert!(run(&mut pacer, 101.3, 0.1) < 0.09, "motion by hand follows the set speed");
-        tempo.attend(Asked);
+        tempo.attend(Attended::Asked);
         assert!(run(&mut pacer, 101.4, 0.1) > 0.09, "a question leaves time to answer");
     }
 }

@@ -484,8 +484,8 @@ mod tests {
         assert_eq!(error, "system, edp track, state: no answer from the servo in 0.5 s");
     }
 
-    /// Zeroes the force sensor of an arm whose joint 1 moves at 0.015 rad/s until the period `last`.
-    /// Returns the answer of the EDP, and the period in which the servo takes its order.
+    /// Zeroes the force sensor of an arm whose joint 1 moves at 0.015 rad/s until the period
+    /// `last`. Returns the answer of the EDP, and the period in which the servo takes its order.
     async fn zeroed(last: u64) -> (Result<ArmState, Error>, Option<u64>) {
         let (link, mut end) = driver::link();
         let clock = Clock::new(Instant::now(), Arc::default());

@@ -426,7 +426,7 @@ mod tests {
         let error = reports.recv_timeout(Duration::from_secs(30)).unwrap().to_string();
         // The first sample is up to 10 ms after the beginning.
         let lasted = begun.elapsed().as_millis();
-        assert!((280..2000).contains(&lasted), "{lasted} ms");
+        assert!((280..2500).contains(&lasted), "{lasted} ms");
         assert_eq!(error, "system, supervisor, watch: no answer from mp in 0.3 s");
     }
 
@@ -448,6 +448,6 @@ mod tests {
         let silent = "system, supervisor, watch: no answer from the image worker in 0.3 s";
         assert_eq!(error, silent);
         let lasted = begun.elapsed().as_millis();
-        assert!((280..2000).contains(&lasted), "{lasted} ms");
+        assert!((280..2500).contains(&lasted), "{lasted} ms");
     }
 }

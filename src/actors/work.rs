@@ -156,7 +156,7 @@ mod tests {
         // The message rounds the limit of 60 ms.
         let error = late.unwrap_err();
         assert_eq!(error.to_string(), "no answer from the image worker in 0.1 s");
-        assert!((limit..10 * limit).contains(&lasted), "{lasted:?}");
+        assert!((limit..Duration::from_secs(1)).contains(&lasted), "{lasted:?}");
         drop(end);
     }
 }
