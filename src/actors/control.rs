@@ -206,7 +206,7 @@ mod tests {
 
     #[test]
     fn pacer_keeps_simulated_time_at_speed_limit() {
-        let (_control, will) = watch::channel(Control::Running);
+        let (control, will) = watch::channel(Control::Running);
         let tempo = Tempo::default();
         let mut pacer = Pacer::new(tempo.clone(), will);
         // Lets `seconds` of simulated time pass from the time `from` on (s); returns the real time
@@ -227,16 +227,24 @@ mod tests {
         assert!((0.09..0.5).contains(&took), "{took}");
         let worked = (tempo.working_time() - worked).as_secs_f64();
         assert!(worked < took - 0.08, "{worked} of {took}: sleep does not count as work");
-        // Without a limit 0.1 s take as long, because a person attends.
+        // Without a limit 0.1 s take as long, because a person attends or pauses the run.
         tempo.set(0.0);
-        for (attended, from) in [(Attended::Asked, 101.0), (Attended::ByHand, 101.1)] {
+        let watched = [
+            (Attended::Asked, Control::Running),
+            (Attended::ByHand, Control::Running),
+            (Attended::No, Control::Paused),
+        ];
+        for ((attended, state), from) in watched.into_iter().zip([101.0, 101.1, 101.2]) {
             tempo.attend(attended);
+            control.send_replace(state);
             let took = run(&mut pacer, from, 0.1);
-            assert!((0.09..0.5).contains(&took), "{took}");
+            assert!((0.09..0.5).contains(&took), "{attended:?}, {state:?}: {took}");
         }
+        control.send_replace(Control::Running);
+        tempo.attend(Attended::ByHand);
         tempo.set(100.0);
-        assert!(run(&mut pacer, 101.2, 0.1) < 0.09, "motion by hand follows the set speed");
+        assert!(run(&mut pacer, 101.3, 0.1) < 0.09, "motion by hand follows the set speed");
         tempo.attend(Attended::Asked);
-        assert!(run(&mut pacer, 101.3, 0.1) > 0.09, "a question leaves time to answer");
+        assert!(run(&mut pacer, 101.4, 0.1) > 0.09, "a question leaves time to answer");
     }
 }

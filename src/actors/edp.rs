@@ -484,17 +484,22 @@ mod tests {
         assert_eq!(error, "system, edp track, state: no answer from the servo in 0.5 s");
     }
 
-    #[tokio::test(start_paused = true)]
-    async fn force_sensor_of_moving_arm_is_not_zeroed() {
+    /// Zeroes the force sensor of an arm whose joint 1 moves at 0.015 rad/s until the period
+    /// `last`. Returns the answer of the EDP, and the period in which the servo takes its order.
+    async fn zeroed(last: u64) -> (Result<ArmState, Error>, Option<u64>) {
         let (link, mut end) = driver::link();
         let clock = Clock::new(Instant::now(), Arc::default());
+        let (takes, taken) = watch::channel(None);
         tokio::spawn({
             let clock = clock.clone();
             async move {
                 for period in 1.. {
                     let mut state = ArmState { period, ..ArmState::default() };
-                    // Joint 1 moves at 0.05 rad/s.
-                    state.joints.0[1] = 1e-4 * period as f64;
+                    state.joints.0[1] = 3e-5 * period.min(last) as f64;
+                    if let Some(command) = end.take() {
+                        assert_eq!(command, ServoCommand::Bias);
+                        takes.send_replace(Some(period));
+                    }
                     end.publish(&state);
                     clock.until(period).await;
                 }
@@ -502,10 +507,22 @@ mod tests {
         });
         let control = watch::channel(Control::Running).1;
         let services = Services::bare(clock, control, Trace::bare(RunHash::default()).0);
+        let answer = spawn("track", link, &services).bias().await;
+        let taken = *taken.borrow();
+        (answer, taken)
+    }
 
-        let error = spawn("track", link, &services).bias().await.unwrap_err().to_string();
-
+    #[tokio::test(start_paused = true)]
+    async fn force_sensor_is_zeroed_only_at_rest() {
+        let (answer, taken) = zeroed(u64::MAX).await;
+        let error = answer.unwrap_err().to_string();
         assert!(error.contains("the arm still moves after 0.6 s"), "{error}");
+        assert_eq!(taken, None, "a moving sensor keeps its zero");
+
+        // Two samples of the joints that agree are up to 24 periods after the end of the motion.
+        let (answer, taken) = zeroed(100).await;
+        assert!(answer.is_ok(), "{answer:?}");
+        assert!(taken.is_some_and(|period| (105..130).contains(&period)), "{taken:?}");
     }
 
     #[test]

@@ -371,8 +371,11 @@ mod tests {
     #[test]
     fn invalid_or_too_slow_speed_factor_is_refused() {
         let (controls, _task) = controls(Control::Running);
-        for factor in [1e-300, 1e-6, -1.0, f64::NAN, f64::INFINITY] {
-            assert!(apply(&Input::Speed { factor }, &controls).is_err(), "{factor}");
+        controls.tempo.set(5.0);
+        for factor in [1e-300, 0.0099, -1.0, f64::NAN, f64::INFINITY] {
+            let why = apply(&Input::Speed { factor }, &controls).unwrap_err();
+            assert!(why.contains("least speed is 0.01"), "{factor}: {why}");
+            assert_eq!(controls.tempo.limit(), 5.0, "{factor}");
         }
         for factor in [0.0, 0.01, 20.0] {
             apply(&Input::Speed { factor }, &controls).unwrap();
@@ -414,9 +417,20 @@ mod tests {
         assert!(task.try_recv().is_ok());
     }
 
+    /// The keys are start, bare Enter, resume and pause. The end of the lines, without another UI,
+    /// is a start as well.
     #[test]
-    fn terminated_run_does_not_resume() {
-        assert_eq!(after("s\nt\n", true), (Control::Terminated, false));
-        assert_eq!(after("t\nr\n", true), (Control::Terminated, false));
+    fn terminated_run_neither_resumes_nor_pauses() {
+        for key in ["s", "", "r", "p"] {
+            for before in ["t", "s\nt", "s\np\nt"] {
+                let told = after(&format!("{before}\n{key}\n"), false);
+                assert_eq!(told, (Control::Terminated, false), "{before:?}, then {key:?}");
+            }
+        }
+        assert_eq!(after("t\n", true), (Control::Terminated, false));
+        for input in [Input::Start, Input::Resume, Input::Pause] {
+            let told = apply(&input, &controls(Control::Terminated).0);
+            assert_eq!(told, Err("the run is terminated"), "{input:?}");
+        }
     }
 }

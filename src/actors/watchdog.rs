@@ -422,7 +422,11 @@ mod tests {
         let _outside =
             watchdog.watched_from_outside(Duration::from_millis(300), report(&to)).unwrap();
         hangs.works();
+        let begun = std::time::Instant::now();
         let error = reports.recv_timeout(Duration::from_secs(30)).unwrap().to_string();
+        // The first sample is up to 10 ms after the beginning.
+        let lasted = begun.elapsed().as_millis();
+        assert!((280..2500).contains(&lasted), "{lasted} ms");
         assert_eq!(error, "system, supervisor, watch: no answer from mp in 0.3 s");
     }
 
@@ -436,11 +440,14 @@ mod tests {
         let _outside = watchdog.watched_from_outside(Duration::from_millis(50), report).unwrap();
 
         assert_eq!(watchdog.watch_inline("the planner", || 7), 7);
+        let begun = std::time::Instant::now();
         let error = watchdog.watch_inline("the image worker", || {
             reports.recv_timeout(Duration::from_secs(30)).unwrap().to_string()
         });
 
         let silent = "system, supervisor, watch: no answer from the image worker in 0.3 s";
         assert_eq!(error, silent);
+        let lasted = begun.elapsed().as_millis();
+        assert!((280..2500).contains(&lasted), "{lasted} ms");
     }
 }

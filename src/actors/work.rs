@@ -149,11 +149,14 @@ mod tests {
         let limit = Duration::from_millis(60);
 
         let door = Work::at(Pace::RealTime);
+        let begun = std::time::Instant::now();
         let late = door.run(("the image worker", limit), hangs).await;
+        let lasted = begun.elapsed();
 
         // The message rounds the limit of 60 ms.
         let error = late.unwrap_err();
         assert_eq!(error.to_string(), "no answer from the image worker in 0.1 s");
+        assert!((limit..Duration::from_secs(1)).contains(&lasted), "{lasted:?}");
         drop(end);
     }
 }

@@ -750,10 +750,13 @@ mod tests {
 
         std::fs::write(&path, &text).unwrap();
         assert_eq!(Devices::load(&path), Ok(devices));
-        std::fs::write(&path, format!("{text}\nspeed = 3\n")).unwrap();
+        let spoilt = format!("{text}\nspeed = 3\n");
+        let line = spoilt.lines().count();
+        std::fs::write(&path, spoilt).unwrap();
         let wrong = Devices::load(&path).unwrap_err().to_string();
         std::fs::remove_file(&path).unwrap();
-        assert!(wrong.contains("unknown field `speed`") && wrong.contains(".toml:"), "{wrong}");
+        let place = format!("{}:{line}: ", path.display());
+        assert!(wrong.contains("unknown field `speed`") && wrong.contains(&place), "{wrong}");
         assert!(Devices::load(&path).unwrap_err().to_string().contains("no such file"));
     }
 
@@ -876,7 +879,8 @@ mod tests {
         let (own, temporary) = (std::env::temp_dir(), PathBuf::from("/elsewhere"));
 
         assert_eq!(place(Some(own.clone().into()), temporary.clone()), own.join(name));
-        for none in [None, Some(""), Some("relative"), Some("/no/such/folder")] {
+        // The folder "src" is there.
+        for none in [None, Some(""), Some("src"), Some("/no/such/folder")] {
             let place = place(none.map(OsString::from), temporary.clone());
             assert_eq!(place, temporary.join(name), "{none:?}");
         }

@@ -257,13 +257,7 @@ pub(crate) mod tests {
             reason("short.jpg", &jpeg[..jpeg.len() - 2])
                 .contains("ends before the picture is complete")
         );
-        // A header that promises more pixels than any memory holds: 20000 (0x4E20) a side.
-        let mut vast = good.clone();
-        vast[16..24].copy_from_slice(&[0, 0, 0x4E, 0x20, 0, 0, 0x4E, 0x20]);
-        assert!(!reason("vast.png", &vast).is_empty());
-        let mut none = good;
-        none[16..24].fill(0);
-        assert!(!reason("none.png", &none).is_empty());
+        assert!(reason("none.png", &vast(0)).contains("damaged"));
     }
 
     /// Returns a PNG of `side` x `side` pixels with one bit a pixel, whose data compress well.

@@ -395,20 +395,19 @@ mod tests {
         let folder = Folder::new("new-file-race");
         let path = folder.0.join("x.part");
         let holders = std::sync::atomic::AtomicUsize::new(0);
-        std::thread::scope(|scope| {
-            for _ in 0..4 {
-                scope.spawn(|| {
-                    for _ in 0..200 {
-                        if let Ok(file) = create(&path) {
-                            let others = holders.fetch_add(1, std::sync::atomic::Ordering::SeqCst);
-                            assert_eq!(others, 0, "two writers");
-                            holders.fetch_sub(1, std::sync::atomic::Ordering::SeqCst);
-                            drop(file);
-                        }
-                    }
-                });
-            }
+        let hold = |file: File| {
+            let others = holders.fetch_add(1, std::sync::atomic::Ordering::SeqCst);
+            assert_eq!(others, 0, "two writers");
+            std::thread::yield_now();
+            holders.fetch_sub(1, std::sync::atomic::Ordering::SeqCst);
+            drop(file);
+        };
+        let creates = || (0..200).filter_map(|_| create(&path).ok()).map(hold).count();
+        let created = std::thread::scope(|scope| {
+            let creators = [0; 4].map(|_| scope.spawn(creates));
+            creators.map(|creator| creator.join().unwrap())
         });
+        assert!(created.iter().sum::<usize>() >= 100, "{created:?}");
     }
 
     #[test]
@@ -417,6 +416,10 @@ mod tests {
         let path = folder.write("state", "old");
         replace(&path, ".new", b"new", Sync::All).unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"new");
+        let fails = |file: &mut File| file.write_all(b"half").and(Err(io::Error::other("full")));
+        assert!(replace_with(&path, ".new", Sync::No, fails).is_err());
+        assert_eq!(fs::read(&path).unwrap(), b"new");
+        assert!(!beside(&path, ".new").exists());
         // A folder in the place of the file makes the rename fail.
         let taken = folder.0.join("taken");
         fs::create_dir(&taken).unwrap();

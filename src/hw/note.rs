@@ -207,12 +207,14 @@ mod tests {
             ]
         );
         assert!(digest.sentences(&mut from, true).is_empty(), "reported once");
+        // The report was in period 600, so the next one is due in period 5600.
         to.push(700, 1, NoteKind::Missed { axis: 3 });
+        to.push(5599, 1, NoteKind::Missed { axis: 3 });
         assert!(digest.sentences(&mut from, false).is_empty(), "not each time again");
-        to.push(5800, 1, NoteKind::Missed { axis: 3 });
+        to.push(5600, 1, NoteKind::Missed { axis: 3 });
         assert_eq!(
             digest.sentences(&mut from, false),
-            ["postument: axis 3 did not answer in time, 2 times, first in period 700 (1.400 s)"]
+            ["postument: axis 3 did not answer in time, 3 times, first in period 700 (1.400 s)"]
         );
     }
 }

@@ -177,42 +177,92 @@ mod tests {
     use crate::reach::example_cell;
     use crate::tables::testing::Folder;
 
-    /// A table that is read equals the searched one to the bit. A damaged file, one that others can
-    /// write, and other settings lead to a new search.
+    /// A folder with the saved table of the example cell.
+    struct Saved {
+        folder: Folder,
+        settings: ReachSettings,
+        file: PathBuf,
+        text: String,
+        /// The table from the search that has saved it.
+        table: MeetingTable,
+    }
+
+    impl Saved {
+        /// Searches the table and saves it in a folder whose name contains `name`.
+        fn new(name: &str) -> Self {
+            let folder = Folder::new(name);
+            let (cell, settings) =
+                (example_cell(), ReachSettings { samples: 150, ..Default::default() });
+            let table = in_folder(&folder.0, &cell, &settings, None);
+            let file = path(&folder.0, &format!("{cell:?} {settings:?} None"));
+            let text = fs::read_to_string(&file).unwrap();
+            Self { folder, settings, file, text, table }
+        }
+
+        /// Returns the table of the same cell once more.
+        fn again(&self) -> MeetingTable {
+            in_folder(&self.folder.0, &example_cell(), &self.settings, None)
+        }
+
+        /// Returns the saved table with another separation, which only a table that is read can
+        /// have, and with the text `to` in place of `from`.
+        fn forged(&self, from: &str, to: &str) -> String {
+            let body = self.text.split_once('\n').unwrap().1;
+            let other = body.replace("\"separation\":0.35", "\"separation\":0.36");
+            let forged = other.replace(from, to);
+            assert!(other != body && (from.is_empty() || forged != other), "{from}");
+            forged
+        }
+
+        /// Writes a table in place of the saved one, with its checksum.
+        fn write(&self, body: &str) {
+            fs::write(&self.file, format!("{}\n{body}", checksum(body))).unwrap();
+        }
+    }
+
     #[test]
     fn cached_meeting_table_equals_newly_searched_table() {
-        use std::os::unix::fs::PermissionsExt as _;
-        let folder = Folder::new("meetings");
-        let (cell, settings) =
-            (example_cell(), ReachSettings { samples: 150, ..Default::default() });
-        let searched = MeetingTable::compute(&cell, &settings);
-        let again = || in_folder(&folder.0, &cell, &settings, None);
-
-        let first = again();
-        let file = path(&folder.0, &format!("{cell:?} {settings:?} None"));
-        let text = fs::read_to_string(&file).unwrap();
-        // Only a table that is read can have this value.
-        let body = text.split_once('\n').unwrap().1;
-        let forged = body.replace("\"separation\":0.35", "\"separation\":0.36");
-        let whole = format!("{}\n{forged}", checksum(&forged));
-        fs::write(&file, &whole).unwrap();
-        let found_again = again();
-        fs::set_permissions(&file, fs::Permissions::from_mode(0o666)).unwrap();
-        let of_others = again();
-        let mode = fs::metadata(&file).unwrap().permissions().mode();
-        fs::write(&file, text.replace("\"separation\":0.35", "\"separation\":0.36")).unwrap();
-        let without_sum = again();
-        fs::write(&file, &text[..text.len() / 2]).unwrap();
-        let after_damage = again();
-        let other = in_folder(&folder.0, &cell, &ReachSettings { samples: 151, ..settings }, None);
-
+        let saved = Saved::new("meetings");
+        let searched = MeetingTable::compute(&example_cell(), &saved.settings);
         assert!(searched.found().0 > 0);
-        assert_eq!(first, searched);
-        assert_eq!(found_again, MeetingTable { separation: 0.36, ..searched.clone() });
-        assert_eq!(of_others, searched);
-        assert_eq!(without_sum, searched);
-        assert_eq!(after_damage, searched);
-        assert_eq!(mode & 0o777, 0o600, "replaced by a private file");
-        assert_eq!(other.separation, 0.35);
+        assert_eq!(saved.table, searched);
+        assert_eq!(saved.again(), searched);
+
+        saved.write(&saved.forged("\"ways\":[]", "\"ways\":[null]"));
+
+        let read = MeetingTable { separation: 0.36, ways: vec![None], ..searched };
+        assert_eq!(saved.again(), read, "the table is read, not searched");
+    }
+
+    /// A table of another build, of another cell or with an error leads to a new search, and so
+    /// does one that another user can have written.
+    #[test]
+    fn unfit_meeting_table_is_searched_anew() {
+        use std::os::unix::fs::PermissionsExt as _;
+        let saved = Saved::new("meetings-unfit");
+        let forged = saved.forged("", "");
+        let spoilt = forged.replacen("0.36", "0.37", 1);
+        let half = &forged[..forged.len() / 2];
+
+        for (body, mode) in [
+            (&saved.forged("\"made_by\":\"", "\"made_by\":\"1"), 0o600),
+            (&saved.forged("samples: 150", "samples: 151"), 0o600),
+            (&half.to_owned(), 0o600),
+            (&forged, 0o666),
+            (&forged, 0o620),
+        ] {
+            saved.write(body);
+            fs::set_permissions(&saved.file, fs::Permissions::from_mode(mode)).unwrap();
+            assert_eq!(saved.again(), saved.table, "{mode:o} {body}");
+            let mode = fs::metadata(&saved.file).unwrap().permissions().mode();
+            assert_eq!(mode & 0o777, 0o600, "replaced by a private file");
+            assert_eq!(fs::read_to_string(&saved.file).unwrap(), saved.text);
+        }
+        fs::write(&saved.file, format!("{}\n{spoilt}", checksum(&forged))).unwrap();
+        assert_eq!(saved.again(), saved.table, "the checksum is wrong");
+        saved.write(&forged);
+        let other = ReachSettings { samples: 151, ..saved.settings };
+        let other = in_folder(&saved.folder.0, &example_cell(), &other, None);
+        assert_eq!(other.separation, 0.35, "the table of other settings");
     }
 }

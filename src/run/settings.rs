@@ -556,10 +556,14 @@ mod tests {
 
     #[test]
     fn cube_is_returned_if_operator_does_not_answer() {
-        let (_, notes, _, finish) = perform_with(|_| Err("glare".to_owned()), Some(60.0), |_| None);
+        let (phases, notes, _, finish) =
+            perform_with(|_| Err("glare".to_owned()), Some(60.0), |_| None);
 
         assert!(!finish.achieved);
         assert!(finish.reason.contains("cannot be read"), "{}", finish.reason);
+        assert!(finish.reason.ends_with("handed back as it is"), "{}", finish.reason);
+        assert_eq!(phases.last(), Some(&"hand back"));
+        assert!(!phases.contains(&"solve"), "{phases:?}");
         assert!(notes.iter().any(|n| n.contains("the operator is asked")), "{notes:?}");
     }
 

@@ -269,18 +269,32 @@ mod tests {
     use super::*;
     use crate::motion::{AXES, JointPositions};
 
-    /// Returns the motions of two arms through free space: that of the first arm has ended with
-    /// `outcome`, that of the second is under way.
-    fn after(outcome: Outcome) -> Running {
+    /// Returns the motions of two arms through free space: that of the arm `first` has ended with
+    /// `outcome`, that of the other one is under way.
+    fn after(first: usize, outcome: Outcome) -> Running {
         let target = JointPositions([0.5; AXES]);
         let joints = Behaviour::Joints { target, speed: 1.0, seconds: 1.0 };
-        let other = MoveInstruction::begin(&joints, &example_manner());
-        Running { motions: vec![None, Some(other)], outcomes: vec![Some(outcome), None] }
+        let mut running = Running { motions: vec![None, None], outcomes: vec![None, None] };
+        running.motions[1 - first] = Some(MoveInstruction::begin(&joints, &example_manner()));
+        running.outcomes[first] = Some(outcome);
+        running
     }
 
     #[test]
     fn alarm_of_one_arm_stops_both_at_once() {
-        assert!(after(Outcome::OverForce(0, 30.0)).end(), "no further macrostep");
-        assert!(!after(Outcome::Reached).end(), "the other arm slows down first");
+        for first in [0, 1] {
+            let alarm = Outcome::OverForce(0, 30.0);
+            let mut alarmed = after(first, alarm);
+            assert!(alarmed.is_over(Until::All) && alarmed.is_over(Until::Effector(1 - first)));
+            assert!(alarmed.end(), "no further macrostep");
+            let mut wanted = [Some(Outcome::Ended); 2];
+            wanted[first] = Some(alarm);
+            assert_eq!(alarmed.ended(), wanted);
+
+            let mut reached = after(first, Outcome::Reached);
+            assert!(!reached.is_over(Until::All) && !reached.is_over(Until::Effector(1 - first)));
+            assert!(reached.is_over(Until::Effector(first)));
+            assert!(!reached.end(), "the other arm slows down first");
+        }
     }
 }

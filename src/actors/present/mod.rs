@@ -564,8 +564,16 @@ mod tests {
         latest.saw(0, look());
         presenter.publish(&desk, Control::Running, 0.0);
 
-        assert!(desk.snapshots.borrow().cameras[0].outlines != first);
-        assert!(desk.stage.borrow().cameras[0].pose != before.cameras[0].pose);
+        let outlines = desk.snapshots.borrow().cameras[0].outlines.clone();
+        let is_new = |corner: &(f64, f64)| {
+            let far = |old: &(f64, f64)| (corner.0 - old.0).hypot(corner.1 - old.1) > 5.0;
+            first.iter().flatten().all(far)
+        };
+        assert!(!first.is_empty() && !outlines.is_empty(), "{first:?} {outlines:?}");
+        assert!(outlines.iter().flatten().all(is_new), "{first:?} {outlines:?}");
+        let place = |stage: &Stage| stage.cameras[0].pose.translation.vector;
+        let moved = place(&desk.stage.borrow()) - place(&before);
+        assert!((moved - nalgebra::Vector3::x() * 0.05).norm() < 1e-12, "{moved}");
     }
 
     #[test]

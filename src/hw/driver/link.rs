@@ -142,7 +142,7 @@ impl ServoLink {
 
 impl ServoEnd {
     /// Takes the next command, if there is one, and drops duplicates before it.
-    pub(super) fn take(&mut self) -> Option<ServoCommand> {
+    pub(crate) fn take(&mut self) -> Option<ServoCommand> {
         while let Ok((ticket, command)) = self.commands.pop() {
             if ticket > self.taken {
                 self.taken = ticket;

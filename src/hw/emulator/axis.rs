@@ -234,6 +234,8 @@ mod tests {
     #[test]
     fn controller_follows_orders_and_brakes_after_silence() {
         let mut controller = AxisController::default();
+        send(&mut controller, &PWM.encode());
+        assert!(!controller.is_on(), "another mode");
         assert!(send(&mut controller, &Order::Set(Parameter::Mode(Mode::Pwm)).encode()).is_some());
         controller.latch(Status { count: 5, synchronised: true, ..Status::default() });
 
@@ -241,10 +243,13 @@ mod tests {
 
         assert_eq!((answer.count, answer.error), (5, false));
         assert!(controller.is_on() && controller.width() == 77 && controller.outputs() == 1);
-        for _ in 0..SILENCE + 2 {
+        // 50 ms are 25 periods.
+        for _ in 0..25 {
             controller.latch(Status::default());
         }
-        assert!(!controller.is_on() && controller.answer(1.0).error);
+        assert!(controller.is_on() && controller.width() == 77);
+        controller.latch(Status::default());
+        assert!(!controller.is_on() && controller.width() == 0 && controller.answer(1.0).error);
     }
 
     /// A controller that was started without a watchdog has none after a reset either.
@@ -256,7 +261,7 @@ mod tests {
             controller.reset();
             send(&mut controller, &Order::Set(Parameter::Mode(Mode::Pwm)).encode());
             send(&mut controller, &PWM.encode());
-            for _ in 0..100 * SILENCE {
+            for _ in 0..2500 {
                 controller.latch(Status::default());
             }
 

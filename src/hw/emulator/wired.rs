@@ -200,7 +200,7 @@ mod tests {
         let faults = LineFaults { stalled: 0.02, stall: 7, ..LineFaults::default() };
         let arm = (true, [100.0; 6]);
         let mut wired = Wired::new(Axes(Vec::new()), [arm], Rules::default(), faults, 3);
-        let mut silent = Vec::new();
+        let mut periods = Vec::new();
         for period in 1..=1000 {
             let drive =
                 ArmDrive { enabled: true, pwm: [(period % 200) as i16; AXES], ..ArmDrive::OFF };
@@ -209,16 +209,19 @@ mod tests {
             let [reading] = readings;
             assert!(reading.no_answer == 0 || reading.no_answer == u8::MAX, "all at once");
             let width = *wired.world().0.last().unwrap();
-            silent.push((reading.no_answer != 0).then_some(width));
+            periods.push((reading.no_answer != 0, width));
         }
 
-        let stalls: Vec<_> = silent.chunk_by(|a, b| a.is_some() == b.is_some()).collect();
-        // The answer to a parameter is no reading, so the mode of the first period looks silent.
-        let stalls = stalls.into_iter().filter(|stall| stall[0].is_some()).skip(1);
-        let stalls: Vec<_> = stalls.collect();
+        let parts: Vec<_> = periods.chunk_by(|a, b| a.0 == b.0).collect();
+        // The answer to a parameter is no reading, so the mode of the first period looks silent. It
+        // has no period before it.
+        let stalls: Vec<_> = parts.windows(2).filter(|pair| pair[1][0].0).collect();
         assert!(stalls.len() > 5, "{}", stalls.len());
-        assert!(stalls.iter().all(|stall| stall.len() % 7 == 0), "{stalls:?}");
-        let kept = |stall: &&[Option<i16>]| stall.iter().take(7).all(|width| *width == stall[0]);
-        assert!(stalls.iter().all(kept), "{stalls:?}");
+        for pair in stalls {
+            let (before, stall) = (pair[0], pair[1]);
+            assert_eq!(stall.len() % 7, 0, "{stall:?}");
+            let (_, last) = before[before.len() - 1];
+            assert!(last > 0 && stall.iter().take(7).all(|(_, width)| *width == last), "{stall:?}");
+        }
     }
 }

@@ -88,6 +88,35 @@ fn count(increments: f64, motor: f64) -> i64 {
 mod tests {
     use super::*;
 
+    /// The zero at -2 pi is on the switch, and that at 0 is the first one off it.
+    #[test]
+    fn encoder_zero_on_the_switch_restarts_no_counter() {
+        let mut encoder = Encoder::new(4000.0, -6.5, false);
+
+        let on_switch = encoder.read(-6.0, true);
+        let past_switch = encoder.read(-0.02, true);
+        let found = encoder.read(0.02, true);
+
+        // 0.5 rad are 318 counts.
+        let wanted = Report { count: 318, zero: true, switch: true, synchronised: false };
+        assert_eq!(on_switch, wanted);
+        assert!(!past_switch.zero && !past_switch.switch && !past_switch.synchronised);
+        assert_eq!(found, Report { count: 13, zero: true, switch: false, synchronised: true });
+    }
+
+    /// The zero is the same in both directions of the motor.
+    #[test]
+    fn counter_restarts_at_zero_passed_downwards() {
+        let mut encoder = Encoder::new(4000.0, 0.02, false);
+
+        let unasked = encoder.read(-0.01, false);
+        encoder.read(0.02, false);
+        let found = encoder.read(-0.01, true);
+
+        assert_eq!(unasked, Report { count: -19, zero: true, switch: false, synchronised: false });
+        assert_eq!(found, Report { count: -6, zero: true, switch: false, synchronised: true });
+    }
+
     #[test]
     fn counter_restarts_at_first_encoder_zero_past_switch() {
         // 4000 counts a revolution; the motor begins at -5 rad.

@@ -96,11 +96,12 @@ mod tests {
             moments.push((held, 0.1 - 2e-3 * speed));
             counted(1.0, &moments)
         };
+        // A joint moves above 0.1 rad/s, `MOVING`.
         let none = Violations::default();
 
         assert_eq!(after(270, 2.0), none, "yields");
-        assert_eq!(after(280, 0.9 * MOVING), none, "rests");
-        assert_eq!(after(280, 1.1 * MOVING), Violations { moved_after_stop: 1, ..none });
+        assert_eq!(after(280, 0.09), none, "rests");
+        assert_eq!(after(280, 0.11), Violations { moved_after_stop: 1, ..none });
         assert_eq!(
             counted(0.0, &[(on, 0.0), (held, 0.0), (on, 0.0)]),
             Violations { restarts: 1, ..none }

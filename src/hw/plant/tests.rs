@@ -726,6 +726,8 @@ fn colliding_hands_push_back_and_are_reported() {
     let v = servo.plant.verdict();
     assert!(v.counts.collisions > 0 && v.counts.collisions < 40, "{:?}", v.events);
     assert!(v.exertion.arms_apart.unwrap() < 0.0, "{:?}", v.exertion);
+    // The track drives its arm towards +x: it is pushed back, and the postument's arm away.
+    assert!(servo.plant.collisions.torques[0][0] < 0.0);
     assert!(servo.plant.collisions.torques[1] != [0.0; AXES]);
 }
 
@@ -966,7 +968,7 @@ fn speed_near_person_includes_that_of_forearm() {
 
     let near = servo.plant.verdict().exertion.near_person;
     // The elbow turns about the shoulder; points of the forearm next to it are a little faster.
-    assert!(fastest > 0.03 && near > 0.95 * fastest, "{near} {fastest}");
+    assert!(fastest > 0.03 && (0.95..1.15).contains(&(near / fastest)), "{near} {fastest}");
 }
 
 #[test]

@@ -818,15 +818,20 @@ mod tests {
 
     #[test]
     fn limit_and_overcurrent_flags_need_two_consecutive_answers() {
-        let mut axis = running();
-        let hit = Status { upper: true, over_current: true, ..at(5000) };
+        for (upper, lower, over_current) in
+            [(true, false, true), (false, true, false), (false, false, true)]
+        {
+            let mut axis = running();
+            let hit = Status { upper, lower, over_current, ..at(5000) };
 
-        after_a_period(&mut axis, Some(&hit.encode())).unwrap();
-        assert!(axis.at_limits() == (false, false) && !axis.over_current());
-        after_a_period(&mut axis, Some(&at(5000).encode())).unwrap();
-        after_a_period(&mut axis, Some(&hit.encode())).unwrap();
-        after_a_period(&mut axis, Some(&hit.encode())).unwrap();
-        assert!(axis.at_limits() == (true, false) && axis.over_current());
+            after_a_period(&mut axis, Some(&hit.encode())).unwrap();
+            assert!(axis.at_limits() == (false, false) && !axis.over_current());
+            after_a_period(&mut axis, Some(&at(5000).encode())).unwrap();
+            after_a_period(&mut axis, Some(&hit.encode())).unwrap();
+            assert!(axis.at_limits() == (false, false) && !axis.over_current());
+            after_a_period(&mut axis, Some(&hit.encode())).unwrap();
+            assert_eq!((axis.at_limits(), axis.over_current()), ((upper, lower), over_current));
+        }
     }
 
     #[test]

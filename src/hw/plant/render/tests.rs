@@ -448,8 +448,9 @@ fn motion_blur_width_is_about_speed_times_exposure() {
 
     let (still, moving) = (width(0.0), width(0.25));
 
-    // 0.25 m/s over 10 ms are 2.5 mm, which at 0.3715 m are 4.04 px.
-    assert!(moving - still > 2.0 && moving < 6.5, "{still} {moving}");
+    // 0.25 m/s over 10 ms are 2.5 mm, which at 0.3715 m are 4.04 px. The sub-frames make the ramp a
+    // staircase, which measures narrower.
+    assert!(still < 1.0 && (3.0..4.2).contains(&moving), "{still} {moving}");
 }
 
 #[test]
