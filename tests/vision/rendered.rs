@@ -319,6 +319,7 @@ fn hand_camera_reads_colours_of_held_cube() {
     errors.print("  face's centre");
 
     assert_eq!((refused, wrong), (0, 0));
+    eprintln!("COVERED {covered}");
     // The limits are in millimetres.
     assert!(Errors::rms(&errors.sideways) < 0.3 && Errors::rms(&errors.depth) < 1.5);
 }

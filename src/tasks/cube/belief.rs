@@ -504,6 +504,8 @@ mod tests {
         let mut belief = Belief::new([arm(0.0), arm(2.0)], 0.057, pivot());
         let hold = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
         belief.taken(Hand::Track, hold, false);
+        // The cube lies 3 mm off and tilted by 0.02 rad in the hand.
+        (belief.state[6], belief.state[7]) = (0.003, 0.02);
         let before = belief.in_tool(&belief.state, Hand::Track).unwrap();
 
         let (turned, half_roll) = hold.after_turn(false, 1);

@@ -292,7 +292,7 @@ impl Robot {
 mod tests {
     use super::super::assignment::{Assignment, Goal};
     use super::super::testing::{
-        EMPTY, Stage, count, goes_well, met, order, play_mission, settings, track, words,
+        EMPTY, Stage, WIDTH, count, goes_well, met, order, play_mission, settings, track, words,
     };
     use super::super::{Mission, recover};
     use super::*;
@@ -579,12 +579,19 @@ mod tests {
 
     #[test]
     fn lost_cube_stops_the_next_action() {
-        let mut stage = Stage::holding(settings());
-        stage.robot.arms[0].jaw_opening = EMPTY;
+        for hand in Hand::BOTH {
+            // The pads give by 1.2 mm at most.
+            for (closed_by, lost) in [(0.0011, false), (0.0013, true)] {
+                let mut stage = Stage::new(settings());
+                stage.robot.hold(hand);
+                stage.robot.arms[hand.index()].jaw_opening = WIDTH - closed_by;
 
-        let waits = async |robot: &mut Robot| robot.wait(Hand::Track, 1.0).await;
-        let (end, actions) = stage.play(waits, &mut goes_well);
+                let waits = async |robot: &mut Robot| robot.wait(Hand::Track, 1.0).await;
+                let (end, actions) = stage.play(waits, &mut goes_well);
 
-        assert_eq!((end, actions.len()), (Err(Failure::Lost(Hand::Track)), 0));
+                let failure = lost.then_some(Failure::Lost(hand));
+                assert_eq!((end.err(), actions.is_empty()), (failure, lost), "{hand:?}");
+            }
+        }
     }
 }
