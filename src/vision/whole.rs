@@ -504,7 +504,7 @@ mod tests {
         #[test]
         fn decide_never_returns_impossible_cube(
             seed in 0u64..1000,
-            spoilt in proptest::collection::vec((0..54usize, 0..6usize, 0.0..0.7f64), 0..18)
+            spoilt in proptest::collection::vec((0..54usize, 0..6usize, 0.0..1.0f64), 0..18)
         ) {
             let mut rgb = measured(&scrambled(seed), [1.0; 3]);
             for (i, colour, share) in spoilt {
@@ -512,7 +512,6 @@ mod tests {
                     (1.0 - share) * rgb[i][c] + share * STICKERS[colour][c]
                 });
             }
-            eprintln!("DECIDE {}", match decide_cube(&rgb) { Ok(d) => format!("ok {}", d.facelets != d.colours), Err(e) => e.to_string().chars().take(30).collect() });
 
             if let Ok(decision) = decide_cube(&rgb) {
                 prop_assert!(Cube::is_possible(&decision.facelets));
