@@ -291,6 +291,7 @@ impl Robot {
 #[cfg(test)]
 mod tests {
     use super::super::assignment::{Assignment, Goal};
+    use super::super::robot::MaybeOffered;
     use super::super::testing::{
         EMPTY, Stage, WIDTH, count, goes_well, met, order, play_mission, settings, track, words,
     };
@@ -371,6 +372,22 @@ mod tests {
         );
 
         assert_eq!((end, words(&actions)), (Ok(()), vec!["servo", "line", "zero", "servo"]));
+    }
+
+    /// An operator who holds out again a cube that an earlier run was handing back wants it solved.
+    #[test]
+    fn cube_held_out_again_counts_as_not_returned() {
+        let mut stage = Stage::new(settings());
+        let robot = &mut stage.robot;
+        (robot.seek_time, robot.given_back) = (Some(5.0), true);
+        robot.failure = Some("a layer is misaligned".to_owned());
+        robot.maybe_offered = Some(MaybeOffered { opening: false });
+
+        let (end, _) = stage.play(async |robot| approach(robot).await, &mut goes_well);
+
+        let robot = &stage.robot;
+        assert_eq!((end, robot.failure.as_ref()), (Ok(()), None));
+        assert_eq!((robot.seek_time, robot.given_back, robot.maybe_offered), (None, false, None));
     }
 
     /// Waits for the release of the cube while a person holds on to [`RELEASE_TRIES`] pulls; the
