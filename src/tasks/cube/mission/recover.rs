@@ -263,10 +263,10 @@ mod tests {
             assert_eq!(end, Ok(Station::Take));
             assert_eq!(words(&actions), ["wait for the cube", "open", "joints"]);
             let Action::Behave { orders, .. } = &actions[2] else { panic!("{actions:?}") };
-            assert!(
-                matches!(orders, [Some(Behaviour::Joints { target, .. }), None] if *target == place),
-                "{orders:?}"
-            );
+            let [Some(Behaviour::Joints { target, .. }), None] = orders else {
+                panic!("{orders:?}")
+            };
+            assert_eq!(*target, place);
             assert_eq!(stage.robot.hand_over, None, "the next place of hand-over may differ");
             assert_eq!(
                 stage.robot.whereabouts(),
