@@ -200,59 +200,117 @@ mod tests {
     use super::*;
     use crate::tasks::Forces;
 
-    /// Makes the kernel for one arm without a track that knows the pose `front`.
+    /// Set joints of both arms in these tests. Each joint has another position.
+    const SET: [f64; AXES] = [0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875];
+
+    /// Makes the kernel for two arms that know the pose `front`. Only the second one has a track.
     fn panel() -> Panel {
         let poses = vec![("front".to_owned(), JointPositions([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6]))];
-        Panel::new(vec![ArmLimits { has_track: false, poses, opening: (0.04, 0.09), grip: 40.0 }])
+        let arm = |has_track| {
+            let poses = poses.clone();
+            ArmLimits { has_track, poses, opening: (0.04, 0.09), grip: 40.0 }
+        };
+        Panel::new(vec![arm(false), arm(true)])
     }
 
-    /// Returns the action of the kernel after an order to effector 0, and the notes to the
-    /// operator.
-    fn after(order: Manual) -> (Action<()>, Vec<String>) {
+    /// Returns the action of the kernel after an order to an effector, and the notes to the
+    /// operator. The measured joints of the arms lag behind the set ones.
+    fn after(effector: usize, order: Manual) -> (Action<()>, Vec<String>) {
         let mut panel = panel();
-        let arms = [ArmState::default()];
-        let readings = Readings { arms: &arms, forces: &Forces::default() };
+        let joints = JointPositions(SET.map(|set| set - 0.0625));
+        let arm = ArmState { joints, desired_joints: JointPositions(SET), ..ArmState::default() };
+        let readings = Readings { arms: &[arm; 2], forces: &Forces::default() };
         assert!(matches!(panel.next(Event::Start, &readings), Action::Phase(_)));
         assert_eq!(panel.next(Event::Done, &readings), Action::Await);
-        (panel.next(Event::Ordered(0, order), &readings), panel.notes())
+        (panel.next(Event::Ordered(effector, order), &readings), panel.notes())
+    }
+
+    /// Makes an order for a step of a joint.
+    fn joint(axis: usize, by: f64) -> Manual {
+        Manual::Joint(Step { axis, by })
+    }
+
+    /// Makes an order for a step of the tool.
+    fn tool(axis: usize, by: f64) -> Manual {
+        Manual::Tool(Step { axis, by })
+    }
+
+    /// Makes an order for a step of a motor.
+    fn motor(axis: usize, by: f64) -> Manual {
+        Manual::Motor(Step { axis, by })
     }
 
     #[test]
     fn joint_step_changes_target_of_that_joint_only() {
-        let (action, _) = after(Manual::Joint(Step { axis: 2, by: -0.1 }));
+        for (axis, by) in [(1, 0.25), (2, -0.125), (6, 0.5)] {
+            let (action, _) = after(0, joint(axis, by));
 
-        let Action::Behave { orders, .. } = action else { panic!("{action:?}") };
-        let [Some(Behaviour::Joints { target, .. })] = orders[..] else { panic!("{orders:?}") };
-        assert_eq!(target.0, [0.0, 0.0, -0.1, 0.0, 0.0, 0.0, 0.0]);
+            let Action::Behave { orders, until: Until::Effector(0) } = action else {
+                panic!("{action:?}")
+            };
+            let [Some(Behaviour::Joints { target, .. }), None] = orders[..] else {
+                panic!("{orders:?}")
+            };
+            let mut expected = SET;
+            expected[axis] += by;
+            assert_eq!(target.0, expected);
+        }
     }
 
     #[test]
     fn panel_refuses_senseless_orders_with_reason() {
-        for order in [
-            // There is no such axis.
-            Manual::Joint(Step { axis: 7, by: 0.1 }),
-            // The steps are too large, or no numbers.
-            Manual::Joint(Step { axis: 1, by: 3.0 }),
-            Manual::Tool(Step { axis: 0, by: f64::NAN }),
-            Manual::Motor(Step { axis: 1, by: 1e6 }),
-            // The arm has no track.
-            Manual::Motor(Step { axis: 0, by: 2.0 }),
-            Manual::Joint(Step { axis: 0, by: 0.01 }),
-            // The opening is beyond the stroke, and the pose is unknown.
-            Manual::Jaw { opening: 0.2 },
-            Manual::Pose { name: "moon".into() },
+        for (effector, order, reason) in [
+            (0, joint(7, 0.1), "this arm has no axis 7"),
+            (0, tool(6, 0.1), "this arm has no axis 6"),
+            // The first arm has no track.
+            (0, motor(0, 2.0), "this arm has no axis 0"),
+            (0, joint(0, 0.01), "this arm has no axis 0"),
+            (0, joint(1, 0.61), "a step of 0.61 rad exceeds 0.60 rad"),
+            (0, joint(6, -0.61), "a step of -0.61 rad exceeds 0.60 rad"),
+            (1, joint(0, 0.21), "a step of 0.21 m exceeds 0.20 m"),
+            (0, tool(2, -0.21), "a step of -0.21 m exceeds 0.20 m"),
+            (0, tool(3, 0.61), "a step of 0.61 rad exceeds 0.60 rad"),
+            (0, tool(0, f64::NAN), "a step of NaN m exceeds 0.20 m"),
+            (0, motor(1, 60.5), "a step of 60.50 rad exceeds 60.00 rad"),
+            (0, Manual::Jaw { opening: 0.0905 }, "the jaws open from 40 to 90 mm"),
+            (0, Manual::Jaw { opening: 0.0395 }, "the jaws open from 40 to 90 mm"),
+            (0, Manual::Pose { name: "moon".into() }, "there is no pose `moon`"),
+            (2, Manual::Synchronise, "there is no effector 2"),
         ] {
-            let (action, notes) = after(order.clone());
+            let (action, notes) = after(effector, order.clone());
             assert_eq!(action, Action::Await, "{order:?}");
-            assert_eq!(notes.len(), 1, "{order:?}");
+            let [note] = &notes[..] else { panic!("{order:?}: {notes:?}") };
+            assert!(note.starts_with(&format!("not done: {reason}")), "{order:?}: {note}");
+        }
+    }
+
+    #[test]
+    fn panel_accepts_orders_up_to_their_limits() {
+        for (effector, order) in [
+            (0, joint(1, 0.6)),
+            (0, joint(6, -0.6)),
+            (1, joint(0, 0.2)),
+            (0, tool(0, -0.2)),
+            (0, tool(2, 0.2)),
+            (0, tool(3, 0.6)),
+            (0, tool(5, -0.6)),
+            (0, motor(1, 60.0)),
+            (1, motor(0, -60.0)),
+            (0, Manual::Jaw { opening: 0.04 }),
+            (0, Manual::Jaw { opening: 0.09 }),
+            (0, Manual::Pose { name: "front".into() }),
+        ] {
+            let (action, notes) = after(effector, order.clone());
+            let acts = matches!(action, Action::Behave { .. } | Action::Manual { .. });
+            assert!(acts && notes.is_empty(), "{order:?}: {action:?} {notes:?}");
         }
     }
 
     #[test]
     fn panel_forwards_motor_and_synchronise_orders_unchanged() {
-        for order in [Manual::Synchronise, Manual::Motor(Step { axis: 3, by: 2.0 })] {
-            let (action, _) = after(order.clone());
-            assert_eq!(action, Action::Manual { effector: 0, order });
+        for (effector, order) in [(0, Manual::Synchronise), (1, motor(3, 2.0))] {
+            let (action, _) = after(effector, order.clone());
+            assert_eq!(action, Action::Manual { effector, order });
         }
     }
 }

@@ -506,7 +506,7 @@ mod tests {
     use crate::cell::Intrinsics;
     use crate::spatial::Pose;
     use crate::testing::Drawing;
-    use nalgebra::{Translation3, UnitQuaternion, Vector3};
+    use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
     use proptest::prelude::*;
 
     const CAMERA: Intrinsics = Intrinsics {
@@ -537,9 +537,11 @@ mod tests {
         let faces = detect(&drawing().render(), None, &DetectorSettings::default()).unwrap();
 
         assert_eq!(faces.len(), 2);
-        for face in &faces {
-            let read = (0..4).map(|k| face.turned(k).colours);
-            assert!(read.clone().any(|c| COLOURS.contains(&c)), "{:?}", face.colours);
+        for (drawn, colours) in drawing().faces {
+            let centre = CAMERA.project(&Point3::from(drawn.translation.vector));
+            let near = |face: &&FaceSighting| homography::distance(face.centres[4], centre) < 1.0;
+            let face = faces.iter().find(near).unwrap();
+            assert!((0..4).any(|k| face.turned(k).colours == colours), "{:?}", face.colours);
             assert!(face.confidence > 0.8);
         }
     }
@@ -586,8 +588,13 @@ mod tests {
             DetectorSettings { method: Method::Paper2007, ..DetectorSettings::default() };
 
         let faces = detect(&drawing().render(), None, &settings).unwrap();
+        let by_edges = detect(&drawing().render(), None, &DetectorSettings::default()).unwrap();
 
-        assert!(faces[0].confidence > 0.8);
+        assert!(faces[0].confidence > 0.8 && faces[0].colours == COLOURS[0]);
+        for (a, b) in faces[0].corners.iter().zip(&by_edges[0].corners) {
+            // Both methods agree, but not to the last digit.
+            assert!((1e-6..0.5).contains(&homography::distance(*a, *b)), "{a:?} {b:?}");
+        }
     }
 
     #[test]
@@ -669,12 +676,19 @@ mod tests {
     fn detection_in_window_agrees_with_whole_picture() {
         let image = drawing().render();
         let whole = detect(&image, None, &DetectorSettings::default()).unwrap();
-        let window = window_around(&whole[0].corners, 0.3);
+        let window = window_around(&whole[0].corners, 0.3).unwrap();
+        assert!(window.width < CAMERA.width / 2 && window.height < 3 * CAMERA.height / 4);
 
-        let part = detect(&image, window, &DetectorSettings::default()).unwrap();
+        let part = detect(&image, Some(window), &DetectorSettings::default()).unwrap();
 
-        let apart = homography::distance(part[0].centres[4], whole[0].centres[4]);
-        assert!(apart < 0.3, "{apart}");
+        for (a, b) in part[0].centres.iter().zip(&whole[0].centres) {
+            assert!(homography::distance(*a, *b) < 0.3, "{a:?} {b:?}");
+        }
+        assert_eq!(part[0].colours, whole[0].colours);
+        // A window beside the face shows it only in part.
+        let beside = Rect { x: window.x + window.width / 2, ..window };
+        let cut = detect(&image, Some(beside), &DetectorSettings::default());
+        assert!(matches!(cut, Err(Refusal::Doubtful { .. })), "{cut:?}");
     }
 
     proptest! {

@@ -326,7 +326,8 @@ mod tests {
             prop_assert!(found.margins.iter().all(|&m| m >= 3.0));
         }
 
-        /// For any costs the returned cube can exist, and no other cube is cheaper.
+        /// For any costs the returned cube can exist, and no cube that differs from it in two to
+        /// four pieces is cheaper.
         #[test]
         fn likeliest_returns_cheapest_legal_cube(
             costs in proptest::collection::vec(0.0..10.0f64, 324), seed in 0u64..1_000_000
@@ -340,15 +341,72 @@ mod tests {
 
             prop_assert!(Cube::is_possible(&found.facelets));
             prop_assert!((price(&found.facelets) - found.cost).abs() < 1e-9);
-            prop_assert!(price(&facelets(seed)) >= found.cost - 1e-9);
-            // Any cube that differs in a facelet costs more by at least the margin of the facelet.
-            let other = facelets(seed);
-            for i in 0..54 {
-                if other[i] != found.facelets[i] {
+            let mut others = neighbours(&found.facelets);
+            others.push(facelets(seed));
+            for other in others {
+                prop_assert!(price(&other) >= found.cost - 1e-9);
+                // A cube that differs in a facelet costs more by at least the facelet's margin.
+                for i in (0..54).filter(|&i| other[i] != found.facelets[i]) {
                     prop_assert!(price(&other) - found.cost >= found.margins[i] - 1e-9);
                 }
             }
         }
+    }
+
+    /// Moves the piece on each of these positions, given by their facelets, to the next position.
+    fn cycle<const K: usize>(facelets: &mut [u8; 54], positions: &[[usize; K]]) {
+        for pair in positions.windows(2).rev() {
+            (0..K).for_each(|k| facelets.swap(pair[0][k], pair[1][k]));
+        }
+    }
+
+    /// Returns cubes that can exist and differ from this one in few pieces: two edges are flipped,
+    /// two corners are twisted, three edges or three corners go around, or two edges and two
+    /// corners are exchanged.
+    fn neighbours(facelets: &[u8; 54]) -> Vec<[u8; 54]> {
+        let mut all = Vec::new();
+        let mut add = |change: &dyn Fn(&mut [u8; 54])| {
+            let mut other = *facelets;
+            change(&mut other);
+            assert!(Cube::is_possible(&other));
+            all.push(other);
+        };
+        let (edges, corners) = (&*EDGE_FACELETS, &*CORNER_FACELETS);
+        let turned = |[a, b, c]: [usize; 3]| [[a, b, c], [b, c, a]];
+        for (i, a) in edges.iter().enumerate() {
+            for (j, b) in edges[..i].iter().enumerate() {
+                add(&|f| [a, b].iter().for_each(|edge| f.swap(edge[0], edge[1])));
+                let c = &edges[(i + j + 5) % 12];
+                if c != a && c != b {
+                    add(&|f| cycle(f, &[*a, *b, *c]));
+                    add(&|f| cycle(f, &[*c, *b, *a]));
+                }
+                for (k, c) in corners.iter().enumerate() {
+                    let d = &corners[(i + k + 1) % 8];
+                    if c != d {
+                        add(&|f| {
+                            cycle(f, &[*a, *b]);
+                            cycle(f, &[*c, *d]);
+                        });
+                    }
+                }
+            }
+        }
+        for (i, a) in corners.iter().enumerate() {
+            for (j, b) in corners.iter().enumerate().filter(|(j, _)| *j != i) {
+                add(&|f| {
+                    let (from, to) = (turned(*a), turned(*b));
+                    let before = *f;
+                    (0..3).for_each(|k| f[from[1][k]] = before[from[0][k]]);
+                    (0..3).for_each(|k| f[to[0][k]] = before[to[1][k]]);
+                });
+                let c = &corners[(i + j + 3) % 8];
+                if c != a && c != b {
+                    add(&|f| cycle(f, &[*a, *b, *c]));
+                }
+            }
+        }
+        all
     }
 
     #[test]

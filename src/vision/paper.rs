@@ -808,9 +808,11 @@ mod tests {
             *value = (f64::from(*value) * 0.4 + 28.0 * noise).clamp(0.0, 255.0) as u8;
         }
 
-        let square = Stages::run(&rgb, width, height, &Filters::default()).square();
+        let square = Stages::run(&rgb, width, height, &Filters::default()).square().unwrap();
 
-        assert!(square.is_ok(), "{square:?}");
+        let middles = [(36.0, 36.0), (116.0, 36.0), (116.0, 116.0), (36.0, 116.0)];
+        let off = square.corners.iter().zip(middles).map(|(a, b)| distance(*a, b));
+        assert!(off.fold(0.0, f64::max) < 2.0, "{square:?}");
     }
 
     /// A large picture is searched at a reduced size, but the corners of the square are in pixels

@@ -207,7 +207,6 @@ mod tests {
     /// Checks on scrambled cubes that `steps` and `column` of a pattern lead to the number of the
     /// turned cube.
     fn check_steps(pattern: &impl Pattern) {
-        assert_eq!(pattern.number(&Cube::SOLVED), pattern.number(&Cube::SOLVED.inverse()));
         for seed in 0..50 {
             let cube = Cube::scrambled(seed);
             let number = pattern.number(&cube);

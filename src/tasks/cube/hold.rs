@@ -270,12 +270,16 @@ mod tests {
 
     #[test]
     fn cube_rotation_maps_palm_and_jaws_of_grip() {
+        let tool = |grip: Grip| grip.hold.cube_from_tool(grip.half_roll, 0.057).rotation;
         for rotation in Rotation24::all() {
             for grip in Grip::all(Depth::Two) {
                 let renamed = grip.renamed(rotation);
 
                 assert_eq!(renamed.hold.palm, rotation.face(grip.hold.palm));
                 assert_eq!(renamed.hold.jaws, rotation.axis(grip.hold.jaws));
+                assert_eq!(renamed.hold.depth, Depth::Two);
+                // The tool's frame is the same one of the two that a hold has.
+                assert!(tool(renamed).angle_to(&(rotation.quaternion() * tool(grip))) < 1e-9);
             }
         }
     }

@@ -347,7 +347,7 @@ mod tests {
                 looks(start(Depth::One), &Wanted::default(), &Terms::of(Rule::Clearance), &reach)
                     .unwrap();
 
-            assert!(hand_overs(&steps) >= 5);
+            assert_eq!(hand_overs(&steps), 5, "side {side}");
             assert_eq!(shown(&steps), Face::ALL);
         }
     }

@@ -183,33 +183,41 @@ impl Robot {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::{EMPTY, Stage, goes_well, settings, words};
+    use super::super::robot::{MaybeOffered, UNSURE};
+    use super::super::testing::{EMPTY, Stage, goes_well, settings, taken, words};
     use super::*;
-    use crate::cube::{Face, Turn};
+    use crate::cube::{Face, Facelets, Turn};
+    use crate::generators::Behaviour;
+    use crate::spatial::Pose;
+    use crate::tasks::Action;
+    use crate::tasks::cube::hold::Grip;
     use crate::tasks::cube::settings::CubeSettings;
+    use crate::tasks::cube::think::Thought;
 
     /// Recovers from a failure, with all actions successful. Returns the station or the failure
-    /// that follows, and the words of the actions.
+    /// that follows, and the actions.
     fn recovers(
         stage: &mut Stage,
         failure: Failure,
-    ) -> (Result<Station, Failure>, Vec<&'static str>) {
+    ) -> (Result<Station, Failure>, Vec<Action<Thought>>) {
         let recovers = async |robot: &mut Robot| recover(robot, failure).await;
-        let (end, actions) = stage.play(recovers, &mut goes_well);
-        (end, words(&actions))
+        stage.play(recovers, &mut goes_well)
     }
 
     #[test]
     fn cube_is_read_again_after_failed_grasp() {
         let mut stage = Stage::holding(settings());
+        // One recovery is left.
+        stage.robot.recoveries = MOST_RECOVERIES - 1;
         let failure = Failure::NotGrasped { hand: Hand::Postument, why: "missed".to_owned() };
 
         let (end, _) = recovers(&mut stage, failure);
         assert_eq!(end, Err(Failure::ReadAgain { release: Some(Hand::Postument) }));
-        let (end, words) = recovers(&mut stage, end.unwrap_err());
+        let (end, actions) = recovers(&mut stage, end.unwrap_err());
 
         assert_eq!(end, Ok(Station::Read { phase: "identify again" }));
-        assert_eq!((words, stage.robot.recoveries), (vec!["open", "line"], 1));
+        assert_eq!(words(&actions), ["open", "line"]);
+        assert_eq!(stage.robot.recoveries, MOST_RECOVERIES);
     }
 
     #[test]
@@ -243,18 +251,27 @@ mod tests {
             (Keeper::Person, "hold it out again, please"),
             (Keeper::Table, "looks for it on the table"),
         ] {
-            let mut stage = Stage::holding(CubeSettings { keeper, ..settings() });
-            stage.robot.hand_over = Some(JointPositions([0.3; 7]));
+            let mut settings = CubeSettings { keeper, ..settings() };
+            settings.arms[0].world_from_base = Pose::translation(0.1, 0.3, 0.0);
+            let mut stage = Stage::holding(settings);
+            stage.robot.arms[0].base_from_tool = Pose::translation(0.5, -0.2, 0.9);
+            let place = JointPositions([0.3; 7]);
+            stage.robot.hand_over = Some(place);
 
-            let (end, words) = recovers(&mut stage, Failure::Lost(Hand::Track));
+            let (end, actions) = recovers(&mut stage, Failure::Lost(Hand::Track));
 
             assert_eq!(end, Ok(Station::Take));
-            assert_eq!(words, ["wait for the cube", "open", "joints"]);
+            assert_eq!(words(&actions), ["wait for the cube", "open", "joints"]);
+            let Action::Behave { orders, .. } = &actions[2] else { panic!("{actions:?}") };
+            let [Some(Behaviour::Joints { target, .. }), None] = orders[..] else {
+                panic!("{orders:?}")
+            };
+            assert_eq!(target, place);
             assert_eq!(stage.robot.hand_over, None, "the next place of hand-over may differ");
             assert_eq!(
                 stage.robot.whereabouts(),
-                "it fell from the track hand and lies below the last position of that hand, x 0 \
-                 mm, y 0 mm in the world frame"
+                "it fell from the track hand and lies below the last position of that hand, x 600 \
+                 mm, y 100 mm in the world frame"
             );
             assert!(stage.notes().iter().any(|note| note.ends_with(told)));
             assert_eq!((stage.robot.log.drops, stage.robot.recoveries), (1, 1));
@@ -273,12 +290,19 @@ mod tests {
 
     #[test]
     fn lost_cube_takes_precedence_over_other_failures() {
-        let mut stage = Stage::holding(settings());
-        stage.robot.arms[0].jaw_opening = EMPTY;
+        let why = || "no plan".to_owned();
+        for failure in [
+            Failure::GiveBack(why()),
+            Failure::Hidden { face: Face::U, why: why() },
+            Failure::NotGrasped { hand: Hand::Postument, why: why() },
+        ] {
+            let mut stage = Stage::holding(settings());
+            stage.robot.arms[0].jaw_opening = EMPTY;
 
-        let (end, _) = recovers(&mut stage, Failure::GiveBack("no plan".to_owned()));
+            let (end, _) = recovers(&mut stage, failure);
 
-        assert_eq!(end, Err(Failure::Lost(Hand::Track)));
+            assert_eq!(end, Err(Failure::Lost(Hand::Track)));
+        }
     }
 
     /// An arm that is pressed beyond its limits does not move on to look for the cube.
@@ -287,24 +311,37 @@ mod tests {
         let mut stage = Stage::holding(settings());
         stage.robot.arms[0].jaw_opening = EMPTY;
 
-        let (end, words) = recovers(&mut stage, Failure::Strained("pressed".to_owned()));
+        let (end, actions) = recovers(&mut stage, Failure::Strained("pressed".to_owned()));
 
         let Ok(Station::Over(finish)) = end else { panic!("{end:?}") };
         assert!(finish.reason.starts_with("pressed"), "{}", finish.reason);
-        assert!(words.is_empty(), "{words:?}");
+        assert!(actions.is_empty(), "{actions:?}");
     }
 
     #[test]
     fn recovery_forgets_the_last_reading() {
         let mut stage = Stage::holding(settings());
         let robot = &mut stage.robot;
+        (0..54).for_each(|facelet| robot.sight.see(facelet, [100.0; 3], 1.0));
+        robot.sight.hide(Hand::Track, taken(), Face::U);
+        (robot.given, robot.shown.net.decided) = (Some(Facelets::solved()), true);
         robot.failure = Some("face U cannot be read".to_owned());
         (robot.given_back, robot.rounds) = (true, 2);
-        robot.stalled = Some(Turn { face: Face::U, quarters: 1 });
+        robot.maybe_offered = Some(MaybeOffered { opening: true });
+        let turn = Some(Turn { face: Face::U, quarters: 1 });
+        (robot.stalled, robot.turning) = (turn, turn);
+        robot.straight = robot.straight_now(Hand::Track);
+        let grip = Grip { hold: taken(), half_roll: false };
+        robot.turn_in_progress = Some(TurnInProgress::new(Hand::Track, grip, 0.0, 1.0));
+        assert!(robot.straight.is_some() && robot.sight.missing().is_empty());
 
         robot.forget_cube();
 
+        assert_eq!((robot.sight.missing().len(), robot.sight.wanted().hidden.len()), (54, 0));
+        assert!(robot.given.is_none() && !robot.shown.net.decided);
         assert_eq!((robot.failure.as_ref(), robot.given_back, robot.rounds), (None, false, 1));
-        assert_eq!((robot.stalled, robot.sight.missing().len()), (None, 54));
+        assert_eq!((robot.maybe_offered, robot.stalled, robot.turning), (None, None, None));
+        assert!(robot.straight.is_none() && robot.turn_in_progress.is_none());
+        assert_eq!((robot.miss, robot.log.recoveries), (UNSURE, 1), "the cube may have moved");
     }
 }

@@ -458,25 +458,30 @@ mod tests {
     fn empty_hand_retracts_until_clear_of_partners_cube() {
         let (desired_joints, stand) = Fold::example_stand();
         let goes = settings().folds[1].retractable(&stand, &desired_joints, 0.3);
-        // The joints of the arm allow six tenths of the usual retraction.
-        let (back, edge) = (goes / 0.6, settings().edge);
-        let way = |gone: f64| {
-            let mut stage = stage(CubeSettings { back, ..settings() }, &lowering());
-            let cube = stand * Pose::translation(0.0, 0.0, edge / 3.0 + gone);
+        // The joints of the arm allow six tenths of the usual retraction, and the cube is so large
+        // that the hand is clear of it long before the hand is far from it.
+        let back = goes / 0.6;
+        let edge = back / 2.0;
+        let way_beside = |aside: f64, gone: f64| {
+            let mut stage = stage(CubeSettings { back, edge, ..settings() }, &lowering());
+            let cube = stand * Pose::translation(aside, 0.0, edge / 3.0 + gone);
             stage.robot.arms[0].desired_base_from_tool = cube;
             stage.robot.arms[1].desired_base_from_tool = stand;
             stage.robot.arms[1].desired_joints = desired_joints;
             stage.robot.belief.taken(Hand::Track, assumed(&lowering(), Hand::Track), false);
             way_to_clear(&mut stage.robot, Hand::Postument)
         };
+        let way = |gone: f64| way_beside(0.0, gone);
         let near = |way: Option<f64>, wanted: f64| way.is_some_and(|w| (w - wanted).abs() < 1e-9);
 
         assert!(near(way(0.0), back), "the cube stays between its fingers: the arm refuses");
         assert!(near(way(0.1 * back), goes), "the whole distance is enough");
         assert!(near(way(0.5 * back), 0.5 * back));
         assert!(near(way(-0.1 * back), back), "deeper than any hold");
+        assert!(near(way(back - 0.002), 0.002));
         assert_eq!(way(back), None, "the hand is clear of the cube");
-        assert_eq!(way(3.0 * edge), None, "far from the cube");
+        assert!(near(way_beside(2.9 * edge, 0.0), back), "the cube is near");
+        assert_eq!(way_beside(3.0 * edge, 0.0), None, "the cube is far away");
     }
 
     #[test]
@@ -663,9 +668,8 @@ mod tests {
             assert!(!end.achieved && end.reason.starts_with(told), "{}", end.reason);
         }
         // A cube that is held out again is taken and read.
-        let (end, words, _) = sought(Some("face U cannot be read"), Outcome::Touched(3.0));
+        let (_, words, _) = sought(Some("face U cannot be read"), Outcome::Touched(3.0));
         assert!(words.contains(&"look"), "{words:?}");
-        assert!(!end.reason.starts_with("face U cannot be read; by the journal"), "{}", end.reason);
     }
 
     #[test]
@@ -698,7 +702,7 @@ mod tests {
     fn misaligned_layer_is_turned_back_by_its_hand() {
         let across = |r: &UnitQuaternion<f64>| (r * Vector3::z()).z.abs() < 0.1;
         let postument = rotations().into_iter().find(across).unwrap();
-        for by in [-0.4, 0.4, 0.02] {
+        for by in [-0.4, 0.4, 0.11, 0.09, -0.09] {
             let last = Entry { doing: "none".to_owned(), ..Entry::default() };
             let mut stage = stage(settings(), &last);
             let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), by);
@@ -718,8 +722,8 @@ mod tests {
             });
             // The jaws straighten a layer with a small angle.
             match turn {
-                Some(angle) => assert!(by.abs() > STRAIGHT && (angle + by).abs() < 1e-9, "{angle}"),
-                None => assert!(by.abs() < STRAIGHT, "{by}"),
+                Some(angle) => assert!(by.abs() > 0.1 && (angle + by).abs() < 1e-9, "{angle}"),
+                None => assert!(by.abs() < 0.1, "{by}"),
             }
             assert!(stage.robot.belief.held[0].is_none(), "the turner lets go");
         }

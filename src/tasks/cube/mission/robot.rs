@@ -485,13 +485,13 @@ mod tests {
         let robot = &mut stage.robot;
         (robot.given_back, robot.retract_shortfall) = (true, 0.02);
         (robot.taken_at, robot.stops) = (Some([0.5, 0.1, 0.7]), [Depth::Two, Depth::One]);
-        robot.hand_over = Some(JointPositions::default());
+        robot.hand_over = Some(JointPositions([0.3; 7]));
         robot.failure = Some("a layer is misaligned".to_owned());
 
         let entry = robot.entry(Doing::Turning).unwrap();
-        assert!(!entry.over && entry.handing_back);
+        assert!(!entry.over && entry.handing_back && entry.doing == "turning", "{entry:?}");
         assert_eq!(entry.held, [Some(Depth::One), None]);
-        assert_eq!(entry.hand_over, Some(JointPositions::default()));
+        assert_eq!(entry.hand_over, Some(JointPositions([0.3; 7])));
         assert_eq!((entry.taken_at, entry.short), (Some([0.5, 0.1, 0.7]), 0.02));
         assert_eq!(entry.stops, [Some(Depth::Two), Some(Depth::One)]);
         assert_eq!(entry.undone.as_deref(), Some("a layer is misaligned"));
@@ -501,8 +501,9 @@ mod tests {
     #[test]
     fn only_solving_mission_has_journal_entries() {
         let mut stage = Stage::holding(settings());
-        stage.robot.goal = Goal::Acquire;
-
-        assert_eq!(stage.robot.entry(Doing::Turning), None);
+        for goal in [Goal::Acquire, Goal::FaceTurn(1.0)] {
+            stage.robot.goal = goal;
+            assert_eq!(stage.robot.entry(Doing::Turning), None);
+        }
     }
 }

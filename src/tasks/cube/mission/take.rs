@@ -291,8 +291,9 @@ impl Robot {
 #[cfg(test)]
 mod tests {
     use super::super::assignment::{Assignment, Goal};
+    use super::super::robot::MaybeOffered;
     use super::super::testing::{
-        EMPTY, Stage, count, goes_well, met, order, play_mission, settings, track, words,
+        EMPTY, Stage, WIDTH, count, goes_well, met, order, play_mission, settings, track, words,
     };
     use super::super::{Mission, recover};
     use super::*;
@@ -371,6 +372,22 @@ mod tests {
         );
 
         assert_eq!((end, words(&actions)), (Ok(()), vec!["servo", "line", "zero", "servo"]));
+    }
+
+    /// An operator who holds out again a cube that an earlier run was handing back wants it solved.
+    #[test]
+    fn cube_held_out_again_counts_as_not_returned() {
+        let mut stage = Stage::new(settings());
+        let robot = &mut stage.robot;
+        (robot.seek_time, robot.given_back) = (Some(5.0), true);
+        robot.failure = Some("a layer is misaligned".to_owned());
+        robot.maybe_offered = Some(MaybeOffered { opening: false });
+
+        let (end, _) = stage.play(async |robot| approach(robot).await, &mut goes_well);
+
+        let robot = &stage.robot;
+        assert_eq!((end, robot.failure.as_ref()), (Ok(()), None));
+        assert_eq!((robot.seek_time, robot.given_back, robot.maybe_offered), (None, false, None));
     }
 
     /// Waits for the release of the cube while a person holds on to [`RELEASE_TRIES`] pulls; the
@@ -577,12 +594,19 @@ mod tests {
 
     #[test]
     fn lost_cube_stops_the_next_action() {
-        let mut stage = Stage::holding(settings());
-        stage.robot.arms[0].jaw_opening = EMPTY;
+        for hand in Hand::BOTH {
+            // The pads give by 1.2 mm at most.
+            for (closed_by, lost) in [(0.0011, false), (0.0013, true)] {
+                let mut stage = Stage::new(settings());
+                stage.robot.hold(hand);
+                stage.robot.arms[hand.index()].jaw_opening = WIDTH - closed_by;
 
-        let waits = async |robot: &mut Robot| robot.wait(Hand::Track, 1.0).await;
-        let (end, actions) = stage.play(waits, &mut goes_well);
+                let waits = async |robot: &mut Robot| robot.wait(Hand::Track, 1.0).await;
+                let (end, actions) = stage.play(waits, &mut goes_well);
 
-        assert_eq!((end, actions.len()), (Err(Failure::Lost(Hand::Track)), 0));
+                let failure = lost.then_some(Failure::Lost(hand));
+                assert_eq!((end.err(), actions.is_empty()), (failure, lost), "{hand:?}");
+            }
+        }
     }
 }

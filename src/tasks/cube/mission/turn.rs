@@ -219,12 +219,15 @@ mod tests {
 
     #[test]
     fn stalled_turn_is_eased_back_and_finished() {
-        let (end, angles) = turns(&[Outcome::Stalled(1.0, 2.0)]);
+        // A layer that stalls at once is eased back to where it was, and no farther.
+        for (stalled, eased) in [(1.0, 0.09), (0.05, 0.05)] {
+            let (end, angles) = turns(&[Outcome::Stalled(stalled, 2.0)]);
 
-        assert!((end.unwrap() - FRAC_PI_2).abs() < 1e-12);
-        assert_eq!(angles.len(), 3);
-        assert!((angles[1] + EASE_BACK).abs() < 1e-12, "{angles:?}");
-        assert!((angles[2] - (FRAC_PI_2 - 1.0 + EASE_BACK)).abs() < 1e-12, "{angles:?}");
+            assert!((end.unwrap() - FRAC_PI_2).abs() < 1e-12);
+            assert_eq!(angles.len(), 3);
+            assert!((angles[1] + eased).abs() < 1e-12, "{angles:?}");
+            assert!((angles[2] - (FRAC_PI_2 - stalled + eased)).abs() < 1e-12, "{angles:?}");
+        }
     }
 
     #[test]
@@ -245,22 +248,27 @@ mod tests {
 
     #[test]
     fn face_turn_turns_and_releases_the_face() {
-        for (turned, achieved) in [(FRAC_PI_2, true), (1.0, false)] {
+        for (turned, achieved) in [(FRAC_PI_2 - 0.04, true), (FRAC_PI_2 - 0.06, false)] {
             let goal = Goal::FaceTurn(FRAC_PI_2);
             let held = Some((Hand::Postument, taken(), false));
             let mut stage = Stage::with(settings(), Assignment { held, ..Assignment::new(goal) });
 
             let turns = async |robot: &mut Robot| turn_face(robot, FRAC_PI_2).await;
+            let mut angles = Vec::new();
             let (end, actions) = stage.play(turns, &mut |action, arms| match order(action) {
-                Some(Behaviour::Turn { .. }) => {
+                Some(Behaviour::Turn { angle, .. }) => {
+                    angles.push(*angle);
                     Event::Behaved(vec![Some(Outcome::Turned(turned)), Some(Outcome::Ended)])
                 }
                 _ => goes_well(action, arms),
             });
 
             assert_eq!(end.unwrap().achieved, achieved, "{turned}");
-            assert_eq!(count(&actions, "turn"), 2, "the phase, and the motion");
-            assert_eq!(words(&actions).last(), Some(&"line"), "the track has let go");
+            assert_eq!((count(&actions, "turn"), angles), (2, vec![FRAC_PI_2]), "with the phase");
+            let words = words(&actions);
+            assert_eq!(words[words.len() - 3..], ["release", "open", "line"]);
+            let held = stage.robot.belief.held.map(|held| held.is_some());
+            assert_eq!(held, [false, true], "the track has let go");
         }
     }
 }
