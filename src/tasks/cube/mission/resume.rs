@@ -463,7 +463,7 @@ mod tests {
         let back = goes / 0.6;
         let edge = back / 2.0;
         let way_beside = |aside: f64, gone: f64| {
-            let mut stage = stage(CubeSettings { back, edge, ..settings() }, &lowering());
+            let mut stage = stage(CubeSettings { edge, back, ..settings() }, &lowering());
             let cube = stand * Pose::translation(aside, 0.0, edge / 3.0 + gone);
             stage.robot.arms[0].desired_base_from_tool = cube;
             stage.robot.arms[1].desired_base_from_tool = stand;
