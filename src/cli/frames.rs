@@ -476,8 +476,8 @@ mod tests {
         }
     }
 
-    /// The dominant face has the requested distance, which gives its width, is tilted by at most the
-    /// requested angle, and is in the picture.
+    /// The dominant face has the requested distance, which gives its width, is tilted by at most
+    /// the requested angle, and is in the picture.
     #[test]
     fn random_poses_keep_distance_and_fit_the_picture() {
         let camera = Camera {

@@ -502,7 +502,7 @@ mod tests {
         let path = place("values");
         let last_joint = |value| Some(JointPositions([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, value]));
         let with =
-            |short, taken_at, hand_over| Entry { short, taken_at, hand_over, ..entry("turning") };
+            |short, taken_at, hand_over| Entry { hand_over, taken_at, short, ..entry("turning") };
         let wrong = [
             with(1e308, None, None),
             with(1.01, None, None),

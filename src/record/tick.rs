@@ -450,7 +450,8 @@ mod tests {
     /// A field that is neither written nor compared would hide a difference of a replay.
     #[test]
     fn difference_of_each_field_is_found() {
-        let changes: [(&str, fn(&mut ServoRecord)); 25] = [
+        type Change = fn(&mut ServoRecord);
+        let changes: [(&str, Change); 25] = [
             ("counts[6]", |r| r.reading.counts[6] -= 1),
             ("jaw_count", |r| r.reading.jaw_count = 3),
             ("currents[7]", |r| r.reading.currents[7] += 1e-15),

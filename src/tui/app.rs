@@ -389,7 +389,7 @@ mod tests {
         let running = Snapshot { control: ControlView::Running, ..Snapshot::default() };
         let ended = Snapshot { control: ControlView::Ended, services, ..Snapshot::default() };
         let question = Some(stickers());
-        let asked = Snapshot { services, question, ..running.clone() };
+        let asked = Snapshot { question, services, ..running.clone() };
         let orders = [
             (KeyCode::Char('y'), Manual::Synchronise),
             (KeyCode::Char('b'), Manual::Bias),
@@ -416,7 +416,9 @@ mod tests {
         let control = ControlView::Running;
         let mut app = app(Snapshot { control, services, ..Snapshot::default() });
         let mut moves = |keys: &[KeyCode]| {
-            keys.iter().for_each(|key| assert_eq!(press(&mut app, *key), None, "{key:?}"));
+            for key in keys {
+                assert_eq!(press(&mut app, *key), None, "{key:?}");
+            }
             press(&mut app, KeyCode::Right)
         };
         let second = |order| Some(Input::Manual { effector: 1, order });

@@ -288,9 +288,9 @@ mod tests {
         let third = seats.newcomer(3, None);
         let has = |own| SeatView { own, taken: true, request: None };
         // Before a request there is nothing to answer, and a stranger has nothing to give up.
+        assert_eq!(holder.take(), None);
         holder.answer(true);
         other.leave();
-        assert_eq!(holder.take(), None);
         assert_eq!(
             (holder.view(), other.view(), third.view()),
             (has(true), has(false), has(false))

@@ -381,7 +381,8 @@ fn whole_run(table: &str) -> f64 {
     row.trim().trim_end_matches(" s").parse().unwrap()
 }
 
-/// In a pause the simulated time follows the wall clock, so a pause of 8 s makes the run longer.
+/// In a pause the simulated time follows the wall clock, so a pause of 8 s makes the run longer. The
+/// hand comes meanwhile, so the arm waits for it less afterwards.
 #[test]
 fn paused_hand_over_resumes_and_succeeds() {
     let [(_, alone), (code, printed)] = [false, true].map(|pauses| {
@@ -397,7 +398,7 @@ fn paused_hand_over_resumes_and_succeeds() {
     assert_eq!(code, Some(0), "{printed}");
     assert!(printed.contains("DONE"), "{printed}");
     let longer = whole_run(&printed) - whole_run(&alone);
-    assert!((4.0..12.0).contains(&longer), "{longer} s longer: {printed}");
+    assert!((1.0..12.0).contains(&longer), "{longer} s longer: {printed}");
 }
 
 /// Both hand cameras go dark before the inspection. If they recover, the second inspection
