@@ -399,5 +399,18 @@ mod tests {
         assert!(rest != on_table && !rest.contains("person"), "{on_table}");
         assert!(on_table.contains("lays it down"), "{on_table}");
         assert!(text.contains("in a person's hand") && text.contains("| 5 | R U2 | solved | 19 |"));
+        for words in [
+            "edge 57.0 mm, 100 g.",
+            "brings it to about (950, 0, 1000) mm",
+            "a table 700 mm high",
+            "- track: IRp-6; at the start its tool is 400 mm from",
+            "at least 100 mm",
+            "- camera standalone: stands",
+            "longer than 1800 s of simulated time",
+            "does not end within 600 s",
+            "| Command | `rubik-robot benchmark --tier 2-20` |",
+        ] {
+            assert!(text.contains(words), "no `{words}` in\n{text}");
+        }
     }
 }

@@ -369,13 +369,15 @@ mod tests {
 
     #[test]
     fn full_disk_ends_the_campaign_with_its_error() {
-        let runner = runner("full", "exit 1");
+        let runner = runner("full", "echo x >> \"${0%/*}/begun\"; exit 1");
 
         let outcome = runner.perform(&jobs(0..50), &AtomicBool::new(false), &|| Ok(()), |_| {
             Err(std::io::ErrorKind::StorageFull.into())
         });
 
         assert_eq!(outcome.unwrap_err().kind(), std::io::ErrorKind::StorageFull);
+        let begun = std::fs::read_to_string(runner.program.with_file_name("begun")).unwrap();
+        assert!(begun.lines().count() < 25, "it starts no more of the 50 runs: {begun}");
     }
 
     #[test]

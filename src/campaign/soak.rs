@@ -271,17 +271,20 @@ mod tests {
 
     #[test]
     fn memory_growth_after_first_fifth_fails_the_soak() {
-        // Returns a soak whose memory is 100 MiB in the second tenth and `last` MiB in the last.
-        let of = |last: f64| {
-            let tenths = [50.0, 100.0].into_iter().chain([104.0; 7]).chain([last]).map(tenth);
+        // Returns a soak whose memory is `second` MiB in the second tenth and `last` MiB in the
+        // last.
+        let of = |second: f64, last: f64| {
+            let tenths = [50.0, second].into_iter().chain([104.0; 7]).chain([last]).map(tenth);
             Soak { tenths: tenths.collect(), repeated: (1, 0), ..Soak::default() }
         };
-        // A growth of up to `GROWTH_MIB` (8 MiB) is allowed.
-        assert_eq!(of(107.0).is_flat(), Some(true));
-        assert_eq!(of(109.0).is_flat(), Some(false));
-        assert!(of(107.0).is_steady() && !of(109.0).is_steady());
+        // A growth of up to `GROWTH_MIB` (8 MiB) or by `GROWTH` (5 %) is allowed.
+        for (second, flat, grown) in [(100.0, 107.0, 109.0), (400.0, 419.0, 421.0)] {
+            let (flat, grown) = (of(second, flat), of(second, grown));
+            assert_eq!((flat.is_flat(), grown.is_flat()), (Some(true), Some(false)));
+            assert!(flat.is_steady() && !grown.is_steady());
+        }
         assert_eq!(Soak::default().is_flat(), None);
-        let mut short = of(107.0);
+        let mut short = of(100.0, 107.0);
         short.tenths.pop();
         assert!(short.unsteady_reason().unwrap().contains("ended before its last tenth"));
     }

@@ -371,7 +371,7 @@ mod tests {
     /// Distributions of four keys, one of each kind.
     const FOUR: &str = "plant.errors.base_mm = { uniform = [0, 2] }\n\
                         plant.cube_kind = { one_of = [\"2007\", \"modern\"] }\n\
-                        [control]\ngrip_n = { normal = [26, 1.5], within = [25, 27] }\n\
+                        [control]\ngrip_n = { normal = [26, 0.5], within = [25, 27] }\n\
                         [planner]\nnode_budget = { whole = [3, 5] }\n";
 
     /// Returns the value that a seed draws for a key.
@@ -393,21 +393,34 @@ mod tests {
     #[test]
     fn keys_are_drawn_from_their_distributions() {
         let vary = read(FOUR).unwrap();
-        let mut kinds = std::collections::BTreeSet::new();
-        let mut base = Vec::new();
+        let [mut kinds, mut budgets] = [(); 2].map(|()| std::collections::BTreeSet::new());
+        let (mut base, mut grips) = (Vec::new(), Vec::new());
         for seed in 0..400 {
             let mm: f64 = of(&vary, seed, "plant.errors.base_mm").parse().unwrap();
             assert!((0.0..=2.0).contains(&mm));
             base.push(mm);
             let grip: f64 = of(&vary, seed, "control.grip_n").parse().unwrap();
             assert!((25.0..=27.0).contains(&grip));
-            assert!(["3", "4", "5"].contains(&of(&vary, seed, "planner.node_budget").as_str()));
+            grips.push(grip);
+            budgets.insert(of(&vary, seed, "planner.node_budget"));
             kinds.insert(of(&vary, seed, "plant.cube_kind"));
         }
         assert_eq!(kinds.into_iter().collect::<Vec<_>>(), ["\"2007\"", "\"modern\""]);
-        let mean = base.iter().sum::<f64>() / base.len() as f64;
-        // Standard error of the mean of 400: 2 / sqrt(12) / 20 = 0.029.
-        assert!((mean - 1.0).abs() < 0.12, "{mean}");
+        assert_eq!(budgets.into_iter().collect::<Vec<_>>(), ["3", "4", "5"]);
+        let moments = |values: &[f64]| {
+            let mean = values.iter().sum::<f64>() / values.len() as f64;
+            let square = values.iter().map(|x| (x - mean).powi(2)).sum::<f64>();
+            (mean, (square / values.len() as f64).sqrt())
+        };
+        // The standard error of the mean of 400 is 2 / sqrt(12) / 20 = 0.029.
+        let (mean, deviation) = moments(&base);
+        assert!(
+            (mean - 1.0).abs() < 0.12 && (deviation - 0.577).abs() < 0.06,
+            "{mean} {deviation}"
+        );
+        // A normal distribution that is cut off at two standard deviations has 0.88 of its own.
+        let (mean, deviation) = moments(&grips);
+        assert!((mean - 26.0).abs() < 0.1 && (deviation - 0.44).abs() < 0.06, "{mean} {deviation}");
     }
 
     #[test]

@@ -326,15 +326,21 @@ mod tests {
         assert_eq!((all.reports, all.wrong), (1, 0));
     }
 
+    /// Only a wrong report with a confidence of [`CONFIDENT`] or more counts as confident.
     #[test]
-    fn face_off_by_third_of_pitch_is_wrong() {
-        let mut all = Evaluation::default();
-        let mut off = sighting();
-        off.centres.iter_mut().for_each(|c| c.0 += 3.0);
+    fn face_off_by_quarter_of_pitch_is_wrong() {
+        for (off, confidence, counts) in
+            [(2.4, 0.9, (1, 0, 0)), (2.6, 0.8, (0, 1, 1)), (-2.6, 0.79, (0, 1, 0))]
+        {
+            let mut all = Evaluation::default();
+            let mut face = FaceSighting { confidence, ..sighting() };
+            // One tile that is off is enough.
+            face.centres[7].1 += off;
 
-        all.count("set/a.png", &[off], &[truth()]);
+            all.count("set/a.png", &[face], &[truth()]);
 
-        assert_eq!((all.total().found, all.wrong, all.wrong_confident), (0, 1, 1));
+            assert_eq!((all.total().found, all.wrong, all.wrong_confident), counts, "{off} px");
+        }
     }
 
     #[test]

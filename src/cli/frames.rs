@@ -476,7 +476,8 @@ mod tests {
         }
     }
 
-    /// The dominant face has the requested distance, which gives its width, and is in the picture.
+    /// The dominant face has the requested distance, which gives its width, is tilted by at most
+    /// the requested angle, and is in the picture.
     #[test]
     fn random_poses_keep_distance_and_fit_the_picture() {
         let camera = Camera {
@@ -491,6 +492,7 @@ mod tests {
             },
         };
         let mut random = Pcg64::seed_from_u64(2);
+        let mut most_tilt = 0.0_f64;
         for _ in 0..50 {
             let pose = draw_pose(&mut random, &camera, 0.057, 0.342, 30.0).unwrap();
             let shot =
@@ -500,10 +502,14 @@ mod tests {
             let face = &truth.faces[0];
             let at = Vector3::from(face.camera_from_face.map(|r| r[3]));
             assert!((at.norm() - 0.342).abs() < 1e-9, "{at}");
+            let inwards = Vector3::from(face.camera_from_face.map(|r| r[2]));
+            most_tilt = most_tilt.max(inwards.angle(&at).to_degrees());
             assert!(
                 face.corners.iter().all(|c| c.0 > 0.0 && c.0 < 639.0 && c.1 > 0.0 && c.1 < 479.0)
             );
-            assert!((truth.pose().unwrap().inverse() * pose).translation.vector.norm() < 1e-12);
+            let apart = truth.pose().unwrap().inverse() * pose;
+            assert!(apart.translation.vector.norm() < 1e-12 && apart.rotation.angle() < 1e-7);
         }
+        assert!((25.0..30.0).contains(&most_tilt), "{most_tilt} deg of 30 deg");
     }
 }

@@ -194,6 +194,10 @@ mod tests {
         let plot = reliability.plot();
 
         assert_eq!(plot.matches("<polyline").count(), 2);
+        // The plot begins at (60, 440) px, and a share of 1 is 400 px long.
+        for at in ["cx=\"440.0\" cy=\"40.0\"", "cx=\"180.0\" cy=\"440.0\""] {
+            assert_eq!(plot.matches(at).count(), 1, "{at} in {plot}");
+        }
         assert!(plot.contains("a&lt;b") && plot.ends_with("</svg>\n"));
     }
 }

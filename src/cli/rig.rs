@@ -220,8 +220,11 @@ mod tests {
 
         for bad in [
             "1 2 3 4\n".repeat(53),
+            "1 2 3 4\n".repeat(55),
             "1 2 3\n".repeat(54),
+            "1 2 3 4 5\n".repeat(54),
             "1 2 0 4\n".repeat(54),
+            "1 2 3 0\n".repeat(54),
             "a b c d\n".repeat(54),
         ] {
             assert!(parse_boxes(&bad).is_err());

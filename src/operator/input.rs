@@ -171,19 +171,40 @@ mod tests {
             (r#""run""#, "resume"),
             (r#""terminate""#, "terminate"),
             (r#""emergency_stop""#, "emergency stop"),
-            (
-                r#"{"order":{"effector":0,"order":{"order":"pose","name":"front"}}}"#,
-                "arm 0: go to front",
-            ),
+            (r#""quit""#, "quit"),
+            (r#"{"speed":{"factor":0.5}}"#, "speed 0.5 x"),
+            (r#"{"speed":{"factor":0.0}}"#, "speed unlimited"),
+            (r#"{"seek":{"time":1.5}}"#, "seek"),
             (
                 r#"{"answer":{"question":1,"answer":{"answer":"declined"}}}"#,
                 "does not know the answer",
             ),
+            (r#"{"answer":{"question":1,"answer":{"answer":"choice","option":1}}}"#, "answer 2"),
         ] {
             let input: Input = serde_json::from_str(text).unwrap();
             assert_eq!(serde_json::to_string(&input).unwrap(), text);
             assert_eq!(Input::describe_recorded(text), description);
         }
         assert_eq!(Input::describe_recorded("of another version"), "of another version");
+    }
+
+    #[test]
+    fn json_names_of_manual_orders_are_fixed() {
+        for (order, description) in [
+            (r#""synchronise""#, "synchronise"),
+            (r#""motor","axis":4,"by":-0.5"#, "motor 4 by -0.5 rad"),
+            (r#""joint","axis":0,"by":0.002"#, "track by +2.0 mm"),
+            (r#""joint","axis":2,"by":0.25"#, "joint 2 by +14.3 deg"),
+            (r#""tool","axis":2,"by":-0.01"#, "along the tool's z by -10.0 mm"),
+            (r#""tool","axis":3,"by":0.25"#, "about the tool's x by +14.3 deg"),
+            (r#""jaw","opening":0.08"#, "jaws to 80.0 mm"),
+            (r#""pose","name":"front""#, "go to front"),
+            (r#""bias""#, "zero the force sensor"),
+        ] {
+            let text = format!(r#"{{"order":{{"effector":1,"order":{{"order":{order}}}}}}}"#);
+            let input: Input = serde_json::from_str(&text).unwrap();
+            assert_eq!(serde_json::to_string(&input).unwrap(), text);
+            assert_eq!(Input::describe_recorded(&text), format!("arm 1: {description}"));
+        }
     }
 }

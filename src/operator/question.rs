@@ -79,9 +79,12 @@ mod tests {
     fn answers_must_fit_their_question() {
         let choice = Subject::Choice { options: vec!["yes".into(), "no".into()] };
 
+        let stickers = Subject::Stickers { read: "-".repeat(54), doubtful: vec![] };
+        let all = Answer::Stickers { stickers: Facelets::solved() };
+
         assert!(Answer::Choice { option: 1 }.fits(&choice));
-        assert!(!Answer::Choice { option: 2 }.fits(&choice));
-        assert!(!Answer::Stickers { stickers: Facelets::solved() }.fits(&choice));
-        assert!(Answer::Declined.fits(&choice));
+        assert!(!Answer::Choice { option: 2 }.fits(&choice) && !all.fits(&choice));
+        assert!(all.fits(&stickers) && !Answer::Choice { option: 0 }.fits(&stickers));
+        assert!(Answer::Declined.fits(&choice) && Answer::Declined.fits(&stickers));
     }
 }

@@ -216,7 +216,10 @@ mod tests {
             assert!((along(4, wrist) - origin(5)).norm() < 1e-9);
             let tool =
                 arm.world_from_base * arm.model.base_from_flange(&arm.start) * arm.flange_from_tool;
-            assert!((frames[6].translation.vector - tool.translation.vector).norm() < 1e-9);
+            for frame in &frames[6..] {
+                let apart = frame.inverse() * tool;
+                assert!(apart.translation.vector.norm() < 1e-9 && apart.rotation.angle() < 1e-7);
+            }
             let joints = joints_of(&frames).unwrap();
             for (is, believed) in joints.points.iter().zip(arm.model.points(&arm.start)) {
                 assert!((is - arm.world_from_base * believed).norm() < 1e-9, "{is}");

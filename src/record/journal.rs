@@ -496,17 +496,21 @@ mod tests {
     #[test]
     fn impossible_entry_is_refused_with_line_number() {
         let path = place("values");
-        let changes: [fn(&mut Entry); 4] = [
-            |entry| entry.short = 1e308,
-            |entry| entry.short = -0.1,
-            |entry| entry.taken_at = Some([0.0, 1e20, 0.0]),
-            |entry| entry.hand_over = Some(JointPositions([1e300; 7])),
+        let last_joint = |value| Some(JointPositions([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, value]));
+        let with =
+            |short, taken_at, hand_over| Entry { hand_over, taken_at, short, ..entry("turning") };
+        let impossible = [
+            with(1e308, None, None),
+            with(1.01, None, None),
+            with(-0.01, None, None),
+            with(0.0, Some([0.0, -20.1, 0.0]), None),
+            with(0.0, Some([0.0, 0.0, 1e20]), None),
+            with(0.0, None, last_joint(20.1)),
+            with(0.0, None, last_joint(-1e300)),
         ];
-        for change in changes {
+        for wrong in impossible {
             let mut journal = open(&path, false).unwrap();
             journal.write(&entry("closing")).unwrap();
-            let mut wrong = entry("turning");
-            change(&mut wrong);
             journal.write(&wrong).unwrap();
 
             let error = last(&path).unwrap_err();
@@ -514,6 +518,10 @@ mod tests {
             assert!(matches!(error, Unreadable::Value { line: 2, .. }), "{error}");
             std::fs::remove_file(&path).unwrap();
         }
+        let possible = with(1.0, Some([20.0, 0.0, -20.0]), last_joint(-20.0));
+        open(&path, false).unwrap().write(&possible).unwrap();
+        assert_eq!(last(&path).unwrap(), Some(possible));
+        std::fs::remove_file(path).unwrap();
     }
 
     #[test]

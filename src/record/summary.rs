@@ -566,6 +566,10 @@ mod tests {
         assert_eq!(s.exit_code(), 0);
         s.ended_by = EndedBy::Interrupt;
         assert_eq!(s.exit_code(), 0, "a run that only the operator ends is a success");
+        for (by, code) in [(EndedBy::Operator, 0), (EndedBy::Fatal, 3), (EndedBy::System, 4)] {
+            s.ended_by = by;
+            assert_eq!(s.exit_code(), code, "an error counts more than a success");
+        }
         s.ended_by = EndedBy::Task;
         s.outcome = Outcome::Failed;
         assert_eq!(s.exit_code(), 1);
@@ -583,9 +587,19 @@ mod tests {
 
     #[test]
     fn table_lists_phases_and_ends_with_verdict() {
-        let table = summary().table();
+        let mut s = summary();
+        let table = s.table();
+        // 10 s of simulated time in 0.5 s by the wall clock.
+        assert!(table.contains("\nacquire                    10.0 s      20.0 x\n"), "{table}");
+        assert!(table.contains("\nwhole run                 100.0 s\n"), "{table}");
 
-        assert!(table.contains("acquire"));
-        assert!(table.trim_end().lines().last().unwrap().starts_with("SOLVED"));
+        let verdict = |s: &Summary| s.table().lines().last().unwrap().to_owned();
+        assert_eq!(verdict(&s), format!("{:<22} {}", "SOLVED", s.reason));
+        s.task = "idle".to_owned();
+        assert!(verdict(&s).starts_with("DONE "));
+        for (outcome, word) in [(Outcome::Failed, "FAILED "), (Outcome::Aborted, "ABORTED ")] {
+            s.outcome = outcome;
+            assert!(verdict(&s).starts_with(word), "{}", s.table());
+        }
     }
 }

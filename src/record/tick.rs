@@ -370,25 +370,64 @@ fn json_difference(path: &str, a: &serde_json::Value, b: &serde_json::Value) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::{ArmState, JawCommand, Motion, MoveCommand};
+    use crate::motion::{
+        ArmFault, ArmState, JawCommand, JointPositions, Motion, MoveCommand, MoveRefused,
+    };
     use crate::spatial::Pose;
 
-    /// Returns a servo record with values that are hard to encode: NaN, 1/3, a sum that rounds.
+    /// Returns a servo record with another value in each field, some of which are hard to encode:
+    /// NaN, 1/3, a sum that rounds.
     fn record() -> ServoRecord {
         let jaw = JawCommand { opening: 0.1 + 0.2, force_limit: 40.0, stops: Depth::Two };
         let command =
             MoveCommand { motion: Motion::Pose(Pose::identity()), periods: 8, jaw: Some(jaw) };
-        let mut reading = ArmReading { jaw_count: -3, encoder_zeros: 5, ..ArmReading::default() };
-        reading.wrench_on_sensor.force.x = f64::NAN;
+        let reading = ArmReading {
+            counts: [11, -12, 13, i64::MIN, 15, 16, i64::MAX],
+            jaw_count: -3,
+            currents: std::array::from_fn(|i| 0.1 * (i + 1) as f64),
+            upper_limits: 1,
+            lower_limits: 2,
+            over_currents: 4,
+            power_faults: 8,
+            sync_switches: 16,
+            encoder_zeros: 32,
+            synchronised: 64,
+            extrapolated: 128,
+            no_answer: 129,
+            wrench_on_sensor: Wrench::from_directions([f64::NAN, -0.0, 3.0, 4.0, 5.0, 6.0]),
+            wrench_is_old: true,
+            ..ArmReading::default()
+        };
+        let refused = MoveRefused::JointLimit { axis: 3, value: 1.5, low: -1.0, high: 1.0 };
         ServoRecord {
             period: 77,
             arm: 1,
             reading,
             outside: Outside { skipped: 3, stands_by: true, ..Outside::default() },
             command: Some(ServoCommand::Move { command, start: 78 }),
-            drive: ArmDrive { enabled: true, pwm: [-255; 7], stops: Depth::Two, ..ArmDrive::OFF },
-            state: ArmState { jaw_force: 1.0 / 3.0, ..ArmState::default() },
+            drive: ArmDrive {
+                enabled: true,
+                pwm: [-255, 1, -2, 3, -4, 5, 255],
+                jaw_pwm: -7,
+                stops: Depth::Two,
+                synchronise: 9,
+            },
+            state: ArmState {
+                joints: JointPositions(numbers(20.0)),
+                desired_joints: JointPositions(numbers(30.0)),
+                wrench_in_tool: Wrench::from_directions(numbers(40.0)),
+                jaw_opening: 0.05,
+                jaw_force: 1.0 / 3.0,
+                refused: Some(refused),
+                fault: Some(ArmFault::EmergencyStop),
+                ..ArmState::default()
+            },
         }
+    }
+
+    /// Returns the numbers from `first` on.
+    fn numbers<const N: usize>(first: f64) -> [f64; N] {
+        std::array::from_fn(|i| first + i as f64)
     }
 
     /// Encodes a servo record and decodes the message.
@@ -406,6 +445,47 @@ mod tests {
         assert_eq!(tick.outside().unwrap(), record().outside);
         assert_eq!(tick.order().unwrap(), record().command);
         assert!(tick.reading.wrench_on_sensor.force.x.is_nan());
+    }
+
+    /// A field that is neither written nor compared would hide a difference of a replay.
+    #[test]
+    fn difference_of_each_field_is_found() {
+        type Change = fn(&mut ServoRecord);
+        let changes: [(&str, Change); 25] = [
+            ("counts[6]", |r| r.reading.counts[6] -= 1),
+            ("jaw_count", |r| r.reading.jaw_count = 3),
+            ("currents[7]", |r| r.reading.currents[7] += 1e-15),
+            ("upper_limits", |r| r.reading.upper_limits = 3),
+            ("lower_limits", |r| r.reading.lower_limits = 3),
+            ("over_currents", |r| r.reading.over_currents = 3),
+            ("power_faults", |r| r.reading.power_faults = 3),
+            ("sync_switches", |r| r.reading.sync_switches = 3),
+            ("encoder_zeros", |r| r.reading.encoder_zeros = 3),
+            ("synchronised", |r| r.reading.synchronised = 3),
+            ("guessed", |r| r.reading.extrapolated = 3),
+            ("unheard", |r| r.reading.no_answer = 3),
+            ("wrench_on_sensor[1]", |r| r.reading.wrench_on_sensor.force.y = 0.0),
+            ("wrench_is_old", |r| r.reading.wrench_is_old = false),
+            ("outside", |r| r.outside.skipped = 4),
+            ("enabled", |r| r.drive.enabled = false),
+            ("pwm[6]", |r| r.drive.pwm[6] = 254),
+            ("jaw_pwm", |r| r.drive.jaw_pwm = 7),
+            ("stops", |r| r.drive.stops = Depth::One),
+            ("synchronise", |r| r.drive.synchronise = 8),
+            ("joints[6]", |r| r.state.joints.0[6] += 1e-12),
+            ("desired_joints[0]", |r| r.state.desired_joints.0[0] = -0.0),
+            ("wrench_in_tool[5]", |r| r.state.wrench_in_tool.torque.z = 0.0),
+            ("refused", |r| r.state.refused = None),
+            ("fault", |r| r.state.fault = None),
+        ];
+        for (field, change) in changes {
+            let mut other = record();
+            change(&mut other);
+            for (one, other) in [(record(), other), (other, record())] {
+                let found = recorded(&one).difference(&Tick::of(&other));
+                assert_eq!(found.map(|found| found.field).as_deref(), Some(field));
+            }
+        }
     }
 
     #[test]

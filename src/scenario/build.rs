@@ -527,7 +527,8 @@ mod tests {
             "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB".chars().collect();
         flipped.swap(7, 19);
         let flipped = Override::option("--cube", "cube.state", &String::from_iter(flipped));
-        assert!(faults("", &[flipped]).contains("--cube: `cube.state`: "));
+        let message = faults("", &[flipped]);
+        assert!(message.contains("--cube: `cube.state`: edge UF is flipped"), "{message}");
     }
 
     #[test]

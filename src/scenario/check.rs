@@ -319,6 +319,9 @@ mod tests {
         let text = "[control]\nhand_force_n = 3\n";
         let message = faults(text, &[]);
         assert!(message.contains("hand_force_n") && message.contains("ends at 4 N"), "{message}");
+        let at = |force: f64| faults(&format!("[control]\nhand_force_n = {force}\n"), &[]);
+        assert!(at(4.0).contains("4 N would abort every approach"), "{}", at(4.0));
+        assert_eq!(at(4.1), "");
         assert_eq!(faults(&format!("{text}[hand]\nkeeper = \"table\"\n"), &[]), "");
     }
 

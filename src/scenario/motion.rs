@@ -231,10 +231,19 @@ mod tests {
         assert!(message.contains("of motor 6 of the track, whose limit is 24"), "{message}");
         assert!(message.contains("at most 48.3 deg/s"), "{message}");
         assert_eq!(faults("turn_speed_deg_s = 48"), "");
-        assert!(faults("roll_speed_deg_s = 50").contains("`control.roll_speed_deg_s`"));
-        let joints = faults("joint_speed_deg_s = 195");
-        assert!(joints.contains("195 deg/s needs") && joints.contains("of motor 5"), "{joints}");
-        assert_eq!(faults("joint_speed_deg_s = 180"), "");
+        for (key, fast, motor, most) in [
+            ("roll_speed_deg_s", "50", 6, "49.5 deg/s"),
+            ("joint_speed_deg_s", "187", 5, "186.5 deg/s"),
+            ("track_speed_mm_s", "160", 0, "159.1 mm/s"),
+        ] {
+            let message = faults(&format!("{key} = {fast}"));
+            for words in [format!("`control.{key}`: {fast} "), format!("of motor {motor} of the")] {
+                assert!(message.contains(&words), "no `{words}` in {message}");
+            }
+            assert!(message.contains(&format!("at most {most}")), "{message}");
+            let (slower, _) = most.split_once(' ').unwrap();
+            assert_eq!(faults(&format!("{key} = {slower}")), "");
+        }
     }
 
     #[test]
@@ -271,19 +280,25 @@ mod tests {
         let message = faults("approach_speed_mm_s = 40\nlinear_inertia_kg = 0");
         assert!(message.contains("t.toml:2:23: `control.approach_speed_mm_s`"), "{message}");
         assert!(message.contains("excite its own vibration at about 31 Hz"), "{message}");
-        assert!(faults("[visual_servo]\ninertia_kg = 5").contains("`visual_servo.inertia_kg`"));
         let sideways = "approach_speed_mm_s = 2\nlinear_admittance_mm_sn = 2\n[visual_servo]\n";
-        assert!(
-            faults(&format!("{sideways}inertia_kg = 10")).contains("`visual_servo.inertia_kg`")
-        );
-        let pull = faults("approach_speed_mm_s = 20\nlinear_inertia_kg = 0\n");
-        assert!(
-            pull.contains("`control.approach_speed_mm_s`"),
-            "the pull fails, the approach alone would pass"
-        );
-        assert!(
-            faults("angular_admittance_rad_snm = 5\nangular_inertia_kgm2 = 0").contains("angular")
-        );
+        for (keys, key) in [
+            ("[visual_servo]\ninertia_kg = 5", "visual_servo.inertia_kg"),
+            (&format!("{sideways}inertia_kg = 10"), "visual_servo.inertia_kg"),
+            // The pull fails; the approach alone would pass.
+            ("approach_speed_mm_s = 20\nlinear_inertia_kg = 0", "control.approach_speed_mm_s"),
+            (
+                "linear_admittance_mm_sn = 20\nlinear_inertia_kg = 0\napproach_speed_mm_s = 2",
+                "control.linear_admittance_mm_sn",
+            ),
+            (
+                "angular_admittance_rad_snm = 5\nangular_inertia_kgm2 = 0",
+                "control.angular_admittance_rad_snm",
+            ),
+        ] {
+            let message = faults(keys);
+            let wanted = format!("`{key}`: the track would excite its own vibration");
+            assert!(message.contains(&wanted), "no {wanted} in {message}");
+        }
         assert_eq!(faults("approach_speed_mm_s = 10\nlinear_inertia_kg = 0"), "");
     }
 
@@ -293,7 +308,8 @@ mod tests {
         let tilts = |inertia: f64| {
             faults(&format!("angular_admittance_rad_snm = 1\nangular_inertia_kgm2 = {inertia}"))
         };
-        assert!(tilts(0.14).contains("`control.angular_admittance_rad_snm`"), "{}", tilts(0.14));
+        let wanted = "`control.angular_admittance_rad_snm`: the track would excite";
+        assert!(tilts(0.14).contains(wanted), "{}", tilts(0.14));
         assert_eq!(tilts(0.5), "");
         let heavy = "profile = \"swift\"\n[cube]\nmass_g = 400";
         assert!(faults(heavy).contains("would excite its own vibration"), "{}", faults(heavy));

@@ -150,6 +150,7 @@ mod tests {
             );
         }
         assert!(of("pwm_slew = 25.0", "pwm_slew = nan").contains("pwm_slew is NaN"));
+        assert!(of("pwm_limit = 190.0", "pwm_limit = 0.0").contains("pwm_limit is 0"));
         assert_eq!(of("trip_current = 18.0", "trip_current = inf"), "");
         let without = of("trip_current = 18.0\n", "");
         assert!(without.contains("missing field `trip_current`"), "{without}");

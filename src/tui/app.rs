@@ -339,38 +339,46 @@ mod tests {
     /// Keys seek in a replay that runs or has ended, and leave it at any time.
     #[test]
     fn keys_seek_and_leave_replay() {
-        let services = Services { seek_ms: Some(100_000), ..Services::default() };
+        let services = Services { seek_ms: Some(200_000), ..Services::default() };
         let at = |time, control| Snapshot { time, control, services, ..Snapshot::default() };
         let seek = |time| Some(Input::Seek { time });
 
         let mut running = app(at(42.0, ControlView::Running));
         assert_eq!(press(&mut running, KeyCode::Left), seek(32.0));
         assert_eq!(press(&mut running, KeyCode::Right), seek(52.0));
-        assert_eq!(press(&mut running, KeyCode::PageUp), seek(0.0));
+        assert_eq!(press(&mut running, KeyCode::PageUp), seek(0.0), "the beginning");
+        assert_eq!(press(&mut running, KeyCode::PageDown), seek(102.0));
+        assert_eq!(press(&mut running, KeyCode::End), seek(200.0));
+        assert_eq!(press(&mut app(at(72.0, ControlView::Running)), KeyCode::PageUp), seek(12.0));
         assert_eq!(press(&mut running, KeyCode::Char('e')), None, "a replay has no emergency stop");
         assert_eq!(press(&mut running, KeyCode::Char('q')), Some(Input::Quit));
         let interrupt = KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL);
         assert_eq!(running.key(interrupt), Some(Input::Quit));
 
-        let mut ended = app(at(100.0, ControlView::Ended));
-        assert_eq!(press(&mut ended, KeyCode::Right), seek(100.0));
-        assert_eq!(press(&mut ended, KeyCode::Left), seek(90.0));
+        let mut ended = app(at(200.0, ControlView::Ended));
+        assert_eq!(press(&mut ended, KeyCode::Right), seek(200.0));
+        assert_eq!(press(&mut ended, KeyCode::Left), seek(190.0));
         assert_eq!(press(&mut ended, KeyCode::Home), seek(0.0));
     }
 
+    /// The cursor begins at the doubtful sticker F3, from which four steps to the right lead to B1.
     #[test]
     fn keys_edit_answer_and_decline_sticker_question() {
-        let read = Facelets::solved();
+        let mut colours = *Facelets::solved().colours();
+        (colours[20], colours[45]) = (5, 2);
+        let corrected = Facelets::from_faces(colours.map(|c| Face::ALL[usize::from(c)]));
         let mut app = app(Snapshot { question: Some(stickers()), ..Snapshot::default() });
 
         assert_eq!(press(&mut app, KeyCode::Char('b')), None);
         assert_eq!(press(&mut app, KeyCode::Enter), None, "ten blue ones");
         assert!(app.note.contains("nine"));
-        assert_eq!(press(&mut app, KeyCode::Char('g')), None);
+        for key in [KeyCode::Right; 4].into_iter().chain([KeyCode::Char('x'), KeyCode::Char('G')]) {
+            assert_eq!(press(&mut app, key), None);
+        }
         let Some(Input::Answer { question: 3, answer }) = press(&mut app, KeyCode::Enter) else {
             panic!("no answer")
         };
-        assert_eq!(answer, Answer::Stickers { stickers: read });
+        assert_eq!(answer, Answer::Stickers { stickers: corrected });
         let declined = Input::Answer { question: 3, answer: Answer::Declined };
         assert_eq!(press(&mut app, KeyCode::Esc), Some(declined));
     }
@@ -379,21 +387,57 @@ mod tests {
     fn keys_move_arms_only_while_task_is_idle() {
         let services = Services { manual: true, ..Services::default() };
         let running = Snapshot { control: ControlView::Running, ..Snapshot::default() };
-        let mut busy = app(running.clone());
-        assert_eq!(press(&mut busy, KeyCode::Right), None);
+        let ended = Snapshot { control: ControlView::Ended, services, ..Snapshot::default() };
+        let question = Some(stickers());
+        let asked = Snapshot { question, services, ..running.clone() };
+        let orders = [
+            (KeyCode::Char('y'), Manual::Synchronise),
+            (KeyCode::Char('b'), Manual::Bias),
+            // The jaws stay 3 mm and 1 mm short of the ends of their range.
+            (KeyCode::Char('o'), Manual::Jaw { opening: 0.09 - 0.003 }),
+            (KeyCode::Char('c'), Manual::Jaw { opening: 0.04 + 0.001 }),
+            (KeyCode::Char('1'), Manual::Pose { name: "front".into() }),
+            (KeyCode::Right, Manual::Joint(Step { axis: 1, by: 0.003_5 })),
+            (KeyCode::Left, Manual::Joint(Step { axis: 1, by: -0.003_5 })),
+        ];
+        for (key, order) in orders {
+            let mut idle = app(Snapshot { services, ..running.clone() });
+            assert_eq!(press(&mut idle, key), Some(Input::Manual { effector: 0, order }));
+            assert_eq!(press(&mut idle, KeyCode::Char('2')), None, "there is no second pose");
+            for other in [&running, &ended, &asked] {
+                assert_eq!(press(&mut app(other.clone()), key), None, "{key:?}");
+            }
+        }
+    }
 
-        let mut idle = app(Snapshot { services, ..running });
-        press(&mut idle, KeyCode::Tab);
-        press(&mut idle, KeyCode::Down);
-        press(&mut idle, KeyCode::Down);
-        press(&mut idle, KeyCode::Char('+'));
+    #[test]
+    fn keys_choose_arm_coordinates_axis_and_step() {
+        let services = Services { manual: true, ..Services::default() };
+        let control = ControlView::Running;
+        let mut app = app(Snapshot { control, services, ..Snapshot::default() });
+        let mut moves = |keys: &[KeyCode]| {
+            for key in keys {
+                assert_eq!(press(&mut app, *key), None, "{key:?}");
+            }
+            press(&mut app, KeyCode::Right)
+        };
+        let second = |order| Some(Input::Manual { effector: 1, order });
+        let (mode, more, less) = (KeyCode::Char('m'), KeyCode::Char('+'), KeyCode::Char('-'));
+
+        let track = Manual::Joint(Step { axis: 0, by: 0.002 });
+        assert_eq!(moves(&[KeyCode::Tab, KeyCode::Up, more]), second(track));
         // The middle step of a joint is 1 deg.
-        let order = Manual::Joint(Step { axis: 2, by: 0.0175 });
-        let wanted = Some(Input::Manual { effector: 1, order });
-        assert_eq!(press(&mut idle, KeyCode::Right), wanted);
-        let pose = Manual::Pose { name: "front".into() };
-        let wanted = Some(Input::Manual { effector: 1, order: pose });
-        assert_eq!(press(&mut idle, KeyCode::Char('1')), wanted);
+        let joint = Manual::Joint(Step { axis: 2, by: 0.0175 });
+        assert_eq!(moves(&[KeyCode::Down, KeyCode::Down]), second(joint));
+        // Another mode begins at its first axis. There are three sizes of steps.
+        let along = Manual::Tool(Step { axis: 0, by: 0.01 });
+        assert_eq!(moves(&[mode, more, more]), second(along));
+        let about = Manual::Tool(Step { axis: 5, by: 0.0873 });
+        assert_eq!(moves(&[KeyCode::Down; 9]), second(about));
+        let motor = Manual::Motor(Step { axis: 0, by: 2.0 });
+        assert_eq!(moves(&[mode, less]), second(motor));
+        let last = Manual::Motor(Step { axis: 6, by: 0.5 });
+        assert_eq!(moves(&[[KeyCode::Down; 9].as_slice(), &[less, less]].concat()), second(last));
     }
 
     #[test]

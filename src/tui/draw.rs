@@ -431,7 +431,7 @@ mod tests {
             opening: 0.057,
             grip: 30.0,
             wrench: [3.0, 4.0, 0.0, 0.0, 0.0, 1.0],
-            peak: (5.0, 1.0),
+            peak: (9.0, 2.0),
             following: 0.0004,
             synchronised: true,
             fault: None,
@@ -461,16 +461,11 @@ mod tests {
     fn running_screen_shows_forces_messages_and_plan_step() {
         let text = drawn(snapshot(), (120, 36));
 
-        for words in [
-            "running",
-            "solve",
-            "12.5 s",
-            "turn 31",
-            "step 31 of 39",
-            "5.0 N",
-            "57.0 mm",
-            "pose out of reach",
-        ] {
+        let heading = text.lines().next().unwrap();
+        assert!(heading.starts_with(" running  solve   12.5 s "), "{heading}");
+        for words in
+            ["turn 31", "step 31 of 39", "5.0 N", "1.00 Nm", "57.0 mm", "pose out of reach"]
+        {
             assert!(text.contains(words), "no `{words}` in\n{text}");
         }
         assert!(!text.contains("turn 1 "), "the plan is scrolled to its step");

@@ -40,8 +40,20 @@ mod tests {
 
     #[test]
     fn cursor_wraps_around_the_net() {
-        assert_eq!(neighbour(0, KeyCode::Left), 2, "U1 to U3");
-        assert_eq!(neighbour(20, KeyCode::Right), 9, "F3 to R1");
-        assert_eq!(neighbour(18, KeyCode::Up), 6, "F1 to U7");
+        for (from, key, to, names) in [
+            (0, KeyCode::Left, 2, "U1 to U3"),
+            (36, KeyCode::Left, 47, "L1 to B3"),
+            (47, KeyCode::Right, 36, "B3 to L1"),
+            (1, KeyCode::Up, 34, "U2 to D8"),
+            (34, KeyCode::Down, 1, "D8 to U2"),
+            (51, KeyCode::Down, 45, "B7 to B1"),
+            // Within the net the cursor steps to the next tile.
+            (20, KeyCode::Right, 9, "F3 to R1"),
+            (18, KeyCode::Up, 6, "F1 to U7"),
+            (13, KeyCode::Down, 16, "R5 to R8"),
+            (20, KeyCode::Enter, 20, "F3 to F3"),
+        ] {
+            assert_eq!(neighbour(from, key), to, "{names}");
+        }
     }
 }

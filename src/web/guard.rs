@@ -432,7 +432,10 @@ mod tests {
             assert_eq!(asked(&guard, &link, "/"), None);
             assert_eq!(asked(&guard, &link, "/camera/0"), Some(Refused::Site));
             let framed = [own, (SITE, site), opens[0], ("sec-fetch-dest", "iframe")];
-            assert_eq!(asked(&guard, &framed, "/"), Some(Refused::Site));
+            let fetched = [own, (SITE, site), ("sec-fetch-mode", "no-cors"), opens[1]];
+            for other in [framed, fetched] {
+                assert_eq!(asked(&guard, &other, "/"), Some(Refused::Site));
+            }
         }
         for site in ["same-origin", "none"] {
             assert_eq!(asked(&guard, &[own, (SITE, site)], "/camera/0"), None);

@@ -285,23 +285,39 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn stranger_takes_seat_only_with_consent() {
         let (seats, holder, other) = two();
-        assert!(holder.commands() && !other.commands());
+        let third = seats.newcomer(3, None);
+        let has = |own| SeatView { own, taken: true, request: None };
+        // Before a request there is nothing to answer, and a stranger has nothing to give up.
+        assert_eq!(holder.take(), None);
+        holder.answer(true);
+        other.leave();
+        assert_eq!(
+            (holder.view(), other.view(), third.view()),
+            (has(true), has(false), has(false))
+        );
 
         assert_eq!(other.take(), None);
-        assert!(holder.commands(), "the holder is asked");
-        assert_eq!(holder.view().request, Some(Asks::Other));
-        assert_eq!(other.view().request, Some(Asks::Own));
-        other.answer(true);
-        assert!(holder.commands(), "only the holder answers");
+        // Only the holder answers, and one page asks at a time.
+        for stranger in [&other, &third] {
+            stranger.answer(true);
+            stranger.answer(false);
+            stranger.leave();
+        }
+        assert!(third.take().is_some() && other.take().is_none());
+        assert_eq!(holder.view(), SeatView { request: Some(Asks::Other), ..has(true) });
+        assert_eq!(other.view(), SeatView { request: Some(Asks::Own), ..has(false) });
+        assert_eq!(third.view(), SeatView { request: Some(Asks::Other), ..has(false) });
         holder.answer(false);
         advance(2 * ANSWER).await;
         other.look_at_clock();
         assert!(holder.commands() && holder.view().request.is_none(), "it was refused");
 
         assert_eq!(other.take(), None);
-        assert!(seats.newcomer(3, None).take().is_some(), "one page asks at a time");
         holder.answer(true);
-        assert!(other.commands() && !holder.commands());
+        assert_eq!(
+            (holder.view(), other.view(), third.view()),
+            (has(false), has(true), has(false))
+        );
     }
 
     #[tokio::test(start_paused = true)]
@@ -316,7 +332,10 @@ mod tests {
             assert!(holder.commands());
             holder.has_commanded();
         }
-        advance(ANSWER).await;
+        // Only the commands of the holder restart the time.
+        advance(ANSWER / 2).await;
+        other.has_commanded();
+        advance(ANSWER / 2).await;
         other.look_at_clock();
 
         assert!(other.commands() && !holder.commands());

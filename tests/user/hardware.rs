@@ -165,7 +165,7 @@ fn unplugged_serial_line_ends_run_with_exit_3() {
 }
 
 /// Returns whether these tests and their child processes ignore SIGHUP, as under nohup.
-fn hang_up_is_ignored() -> bool {
+pub(crate) fn hang_up_is_ignored() -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:")).unwrap();
     u64::from_str_radix(mask.trim(), 16).unwrap() & 1 == 1
@@ -212,18 +212,29 @@ fn hangup_signal_ends_run_during_homing() {
 /// still turns by 90 deg.
 #[test]
 fn layer_turns_despite_faults_of_serial_lines() {
-    let out = program()
-        .args(["run", "scenarios/face_turn.toml", "--json", "--set", "bridge.kind=wire"])
-        .args(["--set", "plant.lines.missed=0.002", "--set", "plant.lines.corrupt=0.002"])
-        .args(["--set", "plant.lines.lost=0.01", "--set", "plant.lines.stalled=0.001"])
-        .output()
-        .unwrap();
+    let turn = |faults: &[&str]| {
+        let out = program()
+            .args(["run", "scenarios/face_turn.toml", "--json", "--set", "bridge.kind=wire"])
+            .args(faults.iter().flat_map(|fault| ["--set", fault]))
+            .output()
+            .unwrap();
+        assert_eq!(out.status.code(), Some(0), "{}", stderr(&out));
+        let run = summary(&out);
+        assert_eq!(run["outcome"], "solved", "{run}");
+        let turned = run["turned_deg"].as_f64().unwrap();
+        assert!((turned - 90.0).abs() < 3.0, "{run}");
+        run["servo_hash"].clone()
+    };
+    let faults = [
+        "plant.lines.missed=0.002",
+        "plant.lines.corrupt=0.002",
+        "plant.lines.lost=0.01",
+        "plant.lines.stalled=0.001",
+    ];
 
-    assert_eq!(out.status.code(), Some(0), "{}", stderr(&out));
-    let run = summary(&out);
-    assert_eq!(run["outcome"], "solved", "{run}");
-    let turned = run["turned_deg"].as_f64().unwrap();
-    assert!((turned - 90.0).abs() < 3.0, "{run}");
+    let clean = turn(&[]);
+
+    assert_ne!(turn(&faults), clean, "the servos notice the faults");
 }
 
 #[test]

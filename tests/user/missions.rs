@@ -173,8 +173,10 @@ fn acquire_takes_the_cube_and_returns_it() {
     let summary = run("acquire.toml", &["plant.hand.withdrawals=0"]);
 
     assert_eq!(summary.outcome, Outcome::Solved, "{}", summary.reason);
-    assert_eq!(summary.drops, Some(0));
+    assert_eq!((summary.drops, summary.returned), (Some(0), Some(true)));
     assert_eq!(summary.cube_start, summary.cube_end);
+    let contact = summary.sensors[0].force_n.unwrap();
+    assert!(contact > 1.0, "the arm touched nothing: {contact} N");
 }
 
 /// With this seed the operator's hand is so near that the elbow reaches its limit before the arm
@@ -351,11 +353,12 @@ fn interrupt_ends_run_with_exit_130_and_summary() {
     assert_eq!((summary.outcome, summary.ended_by), (Outcome::Aborted, EndedBy::Interrupt));
 }
 
-/// Runs a hand-over and calls `words` while the arm acquires the cube. The function that `words`
-/// gets writes one command to the program's stdin. Returns the exit code and the text on stdout.
+/// Runs a hand-over at ten times real time and calls `words` while the arm acquires the cube. The
+/// function that `words` gets writes one command to the program's stdin. Returns the exit code and
+/// the text on stdout.
 fn commanded(words: impl FnOnce(&mut dyn FnMut(&str))) -> (Option<i32>, String) {
     let mut child = program()
-        .args(["run", "scenarios/acquire.toml"])
+        .args(["run", "scenarios/acquire.toml", "--speed", "10"])
         .args(["--set", "plant.hand.withdrawals=0"])
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
@@ -372,20 +375,30 @@ fn commanded(words: impl FnOnce(&mut dyn FnMut(&str))) -> (Option<i32>, String) 
     (child.wait().unwrap().code(), printed)
 }
 
+/// Returns the simulated time of the whole run in a table of a summary (s).
+fn whole_run(table: &str) -> f64 {
+    let row = table.lines().find_map(|line| line.strip_prefix("whole run")).unwrap();
+    row.trim().trim_end_matches(" s").parse().unwrap()
+}
+
+/// In a pause the simulated time follows the wall clock, so a pause of 8 s makes the run longer. The
+/// hand comes meanwhile, so the arm waits for it less afterwards.
 #[test]
 fn paused_hand_over_resumes_and_succeeds() {
-    let before = std::time::Instant::now();
-    let pause = std::time::Duration::from_millis(700);
-
-    let (code, printed) = commanded(|say| {
-        say("p");
-        std::thread::sleep(pause);
-        say("r");
+    let [(_, alone), (code, printed)] = [false, true].map(|pauses| {
+        commanded(|say| {
+            if pauses {
+                say("p");
+                std::thread::sleep(std::time::Duration::from_secs(8));
+                say("r");
+            }
+        })
     });
 
     assert_eq!(code, Some(0), "{printed}");
     assert!(printed.contains("DONE"), "{printed}");
-    assert!(before.elapsed() > pause);
+    let longer = whole_run(&printed) - whole_run(&alone);
+    assert!((1.0..12.0).contains(&longer), "{longer} s longer: {printed}");
 }
 
 /// Both hand cameras go dark before the inspection. If they recover, the second inspection
@@ -434,6 +447,8 @@ fn terminate_during_a_pause_aborts_the_run() {
     // The task does not advance in a pause, so only the command can end the run.
     let (code, printed) = commanded(|say| {
         say("p");
+        // The arm comes to rest within 0.6 s.
+        std::thread::sleep(std::time::Duration::from_secs(1));
         say("t");
     });
 

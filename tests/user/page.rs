@@ -5,7 +5,7 @@ use crate::program::program;
 use futures_util::{SinkExt, StreamExt};
 use rubik_robot::desk::{Desk, UiEnd};
 use rubik_robot::motion::JointPositions;
-use rubik_robot::operator::{ControlView, Input, Snapshot};
+use rubik_robot::operator::{ControlView, Input, OutcomeView, Services, ServoTiming, Snapshot};
 use rubik_robot::reach::{MeetingTable, ReachSettings};
 use rubik_robot::record::summary::{EndedBy, Outcome, Summary};
 use rubik_robot::run::{self, RunOptions};
@@ -221,6 +221,7 @@ fn emergency_stop_from_any_page_faults_both_arms() {
             .iter()
             .filter(|a| a["name"].as_str().unwrap().starts_with("edp"))
             .collect();
+        assert_eq!(edps.len(), 2, "{edps:?}");
         assert!(edps.iter().all(|edp| edp["state"] == "fault"), "{edps:?}");
     });
     let summary = run.thread.join().unwrap();
@@ -1041,13 +1042,29 @@ fn web_assets_refer_to_no_other_host() {
 fn page_receives_a_snapshot_unchanged() {
     let (ui, run_end) = Desk::default().ends();
     let server = serve(ui);
-    run_end.snapshots.send_replace(std::sync::Arc::new(Snapshot {
+    let outcome = OutcomeView {
+        verdict: "done".to_owned(),
+        good: true,
+        reason: "the \"cube\" is solved".to_owned(),
+        time: Some(0.1),
+        figures: vec![("turns".to_owned(), "19".to_owned())],
+    };
+    let sent = Snapshot {
         number: 7,
         time: 1.25,
+        factor: 3.5,
+        speed: 2.0,
         control: ControlView::Paused,
+        phase: "turn".to_owned(),
+        phases: vec![("acquire".to_owned(), 0.5)],
+        step: Some(4),
+        servo: Some(ServoTiming { period: 0.002, late: 1e-5, work: 2e-4, missed: 3 }),
+        services: Services { manual: true, speed: true, seek_ms: Some(9) },
+        outcome: Some(outcome),
         ..Snapshot::default()
-    }));
+    };
+    run_end.snapshots.send_replace(std::sync::Arc::new(sent.clone()));
     let text = runtime().block_on(async { Page::open(&server).await.next("snapshot").await });
     let back: Snapshot = serde_json::from_value(text).unwrap();
-    assert_eq!((back.number, back.time, back.control), (7, 1.25, ControlView::Paused));
+    assert_eq!(back, sent);
 }

@@ -1,7 +1,9 @@
 //! The terminal UI on a pseudo-terminal: after a failed start, a signal, a replay or wrong
 //! arguments the program ends and the terminal is as it was.
 
+use crate::hardware::hang_up_is_ignored;
 use crate::program::program;
+use rubik_robot::record::reading::{End, Label, open};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{LocalModes, Termios, Winsize, tcgetattr, tcsetwinsize};
 use std::fs::{File, OpenOptions};
@@ -129,6 +131,23 @@ impl Session {
         }
     }
 
+    /// Waits until the screen of a replay shows a time (s) that is `wanted`, and returns it.
+    fn until_time(&self, wanted: impl Fn(f64) -> bool) -> f64 {
+        let begun = Instant::now();
+        loop {
+            let screen = self.screen();
+            // The progress reads `12.5 of 90.0 s`, after the blocks of a bar.
+            let before = screen.split_once(" of 90.0 s").map(|(before, _)| before);
+            let digits = before.and_then(|text| text.rsplit(|c| !"0123456789.".contains(c)).next());
+            let time = digits.and_then(|digits| digits.parse::<f64>().ok());
+            if let Some(time) = time.filter(|time| wanted(*time)) {
+                return time;
+            }
+            assert!(begun.elapsed() < PATIENCE, "{time:?} s in {screen}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
     /// Types these bytes.
     fn press(&mut self, keys: &[u8]) {
         self.keys.write_all(keys).unwrap();
@@ -171,11 +190,11 @@ fn place(name: &str) -> PathBuf {
     folder.join(name)
 }
 
-/// Records two seconds of the idle task and returns the path of the recording.
-fn recording(name: &str) -> PathBuf {
-    let path = place(name);
+/// Records this many seconds of the idle task and returns the path of the recording.
+fn recording(name: &str, seconds: u32) -> PathBuf {
+    let (path, time) = (place(name), format!("idle.time_s={seconds}"));
     let done = program()
-        .args(["run", "scenarios/idle.toml", "--json", "--set", "idle.time_s=2", "--record"])
+        .args(["run", "scenarios/idle.toml", "--json", "--set", &time, "--record"])
         .arg(&path)
         .output()
         .unwrap();
@@ -227,24 +246,41 @@ fn signal_ends_the_run_and_restores_the_terminal() {
     session.until("the arms were moved by hand until the operator ended the run");
 }
 
+/// The signal ends the run as an operator does: its recording is whole.
 #[test]
 fn hangup_signal_ends_run_after_terminal_is_closed() {
-    let mut session = Session::begin(&["run", "scenarios/idle.toml", "--ui", "tui"]);
+    let record = place("hangup.mcap");
+    let run = ["run", "scenarios/idle.toml", "--ui", "tui", "--record"];
+    let mut session = Session::begin(&[&run[..], &[record.to_str().unwrap()]].concat());
     session.until("by hand");
     // Close both ends, as when a connection breaks. The program keeps its own handles.
     let null = || OpenOptions::new().read(true).write(true).open("/dev/null").unwrap();
     session.listening.store(false, Ordering::Release);
     (session.keys, session.terminal) = (null(), null());
     std::thread::sleep(Duration::from_millis(500));
+    assert_eq!(session.child.try_wait().unwrap(), None, "it ends before the signal");
 
     let pid = session.child.id().to_string();
-    assert!(Command::new("kill").args(["-HUP", &pid]).status().unwrap().success());
+    // Programs under nohup ignore SIGHUP.
+    let signal = if hang_up_is_ignored() { "-TERM" } else { "-HUP" };
+    assert!(Command::new("kill").args([signal, &pid]).status().unwrap().success());
 
     let begun = Instant::now();
-    while session.child.try_wait().unwrap().is_none() {
+    let status = loop {
+        if let Some(status) = session.child.try_wait().unwrap() {
+            break status;
+        }
         assert!(begun.elapsed() < PATIENCE, "it does not end");
         std::thread::sleep(Duration::from_millis(20));
-    }
+    };
+    // It ends by itself, but its results cannot be written.
+    assert_eq!(status.code(), Some(4), "{status}");
+    let mut reading = open(&record).unwrap();
+    let mut label = Label::default();
+    reading.by_ref().for_each(|piece| label.take(&piece));
+    assert_eq!(reading.end(), Some(&End::Whole));
+    let summary: serde_json::Value = serde_json::from_str(label.of("summary", "json")).unwrap();
+    assert_eq!(summary["ended_by"], "interrupt", "{summary}");
 }
 
 #[test]
@@ -279,7 +315,7 @@ fn unwritable_recording_exits_with_2_and_unchanged_terminal() {
 
 #[test]
 fn tui_without_a_terminal_is_refused() {
-    let (path, before) = (recording("no_terminal.mcap"), place("no_terminal_run.mcap"));
+    let (path, before) = (recording("no_terminal.mcap", 2), place("no_terminal_run.mcap"));
     let _ = std::fs::remove_file(&before);
     let (replay, record) = (path.to_str().unwrap(), before.to_str().unwrap());
     for arguments in [
@@ -307,9 +343,10 @@ fn tui_without_a_terminal_is_refused() {
     assert!(!before.exists(), "no run was begun");
 }
 
+/// The replay would take longer than the patience to reach its end by itself.
 #[test]
 fn replay_accepts_seek_quit_and_ctrl_c() {
-    let path = recording("replay.mcap");
+    let path = recording("replay.mcap", 90);
     let replay = ["replay", path.to_str().unwrap(), "--ui", "tui"];
 
     let mut at_end = Session::begin(&replay);
@@ -319,9 +356,13 @@ fn replay_accepts_seek_quit_and_ctrl_c() {
     at_end.until("done");
     // Home seeks the beginning, and the replay continues from there.
     at_end.press(b"\x1b[H");
+    at_end.until_time(|time| (0.1..60.0).contains(&time));
     at_end.press(b"p");
     at_end.until("paused");
-    at_end.press(b"\x1b[F");
+    // An arrow key seeks by 10 s, also in a pause.
+    let held = at_end.until_time(|_| true);
+    at_end.press(b"\x1b[C");
+    at_end.until_time(|time| (time - held - 10.0).abs() < 0.5);
     at_end.press(b"q");
     assert_eq!(at_end.ends(), Some(0), "{}", at_end.output());
 

@@ -67,12 +67,17 @@ pub(super) fn describe(name: &str, timing: Option<&Timing>) -> serde_json::Value
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::time::Instant;
 
     #[test]
     fn timing_probe_counts_missed_and_met_periods() {
+        let begun = Instant::now();
+
         let timing = probe(0, 85, 0.2).unwrap();
 
+        // One period takes 2 ms; on a busy machine the thread begins late, or the probe ends late.
+        let most = begun.elapsed().as_millis() as u64 / 2 + 1;
         let all = timing.missed + timing.wake_up.len();
-        assert!((50..=200).contains(&all), "{all}");
+        assert!((70..=most).contains(&all), "{all} periods, at most {most}");
     }
 }

@@ -281,5 +281,8 @@ mod tests {
 
         assert_eq!(count, 99, "the last look comes after the last true position");
         assert!((across - 0.5).abs() < 0.05 && (along - 2.0).abs() < 0.1, "{across} {along}");
+        // A cube that moves at 15 mm/s is not at rest.
+        story.cube.iter_mut().for_each(|(t, place)| place.x += 0.01 * *t);
+        assert_eq!(localisation(&story), None);
     }
 }

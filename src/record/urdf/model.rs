@@ -442,7 +442,7 @@ fn solid(centre: [f64; 3], shape: Shape, colour: [f64; 3]) -> Solid {
 mod tests {
     use super::*;
     use crate::scenario;
-    use std::collections::BTreeMap;
+    use std::collections::{BTreeMap, BTreeSet};
 
     /// Returns the built-in cell.
     fn cell() -> Cell {
@@ -489,6 +489,15 @@ mod tests {
             let known = |name: &str| model.links.iter().any(|l| l.name == name);
             assert!(model.joints.iter().all(|j| known(&j.parent) && known(&j.child)));
             assert_eq!(model.joints.len() + 1, model.links.len(), "{arm:?}");
+            // The joints lead from the root to every link.
+            let mut reached = BTreeSet::from([model.links[0].name.as_str()]);
+            for _ in &model.joints {
+                let from_there =
+                    model.joints.iter().filter(|j| reached.contains(j.parent.as_str()));
+                let children: Vec<&str> = from_there.map(|j| j.child.as_str()).collect();
+                reached.extend(children);
+            }
+            assert_eq!(reached.len(), model.links.len(), "{arm:?}");
         }
     }
 }
