@@ -381,8 +381,8 @@ fn whole_run(table: &str) -> f64 {
     row.trim().trim_end_matches(" s").parse().unwrap()
 }
 
-/// In a pause the simulated time follows the wall clock, so a pause of 8 s makes the run longer. The
-/// hand comes meanwhile, so the arm waits for it less afterwards.
+/// In a pause the simulated time follows the wall clock, so a pause of 8 s makes the run longer.
+/// The hand comes meanwhile, so the arm waits for it less afterwards.
 #[test]
 fn paused_hand_over_resumes_and_succeeds() {
     let [(_, alone), (code, printed)] = [false, true].map(|pauses| {
