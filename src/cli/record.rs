@@ -36,7 +36,7 @@ pub(super) fn begin(
         Pace::Virtual => Patience::Waits,
         Pace::RealTime => Patience::Never,
     };
-    let mut about = about(scenario, overrides, begun)?;
+    let mut about = about(scenario, overrides, begun);
     about.facts.insert("build".into(), build());
     Recorder::begin_at(file, Some(place), about, patience)
 }
@@ -47,22 +47,20 @@ pub(super) fn last_second(
     scenario: &Scenario,
     overrides: &[Override],
     begun: Begun,
-) -> std::io::Result<Option<LastSecond>> {
+) -> Option<LastSecond> {
     let set = |name: &str| {
         let path = std::env::var_os(name).map(PathBuf::from);
         // The XDG base directory specification ignores relative paths.
         path.filter(|path| path.is_absolute())
     };
     let states =
-        set("XDG_STATE_HOME").or_else(|| set("HOME").map(|home| home.join(".local/state")));
-    let Some(states) = states else { return Ok(None) };
-    let about = about(scenario, overrides, begun)?;
-    Ok(Some(LastSecond::new(states.join("rubik-robot"), about)))
+        set("XDG_STATE_HOME").or_else(|| set("HOME").map(|home| home.join(".local/state")))?;
+    Some(LastSecond::new(states.join("rubik-robot"), about(scenario, overrides, begun)))
 }
 
 /// Returns the description with which a recording of this scenario begins, without facts about the
 /// build of the program.
-fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> std::io::Result<RunInfo> {
+fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> RunInfo {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     let config = &scenario.controller;
     let length = Length::of_seconds(scenario.real_time.period);
@@ -98,7 +96,7 @@ fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> std::io::
         Pace::Virtual => 0,
         Pace::RealTime => now.as_nanos() as u64,
     };
-    Ok(RunInfo {
+    RunInfo {
         cell: config.cell.clone(),
         scenario: scenario.text.clone(),
         options: overrides
@@ -111,7 +109,7 @@ fn about(scenario: &Scenario, overrides: &[Override], begun: Begun) -> std::io::
             .collect::<BTreeMap<_, _>>(),
         start,
         length,
-    })
+    }
 }
 
 /// Returns the message about a recording at the end of its run.

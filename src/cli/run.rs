@@ -157,17 +157,8 @@ pub(super) fn run(args: &RunArgs, output: &mut Output) -> anyhow::Result<u8> {
     let begun = record::Begun { attended: has_ui, resumed: args.keep.resume };
     let recorder = args.recorder(&scenario, &overrides, begun)?;
     // A run of a campaign keeps no last second: if it fails, it can be repeated.
-    let last_second = (!args.with_parent)
-        .then(|| record::last_second(&scenario, &overrides, begun))
-        .transpose()
-        .unwrap_or_else(|error| {
-            // No option asked for this recording, so the run continues without it.
-            complain(&format!(
-                "the last second of the run cannot be kept: {}: {error}",
-                scenario.path.display()
-            ));
-            None
-        });
+    let last_second =
+        (!args.with_parent).then(|| record::last_second(&scenario, &overrides, begun));
     let context = RunContext {
         desk: has_ui.then(|| desk.run_end()),
         recorder: recorder.clone(),

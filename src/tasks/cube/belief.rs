@@ -436,8 +436,7 @@ mod tests {
         let first = Hold { palm: Face::D, jaws: Axis::Y, depth: Depth::One };
         let second = Hold { palm: Face::U, jaws: Axis::X, depth: Depth::One };
         belief.taken(Hand::Track, first, false);
-        // The postument's base errs by 4 mm along the tool's z and by 3 mm along the width of the
-        // fingers.
+        // The postument's base errs by 4 mm along the tool's z and by 3 mm along its x.
         let truth = truth(&belief, [0.0, 0.004, 0.003, 0.0, 0.0, 0.0], 0.0);
         let track = look_at(Vector3::new(0.0, 0.8, 1.3), Vector3::new(0.0, 2.0, 1.3));
         let mut arms = [posed(track), posed(Pose::identity())];
