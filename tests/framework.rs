@@ -281,6 +281,36 @@ async fn three_arms_carry_out_their_own_orders() {
     }
 }
 
+/// Task that orders a motion of a second arm.
+struct Surplus;
+
+impl Task for Surplus {
+    type Thought = ();
+    type Conclusion = ();
+    type Entry = Progress;
+
+    fn next(&mut self, _: Event<()>, _: &Readings<'_>) -> Action<()> {
+        let order = Behaviour::Present { pull: 1.0, selector: [false; 6], seconds: 0.1 };
+        Action::Behave { orders: vec![None, Some(order)], until: Until::All }
+    }
+
+    fn think((): ()) -> ((), Effort) {
+        ((), Effort(0.0))
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn order_to_missing_effector_is_a_defect() {
+    for coordination in [Coordination::Sporadic, Coordination::Continuous] {
+        let ending = rig(coordination).mp.run(&mut Surplus).await;
+
+        let Some(Error::Fatal { cause: Fatal::Kernel(why), .. }) = ending.error else {
+            panic!("{ending:?}")
+        };
+        assert!(why.contains("2 orders, for 1"), "{why}");
+    }
+}
+
 #[tokio::test(start_paused = true)]
 async fn actors_end_with_their_last_handle() {
     let rig = rig(Coordination::Sporadic);

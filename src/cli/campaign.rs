@@ -401,7 +401,7 @@ impl Given {
     /// began.
     fn still(&self) -> std::io::Result<()> {
         // A file that cannot be read any more has changed as well.
-        let now = self.from.load(&[]).ok().and_then(|now| sum(&self.from.scenario, &now).ok());
+        let now = self.from.load(&[]).ok().and_then(|now| sum(&now).ok());
         if now.as_ref() == Some(&self.sum) {
             return Ok(());
         }
@@ -411,9 +411,8 @@ impl Given {
 
 /// Returns the checksum of a scenario: of its text, its values and the files that it names. It does
 /// not depend on the folder of the scenario.
-fn sum(path: &Path, read: &Scenario) -> std::io::Result<String> {
+fn sum(read: &Scenario) -> std::io::Result<String> {
     let mut sum = crc32fast::Hasher::new();
-    sum.update(scenario::text(path)?.as_bytes());
     // Shards on several machines may have the scenario in different folders.
     let mut read = Scenario { path: PathBuf::new(), ..read.clone() };
     for camera in &mut read.controller.cameras {
@@ -464,8 +463,7 @@ impl Campaign {
         }
         let path = &args.scenario;
         let unread = |e| format!("{}: {e}", path.display());
-        let text = scenario::text(path).map_err(|unread| unread.to_string())?;
-        let sum = sum(path, &scenario).map_err(unread)?;
+        let sum = sum(&scenario).map_err(unread)?;
         let header = Header {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             build: crate::record::build(),
@@ -483,7 +481,7 @@ impl Campaign {
         for seed in header.seeds() {
             let drawn = draw(seed);
             if !drawn.is_empty() {
-                check(path, &text, &args.overrides(), &drawn)
+                check(path, &scenario.text, &args.overrides(), &drawn)
                     .map_err(|faults| format!("{DRAWN} {seed} draws are refused:\n{faults}"))?;
             }
             jobs.push(Job { seed, set: drawn.iter().map(Drawn::option).collect(), kept: None });

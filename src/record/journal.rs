@@ -493,6 +493,52 @@ mod tests {
         std::fs::remove_file(path).unwrap();
     }
 
+    /// Entry whose JSON does not begin with `doing`.
+    #[derive(Debug, serde::Serialize, serde::Deserialize)]
+    struct Headless {
+        over: bool,
+        doing: String,
+    }
+
+    impl JournalEntry for Headless {
+        fn doing(&self) -> &str {
+            &self.doing
+        }
+
+        fn is_over(&self) -> bool {
+            self.over
+        }
+    }
+
+    #[test]
+    fn entry_must_begin_with_what_it_does() {
+        let path = place("headless");
+        let mut journal = Journal::open::<Headless>(&path, false).unwrap();
+
+        let refused = journal.write(&Headless { over: false, doing: "closing".to_owned() });
+
+        assert_eq!(refused.unwrap_err().kind(), io::ErrorKind::InvalidInput);
+        assert_eq!(std::fs::read(&path).unwrap(), b"");
+        std::fs::remove_file(path).unwrap();
+    }
+
+    /// A reader without the type of the task still knows what an interrupted run was doing.
+    #[test]
+    fn interrupted_run_is_known_without_its_task() {
+        let path = place("interrupted");
+        let mut journal = open(&path, false).unwrap();
+        journal.write(&entry("closing")).unwrap();
+        assert_eq!(Journal::interrupted(&path), None, "the run goes on");
+        drop(journal);
+
+        assert_eq!(Journal::interrupted(&path).as_deref(), Some("closing"));
+
+        let over = Entry { over: true, ..entry("none") };
+        open(&path, true).unwrap().write(&over).unwrap();
+        assert_eq!(Journal::interrupted(&path), None);
+        std::fs::remove_file(path).unwrap();
+    }
+
     #[test]
     fn impossible_entry_is_refused_with_line_number() {
         let path = place("values");

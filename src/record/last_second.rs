@@ -70,7 +70,7 @@ impl LastSecond {
         // The checksum reads the whole program, so it is made only for a file that is written.
         about.facts.insert("build".into(), build());
         let bytes = recording(about, &records, word, summary).map_err(io::Error::other)?;
-        // Only the user who ran the robot may read what it did.
+        // A new folder is for its user alone, as the files in it are.
         DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
         let path = unused(folder);
         new_file::replace(&path, PART, &bytes, Sync::Content)?;
@@ -120,24 +120,25 @@ fn unused(folder: &Path) -> PathBuf {
     folder.join(format!("{}{millis:013}-{}{}", NAME.0, std::process::id(), NAME.1))
 }
 
-/// Removes the oldest files of last seconds from `folder`, except the last [`KEPT`]. It never
-/// removes `newest`, whose name may be too early because the clock was set back. A file that cannot
-/// be removed stays.
+/// Removes the oldest files of last seconds from `folder`, except the last [`KEPT`], and the parts
+/// that killed processes have left. It never removes `newest`, whose name may be too early because
+/// the clock was set back. A file that cannot be removed stays.
 fn remove_oldest(folder: &Path, newest: &Path) {
     let Ok(entries) = std::fs::read_dir(folder) else { return };
-    let mut files: Vec<_> = entries
-        .flatten()
-        .map(|entry| entry.path())
-        .filter(|path| {
-            if path == newest {
-                return false;
-            }
-            let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-            // A process that was killed while it wrote has left the part of a file.
-            let whole = name.strip_suffix(PART).unwrap_or(name);
-            whole.starts_with(NAME.0) && whole.ends_with(NAME.1)
-        })
-        .collect();
+    let mut files = Vec::new();
+    for path in entries.flatten().map(|entry| entry.path()).filter(|path| path != newest) {
+        let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+        let whole = name.strip_suffix(PART).unwrap_or(name);
+        if !(whole.starts_with(NAME.0) && whole.ends_with(NAME.1)) {
+            continue;
+        }
+        if name == whole {
+            files.push(path);
+        // The process that writes a part holds its lock.
+        } else if std::fs::File::open(&path).is_ok_and(|part| part.try_lock().is_ok()) {
+            let _ = std::fs::remove_file(&path);
+        }
+    }
     files.sort();
     for old in files.iter().rev().skip(KEPT - 1) {
         match std::fs::remove_file(old) {

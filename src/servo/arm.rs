@@ -64,7 +64,7 @@ pub struct ArmServo {
     fade: f64,
     /// Whether the other arm is stopped.
     stands_by: bool,
-    /// Reason for which the servo stops both arms now.
+    /// Why the servo stops both arms, while they slow down to a fault.
     stopping: Option<MoveRefused>,
     gap: Gap,
 }
@@ -205,7 +205,8 @@ impl ArmServo {
         if outside.skipped > 0 {
             self.add_missed_periods(outside.skipped);
         }
-        self.stopping = outside.brake;
+        // A silence of the actors is no stop: a command shows that it ends.
+        self.stopping = outside.brake.filter(|why| matches!(why, MoveRefused::Stopping { .. }));
         if let Some(why) = outside.brake {
             self.brake(period, why);
         }
@@ -347,8 +348,8 @@ impl ArmServo {
         }
     }
 
-    /// Returns the reason for which the arm may begin no motion now: the other arm is stopped, or
-    /// the servo stops both arms. `None` if it may.
+    /// Returns why the arm may not begin a motion now: the servo stops both arms, or the other arm
+    /// is stopped. `None` if it may.
     fn forbidden(&self) -> Option<MoveRefused> {
         self.stopping.or(self.stands_by.then_some(MoveRefused::PartnerStopped))
     }

@@ -27,7 +27,7 @@ pub trait Task: Send {
     type Thought: Debug + Clone + Send + 'static;
     /// Result of the long work; plain data.
     type Conclusion: Debug + Send + 'static;
-    /// Entry in the journal; [`Progress`] for a task that cannot be continued.
+    /// Entry in the journal; [`Progress`] for a task that has none, or nothing more to keep.
     type Entry: JournalEntry;
 
     /// Returns the next action after an event. `readings` is the state of the cell at that time.
@@ -78,8 +78,8 @@ pub trait JournalEntry: Serialize + DeserializeOwned + Debug + Send + 'static {
     }
 }
 
-/// The part of a journal's entry that all tasks share; the whole entry of a task that cannot be
-/// continued.
+/// The part of a journal's entry that all tasks share; the whole entry of a task without more to
+/// keep.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Progress {
     /// Description of the action that is about to begin.
@@ -223,7 +223,7 @@ pub enum Action<T> {
 pub enum Until {
     /// All effectors that have an order.
     All,
-    /// This effector; the shell then ends the behaviours of the others.
+    /// This effector. Once its behaviour has ended, the shell ends the behaviours of the others.
     Effector(usize),
 }
 

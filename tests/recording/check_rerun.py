@@ -2,6 +2,7 @@
 
 Checks that the joint curves, the frames, the log and the robot appear, and runs rerun's own check.
 """
+import os
 import subprocess
 import sys
 import tempfile
@@ -10,7 +11,10 @@ from pathlib import Path
 path = sys.argv[1]
 rerun = str(Path(sys.executable).parent / "rerun")
 if subprocess.run([rerun, "mcap", "--help"], capture_output=True).returncode != 0:
-    print("SKIPPED: this rerun knows nothing of MCAP on the command line")
+    reason = "this rerun cannot read MCAP on the command line; the recording was NOT opened by it"
+    print("SKIPPED:", reason)
+    with open(os.environ.get("SKIPPED", os.devnull), "a") as left_out:
+        print(reason, file=left_out)
     sys.exit(0)
 with tempfile.TemporaryDirectory() as folder:
     rrd = str(Path(folder) / "run.rrd")

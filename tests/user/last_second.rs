@@ -37,8 +37,12 @@ fn fatal_error_leaves_recording_of_last_second() {
         std::fs::write(path, "old").unwrap();
     }
 
-    let part = folder.join("last-second-9999999999900-1.mcap.part");
-    std::fs::write(&part, "killed while it was written").unwrap();
+    // One process was killed while it wrote the newest file of all; another one still writes.
+    let [part, busy] = ["left", "busy"]
+        .map(|name| folder.join(format!("last-second-9999999999999-{name}.mcap.part")));
+    std::fs::write(&part, "the beginning").unwrap();
+    let writing = std::fs::File::create(&busy).unwrap();
+    writing.lock().unwrap();
 
     let summary = run("scenarios/faults/over_current.toml", &states);
 
@@ -49,7 +53,7 @@ fn fatal_error_leaves_recording_of_last_second() {
     assert!(path.exists());
     let kept = old.iter().filter(|path| path.exists()).count();
     assert_eq!((kept, old[24].exists(), old[5].exists()), (19, true, false));
-    assert!(!part.exists());
+    assert!(!part.exists() && busy.exists());
 
     let mut reading = open(&path).unwrap();
     let all = messages(reading.by_ref());

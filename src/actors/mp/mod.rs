@@ -367,6 +367,11 @@ impl Mp {
         mut orders: Vec<Option<Behaviour>>,
         until: Until,
     ) -> Result<Event<C>, Stop> {
+        let (ordered, effectors) = (orders.len(), self.parts.ecps.len());
+        if ordered > effectors {
+            let why = format!("the task has {ordered} orders, for {effectors} effector(s)");
+            return Err(Stop::Error(defect(why)));
+        }
         if let Err(near) = self.guard_orders(&mut orders) {
             let cause = NonFatal::Arguments(near.to_string());
             let error = Error::NonFatal { actor: "mp".into(), place: "check a path", cause };

@@ -141,16 +141,14 @@ impl Plant {
         if acting.lost.contains(&true) {
             self.look_for_drop();
         }
-        let turns = self.balance.split.filter(|_| self.grasps.iter().all(Grasp::holds));
-        let before = self.undoing;
-        self.undoing = before.after(acting.undo.is_some(), turns, turned);
-        match (before, self.undoing, acting.undo) {
+        let closed = self.grasps.iter().all(|grasp| grasp.hold == Hold::Closed);
+        let turns = self.balance.split.filter(|_| closed);
+        self.undoing = self.undoing.after(acting.undo.is_some(), turns, turned);
+        if let (Some(takes), Undoing::Turn(_)) = (acting.undo, self.undoing) {
             // The fault undoes a quarter turn in the time that it `takes`.
-            (_, Undoing::Turn(_), Some(takes)) => self.undo_turn(
+            self.undo_turn(
                 std::f64::consts::FRAC_PI_2 * self.config.period.seconds() / takes.max(1e-3),
-            ),
-            (Undoing::Turn(split), ..) if self.balance.split == Some(split) => self.end_undoing(),
-            _ => {}
+            );
         }
     }
 

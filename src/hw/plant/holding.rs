@@ -15,6 +15,7 @@ use super::balance::{Split, layer_angle};
 use super::cube::{InterfaceLoad, Layers, MIDDLE};
 use super::frame::{Frame, about, nearest_alignment};
 use super::grasp::{GIVE, Grasp, Hold};
+use super::undoing::Undoing;
 use super::{Incident, Plant, State};
 use crate::cube::Axis;
 use nalgebra::Vector3;
@@ -59,6 +60,9 @@ impl Plant {
                 && touch.pads == [0.0; 2]
                 && self.jaws[i].opening() > edge.max(touch.width) + OPEN_GAP
             {
+                if matches!(self.undoing, Undoing::Turn(_)) {
+                    self.end_undoing();
+                }
                 // The layer stays a body of its own until the palm is away as well.
                 self.grasps[i].hold = Hold::LetGo;
                 self.record(Incident::Released { arm: i });
@@ -251,8 +255,9 @@ impl Plant {
         self.slip_layer(-turned.clamp(-most, most));
     }
 
-    /// Turns a layer that slips back in its jaws to the nearest quarter turn. A layer at another
-    /// angle has no room between closed pads, which would meet its corners as they open.
+    /// Turns a layer that has slipped back in its jaws to the nearest quarter turn, forward or back.
+    /// A layer at another angle has no room between closed pads, which would meet its corners as
+    /// they open.
     pub(super) fn end_undoing(&mut self) {
         let (angle, quarter) = (self.relative_angle(), std::f64::consts::FRAC_PI_2);
         self.slip_layer((angle / quarter).round() * quarter - angle);

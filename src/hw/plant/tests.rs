@@ -366,6 +366,30 @@ fn undone_layer_ends_at_nearest_quarter_turn() {
     }
 }
 
+/// A hand whose palm is away from the cube loses the layer within a period, as its jaws open. The
+/// fault has ended before.
+#[test]
+fn undone_layer_ends_at_quarter_turn_without_palm() {
+    let mut config = spoilt(Jaws::rubber(), 2.0, 0.0, 1);
+    let when = When::At(7.3);
+    config.faults = vec![Fault { what: What::TurnUndone { takes: 2.0 }, when, lasts: 0.6 }];
+    let mut servo = both_hold(config, 30.0, 1);
+    turn(&mut servo, FRAC_PI_2);
+    servo.run(1.0);
+    let slipped = servo.plant.verdict();
+    assert!((slipped.layer_angles[1] + 0.7 * FRAC_PI_2).abs() < 0.05, "{slipped:?}");
+
+    servo.jaws[1] = (0.085, 30.0);
+    servo.run(1.5);
+
+    let v = servo.plant.verdict();
+    assert_eq!(v.cube, Whereabouts::Arms([true, false]));
+    assert!(servo.plant.balance.split.is_none() && servo.plant.balance.touches[1].gap > 1e-3);
+    assert_eq!(v.facelets[2], 2, "the layer stays turned");
+    assert!(v.layer_angles.iter().all(|a| a.abs() < 0.03), "{:?}", v.layer_angles);
+    assert!(v.peak_force < 1.2 * slipped.peak_force, "{v:?}");
+}
+
 /// Jaws that close again before their palm has left the layer hold it where it is.
 #[test]
 fn jaws_closing_again_hold_layer_in_place() {
