@@ -255,9 +255,9 @@ impl Plant {
         self.slip_layer(-turned.clamp(-most, most));
     }
 
-    /// Turns a layer that has slipped back in its jaws to the nearest quarter turn, forward or back.
-    /// A layer at another angle has no room between closed pads, which would meet its corners as
-    /// they open.
+    /// Turns a layer that has slipped back in its jaws to the nearest quarter turn, forward or
+    /// back. A layer at another angle has no room between closed pads, which would meet its corners
+    /// as they open.
     pub(super) fn end_undoing(&mut self) {
         let (angle, quarter) = (self.relative_angle(), std::f64::consts::FRAC_PI_2);
         self.slip_layer((angle / quarter).round() * quarter - angle);

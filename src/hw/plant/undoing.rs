@@ -1,6 +1,6 @@
 //! Duration of a fault that undoes a turn: the layers slip back while the jaws of both hands are
-//! closed, and in no other turn. A layer that is between two quarter turns when a hand opens ends at
-//! the nearest.
+//! closed, and in no other turn. A layer that is between two quarter turns when a hand opens ends
+//! at the nearest.
 //!
 //! - in: whether the fault acts, the layers between the jaws of two hands, and their angle
 //! - out: the turn that the fault undoes
@@ -22,8 +22,8 @@ pub(super) enum Undoing {
 
 impl Undoing {
     /// Returns the state, one period later, of a fault that undoes a turn. `acts` is whether the
-    /// fault acts in that period, `turns` the layers between the closed jaws of two hands in it, and
-    /// `turned` their angle since both hold (rad).
+    /// fault acts in that period, `turns` the layers between the closed jaws of two hands in it,
+    /// and `turned` their angle since both hold (rad).
     pub(super) fn after(self, acts: bool, turns: Option<Split>, turned: f64) -> Self {
         // A fault that lasted a set time ended in the middle of a half turn, or undid the next turn
         // as well. So it lasts as long as its turn.
