@@ -276,6 +276,83 @@ mod tests {
     }
 
     #[test]
+    fn listed_names_are_unique_and_not_reserved() {
+        let camera = |name: &str| format!("[[camera]]\nname = \"{name}\"\n");
+        let twice = faults(&format!("{0}{0}", camera("standalone")), &[]);
+        assert!(twice.contains("[[camera]] has two elements named \"standalone\""), "{twice}");
+        for reserved in ["mp", "a.b", "7", "1e3"] {
+            let message = faults(&camera(reserved), &[]);
+            let wanted = format!("\"{reserved}\" cannot be the name of an element of [[camera]]");
+            assert!(message.contains(&wanted), "{message}");
+        }
+        let fault = "[[fault]]\nname = \"a\"\nkind = \"drop\"\narm = \"track\"\nat_s = 1\n";
+        assert_eq!(faults(fault, &[]), "");
+        let twice = faults(&format!("{fault}{fault}"), &[]);
+        assert!(twice.contains("[[fault]] has two elements named `fault.a`"), "{twice}");
+    }
+
+    #[test]
+    fn sporadic_tracking_belongs_to_first_effector() {
+        let owner = |owner: &str, coordination: &str| {
+            let over = Override::parse(&format!("vsp.mpc.owner={owner}")).unwrap();
+            faults(&format!("coordination = \"{coordination}\"\n"), &[over])
+        };
+
+        assert_eq!(owner("track", "sporadic"), "");
+        assert_eq!(owner("mp", "continuous"), "");
+        for other in ["mp", "postument"] {
+            let message = owner(other, "sporadic");
+            assert!(message.contains("so the owner must be \"track\""), "{message}");
+        }
+    }
+
+    #[test]
+    fn force_sign_of_zero_is_refused() {
+        let sign = |sign: i32| faults(&format!("[control]\nforce_sign = {sign}\n"), &[]);
+
+        assert!(sign(0).contains("must be 1 or -1, not 0"), "{}", sign(0));
+        assert_eq!([sign(1), sign(-1)], ["", ""]);
+    }
+
+    #[test]
+    fn macrostep_has_at_least_two_whole_periods() {
+        let message = |macrostep: u32, period: &str| {
+            let text = format!(
+                "[control]\nmacrostep_periods = {macrostep}\n[real_time]\nperiod_ms = {period}\n"
+            );
+            faults(&text, &[])
+        };
+
+        assert_eq!([message(8, "1"), message(2, "2")], ["", ""]);
+        // Periods of 4 ms are refused for another reason.
+        assert!(!message(8, "4").contains("at least two"), "{}", message(8, "4"));
+        for (macrostep, period, found) in
+            [(8, "3", "macrostep of 16 ms"), (1, "2", "macrostep of 2 ms")]
+        {
+            let message = message(macrostep, period);
+            assert!(message.contains(found) && message.contains("at least two"), "{message}");
+        }
+    }
+
+    #[test]
+    fn fault_of_missing_axis_or_hardware_is_refused() {
+        let freeze = |arm: &str, axis: usize| {
+            format!(
+                "[[fault]]\nname = \"f\"\nkind = \"encoder_freeze\"\narm = \"{arm}\"\n\
+                 axis = {axis}\nat_s = 1\n"
+            )
+        };
+
+        assert_eq!(faults(&freeze("track", 0), &[]), "");
+        assert_eq!(faults(&freeze("postument", 1), &[]), "");
+        let trackless = faults(&freeze("postument", 0), &[]);
+        assert!(trackless.contains("the postument has no axis 0"), "{trackless}");
+        let serial = "pace = \"real-time\"\n[bridge]\nkind = \"serial\"\n";
+        let real = faults(&format!("{serial}{}", freeze("track", 0)), &[]);
+        assert!(real.contains("faults cannot be injected into hardware"), "{real}");
+    }
+
+    #[test]
     fn hardware_under_virtual_clock_is_refused_with_advice() {
         let message = faults("[bridge]\nkind = \"serial\"\n", &[]);
 
