@@ -35,8 +35,8 @@ impl Running {
     /// Returns whether all motions must end now: one has ended with an alarm, the effector that
     /// `until` names has ended its motion, or no motion is left.
     fn is_over(&self, until: Until) -> bool {
-        let led =
-            matches!(until, Until::Effector(e) if matches!(self.outcomes.get(e), Some(Some(_))));
+        let has_ended = |e: usize| self.outcomes.get(e).is_some_and(Option::is_some);
+        let led = matches!(until, Until::Effector(e) if has_ended(e));
         self.alarms() || led || self.motions.iter().all(Option::is_none)
     }
 
