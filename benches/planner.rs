@@ -25,7 +25,7 @@ fn main() {
         nodes: number("--nodes", 1_000_000),
         candidates: number("--candidates", 10_000) as usize,
     };
-    let scenario = match scenario::read(Path::new("built-in"), "", &[]) {
+    let scenario = match rubik_robot::tasks::read(Path::new("built-in"), "", &[]) {
         Ok(scenario) => scenario,
         Err(faults) => return eprintln!("{faults}"),
     };

@@ -3,5 +3,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    rubik_robot::cli::main()
+    rubik_robot::App::new().main()
 }

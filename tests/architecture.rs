@@ -21,20 +21,31 @@ use std::path::Path;
 ///
 /// `scenario` is below `run` and `actors`, which take their configuration from it as data.
 const LAYERS: &[&[&str]] = &[
+    &["app"],
     &["cli"],
     &["campaign"],
     &["run"],
+    &["tasks"],
+    &["registry"],
     &["actors", "web", "tui"],
     &["record", "scenario", "tables", "desk"],
     &["hw"],
     &["emergency_stop"],
-    &["tasks"],
+    &["kernel"],
     &["generators", "vision", "solver", "reach", "servo"],
     &["cell", "kinematics", "arms", "motion", "cube", "spatial", "operator", "error"],
 ];
 
 /// Module of the first pure layer: from it down there are no threads, clocks, files or logs.
-const LINE: &str = "tasks";
+const LINE: &str = "kernel";
+
+/// Module above the line that is pure all the same, except for the files in [`OUTSIDE`]: the
+/// kernels of the tasks.
+const KERNELS: &str = "tasks";
+
+/// Ends of the names of files that belong to no kernel: they know scenarios, the cell and files, or
+/// judge the plant.
+const OUTSIDE: &[&str] = &["tasks/mod.rs", "door.rs", "keys.rs", "verdict.rs"];
 
 /// Paths that pure code must not name.
 const IMPURE: &[&str] = &[
@@ -72,6 +83,8 @@ const MAY_USE_THE_PLANT: &[&str] = &[
     "record/urdf/physics.rs",
     "cli/picture.rs",
     "cli/frames.rs",
+    "registry/verdict.rs",
+    "tasks/cube/verdict.rs",
 ];
 
 #[test]
@@ -127,8 +140,10 @@ fn violations(files: &[File]) -> Vec<String> {
         for path in paths(&code, file) {
             let wrong = match path.first().map(String::as_str) {
                 Some("crate") => plant_arrow(file, module, &path)
+                    .or_else(|| kernel_arrow(file, &path))
+                    .or_else(|| geometry_arrow(file, module, &path))
                     .or_else(|| crate_arrow(module, from, &path, &mut arrows)),
-                _ => foreign(module, from, &path),
+                _ => foreign(file, module, from, &path),
             };
             found.extend(wrong.map(|reason| format!("{file}: {reason}")));
         }
@@ -156,6 +171,34 @@ fn plant_arrow(file: &str, module: &str, path: &[String]) -> Option<String> {
         .then(|| format!("`{}`: only for code that makes or judges the plant", path.join("::")))
 }
 
+/// Checks whether `path`, which `file` names, leads to geometry that a kernel or a generator must
+/// get as data; returns the reason if it does.
+fn geometry_arrow(file: &str, module: &str, path: &[String]) -> Option<String> {
+    if !(module == "generators" || is_kernel(file)) {
+        return None;
+    }
+    let (target, shown) = (path.get(1)?, path.join("::"));
+    if matches!(target.as_str(), "kinematics" | "arms" | "cell") {
+        return Some(format!("`{shown}`: `{module}` takes geometry as data, not from `{target}`"));
+    }
+    let computes = target == "reach"
+        && !path.get(2).map_or("", String::as_str).starts_with(char::is_uppercase);
+    computes.then(|| format!("`{shown}`: `{module}` may take the types of reach, not compute it"))
+}
+
+/// Returns whether a file belongs to the kernel of a task.
+fn is_kernel(file: &str) -> bool {
+    file.starts_with(&format!("{KERNELS}/")) && !OUTSIDE.iter().any(|end| file.ends_with(end))
+}
+
+/// Checks a `path` into this crate that the kernel of a task names; returns the reason if the
+/// kernel must not use it.
+fn kernel_arrow(file: &str, path: &[String]) -> Option<String> {
+    let target = path.get(1)?;
+    let above = layer(target)? < layer(LINE).unwrap() && target != KERNELS;
+    (is_kernel(file) && above).then(|| format!("`{}`: a kernel is below the line", path.join("::")))
+}
+
 /// Adds the dependency of `module` on the module to which `path` leads to `arrows`; returns the
 /// reason if a rule forbids it. `from` is the layer of `module`, counted from the top.
 fn crate_arrow(
@@ -176,30 +219,17 @@ fn crate_arrow(
     if to < from {
         return Some(format!("`{shown}` points up from `{module}`"));
     }
-    if matches!(module, "tasks" | "generators") {
-        let item = path.get(2).map_or("", String::as_str);
-        if matches!(target.as_str(), "kinematics" | "arms" | "cell") {
-            return Some(format!(
-                "`{shown}`: `{module}` takes geometry as data, not from `{target}`"
-            ));
-        }
-        if target == "reach" && !item.starts_with(char::is_uppercase) {
-            return Some(format!(
-                "`{shown}`: `{module}` may take the types of reach, not compute it"
-            ));
-        }
-    }
     None
 }
 
 /// Checks a `path` into the standard library or another crate; returns the reason if a rule forbids
-/// it in `module`. `from` is the layer of `module`, counted from the top.
-fn foreign(module: &str, from: usize, path: &[String]) -> Option<String> {
+/// it in this file of `module`. `from` is the layer of `module`, counted from the top.
+fn foreign(file: &str, module: &str, from: usize, path: &[String]) -> Option<String> {
     let shown = path.join("::");
     if path[0] == "anyhow" && module != "cli" {
         return Some(format!("`{shown}`: anyhow is for main and cli"));
     }
-    let pure = from >= layer(LINE).unwrap();
+    let pure = from >= layer(LINE).unwrap() || is_kernel(file);
     let impure = IMPURE.iter().any(|i| shown == **i || shown.starts_with(&format!("{i}::")));
     (pure && impure).then(|| format!("`{shown}` below the line"))
 }

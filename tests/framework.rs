@@ -23,15 +23,20 @@ use rubik_robot::generators::{Behaviour, Outcome};
 use rubik_robot::hw::driver::{self, Core, ServoLink, Switches};
 use rubik_robot::hw::plant::{Plant, PlantConfig};
 use rubik_robot::hw::scene::Scene;
+use rubik_robot::kernel::programme::{EcpTask, Programmes};
+use rubik_robot::kernel::robot::{Hindrance, Robot, RobotKernel};
+use rubik_robot::kernel::{
+    Action, ConclusionOf, Event, Finish, Kernel, Message, Programme, Progress, Readings, Signal,
+    Until,
+};
 use rubik_robot::motion::{
     ArmFault, ArmState, Direction, Frame, JointPositions, Motion, MoveCommand, MoveRefused,
 };
 use rubik_robot::record::journal::{Durable, Journal};
 use rubik_robot::record::run_hash::RunHash;
-use rubik_robot::scenario::{self, keys::Pace};
+use rubik_robot::scenario::keys::Pace;
 use rubik_robot::servo::ServoConfig;
 use rubik_robot::spatial::Pose;
-use rubik_robot::tasks::{Action, Effort, Event, Finish, Progress, Readings, Task, Until};
 use std::io;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -42,9 +47,8 @@ use tokio::sync::{mpsc, watch};
 /// full speed.
 struct Shift(JointPositions);
 
-impl Task for Shift {
+impl Kernel for Shift {
     type Thought = ();
-    type Conclusion = ();
     type Entry = Progress;
 
     fn next(&mut self, event: Event<()>, readings: &Readings<'_>) -> Action<()> {
@@ -63,10 +67,6 @@ impl Task for Shift {
             Event::Trouble(reason) => Action::Finish(Finish { achieved: false, reason }),
             other => Action::Finish(Finish { achieved: false, reason: format!("{other:?}") }),
         }
-    }
-
-    fn think((): ()) -> ((), Effort) {
-        ((), Effort(0.0))
     }
 }
 
@@ -121,7 +121,7 @@ fn rig_with_journal(
 /// Starts the plant and the servo of the arm of [`ONE_ARM`]. Returns the arm, the link to its servo
 /// and the scene of the plant.
 fn start_arm(switches: &Arc<Switches>, hash: &RunHash) -> (Arm, ServoLink, Arc<Mutex<Scene>>) {
-    let scenario = scenario::read(Path::new("one_arm.toml"), ONE_ARM, &[]).unwrap();
+    let scenario = rubik_robot::tasks::read(Path::new("one_arm.toml"), ONE_ARM, &[]).unwrap();
     let config = scenario.controller;
     assert!(config.vsps.is_empty() && config.cell.arms.len() == 1);
     let arm = config.cell.arms[0].clone();
@@ -147,6 +147,7 @@ fn actors_of(name: &str, link: ServoLink, services: &Services) -> (EdpHandle, Ec
         edp: edp.clone(),
         tracker: None,
         hand_camera: None,
+        programmes: programmes(),
         manner: example_manner(),
         services: services.clone(),
     };
@@ -170,6 +171,48 @@ fn three_arms(coordination: Coordination) -> (Mp, Vec<EdpHandle>) {
         actors.map(|(i, (_, link))| actors_of(&format!("arm {i}"), link, &services)).unzip();
     let parts = Parts::bare(ecps, vec![example_manner(); 3], services);
     (Mp::new(Parts { coordination, ..parts }), edps)
+}
+
+/// Programme that moves its arm by a share of [`SHIFT`], tells MP, waits for its signal "again" and
+/// moves as far once more.
+struct Twice;
+
+impl EcpTask for Twice {
+    type Order = f64;
+    type Kernel = RobotKernel;
+
+    fn kernel(share: f64) -> RobotKernel {
+        Robot::kernel(move |robot| async move {
+            robot.behave(0, by(&robot, share)).await?;
+            robot.signal(0, Signal::new("moved")).await?;
+            let told = robot.receive(20.0).await?;
+            let again = Message::Signal { effector: 0, signal: Signal::new("again") };
+            if told != Some(again) {
+                return Err(Hindrance(format!("told {told:?}")));
+            }
+            robot.behave(0, by(&robot, share)).await?;
+            Ok("moved twice".to_owned())
+        })
+    }
+}
+
+/// Returns the order that moves the joints of the first arm of `robot` by a share of [`SHIFT`].
+fn by(robot: &Robot, share: f64) -> Behaviour {
+    let at = robot.arms()[0].desired_joints;
+    let target = JointPositions(std::array::from_fn(|i| at.0[i] + share * SHIFT.0[i]));
+    Behaviour::Joints { target, speed: 0.5, seconds: 0.0 }
+}
+
+/// Returns the programmes of these tests.
+fn programmes() -> Programmes {
+    let mut programmes = Programmes::default();
+    programmes.register::<Twice>("twice");
+    programmes
+}
+
+/// Returns the order to begin the programme "twice".
+fn twice(share: f64) -> Programme {
+    Twice::programme("twice", &share).unwrap()
 }
 
 /// Distances of the task: column and wrist, about a second of motion (rad; m on the track).
@@ -228,9 +271,8 @@ async fn one_arm_runs_task_under_both_coordination_schemes() {
 /// ends with their outcomes in words.
 struct Uneven(Until);
 
-impl Task for Uneven {
+impl Kernel for Uneven {
     type Thought = ();
-    type Conclusion = ();
     type Entry = Progress;
 
     fn next(&mut self, event: Event<()>, readings: &Readings<'_>) -> Action<()> {
@@ -245,10 +287,6 @@ impl Task for Uneven {
             }
             other => Action::Finish(Finish { achieved: true, reason: format!("{other:?}") }),
         }
-    }
-
-    fn think((): ()) -> ((), Effort) {
-        ((), Effort(0.0))
     }
 }
 
@@ -281,21 +319,125 @@ async fn three_arms_carry_out_their_own_orders() {
     }
 }
 
+/// MP starts a programme on two of three arms, answers their signals and does nothing else. Both
+/// run beside each other, and each ends by itself.
+#[tokio::test(start_paused = true)]
+async fn programmes_exchange_signals_with_dormant_mp() {
+    let (mp, edps) = three_arms(Coordination::Sporadic);
+    let mut from = Vec::new();
+    for edp in &edps {
+        from.push(edp.state().await.unwrap().desired_joints);
+    }
+    let (told, heard) = std::sync::mpsc::channel();
+    let mut kernel = Robot::kernel(move |robot| async move {
+        robot.start(0, twice(0.2)).await?;
+        robot.start(2, twice(0.4)).await?;
+        let mut ended = 0;
+        while ended < 2 {
+            let Some(message) = robot.receive(30.0).await? else {
+                return Err(Hindrance("no message came".to_owned()));
+            };
+            match &message {
+                Message::Signal { effector, .. } => {
+                    robot.signal(*effector, Signal::new("again")).await?;
+                }
+                Message::Ended { .. } => ended += 1,
+            }
+            told.send(message).unwrap();
+        }
+        Ok("both have ended".to_owned())
+    });
+
+    let ending = mp.run(&mut kernel).await;
+
+    assert_eq!(ending.error, None);
+    let finish = ending.finish.unwrap();
+    assert!(finish.achieved, "{finish:?}");
+    let end = Finish { achieved: true, reason: "moved twice".to_owned() };
+    let messages: Vec<Message> = heard.try_iter().collect();
+    for effector in [0, 2] {
+        let signal = Signal::new("moved");
+        assert!(messages.contains(&Message::Signal { effector, signal }), "{messages:?}");
+        assert!(messages.contains(&Message::Ended { effector, finish: end.clone() }));
+    }
+    // Both arms have moved before the first programme ended.
+    let first_end = messages.iter().position(|m| matches!(m, Message::Ended { .. }));
+    assert_eq!((messages.len(), first_end), (4, Some(2)), "{messages:?}");
+    seconds(0.01).await;
+    for (edp, (from, share)) in edps.iter().zip(from.iter().zip([0.4, 0.0, 0.8])) {
+        let to = edp.state().await.unwrap().desired_joints;
+        let wanted = JointPositions(std::array::from_fn(|i| from.0[i] + share * SHIFT.0[i]));
+        assert!(furthest(&to, &wanted) < 1e-9, "{to:?} {wanted:?}");
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn mp_must_not_order_arm_with_programme() {
+    let (mp, _edps) = three_arms(Coordination::Sporadic);
+    let mut kernel = Robot::kernel(|robot| async move {
+        robot.start(1, twice(0.2)).await?;
+        let taken = robot.start(1, twice(0.2)).await.unwrap_err();
+        let unknown = robot.start(0, Programme { name: "sing".into(), order: 1.into() }).await;
+        let idle = robot.signal(0, Signal::new("again")).await.unwrap_err();
+        for (refusal, reason) in [
+            (taken, "carries out a programme already"),
+            (unknown.unwrap_err(), "there is no programme `sing`"),
+            (idle, "effector 0 carries out no programme"),
+        ] {
+            assert!(refusal.0.contains(reason), "{refusal}");
+        }
+        robot.behave(1, by(&robot, 0.1)).await?;
+        Ok("ordered".to_owned())
+    });
+
+    let ending = mp.run(&mut kernel).await;
+
+    let Some(Error::Fatal { cause: Fatal::Kernel(why), .. }) = ending.error else {
+        panic!("{ending:?}")
+    };
+    assert!(why.contains("orders effector 1, which carries out a programme"), "{why}");
+}
+
+/// A pause holds the arm of a programme, and the end of the run ends the programme.
+#[tokio::test(start_paused = true)]
+async fn pause_and_terminate_reach_programmes() {
+    let Rig { mp, edp, control, .. } = rig(Coordination::Sporadic);
+    let mut kernel = Robot::kernel(|robot| async move {
+        robot.start(0, twice(1.0)).await?;
+        let told = robot.receive(1000.0).await?;
+        Err(Hindrance(format!("{told:?}")))
+    });
+    let run = tokio::spawn(async move { mp.run(&mut kernel).await });
+    seconds(0.3).await;
+    control.send_replace(Control::Paused);
+    seconds(1.0).await;
+    let at = edp.state().await.unwrap().desired_joints;
+    seconds(1.0).await;
+    let still = edp.state().await.unwrap().desired_joints;
+    control.send_replace(Control::Running);
+    seconds(0.3).await;
+    let on = edp.state().await.unwrap().desired_joints;
+    control.send_replace(Control::Terminated);
+    seconds(1.0).await;
+    let over = edp.state().await.unwrap().desired_joints;
+    seconds(1.0).await;
+
+    assert!(furthest(&at, &still) < 1e-12, "the pause holds the arm");
+    assert!(furthest(&on, &still) > 1e-3, "the arm goes on");
+    assert!(furthest(&over, &edp.state().await.unwrap().desired_joints) < 1e-12);
+    assert_eq!(run.await.unwrap().finish, None);
+}
+
 /// Task that orders a motion of a second arm.
 struct Surplus;
 
-impl Task for Surplus {
+impl Kernel for Surplus {
     type Thought = ();
-    type Conclusion = ();
     type Entry = Progress;
 
     fn next(&mut self, _: Event<()>, _: &Readings<'_>) -> Action<()> {
         let order = Behaviour::Present { pull: 1.0, selector: [false; 6], seconds: 0.1 };
         Action::Behave { orders: vec![None, Some(order)], until: Until::All }
-    }
-
-    fn think((): ()) -> ((), Effort) {
-        ((), Effort(0.0))
     }
 }
 
@@ -465,7 +607,7 @@ async fn tool_change_affects_only_later_motions() {
     let rig = rig(Coordination::Sporadic);
     let state = rig.hold(200).await;
     let before = rig.world_from_tool();
-    let old = scenario::read(Path::new("one_arm.toml"), ONE_ARM, &[]).unwrap();
+    let old = rubik_robot::tasks::read(Path::new("one_arm.toml"), ONE_ARM, &[]).unwrap();
     let old = old.controller.cell.arms[0].flange_from_tool;
     let longer = Pose::translation(0.0, 0.0, 0.1);
 
@@ -506,23 +648,22 @@ async fn emergency_stop_in_pause_ends_run_at_once() {
 }
 
 /// Task with an entry in the journal before each of its actions.
-struct Journaled<T>(T);
+struct Journaled<K>(K);
 
-impl<T: Task> Task for Journaled<T> {
-    type Thought = T::Thought;
-    type Conclusion = T::Conclusion;
+impl<K: Kernel> Kernel for Journaled<K> {
+    type Thought = K::Thought;
     type Entry = Progress;
 
-    fn next(&mut self, event: Event<T::Conclusion>, readings: &Readings<'_>) -> Action<T::Thought> {
+    fn next(
+        &mut self,
+        event: Event<ConclusionOf<K>>,
+        readings: &Readings<'_>,
+    ) -> Action<K::Thought> {
         self.0.next(event, readings)
     }
 
     fn entry(&self) -> Option<Progress> {
         Some(Progress { doing: "moving".to_owned(), over: false })
-    }
-
-    fn think(thought: T::Thought) -> (T::Conclusion, Effort) {
-        T::think(thought)
     }
 }
 
@@ -586,9 +727,8 @@ impl Durable for Slow {
 /// Task with one phase and no motion.
 struct Phase;
 
-impl Task for Phase {
+impl Kernel for Phase {
     type Thought = ();
-    type Conclusion = ();
     type Entry = Progress;
 
     fn next(&mut self, event: Event<()>, _: &Readings<'_>) -> Action<()> {
@@ -596,10 +736,6 @@ impl Task for Phase {
             Event::Start => Action::Phase("begins"),
             _ => Action::Finish(Finish { achieved: true, reason: "done".to_owned() }),
         }
-    }
-
-    fn think((): ()) -> ((), Effort) {
-        ((), Effort(0.0))
     }
 }
 

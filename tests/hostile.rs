@@ -30,16 +30,16 @@ use rubik_robot::hw::plant::{Plant, PlantConfig};
 use rubik_robot::hw::port::Port as _;
 use rubik_robot::hw::serial::axis::{Axis, AxisDrive, Rules};
 use rubik_robot::hw::serial::frame::{ORDER, Order, STATUS, Status};
+use rubik_robot::kernel::{Action, Event, Forces, Kernel as _, Readings, Until};
 use rubik_robot::motion::{ArmState, JointPositions};
 use rubik_robot::operator::{self, Answer, Manual, Step};
 use rubik_robot::record::journal::Journal;
 use rubik_robot::record::reading::{Piece, Reading};
 use rubik_robot::record::{recover_file, report};
-use rubik_robot::scenario::{self, Override};
+use rubik_robot::scenario::Override;
 use rubik_robot::servo::io::{ArmDrive, ArmReading};
 use rubik_robot::tasks::cube::mission::Entry;
-use rubik_robot::tasks::panel::{ArmLimits, Panel};
-use rubik_robot::tasks::{Action, Event, Forces, Readings, Task as _, Until};
+use rubik_robot::tasks::idle::panel::{self, ArmLimits, Panel};
 use rubik_robot::vision::colours::decide_cube;
 use rubik_robot::web;
 use search::Input;
@@ -241,12 +241,12 @@ fn malformed_scenario_files_do_not_panic() {
     let letters = "[]{}=\"'.,#\n abcetxy0123456789-_+einf";
     hostile("scenario", letters, 300, &|bytes| {
         let text = text(bytes);
-        if let Err(faults) = scenario::read(Path::new("hostile.toml"), &text, &[]) {
+        if let Err(faults) = rubik_robot::tasks::read(Path::new("hostile.toml"), &text, &[]) {
             assert!(!faults.to_string().is_empty());
         }
         // An option of the command line may have the same text.
         if let Ok(over) = Override::parse(&text) {
-            let _ = scenario::read(Path::new("t.toml"), "", &[over]);
+            let _ = rubik_robot::tasks::read(Path::new("t.toml"), "", &[over]);
         }
     });
 }
@@ -571,7 +571,7 @@ fn panel() -> Panel {
         opening: (0.04, 0.09),
         grip: 40.0,
     };
-    let mut panel = Panel::new(vec![limits(true), limits(false)]);
+    let mut panel = panel::panel(vec![limits(true), limits(false)]);
     assert!(matches!(answered(&mut panel, Event::Start), Action::Phase(_)));
     assert_eq!(answered(&mut panel, Event::Done), Action::Await);
     panel
@@ -693,7 +693,7 @@ impl Drop for Folder {
 #[test]
 fn malformed_plant_states_do_not_panic() {
     let folder = [env!("CARGO_MANIFEST_DIR"), "scenarios/solve.toml"].iter().collect::<PathBuf>();
-    let cell = scenario::load(&folder, &[]).unwrap().controller.cell;
+    let cell = rubik_robot::tasks::load(&folder, &[]).unwrap().controller.cell;
     let plant = Plant::new(PlantConfig::new(cell.clone()), 1).unwrap();
     let own = serde_json::to_value(plant.saved()).unwrap();
     // The corpus has states of other plants. A new identity makes each a state of this plant.
@@ -753,7 +753,7 @@ fn malformed_servo_profiles_do_not_panic() {
     let text = "task = \"idle\"\n[[effector]]\nname = \"track\"\nservo_profile = \"own.toml\"\n";
     hostile("servo", "[]{}=\"., \naxisgnjwmtrp_0123456789-einf", 500, &|bytes| {
         std::fs::write(folder.0.join("own.toml"), bytes).unwrap();
-        if let Err(faults) = scenario::read(&folder.0.join("t.toml"), text, &[]) {
+        if let Err(faults) = rubik_robot::tasks::read(&folder.0.join("t.toml"), text, &[]) {
             assert!(!faults.to_string().is_empty());
         }
     });

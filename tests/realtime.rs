@@ -19,7 +19,6 @@ use rubik_robot::motion::{
 };
 use rubik_robot::record::recorder::{Both, Patience, Recorder};
 use rubik_robot::record::sheet::RunInfo;
-use rubik_robot::scenario;
 use rubik_robot::servo::period::Length;
 use rubik_robot::servo::{ForceSettings, ServoCommand};
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -220,7 +219,8 @@ fn commands() -> Vec<ServoCommand> {
 
 /// Describes the recorded run: the built-in cell, without options.
 fn about() -> RunInfo {
-    let scenario = scenario::read(Path::new("realtime.toml"), "task = \"idle\"\n", &[]).unwrap();
+    let scenario =
+        rubik_robot::tasks::read(Path::new("realtime.toml"), "task = \"idle\"\n", &[]).unwrap();
     RunInfo {
         cell: scenario.controller.cell,
         scenario: String::new(),

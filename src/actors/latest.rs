@@ -4,10 +4,10 @@
 use crate::cell::Cell;
 use crate::generators::Behaviour;
 use crate::hw::driver::{RecordSink, ServoRecord, Switches};
+use crate::kernel::Picture;
 use crate::motion::ArmState;
 use crate::operator::Question;
 use crate::spatial::Pose;
-use crate::tasks::Picture;
 use crate::vision::sensor::FaceReading;
 use image::RgbImage;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

@@ -7,8 +7,8 @@
 //! other in a cycle.
 //!
 //! - actors: `ui`, `mp`, `ecp`, `edp`, `vsp`
-//! - parts of actors: `move_instruction` runs a generator, `homing` synchronises an arm, `present`
-//!   makes the UI's snapshots
+//! - parts of actors: `move_instruction` runs a generator by its `manner`, `homing` synchronises an
+//!   arm, `present` makes the UI's snapshots
 //! - services of all actors: `services` with `clock`, `control`, `work`, `trace`, `latest`,
 //!   `notice`
 //! - supervision: `watchdog` detects actors that fail, `lookout` stops arms that come too near an
@@ -22,6 +22,7 @@ pub(crate) mod fault;
 pub(crate) mod homing;
 pub mod latest;
 pub mod lookout;
+pub mod manner;
 pub mod move_instruction;
 pub mod mp;
 pub mod notice;

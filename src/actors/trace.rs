@@ -12,11 +12,11 @@ use super::latest::{Found, LatestValues, Sight};
 use super::notice::{Notice, record};
 use crate::generators::Behaviour;
 use crate::hw::camera::Frame;
+use crate::kernel::Picture;
 use crate::operator::Question;
 use crate::record::recorder::{Entry, Recorder};
 use crate::record::run_hash::RunHash;
 use crate::record::sensed::{self as kept, Sensed};
-use crate::tasks::Picture;
 use std::fmt::Debug;
 use tokio::sync::mpsc;
 

@@ -12,8 +12,8 @@
 
 use super::watchdog::{Watchdog, within};
 use crate::error::{System, panic_text};
+use crate::kernel::Effort;
 use crate::scenario::keys::Pace;
-use crate::tasks::Effort;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 

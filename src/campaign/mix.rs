@@ -341,7 +341,8 @@ pub(crate) fn shrunk<E>(
 mod tests {
     use super::*;
     use crate::record::summary::{EndedBy, Outcome, SensorPeak, Violations};
-    use crate::scenario::{Override, read};
+    use crate::scenario::Override;
+    use crate::tasks::read;
     use std::collections::BTreeSet;
     use std::path::Path;
 

@@ -342,7 +342,7 @@ mod tests {
     fn repeated_idle_missions_give_identical_results() {
         let text = "task = \"idle\"\ncamera = []\nvsp = []\n[idle]\ntime_s = 2\n[[effector]]\n\
                     name = \"postument\"\n";
-        let scenario = crate::scenario::read(std::path::Path::new("t"), text, &[]).unwrap();
+        let scenario = crate::tasks::read(std::path::Path::new("t"), text, &[]).unwrap();
         let mut heard = 0;
 
         // 40 s of simulated time (in hours) are 20 missions of 2 s.

@@ -445,7 +445,7 @@ mod tests {
             let place = ["v.toml:1:21", "v.toml:2:3", "v.toml:6:3"];
             assert!(!drawn.value.contains(['\n', '#']) && place.contains(&drawn.from.as_str()));
             let set = crate::scenario::Override::parse(&drawn.option()).unwrap();
-            let scenario = crate::scenario::read(Path::new("t.toml"), "", &[set]).unwrap();
+            let scenario = crate::tasks::read(Path::new("t.toml"), "", &[set]).unwrap();
             kinds.insert(format!("{:?}", scenario.plant.faults.first().map(|f| f.kind)));
         }
         assert_eq!(kinds.len(), 3, "{kinds:?}");
@@ -460,7 +460,7 @@ mod tests {
                 .iter()
                 .map(|d| crate::scenario::Override::parse(&d.option()).unwrap())
                 .collect();
-            crate::scenario::read(Path::new("t.toml"), "", &overrides).unwrap();
+            crate::tasks::read(Path::new("t.toml"), "", &overrides).unwrap();
         }
     }
 

@@ -1,9 +1,10 @@
 //! Arguments that several commands take.
 
+use super::catalogue;
 use super::output::refuse;
 use crate::hw::devices::{self, NAME_DEVICES};
 use crate::hw::text;
-use crate::scenario::{self, Override, Scenario};
+use crate::scenario::{Override, Scenario};
 use crate::vision::Lens;
 use clap::Args;
 use std::path::PathBuf;
@@ -41,7 +42,7 @@ impl ScenarioArgs {
         }
         overrides.extend_from_slice(more);
         // The file is read even if an override is wrong, so that all errors are listed at once.
-        let loaded = scenario::load(&self.scenario, &overrides).map_err(|f| f.to_string());
+        let loaded = catalogue::load(&self.scenario, &overrides).map_err(|f| f.to_string());
         match (loaded, wrong.is_empty()) {
             (Ok(scenario), true) => Ok(scenario),
             (Ok(_), false) => Err(wrong.join("\n")),

@@ -362,7 +362,7 @@ fn camera_section(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario;
+
     use crate::spatial::Pose;
     use crate::vision::Lens;
     use crate::vision::calibration::{GLOBALS, NotCalibrated, Setup};
@@ -375,7 +375,7 @@ mod tests {
     fn camera_error_agrees_with_reported_deviations() {
         for seed in [1, 2, 3] {
             let text = format!("seed = {seed}");
-            let scenario = scenario::read(Path::new("test.toml"), &text, &[]).unwrap();
+            let scenario = crate::tasks::read(Path::new("test.toml"), &text, &[]).unwrap();
 
             let reports = calibrate::run(&scenario, Some(0), 12, |_| {}).unwrap();
 
@@ -391,7 +391,7 @@ mod tests {
             // The arm sags, so the s.d. relative to its encoders is smaller than the true error.
             assert!(left.place > 2.0 * norm(&found.deviations[6..9]), "{seed}: {left:?}");
             let written = section(&scenario.controller, &reports);
-            let spread = scenario::read(Path::new("again.toml"), &written, &[]).unwrap();
+            let spread = crate::tasks::read(Path::new("again.toml"), &written, &[]).unwrap();
             of_size(left.place, spread.plant.keys.errors.camera * 3.0_f64.sqrt());
             of_size(left.tilt, spread.plant.keys.errors.camera_tilt * 3.0_f64.sqrt());
         }
@@ -425,7 +425,7 @@ mod tests {
     #[test]
     fn written_calibration_reads_back_as_equal_cameras() {
         let path = Path::new("test.toml");
-        let before = scenario::read(path, "", &[]).unwrap().controller;
+        let before = crate::tasks::read(path, "", &[]).unwrap().controller;
         let failed = Err(NotCalibrated::Undetermined);
         let reports = [calibrated(0), calibrated(2), Report { found: failed, ..calibrated(1) }];
         let mut wanted = before.cell.cameras.clone();
@@ -441,7 +441,7 @@ mod tests {
         let written = section(&before, &reports);
 
         assert_eq!(written.matches("[[camera]]").count(), wanted.len(), "{written}");
-        let again = scenario::read(path, &written, &[]).unwrap();
+        let again = crate::tasks::read(path, &written, &[]).unwrap();
         for (wanted, read) in wanted.iter_mut().zip(again.controller.cell.cameras) {
             let (mut mount, pose) = (read.mount, *place_of(&mut wanted.mount));
             let apart = pose.inverse() * std::mem::replace(place_of(&mut mount), pose);

@@ -6,6 +6,7 @@
 //! - exit code: see the help below
 
 use super::arguments::ScenarioArgs;
+use super::catalogue;
 use super::mix::{Size, mixed};
 use super::output::{Output, WRONG, clash, complain, refuse, save};
 use super::progress::Bar;
@@ -20,7 +21,7 @@ use crate::campaign::vary::{Drawn, Variations};
 use crate::hw::{new_file, text};
 use crate::record::place::Place;
 use crate::record::running_program;
-use crate::scenario::{self, CameraSource, Override, Scenario};
+use crate::scenario::{CameraSource, Override, Scenario};
 use crate::tables;
 use anyhow::Context as _;
 use clap::{Args, Subcommand};
@@ -655,7 +656,7 @@ fn check(path: &Path, text: &str, set: &[Override], drawn: &[Drawn]) -> Result<S
         value: d.value.clone(),
     });
     let overrides: Vec<_> = set.iter().cloned().chain(drawn).collect();
-    scenario::read(path, text, &overrides).map_err(|faults| faults.to_string())
+    catalogue::read(path, text, &overrides).map_err(|faults| faults.to_string())
 }
 
 /// Returns the hours of an option, or refuses a number that is not above 0.

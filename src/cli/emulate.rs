@@ -273,7 +273,7 @@ fn at(text: &str, arms: &[Arm], with_axis: bool) -> Result<At, String> {
 fn json(done: &Emulated) -> serde_json::Value {
     let v = &done.verdict;
     serde_json::json!({
-        "task": done.task.word(),
+        "task": done.task,
         "cube_start": done.start.to_string(),
         "cube_end": done.end.to_string(),
         "solved": done.end.is_solved(),
@@ -333,7 +333,7 @@ fn table(done: &Emulated) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario;
+
     use clap::Parser;
 
     #[derive(Parser)]
@@ -362,7 +362,8 @@ mod tests {
     #[test]
     fn run_line_repeats_options_and_connects() {
         let line = |text: &str, more: &[&str]| {
-            let scenario = scenario::read(std::path::Path::new("a cell.toml"), text, &[]).unwrap();
+            let scenario =
+                crate::tasks::read(std::path::Path::new("a cell.toml"), text, &[]).unwrap();
             let words = ["emulate", "a cell.toml"].iter().chain(more);
             run_line(&Line::parse_from(words).args, &scenario)
         };
@@ -388,14 +389,15 @@ mod tests {
             .map(|option| Override::parse(option).unwrap())
             .collect();
         for text in [plant, include_str!("../../scenarios/solve.toml")] {
-            let read = scenario::read(std::path::Path::new("a"), text, &overrides);
+            let read = crate::tasks::read(std::path::Path::new("a"), text, &overrides);
             assert!(read.is_ok_and(|scenario| scenario.bridge.kind.is_hardware()), "{text}");
         }
     }
 
     #[test]
     fn fault_argument_names_arm_axis_and_time() {
-        let arms = scenario::read(std::path::Path::new("a"), "", &[]).unwrap().controller.cell.arms;
+        let arms =
+            crate::tasks::read(std::path::Path::new("a"), "", &[]).unwrap().controller.cell.arms;
 
         assert_eq!(at("track.3@20", &arms, true), Ok(At { effector: 0, axis: 3, time: 20.0 }));
         assert_eq!(at("postument.7@0.5", &arms, true), Ok(At { effector: 1, axis: 7, time: 0.5 }));

@@ -10,9 +10,11 @@
 //! | optimal | one large table (`solver::optimal`) | proven |
 //! | robot | the fastest plan of many two-phase solutions (`PlanSearch`) | no |
 
+use super::catalogue;
 use super::output::complain;
 use super::progress::{Bar, print_news};
 use crate::cube::{Cube, Turn};
+use crate::run;
 use crate::solver::korf::{self, Korf};
 use crate::solver::optimal::{self, Optimal};
 use crate::solver::shortest::{Shortest, shortest};
@@ -22,7 +24,6 @@ use crate::solver::{self, Budget, Tables, Watch};
 use crate::tables::{Observer, Store, Threads, Unusable};
 use crate::tasks::cube::hold::{Grip, Hand};
 use crate::tasks::cube::plan::{Effort, NoPlan, Plan, Planner, taken};
-use crate::{run, scenario};
 use clap::ValueEnum;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -278,7 +279,7 @@ impl PlanSearch<'_> {
 
 /// Returns the planner of the built-in cell; `None` if it cannot be made.
 fn planner() -> Option<Planner> {
-    let scenario = scenario::read(Path::new("the built-in cell"), "", &[]).ok()?;
+    let scenario = catalogue::read(Path::new("the built-in cell"), "", &[]).ok()?;
     run::planner(&scenario.controller).ok()
 }
 

@@ -1,11 +1,11 @@
 //! `rubik-robot keys`: lists the keys of scenarios with unit, default, range and meaning.
 
+use super::catalogue;
 use super::output::{Output, refuse};
-use crate::scenario;
 
 /// Lists the keys whose name contains `word`; returns the exit code.
 pub(super) fn run(word: Option<&str>, output: &mut Output) -> anyhow::Result<u8> {
-    let keys = scenario::all_keys();
+    let keys = catalogue::all_keys();
     let mut found = false;
     for key in keys.iter().filter(|k| word.is_none_or(|w| k.path.contains(w))) {
         found = true;

@@ -5,10 +5,10 @@
 //!   of four; `ik`: `joints`; `motors`: `motors`; each with `limits`, the list of exceeded limits.
 //!   A wrong row gives `error` in the place of the answer
 
+use super::catalogue;
 use super::output::{Output, next_line, refuse};
 use crate::kinematics::ArmModel;
 use crate::motion::{AXES, JointPositions, MoveRefused};
-use crate::scenario;
 use crate::spatial::Pose;
 use clap::{Args, ValueEnum};
 use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion};
@@ -49,8 +49,8 @@ pub(crate) enum Question {
 pub(super) fn run(args: &KinematicsArgs, output: &mut Output) -> anyhow::Result<u8> {
     // The built-in cell is a scenario that sets no key.
     let loaded = match &args.scenario {
-        Some(path) => scenario::load(path, &[]),
-        None => scenario::read(Path::new("the built-in cell"), "", &[]),
+        Some(path) => catalogue::load(path, &[]),
+        None => catalogue::read(Path::new("the built-in cell"), "", &[]),
     };
     let scenario = loaded.map_err(refuse)?;
     let arms = &scenario.controller.cell.arms;

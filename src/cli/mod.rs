@@ -9,6 +9,7 @@ mod arguments;
 mod benchmark;
 mod calibrate;
 mod campaign;
+mod catalogue;
 mod check;
 mod cube_lines;
 pub mod cubes;
@@ -47,6 +48,7 @@ mod vision;
 mod weigh;
 
 use crate::hw::image_file;
+use crate::scenario::catalogue::Catalogue;
 use arguments::ScenarioArgs;
 use clap::{CommandFactory, FromArgMatches as _, Parser, Subcommand};
 use output::{Output, Refused, WRONG, complain};
@@ -288,9 +290,10 @@ Exit codes: 0 printed, 2 there is no such command.")]
     Picture(picture::PictureArgs),
 }
 
-/// Runs the command of the arguments and returns its exit code.
+/// Runs the command of the arguments, with the tasks in `catalogue`, and returns its exit code.
 #[must_use]
-pub fn main() -> ExitCode {
+pub fn main(catalogue: Catalogue) -> ExitCode {
+    catalogue::set(catalogue);
     let matches = help::with_groups(Cli::command()).get_matches();
     let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     log_to_stderr(std::env::var("RUST_LOG").ok().as_deref());

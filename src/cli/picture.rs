@@ -166,7 +166,7 @@ mod tests {
 
     #[test]
     fn scene_shows_arms_and_cube_of_snapshot() {
-        let scenario = crate::scenario::read(std::path::Path::new("t.toml"), "", &[]).unwrap();
+        let scenario = crate::tasks::read(std::path::Path::new("t.toml"), "", &[]).unwrap();
         let controller = &scenario.controller;
         let cube = Facelets::solved();
         let start = before(controller, &cube);

@@ -3,15 +3,17 @@
 //! - in: a cube, a cell, the rule of the grippers
 //! - out: the plan with its time, beside a plan by the rule of the original robot of 2007
 
+use super::catalogue;
 use super::engine::{PlanSearch, default_tables};
 use super::output::{Output, WRONG, complain, refuse};
 use super::solve::{Refusal, read};
 use crate::cube::{Cube, format_turns};
+use crate::run;
 use crate::solver::{self, Budget};
 use crate::tables::{Store, Threads};
+use crate::tasks::cube::door::planner_keys;
 use crate::tasks::cube::hold::Step;
 use crate::tasks::cube::plan::{Effort, NoPlan, Plan, Rule, taken};
-use crate::{run, scenario};
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -68,8 +70,8 @@ impl From<RuleWord> for Rule {
 /// Plans the cube of the arguments and prints the plan; returns the exit code.
 pub(super) fn run(args: &PlanArgs, output: &mut Output) -> anyhow::Result<u8> {
     let scenario = match &args.scenario {
-        Some(path) => scenario::load(path, &[]),
-        None => scenario::read(Path::new("the built-in cell"), "", &[]),
+        Some(path) => catalogue::load(path, &[]),
+        None => catalogue::read(Path::new("the built-in cell"), "", &[]),
     };
     let scenario = scenario.map_err(refuse)?;
     let cube = match read(&args.cube) {
@@ -78,7 +80,7 @@ pub(super) fn run(args: &PlanArgs, output: &mut Output) -> anyhow::Result<u8> {
     };
     let planner = run::planner(&scenario.controller).map_err(refuse)?;
     let planner = args.rule.map_or(planner.clone(), |rule| planner.by_rule(rule.into()));
-    let keys = &scenario.controller.planner;
+    let keys = &planner_keys(&scenario.controller);
     let effort = Effort { nodes: keys.node_budget, candidates: keys.candidates as usize };
     // A mission uses the default tables. With the large ones the plan could differ from its plan.
     let tables = default_tables(&Store::for_user(), Threads::all());

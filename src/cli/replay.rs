@@ -5,6 +5,7 @@
 //!   comparison, as a line of text or of JSON
 //! - exit code: see the help below
 
+use super::catalogue;
 use super::output::{Output, complain, refuse};
 use super::ui::{Ui, UiArgs, UiKind};
 use crate::actors::control::is_speed;
@@ -14,7 +15,7 @@ use crate::record::reading::{Label, Piece, Reading};
 use crate::run::SIGNALS;
 use crate::run::show::Show;
 use crate::run::verify::{self, Verified};
-use crate::scenario::{self, Override, Scenario};
+use crate::scenario::{Override, Scenario};
 use clap::Args;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -194,7 +195,7 @@ pub(super) fn scenario_of(label: &Label, path: &Path) -> Result<Scenario, String
         options.map(|(option, key, value)| Override { option, key, value }).collect();
     // The files that a scenario names are found from its original path.
     let origin = Path::new(label.fact("scenario"));
-    scenario::read(origin, &label.scenario, &overrides).map_err(|faults| {
+    catalogue::read(origin, &label.scenario, &overrides).map_err(|faults| {
         format!("{}: its scenario is not valid in this version:\n{faults}", path.display())
     })
 }

@@ -17,7 +17,8 @@ use crate::record::place::Place;
 use crate::record::recorder::Recorder;
 use crate::record::summary::{EndedBy, Summary};
 use crate::run::{self, RunContext, RunOptions, SavedFiles};
-use crate::scenario::keys::{BridgeKind, Pace, Task};
+use crate::scenario::declared::TaskLabel;
+use crate::scenario::keys::{BridgeKind, Pace};
 use crate::scenario::{Override, Scenario};
 use crate::tui;
 use anyhow::Context;
@@ -56,7 +57,8 @@ Keys of the object of --json (null: not known, as figures of the plant on hardwa
   heat_share, motor_speed_rad_s, near_person_mm_s, arms_apart_mm), jams, slips, drops,
   drops_noticed, late_drops, pops, crushed, collisions, violations (let_fall, restarts,
   moved_after_stop), accidents (time_s, what), returned, turned_deg, force_limit_n, clearance_mm,
-  hash, servo_hash, plant_hash; if there is one: fault, remedy, untrue, last_second, uncalibrated
+  hash, servo_hash, plant_hash; if there is one: fault, remedy, untrue, last_second, uncalibrated,
+  figures (those of the task, by name)
 docs/operating.md explains the rows of the summary, which the keys follow.
 Exit codes: 0 done, 1 the task failed or was aborted, 2 wrong usage or scenario, 3 an effector
 failed, 4 system error, 130 interrupted by a signal.")]
@@ -304,7 +306,7 @@ fn end_stuck<const TERMINAL: bool, const JSON: bool>(error: Error, summary: Summ
 fn saved_files(
     args: &KeepArgs,
     bridge: BridgeKind,
-    task: Task,
+    task: TaskLabel,
 ) -> Result<SavedFiles, &'static str> {
     // A saved state of the plant could contradict the real cell.
     if args.world.is_some() && bridge.is_hardware() {
@@ -326,9 +328,9 @@ fn saved_files(
     if args.resume && args.world.is_none() && !bridge.is_hardware() {
         return Err("--resume: name the saved plant of the interrupted run with --world");
     }
-    // Only the task solve writes a journal from which it can continue.
-    if args.resume && task != Task::Solve {
-        return Err("--resume: only a run of the task solve can be resumed");
+    // Only some tasks write a journal from which another run can continue.
+    if args.resume && !task.properties.resumes {
+        return Err("--resume: a run of this task cannot be resumed");
     }
     Ok(SavedFiles { world: args.world.clone(), journal, resume: args.resume })
 }

@@ -6,8 +6,9 @@
 //! - in: the keys, each with type, range, meaning and default in words
 //! - out: a JSON schema (draft 2020-12) for editors
 
+use super::catalogue;
 use super::output::Output;
-use crate::scenario::{self, section::Key};
+use crate::scenario::section::Key;
 use serde_json::{Map, Value, json};
 
 /// Sections that are lists of tables. The schema allows each element all keys that a built-in
@@ -16,7 +17,7 @@ const LISTS: [&str; 4] = ["effector", "camera", "vsp", "fault"];
 
 /// Prints the schema; returns the exit code.
 pub(super) fn run(output: &mut Output) -> anyhow::Result<u8> {
-    output.line(&serde_json::to_string_pretty(&schema(&scenario::all_keys()))?)?;
+    output.line(&serde_json::to_string_pretty(&schema(&catalogue::all_keys()))?)?;
     Ok(0)
 }
 
@@ -131,7 +132,7 @@ mod tests {
 
     #[test]
     fn schema_has_every_key_with_a_type() {
-        let keys = scenario::all_keys();
+        let keys = catalogue::all_keys();
         let schema = schema(&keys);
 
         for key in &keys {
@@ -154,7 +155,7 @@ mod tests {
 
     #[test]
     fn schema_has_ranges_and_defaults() {
-        let schema = schema(&scenario::all_keys());
+        let schema = schema(&catalogue::all_keys());
 
         let grip = &schema["properties"]["control"]["properties"]["grip_n"];
         assert_eq!((grip["minimum"].as_f64(), grip["maximum"].as_f64()), (Some(1.0), Some(100.0)));

@@ -3,9 +3,9 @@
 //! - in: a scenario, or the built-in cell
 //! - out: URDF on stdout
 
+use super::catalogue;
 use super::output::{Output, refuse};
 use crate::record::urdf::{Model, xml};
-use crate::scenario;
 use clap::Args;
 use std::path::{Path, PathBuf};
 
@@ -32,8 +32,8 @@ pub(super) struct UrdfArgs {
 /// Prints the model; returns the exit code.
 pub(super) fn run(args: &UrdfArgs, output: &mut Output) -> anyhow::Result<u8> {
     let loaded = match &args.scenario {
-        Some(path) => scenario::load(path, &[]),
-        None => scenario::read(Path::new("built-in"), "", &[]),
+        Some(path) => catalogue::load(path, &[]),
+        None => catalogue::read(Path::new("built-in"), "", &[]),
     };
     let scenario = loaded.map_err(refuse)?;
     let cell = &scenario.controller.cell;

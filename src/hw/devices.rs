@@ -901,7 +901,7 @@ mod tests {
 
     #[test]
     fn isa_card_defaults_to_original_robots_settings() {
-        let scenario = crate::scenario::read(Path::new("t.toml"), "", &[]).unwrap();
+        let scenario = crate::tasks::read(Path::new("t.toml"), "", &[]).unwrap();
         let [track, postument] = &scenario.controller.cell.arms[..] else { panic!("two arms") };
         let card = IsaDevice::default();
 

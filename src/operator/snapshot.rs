@@ -4,6 +4,8 @@ use super::Question;
 use crate::motion::AXES;
 use crate::spatial::Pose;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// All data that change in a run. A slow UI misses snapshots, but each message has a number without
@@ -41,6 +43,9 @@ pub struct Snapshot {
     pub plan: Arc<Vec<PlanLine>>,
     /// Index of the plan's line that is being executed; `None` before there is a plan.
     pub step: Option<usize>,
+    /// Facts of the task that the page shows as a table, by name.
+    #[serde(default)]
+    pub facts: BTreeMap<String, Value>,
     /// Timing of the servo; only in real-time runs.
     pub servo: Option<ServoTiming>,
     /// Question that waits for an answer.

@@ -202,7 +202,7 @@ mod tests {
 
     #[test]
     fn frames_agree_with_kinematics() {
-        let scenario = crate::scenario::read(Path::new("t.toml"), "", &[]).unwrap();
+        let scenario = crate::tasks::read(Path::new("t.toml"), "", &[]).unwrap();
         for arm in &scenario.controller.cell.arms {
             let frames = arm_frames(arm, &arm.world_from_base, &arm.start);
 
@@ -231,7 +231,7 @@ mod tests {
 
     #[test]
     fn each_solid_is_attached_to_existing_frame() {
-        let scenario = crate::scenario::read(Path::new("t.toml"), "", &[]).unwrap();
+        let scenario = crate::tasks::read(Path::new("t.toml"), "", &[]).unwrap();
         let cell = &scenario.controller.cell;
 
         let solids = arm_solids(cell);

@@ -6,6 +6,7 @@ use crate::cell::Cell;
 use crate::generators::position::Speeds;
 use crate::motion::JointPositions;
 use crate::spatial::Pose;
+use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Joint positions of both arms in which the tools have a wanted pose relative to each other.
@@ -135,4 +136,20 @@ impl MeetingTable {
     pub fn found(&self) -> (usize, usize) {
         (self.grasps.iter().flatten().count(), self.views.iter().flatten().flatten().count())
     }
+}
+/// Returns the mean place of the hands over all meetings, in the world. A workshop lets the hands
+/// meet there to find the pose of one base to the other.
+#[must_use]
+pub fn meeting_place(cell: &Cell, table: &MeetingTable) -> Point3<f64> {
+    let Some(arm) = cell.arms.first() else { return Point3::origin() };
+    let places: Vec<Vector3<f64>> = table
+        .grasps
+        .iter()
+        .flatten()
+        .map(|m| {
+            let flange = arm.world_from_base * arm.model.base_from_flange(&m.track);
+            (flange * arm.flange_from_tool).translation.vector
+        })
+        .collect();
+    Point3::from(places.iter().sum::<Vector3<f64>>() / places.len().max(1) as f64)
 }

@@ -29,7 +29,7 @@ mod ways;
 
 pub use example::example_cell;
 pub use fold::Fold;
-pub use meeting::{Meeting, MeetingTable};
+pub use meeting::{Meeting, MeetingTable, meeting_place};
 pub use settings::ReachSettings;
 pub use way::MeetingPath;
 pub use way_finder::WayFinder;

@@ -2,11 +2,13 @@
 //! holds it: as JSON for replays, and as fields of messages for other tools.
 
 use super::cdr::Writer;
+use crate::kernel::{Picture, Turning};
 use crate::operator::{Net, PlanLine};
 use crate::spatial::Pose;
-use crate::tasks::{Picture, Turning};
 use nalgebra::UnitQuaternion;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// State of the cube at one moment; an unknown field is empty. Colours are 54 letters out of
@@ -38,6 +40,8 @@ struct Wire {
     step: Option<usize>,
     #[serde(default)]
     handed_back: bool,
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    facts: BTreeMap<String, Value>,
 }
 
 /// Returns a kernel's belief about the cube, and its plan, as JSON.
@@ -52,6 +56,7 @@ pub(crate) fn json(belief: &Picture) -> String {
         plan: belief.plan.as_ref().clone(),
         step: belief.step,
         handed_back: belief.handed_back,
+        facts: belief.facts.clone(),
     };
     serde_json::to_string(&wire).unwrap_or_default()
 }
@@ -74,6 +79,7 @@ pub(crate) fn read(text: &str) -> Option<Picture> {
         plan: Arc::new(wire.plan),
         step: wire.step,
         handed_back: wire.handed_back,
+        facts: wire.facts,
     })
 }
 

@@ -86,7 +86,7 @@ mod tests {
 
     #[test]
     fn recorded_calibration_restores_the_same_cell() {
-        let scenario = crate::scenario::read(std::path::Path::new("t.toml"), "", &[]).unwrap();
+        let scenario = crate::tasks::read(std::path::Path::new("t.toml"), "", &[]).unwrap();
         let before = scenario.controller.cell.clone();
         let mut found = before.clone();
         found.cube.edge += 1e-4;

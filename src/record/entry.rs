@@ -3,8 +3,8 @@
 use super::sensed::Sensed;
 use super::summary::Summary;
 use crate::hw::scene::Scene;
+use crate::kernel::Picture;
 use crate::operator::{Class, Input};
-use crate::tasks::Picture;
 use image::RgbImage;
 
 /// One item that a run hands to the recorder, besides the servo records.

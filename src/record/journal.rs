@@ -15,7 +15,7 @@
 
 use crate::hw::storage::{Storage, StorageFault};
 use crate::hw::{new_file, text};
-use crate::tasks::{JournalEntry, Progress};
+use crate::kernel::{JournalEntry, Progress};
 use std::fmt::Debug;
 use std::fs::{File, TryLockError};
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};

@@ -39,9 +39,9 @@ use super::{standard, tick};
 use crate::cell::Cell;
 use crate::hw::driver::ServoRecord;
 use crate::hw::scene::Scene;
+use crate::kernel::Picture;
 use crate::motion::{JointPositions, PERIOD};
 use crate::servo::period::Length;
-use crate::tasks::Picture;
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
 

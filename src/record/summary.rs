@@ -6,6 +6,8 @@
 
 use crate::error::FaultCode;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// Verdict on a run. It comes from the plant if there is one.
@@ -213,6 +215,10 @@ pub struct Summary {
     /// Angle of the layer in the plant, positive in the commanded direction (deg); task
     /// "`face_turn`" only.
     pub turned_deg: Option<f64>,
+    /// Figures of the task that have no key of their own, by name: those that the plant shows, and
+    /// those that the controller reports.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub figures: BTreeMap<String, Value>,
     /// Phases in their order.
     pub phases: Vec<Phase>,
     /// Run hash over all servo records and messages, hexadecimal.
@@ -284,6 +290,7 @@ impl Summary {
             violations: None,
             accidents: none.map(|_| Vec::new()),
             turned_deg: None,
+            figures: BTreeMap::new(),
             phases: Vec::new(),
             // `has_begun` recognises this summary by its empty hash.
             hash: String::new(),
@@ -426,6 +433,9 @@ impl Summary {
         if let Some(angle) = self.turned_deg {
             row(t, "layer turned by", &format!("{angle:.1} deg"));
         }
+        for (name, figure) in &self.figures {
+            row(t, &name.replace('_', " "), &figure.to_string());
+        }
         let clock = format!("{:.1} ({:.1} s)", self.real_time_factor(), self.wall_time_s);
         row(t, "real-time factor", &clock);
     }
@@ -509,6 +519,7 @@ mod tests {
             violations: Some(Violations::default()),
             accidents: Some(vec![]),
             turned_deg: None,
+            figures: BTreeMap::new(),
             phases: vec![Phase { name: "acquire".into(), sim_time_s: 10.0, wall_time_s: 0.5 }],
             hash: "ab".into(),
             servo_hash: "cd".into(),

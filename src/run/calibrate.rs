@@ -10,8 +10,9 @@
 //! - out: a [`Report`] for each camera: its optics and place, and the error that remains
 
 use super::calibration_poses::{Draw, Plan, in_hand_plan, standing_plan};
-use super::settings;
+
 use super::simulation as plant_side;
+use crate::actors::manner::manner;
 use crate::actors::move_instruction::Manner;
 use crate::cell::{Camera, Cell, Intrinsics, Mount};
 use crate::error::{Error, Fatal, System};
@@ -24,7 +25,6 @@ use crate::hw::port::Port;
 use crate::hw::scene::Scene;
 use crate::motion::{ArmState, Depth, JawCommand, JointPositions, PERIOD};
 use crate::reach::{MeetingTable, ReachSettings};
-use crate::scenario::keys::Task;
 use crate::scenario::{CameraSource, ControllerConfig, Scenario};
 use crate::servo::io::{ArmDrive, ArmReading};
 use crate::servo::{ArmServo, ServoCommand, ServoConfig};
@@ -141,7 +141,7 @@ pub(super) fn believed(scenario: &Scenario) -> (Cow<'_, Scenario>, Vec<String>) 
     let (mut believed, mut failed) = (Cow::Borrowed(scenario), Vec::new());
     // Only a hand-over needs the stand-alone camera in the frame of the arm. A workshop calibrates
     // real cameras by `rubik-robot calibrate` before the run.
-    let hands_over = matches!(scenario.controller.task, Task::Solve | Task::Acquire);
+    let hands_over = scenario.controller.task.properties.hands_over;
     if scenario.bridge.kind.is_hardware() || !hands_over {
         return (believed, failed);
     }
@@ -346,7 +346,7 @@ fn take_pictures(
     (mut source, mut scenes): (PlantCamera, triple_buffer::Input<Scene>),
 ) -> Result<Taken, Error> {
     let cell = &config.cell;
-    let manner = settings::manner(config, plan.mover);
+    let manner = manner(config, plan.mover);
     let grip = JawCommand {
         // An opening that the jaws cannot reach: the force limit determines the grip.
         opening: (cell.cube.edge - 0.003).max(cell.arms[plan.holder].gripper.opening.0),
@@ -565,14 +565,14 @@ fn errors(truth: &Camera, lens: &Lens, found: &Pose, distance: f64) -> Errors {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario;
+
     use std::path::Path;
 
     /// The arm sags and the camera is not where the scenario has it. After the calibration both
     /// agree on the place of the hand, which is what the take of the cube needs.
     #[test]
     fn calibrated_camera_agrees_with_sagging_arm() {
-        let scenario = scenario::read(Path::new("test.toml"), "seed = 5", &[]).unwrap();
+        let scenario = crate::tasks::read(Path::new("test.toml"), "seed = 5", &[]).unwrap();
 
         let reports = run(&scenario, Some(0), 16, |_| {}).unwrap();
 
@@ -587,7 +587,7 @@ mod tests {
     #[test]
     fn cell_is_calibrated_only_for_hand_over_tasks() {
         let text = |task: &str| format!("task = \"{task}\"\nseed = 5");
-        let of = |task| scenario::read(Path::new("test.toml"), &text(task), &[]).unwrap();
+        let of = |task| crate::tasks::read(Path::new("test.toml"), &text(task), &[]).unwrap();
         let (acquire, idle) = (of("acquire"), of("idle"));
 
         let (believed, failed) = believed(&acquire);
@@ -601,7 +601,7 @@ mod tests {
 
     #[test]
     fn camera_with_too_few_views_is_reported() {
-        let mut scenario = scenario::read(Path::new("test.toml"), "seed = 5", &[]).unwrap();
+        let mut scenario = crate::tasks::read(Path::new("test.toml"), "seed = 5", &[]).unwrap();
         scenario.controller.calibrate_views[0] = 1;
 
         let (believed, failed) = believed(&scenario);

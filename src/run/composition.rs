@@ -9,14 +9,14 @@ use super::failure::not_created;
 use super::gate::Gate;
 use super::operator::OperatorChannels;
 use super::options::{PlantProbe, RunOptions};
-use super::outcome::{Done, Truth, unaccounted};
+use super::outcome::{Done, unaccounted};
 use super::plan::Plan;
 use super::plant_hash::plant_hash;
 use super::recording;
 use super::servos::{self, BetweenPeriods, Drive, Links, Observer, Servos, start_servos};
 use super::simulation::PlantEventLog;
 use super::staff::{Staff, home, start_actors, start_drivers, supervise};
-use super::task::{Assignment, Logbook, run_task};
+use super::task::{Assignment, entry_of, run_task};
 use super::witness::Witness;
 use super::world::{Cameras, World};
 use crate::actors::clock::Clock;
@@ -34,16 +34,14 @@ use crate::hw::scene::{Scene, SceneArm};
 use crate::motion::PERIOD;
 use crate::record::last_second::LastSecond;
 use crate::record::playback::Playback;
+use crate::registry::{Logbook, Truth};
 use crate::scenario::keys::Pace;
 use crate::scenario::{ControllerConfig, Scenario};
-use crate::tasks::cube::mission::Goal;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::watch;
 
-/// Time after a hand-back in which the operator's hand withdraws (s).
-const WITHDRAWAL: f64 = 4.0;
 /// Time after an error in which the arms come to rest, before the drives are switched off (s).
 const STAND: f64 = 0.6;
 
@@ -131,8 +129,8 @@ impl Jams {
 }
 
 impl Composition<'_> {
-    /// Performs the run, from the operator's start to the verdict. `goal` is that of the cube's
-    /// task, `plan` the geometry with which it begins, `logbook` the journal.
+    /// Performs the run, from the operator's start to the verdict. `plan` is the geometry with
+    /// which the task begins, `logbook` the journal.
     ///
     /// # Errors
     /// If a part cannot be created, or an arm cannot be synchronised. Errors of the task are in
@@ -140,7 +138,6 @@ impl Composition<'_> {
     pub(super) async fn perform(
         mut self,
         (world, cameras): (World, Cameras),
-        goal: Option<Goal>,
         plan: Plan,
         logbook: Logbook,
     ) -> Result<Done, Error> {
@@ -163,30 +160,34 @@ impl Composition<'_> {
             .inspect_err(|_| servos.switches.stop.store(true, Ordering::Release))?;
         let to_task = self.operator.to_task.take();
         let turning = jams.turning.clone();
-        let assignment = Assignment { goal, plan, logbook, to_task, turning };
         // The staff must know both before MP exists: in neither case does it synchronise the arms.
-        let by_hand = assignment.is_by_hand();
-        let resumes = assignment.logbook.is_broken_off();
+        let properties = self.scenario.controller.task.properties;
+        let by_hand = properties.by_hand && to_task.is_some();
+        let resumes = logbook.is_broken_off();
+        let meetings = plan.meetings;
+        let assignment = Assignment { meetings, logbook, to_task, turning };
         let mut staff = self
             .staff(&mut servos, cameras, &services, (by_hand, resumes))
             .await
             .inspect_err(|_| servos.switches.stop.store(true, Ordering::Release))?;
-        let config = &self.scenario.controller;
+        let scenario = self.scenario;
         let mut performed =
-            run_task(config, &mut staff, assignment, &services, &self.faults).await?;
+            run_task(scenario, &mut staff, assignment, &services, &self.faults).await?;
         // An actor that has panicked stays marked as busy. The outside watch ends with the task, so
         // that it does not take that actor for a stuck one.
         drop(outside);
-        let verdict = self.wind_down(servos, &mut performed.ending, goal).await?;
+        let verdict = self.wind_down(servos, &mut performed.ending).await?;
         // The kernel gets no event after an error, but a cube may fall while the arms come to rest.
-        if let (Some(_), Some(mission)) = (&performed.ending.error, &mut performed.mission) {
-            mission.look_back(staff.openings());
+        if performed.ending.error.is_some() {
+            performed.kernel.look_back(&staff.arms());
         }
         let truth = beginning.truth(verdict, jams.count());
         let hash = self.operator.trace.hash();
         let (hash, servo_hash) = (hash.hash(), hash.servo_hash());
         let uncalibrated = self.uncalibrated;
-        Ok(Done { goal, performed, truth, by_hand, hash, servo_hash, uncalibrated })
+        let judge = |truth| entry_of(scenario).map(|task| task.judge(&scenario.controller, truth));
+        let judgement = truth.as_ref().map(judge).transpose()?.flatten();
+        Ok(Done { judgement, performed, truth, by_hand, hash, servo_hash, uncalibrated })
     }
 
     /// Puts a gate between operator and run, so that inputs pass between two periods only. Returns
@@ -292,7 +293,6 @@ impl Composition<'_> {
         &self,
         servos: Servos,
         ending: &mut Ending,
-        goal: Option<Goal>,
     ) -> Result<Option<Verdict>, Error> {
         let switches = Arc::clone(&servos.switches);
         if matches!(ending.error, Some(Error::System { .. })) {
@@ -303,10 +303,9 @@ impl Composition<'_> {
             // Drives must not go off under a moving arm: an interrupted motion comes to rest first.
             tokio::time::sleep(Duration::from_secs_f64(STAND)).await;
         }
-        // The verdict is about the end of the hand-over, after the hand has withdrawn with the
-        // cube.
-        if ending.finish.as_ref().is_some_and(|f| f.achieved) && goal == Some(Goal::Solve) {
-            tokio::time::sleep(Duration::from_secs_f64(WITHDRAWAL)).await;
+        let settles = entry_of(self.scenario)?.settles();
+        if ending.finish.as_ref().is_some_and(|f| f.achieved) && settles > 0.0 {
+            tokio::time::sleep(Duration::from_secs_f64(settles)).await;
         }
         switches.stop.store(true, Ordering::Release);
         let (trace, end) = (&self.operator.trace, ending.end);

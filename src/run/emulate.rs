@@ -19,7 +19,7 @@ use crate::hw::plant::render::PlantCamera;
 use crate::hw::plant::{Plant, Verdict};
 use crate::hw::scene::Scene;
 use crate::motion::PERIOD;
-use crate::scenario::{Scenario, keys};
+use crate::scenario::Scenario;
 use std::fs::File;
 use std::io::{ErrorKind, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
@@ -35,7 +35,7 @@ const PRIORITY: i32 = 85;
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Emulated {
     /// Task of the scenario.
-    pub(crate) task: keys::Task,
+    pub(crate) task: &'static str,
     /// The cube at the beginning.
     pub(crate) start: Facelets,
     /// The cube at the end.
@@ -189,7 +189,7 @@ pub(crate) fn emulate(
 ) -> Result<Emulated, Error> {
     let failed = |why: String| not_created("emulator", &why);
     let io = |e: std::io::Error| failed(e.to_string());
-    let plant = Plan::of(&scenario.controller)?.plant(scenario)?;
+    let plant = Plan::of(scenario)?.plant(scenario)?;
     let facelets = |plant: &Plant| {
         Facelets::try_from(plant.verdict().facelets).map_err(|e| failed(e.to_string()))
     };
@@ -234,7 +234,7 @@ pub(crate) fn emulate(
     let verdict = plant.verdict();
     let names: Vec<&str> = arms.iter().map(|arm| arm.name.as_str()).collect();
     Ok(Emulated {
-        task: scenario.controller.task,
+        task: scenario.controller.task.word(),
         start,
         end: facelets(plant)?,
         events: verdict.described_events(&names, PERIOD).collect(),

@@ -66,7 +66,7 @@ use std::borrow::Cow;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use task::Logbook;
+use task::{entry_of, open_logbook, storage};
 use tokio::runtime::Runtime;
 use world::World;
 use world_file::Kept;
@@ -189,18 +189,17 @@ fn carried_out(
 ) -> Result<Done, Error> {
     let RunContext { recorder, last_second, playback, saved, probe, .. } = context;
     let playback = playback.map(|(playback, _)| playback);
-    let plan = Plan::of(&scenario.controller)?;
-    let goal = settings::goal(&scenario.controller, plan.angle);
+    let plan = Plan::of(scenario)?;
     // Files are claimed before the plant exists: the state of another run, finished or still
     // running, must not be overwritten.
     let claim = |path: &PathBuf| Kept::claim(path, scenario.pace, operator.trace.clone());
     let kept = saved.world.as_ref().map(claim).transpose()?;
-    let logbook = Logbook::open(&saved)?;
+    let logbook = open_logbook(entry_of(scenario)?, &saved)?;
     // Some injected faults act on handles that exist already: the desk's button and the files.
     let faults = InjectedFaults {
         emergency: operator.stop_button.clone(),
         recording: recorder.storage().unwrap_or_default(),
-        journal: logbook.storage().unwrap_or_default(),
+        journal: storage(&logbook).unwrap_or_default(),
         world: kept.as_ref().map(Kept::storage).unwrap_or_default(),
         ..InjectedFaults::new(scenario.controller.cell.cameras.len())
     };
@@ -236,7 +235,7 @@ fn carried_out(
         probe,
         uncalibrated,
     };
-    let done = runtime.block_on(composition.perform((world, cameras), goal, plan, logbook));
+    let done = runtime.block_on(composition.perform((world, cameras), plan, logbook));
     // The last notes of the bridge are logged before the summary is shown.
     drop(bridge_log);
     shut_down(runtime);

@@ -12,13 +12,10 @@
 //! | the controller believes it is done, and the plant confirms it | solved | task |
 //! | any other | failed | task |
 //!
-//! The plant confirms a solved cube that is back in its place, a cube that was taken and returned,
-//! or a face turn within `TURNED_WITHIN` of its angle, without a jam and with less than `EXCESSIVE`
-//! force. The idle task needs no confirmation.
+//! The judge of the task says what the plant confirms. A task without a judge is believed.
 
 use super::task::Performed;
 use crate::actors::mp::Ending;
-use crate::cube::{Facelets, format_turns};
 use crate::error::{Error, NonFatal};
 use crate::hw::plant::verdict::{self, Event};
 use crate::hw::plant::{self, Incident, Verdict};
@@ -26,23 +23,20 @@ use crate::operator::{OutcomeView, run_remedy};
 use crate::record::summary::{
     Accident, EndedBy, Exertion, Outcome, Phase, SensorPeak, Summary, Violations,
 };
+use crate::registry::{Judgement, Truth};
 use crate::scenario::{ControllerConfig, Scenario};
 use crate::servo::period::Length;
-use crate::tasks::cube::mission::Goal;
+use serde_json::Value;
+use std::collections::BTreeMap;
 use std::time::Instant;
 
-/// Force on the cube from which on it is excessive (N). It is used in the verdict only and limits
-/// no motion.
-const EXCESSIVE: f64 = 20.0;
-/// Largest error of a turn that counts as correct (deg).
-const TURNED_WITHIN: f64 = 5.0;
 /// Reason of a run that its operator ended.
 pub(super) const BY_OPERATOR: &str = "terminated by the operator";
 
 /// Facts at the end of a run.
 pub(super) struct Done {
-    /// Goal of the cube's task; `None` for the idle task.
-    pub(super) goal: Option<Goal>,
+    /// Judgement on the plant; `None` for hardware, and for a task without a judge.
+    pub(super) judgement: Option<Judgement>,
     /// Result of the task.
     pub(super) performed: Performed,
     /// Facts of the plant; `None` for hardware.
@@ -55,27 +49,6 @@ pub(super) struct Done {
     pub(super) servo_hash: String,
     /// Cameras that could not be calibrated before the run, each with the reason.
     pub(super) uncalibrated: Vec<String>,
-}
-
-/// Facts of a plant at the end.
-pub(super) struct Truth {
-    /// Cube at the beginning.
-    pub(super) start: Facelets,
-    /// Distance of the nearest tool from the cube's centre at the beginning (m).
-    pub(super) clearance: f64,
-    /// Checksum of the plant's limits of speed and force.
-    pub(super) bounds: u32,
-    /// Verdict of the plant on the cube.
-    pub(super) verdict: Verdict,
-    /// Number of jammed turns.
-    pub(super) jams: u32,
-}
-
-impl Truth {
-    /// Returns the colours of the plant's cube at the end.
-    fn end(&self) -> Facelets {
-        Facelets::try_from(self.verdict.facelets).unwrap_or(self.start)
-    }
 }
 
 /// Returns the summary of a run that `error` ended before its task began.
@@ -119,11 +92,11 @@ pub(super) fn summary(
     let truth = done.truth.as_ref();
     let verdict = truth.map(|truth| &truth.verdict);
     let Performed { ending, ended, .. } = &done.performed;
-    let log = &done.performed.log();
+    let account = Figures(done.performed.kernel.account().figures);
     let end = truth.map(Truth::end);
     // Everything that only the plant knows stays `None` for hardware.
-    let turned_deg = turned_deg(done.goal, verdict);
-    let (outcome, reason, ended_by) = verdict_of(done, end.as_ref(), turned_deg);
+    let judged = |name: &str| done.judgement.as_ref()?.figures.get(name)?.as_f64();
+    let (outcome, reason, ended_by) = verdict_of(done);
     let counts = verdict.map(|v| v.counts);
     Summary {
         outcome,
@@ -137,13 +110,13 @@ pub(super) fn summary(
         seed,
         cube_start: truth.map(|t| t.start.to_string()),
         cube_end: end.map(|end| end.to_string()),
-        identified: log.identified.clone(),
-        solution: log.identified.as_ref().map(|_| format_turns(&log.solution)),
-        expected_s: log.expected,
-        executed: format_turns(&log.executed),
-        turns: log.executed.len() as u32,
-        grasps: log.grasps,
-        recoveries: log.recoveries,
+        identified: account.text("identified"),
+        solution: account.text("solution"),
+        expected_s: account.number("expected_s"),
+        executed: account.text("executed").unwrap_or_default(),
+        turns: account.count("turns"),
+        grasps: account.count("grasps"),
+        recoveries: account.count("recoveries"),
         // The end of MP's work: the withdrawal of the hand afterwards does not count.
         sim_time_s: ending.end,
         wall_time_s,
@@ -154,7 +127,7 @@ pub(super) fn summary(
         jams: truth.map(|t| t.jams),
         slips: counts.map(|c| c.slips),
         drops: counts.map(|c| c.drops),
-        drops_noticed: Some(log.drops),
+        drops_noticed: Some(account.count("drops_noticed")),
         returned: verdict.map(Verdict::is_back),
         force_limit_n: Some(config.control.force_limit),
         // Infinite for a cell without arms, which JSON has no number for.
@@ -165,7 +138,8 @@ pub(super) fn summary(
         late_drops: verdict.map(|v| late_drops(v, ending, period)),
         violations: counts.map(|c| violations(&c.violations)),
         accidents: verdict.map(|v| accidents(v, config, period)),
-        turned_deg,
+        turned_deg: judged("turned_deg"),
+        figures: figures(done, &account),
         phases: phases(ending, *ended),
         hash: done.hash.clone(),
         servo_hash: done.servo_hash.clone(),
@@ -192,18 +166,6 @@ fn late_drops(verdict: &Verdict, ending: &Ending, period: f64) -> u32 {
 fn violations(counts: &verdict::Violations) -> Violations {
     let verdict::Violations { let_fall, restarts, moved_after_stop } = *counts;
     Violations { let_fall, restarts, moved_after_stop }
-}
-
-/// Returns the angle by which the plant's layer was turned (deg), positive in the ordered sense;
-/// `None` unless the task is a face turn in a plant.
-fn turned_deg(goal: Option<Goal>, verdict: Option<&Verdict>) -> Option<f64> {
-    match goal {
-        // The turner holds the upper layer, so clockwise seen from outside is negative about +z.
-        // `turned` is the angle of the body's part against the turner's: positive in the ordered
-        // sense.
-        Some(Goal::FaceTurn(angle)) => verdict.map(|v| v.turned.to_degrees() * angle.signum()),
-        Some(Goal::Solve | Goal::Acquire) | None => None,
-    }
 }
 
 /// Returns the duration of each phase in simulated time and by the wall clock; `ended` is the end
@@ -265,15 +227,55 @@ fn accidents(verdict: &Verdict, config: &ControllerConfig, period: f64) -> Vec<A
     events.map(|(time_s, _, what)| Accident { time_s, what }).collect()
 }
 
+/// Figures that have keys of their own in a summary.
+const OWN_KEYS: [&str; 9] = [
+    "identified",
+    "solution",
+    "expected_s",
+    "executed",
+    "turns",
+    "grasps",
+    "recoveries",
+    "drops_noticed",
+    "turned_deg",
+];
+
+/// Returns the figures of the task that have no key of their own; those of the plant count more
+/// than those that the kernel reports.
+fn figures(done: &Done, account: &Figures) -> BTreeMap<String, Value> {
+    let judged = done.judgement.iter().flat_map(|judgement| &judgement.figures);
+    let all = account.0.iter().chain(judged);
+    all.filter(|(name, _)| !OWN_KEYS.contains(&name.as_str()))
+        .map(|(name, figure)| (name.clone(), figure.clone()))
+        .collect()
+}
+
+/// Figures of a kernel's account, by name.
+struct Figures(BTreeMap<String, Value>);
+
+impl Figures {
+    /// Returns the text with this name; `None` if there is none.
+    fn text(&self, name: &str) -> Option<String> {
+        self.0.get(name)?.as_str().map(str::to_owned)
+    }
+
+    /// Returns the number with this name; `None` if there is none.
+    fn number(&self, name: &str) -> Option<f64> {
+        self.0.get(name)?.as_f64()
+    }
+
+    /// Returns the count with this name; 0 if there is none.
+    fn count(&self, name: &str) -> u32 {
+        let count = self.0.get(name).and_then(Value::as_u64).unwrap_or_default();
+        u32::try_from(count).unwrap_or(u32::MAX)
+    }
+}
+
 /// Returns the verdict on a run, its reason and the cause of its end. The plant must confirm the
-/// controller's success: `end` is its cube at the end, `turned_deg` the true angle of a face turn.
-/// On hardware both are `None`, and the controller's account decides.
-fn verdict_of(
-    done: &Done,
-    end: Option<&Facelets>,
-    turned_deg: Option<f64>,
-) -> (Outcome, String, EndedBy) {
-    let (ending, whereabouts) = (&done.performed.ending, &done.performed.whereabouts());
+/// controller's success. On hardware the controller's account decides.
+fn verdict_of(done: &Done) -> (Outcome, String, EndedBy) {
+    let ending = &done.performed.ending;
+    let whereabouts = &done.performed.kernel.account().whereabouts;
     // Any error aborts, even one after the goal was reached.
     if let Some(error) = &ending.error {
         let ended_by =
@@ -289,20 +291,14 @@ fn verdict_of(
         let reason = format!("{BY_OPERATOR}{}", place_clause(whereabouts));
         return (Outcome::Aborted, reason, EndedBy::Operator);
     };
-    let (Some(truth), Some(end)) = (&done.truth, end) else {
+    if done.truth.is_none() {
         let outcome = if finish.achieved { Outcome::Solved } else { Outcome::Failed };
         let reason = format!("{}, as the controller reports", finish.reason);
         return (outcome, reason, EndedBy::Task);
-    };
-    let (right, words) = match done.goal {
+    }
+    let (right, words) = match &done.judgement {
         None => (true, finish.reason.clone()),
-        Some(Goal::Solve) => {
-            let verdict = &truth.verdict;
-            (end.is_solved() && verdict.is_back(), verdict_words(end.is_solved(), verdict))
-        }
-        // The take does not change the cube: only its return counts.
-        Some(Goal::Acquire) => (truth.verdict.is_back(), verdict_words(true, &truth.verdict)),
-        Some(Goal::FaceTurn(angle)) => turn_verdict(angle, turned_deg.unwrap_or(0.0), truth),
+        Some(Judgement { right, words, .. }) => (*right, words.clone()),
     };
     match (finish.achieved, right) {
         (true, true) => (Outcome::Solved, words, EndedBy::Task),
@@ -312,25 +308,6 @@ fn verdict_of(
         }
         (false, _) => (Outcome::Failed, finish.reason.clone(), EndedBy::Task),
     }
-}
-
-/// Returns whether a face turn ordered by `angle` (rad) was correct in the plant, and a sentence
-/// about it.
-fn turn_verdict(angle: f64, turned_deg: f64, truth: &Truth) -> (bool, String) {
-    let asked = angle.abs().to_degrees();
-    let gentle = truth.verdict.peak_force < EXCESSIVE;
-    let right = (turned_deg - asked).abs() < TURNED_WITHIN && truth.jams == 0 && gentle;
-    let force = if gentle { "" } else { ", with excessive force" };
-    // A slip is mentioned, but the angle decides.
-    let slip = if truth.verdict.counts.slips > 0 { ", and a grip slipped" } else { "" };
-    (right, format!("the layer was turned by {turned_deg:.1} deg of {asked:.0}{force}{slip}"))
-}
-
-/// Returns in words whether the cube is in the state that the task requires (`solved`), and where
-/// it is.
-fn verdict_words(solved: bool, verdict: &Verdict) -> String {
-    let state = if solved { "the cube is in the required state" } else { "the cube is not solved" };
-    format!("{state} and {}", verdict.place())
 }
 
 /// Returns `whereabouts`, the place of the cube, as a clause to be added to a reason; empty if it

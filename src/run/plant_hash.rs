@@ -12,6 +12,7 @@
 //! The speeds that the controller chooses are no part of it: they are what a comparison measures.
 
 use crate::scenario::ControllerConfig;
+use crate::tasks::cube::door::planner_keys;
 
 /// Returns a CRC-32 over `plant`, the checksum of the plant's own limits, and over the limits that
 /// the controller's half of the scenario declares.
@@ -21,7 +22,7 @@ pub(super) fn plant_hash(plant: u32, controller: &ControllerConfig) -> u32 {
         .iter()
         .map(|effector| (effector.gains.pwm_limit, effector.gains.pwm_slew))
         .collect();
-    let (vision, node) = (&controller.vision, controller.planner.node_cost);
+    let (vision, node) = (&controller.vision, planner_keys(controller).node_cost);
     // The plant's own tools have errors that campaigns draw, so the believed ones count.
     let cell = &controller.cell;
     let tools: Vec<_> =
@@ -35,7 +36,7 @@ pub(super) fn plant_hash(plant: u32, controller: &ControllerConfig) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario::read;
+    use crate::tasks::read;
     use std::path::Path;
 
     #[test]
@@ -43,12 +44,11 @@ mod tests {
         let controller =
             read(Path::new("t.toml"), "", &[]).map(|scenario| scenario.controller).unwrap();
         let plain = plant_hash(7, &controller);
-        let changes: [fn(&mut ControllerConfig); 9] = [
+        let changes: [fn(&mut ControllerConfig); 8] = [
             |c| c.effectors[0].gains.pwm_limit *= 1.1,
             |c| c.effectors[1].gains.pwm_slew *= 1.1,
             |c| c.vision.localisation = 0.0,
             |c| c.vision.face = 0.0,
-            |c| c.planner.node_cost = 0.0,
             |c| c.cell.arms[0].sensor.weight = 0.01,
             |c| c.cell.arms[1].sensor.centre_in_flange.z += 0.01,
             |c| c.cell.cube.mass = 0.02,
@@ -60,6 +60,8 @@ mod tests {
             change(&mut other);
             assert_ne!(plant_hash(7, &other), plain, "change {number}");
         }
+        let swift = read(Path::new("t.toml"), "[planner]\nnode_cost_us = 0\n", &[]).unwrap();
+        assert_ne!(plant_hash(7, &swift.controller), plain, "the declared time of a node");
         let mut faster = controller.clone();
         faster.control.turn_speed *= 0.5;
         assert_eq!(plant_hash(7, &faster), plain, "a chosen speed is no limit");

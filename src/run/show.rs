@@ -13,6 +13,7 @@ use crate::actors::present::{self, Presenter, View};
 use crate::cell::Cell;
 use crate::desk::{Desk, Pictures, RunEnd};
 use crate::hw::driver::{NoRecords, RecordSink, ServoRecord};
+use crate::kernel::Picture;
 use crate::motion::{AXES, ArmFault, ArmState, JointPositions, Synchronisation};
 use crate::operator::{Class, ControlView, Input, OutcomeView, Services, Snapshot};
 use crate::record::reading::{End, Label, Message, Piece, Reading, Unreadable};
@@ -24,7 +25,6 @@ use crate::scenario::Scenario;
 use crate::servo::ServoCommand;
 use crate::servo::io::Outside;
 use crate::servo::period::Length;
-use crate::tasks::Picture;
 use std::collections::BTreeMap;
 use std::io::{Read, Seek};
 use std::sync::Arc;
@@ -633,7 +633,7 @@ mod tests {
 
     /// Returns the built-in scenario.
     fn scenario() -> Scenario {
-        crate::scenario::read(std::path::Path::new("t.toml"), "", &[]).unwrap()
+        crate::tasks::read(std::path::Path::new("t.toml"), "", &[]).unwrap()
     }
 
     /// Makes a recording of these events that ends at the time `end` (s).

@@ -3,11 +3,11 @@
 //! This is the only file that reads a `plant.*` key. Its results are used behind the port and the
 //! cameras only, so that no part of the controller knows them.
 //!
-//! - in: the scenario; the believed meetings of the arms and the start of a face turn
+//! - in: the scenario; the believed meetings of the arms, and the beginning that a task asks for
 //! - out: the plant with its seeded errors and injected faults, its renderers, its serial lines
 
 use super::disturbance::{Actor, Disturbance};
-use super::settings::{FaceTurnStart, meeting_place};
+
 use crate::cell::Cell;
 use crate::cube::Keeper;
 use crate::hw::emulator::{LineFaults, Wired};
@@ -22,8 +22,9 @@ use crate::hw::serial::axis::Rules;
 use crate::hw::storage::StorageFault;
 use crate::motion::JointPositions;
 use crate::operator::Class;
-use crate::reach::{Meeting, MeetingTable};
+use crate::reach::{Meeting, MeetingTable, meeting_place};
 use crate::record::recorder::{Entry, Recorder};
+use crate::registry::Beginning;
 use crate::scenario::Scenario;
 use crate::scenario::injected::{FaultActor, FaultEvent, FaultKeys, FaultKind};
 use crate::scenario::plant::{CubeKind, Jaws as JawsKey, PlantHand, PlantKeys};
@@ -32,23 +33,23 @@ use crate::spatial::Pose;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 
 /// Creates the plant of a run with its seeded errors; the bases of the arms are tilted about the
-/// mean place of `meetings`. With a `face_turn` the arms begin at its start, and the postument's
-/// hand holds the cube.
+/// mean place of `meetings`. With a `beginning` the arms begin at its meeting, and the second hand
+/// holds the cube.
 ///
 /// # Errors
 /// If the plant section describes no possible plant.
 pub(super) fn create(
     scenario: &Scenario,
     meetings: Option<&MeetingTable>,
-    face_turn: Option<&FaceTurnStart>,
+    beginning: Option<&Beginning>,
 ) -> Result<Plant, String> {
     let mut belief = scenario.controller.cell.clone();
     let keys = &scenario.plant.keys;
     let mut grasp = GraspError::default();
     let mut met: Vec<Meeting> =
         meetings.map_or(Vec::new(), |table| table.grasps.iter().flatten().copied().collect());
-    if let Some(start) = face_turn {
-        place_for_face_turn(&mut belief, start);
+    if let Some(start) = beginning {
+        place_at_meeting(&mut belief, &start.meeting);
         let arm = &belief.arms[1];
         // One meeting matters: the bases are set up for it, and the hold has exactly the errors
         // that the scenario asks for.
@@ -75,10 +76,8 @@ pub(super) fn create(
     }
     config.faults = faults(scenario).0;
     // The plant starts with the grip that the controller would have ordered for this hold.
-    if let Some(start) = face_turn {
-        let edge = config.cell.cube.edge;
-        let tool_from_cube = start.body.cube_from_tool(start.half_roll, edge).inverse();
-        config.start = Start::Held { arm: 1, tool_from_cube };
+    if let Some(start) = beginning {
+        config.start = Start::Held { arm: 1, tool_from_cube: start.tool_from_cube };
         config.start_grip = scenario.controller.control.grip;
     }
     let plant = Plant::new(config, scenario.seed).map_err(|e| e.to_string())?;
@@ -446,11 +445,11 @@ pub(super) fn wired(scenario: &Scenario, plant: Plant) -> Wired<Plant> {
     Wired::new(plant, arms, rules, faults, scenario.seed)
 }
 
-/// Moves both arms of the believed cell to where a face turn starts: the postument's to the
-/// meeting, the track's retracted from it.
-fn place_for_face_turn(belief: &mut Cell, start: &FaceTurnStart) {
-    belief.arms[0].start = start.meeting.track_back;
-    belief.arms[1].start = start.meeting.postument;
+/// Moves both arms of the believed cell to a meeting: the second one there, the first one retracted
+/// from it.
+fn place_at_meeting(belief: &mut Cell, meeting: &Meeting) {
+    belief.arms[0].start = meeting.track_back;
+    belief.arms[1].start = meeting.postument;
 }
 
 /// Returns the renderer of a camera of the plant; `None` if the plant has no camera with
@@ -478,13 +477,13 @@ pub(super) fn renderer(scenario: &Scenario, plant: &Plant, camera: usize) -> Opt
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario;
+
     use std::path::Path;
 
     /// Returns the identity of a plant whose scenario has the keys `text` and the tables `more`.
     fn identity(text: &str, more: &str) -> Identity {
         let text = format!("task = \"solve\"\nseed = 5\n{text}\n{more}\n");
-        let scenario = scenario::read(Path::new("identity.toml"), &text, &[]).unwrap();
+        let scenario = crate::tasks::read(Path::new("identity.toml"), &text, &[]).unwrap();
         *create(&scenario, None, None).unwrap().identity()
     }
 

@@ -13,6 +13,7 @@ use crate::actors::control::permission_soon;
 use crate::actors::edp::EdpHandle;
 use crate::actors::homing::{self, wait_for_homing};
 use crate::actors::lookout::{self, Apart};
+use crate::actors::manner::manner;
 use crate::actors::move_instruction::Manner;
 use crate::actors::notice::Notice;
 use crate::actors::services::Services;
@@ -23,12 +24,12 @@ use crate::cell::{Cell, Mount};
 use crate::error::{Error, NonFatal};
 use crate::generators::Behaviour;
 use crate::hw::camera::FrameSource;
-use crate::motion::PERIOD;
+use crate::kernel::{Effort, Forces};
+use crate::motion::{ArmState, PERIOD};
 use crate::reach::guard::Guard;
 use crate::scenario::keys::{Coordination, Pace};
 use crate::scenario::lists::VspKind;
 use crate::scenario::{ControllerConfig, Owner, VspConfig};
-use crate::tasks::{Effort, Forces};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -119,11 +120,9 @@ pub(super) struct Staff {
 }
 
 impl Staff {
-    /// Returns the openings of the jaws of both arms (m) by the latest states of their EDPs; an
-    /// infinite one for an arm that does not exist.
-    pub(super) fn openings(&self) -> [f64; 2] {
-        let opening = |i: usize| self.edps.get(i).map(|edp| edp.watch().borrow().jaw_opening);
-        [0, 1].map(|i| opening(i).unwrap_or(f64::INFINITY))
+    /// Returns the latest states of all arms by their EDPs.
+    pub(super) fn arms(&self) -> Vec<ArmState> {
+        self.edps.iter().map(|edp| *edp.watch().borrow()).collect()
     }
 }
 
@@ -237,7 +236,7 @@ pub(super) async fn start_actors(
     let Drivers { edps, unsynchronised, guard, apart } = drivers;
     let sensors = start_sensors(config, &edps, cameras, services, faults)?;
     let manners: Vec<_> =
-        (0..config.cell.arms.len()).map(|effector| settings::manner(config, effector)).collect();
+        (0..config.cell.arms.len()).map(|effector| manner(config, effector)).collect();
     let ecps: Vec<_> = config
         .cell
         .arms
@@ -250,6 +249,7 @@ pub(super) async fn start_actors(
                 tracker: sensors.tracker_of(Owner::Ecp(index)),
                 hand_camera: sensors.hand_camera_of(Owner::Ecp(index), index),
                 manner: manners[index],
+                programmes: config.programmes.clone(),
                 services: services.under(faults.ecps.get(index)),
             };
             ecp::spawn(&arm.name, parts)

@@ -76,13 +76,7 @@ pub(crate) fn weigh_tool(
         World::of_hardware(scenario, &control)?.0
     } else {
         let faults = InjectedFaults::new(scenario.controller.cell.cameras.len());
-        World::of_plant(
-            scenario,
-            Plan::of(&scenario.controller)?.plant(scenario)?,
-            &control,
-            &faults,
-        )?
-        .0
+        World::of_plant(scenario, Plan::of(scenario)?.plant(scenario)?, &control, &faults)?.0
     };
     let config = &scenario.controller;
     let configs: Vec<_> = config
@@ -333,15 +327,15 @@ fn refuse(refused: MoveRefused) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario;
+
     use std::path::Path;
 
     #[test]
     fn weigh_tool_finds_true_weight_and_centre() {
         // The length of a run's periods has no part in it.
         let text = "task = \"idle\"\nseed = 5\n[real_time]\nperiod_ms = 1\n";
-        let scenario = scenario::read(Path::new("weigh.toml"), text, &[]).unwrap();
-        let truth = Plan::of(&scenario.controller).unwrap().plant(&scenario).unwrap();
+        let scenario = crate::tasks::read(Path::new("weigh.toml"), text, &[]).unwrap();
+        let truth = Plan::of(&scenario).unwrap().plant(&scenario).unwrap();
 
         for arm in 0..2 {
             let sensor = truth.cell().arms[arm].sensor;

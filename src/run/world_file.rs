@@ -190,7 +190,6 @@ fn refused(path: &Path, why: &Unfit) -> Error {
 mod tests {
     use super::*;
     use crate::record::run_hash::RunHash;
-    use crate::scenario;
 
     /// The warning names the file, the reason of the failed write and that of the failed removal.
     #[test]
@@ -198,7 +197,7 @@ mod tests {
         let name = format!("rubik-robot-kept-{}", std::process::id());
         let path = std::env::temp_dir().join(name);
         let text = "task = \"idle\"\nseed = 5\n";
-        let scenario = scenario::read(Path::new("kept.toml"), text, &[]).unwrap();
+        let scenario = crate::tasks::read(Path::new("kept.toml"), text, &[]).unwrap();
         let plant = super::super::simulation::create(&scenario, None, None).unwrap();
         let (trace, mut notices) = Trace::bare(RunHash::default());
         let mut kept = Kept::claim(&path, Pace::Virtual, trace).unwrap();

@@ -3,16 +3,19 @@
 //! - in: a [`Draft`], each of whose keys is in its own range
 //! - out: a [`Scenario`], or faults: those of [`check`], and those that only the construction shows
 
+use super::catalogue::{Catalogue, Declaration};
 use super::check;
 use super::config::{
-    CameraSource, ControllerConfig, EffectorConfig, Owner, PlantSection, Scenario, VspConfig,
+    CameraSource, ControllerConfig, EffectorConfig, Owner, PlantSection, VspConfig,
 };
+use super::declared::{TaskLabel, TaskSections};
 use super::draft::Draft;
-use super::keys::{self, BridgeKind, HandKeys, Planner, Rule, Servo};
+use super::keys::{self, BridgeKind, HandKeys, Servo};
 use super::lists::{CameraKeys, Effector, GripperKeys, MountKind, SensorKeys, Vsp, VspKind};
 use super::motion;
 use super::profile;
 use super::section::Reader;
+use super::whole::Scenario;
 use crate::cell::{Arm, Camera, Cell, CubeSpec, ForceSensor, Gripper, HandZone, Intrinsics, Mount};
 use crate::cube::{Cube, Facelets, Keeper};
 use crate::kinematics::ArmModel;
@@ -25,7 +28,12 @@ use std::path::Path;
 /// added to `reader`. Returns `None` if a fault leaves an arm, a camera or a sensor unbuilt.
 ///
 /// Faults at the same place are printed in the order in which they are found here.
-pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option<Scenario> {
+pub(super) fn scenario(
+    path: &Path,
+    draft: Draft,
+    catalogue: &Catalogue,
+    reader: &mut Reader,
+) -> Option<Scenario> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let root = &draft.root;
     // Each step runs even after a fault of an earlier one, so that a user sees all faults at once.
@@ -36,10 +44,9 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
     let cameras = cameras(&draft.cameras, &draft.effectors, reader);
     let sources = sources(&draft.cameras, folder, reader);
     let vsps = vsps(&draft, reader);
-    check::task(&draft, &arms, reader);
     check::owners(&draft, &vsps, reader);
     let cube_state = cube_state(&root.cube.state, reader);
-    let planner = planner(root.planner.clone(), &draft.effectors, reader);
+    let task = check::task(&root.task, catalogue, reader);
     check::force_sign(&root.control, reader);
     check::periods(root, reader);
     check::faults(&draft, &arms, reader);
@@ -54,8 +61,9 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
     let synchronised = draft.effectors.iter().map(|e| e.start_synchronised).collect();
     let faults = draft.faults.into_iter().map(|(_, keys)| keys).collect();
     // A hole in one of the lists below has its fault in `reader`, so `?` loses no message.
-    let root = draft.root;
-    Some(Scenario {
+    let (root, sections) = (draft.root, draft.sections);
+    let task = task?;
+    let mut scenario = Scenario {
         path: path.to_path_buf(),
         text: String::new(),
         seed: root.seed,
@@ -64,7 +72,7 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
         bridge: root.bridge,
         devices_named: false,
         controller: ControllerConfig {
-            task: root.task,
+            task: label(task.declaration()),
             coordination: root.coordination,
             cell: Cell {
                 arms: arms.into_iter().collect::<Option<_>>()?,
@@ -81,12 +89,29 @@ pub(super) fn scenario(path: &Path, draft: Draft, reader: &mut Reader) -> Option
             control: root.control,
             visual_servo: root.visual_servo,
             vision: root.vision,
-            planner,
-            face_turn: root.face_turn,
-            idle: root.idle,
+            sections: TaskSections::default(),
+            programmes: catalogue.programmes.clone(),
         },
         plant: PlantSection { cube_state, synchronised, keys: root.plant, faults },
-    })
+        task,
+    };
+    scenario.controller.sections = checked(&scenario, sections, reader);
+    Some(scenario)
+}
+
+/// Returns name and properties of a task.
+fn label(task: &dyn Declaration) -> TaskLabel {
+    TaskLabel::new(task.name(), task.properties())
+}
+
+/// Has the task of a scenario check its keys against the rest, and returns the keys of all tasks.
+fn checked(scenario: &Scenario, mut sections: TaskSections, reader: &mut Reader) -> TaskSections {
+    let task = scenario.task.declaration();
+    check::coordination(task, scenario.controller.coordination, reader);
+    if let Some(keys) = sections.get_mut(task.section()) {
+        task.check(keys.as_mut(), &scenario.controller, reader);
+    }
+    sections
 }
 
 /// Builds the arm of each effector; `None` for an arm with a fault.
@@ -403,23 +428,6 @@ fn cube_state(text: &str, reader: &mut Reader) -> Option<Facelets> {
 /// Makes the regrasp rule of the planner agree with the grippers: if a palm presses the cube,
 /// `Rule::Clearance` becomes `Rule::Strict`.
 ///
-/// It is a fault if the scenario itself sets `Rule::Clearance` with such a palm.
-fn planner(mut planner: Planner, effectors: &[Effector], reader: &mut Reader) -> Planner {
-    let presses = effectors.iter().find(|e| !e.gripper.palm_clearance);
-    if let (Rule::Clearance, Some(effector)) = (planner.rule, presses) {
-        if reader.is_given("planner.rule") {
-            let reason = format!(
-                "`planner.rule`: \"clearance\" needs palms that keep a distance from the cube, but \
-                 effector.{}.gripper.palm_clearance is false",
-                effector.name
-            );
-            reader.fault("planner.rule", reason);
-        }
-        planner.rule = Rule::Strict;
-    }
-    planner
-}
-
 /// Returns the keeper of the cube (a person or the table) and the place of the hand-over.
 ///
 /// On a table, the height of that place follows from the height of the table and the `edge` of the
@@ -460,8 +468,9 @@ fn looking(from: [f64; 3], to: [f64; 3]) -> Option<Pose> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Override, read};
+    use super::super::Override;
     use super::*;
+    use crate::tasks::read;
 
     /// Returns the faults of a scenario with this text and overrides; empty if there are none.
     fn faults(text: &str, overrides: &[Override]) -> String {

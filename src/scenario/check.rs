@@ -6,21 +6,25 @@
 //! | check | refused | reason |
 //! |---|---|---|
 //! | [`bridge`] | hardware under virtual time | hardware has a clock of its own |
-//! | [`task`] | a missing effector or sensor | the task cannot be done |
+//! | [`task`] | a word that names no task | there is nothing to do |
+//! | [`coordination`] | a scheme that the task cannot use | nobody would order the arms |
 //! | [`owners`] | readings of the cube that miss the first ECP | it runs the visual servo |
 //! | [`periods`] | a macrostep of less than 2 periods | an EDP answers 2 periods before its end |
 //! | [`hand_force`] | a limit below the force of an approach | each approach would be aborted |
 
+use super::catalogue::{Catalogue, ChosenTask, Declaration};
 use super::config::{Owner, VspConfig};
 use super::draft::Draft;
+use super::fault::nearest;
 use super::injected;
-use super::keys::{self, Control, Coordination, HandKeys, Pace, Task};
+use super::keys::{self, Control, Coordination, HandKeys, Pace};
 use super::lists::{GripperKeys, VspKind};
 use super::root::Root;
 use super::section::Reader;
 use crate::cell::Arm;
 use crate::cube::Keeper;
 use crate::servo::period::Length;
+use std::sync::Arc;
 
 /// Checks that hardware runs in real time, and that `bridge.devices`, if given, is not empty.
 pub(super) fn bridge(root: &Root, reader: &mut Reader) {
@@ -91,46 +95,34 @@ pub(super) fn opening(gripper: &GripperKeys, path: &str, reader: &mut Reader) {
     }
 }
 
-/// Checks that the task has the effectors and sensors that it needs.
-pub(super) fn task(draft: &Draft, arms: &[Option<Arm>], reader: &mut Reader) {
-    let (task, word) = (draft.root.task, draft.root.task.word());
-    // A task of two hands needs two effectors; the one on the track comes first.
-    if task != Task::Idle && draft.effectors.len() == 1 {
+/// Returns the task with this name; adds a fault if there is none.
+pub(super) fn task(name: &str, catalogue: &Catalogue, reader: &mut Reader) -> Option<ChosenTask> {
+    let found = catalogue.find(name).map(|task| ChosenTask::new(Arc::clone(task)));
+    if found.is_none() {
+        let words = catalogue.names();
+        let quoted: Vec<String> = words.iter().map(|word| format!("\"{word}\"")).collect();
+        let help = match nearest(name, &words) {
+            Some(word) => format!("did you mean \"{word}\"?"),
+            None => format!("possible: {}", quoted.join(" | ")),
+        };
+        let reason = format!("`task`: \"{name}\" is not a possible value");
+        reader.fault_with_help("task", reason, help);
+    }
+    found
+}
+
+/// Checks that the task can be done under the scheme of coordination.
+pub(super) fn coordination(task: &dyn Declaration, given: Coordination, reader: &mut Reader) {
+    let possible = task.properties().coordination;
+    if !possible.contains(&given) {
+        let words: Vec<_> = possible.iter().map(|c| format!("\"{}\"", c.word())).collect();
         let reason = format!(
-            "`task`: \"{word}\" needs two effectors, the one on the track first, but there \
-             is only one"
+            "`coordination`: the task \"{}\" needs {}, not \"{}\"",
+            task.name(),
+            words.join(" or "),
+            given.word()
         );
-        reader.fault_with_help("task", reason, "task = \"idle\" accepts any number of effectors");
-    }
-    if task != Task::Idle
-        && let [Some(first), Some(second)] = arms
-        && !first.model.has_track
-    {
-        let reason = format!(
-            "`task`: \"{word}\" needs the effector on the track first in the list: \"{}\" before \
-             \"{}\"",
-            second.name, first.name
-        );
-        reader.fault(&format!("effector.{}", first.name), reason);
-    }
-    // A fixed camera finds the cube, and a camera in each hand reads it.
-    let count = |kind| draft.vsps.iter().filter(|v| v.kind == kind).count();
-    // A scenario without any sensor has no list at which the fault could be.
-    let list = if draft.vsps.is_empty() { "task" } else { "vsp" };
-    if matches!(task, Task::Solve | Task::Acquire) && count(VspKind::Cube) == 0 {
-        let reason =
-            format!("task \"{word}\" needs a [[vsp]] with kind = \"cube\" and a fixed camera");
-        reader.fault(list, reason);
-    }
-    // With one effector the fault above says enough.
-    if task == Task::Solve && count(VspKind::Face) < 2 && draft.effectors.len() > 1 {
-        let reason =
-            "task \"solve\" needs a [[vsp]] with kind = \"face\" for the camera in each hand";
-        reader.fault(list, reason);
-    }
-    if task == Task::FaceTurn && draft.root.face_turn.angle.abs() < 1_f64.to_radians() {
-        let reason = "`face_turn.angle_deg`: a turn must be at least 1 deg";
-        reader.fault("face_turn.angle_deg", reason);
+        reader.fault("coordination", reason);
     }
 }
 
@@ -242,7 +234,8 @@ pub(super) fn hand_force(control: &Control, keeper: Keeper, reader: &mut Reader)
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Override, read};
+    use super::super::Override;
+    use crate::tasks::read;
     use std::path::Path;
 
     /// Returns the faults of a scenario with this text and overrides; empty if there are none.
@@ -303,6 +296,20 @@ mod tests {
         for other in ["mp", "postument"] {
             let message = owner(other, "sporadic");
             assert!(message.contains("so the owner must be \"track\""), "{message}");
+        }
+    }
+
+    #[test]
+    fn task_refuses_coordination_that_it_cannot_use() {
+        for task in ["solve", "idle"] {
+            let message = faults(&format!("task = \"{task}\"\ncoordination = \"absent\"\n"), &[]);
+            let wanted = format!("the task \"{task}\" needs \"sporadic\" or \"continuous\"");
+            assert!(message.contains("t.toml:2:16: `coordination`"), "{message}");
+            assert!(message.contains(&wanted), "{message}");
+            assert_eq!(
+                faults(&format!("task = \"{task}\"\ncoordination = \"sporadic\"\n"), &[]),
+                ""
+            );
         }
     }
 

@@ -1,86 +1,22 @@
-//! A valid scenario in SI: the half of the controller and the half of the plant.
+//! The two halves of a valid scenario in SI: that of the controller and that of the plant.
 
+use super::declared::{TaskLabel, TaskSections};
 use super::injected::FaultKeys;
-use super::keys::{
-    Bridge, Control, Coordination, FaceTurn, Idle, Pace, Planner, RealTime, Task, VisionKeys,
-    VisualServo,
-};
+use super::keys::{Control, Coordination, Separation, VisionKeys, VisualServo};
 use super::lists::VspKind;
 use super::plant::PlantKeys;
 use crate::cell::Cell;
-use crate::cube::{Cube, Facelets};
-use crate::hw::devices::{Devices, NoDevice};
-use crate::motion::PERIOD;
+use crate::cube::Facelets;
+use crate::kernel::programme::Programmes;
 use crate::servo::regulator::ServoGains;
 use std::path::PathBuf;
-
-/// Valid scenario.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Scenario {
-    /// Path from which it was read, as the user wrote it.
-    pub path: PathBuf,
-    /// Text from which it was read, for recordings: the file may have changed since.
-    pub text: String,
-    /// Seed of everything random in the plant.
-    pub seed: u64,
-    /// Clock that drives the run.
-    pub pace: Pace,
-    /// Settings of the servo's thread under the wall clock.
-    pub real_time: RealTime,
-    /// Connection behind the hardware port.
-    pub bridge: Bridge,
-    /// Whether the command line names `bridge.devices`. Such a file is trusted even if other users
-    /// may write it.
-    pub devices_named: bool,
-    /// Half that the controller may know.
-    pub controller: ControllerConfig,
-    /// Half that only the simulated plant may read.
-    pub plant: PlantSection,
-}
-
-impl Scenario {
-    /// Returns the scenario with servo periods of 2 ms. Weighing and calibration have servos of
-    /// their own with this period, and the simulated plant must have the same one.
-    #[must_use]
-    pub fn at_usual_period(&self) -> Self {
-        let real_time = RealTime { period: PERIOD, ..self.real_time.clone() };
-        Self { real_time, ..self.clone() }
-    }
-
-    /// Returns the number of periods missed in a row after which the arms brake and stop.
-    #[must_use]
-    pub fn missed_limit(&self) -> u64 {
-        // Controllers of hardware stop by themselves 50 ms after the last order. With the simulated
-        // plant, gaps of up to 45 ms come from below virtual machines and are no reason to stop.
-        let usual = if self.bridge.kind.is_hardware() { 20 } else { 50 };
-        u64::from(self.real_time.missed_limit.unwrap_or(usual))
-    }
-
-    /// Reads the file that names the devices of real controllers. Returns its path and its content.
-    pub fn load_devices(&self) -> (PathBuf, Result<Devices, NoDevice>) {
-        let path = self.bridge.devices_at(&self.path);
-        let load = if self.devices_named { Devices::load_named } else { Devices::load };
-        let devices = load(&path);
-        (path, devices)
-    }
-
-    /// Returns the cube at the start of a simulated run: the given state, or one scrambled from the
-    /// seed.
-    #[must_use]
-    pub fn cube(&self) -> Facelets {
-        match &self.plant.cube_state {
-            Some(facelets) => *facelets,
-            None => Facelets::from(&Cube::scrambled(self.seed)),
-        }
-    }
-}
 
 /// Half of a scenario that the controller may know: its task, its gains, and its belief of the
 /// cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ControllerConfig {
     /// Task of the run.
-    pub task: Task,
+    pub task: TaskLabel,
     /// Process that makes the set values.
     pub coordination: Coordination,
     /// Belief of arms, cameras, cube, table and hand-over place.
@@ -100,12 +36,20 @@ pub struct ControllerConfig {
     pub visual_servo: VisualServo,
     /// Vision.
     pub vision: VisionKeys,
-    /// Settings of solver and regrasp planner; `rule` agrees with the grippers.
-    pub planner: Planner,
-    /// Settings of `task = "face_turn"`.
-    pub face_turn: FaceTurn,
-    /// Settings of `task = "idle"`.
-    pub idle: Idle,
+    /// Keys of the tasks.
+    pub sections: TaskSections,
+    /// Programmes that ECPs can carry out.
+    pub programmes: Programmes,
+}
+
+impl ControllerConfig {
+    /// Returns whether the arms take the shortest free ways between meetings of the hands. Only
+    /// some tasks go from one meeting to the next; for others the long search of ways would be
+    /// wasted.
+    #[must_use]
+    pub fn uses_shortest_paths(&self) -> bool {
+        self.control.separation == Separation::Least && self.task.properties.walks
+    }
 }
 
 /// Settings of an effector other than its geometry.

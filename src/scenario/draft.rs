@@ -1,6 +1,8 @@
 //! The draft of a scenario: its keys in SI, over those of the built-in cell, before the keys are
 //! checked against each other.
 
+use super::catalogue::Catalogue;
+use super::declared::TaskSections;
 use super::fault::{Source, nearest};
 use super::injected::FaultKeys;
 use super::lists::{CameraKeys, Effector, LISTS, Vsp};
@@ -22,6 +24,8 @@ pub(super) struct Draft {
     pub(super) effectors: Vec<Effector>,
     pub(super) cameras: Vec<CameraKeys>,
     pub(super) vsps: Vec<Vsp>,
+    /// Keys of the tasks.
+    pub(super) sections: TaskSections,
     /// Injected faults, each with its dotted name.
     pub(super) faults: Vec<(String, FaultKeys)>,
 }
@@ -31,6 +35,7 @@ impl Draft {
     pub(super) fn keys(&self) -> Vec<Key> {
         let mut keys = Vec::new();
         self.root.keys("", &mut keys);
+        keys.extend(self.sections.listed());
         for effector in &self.effectors {
             effector.keys(&effector.path(), &mut keys);
         }
@@ -46,9 +51,10 @@ impl Draft {
     }
 }
 
-/// Returns the dotted names of all keys; an element of a list is called `NAME`.
-pub(super) fn names() -> Vec<String> {
-    let mut keys = Vec::new();
+/// Returns the dotted names of all keys, those of the tasks in `catalogue` too; an element of a
+/// list is called `NAME`.
+pub(super) fn names(catalogue: &Catalogue) -> Vec<String> {
+    let mut keys = catalogue.sections().listed();
     Root::default().keys("", &mut keys);
     Effector::default().keys("effector.NAME", &mut keys);
     CameraKeys::default().keys("camera.NAME", &mut keys);
@@ -69,14 +75,21 @@ pub(super) fn built_in(reader: &mut Reader) -> Node {
 
 /// Reads the keys of a document. A key that the document does not set has the value of its profile,
 /// or else that of the built-in cell.
-pub(super) fn draft(document: &Node, built_in: &Node, reader: &mut Reader) -> Draft {
-    let mut draft = Draft::default();
+pub(super) fn draft(
+    document: &Node,
+    built_in: &Node,
+    catalogue: &Catalogue,
+    reader: &mut Reader,
+) -> Draft {
+    let mut draft = Draft { sections: catalogue.sections(), ..Draft::default() };
     let mut silent = Reader::default();
     // Each later overlay overrides the earlier ones: first the cell, then the profile, then the
     // document.
-    let (cell_root, _) = split(built_in, &mut silent);
+    let (mut cell_root, _) = split(built_in, &mut silent);
+    overlay_sections(&mut draft.sections, &mut cell_root, &mut silent);
     draft.root.overlay(&cell_root, "", &mut silent);
-    let (root, lists) = split(document, reader);
+    let (mut root, lists) = split(document, reader);
+    overlay_sections(&mut draft.sections, &mut root, reader);
     if let Some(profile) = profile(&draft.root, &root, &mut silent) {
         draft.root.overlay(&profile, "", &mut silent);
     }
@@ -109,6 +122,18 @@ fn profile(cell: &Root, document: &Node, silent: &mut Reader) -> Option<Node> {
     });
     // The profile "workshop" is the defaults themselves and has no text.
     (!source.text.is_empty()).then(|| tree::parse(&source, &mut silent.faults))
+}
+
+/// Moves the sections of tasks from a document into `sections`.
+fn overlay_sections(sections: &mut TaskSections, document: &mut Node, reader: &mut Reader) {
+    let Value::Table(entries) = &mut document.value else { return };
+    entries.retain(|entry| match sections.get_mut(&entry.key) {
+        Some(keys) => {
+            keys.overlay(&entry.node, &entry.key, reader);
+            false
+        }
+        None => true,
+    });
 }
 
 /// Reads the list of injected faults, each with its dotted name: `fault.NAME`.

@@ -123,7 +123,7 @@ impl Faults {
     }
 
     /// Adds a fault with its reason, its place in the text, and advice to the user (`help`).
-    pub(crate) fn add_with_help(
+    pub fn add_with_help(
         &mut self,
         place: Option<&Place>,
         reason: impl Into<String>,
@@ -170,7 +170,7 @@ const LONGEST: usize = 100;
 /// Returns the word of `known` that the user probably meant by the `wrong` one: a similar word, or
 /// the same word with a unit. Returns `None` if there is none.
 #[must_use]
-pub(crate) fn nearest<'a>(wrong: &str, known: &[&'a str]) -> Option<&'a str> {
+pub fn nearest<'a>(wrong: &str, known: &[&'a str]) -> Option<&'a str> {
     // The comparison takes the product of both lengths, and no known word is so long.
     if wrong.len() > LONGEST {
         return None;

@@ -433,7 +433,7 @@ mod tests {
     /// number of injected faults and "fine" if there are none.
     fn faults(text: &str) -> String {
         let text = format!("task = \"face_turn\"\n[[fault]]\n{text}");
-        match crate::scenario::read(Path::new("f.toml"), &text, &[]) {
+        match crate::tasks::read(Path::new("f.toml"), &text, &[]) {
             Ok(scenario) => format!("{} fine", scenario.plant.faults.len()),
             Err(faults) => faults.to_string(),
         }
@@ -445,7 +445,7 @@ mod tests {
                     axis = 3\nmagnitude = 2\n\
                     event = \"turned\"\nturned_deg = 90";
         let over = crate::scenario::Override::parse("fault.a.axis=4").unwrap();
-        let read = crate::scenario::read(Path::new("f.toml"), text, &[over]).unwrap();
+        let read = crate::tasks::read(Path::new("f.toml"), text, &[over]).unwrap();
 
         let fault = &read.plant.faults[0];
         assert_eq!(fault.kind, Some(FaultKind::EncoderJump));

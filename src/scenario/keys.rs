@@ -8,20 +8,6 @@ use super::section::{section, words};
 use crate::hw::devices::default_path;
 
 words! {
-    /// Task of a run.
-    pub Task {
-        /// Mission: the robot takes the cube, reads it, solves it and gives it back.
-        Solve = "solve",
-        /// Both arms hold the cube and turn one layer.
-        FaceTurn = "face_turn",
-        /// The robot takes the cube and gives it back.
-        Acquire = "acquire",
-        /// The arms hold their positions, as a test of an arm, a bridge or the timing of the servo.
-        Idle = "idle",
-    }
-}
-
-words! {
     /// Keeper of the cube before and after a mission.
     pub Keeper {
         /// A person brings the cube and takes it back.
@@ -38,6 +24,8 @@ words! {
         Sporadic = "sporadic",
         /// MP's generators command both arms at each macrostep, and the ECPs transmit.
         Continuous = "continuous",
+        /// MP is dormant, and each ECP carries out a programme of its own.
+        Absent = "absent",
     }
 }
 
@@ -85,30 +73,6 @@ words! {
         Tff = "tff",
         /// All six directions.
         TffTilts = "tff_tilts",
-    }
-}
-
-words! {
-    /// Rule by which regrasps are planned.
-    pub Rule {
-        /// Palms keep a distance from the cube, so a finger may lie on the face under the other
-        /// palm.
-        Clearance = "clearance",
-        /// Palms press the cube, so no finger may lie on the face under a palm.
-        Strict = "strict",
-        /// The two operations of the original, face turn and face change.
-        Original = "original",
-    }
-}
-
-words! {
-    /// Choice among the solutions of the cube.
-    pub Strategy {
-        /// The solution that takes two arms the least time, among many of the two-phase search.
-        Robot = "robot",
-        /// The shortest solution, as in the paper: Korf's search up to 16 turns, and two-phase if
-        /// that takes too long.
-        Paper = "paper",
     }
 }
 
@@ -381,42 +345,6 @@ section! {
         localisation [ms]: f64 = 6.0, 0.0..=1000.0;
         /// Declared time of reading one face on the virtual clock.
         face [ms]: f64 = 10.0, 0.0..=1000.0;
-    }
-}
-
-section! {
-    /// Solver and regrasp planner.
-    pub Planner {
-        /// Rule by which regrasps are planned.
-        rule: Rule = Rule::Clearance;
-        /// Choice among the solutions of the cube.
-        strategy: Strategy = Strategy::Robot;
-        /// Number of nodes that Korf's search may visit before two-phase takes over (strategy
-        /// "paper").
-        korf_node_budget: u64 = 20_000_000, 0.0..=1e12;
-        /// Number of nodes that the two-phase search may visit.
-        node_budget: u64 = 1_000_000, 1000.0..=1e12;
-        // Plans of 30 cubes are 3 s shorter in the mean with 10000 than with 1500.
-        /// Number of solutions whose regrasps are compared.
-        candidates: u32 = 10000, 1.0..=100000.0;
-        /// Declared time of one node on the virtual clock.
-        node_cost [us]: f64 = 0.1, 0.0..=1000.0;
-    }
-}
-
-section! {
-    /// Task `idle`.
-    pub Idle {
-        /// Time for which the arms are held.
-        time [s]: f64 = 10.0, 0.01..=86400.0;
-    }
-}
-
-section! {
-    /// Task `face_turn`.
-    pub FaceTurn {
-        /// Angle by which the layer turns; positive is clockwise seen from outside.
-        angle [deg]: f64 = 90.0, -180.0..=180.0;
     }
 }
 

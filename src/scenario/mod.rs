@@ -9,14 +9,16 @@
 //! Each key is declared in one place: see `scenario::section`. The built-in cell is
 //! `scenarios/cell.toml`.
 
-pub(crate) mod fault;
+pub mod catalogue;
+pub mod declared;
+pub mod fault;
 pub(crate) mod injected;
 pub mod keys;
 pub(crate) mod lists;
 pub(crate) mod plant;
 pub(crate) mod root;
-pub(crate) mod section;
-pub(crate) mod tree;
+pub mod section;
+pub mod tree;
 
 mod build;
 mod check;
@@ -25,13 +27,14 @@ mod draft;
 mod motion;
 mod overrides;
 mod profile;
+mod whole;
 
-pub use config::{
-    CameraSource, ControllerConfig, EffectorConfig, Owner, PlantSection, Scenario, VspConfig,
-};
+pub use config::{CameraSource, ControllerConfig, EffectorConfig, Owner, PlantSection, VspConfig};
 pub use overrides::Override;
+pub use whole::Scenario;
 
 use crate::hw::text;
+use catalogue::Catalogue;
 use fault::{Faults, Source};
 use section::{Key, Reader};
 use std::path::Path;
@@ -54,26 +57,39 @@ pub fn text(path: &Path) -> Result<String, text::Unread> {
 }
 
 /// Reads the scenario at `path`, which is a file or built into the program, with overrides from the
-/// command line.
+/// command line. Its task is one of `catalogue`.
 ///
 /// # Errors
 /// All faults of the file and of the overrides.
-pub fn load(path: &Path, overrides: &[Override]) -> Result<Scenario, Faults> {
+pub fn load(
+    path: &Path,
+    overrides: &[Override],
+    catalogue: &Catalogue,
+) -> Result<Scenario, Faults> {
     let text = text(path).map_err(|error| {
         let mut faults = Faults::default();
         faults.add(None, error.to_string());
         faults
     })?;
-    read(path, &text, overrides)
+    read(path, &text, overrides, catalogue)
 }
 
-/// Reads the text of a scenario. `path` is its name in faults, and relative paths start in its
-/// folder.
+/// Reads the text of a scenario, whose task is one of `catalogue`. `path` is its name in faults,
+/// and relative paths start in its folder.
 ///
 /// # Errors
 /// All faults of the text and of the overrides.
-pub fn read(path: &Path, text: &str, overrides: &[Override]) -> Result<Scenario, Faults> {
-    let mut reader = Reader { everywhere: Some(draft::names), ..Reader::default() };
+pub fn read(
+    path: &Path,
+    text: &str,
+    overrides: &[Override],
+    catalogue: &Catalogue,
+) -> Result<Scenario, Faults> {
+    let mut reader = Reader {
+        everywhere: draft::names(catalogue),
+        tasks: catalogue.sections().0.iter().map(|(name, _)| *name).collect(),
+        ..Reader::default()
+    };
     let source =
         Rc::new(Source { name: path.display().to_string(), text: text.to_owned(), is_file: true });
     let mut document = tree::parse(&source, &mut reader.faults);
@@ -84,8 +100,8 @@ pub fn read(path: &Path, text: &str, overrides: &[Override]) -> Result<Scenario,
     let built_in = draft::built_in(&mut reader);
     // Overrides become part of the document, so they are read and checked like the file.
     overrides::apply(overrides, &mut document, &built_in, &mut reader);
-    let draft = draft::draft(&document, &built_in, &mut reader);
-    match build::scenario(path, draft, &mut reader) {
+    let draft = draft::draft(&document, &built_in, catalogue, &mut reader);
+    match build::scenario(path, draft, catalogue, &mut reader) {
         Some(scenario) if reader.faults.0.is_empty() => {
             let devices_named = overrides.iter().any(|over| over.key == "bridge.devices");
             Ok(Scenario { devices_named, text: text.to_owned(), ..scenario })
@@ -94,18 +110,26 @@ pub fn read(path: &Path, text: &str, overrides: &[Override]) -> Result<Scenario,
     }
 }
 
-/// Returns every key that a scenario can have, with its default.
+/// Returns every key that a scenario can have, those of the tasks in `catalogue` too, with its
+/// default.
 #[must_use]
-pub(crate) fn all_keys() -> Vec<Key> {
+pub(crate) fn all_keys(catalogue: &Catalogue) -> Vec<Key> {
     let mut reader = Reader::default();
     let built_in = draft::built_in(&mut reader);
     // Every key has its default if the document is the built-in cell itself.
-    draft::draft(&built_in, &built_in, &mut reader).keys()
+    let mut keys = draft::draft(&built_in, &built_in, catalogue, &mut reader).keys();
+    // The words that name a task depend on the catalogue.
+    let quoted: Vec<String> = catalogue.names().iter().map(|word| format!("\"{word}\"")).collect();
+    if let Some(task) = keys.iter_mut().find(|key| key.path == "task") {
+        task.kind = quoted.join(" | ");
+    }
+    keys
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tasks::read;
 
     /// Returns the faults of a scenario with this text and overrides; empty if there are none.
     fn faults(text: &str, overrides: &[Override]) -> String {

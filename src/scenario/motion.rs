@@ -211,7 +211,7 @@ fn inertia(arm: &Arm) -> (f64, f64, f64) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::read;
+    use crate::tasks::read;
     use std::path::Path;
 
     /// Returns the faults of a scenario whose section `control` is `keys`; empty if there are none.

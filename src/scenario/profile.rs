@@ -124,8 +124,8 @@ fn read<T: serde::de::DeserializeOwned>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::read as read_scenario;
     use super::*;
+    use crate::tasks::read as read_scenario;
 
     #[test]
     fn servo_profile_with_invalid_limits_is_refused() {

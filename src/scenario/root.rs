@@ -1,8 +1,9 @@
-//! The keys of a whole scenario: its top level, and one section below each name.
+//! The keys of a whole scenario without those of its task: its top level, and one section below
+//! each name.
 
 use super::keys::{
-    Bridge, CellKeys, Control, Coordination, CubeKeys, FaceTurn, HandKeys, Idle, Pace, Planner,
-    Profile, RealTime, Servo, Task, VisionKeys, VisualServo,
+    Bridge, CellKeys, Control, Coordination, CubeKeys, HandKeys, Pace, Profile, RealTime, Servo,
+    VisionKeys, VisualServo,
 };
 use super::plant::PlantKeys;
 use super::section::section;
@@ -11,7 +12,7 @@ section! {
     /// Keys of a whole scenario, without its lists.
     pub(crate) Root {
         /// Task of the run.
-        task: Task = Task::Solve;
+        task: String = "solve".to_owned();
         /// Process that makes the set values of the arms.
         coordination: Coordination = Coordination::Sporadic;
         /// Seed of everything random in the plant.
@@ -33,12 +34,6 @@ section! {
         visual_servo: VisualServo,
         /// Vision.
         vision: VisionKeys,
-        /// Solver and planner.
-        planner: Planner,
-        /// Task `face_turn`.
-        face_turn: FaceTurn,
-        /// Task `idle`.
-        idle: Idle,
         /// Regulators of the axes.
         servo: Servo,
         /// Thread of the servo.

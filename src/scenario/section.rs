@@ -12,62 +12,62 @@ use std::ops::RangeInclusive;
 
 /// Factors from the units of keys to SI, named as in the keys.
 #[allow(non_upper_case_globals, reason = "each constant is named like a unit in keys, as mm_s")]
-pub(crate) mod units {
+pub mod units {
     /// Millimetres.
-    pub(crate) const mm: f64 = 1e-3;
+    pub const mm: f64 = 1e-3;
     /// Radians.
-    pub(crate) const rad: f64 = 1.0;
+    pub const rad: f64 = 1.0;
     /// Degrees.
-    pub(crate) const deg: f64 = std::f64::consts::PI / 180.0;
+    pub const deg: f64 = std::f64::consts::PI / 180.0;
     /// Milliseconds.
-    pub(crate) const ms: f64 = 1e-3;
+    pub const ms: f64 = 1e-3;
     /// Microseconds.
-    pub(crate) const us: f64 = 1e-6;
+    pub const us: f64 = 1e-6;
     /// Seconds.
-    pub(crate) const s: f64 = 1.0;
+    pub const s: f64 = 1.0;
     /// Newtons.
-    pub(crate) const n: f64 = 1.0;
+    pub const n: f64 = 1.0;
     /// Newton metres.
-    pub(crate) const nm: f64 = 1.0;
+    pub const nm: f64 = 1.0;
     /// Amperes.
-    pub(crate) const a: f64 = 1.0;
+    pub const a: f64 = 1.0;
     /// Milliamperes per newton.
-    pub(crate) const ma_n: f64 = 1e-3;
+    pub const ma_n: f64 = 1e-3;
     /// Grams.
-    pub(crate) const g: f64 = 1e-3;
+    pub const g: f64 = 1e-3;
     /// Kilograms.
-    pub(crate) const kg: f64 = 1.0;
+    pub const kg: f64 = 1.0;
     /// Kilograms times square metres.
-    pub(crate) const kgm2: f64 = 1.0;
+    pub const kgm2: f64 = 1.0;
     /// Pixels.
-    pub(crate) const px: f64 = 1.0;
+    pub const px: f64 = 1.0;
     /// Kelvins.
-    pub(crate) const k: f64 = 1.0;
+    pub const k: f64 = 1.0;
     /// Hundredths.
-    pub(crate) const percent: f64 = 0.01;
+    pub const percent: f64 = 0.01;
     /// Millimetres per second.
-    pub(crate) const mm_s: f64 = 1e-3;
+    pub const mm_s: f64 = 1e-3;
     /// Millimetres per square second.
-    pub(crate) const mm_s2: f64 = 1e-3;
+    pub const mm_s2: f64 = 1e-3;
     /// Degrees per second.
-    pub(crate) const deg_s: f64 = deg;
+    pub const deg_s: f64 = deg;
     /// Degrees per square second.
-    pub(crate) const deg_s2: f64 = deg;
+    pub const deg_s2: f64 = deg;
     /// Millimetres per newton second: reciprocal damping.
-    pub(crate) const mm_sn: f64 = 1e-3;
+    pub const mm_sn: f64 = 1e-3;
     /// Radians per newton metre second: reciprocal damping.
-    pub(crate) const rad_snm: f64 = 1.0;
+    pub const rad_snm: f64 = 1.0;
     /// Hertz.
-    pub(crate) const hz: f64 = 1.0;
+    pub const hz: f64 = 1.0;
     /// Newtons per metre.
-    pub(crate) const n_m: f64 = 1.0;
+    pub const n_m: f64 = 1.0;
     /// Newton seconds per metre.
-    pub(crate) const ns_m: f64 = 1.0;
+    pub const ns_m: f64 = 1.0;
 }
 
 /// Key, as listed for the operator.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Key {
+pub struct Key {
     /// Dotted name: `cube.edge_mm`.
     pub path: String,
     /// Type in words: `number`, `3 times number`, `"a" | "b"`.
@@ -82,7 +82,7 @@ pub(crate) struct Key {
 
 /// Declaration of a key as far as it concerns numbers.
 #[derive(Debug, Clone)]
-pub(crate) struct Declared {
+pub struct Declared {
     /// Factor from the unit of the key to SI.
     pub factor: f64,
     /// Smallest and largest value, in the unit of the key.
@@ -91,25 +91,21 @@ pub(crate) struct Declared {
 
 /// Collector of faults, and of the places at which keys were given.
 #[derive(Debug, Default)]
-pub(crate) struct Reader {
+pub struct Reader {
     /// Faults until now.
     pub faults: Faults,
     /// Place of the value of each key that was given, by dotted name.
     pub places: BTreeMap<String, Place>,
-    /// Returns the dotted names of all keys of a scenario, to find a key that is in the wrong
-    /// section; `None` if there are no others. Only a fault needs the names.
-    pub everywhere: Option<fn() -> Vec<String>>,
+    /// Dotted names of all keys of a scenario, to find a key that is in the wrong section; empty if
+    /// there are no others.
+    pub everywhere: Vec<String>,
+    /// Names of the tasks' sections, which the top level has beside its own.
+    pub tasks: Vec<&'static str>,
 }
 
 impl Reader {
     /// Reads one key of the section `path` into `target`, which keeps its value after a fault.
-    pub(crate) fn item<T: Item>(
-        &mut self,
-        target: &mut T,
-        declared: Declared,
-        entry: &Entry,
-        path: &str,
-    ) {
+    pub fn item<T: Item>(&mut self, target: &mut T, declared: Declared, entry: &Entry, path: &str) {
         let path = join(path, &entry.key);
         // Checks that compare keys report their faults at this place, so it is stored even if the
         // value is wrong.
@@ -145,7 +141,7 @@ impl Reader {
 
     /// Returns the entries of the table that the section `path` must be. Any other value is a fault
     /// and has no entries.
-    pub(crate) fn table<'n>(&mut self, node: &'n Node, path: &str) -> &'n [Entry] {
+    pub fn table<'n>(&mut self, node: &'n Node, path: &str) -> &'n [Entry] {
         if let Value::Table(entries) = &node.value {
             return entries;
         }
@@ -160,21 +156,23 @@ impl Reader {
 
     /// Adds a fault for the key of `entry`, which does not exist in the section `path`. `known` are
     /// the keys of this section. The advice names the key that the user probably meant.
-    pub(crate) fn unknown(&mut self, entry: &Entry, path: &str, known: &[&str]) {
+    pub fn unknown(&mut self, entry: &Entry, path: &str, known: &[&str]) {
         // The search for advice would take too long in a file with thousands of unknown keys.
         if self.faults.is_full() {
             return;
         }
         let section = if path.is_empty() { String::new() } else { format!(" in [{path}]") };
         let reason = format!("unknown key `{}`{section}", entry.key);
-        let all = self.everywhere.map_or_else(Vec::new, |names| names());
-        let help = match (nearest(&entry.key, known), elsewhere(&entry.key, &all)) {
+        let all = &self.everywhere;
+        let tasks = if path.is_empty() { &self.tasks[..] } else { &[] };
+        let known = &[known, tasks].concat()[..];
+        let help = match (nearest(&entry.key, known), elsewhere(&entry.key, all)) {
             // The same name in another section is the likelier one: it is not misspelt.
             (None, Some(help)) => help,
             (Some(word), Some(help)) => format!("{help}; or `{word}`?"),
             (Some(word), None) => format!("did you mean `{word}`?"),
             // A long list helps less than the command that prints all keys with their meanings.
-            (None, None) => match (known.len() <= 12, nearest_elsewhere(&entry.key, &all)) {
+            (None, None) => match (known.len() <= 12, nearest_elsewhere(&entry.key, all)) {
                 (_, Some(help)) => help,
                 (true, None) => format!("known keys: {}", known.join(", ")),
                 (false, None) => "`rubik-robot keys` lists all keys".to_owned(),
@@ -185,18 +183,18 @@ impl Reader {
 
     /// Returns whether the user gave the key, section or element with the dotted name `path`.
     #[must_use]
-    pub(crate) fn is_given(&self, path: &str) -> bool {
+    pub fn is_given(&self, path: &str) -> bool {
         self.places.contains_key(path)
     }
 
     /// Adds a fault at a key, or at the nearest section above it that was given.
-    pub(crate) fn fault(&mut self, path: &str, reason: impl Into<String>) {
+    pub fn fault(&mut self, path: &str, reason: impl Into<String>) {
         let place = self.nearest_place(path);
         self.faults.add(place.as_ref(), reason);
     }
 
     /// Adds a fault with advice at a key, or at the nearest section above it that was given.
-    pub(crate) fn fault_with_help(
+    pub fn fault_with_help(
         &mut self,
         path: &str,
         reason: impl Into<String>,
@@ -273,13 +271,13 @@ fn nearest_elsewhere(key: &str, all: &[String]) -> Option<String> {
 /// Joins a path and a key to a dotted name. A key at the top level, where the path is empty, gets
 /// no dot.
 #[must_use]
-pub(crate) fn join(path: &str, key: &str) -> String {
+pub fn join(path: &str, key: &str) -> String {
     if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") }
 }
 
 /// Reason why a value is refused.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Wrong {
+pub struct Wrong {
     /// Place, if it is a part of the value.
     pub place: Option<Place>,
     /// Reason for the user.
@@ -300,7 +298,7 @@ impl Wrong {
 }
 
 /// Type of value that a key can have.
-pub(crate) trait Item: Sized {
+pub trait Item: Sized {
     /// Returns the type in words for the user: "number", "3 times number".
     fn kind() -> String;
     /// Reads a value of this type, in the unit of the key, from a node of the document.
@@ -451,7 +449,7 @@ impl<T: Item> Item for Option<T> {
 }
 
 /// Group of keys.
-pub(crate) trait Section: Default {
+pub trait Section: Default {
     /// Overwrites the values of the keys that `node` contains; the others keep their values.
     fn overlay(&mut self, node: &Node, path: &str, reader: &mut Reader);
     /// Appends the keys of this section to `into`, with their present values as defaults. `path` is
@@ -461,6 +459,7 @@ pub(crate) trait Section: Default {
 
 /// Declares an enumeration whose variants are words of a scenario, with the visibility before its
 /// name.
+#[macro_export]
 macro_rules! words {
     ($(#[doc = $doc:literal])* $vis:vis $name:ident {
         $( $(#[doc = $vdoc:literal])* $variant:ident = $word:literal ),* $(,)?
@@ -509,9 +508,11 @@ macro_rules! words {
         }
     };
 }
-pub(super) use words;
+pub use words;
 
 /// Makes the key of a field: its name, or the one given after `as`, followed by the unit.
+#[doc(hidden)]
+#[macro_export]
 macro_rules! key_name {
     ($field:ident, , ) => {
         stringify!($field)
@@ -526,7 +527,7 @@ macro_rules! key_name {
         concat!(stringify!($base), "_", stringify!($unit))
     };
 }
-pub(super) use key_name;
+pub use key_name;
 
 /// Declares a struct of keys, in SI, with defaults in the units of the keys; see the head of the
 /// module.
@@ -534,6 +535,7 @@ pub(super) use key_name;
 /// `field [unit]: type = default, range;` declares a key, and `with { field: Section, ... }` after
 /// the keys the sections below. `field as base [unit]` is for two keys that differ only in the
 /// unit.
+#[macro_export]
 macro_rules! section {
     ($(#[doc = $doc:literal])* $vis:vis $name:ident {
         $( $(#[doc = $kdoc:literal])*
@@ -613,4 +615,4 @@ macro_rules! section {
         }
     };
 }
-pub(super) use section;
+pub use section;

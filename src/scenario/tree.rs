@@ -14,7 +14,7 @@ const LONGEST: usize = 200;
 
 /// Value and its place.
 #[derive(Debug, Clone)]
-pub(crate) struct Node {
+pub struct Node {
     /// Place of the value.
     pub place: Place,
     /// Value itself.
@@ -23,7 +23,7 @@ pub(crate) struct Node {
 
 /// Content of a node.
 #[derive(Debug, Clone)]
-pub(crate) enum Value {
+pub enum Value {
     /// `true`, `false`.
     Bool(bool),
     /// Whole number.
@@ -42,7 +42,7 @@ pub(crate) enum Value {
 
 /// Key with its value.
 #[derive(Debug, Clone)]
-pub(crate) struct Entry {
+pub struct Entry {
     /// Name of the key.
     pub key: String,
     /// Place of the key.
@@ -55,7 +55,7 @@ impl Node {
     /// Returns the value as text for the message that it is wrong; for a table, an array or a date,
     /// its type in words.
     #[must_use]
-    pub(crate) fn describe(&self) -> String {
+    pub fn describe(&self) -> String {
         match &self.value {
             Value::Bool(b) => format!("`{b}`"),
             Value::Integer(i) => format!("`{i}`"),

@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 use rubik_robot::hw::plant::{Incident, Verdict, Whereabouts};
 use rubik_robot::record::summary::{Outcome, Summary};
 use rubik_robot::run::{self, RunContext, RunOptions};
-use rubik_robot::scenario::{self, Override};
+use rubik_robot::scenario::Override;
 use rubik_robot::spatial::Pose;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
@@ -77,7 +77,7 @@ impl Seed {
 /// Runs the fault scenario `name` with the overrides `keys`, and records the plant after each
 /// period.
 fn seen(name: &str, keys: &[Override]) -> Seen {
-    let scenario = scenario::load(&path(name), keys).unwrap_or_else(|e| panic!("{e}"));
+    let scenario = rubik_robot::tasks::load(&path(name), keys).unwrap_or_else(|e| panic!("{e}"));
     let notes = Arc::new(Mutex::new((Vec::new(), None)));
     let keeps = Arc::clone(&notes);
     let probe: run::PlantProbe = Box::new(move |period, plant| {
@@ -785,7 +785,7 @@ fn fastest_near_the_operator(keys: &[&str], seed: u64) -> f64 {
     let keys = keys.iter().copied().chain([seed.as_str()]);
     let keys: Vec<_> = keys.map(|key| Override::parse(key).unwrap()).collect();
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/acquire.toml");
-    let scenario = scenario::load(&file, &keys).unwrap();
+    let scenario = rubik_robot::tasks::load(&file, &keys).unwrap();
     let zone = scenario.controller.cell.hand;
     let (mut before, fastest) = (None, Arc::new(Mutex::new(0.0_f64)));
     let told = Arc::clone(&fastest);

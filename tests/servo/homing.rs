@@ -9,7 +9,6 @@ use rubik_robot::motion::{
     ArmFault, ArmState, Depth, Direction, Frame, JawCommand, JointPositions, Motion,
     MotorPositions, MoveCommand, MoveRefused, Synchronisation,
 };
-use rubik_robot::scenario;
 use rubik_robot::servo::period::Length;
 use rubik_robot::servo::{ServoCommand, ServoConfig};
 use std::path::Path;
@@ -35,7 +34,7 @@ impl Rig {
 
     /// Makes a rig as [`Rig::new`] does, with periods of this length.
     fn at(synchronised: [bool; 2], length: Length) -> Self {
-        let controller = scenario::read(Path::new("test"), "", &[]).unwrap().controller;
+        let controller = rubik_robot::tasks::read(Path::new("test"), "", &[]).unwrap().controller;
         let mut config = PlantConfig::new(controller.cell.clone());
         config.synchronised = synchronised;
         config.period = length;

@@ -351,7 +351,7 @@ fn shipped_variation_files_give_valid_scenarios() {
                 .iter()
                 .map(|d| rubik_robot::scenario::Override::parse(&d.option()).unwrap())
                 .collect();
-            let read = rubik_robot::scenario::read("solve.toml".as_ref(), scenario, &overrides);
+            let read = rubik_robot::tasks::read("solve.toml".as_ref(), scenario, &overrides);
             assert!(read.is_ok(), "{}", read.unwrap_err());
         }
     }

@@ -216,7 +216,7 @@ fn defaults_listed_for_scenario_keys_are_valid() {
             continue;
         }
         let over = rubik_robot::scenario::Override::parse(&format!("{key}={default}")).unwrap();
-        let read = rubik_robot::scenario::read(std::path::Path::new("t.toml"), "", &[over]);
+        let read = rubik_robot::tasks::read(std::path::Path::new("t.toml"), "", &[over]);
         assert!(read.is_ok(), "{key} = {default}: {}", read.unwrap_err());
     }
 }

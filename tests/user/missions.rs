@@ -5,7 +5,7 @@ use crate::program::program;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rubik_robot::record::summary::{EndedBy, Outcome, Summary};
 use rubik_robot::run::{self, RunOptions};
-use rubik_robot::scenario::{self, Override};
+use rubik_robot::scenario::Override;
 use rubik_robot::spatial::pose_from_axes;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
@@ -18,7 +18,7 @@ const SOLVED: &str = "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB";
 fn run(name: &str, keys: &[&str]) -> Summary {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios").join(name);
     let keys: Vec<Override> = keys.iter().map(|key| Override::parse(key).unwrap()).collect();
-    let scenario = scenario::load(&path, &keys).unwrap();
+    let scenario = rubik_robot::tasks::load(&path, &keys).unwrap();
     let options = RunOptions { automatic: true, quiet: true, ..RunOptions::default() };
     let summary = run::run(&scenario, options).unwrap();
     println!("{name} {keys:?}:\n{}", summary.table());
@@ -257,7 +257,7 @@ fn mission_solves_cube_with_grasps_of_two_layers() {
 #[test]
 fn arm_reaches_corners_and_centre_of_table_area() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/table.toml");
-    let cell = scenario::load(&path, &[]).unwrap().controller.cell;
+    let cell = rubik_robot::tasks::load(&path, &[]).unwrap().controller.cell;
     let (arm, half) = (&cell.arms[0], cell.hand.half_extent);
     let (z, jaws) = cell.taking();
     let reaches = |x: f64, y: f64, yaw: f64, above: f64| {

@@ -9,7 +9,7 @@ use rubik_robot::operator::{ControlView, Input, OutcomeView, Services, ServoTimi
 use rubik_robot::reach::{MeetingTable, ReachSettings};
 use rubik_robot::record::summary::{EndedBy, Outcome, Summary};
 use rubik_robot::run::{self, RunOptions};
-use rubik_robot::scenario::{self, Override, Scenario};
+use rubik_robot::scenario::{Override, Scenario};
 use rubik_robot::web::Server;
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};
@@ -29,7 +29,7 @@ const PATIENCE: Duration = Duration::from_secs(90);
 fn load(name: &str, set: &[&str]) -> Scenario {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios").join(name);
     let set: Vec<Override> = set.iter().map(|text| Override::parse(text).unwrap()).collect();
-    scenario::load(&path, &set).unwrap()
+    rubik_robot::tasks::load(&path, &set).unwrap()
 }
 
 /// Starts a server for the page at a free port of this machine.
@@ -297,7 +297,7 @@ const BY_HAND: &str = "task = \"idle\"\ncamera = []\nvsp = []\n";
 /// The message names the parts that would come too near to each other.
 #[test]
 fn collision_guard_refuses_motion_into_the_table() {
-    let scenario = scenario::read(Path::new("by_hand.toml"), BY_HAND, &[]).unwrap();
+    let scenario = rubik_robot::tasks::read(Path::new("by_hand.toml"), BY_HAND, &[]).unwrap();
     let run = begin(scenario, RunOptions::default());
     runtime().block_on(async {
         let mut page = Page::open(&run.server).await;
@@ -334,7 +334,7 @@ fn collision_guard_refuses_motion_into_the_table() {
 /// checked before they turn; there the lookout stops all arms before the hands touch.
 #[test]
 fn collision_guard_and_proximity_stop_keep_hands_apart() {
-    let plain = scenario::read(Path::new("by_hand.toml"), BY_HAND, &[]).unwrap();
+    let plain = rubik_robot::tasks::read(Path::new("by_hand.toml"), BY_HAND, &[]).unwrap();
     let cell = &plain.controller.cell;
     let table = MeetingTable::compute(cell, &ReachSettings::default());
     let meeting = table.grasps.iter().flatten().next().unwrap();
@@ -353,7 +353,7 @@ fn collision_guard_and_proximity_stop_keep_hands_apart() {
         &effector("track", &meeting.track, meeting.track.0[0] + 0.4 * side),
         &effector("postument", &meeting.postument, 0.0),
     ];
-    let scenario = scenario::read(Path::new("beside.toml"), &text.concat(), &[]).unwrap();
+    let scenario = rubik_robot::tasks::read(Path::new("beside.toml"), &text.concat(), &[]).unwrap();
     let run = begin(scenario, RunOptions::default());
     runtime().block_on(async {
         let mut page = Page::open(&run.server).await;

@@ -208,7 +208,7 @@ fn recording_and_report_state_number_of_lost_messages() {
     use rubik_robot::record::sheet::RunInfo;
 
     let scenario = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/idle.toml");
-    let scenario = rubik_robot::scenario::load(&scenario, &[]).unwrap();
+    let scenario = rubik_robot::tasks::load(&scenario, &[]).unwrap();
     let about = RunInfo {
         cell: scenario.controller.cell.clone(),
         scenario: "task = \"idle\"".to_owned(),
@@ -845,7 +845,7 @@ fn replay_obeys_pause_and_seek() {
 
     let (path, summary) = recorded("show.mcap", "scenarios/face_turn.toml", &[]);
     let scenario = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/face_turn.toml");
-    let scenario = rubik_robot::scenario::load(&scenario, &[]).unwrap();
+    let scenario = rubik_robot::tasks::load(&scenario, &[]).unwrap();
     let show = Show::read(std::fs::File::open(&path).unwrap(), &scenario, "show.mcap").unwrap();
     let (ui, run_end) = Desk::default().ends();
     let stop = Arc::new(AtomicBool::new(false));
@@ -921,7 +921,7 @@ fn calibration_results_appear_in_recording_and_replay() {
     let more: Vec<&str> = keys.iter().flat_map(|key| ["--set", key]).collect();
     let (path, _) = recorded("calibrated.mcap", "scenarios/acquire.toml", &more);
     let scenario = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/acquire.toml");
-    let scenario = rubik_robot::scenario::load(&scenario, &[]).unwrap();
+    let scenario = rubik_robot::tasks::load(&scenario, &[]).unwrap();
     let cell = &scenario.controller.cell;
 
     let mut label = Label::default();
@@ -963,7 +963,7 @@ fn replay_of_truncated_recording_ends_with_reason() {
 
     let (path, _) = recorded("show_cut.mcap", "scenarios/idle.toml", &IDLE);
     let scenario = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/idle.toml");
-    let scenario = rubik_robot::scenario::load(&scenario, &[]).unwrap();
+    let scenario = rubik_robot::tasks::load(&scenario, &[]).unwrap();
     let bytes = std::fs::read(&path).unwrap();
     let show = Show::read(Cursor::new(&bytes[..bytes.len() / 2]), &scenario, "cut.mcap").unwrap();
     let (ui, run_end) = Desk::default().ends();
@@ -989,7 +989,7 @@ fn replay_shows_right_time_for_1_ms_period() {
     let more = [&IDLE[..], &["--set", period]].concat();
     let (path, _) = recorded("millisecond.mcap", "scenarios/idle.toml", &more);
     let scenario = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/idle.toml");
-    let scenario = rubik_robot::scenario::load(&scenario, &[Override::parse(period).unwrap()]);
+    let scenario = rubik_robot::tasks::load(&scenario, &[Override::parse(period).unwrap()]);
     let show = Show::read(std::fs::File::open(&path).unwrap(), &scenario.unwrap(), "").unwrap();
     let (ui, run_end) = Desk::default().ends();
 

@@ -6,13 +6,12 @@ use rubik_robot::cell::Cell;
 use rubik_robot::hw::plant::dynamics::{LINKS, link_frames};
 use rubik_robot::motion::JointPositions;
 use rubik_robot::record::urdf::{Model, xml};
-use rubik_robot::scenario;
 use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Returns the cell of a scenario without any keys.
 fn cell() -> Cell {
-    scenario::read(Path::new("t.toml"), "", &[]).unwrap().controller.cell
+    rubik_robot::tasks::read(Path::new("t.toml"), "", &[]).unwrap().controller.cell
 }
 
 /// Computes `root_from_link` of a link from the parsed URDF alone; `values` has the positions of

@@ -7,6 +7,7 @@
 //! generators.
 //!
 //! - `motions`: both schemes
+//! - `programmes`: programmes of ECPs, which run beside the kernel of MP; `under_way` is their list
 //! - `ways`: the checks of a motion before it begins
 //! - `dialogue`: questions to the operator, and orders by hand
 //! - `jog`: the generator that turns one motor by hand
@@ -14,6 +15,8 @@
 mod dialogue;
 mod jog;
 mod motions;
+mod programmes;
+mod under_way;
 mod ways;
 
 use super::control::{Control, Terminated, permission_soon};
@@ -28,16 +31,20 @@ use super::watchdog::{Heartbeat, Supervision, Watchdog};
 use super::work::SEARCH;
 use crate::error::{Error, Fatal, NonFatal, System};
 use crate::generators::Behaviour;
+use crate::kernel::{
+    Action, ConclusionOf, Event, Finish, Forces, JournalEntry, Kernel, Readings, Thought as _,
+    Until, View,
+};
 use crate::motion::{ArmState, PERIOD, Synchronisation};
 use crate::operator::Input;
 use crate::reach::guard::{Guard, Near};
 use crate::record::journal::Journal;
-use crate::tasks::{Action, Event, Finish, Forces, JournalEntry, Readings, Task, Until, View};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 use tokio::sync::{mpsc, watch};
+use under_way::Programmes;
 
 /// Scheme of coordination: the actor that runs the generators.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -47,6 +54,8 @@ pub enum Coordination {
     Continuous,
     /// The ECPs run them; MP acts only where subtasks switch.
     Sporadic,
+    /// The ECPs run them by programmes of their own; MP orders no effector.
+    Absent,
 }
 
 /// The parts of MP.
@@ -154,6 +163,7 @@ pub struct Mp {
     /// The fault that is injected into this actor.
     fault: Arc<ActorFault>,
     heartbeat: Heartbeat,
+    programmes: Programmes,
 }
 
 /// A reason to end the run.
@@ -181,7 +191,7 @@ impl Mp {
         let (arms, phases) = (Vec::new(), Vec::new());
         let Supervision { watchdog, fault, .. } = parts.services.supervision.clone();
         let heartbeat = watchdog.heartbeat("mp");
-        Self { parts, arms, phases, watchdog, fault, heartbeat }
+        Self { parts, arms, phases, watchdog, fault, heartbeat, programmes: Programmes::new() }
     }
 
     /// Returns the latest forces of the wrists; zero without a VSP that aggregates them.
@@ -228,7 +238,7 @@ impl Mp {
     }
 
     /// Runs a task to its end and returns how the run has ended.
-    pub async fn run<T: Task>(mut self, task: &mut T) -> Ending {
+    pub async fn run<K: Kernel>(mut self, task: &mut K) -> Ending {
         let mut ending = Ending {
             finish: None,
             error: None,
@@ -259,7 +269,7 @@ impl Mp {
     }
 
     /// Asks the kernel for actions and carries them out until it finishes.
-    async fn perform<T: Task>(&mut self, task: &mut T) -> Result<Finish, Stop> {
+    async fn perform<K: Kernel>(&mut self, task: &mut K) -> Result<Finish, Stop> {
         // The run waits for the operator's start here, not in the kernel.
         self.permitted().await??;
         self.refresh().await?;
@@ -270,18 +280,18 @@ impl Mp {
             match self.decide(task, event).await {
                 Action::Finish(finish) => return Ok(finish),
                 Action::Defect(why) => return Err(Stop::Error(defect(why))),
-                action => event = self.act::<T>(action).await?,
+                action => event = self.act::<K>(action).await?,
             }
         }
     }
 
     /// Gives the kernel an event and returns its action, once the action is in the journal and in
     /// the trace.
-    async fn decide<T: Task>(
+    async fn decide<K: Kernel>(
         &mut self,
-        task: &mut T,
-        event: Event<T::Conclusion>,
-    ) -> Action<T::Thought> {
+        task: &mut K,
+        event: Event<ConclusionOf<K>>,
+    ) -> Action<K::Thought> {
         // The kernel is MP's own work: one that hangs is detected as a silence of MP.
         self.heartbeat.works();
         self.fault.occur().await;
@@ -308,10 +318,10 @@ impl Mp {
     }
 
     /// Carries out an action of the kernel and returns the event with which the kernel continues.
-    async fn act<T: Task>(
+    async fn act<K: Kernel>(
         &mut self,
-        action: Action<T::Thought>,
-    ) -> Result<Event<T::Conclusion>, Stop> {
+        action: Action<K::Thought>,
+    ) -> Result<Event<ConclusionOf<K>>, Stop> {
         let done = match action {
             // `perform` has returned before.
             Action::Finish(_) | Action::Defect(_) => Ok(Event::Done),
@@ -330,11 +340,18 @@ impl Mp {
             // Long work, such as the search for a plan. Under the wall clock it has its own thread.
             Action::Think(thought) => {
                 let worker = ("the planner", SEARCH);
-                let thinks = move || T::think(thought);
+                let thinks = move || thought.think();
                 let conclusion = self.parts.services.work.run(worker, thinks).await;
                 let failed = |cause| Error::System { actor: "mp".into(), place: "think", cause };
                 Ok(Event::Thought(conclusion.map_err(failed)?))
             }
+            Action::Start { effector, programme } => {
+                self.start(effector, programme).await.map(|()| Event::Done)
+            }
+            Action::Signal { effector, signal } => {
+                self.signal(effector, signal).await.map(|()| Event::Done)
+            }
+            Action::Receive(seconds) => return self.receive(seconds).await,
             // The next three wait for the operator, who may terminate the run instead.
             Action::Ask(question) => Ok(Event::Answered(self.ask(&question).await?)),
             Action::Await => {
@@ -372,6 +389,15 @@ impl Mp {
             let why = format!("the task has {ordered} orders, for {effectors} effector(s)");
             return Err(Stop::Error(defect(why)));
         }
+        let ordered = orders.iter().enumerate().filter(|(_, order)| order.is_some());
+        if let Some(busy) = self.programmes.busy(ordered.map(|(effector, _)| effector)) {
+            let why = format!("the task orders effector {busy}, which carries out a programme");
+            return Err(Stop::Error(defect(why)));
+        }
+        if self.parts.coordination == Coordination::Absent {
+            let why = "without coordination only programmes order effectors".to_owned();
+            return Err(Stop::Error(defect(why)));
+        }
         if let Err(near) = self.guard_orders(&mut orders) {
             let cause = NonFatal::Arguments(near.to_string());
             let error = Error::NonFatal { actor: "mp".into(), place: "check a path", cause };
@@ -381,7 +407,7 @@ impl Mp {
         self.parts.services.trace.ordered(&orders);
         self.parts.turning.set(orders.iter().any(|o| matches!(o, Some(Behaviour::Turn { .. }))));
         let outcomes = match self.parts.coordination {
-            Coordination::Sporadic => self.invoke(&orders, until).await,
+            Coordination::Sporadic | Coordination::Absent => self.invoke(&orders, until).await,
             Coordination::Continuous => self.move_all(&orders, until).await,
         };
         self.heartbeat.waits();
@@ -501,17 +527,25 @@ impl Mp {
             if let Some(permission) = permission_soon(&mut self.parts.services.control).await {
                 return Ok(permission);
             }
-            for ecp in &self.parts.ecps {
-                ecp.state().await?;
+            for (effector, ecp) in self.parts.ecps.iter().enumerate() {
+                let state = ecp.state().await;
+                if !self.programmes.own.contains(&effector) {
+                    state?;
+                }
             }
         }
     }
 
-    /// Asks each arm for its state and stores the states.
+    /// Asks each arm for its state and stores the states. An arm that had a programme and has a
+    /// fault keeps its last state: the fault has ended that programme, and the others go on.
     async fn refresh(&mut self) -> Result<(), Error> {
         let mut arms = Vec::with_capacity(self.parts.ecps.len());
-        for ecp in &self.parts.ecps {
-            arms.push(ecp.state().await?);
+        for (effector, ecp) in self.parts.ecps.iter().enumerate() {
+            let last = self.arms.get(effector).filter(|_| self.programmes.own.contains(&effector));
+            arms.push(match (ecp.state().await, last) {
+                (Err(Error::NonFatal { .. } | Error::Fatal { .. }), Some(last)) => *last,
+                (state, _) => state?,
+            });
         }
         self.arms = arms;
         Ok(())
@@ -542,6 +576,9 @@ fn doing<T>(action: &Action<T>) -> &'static str {
         Action::Ask(_) => "asks the operator",
         Action::Await => "waits for an order",
         Action::Manual { .. } => "carries out an order",
+        Action::Start { .. } => "starts a programme",
+        Action::Signal { .. } => "sends a signal",
+        Action::Receive(_) => "waits for a message",
         Action::Finish(_) => "has finished",
         Action::Defect(_) => "has failed",
     }
@@ -556,6 +593,7 @@ mod tests {
     use super::super::{ecp, edp};
     use super::*;
     use crate::hw::driver::{self, Switches};
+    use crate::kernel::programme::Programmes;
     use crate::motion::JointPositions;
     use crate::reach::guard::PlannedMotion;
     use crate::reach::{Meeting, MeetingTable, ReachSettings, example_cell};
@@ -582,6 +620,7 @@ mod tests {
             edp,
             tracker: None,
             hand_camera: None,
+            programmes: Programmes::default(),
             manner: manner(),
             services: services.clone(),
         };

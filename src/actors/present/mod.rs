@@ -18,6 +18,7 @@ use crate::cell::Cell;
 use crate::cube::{Face, Keeper};
 use crate::desk::{Picture as Pixels, Pictures, Pixels as Kind, RunEnd};
 use crate::generators::Target;
+use crate::kernel::Picture;
 use crate::motion::{PERIOD, Synchronisation};
 use crate::operator::{
     ActorView, ArmView, CameraView, Class, ControlView, CubeView, HandView, Input, LayerTurn,
@@ -26,7 +27,6 @@ use crate::operator::{
 use crate::scenario::ControllerConfig;
 use crate::scenario::keys::Pace;
 use crate::servo::period::Length;
-use crate::tasks::Picture;
 use actors::Actors;
 use moment::Moment;
 use nalgebra::UnitQuaternion;
@@ -259,6 +259,7 @@ impl Presenter {
             net: picture.net,
             plan: picture.plan,
             step: picture.step,
+            facts: picture.facts,
             servo: moment.servo,
             question: moment.question,
             // A run with an outcome takes no orders and no speed any more.
@@ -463,16 +464,16 @@ mod tests {
     use super::super::latest::{Peaks, Sight};
     use super::*;
     use crate::cell::Mount;
+    use crate::kernel::Turning;
     use crate::motion::ArmState;
     use crate::operator::State;
     use crate::scenario::Override;
     use crate::spatial::Pose;
-    use crate::tasks::Turning;
     use std::path::Path;
 
     /// Returns a presenter of the built-in scenario, with its stage and its latest values.
     fn presenter() -> (Presenter, Stage, LatestValues) {
-        let scenario = crate::scenario::read(Path::new("t.toml"), "", &[]).unwrap();
+        let scenario = crate::tasks::read(Path::new("t.toml"), "", &[]).unwrap();
         let latest = LatestValues::default();
         let stage = stage(&scenario);
         let presenter = Presenter::new(stage.clone(), &scenario.controller, latest.clone());
@@ -529,7 +530,7 @@ mod tests {
     #[test]
     fn snapshot_time_uses_the_configured_servo_period() {
         let set = [Override::parse("real_time.period_ms=1").unwrap()];
-        let scenario = crate::scenario::read(Path::new("t.toml"), "", &set).unwrap();
+        let scenario = crate::tasks::read(Path::new("t.toml"), "", &set).unwrap();
         let latest = LatestValues::default();
         let mut presenter =
             Presenter::new(super::stage(&scenario), &scenario.controller, latest.clone());

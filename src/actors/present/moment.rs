@@ -1,8 +1,8 @@
 //! The latest values at the moment of a snapshot.
 
 use crate::actors::latest::{ArmLatest, Latest};
+use crate::kernel::Picture;
 use crate::operator::{Question, ServoTiming};
-use crate::tasks::Picture;
 
 /// The latest values at one moment.
 pub(super) struct Moment {

@@ -23,8 +23,8 @@ pub(crate) fn stage(scenario: &Scenario) -> Stage {
         opening: arm.gripper.opening,
         poses: poses(arm).into_iter().map(|p| p.0).collect(),
     };
-    // Under the idle task no person hands over a cube, so its zone would only mislead.
-    let solve = config.task.word() != "idle";
+    // Under a task without a hand-over the zone of the hand would only mislead.
+    let hands_over = config.task.properties.hands_over;
     Stage {
         title: scenario.path.display().to_string(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -38,7 +38,8 @@ pub(crate) fn stage(scenario: &Scenario) -> Stage {
         cameras: cameras(cell),
         solids: arm_solids(cell),
         edge: cell.cube.edge,
-        hand_zone: (solve && cell.keeper == Keeper::Person).then_some(cell.hand.world_from_cube),
+        hand_zone: (hands_over && cell.keeper == Keeper::Person)
+            .then_some(cell.hand.world_from_cube),
         limits: Limits {
             force: config.control.force_limit,
             torque: config.control.torque_limit,

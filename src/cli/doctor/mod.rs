@@ -12,9 +12,10 @@ mod probe;
 mod robot;
 
 use super::arguments::positive;
+use super::catalogue;
 use super::output::{Output, refuse};
 use crate::hw::driver::{Timing, WallOptions};
-use crate::scenario::{self, Scenario};
+use crate::scenario::Scenario;
 use clap::Args;
 use finding::{Finding, Weight, any, exit_code};
 use serde_json::json;
@@ -65,7 +66,7 @@ pub(super) fn run(args: &DoctorArgs, output: &mut Output) -> anyhow::Result<u8> 
     let scenario = args
         .scenario
         .as_deref()
-        .map(|path| scenario::load(path, &[]))
+        .map(|path| catalogue::load(path, &[]))
         .transpose()
         .map_err(refuse)?;
     let priority =

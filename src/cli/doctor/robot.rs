@@ -171,7 +171,7 @@ mod tests {
     use crate::hw::devices::{CameraDevice, IsaDevice};
     use crate::hw::emulator::pty::Pty;
     use crate::motion::AXES;
-    use crate::scenario::{self, Override};
+    use crate::scenario::Override;
     use crate::tables::testing::Folder;
     use std::os::unix::fs::PermissionsExt as _;
 
@@ -200,7 +200,7 @@ mod tests {
 
     /// Returns weight, fact and remedy of each finding about the scenario with this text.
     fn look(folder: &Folder, text: &str) -> Vec<(Weight, String, Option<String>)> {
-        let found = robot(&scenario::read(&folder.0.join("t.toml"), text, &[]).unwrap());
+        let found = robot(&crate::tasks::read(&folder.0.join("t.toml"), text, &[]).unwrap());
         found.into_iter().map(|f| (f.weight, f.fact, f.fix)).collect()
     }
 
@@ -248,7 +248,7 @@ mod tests {
         assert!(weight == Weight::Refused && fact.contains("other users may write it"), "{fact}");
         assert_eq!(fix.as_deref(), Some(NAME_DEVICES));
         let named = Override::parse("bridge.devices=devices.toml").unwrap();
-        let scenario = scenario::read(&folder.0.join("t.toml"), IDLE, &[named]).unwrap();
+        let scenario = crate::tasks::read(&folder.0.join("t.toml"), IDLE, &[named]).unwrap();
         assert!(scenario.load_devices().1.is_ok(), "the command line names it");
         fs::set_permissions(&file, fs::Permissions::from_mode(0o644)).unwrap();
         let (weight, fact, fix) = one(&folder, &IDLE.replace("devices.toml", "nosuch.toml"));

@@ -441,12 +441,12 @@ fn solid(centre: [f64; 3], shape: Shape, colour: [f64; 3]) -> Solid {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario;
+
     use std::collections::{BTreeMap, BTreeSet};
 
     /// Returns the built-in cell.
     fn cell() -> Cell {
-        scenario::read(std::path::Path::new("t.toml"), "", &[]).unwrap().controller.cell
+        crate::tasks::read(std::path::Path::new("t.toml"), "", &[]).unwrap().controller.cell
     }
 
     #[test]

@@ -241,11 +241,10 @@ pub(super) fn strength_of_finger(g: &Gripper) -> Strength {
 mod tests {
     use super::*;
     use crate::hw::plant::dynamics::LINKS;
-    use crate::scenario;
 
     /// Returns the arms of the built-in cell.
     fn arms() -> Vec<crate::cell::Arm> {
-        scenario::read(std::path::Path::new("t.toml"), "", &[]).unwrap().controller.cell.arms
+        crate::tasks::read(std::path::Path::new("t.toml"), "", &[]).unwrap().controller.cell.arms
     }
 
     #[test]

@@ -9,12 +9,12 @@ use super::plan::Planner;
 use super::plan::explain::Line;
 use super::strategy::{Strategy, TwoPhase};
 use crate::cube::{Cube, Facelets, Rotation24, Turn, facelet_place};
+use crate::kernel::{self, Effort};
 use crate::solver::korf::Korf;
 use crate::solver::optimal::{Answer as Exact, Limits};
 use crate::solver::table::InTurn;
 use crate::solver::tables::Bytes;
 use crate::solver::{self, Budget, Solution};
-use crate::tasks::Effort;
 use crate::vision::colours::{self, Decision, Undecided};
 use std::sync::atomic::AtomicBool;
 
@@ -87,6 +87,14 @@ pub struct Answer {
     pub lines: Vec<Line>,
     /// Time that the steps are expected to take (s).
     pub expected: f64,
+}
+
+impl kernel::Thought for Thought {
+    type Conclusion = Conclusion;
+
+    fn think(self) -> (Conclusion, Effort) {
+        think(&self)
+    }
 }
 
 /// Decides the colours, solves the cube and plans the regrasps. It is a pure function: equal

@@ -142,6 +142,7 @@ function show() {
   panels.showPhases(s.phases, control === "ended");
   panels.showOutcome(s.outcome);
   panels.showFaults(s.arms);
+  panels.showFacts(s.facts);
   panels.showLatest(control === "ended");
   // The panels above change the height of the plan, so the plan scrolls after them.
   panels.showStep(s.step, control === "ended" && !!s.outcome?.good);

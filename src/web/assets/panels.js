@@ -55,6 +55,14 @@ export function showPlan(lines) {
   stepShown = undefined;
 }
 
+/** Shows the facts of a task that the page does not know otherwise: a row for each name. */
+export function showFacts(facts) {
+  const rows = Object.entries(facts ?? {});
+  const text = (value) => typeof value === "number" ? String(Number(value.toPrecision(5))) : typeof value === "string" ? value : JSON.stringify(value);
+  $("facts").hidden = rows.length === 0;
+  $("facts").replaceChildren(...rows.map(([name, value]) => el("tr", {}, el("th", { scope: "row", textContent: name }), el("td", { textContent: text(value) }))));
+}
+
 let stepShown;
 /** Marks the current step of the plan, or all steps as done after the run has ended `well`. */
 export function showStep(step, well) {

@@ -17,10 +17,10 @@ use super::failure::{Orders, Outcomes, alone};
 use super::robot::{LEAST_WIDTH, Robot, Trust, UNSURE};
 use super::shared::Doing;
 use crate::generators::{Behaviour, Outcome, visual_servo};
+use crate::kernel::Until;
 use crate::motion::{Depth, JawCommand, JointPositions};
 use crate::reach::MeetingPath;
 use crate::spatial::Pose;
-use crate::tasks::Until;
 use crate::tasks::cube::hold::{Grip, Hand, Hold};
 use crate::tasks::cube::settings::{ComplianceChoice, CompliantArm};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -635,11 +635,11 @@ mod tests {
     use super::super::{give_back, regrasp};
     use super::*;
     use crate::cube::{Axis, Face, Keeper};
+    use crate::kernel::{Action, Event};
     use crate::motion::ArmState;
     use crate::reach::{Meeting, WayFinder};
     use crate::tasks::cube::settings::CubeSettings;
     use crate::tasks::cube::think::{Conclusion, Thought};
-    use crate::tasks::{Action, Event};
 
     /// Plays a motion, or a procedure of motions, with the cube in the track hand. Returns the word
     /// of each action, and whether a journal entry was published before the action. No person takes

@@ -5,8 +5,8 @@
 //! | place of the hand-over, place of the grasp | beyond `FARTHEST` |
 //! | missing part of a retraction | below 0 or beyond `MOST_SHORT` |
 
+use crate::kernel::JournalEntry;
 use crate::motion::{Depth, JointPositions};
-use crate::tasks::JournalEntry;
 use serde::{Deserialize, Serialize};
 
 /// Largest distance of a joint from its zero (rad or m), and of the cube from an arm's base (m).

@@ -6,7 +6,7 @@
 use super::shared::Doing;
 use crate::cube::Face;
 use crate::generators::{Behaviour, Outcome};
-use crate::tasks::Event;
+use crate::kernel::Event;
 use crate::tasks::cube::hold::Hand;
 use std::fmt::Debug;
 

@@ -22,8 +22,8 @@ use super::shared::Doing;
 use super::steps;
 use crate::cube::Keeper;
 use crate::generators::{Behaviour, Outcome};
+use crate::kernel::Finish;
 use crate::spatial::Pose;
-use crate::tasks::Finish;
 use crate::tasks::cube::hold::Hand;
 use crate::tasks::cube::plan::Planner;
 
@@ -306,8 +306,8 @@ mod tests {
         Stage, goes_well, met, order, play_mission, settings, track, words,
     };
     use super::*;
+    use crate::kernel::Action;
     use crate::motion::JointPositions;
-    use crate::tasks::Action;
     use crate::tasks::cube::mission::recover;
     use crate::tasks::cube::think::Thought;
 

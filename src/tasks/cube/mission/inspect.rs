@@ -277,11 +277,11 @@ mod tests {
     use super::*;
     use crate::cube::{Axis, Facelets, Turn};
     use crate::generators::{Behaviour, Outcome};
+    use crate::kernel::{Action, Event, View};
     use crate::motion::{Depth, JointPositions};
     use crate::operator::Answer;
     use crate::reach::MeetingPath;
     use crate::tasks::cube::hold::{Hold, Step};
-    use crate::tasks::{Action, Event, View};
 
     #[test]
     fn sides_are_inspected_in_the_quickest_order() {

@@ -1,6 +1,6 @@
 //! Kernel of MP for the cube: acquires, reads, plans, turns, inspects, and hands back or lays down.
 //!
-//! The mission is a procedure ([`crate::tasks::procedure`]): `mission` is its outermost loop, and
+//! The mission is a procedure ([`crate::kernel::procedure`]): `mission` is its outermost loop, and
 //! each file below has one part of it, in the order of its actions.
 //!
 //! - in: the event that ends an action, the states of both arms
@@ -52,8 +52,9 @@ mod turn_in_progress;
 use super::hold::Hand;
 use super::settings::CubeSettings;
 use super::think::{Conclusion, Thought};
-use crate::tasks::procedure::{Port, Procedure};
-use crate::tasks::{Action, Effort, Event, Finish, Picture, Readings, Task};
+use crate::kernel::procedure::{Port, Procedure};
+use crate::kernel::{Account, Action, Event, Finish, Kernel, Picture, Readings};
+use crate::motion::ArmState;
 pub use assignment::{Assignment, Goal};
 pub use entry::Entry;
 use failure::Failure;
@@ -88,7 +89,7 @@ impl Mission {
     /// Corrects the account after an error has ended the run. `openings` are those of the jaws of
     /// both hands (m) once the arms are at rest. A hand whose jaws have closed farther than on the
     /// cube has lost it. Other jaws may have stopped with the arms, and prove nothing.
-    pub fn look_back(&mut self, openings: [f64; 2]) {
+    fn correct(&mut self, openings: [f64; 2]) {
         self.procedure.port().state(|shared| {
             let lost = |hand: &Hand| {
                 let least = shared.least_openings[hand.index()];
@@ -165,9 +166,8 @@ async fn read_and_solve(robot: &mut Robot, phase: &'static str) -> Result<Statio
     Ok(Station::Return)
 }
 
-impl Task for Mission {
+impl Kernel for Mission {
     type Thought = Thought;
-    type Conclusion = Conclusion;
     type Entry = Entry;
 
     fn next(&mut self, event: Event<Conclusion>, readings: &Readings<'_>) -> Action<Thought> {
@@ -176,7 +176,7 @@ impl Task for Mission {
                 *known = *arm;
             }
         });
-        self.procedure.next(event)
+        self.procedure.resume(event)
     }
 
     fn notes(&mut self) -> Vec<String> {
@@ -191,8 +191,14 @@ impl Task for Mission {
         self.procedure.port().state(|shared| shared.entry.clone())
     }
 
-    fn think(thought: Thought) -> (Conclusion, Effort) {
-        super::think::think(&thought)
+    fn account(&self) -> Account {
+        let (whereabouts, log) = (self.whereabouts(), self.log());
+        Account { whereabouts, figures: log.figures() }
+    }
+
+    fn look_back(&mut self, arms: &[ArmState]) {
+        let opening = |i: usize| arms.get(i).map_or(f64::INFINITY, |arm| arm.jaw_opening);
+        self.correct([opening(0), opening(1)]);
     }
 }
 
@@ -210,7 +216,7 @@ mod tests {
         let published = stage.port.state(std::mem::take);
         mission.procedure.port().state(|shared| *shared = published);
 
-        mission.look_back([opening, 0.09]);
+        mission.correct([opening, 0.09]);
 
         (mission.whereabouts(), mission.log().drops)
     }

@@ -186,9 +186,9 @@ mod tests {
     use super::super::testing::{Stage, goes_well, order, settings};
     use super::*;
     use crate::generators::Behaviour;
+    use crate::kernel::{Action, Event};
     use crate::spatial::Pose;
     use crate::tasks::cube::hold::{Hand, Hold};
-    use crate::tasks::{Action, Event};
     use crate::vision::sensor::FaceReading;
     use nalgebra::{UnitQuaternion, Vector3};
 

@@ -400,11 +400,11 @@ mod tests {
     use super::*;
     use crate::cube::{Axis, Face, Turn};
     use crate::generators::Behaviour;
+    use crate::kernel::{Action, Event};
     use crate::motion::{ArmState, JointPositions};
     use crate::spatial::Wrench;
     use crate::tasks::cube::hold::Hold;
     use crate::tasks::cube::think::Thought;
-    use crate::tasks::{Action, Event};
     use nalgebra::{UnitQuaternion, Vector3};
     use std::f64::consts::{FRAC_PI_2, PI};
 

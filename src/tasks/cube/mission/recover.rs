@@ -188,8 +188,8 @@ mod tests {
     use super::*;
     use crate::cube::{Face, Facelets, Turn};
     use crate::generators::Behaviour;
+    use crate::kernel::Action;
     use crate::spatial::Pose;
-    use crate::tasks::Action;
     use crate::tasks::cube::hold::Grip;
     use crate::tasks::cube::settings::CubeSettings;
     use crate::tasks::cube::think::Thought;

@@ -326,12 +326,12 @@ mod tests {
     use super::super::{Mission, recover};
     use super::*;
     use crate::generators::{Behaviour, Outcome};
+    use crate::kernel::{Action, Event, Finish, Forces, Kernel as _, Readings};
     use crate::motion::{ArmState, JointPositions};
     use crate::reach::Fold;
     use crate::spatial::Pose;
     use crate::tasks::cube::settings::CubeSettings;
     use crate::tasks::cube::think::Thought;
-    use crate::tasks::{Action, Event, Finish, Forces, Readings, Task};
 
     /// Returns the last journal entry of a run that was laying the cube down.
     fn lowering() -> Entry {

@@ -22,6 +22,8 @@ use super::sight::{Palette, Sight};
 use super::turn_in_progress::TurnInProgress;
 use crate::cube::{Face, Facelets, Keeper, Turn};
 use crate::generators::Behaviour;
+use crate::kernel::procedure::Port;
+use crate::kernel::{Action, Event, Finish, Picture, Turning, Until, View};
 use crate::motion::{ArmState, Depth, JointPositions};
 use crate::operator::{Answer, Net, Question};
 use crate::reach::Meeting;
@@ -29,10 +31,9 @@ use crate::tasks::cube::belief::Belief;
 use crate::tasks::cube::hold::{Grip, Hand};
 use crate::tasks::cube::settings::CubeSettings;
 use crate::tasks::cube::think::{Conclusion, Thought};
-use crate::tasks::procedure::Port;
-use crate::tasks::{Action, Event, Finish, Picture, Turning, Until, View};
 use crate::vision::sensor::FaceReading;
 use nalgebra::UnitQuaternion;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// The port of the mission's procedure.
@@ -252,6 +253,7 @@ impl Robot {
             net: self.shown.net.clone(),
             plan: Arc::clone(&self.shown.plan),
             step: self.shown.step.and_then(|step| step.checked_sub(1)),
+            facts: BTreeMap::new(),
         }
     }
 

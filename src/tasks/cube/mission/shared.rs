@@ -6,14 +6,16 @@
 use super::entry::Entry;
 #[cfg(test)]
 use crate::cube::Face;
-use crate::cube::{Facelets, Turn, facelet_at, facelet_place};
+use crate::cube::{Facelets, Turn, facelet_at, facelet_place, format_turns};
+use crate::kernel::Picture;
 use crate::motion::ArmState;
 use crate::operator::{Net, PlanLine, Reading};
-use crate::tasks::Picture;
 #[cfg(test)]
 use crate::tasks::cube::belief::Held;
 use crate::tasks::cube::plan::explain::Line;
 use crate::tasks::cube::think::Answer;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// State behind the port.
@@ -58,6 +60,24 @@ pub struct MissionLog {
     pub drops: u32,
     /// Steps of the first plan in words.
     pub plan: Vec<Line>,
+}
+
+impl MissionLog {
+    /// Returns the facts as figures for the summary, by the names that its JSON has.
+    pub(super) fn figures(&self) -> BTreeMap<String, Value> {
+        let solution = self.identified.as_ref().map(|_| format_turns(&self.solution));
+        let figures = [
+            ("identified", json!(self.identified)),
+            ("solution", json!(solution)),
+            ("expected_s", json!(self.expected)),
+            ("executed", json!(format_turns(&self.executed))),
+            ("turns", json!(self.executed.len())),
+            ("grasps", json!(self.grasps)),
+            ("recoveries", json!(self.recoveries)),
+            ("drops_noticed", json!(self.drops)),
+        ];
+        figures.into_iter().map(|(name, figure)| (name.to_owned(), figure)).collect()
+    }
 }
 
 /// Cube and plan as the operator sees them.

@@ -1,6 +1,6 @@
 //! Stations of a mission, the states between two procedures.
 
-use crate::tasks::Finish;
+use crate::kernel::Finish;
 
 /// State of a mission between two procedures. A resumed mission enters at a station, or at a turn
 /// that fails while it takes stock.

@@ -298,11 +298,11 @@ mod tests {
     use super::super::{Mission, recover};
     use super::*;
     use crate::generators::Behaviour;
+    use crate::kernel::{Action, Event};
     use crate::motion::ArmState;
     use crate::operator::Answer;
     use crate::reach::Fold;
     use crate::tasks::cube::settings::CubeSettings;
-    use crate::tasks::{Action, Event};
 
     /// Returns whether an order is one for the visual servo.
     fn is_servo(order: &Behaviour) -> bool {

@@ -19,8 +19,8 @@ use super::shared::Doing;
 use super::turn_in_progress::TurnInProgress;
 use crate::cube::{Face, Turn};
 use crate::generators::Outcome;
+use crate::kernel::Finish;
 use crate::motion::Depth;
-use crate::tasks::Finish;
 use crate::tasks::cube::hold::{Grip, Hand, Hold};
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -173,7 +173,7 @@ mod tests {
     use super::super::testing::{Stage, count, goes_well, order, settings, taken, words};
     use super::*;
     use crate::generators::Behaviour;
-    use crate::tasks::Event;
+    use crate::kernel::Event;
     use crate::tasks::cube::settings::CubeSettings;
 
     /// Turns the layer of the track hand by a quarter while both hands hold the cube. The turns end

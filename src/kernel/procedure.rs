@@ -1,7 +1,7 @@
 //! A task that is written as a procedure: an `async fn` that is resumed with each event.
 //!
-//! The kernel of a task stays pure and synchronous outside: [`Procedure::next`] takes an event and
-//! returns the next action. Inside it is straight-line Rust, and the compiler writes the state
+//! The kernel of a task stays pure and synchronous outside: [`Procedure::resume`] takes an event
+//! and returns the next action. Inside it is straight-line Rust, and the compiler writes the state
 //! machine. No runtime is involved: the future is polled by hand with a waker that does nothing.
 //!
 //! - in: the event that answers an action, stored behind the [`Port`]
@@ -18,7 +18,8 @@
 //! - The procedure borrows nothing from outside. All that page, journal or summary show lies behind
 //!   the port, since terminating a run drops the procedure together with its locals.
 
-use super::{Action, Event, Finish};
+use super::{Account, Action, Event, Finish, JournalEntry, Kernel, Picture, Readings, Thought};
+use crate::motion::ArmState;
 use std::collections::{BTreeMap, VecDeque};
 use std::future::{Future, poll_fn};
 use std::pin::{Pin, pin};
@@ -32,11 +33,11 @@ pub struct RequestId(u64);
 /// The data that a procedure shares with its shell: requests, answers, and a state `S` that both
 /// may see. `T` is the input of the kernel's long work, `C` its result.
 #[derive(Debug)]
-pub struct Port<T, C, S>(Arc<Mutex<Shared<T, C, S>>>);
+pub struct Port<T, C, S>(Arc<Mutex<Inner<T, C, S>>>);
 
 /// Data of a [`Port`], behind its lock.
 #[derive(Debug)]
-struct Shared<T, C, S> {
+struct Inner<T, C, S> {
     /// Number of the latest request.
     last_id: u64,
     /// Requests that the shell has not taken yet.
@@ -58,11 +59,11 @@ impl<T, C, S> Port<T, C, S> {
     #[must_use]
     pub fn new(state: S) -> Self {
         let (posted, awaited) = (VecDeque::new(), BTreeMap::new());
-        Self(Arc::new(Mutex::new(Shared { last_id: 0, posted, awaited, state })))
+        Self(Arc::new(Mutex::new(Inner { last_id: 0, posted, awaited, state })))
     }
 
     /// Locks the shared data, even if another holder of the lock has panicked.
-    fn lock(&self) -> MutexGuard<'_, Shared<T, C, S>> {
+    fn lock(&self) -> MutexGuard<'_, Inner<T, C, S>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -225,7 +226,7 @@ impl<T, C, S> Procedure<T, C, S> {
 
     /// Delivers the event for the action that was carried out, resumes the procedure and returns
     /// its next action. An ended procedure returns its end again.
-    pub fn next(&mut self, event: Event<C>) -> Action<T> {
+    pub fn resume(&mut self, event: Event<C>) -> Action<T> {
         // `Start` comes before any request and answers none.
         if let Some(id) = self.current.take() {
             self.port.deliver(id, event);
@@ -248,6 +249,70 @@ impl<T, C, S> Procedure<T, C, S> {
         // The procedure is pending and posted nothing. With one action at a time every request that
         // was taken has its answer by now, so no later event can wake the procedure.
         Action::Defect("the task waits without a request".to_owned())
+    }
+}
+
+/// State behind a procedure's port, from which its kernel answers the shell.
+pub trait Shared: Send + 'static {
+    /// Entry in the journal.
+    type Entry: JournalEntry;
+
+    /// Stores the state of the cell, before the procedure gets the event of that time.
+    fn see(&mut self, readings: &Readings<'_>);
+
+    /// Takes the messages to the operator that are not taken yet.
+    fn take_notes(&mut self) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// Returns the present belief for display.
+    fn picture(&self) -> Option<Picture> {
+        None
+    }
+
+    /// Returns the entry that must be in the journal before the present action.
+    fn entry(&self) -> Option<Self::Entry> {
+        None
+    }
+
+    /// Returns the account of the task.
+    fn account(&self) -> Account {
+        Account::default()
+    }
+
+    /// Corrects the account after an error, by the states of the arms at rest.
+    fn look_back(&mut self, arms: &[ArmState]) {
+        let _ = arms;
+    }
+}
+
+impl<T: Thought + Unpin, S: Shared> Kernel for Procedure<T, T::Conclusion, S> {
+    type Thought = T;
+    type Entry = S::Entry;
+
+    fn next(&mut self, event: Event<T::Conclusion>, readings: &Readings<'_>) -> Action<T> {
+        self.port.state(|shared| shared.see(readings));
+        self.resume(event)
+    }
+
+    fn notes(&mut self) -> Vec<String> {
+        self.port.state(Shared::take_notes)
+    }
+
+    fn picture(&self) -> Option<Picture> {
+        self.port.state(|shared| shared.picture())
+    }
+
+    fn entry(&self) -> Option<S::Entry> {
+        self.port.state(|shared| shared.entry())
+    }
+
+    fn account(&self) -> Account {
+        self.port.state(|shared| shared.account())
+    }
+
+    fn look_back(&mut self, arms: &[ArmState]) {
+        self.port.state(|shared| shared.look_back(arms));
     }
 }
 
@@ -281,10 +346,10 @@ mod tests {
             done()
         });
 
-        assert_eq!(procedure.next(Event::Start), Action::Phase("a"));
-        assert_eq!(procedure.next(Event::Done), Action::Phase("b"));
-        assert_eq!(procedure.next(Event::Done), Action::Finish(done()));
-        assert_eq!(procedure.next(Event::Done), Action::Finish(done()), "the end is final");
+        assert_eq!(procedure.resume(Event::Start), Action::Phase("a"));
+        assert_eq!(procedure.resume(Event::Done), Action::Phase("b"));
+        assert_eq!(procedure.resume(Event::Done), Action::Finish(done()));
+        assert_eq!(procedure.resume(Event::Done), Action::Finish(done()), "the end is final");
         assert_eq!(procedure.port().state(|seen| seen.clone()), ["a", "b"]);
     }
 
@@ -317,7 +382,7 @@ mod tests {
             done()
         });
 
-        let phases: Vec<_> = std::iter::repeat_with(|| procedure.next(Event::Done))
+        let phases: Vec<_> = std::iter::repeat_with(|| procedure.resume(Event::Done))
             .take_while(|action| !matches!(action, Action::Finish(_)))
             .collect();
 
@@ -328,7 +393,7 @@ mod tests {
     fn procedure_without_open_request_reports_defect() {
         let mut procedure = run(|_| std::future::pending());
 
-        assert!(matches!(procedure.next(Event::Start), Action::Defect(_)));
+        assert!(matches!(procedure.resume(Event::Start), Action::Defect(_)));
     }
 
     #[test]
@@ -338,8 +403,8 @@ mod tests {
             done()
         });
 
-        assert_eq!(procedure.next(Event::Start), Action::Phase("a"));
-        assert!(matches!(procedure.next(Event::Done), Action::Defect(_)));
+        assert_eq!(procedure.resume(Event::Start), Action::Phase("a"));
+        assert!(matches!(procedure.resume(Event::Done), Action::Defect(_)));
     }
 
     #[test]
@@ -354,7 +419,7 @@ mod tests {
             done()
         });
 
-        assert_eq!(procedure.next(Event::Start), Action::Phase("a"));
-        assert_eq!(procedure.next(Event::Done), Action::Finish(done()));
+        assert_eq!(procedure.resume(Event::Start), Action::Phase("a"));
+        assert_eq!(procedure.resume(Event::Done), Action::Finish(done()));
     }
 }

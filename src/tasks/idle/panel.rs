@@ -6,9 +6,9 @@
 //! - source: the operator's panel of the original (synchronise; moves in motors, joints and tool
 //!   axes; named poses)
 
-use super::procedure::{Port, Procedure};
-use super::{Action, Effort, Event, Finish, Progress, Readings, Task, Until};
 use crate::generators::{Behaviour, Outcome};
+use crate::kernel::procedure::{Port, Procedure, Shared};
+use crate::kernel::{Action, Event, Finish, Progress, Readings, Until};
 use crate::motion::{AXES, ArmState, Depth, JawCommand, JointPositions};
 use crate::operator::{Manual, Step};
 use crate::spatial::Pose;
@@ -36,18 +36,28 @@ impl ArmLimits {
 }
 
 /// Kernel of MP for an operator who moves the arms by hand.
-#[derive(Debug)]
-pub struct Panel {
-    procedure: Procedure<(), (), Shared>,
-}
+pub type Panel = Procedure<(), (), Board>;
 
 /// State behind the port.
 #[derive(Debug, Default)]
-struct Shared {
+pub struct Board {
     /// States of the arms at the last event.
     arms: Vec<ArmState>,
     /// Notes that the shell has not taken yet.
     notes: Vec<String>,
+}
+
+impl Shared for Board {
+    type Entry = Progress;
+
+    fn see(&mut self, readings: &Readings<'_>) {
+        self.arms.clear();
+        self.arms.extend_from_slice(readings.arms);
+    }
+
+    fn take_notes(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.notes)
+    }
 }
 
 /// Share of the full speed in motions by hand.
@@ -58,17 +68,15 @@ const JAW_SECONDS: f64 = 0.6;
 /// the tool about an axis (rad), of a motor (rad).
 const FARTHEST: (f64, f64, f64) = (0.2, 0.6, 60.0);
 
-impl Panel {
-    /// Makes the kernel with which the operator moves these arms by hand.
-    #[must_use]
-    pub fn new(arms: Vec<ArmLimits>) -> Self {
-        let port = Port::new(Shared::default());
-        Self { procedure: Procedure::new(port.clone(), by_hand(port, arms)) }
-    }
+/// Makes the kernel with which the operator moves these arms by hand.
+#[must_use]
+pub fn panel(arms: Vec<ArmLimits>) -> Panel {
+    let port = Port::new(Board::default());
+    Procedure::new(port.clone(), by_hand(port, arms))
 }
 
 /// Carries out the operator's orders, one after the other, for ever.
-async fn by_hand(port: Port<(), (), Shared>, limits: Vec<ArmLimits>) -> Finish {
+async fn by_hand(port: Port<(), (), Board>, limits: Vec<ArmLimits>) -> Finish {
     port.request(Action::Phase("by hand")).await;
     loop {
         // MP itself reports trouble to the operator, so an event other than an order needs no note.
@@ -173,50 +181,28 @@ fn within(step: Step, (farthest, unit): (f64, &str), axes: Range<usize>) -> Resu
     ))
 }
 
-impl Task for Panel {
-    type Thought = ();
-    type Conclusion = ();
-    type Entry = Progress;
-
-    fn next(&mut self, event: Event<()>, readings: &Readings<'_>) -> Action<()> {
-        self.procedure.port().state(|shared| {
-            shared.arms.clear();
-            shared.arms.extend_from_slice(readings.arms);
-        });
-        self.procedure.next(event)
-    }
-
-    fn notes(&mut self) -> Vec<String> {
-        self.procedure.port().state(|shared| std::mem::take(&mut shared.notes))
-    }
-
-    fn think((): ()) -> ((), Effort) {
-        ((), Effort(0.0))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tasks::Forces;
+    use crate::kernel::{Forces, Kernel as _};
 
     /// Set joints of both arms in these tests. Each joint has another position.
     const SET: [f64; AXES] = [0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875];
 
     /// Makes the kernel for two arms that know the pose `front`. Only the second one has a track.
-    fn panel() -> Panel {
+    fn two_arms() -> Panel {
         let poses = vec![("front".to_owned(), JointPositions([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6]))];
         let arm = |has_track| {
             let poses = poses.clone();
             ArmLimits { has_track, poses, opening: (0.04, 0.09), grip: 40.0 }
         };
-        Panel::new(vec![arm(false), arm(true)])
+        panel(vec![arm(false), arm(true)])
     }
 
     /// Returns the action of the kernel after an order to an effector, and the notes to the
     /// operator. The measured joints of the arms lag behind the set ones.
     fn after(effector: usize, order: Manual) -> (Action<()>, Vec<String>) {
-        let mut panel = panel();
+        let mut panel = two_arms();
         let joints = JointPositions(SET.map(|set| set - 0.0625));
         let arm = ArmState { joints, desired_joints: JointPositions(SET), ..ArmState::default() };
         let readings = Readings { arms: &[arm; 2], forces: &Forces::default() };

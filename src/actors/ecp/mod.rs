@@ -4,8 +4,15 @@
 //! coordination it runs the generators of the behaviours that MP invokes, with the readings of the
 //! VSPs that belong to it (Zieliński et al. 2007, p. 374).
 //!
+//! Beside this it runs programmes (`programme`), kernels of its own that MP starts.
+//!
 //! - in: commands, behaviours and other requests of MP; states of its EDP; readings of its VSPs
 //! - out: commands to the EDP; the outcome or the answer of each request
+
+mod outbox;
+mod programme;
+
+pub use outbox::Outbox;
 
 use super::control::permission_soon;
 use super::edp::EdpHandle;
@@ -16,12 +23,15 @@ use super::vsp::VspHandle;
 use super::watchdog::{Heartbeat, Supervision};
 use crate::error::{Error, NonFatal, System};
 use crate::generators::{Behaviour, Outcome};
+use crate::kernel::programme::Programmes;
+use crate::kernel::{Programme, Signal, View};
 use crate::motion::{ArmState, MoveCommand, PERIOD};
-use crate::tasks::View;
 use crate::vision::sensor::FaceReading;
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
+use tokio::sync::mpsc::error::TryRecvError;
 use tokio::sync::{mpsc, oneshot};
 use tracing::Instrument as _;
 
@@ -43,6 +53,8 @@ enum Request {
     State { reply: Reply<ArmState> },
     Watch { on: bool },
     Look { view: View, reply: Reply<FaceReading> },
+    Start { programme: Programme, to_mp: Outbox, reply: Reply<()> },
+    Signal(Signal),
 }
 
 /// The sending end of an ECP's mailbox. The ECP ends when the last clone is dropped, and so does
@@ -127,6 +139,23 @@ impl EcpHandle {
         self.ask("look", |reply| Request::Look { view, reply }).await
     }
 
+    /// Begins a programme, whose messages go to `to_mp`.
+    ///
+    /// # Errors
+    /// Non-fatal when there is no such programme, or its order cannot be read.
+    pub async fn start(&self, programme: Programme, to_mp: Outbox) -> Result<(), Error> {
+        self.ask("start", |reply| Request::Start { programme, to_mp, reply }).await
+    }
+
+    /// Sends a signal to the programme that the ECP carries out. Without a programme the signal is
+    /// lost.
+    ///
+    /// # Errors
+    /// System when the ECP is gone.
+    pub async fn signal(&self, signal: Signal) -> Result<(), Error> {
+        self.mailbox.send(Request::Signal(signal)).await.map_err(|_| self.closed("signal"))
+    }
+
     /// Makes the error for a request to an ECP that has ended; `place` names the request.
     fn closed(&self, place: &'static str) -> Error {
         Error::System { actor: self.name.clone(), place, cause: System::Closed(self.name.clone()) }
@@ -172,6 +201,8 @@ pub struct Parts {
     pub hand_camera: Option<VspHandle>,
     /// Parameters of its generators.
     pub manner: Manner,
+    /// Programmes that it can carry out.
+    pub programmes: Programmes,
     /// The services of the run.
     pub services: Services,
 }
@@ -184,6 +215,8 @@ struct Ecp {
     fault: Arc<ActorFault>,
     alive: Arc<AtomicU64>,
     heartbeat: Heartbeat,
+    /// Signals of MP that the programme has not received yet.
+    signals: VecDeque<Signal>,
 }
 
 /// Starts the ECP of the effector `name` as a task, and returns the sending end of its mailbox.
@@ -204,6 +237,7 @@ pub fn spawn(name: &str, parts: Parts) -> EcpHandle {
         fault,
         alive: Arc::clone(&alive),
         heartbeat: watchdog.heartbeat(&name),
+        signals: VecDeque::new(),
     };
     let span = tracing::info_span!("ecp", name = ecp.name);
     watchdog.spawn(&name, ecp.run().instrument(span));
@@ -217,7 +251,8 @@ impl Ecp {
             self.heartbeat.works();
             self.fault.before_message().await;
             // An injected loss waits for a request with an answer, whose sender detects it.
-            let answers = !matches!(request, Request::End(_) | Request::Watch { .. });
+            let answers =
+                !matches!(request, Request::End(_) | Request::Watch { .. } | Request::Signal(_));
             if answers && self.fault.is_lost() {
                 self.heartbeat.waits();
                 continue;
@@ -240,8 +275,8 @@ impl Ecp {
                     self.parts.services.trace.message(&self.name, "mp", &answer);
                     let _ = reply.send(answer);
                 }
-                // The behaviour has ended by itself before the request arrived.
-                Request::End(_) => {}
+                // The behaviour or the programme has ended by itself before the request arrived.
+                Request::End(_) | Request::Signal(_) => {}
                 Request::Bias { reply } => {
                     self.parts.services.trace.message("mp", &self.name, &"bias");
                     let answer = self.heartbeat.away(self.parts.edp.bias()).await;
@@ -269,6 +304,10 @@ impl Ecp {
                     self.parts.services.trace.message(&self.name, "mp", &answer);
                     let _ = reply.send(answer);
                 }
+                Request::Start { programme, to_mp, reply } => {
+                    self.parts.services.trace.message("mp", &self.name, &programme);
+                    self.perform(&programme, &to_mp, reply).await;
+                }
             }
             self.heartbeat.waits();
         }
@@ -293,9 +332,19 @@ impl Ecp {
             self.fault.occur().await;
             self.alive.fetch_add(1, Ordering::Relaxed);
             motion.set_pace(*self.parts.services.control.borrow());
-            // MP sends no other request while a behaviour is under way: it would be dropped here.
             let is_over = match self.mailbox.try_recv() {
                 Ok(Request::End(ending)) => motion.end(ending),
+                // These come during the motions of a programme. MP sends no other request while a
+                // behaviour is under way: it would be dropped here.
+                Ok(Request::State { reply }) => {
+                    let _ = reply.send(Ok(state));
+                    false
+                }
+                Ok(Request::Signal(signal)) => {
+                    self.signals.push_back(signal);
+                    false
+                }
+                Err(TryRecvError::Disconnected) => motion.end(Ending::Slowing),
                 _ => false,
             };
             if is_over || motion.has_ended() {

@@ -1,0 +1,60 @@
+//! The program of a user: the command line with tasks of his own beside those of this crate.
+
+use crate::cli;
+use crate::kernel::programme::EcpTask;
+use crate::registry::{Registry, Task, Verdict};
+use crate::tasks;
+use std::process::ExitCode;
+
+/// A program with the whole command line: runs, page, recordings, faults, campaigns and replay.
+///
+/// ```no_run
+/// fn main() -> std::process::ExitCode {
+///     rubik_robot::App::new().main()
+/// }
+/// ```
+#[derive(Debug)]
+pub struct App {
+    registry: Registry,
+}
+
+impl Default for App {
+    fn default() -> Self {
+        Self { registry: tasks::built_in() }
+    }
+}
+
+impl App {
+    /// Makes a program with the tasks of this crate.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Adds a task, which scenarios call `name`; a task of the same name is replaced.
+    #[must_use]
+    pub fn task<T: Task>(mut self, name: &'static str) -> Self {
+        self.registry = self.registry.task::<T>(name);
+        self
+    }
+
+    /// Gives the task that was added last a judge. Without one the task is believed.
+    #[must_use]
+    pub fn verdict<V: Verdict>(mut self) -> Self {
+        self.registry = self.registry.verdict::<V>();
+        self
+    }
+
+    /// Adds a programme of an ECP, which kernels of MP start by `name`.
+    #[must_use]
+    pub fn programme<P: EcpTask>(mut self, name: &'static str) -> Self {
+        self.registry = self.registry.programme::<P>(name);
+        self
+    }
+
+    /// Reads the arguments of the process, carries out the command and returns the exit code.
+    #[must_use]
+    pub fn main(self) -> ExitCode {
+        cli::main(self.registry.catalogue())
+    }
+}

@@ -1,0 +1,46 @@
+//! The tasks that this process knows.
+//!
+//! A process has one command line, and so one catalogue of tasks. It is set once, before the
+//! arguments are read.
+
+use crate::scenario::catalogue::Catalogue;
+use crate::scenario::fault::Faults;
+use crate::scenario::section::Key;
+use crate::scenario::{self, Override, Scenario};
+use crate::tasks;
+use std::path::Path;
+use std::sync::OnceLock;
+
+/// Tasks of this process.
+static CATALOGUE: OnceLock<Catalogue> = OnceLock::new();
+
+/// Sets the tasks of this process. A second call changes nothing.
+pub(super) fn set(catalogue: Catalogue) {
+    let _ = CATALOGUE.set(catalogue);
+}
+
+/// Returns the tasks of this process.
+fn catalogue() -> &'static Catalogue {
+    CATALOGUE.get_or_init(|| tasks::built_in().catalogue())
+}
+
+/// Reads the scenario at `path` with the tasks of this process.
+///
+/// # Errors
+/// All faults of the file and of the overrides.
+pub(super) fn load(path: &Path, overrides: &[Override]) -> Result<Scenario, Faults> {
+    scenario::load(path, overrides, catalogue())
+}
+
+/// Reads the text of a scenario with the tasks of this process.
+///
+/// # Errors
+/// All faults of the text and of the overrides.
+pub(super) fn read(path: &Path, text: &str, overrides: &[Override]) -> Result<Scenario, Faults> {
+    scenario::read(path, text, overrides, catalogue())
+}
+
+/// Returns every key that a scenario of this process can have.
+pub(super) fn all_keys() -> Vec<Key> {
+    scenario::all_keys(catalogue())
+}

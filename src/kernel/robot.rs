@@ -1,0 +1,243 @@
+//! The port of a procedure for most tasks: one without long work, whose state is a table of facts.
+//!
+//! - in: orders of the procedure, such as motions of effectors, messages and facts
+//! - out: outcomes, or the [`Hindrance`] that keeps the task from going on
+//!
+//! ```
+//! use rubik_robot::kernel::robot::{Hindrance, Robot};
+//!
+//! /// Sets the force sensors of all arms to zero.
+//! async fn zero(robot: Robot) -> Result<String, Hindrance> {
+//!     robot.phase("zero").await?;
+//!     robot.bias(vec![true; robot.arms().len()]).await?;
+//!     Ok("the force sensors are at zero".to_owned())
+//! }
+//!
+//! let kernel = Robot::kernel(zero);
+//! ```
+
+use super::procedure::{Port, Procedure, Shared};
+use super::{
+    Account, Action, Event, Finish, Forces, Message, Picture, Programme, Progress, Readings,
+    Signal, Until,
+};
+use crate::generators::{Behaviour, Outcome};
+use crate::motion::ArmState;
+use serde::Serialize;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fmt;
+
+/// Kernel of a task whose procedure acts by a [`Robot`].
+pub type RobotKernel = Procedure<(), (), Board>;
+
+/// Reason why a task cannot go on, in words.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Hindrance(pub String);
+
+impl fmt::Display for Hindrance {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+/// State behind the port of a [`Robot`].
+#[derive(Debug, Default)]
+pub struct Board {
+    /// States of the effectors at the last event, in the scenario's order.
+    arms: Vec<ArmState>,
+    /// Forces of the wrists at the last event.
+    forces: Forces,
+    /// Messages to the operator that the shell has not taken yet.
+    notes: Vec<String>,
+    /// Facts for the user interfaces, by name.
+    facts: BTreeMap<String, Value>,
+    /// Figures for the summary, by name.
+    figures: BTreeMap<String, Value>,
+    /// Entry that must be in the journal before the next action.
+    entry: Option<Progress>,
+}
+
+impl Shared for Board {
+    type Entry = Progress;
+
+    fn see(&mut self, readings: &Readings<'_>) {
+        self.arms.clear();
+        self.arms.extend_from_slice(readings.arms);
+        self.forces.clone_from(readings.forces);
+    }
+
+    fn take_notes(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.notes)
+    }
+
+    fn picture(&self) -> Option<Picture> {
+        let facts = || Picture { facts: self.facts.clone(), ..Picture::default() };
+        (!self.facts.is_empty()).then(facts)
+    }
+
+    fn entry(&self) -> Option<Progress> {
+        self.entry.clone()
+    }
+
+    fn account(&self) -> Account {
+        Account { whereabouts: String::new(), figures: self.figures.clone() }
+    }
+}
+
+/// The effectors, the operator and the journal, as a procedure uses them.
+#[derive(Debug, Clone)]
+pub struct Robot {
+    port: Port<(), (), Board>,
+}
+
+impl Robot {
+    /// Makes the kernel of a task from its procedure. The text that the procedure returns is the
+    /// reason of a success; a hindrance is the reason of a failure.
+    pub fn kernel<P>(procedure: impl FnOnce(Self) -> P) -> RobotKernel
+    where
+        P: Future<Output = Result<String, Hindrance>> + Send + 'static,
+    {
+        let port = Port::new(Board::default());
+        let work = procedure(Self { port: port.clone() });
+        Procedure::new(port, async move {
+            match work.await {
+                Ok(reason) => Finish { achieved: true, reason },
+                Err(Hindrance(reason)) => Finish { achieved: false, reason },
+            }
+        })
+    }
+
+    /// Returns the states of all effectors at the last event, in the scenario's order.
+    #[must_use]
+    pub fn arms(&self) -> Vec<ArmState> {
+        self.port.state(|board| board.arms.clone())
+    }
+
+    /// Returns the forces of the wrists at the last event, as their VSP aggregates them.
+    #[must_use]
+    pub fn forces(&self) -> Forces {
+        self.port.state(|board| board.forces.clone())
+    }
+
+    /// Tells the operator a message.
+    pub fn tell(&self, note: impl Into<String>) {
+        self.port.state(|board| board.notes.push(note.into()));
+    }
+
+    /// Shows a fact under this name in the user interfaces, from now on.
+    pub fn show(&self, name: &str, fact: impl Serialize) {
+        self.port.state(|board| board.facts.insert(name.to_owned(), value(fact)));
+    }
+
+    /// Puts a figure under this name into the summary of the run.
+    pub fn report(&self, name: &str, figure: impl Serialize) {
+        self.port.state(|board| board.figures.insert(name.to_owned(), value(figure)));
+    }
+
+    /// Has the journal say what the procedure is about to do, before its next action.
+    pub fn note_progress(&self, doing: &str, over: bool) {
+        let entry = Progress { doing: doing.to_owned(), over };
+        self.port.state(|board| board.entry = Some(entry));
+    }
+
+    /// Begins a phase of the task.
+    ///
+    /// # Errors
+    /// If the shell could not carry this out.
+    pub async fn phase(&self, name: &'static str) -> Result<(), Hindrance> {
+        self.done(Action::Phase(name)).await
+    }
+
+    /// Sets the force sensors of the marked effectors to zero where they are.
+    ///
+    /// # Errors
+    /// If a sensor could not be set to zero.
+    pub async fn bias(&self, which: Vec<bool>) -> Result<(), Hindrance> {
+        self.done(Action::Bias(which)).await
+    }
+
+    /// Has one effector carry out a behaviour, and returns its outcome.
+    ///
+    /// # Errors
+    /// If the behaviour was refused or has ended with an alarm.
+    pub async fn behave(
+        &self,
+        effector: usize,
+        behaviour: Behaviour,
+    ) -> Result<Outcome, Hindrance> {
+        let orders = (0..=effector).map(|i| (i == effector).then_some(behaviour)).collect();
+        let outcomes = self.behave_all(orders, Until::All).await?;
+        let outcome = outcomes.into_iter().flatten().next();
+        outcome.ok_or_else(|| Hindrance("a motion has ended without an outcome".to_owned()))
+    }
+
+    /// Has the effectors carry out behaviours that begin together, one entry an effector. Returns
+    /// their outcomes.
+    ///
+    /// # Errors
+    /// If a behaviour was refused or has ended with an alarm.
+    pub async fn behave_all(
+        &self,
+        orders: Vec<Option<Behaviour>>,
+        until: Until,
+    ) -> Result<Vec<Option<Outcome>>, Hindrance> {
+        match self.port.request(Action::Behave { orders, until }).await {
+            Event::Behaved(outcomes) => {
+                let alarm = outcomes.iter().flatten().find(|outcome| outcome.alarms());
+                alarm.map_or_else(|| Ok(outcomes.clone()), |met| Err(Hindrance(met.to_string())))
+            }
+            event => Err(unexpected(&event)),
+        }
+    }
+
+    /// Has the ECP of an effector begin a programme. The effector must not be ordered before the
+    /// programme's end.
+    ///
+    /// # Errors
+    /// If there is no such effector or programme, or the effector has a programme already.
+    pub async fn start(&self, effector: usize, programme: Programme) -> Result<(), Hindrance> {
+        self.done(Action::Start { effector, programme }).await
+    }
+
+    /// Sends a signal to the programme of an effector. In a programme the signal goes to MP, and
+    /// `effector` has no effect.
+    ///
+    /// # Errors
+    /// If the effector has no programme.
+    pub async fn signal(&self, effector: usize, signal: Signal) -> Result<(), Hindrance> {
+        self.done(Action::Signal { effector, signal }).await
+    }
+
+    /// Waits for the next message, at most for `seconds` (s).
+    ///
+    /// # Errors
+    /// If the shell could not carry this out.
+    pub async fn receive(&self, seconds: f64) -> Result<Option<Message>, Hindrance> {
+        match self.port.request(Action::Receive(seconds)).await {
+            Event::Received(message) => Ok(message),
+            event => Err(unexpected(&event)),
+        }
+    }
+
+    /// Requests an action that has no result.
+    async fn done(&self, action: Action<()>) -> Result<(), Hindrance> {
+        match self.port.request(action).await {
+            Event::Done => Ok(()),
+            event => Err(unexpected(&event)),
+        }
+    }
+}
+
+/// Returns the hindrance of an event that is not the expected one.
+fn unexpected(event: &Event<()>) -> Hindrance {
+    match event {
+        Event::Trouble(reason) => Hindrance(reason.clone()),
+        other => Hindrance(format!("unexpected answer of the shell: {other:?}")),
+    }
+}
+
+/// Returns a value as JSON; its error in words if it has no such form.
+fn value(of: impl Serialize) -> Value {
+    serde_json::to_value(of).unwrap_or_else(|why| Value::String(why.to_string()))
+}

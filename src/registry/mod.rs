@@ -1,0 +1,65 @@
+//! The door by which a task enters the program: its keys, its kernel, its verdict.
+//!
+//! - in: types that implement [`Task`] and [`Verdict`], from this crate or another one
+//! - out: a [`Registry`], and from it the [`Catalogue`] with which scenarios are read
+//!
+//! The kernel of a task knows the controller's half of a scenario alone. A verdict knows the plant
+//! alone. So a task can neither see the truth nor judge itself.
+
+mod entry;
+mod task;
+mod verdict;
+
+pub use entry::{Logbook, Registered, TaskEntry};
+pub use task::{Earlier, EntryOf, Setup, Task};
+pub use verdict::{Beginning, Judgement, Truth, Verdict};
+
+use crate::kernel::programme::{EcpTask, Programmes};
+use crate::scenario::catalogue::{Catalogue, Declaration as _};
+use std::sync::Arc;
+
+/// Tasks of a program, in the order in which they are named to a user.
+#[derive(Debug, Default, Clone)]
+pub struct Registry {
+    tasks: Vec<TaskEntry>,
+    programmes: Programmes,
+}
+
+impl Registry {
+    /// Returns the registry with one more task, which scenarios call `name`; a task of the same
+    /// name is replaced.
+    #[must_use]
+    pub fn task<T: Task>(mut self, name: &'static str) -> Self {
+        self.tasks.retain(|task| task.name() != name);
+        self.tasks.push(TaskEntry::of::<T>(name));
+        self
+    }
+
+    /// Returns the registry with a judge of the task that was added last. Without one the task is
+    /// believed.
+    #[must_use]
+    pub fn verdict<V: Verdict>(mut self) -> Self {
+        if let Some(task) = self.tasks.last_mut() {
+            task.judged_by::<V>();
+        }
+        self
+    }
+
+    /// Returns the registry with one more programme of an ECP, which kernels of MP start by `name`.
+    #[must_use]
+    pub fn programme<P: EcpTask>(mut self, name: &'static str) -> Self {
+        self.programmes.register::<P>(name);
+        self
+    }
+
+    /// Returns the declarations with which scenarios are read.
+    #[must_use]
+    pub fn catalogue(&self) -> Catalogue {
+        let mut catalogue = Catalogue::default();
+        catalogue.programmes = self.programmes.clone();
+        for task in &self.tasks {
+            catalogue.declare(Arc::new(task.clone()));
+        }
+        catalogue
+    }
+}

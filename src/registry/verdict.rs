@@ -1,0 +1,82 @@
+//! The verdict on a task, by the truth of the plant alone.
+//!
+//! - in: the keys of the task; the facts of the plant at the beginning and at the end
+//! - out: how the plant begins; whether the task is done, in words and figures
+
+use super::task::Task;
+use crate::cube::Facelets;
+use crate::hw::plant;
+use crate::reach::{Meeting, MeetingTable};
+use crate::scenario::ControllerConfig;
+use crate::spatial::Pose;
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// Judge of a task. It sees the plant and no belief of the controller.
+pub trait Verdict: 'static {
+    /// The task.
+    type Task: Task;
+    /// Time that the world needs after a success before it can be judged (s), such as that of a
+    /// person who withdraws a hand.
+    const SETTLES: f64 = 0.0;
+
+    /// Returns how the plant begins, if not as the scenario says.
+    ///
+    /// # Errors
+    /// The reason why the cell allows no such beginning.
+    fn beginning(
+        keys: &<Self::Task as Task>::Keys,
+        config: &ControllerConfig,
+        meetings: Option<&MeetingTable>,
+    ) -> Result<Option<Beginning>, String> {
+        let _ = (keys, config, meetings);
+        Ok(None)
+    }
+
+    /// Judges the plant at the end of the run.
+    fn judge(keys: &<Self::Task as Task>::Keys, truth: &Truth) -> Judgement;
+}
+
+/// Beginning of a plant in which a hand holds the cube.
+#[derive(Debug, Clone)]
+pub struct Beginning {
+    /// Joint positions of both arms: the second one holds the cube at this meeting, the first one
+    /// is retracted from it.
+    pub meeting: Meeting,
+    /// Pose of the cube in the second hand.
+    pub tool_from_cube: Pose,
+}
+
+/// Facts of a plant at the end of a run.
+#[derive(Debug, Clone)]
+pub struct Truth {
+    /// Cube at the beginning.
+    pub start: Facelets,
+    /// Distance of the nearest tool from the cube's centre at the beginning (m).
+    pub clearance: f64,
+    /// Checksum of the plant's limits of speed and force.
+    pub bounds: u32,
+    /// State and history of the plant.
+    pub verdict: plant::Verdict,
+    /// Number of jammed turns.
+    pub jams: u32,
+}
+
+impl Truth {
+    /// Returns the colours of the plant's cube at the end.
+    #[must_use]
+    pub fn end(&self) -> Facelets {
+        Facelets::try_from(self.verdict.facelets).unwrap_or(self.start)
+    }
+}
+
+/// Judgement on a task.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Judgement {
+    /// Whether the task is done.
+    pub right: bool,
+    /// State of the plant, in words.
+    pub words: String,
+    /// Figures for the summary, by name.
+    pub figures: BTreeMap<String, Value>,
+}

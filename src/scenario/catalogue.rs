@@ -1,0 +1,109 @@
+//! The tasks that a scenario can name: their declarations.
+//!
+//! A scenario does not know the tasks. It gets their declarations in a [`Catalogue`], each with the
+//! section of the task's own keys.
+//!
+//! - in: declarations
+//! - out: the declaration of the task that a scenario names; the keys of all tasks
+
+use super::config::ControllerConfig;
+use super::declared::{Keys, Properties, TaskSections};
+use super::section::Reader;
+use crate::kernel::programme::Programmes;
+use std::any::Any;
+use std::fmt;
+use std::sync::Arc;
+
+/// Declaration of a task.
+pub trait Declaration: Send + Sync {
+    /// Returns the word that names the task in a scenario.
+    fn name(&self) -> &'static str;
+    /// Returns the name of the section of its keys. Tasks with the same keys may share a section.
+    fn section(&self) -> &'static str;
+    /// Returns the keys with their defaults.
+    fn defaults(&self) -> Box<dyn Keys>;
+    /// Returns the properties of the task.
+    fn properties(&self) -> Properties;
+    /// Checks whether the cell has what the task needs, and whether its keys agree with the rest of
+    /// the scenario. It may change keys that the user has not given. Faults go to `reader`.
+    fn check(&self, keys: &mut dyn Keys, config: &ControllerConfig, reader: &mut Reader);
+    /// Returns the declaration as a value whose type can be found out, for the run that performs
+    /// the task.
+    fn as_any(&self) -> &dyn Any;
+}
+
+/// Declarations of all tasks that a program knows, and the programmes of their ECPs.
+#[derive(Clone, Default)]
+pub struct Catalogue {
+    tasks: Vec<Arc<dyn Declaration>>,
+    /// Programmes that ECPs can carry out.
+    pub programmes: Programmes,
+}
+
+impl fmt::Debug for Catalogue {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_list().entries(self.names()).finish()
+    }
+}
+
+impl Catalogue {
+    /// Adds a task; one of the same name is replaced.
+    pub fn declare(&mut self, task: Arc<dyn Declaration>) {
+        self.tasks.retain(|known| known.name() != task.name());
+        self.tasks.push(task);
+    }
+
+    /// Returns the task with this name.
+    #[must_use]
+    pub fn find(&self, name: &str) -> Option<&Arc<dyn Declaration>> {
+        self.tasks.iter().find(|task| task.name() == name)
+    }
+
+    /// Returns the names of all tasks, in the order of their declaration.
+    #[must_use]
+    pub fn names(&self) -> Vec<&'static str> {
+        self.tasks.iter().map(|task| task.name()).collect()
+    }
+
+    /// Returns the sections of all tasks, each once, with the defaults of their keys.
+    #[must_use]
+    pub(super) fn sections(&self) -> TaskSections {
+        let mut sections: Vec<(&'static str, Box<dyn Keys>)> = Vec::new();
+        for task in &self.tasks {
+            if !sections.iter().any(|(name, _)| *name == task.section()) {
+                sections.push((task.section(), task.defaults()));
+            }
+        }
+        TaskSections(sections)
+    }
+}
+
+/// Task that a scenario names.
+#[derive(Clone)]
+pub struct ChosenTask(Arc<dyn Declaration>);
+
+impl ChosenTask {
+    /// Makes the choice of this task.
+    #[must_use]
+    pub(super) fn new(task: Arc<dyn Declaration>) -> Self {
+        Self(task)
+    }
+
+    /// Returns the declaration of the task.
+    #[must_use]
+    pub fn declaration(&self) -> &dyn Declaration {
+        self.0.as_ref()
+    }
+}
+
+impl PartialEq for ChosenTask {
+    fn eq(&self, other: &Self) -> bool {
+        self.0.name() == other.0.name()
+    }
+}
+
+impl fmt::Debug for ChosenTask {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:?}", self.0.name())
+    }
+}
