@@ -348,6 +348,12 @@ impl Summary {
         serde_json::to_string(&clean).unwrap_or_else(|error| format!("{{\"error\":\"{error}\"}}"))
     }
 
+    /// Returns whether the rows of the cube belong into the table: a task with figures of its own
+    /// may handle no cube.
+    fn concerns_cube(&self) -> bool {
+        self.figures.is_empty() || self.identified.is_some() || self.turns + self.grasps > 0
+    }
+
     /// Returns the summary as a table for the operator, with an end of line after each row.
     #[must_use]
     pub fn table(&self) -> String {
@@ -357,11 +363,13 @@ impl Summary {
         t.push('\n');
         self.add_figures(&mut t);
         t.push('\n');
-        row(&mut t, "cube at start", self.cube_start.as_deref().unwrap_or(UNKNOWN));
-        row(&mut t, "as identified", self.identified.as_deref().unwrap_or("(not read)"));
-        row(&mut t, "solution", self.solution.as_deref().unwrap_or("(none)"));
-        row(&mut t, "executed", &self.executed);
-        row(&mut t, "cube at end", self.cube_end.as_deref().unwrap_or(UNKNOWN));
+        if self.concerns_cube() {
+            row(&mut t, "cube at start", self.cube_start.as_deref().unwrap_or(UNKNOWN));
+            row(&mut t, "as identified", self.identified.as_deref().unwrap_or("(not read)"));
+            row(&mut t, "solution", self.solution.as_deref().unwrap_or("(none)"));
+            row(&mut t, "executed", &self.executed);
+            row(&mut t, "cube at end", self.cube_end.as_deref().unwrap_or(UNKNOWN));
+        }
         row(&mut t, "hash", &self.hash);
         row(&mut t, "servo hash", &self.servo_hash);
         if let Some(plant) = &self.plant_hash {
@@ -408,10 +416,12 @@ impl Summary {
         let peak = |force: Option<f64>, torque: Option<f64>| {
             known(force.zip(torque), |(force, torque)| format!("{force:.1} N, {torque:.2} Nm"))
         };
-        row(t, "turns", &self.turns.to_string());
-        row(t, "grasps", &self.grasps.to_string());
-        row(t, "recoveries", &self.recoveries.to_string());
-        row(t, "peak while both hold", &peak(self.peak_force_n, self.peak_torque_nm));
+        if self.concerns_cube() {
+            row(t, "turns", &self.turns.to_string());
+            row(t, "grasps", &self.grasps.to_string());
+            row(t, "recoveries", &self.recoveries.to_string());
+            row(t, "peak while both hold", &peak(self.peak_force_n, self.peak_torque_nm));
+        }
         for sensor in &self.sensors {
             let felt = format!("{:.1} N, {:.2} Nm", sensor.felt_force_n, sensor.felt_torque_nm);
             let exerted = peak(sensor.force_n, sensor.torque_nm);
@@ -434,7 +444,7 @@ impl Summary {
             row(t, "layer turned by", &format!("{angle:.1} deg"));
         }
         for (name, figure) in &self.figures {
-            row(t, &name.replace('_', " "), &figure.to_string());
+            row(t, &name.replace('_', " "), &figure_text(figure));
         }
         let clock = format!("{:.1} ({:.1} s)", self.real_time_factor(), self.wall_time_s);
         row(t, "real-time factor", &clock);
@@ -444,6 +454,19 @@ impl Summary {
 /// Returns the ratio of simulated time to wall-clock time; 0 if no wall-clock time has passed.
 fn factor(sim_time_s: f64, wall_time_s: f64) -> f64 {
     if wall_time_s > 0.0 { sim_time_s / wall_time_s } else { 0.0 }
+}
+
+/// Returns a figure of a task as text: a number with five digits, a text without quotes.
+fn figure_text(figure: &Value) -> String {
+    match figure {
+        Value::Number(number) if number.is_f64() => {
+            let number = number.as_f64().unwrap_or(f64::NAN);
+            let short: f64 = format!("{number:.4e}").parse().unwrap_or(number);
+            short.to_string()
+        }
+        Value::String(text) => text.clone(),
+        other => other.to_string(),
+    }
 }
 
 /// Text in place of an unknown figure.
@@ -554,6 +577,20 @@ mod tests {
         s.accidents = Some(vec![Accident { time_s: 12.34, what: "it fell".into() }]);
 
         assert!(s.table().contains("12.3 s: it fell\n"), "{}", s.table());
+    }
+
+    #[test]
+    fn figures_of_task_replace_rows_of_cube() {
+        let mut s = Summary { identified: None, turns: 0, grasps: 0, ..summary() };
+        assert!(s.table().contains("cube at start") && !s.json().contains("figures"));
+        s.figures.insert("force_error_n".into(), 0.123_456_7.into());
+        s.figures.insert("hand_overs".into(), 3.into());
+
+        let table = s.table();
+        assert!(table.contains("force error n          0.12346\n"), "{table}");
+        assert!(table.contains("hand overs             3\n"), "{table}");
+        assert!(!table.contains("cube at") && !table.contains("grasps"), "{table}");
+        assert!(s.json().contains("\"figures\":{\"force_error_n\":0.1234567,\"hand_overs\":3}"));
     }
 
     #[test]

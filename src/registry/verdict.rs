@@ -6,9 +6,11 @@
 use super::task::Task;
 use crate::cube::Facelets;
 use crate::hw::plant;
+use crate::hw::scene::Scene;
 use crate::reach::{Meeting, MeetingTable};
 use crate::scenario::ControllerConfig;
 use crate::spatial::Pose;
+use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -60,6 +62,10 @@ pub struct Truth {
     pub verdict: plant::Verdict,
     /// Number of jammed turns.
     pub jams: u32,
+    /// Plant before the first period.
+    pub scene_at_start: Scene,
+    /// Plant at the end.
+    pub scene_at_end: Scene,
 }
 
 impl Truth {
@@ -67,6 +73,16 @@ impl Truth {
     #[must_use]
     pub fn end(&self) -> Facelets {
         Facelets::try_from(self.verdict.facelets).unwrap_or(self.start)
+    }
+
+    /// Returns the pose of each tool in the world at the beginning and at the end, in the
+    /// scenario's order.
+    #[must_use]
+    pub fn tools(&self) -> Vec<(Pose, Pose)> {
+        let tools = |scene: &Scene| -> Vec<Pose> {
+            scene.arms.iter().take(scene.arm_count).map(|arm| arm.world_from_tool).collect()
+        };
+        tools(&self.scene_at_start).into_iter().zip(tools(&self.scene_at_end)).collect()
     }
 }
 
@@ -79,4 +95,20 @@ pub struct Judgement {
     pub words: String,
     /// Figures for the summary, by name.
     pub figures: BTreeMap<String, Value>,
+}
+
+impl Judgement {
+    /// Makes a judgement without figures. `words` say what the plant shows.
+    #[must_use]
+    pub fn new(right: bool, words: impl Into<String>) -> Self {
+        Self { right, words: words.into(), figures: BTreeMap::new() }
+    }
+
+    /// Returns the judgement with one more figure, which must have a form in JSON.
+    #[must_use]
+    pub fn with(mut self, name: &str, figure: impl Serialize) -> Self {
+        let figure = serde_json::to_value(figure).unwrap_or_default();
+        self.figures.insert(name.to_owned(), figure);
+        self
+    }
 }

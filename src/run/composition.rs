@@ -73,6 +73,8 @@ struct Beginning {
     clearance: f64,
     /// Checksum of the limits of speed and force, see [`plant_hash`].
     bounds: u32,
+    /// Plant before the first period; `None` for hardware.
+    scene: Option<Scene>,
 }
 
 impl Beginning {
@@ -86,17 +88,19 @@ impl Beginning {
             .map(|verdict| Facelets::try_from(verdict.facelets))
             .transpose()
             .map_err(|e| not_created("plant", &e.to_string()))?;
-        let clearance = world.scene().map_or(f64::INFINITY, |scene| clearance(&scene));
+        let scene = world.scene();
+        let clearance = scene.as_ref().map_or(f64::INFINITY, clearance);
         let bounds = world.plant().map_or(0, |plant| plant_hash(plant.bounds(), controller));
-        Ok(Self { start, clearance, bounds })
+        Ok(Self { start, clearance, bounds, scene })
     }
 
     /// Returns the facts of the plant at the end of a run: these from its beginning, the plant's
-    /// verdict, and the number of jams; `None` for hardware.
-    fn truth(self, verdict: Option<Verdict>, jams: u32) -> Option<Truth> {
-        let Self { start, clearance, bounds } = self;
-        let truth = |(start, verdict)| Truth { start, clearance, bounds, verdict, jams };
-        start.zip(verdict).map(truth)
+    /// verdict and scene at the end, and the number of jams; `None` for hardware.
+    fn truth(self, end: Option<(Verdict, Scene)>, jams: u32) -> Option<Truth> {
+        let Self { start, clearance, bounds, scene } = self;
+        let (verdict, scene_at_end) = end?;
+        let (start, scene_at_start) = (start?, scene?);
+        Some(Truth { start, clearance, bounds, verdict, jams, scene_at_start, scene_at_end })
     }
 }
 
@@ -176,12 +180,12 @@ impl Composition<'_> {
         // An actor that has panicked stays marked as busy. The outside watch ends with the task, so
         // that it does not take that actor for a stuck one.
         drop(outside);
-        let verdict = self.wind_down(servos, &mut performed.ending).await?;
+        let end = self.wind_down(servos, &mut performed.ending).await?;
         // The kernel gets no event after an error, but a cube may fall while the arms come to rest.
         if performed.ending.error.is_some() {
             performed.kernel.look_back(&staff.arms());
         }
-        let truth = beginning.truth(verdict, jams.count());
+        let truth = beginning.truth(end, jams.count());
         let hash = self.operator.trace.hash();
         let (hash, servo_hash) = (hash.hash(), hash.servo_hash());
         let uncalibrated = self.uncalibrated;
@@ -284,8 +288,8 @@ impl Composition<'_> {
         start_actors(config, drivers, cameras, services, &self.faults).await
     }
 
-    /// Brings the arms to rest, stops the servos, and returns the plant's verdict; `None` without a
-    /// plant. A fault of the bridge replaces the error in `ending`.
+    /// Brings the arms to rest, stops the servos, and returns the plant's verdict and scene; `None`
+    /// without a plant. A fault of the bridge replaces the error in `ending`.
     ///
     /// # Errors
     /// If the driver of the servos died.
@@ -293,7 +297,7 @@ impl Composition<'_> {
         &self,
         servos: Servos,
         ending: &mut Ending,
-    ) -> Result<Option<Verdict>, Error> {
+    ) -> Result<Option<(Verdict, Scene)>, Error> {
         let switches = Arc::clone(&servos.switches);
         if matches!(ending.error, Some(Error::System { .. })) {
             // An actor is broken: the remaining ones must not move the arms any more.
@@ -317,7 +321,8 @@ impl Composition<'_> {
             }
         };
         let stopped = servos.stopped(report).await?;
-        let verdict = stopped.world.verdict();
+        let facts = stopped.world.verdict().zip(stopped.world.scene());
+        let verdict = facts.as_ref().map(|(verdict, _)| verdict);
         tracing::debug!(?verdict, "world at the end");
         // Under virtual time periods are missed by injected faults only.
         let (_, _, missed) = switches.punctual.take();
@@ -328,6 +333,6 @@ impl Composition<'_> {
         }
         // A fault of the bridge is the cause of any error that the task reports.
         ending.error = stopped.fault.or(ending.error.take());
-        Ok(verdict)
+        Ok(facts)
     }
 }

@@ -10,8 +10,6 @@ use crate::hw::plant::Verdict as PlantVerdict;
 use crate::reach::MeetingTable;
 use crate::registry::{Beginning, Judgement, Truth, Verdict};
 use crate::scenario::ControllerConfig;
-use serde_json::json;
-use std::collections::BTreeMap;
 
 /// Force on the cube from which on it is excessive (N). It is used in the verdict only and limits
 /// no motion.
@@ -34,7 +32,7 @@ impl Verdict for SolveVerdict {
         let solved = truth.end().is_solved();
         let (right, words) =
             (solved && truth.verdict.is_back(), verdict_words(solved, &truth.verdict));
-        Judgement { right, words, ..Judgement::default() }
+        Judgement::new(right, words)
     }
 }
 
@@ -48,7 +46,7 @@ impl Verdict for AcquireVerdict {
     fn judge(_: &keys::Planner, truth: &Truth) -> Judgement {
         // The take does not change the cube: only its return counts.
         let (right, words) = (truth.verdict.is_back(), verdict_words(true, &truth.verdict));
-        Judgement { right, words, ..Judgement::default() }
+        Judgement::new(right, words)
     }
 }
 
@@ -80,8 +78,7 @@ impl Verdict for FaceTurnVerdict {
         // Half a turn has the same result in both senses.
         let turned_deg = if half { turned.abs() } else { turned * keys.angle.signum() };
         let (right, words) = turn_verdict(keys.angle, turned_deg, truth);
-        let figures = BTreeMap::from([("turned_deg".to_owned(), json!(turned_deg))]);
-        Judgement { right, words, figures }
+        Judgement::new(right, words).with("turned_deg", turned_deg)
     }
 }
 

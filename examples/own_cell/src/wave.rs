@@ -1,0 +1,130 @@
+//! The task `wave`: the arms wave some times and come back to where they began.
+//!
+//! Under sporadic or continuous coordination MP moves all arms together. Without coordination each
+//! ECP carries out a programme of its own, and MP waits for their ends.
+
+use rubik_robot::generators::Behaviour;
+use rubik_robot::kernel::programme::EcpTask;
+use rubik_robot::kernel::robot::{Hindrance, Robot, RobotKernel};
+use rubik_robot::kernel::{Message, Until};
+use rubik_robot::registry::{Judgement, Setup, Task, Truth, Verdict};
+use rubik_robot::scenario::declared::Properties;
+use rubik_robot::scenario::keys::Coordination;
+use rubik_robot::section;
+
+/// Longest time of a programme (s).
+const PATIENCE: f64 = 120.0;
+/// Number of the wrist's joint that waves.
+const WRIST: usize = 6;
+/// Largest distance of a tool from its first place at the end (m).
+const BACK_WITHIN: f64 = 0.002;
+
+section! {
+    /// Keys of the task.
+    pub Keys {
+        /// Number of waves.
+        times: u32 = 3, 1.0..=20.0;
+        /// Angle of the wrist to either side.
+        swing [deg]: f64 = 10.0, 1.0..=45.0;
+    }
+}
+
+/// Task `wave`.
+pub struct Wave;
+
+impl Task for Wave {
+    type Keys = Keys;
+    type Kernel = RobotKernel;
+    const PROPERTIES: Properties = Properties {
+        coordination: &[Coordination::Sporadic, Coordination::Continuous, Coordination::Absent],
+        ..Properties::PLAIN
+    };
+
+    fn kernel(setup: Setup<'_, Self>) -> Result<RobotKernel, String> {
+        let keys = setup.keys.clone();
+        Ok(match setup.config.coordination {
+            Coordination::Absent => Robot::kernel(|robot| apart(robot, keys)),
+            _ => Robot::kernel(|robot| together(robot, keys)),
+        })
+    }
+}
+
+/// Moves the wrists of all arms together.
+async fn together(robot: Robot, keys: Keys) -> Result<String, Hindrance> {
+    robot.phase("wave").await?;
+    for wave in 1..=keys.times {
+        robot.show("wave", wave);
+        for by in [keys.swing, -2.0 * keys.swing, keys.swing] {
+            let orders = (0..robot.arms().len()).map(|arm| Some(turn(&robot, arm, by)));
+            robot.behave_all(orders.collect(), Until::All).await?;
+        }
+    }
+    robot.report("waves", keys.times);
+    Ok(format!("all arms have waved {} times", keys.times))
+}
+
+/// Has each ECP wave by itself, and waits until all have ended.
+async fn apart(robot: Robot, keys: Keys) -> Result<String, Hindrance> {
+    robot.phase("wave").await?;
+    let arms = robot.arms().len();
+    for arm in 0..arms {
+        let programme = WaveAlone::programme("wave_alone", &(keys.times, keys.swing));
+        robot.start(arm, programme.map_err(Hindrance)?).await?;
+    }
+    let mut failed = Vec::new();
+    for _ in 0..arms {
+        match robot.receive(PATIENCE).await? {
+            Some(Message::Ended { finish, .. }) if finish.achieved => {}
+            Some(Message::Ended { finish, .. }) => failed.push(finish.reason),
+            other => return Err(Hindrance(format!("an arm does not end: {other:?}"))),
+        }
+    }
+    if failed.is_empty() {
+        Ok(format!("each arm has waved {} times", keys.times))
+    } else {
+        Err(Hindrance(failed.join("; ")))
+    }
+}
+
+/// Programme of one arm: it waves by itself. Its order is the number of waves and the angle (rad).
+pub struct WaveAlone;
+
+impl EcpTask for WaveAlone {
+    type Order = (u32, f64);
+    type Kernel = RobotKernel;
+
+    fn kernel((times, swing): (u32, f64)) -> RobotKernel {
+        Robot::kernel(move |robot| async move {
+            for _ in 0..times {
+                for by in [swing, -2.0 * swing, swing] {
+                    robot.behave(0, turn(&robot, 0, by)).await?;
+                }
+            }
+            Ok(format!("waved {times} times"))
+        })
+    }
+}
+
+/// Returns the order that turns the wrist of an arm by an angle (rad).
+fn turn(robot: &Robot, arm: usize, by: f64) -> Behaviour {
+    let mut target = robot.arms()[arm].desired_joints;
+    target.0[WRIST] += by;
+    Behaviour::Joints { target, speed: 0.5, seconds: 0.0 }
+}
+
+/// Judge of the task: the tools must be back at their first places.
+pub struct BackAgain;
+
+impl Verdict for BackAgain {
+    type Task = Wave;
+
+    fn judge(_: &Keys, truth: &Truth) -> Judgement {
+        let farthest = truth
+            .tools()
+            .into_iter()
+            .map(|(from, to)| (to.translation.vector - from.translation.vector).norm())
+            .fold(0.0, f64::max);
+        let words = format!("the farthest tool is {:.1} mm from its first place", farthest * 1e3);
+        Judgement::new(farthest < BACK_WITHIN, words).with("farthest_mm", farthest * 1e3)
+    }
+}

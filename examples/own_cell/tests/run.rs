@@ -1,0 +1,64 @@
+//! The example runs as its user would run it.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
+
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Command, Output};
+
+/// Runs the program with these arguments.
+fn own_cell(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_own_cell")).args(arguments).output().unwrap()
+}
+
+/// Runs the scenario of the example with one more option of `--set`; returns its summary.
+fn summary(set: &str) -> Value {
+    let scenario = Path::new(env!("CARGO_MANIFEST_DIR")).join("wave.toml");
+    let output = own_cell(&["run", scenario.to_str().unwrap(), "--json", "--set", set]);
+    let text = String::from_utf8(output.stdout).unwrap();
+    let last = text.lines().last().unwrap_or_default();
+    serde_json::from_str(last).unwrap_or_else(|why| {
+        panic!("{why}: {text}{}", String::from_utf8_lossy(&output.stderr));
+    })
+}
+
+#[test]
+fn task_succeeds_under_every_coordination() {
+    for coordination in ["sporadic", "continuous", "absent"] {
+        let summary = summary(&format!("coordination=\"{coordination}\""));
+
+        assert_eq!(summary["outcome"], "solved", "{summary}");
+        assert_eq!(summary["task"], "wave");
+        assert!(summary["figures"]["farthest_mm"].as_f64().unwrap() < 2.0, "{summary}");
+        let waves = &summary["figures"]["waves"];
+        assert_eq!(waves.as_u64(), (coordination != "absent").then_some(3), "{summary}");
+    }
+}
+
+/// A wrist that cannot reach its angle ends the task with the reason, and not with success.
+#[test]
+fn waves_beyond_wrist_limits_fail_with_reason() {
+    let summary = summary("effector.track.start_joints_deg=[0,-90,0,90,90,165]");
+
+    assert_eq!(summary["outcome"], "failed", "{summary}");
+    assert_ne!(summary["reason"], "", "{summary}");
+}
+
+#[test]
+fn keys_of_task_are_checked_and_listed() {
+    let listed = String::from_utf8(own_cell(&["keys", "wave"]).stdout).unwrap();
+    assert!(listed.contains("wave.swing_deg = 10"), "{listed}");
+    assert!(listed.contains("Angle of the wrist to either side."), "{listed}");
+
+    let scenario = Path::new(env!("CARGO_MANIFEST_DIR")).join("wave.toml");
+    for (set, fault) in [
+        ("wave.swing_deg=90", "`wave.swing_deg`: 90 is outside 1..45"),
+        ("wave.swing=9", "did you mean `swing_deg`?"),
+        ("task=wavy", "did you mean \"wave\"?"),
+    ] {
+        let output = own_cell(&["check", scenario.to_str().unwrap(), "--set", set]);
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{set}");
+        assert!(message.contains(fault), "{set}: {message}");
+    }
+}
