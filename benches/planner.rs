@@ -7,9 +7,9 @@
 //! search finds.
 
 use rubik_robot::cube::Cube;
+use rubik_robot::run;
 use rubik_robot::solver::{Budget, Tables, candidates, solve};
 use rubik_robot::tasks::cube::plan::{Effort, Plan, Planner, Rule, taken};
-use rubik_robot::{run, scenario};
 use std::cell::Cell;
 use std::path::Path;
 use std::time::Instant;

@@ -6,6 +6,7 @@
 use super::task::{Earlier, EntryOf, Setup, Task};
 use super::verdict::{Beginning, Judgement, Truth, Verdict};
 use crate::actors::mp::{Ending, Mp};
+use crate::hw::plant::Plant;
 use crate::kernel::{Account, JournalEntry, Kernel};
 use crate::motion::ArmState;
 use crate::reach::MeetingTable;
@@ -113,13 +114,31 @@ type Check = fn(&mut dyn Keys, &ControllerConfig, &mut Reader);
 type Begin =
     fn(&TaskEntry, &ControllerConfig, Option<&MeetingTable>) -> Result<Option<Beginning>, String>;
 
-/// Judge of a registered task.
+/// Judge of a run, of any type.
+pub trait Judge: Send {
+    /// Looks at the plant after a servo period. `tick` is the time in periods of 2 ms.
+    fn watch(&mut self, tick: u64, plant: &Plant);
+    /// Judges the plant at the end of a run of this task.
+    fn judge(&self, task: &TaskEntry, config: &ControllerConfig, truth: &Truth) -> Judgement;
+}
+
+impl<V: Verdict> Judge for V {
+    fn watch(&mut self, tick: u64, plant: &Plant) {
+        Verdict::watch(self, tick, plant);
+    }
+
+    fn judge(&self, task: &TaskEntry, config: &ControllerConfig, truth: &Truth) -> Judgement {
+        Verdict::judge(self, &task.keys::<V::Task>(config), truth)
+    }
+}
+
+/// Facts about the judge of a registered task.
 #[derive(Clone, Copy)]
-struct Judge {
+struct Judged {
     /// Time that the world needs after a success (s).
     settles: f64,
     begin: Begin,
-    say: fn(&TaskEntry, &ControllerConfig, &Truth) -> Judgement,
+    judge: fn() -> Box<dyn Judge>,
 }
 
 /// A registered task.
@@ -132,12 +151,12 @@ pub struct TaskEntry {
     check: Check,
     open: fn(&Path, bool) -> Result<Logbook, String>,
     kernel: MakeKernel,
-    judge: Option<Judge>,
+    judged: Option<Judged>,
 }
 
 impl fmt::Debug for TaskEntry {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let judged = self.judge.is_some();
+        let judged = self.judged.is_some();
         let mut entry = f.debug_struct("TaskEntry");
         entry.field("name", &self.name).field("judged", &judged).finish_non_exhaustive()
     }
@@ -163,18 +182,18 @@ impl TaskEntry {
                 let setup = Setup { keys, config, has_operator, earlier, meetings };
                 Ok(Box::new(T::kernel(setup)?))
             },
-            judge: None,
+            judged: None,
         }
     }
 
     /// Gives the task a judge.
     pub(super) fn judged_by<V: Verdict>(&mut self) {
-        self.judge = Some(Judge {
+        self.judged = Some(Judged {
             settles: V::SETTLES,
             begin: |entry, config, meetings| {
                 V::beginning(&entry.keys::<V::Task>(config), config, meetings)
             },
-            say: |entry, config, truth| V::judge(&entry.keys::<V::Task>(config), truth),
+            judge: || Box::new(V::default()),
         });
     }
 
@@ -220,19 +239,19 @@ impl TaskEntry {
         config: &ControllerConfig,
         meetings: Option<&MeetingTable>,
     ) -> Result<Option<Beginning>, String> {
-        self.judge.map_or(Ok(None), |judge| (judge.begin)(self, config, meetings))
+        self.judged.map_or(Ok(None), |judged| (judged.begin)(self, config, meetings))
     }
 
     /// Returns the time that the world needs after a success before it can be judged (s).
     #[must_use]
     pub fn settles(&self) -> f64 {
-        self.judge.map_or(0.0, |judge| judge.settles)
+        self.judged.map_or(0.0, |judged| judged.settles)
     }
 
-    /// Judges the plant; `None` for a task without a judge, which is believed.
+    /// Makes the judge of a run; `None` for a task without one, which is believed.
     #[must_use]
-    pub fn judge(&self, config: &ControllerConfig, truth: &Truth) -> Option<Judgement> {
-        self.judge.map(|judge| (judge.say)(self, config, truth))
+    pub fn judge(&self) -> Option<Box<dyn Judge>> {
+        self.judged.map(|judged| (judged.judge)())
     }
 }
 

@@ -10,7 +10,7 @@ mod entry;
 mod task;
 mod verdict;
 
-pub use entry::{Logbook, Registered, TaskEntry};
+pub use entry::{Judge, Logbook, Registered, TaskEntry};
 pub use task::{Earlier, EntryOf, Setup, Task};
 pub use verdict::{Beginning, Judgement, Truth, Verdict};
 

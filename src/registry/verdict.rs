@@ -5,7 +5,7 @@
 
 use super::task::Task;
 use crate::cube::Facelets;
-use crate::hw::plant;
+use crate::hw::plant::{self, Plant};
 use crate::hw::scene::Scene;
 use crate::reach::{Meeting, MeetingTable};
 use crate::scenario::ControllerConfig;
@@ -14,8 +14,8 @@ use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// Judge of a task. It sees the plant and no belief of the controller.
-pub trait Verdict: 'static {
+/// Judge of a task in one run. It sees the plant and no belief of the controller.
+pub trait Verdict: Default + Send + 'static {
     /// The task.
     type Task: Task;
     /// Time that the world needs after a success before it can be judged (s), such as that of a
@@ -35,8 +35,13 @@ pub trait Verdict: 'static {
         Ok(None)
     }
 
+    /// Looks at the plant after a servo period. `tick` is the time in periods of 2 ms.
+    fn watch(&mut self, tick: u64, plant: &Plant) {
+        let _ = (tick, plant);
+    }
+
     /// Judges the plant at the end of the run.
-    fn judge(keys: &<Self::Task as Task>::Keys, truth: &Truth) -> Judgement;
+    fn judge(&self, keys: &<Self::Task as Task>::Keys, truth: &Truth) -> Judgement;
 }
 
 /// Beginning of a plant in which a hand holds the cube.

@@ -13,7 +13,9 @@ use super::outcome::{Done, unaccounted};
 use super::plan::Plan;
 use super::plant_hash::plant_hash;
 use super::recording;
-use super::servos::{self, BetweenPeriods, Drive, Links, Observer, Servos, start_servos};
+use super::servos::{
+    self, BetweenPeriods, Drive, Links, Observer, Servos, SharedJudge, start_servos,
+};
 use super::simulation::PlantEventLog;
 use super::staff::{Staff, home, start_actors, start_drivers, supervise};
 use super::task::{Assignment, entry_of, run_task};
@@ -34,7 +36,7 @@ use crate::hw::scene::{Scene, SceneArm};
 use crate::motion::PERIOD;
 use crate::record::last_second::LastSecond;
 use crate::record::playback::Playback;
-use crate::registry::{Logbook, Truth};
+use crate::registry::{Judgement, Logbook, Truth};
 use crate::scenario::keys::Pace;
 use crate::scenario::{ControllerConfig, Scenario};
 use std::sync::atomic::Ordering;
@@ -118,6 +120,17 @@ struct Jams {
     witness: Arc<Mutex<Witness>>,
 }
 
+/// Returns the judgement of a judge on the plant.
+fn judged(
+    judge: &SharedJudge,
+    scenario: &Scenario,
+    truth: &Truth,
+) -> Result<Option<Judgement>, Error> {
+    let Some(judge) = judge else { return Ok(None) };
+    let judge = judge.lock().unwrap_or_else(PoisonError::into_inner);
+    Ok(Some(judge.judge(entry_of(scenario)?, &scenario.controller, truth)))
+}
+
 impl Jams {
     /// Creates the counter of jams. `control` tells it whether the operator pauses.
     fn watched(control: watch::Receiver<Control>) -> Self {
@@ -148,7 +161,8 @@ impl Composition<'_> {
         // Read before the servos start, because their driver takes the world.
         let beginning = Beginning::of(&world, &self.scenario.controller)?;
         self.operator.started(self.options.wait).await?;
-        let (mut servos, jams) = self.start_servos(world)?;
+        let judge = entry_of(self.scenario)?.judge().map(|judge| Arc::new(Mutex::new(judge)));
+        let (mut servos, jams) = self.start_servos(world, judge.clone())?;
         let services = self.services(servos.clock.clone());
         let pace = self.scenario.pace;
         // A blocked run makes no summary of its own, so its caller gets one without figures.
@@ -189,8 +203,8 @@ impl Composition<'_> {
         let hash = self.operator.trace.hash();
         let (hash, servo_hash) = (hash.hash(), hash.servo_hash());
         let uncalibrated = self.uncalibrated;
-        let judge = |truth| entry_of(scenario).map(|task| task.judge(&scenario.controller, truth));
-        let judgement = truth.as_ref().map(judge).transpose()?.flatten();
+        let judgement = truth.as_ref().map(|truth| judged(&judge, scenario, truth));
+        let judgement = judgement.transpose()?.flatten();
         Ok(Done { judgement, performed, truth, by_hand, hash, servo_hash, uncalibrated })
     }
 
@@ -202,12 +216,12 @@ impl Composition<'_> {
             .then(|| self.operator.close_gate(self.playback.as_ref()))
     }
 
-    /// Starts the servos in `world`, with the observers of the plant. Returns the servos and the
-    /// counter of jams.
+    /// Starts the servos in `world`, with the observers of the plant, of which `judge` is one.
+    /// Returns the servos and the counter of jams.
     ///
     /// # Errors
     /// If a servo or its driver cannot be created.
-    fn start_servos(&mut self, world: World) -> Result<(Servos, Jams), Error> {
+    fn start_servos(&mut self, world: World, judge: SharedJudge) -> Result<(Servos, Jams), Error> {
         // The gate replaces the operator's channels: all parts below get those behind it.
         let gate = self.close_gate();
         let (scenario, operator) = (self.scenario, &mut self.operator);
@@ -226,7 +240,13 @@ impl Composition<'_> {
         let recorder = trace.recorder();
         let events = PlantEventLog::new(scenario, recorder.clone());
         let between = BetweenPeriods {
-            observer: Observer::new(Arc::clone(&jams.witness), recorder.clone(), events, length),
+            observer: Observer::new(
+                Arc::clone(&jams.witness),
+                recorder.clone(),
+                events,
+                judge,
+                length,
+            ),
             probe: self.probe.take(),
             gate,
             // A verification has no person to watch it and runs at full speed.

@@ -24,6 +24,7 @@ use crate::motion::PERIOD;
 use crate::record::last_second::LastSecond;
 use crate::record::playback::Playback;
 use crate::record::recorder::{Entry, Recorder};
+use crate::registry::Judge;
 use crate::scenario::ControllerConfig;
 use crate::scenario::keys::{Pace, RealTime};
 use crate::servo::period::Length;
@@ -59,19 +60,25 @@ pub(super) struct Observer {
     witness: Arc<Mutex<Witness>>,
     recorder: Recorder,
     events: PlantEventLog,
+    /// Judge of the task, if it has one.
+    judge: SharedJudge,
     length: Length,
 }
 
+/// Judge that watches the plant while the run goes on; `None` for a task without one.
+pub(super) type SharedJudge = Option<Arc<Mutex<Box<dyn Judge>>>>;
+
 impl Observer {
-    /// Creates an observer that shows the plant to `witness`, `recorder` and `events`. `length` is
-    /// that of a servo period.
+    /// Creates an observer that shows the plant to `witness`, `recorder`, `events` and `judge`.
+    /// `length` is that of a servo period.
     pub(super) fn new(
         witness: Arc<Mutex<Witness>>,
         recorder: Recorder,
         events: PlantEventLog,
+        judge: SharedJudge,
         length: Length,
     ) -> Self {
-        Self { witness, recorder, events, length }
+        Self { witness, recorder, events, judge, length }
     }
 
     /// Shows the plant's scene to its cameras, and the plant to recording, event log and witness.
@@ -84,7 +91,10 @@ impl Observer {
                 .record_some(tick, || world.scene().map(|scene| Entry::Scene(Box::new(scene))));
             self.events.look(tick, world.plant());
         }
-        // The run itself takes this lock at its end only, so the servo's thread never waits for it.
+        // The run itself takes these locks at its end only, so the servo's thread never waits.
+        if let (Some(judge), Some(plant)) = (&self.judge, world.plant()) {
+            judge.lock().unwrap_or_else(PoisonError::into_inner).watch(tick, plant);
+        }
         self.witness.lock().unwrap_or_else(PoisonError::into_inner).look(tick, turned);
     }
 }

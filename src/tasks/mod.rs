@@ -6,6 +6,7 @@
 
 pub mod cube;
 pub mod idle;
+pub mod patrol;
 
 use crate::registry::Registry;
 use crate::scenario::fault::Faults;
@@ -23,6 +24,9 @@ pub fn built_in() -> Registry {
         .task::<cube::door::Acquire>("acquire")
         .verdict::<cube::verdict::AcquireVerdict>()
         .task::<idle::Idle>("idle")
+        .task::<patrol::Patrol>("patrol")
+        .verdict::<patrol::RoundsDone>()
+        .programme::<patrol::Rounds>(patrol::ROUNDS)
 }
 
 /// Reads the scenario at `path` like [`scenario::load`], with the tasks of this crate.

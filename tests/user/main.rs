@@ -16,5 +16,6 @@ mod recording;
 mod resume;
 mod robust;
 mod solve;
+mod tasks;
 mod terminal;
 mod urdf;

@@ -15,7 +15,7 @@ use std::process::{Command, Stdio};
 const SOLVED: &str = "UUUUUUUUURRRRRRRRRFFFFFFFFFDDDDDDDDDLLLLLLLLLBBBBBBBBB";
 
 /// Runs the shipped scenario `name` with the overrides `keys` in this process.
-fn run(name: &str, keys: &[&str]) -> Summary {
+pub(crate) fn run(name: &str, keys: &[&str]) -> Summary {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios").join(name);
     let keys: Vec<Override> = keys.iter().map(|key| Override::parse(key).unwrap()).collect();
     let scenario = rubik_robot::tasks::load(&path, &keys).unwrap();

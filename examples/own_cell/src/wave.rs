@@ -113,12 +113,13 @@ fn turn(robot: &Robot, arm: usize, by: f64) -> Behaviour {
 }
 
 /// Judge of the task: the tools must be back at their first places.
+#[derive(Default)]
 pub struct BackAgain;
 
 impl Verdict for BackAgain {
     type Task = Wave;
 
-    fn judge(_: &Keys, truth: &Truth) -> Judgement {
+    fn judge(&self, _: &Keys, truth: &Truth) -> Judgement {
         let farthest = truth
             .tools()
             .into_iter()

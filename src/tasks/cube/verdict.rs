@@ -20,7 +20,7 @@ const TURNED_WITHIN: f64 = 5.0;
 const WITHDRAWAL: f64 = 4.0;
 
 /// Judge of the task `solve`.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct SolveVerdict;
 
 impl Verdict for SolveVerdict {
@@ -28,7 +28,7 @@ impl Verdict for SolveVerdict {
     // The verdict is about the end of the hand-over, after the hand has withdrawn with the cube.
     const SETTLES: f64 = WITHDRAWAL;
 
-    fn judge(_: &keys::Planner, truth: &Truth) -> Judgement {
+    fn judge(&self, _: &keys::Planner, truth: &Truth) -> Judgement {
         let solved = truth.end().is_solved();
         let (right, words) =
             (solved && truth.verdict.is_back(), verdict_words(solved, &truth.verdict));
@@ -37,13 +37,13 @@ impl Verdict for SolveVerdict {
 }
 
 /// Judge of the task `acquire`.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct AcquireVerdict;
 
 impl Verdict for AcquireVerdict {
     type Task = Acquire;
 
-    fn judge(_: &keys::Planner, truth: &Truth) -> Judgement {
+    fn judge(&self, _: &keys::Planner, truth: &Truth) -> Judgement {
         // The take does not change the cube: only its return counts.
         let (right, words) = (truth.verdict.is_back(), verdict_words(true, &truth.verdict));
         Judgement::new(right, words)
@@ -51,7 +51,7 @@ impl Verdict for AcquireVerdict {
 }
 
 /// Judge of the task `face_turn`.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct FaceTurnVerdict;
 
 impl Verdict for FaceTurnVerdict {
@@ -69,7 +69,7 @@ impl Verdict for FaceTurnVerdict {
         Ok(Some(Beginning { meeting: start.meeting, tool_from_cube }))
     }
 
-    fn judge(keys: &keys::FaceTurn, truth: &Truth) -> Judgement {
+    fn judge(&self, keys: &keys::FaceTurn, truth: &Truth) -> Judgement {
         // The turner holds the upper layer, so clockwise seen from outside is negative about +z.
         // `turned` is the angle of the body's part against the turner's: positive in the ordered
         // sense.
