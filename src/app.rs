@@ -2,7 +2,7 @@
 
 use crate::cli;
 use crate::kernel::programme::EcpTask;
-use crate::registry::{Registry, Task, Verdict};
+use crate::registry::{DeviceModel, Registry, Sensor, Task, Verdict};
 use crate::tasks;
 use std::process::ExitCode;
 
@@ -42,6 +42,22 @@ impl App {
     #[must_use]
     pub fn verdict<V: Verdict>(mut self) -> Self {
         self.registry = self.registry.verdict::<V>();
+        self
+    }
+
+    /// Adds a sensor, which `[[vsp]]` of a scenario names by `kind = "name"`; one of the same name
+    /// is replaced.
+    #[must_use]
+    pub fn sensor<S: Sensor>(mut self, name: &'static str) -> Self {
+        self.registry = self.registry.sensor::<S>(name);
+        self
+    }
+
+    /// Gives the sensor that was added last a model of its device. Without one a simulated run uses
+    /// the real device.
+    #[must_use]
+    pub fn simulated<D: DeviceModel>(mut self) -> Self {
+        self.registry = self.registry.simulated::<D>();
         self
     }
 

@@ -147,6 +147,7 @@ fn actors_of(name: &str, link: ServoLink, services: &Services) -> (EdpHandle, Ec
         edp: edp.clone(),
         tracker: None,
         hand_camera: None,
+        sensors: Vec::new(),
         programmes: programmes(),
         manner: example_manner(),
         services: services.clone(),

@@ -30,6 +30,7 @@ use rubik_robot::hw::plant::{Plant, PlantConfig};
 use rubik_robot::hw::port::Port as _;
 use rubik_robot::hw::serial::axis::{Axis, AxisDrive, Rules};
 use rubik_robot::hw::serial::frame::{ORDER, Order, STATUS, Status};
+use rubik_robot::kernel::sensor::SensorReadings;
 use rubik_robot::kernel::{Action, Event, Forces, Kernel as _, Readings, Until};
 use rubik_robot::motion::{ArmState, JointPositions};
 use rubik_robot::operator::{self, Answer, Manual, Step};
@@ -580,7 +581,10 @@ fn panel() -> Panel {
 /// Gives the kernel for orders by hand an event and returns its next action.
 fn answered(panel: &mut Panel, event: Event<()>) -> Action<()> {
     let arms = [ArmState::default(); 2];
-    panel.next(event, &Readings { arms: &arms, forces: &Forces::default() })
+    panel.next(
+        event,
+        &Readings { arms: &arms, forces: &Forces::default(), sensors: &SensorReadings::default() },
+    )
 }
 
 /// Gives an order to the waiting kernel for orders by hand and checks its action: only an existing

@@ -10,6 +10,8 @@ use crate::operator::Question;
 use crate::spatial::Pose;
 use crate::vision::sensor::FaceReading;
 use image::RgbImage;
+use serde_json::Value;
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// A handle on the latest values.
@@ -27,6 +29,8 @@ pub struct Latest {
     pub orders: Vec<Option<&'static str>>,
     /// The kernel's belief.
     pub picture: Option<Picture>,
+    /// Latest reading of each sensor of a user's own, by the name of its VSP.
+    pub sensors: BTreeMap<String, Value>,
     /// The open question.
     pub question: Option<Question>,
     /// Whether this is a replay; a recording does not hold the orders of the effectors.

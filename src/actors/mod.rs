@@ -27,6 +27,7 @@ pub mod move_instruction;
 pub mod mp;
 pub mod notice;
 pub(crate) mod present;
+pub mod sensor;
 pub mod services;
 pub mod trace;
 pub mod ui;

@@ -17,6 +17,7 @@ use crate::operator::Question;
 use crate::record::recorder::{Entry, Recorder};
 use crate::record::run_hash::RunHash;
 use crate::record::sensed::{self as kept, Sensed};
+use serde_json::Value;
 use std::fmt::Debug;
 use tokio::sync::mpsc;
 
@@ -146,6 +147,19 @@ impl Trace {
             let (sensor, asked) = (look.sensor.to_owned(), look.asked.to_owned());
             Entry::Sensed(Sensed { period: look.period, sensor, asked, found })
         });
+    }
+
+    /// Writes the reading of a user's own sensor: to the recording and to the UI.
+    pub(crate) fn measured(&self, now: u64, look: &Look<'_>, reading: &Result<Value, String>) {
+        self.recorder.record(now, || {
+            let (sensor, asked) = (look.sensor.to_owned(), look.asked.to_owned());
+            let found = reading.clone().map(kept::Found::Own);
+            Entry::Sensed(Sensed { period: look.period, sensor, asked, found })
+        });
+        if let Some(latest) = &self.latest {
+            let shown = reading.clone().unwrap_or_else(Value::String);
+            latest.lock().sensors.insert(look.sensor.to_owned(), shown);
+        }
     }
 
     /// Writes a picture of a camera: to the recording if `keeps` is `true`, and to the UI together

@@ -483,7 +483,7 @@ fn recorded_cube(played: Played) -> Result<(Watched, u64), String> {
             Ok((Watched { world_from_cube, speed }, exposed))
         }
         Played::Answer(Err(reason)) => Err(reason),
-        Played::Answer(Ok(kept::Found::Face(_))) | Played::Nothing => not_recorded(),
+        Played::Answer(Ok(_)) | Played::Nothing => not_recorded(),
     }
 }
 
@@ -493,7 +493,7 @@ fn recorded_face(played: Played) -> Result<FaceReading, String> {
     match played {
         Played::Answer(Ok(kept::Found::Face(reading))) => Ok(reading),
         Played::Answer(Err(reason)) => Err(reason),
-        Played::Answer(Ok(kept::Found::Cube { .. })) | Played::Nothing => not_recorded(),
+        Played::Answer(Ok(_)) | Played::Nothing => not_recorded(),
     }
 }
 

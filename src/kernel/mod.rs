@@ -9,11 +9,13 @@
 //! - [`message`]: the end of a task, and what MP and its ECPs tell each other
 //! - [`programme`]: kernels of the ECPs
 //! - [`robot`]: the port of a procedure without long work, for most tasks
+//! - [`sensor`]: readings of a user's own sensors
 
 pub mod message;
 pub mod procedure;
 pub mod programme;
 pub mod robot;
+pub mod sensor;
 
 use crate::cube::{Face, Facelets};
 use crate::generators::{Behaviour, Outcome};
@@ -23,7 +25,7 @@ use crate::spatial::Pose;
 use crate::vision::sensor::FaceReading;
 pub use message::{Finish, Message, Programme, Signal};
 use nalgebra::UnitQuaternion;
-
+use sensor::SensorReadings;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -152,6 +154,8 @@ pub struct Readings<'a> {
     pub arms: &'a [ArmState],
     /// Forces at the wrists as their VSP aggregates them.
     pub forces: &'a Forces,
+    /// Latest readings of the sensors that the actor of the kernel owns.
+    pub sensors: &'a SensorReadings,
 }
 
 /// Wrist forces of all effectors, as the VSP of the forces aggregates them. Empty without this VSP.

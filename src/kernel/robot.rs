@@ -17,6 +17,7 @@
 //! ```
 
 use super::procedure::{Port, Procedure, Shared};
+use super::sensor::SensorReadings;
 use super::{
     Account, Action, Event, Finish, Forces, Message, Picture, Programme, Progress, Readings,
     Signal, Until,
@@ -24,9 +25,13 @@ use super::{
 use crate::generators::{Behaviour, Outcome};
 use crate::motion::ArmState;
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt;
+
+/// Time between two looks at a sensor whose reading is awaited (s).
+const LOOK: f64 = 0.02;
 
 /// Kernel of a task whose procedure acts by a [`Robot`].
 pub type RobotKernel = Procedure<(), (), Board>;
@@ -48,6 +53,8 @@ pub struct Board {
     arms: Vec<ArmState>,
     /// Forces of the wrists at the last event.
     forces: Forces,
+    /// Readings of the sensors at the last event.
+    sensors: SensorReadings,
     /// Messages to the operator that the shell has not taken yet.
     notes: Vec<String>,
     /// Facts for the user interfaces, by name.
@@ -65,6 +72,7 @@ impl Shared for Board {
         self.arms.clear();
         self.arms.extend_from_slice(readings.arms);
         self.forces.clone_from(readings.forces);
+        self.sensors.clone_from(readings.sensors);
     }
 
     fn take_notes(&mut self) -> Vec<String> {
@@ -118,6 +126,39 @@ impl Robot {
     #[must_use]
     pub fn forces(&self) -> Forces {
         self.port.state(|board| board.forces.clone())
+    }
+
+    /// Returns the reading of a sensor at the last event. `name` is that of its VSP.
+    ///
+    /// # Errors
+    /// If the actor does not own the sensor, there is no reading or only an old one, the device has
+    /// none, or it is of another type.
+    pub fn sensor<R: DeserializeOwned>(&self, name: &str) -> Result<R, Hindrance> {
+        let read = |board: &mut Board| {
+            let now = board.arms.iter().map(|arm| arm.period).max().unwrap_or_default();
+            board.sensors.get(name, now)
+        };
+        self.port.state(read).map_err(Hindrance)
+    }
+
+    /// Waits for a reading of a sensor, at most for `seconds` (s), and returns it.
+    ///
+    /// # Errors
+    /// The reason why there is none, as in [`Robot::sensor`].
+    pub async fn sense<R: DeserializeOwned>(
+        &self,
+        name: &str,
+        seconds: f64,
+    ) -> Result<R, Hindrance> {
+        let mut waited = 0.0;
+        loop {
+            match self.sensor(name) {
+                Err(_) if waited < seconds => {}
+                read => return read,
+            }
+            self.receive(LOOK).await?;
+            waited += LOOK;
+        }
     }
 
     /// Tells the operator a message.

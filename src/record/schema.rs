@@ -252,9 +252,11 @@ string asked
 # Reason why there is no result; empty with a result.
 string refusal
 # kind 0: pose x y z qx qy qz qw, speed, period of the exposure; kind 1: a face, 63 numbers (rgb, \
-colours, confidences, pose, residual px, confidence, occluded).
+colours, confidences, pose, residual px, confidence, occluded); kind 2: none.
 uint8 kind
 float64[] values
+# Reading of a user's own sensor (kind 2), as JSON.
+string reading
 ";
 
 #[cfg(test)]

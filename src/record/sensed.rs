@@ -8,6 +8,7 @@ use super::cdr::{Malformed, Reader, Writer};
 use crate::spatial::Pose;
 use crate::vision::sensor::FaceReading;
 use nalgebra::{Quaternion, Translation3, UnitQuaternion, Vector3};
+use serde_json::Value;
 
 /// One answer of a virtual sensor.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,11 +37,14 @@ pub enum Found {
     },
     /// Face of the cube in front of the camera of a hand.
     Face(FaceReading),
+    /// Reading of a user's own sensor.
+    Own(Value),
 }
 
 // Field `kind` of the message: which result its numbers are.
 const CUBE: u8 = 0;
 const FACE: u8 = 1;
+const OWN: u8 = 2;
 
 impl Sensed {
     /// Encodes this answer of a sensor as a message with the time stamp `stamp` (ns).
@@ -68,11 +72,16 @@ impl Sensed {
                 values.extend(face.occluded.iter().map(|o| f64::from(u8::from(*o))));
                 FACE
             }
+            Ok(Found::Own(_)) => OWN,
             // An answer with a reason instead of a result has no kind; readers ignore it.
             Err(_) => CUBE,
         };
         to.u8(kind);
         to.f64_sequence(&values);
+        match &self.found {
+            Ok(Found::Own(reading)) => to.string(&reading.to_string()),
+            _ => to.string(""),
+        }
     }
 
     /// Decodes the message of an answer of a sensor.
@@ -96,7 +105,10 @@ impl Sensed {
             // Recordings of older versions lack the period of the exposure: the request's is used.
             let exposed = values.next().map_or(period, |exposed| exposed as u64);
             Ok(Found::Cube { world_from_cube, speed, exposed })
+        } else if kind == OWN {
+            Ok(Found::Own(serde_json::from_str(from.string()?).map_err(|_| Malformed)?))
         } else {
+            // Recordings of older versions have no text after the numbers.
             Ok(Found::Face(values.face()?))
         };
         Ok(Self { period, sensor, asked, found })
@@ -185,6 +197,7 @@ mod tests {
         for found in [
             Ok(Found::Cube { world_from_cube: pose, speed: 0.01, exposed: 3 }),
             Ok(Found::Face(face)),
+            Ok(Found::Own(serde_json::json!({"distance_m": 1.0 / 3.0}))),
             Err("glare".to_owned()),
         ] {
             let sensed = Sensed { period: 4, sensor: "vsp gs1".into(), asked: "x".into(), found };

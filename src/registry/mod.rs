@@ -7,21 +7,25 @@
 //! alone. So a task can neither see the truth nor judge itself.
 
 mod entry;
+mod sensor;
 mod task;
 mod verdict;
 
 pub use entry::{Judge, Logbook, Registered, TaskEntry};
+pub use sensor::{Device, DeviceModel, NoDevice, Scenes, Sensor, SensorEntry};
 pub use task::{Earlier, EntryOf, Setup, Task};
 pub use verdict::{Beginning, Judgement, Truth, Verdict};
 
 use crate::kernel::programme::{EcpTask, Programmes};
 use crate::scenario::catalogue::{Catalogue, Declaration as _};
+use crate::scenario::declared::SensorDeclaration;
 use std::sync::Arc;
 
 /// Tasks of a program, in the order in which they are named to a user.
 #[derive(Debug, Default, Clone)]
 pub struct Registry {
     tasks: Vec<TaskEntry>,
+    sensors: Vec<SensorEntry>,
     programmes: Programmes,
 }
 
@@ -45,6 +49,25 @@ impl Registry {
         self
     }
 
+    /// Returns the registry with one more sensor, which `[[vsp]]` of a scenario names by
+    /// `kind = "name"`; a sensor of the same name is replaced.
+    #[must_use]
+    pub fn sensor<S: Sensor>(mut self, name: &'static str) -> Self {
+        self.sensors.retain(|sensor| SensorDeclaration::name(sensor) != name);
+        self.sensors.push(SensorEntry::of::<S>(name));
+        self
+    }
+
+    /// Returns the registry with a model of the device of the sensor that was added last. Without
+    /// one a simulated run uses the real device.
+    #[must_use]
+    pub fn simulated<D: DeviceModel>(mut self) -> Self {
+        if let Some(sensor) = self.sensors.last_mut() {
+            sensor.simulated_by::<D>();
+        }
+        self
+    }
+
     /// Returns the registry with one more programme of an ECP, which kernels of MP start by `name`.
     #[must_use]
     pub fn programme<P: EcpTask>(mut self, name: &'static str) -> Self {
@@ -59,6 +82,9 @@ impl Registry {
         catalogue.programmes = self.programmes.clone();
         for task in &self.tasks {
             catalogue.declare(Arc::new(task.clone()));
+        }
+        for sensor in &self.sensors {
+            catalogue.sensors.push(Arc::new(sensor.clone()));
         }
         catalogue
     }

@@ -20,7 +20,7 @@ use super::simulation::PlantEventLog;
 use super::staff::{Staff, home, start_actors, start_drivers, supervise};
 use super::task::{Assignment, entry_of, run_task};
 use super::witness::Witness;
-use super::world::{Cameras, World};
+use super::world::{Sources, World};
 use crate::actors::clock::Clock;
 use crate::actors::control::{Control, Pacer};
 use crate::actors::mp::{Ending, Turning};
@@ -154,7 +154,7 @@ impl Composition<'_> {
     /// [`Done`].
     pub(super) async fn perform(
         mut self,
-        (world, cameras): (World, Cameras),
+        (world, sources): (World, Sources),
         plan: Plan,
         logbook: Logbook,
     ) -> Result<Done, Error> {
@@ -185,7 +185,7 @@ impl Composition<'_> {
         let meetings = plan.meetings;
         let assignment = Assignment { meetings, logbook, to_task, turning };
         let mut staff = self
-            .staff(&mut servos, cameras, &services, (by_hand, resumes))
+            .staff(&mut servos, sources, &services, (by_hand, resumes))
             .await
             .inspect_err(|_| servos.switches.stop.store(true, Ordering::Release))?;
         let scenario = self.scenario;
@@ -298,14 +298,14 @@ impl Composition<'_> {
     async fn staff(
         &self,
         servos: &mut Servos,
-        cameras: Cameras,
+        sources: Sources,
         services: &Services,
         (by_hand, resumes): (bool, bool),
     ) -> Result<Staff, Error> {
         let config = &self.scenario.controller;
         let drivers = start_drivers(config, servos, services, &self.faults, by_hand);
         home(&drivers, &config.cell, services, resumes).await?;
-        start_actors(config, drivers, cameras, services, &self.faults).await
+        start_actors(config, drivers, sources, services, &self.faults).await
     }
 
     /// Brings the arms to rest, stops the servos, and returns the plant's verdict and scene; `None`

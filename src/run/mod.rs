@@ -204,7 +204,7 @@ fn carried_out(
         ..InjectedFaults::new(scenario.controller.cell.cameras.len())
     };
     let control = &operator.control;
-    let (world, cameras, notes) = match &playback {
+    let (world, sources, notes) = match &playback {
         Some(playback) => {
             World::of_recording(scenario.controller.cameras.len(), playback.clone(), control)
         }
@@ -215,8 +215,8 @@ fn carried_out(
             if let Some(kept) = &kept {
                 plant = kept.resume(plant, saved.resume, logbook.has_begun())?;
             }
-            let (world, cameras) = World::of_plant(scenario, plant, control, &faults)?;
-            (world.keeping(kept)?, cameras, None)
+            let (world, sources) = World::of_plant(scenario, plant, control, &faults)?;
+            (world.keeping(kept)?, sources, None)
         }
     };
     // The world has drawn its truth around the scenario as read. The controller's beliefs have the
@@ -235,7 +235,7 @@ fn carried_out(
         probe,
         uncalibrated,
     };
-    let done = runtime.block_on(composition.perform((world, cameras), plan, logbook));
+    let done = runtime.block_on(composition.perform((world, sources), plan, logbook));
     // The last notes of the bridge are logged before the summary is shown.
     drop(bridge_log);
     shut_down(runtime);

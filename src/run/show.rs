@@ -25,6 +25,7 @@ use crate::scenario::Scenario;
 use crate::servo::ServoCommand;
 use crate::servo::io::Outside;
 use crate::servo::period::Length;
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::io::{Read, Seek};
 use std::sync::Arc;
@@ -69,6 +70,8 @@ enum Event {
     /// Look of a camera: its index, the period in which its sensor was asked, the picture as JPEG,
     /// and the result.
     Sight(usize, u64, Option<Arc<Vec<u8>>>, Found),
+    /// Reading of a user's own sensor, with the name of its VSP.
+    Reading(String, Value),
     /// Beginning of a phase.
     Phase(String),
     /// Log message: class, actor, text.
@@ -214,7 +217,7 @@ impl Show {
         Ok(())
     }
 
-    /// Adds the result of a camera's sensor. Results of other sensors are not shown.
+    /// Adds the result of a camera's sensor, or the reading of a user's own one.
     fn take_sensed(
         &mut self,
         time: f64,
@@ -222,7 +225,15 @@ impl Show {
         loading: &mut Loading,
     ) -> Result<(), cdr::Malformed> {
         let sensed = Sensed::read(data)?;
-        let Some(camera) = self.camera(&sensed.sensor) else { return Ok(()) };
+        let Some(camera) = self.camera(&sensed.sensor) else {
+            let shown = match sensed.found {
+                Ok(sensed::Found::Own(reading)) => reading,
+                Ok(_) => return Ok(()),
+                Err(why) => Value::String(why),
+            };
+            self.push(time, data.len(), Event::Reading(sensed.sensor, shown));
+            return Ok(());
+        };
         loading.looked = Some((camera, self.events.len()));
         let what = Event::Sight(camera, sensed.period, None, found(sensed.found));
         self.push(time, data.len(), what);
@@ -423,6 +434,8 @@ fn found(sensed: Result<sensed::Found, String>) -> Found {
             Found::Cube(world_from_cube, speed)
         }
         Ok(sensed::Found::Face(face)) => Found::Face(Box::new(face)),
+        // No camera has such a reading.
+        Ok(sensed::Found::Own(_)) => Found::Nothing(String::new()),
         Err(why) => Found::Nothing(why),
     }
 }
@@ -495,6 +508,9 @@ impl<'a> Playhead<'a> {
                     if let Some(jpeg) = jpeg {
                         looks.insert(*camera, (*period, jpeg, found));
                     }
+                }
+                Event::Reading(sensor, reading) => {
+                    self.latest.lock().sensors.insert(sensor.clone(), reading.clone());
                 }
                 Event::Phase(name) => self.presenter.notice(&Notice::Phase(*at, name.clone())),
                 Event::Message(class, who, text) => {
@@ -620,7 +636,7 @@ impl Show {
             Event::Message(Class::Info, _, text) => Some((*time, format!("note: {text}"))),
             Event::Message(_, who, text) => Some((*time, format!("! {who}: {text}"))),
             Event::Operator(words) => Some((*time, format!("operator: {words}"))),
-            Event::Arm(..) | Event::Belief(_) | Event::Sight(..) => None,
+            Event::Arm(..) | Event::Belief(_) | Event::Sight(..) | Event::Reading(..) => None,
         })
     }
 }

@@ -8,7 +8,7 @@ use super::failure::not_created;
 use super::interrupt::SWITCHES_OFF;
 use super::servos::Servos;
 use super::settings;
-use super::world::Cameras;
+use super::world::Sources;
 use crate::actors::control::permission_soon;
 use crate::actors::edp::EdpHandle;
 use crate::actors::homing::{self, wait_for_homing};
@@ -16,6 +16,7 @@ use crate::actors::lookout::{self, Apart};
 use crate::actors::manner::manner;
 use crate::actors::move_instruction::Manner;
 use crate::actors::notice::Notice;
+use crate::actors::sensor::{self, SensorHandle};
 use crate::actors::services::Services;
 use crate::actors::vsp::{self, VspHandle};
 use crate::actors::watchdog::{Outside, Watchdog, raised};
@@ -24,12 +25,16 @@ use crate::cell::{Cell, Mount};
 use crate::error::{Error, NonFatal};
 use crate::generators::Behaviour;
 use crate::hw::camera::FrameSource;
+use crate::kernel::sensor::SensorKernel;
 use crate::kernel::{Effort, Forces};
 use crate::motion::{ArmState, PERIOD};
 use crate::reach::guard::Guard;
+use crate::registry::{Scenes, SensorEntry};
+use crate::scenario::declared::ChosenSensor;
 use crate::scenario::keys::{Coordination, Pace};
 use crate::scenario::lists::VspKind;
 use crate::scenario::{ControllerConfig, Owner, VspConfig};
+use serde_json::Value;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -229,12 +234,12 @@ async fn home_arm(edp: &EdpHandle, services: &Services) -> Result<(), Error> {
 pub(super) async fn start_actors(
     config: &ControllerConfig,
     drivers: Drivers,
-    cameras: Cameras,
+    sources: Sources,
     services: &Services,
     faults: &InjectedFaults,
 ) -> Result<Staff, Error> {
     let Drivers { edps, unsynchronised, guard, apart } = drivers;
-    let sensors = start_sensors(config, &edps, cameras, services, faults)?;
+    let sensors = start_sensors(config, &edps, sources, services, faults)?;
     let manners: Vec<_> =
         (0..config.cell.arms.len()).map(|effector| manner(config, effector)).collect();
     let ecps: Vec<_> = config
@@ -248,6 +253,7 @@ pub(super) async fn start_actors(
                 edp: edp.clone(),
                 tracker: sensors.tracker_of(Owner::Ecp(index)),
                 hand_camera: sensors.hand_camera_of(Owner::Ecp(index), index),
+                sensors: sensors.own_of(Owner::Ecp(index)),
                 manner: manners[index],
                 programmes: config.programmes.clone(),
                 services: services.under(faults.ecps.get(index)),
@@ -273,6 +279,7 @@ pub(super) async fn start_actors(
 pub(super) struct Sensors {
     trackers: Vec<(Owner, VspHandle)>,
     hand_cameras: Vec<(Owner, usize, VspHandle)>,
+    own: Vec<(Owner, SensorHandle)>,
     /// Forces of both wrists, if a VSP aggregates them.
     pub(super) forces: Option<watch::Receiver<Forces>>,
 }
@@ -284,12 +291,12 @@ pub(super) struct Sensors {
 fn start_sensors(
     config: &ControllerConfig,
     edps: &[EdpHandle],
-    mut cameras: Cameras,
+    mut sources: Sources,
     services: &Services,
     faults: &InjectedFaults,
 ) -> Result<Sensors, Error> {
     let mut sensors = Sensors::default();
-    for wanted in &config.vsps {
+    for (index, wanted) in config.vsps.iter().enumerate() {
         // Under continuous coordination the ECPs only transmit: all readings go to MP.
         let owner =
             if config.coordination == Coordination::Continuous { Owner::Mp } else { wanted.owner };
@@ -299,9 +306,19 @@ fn start_sensors(
                 let states = edps.iter().map(EdpHandle::watch).collect();
                 sensors.forces = Some(vsp::spawn_forces(services, states, periods(wanted.period)));
             }
+            (VspKind::Own, _) => {
+                let model = sources.models.get_mut(index).and_then(Option::take);
+                let parts = sensor::Parts {
+                    kernel: own_kernel(config, wanted, model, services)?,
+                    periods: periods(wanted.period),
+                    states: edps.iter().map(EdpHandle::watch).collect(),
+                    services: services.under(None),
+                };
+                sensors.own.push((owner, sensor::spawn(&wanted.name, parts)));
+            }
             (kind, Some(camera)) => {
                 // A frame source has one reader.
-                let source = cameras[camera].take().ok_or_else(|| {
+                let source = sources.cameras[camera].take().ok_or_else(|| {
                     not_created(&wanted.name, "its camera belongs to another VSP")
                 })?;
                 let services = services.under(faults.vsps.get(camera));
@@ -316,6 +333,36 @@ fn start_sensors(
         }
     }
     Ok(sensors)
+}
+
+/// Makes the kernel of a user's own sensor with its device, or with the `model` of it.
+///
+/// # Errors
+/// If the sensor or its device cannot be made.
+fn own_kernel(
+    config: &ControllerConfig,
+    wanted: &VspConfig,
+    model: Option<(u64, Scenes)>,
+    services: &Services,
+) -> Result<Box<dyn SensorKernel>, Error> {
+    let refused = |why: String| not_created(&wanted.name, &why);
+    // A verification takes the recorded readings and needs no device.
+    if services.playback.is_some() {
+        return Ok(Box::new(Recorded));
+    }
+    let declaration = wanted.own.as_ref().map(ChosenSensor::declaration);
+    let entry = declaration.and_then(SensorEntry::of_declaration);
+    let entry = entry.ok_or_else(|| refused("no registry knows this sensor".to_owned()))?;
+    entry.kernel(config, model).map_err(refused)
+}
+
+/// Kernel of a sensor whose readings are recorded.
+struct Recorded;
+
+impl SensorKernel for Recorded {
+    fn measure(&mut self, _: u64, _: &[ArmState]) -> Result<Value, String> {
+        Err("its readings are recorded".to_owned())
+    }
 }
 
 /// Returns the parts of which the VSP of a camera is made: `wanted` are its settings, `source`
@@ -359,8 +406,14 @@ impl Sensors {
             (VspKind::Face, Some(arm)) => self.hand_cameras.push((owner, arm, handle)),
             // A task finds the sensor of a face by the arm that carries its camera, so a sensor
             // whose camera no arm carries is never asked.
-            (VspKind::Face | VspKind::Force, _) => {}
+            (VspKind::Face | VspKind::Force | VspKind::Own, _) => {}
         }
+    }
+
+    /// Returns the VSPs of a user's own sensors that an actor owns.
+    pub(super) fn own_of(&self, owner: Owner) -> Vec<SensorHandle> {
+        let own = self.own.iter().filter(|(o, _)| *o == owner);
+        own.map(|(_, handle)| handle.clone()).collect()
     }
 
     /// Returns the VSP of the stand-alone camera that an actor owns.

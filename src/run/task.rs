@@ -92,6 +92,7 @@ pub(super) async fn run_task(
     let mp = Mp::new(mp::Parts {
         turning,
         forces: sensors.forces.take(),
+        sensors: sensors.own_of(Owner::Mp),
         ecps: std::mem::take(ecps),
         tracker: sensors.tracker_of(Owner::Mp),
         hand_cameras: (0..config.cell.arms.len())

@@ -28,8 +28,9 @@ use crate::hw::serial::axis::Rules;
 use crate::hw::socket_camera::SocketCamera;
 use crate::motion::PERIOD;
 use crate::record::playback::Playback;
+use crate::registry::Scenes;
 use crate::scenario::keys::BridgeKind;
-use crate::scenario::{CameraSource, ControllerConfig, Scenario};
+use crate::scenario::{CameraSource, ControllerConfig, Scenario, VspConfig};
 use crate::servo::io::{ArmDrive, ArmReading};
 use rustix::process::Signal;
 use std::collections::VecDeque;
@@ -149,6 +150,21 @@ impl FrameSource for FaultyCamera {
 /// Frame source of each camera of the cell; `None` once a sensor has taken it.
 pub(super) type Cameras = Vec<Option<Box<dyn FrameSource>>>;
 
+/// Sources of all that the VSPs measure.
+pub(super) struct Sources {
+    /// Frame sources.
+    pub(super) cameras: Cameras,
+    /// Latest true scene for the model of each VSP's device, in the scenario's order, with the seed
+    /// of the model's errors. `None` for a VSP of another kind, and for all without a plant.
+    pub(super) models: Vec<Option<(u64, Scenes)>>,
+}
+
+impl From<Cameras> for Sources {
+    fn from(cameras: Cameras) -> Self {
+        Self { cameras, models: Vec::new() }
+    }
+}
+
 /// Notes of a bridge about lost and late answers; `None` for other worlds.
 pub(super) type BridgeNotes = Option<rtrb::Consumer<Note>>;
 
@@ -176,7 +192,7 @@ impl World {
         plant: Plant,
         control: &Arc<watch::Sender<Control>>,
         faults: &InjectedFaults,
-    ) -> Result<(Self, Cameras), Error> {
+    ) -> Result<(Self, Sources), Error> {
         let disturbances = super::simulation::faults(scenario).1;
         let mut scenes = Vec::new();
         let cameras = cameras(&scenario.controller, |index| {
@@ -197,13 +213,22 @@ impl World {
                 under_way: VecDeque::new(),
             }))
         })?;
+        // The models of other devices see the scene in the same way.
+        let mut model = |vsp: &VspConfig| {
+            vsp.own.as_ref().map(|_| {
+                let (input, output) = triple_buffer::triple_buffer(&plant.scene());
+                scenes.push(input);
+                (scenario.seed, output)
+            })
+        };
+        let models = scenario.controller.vsps.iter().map(&mut model).collect();
         let plant = match scenario.bridge.kind {
             BridgeKind::Wire => Plants::Wired(Box::new(super::simulation::wired(scenario, plant))),
             _ => Plants::Bare(Box::new(plant)),
         };
         let kind = Kind::Plant { plant, scenes };
         let world = Self { disturbances, faults: faults.clone(), ..Self::of_kind(kind, control) };
-        Ok((world, cameras))
+        Ok((world, Sources { cameras, models }))
     }
 
     /// Creates the world of the hardware that the scenario's file of devices names.
@@ -214,7 +239,7 @@ impl World {
     pub(super) fn of_hardware(
         scenario: &Scenario,
         control: &Arc<watch::Sender<Control>>,
-    ) -> Result<(Self, Cameras, BridgeNotes), Error> {
+    ) -> Result<(Self, Sources, BridgeNotes), Error> {
         let bridge = &scenario.bridge;
         let failed = |why: NoDevice| not_created("bridge", &why.to_string());
         let devices = scenario
@@ -236,7 +261,7 @@ impl World {
                 .map_err(|e| not_created("camera", &e.to_string()))?;
             Ok(Box::new(camera))
         })?;
-        Ok((Self::of_kind(Kind::Bridge(port), control), cameras, Some(noted)))
+        Ok((Self::of_kind(Kind::Bridge(port), control), cameras.into(), Some(noted)))
     }
 
     /// Creates the world of a recording that is verified. The port returns the recorded readings.
@@ -245,10 +270,10 @@ impl World {
         cameras: usize,
         playback: Playback,
         control: &Arc<watch::Sender<Control>>,
-    ) -> (Self, Cameras, BridgeNotes) {
+    ) -> (Self, Sources, BridgeNotes) {
         let nothing = |_| Some(Box::new(RecordedCamera) as Box<dyn FrameSource>);
-        let cameras = (0..cameras).map(nothing).collect();
-        (Self::of_kind(Kind::Recording(playback), control), cameras, None)
+        let cameras: Cameras = (0..cameras).map(nothing).collect();
+        (Self::of_kind(Kind::Recording(playback), control), cameras.into(), None)
     }
 
     /// Makes the plant keep its state in a file, now and every tenth of a second.

@@ -8,8 +8,9 @@ use super::check;
 use super::config::{
     CameraSource, ControllerConfig, EffectorConfig, Owner, PlantSection, VspConfig,
 };
-use super::declared::{TaskLabel, TaskSections};
+use super::declared::{ChosenSensor, TaskLabel, TaskSections};
 use super::draft::Draft;
+use super::fault::nearest;
 use super::keys::{self, BridgeKind, HandKeys, Servo};
 use super::lists::{CameraKeys, Effector, GripperKeys, MountKind, SensorKeys, Vsp, VspKind};
 use super::motion;
@@ -43,7 +44,7 @@ pub(super) fn scenario(
     let effectors = effectors(&draft.effectors, root.bridge.kind, &root.servo, folder, reader);
     let cameras = cameras(&draft.cameras, &draft.effectors, reader);
     let sources = sources(&draft.cameras, folder, reader);
-    let vsps = vsps(&draft, reader);
+    let vsps = vsps(&draft, catalogue, reader);
     check::owners(&draft, &vsps, reader);
     let cube_state = cube_state(&root.cube.state, reader);
     let task = check::task(&root.task, catalogue, reader);
@@ -155,11 +156,11 @@ fn sources(cameras: &[CameraKeys], folder: &Path, reader: &mut Reader) -> Vec<Ca
 }
 
 /// Builds the virtual sensors; `None` for a sensor with a fault.
-fn vsps(draft: &Draft, reader: &mut Reader) -> Vec<Option<VspConfig>> {
+fn vsps(draft: &Draft, catalogue: &Catalogue, reader: &mut Reader) -> Vec<Option<VspConfig>> {
     // A sensor without a name is left out, since it has no dotted name for its faults;
     // `check::effectors` reports the missing name.
     let named = draft.vsps.iter().filter(|v| !v.name.is_empty());
-    named.map(|v| vsp(v, &draft.effectors, &draft.cameras, reader)).collect()
+    named.map(|v| vsp(v, draft, catalogue, reader)).collect()
 }
 
 /// Builds the arm of an effector; `None` if its profile has a fault.
@@ -323,23 +324,46 @@ fn source(keys: &CameraKeys, folder: &Path, reader: &mut Reader) -> CameraSource
 }
 
 /// Builds a virtual sensor; `None` if its owner or its camera has a fault.
-fn vsp(
-    keys: &Vsp,
-    effectors: &[Effector],
-    cameras: &[CameraKeys],
-    reader: &mut Reader,
-) -> Option<VspConfig> {
+fn vsp(keys: &Vsp, draft: &Draft, catalogue: &Catalogue, reader: &mut Reader) -> Option<VspConfig> {
     let path = keys.path();
-    // Both references are resolved before `?`, so that both faults are reported.
-    let owner = owner(keys, &path, effectors, reader);
-    let camera = vsp_camera(keys, &path, cameras, reader);
+    // All references are resolved before `?`, so that all faults are reported.
+    let owner = owner(keys, &path, &draft.effectors, reader);
+    let (kind, own) = vsp_kind(keys, &path, catalogue, reader)?;
+    let camera = vsp_camera((keys, kind), &path, &draft.cameras, reader);
     Some(VspConfig {
         name: keys.name.clone(),
-        kind: keys.kind,
+        kind,
+        own,
         camera: camera.ok()?,
         owner: owner?,
         period: keys.period,
     })
+}
+
+/// Returns the kind of a virtual sensor, with the declaration of a user's own one; `None` for a
+/// word that names no kind.
+fn vsp_kind(
+    keys: &Vsp,
+    path: &str,
+    catalogue: &Catalogue,
+    reader: &mut Reader,
+) -> Option<(VspKind, Option<ChosenSensor>)> {
+    if let Some((_, kind)) = VspKind::WORDS.iter().find(|(word, _)| *word == keys.kind) {
+        return Some((*kind, None));
+    }
+    let own = catalogue.sensor(&keys.kind);
+    if own.is_none() {
+        let mut known: Vec<&str> = VspKind::WORDS.iter().map(|(word, _)| *word).collect();
+        known.extend(catalogue.sensors.iter().map(|sensor| sensor.name()));
+        let at = format!("{path}.kind");
+        let help = match nearest(&keys.kind, &known) {
+            Some(word) => format!("did you mean \"{word}\"?"),
+            None => format!("possible: {}", known.join(", ")),
+        };
+        let reason = format!("`{at}`: \"{}\" is not a possible value", keys.kind);
+        reader.fault_with_help(&at, reason, help);
+    }
+    own.map(|own| (VspKind::Own, Some(own)))
 }
 
 /// Returns the receiver of a sensor's readings, which the key `owner` names: MP, or the ECP of an
@@ -362,26 +386,27 @@ fn owner(keys: &Vsp, path: &str, effectors: &[Effector], reader: &mut Reader) ->
 /// Mark of a fault after which a part of the scenario cannot be built.
 struct Hole;
 
-/// Returns the index of the camera that a virtual sensor names, or `None` for a force sensor. A
-/// camera on the wrong mount is a fault, but its index is returned, so that other checks can go on.
+/// Returns the index of the camera that a virtual sensor of this kind names, or `None` for a sensor
+/// without a camera. A camera on the wrong mount is a fault, but its index is returned, so that
+/// other checks can go on.
 ///
 /// # Errors
-/// [`Hole`] if a camera is missing or unknown, or if a force sensor names one.
+/// [`Hole`] if a camera is missing or unknown, or if a sensor names one that it cannot use.
 fn vsp_camera(
-    keys: &Vsp,
+    (keys, kind): (&Vsp, VspKind),
     path: &str,
     cameras: &[CameraKeys],
     reader: &mut Reader,
 ) -> Result<Option<usize>, Hole> {
     let at = format!("{path}.camera");
-    let name = match (keys.kind, keys.camera.as_deref()) {
-        (VspKind::Force, None) => return Ok(None),
-        (VspKind::Force, Some(_)) => {
-            reader.fault(&at, format!("`{at}`: kind = \"force\" takes no camera"));
+    let word = &keys.kind;
+    let name = match (kind, keys.camera.as_deref()) {
+        (VspKind::Force | VspKind::Own, None) => return Ok(None),
+        (VspKind::Force | VspKind::Own, Some(_)) => {
+            reader.fault(&at, format!("`{at}`: kind = \"{word}\" takes no camera"));
             return Err(Hole);
         }
         (_, None) => {
-            let word = keys.kind.word();
             reader.fault(path, format!("`{path}`: kind = \"{word}\" needs the key `camera`"));
             return Err(Hole);
         }
@@ -391,11 +416,11 @@ fn vsp_camera(
     // The stand-alone camera finds the cube, and the camera in a hand reads a face.
     let reason = match index.map(|i| cameras[i].mount) {
         None => format!("there is no [[camera]] \"{name}\""),
-        Some(MountKind::Flange) if keys.kind == VspKind::Cube => format!(
+        Some(MountKind::Flange) if kind == VspKind::Cube => format!(
             "\"{name}\" is mounted on a flange; kind = \"cube\" needs a fixed camera, \
              mount = \"world\""
         ),
-        Some(MountKind::World) if keys.kind == VspKind::Face => format!(
+        Some(MountKind::World) if kind == VspKind::Face => format!(
             "\"{name}\" is a fixed camera; kind = \"face\" needs a hand camera, mount = \"flange\""
         ),
         Some(_) => return Ok(index),

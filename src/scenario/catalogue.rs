@@ -7,7 +7,7 @@
 //! - out: the declaration of the task that a scenario names; the keys of all tasks
 
 use super::config::ControllerConfig;
-use super::declared::{Keys, Properties, TaskSections};
+use super::declared::{ChosenSensor, Keys, Properties, SensorDeclaration, TaskSections};
 use super::section::Reader;
 use crate::kernel::programme::Programmes;
 use std::any::Any;
@@ -32,10 +32,12 @@ pub trait Declaration: Send + Sync {
     fn as_any(&self) -> &dyn Any;
 }
 
-/// Declarations of all tasks that a program knows, and the programmes of their ECPs.
+/// Declarations of all tasks and sensors that a program knows, and the programmes of its ECPs.
 #[derive(Clone, Default)]
 pub struct Catalogue {
     tasks: Vec<Arc<dyn Declaration>>,
+    /// Sensors beside those of the cube and the wrists.
+    pub sensors: Vec<Arc<dyn SensorDeclaration>>,
     /// Programmes that ECPs can carry out.
     pub programmes: Programmes,
 }
@@ -59,19 +61,30 @@ impl Catalogue {
         self.tasks.iter().find(|task| task.name() == name)
     }
 
+    /// Returns the sensor that `[[vsp]]` names by this word.
+    #[must_use]
+    pub fn sensor(&self, name: &str) -> Option<ChosenSensor> {
+        self.sensors.iter().find(|sensor| sensor.name() == name).cloned().map(ChosenSensor::new)
+    }
+
     /// Returns the names of all tasks, in the order of their declaration.
     #[must_use]
     pub fn names(&self) -> Vec<&'static str> {
         self.tasks.iter().map(|task| task.name()).collect()
     }
 
-    /// Returns the sections of all tasks, each once, with the defaults of their keys.
+    /// Returns the sections of all tasks and sensors, each once, with the defaults of their keys.
     #[must_use]
     pub(super) fn sections(&self) -> TaskSections {
         let mut sections: Vec<(&'static str, Box<dyn Keys>)> = Vec::new();
         for task in &self.tasks {
             if !sections.iter().any(|(name, _)| *name == task.section()) {
                 sections.push((task.section(), task.defaults()));
+            }
+        }
+        for sensor in &self.sensors {
+            if !sections.iter().any(|(name, _)| *name == sensor.name()) {
+                sections.push((sensor.name(), sensor.defaults()));
             }
         }
         TaskSections(sections)

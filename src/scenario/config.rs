@@ -1,6 +1,6 @@
 //! The two halves of a valid scenario in SI: that of the controller and that of the plant.
 
-use super::declared::{TaskLabel, TaskSections};
+use super::declared::{ChosenSensor, TaskLabel, TaskSections};
 use super::injected::FaultKeys;
 use super::keys::{Control, Coordination, Separation, VisionKeys, VisualServo};
 use super::lists::VspKind;
@@ -86,7 +86,9 @@ pub struct VspConfig {
     pub name: String,
     /// Result that it makes of its sensor.
     pub kind: VspKind,
-    /// Index of its camera; `None` for forces.
+    /// Declaration of a user's own sensor; `None` for the other kinds.
+    pub own: Option<ChosenSensor>,
+    /// Index of its camera; `None` without one.
     pub camera: Option<usize>,
     /// Receiver of its readings.
     pub owner: Owner,

@@ -1,10 +1,12 @@
-//! The keys and properties of tasks, as the rest of a scenario knows them.
+//! The keys and properties of tasks, and the sensors of a user's own, as the rest of a scenario
+//! knows them.
 
 use super::keys::Coordination;
 use super::section::{Key, Reader, Section};
 use super::tree::Node;
 use std::any::Any;
 use std::fmt;
+use std::sync::Arc;
 
 /// Keys of a task, of any type.
 pub trait Keys: fmt::Debug + Send + Sync {
@@ -40,6 +42,47 @@ impl<T: Section + Clone + fmt::Debug + Send + Sync + 'static> Keys for T {
 
     fn as_any_mut(&mut self) -> &mut dyn Any {
         self
+    }
+}
+
+/// Declaration of a user's own sensor.
+pub trait SensorDeclaration: Send + Sync {
+    /// Returns the word that names the sensor in `[[vsp]]`, and its section.
+    fn name(&self) -> &'static str;
+    /// Returns the keys with their defaults.
+    fn defaults(&self) -> Box<dyn Keys>;
+    /// Returns the declaration as a value whose type can be found out, for the run that uses the
+    /// sensor.
+    fn as_any(&self) -> &dyn Any;
+}
+
+/// Sensor of a user's own that a scenario names.
+#[derive(Clone)]
+pub struct ChosenSensor(Arc<dyn SensorDeclaration>);
+
+impl ChosenSensor {
+    /// Makes the choice of this sensor.
+    #[must_use]
+    pub(super) fn new(sensor: Arc<dyn SensorDeclaration>) -> Self {
+        Self(sensor)
+    }
+
+    /// Returns the declaration of the sensor.
+    #[must_use]
+    pub fn declaration(&self) -> &dyn SensorDeclaration {
+        self.0.as_ref()
+    }
+}
+
+impl PartialEq for ChosenSensor {
+    fn eq(&self, other: &Self) -> bool {
+        self.0.name() == other.0.name()
+    }
+}
+
+impl fmt::Debug for ChosenSensor {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:?}", self.0.name())
     }
 }
 

@@ -20,16 +20,23 @@ words! {
     }
 }
 
-words! {
-    /// Result that a VSP makes of its sensor.
-    pub VspKind {
-        /// Pose of the cube in an image.
-        Cube = "cube",
-        /// Colours of the face in an image.
-        Face = "face",
-        /// Wrist forces of all effectors.
-        Force = "force",
-    }
+/// Result that a VSP makes of its sensor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum VspKind {
+    /// Pose of the cube in an image.
+    Cube,
+    /// Colours of the face in an image.
+    Face,
+    /// Wrist forces of all effectors.
+    Force,
+    /// Reading of a user's own sensor.
+    Own,
+}
+
+impl VspKind {
+    /// Word of each kind that does not depend on the program.
+    pub(super) const WORDS: [(&'static str, Self); 3] =
+        [("cube", Self::Cube), ("face", Self::Face), ("force", Self::Force)];
 }
 
 section! {
@@ -157,9 +164,10 @@ section! {
     pub(crate) Vsp {
         /// Name; mpc, gs1, gs2 and mpf are those of figure 3 of the paper.
         name: String = String::new();
-        /// Result that the VSP makes of its sensor.
-        kind: VspKind = VspKind::Cube;
-        /// Camera of the VSP; none with kind = "force".
+        /// Result that the VSP makes of its sensor: "cube", its pose; "face", its colours; "force",
+        /// those of all wrists; or the reading of a sensor that the program adds, by its name.
+        kind: String = "cube".to_owned();
+        /// Camera of the VSP, with kind = "cube" or "face".
         camera: Option<String> = None;
         /// Receiver of the readings: "mp", or an effector (its ECP).
         owner: String = "mp".to_owned();

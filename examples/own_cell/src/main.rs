@@ -1,9 +1,11 @@
-//! A controller of a user's own: the whole program `rubik-robot` and one more task, `wave`.
+//! A controller of a user's own: the whole program `rubik-robot` with a task and a
+//! sensor of his own: `wave` and `gap`.
 //!
 //! ```sh
 //! cargo run --release -p own_cell -- run examples/own_cell/wave.toml
 //! ```
 
+mod gap;
 mod wave;
 
 use rubik_robot::App;
@@ -14,5 +16,7 @@ fn main() -> ExitCode {
         .task::<wave::Wave>("wave")
         .verdict::<wave::BackAgain>()
         .programme::<wave::WaveAlone>("wave_alone")
+        .sensor::<gap::Gap>("gap")
+        .simulated::<gap::GapModel>()
         .main()
 }

@@ -30,6 +30,8 @@ fn task_succeeds_under_every_coordination() {
         assert_eq!(summary["outcome"], "solved", "{summary}");
         assert_eq!(summary["task"], "wave");
         assert!(summary["figures"]["farthest_mm"].as_f64().unwrap() < 2.0, "{summary}");
+        let gap = |name: &str| summary["figures"][name].as_f64().unwrap();
+        assert!((gap("gap_mm") - gap("true_gap_mm")).abs() < 1.5, "{summary}");
         let waves = &summary["figures"]["waves"];
         assert_eq!(waves.as_u64(), (coordination != "absent").then_some(3), "{summary}");
     }
@@ -44,6 +46,27 @@ fn waves_beyond_wrist_limits_fail_with_reason() {
     assert_ne!(summary["reason"], "", "{summary}");
 }
 
+/// The recorded readings replace the device, so that the verification finds the same run.
+#[test]
+fn recorded_sensor_verifies_and_missing_reading_fails() {
+    let folder = std::env::temp_dir().join(format!("own_cell_{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let recording = folder.join("run.mcap");
+    let scenario = Path::new(env!("CARGO_MANIFEST_DIR")).join("wave.toml");
+    let (scenario, recording) = (scenario.to_str().unwrap(), recording.to_str().unwrap());
+
+    let run = own_cell(&["run", scenario, "--json", "--record", recording]);
+    let verified = own_cell(&["replay", recording, "--verify"]);
+    let words = String::from_utf8_lossy(&verified.stderr).into_owned();
+    let out_of_range = summary("gap.range_mm=100");
+    std::fs::remove_dir_all(folder).unwrap();
+
+    assert_eq!(run.status.code(), Some(0));
+    assert_eq!(verified.status.code(), Some(0), "{words}");
+    let reason = out_of_range["reason"].as_str().unwrap();
+    assert!(reason.contains("sensor `gap`") && reason.contains("out of range"), "{reason}");
+}
+
 #[test]
 fn keys_of_task_are_checked_and_listed() {
     let listed = String::from_utf8(own_cell(&["keys", "wave"]).stdout).unwrap();
@@ -54,6 +77,8 @@ fn keys_of_task_are_checked_and_listed() {
     for (set, fault) in [
         ("wave.swing_deg=90", "`wave.swing_deg`: 90 is outside 1..45"),
         ("wave.swing=9", "did you mean `swing_deg`?"),
+        ("gap.range_mm=9", "`gap.range_mm`: 9 is outside 100..10000"),
+        ("vsp.gap.kind=\"gab\"", "did you mean \"gap\"?"),
         ("task=wavy", "did you mean \"wave\"?"),
     ] {
         let output = own_cell(&["check", scenario.to_str().unwrap(), "--set", set]);

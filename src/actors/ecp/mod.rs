@@ -18,6 +18,7 @@ use super::control::permission_soon;
 use super::edp::EdpHandle;
 use super::fault::ActorFault;
 use super::move_instruction::{Ending, Manner, MoveInstruction};
+use super::sensor::SensorHandle;
 use super::services::Services;
 use super::vsp::VspHandle;
 use super::watchdog::{Heartbeat, Supervision};
@@ -199,6 +200,8 @@ pub struct Parts {
     pub tracker: Option<VspHandle>,
     /// VSP of the camera in the hand, if it belongs to this ECP.
     pub hand_camera: Option<VspHandle>,
+    /// VSPs of a user's own sensors that belong to this ECP.
+    pub sensors: Vec<SensorHandle>,
     /// Parameters of its generators.
     pub manner: Manner,
     /// Programmes that it can carry out.

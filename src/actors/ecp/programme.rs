@@ -12,6 +12,7 @@ use super::outbox::Outbox;
 use super::{Ecp, Reply, Request};
 use crate::actors::control::{Control, Terminated, permission_soon};
 use crate::actors::notice::Notice;
+use crate::actors::sensor::readings;
 use crate::error::{Error, NonFatal};
 use crate::generators::Behaviour;
 use crate::kernel::programme::EcpKernel;
@@ -81,7 +82,9 @@ impl Ecp {
             self.serve(&state)?;
             note_forces(&mut forces.arms[0], &state);
             self.parts.services.trace.message(&self.name, "kernel", &event);
-            let action = kernel.next(event, &Readings { arms: &[state], forces: &forces });
+            let sensors = readings(&self.parts.sensors);
+            let readings = Readings { arms: &[state], forces: &forces, sensors: &sensors };
+            let action = kernel.next(event, &readings);
             self.parts.services.trace.message("kernel", &self.name, &action);
             for note in kernel.notes() {
                 let told = Notice::Warning(self.now(), format!("{}: {note}", self.name));

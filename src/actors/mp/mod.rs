@@ -25,6 +25,7 @@ use super::fault::ActorFault;
 use super::lookout::Apart;
 use super::move_instruction::Manner;
 use super::notice::Notice;
+use super::sensor::{SensorHandle, readings};
 use super::services::Services;
 use super::vsp::VspHandle;
 use super::watchdog::{Heartbeat, Supervision, Watchdog};
@@ -64,6 +65,8 @@ pub struct Parts {
     pub turning: Turning,
     /// Forces of the wrists, if a VSP aggregates them.
     pub forces: Option<watch::Receiver<Forces>>,
+    /// VSPs of a user's own sensors that deliver to MP.
+    pub sensors: Vec<SensorHandle>,
     /// One ECP per effector, in the scenario's order.
     pub ecps: Vec<EcpHandle>,
     /// VSP of the stand-alone camera, if it delivers to MP.
@@ -96,6 +99,7 @@ impl Parts {
         Self {
             turning: Turning::default(),
             forces: None,
+            sensors: Vec::new(),
             ecps,
             tracker: None,
             hand_cameras: Vec::new(),
@@ -298,7 +302,9 @@ impl Mp {
         let forces = self.forces();
         let trace = &self.parts.services.trace;
         trace.message("mp", "kernel", &(&event, &forces));
-        let action = task.next(event, &Readings { arms: &self.arms, forces: &forces });
+        let sensors = readings(&self.parts.sensors);
+        let readings = Readings { arms: &self.arms, forces: &forces, sensors: &sensors };
+        let action = task.next(event, &readings);
         trace.message("kernel", "mp", &action);
         let entry = task.entry();
         // A slow disk is no hang of MP.
@@ -620,6 +626,7 @@ mod tests {
             edp,
             tracker: None,
             hand_camera: None,
+            sensors: Vec::new(),
             programmes: Programmes::default(),
             manner: manner(),
             services: services.clone(),

@@ -243,6 +243,9 @@ impl Presenter {
         let hand = self.hand(moment.time).filter(|_| person && cube.held_by.is_empty());
         let actors = self.actors(control, &moment);
         let picture = moment.picture.unwrap_or_default();
+        // Readings of a user's own sensors are shown beside the facts of the task.
+        let mut facts = picture.facts;
+        facts.extend(moment.sensors);
         Snapshot {
             number: self.number,
             time: moment.time,
@@ -259,7 +262,7 @@ impl Presenter {
             net: picture.net,
             plan: picture.plan,
             step: picture.step,
-            facts: picture.facts,
+            facts,
             servo: moment.servo,
             question: moment.question,
             // A run with an outcome takes no orders and no speed any more.

@@ -3,6 +3,8 @@
 use crate::actors::latest::{ArmLatest, Latest};
 use crate::kernel::Picture;
 use crate::operator::{Question, ServoTiming};
+use serde_json::Value;
+use std::collections::BTreeMap;
 
 /// The latest values at one moment.
 pub(super) struct Moment {
@@ -14,6 +16,8 @@ pub(super) struct Moment {
     pub(super) servo: Option<ServoTiming>,
     /// Belief of the kernel.
     pub(super) picture: Option<Picture>,
+    /// Latest reading of each sensor of a user's own.
+    pub(super) sensors: BTreeMap<String, Value>,
     /// Activity of MP.
     pub(super) mp: &'static str,
     /// Whether the operator may move arms by hand.
@@ -44,6 +48,7 @@ impl Moment {
             arms: latest.arms.iter_mut().map(read).collect(),
             servo,
             picture: latest.picture.clone(),
+            sensors: latest.sensors.clone(),
             mp: latest.mp,
             manual: latest.manual,
             orders: (!latest.replayed).then(|| latest.orders.clone()),

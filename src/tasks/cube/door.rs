@@ -450,6 +450,7 @@ mod tests {
     use super::*;
     use crate::cube::Facelets;
     use crate::generators::{Behaviour, Outcome};
+    use crate::kernel::sensor::SensorReadings;
     use crate::kernel::{Action, Event, Finish, Forces, Kernel, Readings, Thought as _};
     use crate::motion::ArmState;
     use crate::operator::{Answer, Question, Subject};
@@ -494,7 +495,11 @@ mod tests {
         let assignment = Assignment { patience, ..Assignment::new(Goal::Solve) };
         let mut mission = Mission::new(settings, assignment);
         let arms = [ArmState { jaw_opening: 0.057, ..ArmState::default() }; 2];
-        let readings = Readings { arms: &arms, forces: &Forces::default() };
+        let readings = Readings {
+            arms: &arms,
+            forces: &Forces::default(),
+            sensors: &SensorReadings::default(),
+        };
         let (mut phases, mut notes, mut looks, mut event) = (vec![], vec![], 0, Event::Start);
         for _ in 0..2000 {
             let action = mission.next(event, &readings);

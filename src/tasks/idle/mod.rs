@@ -34,13 +34,18 @@ async fn hold(robot: Robot, seconds: f64) -> Result<String, Hindrance> {
 mod tests {
     use super::*;
     use crate::generators::Outcome;
+    use crate::kernel::sensor::SensorReadings;
     use crate::kernel::{Action, Event, Finish, Forces, Kernel as _, Readings};
     use crate::motion::ArmState;
 
     /// Returns the end of the task whose two arms end their behaviours with these outcomes.
     fn ended(outcomes: [Outcome; 2]) -> Finish {
         let arms = [ArmState::default(); 2];
-        let readings = Readings { arms: &arms, forces: &Forces::default() };
+        let readings = Readings {
+            arms: &arms,
+            forces: &Forces::default(),
+            sensors: &SensorReadings::default(),
+        };
         let mut kernel = idle(20.0);
         assert_eq!(kernel.next(Event::Start, &readings), Action::Phase("idle"));
         let action = kernel.next(Event::Done, &readings);

@@ -184,6 +184,7 @@ fn within(step: Step, (farthest, unit): (f64, &str), axes: Range<usize>) -> Resu
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::kernel::sensor::SensorReadings;
     use crate::kernel::{Forces, Kernel as _};
 
     /// Set joints of both arms in these tests. Each joint has another position.
@@ -205,7 +206,11 @@ mod tests {
         let mut panel = two_arms();
         let joints = JointPositions(SET.map(|set| set - 0.0625));
         let arm = ArmState { joints, desired_joints: JointPositions(SET), ..ArmState::default() };
-        let readings = Readings { arms: &[arm; 2], forces: &Forces::default() };
+        let readings = Readings {
+            arms: &[arm; 2],
+            forces: &Forces::default(),
+            sensors: &SensorReadings::default(),
+        };
         assert!(matches!(panel.next(Event::Start, &readings), Action::Phase(_)));
         assert_eq!(panel.next(Event::Done, &readings), Action::Await);
         (panel.next(Event::Ordered(effector, order), &readings), panel.notes())

@@ -326,6 +326,7 @@ mod tests {
     use super::super::{Mission, recover};
     use super::*;
     use crate::generators::{Behaviour, Outcome};
+    use crate::kernel::sensor::SensorReadings;
     use crate::kernel::{Action, Event, Finish, Forces, Kernel as _, Readings};
     use crate::motion::{ArmState, JointPositions};
     use crate::reach::Fold;
@@ -678,7 +679,11 @@ mod tests {
         let assignment = Assignment::new(Goal::Solve).resumed(Some(last));
         let mut mission = Mission::new(settings(), assignment);
         let arms = [ArmState { jaw_opening: 0.09, ..ArmState::default() }; 2];
-        let readings = Readings { arms: &arms, forces: &Forces::default() };
+        let readings = Readings {
+            arms: &arms,
+            forces: &Forces::default(),
+            sensors: &SensorReadings::default(),
+        };
         let stock = mission.next(Event::Start, &readings);
         assert!(matches!(stock, Action::Phase("take stock")) && mission.entry().is_none());
 

@@ -8,6 +8,7 @@ use super::sight::Palette;
 use crate::cube::{Axis, Face, Keeper};
 use crate::generators::{Behaviour, Outcome, position::Speeds, profile::Profile, visual_servo};
 use crate::kernel::procedure::Port;
+use crate::kernel::sensor::SensorReadings;
 use crate::kernel::{Action, Event, Finish, Forces, Kernel as _, Readings};
 use crate::motion::{ArmState, Depth, JointPositions};
 use crate::reach::{Fold, Meeting, MeetingTable};
@@ -242,7 +243,11 @@ pub(super) fn play_mission(
 ) -> (Finish, Vec<Action<Thought>>) {
     let (mut event, mut actions) = (Event::Start, Vec::new());
     for _ in 0..MOST_ACTIONS {
-        let readings = Readings { arms: &arms, forces: &Forces::default() };
+        let readings = Readings {
+            arms: &arms,
+            forces: &Forces::default(),
+            sensors: &SensorReadings::default(),
+        };
         let action = mission.next(event, &readings);
         if let Action::Finish(finish) = action {
             return (finish, actions);

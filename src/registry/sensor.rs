@@ -1,0 +1,205 @@
+//! The traits of a user's own sensor: the kernel of its VSP, its device, and the device's model in
+//! the simulated plant.
+//!
+//! - in: keys of the scenario; measurements of the device; the true scene, for the model alone
+//! - out: readings, which the kernels of MP and ECPs get
+//!
+//! The kernel cannot see the plant: in simulation its device is replaced by the model, on hardware
+//! by the real one, and both give it the same type of measurement.
+
+use crate::hw::scene::Scene;
+use crate::kernel::sensor::SensorKernel;
+use crate::motion::ArmState;
+use crate::scenario::ControllerConfig;
+use crate::scenario::declared::{Keys, SensorDeclaration};
+use crate::scenario::section::Section;
+use serde::Serialize;
+use serde_json::Value;
+use std::any::Any;
+use std::fmt::{self, Debug};
+
+/// Kernel of a VSP: it makes readings of the measurements of a device.
+pub trait Sensor: Send + Sized + 'static {
+    /// Keys of the sensor, which the macro [`section!`](crate::section) declares. Their section in
+    /// a scenario has the registered name of the sensor.
+    type Keys: Section + Clone + Debug + Send + Sync + 'static;
+    /// Result of the device; `()` for a sensor that needs the states of the arms alone.
+    type Measurement: 'static;
+    /// Reading for the kernels of MP and ECPs; plain data.
+    type Reading: Serialize;
+
+    /// Makes the kernel.
+    ///
+    /// # Errors
+    /// The reason why these keys allow no sensor.
+    fn new(keys: &Self::Keys) -> Result<Self, String>;
+
+    /// Opens the real device. A simulated run with a model does not call this.
+    ///
+    /// # Errors
+    /// The reason why the device cannot be opened.
+    fn device(keys: &Self::Keys) -> Result<Box<dyn Device<Self::Measurement>>, String>;
+
+    /// Makes a reading. `arms` are the latest states of the effectors, in the scenario's order.
+    ///
+    /// # Errors
+    /// The reason why this measurement gives no reading.
+    fn reading(
+        &mut self,
+        measured: Self::Measurement,
+        arms: &[ArmState],
+    ) -> Result<Self::Reading, String>;
+}
+
+/// Device of a sensor.
+pub trait Device<M>: Send {
+    /// Measures once. `period` is the present one of 2 ms. The call may take as long as the device
+    /// needs, at most a second.
+    ///
+    /// # Errors
+    /// The reason why there is no measurement.
+    fn measure(&mut self, period: u64) -> Result<M, String>;
+}
+
+/// Device of a sensor that needs the states of the arms alone.
+#[derive(Debug, Clone, Copy)]
+pub struct NoDevice;
+
+impl Device<()> for NoDevice {
+    fn measure(&mut self, _: u64) -> Result<(), String> {
+        Ok(())
+    }
+}
+
+/// Model of a device in the simulated plant.
+pub trait DeviceModel: Send + Sized + 'static {
+    /// Sensor whose device it models.
+    type Sensor: Sensor;
+
+    /// Makes the model. `seed` is that of the scenario, from which all its errors follow.
+    fn new(keys: &<Self::Sensor as Sensor>::Keys, seed: u64) -> Self;
+
+    /// Measures in the true scene.
+    ///
+    /// # Errors
+    /// The reason why there is no measurement.
+    fn measure(&mut self, scene: &Scene) -> Result<<Self::Sensor as Sensor>::Measurement, String>;
+}
+
+/// Latest true scene of the simulated plant, for the model of a device.
+pub type Scenes = triple_buffer::Output<Scene>;
+
+/// Device that a model simulates.
+struct Simulated<D> {
+    model: D,
+    scenes: Scenes,
+}
+
+impl<D: DeviceModel> Device<<D::Sensor as Sensor>::Measurement> for Simulated<D> {
+    fn measure(&mut self, _: u64) -> Result<<D::Sensor as Sensor>::Measurement, String> {
+        self.model.measure(self.scenes.read())
+    }
+}
+
+/// Kernel of a sensor with its device.
+struct Fitted<S: Sensor> {
+    sensor: S,
+    device: Box<dyn Device<S::Measurement>>,
+}
+
+impl<S: Sensor> SensorKernel for Fitted<S> {
+    fn measure(&mut self, period: u64, arms: &[ArmState]) -> Result<Value, String> {
+        let measured = self.device.measure(period)?;
+        let reading = self.sensor.reading(measured, arms)?;
+        serde_json::to_value(reading).map_err(|why| why.to_string())
+    }
+}
+
+/// Makes the kernel of a sensor with its real device.
+type MakeReal = fn(&SensorEntry, &ControllerConfig) -> Result<Box<dyn SensorKernel>, String>;
+/// Makes the kernel of a sensor with the model of its device, for a seed.
+type MakeSimulated =
+    fn(&SensorEntry, &ControllerConfig, u64, Scenes) -> Result<Box<dyn SensorKernel>, String>;
+
+/// A registered sensor with its type erased.
+#[derive(Clone)]
+pub struct SensorEntry {
+    name: &'static str,
+    defaults: fn() -> Box<dyn Keys>,
+    real: MakeReal,
+    simulated: Option<MakeSimulated>,
+}
+
+impl fmt::Debug for SensorEntry {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let simulated = self.simulated.is_some();
+        let mut entry = f.debug_struct("SensorEntry");
+        entry.field("name", &self.name).field("simulated", &simulated).finish_non_exhaustive()
+    }
+}
+
+impl SensorEntry {
+    /// Makes the entry of a sensor that scenarios call `name`, without a model of its device.
+    pub(super) fn of<S: Sensor>(name: &'static str) -> Self {
+        Self {
+            name,
+            defaults: || Box::new(S::Keys::default()),
+            real: |entry, config| {
+                let keys = entry.keys::<S>(config);
+                let device = S::device(&keys)?;
+                Ok(Box::new(Fitted { sensor: S::new(&keys)?, device }))
+            },
+            simulated: None,
+        }
+    }
+
+    /// Gives the sensor a model of its device.
+    pub(super) fn simulated_by<D: DeviceModel>(&mut self) {
+        self.simulated = Some(|entry, config, seed, scenes| {
+            let keys = entry.keys::<D::Sensor>(config);
+            let device = Simulated { model: D::new(&keys, seed), scenes };
+            Ok(Box::new(Fitted { sensor: D::Sensor::new(&keys)?, device: Box::new(device) }))
+        });
+    }
+
+    /// Returns the entry of a declared sensor; `None` if no registry made the declaration.
+    #[must_use]
+    pub fn of_declaration(declaration: &dyn SensorDeclaration) -> Option<&Self> {
+        declaration.as_any().downcast_ref()
+    }
+
+    /// Returns the keys of this sensor in a scenario, or else the defaults.
+    fn keys<S: Sensor>(&self, config: &ControllerConfig) -> S::Keys {
+        config.sections.get::<S::Keys>(self.name).cloned().unwrap_or_default()
+    }
+
+    /// Makes the kernel with its device: the model, if there is one and `scenes` of the plant with
+    /// its seed are given; or else the real device.
+    ///
+    /// # Errors
+    /// The reason why the sensor or its device cannot be made.
+    pub fn kernel(
+        &self,
+        config: &ControllerConfig,
+        scenes: Option<(u64, Scenes)>,
+    ) -> Result<Box<dyn SensorKernel>, String> {
+        match (self.simulated, scenes) {
+            (Some(make), Some((seed, scenes))) => make(self, config, seed, scenes),
+            _ => (self.real)(self, config),
+        }
+    }
+}
+
+impl SensorDeclaration for SensorEntry {
+    fn name(&self) -> &'static str {
+        self.name
+    }
+
+    fn defaults(&self) -> Box<dyn Keys> {
+        (self.defaults)()
+    }
+
+    fn as_any(&self) -> &dyn Any {
+        self
+    }
+}
