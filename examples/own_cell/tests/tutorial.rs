@@ -1,0 +1,79 @@
+//! The tutorial in `docs/` shows the code of this example, and its commands work.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Returns the folder of the example.
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).to_path_buf()
+}
+
+/// Returns the text of the tutorial.
+fn tutorial() -> String {
+    std::fs::read_to_string(folder().join("../../docs/tutorial.md")).unwrap()
+}
+
+/// Returns the blocks of code: language, name of the file in the comment before, text.
+fn blocks(text: &str) -> Vec<(String, Option<String>, String)> {
+    let (mut found, mut file, mut open) = (Vec::new(), None, None);
+    for line in text.lines() {
+        match (&mut open, line.strip_prefix("```")) {
+            (None, Some(language)) => open = Some((language.to_owned(), String::new())),
+            (Some(_), Some(_)) => {
+                let (language, body): (String, String) = open.take().unwrap();
+                found.push((language, file.take(), body));
+            }
+            (Some((_, body)), None) => {
+                body.push_str(line);
+                body.push('\n');
+            }
+            (None, None) => {
+                let name = line.strip_prefix("<!-- ").and_then(|name| name.strip_suffix(" -->"));
+                file = name.map(str::to_owned).or(file);
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn blocks_of_tutorial_are_lines_of_the_example() {
+    let blocks = blocks(&tutorial());
+    let code: Vec<_> = blocks.iter().filter(|(language, ..)| language != "sh").collect();
+
+    assert!(code.len() >= 10, "{} blocks", code.len());
+    for (_, file, body) in code {
+        let name = file.as_ref().unwrap_or_else(|| panic!("a block names no file: {body}"));
+        let source = std::fs::read_to_string(folder().join(name)).unwrap();
+        assert!(source.contains(body.trim_end()), "{name} does not contain:\n{body}");
+    }
+}
+
+/// Each command of the tutorial ends as the tutorial says: with exit code 0, or the code in its
+/// comment.
+#[test]
+fn commands_of_tutorial_work() {
+    let place = std::env::temp_dir().join(format!("own_cell_tutorial_{}", std::process::id()));
+    std::fs::create_dir_all(&place).unwrap();
+    std::fs::copy(folder().join("wave.toml"), place.join("wave.toml")).unwrap();
+    let blocks = blocks(&tutorial());
+    let shell = blocks.iter().filter(|(language, ..)| language == "sh");
+    let lines: Vec<&str> = shell.flat_map(|(_, _, body)| body.lines()).collect();
+
+    assert!(lines.len() >= 8, "{} commands", lines.len());
+    for line in lines {
+        let arguments = line.strip_prefix("own_cell ").unwrap();
+        let program = env!("CARGO_BIN_EXE_own_cell");
+        let output = Command::new("sh")
+            .args(["-c", &format!("'{program}' {arguments}")])
+            .current_dir(&place)
+            .output()
+            .unwrap();
+        let wanted = if line.contains("# exit code 2") { 2 } else { 0 };
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(wanted), "{line}: {told}");
+    }
+    std::fs::remove_dir_all(place).unwrap();
+}
