@@ -19,6 +19,7 @@
 
 use rubik_robot::cube::{Axis, Cube, Face, Facelets, format_turns};
 use rubik_robot::motion::Depth;
+use rubik_robot::solver::korf::{self, Korf};
 use rubik_robot::solver::optimal::{self, Optimal};
 use rubik_robot::solver::shortest::shortest;
 use rubik_robot::solver::table::{InTurn, Workers};
@@ -86,6 +87,7 @@ fn main() {
     }
     if arguments.iter().any(|a| a == "--optimal") {
         proven(&cubes, &store, large.as_ref().unwrap_or(&default));
+        korfs_reach(&cubes, &store);
     }
     planner(&default);
 }
@@ -241,6 +243,34 @@ fn proven(cubes: &[Cube], store: &Store, tables: &Tables) {
             let mean = times.iter().sum::<f64>() / times.len() as f64;
             println!("{length} turns: {:5} cubes, {mean:8.3} s", times.len());
         }
+    }
+}
+
+/// Number of cubes for the reach of Korf's search, which takes seconds a cube.
+const REACH_CUBES: usize = 10;
+
+/// Measures how far Korf's search with its own three tables gets within budgets of nodes, if these
+/// tables are in the cache folder: prints the lengths that it excludes, and the CPU time.
+fn korfs_reach(cubes: &[Cube], store: &Store) {
+    let all = Threads::all();
+    let opened: Option<Vec<_>> =
+        korf::TABLES.iter().map(|spec| store.open(spec, &all).ok()).collect();
+    let Some(tables) = opened else {
+        println!("\nKorf's tables: not built (`rubik-robot tables build` makes them)");
+        return;
+    };
+    let search = Korf::new([0, 1, 2].map(|i| (*tables[i]).as_ref())).unwrap();
+    println!("\nKorf's three tables; first turns that are not excluded, CPU time [s] a cube");
+    for max_nodes in [2_000_000, 20_000_000] {
+        let few = &cubes[..cubes.len().min(REACH_CUBES)];
+        let limits = optimal::Limits { max_nodes, ..optimal::Limits::NONE };
+        let (before, mut reach) = (cpu(), Vec::new());
+        for cube in few {
+            let found = search.solve(cube, limits, &InTurn, &AtomicBool::new(false));
+            reach.push(found.at_least);
+        }
+        let seconds = (cpu() - before) / few.len() as f64;
+        println!("{max_nodes:11} nodes: reach {reach:?}, {seconds:8.3} s");
     }
 }
 

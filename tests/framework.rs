@@ -4,7 +4,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop loudly")]
 
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 use rubik_robot::actors::clock::Clock;
 use rubik_robot::actors::control::Control;
 use rubik_robot::actors::ecp::EcpHandle;
@@ -19,15 +19,16 @@ use rubik_robot::actors::{ecp, edp};
 use rubik_robot::cell::Arm;
 use rubik_robot::emergency_stop::{EmergencyStop, StopButton};
 use rubik_robot::error::{Error, Fatal, NonFatal};
-use rubik_robot::generators::{Behaviour, Outcome};
+use rubik_robot::generators::{Behaviour, Outcome, along};
 use rubik_robot::hw::driver::{self, Core, ServoLink, Switches};
+use rubik_robot::hw::plant::fault::{Fault, What, When};
 use rubik_robot::hw::plant::{Plant, PlantConfig};
 use rubik_robot::hw::scene::Scene;
 use rubik_robot::kernel::programme::{EcpTask, Programmes};
 use rubik_robot::kernel::robot::{Hindrance, Robot, RobotKernel};
 use rubik_robot::kernel::{
-    Action, ConclusionOf, Event, Finish, Kernel, Message, Programme, Progress, Readings, Signal,
-    Until,
+    Action, Adjustment, ConclusionOf, Event, Finish, Forces, Input, Kernel, Message, Programme,
+    Progress, Readings, Signal, Until, WristLoad,
 };
 use rubik_robot::motion::{
     ArmFault, ArmState, Direction, Frame, JointPositions, Motion, MoveCommand, MoveRefused,
@@ -95,10 +96,21 @@ fn rig_with_journal(
     coordination: Coordination,
     journal: impl FnOnce(&Arc<Mutex<Scene>>) -> Option<Journal>,
 ) -> Rig {
+    rig_of(coordination, journal, Vec::new(), None)
+}
+
+/// Makes a rig with a journal as in [`rig_with_journal`], faults of its plant, and the forces that a
+/// VSP publishes.
+fn rig_of(
+    coordination: Coordination,
+    journal: impl FnOnce(&Arc<Mutex<Scene>>) -> Option<Journal>,
+    faults: Vec<Fault>,
+    forces: Option<watch::Receiver<Forces>>,
+) -> Rig {
     let hash = RunHash::default();
     let stop = EmergencyStop::default();
     let switches = Arc::new(Switches::new(stop.signal()));
-    let (arm, link, scene) = start_arm(&switches, &hash);
+    let (arm, link, scene) = start_faulty_arm(&switches, &hash, faults);
     let clock = Clock::new(tokio::time::Instant::now(), Arc::clone(&switches));
 
     let (control, will) = watch::channel(Control::Running);
@@ -106,7 +118,7 @@ fn rig_with_journal(
     let services = Services::bare(clock, will, trace);
     let (edp, ecp) = actors_of(&arm.name, link, &services);
     let parts = Parts::bare(vec![ecp], vec![example_manner()], services);
-    let mp = Mp::new(Parts { coordination, journal: journal(&scene), ..parts });
+    let mp = Mp::new(Parts { coordination, journal: journal(&scene), forces, ..parts });
     Rig {
         mp,
         edp,
@@ -121,11 +133,21 @@ fn rig_with_journal(
 /// Starts the plant and the servo of the arm of [`ONE_ARM`]. Returns the arm, the link to its servo
 /// and the scene of the plant.
 fn start_arm(switches: &Arc<Switches>, hash: &RunHash) -> (Arm, ServoLink, Arc<Mutex<Scene>>) {
+    start_faulty_arm(switches, hash, Vec::new())
+}
+
+/// Starts plant and servo like [`start_arm`], with these faults of the plant.
+fn start_faulty_arm(
+    switches: &Arc<Switches>,
+    hash: &RunHash,
+    faults: Vec<Fault>,
+) -> (Arm, ServoLink, Arc<Mutex<Scene>>) {
     let scenario = rubik_robot::tasks::read(Path::new("one_arm.toml"), ONE_ARM, &[]).unwrap();
     let config = scenario.controller;
     assert!(config.vsps.is_empty() && config.cell.arms.len() == 1);
     let arm = config.cell.arms[0].clone();
-    let mut plant = Plant::new(PlantConfig::new(config.cell), 1).unwrap();
+    let world = PlantConfig { faults, ..PlantConfig::new(config.cell) };
+    let mut plant = Plant::new(world, 1).unwrap();
     let (link, end) = driver::link();
     let servo = ServoConfig::new(&arm, config.effectors[0].gains.clone());
     let records = Box::new(hash.clone());
@@ -208,6 +230,7 @@ fn by(robot: &Robot, share: f64) -> Behaviour {
 fn programmes() -> Programmes {
     let mut programmes = Programmes::default();
     programmes.register::<Twice>("twice");
+    programmes.register::<Refits>("refits");
     programmes
 }
 
@@ -612,7 +635,7 @@ async fn tool_change_affects_only_later_motions() {
     let old = old.controller.cell.arms[0].flange_from_tool;
     let longer = Pose::translation(0.0, 0.0, 0.1);
 
-    let told = rig.edp.set_tool(old * longer).await.unwrap();
+    let told = rig.edp.adjust(Adjustment::Tool(old * longer)).await.unwrap();
     seconds(1.0).await;
 
     let after = rig.world_from_tool();
@@ -625,6 +648,167 @@ async fn tool_change_affects_only_later_motions() {
     let point = |pose: Pose| (pose * longer).translation.vector;
     assert!((after.translation.vector - before.translation.vector).norm() > 5e-3);
     assert!((point(after) - point(before)).norm() < 5e-4);
+}
+
+/// Returns the order to move the tool 20 mm up, along z of the base.
+fn up() -> Behaviour {
+    let selector = [false; 6];
+    let by = [0.0, 0.0, 0.02];
+    Behaviour::Along(along::Order { frame: Frame::Base, by, speed: 0.02, force: 10.0, selector })
+}
+
+/// Changes the tool frame to one 0.1 m farther, moves up in the base, and asks for a tool that is
+/// not rigid. Returns in words by how far the tool seemed to move with the frame, and the refusal.
+async fn refit(robot: Robot, old: Pose) -> Result<String, Hindrance> {
+    let before = robot.arms()[0].base_from_tool;
+    robot.set_tool(0, old * Pose::translation(0.0, 0.0, 0.1)).await?;
+    let after = robot.arms()[0].base_from_tool;
+    let outcome = robot.behave(0, up()).await?;
+    let mut bent = old;
+    bent.translation.x = f64::INFINITY;
+    let refused = robot.set_tool(0, bent).await.unwrap_err();
+    robot.set_load(0, 0.93, Point3::new(0.0, 0.0, 0.25)).await?;
+    let way = (after.translation.vector - before.translation.vector).norm();
+    Ok(format!("{way:.4} m, {outcome:?}, {refused}"))
+}
+
+/// Programme that refits its arm as [`refit`] does.
+struct Refits;
+
+impl EcpTask for Refits {
+    type Order = ();
+    type Kernel = RobotKernel;
+
+    fn kernel((): ()) -> RobotKernel {
+        Robot::kernel(|robot| refit(robot, flange_from_tool()))
+    }
+}
+
+/// Returns the tool frame of the arm of [`ONE_ARM`].
+fn flange_from_tool() -> Pose {
+    let scenario = rubik_robot::tasks::read(Path::new("one_arm.toml"), ONE_ARM, &[]).unwrap();
+    scenario.controller.cell.arms[0].flange_from_tool
+}
+
+/// A kernel changes the tool frame during operation and moves along the base, by MP under both
+/// schemes of coordination and by a programme of the ECP.
+#[tokio::test(start_paused = true)]
+async fn kernel_changes_tool_and_moves_along_base() {
+    for scheme in [Some(Coordination::Sporadic), Some(Coordination::Continuous), None] {
+        let rig = rig(scheme.unwrap_or(Coordination::Sporadic));
+        rig.hold(200).await;
+        let before = rig.world_from_tool();
+        let mut kernel = Robot::kernel(move |robot| async move {
+            if scheme.is_some() {
+                return refit(robot, flange_from_tool()).await;
+            }
+            robot.start(0, Refits::programme("refits", &()).map_err(Hindrance)?).await?;
+            let taken = robot.set_tool(0, flange_from_tool()).await.unwrap_err();
+            assert!(taken.0.contains("carries out a programme"), "{taken}");
+            match robot.receive(30.0).await? {
+                Some(Message::Ended { finish, .. }) => Ok(finish.reason),
+                other => Err(Hindrance(format!("{other:?}"))),
+            }
+        });
+        let (scene, world_from_base) = (Arc::clone(&rig.scene), rig.world_from_base);
+
+        let ending = rig.mp.run(&mut kernel).await;
+        seconds(0.5).await;
+
+        let finish = ending.finish.unwrap();
+        assert!(finish.reason.starts_with("0.1000 m, NotTouched, "), "{scheme:?}: {finish:?}");
+        assert!(finish.reason.contains("the new tool frame is not rigid"), "{finish:?}");
+        let after = scene.lock().unwrap().arms[0].world_from_tool;
+        let way = after.translation.vector - before.translation.vector;
+        let wanted = world_from_base * Vector3::new(0.0, 0.0, 0.02);
+        assert!((way - wanted).norm() < 6e-4, "{scheme:?}: {way}");
+    }
+}
+
+/// An arm that trips ends its programme. MP resets it, and starts the programme once more.
+#[tokio::test(start_paused = true)]
+async fn kernel_resets_arm_whose_programme_failed() {
+    let what = What::LimitSwitch { arm: 0, axis: 1 };
+    let faults = vec![Fault { what, when: When::At(0.5), lasts: 0.5 }];
+    let rig = rig_of(Coordination::Sporadic, |_| None, faults, None);
+    let mut kernel = Robot::kernel(|robot| async move {
+        robot.start(0, twice(0.4)).await?;
+        let ended = robot.receive(30.0).await?;
+        let Some(Message::Ended { finish, .. }) = ended else {
+            return Err(Hindrance(format!("{ended:?}")));
+        };
+        assert!(finish.reason.contains("limit switch"), "{finish:?}");
+        // The cause is still there.
+        assert!(robot.reset(0).await.is_err());
+        robot.receive(1.0).await?;
+        robot.reset(0).await?;
+        robot.start(0, twice(0.1)).await?;
+        robot.receive(30.0).await?;
+        robot.signal(0, Signal::new("again")).await?;
+        match robot.receive(30.0).await? {
+            Some(Message::Ended { finish, .. }) => Ok(finish.reason),
+            other => Err(Hindrance(format!("{other:?}"))),
+        }
+    });
+
+    let ending = rig.mp.run(&mut kernel).await;
+
+    assert_eq!(ending.error, None);
+    assert_eq!(ending.finish.unwrap().reason, "moved twice");
+}
+
+/// An input of the parallel interface is set from 1.0 s to 1.5 s. A kernel waits for both.
+#[tokio::test(start_paused = true)]
+async fn kernel_waits_for_binary_input() {
+    let faults =
+        vec![Fault { what: What::Input { arm: 0, bit: 3 }, when: When::At(1.0), lasts: 0.5 }];
+    let rig = rig_of(Coordination::Sporadic, |_| None, faults, None);
+    let mut kernel = Robot::kernel(|robot| async move {
+        let (door, other) = (Input { effector: 0, bit: 3 }, Input { effector: 0, bit: 2 });
+        assert_eq!((robot.input(door), robot.input(other)), (Some(false), Some(false)));
+        assert!(!robot.wait_input(door, true, 0.3).await?, "too early");
+        assert!(robot.wait_input(door, true, 5.0).await?);
+        let set = robot.arms()[0].period;
+        assert_eq!(robot.input(other), Some(false));
+        assert!(robot.wait_input(door, false, 5.0).await?);
+        let cleared = robot.arms()[0].period;
+        let unknown = robot.wait_input(Input { effector: 7, bit: 0 }, true, 1.0).await;
+        assert!(unknown.unwrap_err().0.contains("there is no input"));
+        Ok(format!("{set} {cleared}"))
+    });
+
+    let ending = rig.mp.run(&mut kernel).await;
+
+    let periods: Vec<u64> =
+        ending.finish.unwrap().reason.split(' ').map(|word| word.parse().unwrap()).collect();
+    // A kernel looks every 20 ms.
+    assert!((500..530).contains(&periods[0]) && (750..780).contains(&periods[1]), "{periods:?}");
+}
+
+/// A kernel reads the forces that a VSP aggregates: it goes on once the force has risen.
+#[tokio::test(start_paused = true)]
+async fn kernel_reads_forces_of_vsp() {
+    let of = |force: f64| Forces { arms: vec![WristLoad { force, ..WristLoad::default() }] };
+    let (publish, forces) = watch::channel(of(0.0));
+    let rig = rig_of(Coordination::Sporadic, |_| None, Vec::new(), Some(forces));
+    tokio::spawn(async move {
+        seconds(1.0).await;
+        publish.send_replace(of(12.5));
+        seconds(60.0).await;
+    });
+    let mut kernel = Robot::kernel(|robot| async move {
+        let mut waits = 0;
+        while robot.forces().arms[0].force < 10.0 {
+            robot.receive(0.1).await?;
+            waits += 1;
+        }
+        Ok(format!("{} N after {waits}", robot.forces().arms[0].force))
+    });
+
+    let ending = rig.mp.run(&mut kernel).await;
+
+    let reason = ending.finish.unwrap().reason;
+    assert!(["12.5 N after 10", "12.5 N after 11"].contains(&reason.as_str()), "{reason}");
 }
 
 /// During a pause no request to the arm is open. The emergency stop nevertheless ends the run, and

@@ -202,7 +202,6 @@ fn commands() -> Vec<ServoCommand> {
         go(Motion::Joints(near)),
         go(Motion::Pose(at)),
         go(Motion::MotorsBy(by)),
-        go(Motion::Motors(config().model.motors(&near))),
         ServoCommand::SetTool(config().flange_from_tool),
         ServoCommand::ForceSettings(ForceSettings::default()),
         ServoCommand::Move { command: closing, start: 0 },

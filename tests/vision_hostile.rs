@@ -57,7 +57,7 @@ fn look(image: &RgbImage) {
         radial: [-0.1, 0.02, 0.0],
         tangential: [0.0, 0.0],
     };
-    for method in [Method::Edges, Method::Paper2007] {
+    for method in [Method::Edges, Method::Paper2007, Method::Square2007] {
         let settings =
             DetectorSettings { method, least_confidence: 0.0, ..DetectorSettings::default() };
         if let Ok(faces) = detect(image, None, &settings) {

@@ -21,11 +21,12 @@ use super::trace::Trace;
 use super::watchdog::{Heartbeat, Supervision, answer_of};
 use crate::error::{Error, Fatal, NonFatal, System};
 use crate::hw::driver::{HEARTBEAT_TIMEOUT, ServoLink};
+use crate::kernel::Adjustment;
 use crate::motion::{
     ArmFault, ArmState, JointPositions, MoveCommand, MoveRefused, PERIOD, ROLL, Synchronisation,
 };
 use crate::servo::ServoCommand;
-use crate::spatial::Pose;
+use crate::spatial::is_rigid;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{mpsc, oneshot, watch};
@@ -67,7 +68,7 @@ const MAILBOX: usize = 4;
 #[derive(Debug)]
 enum Request {
     Execute { command: MoveCommand, reply: oneshot::Sender<Result<ArmState, Error>> },
-    SetTool { flange_from_tool: Pose, reply: oneshot::Sender<Result<ArmState, Error>> },
+    Adjust { adjustment: Adjustment, reply: oneshot::Sender<Result<ArmState, Error>> },
     Bias { reply: oneshot::Sender<Result<ArmState, Error>> },
     State { reply: oneshot::Sender<Result<ArmState, Error>> },
     Synchronise { reply: oneshot::Sender<Result<ArmState, Error>> },
@@ -95,12 +96,13 @@ impl EdpHandle {
         self.ask("execute", Some(lasts), |reply| Request::Execute { command, reply }).await
     }
 
-    /// Changes the tool frame; the arm does not move.
+    /// Adjusts the arm, which must be at rest and does not move.
     ///
     /// # Errors
-    /// System when the EDP is gone.
-    pub async fn set_tool(&self, flange_from_tool: Pose) -> Result<ArmState, Error> {
-        self.ask("set tool", Some(SERVICE), |reply| Request::SetTool { flange_from_tool, reply })
+    /// Non-fatal when the arm moves or the adjustment is not possible, such as a tool frame that is
+    /// not rigid. Fatal when the arm has stopped, or has not recovered by a reset.
+    pub async fn adjust(&self, adjustment: Adjustment) -> Result<ArmState, Error> {
+        self.ask("adjust", Some(SERVICE + REST), |reply| Request::Adjust { adjustment, reply })
             .await
     }
 
@@ -222,11 +224,7 @@ impl Edp {
             }
             let (answer, reply) = match request {
                 Request::Execute { command, reply } => (self.execute(command).await, reply),
-                Request::SetTool { flange_from_tool, reply } => {
-                    // One period takes the command, the next one publishes a state with the tool.
-                    let sent = self.send("set tool", ServoCommand::SetTool(flange_from_tool));
-                    (self.after(sent, 2).await, reply)
-                }
+                Request::Adjust { adjustment, reply } => (self.adjust(adjustment).await, reply),
                 Request::Bias { reply } => (self.bias().await, reply),
                 Request::Synchronise { reply } => (self.synchronise().await, reply),
                 Request::State { reply } => {
@@ -298,6 +296,47 @@ impl Edp {
         self.check("service")
     }
 
+    /// Sends an adjustment to the servo and returns the state with it. Refuses one that is not
+    /// possible; and every one but a reset while the arm moves, since a motion that is under way
+    /// refers to the frame and the load with which it began.
+    async fn adjust(&mut self, adjustment: Adjustment) -> Result<ArmState, Error> {
+        let refused = |why: &str| {
+            let (actor, cause) = (self.name.clone(), NonFatal::Arguments(why.to_owned()));
+            Err(Error::NonFatal { actor, place: "adjust", cause })
+        };
+        let (command, rests) = match adjustment {
+            Adjustment::Tool(flange_from_tool) => {
+                if !is_rigid(&flange_from_tool) {
+                    return refused("the new tool frame is not rigid");
+                }
+                (ServoCommand::SetTool(flange_from_tool), true)
+            }
+            Adjustment::Load { weight, centre } => {
+                let finite = centre.coords.iter().all(|c| c.is_finite());
+                if !(weight.is_finite() && weight >= 0.0 && finite) {
+                    return refused("a load has a finite centre, and a weight of 0 N or more");
+                }
+                (ServoCommand::Payload { weight, centre }, true)
+            }
+            // An arm with a fault has its brakes on.
+            Adjustment::Reset => (ServoCommand::Reset, false),
+        };
+        if rests && !self.come_to_rest().await {
+            return Err(self.still_moves("adjust", "its frame and its load are not changed"));
+        }
+        let sent = self.send("adjust", command);
+        // One period takes the command, the next one publishes a state with it.
+        self.after(sent, 2).await
+    }
+
+    /// Makes the error for an arm that does not come to rest; `place` names the request, and `so`
+    /// says what has not been done.
+    fn still_moves(&self, place: &'static str, so: &str) -> Error {
+        let seconds = f64::from(REST_TRIES) * REST_PERIODS as f64 * PERIOD;
+        let why = format!("the arm still moves after {seconds:.1} s: {so}");
+        Error::NonFatal { actor: self.name.clone(), place, cause: NonFatal::NoReading(why) }
+    }
+
     /// Waits until the arm is at rest after a motion. Returns `false` if it still moves after
     /// [`REST_TRIES`] samples.
     async fn come_to_rest(&mut self) -> bool {
@@ -321,11 +360,7 @@ impl Edp {
     /// [`ZERO_MOVED`].
     async fn bias(&mut self) -> Result<ArmState, Error> {
         if !self.come_to_rest().await {
-            let seconds = f64::from(REST_TRIES) * REST_PERIODS as f64 * PERIOD;
-            let why =
-                format!("the arm still moves after {seconds:.1} s: its force sensor is not zeroed");
-            let (actor, cause) = (self.name.clone(), NonFatal::NoReading(why));
-            return Err(Error::NonFatal { actor, place: "bias", cause });
+            return Err(self.still_moves("bias", "its force sensor is not zeroed"));
         }
         let before = self.link.state().wrench_in_tool;
         let sent = self.send("bias", ServoCommand::Bias);
@@ -466,6 +501,8 @@ mod tests {
     use super::*;
     use crate::hw::driver;
     use crate::record::run_hash::RunHash;
+    use crate::spatial::Pose;
+    use nalgebra::Point3;
     use tokio::time::Instant;
 
     #[tokio::test(start_paused = true)]
@@ -484,9 +521,13 @@ mod tests {
         assert_eq!(error, "system, edp track, state: no answer from the servo in 0.5 s");
     }
 
-    /// Zeroes the force sensor of an arm whose joint 1 moves at 0.015 rad/s until the period
-    /// `last`. Returns the answer of the EDP, and the period in which the servo takes its order.
-    async fn zeroed(last: u64) -> (Result<ArmState, Error>, Option<u64>) {
+    /// Gives an order to the EDP of an arm whose joint 1 moves at 0.015 rad/s until the period
+    /// `last`. Returns the answer of the EDP, and the command and the period in which the servo
+    /// takes it.
+    async fn ordered<F: Future<Output = Result<ArmState, Error>>>(
+        last: u64,
+        order: impl FnOnce(EdpHandle) -> F,
+    ) -> (Result<ArmState, Error>, Option<(ServoCommand, u64)>) {
         let (link, mut end) = driver::link();
         let clock = Clock::new(Instant::now(), Arc::default());
         let (takes, taken) = watch::channel(None);
@@ -497,8 +538,7 @@ mod tests {
                     let mut state = ArmState { period, ..ArmState::default() };
                     state.joints.0[1] = 3e-5 * period.min(last) as f64;
                     if let Some(command) = end.take() {
-                        assert_eq!(command, ServoCommand::Bias);
-                        takes.send_replace(Some(period));
+                        takes.send_replace(Some((command, period)));
                     }
                     end.publish(&state);
                     clock.until(period).await;
@@ -507,22 +547,50 @@ mod tests {
         });
         let control = watch::channel(Control::Running).1;
         let services = Services::bare(clock, control, Trace::bare(RunHash::default()).0);
-        let answer = spawn("track", link, &services).bias().await;
+        let answer = order(spawn("track", link, &services)).await;
         let taken = *taken.borrow();
         (answer, taken)
     }
 
     #[tokio::test(start_paused = true)]
     async fn force_sensor_is_zeroed_only_at_rest() {
-        let (answer, taken) = zeroed(u64::MAX).await;
+        let bias = |edp: EdpHandle| async move { edp.bias().await };
+        let (answer, taken) = ordered(u64::MAX, bias).await;
         let error = answer.unwrap_err().to_string();
         assert!(error.contains("the arm still moves after 0.6 s"), "{error}");
         assert_eq!(taken, None, "a moving sensor keeps its zero");
 
         // Two samples of the joints that agree are up to 24 periods after the end of the motion.
-        let (answer, taken) = zeroed(100).await;
+        let (answer, taken) = ordered(100, bias).await;
         assert!(answer.is_ok(), "{answer:?}");
-        assert!(taken.is_some_and(|period| (105..130).contains(&period)), "{taken:?}");
+        let (command, period) = taken.unwrap();
+        assert_eq!(command, ServoCommand::Bias);
+        assert!((105..130).contains(&period), "{period}");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn tool_changes_only_at_rest_and_rigidly() {
+        let adjust = |adjustment| move |edp: EdpHandle| async move { edp.adjust(adjustment).await };
+        let tool = Pose::translation(0.0, 0.0, 0.3);
+        let (answer, taken) = ordered(u64::MAX, adjust(Adjustment::Tool(tool))).await;
+        let error = answer.unwrap_err().to_string();
+        assert!(error.contains("the arm still moves after 0.6 s: its frame"), "{error}");
+        assert_eq!(taken, None);
+
+        let (answer, taken) = ordered(0, adjust(Adjustment::Tool(tool))).await;
+        assert!(answer.is_ok(), "{answer:?}");
+        assert_eq!(taken.unwrap().0, ServoCommand::SetTool(tool));
+
+        let bent = Pose::translation(0.0, f64::NAN, 0.3);
+        let load = Adjustment::Load { weight: -1.0, centre: Point3::origin() };
+        for (adjustment, reason) in [(Adjustment::Tool(bent), "not rigid"), (load, "0 N or more")] {
+            let (answer, taken) = ordered(0, adjust(adjustment)).await;
+            let error = answer.unwrap_err().to_string();
+            assert!(error.contains(reason) && taken.is_none(), "{error}");
+        }
+        // A stopped arm has its brakes on: a reset does not wait for its rest.
+        let (_, taken) = ordered(u64::MAX, adjust(Adjustment::Reset)).await;
+        assert_eq!(taken.unwrap().0, ServoCommand::Reset);
     }
 
     #[test]

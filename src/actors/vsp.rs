@@ -33,7 +33,7 @@ use crate::record::playback::Played;
 use crate::record::sensed as kept;
 use crate::spatial::Pose;
 use crate::vision::sensor::{self, FaceReading};
-use crate::vision::watcher::{CubeWatcher, Watched};
+use crate::vision::watcher::{CubeWatcher, PoseBy, Watched};
 use crate::vision::{DetectorSettings, Method};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -121,6 +121,8 @@ pub struct Parts {
     pub edge: f64,
     /// Method by which a stand-alone camera finds the cube.
     pub method: Method,
+    /// Measurement from which a stand-alone camera computes the pose of the cube.
+    pub pose_by: PoseBy,
     /// Declared time of one localisation, for the virtual clock.
     pub localisation: Effort,
     /// Declared time of reading one face, for the virtual clock.
@@ -176,6 +178,7 @@ pub(crate) fn spawn(name: &str, parts: Parts) -> VspHandle {
     let settings = DetectorSettings { method: parts.method, ..DetectorSettings::default() };
     let watcher = parts.world_from_camera.map(|world_from_camera| {
         CubeWatcher::new(world_from_camera, parts.intrinsics, parts.edge, settings)
+            .posing(parts.pose_by)
     });
     let vsp = Vsp {
         name: name.clone(),
@@ -579,6 +582,7 @@ mod tests {
             world_from_camera: Some(Pose::identity()),
             edge: 0.057,
             method: Method::Edges,
+            pose_by: PoseBy::Edges,
             localisation: Effort(0.0),
             face: Effort(0.0),
             frame_periods: 20,

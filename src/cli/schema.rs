@@ -116,6 +116,9 @@ fn kind(words: &str) -> Value {
         let item = kind(each);
         return json!({"type": "array", "items": item, "minItems": count, "maxItems": count});
     }
+    if let Some(each) = words.strip_prefix("list of ") {
+        return json!({"type": "array", "items": kind(each)});
+    }
     match words {
         "number" => json!({"type": "number"}),
         "whole number" => json!({"type": "integer"}),

@@ -7,7 +7,7 @@ use super::compliance::{Compliance, Selector};
 use super::inputs::{Inputs, Sensing};
 use super::legs::Legs;
 use super::outcome::{Next, Outcome};
-use super::{comply, grasp, position, secure, swing, turn, visual_servo};
+use super::{along, comply, grasp, position, secure, swing, turn, visual_servo};
 use crate::motion::{Depth, Direction, JawCommand, JointPositions, Motion, MoveRefused};
 use crate::spatial::{Pose, is_rigid};
 use serde::{Deserialize, Serialize};
@@ -125,6 +125,8 @@ pub enum Behaviour {
         /// Longest time to wait (s).
         seconds: f64,
     },
+    /// Guarded straight motion along axes of the base or the tool.
+    Along(along::Order),
     /// Motion of the gripper to the cube that the stand-alone camera sees.
     VisualServo(visual_servo::Order),
 }
@@ -144,6 +146,7 @@ enum Kind {
     Secure(secure::Secure),
     Turn(turn::Turn),
     Comply(comply::Comply),
+    Along(along::Along),
     VisualServo(visual_servo::VisualServo),
 }
 
@@ -204,6 +207,7 @@ impl Behaviour {
             Self::Present { pull, selector, seconds } => {
                 Kind::Comply(comply::Comply::until_pulled(pull, selector, seconds, *compliance))
             }
+            Self::Along(order) => Kind::Along(along::Along::new(order, *compliance)),
             Self::VisualServo(order) => {
                 Kind::VisualServo(visual_servo::VisualServo::new(order, *compliance))
             }
@@ -231,6 +235,7 @@ impl Generator {
             Kind::Secure(g) => slowed(g.next(inputs), inputs),
             Kind::Turn(g) => slowed(g.next(inputs), inputs),
             Kind::Comply(g) => slowed(g.next(inputs), inputs),
+            Kind::Along(g) => slowed(g.next(inputs), inputs),
             // The only generator that orders the visual sensor.
             Kind::VisualServo(g) => {
                 let (next, sensing) = g.next(inputs);
@@ -280,11 +285,7 @@ fn slowed(next: Next, inputs: &Inputs<'_>) -> Next {
         }
         // At full pace the pose is kept exactly. The other motions come from position control
         // alone.
-        Motion::Pose(_)
-        | Motion::Hold
-        | Motion::Motors(_)
-        | Motion::MotorsBy(_)
-        | Motion::Joints(_) => {}
+        Motion::Pose(_) | Motion::Hold | Motion::MotorsBy(_) | Motion::Joints(_) => {}
     }
     Next::Go(command)
 }

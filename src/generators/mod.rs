@@ -10,6 +10,7 @@
 //! MP orders a [`Behaviour`], plain data, from which [`Behaviour::generator`] makes the generator.
 //! The coordination decides where the generator runs: in an ECP (sporadic) or in MP (continuous).
 
+pub mod along;
 mod behaviour;
 mod compliance;
 pub mod comply;

@@ -23,7 +23,7 @@ use crate::motion::ArmState;
 use crate::operator::{Answer, Manual, Net, PlanLine, Question};
 use crate::spatial::Pose;
 use crate::vision::sensor::FaceReading;
-pub use message::{Finish, Message, Programme, Signal};
+pub use message::{Adjustment, Finish, Input, Message, Programme, Signal};
 use nalgebra::UnitQuaternion;
 use sensor::SensorReadings;
 use serde::de::DeserializeOwned;
@@ -243,6 +243,14 @@ pub enum Action<T> {
     },
     /// The force sensors of the marked effectors are set to zero where they are.
     Bias(Vec<bool>),
+    /// An effector is adjusted at rest. The change is refused for an arm that moves or carries out
+    /// a programme, and for a tool frame that is not rigid.
+    Adjust {
+        /// Effector.
+        effector: usize,
+        /// The change.
+        adjustment: Adjustment,
+    },
     /// The stand-alone camera's sensor begins (`true`) or stops (`false`) watching for the cube.
     Watch(bool),
     /// The camera in an effector's hand reads one face.

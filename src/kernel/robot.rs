@@ -19,18 +19,20 @@
 use super::procedure::{Port, Procedure, Shared};
 use super::sensor::SensorReadings;
 use super::{
-    Account, Action, Event, Finish, Forces, Message, Picture, Programme, Progress, Readings,
-    Signal, Until,
+    Account, Action, Adjustment, Event, Finish, Forces, Input, Message, Picture, Programme,
+    Progress, Readings, Signal, Until,
 };
 use crate::generators::{Behaviour, Outcome};
-use crate::motion::ArmState;
+use crate::motion::{ArmState, PERIOD};
+use crate::spatial::Pose;
+use nalgebra::Point3;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::fmt;
 
-/// Time between two looks at a sensor whose reading is awaited (s).
+/// Time between two looks at a reading or an input for which a procedure waits (s).
 const LOOK: f64 = 0.02;
 
 /// Kernel of a task whose procedure acts by a [`Robot`].
@@ -63,6 +65,8 @@ pub struct Board {
     figures: BTreeMap<String, Value>,
     /// Entry that must be in the journal before the next action.
     entry: Option<Progress>,
+    /// Messages that came while the procedure waited for something else.
+    early: VecDeque<Message>,
 }
 
 impl Shared for Board {
@@ -156,9 +160,15 @@ impl Robot {
                 Err(_) if waited < seconds => {}
                 read => return read,
             }
-            self.receive(LOOK).await?;
+            self.look_again().await?;
             waited += LOOK;
         }
+    }
+
+    /// Returns whether a binary input was set at the last event; `None` if there is no such input.
+    #[must_use]
+    pub fn input(&self, input: Input) -> Option<bool> {
+        self.port.state(|board| input.of(&board.arms))
     }
 
     /// Tells the operator a message.
@@ -196,6 +206,66 @@ impl Robot {
     /// If a sensor could not be set to zero.
     pub async fn bias(&self, which: Vec<bool>) -> Result<(), Hindrance> {
         self.done(Action::Bias(which)).await
+    }
+
+    /// Changes the tool frame of an effector to `flange_from_tool` (m). From now on its poses, its
+    /// motions and its forces refer to this frame. The arm does not move.
+    ///
+    /// # Errors
+    /// If the frame is not rigid, or the arm still moves.
+    pub async fn set_tool(&self, effector: usize, flange_from_tool: Pose) -> Result<(), Hindrance> {
+        self.adjust(effector, Adjustment::Tool(flange_from_tool)).await
+    }
+
+    /// Tells an effector the load in its gripper: its `weight` (N) and its `centre` of mass in the
+    /// flange frame (m). The forces lose this weight from now on; a weight of 0 removes the load.
+    ///
+    /// # Errors
+    /// If a number is not finite, the weight is negative, or the arm still moves.
+    pub async fn set_load(
+        &self,
+        effector: usize,
+        weight: f64,
+        centre: Point3<f64>,
+    ) -> Result<(), Hindrance> {
+        self.adjust(effector, Adjustment::Load { weight, centre }).await
+    }
+
+    /// Ends the fault of an arm that has stopped while it carried out a programme.
+    ///
+    /// # Errors
+    /// If the cause of the fault has not gone, such as a pressed emergency stop.
+    pub async fn reset(&self, effector: usize) -> Result<(), Hindrance> {
+        self.adjust(effector, Adjustment::Reset).await
+    }
+
+    /// Requests an adjustment of an effector.
+    async fn adjust(&self, effector: usize, adjustment: Adjustment) -> Result<(), Hindrance> {
+        self.done(Action::Adjust { effector, adjustment }).await
+    }
+
+    /// Waits until a binary input is `set` or not, at most for `seconds` (s). Returns whether it
+    /// came to that.
+    ///
+    /// # Errors
+    /// If there is no such input.
+    pub async fn wait_input(
+        &self,
+        input: Input,
+        set: bool,
+        seconds: f64,
+    ) -> Result<bool, Hindrance> {
+        let now = || self.port.state(|board| board.arms.first().map_or(0, |arm| arm.period));
+        let until = now() as f64 * PERIOD + seconds;
+        loop {
+            match self.input(input) {
+                None => return Err(Hindrance(format!("there is no input {input:?}"))),
+                Some(found) if found == set => return Ok(true),
+                Some(_) if now() as f64 * PERIOD >= until => return Ok(false),
+                Some(_) => {}
+            }
+            self.look_again().await?;
+        }
     }
 
     /// Has one effector carry out a behaviour, and returns its outcome.
@@ -255,6 +325,23 @@ impl Robot {
     /// # Errors
     /// If the shell could not carry this out.
     pub async fn receive(&self, seconds: f64) -> Result<Option<Message>, Hindrance> {
+        match self.port.state(|board| board.early.pop_front()) {
+            Some(message) => Ok(Some(message)),
+            None => self.next_message(seconds).await,
+        }
+    }
+
+    /// Waits for a moment: each event brings new readings. A message meanwhile is kept for its own
+    /// receiver.
+    async fn look_again(&self) -> Result<(), Hindrance> {
+        if let Some(message) = self.next_message(LOOK).await? {
+            self.port.state(|board| board.early.push_back(message));
+        }
+        Ok(())
+    }
+
+    /// Waits for the next message of the shell, at most for `seconds` (s).
+    async fn next_message(&self, seconds: f64) -> Result<Option<Message>, Hindrance> {
         match self.port.request(Action::Receive(seconds)).await {
             Event::Received(message) => Ok(message),
             event => Err(unexpected(&event)),

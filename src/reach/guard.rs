@@ -249,6 +249,13 @@ impl Guard {
         Self { cell: Arc::new(cell.clone()), hand_speed, never_meet: false, hold: [true; 2] }
     }
 
+    /// Returns the tool frame of an arm in the believed cell (`flange_from_tool`); `None` if there
+    /// is no such arm.
+    #[must_use]
+    pub fn flange_from_tool(&self, arm: usize) -> Option<Pose> {
+        self.cell.arms.get(arm).map(|arm| arm.flange_from_tool)
+    }
+
     /// Returns this guard for an operator who moves the arms: the hands must not meet, since no
     /// plan says that they are to.
     #[must_use]

@@ -10,6 +10,7 @@ use crate::motion::Depth;
 use crate::servo::ServoCommand;
 use crate::servo::io::{ArmDrive, ArmReading, Outside};
 use crate::spatial::Wrench;
+use serde::{Deserialize, Serialize};
 use std::fmt::Debug;
 use std::hash::{DefaultHasher, Hasher};
 
@@ -86,7 +87,7 @@ pub fn write(record: &ServoRecord, stamp: u64, to: &mut Writer) {
     }
     to.f64s(&reading.wrench_on_sensor.directions());
     to.bool(reading.wrench_is_old);
-    to.string(&outside_text(&record.outside));
+    to.string(&further_text(record));
     to.string(&command_text(record.command.as_ref()));
     to.bool(drive.enabled);
     for pwm in drive.pwm {
@@ -111,13 +112,37 @@ fn command_text(command: Option<&ServoCommand>) -> String {
     command.map_or_else(String::new, |c| serde_json::to_string(c).unwrap_or_default())
 }
 
+/// Further inputs of a servo period as a recording has them. The binary inputs joined them later
+/// than the others: an older recording has none.
+#[derive(Serialize, Deserialize)]
+struct Further {
+    #[serde(flatten)]
+    outside: Outside,
+    /// Binary inputs of the parallel interface.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    inputs: u16,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_zero(inputs: &u16) -> bool {
+    *inputs == 0
+}
+
 /// Returns the further inputs of a servo period as JSON; an empty text if there were none.
-fn outside_text(outside: &Outside) -> String {
+fn further_text(record: &ServoRecord) -> String {
+    let further = Further { outside: record.outside, inputs: record.reading.inputs };
     // Nearly all periods have the default. An empty text saves space at 500 Hz.
-    if *outside == Outside::default() {
+    if further.outside == Outside::default() && is_zero(&further.inputs) {
         return String::new();
     }
-    serde_json::to_string(outside).unwrap_or_default()
+    serde_json::to_string(&further).unwrap_or_default()
+}
+
+/// Returns the binary inputs in the text of the further inputs; 0 if it has none.
+fn inputs_in(text: &str) -> u16 {
+    let further = |text| serde_json::from_str::<Further>(text).ok();
+    // Most texts are empty.
+    if text.is_empty() { 0 } else { further(text).map_or(0, |further| further.inputs) }
 }
 
 fn depth_number(depth: Depth) -> u8 {
@@ -167,6 +192,7 @@ impl Tick {
         reading.wrench_is_old = from.bool()?;
         // Both texts are parsed when they are used: most readers need only the numbers.
         let outside = from.string()?.to_owned();
+        reading.inputs = inputs_in(&outside);
         let command = from.string()?.to_owned();
         let mut drive = ArmDrive { enabled: from.bool()?, ..ArmDrive::OFF };
         for pwm in &mut drive.pwm {
@@ -207,7 +233,7 @@ impl Tick {
             period: record.period,
             arm: record.arm,
             reading: record.reading,
-            outside: outside_text(&record.outside),
+            outside: further_text(record),
             command: command_text(record.command.as_ref()),
             drive: record.drive,
             joints: state.joints.0,
@@ -396,6 +422,7 @@ mod tests {
             no_answer: 129,
             wrench_on_sensor: Wrench::from_directions([f64::NAN, -0.0, 3.0, 4.0, 5.0, 6.0]),
             wrench_is_old: true,
+            inputs: 0x8001,
             ..ArmReading::default()
         };
         let refused = MoveRefused::JointLimit { axis: 3, value: 1.5, low: -1.0, high: 1.0 };
@@ -443,6 +470,7 @@ mod tests {
 
         assert_eq!(tick.difference(&Tick::of(&record())), None);
         assert_eq!(tick.outside().unwrap(), record().outside);
+        assert_eq!(tick.reading.inputs, 0x8001);
         assert_eq!(tick.order().unwrap(), record().command);
         assert!(tick.reading.wrench_on_sensor.force.x.is_nan());
     }
@@ -451,7 +479,7 @@ mod tests {
     #[test]
     fn difference_of_each_field_is_found() {
         type Change = fn(&mut ServoRecord);
-        let changes: [(&str, Change); 25] = [
+        let changes: [(&str, Change); 26] = [
             ("counts[6]", |r| r.reading.counts[6] -= 1),
             ("jaw_count", |r| r.reading.jaw_count = 3),
             ("currents[7]", |r| r.reading.currents[7] += 1e-15),
@@ -467,6 +495,7 @@ mod tests {
             ("wrench_on_sensor[1]", |r| r.reading.wrench_on_sensor.force.y = 0.0),
             ("wrench_is_old", |r| r.reading.wrench_is_old = false),
             ("outside", |r| r.outside.skipped = 4),
+            ("outside", |r| r.reading.inputs = 2),
             ("enabled", |r| r.drive.enabled = false),
             ("pwm[6]", |r| r.drive.pwm[6] = 254),
             ("jaw_pwm", |r| r.drive.jaw_pwm = 7),

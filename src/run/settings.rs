@@ -13,6 +13,7 @@ use crate::scenario::{ControllerConfig, keys};
 use crate::tasks::cube::door::cube_settings;
 use crate::tasks::cube::plan::Planner;
 use crate::vision::Method;
+use crate::vision::watcher::PoseBy;
 
 /// Returns the table of the arms' meetings, from the cache or by a search of about a second.
 pub(super) fn meetings(config: &ControllerConfig, reach: &ReachSettings) -> MeetingTable {
@@ -40,6 +41,15 @@ pub(super) fn method(config: &ControllerConfig) -> Method {
     match config.vision.detector {
         keys::Detector::Lattice => Method::Edges,
         keys::Detector::Paper => Method::Paper2007,
+        keys::Detector::Square => Method::Square2007,
+    }
+}
+
+/// Returns the measurement from which the stand-alone camera's sensor computes the cube's pose.
+pub(super) fn pose_by(config: &ControllerConfig) -> PoseBy {
+    match config.vision.pose {
+        keys::PoseBy::Edges => PoseBy::Edges,
+        keys::PoseBy::Corners => PoseBy::Corners,
     }
 }
 

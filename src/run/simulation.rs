@@ -20,14 +20,15 @@ use crate::hw::plant::{
 };
 use crate::hw::serial::axis::Rules;
 use crate::hw::storage::StorageFault;
+use crate::kernel::Input;
 use crate::motion::JointPositions;
 use crate::operator::Class;
 use crate::reach::{Meeting, MeetingTable, meeting_place};
 use crate::record::recorder::{Entry, Recorder};
 use crate::registry::Beginning;
-use crate::scenario::Scenario;
 use crate::scenario::injected::{FaultActor, FaultEvent, FaultKeys, FaultKind};
 use crate::scenario::plant::{CubeKind, Jaws as JawsKey, PlantHand, PlantKeys};
+use crate::scenario::{ControllerConfig, Scenario};
 use crate::servo::period::Length;
 use crate::spatial::Pose;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
@@ -283,7 +284,7 @@ pub(super) fn faults(scenario: &Scenario) -> (Vec<Fault>, Vec<Disturbance>) {
     let mut others = Vec::new();
     let cell = &scenario.controller.cell;
     let faults = scenario.plant.faults.iter().filter_map(|keys| {
-        let what = fault_event(cell, keys, &mut others)?;
+        let what = fault_event(&scenario.controller, keys, &mut others)?;
         let arm = keys.event_arm.as_ref();
         let event_arm = arm.map(|_| index(cell.arms.iter().map(|a| &a.name), arm));
         // A fault begins at a time, or some time after the n-th event of a kind.
@@ -312,7 +313,7 @@ pub(super) fn faults(scenario: &Scenario) -> (Vec<Fault>, Vec<Disturbance>) {
 /// Returns the name of each fault of [`faults`], in the same order.
 fn fault_words(scenario: &Scenario) -> Vec<String> {
     let words = scenario.plant.faults.iter().filter_map(|keys| {
-        fault_event(&scenario.controller.cell, keys, &mut Vec::new())?;
+        fault_event(&scenario.controller, keys, &mut Vec::new())?;
         let kind = keys.kind?.word().replace('_', " ");
         Some(keys.arm.as_ref().map_or_else(|| kind.clone(), |arm| format!("{kind}, {arm}")))
     });
@@ -357,8 +358,13 @@ impl PlantEventLog {
 /// Returns the event in the plant that a fault causes; a fault outside the plant, in cameras,
 /// actors or time, is added to `others`. Returns `None` for an error that exists from the
 /// beginning.
-fn fault_event(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -> Option<What> {
+fn fault_event(
+    config: &ControllerConfig,
+    keys: &FaultKeys,
+    others: &mut Vec<Disturbance>,
+) -> Option<What> {
     use FaultKind as K;
+    let cell = &config.cell;
     let arm = index(cell.arms.iter().map(|a| &a.name), keys.arm.as_ref());
     let camera = index(cell.cameras.iter().map(|c| &c.name), keys.camera.as_ref());
     let axis = keys.axis.unwrap_or_default() as usize;
@@ -378,6 +384,10 @@ fn fault_event(cell: &Cell, keys: &FaultKeys, others: &mut Vec<Disturbance>) -> 
         K::EncoderJump => return Some(What::EncoderJump { arm, axis, by: size }),
         K::OverCurrent => return Some(What::OverCurrent { arm, axis, amperes: size }),
         K::LimitSwitch => return Some(What::LimitSwitch { arm, axis }),
+        K::Input => {
+            let Input { effector, bit } = config.input(keys.input.as_deref()?)?;
+            return Some(What::Input { arm: effector, bit });
+        }
         K::ForceDropout => return Some(What::ForceDropout { arm }),
         K::ForceNan => return Some(What::ForceNan { arm, direction }),
         K::ForceSaturation => return Some(What::ForceSaturation { arm, direction }),

@@ -384,6 +384,7 @@ fn sensor_parts(
         },
         edge: config.cell.cube.edge,
         method: settings::method(config),
+        pose_by: settings::pose_by(config),
         localisation: Effort(config.vision.localisation),
         face: Effort(config.vision.face),
         frame_periods: periods(wanted.period),

@@ -136,7 +136,8 @@ fn effectors(
             // The cards report the size of a current but not its direction.
             gains.axes.iter_mut().for_each(|axis| axis.trip_current = f64::INFINITY);
         }
-        Some(EffectorConfig { palm_clearance: e.gripper.palm_clearance, gains })
+        let inputs = e.inputs.clone();
+        Some(EffectorConfig { palm_clearance: e.gripper.palm_clearance, gains, inputs })
     };
     effectors.iter().map(build).collect()
 }

@@ -7,6 +7,7 @@ use super::lists::VspKind;
 use super::plant::PlantKeys;
 use crate::cell::Cell;
 use crate::cube::Facelets;
+use crate::kernel::Input;
 use crate::kernel::programme::Programmes;
 use crate::servo::regulator::ServoGains;
 use std::path::PathBuf;
@@ -50,6 +51,16 @@ impl ControllerConfig {
     pub fn uses_shortest_paths(&self) -> bool {
         self.control.separation == Separation::Least && self.task.properties.walks
     }
+
+    /// Returns the binary input with this name; `None` if no effector has one.
+    #[must_use]
+    pub fn input(&self, name: &str) -> Option<Input> {
+        let of = |(effector, settings): (usize, &EffectorConfig)| {
+            let bit = settings.inputs.iter().position(|input| input == name)?;
+            Some(Input { effector, bit: u32::try_from(bit).ok()? })
+        };
+        self.effectors.iter().enumerate().find_map(of)
+    }
 }
 
 /// Settings of an effector other than its geometry.
@@ -59,6 +70,8 @@ pub struct EffectorConfig {
     pub palm_clearance: bool,
     /// Regulators and watchdogs of its axes.
     pub gains: ServoGains,
+    /// Names of its binary inputs, the lowest bit first.
+    pub inputs: Vec<String>,
 }
 
 /// Source of the frames of a camera.

@@ -36,6 +36,8 @@ words! {
         CameraSilent = "camera_silent",
         /// A camera's pictures come late by magnitude (ms).
         LateFrames = "late_frames",
+        /// A binary input of the parallel interface is set.
+        Input = "input",
         /// A gripper has only a share of its friction (magnitude).
         Slip = "slip",
         /// A gripper lets the cube drop.
@@ -174,6 +176,8 @@ section! {
         actor: Option<FaultActor> = None;
         /// File whose storage has the fault.
         file: FaultFile = FaultFile::Recording;
+        /// Binary input that is set, by a name in `inputs` of an effector.
+        input: Option<String> = None;
         /// Sticker that is misread, in reading order: "U1" to "B9".
         sticker: Option<String> = None;
         /// Colour that it shows: the letter of the face that has this colour.
@@ -229,6 +233,7 @@ fn needs(kind: FaultKind) -> Needs {
         K::BaseCalibration => Needs { constant: true, ..of_arm(Some((-100.0, 100.0))) },
         // The other keys of these are checked in `actor` and `sticker`, or they have none.
         K::Withdraw
+        | K::Input
         | K::Misread
         | K::ActorPanic
         | K::ActorHang
@@ -281,6 +286,7 @@ pub(super) fn check(
     check.direction();
     check.sticker();
     check.file();
+    check.input(effectors);
     for (key, reason) in check.wrong {
         reader.fault(&format!("{path}.{key}"), format!("`{path}.{key}`: {reason}"));
     }
@@ -413,6 +419,20 @@ impl Check<'_> {
         }
     }
 
+    /// Checks the name of the binary input, which must be given if the kind needs it.
+    fn input(&mut self, effectors: &[Effector]) {
+        if self.kind != FaultKind::Input {
+            return;
+        }
+        match &self.fault.input {
+            None => self.wrong("kind", "\"input\" needs an input"),
+            Some(name) if !effectors.iter().any(|e| e.inputs.contains(name)) => {
+                self.wrong("input", format!("no effector has an input \"{name}\""));
+            }
+            Some(_) => {}
+        }
+    }
+
     /// Checks that the sticker and colour of a misread sticker can be parsed.
     fn sticker(&mut self) {
         if self.kind == FaultKind::Misread && self.fault.misread().is_none() {
@@ -483,6 +503,8 @@ mod tests {
         assert_eq!(rail("track"), "1 fine");
         let never = faults("kind = \"jaw_calibration\"\narm = \"track\"\nmagnitude = 1\nat_s = 1");
         assert!(never.contains("from the beginning"), "{never}");
+        let input = faults("kind = \"input\"\ninput = \"door\"\nat_s = 1");
+        assert!(input.contains("no effector has an input \"door\""), "{input}");
     }
 
     #[test]

@@ -81,8 +81,21 @@ words! {
     pub Detector {
         /// Edges, and a vote of lattices.
         Lattice = "lattice",
-        /// Colour thresholds, regions, filters and corner tiles, as in the paper.
+        /// Colour thresholds, regions and filters, as in the paper, and a vote of lattices.
         Paper = "paper",
+        /// All of the paper: the same regions, and the square whose centre tile has the most
+        /// neighbours and whose corner tiles have the fewest. Faces below 100 px are refused.
+        Square = "square",
+    }
+}
+
+words! {
+    /// Measurement from which the pose of the cube follows.
+    pub PoseBy {
+        /// Edges of the tiles of all visible faces.
+        Edges = "edges",
+        /// Centroids of the four corner tiles of the largest face, as in the paper.
+        Corners = "corners",
     }
 }
 
@@ -341,6 +354,8 @@ section! {
     pub VisionKeys {
         /// Method by which the stand-alone camera's sensor finds the cube.
         detector: Detector = Detector::Lattice;
+        /// Measurement from which that sensor computes the pose of the cube.
+        pose: PoseBy = PoseBy::Edges;
         /// Declared time of one localisation on the virtual clock.
         localisation [ms]: f64 = 6.0, 0.0..=1000.0;
         /// Declared time of reading one face on the virtual clock.

@@ -65,6 +65,9 @@ section! {
         /// Whether the controllers know the position of the arm at the start of the run; otherwise
         /// each axis is synchronised first, at its switch and the zero of its encoder.
         start_synchronised: bool = true;
+        /// Names of the binary inputs of its parallel interface, the lowest bit first, at most 16;
+        /// a task addresses an input by its name.
+        inputs: Vec<String> = Vec::new();
     } with {
         /// Gripper.
         gripper: GripperKeys,

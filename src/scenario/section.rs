@@ -430,6 +430,26 @@ impl<T: Item, const N: usize> Item for [T; N] {
     }
 }
 
+impl<T: Item> Item for Vec<T> {
+    fn kind() -> String {
+        format!("list of {}", T::kind())
+    }
+    fn read(node: &Node) -> Result<Self, Wrong> {
+        let Value::Array(items) = &node.value else { return Err(Wrong::kind("a list", node)) };
+        items.iter().map(T::read).collect()
+    }
+    fn show(&self, factor: f64) -> String {
+        let items: Vec<String> = self.iter().map(|i| i.show(factor)).collect();
+        format!("[{}]", items.join(", "))
+    }
+    fn numbers(&self) -> Vec<f64> {
+        self.iter().flat_map(Item::numbers).collect()
+    }
+    fn scaled(self, factor: f64) -> Self {
+        self.into_iter().map(|i| i.scaled(factor)).collect()
+    }
+}
+
 impl<T: Item> Item for Option<T> {
     fn kind() -> String {
         T::kind()

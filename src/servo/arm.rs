@@ -665,6 +665,7 @@ impl ArmServo {
                 (None, true) => Synchronisation::Yes,
                 (None, false) => Synchronisation::No,
             },
+            inputs: reading.inputs,
         }
     }
 

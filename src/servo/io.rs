@@ -87,7 +87,7 @@ pub struct ArmReading {
     /// Whether the wrench is an old one: the sensor has reported no newer one.
     #[serde(default)]
     pub wrench_is_old: bool,
-    /// Binary inputs of the parallel interface; 0 if the bridge has none. Not recorded.
+    /// Binary inputs of the parallel interface; 0 if the bridge has none.
     #[serde(default)]
     pub inputs: u16,
     /// Analog inputs of the parallel interface, in its own units; 0 if the bridge has none. Not

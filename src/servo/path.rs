@@ -166,11 +166,7 @@ pub struct Path {
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Kind {
     Hold,
-    Motors {
-        from: MotorPositions,
-        to: MotorPositions,
-    },
-    /// As `Motors`, for an arm that may not know its joints.
+    /// Line in motor space, for an arm that may not know its joints.
     MotorsBy {
         from: MotorPositions,
         to: MotorPositions,
@@ -195,7 +191,6 @@ impl Path {
     pub fn new(motion: &Motion, from: &SetValues, begin: u64, end: u64) -> Self {
         let kind = match *motion {
             Motion::Hold => Kind::Hold,
-            Motion::Motors(to) => Kind::Motors { from: from.motors, to },
             Motion::MotorsBy(by) => {
                 Kind::MotorsBy { from: from.motors, to: sum(&from.motors, &by) }
             }
@@ -211,7 +206,7 @@ impl Path {
     /// move arms that do not know their position.
     #[must_use]
     pub fn may_meet_obstacle(&self) -> bool {
-        matches!(self.kind, Kind::Motors { .. } | Kind::Joints { .. } | Kind::Pose { .. })
+        matches!(self.kind, Kind::Joints { .. } | Kind::Pose { .. })
     }
 
     /// Returns the set values of a period; `last` are those of the period before.
@@ -236,12 +231,6 @@ impl Path {
         };
         match &self.kind {
             Kind::Hold => Ok(*last),
-            Kind::Motors { from, to } => {
-                // Beyond the motor limits the joints of the screws are wrong, so check first.
-                let motors = MotorPositions(mix(&from.0, &to.0));
-                chain.model.check_motors(&motors)?;
-                Ok(SetValues::of_motors(chain, motors))
-            }
             Kind::MotorsBy { from, to } => {
                 // Without synchronisation the motor limits have no meaning here; the servo checks
                 // them in each period if the arm is synchronised.
@@ -349,11 +338,6 @@ pub fn check_end(
     let model = chain.model;
     let motors = match motion {
         Motion::Hold => return Ok(()),
-        Motion::Motors(to) => {
-            let joints = model.joints(to)?;
-            model.check_joints(&joints)?;
-            *to
-        }
         // The limits are checked in each period, and only if the arm knows its position.
         Motion::MotorsBy(by) => {
             if !by.0.iter().all(|m| m.is_finite()) {

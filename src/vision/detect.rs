@@ -21,11 +21,12 @@
 use super::doubts::{self, MOST_IF_AMBIGUOUS, hues};
 use super::homography::{self, GRID, OUTLINE, Point, apply};
 use super::lattice::{self, Lattice, Onward};
+use super::paper::{self, Filters, Stages};
 pub(super) use super::patch::Patch;
 use super::patch::TileSample;
 use super::segment::{Edges, Tile, TileLimits};
 use super::sides::Sides;
-use super::{FaceSighting, Rect, Refusal, colours, paper};
+use super::{FaceSighting, Rect, Refusal, colours};
 use image::RgbImage;
 
 /// Method by which tile candidates are made.
@@ -36,6 +37,9 @@ pub enum Method {
     Edges,
     /// The paper's colour tables, run lengths and filters.
     Paper2007,
+    /// The same, and the paper's square of nine tiles in place of the vote of lattices: the centre
+    /// tile has the most neighbours, the corner tiles have the fewest. The face has no colours.
+    Square2007,
 }
 
 /// Settings of the detector.
@@ -149,6 +153,7 @@ impl Patch {
     /// [`Refusal`] as in the table of this module's header.
     fn faces(&self, settings: &DetectorSettings) -> Result<Vec<FaceSighting>, Refusal> {
         let (tiles, edges) = match settings.method {
+            Method::Square2007 => return self.square().map(|face| vec![face]),
             Method::Edges => {
                 let (tiles, edges, threshold) = self.candidates();
                 (tiles, Some((edges, threshold)))
@@ -207,6 +212,20 @@ impl Patch {
         } else {
             Refusal::NoLattice { tiles: tiles.len() }
         })
+    }
+
+    /// Finds the face in the patch by the paper's square of nine tiles.
+    ///
+    /// # Errors
+    /// [`Refusal`] with the reason why there is no square.
+    fn square(&self) -> Result<FaceSighting, Refusal> {
+        let stages = Stages::run(&self.rgb, self.width, self.height, &Filters::default());
+        let square = stages.square()?;
+        let tiles = square.tiles.len();
+        let mut face = square.face().ok_or(Refusal::NoLattice { tiles })?;
+        face.corners = face.corners.map(|p| self.to_image(p));
+        face.centres = face.centres.map(|p| self.to_image(p));
+        Ok(face)
     }
 
     /// Returns the level, 0..=255, that a tenth of the tile candidates exceed, and the share of the
@@ -597,6 +616,28 @@ mod tests {
         }
     }
 
+    /// The square is the dominant face, up to its reading order, in the whole picture and in a
+    /// window of it.
+    #[test]
+    fn square_of_2007_paper_agrees_with_lattice() {
+        let settings =
+            DetectorSettings { method: Method::Square2007, ..DetectorSettings::default() };
+        let image = drawing().render();
+        let by_edges = detect(&image, None, &DetectorSettings::default()).unwrap();
+        let window = window_around(&by_edges[0].corners, 0.5);
+
+        for window in [None, window] {
+            let faces = detect(&image, window, &settings).unwrap();
+
+            assert_eq!(faces.len(), 1);
+            assert_eq!(faces[0].seen.iter().filter(|seen| **seen).count(), 4);
+            for place in &faces[0].centres {
+                let near = |other: &Point| homography::distance(*place, *other) < 2.0;
+                assert!(by_edges[0].centres.iter().any(near), "{place:?}");
+            }
+        }
+    }
+
     #[test]
     fn refusals_distinguish_dark_empty_overexposed_and_tiny_pictures() {
         let settings = DetectorSettings::default();
@@ -704,7 +745,7 @@ mod tests {
             let image = RgbImage::from_fn(width, height, |x, y| {
                 image::Rgb([level(x, y, 0), level(x, y, 1), level(x, y, 2)])
             });
-            for method in [Method::Edges, Method::Paper2007] {
+            for method in [Method::Edges, Method::Paper2007, Method::Square2007] {
                 let settings = DetectorSettings { method, ..DetectorSettings::default() };
                 let _ = detect(&image, None, &settings);
             }

@@ -86,8 +86,6 @@ impl Direction {
 pub enum Motion {
     /// Keeps the present set values.
     Hold,
-    /// Reaches these motor positions at the end, along a line in motor space.
-    Motors(MotorPositions),
     /// Turns the motors by these angles, along a line in motor space. An arm that is not
     /// synchronised accepts no other motion.
     MotorsBy(MotorPositions),
@@ -384,6 +382,9 @@ pub struct ArmState {
     pub fault: Option<ArmFault>,
     /// Whether the counters give the joint positions and poses.
     pub synchronisation: Synchronisation,
+    /// Binary inputs of the parallel interface; 0 if the bridge has none.
+    #[serde(default)]
+    pub inputs: u16,
 }
 
 impl Default for ArmState {
@@ -404,6 +405,7 @@ impl Default for ArmState {
             refused: None,
             fault: None,
             synchronisation: Synchronisation::Yes,
+            inputs: 0,
         }
     }
 }

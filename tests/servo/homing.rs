@@ -157,7 +157,6 @@ fn arm_before_homing_takes_only_relative_moves() {
     for motion in [
         Motion::Joints(before.joints),
         Motion::Pose(before.base_from_tool),
-        Motion::Motors(before.motors),
         Motion::Task { frame: Frame::Tool, directions },
     ] {
         assert_eq!(rig.go(1, motion, 100).refused, Some(MoveRefused::NotSynchronised));

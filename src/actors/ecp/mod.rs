@@ -25,7 +25,7 @@ use super::watchdog::{Heartbeat, Supervision};
 use crate::error::{Error, NonFatal, System};
 use crate::generators::{Behaviour, Outcome};
 use crate::kernel::programme::Programmes;
-use crate::kernel::{Programme, Signal, View};
+use crate::kernel::{Adjustment, Programme, Signal, View};
 use crate::motion::{ArmState, MoveCommand, PERIOD};
 use crate::vision::sensor::FaceReading;
 use std::collections::VecDeque;
@@ -51,6 +51,7 @@ enum Request {
     End(Ending),
     Bias { reply: Reply<ArmState> },
     Synchronise { reply: Reply<ArmState> },
+    Adjust { adjustment: Adjustment, reply: Reply<ArmState> },
     State { reply: Reply<ArmState> },
     Watch { on: bool },
     Look { view: View, reply: Reply<FaceReading> },
@@ -112,6 +113,14 @@ impl EcpHandle {
     /// The errors of the EDP.
     pub async fn synchronise(&self) -> Result<ArmState, Error> {
         self.ask("synchronise", |reply| Request::Synchronise { reply }).await
+    }
+
+    /// Adjusts the arm, which must be at rest, and returns its state.
+    ///
+    /// # Errors
+    /// The errors of the EDP.
+    pub async fn adjust(&self, adjustment: Adjustment) -> Result<ArmState, Error> {
+        self.ask("adjust", |reply| Request::Adjust { adjustment, reply }).await
     }
 
     /// Asks the EDP for the present state of the arm and returns it.
@@ -288,6 +297,11 @@ impl Ecp {
                 Request::Synchronise { reply } => {
                     self.parts.services.trace.message("mp", &self.name, &"synchronise");
                     let answer = self.heartbeat.away(self.parts.edp.synchronise()).await;
+                    let _ = reply.send(answer);
+                }
+                Request::Adjust { adjustment, reply } => {
+                    self.parts.services.trace.message("mp", &self.name, &adjustment);
+                    let answer = self.heartbeat.away(self.parts.edp.adjust(adjustment)).await;
                     let _ = reply.send(answer);
                 }
                 Request::State { reply } => {

@@ -115,6 +115,11 @@ impl Ecp {
                 zeroed.map(|_| Event::Done)
             }
             Action::Bias(_) => Ok(Event::Done),
+            // The only effector of a programme is its own.
+            Action::Adjust { effector: 0, adjustment } => {
+                let adjusted = self.heartbeat.away(self.parts.edp.adjust(adjustment)).await;
+                adjusted.map(|_| Event::Done)
+            }
             Action::Signal { signal, .. } => {
                 self.parts.services.trace.message(&self.name, "mp", &signal);
                 to_mp.send(Message::Signal { effector: to_mp.effector, signal });

@@ -33,19 +33,21 @@ use super::work::SEARCH;
 use crate::error::{Error, Fatal, NonFatal, System};
 use crate::generators::Behaviour;
 use crate::kernel::{
-    Action, ConclusionOf, Event, Finish, Forces, JournalEntry, Kernel, Readings, Thought as _,
-    Until, View,
+    Action, Adjustment, ConclusionOf, Event, Finish, Forces, JournalEntry, Kernel, Readings,
+    Thought as _, Until, View,
 };
 use crate::motion::{ArmState, PERIOD, Synchronisation};
 use crate::operator::Input;
 use crate::reach::guard::{Guard, Near};
 use crate::record::journal::Journal;
+use crate::spatial::Pose;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 use tokio::sync::{mpsc, watch};
 use under_way::Programmes;
+use ways::Known;
 
 /// Scheme of coordination: the actor that runs the generators.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -168,6 +170,8 @@ pub struct Mp {
     fault: Arc<ActorFault>,
     heartbeat: Heartbeat,
     programmes: Programmes,
+    /// Tool frame of the cell in the present one of each effector, where a task has changed it.
+    tools: Vec<Option<Pose>>,
 }
 
 /// A reason to end the run.
@@ -195,7 +199,8 @@ impl Mp {
         let (arms, phases) = (Vec::new(), Vec::new());
         let Supervision { watchdog, fault, .. } = parts.services.supervision.clone();
         let heartbeat = watchdog.heartbeat("mp");
-        Self { parts, arms, phases, watchdog, fault, heartbeat, programmes: Programmes::new() }
+        let (programmes, tools) = (Programmes::new(), vec![None; parts.ecps.len()]);
+        Self { parts, arms, phases, watchdog, fault, heartbeat, programmes, tools }
     }
 
     /// Returns the latest forces of the wrists; zero without a VSP that aggregates them.
@@ -223,7 +228,7 @@ impl Mp {
     /// near the operator's hand.
     fn guard_orders(&self, orders: &mut [Option<Behaviour>]) -> Result<(), Near> {
         let Some(guard) = self.guard() else { return Ok(()) };
-        let known = self.known();
+        let known = Known { arms: self.known(), tools: &self.tools };
         let apart = ways::check_paths(&guard, known, orders)?;
         // Before the motion begins, so that the lookout judges all of it by the right rule.
         self.parts.apart.set(apart);
@@ -338,6 +343,9 @@ impl Mp {
             // Not through `done`: a motion treats its errors itself, as it may also be terminated.
             Action::Behave { orders, until } => return self.behave(orders, until).await,
             Action::Bias(which) => self.bias(&which).await.map(|()| Event::Done),
+            Action::Adjust { effector, adjustment } => {
+                self.adjust(effector, adjustment).await.map(|()| Event::Done)
+            }
             Action::Watch(on) => {
                 self.watch(on).await?;
                 Ok(Event::Done)
@@ -503,6 +511,24 @@ impl Mp {
         self.refresh().await
     }
 
+    /// Adjusts an effector that carries out no programme.
+    async fn adjust(&mut self, effector: usize, adjustment: Adjustment) -> Result<(), Error> {
+        let ecp = self.ecp(effector)?.clone();
+        if self.programmes.busy([effector].into_iter()).is_some() {
+            let why = format!("effector {effector} carries out a programme, which may adjust it");
+            let cause = NonFatal::Arguments(why);
+            return Err(Error::NonFatal { actor: "mp".into(), place: "adjust", cause });
+        }
+        self.heartbeat.away(ecp.adjust(adjustment)).await?;
+        if let Adjustment::Tool(flange_from_tool) = adjustment {
+            // Paths are checked for the tool of the cell, whose body does not change with a frame.
+            let believed =
+                self.parts.guard.as_ref().and_then(|guard| guard.flange_from_tool(effector));
+            self.tools[effector] = believed.map(|cell| flange_from_tool.inverse() * cell);
+        }
+        self.refresh().await
+    }
+
     /// Returns a non-fatal error as an event for the kernel, which may continue. Any other error
     /// ends the run.
     async fn error_event<C>(&mut self, error: Error) -> Result<Event<C>, Stop> {
@@ -576,6 +602,7 @@ fn doing<T>(action: &Action<T>) -> &'static str {
         Action::Phase(_) => "begins the next phase",
         Action::Behave { .. } => "coordinates motions",
         Action::Bias(_) => "zeroes force sensors",
+        Action::Adjust { .. } => "adjusts an effector",
         Action::Watch(_) => "switches the stand-alone camera",
         Action::Look { .. } => "requests a reading of a face",
         Action::Think(_) => "requests a plan",

@@ -21,21 +21,30 @@ const ROUNDS: u32 = 40;
 /// Largest ratio of a speed to its limit that counts as slow enough; it leaves room for rounding.
 const ENOUGH: f64 = 1.0 + 1e-9;
 
+/// State of the arms as the checks need it.
+#[derive(Clone, Copy)]
+pub(super) struct Known<'a> {
+    /// States of the synchronised arms.
+    pub(super) arms: [Option<&'a ArmState>; 2],
+    /// Tool frame of the cell in the present one of each effector, where a task has changed it.
+    pub(super) tools: &'a [Option<Pose>],
+}
+
 /// Checks that the ordered motions bring no arm too near an obstacle. Returns whether the hands are
-/// to keep apart during the motions. `known` has the states of the synchronised arms.
+/// to keep apart during the motions.
 ///
 /// # Errors
 /// The obstacle to which an arm would come too near.
 pub(super) fn check_paths(
     guard: &Guard,
-    known: [Option<&ArmState>; 2],
+    known: Known<'_>,
     orders: &[Option<Behaviour>],
 ) -> Result<bool, Near> {
-    let from = known.map(|arm| arm.map(|arm| &arm.desired_joints));
-    let ways = paths_of(known, orders, path);
+    let from = known.arms.map(|arm| arm.map(|arm| &arm.desired_joints));
+    let ways = paths_of(&known, orders, path);
     guard.check_paths(from, ways.each_ref())?;
     // An approach may lead to the other hand: it counts here, though its path is not checked.
-    let led = paths_of(known, orders, longest_path);
+    let led = paths_of(&known, orders, longest_path);
     Ok(guard.keep_apart(from, led.each_ref()))
 }
 
@@ -45,12 +54,13 @@ pub(super) fn check_paths(
 /// is unknown beforehand.
 pub(super) fn slow_down(
     guard: &Guard,
-    known: [Option<&ArmState>; 2],
+    known: Known<'_>,
     manners: &[Manner],
     orders: &mut [Option<Behaviour>],
 ) {
-    slow_ends(guard, known, manners, orders);
-    let ways = paths_of(known, orders, path);
+    slow_ends(guard, known.arms, manners, orders);
+    let ways = paths_of(&known, orders, path);
+    let known = known.arms;
     // A duration of 0 marks a behaviour without a known path, which is left as it is.
     let lasts: [f64; 2] =
         std::array::from_fn(|i| match (orders.get(i), manners.get(i), known[i]) {
@@ -213,19 +223,25 @@ impl<'a> JointsMove<'a> {
 /// Returns the ordered paths of both arms, each as `path` makes it from order and state. An arm
 /// that is not synchronised counts as staying where it is.
 fn paths_of(
-    known: [Option<&ArmState>; 2],
+    known: &Known<'_>,
     orders: &[Option<Behaviour>],
     path: impl Fn(Option<&Behaviour>, &ArmState) -> PlannedMotion,
 ) -> [PlannedMotion; 2] {
     [0, 1].map(|i: usize| {
         let order = orders.get(i).and_then(Option::as_ref);
-        known[i].map_or(PlannedMotion::Stays, |arm| path(order, arm))
+        let path = known.arms[i].map_or(PlannedMotion::Stays, |arm| path(order, arm));
+        match (path, known.tools.get(i).copied().flatten()) {
+            // The guard knows the tool frame of the cell alone.
+            (PlannedMotion::Line(to), Some(tool_from_cell)) => {
+                PlannedMotion::Line(to * tool_from_cell)
+            }
+            (path, _) => path,
+        }
     })
 }
 
-/// Returns the path on which a behaviour moves an arm, if it is known beforehand. An approach
-/// counts as no motion: it is slow, and it ends where it touches its target, which may be the
-/// table.
+/// Returns the path on which a behaviour moves an arm, if it is known beforehand. An approach and a
+/// guarded motion count as no motion: they end where they touch something, which may be the table.
 fn path(order: Option<&Behaviour>, arm: &ArmState) -> PlannedMotion {
     match order {
         Some(Behaviour::Joints { target, .. }) => PlannedMotion::Joints(*target),
@@ -245,6 +261,9 @@ fn longest_path(order: Option<&Behaviour>, arm: &ArmState) -> PlannedMotion {
     match order {
         Some(Behaviour::Approach { distance, .. }) => {
             PlannedMotion::Line(arm.desired_base_from_tool * Pose::translation(0.0, 0.0, *distance))
+        }
+        Some(Behaviour::Along(order)) => {
+            PlannedMotion::Line(order.end(&arm.desired_base_from_tool))
         }
         order => path(order, arm),
     }

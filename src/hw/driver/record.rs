@@ -100,7 +100,7 @@ impl Bytes<'_> {
     }
 
     /// Feeds the counters, currents, flags of the axes and the wrench. Marks of extrapolated or old
-    /// values, and the inputs of the parallel interface, are left out.
+    /// values, and the inputs of the parallel interface, are left out: no motion depends on them.
     fn reading(&mut self, reading: &ArmReading) {
         for count in reading.counts {
             self.int(count as u64);
@@ -161,11 +161,8 @@ impl Bytes<'_> {
     fn motion(&mut self, motion: &Motion) {
         match motion {
             Motion::Hold => self.int(0),
-            Motion::Motors(motors) => {
-                self.int(1);
-                self.floats(&motors.0);
-            }
-            // The numbers 4 and 5 belong to the two frames of a task motion.
+            // The numbers 4 and 5 belong to the two frames of a task motion; 1 was that of a motion
+            // to motor positions.
             Motion::MotorsBy(motors) => {
                 self.int(6);
                 self.floats(&motors.0);

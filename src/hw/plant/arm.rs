@@ -551,6 +551,8 @@ impl PlantArm {
         reading.over_currents = 0;
         reading.power_faults = 0;
         reading.sync_switches = 0;
+        // Nothing sets an input of the simulated interface but the scenario's list of faults.
+        reading.inputs = 0;
         reading.encoder_zeros = 0;
         reading.synchronised = 0;
         for j in 0..AXES {

@@ -97,6 +97,13 @@ pub enum What {
         /// Number of the axis.
         axis: usize,
     },
+    /// A binary input of the parallel interface is set.
+    Input {
+        /// Index of the arm.
+        arm: usize,
+        /// Number of the input, 0..=15.
+        bit: u32,
+    },
     /// The force sensor is silent: none of its components is a number.
     ForceDropout {
         /// Index of the arm.
@@ -419,6 +426,7 @@ impl Armed {
                 reading.currents[axis.min(JAW)] = amperes;
             }
             What::LimitSwitch { arm, axis } if arm == of => reading.upper_limits |= 1 << axis,
+            What::Input { arm, bit } if arm == of => reading.inputs |= 1 << bit.min(15),
             What::ForceDropout { arm } if arm == of => force(reading, &|c| *c = [f64::NAN; 6]),
             What::ForceNan { arm, direction } if arm == of => {
                 force(reading, &|c| c[direction.min(5)] = f64::NAN);

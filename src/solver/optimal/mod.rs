@@ -391,6 +391,25 @@ mod tests {
         assert!(turns.len() == 13 && cube.apply_all(&turns).is_solved(), "{turns:?}");
     }
 
+    /// A rule such as "shortest up to n turns, otherwise another search" is exact with this search:
+    /// the limit of the length alone decides.
+    #[test]
+    fn length_limit_decides_each_cube_exactly() {
+        let solver = &solvers()[1];
+        for text in ["R U2 F' D L B2 U' F", "L D' B2 R F U2 L' B R D2", "F U2 L' B R D2 F L' U R B"]
+        {
+            let cube = after(text);
+            let length = parse_turns(text).unwrap().len() as u8;
+            let limit = |max_length| Limits { max_length, ..Limits::NONE };
+
+            let shorter = solver.solve(&cube, limit(length - 1), &InTurn, &RUN);
+            let exact = solver.solve(&cube, limit(length), &InTurn, &RUN);
+
+            assert_eq!((shorter.turns, shorter.at_least), (None, length), "{text}");
+            assert_eq!(exact.turns.map(|turns| turns.len()), Some(usize::from(length)), "{text}");
+        }
+    }
+
     #[test]
     fn search_obeys_length_limit_node_limit_and_stop() {
         let solver = &solvers()[1];

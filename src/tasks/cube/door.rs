@@ -8,7 +8,7 @@ use super::keys;
 use super::mission::{Assignment, Entry, Goal, Mission};
 use super::plan::Rule;
 use super::settings::{ArmBelief, ComplianceChoice, CompliantArm, CubeSettings};
-use super::strategy::Strategy;
+use super::strategy::{Exact, Strategy};
 use crate::actors::manner::manner;
 use crate::cell::{Cell, Gripper, Mount};
 use crate::cube::{Axis, Face, Keeper};
@@ -22,7 +22,7 @@ use crate::scenario::section::Reader;
 use crate::scenario::{self, ControllerConfig};
 use crate::solver::table::TableSpec;
 use crate::solver::tables::Bytes;
-use crate::solver::{Tables, korf};
+use crate::solver::{Tables, korf, optimal};
 use crate::spatial::Pose;
 use crate::tables::{News, Observer, Residence, Store, Threads};
 use std::f64::consts::PI;
@@ -375,21 +375,29 @@ fn kept(spec: &TableSpec) -> Bytes {
 
 /// Returns the store of a run's tables, which copies each of them into memory. A mapped file that
 /// another process truncates ends this one by SIGBUS, and arms may be moving. The tables of a run
-/// have some tens of MiB; only those that no run uses are so large that they must be mapped.
+/// have some tens of MiB, with the paper's rule 317 MB; only those that no run uses are so large
+/// that they must be mapped.
 fn store() -> Store {
     Store::for_user().with(Residence::Copied)
 }
 
 /// Returns the rule by which one of several solutions is chosen, with its pruning tables. The
-/// paper's rule needs Korf's tables, which take 10 s to build at its first use.
+/// paper's rule needs tables of its own, which take 10 to 20 s to build at its first use.
 fn strategy(planner: &keys::Planner) -> Strategy {
     let tables = &TWO_PHASE;
     match planner.strategy {
         keys::Strategy::Robot => Strategy::Robot { tables },
         keys::Strategy::Paper => Strategy::Paper {
             tables,
-            korf: korf::TABLES.each_ref().map(kept),
-            nodes: planner.korf_node_budget,
+            exact: match planner.exact {
+                // Always the small table, though a larger one is quicker: the turns and the
+                // declared time must not depend on which tables are on the disk.
+                keys::Exact::Table => Exact::Table(kept(&optimal::TABLES[0])),
+                keys::Exact::Korf => Exact::Korf {
+                    tables: korf::TABLES.each_ref().map(kept),
+                    nodes: planner.korf_node_budget,
+                },
+            },
         },
     }
 }
@@ -535,7 +543,7 @@ mod tests {
             | Behaviour::Line { .. }
             | Behaviour::Jaw { .. } => Outcome::Reached,
             Behaviour::Approach { .. } | Behaviour::VisualServo(_) => Outcome::Touched(0.0),
-            Behaviour::Withdraw { .. } => Outcome::NotTouched,
+            Behaviour::Withdraw { .. } | Behaviour::Along(_) => Outcome::NotTouched,
             Behaviour::Grasp { .. } => Outcome::Grasped(0.057),
             Behaviour::Secure { .. } => Outcome::Secured,
             Behaviour::Turn { angle, .. } => Outcome::Turned(*angle),

@@ -20,9 +20,21 @@ words! {
     pub Strategy {
         /// The solution that takes two arms the least time, among many of the two-phase search.
         Robot = "robot",
-        /// The shortest solution, as in the paper: Korf's search up to 16 turns, and two-phase if
-        /// that takes too long.
+        /// The paper's rule: a shortest solution if it has at most 16 turns, otherwise one of the
+        /// two-phase search.
         Paper = "paper",
+    }
+}
+
+words! {
+    /// Search for the shortest solutions of strategy "paper".
+    pub Exact {
+        /// The table "optimal-small" (317 MB, made within 20 s at the first use): decides each
+        /// cube, in about 2 s.
+        Table = "table",
+        /// Korf's three tables, as in 2007: gives up where `korf_node_budget` ends, mostly at 14
+        /// turns.
+        Korf = "korf",
     }
 }
 
@@ -33,8 +45,10 @@ section! {
         rule: Rule = Rule::Clearance;
         /// Choice among the solutions of the cube.
         strategy: Strategy = Strategy::Robot;
-        /// Number of nodes that Korf's search may visit before two-phase takes over (strategy
-        /// "paper").
+        /// Search that decides whether 16 turns suffice (strategy "paper").
+        exact: Exact = Exact::Table;
+        /// Number of nodes that Korf's search may visit before two-phase takes over (`exact`
+        /// "korf").
         korf_node_budget: u64 = 20_000_000, 0.0..=1e12;
         /// Number of nodes that the two-phase search may visit.
         node_budget: u64 = 1_000_000, 1000.0..=1e12;

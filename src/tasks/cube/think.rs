@@ -7,19 +7,15 @@
 use super::hold::{Grip, Hand, Step};
 use super::plan::Planner;
 use super::plan::explain::Line;
-use super::strategy::{Strategy, TwoPhase};
+use super::strategy::{Exact, Strategy};
 use crate::cube::{Cube, Facelets, Rotation24, Turn, facelet_place};
 use crate::kernel::{self, Effort};
-use crate::solver::korf::Korf;
-use crate::solver::optimal::{Answer as Exact, Limits};
-use crate::solver::table::InTurn;
-use crate::solver::tables::Bytes;
-use crate::solver::{self, Budget, Solution};
+use crate::solver::optimal::Answer as Shortest;
+use crate::solver::{self, Budget, Solution, Tables};
 use crate::vision::colours::{self, Decision, Undecided};
-use std::sync::atomic::AtomicBool;
 
-/// Longest solution that Korf's search looks for, as in the paper (p. 374).
-const KORF_LENGTH: u8 = 16;
+/// Longest solution that the paper's rule wants as a shortest one (p. 374; turns).
+const EXACT_LENGTH: u8 = 16;
 
 /// Input of the long work.
 #[derive(Debug, Clone)]
@@ -87,6 +83,8 @@ pub struct Answer {
     pub lines: Vec<Line>,
     /// Time that the steps are expected to take (s).
     pub expected: f64,
+    /// Note on the length of the solution, if the strategy has a rule about it.
+    pub remark: Option<String>,
 }
 
 impl kernel::Thought for Thought {
@@ -185,16 +183,16 @@ fn plan_for(
     let cube = Cube::try_from(named).map_err(|e| e.to_string())?;
 
     let (hand, grip) = thought.start;
-    let (candidates, nodes) = match &thought.strategy {
+    let (candidates, nodes, remark) = match &thought.strategy {
         Strategy::Robot { tables } => {
             // `candidates` reports no count of nodes, so the whole budget is declared as searched.
             let budget = Budget { nodes: thought.nodes, max_length: 0 };
-            (solver::candidates(&cube, tables, &budget, thought.candidates), thought.nodes)
+            (solver::candidates(&cube, tables, &budget, thought.candidates), thought.nodes, None)
         }
-        Strategy::Paper { tables, korf, nodes } => {
+        Strategy::Paper { tables, exact } => {
             // One solution only: the paper chooses by its length, not by what the hands do with it.
-            let (turns, nodes) = papers_rule(&cube, tables, korf, *nodes, thought.nodes)?;
-            (vec![turns], nodes)
+            let Ruled { turns, nodes, remark } = papers_rule(&cube, tables, exact, thought.nodes)?;
+            (vec![turns], nodes, Some(remark))
         }
     };
     // The solver's turns are in the frame of the colours' names, and so must the grip be.
@@ -211,6 +209,7 @@ fn plan_for(
         steps: plan.steps,
         lines: plan.lines,
         expected: plan.cost,
+        remark,
     };
     // A declared time, not a measured one: the virtual clock must not depend on the machine.
     let seconds =
@@ -218,48 +217,94 @@ fn plan_for(
     Ok((answer, seconds))
 }
 
-/// Returns the solution that the paper would take, Korf's or else that of the two-phase search, and
-/// the number of nodes that both searches visited.
-fn papers_rule(
-    cube: &Cube,
-    two_phase: TwoPhase,
-    korf: &[Bytes; 3],
-    korf_nodes: u64,
+/// Solution by the paper's rule.
+#[derive(Debug, PartialEq)]
+struct Ruled {
+    turns: Vec<Turn>,
+    /// Number of nodes that both searches visited.
     nodes: u64,
-) -> Result<(Vec<Turn>, u64), String> {
-    let korf = [0, 1, 2].map(|i| (*korf[i]).as_ref());
-    let korf = Korf::new(korf).map_err(|e| e.to_string())?;
-    let limits = Limits { max_length: KORF_LENGTH, max_nodes: korf_nodes };
-    // On this thread, and never stopped from outside: the result must be a function of the inputs.
-    let exact = korf.solve(cube, limits, &InTurn, &AtomicBool::new(false));
-    let two_phase = || solver::solve(cube, two_phase, &Budget { nodes, max_length: 0 });
-    Ok(or_two_phase(exact, two_phase))
+    /// Branch of the rule that was taken, in words.
+    remark: String,
 }
 
-/// Returns Korf's solution `exact`, or that of the two-phase search if Korf's search gave up, and
-/// the number of nodes that both visited.
-fn or_two_phase(exact: Exact, two_phase: impl FnOnce() -> Solution) -> (Vec<Turn>, u64) {
-    if let Some(turns) = exact.turns {
-        return (turns, exact.nodes);
+/// Returns the solution that the paper would take: a shortest one of at most [`EXACT_LENGTH`] turns
+/// if the cube has one, or else that of the two-phase search within `nodes`.
+fn papers_rule(cube: &Cube, tables: &Tables, exact: &Exact, nodes: u64) -> Result<Ruled, String> {
+    let shortest = exact.solve(cube, EXACT_LENGTH)?;
+    let two_phase = || solver::solve(cube, tables, &Budget { nodes, max_length: 0 });
+    Ok(or_two_phase(shortest, two_phase))
+}
+
+/// Returns the solution of `shortest`, or that of the two-phase search if there is none.
+fn or_two_phase(shortest: Shortest, two_phase: impl FnOnce() -> Solution) -> Ruled {
+    if let Some(turns) = shortest.turns {
+        let remark = format!("the solution of {} turns is a shortest one", turns.len());
+        return Ruled { turns, nodes: shortest.nodes, remark };
     }
     let found = two_phase();
-    (found.turns, exact.nodes + found.nodes)
+    let length = found.turns.len();
+    let remark = if shortest.at_least > EXACT_LENGTH {
+        format!("no solution of {EXACT_LENGTH} turns exists: two-phase found one of {length}")
+    } else {
+        // A search that gave up has excluded the lengths below its bound only.
+        format!(
+            "the search for a shortest solution gave up within its budget at {} turns, not at \
+             {EXACT_LENGTH}: two-phase found one of {length}; planner.exact = \"table\" decides it",
+            shortest.at_least
+        )
+    };
+    Ruled { turns: found.turns, nodes: shortest.nodes + found.nodes, remark }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::cube::parse_turns;
+    use crate::solver::optimal::TABLES;
+    use crate::tables::Threads;
+    use std::sync::Arc;
 
     #[test]
-    fn two_phase_runs_only_after_korf_gave_up() {
+    fn remark_tells_proof_from_exhausted_budget() {
         let (short, long) = (parse_turns("F' U2 R'").unwrap(), parse_turns("F U R B L D").unwrap());
-        let exact = Exact { turns: Some(short.clone()), at_least: 3, nodes: 50 };
-        let given_up = Exact { turns: None, at_least: 14, nodes: 100 };
+        let shortest = Shortest { turns: Some(short.clone()), at_least: 3, nodes: 50 };
+        let excluded = Shortest { turns: None, at_least: 17, nodes: 100 };
+        let given_up = Shortest { turns: None, at_least: 14, nodes: 100 };
         let two_phase = || Solution { turns: long.clone(), nodes: 7, proven: false };
 
-        assert_eq!(or_two_phase(exact, || unreachable!()), (short, 50));
-        assert_eq!(or_two_phase(given_up, two_phase), (long, 107));
+        let ruled = or_two_phase(shortest, || unreachable!());
+        assert_eq!((ruled.turns, ruled.nodes), (short, 50));
+        let ruled = or_two_phase(excluded, two_phase);
+        assert_eq!((ruled.turns, ruled.nodes), (long.clone(), 107));
+        assert!(ruled.remark.starts_with("no solution of 16 turns exists"), "{}", ruled.remark);
+        let ruled = or_two_phase(given_up, two_phase);
+        assert_eq!((ruled.turns, ruled.nodes), (long, 107));
+        assert!(ruled.remark.contains("gave up within its budget at 14"), "{}", ruled.remark);
+    }
+
+    /// Takes 20 s on two cores and 1 GB: `cargo test --lib think -- --ignored`. The lengths of the
+    /// cubes are those of the tests of `solver::optimal`.
+    #[test]
+    #[ignore = "makes the table for shortest solutions"]
+    fn papers_rule_is_exact_to_sixteen_turns() {
+        let table = Exact::Table(Arc::new((TABLES[0].build)(&Threads::all(), &|_| ())));
+        let tables = Tables::build();
+        let ruled = |text: &str| {
+            let cube = Cube::SOLVED.apply_all(&parse_turns(text).unwrap());
+            let ruled = papers_rule(&cube, &tables, &table, 100_000).unwrap();
+            assert!(cube.apply_all(&ruled.turns).is_solved());
+            ruled
+        };
+
+        // Sixteen turns suffice: the solution is as short as possible, in this case sixteen.
+        let sixteen = ruled("U' D F2 U2 R F' R' U' D2 F' U B R D F R'");
+        assert_eq!(sixteen.turns.len(), 16);
+        assert!(sixteen.remark.ends_with("is a shortest one"), "{}", sixteen.remark);
+        assert_eq!(ruled("R U R' U R U2 R' L2 D2 L2").turns.len(), 10);
+        // Sixteen do not: the two-phase search takes over.
+        let seventeen = ruled("B' D' R' D F' R' F2 R2 D2 B2 D' B L U R D' B2");
+        assert!(seventeen.turns.len() >= 17);
+        assert!(seventeen.remark.starts_with("no solution of 16"), "{}", seventeen.remark);
     }
 
     #[test]

@@ -141,6 +141,9 @@ fn thought(robot: &Robot) -> Result<Thought, String> {
 /// Stores the decided colours and the plan, and returns the steps of the plan.
 fn decide(robot: &mut Robot, answer: Answer) -> Vec<Step> {
     robot.shown.decide(&answer);
+    if let Some(remark) = &answer.remark {
+        robot.note(remark.clone());
+    }
     let levels = robot.sight.levels();
     robot.palette = Some(sight::palette(&levels, answer.read.colours()));
     // The summary shows the first reading and the first plan.
@@ -148,6 +151,7 @@ fn decide(robot: &mut Robot, answer: Answer) -> Vec<Step> {
         robot.log.identified = Some(answer.identified);
         robot.log.solution = answer.turns;
         robot.log.expected = Some(answer.expected);
+        robot.log.rule.clone_from(&answer.remark);
         robot.log.plan = answer.lines;
         robot.log.grasps = 0;
     }

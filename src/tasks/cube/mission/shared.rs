@@ -50,6 +50,8 @@ pub struct MissionLog {
     pub solution: Vec<Turn>,
     /// Time that the first plan was expected to take (s).
     pub expected: Option<f64>,
+    /// Note on the length of the first solution, if the strategy has a rule about it.
+    pub rule: Option<String>,
     /// Turns that were carried out.
     pub executed: Vec<Turn>,
     /// Jaw closings on the cube between identification and hand-back.
@@ -76,7 +78,9 @@ impl MissionLog {
             ("recoveries", json!(self.recoveries)),
             ("drops_noticed", json!(self.drops)),
         ];
-        figures.into_iter().map(|(name, figure)| (name.to_owned(), figure)).collect()
+        let rule = self.rule.as_ref().map(|rule| ("solution_rule", json!(rule)));
+        let figures = figures.into_iter().chain(rule);
+        figures.map(|(name, figure)| (name.to_owned(), figure)).collect()
     }
 }
 
