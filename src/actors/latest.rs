@@ -184,5 +184,6 @@ fn words(behaviour: &Behaviour) -> &'static str {
         Behaviour::Comply { .. } => "yields",
         Behaviour::Present { .. } => "holds out",
         Behaviour::VisualServo(_) => "visual servo",
+        Behaviour::Own(_) => "registered motion",
     }
 }

@@ -248,7 +248,7 @@ pub(super) async fn start_actors(
                 edp: edp.clone(),
                 tracker: sensors.tracker_of(Owner::Ecp(index)),
                 hand_camera: sensors.hand_camera_of(Owner::Ecp(index), index),
-                manner: manners[index],
+                manner: manners[index].clone(),
                 programmes: config.programmes.clone(),
                 services: services.under(faults.ecps.get(index)),
             };

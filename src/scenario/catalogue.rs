@@ -9,6 +9,7 @@
 use super::config::ControllerConfig;
 use super::declared::{Keys, Properties, TaskSections};
 use super::section::Reader;
+use crate::generators::own::Library;
 use crate::kernel::programme::Programmes;
 use std::any::Any;
 use std::fmt;
@@ -38,6 +39,8 @@ pub struct Catalogue {
     tasks: Vec<Arc<dyn Declaration>>,
     /// Programmes that ECPs can carry out.
     pub programmes: Programmes,
+    /// Generators that are registered by name.
+    pub generators: Library,
 }
 
 impl fmt::Debug for Catalogue {
