@@ -1,6 +1,7 @@
 //! The program of a user: the command line with tasks of his own beside those of this crate.
 
 use crate::cli;
+use crate::generators::own::MotionGenerator;
 use crate::kernel::programme::EcpTask;
 use crate::registry::{DeviceModel, Registry, Sensor, Task, Verdict};
 use crate::tasks;
@@ -65,6 +66,13 @@ impl App {
     #[must_use]
     pub fn programme<P: EcpTask>(mut self, name: &'static str) -> Self {
         self.registry = self.registry.programme::<P>(name);
+        self
+    }
+
+    /// Adds a motion generator, which tasks order by `name`; one of the same name is replaced.
+    #[must_use]
+    pub fn generator<G: MotionGenerator>(mut self, name: &'static str) -> Self {
+        self.registry = self.registry.generator::<G>(name);
         self
     }
 

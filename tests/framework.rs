@@ -19,7 +19,9 @@ use rubik_robot::actors::{ecp, edp};
 use rubik_robot::cell::Arm;
 use rubik_robot::emergency_stop::{EmergencyStop, StopButton};
 use rubik_robot::error::{Error, Fatal, NonFatal};
-use rubik_robot::generators::{Behaviour, Outcome, along};
+use rubik_robot::generators::contact::{Guarded, GuardedOrder};
+use rubik_robot::generators::own::MotionGenerator as _;
+use rubik_robot::generators::{Behaviour, Outcome};
 use rubik_robot::hw::driver::{self, Core, ServoLink, Switches};
 use rubik_robot::hw::plant::fault::{Fault, What, When};
 use rubik_robot::hw::plant::{Plant, PlantConfig};
@@ -652,9 +654,10 @@ async fn tool_change_affects_only_later_motions() {
 
 /// Returns the order to move the tool 20 mm up, along z of the base.
 fn up() -> Behaviour {
-    let selector = [false; 6];
-    let by = [0.0, 0.0, 0.02];
-    Behaviour::Along(along::Order { frame: Frame::Base, by, speed: 0.02, force: 10.0, selector })
+    let direction = nalgebra::Vector3::z();
+    let (frame, speed, force, distance) = (Frame::Base, 0.02, 10.0, 0.02);
+    let order = GuardedOrder { frame, direction, speed, force, distance };
+    Guarded::behaviour("guarded", &order).unwrap()
 }
 
 /// Changes the tool frame to one 0.1 m farther, moves up in the base, and asks for a tool that is

@@ -187,7 +187,7 @@ fn words(behaviour: &Behaviour) -> &'static str {
         Behaviour::Turn { .. } => "turns",
         Behaviour::Comply { .. } => "yields",
         Behaviour::Present { .. } => "holds out",
-        Behaviour::Along(_) => "guarded motion",
         Behaviour::VisualServo(_) => "visual servo",
+        Behaviour::Own(_) => "registered motion",
     }
 }

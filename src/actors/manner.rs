@@ -54,6 +54,7 @@ pub fn manner(config: &ControllerConfig, effector: usize) -> Manner {
             profile: Profile { ramp: c.ramp },
         },
         hand,
+        library: config.generators.clone(),
     }
 }
 

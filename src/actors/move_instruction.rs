@@ -19,7 +19,9 @@
 use super::control::Control;
 use crate::error::{Error, NonFatal};
 use crate::generators::{
-    Behaviour, Compliance, Generator, Inputs, Next, Outcome, Sensing, Target, position::Speeds,
+    Behaviour, Compliance, Generator, Inputs, Next, Outcome, Sensing, Target, built_in,
+    own::{Library, Site, Touch},
+    position::Speeds,
     profile::Profile,
 };
 use crate::motion::{ArmState, MoveCommand, PERIOD};
@@ -41,6 +43,8 @@ pub struct MoveInstruction {
     hand: Option<NearHand>,
     /// Largest change of the force on a motion through free space (N); `None` for other motions.
     free_limit: Option<f64>,
+    /// Number of macrosteps in a row at the pace 0.
+    stopping: u32,
     /// The behaviour, and the force at its beginning once a reading is finite (N).
     begun: (Behaviour, Option<Vector3<f64>>),
 }
@@ -53,8 +57,11 @@ const REST: f64 = 0.6;
 /// stopped at once trips its power stage.
 const ENDS: f64 = 0.12;
 
+/// Longest time for which a generator that is not at rest at the pace 0 gets further macrosteps (s).
+const STOPS: f64 = 5.0;
+
 /// Parameters of all generators of an effector.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Manner {
     /// Compliance and macrostep.
     pub compliance: Compliance,
@@ -62,6 +69,8 @@ pub struct Manner {
     pub speeds: Speeds,
     /// Zone of the operator's hand; `None` for an arm that has none.
     pub hand: Option<NearHand>,
+    /// Generators that are registered by name.
+    pub library: Library,
 }
 
 /// Returns the parameters of an effector's generators (compliance, speeds) for tests and examples.
@@ -92,6 +101,7 @@ pub fn example_manner() -> Manner {
             profile: Profile { ramp: 5.0 },
         },
         hand: None,
+        library: built_in::library(),
     }
 }
 
@@ -122,6 +132,12 @@ impl NearHand {
 }
 
 impl Manner {
+    /// Returns the site at which an effector in the state `arm` begins a motion.
+    #[must_use]
+    pub fn site<'a>(&self, arm: &'a ArmState) -> Site<'a> {
+        Site { compliance: self.compliance, speeds: self.speeds, arm, fraction: 1.0 }
+    }
+
     /// Returns how long a motion along a known path takes from the set position of `arm` (s); 0 for
     /// any other behaviour.
     #[must_use]
@@ -138,7 +154,7 @@ impl Manner {
                 let (distance, turn) = tool_distance(arm, &target);
                 self.speeds.line_seconds(distance, turn, speed)
             }
-            // Contacts, forces and the cube's motion decide how long the others take.
+            // MP knows the time of a registered generator from its forecast. Contacts, forces and the cube's motion decide how long the others take.
             _ => 0.0,
         }
     }
@@ -185,34 +201,41 @@ pub enum Ending {
 }
 
 impl MoveInstruction {
-    /// Creates the move instruction that carries out a behaviour. The motion begins at full pace.
-    #[must_use]
-    pub fn begin(behaviour: &Behaviour, manner: &Manner) -> Self {
+    /// Creates the move instruction that carries out a behaviour with an arm that is at rest in the
+    /// state `arm`. The motion begins at full pace.
+    ///
+    /// # Errors
+    /// If the behaviour is one of a registered generator, and there is none of its name or it
+    /// refuses the order.
+    pub fn begin(behaviour: &Behaviour, manner: &Manner, arm: &ArmState) -> Result<Self, NonFatal> {
         let macrostep = f64::from(manner.compliance.macrostep) * PERIOD;
         let ramp = (REST / macrostep).ceil().max(1.0) as u32;
-        let generator = behaviour.generator(&manner.compliance, &manner.speeds);
+        let generator = Generator::begin(behaviour, &manner.site(arm), &manner.library)
+            .map_err(NonFatal::Arguments)?;
         // These yield to a push by themselves or move the jaws only: breaking them off would not
         // lower the force on the operator's hand.
         let yields = matches!(
             behaviour,
             Behaviour::Comply { .. } | Behaviour::Present { .. } | Behaviour::Jaw { .. }
-        );
+        ) || generator.touch() == Some(Touch::Yields);
         let hand = manner.hand.filter(|_| !yields);
         // The change of the force counts, not the force: one that is there at the beginning is an
         // offset of the sensor, or a strain that the motion is to relieve.
-        let free_limit = matches!(
+        let free = matches!(
             behaviour,
             Behaviour::Joints { .. } | Behaviour::Legs { .. } | Behaviour::Line { .. }
-        )
-        .then_some(manner.compliance.force_limit);
-        let begun = (*behaviour, None);
-        Self { generator, ramp, pace: ramp, ending: false, hand, free_limit, begun }
+        ) || generator.touch() == Some(Touch::Free);
+        let free_limit = free.then_some(manner.compliance.force_limit);
+        let begun = (behaviour.clone(), None);
+        let (pace, ending, stopping) = (ramp, false, 0);
+        Ok(Self { generator, ramp, pace, ending, hand, free_limit, stopping, begun })
     }
 
     /// Returns whether [`MoveInstruction::set_pace`] has brought the motion to rest.
     #[must_use]
     pub fn rests(&self) -> bool {
-        self.pace == 0
+        let limit = (STOPS / REST * f64::from(self.ramp)) as u32;
+        self.pace == 0 && (self.generator.rests() || self.stopping > limit)
     }
 
     /// Ends the motion at the request of the superior actor. Returns `true` if the motion is over
@@ -232,14 +255,14 @@ impl MoveInstruction {
                 | Behaviour::Legs { .. }
                 | Behaviour::Line { .. }
                 | Behaviour::VisualServo(_)
-        );
-        !self.ending || self.pace == 0
+        ) || self.generator.touch().is_some_and(|touch| touch != Touch::Yields);
+        !self.ending || self.rests()
     }
 
     /// Returns whether the motion has been ended and has come to rest.
     #[must_use]
     pub fn has_ended(&self) -> bool {
-        self.ending && self.pace == 0
+        self.ending && self.rests()
     }
 
     /// Changes the pace by the share of one macrostep: towards full pace while the operator lets
@@ -286,6 +309,7 @@ impl MoveInstruction {
         if self.free_limit.is_some_and(|limit| change.norm() > limit) {
             return Err(Outcome::OverForce(change.iamax(), change.norm()));
         }
+        self.stopping = if self.pace == 0 { self.stopping + 1 } else { 0 };
         let share = f64::from(self.pace) / f64::from(self.ramp);
         // A smoothstep, 3 s^2 - 2 s^3: a linear pace would make the acceleration jump at both ends.
         let pace = share * share * (3.0 - 2.0 * share);
@@ -329,10 +353,15 @@ mod tests {
         Manner { speeds, hand, ..example_manner() }
     }
 
+    /// Begins a behaviour.
+    fn begin(behaviour: &Behaviour) -> MoveInstruction {
+        MoveInstruction::begin(behaviour, &manner(), &ArmState::default()).unwrap()
+    }
+
     /// Runs one macrostep of a behaviour for each of the `forces` on the tool along y (N), with the
     /// tool at `x` (m). Returns the outcome if the last macrostep ends the behaviour.
     fn ends<const N: usize>(behaviour: &Behaviour, x: f64, forces: [f64; N]) -> Option<Outcome> {
-        let mut motion = MoveInstruction::begin(behaviour, &manner());
+        let mut motion = begin(behaviour);
         let mut ended = None;
         for force in forces {
             let wrench = Wrench::from_directions([0.0, force, 0.0, 0.0, 0.0, 0.0]);
@@ -404,7 +433,7 @@ mod tests {
     fn cancelled_motion_slows_to_rest_before_it_ends() {
         let target = JointPositions([0.5; AXES]);
         let joints = Behaviour::Joints { target, speed: 1.0, seconds: 0.0 };
-        let mut motion = MoveInstruction::begin(&joints, &manner());
+        let mut motion = begin(&joints);
         let mut arm = ArmState::default();
         // Performs a macrostep (0.016 s); returns by how much joint 1 moves in it (rad).
         let mut step = |motion: &mut MoveInstruction| {
@@ -431,10 +460,9 @@ mod tests {
         assert!(ways[0] > 1e-3 && ways.last().is_some_and(|way| *way < 0.1 * ways[0]), "{ways:?}");
         let seconds = ways.len() as f64 * 0.016;
         assert!((0.11..0.15).contains(&seconds), "{seconds} s instead of 0.12 s: {ways:?}");
-        let mut yields =
-            MoveInstruction::begin(&Behaviour::Comply { selector: [true; 6] }, &manner());
+        let mut yields = begin(&Behaviour::Comply { selector: [true; 6] });
         assert!(yields.end(Ending::Slowing), "a compliant behaviour is at rest at once");
-        let mut fast = MoveInstruction::begin(&joints, &manner());
+        let mut fast = begin(&joints);
         assert!(fast.end(Ending::AtOnce), "the servo brakes a motion whose partner has stopped");
         let turn = Behaviour::Turn {
             angle: 1.0,
@@ -445,7 +473,7 @@ mod tests {
             selector: [false; 6],
             stiff: false,
         };
-        let mut turns = MoveInstruction::begin(&turn, &manner());
+        let mut turns = begin(&turn);
         assert!(!turns.end(Ending::AtOnce), "a turning wrist slows down");
     }
 }

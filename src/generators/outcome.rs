@@ -1,10 +1,13 @@
 //! The answer of a generator: the next command, or how the behaviour ended.
 
-use crate::motion::{MoveCommand, MoveRefused};
+use crate::motion::{Motion, MoveCommand, MoveRefused};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::borrow::Borrow;
 
 /// Answer of a generator.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Next {
     /// Command to execute before the generator is asked again.
     Go(MoveCommand),
@@ -13,7 +16,7 @@ pub enum Next {
 }
 
 /// End of a behaviour. A failed step of the task is an outcome, not an error.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Outcome {
     /// The target is reached.
     Reached,
@@ -57,13 +60,24 @@ pub enum Outcome {
     OutOfReach(MoveRefused),
     /// The behaviour took longer than allowed (s).
     TimedOut(f64),
+    /// Result of a registered generator, in its own form: see [`Outcome::own`].
+    Own(Value),
+}
+
+impl Next {
+    /// Returns the command of a motion that lasts a macrostep and leaves the jaws as they are, for
+    /// a registered generator: the macrostep is set by its caller.
+    #[must_use]
+    pub fn go(motion: Motion) -> Self {
+        Self::Go(MoveCommand { motion, periods: 1, jaw: None })
+    }
 }
 
 impl std::fmt::Display for Outcome {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         const DIRECTIONS: [&str; 6] =
             ["along x", "along y", "along z", "about x", "about y", "about z"];
-        match *self {
+        match self {
             Self::Reached => f.write_str("the target is reached"),
             Self::Touched(way) => write!(f, "the palm touched after {:.1} mm", way * 1e3),
             Self::NotTouched => f.write_str("nothing was touched on the way"),
@@ -85,19 +99,19 @@ impl std::fmt::Display for Outcome {
                 angle.to_degrees()
             ),
             Self::Oscillates(direction, size, hertz) => {
-                let unit = if direction < 3 { "N" } else { "Nm" };
+                let unit = if *direction < 3 { "N" } else { "Nm" };
                 write!(
                     f,
                     "oscillation of {size:.1} {unit} at {hertz:.1} Hz {}",
-                    DIRECTIONS[direction.min(5)]
+                    DIRECTIONS[*direction.min(&5)]
                 )
             }
             Self::OverForce(direction, size) => {
-                let unit = if direction < 3 { "N" } else { "Nm" };
+                let unit = if *direction < 3 { "N" } else { "Nm" };
                 write!(
                     f,
                     "over-force of {size:.1} {unit}, most of it {}",
-                    DIRECTIONS[direction.min(5)]
+                    DIRECTIONS[*direction.min(&5)]
                 )
             }
             Self::ForcedApart(way) => {
@@ -111,11 +125,27 @@ impl std::fmt::Display for Outcome {
             }
             Self::OutOfReach(why) => write!(f, "the arm cannot reach the cube ({why})"),
             Self::TimedOut(seconds) => write!(f, "the motion did not end within {seconds:.1} s"),
+            Self::Own(result) => write!(f, "the generator ended with {result}"),
         }
     }
 }
 
 impl Outcome {
+    /// Makes the outcome of a registered generator from its result. A result without a form in JSON
+    /// becomes the reason, as a text.
+    #[must_use]
+    pub fn own(result: &impl Serialize) -> Self {
+        Self::Own(serde_json::to_value(result).unwrap_or_else(|why| why.to_string().into()))
+    }
+
+    /// Returns the result of a registered generator; `None` if the outcome is another one, or its
+    /// result has another form.
+    #[must_use]
+    pub fn result<T: DeserializeOwned>(&self) -> Option<T> {
+        let Self::Own(value) = self else { return None };
+        T::deserialize(value).ok()
+    }
+
     /// Returns whether this outcome of one arm ends the behaviour of the partner arm as well.
     #[must_use]
     pub fn alarms(&self) -> bool {
@@ -125,7 +155,8 @@ impl Outcome {
     /// Returns an outcome in words, for the operator. `None` stands for a behaviour without an
     /// outcome.
     #[must_use]
-    pub fn words(outcome: Option<Self>) -> String {
-        outcome.map_or_else(|| "the motion did not end".to_owned(), |outcome| outcome.to_string())
+    pub fn words(outcome: Option<impl Borrow<Self>>) -> String {
+        let words = |outcome: &Self| outcome.to_string();
+        outcome.map_or_else(|| "the motion did not end".to_owned(), |own| words(own.borrow()))
     }
 }

@@ -151,7 +151,7 @@ impl Turn {
             self.broken_off = Some((self.steps, self.ordered, why));
         }
         // The outcome is returned once the hand is at rest.
-        if let Some(broken_off) = self.broken_off {
+        if let Some(broken_off) = self.broken_off.clone() {
             return self.brake(broken_off);
         }
         self.record(&progress);

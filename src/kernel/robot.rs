@@ -277,7 +277,7 @@ impl Robot {
         effector: usize,
         behaviour: Behaviour,
     ) -> Result<Outcome, Hindrance> {
-        let orders = (0..=effector).map(|i| (i == effector).then_some(behaviour)).collect();
+        let orders = (0..=effector).map(|i| (i == effector).then(|| behaviour.clone())).collect();
         let outcomes = self.behave_all(orders, Until::All).await?;
         let outcome = outcomes.into_iter().flatten().next();
         outcome.ok_or_else(|| Hindrance("a motion has ended without an outcome".to_owned()))

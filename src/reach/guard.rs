@@ -29,6 +29,7 @@ use super::motors::{MOMENTS, MOTORS, farthest_turn};
 use crate::cell::Cell;
 use crate::cube::Keeper;
 use crate::generators::legs::Legs;
+use crate::generators::own::{Forecast, Place as Forecasted};
 use crate::motion::JointPositions;
 use crate::spatial::Pose;
 use nalgebra::Point3;
@@ -191,7 +192,7 @@ pub enum Near {
 }
 
 /// Motion that is planned for an arm.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum PlannedMotion {
     /// The arm stays, or moves by less than the distances that the guard keeps.
     Stays,
@@ -201,6 +202,8 @@ pub enum PlannedMotion {
     Legs(Legs),
     /// The tool moves straight to this `base_from_tool`; the track (d0) stays.
     Line(Pose),
+    /// The arm takes the course that its generator has declared.
+    Forecast(Arc<Forecast>),
 }
 
 /// Place of both arms on their paths.
@@ -474,7 +477,7 @@ impl Guard {
     pub fn course(&self, arm: usize, from: &JointPositions, way: &PlannedMotion) -> Course<'_> {
         let of = &self.cell.arms[arm];
         let tool = of.model.base_from_flange(from) * of.flange_from_tool;
-        Course { guard: self, arm, from: *from, way: *way, last: *from, tool }
+        Course { guard: self, arm, from: *from, way: way.clone(), last: *from, tool }
     }
 
     /// Checks the speed of an arm that has moved from one set of joint positions to another in
@@ -596,22 +599,29 @@ impl Course<'_> {
     /// the arm's reach, the arm stays at the last place within reach, since the servo refuses to
     /// follow it farther.
     fn at(&mut self, part: f64) -> JointPositions {
-        self.last = match self.way {
+        self.last = match &self.way {
             PlannedMotion::Stays => self.from,
-            PlannedMotion::Joints(to) => self.from.towards(&to, part),
+            PlannedMotion::Joints(to) => self.from.towards(to, part),
             PlannedMotion::Legs(legs) => legs.at(&self.from, part),
-            PlannedMotion::Line(to) => {
-                // The solution nearest to the last place stays on its branch, as the servo does.
-                let arm = &self.guard.cell.arms[self.arm];
-                let tool = Pose::from_parts(
-                    self.tool.translation.vector.lerp(&to.translation.vector, part).into(),
-                    self.tool.rotation.slerp(&to.rotation, part),
-                );
-                let flange = tool * arm.flange_from_tool.inverse();
-                arm.model.inverse(&flange, &self.last).unwrap_or(self.last)
-            }
+            PlannedMotion::Line(to) => self.joints_of(&Pose::from_parts(
+                self.tool.translation.vector.lerp(&to.translation.vector, part).into(),
+                self.tool.rotation.slerp(&to.rotation, part),
+            )),
+            PlannedMotion::Forecast(course) => match course.at(part) {
+                Some(Forecasted::Joints(joints)) => joints,
+                Some(Forecasted::Pose(tool)) => self.joints_of(&tool),
+                None => self.from,
+            },
         };
         self.last
+    }
+
+    /// Returns the joint positions for a `base_from_tool`. The solution nearest to the last place
+    /// stays on its branch, as the servo does.
+    fn joints_of(&self, tool: &Pose) -> JointPositions {
+        let arm = &self.guard.cell.arms[self.arm];
+        let flange = tool * arm.flange_from_tool.inverse();
+        arm.model.inverse(&flange, &self.last).unwrap_or(self.last)
     }
 }
 

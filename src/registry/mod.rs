@@ -16,17 +16,28 @@ pub use sensor::{Device, DeviceModel, NoDevice, Scenes, Sensor, SensorEntry};
 pub use task::{Earlier, EntryOf, Setup, Task};
 pub use verdict::{Beginning, Judgement, Truth, Verdict};
 
+use crate::generators::built_in;
+use crate::generators::own::{Library, MotionGenerator};
 use crate::kernel::programme::{EcpTask, Programmes};
 use crate::scenario::catalogue::{Catalogue, Declaration as _};
 use crate::scenario::declared::SensorDeclaration;
 use std::sync::Arc;
 
 /// Tasks of a program, in the order in which they are named to a user.
-#[derive(Debug, Default, Clone)]
+#[derive(Debug, Clone)]
 pub struct Registry {
     tasks: Vec<TaskEntry>,
     sensors: Vec<SensorEntry>,
     programmes: Programmes,
+    generators: Library,
+}
+
+impl Default for Registry {
+    /// Returns the registry without tasks, with the generators of this crate.
+    fn default() -> Self {
+        let (tasks, programmes) = (Vec::new(), Programmes::default());
+        Self { tasks, sensors: Vec::new(), programmes, generators: built_in::library() }
+    }
 }
 
 impl Registry {
@@ -75,11 +86,20 @@ impl Registry {
         self
     }
 
+    /// Returns the registry with one more motion generator, which tasks order by `name`; one of the
+    /// same name is replaced.
+    #[must_use]
+    pub fn generator<G: MotionGenerator>(mut self, name: &'static str) -> Self {
+        self.generators = self.generators.with::<G>(name);
+        self
+    }
+
     /// Returns the declarations with which scenarios are read.
     #[must_use]
     pub fn catalogue(&self) -> Catalogue {
         let mut catalogue = Catalogue::default();
         catalogue.programmes = self.programmes.clone();
+        catalogue.generators = self.generators.clone();
         for task in &self.tasks {
             catalogue.declare(Arc::new(task.clone()));
         }

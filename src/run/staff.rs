@@ -254,7 +254,7 @@ pub(super) async fn start_actors(
                 tracker: sensors.tracker_of(Owner::Ecp(index)),
                 hand_camera: sensors.hand_camera_of(Owner::Ecp(index), index),
                 sensors: sensors.own_of(Owner::Ecp(index)),
-                manner: manners[index],
+                manner: manners[index].clone(),
                 programmes: config.programmes.clone(),
                 services: services.under(faults.ecps.get(index)),
             };

@@ -92,6 +92,7 @@ pub(super) fn scenario(
             vision: root.vision,
             sections: TaskSections::default(),
             programmes: catalogue.programmes.clone(),
+            generators: catalogue.generators.clone(),
         },
         plant: PlantSection { cube_state, synchronised, keys: root.plant, faults },
         task,

@@ -9,6 +9,7 @@
 use super::config::ControllerConfig;
 use super::declared::{ChosenSensor, Keys, Properties, SensorDeclaration, TaskSections};
 use super::section::Reader;
+use crate::generators::own::Library;
 use crate::kernel::programme::Programmes;
 use std::any::Any;
 use std::fmt;
@@ -40,6 +41,8 @@ pub struct Catalogue {
     pub sensors: Vec<Arc<dyn SensorDeclaration>>,
     /// Programmes that ECPs can carry out.
     pub programmes: Programmes,
+    /// Generators that are registered by name.
+    pub generators: Library,
 }
 
 impl fmt::Debug for Catalogue {

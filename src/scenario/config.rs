@@ -7,6 +7,7 @@ use super::lists::VspKind;
 use super::plant::PlantKeys;
 use crate::cell::Cell;
 use crate::cube::Facelets;
+use crate::generators::own::Library;
 use crate::kernel::Input;
 use crate::kernel::programme::Programmes;
 use crate::servo::regulator::ServoGains;
@@ -41,6 +42,8 @@ pub struct ControllerConfig {
     pub sections: TaskSections,
     /// Programmes that ECPs can carry out.
     pub programmes: Programmes,
+    /// Generators that are registered by name.
+    pub generators: Library,
 }
 
 impl ControllerConfig {

@@ -226,14 +226,39 @@ impl Mp {
 
     /// Checks the ordered paths against the believed cell, and slows down those that are too fast
     /// near the operator's hand.
-    fn guard_orders(&self, orders: &mut [Option<Behaviour>]) -> Result<(), Near> {
+    fn guard_orders(
+        &self,
+        orders: &mut [Option<Behaviour>],
+        forecasts: &ways::Forecasts,
+    ) -> Result<(), Near> {
         let Some(guard) = self.guard() else { return Ok(()) };
         let known = Known { arms: self.known(), tools: &self.tools };
-        let apart = ways::check_paths(&guard, known, orders)?;
+        let apart = ways::check_paths(&guard, known, orders, forecasts)?;
         // Before the motion begins, so that the lookout judges all of it by the right rule.
         self.parts.apart.set(apart);
-        ways::slow_down(&guard, known, &self.parts.manners, orders);
+        ways::slow_down(&guard, known, &self.parts.manners, orders, forecasts);
         Ok(())
+    }
+
+    /// Returns the courses that the ordered generators of the two guarded arms declare. All orders
+    /// of registered generators are tried, so that a refused one moves no arm.
+    ///
+    /// # Errors
+    /// If a generator is unknown or refuses its order.
+    fn forecasts(&self, orders: &[Option<Behaviour>]) -> Result<ways::Forecasts, Error> {
+        let mut forecasts = [None, None];
+        for (effector, order) in orders.iter().enumerate() {
+            let known = self.parts.manners.get(effector).zip(self.arms.get(effector));
+            let (Some(Behaviour::Own(own)), Some((manner, arm))) = (order, known) else { continue };
+            let forecast = manner
+                .library
+                .forecast(own, &manner.site(arm))
+                .map_err(|why| motions::refused(NonFatal::Arguments(why)))?;
+            if let Some(place) = forecasts.get_mut(effector) {
+                *place = forecast.map(Arc::new);
+            }
+        }
+        Ok(forecasts)
     }
 
     /// Returns the time of the run (s).
@@ -412,7 +437,11 @@ impl Mp {
             let why = "without coordination only programmes order effectors".to_owned();
             return Err(Stop::Error(defect(why)));
         }
-        if let Err(near) = self.guard_orders(&mut orders) {
+        let forecasts = match self.forecasts(&orders) {
+            Ok(forecasts) => forecasts,
+            Err(error) => return self.error_event(error).await,
+        };
+        if let Err(near) = self.guard_orders(&mut orders, &forecasts) {
             let cause = NonFatal::Arguments(near.to_string());
             let error = Error::NonFatal { actor: "mp".into(), place: "check a path", cause };
             // A refused path is no fault: the kernel may choose another one.
@@ -698,7 +727,7 @@ mod tests {
         let through = |synchronisation| {
             let other = ArmState { synchronisation, ..arm(meeting.postument) };
             let mp = standing(guard(), [arm(along(-0.3)), other]);
-            mp.guard_orders(&mut [Some(to(along(0.3))), None])
+            mp.guard_orders(&mut [Some(to(along(0.3))), None], &[None, None])
         };
 
         assert!(matches!(through(Synchronisation::Yes), Err(Near::Arms(_) | Near::Hands(_))));
@@ -713,11 +742,11 @@ mod tests {
         let orders = |from: JointPositions, orders: [Option<Behaviour>; 2]| {
             let mp = standing(guard(), [arm(from), arm(meeting.postument)]);
             let mut orders = orders;
-            mp.guard_orders(&mut orders).unwrap();
+            mp.guard_orders(&mut orders, &[None, None]).unwrap();
             let first = apart(&mp);
             // Each order sets the flag itself: the value before has no effect.
             mp.parts.apart.set(!first);
-            mp.guard_orders(&mut orders).unwrap();
+            mp.guard_orders(&mut orders, &[None, None]).unwrap();
             assert_eq!(apart(&mp), first);
             first
         };
@@ -767,7 +796,7 @@ mod tests {
         let asked = [Some(to(past(0.4))), Some(to(rolled))];
         let mut orders = asked;
 
-        mp.guard_orders(&mut orders).unwrap();
+        mp.guard_orders(&mut orders, &[None, None]).unwrap();
 
         let lasts = |orders: &[Option<Behaviour>]| {
             [0, 1].map(|i| manner().seconds(orders[i].as_ref().unwrap(), &arms[i]))
@@ -795,7 +824,7 @@ mod tests {
         let asked = to(target);
         let mut orders = [Some(asked), None];
 
-        mp.guard_orders(&mut orders).unwrap();
+        mp.guard_orders(&mut orders, &[None, None]).unwrap();
 
         let Some(Behaviour::Legs { legs, seconds }) = orders[0] else { panic!("{orders:?}") };
         assert_eq!(*legs.end(), target);
@@ -831,7 +860,8 @@ mod tests {
                 let mut far = meeting.track;
                 far.0[0] -= 0.4;
                 let arms = [far, meeting.postument].map(|at| ArmState { jaw_opening, ..arm(at) });
-                standing(guard().by_hand(), arms).guard_orders(&mut [Some(to(track)), None])
+                standing(guard().by_hand(), arms)
+                    .guard_orders(&mut [Some(to(track)), None], &[None, None])
             };
             // The first place on the path to the other hand at which a cube is an obstacle.
             let mut beside = (1..40).map(|i| -0.4 + 0.01 * f64::from(i));

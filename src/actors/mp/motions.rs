@@ -10,7 +10,7 @@ use crate::actors::fault::ActorFault;
 use crate::actors::move_instruction::{Ending, MoveInstruction};
 use crate::actors::vsp::VspHandle;
 use crate::actors::watchdog::Heartbeat;
-use crate::error::Error;
+use crate::error::{Error, NonFatal};
 use crate::generators::{Behaviour, Outcome};
 use crate::kernel::Until;
 use crate::motion::MoveCommand;
@@ -91,13 +91,13 @@ impl Mp {
         let mut ordered = Vec::with_capacity(orders.len());
         for (effector, order) in orders.iter().enumerate() {
             if let Some(order) = order {
-                ordered.push((effector, self.ecp(effector)?.clone(), *order));
+                ordered.push((effector, self.ecp(effector)?.clone(), order.clone()));
             }
         }
         let behaviours = ordered.iter().map(|(effector, own, order)| {
             let others = ordered.iter().filter(|(other, ..)| other != effector);
             let partners = others.map(|(_, partner, _)| partner.clone()).collect();
-            behave_beside(own.clone(), partners, *order, until == Until::Effector(*effector))
+            behave_beside(own.clone(), partners, order.clone(), until == Until::Effector(*effector))
         });
         // All at once: an effector that leads or fails ends the behaviours of the others.
         let ended = all(join_all(behaviours).await)?;
@@ -143,7 +143,8 @@ impl Mp {
             let Some(order) = order else { return Ok(None) };
             let manner = self.parts.manners.get(effector);
             let manner = manner.ok_or_else(|| system("move", "an effector"))?;
-            Ok(Some(MoveInstruction::begin(order, manner)))
+            let arm = self.arms.get(effector).ok_or_else(|| system("move", "an effector"))?;
+            MoveInstruction::begin(order, manner, arm).map(Some).map_err(refused)
         };
         let motions = orders.iter().enumerate().map(begin).collect::<Result<_, Error>>()?;
         Ok(Running { motions, outcomes: vec![None; orders.len()] })
@@ -207,6 +208,11 @@ impl Mp {
     }
 }
 
+/// Returns the error for a motion that cannot begin.
+pub(super) fn refused(cause: NonFatal) -> Error {
+    Error::NonFatal { actor: "mp".into(), place: "begin a motion", cause }
+}
+
 /// Has the ECP `own` carry out a behaviour and returns the outcome. Afterwards ends the behaviours
 /// of the ECPs `partners` if the own one `leads`, has failed or has ended with an alarm.
 async fn behave_beside(
@@ -267,7 +273,7 @@ fn all<T>(answers: Vec<Result<T, Error>>) -> Result<Vec<T>, Error> {
 mod tests {
     use super::super::super::move_instruction::example_manner;
     use super::*;
-    use crate::motion::{AXES, JointPositions};
+    use crate::motion::{AXES, ArmState, JointPositions};
 
     /// Returns the motions of two arms through free space: that of the arm `first` has ended with
     /// `outcome`, that of the other one is under way.
@@ -275,7 +281,8 @@ mod tests {
         let target = JointPositions([0.5; AXES]);
         let joints = Behaviour::Joints { target, speed: 1.0, seconds: 1.0 };
         let mut running = Running { motions: vec![None, None], outcomes: vec![None, None] };
-        running.motions[1 - first] = Some(MoveInstruction::begin(&joints, &example_manner()));
+        running.motions[1 - first] =
+            Some(MoveInstruction::begin(&joints, &example_manner(), &ArmState::default()).unwrap());
         running.outcomes[first] = Some(outcome);
         running
     }

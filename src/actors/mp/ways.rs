@@ -8,10 +8,12 @@
 use crate::actors::move_instruction::Manner;
 use crate::generators::Behaviour;
 use crate::generators::legs::{Leg, Legs};
+use crate::generators::own::Forecast;
 use crate::generators::profile::Profile;
 use crate::motion::{ArmState, JointPositions};
 use crate::reach::guard::{Guard, Near, PlannedMotion};
 use crate::spatial::Pose;
+use std::sync::Arc;
 
 /// Most rounds in which [`slow_enough`] gives a motion more time. A longer motion also has longer
 /// ramps until they reach their full length, so within a ramp the speed near the hand falls only
@@ -30,6 +32,9 @@ pub(super) struct Known<'a> {
     pub(super) tools: &'a [Option<Pose>],
 }
 
+/// Courses that registered generators of the two arms have declared; `None` without one.
+pub(super) type Forecasts = [Option<Arc<Forecast>>; 2];
+
 /// Checks that the ordered motions bring no arm too near an obstacle. Returns whether the hands are
 /// to keep apart during the motions.
 ///
@@ -39,12 +44,13 @@ pub(super) fn check_paths(
     guard: &Guard,
     known: Known<'_>,
     orders: &[Option<Behaviour>],
+    forecasts: &Forecasts,
 ) -> Result<bool, Near> {
     let from = known.arms.map(|arm| arm.map(|arm| &arm.desired_joints));
-    let ways = paths_of(&known, orders, path);
+    let ways = paths_of(&known, orders, forecasts, path);
     guard.check_paths(from, ways.each_ref())?;
     // An approach may lead to the other hand: it counts here, though its path is not checked.
-    let led = paths_of(&known, orders, longest_path);
+    let led = paths_of(&known, orders, forecasts, longest_path);
     Ok(guard.keep_apart(from, led.each_ref()))
 }
 
@@ -57,23 +63,27 @@ pub(super) fn slow_down(
     known: Known<'_>,
     manners: &[Manner],
     orders: &mut [Option<Behaviour>],
+    forecasts: &Forecasts,
 ) {
     slow_ends(guard, known.arms, manners, orders);
-    let ways = paths_of(&known, orders, path);
+    let ways = paths_of(&known, orders, forecasts, path);
     let known = known.arms;
     // A duration of 0 marks a behaviour without a known path, which is left as it is.
     let lasts: [f64; 2] =
         std::array::from_fn(|i| match (orders.get(i), manners.get(i), known[i]) {
-            (Some(Some(order)), Some(manner), Some(arm)) => manner.seconds(order, arm),
+            (Some(Some(order)), Some(manner), Some(arm)) => {
+                forecasts[i].as_ref().map_or_else(|| manner.seconds(order, arm), |f| f.seconds)
+            }
             _ => 0.0,
         });
     let slower = slow_enough(1.0, |slower| {
         let too_fast = |i: usize| {
             let (seconds, profile) = (slower * lasts[i], manners.get(i)?.speeds.profile);
             // The windows of legs are shares of the time, so legs keep their shape when they get
-            // more of it. The profile of other motions depends on the duration.
-            let legs = matches!(orders[i], Some(Behaviour::Legs { .. }));
-            let share = |part| if legs { part } else { profile.share(part, seconds) };
+            // more of it, and so does a forecast. The profile of other motions depends on the
+            // duration.
+            let timed = matches!(orders[i], Some(Behaviour::Legs { .. } | Behaviour::Own(_)));
+            let share = |part| if timed { part } else { profile.share(part, seconds) };
             let course = || Some(guard.course(i, &known[i]?.desired_joints, &ways[i]));
             Some(
                 course()?
@@ -88,7 +98,9 @@ pub(super) fn slow_down(
         return;
     }
     for (i, order) in orders.iter_mut().take(2).enumerate().filter(|(i, _)| lasts[*i] > 0.0) {
-        if let (Some(order), Some(manner), Some(arm)) = (order, manners.get(i), known[i]) {
+        if let Some(Behaviour::Own(own)) = order {
+            own.fraction /= slower;
+        } else if let (Some(order), Some(manner), Some(arm)) = (order, manners.get(i), known[i]) {
             manner.set_duration(order, arm, slower * lasts[i]);
         }
     }
@@ -198,7 +210,7 @@ impl<'a> JointsMove<'a> {
         manners: &'a [Manner],
         orders: &[Option<Behaviour>],
     ) -> Vec<Self> {
-        let of_arm = |arm: usize| match (*orders.get(arm)?)? {
+        let of_arm = |arm: usize| match *orders.get(arm)?.as_ref()? {
             Behaviour::Joints { target, speed, seconds } => {
                 let (from, manner) = (&known[arm]?.desired_joints, manners.get(arm)?);
                 Some(Self { arm, from, target, speed, seconds, manner })
@@ -225,15 +237,23 @@ impl<'a> JointsMove<'a> {
 fn paths_of(
     known: &Known<'_>,
     orders: &[Option<Behaviour>],
+    forecasts: &Forecasts,
     path: impl Fn(Option<&Behaviour>, &ArmState) -> PlannedMotion,
 ) -> [PlannedMotion; 2] {
     [0, 1].map(|i: usize| {
         let order = orders.get(i).and_then(Option::as_ref);
-        let path = known.arms[i].map_or(PlannedMotion::Stays, |arm| path(order, arm));
-        match (path, known.tools.get(i).copied().flatten()) {
+        let changed = known.tools.get(i).copied().flatten();
+        let path = match (&forecasts[i], known.arms[i]) {
+            (Some(course), Some(_)) => PlannedMotion::Forecast(Arc::clone(course)),
+            (_, arm) => arm.map_or(PlannedMotion::Stays, |arm| path(order, arm)),
+        };
+        match (path, changed) {
             // The guard knows the tool frame of the cell alone.
             (PlannedMotion::Line(to), Some(tool_from_cell)) => {
                 PlannedMotion::Line(to * tool_from_cell)
+            }
+            (PlannedMotion::Forecast(course), Some(tool_from_cell)) => {
+                PlannedMotion::Forecast(Arc::new(course.of_point(&tool_from_cell)))
             }
             (path, _) => path,
         }
@@ -261,9 +281,6 @@ fn longest_path(order: Option<&Behaviour>, arm: &ArmState) -> PlannedMotion {
     match order {
         Some(Behaviour::Approach { distance, .. }) => {
             PlannedMotion::Line(arm.desired_base_from_tool * Pose::translation(0.0, 0.0, *distance))
-        }
-        Some(Behaviour::Along(order)) => {
-            PlannedMotion::Line(order.end(&arm.desired_base_from_tool))
         }
         order => path(order, arm),
     }

@@ -543,7 +543,7 @@ mod tests {
             | Behaviour::Line { .. }
             | Behaviour::Jaw { .. } => Outcome::Reached,
             Behaviour::Approach { .. } | Behaviour::VisualServo(_) => Outcome::Touched(0.0),
-            Behaviour::Withdraw { .. } | Behaviour::Along(_) => Outcome::NotTouched,
+            Behaviour::Withdraw { .. } => Outcome::NotTouched,
             Behaviour::Grasp { .. } => Outcome::Grasped(0.057),
             Behaviour::Secure { .. } => Outcome::Secured,
             Behaviour::Turn { angle, .. } => Outcome::Turned(*angle),

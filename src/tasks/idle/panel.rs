@@ -149,7 +149,7 @@ fn action(
             Behaviour::Joints { target: *target, speed: SPEED, seconds: 0.0 }
         }
     };
-    let orders = (0..arms.len()).map(|i| (i == effector).then_some(behaviour)).collect();
+    let orders = (0..arms.len()).map(|i| (i == effector).then(|| behaviour.clone())).collect();
     Ok(Action::Behave { orders, until: Until::Effector(effector) })
 }
 

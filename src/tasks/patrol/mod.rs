@@ -110,7 +110,7 @@ async fn go(robot: &Robot, target: JointPositions) -> Result<(), Hindrance> {
     let motion = Behaviour::Joints { target, speed: SPEED, seconds: 0.0 };
     let mut tries = 1;
     loop {
-        match robot.behave(0, motion).await {
+        match robot.behave(0, motion.clone()).await {
             Ok(_) => return Ok(()),
             Err(why) if tries == TRIES => return Err(why),
             Err(why) => robot.tell(format!("stopped on its way: {why}; it will try again")),

@@ -74,7 +74,7 @@ impl Robot {
         until: Until,
         doing: Doing,
     ) -> Result<(), Failure> {
-        let outcomes = self.behave(orders, until, doing).await?;
+        let outcomes = self.behave(orders.clone(), until, doing).await?;
         self.retry_after_contact(outcomes, orders, doing).await
     }
 
@@ -92,7 +92,7 @@ impl Robot {
             }
             self.give_way(met).await?;
             // The journal has this motion already: a retry costs no second entry.
-            outcomes = self.behave(slowed(orders), Until::All, Doing::Adjusting).await?;
+            outcomes = self.behave(slowed(orders.clone()), Until::All, Doing::Adjusting).await?;
         }
         self.contacts = 0;
         Ok(())
@@ -163,8 +163,8 @@ impl Robot {
         targets: [Option<JointPositions>; 2],
     ) -> Result<bool, Failure> {
         let orders = self.joint_orders(targets);
-        let Some(outcomes) = self.travel_if_free(orders, "the hands move farther apart").await?
-        else {
+        let instead = "the hands move farther apart";
+        let Some(outcomes) = self.travel_if_free(orders.clone(), instead).await? else {
             return Ok(false);
         };
         self.retry_after_contact(outcomes, orders, Doing::Travelling).await?;
@@ -382,7 +382,7 @@ impl Robot {
         if let Some(met) = alarm(&outcomes, Doing::Approaching) {
             return Err(Failure::NotGrasped { hand, why: met.why });
         }
-        match outcomes[hand.index()] {
+        match outcomes[hand.index()].clone() {
             Some(Outcome::Touched(_) | Outcome::Reached) => Ok(()),
             other => {
                 let (name, found) = (hand.name(), Outcome::words(other));
@@ -420,7 +420,7 @@ impl Robot {
         if let Some(met) = alarm(&outcomes, Doing::ClosingJaws) {
             return Err(Failure::NotGrasped { hand, why: met.why });
         }
-        match outcomes[hand.index()] {
+        match outcomes[hand.index()].clone() {
             // The jaws hold a cube. A misaligned layer reads too wide, so the smaller width counts.
             Some(Outcome::Grasped(width)) if width > LEAST_WIDTH * self.settings.edge => {
                 self.log.grasps += 1;
@@ -561,8 +561,8 @@ impl Robot {
             force: share * s.pull,
             selector,
         };
-        let outcomes = self.behave_alone(Hand::Track, order, doing).await?;
-        Ok(outcomes[Hand::Track.index()])
+        let [track, _] = self.behave_alone(Hand::Track, order, doing).await?;
+        Ok(track)
     }
 
     /// Holds the cube out, waits up to [`PRESENT_SECONDS`] for a pull, and returns the outcomes.

@@ -86,8 +86,11 @@ pub(super) struct Alarm {
 /// Returns the first alarm among outcomes, in the order of the hands. Its message names the action
 /// `doing`. See [`Outcome::alarms`].
 pub(super) fn alarm(outcomes: &Outcomes, doing: Doing) -> Option<Alarm> {
-    let of = |hand: Hand| Some((hand, outcomes[hand.index()].filter(Outcome::alarms)?));
+    let of = |hand: Hand| {
+        Some((hand, outcomes[hand.index()].as_ref().filter(|outcome| outcome.alarms())?))
+    };
     let (hand, outcome) = Hand::BOTH.into_iter().find_map(of)?;
+    let outcome = outcome.clone();
     let why = format!("{outcome}, at the {} hand while {}", hand.name(), doing.word());
     Some(Alarm { hand, outcome, why })
 }

@@ -127,7 +127,7 @@ async fn lay_down(robot: &mut Robot) -> Result<(), Failure> {
     if let Some(met) = alarm(&outcomes, Doing::LayingDown) {
         return Err(Failure::Final(met.why));
     }
-    match outcomes[Hand::Track.index()] {
+    match outcomes[Hand::Track.index()].clone() {
         Some(Outcome::Touched(_)) => Ok(()),
         other => {
             let felt = Outcome::words(other);
@@ -172,7 +172,7 @@ async fn offer(robot: &mut Robot) -> Result<(), Failure> {
 /// detects a holder.
 async fn wait_for_a_pull(robot: &mut Robot, tries: u32) -> Result<Holder, Failure> {
     let outcomes = robot.present().await?;
-    match (alarm(&outcomes, Doing::HandingBack), outcomes[Hand::Track.index()]) {
+    match (alarm(&outcomes, Doing::HandingBack), outcomes[Hand::Track.index()].clone()) {
         // Only a person can strain a hand that yields in free air.
         (Some(Alarm { outcome: Outcome::OverForce(..), why, .. }), _) => {
             robot.note(format!("{why}: the jaws let go"));

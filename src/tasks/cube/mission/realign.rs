@@ -201,7 +201,7 @@ async fn turn_back(
         }
         return Err(Failure::Strained(met.why));
     }
-    match outcomes[turner.index()] {
+    match outcomes[turner.index()].clone() {
         // None of the three fails the try: the jaws measure afterwards how far the layer followed.
         Some(ended @ (Outcome::Turned(_) | Outcome::Stalled(..) | Outcome::Slipped(..))) => {
             if let Some(turn) = &mut robot.turn_in_progress {

@@ -61,7 +61,7 @@ async fn approach(robot: &mut Robot) -> Result<(), Failure> {
     loop {
         let servo = robot.servo_to_cube();
         let outcomes = robot.behave_alone(Hand::Track, servo, Doing::Approaching).await?;
-        let outcome = outcomes[Hand::Track.index()];
+        let outcome = outcomes[Hand::Track.index()].clone();
         match outcome {
             // The palm is at the cube. A cube that an earlier run was handing back is in the
             // operator's hand, who wants it solved after all.
@@ -133,7 +133,7 @@ async fn close(robot: &mut Robot) -> Result<Option<String>, Failure> {
     let grasp = robot.jaws_close(Depth::One);
     let outcomes = robot.behave_alone(Hand::Track, grasp, Doing::ClosingJaws).await?;
     let edge = robot.settings.edge;
-    match outcomes[Hand::Track.index()] {
+    match outcomes[Hand::Track.index()].clone() {
         // A greater width is a cube with a person's finger beside it.
         Some(Outcome::Grasped(width))
             if width > LEAST_WIDTH * edge && width < edge + MOST_WIDER =>

@@ -287,7 +287,7 @@ fn ends_well(order: &Behaviour) -> Outcome {
         | Behaviour::Line { .. }
         | Behaviour::Jaw { .. } => Outcome::Reached,
         Behaviour::Approach { .. } | Behaviour::VisualServo(_) => Outcome::Touched(0.0),
-        Behaviour::Withdraw { .. } | Behaviour::Along(_) => Outcome::NotTouched,
+        Behaviour::Withdraw { .. } => Outcome::NotTouched,
         Behaviour::Grasp { .. } => Outcome::Grasped(WIDTH),
         Behaviour::Secure { .. } => Outcome::Secured,
         Behaviour::Turn { angle, .. } => Outcome::Turned(*angle),

@@ -59,7 +59,7 @@ pub(super) async fn turn_through(
         if let Some(met) = alarm(&outcomes, Doing::Turning) {
             return Err(failed(robot, turner, &met.why));
         }
-        match outcomes[turner.index()] {
+        match outcomes[turner.index()].clone() {
             Some(Outcome::Turned(by)) => turned += by,
             // An early stall: a small turn back frees the layer, then the rest follows.
             Some(Outcome::Stalled(by, torque)) if tries <= TURN_TRIES => {

@@ -1,0 +1,178 @@
+//! Carrying: a motion along a path that yields in some directions, for arms that hold one rigid
+//! body.
+//!
+//! - in: the path of the body, the pose of the body in the tool, the directions that yield
+//! - out: velocities along the path; those of the yielding directions give way to forces
+//!
+//! Each arm gets the same path of the body, in its own base. The time law depends on the path and
+//! on the full speeds alone, so arms with equal speeds are at the same place of the path at each
+//! moment. One of them holds all directions and leads, the others yield, so that an error e of a
+//! grip costs no lasting force: it fades with the admittance. A difference d of the velocities
+//! costs the force d over admittance. A force beyond the ordered bound ends the motion of both.
+
+use super::super::compliance::{Compliance, Selector};
+use super::super::inputs::Inputs;
+use super::super::outcome::{Next, Outcome};
+use super::super::own::{Forecast, MotionGenerator, Pacing, Place, Places, Site};
+use super::super::paths::{Cell, Curve, Law, PathOrder, advance, pauses, places};
+use super::guarded::positive;
+use crate::motion::{ArmState, Direction, Frame, Motion};
+use crate::spatial::{Pose, Wrench, is_rigid};
+use nalgebra::Vector3;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+/// Number of macrosteps in which a direction that does not yield returns to the path.
+const RETURNS: f64 = 8.0;
+
+/// Order to carry a body along a path.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "O: Serialize + DeserializeOwned")]
+pub struct CarryOrder<O> {
+    /// Path of the body: its poses are `base_from_body`.
+    pub path: O,
+    /// `tool_from_body`; the identity if the path is one of the tool.
+    pub tool_from_body: Pose,
+    /// Greatest distance of any arm's tool from the origin of the body (m), the same for all arms:
+    /// the speeds of the tools keep the limits with it.
+    pub lever: f64,
+    /// Directions of the tool frame that yield; none for the arm that leads.
+    pub yields: Selector,
+    /// Greatest force and torque of the tool (N, Nm). At one beyond, the motion ends with
+    /// [`Outcome::OverForce`].
+    pub bound: (f64, f64),
+}
+
+/// Motion along a path with yielding directions.
+pub struct Carry<O> {
+    curve: Box<dyn Curve>,
+    law: Law,
+    pace: f64,
+    body_from_tool: Pose,
+    compliance: Compliance,
+    step: f64,
+    yields: Selector,
+    bound: (f64, f64),
+    /// Poses of the tool on the path at the ends of the present macrostep and of the one before.
+    at: Pose,
+    before: Pose,
+    order: std::marker::PhantomData<fn() -> O>,
+}
+
+impl<O: PathOrder> MotionGenerator for Carry<O> {
+    type Order = CarryOrder<O>;
+
+    fn begin(order: CarryOrder<O>, site: &Site<'_>) -> Result<Self, String> {
+        let CarryOrder { path, tool_from_body, lever, yields, bound } = order;
+        if !(is_rigid(&tool_from_body) && lever >= 0.0 && lever.is_finite()) {
+            return Err("the body is at no finite place in the tool".to_owned());
+        }
+        positive("the bound of the force", bound.0)?;
+        positive("the bound of the torque", bound.1)?;
+        let at = site.arm.desired_base_from_tool;
+        // The path begins at the body.
+        let arm = ArmState { desired_base_from_tool: at * tool_from_body, ..*site.arm };
+        let curve = path.curve(&Site { arm: &arm, ..*site })?;
+        if matches!(curve.at(0.0), Place::Joints(_)) {
+            return Err("a body needs a path of poses".to_owned());
+        }
+        let cells: Vec<Cell> = curve.cells().iter().map(|cell| levered(cell, lever)).collect();
+        let law = Law::plan(&cells, site.step() * site.fraction);
+        Ok(Self {
+            curve,
+            law,
+            pace: 0.0,
+            body_from_tool: tool_from_body.inverse(),
+            compliance: site.compliance,
+            step: site.step(),
+            yields,
+            bound,
+            at,
+            before: at,
+            order: std::marker::PhantomData,
+        })
+    }
+
+    fn next(&mut self, inputs: &Inputs<'_>) -> Next {
+        let Wrench { force, torque } = inputs.arm.wrench_in_tool;
+        for (first, vector, most) in [(0, force, self.bound.0), (3, torque, self.bound.1)] {
+            if vector.norm() > most {
+                return Next::Done(Outcome::OverForce(first + vector.iamax(), vector.norm()));
+            }
+        }
+        if self.law.is_over() {
+            return Next::Done(Outcome::Reached);
+        }
+        let pauses = pauses(inputs, &mut self.pace);
+        let Place::Pose(body) = advance(self.curve.as_ref(), &mut self.law, pauses) else {
+            return Next::go(Motion::Hold);
+        };
+        let next = body * self.body_from_tool;
+        let motion = self.towards(&next, inputs.arm);
+        (self.before, self.at) = (self.at, next);
+        Next::go(motion)
+    }
+
+    fn forecast(&self) -> Option<Forecast> {
+        let forecast = places(self.curve.as_ref(), self.law.clone())?;
+        let Places::Poses(bodies) = forecast.places else { return None };
+        let tools = bodies.iter().map(|body| body * self.body_from_tool).collect();
+        Some(Forecast { places: Places::Poses(tools), ..forecast })
+    }
+
+    fn pacing(&self) -> Pacing {
+        Pacing::Clock
+    }
+
+    fn rests(&self) -> bool {
+        self.law.rests()
+    }
+}
+
+impl<O> Carry<O> {
+    /// Returns the motion of the next macrostep: from the pose on the path at its beginning to
+    /// `next` at its end. Directions that do not yield also return to the path.
+    fn towards(&self, next: &Pose, arm: &ArmState) -> Motion {
+        let tool_from_base = arm.desired_base_from_tool.rotation.inverse();
+        let seconds = self.step;
+        let moves = (next.translation.vector - self.at.translation.vector) / seconds;
+        let turns = (next.rotation * self.at.rotation.inverse()).scaled_axis() / seconds;
+        // The state is two periods older than the end of the present macrostep.
+        let share = 1.0 - 2.0 / f64::from(self.compliance.macrostep.max(2));
+        let wanted = Pose::from_parts(
+            self.before.translation.vector.lerp(&self.at.translation.vector, share).into(),
+            self.before.rotation.nlerp(&self.at.rotation, share),
+        );
+        let is = &arm.desired_base_from_tool;
+        let off = wanted.translation.vector - is.translation.vector;
+        let twisted = (wanted.rotation * is.rotation.inverse()).scaled_axis();
+        let [moves, turns, off, twisted] =
+            [moves, turns, off, twisted].map(|v: Vector3<f64>| tool_from_base * v);
+        let directions = std::array::from_fn(|i| {
+            let (velocity, error) =
+                if i < 3 { (moves[i], off[i]) } else { (turns[i - 3], twisted[i - 3]) };
+            match self.compliance.contact(i, 0.0) {
+                Direction::Contact { admittance, inertia, .. } if self.yields[i] => {
+                    Direction::Guarded { velocity, admittance, inertia }
+                }
+                _ => Direction::Unguarded { velocity: velocity + error / (RETURNS * seconds) },
+            }
+        });
+        Motion::Task { frame: Frame::Tool, directions }
+    }
+}
+
+/// Returns a cell of a body's path with the demands of a tool at this distance from its origin (m).
+///
+/// The tool is at `p + r` with r turned by the body, so that `r' = w x r`, `r'' = w' x r + w x r'`
+/// and so on, with the angular velocity w.
+fn levered(cell: &Cell, lever: f64) -> Cell {
+    let mut cell = cell.clone();
+    if let [linear, turn] = cell.demands.as_mut_slice() {
+        let [w, dw, ddw] = turn.derivatives;
+        linear.derivatives[0] += lever * w;
+        linear.derivatives[1] += lever * (dw + w * w);
+        linear.derivatives[2] += lever * (ddw + 3.0 * w * dw + w.powi(3));
+    }
+    cell
+}
