@@ -491,7 +491,8 @@ fn cube_hitting_finger_edges_is_pushed_back() {
         let hands = super::grasp::Hands {
             gripper: &gripper,
             jaws: &jaws,
-            edge: EDGE,
+            size: Vector3::repeat(EDGE),
+            anywhere: false,
             opening,
             stops: Depth::One,
             hold: 1.0,
