@@ -50,6 +50,7 @@ pub(super) fn scenario(
     check::force_sign(&root.control, reader);
     check::periods(root, reader);
     check::faults(&draft, &arms, reader);
+    check::objects(&draft, reader);
     motion::profile(root, reader);
     motion::speeds(&root.control, &arms, reader);
     motion::impact(&root.control, reader);
@@ -60,6 +61,7 @@ pub(super) fn scenario(
     let calibrate_views = draft.cameras.iter().map(|c| c.calibrate_views).collect();
     let synchronised = draft.effectors.iter().map(|e| e.start_synchronised).collect();
     let faults = draft.faults.into_iter().map(|(_, keys)| keys).collect();
+    let lists = draft.objects;
     // A hole in one of the lists below has its fault in `reader`, so `?` loses no message.
     let (root, sections) = (draft.root, draft.sections);
     let task = task?;
@@ -92,7 +94,15 @@ pub(super) fn scenario(
             sections: TaskSections::default(),
             programmes: catalogue.programmes.clone(),
         },
-        plant: PlantSection { cube_state, synchronised, keys: root.plant, faults },
+        plant: PlantSection {
+            cube_state,
+            synchronised,
+            keys: root.plant,
+            faults,
+            objects: lists.objects.into_iter().map(|(_, keys)| keys).collect(),
+            probes: lists.probes.into_iter().map(|(_, keys)| keys).collect(),
+            leads: lists.leads.into_iter().map(|(_, keys)| keys).collect(),
+        },
         task,
     };
     scenario.controller.sections = checked(&scenario, sections, reader);

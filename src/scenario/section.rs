@@ -59,6 +59,8 @@ pub mod units {
     pub const rad_snm: f64 = 1.0;
     /// Hertz.
     pub const hz: f64 = 1.0;
+    /// Newtons per millimetre.
+    pub const n_mm: f64 = 1e3;
     /// Newtons per metre.
     pub const n_m: f64 = 1.0;
     /// Newton seconds per metre.
@@ -427,6 +429,28 @@ impl<T: Item, const N: usize> Item for [T; N] {
     }
     fn scaled(self, factor: f64) -> Self {
         self.map(|i| i.scaled(factor))
+    }
+}
+
+impl<T: Item> Item for Vec<T> {
+    fn kind() -> String {
+        format!("list of {}", T::kind())
+    }
+    fn read(node: &Node) -> Result<Self, Wrong> {
+        let Value::Array(items) = &node.value else {
+            return Err(Wrong::kind("a list", node));
+        };
+        items.iter().map(T::read).collect()
+    }
+    fn show(&self, factor: f64) -> String {
+        let items: Vec<String> = self.iter().map(|i| i.show(factor)).collect();
+        format!("[{}]", items.join(", "))
+    }
+    fn numbers(&self) -> Vec<f64> {
+        self.iter().flat_map(Item::numbers).collect()
+    }
+    fn scaled(self, factor: f64) -> Self {
+        self.into_iter().map(|i| i.scaled(factor)).collect()
     }
 }
 

@@ -111,7 +111,8 @@ impl Identity {
         );
         let heats = MotorDynamics::HEATS;
         let delay = noise.delay_periods;
-        let known = checksum(&(Self::MODEL, arms, cube, jaws, steps, limits, heats, delay, operator));
+        let known =
+            checksum(&(Self::MODEL, arms, cube, jaws, steps, limits, heats, delay, operator));
         if objects.is_empty() && leads.is_empty() && *probes == [None; 2] {
             return known;
         }

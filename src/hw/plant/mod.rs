@@ -47,9 +47,7 @@ pub use config::{
     Start,
 };
 pub use identity::Identity;
-pub use objects::spec::{
-    LeadConfig, MOST_OBJECTS, ObjectConfig, ObjectShape, Probe, Profile,
-};
+pub use objects::spec::{LeadConfig, ObjectConfig, ObjectShape, Probe, Profile};
 pub use objects::truth::{Internal, ObjectState, ObjectTruth, TouchTruth};
 pub use verdict::{Counts, Event, Exertion, Incident, Part, Verdict, Whereabouts};
 
@@ -262,6 +260,7 @@ impl Plant {
             arms: [scene_arm(0), scene_arm(1)],
             arm_count: self.arms.len(),
             hand: self.hand.pose(self.time()).map(Frame::to_pose),
+            objects: self.objects.scene(),
         }
     }
 
@@ -279,6 +278,7 @@ impl Plant {
         // A hand that carries the cube away has it back as well.
         verdict.returned = self.hand.has_it_back() || self.hand.carries() && !holds;
         verdict.both_hold = self.both_hold();
+        verdict.objects = self.objects.truth().collect();
         verdict.cube = match self.state {
             State::Tray { down, fell } => Whereabouts::Tray { down, fell },
             State::Falling { .. } => Whereabouts::Falling,

@@ -105,14 +105,7 @@ impl Rest {
 
     /// Makes a table with its top at `height` (m), on which `body` does not lie yet.
     pub(super) fn of(height: f64, body: Resting) -> Self {
-        Self {
-            height,
-            body,
-            settled: None,
-            slid: Vector3::zeros(),
-            before: None,
-            table_load: 0.0,
-        }
+        Self { height, body, settled: None, slid: Vector3::zeros(), before: None, table_load: 0.0 }
     }
 
     /// Returns the height of the ground below a `point` (m): that of the table, or of the highest

@@ -183,9 +183,8 @@ impl Body {
             grip.grasp.lost |= loses && grip.grasp.attached();
         }
         let reach = self.solid.half().norm() + NEAR;
-        let near = tools.map(|tool| {
-            tool.filter(|t| (t.frame.p - self.frame.p).norm_squared() < reach * reach)
-        });
+        let near = tools
+            .map(|tool| tool.filter(|t| (t.frame.p - self.frame.p).norm_squared() < reach * reach));
         let alone = near.iter().all(Option::is_none);
         if self.state != ObjectState::Fixed {
             if alone && self.still > STILL.1 {

@@ -36,8 +36,12 @@ pub(super) struct Contour {
 impl Contour {
     /// Makes the curve of a profile over `length` (m) along x, centred on 0.
     pub(super) fn new(profile: &Profile, length: f64, random: &mut Pcg64) -> Self {
-        let mut this =
-            Self { half: 0.5 * length, waves: Vec::new(), points: Vec::new(), sections: Vec::new() };
+        let mut this = Self {
+            half: 0.5 * length,
+            waves: Vec::new(),
+            points: Vec::new(),
+            sections: Vec::new(),
+        };
         match profile {
             Profile::Drawn { amplitude, wavelength } => {
                 let drawn: [[f64; 3]; WAVES] = std::array::from_fn(|_| {

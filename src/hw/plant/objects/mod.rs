@@ -32,6 +32,7 @@ use self::tip::Ground;
 use self::truth::{ObjectState, ObjectTruth};
 use super::frame::Frame;
 use super::rest::Support;
+use crate::hw::scene::{MOST_OBJECTS, SceneObject};
 use nalgebra::Vector3;
 use rand_pcg::Pcg64;
 
@@ -145,9 +146,13 @@ impl Objects {
         self.bodies.iter().map(|(body, _)| body.truth())
     }
 
-    /// Returns the shape of each object with its state.
-    pub(super) fn solids(&self) -> impl Iterator<Item = (&Solid, &Frame)> {
-        self.bodies.iter().map(|(body, _)| (&body.solid, &body.frame))
+    /// Returns the objects as the cameras see them.
+    pub(super) fn scene(&self) -> [Option<SceneObject>; MOST_OBJECTS] {
+        std::array::from_fn(|i| {
+            let (body, _) = self.bodies.get(i)?;
+            let world_from_object = body.frame.to_pose();
+            Some(SceneObject { world_from_object, shape: body.solid.shape() })
+        })
     }
 
     /// Returns the number of persons who have let go of their tool after the last point.

@@ -7,6 +7,7 @@
 use super::super::frame::{Frame, nearest_alignment, rotation_vector};
 use super::contour::Contour;
 use super::spec::{ObjectConfig, ObjectShape};
+use crate::hw::scene::{HEIGHTS, SceneShape};
 use nalgebra::{Matrix3, Vector3};
 use rand_pcg::Pcg64;
 
@@ -50,6 +51,22 @@ impl Solid {
             ObjectShape::Cylinder => Self::Cylinder(half.x, half.z),
             ObjectShape::Surface(profile) => {
                 Self::Surface(Contour::new(profile, spec.size.x, random), half.y, spec.size.z)
+            }
+        }
+    }
+
+    /// Returns the shape as the cameras see it.
+    pub(super) fn shape(&self) -> SceneShape {
+        match self {
+            Self::Box(half) => SceneShape::Box((*half).into()),
+            Self::Cylinder(radius, half) => SceneShape::Cylinder { radius: *radius, half: *half },
+            Self::Surface(contour, width, height) => {
+                let long = contour.half();
+                let place = |i: usize| long * (2.0 * i as f64 / (HEIGHTS - 1) as f64 - 1.0);
+                SceneShape::Surface {
+                    half: [long, *width],
+                    heights: std::array::from_fn(|i| height + contour.at(place(i)).0),
+                }
             }
         }
     }

@@ -7,9 +7,6 @@
 use crate::spatial::Pose;
 use nalgebra::{Point3, Vector3};
 
-/// Greatest number of objects in a cell. A snapshot for the cameras has room for as many.
-pub const MOST_OBJECTS: usize = 8;
-
 /// Rigid object.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ObjectConfig {

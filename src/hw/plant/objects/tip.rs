@@ -119,8 +119,7 @@ mod tests {
         let ground =
             Ground { solid: &solid, frame: &Frame::IDENTITY, stiffness: 2e4, friction: 0.3 };
         let (sine, cosine) = (0.5, 3_f64.sqrt() / 2.0);
-        let (up, along) =
-            (Vector3::new(-sine, 0.0, cosine), Vector3::new(cosine, 0.0, sine));
+        let (up, along) = (Vector3::new(-sine, 0.0, cosine), Vector3::new(cosine, 0.0, sine));
         let mut anchor = None;
         for step in 0..100 {
             let way = 1e-5 * f64::from(step);
