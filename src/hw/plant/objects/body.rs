@@ -65,7 +65,7 @@ pub(in crate::hw::plant) struct SavedObject {
     frame: Frame,
     state: ObjectState,
     velocity: Vector3<f64>,
-    grasps: [(Grasp, Frame, Vector3<f64>); 2],
+    grips: [(Grasp, Frame, Vector3<f64>); 2],
     closed: [u32; 2],
     drops: u32,
     slips: u32,
@@ -489,7 +489,7 @@ impl Body {
             frame: self.frame,
             state: self.state,
             velocity: self.velocity,
-            grasps: self.grips.map(|g| (g.grasp, Frame::rotated(g.turn), g.size)),
+            grips: self.grips.map(|g| (g.grasp, Frame::rotated(g.turn), g.size)),
             closed: self.closed,
             drops: self.drops,
             slips: self.slips,
@@ -510,7 +510,7 @@ impl Body {
             return Err("fixed and loose do not agree".to_owned());
         }
         let reach = self.solid.half().norm() + NEAR;
-        for ((grasp, ..), tool) in saved.grasps.iter().zip(tools) {
+        for ((grasp, ..), tool) in saved.grips.iter().zip(tools) {
             let near = tool.is_some_and(|tool| (tool.p - saved.frame.p).norm() < reach);
             if grasp.attached() && !near {
                 return Err("the object is not at the hand that holds it".to_owned());
@@ -523,7 +523,7 @@ impl Body {
     pub(super) fn restore(&mut self, saved: &SavedObject) {
         (self.frame, self.before, self.state) = (saved.frame, saved.frame, saved.state);
         self.velocity = saved.velocity;
-        for (grip, (grasp, turn, size)) in self.grips.iter_mut().zip(&saved.grasps) {
+        for (grip, (grasp, turn, size)) in self.grips.iter_mut().zip(&saved.grips) {
             *grip = Grip { grasp: *grasp, turn: turn.r, size: *size, ..Grip::OPEN };
         }
         (self.closed, self.drops, self.slips) = (saved.closed, saved.drops, saved.slips);
