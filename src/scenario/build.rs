@@ -10,9 +10,12 @@ use super::config::{
 };
 use super::declared::{TaskLabel, TaskSections};
 use super::draft::Draft;
+use super::injected::FaultKeys;
 use super::keys::{self, BridgeKind, HandKeys, Servo};
 use super::lists::{CameraKeys, Effector, GripperKeys, MountKind, SensorKeys, Vsp, VspKind};
 use super::motion;
+use super::objects::ObjectLists;
+use super::plant::PlantKeys;
 use super::profile;
 use super::section::Reader;
 use super::whole::Scenario;
@@ -60,8 +63,6 @@ pub(super) fn scenario(
 
     let calibrate_views = draft.cameras.iter().map(|c| c.calibrate_views).collect();
     let synchronised = draft.effectors.iter().map(|e| e.start_synchronised).collect();
-    let faults = draft.faults.into_iter().map(|(_, keys)| keys).collect();
-    let lists = draft.objects;
     // A hole in one of the lists below has its fault in `reader`, so `?` loses no message.
     let (root, sections) = (draft.root, draft.sections);
     let task = task?;
@@ -94,19 +95,35 @@ pub(super) fn scenario(
             sections: TaskSections::default(),
             programmes: catalogue.programmes.clone(),
         },
-        plant: PlantSection {
-            cube_state,
-            synchronised,
-            keys: root.plant,
-            faults,
-            objects: lists.objects.into_iter().map(|(_, keys)| keys).collect(),
-            probes: lists.probes.into_iter().map(|(_, keys)| keys).collect(),
-            leads: lists.leads.into_iter().map(|(_, keys)| keys).collect(),
-        },
+        plant: plant(cube_state, synchronised, root.plant, (draft.faults, draft.objects)),
         task,
     };
     scenario.controller.sections = checked(&scenario, sections, reader);
     Some(scenario)
+}
+
+/// Makes the half of the plant: `cube_state`, which arms are `synchronised`, the keys under
+/// `plant`, and the lists of faults and objects.
+fn plant(
+    cube_state: Option<Facelets>,
+    synchronised: Vec<bool>,
+    keys: PlantKeys,
+    (faults, lists): (Vec<(String, FaultKeys)>, ObjectLists),
+) -> PlantSection {
+    PlantSection {
+        cube_state,
+        synchronised,
+        keys,
+        faults: unnamed(faults),
+        objects: unnamed(lists.objects),
+        probes: unnamed(lists.probes),
+        leads: unnamed(lists.leads),
+    }
+}
+
+/// Returns the elements of a list without their dotted names.
+fn unnamed<T>(list: Vec<(String, T)>) -> Vec<T> {
+    list.into_iter().map(|(_, keys)| keys).collect()
 }
 
 /// Returns name and properties of a task.

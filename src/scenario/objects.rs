@@ -45,7 +45,7 @@ section! {
         /// Shape of the object.
         shape: ObjectKind = ObjectKind::Box;
         /// Sizes along x, y, z; a cylinder has its diameter along x and y. A surface has its length
-        /// along x, its width along y, and along z the height of the contour's middle over its base.
+        /// along x, its width along y, and along z the height of the contour's middle.
         size [mm]: [f64; 3] = [60.0; 3], 1.0..=3000.0;
         /// Mass of the object.
         mass [kg]: f64 = 0.2, 0.001..=20.0;
@@ -284,10 +284,8 @@ mod tests {
     #[test]
     fn objects_are_read_in_si() {
         let points = "points_mm = [[-50, 0], [50, 8]]\n";
-        let text = format!(
-            "{}[[probe]]\narm = \"track\"\n[[lead]]\narm = \"postument\"\npoints_mm = [[0, 0, 50]]\n",
-            object("surface", points)
-        );
+        let lead = "[[lead]]\narm = \"postument\"\npoints_mm = [[0, 0, 50]]\n";
+        let text = format!("{}[[probe]]\narm = \"track\"\n{lead}", object("surface", points));
         assert_eq!(faults(&text), "");
         let plant = read(Path::new("t.toml"), &text, &[]).unwrap().plant;
         let object = &plant.objects[0];

@@ -412,6 +412,19 @@ impl Plant {
         self.change_grasps();
     }
 
+    /// Returns force and torque (N, Nm) of all contacts on the tool of arm `i`, about the tool
+    /// point and in the world: the reactions of cube and objects, and a fault's push.
+    fn contact(&self, i: usize, tool: &Frame) -> (Vector3<f64>, Vector3<f64>) {
+        let touch = &self.balance.touches[i];
+        let mut force = tool.r * -touch.force + self.faults.acting.push[i];
+        let mut torque = tool.r * -touch.torque;
+        if let Some(more) = self.objects.load(i).filter(|load| load.any()) {
+            force += more.force;
+            torque += more.torque;
+        }
+        (force, torque)
+    }
+
     /// Checks whether the cube lies so deep in the hand of arm `i` that its palm's stops cannot
     /// come forward.
     fn in_the_way_of_stops(&self, i: usize) -> bool {
@@ -631,16 +644,9 @@ impl Port for Plant {
             let arm = &mut self.arms[i];
             arm.read(&drives[i], reading);
             read_jaw(&mut self.jaws[i], &drives[i], reading);
-            let touch = &self.balance.touches[i];
-            let tool = &arm.world_from_tool;
-            // The sensor carries the contact's reaction and a fault's push.
-            let mut force = tool.r * -touch.force + self.faults.acting.push[i];
-            let mut torque = tool.r * -touch.torque;
-            if let Some(more) = self.objects.load(i) {
-                force += more.force;
-                torque += more.torque;
-            }
-            let sensor = &mut self.sensors[i];
+            let tool = arm.world_from_tool;
+            let (force, torque) = self.contact(i, &tool);
+            let (arm, sensor) = (&self.arms[i], &mut self.sensors[i]);
             // The inertia of the body beyond the sensor acts at its centre of mass.
             let (velocity, spin) = arm.velocity_at(&sensor.centre(&arm.world_from_flange));
             let load = Load { at: &tool.p, force: &force, torque: &torque, velocity, spin };

@@ -7,9 +7,9 @@
 //!
 //! - in: the tools with their jaws, once a substep
 //! - out: the pose of the body, the load on each tool
-//! - inertia: the mass times the acceleration of the holding hands at the body's centre, as the mean
-//!   of the last period and with a lag of 10 ms. Without the lag, a body heavier than a wrist
-//!   would make the wrist tremble. The inertia of the body's rotation is left out
+//! - inertia: the mass times the acceleration of the holding hands at the body's centre, the mean
+//!   of the last period with a lag of 10 ms. Without the lag, a body heavier than a wrist would
+//!   make the wrist tremble. The inertia of the body's rotation is left out
 
 use super::super::balance::{Round, Rounds, System, moved};
 use super::super::carried::Carried;
@@ -254,7 +254,7 @@ impl Body {
         })
     }
 
-    /// Moves a held body along with the first tool that holds it, as the first guess of the balance.
+    /// Moves a held body along with the first tool that holds it, the first guess of the balance.
     fn follow(&mut self, tools: [Option<&Tool<'_>>; 2]) {
         let mut done = false;
         for (i, tool) in tools.into_iter().enumerate() {
@@ -419,7 +419,8 @@ impl Body {
         }
     }
 
-    /// Records the forces of a period of `seconds`, and computes the inertial force of the next one.
+    /// Records the forces of a period of `seconds`, and computes the inertial force of the next
+    /// one.
     pub(super) fn end_period(&mut self, tools: [Option<&Tool<'_>>; 2], seconds: f64) {
         if self.state != ObjectState::Falling {
             self.velocity = (self.frame.p - self.before.p) / seconds;

@@ -96,8 +96,8 @@ impl Load {
 mod tests {
     use super::*;
 
-    /// A point 0.1 m beyond the tool point, pressed along x: the wrench falls by the stiffness times
-    /// the displacement of that point.
+    /// A point 0.1 m beyond the tool point, pressed along x: the wrench falls by the stiffness
+    /// times the displacement of that point.
     #[test]
     fn point_stiffness_equals_derivative_of_wrench() {
         let tool = Frame::IDENTITY;
